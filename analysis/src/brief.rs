@@ -2,9 +2,17 @@
 
 /// A number to so many significant digits at most, without a tail of zeros and without an exponent.
 pub fn brief(value: f64, digits: i32) -> String {
-    let decimals = if value == 0.0 || !value.is_finite() { 0 } else { (digits - 1 - value.abs().log10().floor() as i32).clamp(0, 12) };
+    let decimals = if value == 0.0 || !value.is_finite() {
+        0
+    } else {
+        (digits - 1 - value.abs().log10().floor() as i32).clamp(0, 12)
+    };
     let text = format!("{value:.*}", decimals as usize);
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+    if text.contains('.') {
+        text.trim_end_matches('0').trim_end_matches('.').to_owned()
+    } else {
+        text
+    }
 }
 
 #[cfg(test)]

@@ -1,9 +1,12 @@
-//! Multisine: many sinusoids at once, so that one record gives the impedance at all of them, its noise, and what is not linear.
-//! (Pintelon and Schoukens, *System Identification: A Frequency Domain Approach*, 2nd ed. 2012, chapters 4 and 5.)
+//! Multisine: many sinusoids at once, so that one record gives the impedance at all of them, its
+//! noise, and what is not linear. (Pintelon and Schoukens, *System Identification: A Frequency
+//! Domain Approach*, 2nd ed. 2012, chapters 4 and 5.)
 //!
-//! [`odd_grid`] chooses odd harmonics of one frequency and leaves some of them out; [`design()`] gives them phases with a low crest factor; [`analyse`]
-//! takes a record of several whole periods. A linear system answers at the excited harmonics only. What it answers at even ones comes from even
-//! powers of the current, what it answers at odd ones that were left out comes from odd powers; what is between the harmonics is noise.
+//! [`odd_grid`] chooses odd harmonics of one frequency and leaves some of them out; [`design()`]
+//! gives them phases with a low crest factor; [`analyse`] takes a record of several whole periods.
+//! A linear system answers at the excited harmonics only. What it answers at even ones comes from
+//! even powers of the current, what it answers at odd ones that were left out comes from odd
+//! powers; what is between the harmonics is noise.
 //!
 //! Numbers in, numbers out: knows no generator and no scope.
 
@@ -14,7 +17,10 @@ mod images;
 mod placement;
 mod seen;
 
-pub use analyse::{Line, MultisineError, MultisineFit, analyse, analyse_played, clock_offset, nonlinear, with_distortion};
+pub use analyse::{
+    Line, MultisineError, MultisineFit, analyse, analyse_played, clock_offset, nonlinear,
+    with_distortion,
+};
 pub use crest::{Design, design};
 pub use grid::odd_grid;
 pub use images::{Image, Sampling, images};

@@ -1,8 +1,9 @@
 //! Open-circuit voltage (OCV) over state of charge (SOC): the curve that every other part reads.
 //!
-//! SOC is a fraction, 0 at the lower and 1 at the upper voltage limit; the capacity between them gives it charge. Between the knots the curve is the
-//! cubic Hermite polynomial of the knots' values and slopes; beyond the first and the last knot it goes on straight, so that a simulation that
-//! leaves the table is not held at its end. [`extract`] finds the curve of a slow discharge.
+//! SOC is a fraction, 0 at the lower and 1 at the upper voltage limit; the capacity between them
+//! gives it charge. Between the knots the curve is the cubic Hermite polynomial of the knots'
+//! values and slopes; beyond the first and the last knot it goes on straight, so that a simulation
+//! that leaves the table is not held at its end. [`extract`] finds the curve of a slow discharge.
 
 mod extract;
 mod interrupted;
@@ -18,12 +19,13 @@ pub use reach::Reach;
 use crate::spectrum::OcvSlope;
 use serde::{Deserialize, Serialize};
 
-/// Standard deviation of the voltage at rest of a measured cell, V, where nothing else is known: the voltmeters of the known supplies are stated to a few
-/// millivolts, and a rest ends with a few millivolts of relaxation to go.
+/// Standard deviation of the voltage at rest of a measured cell, V, where nothing else is known:
+/// the voltmeters of the known supplies are stated to a few millivolts, and a rest ends with a few
+/// millivolts of relaxation to go.
 pub const REST_SIGMA_V: f64 = 5.0e-3;
 
-/// Standard deviation of the slope of a curve, as a share, by convention: cells of one make differ by 1 to 2 % in capacity, and a curve is drawn through
-/// knots.
+/// Standard deviation of the slope of a curve, as a share, by convention: cells of one make differ
+/// by 1 to 2 % in capacity, and a curve is drawn through knots.
 pub const SLOPE_SHARE: f64 = 0.03;
 
 /// Open-circuit voltage over state of charge.
@@ -44,7 +46,10 @@ pub struct OcvCurve {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OcvError {
     /// Lists that do not belong together.
-    #[error("OCV curve: expected at least 2 knots and as many voltages and slopes, met {soc}, {ocv} and {slope}")]
+    #[error(
+        "OCV curve: expected at least 2 knots and as many voltages and slopes, met {soc}, {ocv} \
+        and {slope}"
+    )]
     Lengths {
         /// Number of states of charge.
         soc: usize,
@@ -72,13 +77,23 @@ pub enum OcvError {
 }
 
 impl OcvCurve {
-    /// The monotone curve through knots (SOC, V): slopes by Fritsch and Carlson (1980), so that it never overshoots between them.
+    /// The monotone curve through knots (SOC, V): slopes by Fritsch and Carlson (1980), so that it
+    /// never overshoots between them.
     ///
     /// # Errors
     /// [`OcvError`] unless capacity, SOC and voltages are as the fields want them.
     pub fn monotone(capacity_ah: f64, soc: Vec<f64>, ocv_v: Vec<f64>) -> Result<Self, OcvError> {
-        let slope_v = if soc.len() == ocv_v.len() { monotone_slopes(&soc, &ocv_v) } else { Vec::new() };
-        let curve = Self { capacity_ah, soc, ocv_v, slope_v };
+        let slope_v = if soc.len() == ocv_v.len() {
+            monotone_slopes(&soc, &ocv_v)
+        } else {
+            Vec::new()
+        };
+        let curve = Self {
+            capacity_ah,
+            soc,
+            ocv_v,
+            slope_v,
+        };
         curve.validate()?;
         Ok(curve)
     }
@@ -93,32 +108,54 @@ impl OcvCurve {
             return Err(OcvError::Lengths { soc, ocv, slope });
         }
         if !(self.capacity_ah > 0.0 && self.capacity_ah.is_finite()) {
-            return Err(OcvError::Capacity { met: self.capacity_ah });
+            return Err(OcvError::Capacity {
+                met: self.capacity_ah,
+            });
         }
-        let fail = |k: usize, expected, met| Err(OcvError::Knot { knot: k + 1, expected, met });
-        let fall =
-            |values: &[f64], k: usize, strictly: bool| k > 0 && (values[k] < values[k - 1] || (strictly && values[k] == values[k - 1]));
-        if let Some(k) = (0..soc).find(|&k| !(0.0..=1.0).contains(&self.soc[k]) || fall(&self.soc, k, true)) {
+        let fail = |k: usize, expected, met| {
+            Err(OcvError::Knot {
+                knot: k + 1,
+                expected,
+                met,
+            })
+        };
+        let fall = |values: &[f64], k: usize, strictly: bool| {
+            k > 0 && (values[k] < values[k - 1] || (strictly && values[k] == values[k - 1]))
+        };
+        if let Some(k) =
+            (0..soc).find(|&k| !(0.0..=1.0).contains(&self.soc[k]) || fall(&self.soc, k, true))
+        {
             return fail(k, "rising SOC within 0 to 1", self.soc[k]);
         }
-        if let Some(k) = (0..soc).find(|&k| !self.ocv_v[k].is_finite() || fall(&self.ocv_v, k, false)) {
+        if let Some(k) =
+            (0..soc).find(|&k| !self.ocv_v[k].is_finite() || fall(&self.ocv_v, k, false))
+        {
             return fail(k, "voltages that do not fall, in V", self.ocv_v[k]);
         }
-        if let Some(k) = (0..soc).find(|&k| !(self.slope_v[k].is_finite() && self.slope_v[k] >= 0.0)) {
+        if let Some(k) =
+            (0..soc).find(|&k| !(self.slope_v[k].is_finite() && self.slope_v[k] >= 0.0))
+        {
             return fail(k, "a slope of 0 V or more", self.slope_v[k]);
         }
         Ok(())
     }
 
-    /// Slope over charge at a voltage at rest, with its standard deviation: the curve is good to `share` of its slope (it is often another cell's), and the
-    /// voltage to `sigma_v`. None outside the curve.
+    /// Slope over charge at a voltage at rest, with its standard deviation: the curve is good to
+    /// `share` of its slope (it is often another cell's), and the voltage to `sigma_v`. None
+    /// outside the curve.
     pub fn charge_slope(&self, rest_v: f64, sigma_v: f64, share: f64) -> Option<OcvSlope> {
         let soc = self.soc_at(rest_v)?;
         let capacity_c = 3600.0 * self.capacity_ah;
         let slope_v = self.slope_v(soc);
-        let beside = |v: f64| self.soc_at(v).map_or(0.0, |soc| (self.slope_v(soc) - slope_v).abs());
+        let beside = |v: f64| {
+            self.soc_at(v)
+                .map_or(0.0, |soc| (self.slope_v(soc) - slope_v).abs())
+        };
         let by_place = 0.5 * (beside(rest_v - sigma_v) + beside(rest_v + sigma_v));
-        Some(OcvSlope { v_per_c: slope_v / capacity_c, sigma_v_per_c: by_place.hypot(share * slope_v) / capacity_c })
+        Some(OcvSlope {
+            v_per_c: slope_v / capacity_c,
+            sigma_v_per_c: by_place.hypot(share * slope_v) / capacity_c,
+        })
     }
 
     /// OCV at a state of charge, V.
@@ -136,15 +173,24 @@ impl OcvCurve {
         let last = self.soc.len() - 1;
         if soc <= self.soc[0] || soc >= self.soc[last] {
             let end = if soc <= self.soc[0] { 0 } else { last };
-            return (self.ocv_v[end] + self.slope_v[end] * (soc - self.soc[end]), self.slope_v[end]);
+            return (
+                self.ocv_v[end] + self.slope_v[end] * (soc - self.soc[end]),
+                self.slope_v[end],
+            );
         }
         let k = self.soc.partition_point(|z| *z <= soc).clamp(1, last) - 1;
         let h = self.soc[k + 1] - self.soc[k];
         let t = (soc - self.soc[k]) / h;
-        let (y0, y1, m0, m1) = (self.ocv_v[k], self.ocv_v[k + 1], h * self.slope_v[k], h * self.slope_v[k + 1]);
+        let (y0, y1, m0, m1) = (
+            self.ocv_v[k],
+            self.ocv_v[k + 1],
+            h * self.slope_v[k],
+            h * self.slope_v[k + 1],
+        );
         let rise = y1 - y0;
         let value = y0 + t * (m0 + t * (3.0 * rise - 2.0 * m0 - m1 + t * (m0 + m1 - 2.0 * rise)));
-        let slope = m0 + t * (2.0 * (3.0 * rise - 2.0 * m0 - m1) + 3.0 * t * (m0 + m1 - 2.0 * rise));
+        let slope =
+            m0 + t * (2.0 * (3.0 * rise - 2.0 * m0 - m1) + 3.0 * t * (m0 + m1 - 2.0 * rise));
         (value, slope / h)
     }
 
@@ -159,7 +205,11 @@ impl OcvCurve {
             if middle <= lo || middle >= hi {
                 break;
             }
-            if self.voltage_v(middle) < ocv_v { lo = middle } else { hi = middle }
+            if self.voltage_v(middle) < ocv_v {
+                lo = middle
+            } else {
+                hi = middle
+            }
         }
         Some(0.5 * (lo + hi))
     }
@@ -171,15 +221,22 @@ fn monotone_slopes(x: &[f64], y: &[f64]) -> Vec<f64> {
     if n < 2 {
         return vec![0.0; n];
     }
-    let secant: Vec<f64> = (0..n - 1).map(|k| (y[k + 1] - y[k]) / (x[k + 1] - x[k])).collect();
+    let secant: Vec<f64> = (0..n - 1)
+        .map(|k| (y[k + 1] - y[k]) / (x[k + 1] - x[k]))
+        .collect();
     let mut slope = vec![secant[0]; n];
     slope[n - 1] = secant[n - 2];
     for k in 1..n - 1 {
         let (before, after) = (secant[k - 1], secant[k]);
         let (h0, h1) = (x[k] - x[k - 1], x[k + 1] - x[k]);
-        // The weighted harmonic mean of Fritsch and Butland keeps within the bound 3·min(secants) for any spacing.
+        // The weighted harmonic mean of Fritsch and Butland keeps within the bound 3·min(secants)
+        // for any spacing.
         let (w0, w1) = (h0 + 2.0 * h1, 2.0 * h0 + h1);
-        slope[k] = if before > 0.0 && after > 0.0 { (w0 + w1) / (w0 / before + w1 / after) } else { 0.0 };
+        slope[k] = if before > 0.0 && after > 0.0 {
+            (w0 + w1) / (w0 / before + w1 / after)
+        } else {
+            0.0
+        };
     }
     slope
 }
@@ -190,7 +247,12 @@ mod tests {
     use proptest::prelude::*;
 
     fn curve() -> OcvCurve {
-        OcvCurve::monotone(4.2, vec![0.0, 0.1, 0.5, 0.9, 1.0], vec![2.5, 3.3, 3.7, 4.05, 4.2]).unwrap()
+        OcvCurve::monotone(
+            4.2,
+            vec![0.0, 0.1, 0.5, 0.9, 1.0],
+            vec![2.5, 3.3, 3.7, 4.05, 4.2],
+        )
+        .unwrap()
     }
 
     #[test]
@@ -208,10 +270,14 @@ mod tests {
     #[test]
     fn refuses_what_is_no_curve() {
         let cases = [
-            (OcvCurve::monotone(0.0, vec![0.0, 1.0], vec![2.5, 4.2]), "OCV curve: expected a capacity above 0 Ah, met 0"),
+            (
+                OcvCurve::monotone(0.0, vec![0.0, 1.0], vec![2.5, 4.2]),
+                "OCV curve: expected a capacity above 0 Ah, met 0",
+            ),
             (
                 OcvCurve::monotone(4.2, vec![0.0], vec![2.5]),
-                "OCV curve: expected at least 2 knots and as many voltages and slopes, met 1, 1 and 1",
+                "OCV curve: expected at least 2 knots and as many voltages and slopes, met 1, 1 \
+                and 1",
             ),
             (
                 OcvCurve::monotone(4.2, vec![0.0, 0.0], vec![2.5, 4.2]),
@@ -219,7 +285,8 @@ mod tests {
             ),
             (
                 OcvCurve::monotone(4.2, vec![0.0, 1.0], vec![4.2, 2.5]),
-                "OCV curve, knot 2 (counted from 1): expected voltages that do not fall, in V, met 2.5",
+                "OCV curve, knot 2 (counted from 1): expected voltages that do not fall, in V, met \
+                2.5",
             ),
         ];
         for (result, message) in cases {

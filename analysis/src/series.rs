@@ -1,6 +1,7 @@
 //! Current and voltage of a cell over time, as a cycler or the bench recorded them.
 //!
-//! Here **discharge is positive**; the readers in [`crate::formats`] turn the sign of their files. Nothing is resampled or smoothed.
+//! Here **discharge is positive**; the readers in [`crate::formats`] turn the sign of their files.
+//! Nothing is resampled or smoothed.
 
 use std::ops::Range;
 
@@ -15,7 +16,8 @@ pub struct TimeSeries {
     pub current_a: Vec<f64>,
     /// Voltage of the cell, V.
     pub voltage_v: Vec<f64>,
-    /// Temperature of the cell, °C; not a number where it was not measured. None where the file has none.
+    /// Temperature of the cell, °C; not a number where it was not measured. None where the file has
+    /// none.
     pub temperature_c: Option<Vec<f64>>,
 }
 
@@ -24,7 +26,8 @@ pub struct TimeSeries {
 pub enum SeriesError {
     /// Lists of different lengths, or less than two samples.
     #[error(
-        "time series {name:?}: expected at least 2 samples and as many currents and voltages as times, met {time}, {current} and {voltage}"
+        "time series {name:?}: expected at least 2 samples and as many currents and voltages as \
+        times, met {time}, {current} and {voltage}"
     )]
     Lengths {
         /// Name of the series.
@@ -37,7 +40,9 @@ pub enum SeriesError {
         voltage: usize,
     },
     /// A sample that cannot be.
-    #[error("time series {name:?}, sample {number} (counted from 1): expected {expected}, met {met}")]
+    #[error(
+        "time series {name:?}, sample {number} (counted from 1): expected {expected}, met {met}"
+    )]
     Sample {
         /// Name of the series.
         name: String,
@@ -56,12 +61,28 @@ impl TimeSeries {
     /// # Errors
     /// [`SeriesError`] for the first thing that is wrong.
     pub fn validate(&self) -> Result<(), SeriesError> {
-        let (time, current, voltage) = (self.time_s.len(), self.current_a.len(), self.voltage_v.len());
+        let (time, current, voltage) = (
+            self.time_s.len(),
+            self.current_a.len(),
+            self.voltage_v.len(),
+        );
         let temperatures = self.temperature_c.as_ref().map_or(time, Vec::len);
         if time < 2 || current != time || voltage != time || temperatures != time {
-            return Err(SeriesError::Lengths { name: self.name.clone(), time, current, voltage });
+            return Err(SeriesError::Lengths {
+                name: self.name.clone(),
+                time,
+                current,
+                voltage,
+            });
         }
-        let fail = |k: usize, expected, met| Err(SeriesError::Sample { name: self.name.clone(), number: k + 1, expected, met });
+        let fail = |k: usize, expected, met| {
+            Err(SeriesError::Sample {
+                name: self.name.clone(),
+                number: k + 1,
+                expected,
+                met,
+            })
+        };
         for k in 0..time {
             let rises = k == 0 || self.time_s[k] > self.time_s[k - 1];
             if !(self.time_s[k].is_finite() && rises) {
@@ -92,7 +113,9 @@ impl TimeSeries {
         let mut sum = 0.0;
         let step = |k: usize| {
             if k > 0 {
-                sum += 0.5 * (self.current_a[k] + self.current_a[k - 1]) * (self.time_s[k] - self.time_s[k - 1]);
+                sum += 0.5
+                    * (self.current_a[k] + self.current_a[k - 1])
+                    * (self.time_s[k] - self.time_s[k - 1]);
             }
             sum
         };
@@ -114,18 +137,31 @@ impl TimeSeries {
         }
     }
 
-    /// The longest stretch (in charge) in which the current keeps the sign of `direction` (+1 discharge, −1 charge) and is above a tenth of the
-    /// largest current of that sign; empty where there is none.
+    /// The longest stretch (in charge) in which the current keeps the sign of `direction` (+1
+    /// discharge, −1 charge) and is above a tenth of the largest current of that sign; empty where
+    /// there is none.
     pub fn longest_stretch(&self, direction: f64) -> Range<usize> {
-        let most = self.current_a.iter().fold(0.0f64, |m, i| m.max(direction * i));
+        let most = self
+            .current_a
+            .iter()
+            .fold(0.0f64, |m, i| m.max(direction * i));
         let charge = self.charge_c();
         let (mut best, mut start) = (0..0, None);
         for k in 0..=self.len() {
-            let flows = self.current_a.get(k).is_some_and(|i| direction * i > 0.1 * most);
+            let flows = self
+                .current_a
+                .get(k)
+                .is_some_and(|i| direction * i > 0.1 * most);
             match (flows, start) {
                 (true, None) => start = Some(k),
                 (false, Some(first)) => {
-                    let gain = |r: &Range<usize>| if r.is_empty() { 0.0 } else { (charge[r.end - 1] - charge[r.start]).abs() };
+                    let gain = |r: &Range<usize>| {
+                        if r.is_empty() {
+                            0.0
+                        } else {
+                            (charge[r.end - 1] - charge[r.start]).abs()
+                        }
+                    };
                     if gain(&(first..k)) > gain(&best) {
                         best = first..k;
                     }
@@ -145,7 +181,13 @@ mod tests {
     fn series(current_a: Vec<f64>) -> TimeSeries {
         let n = current_a.len();
         let time_s = (0..n).map(|k| 2.0 * k as f64).collect();
-        TimeSeries { name: "s".to_owned(), time_s, current_a, voltage_v: vec![3.7; n], temperature_c: None }
+        TimeSeries {
+            name: "s".to_owned(),
+            time_s,
+            current_a,
+            voltage_v: vec![3.7; n],
+            temperature_c: None,
+        }
     }
 
     #[test]
@@ -159,12 +201,17 @@ mod tests {
     #[test]
     fn charge_of_a_ramp_is_its_triangle() {
         // 0, 1, 2, 3 A over 6 s: ½·3 A·6 s.
-        assert_eq!(series(vec![0.0, 1.0, 2.0, 3.0]).charge_c(), [0.0, 1.0, 4.0, 9.0]);
+        assert_eq!(
+            series(vec![0.0, 1.0, 2.0, 3.0]).charge_c(),
+            [0.0, 1.0, 4.0, 9.0]
+        );
     }
 
     #[test]
     fn the_longest_stretch_is_by_charge_and_of_one_sign() {
-        let s = series(vec![0.0, 1.0, 1.0, 1.0, 0.0, -3.0, -3.0, 0.0, 2.0, 2.0, 2.0]);
+        let s = series(vec![
+            0.0, 1.0, 1.0, 1.0, 0.0, -3.0, -3.0, 0.0, 2.0, 2.0, 2.0,
+        ]);
         assert_eq!(s.longest_stretch(1.0), 8..11);
         assert_eq!(s.longest_stretch(-1.0), 5..7);
         assert!(series(vec![0.0; 3]).longest_stretch(1.0).is_empty());
@@ -179,9 +226,21 @@ mod tests {
         let mut short = series(vec![1.0; 3]);
         short.voltage_v.pop();
         for (s, text) in [
-            (backwards, "time series \"s\", sample 3 (counted from 1): expected times in s that rise, met 2"),
-            (hole, "time series \"s\", sample 2 (counted from 1): expected a finite voltage in V, met NaN"),
-            (short, "time series \"s\": expected at least 2 samples and as many currents and voltages as times, met 3, 3 and 2"),
+            (
+                backwards,
+                "time series \"s\", sample 3 (counted from 1): expected times in s that rise, met \
+                2",
+            ),
+            (
+                hole,
+                "time series \"s\", sample 2 (counted from 1): expected a finite voltage in V, met \
+                NaN",
+            ),
+            (
+                short,
+                "time series \"s\": expected at least 2 samples and as many currents and voltages \
+                as times, met 3, 3 and 2",
+            ),
         ] {
             assert_eq!(s.validate().unwrap_err().to_string(), text);
         }

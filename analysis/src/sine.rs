@@ -1,16 +1,18 @@
-//! Least-squares fit of one sinusoid per channel to a sampled record, after IEEE Std 1057 (clauses on the three- and four-parameter sine fit),
-//! with drift, harmonics and mains pick-up beside it and one frequency shared by all channels.
+//! Least-squares fit of one sinusoid per channel to a sampled record, after IEEE Std 1057 (clauses
+//! on the three- and four-parameter sine fit), with drift, harmonics and mains pick-up beside it
+//! and one frequency shared by all channels.
 //!
-//! Model of channel c, with t = 0 at sample 0 and tₘ the middle of the record:
-//! x(t) = Re{p · exp(jωt)} + Σ Re{pₖ · exp(jωₖt)} + offset + drift · (t − tₘ) + curvature · (t − tₘ)² + Σ aₖ · exp(−t/τₖ), with ωₖ harmonics of ω
-//! or frequencies given, and τₖ time constants given ([`relaxations`]).
-//! [`fit_known_frequency`] solves for all but ω, which are linear; [`fit_free_frequency`] also finds ω by Gauss–Newton steps on the linear
-//! solution.
+//! Model of channel c, with t = 0 at sample 0 and tₘ the middle of the record: x(t) = Re{p ·
+//! exp(jωt)} + Σ Re{pₖ · exp(jωₖt)} + offset + drift · (t − tₘ) + curvature · (t − tₘ)² + Σ aₖ ·
+//! exp(−t/τₖ), with ωₖ harmonics of ω or frequencies given, and τₖ time constants given
+//! ([`relaxations`]). [`fit_known_frequency`] solves for all but ω, which are linear;
+//! [`fit_free_frequency`] also finds ω by Gauss–Newton steps on the linear solution.
 //!
-//! The samples are read once, where they lie, by all cores: blocks of ADC codes are summed over the model's columns in whole numbers, and the
-//! blocks' sums are turned to their place in the record. Time runs from −1 to 1 over the record while solving, and phases are evaluated anew every
-//! block, so that neither the length of the record nor the number of its periods costs digits; the number of periods need not be whole. Knows no
-//! impedance and no file.
+//! The samples are read once, where they lie, by all cores: blocks of ADC codes are summed over the
+//! model's columns in whole numbers, and the blocks' sums are turned to their place in the record.
+//! Time runs from −1 to 1 over the record while solving, and phases are evaluated anew every block,
+//! so that neither the length of the record nor the number of its periods costs digits; the number
+//! of periods need not be whole. Knows no impedance and no file.
 
 mod basis;
 mod error;
@@ -31,7 +33,8 @@ pub use error::SineError;
 pub use result::{ChannelFit, Distortion, LeftOut, Note, Phasor, SineFit, Tone, ToneKind};
 pub use stored::{Samples, Stored};
 
-/// Fewest periods in a record that a fit accepts: below, sine, offset and drift cannot be told apart reliably.
+/// Fewest periods in a record that a fit accepts: below, sine, offset and drift cannot be told
+/// apart reliably.
 pub const MIN_PERIODS: f64 = 1.4;
 
 /// Fewest usable samples of a channel that a fit accepts.
@@ -65,14 +68,19 @@ pub enum Channel<'a> {
         /// What they mean.
         scale: CodeScale,
     },
-    /// Samples that are kept elsewhere: read by pieces, whenever they are summed over, so that a record may be larger than the memory.
+    /// Samples that are kept elsewhere: read by pieces, whenever they are summed over, so that a
+    /// record may be larger than the memory.
     Stored(Stored<'a>),
 }
 
 impl<'a> Channel<'a> {
     /// Volts without quantisation and without bounds.
     pub const fn volts(samples: &'a [f64]) -> Self {
-        Self::Volts { samples, lsb_v: None, range_v: None }
+        Self::Volts {
+            samples,
+            lsb_v: None,
+            range_v: None,
+        }
     }
 
     /// ADC codes.
@@ -106,7 +114,8 @@ pub struct CodeScale {
     pub code_min: i16,
     /// Greatest code of the ADC; samples at or above it are clipped.
     pub code_max: i16,
-    /// From one code of the ADC to the next: 16 where twelve bits come in the upper part of sixteen, else 1.
+    /// From one code of the ADC to the next: 16 where twelve bits come in the upper part of
+    /// sixteen, else 1.
     pub code_step: u16,
 }
 
@@ -124,9 +133,11 @@ pub struct FitOptions {
     pub drift: Drift,
     /// Orders of harmonics fitted besides the sinusoid; 2 is twice its frequency.
     pub harmonics: Vec<u32>,
-    /// Other frequencies fitted, Hz: mains pick-up, a neighbour's switching. See [`FitOptions::with_mains`].
+    /// Other frequencies fitted, Hz: mains pick-up, a neighbour's switching. See
+    /// [`FitOptions::with_mains`].
     pub also_hz: Vec<f64>,
-    /// Time constants of relaxations fitted, s: what a change of the current before the record has left. See [`relaxations`].
+    /// Time constants of relaxations fitted, s: what a change of the current before the record has
+    /// left. See [`relaxations`].
     pub decays_s: Vec<f64>,
     /// Leave clipped samples out; else they are fitted as if they were right, and only counted.
     pub exclude_clipped: bool,
@@ -134,26 +145,35 @@ pub struct FitOptions {
 
 impl Default for FitOptions {
     fn default() -> Self {
-        Self { drift: Drift::Linear, harmonics: Vec::new(), also_hz: Vec::new(), decays_s: Vec::new(), exclude_clipped: true }
+        Self {
+            drift: Drift::Linear,
+            harmonics: Vec::new(),
+            also_hz: Vec::new(),
+            decays_s: Vec::new(),
+            exclude_clipped: true,
+        }
     }
 }
 
 impl FitOptions {
-    /// Adds the pick-up of the mains: its frequency (50 or 60 Hz) and its harmonics up to an order. What a record cannot tell apart from the
-    /// sinusoid or does not reach is left out by the fit, which says so.
+    /// Adds the pick-up of the mains: its frequency (50 or 60 Hz) and its harmonics up to an order.
+    /// What a record cannot tell apart from the sinusoid or does not reach is left out by the fit,
+    /// which says so.
     #[must_use]
     pub fn with_mains(mut self, mains_hz: f64, orders: u32) -> Self {
-        self.also_hz.extend((1..=orders).map(|order| f64::from(order) * mains_hz));
+        self.also_hz
+            .extend((1..=orders).map(|order| f64::from(order) * mains_hz));
         self
     }
 }
 
-/// Time constants, s, whose exponentials with a straight line span the relaxation of a linear system over a record of `length_s`, whatever its own time
-/// constants are.
+/// Time constants, s, whose exponentials with a straight line span the relaxation of a linear
+/// system over a record of `length_s`, whatever its own time constants are.
 ///
-/// Of a single exponential of any time constant from 1.5 % to 8 lengths that began a tenth of a length or more before the record, a fit of at least four
-/// periods leaves at most [`RELAXATION_LEFT`] in the phasor (computed for 18 numbers of periods from 4 to 30, 5 delays and 40 time constants). Faster
-/// ones have died away; slower ones are straight lines.
+/// Of a single exponential of any time constant from 1.5 % to 8 lengths that began a tenth of a
+/// length or more before the record, a fit of at least four periods leaves at most
+/// [`RELAXATION_LEFT`] in the phasor (computed for 18 numbers of periods from 4 to 30, 5 delays and
+/// 40 time constants). Faster ones have died away; slower ones are straight lines.
 pub fn relaxations(length_s: f64) -> Vec<f64> {
     [0.03, 0.12, 0.4].map(|share| share * length_s).to_vec()
 }
@@ -182,31 +202,44 @@ impl Drift {
     }
 }
 
-/// Fits sinusoids of a known frequency: amplitude and phase, offset and, if asked for, drift of each channel.
+/// Fits sinusoids of a known frequency: amplitude and phase, offset and, if asked for, drift of
+/// each channel.
 ///
-/// The covariance is the variance of the residual, but never below that of the quantisation (LSB²/12), times the inverse of the normal matrix. Where
-/// neighbouring residuals correlate significantly, it is raised by the ratio of the noise density at the frequency to its mean, taking the residual
-/// for a first-order autoregression. Where the noise is too low for the quantisation to act as noise, it is raised to the error that the
-/// quantisation may make, and [`Note::Quantisation`] says so.
+/// The covariance is the variance of the residual, but never below that of the quantisation
+/// (LSB²/12), times the inverse of the normal matrix. Where neighbouring residuals correlate
+/// significantly, it is raised by the ratio of the noise density at the frequency to its mean,
+/// taking the residual for a first-order autoregression. Where the noise is too low for the
+/// quantisation to act as noise, it is raised to the error that the quantisation may make, and
+/// [`Note::Quantisation`] says so.
 ///
-/// Extra frequencies that the record cannot tell apart are left out, and [`SineFit::notes`] says which.
+/// Extra frequencies that the record cannot tell apart are left out, and [`SineFit::notes`] says
+/// which.
 ///
 /// # Errors
-/// [`SineError`] if the record is too short, the frequency out of range, samples are not finite or too few of them unclipped.
-pub fn fit_known_frequency(record: &Record<'_>, freq_hz: f64, options: &FitOptions) -> Result<SineFit, SineError> {
+/// [`SineError`] if the record is too short, the frequency out of range, samples are not finite or
+/// too few of them unclipped.
+pub fn fit_known_frequency(
+    record: &Record<'_>,
+    freq_hz: f64,
+    options: &FitOptions,
+) -> Result<SineFit, SineError> {
     solve::check_record(record)?;
     solve::known(record, freq_hz, options)
 }
 
-/// Fits sinusoids of one unknown frequency, common to all channels, which count by the inverse of their noise. See [`fit_known_frequency`] for the
-/// rest.
+/// Fits sinusoids of one unknown frequency, common to all channels, which count by the inverse of
+/// their noise. See [`fit_known_frequency`] for the rest.
 ///
-/// `freq_guess_hz` must lie within about half of 1/(length of the record) of the truth; without it, the highest peak of the summed spectra is
-/// taken.
+/// `freq_guess_hz` must lie within about half of 1/(length of the record) of the truth; without it,
+/// the highest peak of the summed spectra is taken.
 ///
 /// # Errors
 /// As [`fit_known_frequency`]; also [`SineError::NoSignal`] and [`SineError::NotConverged`].
-pub fn fit_free_frequency(record: &Record<'_>, freq_guess_hz: Option<f64>, options: &FitOptions) -> Result<SineFit, SineError> {
+pub fn fit_free_frequency(
+    record: &Record<'_>,
+    freq_guess_hz: Option<f64>,
+    options: &FitOptions,
+) -> Result<SineFit, SineError> {
     solve::check_record(record)?;
     let start_hz = match freq_guess_hz {
         Some(freq_hz) => freq_hz,

@@ -1,7 +1,8 @@
 //! Phasors of the four probe channels, and complex impedances with their uncertainty.
 //!
-//! A phasor `p` stands for the signal Re{p · exp(jωt)}; all phasors of one point share the same time zero. The voltage pair is channel 4 minus
-//! channel 3, the current pair channel 2 minus channel 1 over the shunt (thesis 3.3.1).
+//! A phasor `p` stands for the signal Re{p · exp(jωt)}; all phasors of one point share the same
+//! time zero. The voltage pair is channel 4 minus channel 3, the current pair channel 2 minus
+//! channel 1 over the shunt (thesis 3.3.1).
 
 mod frozen;
 mod phasors;
@@ -26,7 +27,8 @@ pub struct ImpedancePoint {
     pub amplitude_a: f64,
 }
 
-/// Covariance of a complex number's real and imaginary part, in its unit squared. Not a number where unknown.
+/// Covariance of a complex number's real and imaginary part, in its unit squared. Not a number
+/// where unknown.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Covariance2 {
     /// Variance of the real part.
@@ -39,7 +41,11 @@ pub struct Covariance2 {
 
 impl Covariance2 {
     /// Nothing is known of the uncertainty.
-    pub const UNKNOWN: Self = Self { re_re: f64::NAN, re_im: f64::NAN, im_im: f64::NAN };
+    pub const UNKNOWN: Self = Self {
+        re_re: f64::NAN,
+        re_im: f64::NAN,
+        im_im: f64::NAN,
+    };
 }
 
 /// Impedance over frequency of one fixture in one run.
@@ -52,29 +58,46 @@ pub struct Spectrum {
     /// Errors that the points have in common. The covariance of a point holds its share of each.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub shared: Vec<SharedError>,
-    /// Slope of the open-circuit voltage whose share was taken out of the points; none where they are as measured.
+    /// Slope of the open-circuit voltage whose share was taken out of the points; none where they
+    /// are as measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub less: Option<OcvSlope>,
 }
 
 impl Covariance2 {
     /// No uncertainty.
-    pub const ZERO: Self = Self { re_re: 0.0, re_im: 0.0, im_im: 0.0 };
+    pub const ZERO: Self = Self {
+        re_re: 0.0,
+        re_im: 0.0,
+        im_im: 0.0,
+    };
 
     /// Equal and independent parts, each of the given variance.
     pub const fn circular(variance: f64) -> Self {
-        Self { re_re: variance, re_im: 0.0, im_im: variance }
+        Self {
+            re_re: variance,
+            re_im: 0.0,
+            im_im: variance,
+        }
     }
 
     /// Covariance of `direction` times a real number of variance 1.
     pub fn along(direction: Complex64) -> Self {
-        Self { re_re: direction.re * direction.re, re_im: direction.re * direction.im, im_im: direction.im * direction.im }
+        Self {
+            re_re: direction.re * direction.re,
+            re_im: direction.re * direction.im,
+            im_im: direction.im * direction.im,
+        }
     }
 
     /// Covariance of `factor` times the number: the parts are turned and stretched.
     pub fn scaled(self, factor: Complex64) -> Self {
         let Complex64 { re: a, im: b } = factor;
-        let Self { re_re, re_im, im_im } = self;
+        let Self {
+            re_re,
+            re_im,
+            im_im,
+        } = self;
         Self {
             re_re: a * a * re_re - 2.0 * a * b * re_im + b * b * im_im,
             re_im: a * b * (re_re - im_im) + (a * a - b * b) * re_im,
@@ -85,22 +108,31 @@ impl Covariance2 {
     /// Covariance of the number times the root of `factor`.
     #[must_use]
     pub fn times(self, factor: f64) -> Self {
-        Self { re_re: factor * self.re_re, re_im: factor * self.re_im, im_im: factor * self.im_im }
+        Self {
+            re_re: factor * self.re_re,
+            re_im: factor * self.re_im,
+            im_im: factor * self.im_im,
+        }
     }
 
     /// Variance of the part along the direction of angle `angle_rad`.
     pub fn variance_along(&self, angle_rad: f64) -> f64 {
         let (sin, cos) = angle_rad.sin_cos();
         // Rounding must not turn a vanishing variance negative; not-a-number passes.
-        let variance = cos * cos * self.re_re + 2.0 * sin * cos * self.re_im + sin * sin * self.im_im;
+        let variance =
+            cos * cos * self.re_re + 2.0 * sin * cos * self.re_im + sin * sin * self.im_im;
         if variance < 0.0 { 0.0 } else { variance }
     }
 
-    /// True for a covariance: finite, no negative variance, correlation within −1…1 but for rounding.
+    /// True for a covariance: finite, no negative variance, correlation within −1…1 but for
+    /// rounding.
     pub fn is_valid(&self) -> bool {
         let product = self.re_re * self.im_im;
         let finite = self.re_re.is_finite() && self.re_im.is_finite() && self.im_im.is_finite();
-        finite && self.re_re >= 0.0 && self.im_im >= 0.0 && self.re_im * self.re_im <= product * (1.0 + 1e-9) + f64::MIN_POSITIVE
+        finite
+            && self.re_re >= 0.0
+            && self.im_im >= 0.0
+            && self.re_im * self.re_im <= product * (1.0 + 1e-9) + f64::MIN_POSITIVE
     }
 }
 
@@ -108,7 +140,11 @@ impl std::ops::Add for Covariance2 {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
-        Self { re_re: self.re_re + other.re_re, re_im: self.re_im + other.re_im, im_im: self.im_im + other.im_im }
+        Self {
+            re_re: self.re_re + other.re_re,
+            re_im: self.re_im + other.re_im,
+            im_im: self.im_im + other.im_im,
+        }
     }
 }
 
@@ -134,7 +170,10 @@ pub enum SpectrumError {
         name: String,
     },
     /// A shared error does not have one value per point.
-    #[error("spectrum {name:?}: expected one value of the shared error {error:?} per point, {points} in all, met {found}")]
+    #[error(
+        "spectrum {name:?}: expected one value of the shared error {error:?} per point, {points} \
+        in all, met {found}"
+    )]
     Shared {
         /// Name of the spectrum.
         name: String,
@@ -161,11 +200,12 @@ pub enum SpectrumError {
     },
 }
 
-/// Impedance by the voltage pair over the current pair, (V₄ − V₃)/(V₂ − V₁) · R_shunt, without any correction, with the covariance that the noise of
-/// the four channels gives it. Not finite where there is no current.
+/// Impedance by the voltage pair over the current pair, (V₄ − V₃)/(V₂ − V₁) · R_shunt, without any
+/// correction, with the covariance that the noise of the four channels gives it. Not finite where
+/// there is no current.
 ///
-/// The quotient is analytic in every channel, so a derivative turns and stretches the covariance of its phasor: R/(V₂ − V₁) towards V₄ and −V₃,
-/// and Z/(V₂ − V₁) towards V₁ and −V₂.
+/// The quotient is analytic in every channel, so a derivative turns and stretches the covariance of
+/// its phasor: R/(V₂ − V₁) towards V₄ and −V₃, and Z/(V₂ − V₁) towards V₁ and −V₂.
 pub fn raw_impedance(phasors: &ChannelPhasors, shunt_ohm: f64) -> ImpedancePoint {
     let [v1, v2, v3, v4] = phasors.volts;
     let across_shunt = v2 - v1;
@@ -174,7 +214,12 @@ pub fn raw_impedance(phasors: &ChannelPhasors, shunt_ohm: f64) -> ImpedancePoint
     let by_current = z_ohm / across_shunt;
     let [n1, n2, n3, n4] = phasors.totals();
     let noise = (n3 + n4).scaled(by_voltage) + (n1 + n2).scaled(by_current);
-    ImpedancePoint { freq_hz: phasors.freq_hz, z_ohm, covariance: noise, amplitude_a: across_shunt.norm() / shunt_ohm.abs() }
+    ImpedancePoint {
+        freq_hz: phasors.freq_hz,
+        z_ohm,
+        covariance: noise,
+        amplitude_a: across_shunt.norm() / shunt_ohm.abs(),
+    }
 }
 
 impl ImpedancePoint {
@@ -193,11 +238,19 @@ impl ImpedancePoint {
         self.z_ohm.arg()
     }
 
-    /// Standard deviation of the phase, rad, to first order; no more than π/√3, that of a phase of which nothing is known.
+    /// Standard deviation of the phase, rad, to first order; no more than π/√3, that of a phase of
+    /// which nothing is known.
     pub fn phase_sigma_rad(&self) -> f64 {
-        let across = self.covariance.variance_along(self.z_ohm.arg() + std::f64::consts::FRAC_PI_2).sqrt();
+        let across = self
+            .covariance
+            .variance_along(self.z_ohm.arg() + std::f64::consts::FRAC_PI_2)
+            .sqrt();
         let sigma = across / self.z_ohm.norm();
-        if sigma.is_nan() { sigma } else { sigma.min(std::f64::consts::PI / 3f64.sqrt()) }
+        if sigma.is_nan() {
+            sigma
+        } else {
+            sigma.min(std::f64::consts::PI / 3f64.sqrt())
+        }
     }
 
     /// What is wrong with the numbers of this point: what was expected and what was met.
@@ -208,39 +261,67 @@ impl ImpedancePoint {
         if !(self.z_ohm.re.is_finite() && self.z_ohm.im.is_finite()) {
             return Some(("a finite impedance", format!("{} Ω", self.z_ohm)));
         }
-        let Covariance2 { re_re, re_im, im_im } = self.covariance;
+        let Covariance2 {
+            re_re,
+            re_im,
+            im_im,
+        } = self.covariance;
         let unknown = re_re.is_nan() && re_im.is_nan() && im_im.is_nan();
         if !unknown && !self.covariance.is_valid() {
-            return Some(("a covariance of positive variances, or none", format!("{re_re}, {re_im}, {im_im} Ω²")));
+            return Some((
+                "a covariance of positive variances, or none",
+                format!("{re_re}, {re_im}, {im_im} Ω²"),
+            ));
         }
         if self.amplitude_a < 0.0 || self.amplitude_a.is_infinite() {
-            return Some(("an amplitude of 0 A or more, or none", format!("{} A", self.amplitude_a)));
+            return Some((
+                "an amplitude of 0 A or more, or none",
+                format!("{} A", self.amplitude_a),
+            ));
         }
         None
     }
 }
 
 impl Spectrum {
-    /// Checks that there are points, that their frequencies rise, and that their numbers are usable. An unknown covariance or amplitude (not a
-    /// number) is allowed.
+    /// Checks that there are points, that their frequencies rise, and that their numbers are
+    /// usable. An unknown covariance or amplitude (not a number) is allowed.
     ///
     /// # Errors
     /// [`SpectrumError::Empty`] or [`SpectrumError::Point`] with the first point that is wrong.
     pub fn validate(&self) -> Result<(), SpectrumError> {
         if self.points.is_empty() {
-            return Err(SpectrumError::Empty { name: self.name.clone() });
+            return Err(SpectrumError::Empty {
+                name: self.name.clone(),
+            });
         }
         let mut last_hz = 0.0;
         for (index, point) in self.points.iter().enumerate() {
             let falling = point.freq_hz <= last_hz && point.freq_hz > 0.0;
-            let fault =
-                point.fault().or_else(|| falling.then(|| ("rising frequencies", format!("{} Hz after {last_hz} Hz", point.freq_hz))));
+            let fault = point.fault().or_else(|| {
+                falling.then(|| {
+                    (
+                        "rising frequencies",
+                        format!("{} Hz after {last_hz} Hz", point.freq_hz),
+                    )
+                })
+            });
             if let Some((expected, found)) = fault {
-                return Err(SpectrumError::Point { name: self.name.clone(), number: index + 1, freq_hz: point.freq_hz, expected, found });
+                return Err(SpectrumError::Point {
+                    name: self.name.clone(),
+                    number: index + 1,
+                    freq_hz: point.freq_hz,
+                    expected,
+                    found,
+                });
             }
             last_hz = point.freq_hz;
         }
-        if let Some(error) = self.shared.iter().find(|error| error.at_ohm.len() != self.points.len()) {
+        if let Some(error) = self
+            .shared
+            .iter()
+            .find(|error| error.at_ohm.len() != self.points.len())
+        {
             return Err(SpectrumError::Shared {
                 name: self.name.clone(),
                 error: error.name.clone(),
@@ -257,7 +338,10 @@ impl Spectrum {
         order.sort_by(|a, b| self.points[*a].freq_hz.total_cmp(&self.points[*b].freq_hz));
         self.points = order.iter().map(|k| self.points[*k]).collect();
         for error in &mut self.shared {
-            error.at_ohm = order.iter().filter_map(|k| error.at_ohm.get(*k).copied()).collect();
+            error.at_ohm = order
+                .iter()
+                .filter_map(|k| error.at_ohm.get(*k).copied())
+                .collect();
         }
     }
 }

@@ -1,6 +1,8 @@
-//! How fast the captures of a campaign go through the present pipeline, beside what the disk and the decoder do with the same files.
+//! How fast the captures of a campaign go through the present pipeline, beside what the disk and
+//! the decoder do with the same files.
 //!
-//! `cargo bench --profile dev -p bench-daemon` plays the campaign of `configs/experiments/campaign.toml` first; `-- FOLDER` takes a run that is there.
+//! `cargo bench --profile dev -p bench-daemon` plays the campaign of
+//! `configs/experiments/campaign.toml` first; `-- FOLDER` takes a run that is there.
 
 use std::path::PathBuf;
 
@@ -10,12 +12,18 @@ use bench_daemon::{
 };
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let named = std::env::args().skip(1).find(|word| !word.starts_with('-')).map(PathBuf::from);
+    let named = std::env::args()
+        .skip(1)
+        .find(|word| !word.starts_with('-'))
+        .map(PathBuf::from);
     let scratch = std::env::temp_dir().join(format!("eis-bench-bench-{}", std::process::id()));
     let folder = match &named {
         Some(folder) => folder.clone(),
         None => {
-            let file = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/experiments/campaign.toml"));
+            let file = PathBuf::from(concat!(
+                env!("CARGO_MANIFEST_DIR"),
+                "/../configs/experiments/campaign.toml"
+            ));
             run_experiment(&load_experiment(&file, None)?, &scratch)?;
             scratch.clone()
         }

@@ -1,4 +1,5 @@
-//! The named instruments of one bench: opened, asked who they are, brought into safe state. Opening changes nothing on any of them.
+//! The named instruments of one bench: opened, asked who they are, brought into safe state. Opening
+//! changes nothing on any of them.
 
 mod bath;
 mod output;
@@ -28,8 +29,9 @@ use instruments::{
 
 use crate::config;
 
-/// Hands the roles whose models speak a dialect to another macro, in the order in which instruments are listed: the role's module in `instruments`, which is
-/// its field and its name, too, and its variant.
+/// Hands the roles whose models speak a dialect to another macro, in the order in which instruments
+/// are listed: the role's module in `instruments`, which is its field and its name, too, and its
+/// variant.
 macro_rules! for_roles {
     ($hand:ident) => {
         $hand! {
@@ -59,7 +61,10 @@ pub enum BenchError {
         source: Box<LinkError>,
     },
     /// Another model answers than the configuration says.
-    #[error("{role}: expected a {model}, found {found:?} at {address}; check model and address in the bench file")]
+    #[error(
+        "{role}: expected a {model}, found {found:?} at {address}; check model and address in the \
+        bench file"
+    )]
     Identity {
         /// Its role.
         role: &'static str,
@@ -122,7 +127,8 @@ pub struct Bench {
     models: BTreeMap<&'static str, config::Instrument>,
     clock: Clock,
     command_offset_v: f64,
-    /// Roles whose output said that it is off while a current flowed, and by what it was brought to zero.
+    /// Roles whose output said that it is off while a current flowed, and by what it was brought to
+    /// zero.
     lied: BTreeMap<String, String>,
 }
 
@@ -150,8 +156,17 @@ impl Identified {
         if self.recognised {
             return Ok(());
         }
-        let (model, address, found) = (self.model.clone(), self.address.clone(), self.identity.raw.clone());
-        Err(BenchError::Identity { role: self.role, model, address, found })
+        let (model, address, found) = (
+            self.model.clone(),
+            self.address.clone(),
+            self.identity.raw.clone(),
+        );
+        Err(BenchError::Identity {
+            role: self.role,
+            model,
+            address,
+            found,
+        })
     }
 }
 
@@ -160,62 +175,149 @@ impl Bench {
     ///
     /// # Errors
     /// The first instrument that cannot be reached.
-    pub async fn open(config: &config::Bench, connections: &Connections) -> Result<Self, BenchError> {
+    pub async fn open(
+        config: &config::Bench,
+        connections: &Connections,
+    ) -> Result<Self, BenchError> {
         let instruments = &config.instruments;
         let channel = config.wiring.generator_channel;
-        let logger_channels =
-            instruments.logger.as_ref().map_or_else(Vec::new, |(_, cell, ambient)| std::iter::once(*cell).chain(*ambient).collect());
+        let logger_channels = instruments
+            .logger
+            .as_ref()
+            .map_or_else(Vec::new, |(_, cell, ambient)| {
+                std::iter::once(*cell).chain(*ambient).collect()
+            });
         let jig = match &instruments.jig {
-            Some(config::Jig::Device(instrument)) => Some(Jig::new(link(connections, "jig", instrument, Jig::profile()).await?)),
+            Some(config::Jig::Device(instrument)) => Some(Jig::new(
+                link(connections, "jig", instrument, Jig::profile()).await?,
+            )),
             Some(config::Jig::Person) | None => None,
         };
-        let logger = instruments.logger.as_ref().map(|(instrument, _, _)| instrument);
+        let logger = instruments
+            .logger
+            .as_ref()
+            .map(|(instrument, _, _)| instrument);
         Ok(Self {
             name: config.name.clone(),
-            supply4q: open(connections, "supply4q", supply4q::DIALECTS, instruments.supply4q.as_ref()).await?,
-            generator: open(connections, "generator", generator::DIALECTS, instruments.generator.as_ref())
+            supply4q: open(
+                connections,
+                "supply4q",
+                supply4q::DIALECTS,
+                instruments.supply4q.as_ref(),
+            )
+            .await?,
+            generator: open(
+                connections,
+                "generator",
+                generator::DIALECTS,
+                instruments.generator.as_ref(),
+            )
+            .await?
+            .map(|generator| generator.on_channels(vec![u16::from(channel)])),
+            scope: open(
+                connections,
+                "scope",
+                scope::DIALECTS,
+                instruments.scope.as_ref(),
+            )
+            .await?,
+            load: open(
+                connections,
+                "load",
+                load::DIALECTS,
+                instruments.load.as_ref(),
+            )
+            .await?,
+            supply: open(
+                connections,
+                "supply",
+                supply::DIALECTS,
+                instruments.supply.as_ref(),
+            )
+            .await?,
+            chiller: open(
+                connections,
+                "chiller",
+                chiller::DIALECTS,
+                instruments.chiller.as_ref(),
+            )
+            .await?,
+            logger: open(connections, "logger", logger::DIALECTS, logger)
                 .await?
-                .map(|generator| generator.on_channels(vec![u16::from(channel)])),
-            scope: open(connections, "scope", scope::DIALECTS, instruments.scope.as_ref()).await?,
-            load: open(connections, "load", load::DIALECTS, instruments.load.as_ref()).await?,
-            supply: open(connections, "supply", supply::DIALECTS, instruments.supply.as_ref()).await?,
-            chiller: open(connections, "chiller", chiller::DIALECTS, instruments.chiller.as_ref()).await?,
-            logger: open(connections, "logger", logger::DIALECTS, logger).await?.map(|logger| logger.on_channels(logger_channels)),
+                .map(|logger| logger.on_channels(logger_channels)),
             jig,
             clock: connections.clock.clone(),
             command_offset_v: config.wiring.command_offset_v,
             lied: BTreeMap::new(),
-            models: instruments.addressed().into_iter().map(|(role, instrument)| (role, instrument.clone())).collect(),
+            models: instruments
+                .addressed()
+                .into_iter()
+                .map(|(role, instrument)| (role, instrument.clone()))
+                .collect(),
         })
     }
 
-    /// The instruments that can move charge, and the bath, not yet connected to: switching off and asking connect each of them by itself, so that one that
-    /// cannot be reached does not keep the others from being switched off. Sends nothing.
+    /// The instruments that can move charge, and the bath, not yet connected to: switching off and
+    /// asking connect each of them by itself, so that one that cannot be reached does not keep the
+    /// others from being switched off. Sends nothing.
     ///
     /// # Errors
     /// [`BenchError::Dialect`].
-    pub fn unconnected(config: &config::Bench, connections: &Connections) -> Result<Self, BenchError> {
+    pub fn unconnected(
+        config: &config::Bench,
+        connections: &Connections,
+    ) -> Result<Self, BenchError> {
         let instruments = &config.instruments;
         let channel = u16::from(config.wiring.generator_channel);
         Ok(Self {
             name: config.name.clone(),
-            supply4q: unconnected(connections, "supply4q", supply4q::DIALECTS, instruments.supply4q.as_ref())?,
-            generator: unconnected(connections, "generator", generator::DIALECTS, instruments.generator.as_ref())?
-                .map(|generator| generator.on_channels(vec![channel])),
+            supply4q: unconnected(
+                connections,
+                "supply4q",
+                supply4q::DIALECTS,
+                instruments.supply4q.as_ref(),
+            )?,
+            generator: unconnected(
+                connections,
+                "generator",
+                generator::DIALECTS,
+                instruments.generator.as_ref(),
+            )?
+            .map(|generator| generator.on_channels(vec![channel])),
             scope: None,
-            load: unconnected(connections, "load", load::DIALECTS, instruments.load.as_ref())?,
-            supply: unconnected(connections, "supply", supply::DIALECTS, instruments.supply.as_ref())?,
-            chiller: unconnected(connections, "chiller", chiller::DIALECTS, instruments.chiller.as_ref())?,
+            load: unconnected(
+                connections,
+                "load",
+                load::DIALECTS,
+                instruments.load.as_ref(),
+            )?,
+            supply: unconnected(
+                connections,
+                "supply",
+                supply::DIALECTS,
+                instruments.supply.as_ref(),
+            )?,
+            chiller: unconnected(
+                connections,
+                "chiller",
+                chiller::DIALECTS,
+                instruments.chiller.as_ref(),
+            )?,
             logger: None,
             jig: None,
             clock: connections.clock.clone(),
             command_offset_v: config.wiring.command_offset_v,
             lied: BTreeMap::new(),
-            models: instruments.addressed().into_iter().map(|(role, instrument)| (role, instrument.clone())).collect(),
+            models: instruments
+                .addressed()
+                .into_iter()
+                .map(|(role, instrument)| (role, instrument.clone()))
+                .collect(),
         })
     }
 
-    /// A new connection to each instrument that can move charge and has none. The bath is not among them: [`Self::reach_bath`].
+    /// A new connection to each instrument that can move charge and has none. The bath is not among
+    /// them: [`Self::reach_bath`].
     ///
     /// # Errors
     /// The first that cannot be reached.
@@ -226,7 +328,15 @@ impl Bench {
                     && instrument.link_mut().is_dropped()
                 {
                     let reconnected = instrument.link_mut().reconnect().await;
-                    reconnected.map_err(|source| wrap($role, self.models.get($role).map_or("", |known| known.model.as_str()), source))?;
+                    reconnected.map_err(|source| {
+                        wrap(
+                            $role,
+                            self.models
+                                .get($role)
+                                .map_or("", |known| known.model.as_str()),
+                            source,
+                        )
+                    })?;
                 }
             };
         }
@@ -237,7 +347,8 @@ impl Bench {
         Ok(())
     }
 
-    /// Asks every instrument who it is; changes nothing. What is not the configured model is marked, not refused.
+    /// Asks every instrument who it is; changes nothing. What is not the configured model is
+    /// marked, not refused.
     ///
     /// # Errors
     /// The first instrument that does not answer.
@@ -245,11 +356,22 @@ impl Bench {
         let mut found = Vec::new();
         macro_rules! ask {
             ($role:expr, $field:ident, $recognises:expr) => {
-                if let (Some(instrument), Some(config)) = (self.$field.as_mut(), self.models.get($role)) {
-                    let identity = instrument.identify().await.map_err(|source| wrap($role, &config.model, source))?;
+                if let (Some(instrument), Some(config)) =
+                    (self.$field.as_mut(), self.models.get($role))
+                {
+                    let identity = instrument
+                        .identify()
+                        .await
+                        .map_err(|source| wrap($role, &config.model, source))?;
                     let recognised = $recognises(&*instrument, &identity);
                     let (model, address) = (config.model.clone(), config.address.to_string());
-                    found.push(Identified { role: $role, model, address, identity, recognised });
+                    found.push(Identified {
+                        role: $role,
+                        model,
+                        address,
+                        identity,
+                        recognised,
+                    });
                 }
             };
         }
@@ -273,7 +395,9 @@ impl Bench {
 
     /// The model that the configuration gives a role.
     pub fn model(&self, role: &str) -> &str {
-        self.models.get(role).map_or("", |instrument| instrument.model.as_str())
+        self.models
+            .get(role)
+            .map_or("", |instrument| instrument.model.as_str())
     }
 
     /// Wraps a link's error with its role.
@@ -290,10 +414,14 @@ async fn open<D: Model + ?Sized>(
     dialects: &[&'static D],
     instrument: Option<&config::Instrument>,
 ) -> Result<Option<Instrument<D>>, BenchError> {
-    let Some(instrument) = instrument else { return Ok(None) };
+    let Some(instrument) = instrument else {
+        return Ok(None);
+    };
     let dialect = spoken(role, dialects, instrument)?;
     let link = link(connections, role, instrument, dialect.profile()).await?;
-    Ok(Some(Instrument::new(link, dialect).accepting(instrument.accept.clone())))
+    Ok(Some(
+        Instrument::new(link, dialect).accepting(instrument.accept.clone()),
+    ))
 }
 
 /// The dialect of an instrument's model.
@@ -302,7 +430,10 @@ fn spoken<D: Model + ?Sized>(
     dialects: &[&'static D],
     instrument: &config::Instrument,
 ) -> Result<&'static D, BenchError> {
-    by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect { role, model: instrument.model.clone() })
+    by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect {
+        role,
+        model: instrument.model.clone(),
+    })
 }
 
 /// The same without a connection.
@@ -312,14 +443,22 @@ fn unconnected<D: Model + ?Sized>(
     dialects: &[&'static D],
     instrument: Option<&config::Instrument>,
 ) -> Result<Option<Instrument<D>>, BenchError> {
-    let Some(instrument) = instrument else { return Ok(None) };
+    let Some(instrument) = instrument else {
+        return Ok(None);
+    };
     let dialect = spoken(role, dialects, instrument)?;
     let link = Link::unconnected(options(connections, role, instrument, dialect.profile()));
-    Ok(Some(Instrument::new(link, dialect).accepting(instrument.accept.clone())))
+    Ok(Some(
+        Instrument::new(link, dialect).accepting(instrument.accept.clone()),
+    ))
 }
 
 fn wrap(role: &'static str, model: &str, source: LinkError) -> BenchError {
-    BenchError::Link { role, model: model.to_owned(), source: Box::new(source) }
+    BenchError::Link {
+        role,
+        model: model.to_owned(),
+        source: Box::new(source),
+    }
 }
 
 async fn link(
@@ -332,13 +471,22 @@ async fn link(
     opened.map_err(|source| wrap(role, &instrument.model, source))
 }
 
-fn options(connections: &Connections, role: &'static str, instrument: &config::Instrument, profile: LinkProfile) -> LinkOptions {
+fn options(
+    connections: &Connections,
+    role: &'static str,
+    instrument: &config::Instrument,
+    profile: LinkProfile,
+) -> LinkOptions {
     LinkOptions {
         name: role.to_owned(),
         address: instrument.address.clone(),
         profile,
         clock: connections.clock.clone(),
         hub: connections.hub.clone(),
-        tap: connections.taps.get(role).cloned().unwrap_or_else(Tap::none),
+        tap: connections
+            .taps
+            .get(role)
+            .cloned()
+            .unwrap_or_else(Tap::none),
     }
 }

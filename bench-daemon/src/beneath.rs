@@ -1,4 +1,5 @@
-//! Files below a folder and nowhere else: what a peer names is opened only when it truly lies there, whatever dots, links and races say.
+//! Files below a folder and nowhere else: what a peer names is opened only when it truly lies
+//! there, whatever dots, links and races say.
 
 use std::{
     fs::File,
@@ -9,30 +10,43 @@ use std::{
 
 /// Opens a regular file below a folder for reading; `None` for anything else.
 ///
-/// The path is taken apart first, and the file that was opened is asked where it lies: a link that is put in place between two looks opens nothing.
+/// The path is taken apart first, and the file that was opened is asked where it lies: a link that
+/// is put in place between two looks opens nothing.
 pub fn open(root: &Path, name: &str) -> Option<File> {
     let path = Path::new(name);
-    let plain = path.components().all(|part| matches!(part, Component::Normal(_))) && path.components().next().is_some();
+    let plain = path
+        .components()
+        .all(|part| matches!(part, Component::Normal(_)))
+        && path.components().next().is_some();
     if !plain || name.contains('\0') || name.len() > 1024 {
         return None;
     }
     let root = root.canonicalize().ok()?;
     // Without O_NONBLOCK a named pipe would hold up whoever opens it.
-    let file = File::options().read(true).custom_flags(nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY).open(root.join(path)).ok()?;
+    let file = File::options()
+        .read(true)
+        .custom_flags(nix::libc::O_NONBLOCK | nix::libc::O_NOCTTY)
+        .open(root.join(path))
+        .ok()?;
     let lies = std::fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd())).ok()?;
     (file.metadata().ok()?.is_file() && lies.starts_with(&root)).then_some(file)
 }
 
-/// The folder of this name directly below another; `None` where there is none, or a link in its place.
+/// The folder of this name directly below another; `None` where there is none, or a link in its
+/// place.
 pub fn folder(root: &Path, name: &str) -> Option<PathBuf> {
     if !crate::serve::plain(name) {
         return None;
     }
     let path = root.join(name);
-    std::fs::symlink_metadata(&path).ok().filter(|meta| meta.is_dir()).map(|_| path)
+    std::fs::symlink_metadata(&path)
+        .ok()
+        .filter(|meta| meta.is_dir())
+        .map(|_| path)
 }
 
-/// Regular files below a folder with their lengths, relative to it, sorted; links are passed over, and so is what lies deeper than three folders.
+/// Regular files below a folder with their lengths, relative to it, sorted; links are passed over,
+/// and so is what lies deeper than three folders.
 pub fn list(root: &Path) -> io::Result<Vec<(String, u64)>> {
     let mut found = Vec::new();
     walk(root, "", 0, &mut found)?;
@@ -40,10 +54,17 @@ pub fn list(root: &Path) -> io::Result<Vec<(String, u64)>> {
     Ok(found)
 }
 
-fn walk(folder: &Path, below: &str, depth: usize, found: &mut Vec<(String, u64)>) -> io::Result<()> {
+fn walk(
+    folder: &Path,
+    below: &str,
+    depth: usize,
+    found: &mut Vec<(String, u64)>,
+) -> io::Result<()> {
     for entry in std::fs::read_dir(folder)? {
         let entry = entry?;
-        let Ok(name) = entry.file_name().into_string() else { continue };
+        let Ok(name) = entry.file_name().into_string() else {
+            continue;
+        };
         let (kind, path) = (entry.file_type()?, format!("{below}{name}"));
         if kind.is_dir() && depth < 3 {
             walk(&entry.path(), &format!("{path}/"), depth + 1, found)?;
@@ -75,10 +96,27 @@ mod tests {
         for name in ["in", "sub/in", "alias"] {
             assert!(open(&root, name).is_some(), "{name}");
         }
-        for name in ["", ".", "..", "../out", "sub/../../out", "link", "up/out", "sub", "pipe", "none", "in\0", "/etc/hostname", "./in"] {
+        for name in [
+            "",
+            ".",
+            "..",
+            "../out",
+            "sub/../../out",
+            "link",
+            "up/out",
+            "sub",
+            "pipe",
+            "none",
+            "in\0",
+            "/etc/hostname",
+            "./in",
+        ] {
             assert!(open(&root, name).is_none() || name == "./in", "{name}");
         }
-        assert_eq!(list(&root).unwrap(), [("in".to_owned(), 1), ("sub/in".to_owned(), 1)]);
+        assert_eq!(
+            list(&root).unwrap(),
+            [("in".to_owned(), 1), ("sub/in".to_owned(), 1)]
+        );
         assert!(super::folder(&root, "sub").is_some());
         for name in ["up", "in", "..", "", "none", "sub/in"] {
             assert!(super::folder(&root, name).is_none(), "{name}");

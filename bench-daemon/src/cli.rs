@@ -36,9 +36,11 @@ Examples:
   May these spectra be believed? Kramers–Kronig and more, with pictures:
     eis-bench kk SPECTRUM.csv --drt --out FOLDER
   Run a load profile through a pack of the fitted cells:
-    eis-bench simulate --model FOLDER/model_4rc.json --profile POWER.csv --series 16 --parallel 3 --ocv-v 3.72
+    eis-bench simulate --model FOLDER/model_4rc.json --profile POWER.csv --series 16 --parallel 3 \
+--ocv-v 3.72
   The same with the numbers of a paper, or with a fitted circuit:
-    eis-bench simulate --erm \"6.43 mΩ; 1.51 mΩ, 0.553 F; 4.77 mΩ, 1.084 kF\" --profile POWER.csv --ocv-v 3.72
+    eis-bench simulate --erm \"6.43 mΩ; 1.51 mΩ, 0.553 F; 4.77 mΩ, 1.084 kF\" --profile POWER.csv \
+--ocv-v 3.72
     eis-bench simulate --model FOLDER/circuit.json --profile POWER.csv --ocv-v 3.72
   Open-circuit voltage from a slow discharge:
     eis-bench ocv DISCHARGE.csv --out FOLDER
@@ -51,7 +53,8 @@ Examples:
   Yesterday's captures through today's analysis, and whether a folder is what it was:
     eis-bench replay runs/thesis
     eis-bench verify runs/thesis
-  A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a controller:
+  A spectrum for ZView, a time series for the Battery Data Alliance's tools, a model for a \
+controller:
     eis-bench convert SPECTRUM.csv --to zview --out FOLDER
     eis-bench convert SERIES.csv --to bdf-parquet --out FOLDER
     eis-bench convert model_4rc.json --to c --ocv ocv.json --out FOLDER
@@ -71,9 +74,11 @@ Exit codes:
   8  another process runs the bench, or the guardian of an earlier run is still at work on it
   9  the guardian cannot be started or was lost; the bench was brought into safe state
   10 a run folder is not what it was, or its numbers do not follow from its captures
-  11 the run, or what was recomputed of it, is finished, and the quality gate refused points: see the column `flags` of its spectra
+  11 the run, or what was recomputed of it, is finished, and the quality gate refused points: see \
+the column `flags` of its spectra
   12 the diagnosis is finished, and its verdict is that the data are invalid
-  130  stopped by Ctrl-C, Ctrl-Z, SIGTERM, `eis-bench abort` or the end of the terminal; the bench was brought into safe state";
+  130  stopped by Ctrl-C, Ctrl-Z, SIGTERM, `eis-bench abort` or the end of the terminal; the bench \
+was brought into safe state";
 
 /// Runs a battery test bench and turns what it measures into a model that a robot can trust.
 #[derive(Debug, Parser)]
@@ -104,9 +109,11 @@ enum Command {
     Plan(PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
     Mock(MockArgs),
-    /// Ask instruments who they are, what they can do and what is programmed into them. Changes nothing on any of them.
+    /// Ask instruments who they are, what they can do and what is programmed into them. Changes
+    /// nothing on any of them.
     Identify(IdentifyArgs),
-    /// Examine a bench before its first use: instruments, probes, drive, limits, safe state, guardian; writes a signed report.
+    /// Examine a bench before its first use: instruments, probes, drive, limits, safe state,
+    /// guardian; writes a signed report.
     Doctor(command::doctor::DoctorArgs),
     /// Switch a bench off, whoever runs it, and print what was read back.
     Safe(command::safe::SafeArgs),
@@ -119,17 +126,21 @@ enum Command {
     Fit(FitArgs),
     /// Size a pack of cells, or run a profile through packs of cells that differ.
     Pack(command::pack::PackArgs),
-    /// Test spectra: Kramers–Kronig, Z-HIT, linearity, stationarity; distribution of relaxation times.
+    /// Test spectra: Kramers–Kronig, Z-HIT, linearity, stationarity; distribution of relaxation
+    /// times.
     Kk(command::kk::KkArgs),
     /// Open-circuit voltage over state of charge from a slow discharge.
     Ocv(command::ocv::OcvArgs),
     /// Run load profiles through a fitted model, as a cell or as a pack.
     Simulate(command::simulate::SimulateArgs),
-    /// Fit the model to spectra and pulses together; say by how much the spectra alone miss the pulses.
+    /// Fit the model to spectra and pulses together; say by how much the spectra alone miss the
+    /// pulses.
     Joint(command::joint::JointArgs),
-    /// Find where a model and a data set disagree, which effect is missing, and whether adding it closes the gap.
+    /// Find where a model and a data set disagree, which effect is missing, and whether adding it
+    /// closes the gap.
     Diagnose(command::diagnose::DiagnoseArgs),
-    /// Run a campaign, diagnose it, run what the diagnosis asks for within a budget, and diagnose again.
+    /// Run a campaign, diagnose it, run what the diagnosis asks for within a budget, and diagnose
+    /// again.
     Investigate(command::investigate::InvestigateArgs),
     /// Print the catalogue of effects that a model may lack.
     Effects(command::effects::EffectsArgs),
@@ -145,7 +156,8 @@ enum Command {
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
     Token(command::token::TokenArgs),
-    /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels, scored.
+    /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels,
+    /// scored.
     Study(command::study::StudyArgs),
 }
 
@@ -170,7 +182,8 @@ pub struct RunArgs {
 pub struct ResumeArgs {
     /// The run folder.
     pub folder: PathBuf,
-    /// Play a step again although nobody knows which charge it moved before, or go on with a sweep although the cell has moved: the cell was looked at.
+    /// Play a step again although nobody knows which charge it moved before, or go on with a sweep
+    /// although the cell has moved: the cell was looked at.
     #[arg(long)]
     pub accept_charge: bool,
 }
@@ -191,24 +204,32 @@ pub struct MockArgs {
     /// The bench file; needs a section `[simulation]`.
     #[arg(required_unless_present = "replay")]
     pub bench: Option<PathBuf>,
-    /// Serve a recorded conversation instead: `transcripts/ROLE.txt` of a run folder, or another transcript. It answers as then, and ends at the first
-    /// message that is another.
+    /// Serve a recorded conversation instead: `transcripts/ROLE.txt` of a run folder, or another
+    /// transcript. It answers as then, and ends at the first message that is another.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["bench", "time", "write_bench", "seed"])]
     pub replay: Option<PathBuf>,
-    /// With --replay: the model whose conversation it is, where neither the file's name nor a manifest tells it.
+    /// With --replay: the model whose conversation it is, where neither the file's name nor a
+    /// manifest tells it.
     #[arg(long, value_name = "KEY", requires = "replay")]
     pub model: Option<String>,
     /// With --replay: where to listen.
-    #[arg(long, value_name = "HOST:PORT", default_value = "127.0.0.1:0", requires = "replay")]
+    #[arg(
+        long,
+        value_name = "HOST:PORT",
+        default_value = "127.0.0.1:0",
+        requires = "replay"
+    )]
     pub listen: String,
     /// Print the addresses as one line of JSON.
     #[arg(long)]
     pub json: bool,
-    /// Bench time: `real` or `scaled:FACTOR`; overrides the bench file. Clients must run at the same pace: --write-bench tells them.
+    /// Bench time: `real` or `scaled:FACTOR`; overrides the bench file. Clients must run at the
+    /// same pace: --write-bench tells them.
     #[arg(long, value_name = "MODE")]
     pub time: Option<String>,
-    /// Serve over another transport than the addresses name, on a free port of this machine: TRANSPORT for all instruments, ROLE=TRANSPORT for one; tcp,
-    /// vxi11, vxi11-mapped, hislip, gpib or serial. `memory:` addresses are served over tcp without it.
+    /// Serve over another transport than the addresses name, on a free port of this machine:
+    /// TRANSPORT for all instruments, ROLE=TRANSPORT for one; tcp, vxi11, vxi11-mapped, hislip,
+    /// gpib or serial. `memory:` addresses are served over tcp without it.
     #[arg(long, value_name = "[ROLE=]TRANSPORT")]
     pub over: Vec<crate::sim::Over>,
     /// Seed of the simulated world.
@@ -222,7 +243,8 @@ pub struct MockArgs {
 /// Arguments of `identify`.
 #[derive(Debug, Args)]
 pub struct IdentifyArgs {
-    /// Bench or experiment files, and addresses of single instruments: `tcp://HOST:PORT`, `serial:/dev/PORT?baud=9600`.
+    /// Bench or experiment files, and addresses of single instruments: `tcp://HOST:PORT`,
+    /// `serial:/dev/PORT?baud=9600`.
     #[arg(required = true, value_name = "CONFIG|ADDRESS")]
     pub of: Vec<String>,
     /// Print JSON.
@@ -233,7 +255,8 @@ pub struct IdentifyArgs {
 /// Arguments of `fit`.
 #[derive(Debug, Args)]
 pub struct FitArgs {
-    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis' `freq,offset,resistance,theta`, files of Gamry, EC-Lab, ZPlot, Autolab.
+    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis'
+    /// `freq,offset,resistance,theta`, files of Gamry, EC-Lab, ZPlot, Autolab.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Leave out what is below this frequency, Hz.
@@ -242,16 +265,19 @@ pub struct FitArgs {
     /// Leave out what is above this frequency, Hz.
     #[arg(long, default_value_t = f64::INFINITY, value_name = "HZ", hide_default_value = true)]
     pub to_hz: f64,
-    /// Fit points that the quality gate of their measurement refused, too: those of the column `flags`.
+    /// Fit points that the quality gate of their measurement refused, too: those of the column
+    /// `flags`.
     #[arg(long)]
     pub refused_points: bool,
     /// One fit over all spectra instead of one for each.
     #[arg(long)]
     pub pool: bool,
-    /// Orders: a number of RC pairs, several with commas, `all` for 1 to 4, or `auto` for the one that the data bear.
+    /// Orders: a number of RC pairs, several with commas, `all` for 1 to 4, or `auto` for the one
+    /// that the data bear.
     #[arg(long, default_value = "all", value_name = "N|all|auto")]
     pub rc: String,
-    /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or `complex` (least squares).
+    /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or
+    /// `complex` (least squares).
     #[arg(long, default_value = "complex")]
     pub objective: String,
     /// Charge storage of the cell.

@@ -1,5 +1,5 @@
-//! What is around a run on a bench with instruments outside this process: the lock, the latch, and the guardian. A bench that is simulated in this
-//! process has none of them.
+//! What is around a run on a bench with instruments outside this process: the lock, the latch, and
+//! the guardian. A bench that is simulated in this process has none of them.
 
 mod aftermath;
 
@@ -20,16 +20,20 @@ use crate::{
     state::{Latched, Lock, State, StateError},
 };
 
-/// Refuses a bench that is latched or run by somebody else, before anything is made for a run, and settles what a run has left that died together with
-/// its guardian.
+/// Refuses a bench that is latched or run by somebody else, before anything is made for a run, and
+/// settles what a run has left that died together with its guardian.
 ///
 /// # Errors
 /// [`StateError::Latched`], [`StateError::Busy`]; a bench that cannot be switched off.
 pub fn refuse(bench: &config::Bench) -> Result<(), Failure> {
-    let Some(state) = State::of(bench)? else { return Ok(()) };
+    let Some(state) = State::of(bench)? else {
+        return Ok(());
+    };
     state.refuse_latched()?;
     state.refuse_busy()?;
-    let Some(open) = state.open_run()? else { return Ok(()) };
+    let Some(open) = state.open_run()? else {
+        return Ok(());
+    };
     let _lock = state.lock(&open.holder.run)?;
     Clock::runtime(bench.time())?.block_on(async {
         let clock = Clock::start(bench.time());
@@ -59,14 +63,22 @@ struct Around {
 }
 
 impl Custody {
-    /// Locks the bench, refuses a latched one, starts the guardian, and says that outputs may be on from here on. Nothing was connected to before, and no
-    /// output is on.
+    /// Locks the bench, refuses a latched one, starts the guardian, and says that outputs may be on
+    /// from here on. Nothing was connected to before, and no output is on.
     ///
     /// # Errors
-    /// A bench that is run by somebody else or latched; a guardian that cannot reach its instruments.
-    pub async fn take(experiment: &Experiment, run: &Path, (clock, doing): (&Clock, &Doing)) -> Result<Self, Failure> {
+    /// A bench that is run by somebody else or latched; a guardian that cannot reach its
+    /// instruments.
+    pub async fn take(
+        experiment: &Experiment,
+        run: &Path,
+        (clock, doing): (&Clock, &Doing),
+    ) -> Result<Self, Failure> {
         let limits = &experiment.cell.limits;
-        let source = experiment.sources.iter().find(|source| source.path() == experiment.bench.path);
+        let source = experiment
+            .sources
+            .iter()
+            .find(|source| source.path() == experiment.bench.path);
         let sha256 = source.map_or_else(String::new, |source| hash::sha256(source.text()));
         Self::take_for(
             &Charge {
@@ -85,20 +97,42 @@ impl Custody {
     ///
     /// # Errors
     /// As [`Custody::take`].
-    pub async fn take_for(charge: &Charge<'_>, (clock, doing): (&Clock, &Doing)) -> Result<Self, Failure> {
-        let Some(state) = State::of(charge.bench)? else { return Ok(Self { around: None, clock: clock.clone() }) };
+    pub async fn take_for(
+        charge: &Charge<'_>,
+        (clock, doing): (&Clock, &Doing),
+    ) -> Result<Self, Failure> {
+        let Some(state) = State::of(charge.bench)? else {
+            return Ok(Self {
+                around: None,
+                clock: clock.clone(),
+            });
+        };
         let run = std::path::absolute(charge.run)?;
         let lock = state.lock(&run)?;
         state.refuse_latched()?;
         left(charge.bench, &state, clock).await?;
-        let charge =
-            Charge { bench: charge.bench, run: &run, window_v: charge.window_v, cell_c: charge.cell_c, sha256: charge.sha256.clone() };
+        let charge = Charge {
+            bench: charge.bench,
+            run: &run,
+            window_v: charge.window_v,
+            cell_c: charge.cell_c,
+            sha256: charge.sha256.clone(),
+        };
         let keeper = Keeper::start(&charge, (clock, doing)).await?;
         if let Err(error) = state.begin(&run) {
             keeper.dismiss(clock).await;
             return Err(error.into());
         }
-        Ok(Self { around: Some(Around { state, keeper, run, doing: doing.clone(), _lock: lock }), clock: clock.clone() })
+        Ok(Self {
+            around: Some(Around {
+                state,
+                keeper,
+                run,
+                doing: doing.clone(),
+                _lock: lock,
+            }),
+            clock: clock.clone(),
+        })
     }
 
     /// Waits until the guardian is no longer there; for ever where there is none.
@@ -109,16 +143,29 @@ impl Custody {
         }
     }
 
-    /// Gives the bench back: latches it where a person has to look, and dismisses the guardian, or leaves an unverified safe state to it. The bench's
-    /// connections must be closed.
+    /// Gives the bench back: latches it where a person has to look, and dismisses the guardian, or
+    /// leaves an unverified safe state to it. The bench's connections must be closed.
     pub async fn end<T>(self, outcome: Result<T, Failure>) -> Result<T, Failure> {
-        let Some(Around { state, keeper, run, doing, _lock }) = self.around else { return outcome };
+        let Some(Around {
+            state,
+            keeper,
+            run,
+            doing,
+            _lock,
+        }) = self.around
+        else {
+            return outcome;
+        };
         let mut latched = Ok(());
         if let Some(cause) = outcome.as_ref().err().and_then(cause) {
             latched = state.latch(&cause.during(&run, &doing.now().step));
         }
         if matches!(outcome, Err(Failure::Unsafe { .. })) {
-            tracing::warn!("the guardian, process {}, goes on trying; {}", keeper.pid(), state.path("guardian.log").display());
+            tracing::warn!(
+                "the guardian, process {}, goes on trying; {}",
+                keeper.pid(),
+                state.path("guardian.log").display()
+            );
             keeper.hand_over();
         } else {
             keeper.dismiss(&self.clock).await;
@@ -137,7 +184,9 @@ impl Custody {
 fn cause(failure: &Failure) -> Option<Latched> {
     match failure {
         Failure::Execute(ExecuteError::Trip(trip)) => Some(Latched::of_trip("daemon", trip)),
-        Failure::Unsafe { .. } | Failure::Execute(ExecuteError::CellLeftIn { .. }) => Some(Latched::new("daemon", &failure.to_string())),
+        Failure::Unsafe { .. } | Failure::Execute(ExecuteError::CellLeftIn { .. }) => {
+            Some(Latched::new("daemon", &failure.to_string()))
+        }
         _ => None,
     }
 }

@@ -1,9 +1,11 @@
-//! The crash drill: the process kills itself (SIGKILL) at a chosen point, or the disk is full for a file, so that what remains can be looked at. For
-//! simulated benches only.
+//! The crash drill: the process kills itself (SIGKILL) at a chosen point, or the disk is full for a
+//! file, so that what remains can be looked at. For simulated benches only.
 //!
-//! `EIS_BENCH_DRILL=exchange:N` dies at the N-th line of all transcripts together: a message that is just about to be sent, or an answer that has just
-//! arrived. `EIS_BENCH_DRILL=journal:N` dies at the N-th end of a write to the journal, the even ones after it, the odd ones before it.
-//! `EIS_BENCH_DRILL=full:NAME:N` lets the N-th write to files of the run folder whose names begin so fail, and all after it.
+//! `EIS_BENCH_DRILL=exchange:N` dies at the N-th line of all transcripts together: a message that
+//! is just about to be sent, or an answer that has just arrived. `EIS_BENCH_DRILL=journal:N` dies
+//! at the N-th end of a write to the journal, the even ones after it, the odd ones before it.
+//! `EIS_BENCH_DRILL=full:NAME:N` lets the N-th write to files of the run folder whose names begin
+//! so fail, and all after it.
 
 use std::{
     io::{self, Write},
@@ -52,7 +54,10 @@ impl Drill {
     pub fn from_environment(simulated: bool) -> Result<Self, String> {
         match std::env::var(VARIABLE) {
             Ok(text) if simulated => Self::parse(&text),
-            Ok(_) => Err(format!("{VARIABLE}: expected a bench with a section [simulation]: nothing else may die in the middle")),
+            Ok(_) => Err(format!(
+                "{VARIABLE}: expected a bench with a section [simulation]: nothing else may die in \
+                the middle"
+            )),
             Err(_) => Ok(Self::none()),
         }
     }
@@ -62,13 +67,21 @@ impl Drill {
         let found = text.split_once(':').and_then(|(kind, number)| match kind {
             "exchange" => Some((Kind::Exchange, at(number)?)),
             "journal" => Some((Kind::Journal, at(number)?)),
-            "full" => number.rsplit_once(':').and_then(|(name, number)| Some((Kind::Full(name.to_owned()), at(number)?))),
+            "full" => number
+                .rsplit_once(':')
+                .and_then(|(name, number)| Some((Kind::Full(name.to_owned()), at(number)?))),
             _ => None,
         });
         let (kind, number) = found.ok_or_else(|| {
-            format!("{VARIABLE}: expected `exchange:NUMBER`, `journal:NUMBER` or `full:NAME:NUMBER`, numbers from 1, found {text:?}")
+            format!(
+                "{VARIABLE}: expected `exchange:NUMBER`, `journal:NUMBER` or \
+            `full:NAME:NUMBER`, numbers from 1, found {text:?}"
+            )
         })?;
-        Ok(Self(Some(Arc::new(Inner { kind, left: AtomicU64::new(number) }))))
+        Ok(Self(Some(Arc::new(Inner {
+            kind,
+            left: AtomicU64::new(number),
+        }))))
     }
 
     /// A message goes out or an answer has come.
@@ -87,14 +100,20 @@ impl Drill {
     /// As the system says it of a full disk.
     pub fn room(&self, name: &str) -> io::Result<()> {
         let full = |inner: &&Arc<Inner>| matches!(&inner.kind, Kind::Full(prefix) if name.starts_with(prefix));
-        let Some(inner) = self.0.as_ref().filter(full) else { return Ok(()) };
+        let Some(inner) = self.0.as_ref().filter(full) else {
+            return Ok(());
+        };
         let less = |left: u64| (left > 1).then(|| left - 1);
-        let left = inner.left.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
+        let left = inner
+            .left
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
         left.map_or_else(|_| Err(io::Error::from_raw_os_error(NO_SPACE)), |_| Ok(()))
     }
 
     fn count(&self, kind: &Kind) {
-        let Some(inner) = self.0.as_ref().filter(|inner| inner.kind == *kind) else { return };
+        let Some(inner) = self.0.as_ref().filter(|inner| inner.kind == *kind) else {
+            return;
+        };
         if inner.left.fetch_sub(1, Ordering::Relaxed) == 1 {
             // Nothing that comes after this is reached: no destructor, no flush, no safe state.
             let _ = raise(Signal::SIGKILL);
@@ -102,8 +121,16 @@ impl Drill {
     }
 
     /// A transcript each of whose lines is a point of the drill, once it is written.
-    pub fn transcript<W: Write + Send + 'static>(&self, file: W, name: String) -> impl Write + Send + 'static + use<W> {
-        Drilled { file, name, drill: self.clone() }
+    pub fn transcript<W: Write + Send + 'static>(
+        &self,
+        file: W,
+        name: String,
+    ) -> impl Write + Send + 'static + use<W> {
+        Drilled {
+            file,
+            name,
+            drill: self.clone(),
+        }
     }
 }
 
@@ -136,11 +163,21 @@ mod tests {
         for text in ["exchange:1", "journal:2000", "full:captures/cell:1"] {
             assert!(Drill::parse(text).is_ok(), "{text}");
         }
-        for text in ["", "exchange", "exchange:0", "exchange:-1", "spoon:1", "journal:x", "full:1", "full:events.csv:0"] {
+        for text in [
+            "",
+            "exchange",
+            "exchange:0",
+            "exchange:-1",
+            "spoon:1",
+            "journal:x",
+            "full:1",
+            "full:events.csv:0",
+        ] {
             let message = Drill::parse(text).map(|_| ()).unwrap_err();
             assert!(
                 message.starts_with(
-                    "EIS_BENCH_DRILL: expected `exchange:NUMBER`, `journal:NUMBER` or `full:NAME:NUMBER`, numbers from 1, found "
+                    "EIS_BENCH_DRILL: expected `exchange:NUMBER`, `journal:NUMBER` or \
+                    `full:NAME:NUMBER`, numbers from 1, found "
                 ),
                 "{message}"
             );
@@ -154,14 +191,31 @@ mod tests {
             drill.journal();
         }
         drill.exchange();
-        assert_eq!(drill.0.map(|inner| inner.left.load(Ordering::Relaxed)), Some(1));
+        assert_eq!(
+            drill.0.map(|inner| inner.left.load(Ordering::Relaxed)),
+            Some(1)
+        );
     }
 
     #[test]
     fn a_disk_is_full_for_the_named_files_from_the_named_write_on() {
         let drill = Drill::parse("full:raw_:2").unwrap();
         let full = |name: &str| drill.room(name).is_err();
-        assert_eq!([full("events.csv"), full("raw_cell.csv"), full("raw_shunt.csv"), full("raw_cell.csv")], [false, false, true, true]);
-        assert!(drill.room("raw_cell.csv").unwrap_err().to_string().starts_with("No space left on device"));
+        assert_eq!(
+            [
+                full("events.csv"),
+                full("raw_cell.csv"),
+                full("raw_shunt.csv"),
+                full("raw_cell.csv")
+            ],
+            [false, false, true, true]
+        );
+        assert!(
+            drill
+                .room("raw_cell.csv")
+                .unwrap_err()
+                .to_string()
+                .starts_with("No space left on device")
+        );
     }
 }

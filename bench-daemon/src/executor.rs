@@ -1,5 +1,5 @@
-//! The one loop: steps of a checked plan → instruments → readings and records. Whoever drives it brings the bench into safe state afterwards,
-//! whatever the outcome.
+//! The one loop: steps of a checked plan → instruments → readings and records. Whoever drives it
+//! brings the bench into safe state afterwards, whatever the outcome.
 
 mod agree;
 mod ahead;
@@ -118,7 +118,8 @@ pub struct Executor<'a> {
     shown_v: Option<f64>,
     /// What the power-up in work allows of the current, A.
     powered_a: Option<f64>,
-    /// Scales of the shunt's channels, V per division, and what a record on them shows while no direct current flows, A: from the first since the power-up.
+    /// Scales of the shunt's channels, V per division, and what a record on them shows while no
+    /// direct current flows, A: from the first since the power-up.
     first_mean: Option<([f64; 2], f64)>,
     /// By how much the mean of the current has changed since then, A.
     mean_change_a: f64,
@@ -178,7 +179,11 @@ impl<'a> Executor<'a> {
             verticals: [None; 4],
             applied: [None; 4],
             trigger_v: Volts(0.0),
-            interlock: Interlock::new(experiment.cell.interlock, experiment.cell.limits, experiment.bench.instruments.logger.is_some()),
+            interlock: Interlock::new(
+                experiment.cell.interlock,
+                experiment.cell.limits,
+                experiment.bench.instruments.logger.is_some(),
+            ),
             polls: 0,
             mounted: None,
             specimen: None,
@@ -215,8 +220,9 @@ impl<'a> Executor<'a> {
         }
     }
 
-    /// Executes one stage, given with its number in the plan, from where `entrance` says; `on_point` gets every finished point as soon as it and its
-    /// capture are on disk. Returns all points, those that were there before included.
+    /// Executes one stage, given with its number in the plan, from where `entrance` says;
+    /// `on_point` gets every finished point as soon as it and its capture are on disk. Returns all
+    /// points, those that were there before included.
     ///
     /// # Errors
     /// The first thing that went wrong. The outputs may then still be on.
@@ -228,10 +234,16 @@ impl<'a> Executor<'a> {
     ) -> Result<Vec<SweepPoint>, ExecuteError> {
         tracing::info!("stage: {}", stage.purpose);
         self.recorder.journal(Entry::Stage { stage: number })?;
-        self.recorder.event(Event::Stage, &stage.purpose.to_string())?;
+        self.recorder
+            .event(Event::Stage, &stage.purpose.to_string())?;
         let mut points: Vec<SweepPoint> = Vec::new();
         let mut fixture = Fixture::Cell;
-        self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose { repeat } else { 0 };
+        self.repeat = if let Purpose::Sweep(_, repeat) | Purpose::Multisine(repeat) = stage.purpose
+        {
+            repeat
+        } else {
+            0
+        };
         self.spent = gate::Spent::of(entrance.points.iter().map(|known| &known.point));
         if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
             // Where it ends, nothing is left of what traces have moved before.
@@ -250,10 +262,17 @@ impl<'a> Executor<'a> {
             tracing::info!("step: {step}");
             let allowance = self.allowance(fixture, step);
             if !self.was_announced(index) {
-                self.recorder.journal(Entry::Intent { stage: number, step: index, text: step.to_string(), live: allowance.live })?;
+                self.recorder.journal(Entry::Intent {
+                    stage: number,
+                    step: index,
+                    text: step.to_string(),
+                    live: allowance.live,
+                })?;
                 self.recorder.event(Event::Step, &step.to_string())?;
             }
-            self.look_ahead((number, stage), index, |at, step| entrance.plays(stage, (at, step)));
+            self.look_ahead((number, stage), index, |at, step| {
+                entrance.plays(stage, (at, step))
+            });
             self.progress.begin(&stage.title(), step);
             self.interlock.begin(allowance, self.clock.machine_s());
             if let Step::Mount(other) = *step {
@@ -262,18 +281,28 @@ impl<'a> Executor<'a> {
             match *step {
                 Step::Recheck { .. } if matches!(stage.purpose, Purpose::Multisine(_)) => {
                     self.recheck_bands(stage, &mut points).await?;
-                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                    self.recorder.journal(Entry::Done {
+                        stage: number,
+                        step: index,
+                    })?;
                 }
                 Step::Recheck { .. } => {
                     for at in self.recheck(fixture, stage, &mut points).await? {
                         // The later entry of a step counts.
-                        self.recorder.point((number, at.0), self.idle, &points[at.1])?;
+                        self.recorder
+                            .point((number, at.0), self.idle, &points[at.1])?;
                     }
-                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                    self.recorder.journal(Entry::Done {
+                        stage: number,
+                        step: index,
+                    })?;
                 }
                 Step::Multisine(ref band) => {
                     self.gated_band(band, &mut points).await?;
-                    self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                    self.recorder.journal(Entry::Done {
+                        stage: number,
+                        step: index,
+                    })?;
                 }
                 _ => {
                     if let Some(point) = self.play(fixture, step).await? {
@@ -281,7 +310,10 @@ impl<'a> Executor<'a> {
                         on_point(self.recorder, &point)?;
                         points.push(point);
                     } else {
-                        self.recorder.journal(Entry::Done { stage: number, step: index })?;
+                        self.recorder.journal(Entry::Done {
+                            stage: number,
+                            step: index,
+                        })?;
                     }
                 }
             }
@@ -294,13 +326,18 @@ impl<'a> Executor<'a> {
         Ok(points)
     }
 
-    /// Takes over from an earlier process: the cell that was in use, and the charge that traces have left in it, C.
+    /// Takes over from an earlier process: the cell that was in use, and the charge that traces
+    /// have left in it, C.
     pub fn take_over(&mut self, specimen: Option<Arc<Specimen>>, charge_c: f64) {
         (self.specimen, self.charge_c) = (specimen, charge_c);
     }
 
     /// Plays one step; a sine gives a point.
-    async fn play(&mut self, fixture: Fixture, step: &Step) -> Result<Option<SweepPoint>, ExecuteError> {
+    async fn play(
+        &mut self,
+        fixture: Fixture,
+        step: &Step,
+    ) -> Result<Option<SweepPoint>, ExecuteError> {
         match *step {
             Step::Specimen(ref specimen, run) => {
                 self.run = Some(run);
@@ -325,7 +362,8 @@ impl<'a> Executor<'a> {
         Ok(None)
     }
 
-    /// Takes another cell into use. Where a person does it, they are asked when it is to be clamped.
+    /// Takes another cell into use. Where a person does it, they are asked when it is to be
+    /// clamped.
     async fn insert(&mut self, specimen: &Arc<Specimen>) -> Result<(), ExecuteError> {
         self.bench.made_safe().await.map_err(BenchError::from)?;
         self.bench.off_again().await?;
@@ -351,17 +389,22 @@ impl<'a> Executor<'a> {
         self.verticals = [None; 4];
         self.trigger_v = Volts(0.0);
         if fixture == Fixture::Short {
-            // A bar across a cell is a dead short, whatever the outputs do: it is looked for before anybody reaches into the jig.
+            // A bar across a cell is a dead short, whatever the outputs do: it is looked for before
+            // anybody reaches into the jig.
             self.refuse_a_cell("before mounting the short").await?;
         }
         self.bench.off_again().await?;
-        match (&self.experiment.bench.instruments.jig, self.bench.jig.as_mut()) {
+        match (
+            &self.experiment.bench.instruments.jig,
+            self.bench.jig.as_mut(),
+        ) {
             (Some(config::Jig::Device(_)), Some(jig)) => {
                 let mounted = jig.mount(fixture).await;
                 mounted.map_err(self.bench.error("jig"))?;
             }
             // Whoever put it there need not be asked again.
-            (Some(config::Jig::Person), _) if self.mounted == Some((fixture, self.specimen.clone())) => {}
+            (Some(config::Jig::Person), _)
+                if self.mounted == Some((fixture, self.specimen.clone())) => {}
             (Some(config::Jig::Person), _) => {
                 let _person = self.clock.wait(None);
                 tokio::select! {
@@ -385,6 +428,9 @@ impl<'a> Executor<'a> {
 }
 
 /// The instrument of a role, or a complaint that the bench lacks it.
-fn require<'b, T>(instrument: &'b mut Option<T>, role: &'static str) -> Result<&'b mut T, BenchError> {
+fn require<'b, T>(
+    instrument: &'b mut Option<T>,
+    role: &'static str,
+) -> Result<&'b mut T, BenchError> {
     instrument.as_mut().ok_or(BenchError::Missing { role })
 }

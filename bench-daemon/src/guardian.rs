@@ -1,14 +1,18 @@
-//! The guardian: a second process that can only switch off. It drives nothing and measures nothing for the run; it waits for the daemon's life to end.
+//! The guardian: a second process that can only switch off. It drives nothing and measures nothing
+//! for the run; it waits for the daemon's life to end.
 //!
-//! The daemon starts it before anything is energised and tells it over a pipe, five times a second, that it is alive ([`Keeper`]). The pipe ends when
-//! the daemon dies; a daemon that hangs or is stopped stays silent for longer than the lease, and is killed, so that it cannot come back in the
-//! middle. Then the guardian connects by itself, switches off in the order of [`Bench::safe_state`], reads back, and tries again until it has succeeded.
+//! The daemon starts it before anything is energised and tells it over a pipe, five times a second,
+//! that it is alive ([`Keeper`]). The pipe ends when the daemon dies; a daemon that hangs or is
+//! stopped stays silent for longer than the lease, and is killed, so that it cannot come back in
+//! the middle. Then the guardian connects by itself, switches off in the order of
+//! [`Bench::safe_state`], reads back, and tries again until it has succeeded.
 //!
-//! What moves charge comes first. Relays of a bath are opened beside it, and a bath that closes its own loop is looked at behind it; neither keeps the guardian
-//! from verifying the rest.
+//! What moves charge comes first. Relays of a bath are opened beside it, and a bath that closes its
+//! own loop is looked at behind it; neither keeps the guardian from verifying the rest.
 //!
-//! Every instrument of the bench is to be treated as one that takes a single client. So the guardian reaches and identifies each of them before the
-//! daemon connects, lets go of them, and connects again when the daemon is dead.
+//! Every instrument of the bench is to be treated as one that takes a single client. So the
+//! guardian reaches and identifies each of them before the daemon connects, lets go of them, and
+//! connects again when the daemon is dead.
 
 mod keeper;
 
@@ -53,7 +57,8 @@ const REPORT: &str = "guardian.json";
 pub const DRIVES: [&str; 4] = ["supply4q", "generator", "load", "supply"];
 /// What is switched off or looked at.
 const ROLES: [&str; 5] = ["supply4q", "generator", "load", "supply", "chiller"];
-/// So long after everything else was off it goes on trying to reach a board of relays, s: the longest pulse of one has ended by then.
+/// So long after everything else was off it goes on trying to reach a board of relays, s: the
+/// longest pulse of one has ended by then.
 const RELAYS_DROP_S: f64 = 90.0;
 /// Pauses between two attempts, s: each twice the one before, up to the last.
 const BACKOFF_S: (f64, f64) = (1.0, 10.0);
@@ -112,7 +117,8 @@ pub struct Report {
     pub step: String,
     /// How often it has switched off.
     pub attempts: u32,
-    /// What the last of these times has shown, as `eis-bench safe --json` prints it; not in the file of an older guardian.
+    /// What the last of these times has shown, as `eis-bench safe --json` prints it; not in the
+    /// file of an older guardian.
     #[serde(flatten)]
     pub safe: Option<SafeReport>,
     /// Least and greatest temperature of the cell, °C.
@@ -137,7 +143,8 @@ impl Report {
     }
 }
 
-/// Least and greatest temperature, °C, that the cell of the last run on a bench bears; none where that is not known.
+/// Least and greatest temperature, °C, that the cell of the last run on a bench bears; none where
+/// that is not known.
 pub fn last_cell_c(state: &State) -> Option<(f64, f64)> {
     let text = std::fs::read_to_string(state.path(REPORT)).ok()?;
     let report: serde_json::Value = serde_json::from_str(&text).ok()?;
@@ -180,15 +187,27 @@ impl<'a> Watch<'a> {
         let state = State::of(charge.bench)?.ok_or(GuardianError::NothingToGuard)?;
         let place = state.lock_guardian()?.ok_or(GuardianError::Another)?;
         let log = state.path("guardian.log");
-        logging::log_to_limited(&log, clock).map_err(|source| StateError::Io { path: log, what: "cannot be written", source })?;
+        logging::log_to_limited(&log, clock).map_err(|source| StateError::Io {
+            path: log,
+            what: "cannot be written",
+            source,
+        })?;
         let mut taps = BTreeMap::new();
         for role in ROLES {
             let path = state.path(&format!("guardian_{role}.txt"));
             let begun = File::create(&path).and_then(|_| logging::Limited::open(&path));
-            let file = begun.map_err(|source| StateError::Io { path, what: "cannot be written", source })?;
+            let file = begun.map_err(|source| StateError::Io {
+                path,
+                what: "cannot be written",
+                source,
+            })?;
             taps.insert(role, Tap::new(file));
         }
-        let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps };
+        let connections = Connections {
+            clock: clock.clone(),
+            hub: MemoryHub::new(),
+            taps,
+        };
         reach(charge.bench, &connections).await?;
         let report = Report {
             pid: pid(),
@@ -213,7 +232,17 @@ impl<'a> Watch<'a> {
             report.daemon,
             charge.bench.name
         );
-        Ok(Self { charge, clock: clock.clone(), state, connections, report, cell: false, words: words(), latched: None, _place: place })
+        Ok(Self {
+            charge,
+            clock: clock.clone(),
+            state,
+            connections,
+            report,
+            cell: false,
+            words: words(),
+            latched: None,
+            _place: place,
+        })
     }
 
     async fn keep(mut self) -> Result<(), GuardianError> {
@@ -224,7 +253,9 @@ impl<'a> Watch<'a> {
                     tracing::info!("goodbye");
                     return self.tell(Status::Dismissed);
                 }
-                Ok(Some(word)) if word == TAKE_OVER => break "the daemon could not verify safe state",
+                Ok(Some(word)) if word == TAKE_OVER => {
+                    break "the daemon could not verify safe state";
+                }
                 Ok(Some(word)) => {
                     if let Some(doing) = word.strip_prefix(DOING) {
                         self.heard(doing);
@@ -246,7 +277,10 @@ impl<'a> Watch<'a> {
     /// What is in the jig, at which set-point the bath was started, and the step.
     fn heard(&mut self, doing: &str) {
         let mut words = doing.splitn(3, ' ');
-        let (Some(fixture), Some(bath), Some(step)) = (words.next(), words.next(), words.next()) else { return };
+        let (Some(fixture), Some(bath), Some(step)) = (words.next(), words.next(), words.next())
+        else {
+            return;
+        };
         (self.cell, self.report.step) = (fixture == "cell", step.to_owned());
         let bath_c = bath.parse().ok();
         if self.report.bath_c != bath_c {
@@ -256,12 +290,16 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// A daemon that came back in the middle would be worse than one that is gone, and its connections keep others out.
+    /// A daemon that came back in the middle would be worse than one that is gone, and its
+    /// connections keep others out.
     async fn end_daemon(&mut self) {
         let daemon = Pid::from_raw(self.report.daemon);
         // As long as it is the parent, the number is its own.
         if getppid() == daemon {
-            tracing::warn!("no word from process {daemon} within {} s: killing it", self.charge.bench.guardian.lease_s);
+            tracing::warn!(
+                "no word from process {daemon} within {} s: killing it",
+                self.charge.bench.guardian.lease_s
+            );
             if let Err(error) = kill(daemon, Signal::SIGKILL) {
                 tracing::error!("process {daemon} cannot be killed: {error}");
             }
@@ -276,7 +314,8 @@ impl<'a> Watch<'a> {
     async fn switch_off(mut self) -> Result<(), GuardianError> {
         let start_s = self.clock.now_s();
         let mut pause_s = BACKOFF_S.0;
-        // A report that cannot be written, on a full disk perhaps, must not keep it from switching off.
+        // A report that cannot be written, on a full disk perhaps, must not keep it from switching
+        // off.
         self.note(Status::SwitchingOff);
         loop {
             self.report.attempts += 1;
@@ -294,7 +333,10 @@ impl<'a> Watch<'a> {
             }
             self.failed(&safe);
             // A pulse has ended by itself, and the bench is latched.
-            if safe.drives_verified() && safe.bath_is_silent() && took_s >= self.report.took_s.unwrap_or(took_s) + RELAYS_DROP_S {
+            if safe.drives_verified()
+                && safe.bath_is_silent()
+                && took_s >= self.report.took_s.unwrap_or(took_s) + RELAYS_DROP_S
+            {
                 self.report.bath_ended = Some(safe.message.clone());
                 return self.verified(&safe, Status::BathNotReached);
             }
@@ -307,22 +349,45 @@ impl<'a> Watch<'a> {
         }
     }
 
-    /// A bath that closes its own loop goes on, unless it is no longer set as the run has set it. Looked at once, when nothing moves charge any more.
+    /// A bath that closes its own loop goes on, unless it is no longer set as the run has set it.
+    /// Looked at once, when nothing moves charge any more.
     async fn bath(&mut self, bench: &mut Bench) {
-        let Some(setpoint_c) = self.report.bath_c else { return };
-        let Some(bath) = bench.stray_bath_of(setpoint_c).await else { return };
+        let Some(setpoint_c) = self.report.bath_c else {
+            return;
+        };
+        let Some(bath) = bench.stray_bath_of(setpoint_c).await else {
+            return;
+        };
         tracing::warn!("{bath}");
         if bath.astray {
-            self.latch(Latched::new("guardian", &format!("{}: {bath}", self.cause())));
+            self.latch(Latched::new(
+                "guardian",
+                &format!("{}: {bath}", self.cause()),
+            ));
         }
         self.report.bath_ended = Some(bath.words);
     }
 
     fn failed(&mut self, safe: &SafeReport) {
-        tracing::error!("attempt {}: {}; {}", self.report.attempts, safe.message, safe.troubles());
+        tracing::error!(
+            "attempt {}: {}; {}",
+            self.report.attempts,
+            safe.message,
+            safe.troubles()
+        );
         if self.report.attempts == 1 {
-            tracing::error!("trying again until it succeeds; to end this, kill process {}", pid());
-            self.latch(Latched::new("guardian", &format!("{}, and the guardian cannot switch off: {}", self.cause(), safe.message)));
+            tracing::error!(
+                "trying again until it succeeds; to end this, kill process {}",
+                pid()
+            );
+            self.latch(Latched::new(
+                "guardian",
+                &format!(
+                    "{}, and the guardian cannot switch off: {}",
+                    self.cause(),
+                    safe.message
+                ),
+            ));
         }
         self.note(Status::SwitchingOff);
     }
@@ -337,22 +402,53 @@ impl<'a> Watch<'a> {
     /// Everything that moves charge is off.
     fn verified(&mut self, safe: &SafeReport, status: Status) -> Result<(), GuardianError> {
         let took_s = self.report.took_s.unwrap_or(0.0);
-        tracing::warn!("{}, {took_s:.1} s after the guardian stepped in", if safe.verified { EVERYTHING } else { &safe.message });
+        tracing::warn!(
+            "{}, {took_s:.1} s after the guardian stepped in",
+            if safe.verified {
+                EVERYTHING
+            } else {
+                &safe.message
+            }
+        );
         // The load's leads see the cell itself. What cannot be read any more may be anything.
-        let read = |role: &&str| safe.outputs.iter().find(|output| output.role == *role)?.volts;
-        let volts = ["load", "supply4q"].iter().find_map(read).unwrap_or(f64::NAN);
+        let read = |role: &&str| {
+            safe.outputs
+                .iter()
+                .find(|output| output.role == *role)?
+                .volts
+        };
+        let volts = ["load", "supply4q"]
+            .iter()
+            .find_map(read)
+            .unwrap_or(f64::NAN);
         let (least, greatest) = self.charge.window_v;
-        if let Some(value) = Some(volts).filter(|volts| self.cell && !(least..=greatest).contains(volts)) {
+        if let Some(value) =
+            Some(volts).filter(|volts| self.cell && !(least..=greatest).contains(volts))
+        {
             let what = "cell voltage, found by the guardian after it had switched off,";
-            let trip = Trip::Limit { what, value, unit: "V", least, greatest, time_s: self.clock.now_s() };
+            let trip = Trip::Limit {
+                what,
+                value,
+                unit: "V",
+                least,
+                greatest,
+                time_s: self.clock.now_s(),
+            };
             self.latch(Latched::of_trip("guardian", &trip));
         }
         self.note(status);
         // After the latch: where that could not be written, the run stays open.
-        if let Err(error) = self.latched.take().unwrap_or(Ok(())).and_then(|()| self.state.settled()) {
+        if let Err(error) = self
+            .latched
+            .take()
+            .unwrap_or(Ok(()))
+            .and_then(|()| self.state.settled())
+        {
             tracing::error!("{error}");
         }
-        Ok(self.state.remember(&serde_json::json!({ "what": "switched off by the guardian", "report": self.report }))?)
+        Ok(self.state.remember(
+            &serde_json::json!({ "what": "switched off by the guardian", "report": self.report }),
+        )?)
     }
 
     fn cause(&self) -> &str {
@@ -360,7 +456,9 @@ impl<'a> Watch<'a> {
     }
 
     fn latch(&mut self, trip: Latched) {
-        let latched = self.state.latch(&trip.during(self.charge.run, &self.report.step));
+        let latched = self
+            .state
+            .latch(&trip.during(self.charge.run, &self.report.step));
         if let Err(error) = &latched {
             tracing::error!("{error}");
         }
@@ -373,12 +471,17 @@ impl<'a> Watch<'a> {
     }
 }
 
-/// Reaches and identifies every instrument that can move charge, and the bath where it can be reached; lets go of them, for the daemon is to connect.
+/// Reaches and identifies every instrument that can move charge, and the bath where it can be
+/// reached; lets go of them, for the daemon is to connect.
 async fn reach(bench: &config::Bench, connections: &Connections) -> Result<(), GuardianError> {
     let mut bench = Bench::unconnected(bench, connections)?;
     bench.connect().await?;
     let bath = bench.chiller.take();
-    bench.identify().await?.iter().try_for_each(Identified::expected)?;
+    bench
+        .identify()
+        .await?
+        .iter()
+        .try_for_each(Identified::expected)?;
     bench.chiller = bath;
     // It moves no charge, and may serve another client: the daemon says what it thinks of that.
     if let Err(error) = bench.reach_bath().await {

@@ -1,8 +1,10 @@
-//! The journal of a run: what is intended, on disk before it is begun, and what was done, as soon as it is. A run that died is taken up again from it.
+//! The journal of a run: what is intended, on disk before it is begun, and what was done, as soon
+//! as it is. A run that died is taken up again from it.
 //!
-//! One entry per line: a JSON object with its number, the bench time, the entry, and last the first 16 hexadecimal digits of the SHA-256 of everything
-//! before. Lines are only ever appended, and synced before what they tell of is begun. A last line without its end is a torn one: it is cut off and
-//! kept in `journal.torn`. Anything else that is wrong with a line is an error.
+//! One entry per line: a JSON object with its number, the bench time, the entry, and last the first
+//! 16 hexadecimal digits of the SHA-256 of everything before. Lines are only ever appended, and
+//! synced before what they tell of is begun. A last line without its end is a torn one: it is cut
+//! off and kept in `journal.torn`. Anything else that is wrong with a line is an error.
 //!
 //! Not here: what follows from the entries for a run that goes on ([`crate::story`]).
 
@@ -132,7 +134,8 @@ pub struct Started {
     pub seed: u64,
     /// How bench time runs.
     pub time: String,
-    /// It began on a simulated bench that had been used before, or with the correction of another run.
+    /// It began on a simulated bench that had been used before, or with the correction of another
+    /// run.
     pub inherited: bool,
     /// The files that it was read from, the experiment first, then the bench.
     pub files: Vec<ConfigCopy>,
@@ -158,7 +161,8 @@ pub struct PointDone {
     pub stage: usize,
     /// The step.
     pub step: usize,
-    /// Its captures, relative to the run folder, the last being the one that counts, with their SHA-256.
+    /// Its captures, relative to the run folder, the last being the one that counts, with their
+    /// SHA-256.
     pub files: Vec<(String, String)>,
     /// What was read of the cell before its current went on.
     pub idle: Reading,
@@ -192,7 +196,8 @@ impl Durable for File {
     }
 }
 
-/// A world in virtual time dies with its process, and its run can be played again: nothing is gained by waiting for the disk.
+/// A world in virtual time dies with its process, and its run can be played again: nothing is
+/// gained by waiting for the disk.
 struct Unsynced(File);
 
 impl Write for Unsynced {
@@ -230,18 +235,27 @@ impl Journal {
     pub fn create(folder: &Path, clock: &Clock) -> Result<Self, JournalError> {
         let path = folder.join(JOURNAL);
         let made = OpenOptions::new().write(true).create_new(true).open(&path);
-        let file = made.map_err(|source| JournalError::Io { path: path.clone(), what: "cannot be made", source })?;
+        let file = made.map_err(|source| JournalError::Io {
+            path: path.clone(),
+            what: "cannot be made",
+            source,
+        })?;
         file.try_lock().map_err(|error| JournalError::Io {
             path: path.clone(),
             what: "is in use by another process",
             source: error.into(),
         })?;
         let named = File::open(folder).and_then(|folder| folder.sync_all());
-        named.map_err(|source| JournalError::Io { path: folder.to_owned(), what: "cannot be synced", source })?;
+        named.map_err(|source| JournalError::Io {
+            path: folder.to_owned(),
+            what: "cannot be synced",
+            source,
+        })?;
         Ok(Self::on(path, durable(file, clock), clock, 1))
     }
 
-    /// Goes on with the journal of a run folder whose lines were read with [`read`]: a torn last line is put aside first.
+    /// Goes on with the journal of a run folder whose lines were read with [`read`]: a torn last
+    /// line is put aside first.
     ///
     /// # Errors
     /// Files that cannot be written.
@@ -249,23 +263,46 @@ impl Journal {
         let path = folder.join(JOURNAL);
         let io = |what| {
             let path = path.clone();
-            move |source| JournalError::Io { path: path.clone(), what, source }
+            move |source| JournalError::Io {
+                path: path.clone(),
+                what,
+                source,
+            }
         };
         // Before anything is written: of two that go on with one run, one must know.
-        let file = OpenOptions::new().append(true).open(&path).map_err(io("cannot be opened"))?;
-        file.try_lock().map_err(|error| io("is in use by another process")(error.into()))?;
+        let file = OpenOptions::new()
+            .append(true)
+            .open(&path)
+            .map_err(io("cannot be opened"))?;
+        file.try_lock()
+            .map_err(|error| io("is in use by another process")(error.into()))?;
         if !read.torn.is_empty() {
-            let mut aside =
-                OpenOptions::new().append(true).create(true).open(folder.join(TORN)).map_err(io("cannot put a torn line aside"))?;
-            aside.write_all(&read.torn).and_then(|()| aside.sync_all()).map_err(io("cannot put a torn line aside"))?;
+            let mut aside = OpenOptions::new()
+                .append(true)
+                .create(true)
+                .open(folder.join(TORN))
+                .map_err(io("cannot put a torn line aside"))?;
+            aside
+                .write_all(&read.torn)
+                .and_then(|()| aside.sync_all())
+                .map_err(io("cannot put a torn line aside"))?;
         }
-        file.set_len(read.whole_bytes).and_then(|()| file.sync_all()).map_err(io("cannot be cut after its last whole line"))?;
+        file.set_len(read.whole_bytes)
+            .and_then(|()| file.sync_all())
+            .map_err(io("cannot be cut after its last whole line"))?;
         let next = read.lines.last().map_or(1, |line| line.number + 1);
         Ok(Self::on(path.clone(), durable(file, clock), clock, next))
     }
 
     fn on(path: PathBuf, file: Box<dyn Durable>, clock: &Clock, next: u64) -> Self {
-        Self { path, file, clock: clock.clone(), next, drill: Drill::none(), broken: false }
+        Self {
+            path,
+            file,
+            clock: clock.clone(),
+            next,
+            drill: Drill::none(),
+            broken: false,
+        }
     }
 
     /// From now on its writes are points of a crash drill.
@@ -280,13 +317,25 @@ impl Journal {
     pub fn write(&mut self, entry: Entry) -> Result<(), JournalError> {
         self.drill.journal();
         if self.broken {
-            return Err(self.error("cannot be written")(io::Error::other("a write before this one has failed")));
+            return Err(self.error("cannot be written")(io::Error::other(
+                "a write before this one has failed",
+            )));
         }
         self.broken = true;
-        self.drill.room(JOURNAL).map_err(self.error("cannot be written"))?;
-        let line = Line { number: self.next, time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3, entry };
-        let text = text_of(&line).map_err(|error| self.error("cannot be put into JSON")(io::Error::other(error)))?;
-        self.file.write_all(text.as_bytes()).and_then(|()| self.file.flush()).map_err(self.error("cannot be written"))?;
+        self.drill
+            .room(JOURNAL)
+            .map_err(self.error("cannot be written"))?;
+        let line = Line {
+            number: self.next,
+            time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3,
+            entry,
+        };
+        let text = text_of(&line)
+            .map_err(|error| self.error("cannot be put into JSON")(io::Error::other(error)))?;
+        self.file
+            .write_all(text.as_bytes())
+            .and_then(|()| self.file.flush())
+            .map_err(self.error("cannot be written"))?;
         self.file.sync().map_err(self.error("cannot be synced"))?;
         (self.next, self.broken) = (self.next + 1, false);
         self.drill.journal();
@@ -295,11 +344,16 @@ impl Journal {
 
     fn error(&self, what: &'static str) -> impl Fn(io::Error) -> JournalError + use<> {
         let path = self.path.clone();
-        move |source| JournalError::Io { path: path.clone(), what, source }
+        move |source| JournalError::Io {
+            path: path.clone(),
+            what,
+            source,
+        }
     }
 }
 
-/// Whether a process writes into the journal of a run folder at present: the system takes its lock back when it ends, however it ends.
+/// Whether a process writes into the journal of a run folder at present: the system takes its lock
+/// back when it ends, however it ends.
 pub fn is_written(folder: &Path) -> bool {
     let blocked = |file: File| matches!(file.try_lock_shared(), Err(TryLockError::WouldBlock));
     File::open(folder.join(JOURNAL)).is_ok_and(blocked)
@@ -313,15 +367,24 @@ pub fn hold(folder: &Path) -> Result<File, JournalError> {
     let path = folder.join(JOURNAL);
     let error = |what| {
         let path = path.clone();
-        move |source| JournalError::Io { path: path.clone(), what, source }
+        move |source| JournalError::Io {
+            path: path.clone(),
+            what,
+            source,
+        }
     };
     let file = File::open(&path).map_err(error("cannot be opened"))?;
-    file.try_lock().map_err(|blocked| error("is in use by another process")(blocked.into()))?;
+    file.try_lock()
+        .map_err(|blocked| error("is in use by another process")(blocked.into()))?;
     Ok(file)
 }
 
 fn durable(file: File, clock: &Clock) -> Box<dyn Durable> {
-    if clock.mode() == TimeMode::Virtual { Box::new(Unsynced(file)) } else { Box::new(file) }
+    if clock.mode() == TimeMode::Virtual {
+        Box::new(Unsynced(file))
+    } else {
+        Box::new(file)
+    }
 }
 
 fn text_of(line: &Line) -> Result<String, serde_json::Error> {
@@ -333,7 +396,11 @@ fn text_of(line: &Line) -> Result<String, serde_json::Error> {
 
 /// The first 16 hexadecimal digits of a text's SHA-256.
 pub fn checksum(text: &str) -> String {
-    Sha256::digest(text).iter().take(8).map(|byte| format!("{byte:02x}")).collect()
+    Sha256::digest(text)
+        .iter()
+        .take(8)
+        .map(|byte| format!("{byte:02x}"))
+        .collect()
 }
 
 /// A journal as it was found.
@@ -353,27 +420,55 @@ pub struct Read {
 /// A file that cannot be read; a whole line that is not as it was written.
 pub fn read(folder: &Path) -> Result<Read, JournalError> {
     let path = folder.join(JOURNAL);
-    let bytes = std::fs::read(&path).map_err(|source| JournalError::Unread { path: path.clone(), source })?;
-    let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+    let bytes = std::fs::read(&path).map_err(|source| JournalError::Unread {
+        path: path.clone(),
+        source,
+    })?;
+    let whole = bytes
+        .iter()
+        .rposition(|byte| *byte == b'\n')
+        .map_or(0, |at| at + 1);
     let mut lines = Vec::new();
     for (index, text) in String::from_utf8_lossy(&bytes[..whole]).lines().enumerate() {
         let (line, number) = (index + 1, index as u64 + 1);
-        let fail = |expected: String, found: String| JournalError::Line { path: path.clone(), line, expected, found };
+        let fail = |expected: String, found: String| JournalError::Line {
+            path: path.clone(),
+            line,
+            expected,
+            found,
+        };
         let Some((body, sum)) = text.rsplit_once(CHECKSUM) else {
-            return Err(fail("a line that ends in its checksum".to_owned(), excerpt(text)));
+            return Err(fail(
+                "a line that ends in its checksum".to_owned(),
+                excerpt(text),
+            ));
         };
         let (wanted, sum) = (checksum(body), sum.trim_end_matches("\"}"));
         if wanted != sum {
-            return Err(fail(format!("a line with the checksum {sum}"), format!("one with {wanted}: it was altered after it was written")));
+            return Err(fail(
+                format!("a line with the checksum {sum}"),
+                format!("one with {wanted}: it was altered after it was written"),
+            ));
         }
-        let parsed: Line = serde_json::from_str(text)
-            .map_err(|error| fail(format!("an entry that version {} knows", env!("CARGO_PKG_VERSION")), error.to_string()))?;
+        let parsed: Line = serde_json::from_str(text).map_err(|error| {
+            fail(
+                format!("an entry that version {} knows", env!("CARGO_PKG_VERSION")),
+                error.to_string(),
+            )
+        })?;
         if parsed.number != number {
-            return Err(fail(format!("line number {number}"), format!("{}: lines are missing or doubled", parsed.number)));
+            return Err(fail(
+                format!("line number {number}"),
+                format!("{}: lines are missing or doubled", parsed.number),
+            ));
         }
         lines.push(parsed);
     }
-    Ok(Read { lines, whole_bytes: whole as u64, torn: bytes[whole..].to_vec() })
+    Ok(Read {
+        lines,
+        whole_bytes: whole as u64,
+        torn: bytes[whole..].to_vec(),
+    })
 }
 
 fn excerpt(text: &str) -> String {

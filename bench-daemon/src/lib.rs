@@ -1,8 +1,13 @@
-//! The daemon of a battery test bench: decides, records, reports. The only crate that knows configuration files and the command line.
+//! The daemon of a battery test bench: decides, records, reports. The only crate that knows
+//! configuration files and the command line.
 //!
-//! In reading order: [`config`] (files → a checked experiment), [`procedure`] (experiment → [`plan`]), [`interlock`] (reading → trip), [`mod@bench`] (the
-//! named instruments), [`state`] (what outlives a process), [`guardian`] (a second process that can only switch off), [`custody`] (lock, latch and guardian around a run), [`executor`] (plan → instruments → records), [`record`] (the run folder), [`dataset`] (runs of a campaign as a diagnosis wants them), [`sim`] (a simulated world behind mocks),
-//! [`investigation`] (campaign, diagnosis, and the run that it asks for), [`command`] (what the command line does).
+//! In reading order: [`config`] (files → a checked experiment), [`procedure`] (experiment →
+//! [`plan`]), [`interlock`] (reading → trip), [`mod@bench`] (the named instruments), [`state`]
+//! (what outlives a process), [`guardian`] (a second process that can only switch off), [`custody`]
+//! (lock, latch and guardian around a run), [`executor`] (plan → instruments → records), [`record`]
+//! (the run folder), [`dataset`] (runs of a campaign as a diagnosis wants them), [`sim`] (a
+//! simulated world behind mocks), [`investigation`] (campaign, diagnosis, and the run that it asks
+//! for), [`command`] (what the command line does).
 
 pub mod bench;
 pub mod beneath;

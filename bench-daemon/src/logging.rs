@@ -1,4 +1,5 @@
-//! Tracing to the terminal and to the run folder, stamped with bench time, so that two runs in virtual time write the same log.
+//! Tracing to the terminal and to the run folder, stamped with bench time, so that two runs in
+//! virtual time write the same log.
 
 use std::{
     fmt,
@@ -31,7 +32,8 @@ pub enum Verbosity {
     Debug,
 }
 
-/// Starts logging to the terminal, and to the file of [`log_to`] once there is one. Once per process.
+/// Starts logging to the terminal, and to the file of [`log_to`] once there is one. Once per
+/// process.
 pub fn start(verbosity: Verbosity) {
     let level = match verbosity {
         Verbosity::Normal => LevelFilter::WARN,
@@ -51,7 +53,10 @@ pub fn start(verbosity: Verbosity) {
         .with_ansi(false)
         .with_filter(LevelFilter::INFO);
     // A second start in one process (tests) keeps the first one's subscriber.
-    let _ = tracing_subscriber::registry().with(terminal).with(file).try_init();
+    let _ = tracing_subscriber::registry()
+        .with(terminal)
+        .with(file)
+        .try_init();
 }
 
 /// From now on the log goes to this file too, stamped by this clock.
@@ -99,7 +104,11 @@ impl Limited {
     pub fn open(path: &Path) -> io::Result<Self> {
         let file = File::options().append(true).create(true).open(path)?;
         let left = MOST_BYTES.saturating_sub(file.metadata()?.len());
-        Ok(Self { path: path.to_owned(), file, left })
+        Ok(Self {
+            path: path.to_owned(),
+            file,
+            left,
+        })
     }
 }
 

@@ -1,4 +1,5 @@
-//! Whether a host is this machine. Asks no name server: who resolves a name asks of the number that came out.
+//! Whether a host is this machine. Asks no name server: who resolves a name asks of the number that
+//! came out.
 
 use std::net::IpAddr;
 
@@ -9,7 +10,10 @@ pub fn is_loopback(ip: IpAddr) -> bool {
 
 /// A host as it is typed in an address or a URL, an IPv6 number with or without its brackets.
 pub fn names_loopback(host: &str) -> bool {
-    let host = host.strip_prefix('[').and_then(|host| host.strip_suffix(']')).unwrap_or(host);
+    let host = host
+        .strip_prefix('[')
+        .and_then(|host| host.strip_suffix(']'))
+        .unwrap_or(host);
     host.eq_ignore_ascii_case("localhost") || host.parse().is_ok_and(is_loopback)
 }
 
@@ -19,10 +23,28 @@ mod tests {
 
     #[test]
     fn only_this_machine_is_this_machine() {
-        for host in ["localhost", "LocalHost", "127.0.0.1", "127.8.0.9", "::1", "[::1]", "::ffff:127.0.0.1"] {
+        for host in [
+            "localhost",
+            "LocalHost",
+            "127.0.0.1",
+            "127.8.0.9",
+            "::1",
+            "[::1]",
+            "::ffff:127.0.0.1",
+        ] {
             assert!(names_loopback(host), "{host}");
         }
-        for host in ["", "[]", "[::1", "localhost.lab", "127.0.0.1.lab", "128.0.0.1", "10.0.0.1", "::ffff:10.0.0.1", "::2"] {
+        for host in [
+            "",
+            "[]",
+            "[::1",
+            "localhost.lab",
+            "127.0.0.1.lab",
+            "128.0.0.1",
+            "10.0.0.1",
+            "::ffff:10.0.0.1",
+            "::2",
+        ] {
             assert!(!names_loopback(host), "{host}");
         }
     }

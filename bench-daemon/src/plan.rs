@@ -1,4 +1,5 @@
-//! What is to be done, as data: stages of steps, each with an upper bound in time, checked before anything is energised.
+//! What is to be done, as data: stages of steps, each with an upper bound in time, checked before
+//! anything is energised.
 
 mod check;
 mod crash;
@@ -60,7 +61,8 @@ pub enum Purpose {
 /// One step.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
-    /// One of the cells of a campaign is taken into use, for the run with this number; every output is off.
+    /// One of the cells of a campaign is taken into use, for the run with this number; every output
+    /// is off.
     Specimen(Arc<Specimen>, usize),
     /// Something else is clamped into the jig; every output is off.
     Mount(Fixture),
@@ -102,7 +104,8 @@ pub enum Step {
         /// Steady means slower than this, V/s.
         slope_v_per_s: f64,
     },
-    /// The voltage at rest is held against a band; where it fits, what is left of the stage is left out.
+    /// The voltage at rest is held against a band; where it fits, what is left of the stage is left
+    /// out.
     Accept {
         /// The band, V.
         band_v: (f64, f64),
@@ -115,7 +118,8 @@ pub enum Step {
     PowerUp {
         /// Compliance voltage, V.
         compliance_v: f64,
-        /// Current limit, A: the daemon judges its readings by it, and the supply holds it where it can.
+        /// Current limit, A: the daemon judges its readings by it, and the supply holds it where it
+        /// can.
         limit_a: f64,
         /// What of it the supply holds by itself while the generator commands the current.
         held: Holds,

@@ -10,49 +10,98 @@ use analysis::{
 
 /// A time, s since 1970, as a date in UTC: `2026-11-22T06:07:06Z`.
 pub fn utc(unix_s: f64) -> String {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "it is not negative, and saturates")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "it is not negative, and saturates"
+    )]
     let seconds = unix_s.max(0.0) as u64;
     let (mut day, second) = (seconds / 86_400, seconds % 86_400);
-    let leap = |year: u64| year.is_multiple_of(4) && !year.is_multiple_of(100) || year.is_multiple_of(400);
+    let leap =
+        |year: u64| year.is_multiple_of(4) && !year.is_multiple_of(100) || year.is_multiple_of(400);
     let mut year = 1970;
     while day >= 365 + u64::from(leap(year)) {
         day -= 365 + u64::from(leap(year));
         year += 1;
     }
     let mut month = 1;
-    for length in [31, 28 + u64::from(leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30] {
+    for length in [
+        31,
+        28 + u64::from(leap(year)),
+        31,
+        30,
+        31,
+        30,
+        31,
+        31,
+        30,
+        31,
+        30,
+    ] {
         if day < length {
             break;
         }
         day -= length;
         month += 1;
     }
-    format!("{year:04}-{month:02}-{:02}T{:02}:{:02}:{:02}Z", day + 1, second / 3600, second / 60 % 60, second % 60)
+    format!(
+        "{year:04}-{month:02}-{:02}T{:02}:{:02}:{:02}Z",
+        day + 1,
+        second / 3600,
+        second / 60 % 60,
+        second % 60
+    )
 }
 
-/// A path as a shell takes it: in quotes where it has anything else in it than what stands for itself.
+/// A path as a shell takes it: in quotes where it has anything else in it than what stands for
+/// itself.
 pub fn quoted(path: &Path) -> String {
     let text = path.display().to_string();
-    let plain = |c: char| c.is_ascii_alphanumeric() || matches!(c, '/' | '.' | '_' | '-' | '+' | '=' | ':' | ',' | '@' | '%');
-    if !text.is_empty() && text.chars().all(plain) { text } else { format!("'{}'", text.replace('\'', r"'\''")) }
+    let plain = |c: char| {
+        c.is_ascii_alphanumeric()
+            || matches!(c, '/' | '.' | '_' | '-' | '+' | '=' | ':' | ',' | '@' | '%')
+    };
+    if !text.is_empty() && text.chars().all(plain) {
+        text
+    } else {
+        format!("'{}'", text.replace('\'', r"'\''"))
+    }
 }
 
 /// What a picture or a page shows, and of what, where that has a name.
 pub fn titled(what: &str, name: &str) -> String {
-    if name.is_empty() { what.to_owned() } else { format!("{what}, {name}") }
+    if name.is_empty() {
+        what.to_owned()
+    } else {
+        format!("{what}, {name}")
+    }
 }
 
 /// One row per order.
 pub fn models_table(fits: &[ErmFit]) -> Table {
-    let header = ["RC", "objective", "R / mΩ", "DC resistance / mΩ", "rms residual / µΩ", "reduced χ²"];
+    let header = [
+        "RC",
+        "objective",
+        "R / mΩ",
+        "DC resistance / mΩ",
+        "rms residual / µΩ",
+        "reduced χ²",
+    ];
     let row = |fit: &ErmFit| {
         vec![
             fit.erm.branches.len().to_string(),
             objective(fit),
-            number(1.0e3 * fit.erm.r_ohm, fit.sigma.r_ohm.map(|sigma| 1.0e3 * sigma)),
-            number(1.0e3 * fit.erm.dc_resistance_ohm(), fit.sigma.dc_resistance_ohm.map(|sigma| 1.0e3 * sigma)),
+            number(
+                1.0e3 * fit.erm.r_ohm,
+                fit.sigma.r_ohm.map(|sigma| 1.0e3 * sigma),
+            ),
+            number(
+                1.0e3 * fit.erm.dc_resistance_ohm(),
+                fit.sigma.dc_resistance_ohm.map(|sigma| 1.0e3 * sigma),
+            ),
             format!("{:.2}", 1.0e6 * fit.rms_ohm),
-            fit.reduced_chi2.map_or_else(|| "–".to_owned(), |chi2| format!("{chi2:.2}")),
+            fit.reduced_chi2
+                .map_or_else(|| "–".to_owned(), |chi2| format!("{chi2:.2}")),
         ]
     };
     Table {
@@ -71,20 +120,35 @@ pub fn branches_table(fits: &[ErmFit]) -> Table {
             vec![
                 fit.erm.branches.len().to_string(),
                 (index + 1).to_string(),
-                number(1.0e3 * branch.r_ohm, sigma.and_then(|sigma| sigma.r_ohm).map(|sigma| 1.0e3 * sigma)),
+                number(
+                    1.0e3 * branch.r_ohm,
+                    sigma
+                        .and_then(|sigma| sigma.r_ohm)
+                        .map(|sigma| 1.0e3 * sigma),
+                ),
                 number(branch.c_f, sigma.and_then(|sigma| sigma.c_f)),
-                number(branch.r_ohm * branch.c_f, sigma.and_then(|sigma| sigma.time_constant_s)),
+                number(
+                    branch.r_ohm * branch.c_f,
+                    sigma.and_then(|sigma| sigma.time_constant_s),
+                ),
             ]
         })
     });
-    Table { caption: "Branches by rising time constant".to_owned(), header: header.map(str::to_owned).to_vec(), rows: rows.collect() }
+    Table {
+        caption: "Branches by rising time constant".to_owned(),
+        header: header.map(str::to_owned).to_vec(),
+        rows: rows.collect(),
+    }
 }
 
 /// The warnings of the fits as lines of a verdict.
 pub fn fit_warnings(fits: &[ErmFit]) -> Vec<Verdict> {
     fits.iter()
         .flat_map(|fit| {
-            fit.warnings.iter().map(|warning| Verdict { level: Level::Note, text: format!("{} RC: {warning}", fit.erm.branches.len()) })
+            fit.warnings.iter().map(|warning| Verdict {
+                level: Level::Note,
+                text: format!("{} RC: {warning}", fit.erm.branches.len()),
+            })
         })
         .collect()
 }
@@ -99,7 +163,10 @@ pub fn objective(fit: &ErmFit) -> String {
 
 /// A value and, where it is known, its standard deviation.
 fn number(value: f64, sigma: Option<f64>) -> String {
-    sigma.map_or_else(|| significant(value, 5), |sigma| format!("{} ± {}", significant(value, 5), significant(sigma, 2)))
+    sigma.map_or_else(
+        || significant(value, 5),
+        |sigma| format!("{} ± {}", significant(value, 5), significant(sigma, 2)),
+    )
 }
 
 /// A number with so many significant digits, without exponent while it is readable so.
@@ -109,7 +176,10 @@ pub fn significant(value: f64, digits: i32) -> String {
     }
     let magnitude = value.abs().log10().floor() as i32;
     if (-4..=6).contains(&magnitude) {
-        format!("{value:.*}", usize::try_from(digits - 1 - magnitude).unwrap_or(0))
+        format!(
+            "{value:.*}",
+            usize::try_from(digits - 1 - magnitude).unwrap_or(0)
+        )
     } else {
         format!("{value:.*e}", usize::try_from(digits - 1).unwrap_or(0))
     }
@@ -120,9 +190,17 @@ const MOST_TOLD: usize = 6;
 
 /// What a quality gate has refused, and why.
 pub fn refused_in_words(flagged: &[FlaggedPoint]) -> String {
-    let told = flagged.iter().take(MOST_TOLD).map(|point| format!("{} Hz ({})", significant(point.freq_hz, 5), point.reasons.join("; ")));
+    let told = flagged.iter().take(MOST_TOLD).map(|point| {
+        format!(
+            "{} Hz ({})",
+            significant(point.freq_hz, 5),
+            point.reasons.join("; ")
+        )
+    });
     let more = flagged.len().saturating_sub(MOST_TOLD);
-    told.chain((more > 0).then(|| format!("{more} more"))).collect::<Vec<_>>().join(", ")
+    told.chain((more > 0).then(|| format!("{more} more")))
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 #[cfg(test)]
@@ -144,18 +222,26 @@ mod tests {
 
     #[test]
     fn a_path_with_blanks_is_one_word_of_a_shell() {
-        for (path, word) in
-            [("runs/a_1/x.toml", "runs/a_1/x.toml"), ("my runs/a", "'my runs/a'"), ("it's", r"'it'\''s'"), ("", "''"), ("a;b", "'a;b'")]
-        {
+        for (path, word) in [
+            ("runs/a_1/x.toml", "runs/a_1/x.toml"),
+            ("my runs/a", "'my runs/a'"),
+            ("it's", r"'it'\''s'"),
+            ("", "''"),
+            ("a;b", "'a;b'"),
+        ] {
             assert_eq!(super::quoted(std::path::Path::new(path)), word);
         }
     }
 
     #[test]
     fn numbers_keep_their_significant_digits() {
-        for (value, digits, text) in
-            [(1084.243, 5, "1084.2"), (0.000_834_33, 4, "0.0008343"), (6.43, 3, "6.43"), (123_456.0, 2, "123456"), (1.5e-9, 3, "1.50e-9")]
-        {
+        for (value, digits, text) in [
+            (1084.243, 5, "1084.2"),
+            (0.000_834_33, 4, "0.0008343"),
+            (6.43, 3, "6.43"),
+            (123_456.0, 2, "123456"),
+            (1.5e-9, 3, "1.50e-9"),
+        ] {
             assert_eq!(significant(value, digits), text);
         }
     }

@@ -42,7 +42,10 @@ pub struct Now {
 impl Doing {
     /// What is being done now.
     pub fn now(&self) -> Now {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     fn set(&self, change: impl FnOnce(&mut Now)) {
@@ -51,19 +54,35 @@ impl Doing {
 }
 
 impl Progress {
-    /// A bar on standard error for a plan; on anything else than a terminal one line per stage instead.
+    /// A bar on standard error for a plan; on anything else than a terminal one line per stage
+    /// instead.
     pub fn new(plan: &Plan) -> Self {
         let terminal = std::io::stderr().is_terminal();
-        let bar = ProgressBar::with_draw_target(Some(milliseconds(plan.expected_s())), ProgressDrawTarget::stderr_with_hz(10));
-        if let Ok(style) = ProgressStyle::with_template("{bar:30} {percent:>3} %  left {eta:>4}  {msg}") {
+        let bar = ProgressBar::with_draw_target(
+            Some(milliseconds(plan.expected_s())),
+            ProgressDrawTarget::stderr_with_hz(10),
+        );
+        if let Ok(style) =
+            ProgressStyle::with_template("{bar:30} {percent:>3} %  left {eta:>4}  {msg}")
+        {
             bar.set_style(style);
         }
-        Self { bar, terminal, stage: Cell::new(0), doing: Doing::default() }
+        Self {
+            bar,
+            terminal,
+            stage: Cell::new(0),
+            doing: Doing::default(),
+        }
     }
 
     /// No output at all.
     pub fn hidden() -> Self {
-        Self { bar: ProgressBar::hidden(), terminal: true, stage: Cell::new(0), doing: Doing::default() }
+        Self {
+            bar: ProgressBar::hidden(),
+            terminal: true,
+            stage: Cell::new(0),
+            doing: Doing::default(),
+        }
     }
 
     /// What is being done, for whoever wants to know it later.
@@ -79,7 +98,9 @@ impl Progress {
             // Nobody knows what is in the jig while it is being changed.
             now.fixture = now.fixture.filter(|_| !matches!(step, Step::Mount(_)));
         });
-        let known = stage.bytes().fold(1_u64, |hash, byte| hash.wrapping_mul(31).wrapping_add(u64::from(byte)));
+        let known = stage.bytes().fold(1_u64, |hash, byte| {
+            hash.wrapping_mul(31).wrapping_add(u64::from(byte))
+        });
         if !self.terminal && self.stage.replace(known) != known {
             remark!("{stage} …");
         }

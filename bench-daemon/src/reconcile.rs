@@ -1,6 +1,8 @@
-//! What a bench is found to be before anything is done to it: outputs are asked for and currents measured; nothing is changed.
+//! What a bench is found to be before anything is done to it: outputs are asked for and currents
+//! measured; nothing is changed.
 //!
-//! After a crash nobody knows what the instruments were last told. A run that goes on writes down what it found before it switches anything off.
+//! After a crash nobody knows what the instruments were last told. A run that goes on writes down
+//! what it found before it switches anything off.
 
 use instruments::exchange::Answer;
 use serde::{Deserialize, Serialize};
@@ -38,7 +40,8 @@ pub async fn look(bench: &mut Bench) -> Result<Vec<Found>, BenchError> {
     drives.into_iter().chain(look_bath(bench).await).collect()
 }
 
-/// Looks at the bath: whether it stands still, or its relays are open. What is not connected is connected to.
+/// Looks at the bath: whether it stands still, or its relays are open. What is not connected is
+/// connected to.
 pub async fn look_bath(bench: &mut Bench) -> Option<Result<Found, BenchError>> {
     let error = bench.error("chiller");
     let bath = bench.chiller.as_mut()?;
@@ -50,12 +53,19 @@ pub async fn look_bath(bench: &mut Bench) -> Option<Result<Found, BenchError>> {
     };
     let found = answers.await.map(|answers| {
         let off = answers.iter().all(|answer| answer.as_scripted);
-        Found { role: "chiller".to_owned(), off, answers, volts: None, amps: None }
+        Found {
+            role: "chiller".to_owned(),
+            off,
+            answers,
+            volts: None,
+            amps: None,
+        }
     });
     Some(found.map_err(&error))
 }
 
-/// Looks at everything that can move charge, each by itself: one that does not answer does not keep the others from being looked at. What is not connected is connected to.
+/// Looks at everything that can move charge, each by itself: one that does not answer does not keep
+/// the others from being looked at. What is not connected is connected to.
 pub async fn look_each(bench: &mut Bench) -> Vec<Result<Found, BenchError>> {
     let mut all = Vec::new();
     macro_rules! look {
@@ -70,22 +80,46 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<Found, BenchError>> {
                     let off = answers.iter().all(|answer| answer.as_scripted);
                     #[allow(clippy::redundant_closure_call, reason = "only some roles measure")]
                     let (volts, amps) = $measure(instrument).await?;
-                    Ok(Found { role: $role.to_owned(), off, answers, volts, amps })
+                    Ok(Found {
+                        role: $role.to_owned(),
+                        off,
+                        answers,
+                        volts,
+                        amps,
+                    })
                 };
                 all.push(found.await.map_err(&error));
             }
         };
     }
-    look!("supply4q", supply4q, async |i: &mut instruments::supply4q::Supply4q| {
-        i.measure().await.map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
-    });
-    look!("generator", generator, async |_: &mut instruments::generator::Generator| Ok((None, None)));
+    look!(
+        "supply4q",
+        supply4q,
+        async |i: &mut instruments::supply4q::Supply4q| {
+            i.measure()
+                .await
+                .map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
+        }
+    );
+    look!(
+        "generator",
+        generator,
+        async |_: &mut instruments::generator::Generator| Ok((None, None))
+    );
     look!("load", load, async |i: &mut instruments::load::Load| {
-        i.measure().await.map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
+        i.measure()
+            .await
+            .map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
     });
-    look!("supply", supply, async |i: &mut instruments::supply::Supply| {
-        i.measure().await.map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
-    });
+    look!(
+        "supply",
+        supply,
+        async |i: &mut instruments::supply::Supply| {
+            i.measure()
+                .await
+                .map(|(volts, amps)| (Some(volts.value()), Some(amps.value())))
+        }
+    );
     all
 }
 
@@ -95,6 +129,11 @@ impl std::fmt::Display for Found {
             (Some(volts), Some(amps)) => format!(", {volts:.4} V, {amps:.4} A"),
             _ => String::new(),
         };
-        write!(f, "found {} {}{measured}", self.role, if self.off { "off" } else { "ON" })
+        write!(
+            f,
+            "found {} {}{measured}",
+            self.role,
+            if self.off { "off" } else { "ON" }
+        )
     }
 }

@@ -1,12 +1,14 @@
-//! The run folder, written as the run goes: whatever is finished is on disk before the next thing is begun.
+//! The run folder, written as the run goes: whatever is finished is on disk before the next thing
+//! is begun.
 //!
-//! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with bench time · `readings.csv` every reading (at the end
-//! also `readings.parquet`) ·
-//! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction · `correction.json` · `spectrum.csv`, `.parquet` ·
-//! `spectrum_2.csv` … further sweeps · `series_TRACE_REPEAT.bdf.csv` traces · `traces.json` which sweeps and traces there are, and under which
-//! circumstances they were measured · `budget.csv`, `.json` ·
-//! `model_Nrc.json` · `plots/` · `report.html` · `transcripts/` every message · `log.txt` · `journal.jsonl` what was intended and what was done, from
-//! which a run that died goes on.
+//! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with
+//! bench time · `readings.csv` every reading (at the end also `readings.parquet`) ·
+//! `captures/FIXTURE/…parquet` raw ADC codes · `raw_FIXTURE.csv` impedances before correction ·
+//! `correction.json` · `spectrum.csv`, `.parquet` · `spectrum_2.csv` … further sweeps ·
+//! `series_TRACE_REPEAT.bdf.csv` traces · `traces.json` which sweeps and traces there are, and
+//! under which circumstances they were measured · `budget.csv`, `.json` · `model_Nrc.json` ·
+//! `plots/` · `report.html` · `transcripts/` every message · `log.txt` · `journal.jsonl` what was
+//! intended and what was done, from which a run that died goes on.
 
 mod measured;
 mod names;
@@ -68,7 +70,8 @@ pub enum RecordError {
         found: String,
     },
     /// The folder is already in use.
-    #[error("{path}: expected a new or empty folder, found files in it; choose another with --out, or go on with that run: `eis-bench resume {pasted}`", path = path.display(), pasted = quoted(path))]
+    #[error("{path}: expected a new or empty folder, found files in it; choose another with --out, \
+    or go on with that run: `eis-bench resume {pasted}`", path = path.display(), pasted = quoted(path))]
     NotEmpty {
         /// The folder.
         path: PathBuf,
@@ -141,7 +144,9 @@ impl Recorder {
     /// A folder that is in use, or cannot be written.
     pub fn create(folder: &Path, clock: Clock) -> Result<Self, RecordError> {
         if fs::read_dir(folder).is_ok_and(|mut entries| entries.next().is_some()) {
-            return Err(RecordError::NotEmpty { path: folder.to_owned() });
+            return Err(RecordError::NotEmpty {
+                path: folder.to_owned(),
+            });
         }
         for part in ["config", "captures", "plots", "transcripts"] {
             let path = folder.join(part);
@@ -151,7 +156,11 @@ impl Recorder {
         let mut events = create(&folder.join("events.csv"))?;
         let mut readings = create(&folder.join("readings.csv"))?;
         line(&mut events, &folder.join("events.csv"), EVENT_COLUMNS)?;
-        line(&mut readings, &folder.join("readings.csv"), "time_s,phase,voltage_v,current_a,temperature_c")?;
+        line(
+            &mut readings,
+            &folder.join("readings.csv"),
+            "time_s,phase,voltage_v,current_a,temperature_c",
+        )?;
         Ok(Self {
             folder: folder.to_owned(),
             clock,
@@ -191,7 +200,11 @@ impl Recorder {
     pub fn tap(&mut self, role: &str) -> Result<Tap, RecordError> {
         let name = format!("transcripts/{role}.txt");
         let path = self.path(&name);
-        let file = File::options().append(true).create(true).open(&path).map_err(io(&path, "cannot be made"))?;
+        let file = File::options()
+            .append(true)
+            .create(true)
+            .open(&path)
+            .map_err(io(&path, "cannot be made"))?;
         let tap = Tap::new(self.drill.transcript(BufWriter::new(file), name));
         self.taps.push((path, tap.clone()));
         Ok(tap)
@@ -199,29 +212,45 @@ impl Recorder {
 
     /// Whether there is room for a file; see [`Drill::room`].
     fn room(&self, name: &str) -> Result<(), RecordError> {
-        self.drill.room(name).map_err(io(&self.path(name), "cannot be written"))
+        self.drill
+            .room(name)
+            .map_err(io(&self.path(name), "cannot be written"))
     }
 
-    /// Writes an entry into the journal; it is on disk when this returns. Nothing is begun whose conversation cannot be written down.
+    /// Writes an entry into the journal; it is on disk when this returns. Nothing is begun whose
+    /// conversation cannot be written down.
     ///
     /// # Errors
     /// A file that cannot be written, a transcript since the last step included.
     pub fn journal(&mut self, entry: Entry) -> Result<(), RecordError> {
         if matches!(entry, Entry::Intent { .. }) {
             for (path, tap) in &self.taps {
-                tap.take_error().map_or(Ok(()), |source| Err(io(path, "cannot be written")(source)))?;
+                tap.take_error()
+                    .map_or(Ok(()), |source| Err(io(path, "cannot be written")(source)))?;
             }
         }
         Ok(self.journal.write(entry)?)
     }
 
-    /// Writes a finished point of a sweep into the journal, with the captures since the point before it.
+    /// Writes a finished point of a sweep into the journal, with the captures since the point
+    /// before it.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn point(&mut self, (stage, step): (usize, usize), idle: Reading, point: &SweepPoint) -> Result<(), RecordError> {
+    pub fn point(
+        &mut self,
+        (stage, step): (usize, usize),
+        idle: Reading,
+        point: &SweepPoint,
+    ) -> Result<(), RecordError> {
         let files = std::mem::take(&mut self.fresh);
-        self.journal(Entry::Point(Box::new(PointDone { stage, step, files, idle, point: point.clone() })))
+        self.journal(Entry::Point(Box::new(PointDone {
+            stage,
+            step,
+            files,
+            idle,
+            point: point.clone(),
+        })))
     }
 
     /// Writes down that something begins, before it does.
@@ -229,7 +258,12 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn event(&mut self, kind: Event, text: &str) -> Result<(), RecordError> {
-        let row = format!("{:.3},{},\"{}\"", self.clock.now_s(), kind.word(), text.replace('"', "'"));
+        let row = format!(
+            "{:.3},{},\"{}\"",
+            self.clock.now_s(),
+            kind.word(),
+            text.replace('"', "'")
+        );
         self.room("events.csv")?;
         line(&mut self.events, &self.folder.join("events.csv"), &row)
     }
@@ -239,7 +273,9 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn reading(&mut self, phase: &str, reading: &Reading) -> Result<(), RecordError> {
-        let cell = |value: Option<f64>, digits: usize| value.map_or_else(String::new, |value| format!("{value:.digits$}"));
+        let cell = |value: Option<f64>, digits: usize| {
+            value.map_or_else(String::new, |value| format!("{value:.digits$}"))
+        };
         let row = format!(
             "{:.3},{phase},{},{},{}",
             reading.time_s,
@@ -263,7 +299,10 @@ impl Recorder {
     /// A file that cannot be written.
     pub fn finish_readings(&self) -> Result<(), RecordError> {
         self.room("readings.parquet")?;
-        Ok(dataset::write_series_parquet(&self.path("readings.parquet"), &self.series)?)
+        Ok(dataset::write_series_parquet(
+            &self.path("readings.parquet"),
+            &self.series,
+        )?)
     }
 
     /// Writes a structure as JSON, whole or not at all.
@@ -288,7 +327,10 @@ impl Recorder {
     /// A file that cannot be written.
     pub fn text(&self, name: &str, text: &str) -> Result<(), RecordError> {
         self.room(name)?;
-        Ok(dataset::write_atomically(&self.path(name), text.as_bytes())?)
+        Ok(dataset::write_atomically(
+            &self.path(name),
+            text.as_bytes(),
+        )?)
     }
 }
 
@@ -299,14 +341,22 @@ pub(crate) fn with_causes(error: &dyn std::error::Error) -> String {
 }
 
 fn create(path: &Path) -> Result<BufWriter<File>, RecordError> {
-    File::create(path).map(BufWriter::new).map_err(io(path, "cannot be made"))
+    File::create(path)
+        .map(BufWriter::new)
+        .map_err(io(path, "cannot be made"))
 }
 
 fn line(writer: &mut BufWriter<File>, path: &Path, text: &str) -> Result<(), RecordError> {
-    writeln!(writer, "{text}").and_then(|()| writer.flush()).map_err(io(path, "cannot be written"))
+    writeln!(writer, "{text}")
+        .and_then(|()| writer.flush())
+        .map_err(io(path, "cannot be written"))
 }
 
 fn io(path: &Path, what: &'static str) -> impl Fn(std::io::Error) -> RecordError + use<> {
     let path = path.to_owned();
-    move |source| RecordError::Io { path: path.clone(), what, source }
+    move |source| RecordError::Io {
+        path: path.clone(),
+        what,
+        source,
+    }
 }

@@ -1,4 +1,5 @@
-//! The simulated bench: one world of `fixtures`, and behind each configured address a mock that looks at it.
+//! The simulated bench: one world of `fixtures`, and behind each configured address a mock that
+//! looks at it.
 
 mod ports;
 
@@ -86,8 +87,14 @@ impl Simulation {
     /// As [`Simulation::new`].
     pub fn of(source: &Source, seed: u64) -> Result<Self, SimError> {
         let scenario: Scenario = source.parse()?;
-        let world = SimulatedBench::new(&scenario, seed).map_err(|error| source.complain(&error.field, error.to_string()))?;
-        Ok(Self { world: Arc::new(Mutex::new(world)), faults: None, happened: FaultLog::default(), quirks: BTreeMap::new() })
+        let world = SimulatedBench::new(&scenario, seed)
+            .map_err(|error| source.complain(&error.field, error.to_string()))?;
+        Ok(Self {
+            world: Arc::new(Mutex::new(world)),
+            faults: None,
+            happened: FaultLog::default(),
+            quirks: BTreeMap::new(),
+        })
     }
 
     /// The same with faults between the instruments and whoever speaks to them.
@@ -104,7 +111,10 @@ impl Simulation {
 
     /// The faults that have happened.
     pub fn happened(&self) -> Vec<Happened> {
-        self.happened.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.happened
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
     }
 
     /// The world behind the mocks; only tests look at it.
@@ -116,50 +126,89 @@ impl Simulation {
     ///
     /// # Errors
     /// A model that cannot be simulated; an address that is not in-process.
-    pub fn serve_in_process(&self, bench: &Bench, clock: &Clock, hub: &MemoryHub) -> Result<(), SimError> {
+    pub fn serve_in_process(
+        &self,
+        bench: &Bench,
+        clock: &Clock,
+        hub: &MemoryHub,
+    ) -> Result<(), SimError> {
         for (role, instrument) in bench.instruments.addressed() {
             let device = self.device(role, &instrument.model)?;
             let Address::Memory { name } = &instrument.address else {
                 return Err(SimError::Port {
                     role,
                     address: instrument.address.to_string(),
-                    reason: "expected `memory:` addresses only: the bench runs in this process".to_owned(),
+                    reason: "expected `memory:` addresses only: the bench runs in this process"
+                        .to_owned(),
                 });
             };
-            let port = |reason: String| SimError::Port { role, address: instrument.address.to_string(), reason };
-            mock::serve_memory(device, hub, name, clock.clone()).map_err(|error| port(error.to_string()))?;
+            let port = |reason: String| SimError::Port {
+                role,
+                address: instrument.address.to_string(),
+                reason,
+            };
+            mock::serve_memory(device, hub, name, clock.clone())
+                .map_err(|error| port(error.to_string()))?;
         }
         Ok(())
     }
 
-    /// Starts a mock for every instrument of a bench on a real port each: whatever its address names, or `over` something else, on a free port then.
+    /// Starts a mock for every instrument of a bench on a real port each: whatever its address
+    /// names, or `over` something else, on a free port then.
     ///
     /// # Errors
     /// A model that cannot be simulated; a port that is taken.
-    pub async fn serve_on_ports(&self, bench: &Bench, over: &[Over], clock: &Clock) -> Result<Vec<Served>, SimError> {
+    pub async fn serve_on_ports(
+        &self,
+        bench: &Bench,
+        over: &[Over],
+        clock: &Clock,
+    ) -> Result<Vec<Served>, SimError> {
         let mut served = Vec::new();
         for (role, instrument) in bench.instruments.addressed() {
             let device = self.device(role, &instrument.model)?;
-            let wanted = over.iter().rev().find(|over| over.role.as_deref().is_none_or(|found| found == role)).map(|over| over.transport);
+            let wanted = over
+                .iter()
+                .rev()
+                .find(|over| over.role.as_deref().is_none_or(|found| found == role))
+                .map(|over| over.transport);
             let address = match (wanted, &instrument.address) {
                 (Some(transport), _) => ports::on_a_free_port(device, transport, clock).await,
-                (None, Address::Memory { .. }) => ports::on_a_free_port(device, Transport::Tcp, clock).await,
+                (None, Address::Memory { .. }) => {
+                    ports::on_a_free_port(device, Transport::Tcp, clock).await
+                }
                 (None, address) => ports::at(device, address, clock).await,
             };
-            let port = |reason: String| SimError::Port { role, address: instrument.address.to_string(), reason };
-            let address = address.map_err(|error| port(error.to_string()))?.to_string();
-            served.push(Served { role, model: instrument.model.clone(), address });
+            let port = |reason: String| SimError::Port {
+                role,
+                address: instrument.address.to_string(),
+                reason,
+            };
+            let address = address
+                .map_err(|error| port(error.to_string()))?
+                .to_string();
+            served.push(Served {
+                role,
+                model: instrument.model.clone(),
+                address,
+            });
         }
         Ok(served)
     }
 
     fn device(&self, role: &'static str, model: &str) -> Result<Box<dyn mock::Device>, SimError> {
         let plant: SharedPlant = self.world.clone();
-        let options = MockOptions { quirks: self.quirks.get(role).cloned().unwrap_or_default(), ..MockOptions::default() };
+        let options = MockOptions {
+            quirks: self.quirks.get(role).cloned().unwrap_or_default(),
+            ..MockOptions::default()
+        };
         let made = match &self.faults {
             Some(faults) => mock::make_troubled(model, (plant, &options), faults, &self.happened),
             None => mock::make(model, plant, &options),
         };
-        made.map_err(|error| SimError::Model { role, reason: error.to_string() })
+        made.map_err(|error| SimError::Model {
+            role,
+            reason: error.to_string(),
+        })
     }
 }

@@ -1,9 +1,11 @@
-//! The state of a bench that outlives a process: who runs it (`lock`), why it must not be run (`trip.json`, `trips.jsonl`), which run may have left it on
-//! (`open.json`), and what the guardian did (`guardian.json`, `guardian.log`).
+//! The state of a bench that outlives a process: who runs it (`lock`), why it must not be run
+//! (`trip.json`, `trips.jsonl`), which run may have left it on (`open.json`), and what the guardian
+//! did (`guardian.json`, `guardian.log`).
 //!
-//! A bench has a folder of its own, and each of its instruments has one (`place`). Lock, latch and open run are kept in all of them, so that whoever
-//! uses one of the instruments meets them, through whatever bench file. A bench that is simulated in this process has none: nothing of it is left
-//! afterwards.
+//! A bench has a folder of its own, and each of its instruments has one (`place`). Lock, latch and
+//! open run are kept in all of them, so that whoever uses one of the instruments meets them,
+//! through whatever bench file. A bench that is simulated in this process has none: nothing of it
+//! is left afterwards.
 
 mod files;
 mod latched;
@@ -39,7 +41,8 @@ const HISTORY: &str = "trips.jsonl";
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
     /// The file system.
-    #[error("{path}: the state of the bench {what}: {source}; state_folder in the bench file names another place", path = path.display())]
+    #[error("{path}: the state of the bench {what}: {source}; state_folder in the bench file names \
+    another place", path = path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
@@ -49,7 +52,10 @@ pub enum StateError {
         source: std::io::Error,
     },
     /// No account, no folder.
-    #[error("expected a folder for the state of the instruments in {VARIABLE}, for neither XDG_STATE_HOME nor HOME is set")]
+    #[error(
+        "expected a folder for the state of the instruments in {VARIABLE}, for neither \
+        XDG_STATE_HOME nor HOME is set"
+    )]
     Nowhere,
     /// Another daemon runs the bench.
     #[error("expected a bench that nobody runs: process {pid} runs {bench} for {run}", run = run.display())]
@@ -62,7 +68,8 @@ pub enum StateError {
         run: PathBuf,
     },
     /// A person has to look first.
-    #[error("{bench} is latched: {trip}. Look at the bench and the cell, then `eis-bench clear {}`", path.display())]
+    #[error("{bench} is latched: {trip}. Look at the bench and the cell, then `eis-bench clear \
+    {}`", path.display())]
     Latched {
         /// The bench.
         bench: String,
@@ -73,7 +80,8 @@ pub enum StateError {
     },
 }
 
-/// Held as long as the process runs the bench; the system takes it back when the process ends, however it ends.
+/// Held as long as the process runs the bench; the system takes it back when the process ends,
+/// however it ends.
 #[derive(Debug)]
 pub struct Lock(#[expect(dead_code, reason = "held open")] Vec<File>);
 
@@ -88,7 +96,8 @@ pub struct State {
 }
 
 impl State {
-    /// The folders of a bench, made if they are not there; none for one that is simulated in this process.
+    /// The folders of a bench, made if they are not there; none for one that is simulated in this
+    /// process.
     ///
     /// # Errors
     /// A folder that cannot be made or written.
@@ -105,10 +114,20 @@ impl State {
         places.push(own);
         places.sort_unstable();
         // However a file is reached, it is one file.
-        let file = fs::canonicalize(&bench.path).or_else(|_| std::path::absolute(&bench.path)).unwrap_or_else(|_| bench.path.clone());
-        let state = Self { folder, bench: bench.name.clone(), file, places };
+        let file = fs::canonicalize(&bench.path)
+            .or_else(|_| std::path::absolute(&bench.path))
+            .unwrap_or_else(|_| bench.path.clone());
+        let state = Self {
+            folder,
+            bench: bench.name.clone(),
+            file,
+            places,
+        };
         // Whatever is wrong with a folder is to show before anything is energised.
-        state.places.iter().try_for_each(|place| open(&place.join(LOCK)).map(|_| ()))?;
+        state
+            .places
+            .iter()
+            .try_for_each(|place| open(&place.join(LOCK)).map(|_| ()))?;
         Ok(Some(state))
     }
 
@@ -129,19 +148,30 @@ impl State {
             match file.try_lock() {
                 Ok(()) => files.push((path, file)),
                 Err(TryLockError::WouldBlock) => return Err(self.busy(named_holder(&path))),
-                Err(TryLockError::Error(source)) => return Err(io(&path, "cannot be locked")(source)),
+                Err(TryLockError::Error(source)) => {
+                    return Err(io(&path, "cannot be locked")(source));
+                }
             }
         }
         let text = serde_json::to_string(&self.own(run)).unwrap_or_default();
         for (path, file) in &mut files {
-            let written = file.set_len(0).and_then(|()| file.rewind()).and_then(|()| file.write_all(text.as_bytes()));
+            let written = file
+                .set_len(0)
+                .and_then(|()| file.rewind())
+                .and_then(|()| file.write_all(text.as_bytes()));
             written.map_err(io(path, "cannot be written"))?;
         }
         Ok(Lock(files.into_iter().map(|(_, file)| file).collect()))
     }
 
     fn own(&self, run: &Path) -> Holder {
-        Holder { pid: pid(), began: began(pid()), run: run.to_owned(), bench: self.bench.clone(), file: self.file.clone() }
+        Holder {
+            pid: pid(),
+            began: began(pid()),
+            run: run.to_owned(),
+            bench: self.bench.clone(),
+            file: self.file.clone(),
+        }
     }
 
     /// Who runs the bench, or another one that shares an instrument with it.
@@ -152,7 +182,10 @@ impl State {
         for place in &self.places {
             let path = place.join(LOCK);
             // Two that only ask are not in each other's way.
-            if matches!(open(&path)?.try_lock_shared(), Err(TryLockError::WouldBlock)) {
+            if matches!(
+                open(&path)?.try_lock_shared(),
+                Err(TryLockError::WouldBlock)
+            ) {
                 return Ok(Some(named_holder(&path)));
             }
         }
@@ -164,15 +197,38 @@ impl State {
     /// # Errors
     /// [`StateError::Busy`].
     pub fn refuse_busy(&self) -> Result<(), StateError> {
-        self.holder()?.map_or(Ok(()), |holder| Err(self.busy(holder)))
+        self.holder()?
+            .map_or(Ok(()), |holder| Err(self.busy(holder)))
     }
 
-    fn busy(&self, Holder { pid, run, bench, file, .. }: Holder) -> StateError {
-        let other = format!("{bench} ({}), which shares an instrument with {},", file.display(), self.bench);
-        StateError::Busy { bench: if file == self.file { self.bench.clone() } else { other }, pid, run }
+    fn busy(
+        &self,
+        Holder {
+            pid,
+            run,
+            bench,
+            file,
+            ..
+        }: Holder,
+    ) -> StateError {
+        let other = format!(
+            "{bench} ({}), which shares an instrument with {},",
+            file.display(),
+            self.bench
+        );
+        StateError::Busy {
+            bench: if file == self.file {
+                self.bench.clone()
+            } else {
+                other
+            },
+            pid,
+            run,
+        }
     }
 
-    /// Takes the guardian's place; `None` when there is a guardian at work on one of the instruments.
+    /// Takes the guardian's place; `None` when there is a guardian at work on one of the
+    /// instruments.
     ///
     /// # Errors
     /// A file that cannot be opened.
@@ -184,13 +240,16 @@ impl State {
             match file.try_lock() {
                 Ok(()) => files.push(file),
                 Err(TryLockError::WouldBlock) => return Ok(None),
-                Err(TryLockError::Error(source)) => return Err(io(&path, "cannot be locked")(source)),
+                Err(TryLockError::Error(source)) => {
+                    return Err(io(&path, "cannot be locked")(source));
+                }
             }
         }
         Ok(Some(Lock(files)))
     }
 
-    /// Whether the folder is still there: a person who takes it away ends a guardian that cannot succeed.
+    /// Whether the folder is still there: a person who takes it away ends a guardian that cannot
+    /// succeed.
     pub fn exists(&self) -> bool {
         self.folder.is_dir()
     }
@@ -200,13 +259,28 @@ impl State {
     /// # Errors
     /// [`StateError::Latched`] with its cause.
     pub fn refuse_latched(&self) -> Result<(), StateError> {
-        let Some(trip) = self.trip()? else { return Ok(()) };
-        let elsewhere = format!("{}, for it shares an instrument with {}, which", self.bench, trip.file.display());
-        let bench = if trip.file == self.file { self.bench.clone() } else { elsewhere };
-        Err(StateError::Latched { bench, path: self.file.clone(), trip: Box::new(trip.latched) })
+        let Some(trip) = self.trip()? else {
+            return Ok(());
+        };
+        let elsewhere = format!(
+            "{}, for it shares an instrument with {}, which",
+            self.bench,
+            trip.file.display()
+        );
+        let bench = if trip.file == self.file {
+            self.bench.clone()
+        } else {
+            elsewhere
+        };
+        Err(StateError::Latched {
+            bench,
+            path: self.file.clone(),
+            trip: Box::new(trip.latched),
+        })
     }
 
-    /// Why the bench is latched, or an instrument of it, if it is. A file that cannot be understood latches too.
+    /// Why the bench is latched, or an instrument of it, if it is. A file that cannot be understood
+    /// latches too.
     ///
     /// # Errors
     /// A file that cannot be read.
@@ -218,7 +292,10 @@ impl State {
         for place in &self.places {
             let path = place.join(TRIP);
             let unknown = |error| Latch {
-                latched: Latched::new("daemon", &format!("{} cannot be understood: {error}", path.display())),
+                latched: Latched::new(
+                    "daemon",
+                    &format!("{} cannot be understood: {error}", path.display()),
+                ),
                 file: self.file.clone(),
                 places: vec![place.clone()],
             };
@@ -229,7 +306,8 @@ impl State {
         Ok(None)
     }
 
-    /// Latches the bench and its instruments. The first cause stays until it is cleared; each is in the history.
+    /// Latches the bench and its instruments. The first cause stays until it is cleared; each is in
+    /// the history.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -247,26 +325,38 @@ impl State {
 
     fn latch_also(&self, trip: &Latched, others: &[PathBuf]) -> Result<(), StateError> {
         let places: Vec<PathBuf> = self.places.iter().chain(others).cloned().collect();
-        let whole = Latch { latched: trip.clone(), file: self.file.clone(), places };
+        let whole = Latch {
+            latched: trip.clone(),
+            file: self.file.clone(),
+            places,
+        };
         let mut outcome = Ok(());
         for place in &whole.places {
             let path = place.join(TRIP);
             // One that cannot be written must not keep the others from it.
-            let latched = if path.exists() { Ok(()) } else { json(&path, &whole) };
+            let latched = if path.exists() {
+                Ok(())
+            } else {
+                json(&path, &whole)
+            };
             outcome = outcome.and(latched);
         }
-        // The latch counts, the history comes after it: where one of two cannot be written, it is not to be this one.
+        // The latch counts, the history comes after it: where one of two cannot be written, it is
+        // not to be this one.
         outcome.and(self.remember(&serde_json::json!({ "what": "latched", "trip": trip })))
     }
 
-    /// Clears the latch, wherever it is, and remembers who did: whoever has the token of this name, or else the account of this process.
+    /// Clears the latch, wherever it is, and remembers who did: whoever has the token of this name,
+    /// or else the account of this process.
     ///
     /// # Errors
     /// A file that cannot be written.
     pub fn clear(&self, trip: &Latched, token: Option<&str>) -> Result<(), StateError> {
         let who = token.map_or_else(process::who, |name| format!("{name}, by token"));
         self.remember(&serde_json::json!({ "what": "cleared", "who": who, "unix_s": clock::unix_time_s(), "trip": trip }))?;
-        let Some(found) = self.trip()? else { return Ok(()) };
+        let Some(found) = self.trip()? else {
+            return Ok(());
+        };
         for place in found.places.iter().chain(&self.places) {
             let path = place.join(TRIP);
             let same = match read::<Latch>(&path)? {
@@ -286,8 +376,14 @@ impl State {
     /// # Errors
     /// A file that cannot be written: then nothing may be switched on.
     pub fn begin(&self, run: &Path) -> Result<(), StateError> {
-        let open = OpenRun { holder: self.own(run), unix_s: clock::unix_time_s(), places: self.places.clone() };
-        self.places.iter().try_for_each(|place| json(&place.join(OPEN), &open))
+        let open = OpenRun {
+            holder: self.own(run),
+            unix_s: clock::unix_time_s(),
+            places: self.places.clone(),
+        };
+        self.places
+            .iter()
+            .try_for_each(|place| json(&place.join(OPEN), &open))
     }
 
     /// Says that every output is off and was read back.
@@ -298,14 +394,20 @@ impl State {
         self.places.iter().try_for_each(|place| remove(place, OPEN))
     }
 
-    /// The same of a run that was found, wherever it says so. Which run that was stays written down: its own guardian's report does not say it.
+    /// The same of a run that was found, wherever it says so. Which run that was stays written
+    /// down: its own guardian's report does not say it.
     ///
     /// # Errors
     /// As [`Self::settled`].
     pub fn settle(&self, open: &OpenRun) -> Result<(), StateError> {
         self.settled()?;
-        open.places.iter().try_for_each(|place| remove(place, OPEN))?;
-        let settled = Settled { run: open.holder.run.clone(), unix_s: clock::unix_time_s() };
+        open.places
+            .iter()
+            .try_for_each(|place| remove(place, OPEN))?;
+        let settled = Settled {
+            run: open.holder.run.clone(),
+            unix_s: clock::unix_time_s(),
+        };
         for place in self.places.iter().chain(&open.places) {
             // It is settled without this, too.
             if let Err(error) = json(&place.join(SETTLED), &settled) {
@@ -327,8 +429,18 @@ impl State {
     pub fn open_run(&self) -> Result<Option<OpenRun>, StateError> {
         for place in &self.places {
             if let Some(found) = read::<OpenRun>(&place.join(OPEN))? {
-                let holder = Holder { pid: 0, began: None, run: PathBuf::new(), bench: self.bench.clone(), file: self.file.clone() };
-                return Ok(Some(found.unwrap_or(OpenRun { holder, unix_s: 0.0, places: vec![place.clone()] })));
+                let holder = Holder {
+                    pid: 0,
+                    began: None,
+                    run: PathBuf::new(),
+                    bench: self.bench.clone(),
+                    file: self.file.clone(),
+                };
+                return Ok(Some(found.unwrap_or(OpenRun {
+                    holder,
+                    unix_s: 0.0,
+                    places: vec![place.clone()],
+                })));
             }
         }
         Ok(None)
@@ -342,25 +454,38 @@ impl State {
         json(&self.path(name), value)
     }
 
-    /// Adds a line to the history. What is left of a line that was being written when a process died stays a line of its own.
+    /// Adds a line to the history. What is left of a line that was being written when a process
+    /// died stays a line of its own.
     ///
     /// # Errors
     /// A file that cannot be written.
     pub fn remember(&self, entry: &serde_json::Value) -> Result<(), StateError> {
         let path = self.path(HISTORY);
-        let mut file = OpenOptions::new().create(true).read(true).append(true).open(&path).map_err(io(&path, "cannot be written"))?;
+        let mut file = OpenOptions::new()
+            .create(true)
+            .read(true)
+            .append(true)
+            .open(&path)
+            .map_err(io(&path, "cannot be written"))?;
         let mut last = [b'\n'];
         if file.seek(std::io::SeekFrom::End(-1)).is_ok() {
-            file.read_exact(&mut last).map_err(io(&path, "cannot be read"))?;
+            file.read_exact(&mut last)
+                .map_err(io(&path, "cannot be read"))?;
         }
         let torn = if last == [b'\n'] { "" } else { "\n" };
-        writeln!(file, "{torn}{entry}").and_then(|()| file.sync_all()).map_err(io(&path, "cannot be written"))
+        writeln!(file, "{torn}{entry}")
+            .and_then(|()| file.sync_all())
+            .map_err(io(&path, "cannot be written"))
     }
 }
 
 fn io(path: &Path, what: &'static str) -> impl Fn(std::io::Error) -> StateError + use<> {
     let path = path.to_owned();
-    move |source| StateError::Io { path: path.clone(), what, source }
+    move |source| StateError::Io {
+        path: path.clone(),
+        what,
+        source,
+    }
 }
 
 #[cfg(test)]

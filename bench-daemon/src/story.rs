@@ -1,7 +1,9 @@
-//! What a journal tells: how far a run came, and where it may go on. Pure: lines in, a decision out.
+//! What a journal tells: how far a run came, and where it may go on. Pure: lines in, a decision
+//! out.
 //!
-//! A stage whose end was written down is never played again, nor is a finished point. What else is played again depends on what a crash in a step means
-//! ([`Step::after_crash`]): charge whose amount nobody knows is never moved a second time as if nothing had happened.
+//! A stage whose end was written down is never played again, nor is a finished point. What else is
+//! played again depends on what a crash in a step means ([`Step::after_crash`]): charge whose
+//! amount nobody knows is never moved a second time as if nothing had happened.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -47,7 +49,8 @@ pub struct Story {
 pub struct Next {
     /// A SOC reset that is played again first: the charge of the cell is not known any more.
     pub again: Option<usize>,
-    /// The stage that was interrupted, and the step from which it is played; steps that clamp something are played in any case.
+    /// The stage that was interrupted, and the step from which it is played; steps that clamp
+    /// something are played in any case.
     pub open: Option<(usize, usize)>,
 }
 
@@ -59,8 +62,10 @@ pub enum Stuck {
     NotStarted(String),
     /// A step that moved charge, and nobody knows how much.
     #[error(
-        "stage {stage}, step {step} ({what}) was begun and its end is not known: nobody knows which charge it has moved, and no SOC reset comes \
-         before it that could be repeated; look at the cell, bring it to its state by hand, and go on with --accept-charge, which plays the step from \
+        "stage {stage}, step {step} ({what}) was begun and its end is not known: nobody knows \
+        which charge it has moved, and no SOC reset comes \
+         before it that could be repeated; look at the cell, bring it to its state by hand, and go \
+         on with --accept-charge, which plays the step from \
          its beginning"
     )]
     UnknownCharge {
@@ -79,10 +84,26 @@ impl Story {
     /// # Errors
     /// [`Stuck::NotStarted`].
     pub fn of(lines: &[Line]) -> Result<Self, Stuck> {
-        let found = lines.first().map_or_else(|| "nothing".to_owned(), |line| format!("{:?}", line.entry));
-        let Some(Line { entry: Entry::Started(started), time_s, .. }) = lines.first() else { return Err(Stuck::NotStarted(found)) };
+        let found = lines
+            .first()
+            .map_or_else(|| "nothing".to_owned(), |line| format!("{:?}", line.entry));
+        let Some(Line {
+            entry: Entry::Started(started),
+            time_s,
+            ..
+        }) = lines.first()
+        else {
+            return Err(Stuck::NotStarted(found));
+        };
         let started = (**started).clone();
-        let mut story = Self { started, last_s: *time_s, stages: BTreeMap::new(), notes: Vec::new(), latest: None, ended: None };
+        let mut story = Self {
+            started,
+            last_s: *time_s,
+            stages: BTreeMap::new(),
+            notes: Vec::new(),
+            latest: None,
+            ended: None,
+        };
         lines.iter().for_each(|line| story.add(line));
         Ok(story)
     }
@@ -92,8 +113,12 @@ impl Story {
         self.ended = None;
         match &line.entry {
             Entry::Stage { stage } => {
-                let known = self.stages.entry(*stage).or_insert_with(|| StageStory { began_s: line.time_s, ..StageStory::default() });
-                (known.begun, known.done, known.finished) = (BTreeSet::new(), BTreeSet::new(), false);
+                let known = self.stages.entry(*stage).or_insert_with(|| StageStory {
+                    began_s: line.time_s,
+                    ..StageStory::default()
+                });
+                (known.begun, known.done, known.finished) =
+                    (BTreeSet::new(), BTreeSet::new(), false);
                 self.latest = Some(*stage);
             }
             Entry::Intent { stage, step, .. } => {
@@ -110,7 +135,12 @@ impl Story {
             Entry::StageDone { stage } => self.stages.entry(*stage).or_default().finished = true,
             Entry::Note { text } => self.notes.push(text.clone()),
             Entry::Ended { how } => self.ended = Some(how.clone()),
-            Entry::Started(_) | Entry::Found(_) | Entry::Resumed { .. } | Entry::Safe | Entry::Paused | Entry::GoneOn => {}
+            Entry::Started(_)
+            | Entry::Found(_)
+            | Entry::Resumed { .. }
+            | Entry::Safe
+            | Entry::Paused
+            | Entry::GoneOn => {}
         }
     }
 
@@ -119,43 +149,77 @@ impl Story {
         self.stages.get(&stage).is_some_and(|story| story.finished)
     }
 
-    /// Where the run goes on. `recorded` says of a step that its result is in the run folder, whatever the journal says. With `accept_charge` a step
-    /// that moved an unknown charge is played again all the same.
+    /// Where the run goes on. `recorded` says of a step that its result is in the run folder,
+    /// whatever the journal says. With `accept_charge` a step that moved an unknown charge is
+    /// played again all the same.
     ///
     /// # Errors
     /// [`Stuck::UnknownCharge`].
-    pub fn next(&self, plan: &Plan, recorded: impl Fn(&Step) -> bool, accept_charge: bool) -> Result<Next, Stuck> {
+    pub fn next(
+        &self,
+        plan: &Plan,
+        recorded: impl Fn(&Step) -> bool,
+        accept_charge: bool,
+    ) -> Result<Next, Stuck> {
         let open = self.latest.filter(|stage| !self.finished(*stage));
-        let Some((number, stage, story)) = open.and_then(|number| Some((number, plan.stages.get(number)?, self.stages.get(&number)?)))
+        let Some((number, stage, story)) = open
+            .and_then(|number| Some((number, plan.stages.get(number)?, self.stages.get(&number)?)))
         else {
             return Ok(Next::default());
         };
         let done = |index: usize, step: &Step| story.done.contains(&index) || recorded(step);
-        let moves: Vec<(usize, &Step)> =
-            stage.steps.iter().enumerate().filter(|(_, step)| step.after_crash() != AfterCrash::Repeat).collect();
-        let crashed = moves.iter().find(|(index, step)| story.begun.contains(index) && !done(*index, step));
+        let moves: Vec<(usize, &Step)> = stage
+            .steps
+            .iter()
+            .enumerate()
+            .filter(|(_, step)| step.after_crash() != AfterCrash::Repeat)
+            .collect();
+        let crashed = moves
+            .iter()
+            .find(|(index, step)| story.begun.contains(index) && !done(*index, step));
         let left = moves.iter().any(|(index, step)| !done(*index, step));
         let unknown = moves.iter().any(|(index, step)| {
             let spent = done(*index, step) && left;
-            step.after_crash() == AfterCrash::Unknown && (spent || crashed.is_some_and(|(at, _)| at == index))
+            step.after_crash() == AfterCrash::Unknown
+                && (spent || crashed.is_some_and(|(at, _)| at == index))
         });
         if unknown && !accept_charge {
             let again = last_reset(plan, number, stage);
-            let (step, what) = crashed.map_or((0, String::new()), |(index, step)| (index + 1, step.to_string()));
+            let (step, what) = crashed.map_or((0, String::new()), |(index, step)| {
+                (index + 1, step.to_string())
+            });
             return match again {
-                Some(again) => Ok(Next { again: Some(again), open: Some((number, 0)) }),
-                None => Err(Stuck::UnknownCharge { stage: number + 1, step, what }),
+                Some(again) => Ok(Next {
+                    again: Some(again),
+                    open: Some((number, 0)),
+                }),
+                None => Err(Stuck::UnknownCharge {
+                    stage: number + 1,
+                    step,
+                    what,
+                }),
             };
         }
-        let from = if left { 0 } else { moves.last().map_or(0, |(index, _)| index + 1) };
-        Ok(Next { again: None, open: Some((number, from)) })
+        let from = if left {
+            0
+        } else {
+            moves.last().map_or(0, |(index, _)| index + 1)
+        };
+        Ok(Next {
+            again: None,
+            open: Some((number, from)),
+        })
     }
 }
 
 /// The last SOC reset of the same cell before a stage.
 fn last_reset(plan: &Plan, before: usize, stage: &Stage) -> Option<usize> {
-    let same = |candidate: &Stage| candidate.purpose == Purpose::SocReset && candidate.specimen() == stage.specimen();
-    (0..before).rev().find(|index| plan.stages.get(*index).is_some_and(same))
+    let same = |candidate: &Stage| {
+        candidate.purpose == Purpose::SocReset && candidate.specimen() == stage.specimen()
+    };
+    (0..before)
+        .rev()
+        .find(|index| plan.stages.get(*index).is_some_and(same))
 }
 
 /// A first entry, for tests.
@@ -178,28 +242,65 @@ mod tests {
     use crate::plan::test_trace;
     use instruments::{mock::plant::Fixture, supply4q::Holds};
 
-    const DISCHARGE: Step = Step::Discharge { current_a: 5.0, until_v: 3.5, max_s: 60.0 };
-    const CHARGE: Step = Step::Charge { current_a: 3.0, limit_v: 4.2, until_v: 3.8, max_s: 60.0 };
-    const REST: Step = Step::Rest { min_s: 1.0, max_s: 2.0, slope_v_per_s: 1.0e-6 };
-    const UP: Step = Step::PowerUp { compliance_v: 4.5, limit_a: 2.0, held: Holds::CurrentAndVoltage };
+    const DISCHARGE: Step = Step::Discharge {
+        current_a: 5.0,
+        until_v: 3.5,
+        max_s: 60.0,
+    };
+    const CHARGE: Step = Step::Charge {
+        current_a: 3.0,
+        limit_v: 4.2,
+        until_v: 3.8,
+        max_s: 60.0,
+    };
+    const REST: Step = Step::Rest {
+        min_s: 1.0,
+        max_s: 2.0,
+        slope_v_per_s: 1.0e-6,
+    };
+    const UP: Step = Step::PowerUp {
+        compliance_v: 4.5,
+        limit_a: 2.0,
+        held: Holds::CurrentAndVoltage,
+    };
 
     fn sine(index: usize) -> Step {
-        Step::Sine { index, freq_hz: 1.0, amplitude_a: 1.0, wait_s: 12.0 }
+        Step::Sine {
+            index,
+            freq_hz: 1.0,
+            amplitude_a: 1.0,
+            wait_s: 12.0,
+        }
     }
 
     fn stage(purpose: Purpose, steps: Vec<Step>) -> Stage {
-        Stage { purpose, steps: [vec![Step::Mount(Fixture::Cell)], steps].concat() }
+        Stage {
+            purpose,
+            steps: [vec![Step::Mount(Fixture::Cell)], steps].concat(),
+        }
     }
 
     /// Stage 0 resets, 1 sweeps, 2 is a trace; with `reset` false the first is a wait.
     fn plan(reset: bool) -> Plan {
-        let first = if reset { stage(Purpose::SocReset, vec![DISCHARGE, CHARGE, REST]) } else { stage(Purpose::Temperature, vec![REST]) };
+        let first = if reset {
+            stage(Purpose::SocReset, vec![DISCHARGE, CHARGE, REST])
+        } else {
+            stage(Purpose::Temperature, vec![REST])
+        };
         let trace = std::sync::Arc::new(test_trace());
-        let steps = vec![Step::Zero(trace.clone()), UP, Step::Trace(trace), Step::PowerDown];
+        let steps = vec![
+            Step::Zero(trace.clone()),
+            UP,
+            Step::Trace(trace),
+            Step::PowerDown,
+        ];
         Plan {
             stages: vec![
                 first,
-                stage(Purpose::Sweep(Fixture::Cell, 1), vec![UP, sine(0), sine(1), Step::PowerDown]),
+                stage(
+                    Purpose::Sweep(Fixture::Cell, 1),
+                    vec![UP, sine(0), sine(1), Step::PowerDown],
+                ),
                 stage(Purpose::Trace, steps),
             ],
         }
@@ -215,12 +316,24 @@ mod tests {
                     stage = number;
                     Entry::Stage { stage }
                 }
-                "i" => Entry::Intent { stage, step: number, text: String::new(), live: true },
-                "d" => Entry::Done { stage, step: number },
+                "i" => Entry::Intent {
+                    stage,
+                    step: number,
+                    text: String::new(),
+                    live: true,
+                },
+                "d" => Entry::Done {
+                    stage,
+                    step: number,
+                },
                 _ => Entry::StageDone { stage },
             });
         }
-        let line = |(index, entry): (usize, Entry)| Line { number: index as u64 + 1, time_s: index as f64, entry };
+        let line = |(index, entry): (usize, Entry)| Line {
+            number: index as u64 + 1,
+            time_s: index as f64,
+            entry,
+        };
         Story::of(&lines.into_iter().enumerate().map(line).collect::<Vec<_>>()).unwrap()
     }
 
@@ -237,32 +350,65 @@ mod tests {
             ("S0 i0 d0 i1 d1 i2 d2 i3", go(None, Some((0, 3)))),
             ("S0 i0 d0 F", go(None, None)),
             ("S0 F S1 i0 d0 i1 d1 i2", go(None, Some((1, 0)))),
-            // A trace that was not begun is played; one that was moved a charge that nobody knows; one that is done is done.
+            // A trace that was not begun is played; one that was moved a charge that nobody knows;
+            // one that is done is done.
             ("S0 F S1 F S2 i0 d0 i1 d1 i2", go(None, Some((2, 0)))),
-            ("S0 F S1 F S2 i0 d0 i1 d1 i2 d2 i3", go(Some(0), Some((2, 0)))),
-            ("S0 F S1 F S2 i0 d0 i1 d1 i2 d2 i3 d3 i4", go(None, Some((2, 4)))),
+            (
+                "S0 F S1 F S2 i0 d0 i1 d1 i2 d2 i3",
+                go(Some(0), Some((2, 0))),
+            ),
+            (
+                "S0 F S1 F S2 i0 d0 i1 d1 i2 d2 i3 d3 i4",
+                go(None, Some((2, 4))),
+            ),
             // The reset was being repeated when the next crash came: the trace still waits.
             ("S0 F S1 F S2 i3 S0 i0 d0 i1", go(None, Some((0, 0)))),
             ("S0 F S1 F S2 F", go(None, None)),
         ] {
-            assert_eq!(story(text).next(&plan(true), |_| false, false), expected, "{text}");
+            assert_eq!(
+                story(text).next(&plan(true), |_| false, false),
+                expected,
+                "{text}"
+            );
         }
     }
 
     #[test]
     fn without_a_reset_an_unknown_charge_stops_the_run_and_says_what_to_do() {
         let crashed = story("S0 F S1 F S2 i0 d0 i1 d1 i2 d2 i3");
-        let message = crashed.next(&plan(false), |_| false, false).unwrap_err().to_string();
-        assert!(message.starts_with("stage 3, step 4 (trace t, repeat 1: ") && message.contains("--accept-charge"), "{message}");
-        assert_eq!(crashed.next(&plan(false), |_| false, true), Ok(Next { again: None, open: Some((2, 0)) }));
+        let message = crashed
+            .next(&plan(false), |_| false, false)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.starts_with("stage 3, step 4 (trace t, repeat 1: ")
+                && message.contains("--accept-charge"),
+            "{message}"
+        );
+        assert_eq!(
+            crashed.next(&plan(false), |_| false, true),
+            Ok(Next {
+                again: None,
+                open: Some((2, 0))
+            })
+        );
         // Its file is in the index: only the end was not written down.
         let recorded = |step: &Step| matches!(step, Step::Trace(_));
-        assert_eq!(crashed.next(&plan(false), recorded, false), Ok(Next { again: None, open: Some((2, 4)) }));
+        assert_eq!(
+            crashed.next(&plan(false), recorded, false),
+            Ok(Next {
+                again: None,
+                open: Some((2, 4))
+            })
+        );
     }
 
     #[test]
     fn a_journal_without_a_beginning_is_none() {
         let message = Story::of(&[]).unwrap_err().to_string();
-        assert_eq!(message, "expected a journal that begins with what runs, found nothing");
+        assert_eq!(
+            message,
+            "expected a journal that begins with what runs, found nothing"
+        );
     }
 }

@@ -1,6 +1,8 @@
-//! The hashes of a finished run: `SHA256SUMS`, one line for every other file of the folder, as `sha256sum --check` reads it.
+//! The hashes of a finished run: `SHA256SUMS`, one line for every other file of the folder, as
+//! `sha256sum --check` reads it.
 //!
-//! They find what was altered by accident, the list itself included; whoever means harm can write another list.
+//! They find what was altered by accident, the list itself included; whoever means harm can write
+//! another list.
 
 use std::{
     collections::BTreeMap,
@@ -47,9 +49,14 @@ pub struct Altered {
 /// [`SumsError`].
 pub fn write(folder: &Path) -> Result<(), SumsError> {
     let names = files(folder)?;
-    let lines: Vec<String> =
-        names.par_iter().map(|name| Ok(format!("{}  {name}\n", sum(folder, name)?))).collect::<Result<_, SumsError>>()?;
-    Ok(dataset::write_atomically(&folder.join(SUMS), lines.concat().as_bytes())?)
+    let lines: Vec<String> = names
+        .par_iter()
+        .map(|name| Ok(format!("{}  {name}\n", sum(folder, name)?)))
+        .collect::<Result<_, SumsError>>()?;
+    Ok(dataset::write_atomically(
+        &folder.join(SUMS),
+        lines.concat().as_bytes(),
+    )?)
 }
 
 /// Compares all files of a folder with their hashes; also says how many there are.
@@ -59,26 +66,48 @@ pub fn write(folder: &Path) -> Result<(), SumsError> {
 pub fn check(folder: &Path) -> Result<(usize, Vec<Altered>), SumsError> {
     let path = folder.join(SUMS);
     let bytes = fs::read(&path).map_err(|source| SumsError::Read { path, source })?;
-    let altered = |file: &str, what: String| Altered { file: file.to_owned(), what };
+    let altered = |file: &str, what: String| Altered {
+        file: file.to_owned(),
+        what,
+    };
     let (mut stored, mut found) = (BTreeMap::new(), Vec::new());
     let text = String::from_utf8_lossy(&bytes);
     for (number, line) in (1..).zip(text.split_inclusive('\n')) {
         match entry(line) {
-            Some((sum, name)) if stored.last_key_value().is_none_or(|(last, _)| *last < name) => drop(stored.insert(name, sum)),
-            _ => found
-                .push(altered(SUMS, format!("line {number}: expected 64 digits, two blanks and a name after the last, found {line:?}"))),
+            Some((sum, name)) if stored.last_key_value().is_none_or(|(last, _)| *last < name) => {
+                drop(stored.insert(name, sum))
+            }
+            _ => found.push(altered(
+                SUMS,
+                format!(
+                    "line {number}: expected 64 digits, two blanks and a \
+                name after the last, found {line:?}"
+                ),
+            )),
         }
     }
     let names = files(folder)?;
     let wrong = |name: &String| -> Result<Option<Altered>, SumsError> {
-        let Some(expected) = stored.get(name.as_str()) else { return Ok(Some(altered(name, format!("not in {SUMS}")))) };
+        let Some(expected) = stored.get(name.as_str()) else {
+            return Ok(Some(altered(name, format!("not in {SUMS}"))));
+        };
         let met = sum(folder, name)?;
-        Ok((met != *expected).then(|| altered(name, format!("expected the SHA-256 {expected}, found {met}"))))
+        Ok((met != *expected).then(|| {
+            altered(
+                name,
+                format!("expected the SHA-256 {expected}, found {met}"),
+            )
+        }))
     };
     let wrong: Vec<Option<Altered>> = names.par_iter().map(wrong).collect::<Result<_, _>>()?;
     found.extend(wrong.into_iter().flatten());
     let there: std::collections::BTreeSet<&str> = names.iter().map(String::as_str).collect();
-    found.extend(stored.keys().filter(|name| !there.contains(**name)).map(|name| altered(name, "missing".to_owned())));
+    found.extend(
+        stored
+            .keys()
+            .filter(|name| !there.contains(**name))
+            .map(|name| altered(name, "missing".to_owned())),
+    );
     Ok((names.len(), found))
 }
 
@@ -104,11 +133,18 @@ fn files(folder: &Path) -> Result<Vec<String>, SumsError> {
 
 fn collect(folder: &Path, below: &str, names: &mut Vec<String>) -> Result<(), SumsError> {
     let path = folder.join(below);
-    let read = |source| SumsError::Read { path: path.clone(), source };
+    let read = |source| SumsError::Read {
+        path: path.clone(),
+        source,
+    };
     for entry in fs::read_dir(&path).map_err(read)? {
         let entry = entry.map_err(read)?;
         let own = entry.file_name().to_string_lossy().into_owned();
-        let name = if below.is_empty() { own } else { format!("{below}/{own}") };
+        let name = if below.is_empty() {
+            own
+        } else {
+            format!("{below}/{own}")
+        };
         if entry.file_type().map_err(read)?.is_dir() {
             collect(folder, &name, names)?;
         } else if name != SUMS {
@@ -134,8 +170,14 @@ mod tests {
         fs::write(folder.path().join("b/c"), "b/d").unwrap();
         fs::rename(folder.path().join("d"), folder.path().join("e")).unwrap();
         let (_, found) = check(folder.path()).unwrap();
-        let said: Vec<String> = found.iter().map(|one| format!("{}: {}", one.file, one.what)).collect();
-        assert!(said[0].starts_with("b/c: expected the SHA-256 ") && said[0].contains(", found "), "{said:?}");
+        let said: Vec<String> = found
+            .iter()
+            .map(|one| format!("{}: {}", one.file, one.what))
+            .collect();
+        assert!(
+            said[0].starts_with("b/c: expected the SHA-256 ") && said[0].contains(", found "),
+            "{said:?}"
+        );
         assert_eq!(said[1..], ["e: not in SHA256SUMS", "d: missing"]);
     }
 

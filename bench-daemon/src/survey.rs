@@ -1,6 +1,8 @@
-//! Who answers at an address, what it can do, what is programmed into it and what its error queue holds.
+//! Who answers at an address, what it can do, what is programmed into it and what its error queue
+//! holds.
 //!
-//! Asks questions only, those of the read-backs included; the only thing that a question changes is the error queue, which forgets what it has told.
+//! Asks questions only, those of the read-backs included; the only thing that a question changes is
+//! the error queue, which forgets what it has told.
 
 use instruments::{
     chiller::{self, Chiller},
@@ -37,9 +39,16 @@ pub struct Said {
 }
 
 impl Said {
-    /// Nothing but who it is: what it would answer to the questions of another model is nobody's guess.
+    /// Nothing but who it is: what it would answer to the questions of another model is nobody's
+    /// guess.
     pub fn unknown(identity: Identity) -> Self {
-        Self { identity, recognised: false, capabilities: Value::Null, programmed: Vec::new(), health: Vec::new() }
+        Self {
+            identity,
+            recognised: false,
+            capabilities: Value::Null,
+            programmed: Vec::new(),
+            health: Vec::new(),
+        }
     }
 }
 
@@ -114,7 +123,13 @@ impl Known {
 }
 
 fn known<D: Model + ?Sized>(role: &'static str, dialect: &'static D, spoken: Spoken) -> Known {
-    Known { role, key: dialect.key(), profile: dialect.profile(), question: dialect.identity_query(), dialect: spoken }
+    Known {
+        role,
+        key: dialect.key(),
+        profile: dialect.profile(),
+        question: dialect.identity_query(),
+        dialect: spoken,
+    }
 }
 
 impl Any {
@@ -142,17 +157,32 @@ impl Any {
         let questions = self.questions();
         let mut programmed: Vec<Answer> = Vec::new();
         for answer in look(self.link(), &questions).await? {
-            if !programmed.iter().any(|known| known.question == answer.question) {
+            if !programmed
+                .iter()
+                .any(|known| known.question == answer.question)
+            {
                 programmed.push(answer);
             }
         }
-        let mut health: Vec<String> = self.link().drain_errors().await?.iter().map(ToString::to_string).collect();
+        let mut health: Vec<String> = self
+            .link()
+            .drain_errors()
+            .await?
+            .iter()
+            .map(ToString::to_string)
+            .collect();
         if let Self::Chiller(chiller) = self {
             let status = chiller.status().await?;
             health.extend(status.alarm);
             health.extend((!status.remote).then(|| format!("not in remote mode: {}", status.raw)));
         }
-        Ok(Said { identity, recognised, capabilities, programmed, health })
+        Ok(Said {
+            identity,
+            recognised,
+            capabilities,
+            programmed,
+            health,
+        })
     }
 
     async fn identify(&mut self) -> Result<(Identity, bool), LinkError> {
@@ -204,22 +234,61 @@ impl Any {
     fn questions(&self) -> Vec<Exchange> {
         match self {
             Self::Supply4q(instrument) => {
-                let limits = supply4q::Limits { compliance: Volts(1.0), current: Amps(1.0) };
-                [instrument.dialect().output(false), instrument.dialect().prepare(&limits), instrument.dialect().analog(false)].concat()
+                let limits = supply4q::Limits {
+                    compliance: Volts(1.0),
+                    current: Amps(1.0),
+                };
+                [
+                    instrument.dialect().output(false),
+                    instrument.dialect().prepare(&limits),
+                    instrument.dialect().analog(false),
+                ]
+                .concat()
             }
-            Self::Generator(instrument) => [instrument.dialect().output(1, false), instrument.dialect().quiet(1, Volts(0.0))].concat(),
+            Self::Generator(instrument) => [
+                instrument.dialect().output(1, false),
+                instrument.dialect().quiet(1, Volts(0.0)),
+            ]
+            .concat(),
             Self::Scope(instrument) => {
-                let vertical = |channel| Intent::Vertical(Vertical { channel, per_div: Volts(1.0), offset: Volts(0.0) });
-                let intents = (1..=4).map(vertical).chain([Intent::Timebase(Seconds(0.01)), Intent::Session { memory_points: 1_000_000 }]);
-                intents.flat_map(|intent| instrument.dialect().script(&intent)).collect()
+                let vertical = |channel| {
+                    Intent::Vertical(Vertical {
+                        channel,
+                        per_div: Volts(1.0),
+                        offset: Volts(0.0),
+                    })
+                };
+                let intents = (1..=4).map(vertical).chain([
+                    Intent::Timebase(Seconds(0.01)),
+                    Intent::Session {
+                        memory_points: 1_000_000,
+                    },
+                ]);
+                intents
+                    .flat_map(|intent| instrument.dialect().script(&intent))
+                    .collect()
             }
             Self::Load(instrument) => {
-                let discharge = load::Discharge { draw: load::Draw::Current(Amps(0.1)), stop_below: Volts(1.0) };
-                [instrument.dialect().input(false), instrument.dialect().prepare(&discharge)].concat()
+                let discharge = load::Discharge {
+                    draw: load::Draw::Current(Amps(0.1)),
+                    stop_below: Volts(1.0),
+                };
+                [
+                    instrument.dialect().input(false),
+                    instrument.dialect().prepare(&discharge),
+                ]
+                .concat()
             }
             Self::Supply(instrument) => {
-                let charge = supply::Charge { voltage: Volts(1.0), current: Amps(0.1) };
-                [instrument.dialect().output(false), instrument.dialect().prepare(&charge)].concat()
+                let charge = supply::Charge {
+                    voltage: Volts(1.0),
+                    current: Amps(0.1),
+                };
+                [
+                    instrument.dialect().output(false),
+                    instrument.dialect().prepare(&charge),
+                ]
+                .concat()
             }
             Self::Chiller(instrument) => instrument.dialect().run(Some(instrument.range().0)),
             Self::Logger(_) | Self::Jig(_) => Vec::new(),

@@ -1,8 +1,9 @@
-//! Holds a bath at a temperature with a heater and a cooler on relays: a proportional-integral law whose output is the share of a window for which a relay
-//! is on.
+//! Holds a bath at a temperature with a heater and a cooler on relays: a proportional-integral law
+//! whose output is the share of a window for which a relay is on.
 //!
-//! Pure: it is told readings with their times and says pulses. What is too short for a relay is saved up until it is long enough; heating and cooling do not
-//! follow each other at once; a reading that is none switches off, and too old a one is a fault.
+//! Pure: it is told readings with their times and says pulses. What is too short for a relay is
+//! saved up until it is long enough; heating and cooling do not follow each other at once; a
+//! reading that is none switches off, and too old a one is a fault.
 
 use crate::config::Thermostat as Settings;
 
@@ -10,7 +11,8 @@ use crate::config::Thermostat as Settings;
 const LEAST_S: f64 = 2.0;
 /// Between heating and cooling both are off for so long, s.
 const REVERSAL_S: f64 = 60.0;
-/// A sensor that shows the very same while so much heat was asked for is not looked at any more by anybody, s of full power.
+/// A sensor that shows the very same while so much heat was asked for is not looked at any more by
+/// anybody, s of full power.
 const UNMOVED_S: f64 = 120.0;
 
 /// What is to be done now.
@@ -32,7 +34,10 @@ pub enum Fault {
         age_s: f64,
     },
     /// The sensor does not follow.
-    #[error("the bath shows {celsius:.3} °C all the while, after {spent_s:.0} s of full power in one direction")]
+    #[error(
+        "the bath shows {celsius:.3} °C all the while, after {spent_s:.0} s of full power in one \
+        direction"
+    )]
     Unmoved {
         /// What it shows, °C.
         celsius: f64,
@@ -91,7 +96,11 @@ impl Thermostat {
         let Some(celsius) = reading_c.filter(|celsius| celsius.is_finite()) else {
             let age_s = now_s - self.good_s;
             self.saved_s = 0.0;
-            return if age_s > self.settings.stale_s { Action::Fault(Fault::Stale { age_s }) } else { Action::Pulse(0.0) };
+            return if age_s > self.settings.stale_s {
+                Action::Fault(Fault::Stale { age_s })
+            } else {
+                Action::Pulse(0.0)
+            };
         };
         // A gap in the questions is no time in which the error stood.
         let passed_s = (now_s - self.good_s).clamp(0.0, window_s);
@@ -109,7 +118,8 @@ impl Thermostat {
     fn share(&mut self, error_k: f64, passed_s: f64) -> f64 {
         let proportional = error_k / self.settings.band_k;
         if (proportional + self.integral).abs() < 1.0 {
-            self.integral = (self.integral + proportional * passed_s / self.settings.integral_s).clamp(-1.0, 1.0);
+            self.integral = (self.integral + proportional * passed_s / self.settings.integral_s)
+                .clamp(-1.0, 1.0);
         }
         (proportional + self.integral).clamp(-1.0, 1.0)
     }
@@ -122,10 +132,18 @@ impl Thermostat {
             return 0.0;
         }
         // A relay that would be off for a moment only stays on.
-        let pulse_s = if window_s - self.saved_s.abs() < LEAST_S { window_s.copysign(self.saved_s) } else { self.saved_s };
+        let pulse_s = if window_s - self.saved_s.abs() < LEAST_S {
+            window_s.copysign(self.saved_s)
+        } else {
+            self.saved_s
+        };
         self.saved_s -= pulse_s;
         // To the next window and a little more, so that a full one leaves no gap.
-        let longer_s = if pulse_s.abs() >= window_s { pulse_s * 1.25 } else { pulse_s };
+        let longer_s = if pulse_s.abs() >= window_s {
+            pulse_s * 1.25
+        } else {
+            pulse_s
+        };
         self.last = (longer_s.signum(), now_s + longer_s.abs());
         longer_s
     }
@@ -147,19 +165,34 @@ impl Thermostat {
 mod tests {
     use super::*;
 
-    const SETTINGS: Settings = Settings { band_k: 0.5, integral_s: 400.0, window_s: 20.0, stale_s: 60.0, sensor_offset_k: 0.0 };
+    const SETTINGS: Settings = Settings {
+        band_k: 0.5,
+        integral_s: 400.0,
+        window_s: 20.0,
+        stale_s: 60.0,
+        sensor_offset_k: 0.0,
+    };
 
-    /// A bath that loses heat to the room, in steps of a second, read in sixteenths of a degree. Its greatest error from half an hour on, K.
+    /// A bath that loses heat to the room, in steps of a second, read in sixteenths of a degree.
+    /// Its greatest error from half an hour on, K.
     fn held(band_k: f64, ambient_c: f64, (heater, cooler): (f64, f64)) -> f64 {
         let mut thermostat = Thermostat::new(Settings { band_k, ..SETTINGS }, 25.0, 0.0);
         let (mut bath_c, mut pulse, mut worst_k) = (ambient_c, (0.0, 0.0), 0.0_f64);
         for second in 0..7200 {
             let now_s = f64::from(second);
             if thermostat.is_due(now_s) {
-                let Action::Pulse(pulse_s) = thermostat.step(Some((bath_c * 16.0).round() / 16.0), now_s) else { panic!("at {now_s} s") };
+                let Action::Pulse(pulse_s) =
+                    thermostat.step(Some((bath_c * 16.0).round() / 16.0), now_s)
+                else {
+                    panic!("at {now_s} s")
+                };
                 pulse = (pulse_s, now_s + pulse_s.abs());
             }
-            let on = if now_s < pulse.1 { pulse.0.signum() } else { 0.0 };
+            let on = if now_s < pulse.1 {
+                pulse.0.signum()
+            } else {
+                0.0
+            };
             bath_c += (ambient_c - bath_c) / 1800.0 + if on > 0.0 { heater } else { on * cooler };
             if now_s > 1800.0 {
                 worst_k = worst_k.max((bath_c - 25.0).abs());
@@ -170,7 +203,8 @@ mod tests {
 
     #[test]
     fn it_holds_a_bath_in_a_cold_and_in_a_warm_room() {
-        // A bath that is twice as lively wants twice the band, and the shortest pulse of its heater alone moves it by 0.06 K.
+        // A bath that is twice as lively wants twice the band, and the shortest pulse of its heater
+        // alone moves it by 0.06 K.
         for (band_k, ambient_c, powers, most_k) in [
             (0.5, 22.0, (0.015, 0.01), 0.08),
             (0.5, 25.0, (0.015, 0.01), 0.08),
@@ -189,32 +223,68 @@ mod tests {
         assert!(!thermostat.is_due(19.0) && thermostat.is_due(20.0));
         assert_eq!(thermostat.step(None, 20.0), Action::Pulse(0.0));
         assert_eq!(thermostat.step(Some(f64::NAN), 40.0), Action::Pulse(0.0));
-        let Action::Fault(fault) = thermostat.step(None, 80.0) else { panic!("expected a fault") };
-        assert_eq!(fault.to_string(), "no bath temperature that can be believed for 80 s");
+        let Action::Fault(fault) = thermostat.step(None, 80.0) else {
+            panic!("expected a fault")
+        };
+        assert_eq!(
+            fault.to_string(),
+            "no bath temperature that can be believed for 80 s"
+        );
     }
 
     #[test]
     fn a_sensor_that_hangs_beside_the_bath_is_a_fault_before_the_bath_boils() {
         let mut thermostat = Thermostat::new(SETTINGS, 25.0, 0.0);
         let end = (0..)
-            .map(|window| (window, thermostat.step(Some(22.0), 20.0 * f64::from(window))))
+            .map(|window| {
+                (
+                    window,
+                    thermostat.step(Some(22.0), 20.0 * f64::from(window)),
+                )
+            })
             .find(|(_, action)| matches!(action, Action::Fault(_)));
-        let (window, Action::Fault(fault)) = end.unwrap() else { panic!("expected a fault") };
+        let (window, Action::Fault(fault)) = end.unwrap() else {
+            panic!("expected a fault")
+        };
         assert!(window <= 6, "{window}");
-        assert_eq!(fault.to_string(), "the bath shows 22.000 °C all the while, after 125 s of full power in one direction");
+        assert_eq!(
+            fault.to_string(),
+            "the bath shows 22.000 °C all the while, after 125 s of full power in one direction"
+        );
     }
 
     #[test]
     fn what_is_too_short_is_saved_up_and_heat_does_not_follow_cold() {
-        let mut thermostat = Thermostat::new(Settings { integral_s: 1.0e9, ..SETTINGS }, 25.0, 0.0);
+        let mut thermostat = Thermostat::new(
+            Settings {
+                integral_s: 1.0e9,
+                ..SETTINGS
+            },
+            25.0,
+            0.0,
+        );
         // Six hundredths of full power: 1.2 s in 20 s.
-        let pulses: Vec<Action> = (0..4).map(|window| thermostat.step(Some(24.97), 20.0 * f64::from(window))).collect();
-        let [first, second, ..] = pulses[..] else { panic!() };
+        let pulses: Vec<Action> = (0..4)
+            .map(|window| thermostat.step(Some(24.97), 20.0 * f64::from(window)))
+            .collect();
+        let [first, second, ..] = pulses[..] else {
+            panic!()
+        };
         assert_eq!(first, Action::Pulse(0.0));
-        assert!(matches!(second, Action::Pulse(pulse) if (pulse - 2.4).abs() < 1.0e-3), "{pulses:?}");
+        assert!(
+            matches!(second, Action::Pulse(pulse) if (pulse - 2.4).abs() < 1.0e-3),
+            "{pulses:?}"
+        );
         // Too warm at once: nothing is cooled for a minute.
-        let after: Vec<Action> = (4..9).map(|window| thermostat.step(Some(25.3), 20.0 * f64::from(window))).collect();
+        let after: Vec<Action> = (4..9)
+            .map(|window| thermostat.step(Some(25.3), 20.0 * f64::from(window)))
+            .collect();
         assert_eq!(after[0], Action::Pulse(0.0));
-        assert!(after.iter().any(|action| matches!(action, Action::Pulse(pulse) if *pulse < 0.0)), "{after:?}");
+        assert!(
+            after
+                .iter()
+                .any(|action| matches!(action, Action::Pulse(pulse) if *pulse < 0.0)),
+            "{after:?}"
+        );
     }
 }

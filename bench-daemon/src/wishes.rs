@@ -1,7 +1,9 @@
-//! What a person wants of a run that is going on, said from another terminal: to pause, to go on, to end, to do what is left in another order. A small file
-//! in the run folder, looked at between points.
+//! What a person wants of a run that is going on, said from another terminal: to pause, to go on,
+//! to end, to do what is left in another order. A small file in the run folder, looked at between
+//! points.
 //!
-//! In virtual time nobody is asked: the run is over in seconds, and played again it must be the same.
+//! In virtual time nobody is asked: the run is over in seconds, and played again it must be the
+//! same.
 
 use std::path::Path;
 
@@ -35,15 +37,19 @@ pub struct Wishes {
 }
 
 impl Wishes {
-    /// What is wanted of the run in a folder. A file that cannot be read says nothing: it must not stop a run.
+    /// What is wanted of the run in a folder. A file that cannot be read says nothing: it must not
+    /// stop a run.
     pub fn read(folder: &Path) -> Self {
         Self::said(folder).unwrap_or_default()
     }
 
-    /// What is said; nothing where no file is there or none that can be read. Who waits on request goes on waiting then: somebody may be at the jig.
+    /// What is said; nothing where no file is there or none that can be read. Who waits on request
+    /// goes on waiting then: somebody may be at the jig.
     pub fn said(folder: &Path) -> Option<Self> {
         let text = std::fs::read_to_string(folder.join(FILE)).ok()?;
-        serde_json::from_str(&text).inspect_err(|error| tracing::warn!("{FILE}: {error}: not heeded")).ok()
+        serde_json::from_str(&text)
+            .inspect_err(|error| tracing::warn!("{FILE}: {error}: not heeded"))
+            .ok()
     }
 
     /// Says what is wanted.
@@ -72,12 +78,17 @@ pub enum Standing {
     Left,
 }
 
-/// The runs that come next, in their order, when those of these numbers are wanted first; `runs` are all, by their numbers.
+/// The runs that come next, in their order, when those of these numbers are wanted first; `runs`
+/// are all, by their numbers.
 ///
 /// # Errors
 /// A number that is none of a run, is named twice, or is that of a run that was begun.
 pub fn coming(runs: &[(usize, Standing)], wanted: &[usize]) -> Result<Vec<usize>, String> {
-    let numbers = |standing| runs.iter().filter(move |run| run.1 == standing).map(|run| run.0);
+    let numbers = |standing| {
+        runs.iter()
+            .filter(move |run| run.1 == standing)
+            .map(|run| run.0)
+    };
     let left = in_words(numbers(Standing::Left));
     for (place, number) in wanted.iter().enumerate() {
         let standing = runs.iter().find(|run| run.0 == *number).map(|run| run.1);
@@ -88,7 +99,9 @@ pub fn coming(runs: &[(usize, Standing)], wanted: &[usize]) -> Result<Vec<usize>
             Some(Standing::InWork) => format!("{number}, which is in work"),
             Some(Standing::Left) => continue,
         };
-        return Err(format!("expected runs that were not begun, each once, of: {left}; found {found}"));
+        return Err(format!(
+            "expected runs that were not begun, each once, of: {left}; found {found}"
+        ));
     }
     let rest = numbers(Standing::Left).filter(|number| !wanted.contains(number));
     Ok(wanted.iter().copied().chain(rest).collect())
@@ -97,12 +110,21 @@ pub fn coming(runs: &[(usize, Standing)], wanted: &[usize]) -> Result<Vec<usize>
 /// Numbers in words.
 pub fn in_words(numbers: impl Iterator<Item = usize>) -> String {
     let words: Vec<String> = numbers.map(|number| number.to_string()).collect();
-    if words.is_empty() { "none".to_owned() } else { words.join(", ") }
+    if words.is_empty() {
+        "none".to_owned()
+    } else {
+        words.join(", ")
+    }
 }
 
-/// What is left, in the order that is wanted: first what is named, then the rest as it was. `number` tells an item's number.
+/// What is left, in the order that is wanted: first what is named, then the rest as it was.
+/// `number` tells an item's number.
 pub fn reorder<T>(left: &mut [T], order: &[usize], number: impl Fn(&T) -> Option<usize>) {
-    let place = |item: &T| number(item).and_then(|number| order.iter().position(|wanted| *wanted == number)).unwrap_or(usize::MAX);
+    let place = |item: &T| {
+        number(item)
+            .and_then(|number| order.iter().position(|wanted| *wanted == number))
+            .unwrap_or(usize::MAX)
+    };
     left.sort_by_key(place);
 }
 
@@ -114,7 +136,10 @@ mod tests {
     fn what_is_said_is_heard_and_a_broken_file_says_nothing() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(Wishes::read(folder.path()), Wishes::default());
-        let wishes = Wishes { course: Course::Pause, order: vec![3, 1] };
+        let wishes = Wishes {
+            course: Course::Pause,
+            order: vec![3, 1],
+        };
         wishes.write(folder.path()).unwrap();
         assert_eq!(Wishes::read(folder.path()), wishes);
         std::fs::write(folder.path().join(FILE), "{\"course\":\"dance\"}").unwrap();
@@ -136,9 +161,16 @@ mod tests {
             (&[2], "found 2, which is in work"),
         ] {
             let refused = coming(&runs, wanted).unwrap_err();
-            assert_eq!(refused, format!("expected runs that were not begun, each once, of: 3, 4, 5; {found}"));
+            assert_eq!(
+                refused,
+                format!("expected runs that were not begun, each once, of: 3, 4, 5; {found}")
+            );
         }
-        assert!(coming(&[(1, Finished)], &[1]).unwrap_err().contains("of: none; found 1, which is finished"));
+        assert!(
+            coming(&[(1, Finished)], &[1])
+                .unwrap_err()
+                .contains("of: none; found 1, which is finished")
+        );
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Arbitrary bytes through every reader of the codec. The bounded test of `instruments::scpi` runs the same body.
+//! Arbitrary bytes through every reader of the codec. The bounded test of `instruments::scpi` runs
+//! the same body.
 
 #![no_main]
 

@@ -1,10 +1,13 @@
-//! Bench time. The only module of the project that asks the machine for the time or sleeps (`clippy.toml` forbids it elsewhere).
+//! Bench time. The only module of the project that asks the machine for the time or sleeps
+//! (`clippy.toml` forbids it elsewhere).
 //!
-//! Bench time is counted in seconds since the clock was made. It runs as fast as the wall clock (`Real`), a fixed factor faster (`Scaled`, for
-//! mocks), or jumps ahead as soon as nobody has anything left to do (`Virtual`).
+//! Bench time is counted in seconds since the clock was made. It runs as fast as the wall clock
+//! (`Real`), a fixed factor faster (`Scaled`, for mocks), or jumps ahead as soon as nobody has
+//! anything left to do (`Virtual`).
 //!
-//! The virtual clock is tokio's paused clock: exact as long as every stream is in-process, and wrong as soon as a real socket is in flight
-//! (tokio issue 4522), so the caller must refuse to combine the two. Its resolution is one millisecond.
+//! The virtual clock is tokio's paused clock: exact as long as every stream is in-process, and
+//! wrong as soon as a real socket is in flight (tokio issue 4522), so the caller must refuse to
+//! combine the two. Its resolution is one millisecond.
 
 use std::{
     collections::BTreeMap,
@@ -30,7 +33,9 @@ pub enum TimeMode {
 
 /// A time mode that could not be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("expected `real`, `virtual` or `scaled:FACTOR` with a factor from 0.01 to 1000, found `{0}`")]
+#[error(
+    "expected `real`, `virtual` or `scaled:FACTOR` with a factor from 0.01 to 1000, found `{0}`"
+)]
 pub struct TimeModeError(String);
 
 impl FromStr for TimeMode {
@@ -100,49 +105,73 @@ impl Drop for Wait {
 }
 
 impl Clock {
-    /// Starts a clock at bench time zero. Must be called inside a runtime made by [`Clock::runtime`] for the same mode.
+    /// Starts a clock at bench time zero. Must be called inside a runtime made by
+    /// [`Clock::runtime`] for the same mode.
     pub fn start(mode: TimeMode) -> Self {
         Self::start_at(mode, 0.0)
     }
 
     /// Starts a clock that goes on from another one's bench time, s. Otherwise as [`Clock::start`].
     pub fn start_at(mode: TimeMode, origin_s: f64) -> Self {
-        Self { mode, start: instant_now(), origin_s, waits: Arc::default() }
+        Self {
+            mode,
+            start: instant_now(),
+            origin_s,
+            waits: Arc::default(),
+        }
     }
 
-    /// Announces a wait of at most so long on the wall, or without a bound, until what is returned is dropped. Sleeps and deadlines announce
-    /// themselves.
+    /// Announces a wait of at most so long on the wall, or without a bound, until what is returned
+    /// is dropped. Sleeps and deadlines announce themselves.
     pub fn wait(&self, at_most: Option<Duration>) -> Wait {
         let mut waits = self.waits.lock().unwrap_or_else(PoisonError::into_inner);
         let id = waits.next;
         waits.next += 1;
         let end = at_most.and_then(|at_most| instant_now().checked_add(at_most));
         waits.under_way.insert(id, end);
-        Wait { id, waits: self.waits.clone() }
+        Wait {
+            id,
+            waits: self.waits.clone(),
+        }
     }
 
-    /// Seconds on the wall since the last wait ended, or should have ended; zero while one is under way within its bound. Whoever computes without
-    /// end, or waits for what never comes, is overdue.
+    /// Seconds on the wall since the last wait ended, or should have ended; zero while one is under
+    /// way within its bound. Whoever computes without end, or waits for what never comes, is
+    /// overdue.
     pub fn overdue_s(&self) -> f64 {
         let waits = self.waits.lock().unwrap_or_else(PoisonError::into_inner);
         if waits.under_way.values().any(Option::is_none) {
             return 0.0;
         }
-        let latest = waits.under_way.values().flatten().copied().chain(waits.ended).max().unwrap_or(self.start);
-        instant_now().saturating_duration_since(latest).as_secs_f64()
+        let latest = waits
+            .under_way
+            .values()
+            .flatten()
+            .copied()
+            .chain(waits.ended)
+            .max()
+            .unwrap_or(self.start);
+        instant_now()
+            .saturating_duration_since(latest)
+            .as_secs_f64()
     }
 
-    /// Seconds on the wall since the start: for what does not run faster in scaled time, the machine itself and its ports.
+    /// Seconds on the wall since the start: for what does not run faster in scaled time, the
+    /// machine itself and its ports.
     pub fn machine_s(&self) -> f64 {
         instant_now().duration_since(self.start).as_secs_f64()
     }
 
-    /// The single-threaded runtime on which a clock of this mode runs; paused, and so deterministic, when the mode is virtual.
+    /// The single-threaded runtime on which a clock of this mode runs; paused, and so
+    /// deterministic, when the mode is virtual.
     ///
     /// # Errors
     /// What the operating system says when it cannot give an event queue.
     pub fn runtime(mode: TimeMode) -> std::io::Result<tokio::runtime::Runtime> {
-        tokio::runtime::Builder::new_current_thread().enable_all().start_paused(mode == TimeMode::Virtual).build()
+        tokio::runtime::Builder::new_current_thread()
+            .enable_all()
+            .start_paused(mode == TimeMode::Virtual)
+            .build()
     }
 
     /// The mode that this clock was started with.
@@ -173,22 +202,32 @@ impl Clock {
     /// Waits for `seconds` of bench time; nothing for zero, negative and not-a-number.
     pub async fn sleep_s(&self, seconds: f64) {
         if seconds > 0.0 {
-            self.sleep(Duration::from_secs_f64(seconds.min(1.0e9))).await;
+            self.sleep(Duration::from_secs_f64(seconds.min(1.0e9)))
+                .await;
         }
     }
 
-    /// Awaits `future` for at most `duration` on the wire. Deadlines guard sockets, and sockets do not run faster in scaled time, so that here a
-    /// scaled clock counts wall time.
+    /// Awaits `future` for at most `duration` on the wire. Deadlines guard sockets, and sockets do
+    /// not run faster in scaled time, so that here a scaled clock counts wall time.
     ///
     /// # Errors
     /// [`Elapsed`] when the time ran out first; the future is dropped then.
-    pub async fn deadline<F: Future>(&self, duration: Duration, future: F) -> Result<F::Output, Elapsed> {
+    pub async fn deadline<F: Future>(
+        &self,
+        duration: Duration,
+        future: F,
+    ) -> Result<F::Output, Elapsed> {
         let _wait = self.wait(Some(duration));
-        tokio::time::timeout(duration, future).await.map_err(|_| Elapsed(duration))
+        tokio::time::timeout(duration, future)
+            .await
+            .map_err(|_| Elapsed(duration))
     }
 }
 
-#[expect(clippy::disallowed_methods, reason = "the one place that may ask for the time")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the one place that may ask for the time"
+)]
 fn instant_now() -> Instant {
     Instant::now()
 }
@@ -199,9 +238,14 @@ async fn tokio_sleep(duration: Duration) {
 }
 
 /// Seconds since 1970 by the machine's calendar; for provenance, never for measuring.
-#[expect(clippy::disallowed_methods, reason = "the one place that may ask for the date")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "the one place that may ask for the date"
+)]
 pub fn unix_time_s() -> f64 {
-    std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0.0, |since| since.as_secs_f64())
+    std::time::SystemTime::now()
+        .duration_since(std::time::UNIX_EPOCH)
+        .map_or(0.0, |since| since.as_secs_f64())
 }
 
 #[cfg(test)]
@@ -240,7 +284,10 @@ mod tests {
             clock.sleep_s(1.0).await;
             clock.now_s()
         });
-        assert!(now >= 1.0, "one bench second was slept, the clock says {now}");
+        assert!(
+            now >= 1.0,
+            "one bench second was slept, the clock says {now}"
+        );
     }
 
     #[test]
@@ -278,7 +325,10 @@ mod tests {
         }
         for text in ["scaled:", "scaled:0", "scaled:NaN", "scaled:1e9", "fast"] {
             let message = text.parse::<TimeMode>().unwrap_err().to_string();
-            assert!(message.contains(text) && message.contains("scaled:FACTOR"), "{message}");
+            assert!(
+                message.contains(text) && message.contains("scaled:FACTOR"),
+                "{message}"
+            );
         }
     }
 }

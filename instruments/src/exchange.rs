@@ -1,6 +1,8 @@
-//! What a dialect hands to its role: a script of messages, each with what must be true after it. The role plays it through the link.
+//! What a dialect hands to its role: a script of messages, each with what must be true after it.
+//! The role plays it through the link.
 //!
-//! A dialect is sync and sends nothing itself, so that the very texts that go to an instrument can be printed, tested and read beforehand.
+//! A dialect is sync and sends nothing itself, so that the very texts that go to an instrument can
+//! be printed, tested and read beforehand.
 
 mod expect;
 mod identity;
@@ -30,7 +32,8 @@ pub enum Exchange {
         /// What the answer must be.
         expect: Expect,
     },
-    /// Bytes behind a head, sent as they are; what the instrument made of them shows in what comes after. They must hold no byte that ends a message.
+    /// Bytes behind a head, sent as they are; what the instrument made of them shows in what comes
+    /// after. They must hold no byte that ends a message.
     Data {
         /// The message up to its data.
         head: String,
@@ -43,10 +46,12 @@ pub enum Exchange {
         message: String,
         /// What the answer must be.
         expect: Expect,
-        /// The query that shows what the instrument made of it, and what its answer must be; none where the confirmation says it all.
+        /// The query that shows what the instrument made of it, and what its answer must be; none
+        /// where the confirmation says it all.
         read_back: Option<(String, Expect)>,
     },
-    /// Not sent: what was wanted cannot be written as a message, such as a number that is none. Playing it is an error.
+    /// Not sent: what was wanted cannot be written as a message, such as a number that is none.
+    /// Playing it is an error.
     Refuse {
         /// The header of what was wanted.
         message: String,
@@ -85,11 +90,15 @@ impl Exchange {
     pub fn command(header: &str, arguments: impl FnOnce(Command) -> Command) -> Self {
         match arguments(Command::new(header)).build() {
             Ok(message) => Self::Send(message),
-            Err(error) => Self::Refuse { message: header.to_owned(), reason: error.to_string() },
+            Err(error) => Self::Refuse {
+                message: header.to_owned(),
+                reason: error.to_string(),
+            },
         }
     }
 
-    /// `HEADER value` with so many decimals and never an exponent; `HEADER?` must then show the value.
+    /// `HEADER value` with so many decimals and never an exponent; `HEADER?` must then show the
+    /// value.
     pub fn fixed(header: &str, value: f64, (decimals, tolerance): (usize, f64)) -> Self {
         match Self::command(header, |command| command.fixed(value, decimals)) {
             Self::Send(message) => Self::number(message, format!("{header}?"), value, tolerance),
@@ -100,19 +109,40 @@ impl Exchange {
     /// `HEADER ON` or `HEADER OFF`; `HEADER?` must then show it.
     pub fn switch(header: &str, on: bool) -> Self {
         match Self::command(header, |command| command.on_off(on)) {
-            Self::Send(message) => Self::Set { message, read_back: format!("{header}?"), expect: Expect::Switch(on) },
+            Self::Send(message) => Self::Set {
+                message,
+                read_back: format!("{header}?"),
+                expect: Expect::Switch(on),
+            },
             refused => refused,
         }
     }
 
     /// A command whose effect is read back as a number.
-    pub fn number(message: impl Into<String>, read_back: impl Into<String>, value: f64, tolerance: f64) -> Self {
-        Self::Set { message: message.into(), read_back: read_back.into(), expect: Expect::Number { value, tolerance } }
+    pub fn number(
+        message: impl Into<String>,
+        read_back: impl Into<String>,
+        value: f64,
+        tolerance: f64,
+    ) -> Self {
+        Self::Set {
+            message: message.into(),
+            read_back: read_back.into(),
+            expect: Expect::Number { value, tolerance },
+        }
     }
 
     /// A command whose effect is read back as one of several words.
-    pub fn word(message: impl Into<String>, read_back: impl Into<String>, words: &'static [&'static str]) -> Self {
-        Self::Set { message: message.into(), read_back: read_back.into(), expect: Expect::Word(words) }
+    pub fn word(
+        message: impl Into<String>,
+        read_back: impl Into<String>,
+        words: &'static [&'static str],
+    ) -> Self {
+        Self::Set {
+            message: message.into(),
+            read_back: read_back.into(),
+            expect: Expect::Word(words),
+        }
     }
 }
 
@@ -124,36 +154,63 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
     for exchange in script {
         match exchange {
             Exchange::Send(message) => link.send(message).await?,
-            Exchange::Set { message, read_back, expect } => {
+            Exchange::Set {
+                message,
+                read_back,
+                expect,
+            } => {
                 if let Some(value) = expect.not_finite() {
                     let reason = format!("expected a finite number, found {value}");
-                    return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason });
+                    return Err(LinkError::Malformed {
+                        link: link.name().to_owned(),
+                        message: message.clone(),
+                        reason,
+                    });
                 }
-                let outcome = link.set(message, read_back, |answer| expect.judge(answer)).await;
+                let outcome = link
+                    .set(message, read_back, |answer| expect.judge(answer))
+                    .await;
                 believe(link, read_back, expect, outcome).await?;
             }
             Exchange::Data { head, data } => link.send_data(head, data).await?,
-            Exchange::Ask { message, expect, read_back } => {
+            Exchange::Ask {
+                message,
+                expect,
+                read_back,
+            } => {
                 let answer = link.query(message).await?;
-                expect.judge(&answer).map_err(|expected| LinkError::unexpected(link.name(), message, &answer, &expected))?;
+                expect.judge(&answer).map_err(|expected| {
+                    LinkError::unexpected(link.name(), message, &answer, &expected)
+                })?;
                 if let Some((query, expect)) = read_back {
                     let answer = link.query(query).await?;
                     expect.judge(&answer).map_err(|expected| {
-                        let (answer, expected) = readable(link, (query, expect), (&answer, expected));
+                        let (answer, expected) =
+                            readable(link, (query, expect), (&answer, expected));
                         LinkError::unexpected(link.name(), query, &answer, &expected)
                     })?;
                 }
             }
             Exchange::Refuse { message, reason } => {
-                return Err(LinkError::Malformed { link: link.name().to_owned(), message: message.clone(), reason: reason.clone() });
+                return Err(LinkError::Malformed {
+                    link: link.name().to_owned(),
+                    message: message.clone(),
+                    reason: reason.clone(),
+                });
             }
         }
     }
     Ok(())
 }
 
-/// Asks again for a while what was not yet so: some instruments answer before a write has taken effect. A question may be repeated, a command not.
-async fn believe(link: &mut Link, read_back: &str, expect: &Expect, outcome: Result<(), LinkError>) -> Result<(), LinkError> {
+/// Asks again for a while what was not yet so: some instruments answer before a write has taken
+/// effect. A question may be repeated, a command not.
+async fn believe(
+    link: &mut Link,
+    read_back: &str,
+    expect: &Expect,
+    outcome: Result<(), LinkError>,
+) -> Result<(), LinkError> {
     const PATIENCE: [f64; 4] = [0.1, 0.2, 0.3, 0.4];
     if !matches!(outcome, Err(LinkError::ReadBack { .. })) {
         return outcome;
@@ -165,28 +222,49 @@ async fn believe(link: &mut Link, read_back: &str, expect: &Expect, outcome: Res
         }
     }
     outcome.map_err(|error| match error {
-        LinkError::ReadBack { link: name, sent, asked, answered, expected } => {
+        LinkError::ReadBack {
+            link: name,
+            sent,
+            asked,
+            answered,
+            expected,
+        } => {
             let (answered, expected) = readable(link, (read_back, expect), (&answered, expected));
-            LinkError::ReadBack { link: name, sent, asked, answered, expected }
+            LinkError::ReadBack {
+                link: name,
+                sent,
+                asked,
+                answered,
+                expected,
+            }
         }
         other => other,
     })
 }
 
-/// What was answered, and what was expected: of a status word in words, for nobody reads masks at a bench. The raw answer is in the log.
-fn readable(link: &Link, (question, expect): (&str, &Expect), (answer, expected): (&str, String)) -> (String, String) {
+/// What was answered, and what was expected: of a status word in words, for nobody reads masks at a
+/// bench. The raw answer is in the log.
+fn readable(
+    link: &Link,
+    (question, expect): (&str, &Expect),
+    (answer, expected): (&str, String),
+) -> (String, String) {
     let masked = matches!(expect, Expect::Bits { .. }) && hex_word(answer).is_some();
     match Differs::of(link.settings(), question, expect, answer).filter(|_| masked) {
         Some(words) => {
-            tracing::info!(link = link.name(), "`{question}` is answered by `{answer}`: expected {expected}");
+            tracing::info!(
+                link = link.name(),
+                "`{question}` is answered by `{answer}`: expected {expected}"
+            );
             (words.found, words.wanted)
         }
         None => (answer.to_owned(), expected),
     }
 }
 
-/// Plays a whole script whatever happens in between, for switching off: neither a message that is refused nor an answer that stays away must keep the
-/// next message from being sent. A link that was dropped is reconnected for it.
+/// Plays a whole script whatever happens in between, for switching off: neither a message that is
+/// refused nor an answer that stays away must keep the next message from being sent. A link that
+/// was dropped is reconnected for it.
 ///
 /// # Errors
 /// The link's error for the first message that failed.
@@ -214,18 +292,30 @@ pub struct Answer {
     pub as_scripted: bool,
 }
 
-/// Asks the questions of a script and sends none of its commands: whether everything already is as the script would make it. Changes nothing.
+/// Asks the questions of a script and sends none of its commands: whether everything already is as
+/// the script would make it. Changes nothing.
 ///
 /// # Errors
 /// The link's.
 pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, LinkError> {
     let mut answers = Vec::new();
     for exchange in script {
-        let (Exchange::Set { read_back, expect, .. } | Exchange::Ask { read_back: Some((read_back, expect)), .. }) = exchange else {
+        let (Exchange::Set {
+            read_back, expect, ..
+        }
+        | Exchange::Ask {
+            read_back: Some((read_back, expect)),
+            ..
+        }) = exchange
+        else {
             continue;
         };
         let answer = link.query(read_back).await?;
-        answers.push(Answer { question: read_back.clone(), as_scripted: expect.judge(&answer).is_ok(), answer });
+        answers.push(Answer {
+            question: read_back.clone(),
+            as_scripted: expect.judge(&answer).is_ok(),
+            answer,
+        });
     }
     Ok(answers)
 }
@@ -245,7 +335,14 @@ impl Told {
     /// A later script changes what an earlier one has made so.
     pub fn add(&mut self, script: &[Exchange]) {
         for exchange in script {
-            let (Exchange::Set { read_back, expect, .. } | Exchange::Ask { read_back: Some((read_back, expect)), .. }) = exchange else {
+            let (Exchange::Set {
+                read_back, expect, ..
+            }
+            | Exchange::Ask {
+                read_back: Some((read_back, expect)),
+                ..
+            }) = exchange
+            else {
                 continue;
             };
             self.0.retain(|(question, _)| question != read_back);
@@ -256,7 +353,10 @@ impl Told {
     /// What of a script bounds the current, and must stay so too.
     pub fn add_bounds(&mut self, script: &[Exchange], bounds: &[Bound]) {
         let bounding = |exchange: &&Exchange| matches!(exchange, Exchange::Set { read_back, .. } if bounds.iter().any(|bound| bound.query == read_back));
-        script.iter().filter(bounding).for_each(|exchange| self.add(std::slice::from_ref(exchange)));
+        script
+            .iter()
+            .filter(bounding)
+            .for_each(|exchange| self.add(std::slice::from_ref(exchange)));
     }
 
     /// Nothing is known.
@@ -267,7 +367,8 @@ impl Told {
     /// Only what this script makes so is known any more.
     pub fn keep(&mut self, script: &[Exchange]) {
         let kept = Self::of(script);
-        self.0.retain(|(question, _)| kept.0.iter().any(|(other, _)| other == question));
+        self.0
+            .retain(|(question, _)| kept.0.iter().any(|(other, _)| other == question));
     }
 
     /// Asks whether all is still as it was told, and changes nothing; what is not, in words.
@@ -283,9 +384,13 @@ impl Told {
             // One answer may be garbled on its way: only two make a difference.
             let answer = link.query(question).await?;
             if let Err(expected) = expect.judge(&answer) {
-                tracing::info!(link = link.name(), "`{question}` is answered by `{answer}`: expected {expected}");
+                tracing::info!(
+                    link = link.name(),
+                    "`{question}` is answered by `{answer}`: expected {expected}"
+                );
                 let words = Differs::of(link.settings(), question, expect, &answer);
-                let unnamed = || format!("what `{question}` asks for is no longer as this run left it");
+                let unnamed =
+                    || format!("what `{question}` asks for is no longer as this run left it");
                 return Ok(Some(words.map_or_else(unnamed, |words| words.to_string())));
             }
         }
@@ -293,7 +398,8 @@ impl Told {
     }
 }
 
-/// Takes out of the error queue what an earlier client or the power-up left there, which would else be taken for an answer to the first message.
+/// Takes out of the error queue what an earlier client or the power-up left there, which would else
+/// be taken for an answer to the first message.
 ///
 /// # Errors
 /// The link's.
@@ -315,11 +421,20 @@ mod tests {
             Exchange::Set {
                 message: "CURR 1.5000".to_owned(),
                 read_back: "CURR?".to_owned(),
-                expect: Expect::Number { value: 1.5, tolerance: 1e-3 }
+                expect: Expect::Number {
+                    value: 1.5,
+                    tolerance: 1e-3
+                }
             }
         );
         let refused = Exchange::fixed("CURR", f64::NAN, (4, 1e-3));
-        assert!(matches!(&refused, Exchange::Refuse { message, .. } if message == "CURR"), "{refused:?}");
-        assert_eq!(Expect::Fields(vec![("FRQ", 1.0, 0.1), ("AMP", f64::INFINITY, 0.1)]).not_finite(), Some(f64::INFINITY));
+        assert!(
+            matches!(&refused, Exchange::Refuse { message, .. } if message == "CURR"),
+            "{refused:?}"
+        );
+        assert_eq!(
+            Expect::Fields(vec![("FRQ", 1.0, 0.1), ("AMP", f64::INFINITY, 0.1)]).not_finite(),
+            Some(f64::INFINITY)
+        );
     }
 }

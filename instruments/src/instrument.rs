@@ -1,9 +1,12 @@
-//! What every role has in common: a link, the dialect of the model on it, and the question who it is.
+//! What every role has in common: a link, the dialect of the model on it, and the question who it
+//! is.
 
 use std::time::Duration;
 
 use crate::{
-    exchange::{Bound, Exchange, Identity, Setting, Told, Way, leading_number, plain, play, play_all},
+    exchange::{
+        Bound, Exchange, Identity, Setting, Told, Way, leading_number, plain, play, play_all,
+    },
     link::{Link, LinkError, LinkProfile},
     transport::Address,
     units::{Amps, Volts},
@@ -31,7 +34,8 @@ pub trait Model: Send + Sync {
     }
 }
 
-/// What ends a direct current of a load or a charger where no message arrives any more, as far as its maker says so.
+/// What ends a direct current of a load or a charger where no message arrives any more, as far as
+/// its maker says so.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Unattended {
@@ -45,7 +49,10 @@ pub enum Unattended {
 
 /// The model of this name in a role's table.
 pub fn by_key<D: Model + ?Sized>(dialects: &[&'static D], key: &str) -> Option<&'static D> {
-    dialects.iter().copied().find(|dialect| dialect.key() == key)
+    dialects
+        .iter()
+        .copied()
+        .find(|dialect| dialect.key() == key)
 }
 
 /// An instrument on its link, spoken to in a role's dialect `D`.
@@ -63,10 +70,17 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// Puts a dialect on a link. Sends nothing.
     pub fn new(mut link: Link, dialect: &'static D) -> Self {
         link.speak(dialect.settings());
-        Self { link, dialect, channels: Vec::new(), accepted: None, told: Told::default() }
+        Self {
+            link,
+            dialect,
+            channels: Vec::new(),
+            accepted: None,
+            told: Told::default(),
+        }
     }
 
-    /// Names the channels in use, where a model has several: the generator's output, the logger's scan list.
+    /// Names the channels in use, where a model has several: the generator's output, the logger's
+    /// scan list.
     #[must_use]
     pub fn on_channels(self, channels: Vec<u16>) -> Self {
         Self { channels, ..self }
@@ -80,12 +94,16 @@ impl<D: Model + ?Sized> Instrument<D> {
 
     /// Whether an identity answer is that of the expected instrument.
     pub fn recognises(&self, identity: &Identity) -> bool {
-        let accepted = self.accepted.as_deref().is_some_and(|text| !text.is_empty() && identity.raw.contains(text));
+        let accepted = self
+            .accepted
+            .as_deref()
+            .is_some_and(|text| !text.is_empty() && identity.raw.contains(text));
         accepted || self.dialect.recognises(identity)
     }
 
-    /// Asks who it is; changes no setting. Where nothing tells that an earlier client left an answer unread, a strange identity may be that answer: the link is
-    /// brought into step then, and the question asked again.
+    /// Asks who it is; changes no setting. Where nothing tells that an earlier client left an
+    /// answer unread, a strange identity may be that answer: the link is brought into step then,
+    /// and the question asked again.
     ///
     /// # Errors
     /// The link's.
@@ -102,7 +120,8 @@ impl<D: Model + ?Sized> Instrument<D> {
         Ok(again.map_or(identity, |text| Identity::parse(&text)))
     }
 
-    /// Connects anew and asks who it is: an instrument whose answers belong to other questions does not answer with its identity.
+    /// Connects anew and asks who it is: an instrument whose answers belong to other questions does
+    /// not answer with its identity.
     ///
     /// # Errors
     /// The link's, and [`LinkError::Unexpected`] for an answer that is not this model's identity.
@@ -113,7 +132,12 @@ impl<D: Model + ?Sized> Instrument<D> {
             return Ok(());
         }
         let expected = format!("the identity of a {}", self.dialect.key());
-        Err(LinkError::unexpected(self.link.name(), self.dialect.identity_query(), &identity.raw, &expected))
+        Err(LinkError::unexpected(
+            self.link.name(),
+            self.dialect.identity_query(),
+            &identity.raw,
+            &expected,
+        ))
     }
 
     /// Asks for one number.
@@ -126,8 +150,14 @@ impl<D: Model + ?Sized> Instrument<D> {
     }
 
     /// Asks for a voltage, then for a current.
-    pub(crate) async fn volts_and_amps(&mut self, [volts, amps]: [&str; 2]) -> Result<(Volts, Amps), LinkError> {
-        Ok((Volts(self.number(volts).await?), Amps(self.number(amps).await?)))
+    pub(crate) async fn volts_and_amps(
+        &mut self,
+        [volts, amps]: [&str; 2],
+    ) -> Result<(Volts, Amps), LinkError> {
+        Ok((
+            Volts(self.number(volts).await?),
+            Amps(self.number(amps).await?),
+        ))
     }
 
     /// Plays a script that changes what drives a current, and remembers what it has made so.
@@ -142,7 +172,8 @@ impl<D: Model + ?Sized> Instrument<D> {
         !self.told.is_empty()
     }
 
-    /// Asks whether everything is still as it was set, while something is on, and changes nothing; what is not, in words.
+    /// Asks whether everything is still as it was set, while something is on, and changes nothing;
+    /// what is not, in words.
     ///
     /// # Errors
     /// The link's.
@@ -158,15 +189,21 @@ impl<D: Model + ?Sized> Instrument<D> {
         play_all(&mut self.link, &way.script).await
     }
 
-    /// What the instrument says of the limits that bound it, in words; nothing of those that it does not answer.
+    /// What the instrument says of the limits that bound it, in words; nothing of those that it
+    /// does not answer.
     pub async fn bounded_by(&mut self, bounds: &[Bound]) -> Vec<String> {
         let mut told = Vec::new();
         for Bound { query, words, unit } in bounds {
             // Who does not answer once is not asked again: that would only take time.
-            let Ok(number) = self.number(query).await else { break };
+            let Ok(number) = self.number(query).await else {
+                break;
+            };
             // No words twice.
             let value = format!("{} {unit}", plain(number));
-            match told.last_mut().filter(|last: &&mut String| last.starts_with(words)) {
+            match told
+                .last_mut()
+                .filter(|last: &&mut String| last.starts_with(words))
+            {
                 Some(last) => last.push_str(&format!(" and {value}")),
                 None => told.push(format!("{words} {value}")),
             }

@@ -1,8 +1,10 @@
 //! Talks to one instrument of a battery test bench; pretends to be one.
 //!
-//! The layers, in reading order: [`units`] and [`clock`]; [`scpi`], the sans-IO codec; [`transport`], bytes in and bytes out; [`transcript`] and
-//! [`link`], the one async seam; [`exchange`] and [`instrument`], what roles are made of; the roles ([`supply4q`], [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each
-//! with its dialects; and [`mock`], devices that answer the same messages on the same kinds of port.
+//! The layers, in reading order: [`units`] and [`clock`]; [`scpi`], the sans-IO codec;
+//! [`transport`], bytes in and bytes out; [`transcript`] and [`link`], the one async seam;
+//! [`exchange`] and [`instrument`], what roles are made of; the roles ([`supply4q`], [`generator`],
+//! [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each with its dialects; and
+//! [`mock`], devices that answer the same messages on the same kinds of port.
 //!
 //! Knows no physics, no files, no configuration and no procedure.
 

@@ -1,4 +1,5 @@
-//! One text format of a conversation: a tap on the link writes it, a replay serves it, a person reads it.
+//! One text format of a conversation: a tap on the link writes it, a replay serves it, a person
+//! reads it.
 //!
 //! One line per message: bench time in seconds, name of the link, direction, text.
 //!
@@ -9,9 +10,11 @@
 //! 12.370000 supply * dropped: no answer to `MEAS:CURR?` within 2s
 //! ```
 //!
-//! `>` was sent, `<` received, `!` received although nobody had asked, `*` is a remark of the link. `#` behind the direction marks a block: its length
-//! in bytes, its hash (64-bit FNV-1a, against mistakes and not against forgery), its bytes unless it is long, and the text before it if there was any.
-//! Whatever could break a line is escaped: `\n`, `\r`, `\t`, `\\` and `\u{…}` for other control characters.
+//! `>` was sent, `<` received, `!` received although nobody had asked, `*` is a remark of the link.
+//! `#` behind the direction marks a block: its length in bytes, its hash (64-bit FNV-1a, against
+//! mistakes and not against forgery), its bytes unless it is long, and the text before it if there
+//! was any. Whatever could break a line is escaped: `\n`, `\r`, `\t`, `\\` and `\u{…}` for other
+//! control characters.
 
 use std::{
     fmt, io,
@@ -19,7 +22,8 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-/// Longest block whose bytes a tap writes out; of longer ones it keeps length and hash, since raw captures are stored elsewhere.
+/// Longest block whose bytes a tap writes out; of longer ones it keeps length and hash, since raw
+/// captures are stored elsewhere.
 pub const INLINE_BLOCK_BYTES: usize = 512;
 
 /// Which way a message went.
@@ -36,10 +40,18 @@ pub enum Direction {
 }
 
 impl Direction {
-    const SIGNS: [(char, Self); 4] = [('>', Self::Sent), ('<', Self::Received), ('!', Self::Unsolicited), ('*', Self::Remark)];
+    const SIGNS: [(char, Self); 4] = [
+        ('>', Self::Sent),
+        ('<', Self::Received),
+        ('!', Self::Unsolicited),
+        ('*', Self::Remark),
+    ];
 
     fn sign(self) -> char {
-        Self::SIGNS.iter().find(|(_, direction)| *direction == self).map_or('?', |&(sign, _)| sign)
+        Self::SIGNS
+            .iter()
+            .find(|(_, direction)| *direction == self)
+            .map_or('?', |&(sign, _)| sign)
     }
 }
 
@@ -69,7 +81,12 @@ impl BlockRecord {
     /// Describes a block; its bytes are kept up to [`INLINE_BLOCK_BYTES`].
     pub fn new(prefix: &str, payload: &[u8]) -> Self {
         let bytes = (payload.len() <= INLINE_BLOCK_BYTES).then(|| payload.to_vec());
-        Self { prefix: prefix.to_owned(), len: payload.len(), fnv1a64: fnv1a64(payload), bytes }
+        Self {
+            prefix: prefix.to_owned(),
+            len: payload.len(),
+            fnv1a64: fnv1a64(payload),
+            bytes,
+        }
     }
 
     /// `payload` is the block that was recorded.
@@ -110,7 +127,8 @@ pub struct Transcript {
 }
 
 impl Transcript {
-    /// Reads a transcript. Empty lines and lines that start with `#` are skipped; a last line without end is set aside.
+    /// Reads a transcript. Empty lines and lines that start with `#` are skipped; a last line
+    /// without end is set aside.
     ///
     /// # Errors
     /// [`TranscriptError`] with line, what was expected and what was met.
@@ -120,11 +138,18 @@ impl Transcript {
         let mut records = Vec::new();
         for (index, line) in whole.lines().enumerate() {
             if !line.is_empty() && !line.starts_with('#') {
-                let failed = |(expected, found)| TranscriptError { line: index + 1, expected, found };
+                let failed = |(expected, found)| TranscriptError {
+                    line: index + 1,
+                    expected,
+                    found,
+                };
                 records.push(parse_line(line).map_err(failed)?);
             }
         }
-        Ok(Self { records, torn: (!torn.is_empty()).then(|| torn.to_owned()) })
+        Ok(Self {
+            records,
+            torn: (!torn.is_empty()).then(|| torn.to_owned()),
+        })
     }
 }
 
@@ -138,7 +163,13 @@ impl FromStr for Transcript {
 
 impl fmt::Display for Record {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:.6} {} {}", self.time_s, escape(&self.link, true), self.direction.sign())?;
+        write!(
+            f,
+            "{:.6} {} {}",
+            self.time_s,
+            escape(&self.link, true),
+            self.direction.sign()
+        )?;
         match &self.payload {
             Payload::Text(text) => write!(f, " {}", escape(text, false)),
             Payload::Block(block) => {
@@ -147,7 +178,11 @@ impl fmt::Display for Record {
                     f.write_str(" hex=")?;
                     bytes.iter().try_for_each(|byte| write!(f, "{byte:02x}"))?;
                 }
-                if block.prefix.is_empty() { Ok(()) } else { write!(f, " prefix={}", escape(&block.prefix, false)) }
+                if block.prefix.is_empty() {
+                    Ok(())
+                } else {
+                    write!(f, " prefix={}", escape(&block.prefix, false))
+                }
             }
         }
     }
@@ -159,22 +194,49 @@ fn parse_line(line: &str) -> Result<Record, Mistake> {
     let mut fields = line.splitn(4, ' ');
     let mut next = || fields.next().unwrap_or("");
     let (time, link, sign, rest) = (next(), next(), next(), next());
-    let time_s = time.parse().ok().filter(|time_s: &f64| time_s.is_finite()).ok_or_else(|| ("bench time in seconds", time.to_owned()))?;
-    let link = unescape(link).filter(|name| !name.is_empty()).ok_or_else(|| ("the name of a link", link.to_owned()))?;
-    let (direction, is_block) = parse_sign(sign).ok_or_else(|| ("one of > < ! * with or without #", sign.to_owned()))?;
+    let time_s = time
+        .parse()
+        .ok()
+        .filter(|time_s: &f64| time_s.is_finite())
+        .ok_or_else(|| ("bench time in seconds", time.to_owned()))?;
+    let link = unescape(link)
+        .filter(|name| !name.is_empty())
+        .ok_or_else(|| ("the name of a link", link.to_owned()))?;
+    let (direction, is_block) =
+        parse_sign(sign).ok_or_else(|| ("one of > < ! * with or without #", sign.to_owned()))?;
     let payload = if is_block {
-        Payload::Block(parse_block(rest).ok_or_else(|| ("LENGTH fnv1a64=HASH [hex=BYTES] [prefix=TEXT]", rest.to_owned()))?)
+        Payload::Block(parse_block(rest).ok_or_else(|| {
+            (
+                "LENGTH fnv1a64=HASH [hex=BYTES] [prefix=TEXT]",
+                rest.to_owned(),
+            )
+        })?)
     } else {
-        Payload::Text(unescape(rest).ok_or_else(|| ("text with the escapes \\n \\r \\t \\\\ \\u{…}", rest.to_owned()))?)
+        Payload::Text(unescape(rest).ok_or_else(|| {
+            (
+                "text with the escapes \\n \\r \\t \\\\ \\u{…}",
+                rest.to_owned(),
+            )
+        })?)
     };
-    Ok(Record { time_s, link, direction, payload })
+    Ok(Record {
+        time_s,
+        link,
+        direction,
+        payload,
+    })
 }
 
 fn parse_sign(sign: &str) -> Option<(Direction, bool)> {
-    let (sign, is_block) = sign.strip_suffix('#').map_or((sign, false), |sign| (sign, true));
+    let (sign, is_block) = sign
+        .strip_suffix('#')
+        .map_or((sign, false), |sign| (sign, true));
     let mut chars = sign.chars();
     let first = chars.next().filter(|_| chars.next().is_none())?;
-    Direction::SIGNS.iter().find(|(sign, _)| *sign == first).map(|&(_, direction)| (direction, is_block))
+    Direction::SIGNS
+        .iter()
+        .find(|(sign, _)| *sign == first)
+        .map(|&(_, direction)| (direction, is_block))
 }
 
 fn parse_block(rest: &str) -> Option<BlockRecord> {
@@ -194,12 +256,25 @@ fn parse_block(rest: &str) -> Option<BlockRecord> {
         None if rest.is_empty() => String::new(),
         None => return None,
     };
-    let block = BlockRecord { prefix, len, fnv1a64, bytes };
-    block.bytes.as_ref().is_none_or(|bytes| block.describes(bytes)).then_some(block)
+    let block = BlockRecord {
+        prefix,
+        len,
+        fnv1a64,
+        bytes,
+    };
+    block
+        .bytes
+        .as_ref()
+        .is_none_or(|bytes| block.describes(bytes))
+        .then_some(block)
 }
 
 fn from_hex(hex: &str) -> Option<Vec<u8>> {
-    let digit = |c: u8| char::from(c).to_digit(16).and_then(|digit| u8::try_from(digit).ok());
+    let digit = |c: u8| {
+        char::from(c)
+            .to_digit(16)
+            .and_then(|digit| u8::try_from(digit).ok())
+    };
     let pairs = hex.as_bytes().chunks(2).map(|pair| match pair {
         [high, low] => Some(digit(*high)? << 4 | digit(*low)?),
         _ => None,
@@ -248,10 +323,13 @@ fn unescape(text: &str) -> Option<String> {
 
 /// 64-bit FNV-1a.
 fn fnv1a64(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3))
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
+        (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+    })
 }
 
-/// Where links write their conversation. Cheap to clone; all clones write to the same place, one whole line at a time.
+/// Where links write their conversation. Cheap to clone; all clones write to the same place, one
+/// whole line at a time.
 #[derive(Clone, Default)]
 pub struct Tap {
     inner: Option<Arc<Mutex<TapState>>>,
@@ -263,9 +341,15 @@ struct TapState {
 }
 
 impl Tap {
-    /// Writes to `writer`, flushed after every line, so that a killed process loses at most the line it was writing.
+    /// Writes to `writer`, flushed after every line, so that a killed process loses at most the
+    /// line it was writing.
     pub fn new(writer: impl io::Write + Send + 'static) -> Self {
-        Self { inner: Some(Arc::new(Mutex::new(TapState { writer: Box::new(writer), error: None }))) }
+        Self {
+            inner: Some(Arc::new(Mutex::new(TapState {
+                writer: Box::new(writer),
+                error: None,
+            }))),
+        }
     }
 
     /// Writes nothing.
@@ -273,12 +357,16 @@ impl Tap {
         Self::default()
     }
 
-    /// Writes one line. A full disk must not end a measurement: a failure is kept for [`Tap::take_error`], and the next line is tried again.
+    /// Writes one line. A full disk must not end a measurement: a failure is kept for
+    /// [`Tap::take_error`], and the next line is tried again.
     pub fn record(&self, record: &Record) {
         let Some(inner) = &self.inner else { return };
         let mut state = inner.lock().unwrap_or_else(PoisonError::into_inner);
         let line = format!("{record}\n");
-        let written = state.writer.write_all(line.as_bytes()).and_then(|()| state.writer.flush());
+        let written = state
+            .writer
+            .write_all(line.as_bytes())
+            .and_then(|()| state.writer.flush());
         if let Err(error) = written {
             state.error.get_or_insert(error);
         }
@@ -286,13 +374,23 @@ impl Tap {
 
     /// The first failure since the last call: the transcript has a gap.
     pub fn take_error(&self) -> Option<io::Error> {
-        self.inner.as_ref().and_then(|inner| inner.lock().unwrap_or_else(PoisonError::into_inner).error.take())
+        self.inner.as_ref().and_then(|inner| {
+            inner
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .error
+                .take()
+        })
     }
 }
 
 impl fmt::Debug for Tap {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(if self.inner.is_some() { "Tap(writer)" } else { "Tap(none)" })
+        f.write_str(if self.inner.is_some() {
+            "Tap(writer)"
+        } else {
+            "Tap(none)"
+        })
     }
 }
 
@@ -303,24 +401,47 @@ mod tests {
     use super::*;
 
     fn record(direction: Direction, payload: Payload) -> Record {
-        Record { time_s: 12.345678, link: "scope".to_owned(), direction, payload }
+        Record {
+            time_s: 12.345678,
+            link: "scope".to_owned(),
+            direction,
+            payload,
+        }
     }
 
     #[test]
     fn lines_look_as_documented() {
         let table = [
-            (record(Direction::Sent, Payload::Text(":WAV:PRE?".to_owned())), "12.345678 scope > :WAV:PRE?"),
-            (record(Direction::Unsolicited, Payload::Text("late\r\n".to_owned())), "12.345678 scope ! late\\r\\n"),
+            (
+                record(Direction::Sent, Payload::Text(":WAV:PRE?".to_owned())),
+                "12.345678 scope > :WAV:PRE?",
+            ),
+            (
+                record(Direction::Unsolicited, Payload::Text("late\r\n".to_owned())),
+                "12.345678 scope ! late\\r\\n",
+            ),
             // Both hashes are among the published test vectors of FNV-1a.
             (
-                record(Direction::Received, Payload::Block(BlockRecord::new("C1:WF ALL,", b"a"))),
+                record(
+                    Direction::Received,
+                    Payload::Block(BlockRecord::new("C1:WF ALL,", b"a")),
+                ),
                 "12.345678 scope <# 1 fnv1a64=af63dc4c8601ec8c hex=61 prefix=C1:WF ALL,",
             ),
-            (record(Direction::Received, Payload::Block(BlockRecord::new("", b""))), "12.345678 scope <# 0 fnv1a64=cbf29ce484222325 hex="),
+            (
+                record(
+                    Direction::Received,
+                    Payload::Block(BlockRecord::new("", b"")),
+                ),
+                "12.345678 scope <# 0 fnv1a64=cbf29ce484222325 hex=",
+            ),
         ];
         for (record, line) in table {
             assert_eq!(record.to_string(), line);
-            assert_eq!(Transcript::parse(&format!("{line}\n")).unwrap().records, [record]);
+            assert_eq!(
+                Transcript::parse(&format!("{line}\n")).unwrap().records,
+                [record]
+            );
         }
     }
 
@@ -329,27 +450,43 @@ mod tests {
         let payload = vec![7; INLINE_BLOCK_BYTES + 1];
         let block = BlockRecord::new("", &payload);
         let line = record(Direction::Received, Payload::Block(block.clone())).to_string();
-        assert!(line.len() < 80 && line.contains("<# 513 fnv1a64="), "{line}");
+        assert!(
+            line.len() < 80 && line.contains("<# 513 fnv1a64="),
+            "{line}"
+        );
         assert!(block.describes(&payload) && !block.describes(&payload[1..]));
     }
 
     #[test]
     fn mistakes_are_named_and_a_torn_line_is_set_aside() {
         let table = [
-            ("soon scope > x\n", "line 1: expected bench time in seconds, found `soon`"),
-            ("# remark\n\n1.0 scope ? x\n", "line 3: expected one of > < ! * with or without #, found `?`"),
+            (
+                "soon scope > x\n",
+                "line 1: expected bench time in seconds, found `soon`",
+            ),
+            (
+                "# remark\n\n1.0 scope ? x\n",
+                "line 3: expected one of > < ! * with or without #, found `?`",
+            ),
             ("1.0\n", "line 1: expected the name of a link, found ``"),
-            ("1.0 a > \\x\n", "line 1: expected text with the escapes \\n \\r \\t \\\\ \\u{…}, found `\\x`"),
+            (
+                "1.0 a > \\x\n",
+                "line 1: expected text with the escapes \\n \\r \\t \\\\ \\u{…}, found `\\x`",
+            ),
             (
                 "1.0 a <# 2 fnv1a64=af63dc4c8601ec8c hex=61\n",
-                "line 1: expected LENGTH fnv1a64=HASH [hex=BYTES] [prefix=TEXT], found `2 fnv1a64=af63dc4c8601ec8c hex=61`",
+                "line 1: expected LENGTH fnv1a64=HASH [hex=BYTES] [prefix=TEXT], found `2 \
+                fnv1a64=af63dc4c8601ec8c hex=61`",
             ),
         ];
         for (text, message) in table {
             assert_eq!(Transcript::parse(text).unwrap_err().to_string(), message);
         }
         let torn = Transcript::parse("1.0 a > *IDN?\n2.0 a < KEP").unwrap();
-        assert_eq!((torn.records.len(), torn.torn.as_deref()), (1, Some("2.0 a < KEP")));
+        assert_eq!(
+            (torn.records.len(), torn.torn.as_deref()),
+            (1, Some("2.0 a < KEP"))
+        );
     }
 
     struct FullDisk;
@@ -379,13 +516,16 @@ mod tests {
             ("\\PC{0,10}", prop::collection::vec(any::<u8>(), 0..40))
                 .prop_map(|(prefix, bytes)| Payload::Block(BlockRecord::new(&prefix, &bytes))),
         ];
-        let direction = prop::sample::select(Direction::SIGNS.map(|(_, direction)| direction).to_vec());
-        (0_u32..4_000_000_000, ".{1,10}", direction, payload).prop_map(|(micros, link, direction, payload)| Record {
-            time_s: f64::from(micros) / 1.0e6,
-            link,
-            direction,
-            payload,
-        })
+        let direction =
+            prop::sample::select(Direction::SIGNS.map(|(_, direction)| direction).to_vec());
+        (0_u32..4_000_000_000, ".{1,10}", direction, payload).prop_map(
+            |(micros, link, direction, payload)| Record {
+                time_s: f64::from(micros) / 1.0e6,
+                link,
+                direction,
+                payload,
+            },
+        )
     }
 
     proptest! {
@@ -397,7 +537,8 @@ mod tests {
         }
 
         #[test]
-        fn no_text_makes_the_reader_panic(text in "([0-9.]{1,4} [a-z ]{0,4}[><!*#]{0,2} )?[ -~\n]{0,40}\n?") {
+        fn no_text_makes_the_reader_panic(text in "([0-9.]{1,4} [a-z ]{0,4}[><!*#]{0,2} )?[ -~\n\
+        ]{0,40}\n?") {
             let _ = Transcript::parse(&text);
         }
     }

@@ -1,4 +1,5 @@
-//! Newtypes for everything that is sent to an instrument, so that volts cannot be sent where amperes are meant. SI throughout.
+//! Newtypes for everything that is sent to an instrument, so that volts cannot be sent where
+//! amperes are meant. SI throughout.
 
 use std::fmt;
 

@@ -1,4 +1,5 @@
-//! Time of the linear Kramers–Kronig test with automatic order at 20 and 57 points, and of a distribution of relaxation times at 20.
+//! Time of the linear Kramers–Kronig test with automatic order at 20 and 57 points, and of a
+//! distribution of relaxation times at 20.
 
 use analysis::drt::drt;
 use analysis::fit::Rng;
@@ -20,12 +21,29 @@ fn spectrum(points: u32, (low, high): (f64, f64), stated: bool, seed: u64) -> Sp
     let point = |k: u32| {
         let freq_hz = low * (high / low).powf(f64::from(k) / f64::from(points - 1));
         let s = Complex64::new(0.0, TAU * freq_hz);
-        let z = 7e-3 + 1e-7 * s + 2e-3 / (1.0 + (s * 3e-3).powf(0.8)) + 1e-3 / (1.0 + s * 0.3) + 1e-3 / s.sqrt();
+        let z = 7e-3
+            + 1e-7 * s
+            + 2e-3 / (1.0 + (s * 3e-3).powf(0.8))
+            + 1e-3 / (1.0 + s * 0.3)
+            + 1e-3 / s.sqrt();
         let sigma = 2e-3 * z.norm();
-        let covariance = if stated { Covariance2::circular(sigma * sigma) } else { Covariance2::UNKNOWN };
-        ImpedancePoint { freq_hz, z_ohm: z + Complex64::new(sigma * normal(), sigma * normal()), covariance, amplitude_a: 1.0 }
+        let covariance = if stated {
+            Covariance2::circular(sigma * sigma)
+        } else {
+            Covariance2::UNKNOWN
+        };
+        ImpedancePoint {
+            freq_hz,
+            z_ohm: z + Complex64::new(sigma * normal(), sigma * normal()),
+            covariance,
+            amplitude_a: 1.0,
+        }
     };
-    Spectrum { name: format!("seed {seed}"), points: (0..points).map(point).collect(), ..Spectrum::default() }
+    Spectrum {
+        name: format!("seed {seed}"),
+        points: (0..points).map(point).collect(),
+        ..Spectrum::default()
+    }
 }
 
 /// Seconds per spectrum, the least of several batches over the same twenty spectra.
@@ -40,7 +58,11 @@ fn time(spectra: &[Spectrum], rounds: u32, work: impl Fn(&Spectrum)) -> f64 {
 
 /// The figures.
 pub(crate) fn rows() -> Vec<Row> {
-    let many = |points, band, stated| (0..20).map(|seed| spectrum(points, band, stated, seed)).collect::<Vec<_>>();
+    let many = |points, band, stated| {
+        (0..20)
+            .map(|seed| spectrum(points, band, stated, seed))
+            .collect::<Vec<_>>()
+    };
     let test = |s: &Spectrum| {
         if let Ok(noise) = Noise::of(s, &[]) {
             let _ = black_box(kramers_kronig(black_box(s), &noise));
@@ -54,10 +76,30 @@ pub(crate) fn rows() -> Vec<Row> {
     let (thesis, wide) = ((0.1, 300.0), (0.01, 1e5));
     let row = |work, what, seconds| Row::new(work, what, seconds, Unit::Seconds);
     vec![
-        row("lin-kk-20", "lin-KK, 20 points, noise stated", time(&many(20, thesis, true), 20, test)),
-        row("lin-kk-20", "lin-KK, 20 points, noise estimated too", time(&many(20, thesis, false), 20, test)),
-        row("lin-kk-57", "lin-KK, 57 points, noise stated", time(&many(57, wide, true), 5, test)),
-        row("lin-kk-57", "lin-KK, 57 points, noise estimated too", time(&many(57, wide, false), 5, test)),
-        row("", "distribution of relaxation times, 20 points", time(&many(20, thesis, true), 1, distribution)),
+        row(
+            "lin-kk-20",
+            "lin-KK, 20 points, noise stated",
+            time(&many(20, thesis, true), 20, test),
+        ),
+        row(
+            "lin-kk-20",
+            "lin-KK, 20 points, noise estimated too",
+            time(&many(20, thesis, false), 20, test),
+        ),
+        row(
+            "lin-kk-57",
+            "lin-KK, 57 points, noise stated",
+            time(&many(57, wide, true), 5, test),
+        ),
+        row(
+            "lin-kk-57",
+            "lin-KK, 57 points, noise estimated too",
+            time(&many(57, wide, false), 5, test),
+        ),
+        row(
+            "",
+            "distribution of relaxation times, 20 points",
+            time(&many(20, thesis, true), 1, distribution),
+        ),
     ]
 }

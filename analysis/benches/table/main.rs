@@ -1,9 +1,18 @@
 //! One table: our speeds, and beside each what a user could pick instead, measured in the same run.
 //!
-//! `cargo bench -p analysis` runs all; `cargo bench -p analysis -- kk` only the groups whose name contains a word. The peers are Python programs
-//! (`benches/peers`, with their own requirements); where they are not installed the table says how, and shows our part alone.
-#![allow(clippy::disallowed_methods, reason = "a benchmark measures the machine's time")]
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a benchmark may end with its reason")]
+//! `cargo bench -p analysis` runs all; `cargo bench -p analysis -- kk` only the groups whose name
+//! contains a word. The peers are Python programs (`benches/peers`, with their own requirements);
+//! where they are not installed the table says how, and shows our part alone.
+#![allow(
+    clippy::disallowed_methods,
+    reason = "a benchmark measures the machine's time"
+)]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a benchmark may end with its reason"
+)]
 
 mod circuit;
 mod fit;
@@ -39,7 +48,13 @@ pub(crate) struct Row {
 impl Row {
     /// A figure without words.
     pub(crate) fn new(work: &'static str, what: &str, value: f64, unit: Unit) -> Self {
-        Self { work, what: what.to_owned(), value, unit, note: String::new() }
+        Self {
+            work,
+            what: what.to_owned(),
+            value,
+            unit,
+            note: String::new(),
+        }
     }
 
     /// The same with words.
@@ -52,9 +67,17 @@ impl Row {
 type Group = (&'static str, fn() -> Vec<Row>);
 
 fn main() {
-    let wanted: Vec<String> = std::env::args().skip(1).filter(|a| !a.starts_with('-')).collect();
+    let wanted: Vec<String> = std::env::args()
+        .skip(1)
+        .filter(|a| !a.starts_with('-'))
+        .collect();
     let fits = || fit::rows().into_iter().chain(circuit::rows()).collect();
-    let groups: [Group; 4] = [("sine", sine::rows), ("fits", fits), ("kk", kk::rows), ("forward", forward::rows)];
+    let groups: [Group; 4] = [
+        ("sine", sine::rows),
+        ("fits", fits),
+        ("kk", kk::rows),
+        ("forward", forward::rows),
+    ];
     let chosen = |name: &str| wanted.is_empty() || wanted.iter().any(|w| name.contains(w.as_str()));
     println!("{:<64} {:>18} {:>14}  ", "work", "figure", "ours is");
     for (name, rows) in groups.into_iter().filter(|(name, _)| chosen(name)) {
@@ -70,10 +93,28 @@ fn main() {
 /// Our rows, each followed by the peers at the same work.
 fn print_group(ours: &[Row], theirs: &[peers::Peer]) {
     for row in ours {
-        println!("{:<64} {:>18} {:>14}  {}", row.what, figure(row.value, row.unit), "", row.note);
-        for peer in theirs.iter().filter(|p| !row.work.is_empty() && p.work == row.work) {
-            let ratio = if row.unit == Unit::Seconds { peer.value / row.value } else { row.value / peer.value };
-            println!("    {:<60} {:>18} {:>12.1} ×  ", peer.name, figure(peer.value, row.unit), ratio);
+        println!(
+            "{:<64} {:>18} {:>14}  {}",
+            row.what,
+            figure(row.value, row.unit),
+            "",
+            row.note
+        );
+        for peer in theirs
+            .iter()
+            .filter(|p| !row.work.is_empty() && p.work == row.work)
+        {
+            let ratio = if row.unit == Unit::Seconds {
+                peer.value / row.value
+            } else {
+                row.value / peer.value
+            };
+            println!(
+                "    {:<60} {:>18} {:>12.1} ×  ",
+                peer.name,
+                figure(peer.value, row.unit),
+                ratio
+            );
         }
     }
 }
@@ -89,9 +130,13 @@ fn figure(value: f64, unit: Unit) -> String {
 
 /// Seconds of processor time that this thread has used.
 pub(crate) fn cpu_s() -> f64 {
-    // Nanoseconds on the processor come first; the files are Linux', as the peers' processor times are on any system.
+    // Nanoseconds on the processor come first; the files are Linux', as the peers' processor times
+    // are on any system.
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
-    text.split_whitespace().next().and_then(|ns| ns.parse::<f64>().ok()).map_or(f64::NAN, |ns| 1e-9 * ns)
+    text.split_whitespace()
+        .next()
+        .and_then(|ns| ns.parse::<f64>().ok())
+        .map_or(f64::NAN, |ns| 1e-9 * ns)
 }
 
 /// Least processor time of some calls on this thread, s; wall time where the system does not tell.
@@ -100,7 +145,13 @@ pub(crate) fn best_s(repeats: usize, mut work: impl FnMut()) -> f64 {
         let (cpu, wall) = (cpu_s(), std::time::Instant::now());
         work();
         let used = cpu_s() - cpu;
-        if used.is_finite() && used > 0.0 { used } else { wall.elapsed().as_secs_f64() }
+        if used.is_finite() && used > 0.0 {
+            used
+        } else {
+            wall.elapsed().as_secs_f64()
+        }
     };
-    (0..repeats).map(|_| once(&mut work)).fold(f64::INFINITY, f64::min)
+    (0..repeats)
+        .map(|_| once(&mut work))
+        .fold(f64::INFINITY, f64::min)
 }

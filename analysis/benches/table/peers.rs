@@ -27,22 +27,38 @@ fn python() -> Option<PathBuf> {
 
 /// What to do where the peers are not installed.
 pub(crate) fn hint() -> Option<String> {
-    let line = "\nThe peers are not installed. To see them beside us (Python 3.11 and network needed):\n  \
-                python3 -m venv benches/peers/.venv && benches/peers/.venv/bin/pip install -r benches/peers/requirements.txt";
+    let line = "\nThe peers are not installed. To see them beside us (Python 3.11 and network \
+    needed):\n  \
+                python3 -m venv benches/peers/.venv && benches/peers/.venv/bin/pip install -r \
+                benches/peers/requirements.txt";
     python().is_none().then(|| line.to_owned())
 }
 
 /// The peers of one group; none where they are not installed or fail.
 pub(crate) fn run(group: &str) -> Vec<Peer> {
-    let Some(python) = python() else { return Vec::new() };
-    let output = Command::new(python).arg(folder().join("peers.py")).arg(group).stderr(Stdio::null()).output();
-    let Ok(output) = output else { return Vec::new() };
+    let Some(python) = python() else {
+        return Vec::new();
+    };
+    let output = Command::new(python)
+        .arg(folder().join("peers.py"))
+        .arg(group)
+        .stderr(Stdio::null())
+        .output();
+    let Ok(output) = output else {
+        return Vec::new();
+    };
     let text = String::from_utf8_lossy(&output.stdout).into_owned();
     text.lines().filter_map(peer).collect()
 }
 
 fn peer(line: &str) -> Option<Peer> {
     let value: serde_json::Value = serde_json::from_str(line).ok()?;
-    let figure = ["seconds", "samples_per_cpu_s", "steps_per_cpu_s"].iter().find_map(|key| value[key].as_f64())?;
-    Some(Peer { work: value["work"].as_str()?.to_owned(), name: value["peer"].as_str()?.to_owned(), value: figure })
+    let figure = ["seconds", "samples_per_cpu_s", "steps_per_cpu_s"]
+        .iter()
+        .find_map(|key| value[key].as_f64())?;
+    Some(Peer {
+        work: value["work"].as_str()?.to_owned(),
+        name: value["peer"].as_str()?.to_owned(),
+        value: figure,
+    })
 }

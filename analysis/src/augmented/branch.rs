@@ -1,9 +1,11 @@
 //! One branch over one step.
 //!
-//! Linear: v' = a·v + R(φ − a)·i₀ + R(1 − φ)·i₁ with a = exp(−h/τ), φ = (1 − a)τ/h; for a held current v' = a·v + R(1 − a)·i₀.
-//! Symmetric Butler–Volmer under a held current: with u = tanh(βv/2R) the equation C·dv/dt = i − sinh(βv/R)/β is a Riccati equation with constant
-//! coefficients and has the closed solution of [`symmetric`]. Asymmetric: exponential Rosenbrock steps, exact at rest and in the steady state. A ramp is cut into parts, each with the
-//! held current that would move a linear branch as the ramp does.
+//! Linear: v' = a·v + R(φ − a)·i₀ + R(1 − φ)·i₁ with a = exp(−h/τ), φ = (1 − a)τ/h; for a held
+//! current v' = a·v + R(1 − a)·i₀. Symmetric Butler–Volmer under a held current: with u =
+//! tanh(βv/2R) the equation C·dv/dt = i − sinh(βv/R)/β is a Riccati equation with constant
+//! coefficients and has the closed solution of [`symmetric`]. Asymmetric: exponential Rosenbrock
+//! steps, exact at rest and in the steady state. A ramp is cut into parts, each with the held
+//! current that would move a linear branch as the ramp does.
 
 use super::network::{Branch, Law};
 
@@ -38,19 +40,36 @@ impl Gain {
         let x = step_s / (branch.tau_s * factor);
         let decay = (-x).exp();
         if !linear {
-            return Self { decay, start: -(-x).exp_m1() * r, end: 0.0 };
+            return Self {
+                decay,
+                start: -(-x).exp_m1() * r,
+                end: 0.0,
+            };
         }
-        let phi = if x > 1e-9 { -(-x).exp_m1() / x } else { 1.0 - 0.5 * x };
-        Self { decay, start: r * (phi - decay), end: r * (1.0 - phi) }
+        let phi = if x > 1e-9 {
+            -(-x).exp_m1() / x
+        } else {
+            1.0 - 0.5 * x
+        };
+        Self {
+            decay,
+            start: r * (phi - decay),
+            end: r * (1.0 - phi),
+        }
     }
 }
 
-/// A branch with a law that is not linear, over a step with a held current. The factor is on the resistance; voltages of the law stay, as kT/e does.
+/// A branch with a law that is not linear, over a step with a held current. The factor is on the
+/// resistance; voltages of the law stay, as kT/e does.
 pub(super) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s: f64) -> f64 {
     let (r, tau) = (branch.r_ohm * factor, branch.tau_s * factor);
     match branch.law {
-        Law::Symmetric { beta } if beta > 0.0 => symmetric(beta / branch.r_ohm, r, (v, current_a), step_s / tau),
-        Law::Asymmetric { beta, alpha } if beta > 0.0 => asymmetric((beta * factor, alpha), r, (v, current_a), step_s / tau),
+        Law::Symmetric { beta } if beta > 0.0 => {
+            symmetric(beta / branch.r_ohm, r, (v, current_a), step_s / tau)
+        }
+        Law::Asymmetric { beta, alpha } if beta > 0.0 => {
+            asymmetric((beta * factor, alpha), r, (v, current_a), step_s / tau)
+        }
         _ => {
             let decay = (-step_s / tau).exp();
             decay * v + (1.0 - decay) * r * current_a
@@ -59,7 +78,13 @@ pub(super) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s:
 }
 
 /// The same over a step in which the current goes from one value to another along a straight line.
-pub(super) fn ramp(branch: &Branch, factor: f64, v: f64, (from, to): (f64, f64), step_s: f64) -> f64 {
+pub(super) fn ramp(
+    branch: &Branch,
+    factor: f64,
+    v: f64,
+    (from, to): (f64, f64),
+    step_s: f64,
+) -> f64 {
     if from == to {
         return step(branch, factor, v, from, step_s);
     }
@@ -67,19 +92,35 @@ pub(super) fn ramp(branch: &Branch, factor: f64, v: f64, (from, to): (f64, f64),
         Law::Linear => 0.0,
         Law::Symmetric { beta } | Law::Asymmetric { beta, .. } => beta,
     };
-    let count = (RAMPS * beta * (to - from).abs()).ceil().clamp(1.0, MOST_RAMPS);
+    let count = (RAMPS * beta * (to - from).abs())
+        .ceil()
+        .clamp(1.0, MOST_RAMPS);
     let part_s = step_s / count;
     let along = |k: f64| from + (to - from) * k / count;
     (0..count as usize).fold(v, |v, k| {
         let (from, to) = (along(k as f64), along(k as f64 + 1.0));
-        // The small-signal time constant is that of the voltage in the middle of the part, as far as it is known.
+        // The small-signal time constant is that of the voltage in the middle of the part, as far
+        // as it is known.
         let with_slope_at = |v_middle: f64| {
-            let linear = Branch { tau_s: branch.tau_s / slope(branch, v_middle), ..*branch };
+            let linear = Branch {
+                tau_s: branch.tau_s / slope(branch, v_middle),
+                ..*branch
+            };
             let gain = Gain::new(&linear, factor, part_s, true);
-            step(branch, factor, v, (gain.start * from + gain.end * to) / (gain.start + gain.end), part_s)
+            step(
+                branch,
+                factor,
+                v,
+                (gain.start * from + gain.end * to) / (gain.start + gain.end),
+                part_s,
+            )
         };
         let end = with_slope_at(v);
-        if count > 1.0 { with_slope_at(0.5 * (v + end)) } else { end }
+        if count > 1.0 {
+            with_slope_at(0.5 * (v + end))
+        } else {
+            end
+        }
     })
 }
 
@@ -108,8 +149,9 @@ fn symmetric(b: f64, r: f64, (v, current_a): (f64, f64), x: f64) -> f64 {
     2.0 / b * next.clamp(-1.0 + 1e-15, 1.0 - 1e-15).atanh()
 }
 
-/// The asymmetric law over a time of x time constants: exponential Rosenbrock steps of third order (exprb32 of Hochbruck, Ostermann and Schweitzer,
-/// SIAM J. Numer. Anal. 47 (2009) 786), short after an edge and longer as the branch settles.
+/// The asymmetric law over a time of x time constants: exponential Rosenbrock steps of third order
+/// (exprb32 of Hochbruck, Ostermann and Schweitzer, SIAM J. Numer. Anal. 47 (2009) 786), short
+/// after an edge and longer as the branch settles.
 fn asymmetric((beta, alpha): (f64, f64), r: f64, (v, current_a): (f64, f64), x: f64) -> f64 {
     let to_exponent = 2.0 * beta / r;
     let mut y = to_exponent * v;
@@ -118,11 +160,20 @@ fn asymmetric((beta, alpha): (f64, f64), r: f64, (v, current_a): (f64, f64), x: 
     let rate = |y: f64| drive - (alpha * y).exp() + (-(1.0 - alpha) * y).exp();
     let (mut left, mut settled) = (x, 0.0_f64);
     for count in 1..=MOST_SUBSTEPS {
-        let (now, slope) = (rate(y), alpha * (alpha * y).exp() + (1.0 - alpha) * (-(1.0 - alpha) * y).exp());
+        let (now, slope) = (
+            rate(y),
+            alpha * (alpha * y).exp() + (1.0 - alpha) * (-(1.0 - alpha) * y).exp(),
+        );
         // What a single step to the end would miss is of the second order in the rate.
         let rests = now * now <= REST_V * to_exponent;
-        let short = (FIRST_STEP * (settled / 3.0).exp() / slope).min(EXPONENT_STEP / now.abs()).min(left);
-        let h = if rests || count == MOST_SUBSTEPS { left } else { short };
+        let short = (FIRST_STEP * (settled / 3.0).exp() / slope)
+            .min(EXPONENT_STEP / now.abs())
+            .min(left);
+        let h = if rests || count == MOST_SUBSTEPS {
+            left
+        } else {
+            short
+        };
         let z = h * slope;
         let there = y - (-z).exp_m1() / slope * now;
         y = there + 2.0 * h * phi_3(z) * (rate(there) - now + slope * (there - y));
@@ -153,7 +204,9 @@ mod tests {
             Law::Linear => v / branch.r_ohm,
             Law::Symmetric { beta } => (beta * v / branch.r_ohm).sinh() / beta,
             Law::Asymmetric { beta, alpha } => {
-                ((2.0 * alpha * beta * v / branch.r_ohm).exp() - (-2.0 * (1.0 - alpha) * beta * v / branch.r_ohm).exp()) / (2.0 * beta)
+                ((2.0 * alpha * beta * v / branch.r_ohm).exp()
+                    - (-2.0 * (1.0 - alpha) * beta * v / branch.r_ohm).exp())
+                    / (2.0 * beta)
             }
         };
         let rate = |v: f64| (current_a - conducted(v)) * branch.r_ohm / branch.tau_s;
@@ -174,20 +227,45 @@ mod tests {
         for law in [
             Law::Linear,
             Law::Symmetric { beta: 0.02 },
-            Law::Asymmetric { beta: 0.02, alpha: 0.5 },
-            Law::Asymmetric { beta: 0.02, alpha: 0.35 },
+            Law::Asymmetric {
+                beta: 0.02,
+                alpha: 0.5,
+            },
+            Law::Asymmetric {
+                beta: 0.02,
+                alpha: 0.35,
+            },
         ] {
-            let branch = Branch { r_ohm: 2e-3, tau_s: 0.06, law };
-            for (v, current_a, step_s) in [(0.0, 100.0, 0.01), (0.12, 0.0, 0.05), (0.05, -40.0, 0.2), (-0.03, 30.0, 1.0)] {
-                let (met, expected) = (step(&branch, 1.0, v, current_a, step_s), runge_kutta(&branch, v, current_a, step_s));
-                assert!((met - expected).abs() < 2e-5, "{law:?} from {v} V at {current_a} A over {step_s} s: {met} against {expected}");
+            let branch = Branch {
+                r_ohm: 2e-3,
+                tau_s: 0.06,
+                law,
+            };
+            for (v, current_a, step_s) in [
+                (0.0, 100.0, 0.01),
+                (0.12, 0.0, 0.05),
+                (0.05, -40.0, 0.2),
+                (-0.03, 30.0, 1.0),
+            ] {
+                let (met, expected) = (
+                    step(&branch, 1.0, v, current_a, step_s),
+                    runge_kutta(&branch, v, current_a, step_s),
+                );
+                assert!(
+                    (met - expected).abs() < 2e-5,
+                    "{law:?} from {v} V at {current_a} A over {step_s} s: {met} against {expected}"
+                );
             }
         }
     }
 
     #[test]
     fn two_halves_are_one_step_where_the_solution_is_closed() {
-        let branch = Branch { r_ohm: 2e-3, tau_s: 0.06, law: Law::Symmetric { beta: 0.03 } };
+        let branch = Branch {
+            r_ohm: 2e-3,
+            tau_s: 0.06,
+            law: Law::Symmetric { beta: 0.03 },
+        };
         let once = step(&branch, 1.0, 0.01, 70.0, 0.04);
         let half = step(&branch, 1.0, 0.01, 70.0, 0.02);
         assert!((step(&branch, 1.0, half, 70.0, 0.02) - once).abs() < 1e-14);

@@ -23,7 +23,10 @@ pub struct Kept {
 
 impl std::fmt::Debug for Kept {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.debug_struct("Kept").field("effect", &self.effect.card().name).field("p", &self.p).finish()
+        f.debug_struct("Kept")
+            .field("effect", &self.effect.card().name)
+            .field("p", &self.p)
+            .finish()
     }
 }
 
@@ -36,12 +39,24 @@ impl PartialEq for Kept {
 impl Augmented {
     /// The additions that belong into a prediction: those of the cell.
     pub fn of_the_cell(&self) -> Vec<Added<'_>> {
-        let cell = self.kept.iter().filter(|k| k.effect.card().group == Group::Cell);
-        cell.map(|k| Added { effect: k.effect, p: &k.p }).collect()
+        let cell = self
+            .kept
+            .iter()
+            .filter(|k| k.effect.card().group == Group::Cell);
+        cell.map(|k| Added {
+            effect: k.effect,
+            p: &k.p,
+        })
+        .collect()
     }
 
     /// Titles of the additions that explain a measurement and no prediction: those of the bench.
     pub fn left_out(&self) -> Vec<&'static str> {
-        self.kept.iter().map(|k| k.effect.card()).filter(|card| card.group == Group::Bench).map(|card| card.title).collect()
+        self.kept
+            .iter()
+            .map(|k| k.effect.card())
+            .filter(|card| card.group == Group::Bench)
+            .map(|card| card.title)
+            .collect()
     }
 }

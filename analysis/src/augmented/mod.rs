@@ -1,8 +1,10 @@
-//! The augmented model: an extended Randles model with effects of the catalogue added, in frequency and in time.
+//! The augmented model: an extended Randles model with effects of the catalogue added, in frequency
+//! and in time.
 //!
-//! V(t) = U(z) − f₀·R·i − Σ vⱼ + Σ additions. The branches of the [`Network`] are stepped exactly for a current that is held or changes linearly over a
-//! sample; effects with a state of their own are moved half a step before and half a step after them (Strang splitting, second order). [`Player`] plays
-//! records; [`impedance`] is the small-signal limit.
+//! V(t) = U(z) − f₀·R·i − Σ vⱼ + Σ additions. The branches of the [`Network`] are stepped exactly
+//! for a current that is held or changes linearly over a sample; effects with a state of their own
+//! are moved half a step before and half a step after them (Strang splitting, second order).
+//! [`Player`] plays records; [`impedance`] is the small-signal limit.
 
 mod branch;
 mod kept;
@@ -34,13 +36,23 @@ pub fn network(base: &Base, added: &[Added<'_>]) -> Network {
     network
 }
 
-/// What a spectrum's point shows: the cell's impedance (or `control_ohm` where a control is in the jig) through all effects, Ω.
-pub fn impedance(network: &Network, base: &Base, added: &[Added<'_>], at: &Point, control_ohm: Option<Complex64>) -> Complex64 {
+/// What a spectrum's point shows: the cell's impedance (or `control_ohm` where a control is in the
+/// jig) through all effects, Ω.
+pub fn impedance(
+    network: &Network,
+    base: &Base,
+    added: &[Added<'_>],
+    at: &Point,
+    control_ohm: Option<Complex64>,
+) -> Complex64 {
     let z = control_ohm.unwrap_or_else(|| network.impedance(at.freq_hz) + storage_ohm(base, at));
-    added.iter().fold(z, |z, a| a.effect.impedance(a.p, base, at, z))
+    added
+        .iter()
+        .fold(z, |z, a| a.effect.impedance(a.p, base, at, z))
 }
 
-/// The impedance of the charge that the sinusoid moves along the OCV curve, Ω: (dU/dz)/(jω·Q). A record shows the same as its slope over charge.
+/// The impedance of the charge that the sinusoid moves along the OCV curve, Ω: (dU/dz)/(jω·Q). A
+/// record shows the same as its slope over charge.
 pub fn storage_ohm(base: &Base, at: &Point) -> Complex64 {
     let per_coulomb = base.ocv.slope_v(at.soc) / (3600.0 * base.ocv.capacity_ah);
     Complex64::new(0.0, -per_coulomb / (std::f64::consts::TAU * at.freq_hz))

@@ -14,7 +14,8 @@ pub enum Law {
         /// β, 1/A, above zero.
         beta: f64,
     },
-    /// i = (exp(2αβv/R) − exp(−2(1 − α)βv/R))/(2β): Butler–Volmer with any α and i₀ = 1/(2β); α = ½ is [`Law::Symmetric`].
+    /// i = (exp(2αβv/R) − exp(−2(1 − α)βv/R))/(2β): Butler–Volmer with any α and i₀ = 1/(2β); α = ½
+    /// is [`Law::Symmetric`].
     Asymmetric {
         /// β = 1/(2i₀), 1/A, above zero.
         beta: f64,
@@ -37,7 +38,11 @@ pub struct Branch {
 impl Branch {
     /// A linear branch.
     pub fn linear(r_ohm: f64, tau_s: f64) -> Self {
-        Self { r_ohm, tau_s, law: Law::Linear }
+        Self {
+            r_ohm,
+            tau_s,
+            law: Law::Linear,
+        }
     }
 
     /// True where the resistor's current is proportional to its voltage.
@@ -48,7 +53,9 @@ impl Branch {
     /// Current through the resistor, A, at a voltage, its resistance times a factor.
     pub fn conducted_a(&self, v: f64, factor: f64) -> f64 {
         match self.law {
-            Law::Symmetric { beta } if beta > 0.0 => (beta * v / self.r_ohm).sinh() / (beta * factor),
+            Law::Symmetric { beta } if beta > 0.0 => {
+                (beta * v / self.r_ohm).sinh() / (beta * factor)
+            }
             Law::Asymmetric { beta, alpha } if beta > 0.0 => {
                 let x = 2.0 * beta * v / self.r_ohm;
                 ((alpha * x).exp() - (-(1.0 - alpha) * x).exp()) / (2.0 * beta * factor)
@@ -58,7 +65,8 @@ impl Branch {
     }
 }
 
-/// Series resistance and branches. The first branches are the base's, in its order, unless an effect has replaced one.
+/// Series resistance and branches. The first branches are the base's, in its order, unless an
+/// effect has replaced one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Network {
     /// Series resistance, Ω.
@@ -70,21 +78,47 @@ pub struct Network {
 impl Network {
     /// The network of an extended Randles model.
     pub fn of(erm: &Erm) -> Self {
-        let branches = erm.branches.iter().map(|b| Branch::linear(b.r_ohm, b.time_constant_s())).collect();
-        Self { r_ohm: erm.r_ohm, branches }
+        let branches = erm
+            .branches
+            .iter()
+            .map(|b| Branch::linear(b.r_ohm, b.time_constant_s()))
+            .collect();
+        Self {
+            r_ohm: erm.r_ohm,
+            branches,
+        }
     }
 
-    /// The same for small signals as an extended Randles model. Branches without resistance are left out.
+    /// The same for small signals as an extended Randles model. Branches without resistance are
+    /// left out.
     pub fn linearised(&self) -> Erm {
         let branches = self.branches.iter().filter(|b| b.r_ohm != 0.0);
-        Erm { r_ohm: self.r_ohm, branches: branches.map(|b| RcBranch { r_ohm: b.r_ohm, c_f: b.tau_s / b.r_ohm }).collect() }
+        Erm {
+            r_ohm: self.r_ohm,
+            branches: branches
+                .map(|b| RcBranch {
+                    r_ohm: b.r_ohm,
+                    c_f: b.tau_s / b.r_ohm,
+                })
+                .collect(),
+        }
     }
 
-    /// Moves the voltages (V) of the branches over a step in which the current (A) and a factor on the resistances go straight from one value to
-    /// another. In a branch that is far faster than the step the end alone counts; one that is not linear sees the mean that a linear one would.
-    pub(crate) fn advance(&self, states_v: &mut [f64], factors: (f64, f64), currents_a: (f64, f64), step_s: f64) {
+    /// Moves the voltages (V) of the branches over a step in which the current (A) and a factor on
+    /// the resistances go straight from one value to another. In a branch that is far faster than
+    /// the step the end alone counts; one that is not linear sees the mean that a linear one would.
+    pub(crate) fn advance(
+        &self,
+        states_v: &mut [f64],
+        factors: (f64, f64),
+        currents_a: (f64, f64),
+        step_s: f64,
+    ) {
         let mean = 0.5 * (factors.0 + factors.1);
-        let (from_a, to_a) = (currents_a.0 * factors.0 / mean, currents_a.1 * factors.1 / mean);
+        let (from_a, to_a) = (
+            currents_a.0 * factors.0 / mean,
+            currents_a.1 * factors.1 / mean,
+        );
         for (v, b) in states_v.iter_mut().zip(&self.branches) {
             let gain = Gain::new(b, mean, step_s, true);
             let pushed_v = gain.start * from_a + gain.end * to_a;
@@ -96,19 +130,27 @@ impl Network {
         }
     }
 
-    /// Power that goes into the capacitances, W, at voltages (V) of the branches, a current (A) and a factor on their resistances.
+    /// Power that goes into the capacitances, W, at voltages (V) of the branches, a current (A) and
+    /// a factor on their resistances.
     pub(crate) fn stored_w(&self, states_v: &[f64], current_a: f64, factor: f64) -> f64 {
-        states_v.iter().zip(&self.branches).filter(|(_, b)| b.r_ohm != 0.0).map(|(v, b)| v * (current_a - b.conducted_a(*v, factor))).sum()
+        states_v
+            .iter()
+            .zip(&self.branches)
+            .filter(|(_, b)| b.r_ohm != 0.0)
+            .map(|(v, b)| v * (current_a - b.conducted_a(*v, factor)))
+            .sum()
     }
 
     /// Impedance for small signals, Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         let omega = std::f64::consts::TAU * freq_hz;
-        self.branches.iter().fold(Complex64::new(self.r_ohm, 0.0), |z, b| {
-            let x = omega * b.tau_s;
-            let scale = b.r_ohm / (1.0 + x * x);
-            z + Complex64::new(scale, -scale * x)
-        })
+        self.branches
+            .iter()
+            .fold(Complex64::new(self.r_ohm, 0.0), |z, b| {
+                let x = omega * b.tau_s;
+                let scale = b.r_ohm / (1.0 + x * x);
+                z + Complex64::new(scale, -scale * x)
+            })
     }
 
     /// Resistance at zero frequency, Ω.

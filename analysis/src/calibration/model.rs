@@ -1,7 +1,8 @@
 //! The equations of the harness, with exact derivatives.
 //!
-//! Everything is analytic in the four phasors and linear or exponential in the parameters, so each quantity carries its complex derivatives along
-//! (forward differentiation) and nothing has to be derived by hand twice.
+//! Everything is analytic in the four phasors and linear or exponential in the parameters, so each
+//! quantity carries its complex derivatives along (forward differentiation) and nothing has to be
+//! derived by hand twice.
 
 use std::array;
 use std::ops::{Add, Div, Mul, Sub};
@@ -75,7 +76,11 @@ impl Slope {
 
     /// Covariance from that of the phasors.
     pub(super) fn noise(&self, covariances: &[Covariance2; 4]) -> Covariance2 {
-        self.by_volts().into_iter().zip(covariances).map(|(slope, covariance)| covariance.scaled(slope)).sum()
+        self.by_volts()
+            .into_iter()
+            .zip(covariances)
+            .map(|(slope, covariance)| covariance.scaled(slope))
+            .sum()
     }
 
     /// Covariance from that of the parameters.
@@ -97,7 +102,10 @@ impl Add for Slope {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
-        Self { value: self.value + other.value, slopes: array::from_fn(|k| self.slopes[k] + other.slopes[k]) }
+        Self {
+            value: self.value + other.value,
+            slopes: array::from_fn(|k| self.slopes[k] + other.slopes[k]),
+        }
     }
 }
 
@@ -105,7 +113,10 @@ impl Sub for Slope {
     type Output = Self;
 
     fn sub(self, other: Self) -> Self {
-        Self { value: self.value - other.value, slopes: array::from_fn(|k| self.slopes[k] - other.slopes[k]) }
+        Self {
+            value: self.value - other.value,
+            slopes: array::from_fn(|k| self.slopes[k] - other.slopes[k]),
+        }
     }
 }
 
@@ -115,17 +126,26 @@ impl Mul for Slope {
 
     fn mul(self, other: Self) -> Self {
         let slope = |k: usize| self.slopes[k] * other.value + self.value * other.slopes[k];
-        Self { value: self.value * other.value, slopes: array::from_fn(slope) }
+        Self {
+            value: self.value * other.value,
+            slopes: array::from_fn(slope),
+        }
     }
 }
 
-#[expect(clippy::suspicious_arithmetic_impl, reason = "the quotient rule subtracts and multiplies")]
+#[expect(
+    clippy::suspicious_arithmetic_impl,
+    reason = "the quotient rule subtracts and multiplies"
+)]
 impl Div for Slope {
     type Output = Self;
 
     fn div(self, other: Self) -> Self {
         let value = self.value / other.value;
-        Self { value, slopes: array::from_fn(|k| (self.slopes[k] - value * other.slopes[k]) / other.value) }
+        Self {
+            value,
+            slopes: array::from_fn(|k| (self.slopes[k] - value * other.slopes[k]) / other.value),
+        }
     }
 }
 
@@ -141,7 +161,11 @@ impl<'a> Harness<'a> {
     pub(super) fn new(values: &'a [f64; COUNT], phasors: &ChannelPhasors) -> Self {
         let j_omega = Complex64::new(0.0, std::f64::consts::TAU * phasors.freq_hz);
         let tips = array::from_fn(|channel| tip(values, j_omega, phasors.volts[channel], channel));
-        Self { values, j_omega, tips }
+        Self {
+            values,
+            j_omega,
+            tips,
+        }
     }
 
     /// Current through the shunt, A.
@@ -168,7 +192,10 @@ impl<'a> Harness<'a> {
     /// What ought to be zero with the voltage probes on the shunt, V.
     pub(super) fn shunt_residuals(&self) -> [Slope; 2] {
         let [v1, v2, v3, v4] = self.tips;
-        [v3 - v1, v4 - v2 - self.reactance(MUTUAL_SHUNT) * self.current()]
+        [
+            v3 - v1,
+            v4 - v2 - self.reactance(MUTUAL_SHUNT) * self.current(),
+        ]
     }
 
     /// What ought to be zero with the fake cell in the jig, V.
@@ -190,7 +217,8 @@ impl<'a> Harness<'a> {
 
     /// Admittance beside what is in the jig, S.
     fn stray(&self) -> Slope {
-        Slope::variable(self.values[STRAY_G].into(), 4 + STRAY_G, 1.0.into()) + self.reactance(STRAY_C)
+        Slope::variable(self.values[STRAY_G].into(), 4 + STRAY_G, 1.0.into())
+            + self.reactance(STRAY_C)
     }
 
     fn impedance_of(&self, r: usize, l: usize) -> Slope {
@@ -203,17 +231,23 @@ impl<'a> Harness<'a> {
     }
 }
 
-/// Current through the shunt, A, and voltage across the jig, V, where nothing changes: skews and inductances have no part in it.
+/// Current through the shunt, A, and voltage across the jig, V, where nothing changes: skews and
+/// inductances have no part in it.
 pub(super) fn direct(values: &[f64; COUNT], volts: [f64; 4]) -> (f64, f64) {
     let [v1, v2, v3, v4] = volts;
     let [gain_2, gain_3, gain_4] = [values[GAIN], values[GAIN + 1], values[GAIN + 2]];
-    ((v2 / gain_2 - v1) / values[SHUNT_R], v4 / gain_4 - v3 / gain_3)
+    (
+        (v2 / gain_2 - v1) / values[SHUNT_R],
+        v4 / gain_4 - v3 / gain_3,
+    )
 }
 
 /// Potential of a channel's tip, from what it shows: V/c.
 fn tip(values: &[f64; COUNT], j_omega: Complex64, shown: Complex64, channel: usize) -> Slope {
     let shown_volts = Slope::variable(shown, channel, 1.0.into());
-    let Some(other) = channel.checked_sub(1) else { return shown_volts };
+    let Some(other) = channel.checked_sub(1) else {
+        return shown_volts;
+    };
     let (gain, skew_s) = (values[GAIN + other], values[SKEW + other]);
     let ahead = (j_omega * skew_s).exp();
     let gain = Slope::variable(gain.into(), 4 + GAIN + other, 1.0.into());

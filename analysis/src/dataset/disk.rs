@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 
 use super::DatasetError;
 
-/// Writes a whole file: into a hidden file beside it, synced, then renamed over it. Whoever reads sees the old file or the new one.
+/// Writes a whole file: into a hidden file beside it, synced, then renamed over it. Whoever reads
+/// sees the old file or the new one.
 ///
 /// # Errors
 /// [`DatasetError::Io`]; the hidden file is then removed.
@@ -16,8 +17,8 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
     replace(path, (&beside, File::create(&beside)), bytes)
 }
 
-/// The same, by a file that has at most this mode from the beginning, whatever the process' umask lets everybody do: it is at no time readable or writable for
-/// others than the mode says.
+/// The same, by a file that has at most this mode from the beginning, whatever the process' umask
+/// lets everybody do: it is at no time readable or writable for others than the mode says.
 ///
 /// # Errors
 /// As [`write_atomically`].
@@ -25,47 +26,75 @@ pub fn write_private(path: &Path, bytes: &[u8], mode: u32) -> Result<(), Dataset
     let beside = beside(path)?;
     // What is left of a crash would keep its mode.
     let _ = fs::remove_file(&beside);
-    let made = OpenOptions::new().write(true).create_new(true).mode(mode).open(&beside);
+    let made = OpenOptions::new()
+        .write(true)
+        .create_new(true)
+        .mode(mode)
+        .open(&beside);
     replace(path, (&beside, made), bytes)
 }
 
-fn replace(path: &Path, (beside, made): (&Path, io::Result<File>), bytes: &[u8]) -> Result<(), DatasetError> {
+fn replace(
+    path: &Path,
+    (beside, made): (&Path, io::Result<File>),
+    bytes: &[u8],
+) -> Result<(), DatasetError> {
     let written = made.and_then(|mut file| {
         file.write_all(bytes)?;
         file.sync_all()
     });
     let result = match written {
-        Ok(()) => fs::rename(beside, path).map_err(|source| io_error(path, "put the new file in place", source)),
+        Ok(()) => fs::rename(beside, path)
+            .map_err(|source| io_error(path, "put the new file in place", source)),
         Err(source) => Err(io_error(beside, "write the file", source)),
     };
     if result.is_err() {
-        // What matters is the first failure; that the left-over cannot be removed either adds nothing.
+        // What matters is the first failure; that the left-over cannot be removed either adds
+        // nothing.
         let _ = fs::remove_file(beside);
     }
     result?;
     sync_folder(path)
 }
 
-/// Appends lines to a text file that begins with `header`, starting it if need be, and syncs it. What follows the last line end is taken off first.
+/// Appends lines to a text file that begins with `header`, starting it if need be, and syncs it.
+/// What follows the last line end is taken off first.
 pub(super) fn append_line(path: &Path, header: &str, line: &str) -> Result<(), DatasetError> {
     let failed = |action| move |source| io_error(path, action, source);
     let mut options = OpenOptions::new();
-    let mut file = options.read(true).write(true).create(true).truncate(false).open(path).map_err(failed("open the file"))?;
+    let mut file = options
+        .read(true)
+        .write(true)
+        .create(true)
+        .truncate(false)
+        .open(path)
+        .map_err(failed("open the file"))?;
     let whole = whole_lines_end(&mut file).map_err(failed("read the file"))?;
     let fresh = whole == 0;
     if !fresh {
         check_header(path, &mut file, header)?;
     }
-    file.set_len(whole).map_err(failed("take off a torn line"))?;
-    file.seek(SeekFrom::Start(whole)).map_err(failed("seek the end"))?;
-    let text = if fresh { format!("{header}\n{line}\n") } else { format!("{line}\n") };
-    file.write_all(text.as_bytes()).map_err(failed("append to the file"))?;
+    file.set_len(whole)
+        .map_err(failed("take off a torn line"))?;
+    file.seek(SeekFrom::Start(whole))
+        .map_err(failed("seek the end"))?;
+    let text = if fresh {
+        format!("{header}\n{line}\n")
+    } else {
+        format!("{line}\n")
+    };
+    file.write_all(text.as_bytes())
+        .map_err(failed("append to the file"))?;
     file.sync_data().map_err(failed("sync the file"))?;
     if fresh { sync_folder(path) } else { Ok(()) }
 }
 
 pub(super) fn io_error(path: &Path, action: &'static str, source: io::Error) -> DatasetError {
-    DatasetError::Io { path: path.to_path_buf(), action, source }
+    DatasetError::Io {
+        path: path.to_path_buf(),
+        action,
+        source,
+    }
 }
 
 /// Length of the file up to and with its last line end.
@@ -96,7 +125,11 @@ fn check_header(path: &Path, file: &mut File, header: &str) -> Result<(), Datase
         return Ok(());
     }
     let found = text.lines().next().unwrap_or("").to_owned();
-    Err(DatasetError::Header { path: path.to_path_buf(), expected: header.to_owned(), found })
+    Err(DatasetError::Header {
+        path: path.to_path_buf(),
+        expected: header.to_owned(),
+        found,
+    })
 }
 
 fn beside(path: &Path) -> Result<PathBuf, DatasetError> {
@@ -116,5 +149,7 @@ fn sync_folder(path: &Path) -> Result<(), DatasetError> {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    File::open(folder).and_then(|file| file.sync_all()).map_err(|source| io_error(folder, "sync the folder", source))
+    File::open(folder)
+        .and_then(|file| file.sync_all())
+        .map_err(|source| io_error(folder, "sync the folder", source))
 }

@@ -1,7 +1,8 @@
 //! Tables as Parquet, with metadata and a checksum over the whole file.
 //!
-//! The checksum is looked at before the bytes are given to the decoder, which trusts them: of a damaged file it may ask for more memory than there
-//! is. It stands in the metadata and is reckoned with itself as zeros, by FNV-1a (64 bits): against accidents, not against malice.
+//! The checksum is looked at before the bytes are given to the decoder, which trusts them: of a
+//! damaged file it may ask for more memory than there is. It stands in the metadata and is reckoned
+//! with itself as zeros, by FNV-1a (64 bits): against accidents, not against malice.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -9,12 +10,15 @@ use std::io::{self, Cursor, Read, Seek, SeekFrom};
 use std::path::Path;
 
 use polars::io::mmap::MmapBytesReader;
-use polars::prelude::{DataFrame, KeyValueMetadata, ParquetReader, ParquetWriter, PolarsError, SerReader};
+use polars::prelude::{
+    DataFrame, KeyValueMetadata, ParquetReader, ParquetWriter, PolarsError, SerReader,
+};
 
 use super::disk::{io_error, write_atomically};
 use super::{ColumnSpec, DatasetError};
 
-/// What stands before the digits of the checksum; not found in the base64 of the schema, for its colon.
+/// What stands before the digits of the checksum; not found in the base64 of the schema, for its
+/// colon.
 const MARK: &[u8] = b"fnv1a64:";
 const DIGITS: usize = 16;
 /// The checksum stands within so many bytes of the end.
@@ -31,10 +35,20 @@ pub(super) fn write_frame(
     columns: &[ColumnSpec],
     more: Vec<(String, String)>,
 ) -> Result<(), DatasetError> {
-    let about = |spec: &ColumnSpec| (format!("column.{}", spec.name), format!("{} [{}]", spec.doc, spec.unit));
+    let about = |spec: &ColumnSpec| {
+        (
+            format!("column.{}", spec.name),
+            format!("{} [{}]", spec.doc, spec.unit),
+        )
+    };
     let blank = format!("{}{}", String::from_utf8_lossy(MARK), "0".repeat(DIGITS));
     // Last, so that nothing that follows can look like it.
-    let pairs = columns.iter().map(about).chain(more).chain([("checksum".to_owned(), blank)]).collect();
+    let pairs = columns
+        .iter()
+        .map(about)
+        .chain(more)
+        .chain([("checksum".to_owned(), blank)])
+        .collect();
     let mut bytes = Vec::new();
     ParquetWriter::new(&mut bytes)
         .set_parallel(false)
@@ -49,20 +63,32 @@ pub(super) fn write_frame(
 }
 
 /// Reads a frame and the metadata of its file.
-pub(super) fn read_frame(path: &Path) -> Result<(DataFrame, BTreeMap<String, String>), DatasetError> {
-    let mut bytes = std::fs::read(path).map_err(|source| io_error(path, "read the file", source))?;
+pub(super) fn read_frame(
+    path: &Path,
+) -> Result<(DataFrame, BTreeMap<String, String>), DatasetError> {
+    let mut bytes =
+        std::fs::read(path).map_err(|source| io_error(path, "read the file", source))?;
     check(path, &mut bytes)?;
     let mut reader = ParquetReader::new(Cursor::new(bytes));
     let pairs = metadata(path, &mut reader)?;
-    let frame = reader.finish().map_err(|source| parquet_error(path, "decode the table", source))?;
+    let frame = reader
+        .finish()
+        .map_err(|source| parquet_error(path, "decode the table", source))?;
     Ok((frame, pairs))
 }
 
 /// The metadata of a file.
-pub(super) fn metadata<R: MmapBytesReader>(path: &Path, reader: &mut ParquetReader<R>) -> Result<BTreeMap<String, String>, DatasetError> {
-    let metadata = reader.get_metadata().map_err(|source| parquet_error(path, "read it as Parquet", source))?;
+pub(super) fn metadata<R: MmapBytesReader>(
+    path: &Path,
+    reader: &mut ParquetReader<R>,
+) -> Result<BTreeMap<String, String>, DatasetError> {
+    let metadata = reader
+        .get_metadata()
+        .map_err(|source| parquet_error(path, "read it as Parquet", source))?;
     let pairs = metadata.key_value_metadata().iter().flatten();
-    Ok(pairs.filter_map(|pair| pair.value.clone().map(|value| (pair.key.clone(), value))).collect())
+    Ok(pairs
+        .filter_map(|pair| pair.value.clone().map(|value| (pair.key.clone(), value)))
+        .collect())
 }
 
 /// As [`check`], of a file that is read by pieces.
@@ -79,8 +105,13 @@ pub(super) fn check_file(path: &Path) -> Result<(), DatasetError> {
         file.seek(SeekFrom::Start(from))?;
         let mut tail = Vec::new();
         (&file).take(TAIL).read_to_end(&mut tail)?;
-        let Some(range) = digits(&tail) else { return Ok(None) };
-        let stored = tail.get(range.clone()).map(|bytes| String::from_utf8_lossy(bytes).into_owned()).unwrap_or_default();
+        let Some(range) = digits(&tail) else {
+            return Ok(None);
+        };
+        let stored = tail
+            .get(range.clone())
+            .map(|bytes| String::from_utf8_lossy(bytes).into_owned())
+            .unwrap_or_default();
         let blanked = (from + range.start as u64)..(from + range.end as u64);
         file.seek(SeekFrom::Start(0))?;
         let (mut hash, mut at, mut buffer) = (SEED, 0_u64, vec![0; PIECE]);
@@ -90,7 +121,10 @@ pub(super) fn check_file(path: &Path) -> Result<(), DatasetError> {
                 return Ok(Some((stored, format!("{hash:016x}"))));
             }
             let piece = &mut buffer[..count];
-            for position in blanked.clone().filter(|position| (at..at + count as u64).contains(position)) {
+            for position in blanked
+                .clone()
+                .filter(|position| (at..at + count as u64).contains(position))
+            {
                 piece[(position - at) as usize] = b'0';
             }
             hash = mixed(hash, piece);
@@ -104,8 +138,16 @@ pub(super) fn check_file(path: &Path) -> Result<(), DatasetError> {
     }
 }
 
-pub(super) fn parquet_error(path: &Path, action: &'static str, source: PolarsError) -> DatasetError {
-    DatasetError::Parquet { path: path.to_path_buf(), action, source }
+pub(super) fn parquet_error(
+    path: &Path,
+    action: &'static str,
+    source: PolarsError,
+) -> DatasetError {
+    DatasetError::Parquet {
+        path: path.to_path_buf(),
+        action,
+        source,
+    }
 }
 
 /// Compares the checksum in the file with that of its bytes; blanks it.
@@ -121,12 +163,19 @@ fn check(path: &Path, bytes: &mut [u8]) -> Result<(), DatasetError> {
     let expected = String::from_utf8_lossy(stored).into_owned();
     stored.fill(b'0');
     let found = checksum(bytes);
-    if expected == found { Ok(()) } else { Err(wrong(&expected, &found)) }
+    if expected == found {
+        Ok(())
+    } else {
+        Err(wrong(&expected, &found))
+    }
 }
 
 /// Where the digits of the checksum stand.
 fn digits(bytes: &[u8]) -> Option<std::ops::Range<usize>> {
-    let start = bytes.windows(MARK.len()).rposition(|window| window == MARK)? + MARK.len();
+    let start = bytes
+        .windows(MARK.len())
+        .rposition(|window| window == MARK)?
+        + MARK.len();
     (start + DIGITS <= bytes.len()).then_some(start..start + DIGITS)
 }
 
@@ -135,5 +184,7 @@ fn checksum(bytes: &[u8]) -> String {
 }
 
 fn mixed(hash: u64, bytes: &[u8]) -> u64 {
-    bytes.iter().fold(hash, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+    bytes.iter().fold(hash, |hash, byte| {
+        (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    })
 }

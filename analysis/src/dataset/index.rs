@@ -1,5 +1,6 @@
-//! The index of a run folder, `traces.json`: which file holds which sweep of the cell and which trace, and under which circumstances it was measured,
-//! so that the folder can be read as a data set. Controls are not runs of it.
+//! The index of a run folder, `traces.json`: which file holds which sweep of the cell and which
+//! trace, and under which circumstances it was measured, so that the folder can be read as a data
+//! set. Controls are not runs of it.
 
 use crate::calibration::CommonError;
 use serde::{Deserialize, Serialize};
@@ -50,14 +51,16 @@ pub struct SweepEntry {
     /// Points that a quality gate refused to the end; a run without a gate has none.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub flagged: Vec<FlaggedPoint>,
-    /// Standard deviations of real and imaginary part that each point has of its own records, in the order of the file, Ω: the file's are together with what
-    /// the correction leaves.
+    /// Standard deviations of real and imaginary part that each point has of its own records, in
+    /// the order of the file, Ω: the file's are together with what the correction leaves.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub own_sigma_ohm: Vec<[f64; 2]>,
-    /// What the correction leaves in all spectra of the cell alike; none where nothing was corrected, or for a control.
+    /// What the correction leaves in all spectra of the cell alike; none where nothing was
+    /// corrected, or for a control.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub common_error: Option<CommonError>,
-    /// Resistance between the lower tap of what was swept and the ground of the channels, Ω: the voltage of that tap's channel over the current.
+    /// Resistance between the lower tap of what was swept and the ground of the channels, Ω: the
+    /// voltage of that tap's channel over the current.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub below_ohm: Option<f64>,
     /// Inductance there, H.

@@ -45,14 +45,31 @@ pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let mut lines = text.split('\n').map(|line| line.trim_end_matches('\r'));
     let (expected, found) = (header::<R>(), lines.next().unwrap_or(""));
     // Errors that rows share follow behind the columns that every row has: another reader's.
-    let own = MORE.iter().filter_map(|more| found.find(more)).min().map_or(found, |at| &found[..at]);
-    let columns = (R::NEEDED..=R::COLUMNS.len()).find(|columns| own == names(&R::COLUMNS[..*columns]));
+    let own = MORE
+        .iter()
+        .filter_map(|more| found.find(more))
+        .min()
+        .map_or(found, |at| &found[..at]);
+    let columns =
+        (R::NEEDED..=R::COLUMNS.len()).find(|columns| own == names(&R::COLUMNS[..*columns]));
     let Some(columns) = columns else {
-        return Err(DatasetError::Header { path: path.to_path_buf(), expected, found: found.to_owned() });
+        return Err(DatasetError::Header {
+            path: path.to_path_buf(),
+            expected,
+            found: found.to_owned(),
+        });
     };
-    let fields = if own.len() < found.len() { columns } else { usize::MAX };
+    let fields = if own.len() < found.len() {
+        columns
+    } else {
+        usize::MAX
+    };
     let cut = |line| first_fields(line, fields);
-    lines.enumerate().filter(|(_, line)| !line.is_empty()).map(|(index, line)| parse_line(path, (index + 2, columns), cut(line))).collect()
+    lines
+        .enumerate()
+        .filter(|(_, line)| !line.is_empty())
+        .map(|(index, line)| parse_line(path, (index + 2, columns), cut(line)))
+        .collect()
 }
 
 pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), DatasetError> {
@@ -60,7 +77,11 @@ pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), Datas
 }
 
 /// Writes rows with one more column behind them, one text per row.
-pub(super) fn write_parquet_with<R: Row>(path: &Path, rows: &[R], (spec, texts): (ColumnSpec, &[String])) -> Result<(), DatasetError> {
+pub(super) fn write_parquet_with<R: Row>(
+    path: &Path,
+    rows: &[R],
+    (spec, texts): (ColumnSpec, &[String]),
+) -> Result<(), DatasetError> {
     let specs: Vec<ColumnSpec> = R::COLUMNS.iter().copied().chain([spec]).collect();
     let mut frame = frame(path, rows, Some(Column::new(spec.name.into(), texts)))?;
     write_frame(path, &mut frame, &specs, Vec::new())
@@ -70,18 +91,34 @@ pub(super) fn write_parquet_with<R: Row>(path: &Path, rows: &[R], (spec, texts):
 fn frame<R: Row>(path: &Path, rows: &[R], more: Option<Column>) -> Result<DataFrame, DatasetError> {
     let values: Vec<Vec<f64>> = rows.iter().map(Row::values).collect();
     let column = |(index, spec): (usize, &ColumnSpec)| {
-        let cells: Vec<f64> = values.iter().filter_map(|row| row.get(index).copied()).collect();
+        let cells: Vec<f64> = values
+            .iter()
+            .filter_map(|row| row.get(index).copied())
+            .collect();
         Column::new(spec.name.into(), cells)
     };
-    let columns = R::COLUMNS.iter().enumerate().map(column).chain(more).collect();
-    DataFrame::new(rows.len(), columns).map_err(|source| parquet_error(path, "arrange the columns", source))
+    let columns = R::COLUMNS
+        .iter()
+        .enumerate()
+        .map(column)
+        .chain(more)
+        .collect();
+    DataFrame::new(rows.len(), columns)
+        .map_err(|source| parquet_error(path, "arrange the columns", source))
 }
 
-pub(super) fn write_columns(path: &Path, columns: &[(ColumnSpec, &[f64])]) -> Result<(), DatasetError> {
+pub(super) fn write_columns(
+    path: &Path,
+    columns: &[(ColumnSpec, &[f64])],
+) -> Result<(), DatasetError> {
     let specs: Vec<ColumnSpec> = columns.iter().map(|(spec, _)| *spec).collect();
     let height = columns.first().map_or(0, |(_, values)| values.len());
-    let columns = columns.iter().map(|(spec, values)| Column::new(spec.name.into(), values)).collect();
-    let mut frame = DataFrame::new(height, columns).map_err(|source| parquet_error(path, "arrange the columns", source))?;
+    let columns = columns
+        .iter()
+        .map(|(spec, values)| Column::new(spec.name.into(), values))
+        .collect();
+    let mut frame = DataFrame::new(height, columns)
+        .map_err(|source| parquet_error(path, "arrange the columns", source))?;
     write_frame(path, &mut frame, &specs, Vec::new())
 }
 
@@ -89,11 +126,22 @@ pub(super) fn read_parquet<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> 
     let (frame, _) = read_frame(path)?;
     let column = |(index, spec): (usize, &ColumnSpec)| {
         let told = index < R::NEEDED || frame.column(spec.name).is_ok();
-        if told { numbers(path, &frame, spec) } else { Ok(vec![f64::NAN; frame.height()]) }
+        if told {
+            numbers(path, &frame, spec)
+        } else {
+            Ok(vec![f64::NAN; frame.height()])
+        }
     };
-    let columns: Vec<Vec<f64>> = R::COLUMNS.iter().enumerate().map(column).collect::<Result<_, _>>()?;
+    let columns: Vec<Vec<f64>> = R::COLUMNS
+        .iter()
+        .enumerate()
+        .map(column)
+        .collect::<Result<_, _>>()?;
     let row = |index: usize| {
-        let values: Vec<f64> = columns.iter().filter_map(|column| column.get(index).copied()).collect();
+        let values: Vec<f64> = columns
+            .iter()
+            .filter_map(|column| column.get(index).copied())
+            .collect();
         R::from_values(&values)
     };
     Ok((0..frame.height()).filter_map(row).collect())
@@ -106,11 +154,15 @@ fn numbers(path: &Path, frame: &DataFrame, spec: &ColumnSpec) -> Result<Vec<f64>
         expected: expected.to_owned(),
         found,
     };
-    let column = frame.column(spec.name).map_err(|_| wrong("a column of 64-bit floats", "no such column".into()))?;
+    let column = frame
+        .column(spec.name)
+        .map_err(|_| wrong("a column of 64-bit floats", "no such column".into()))?;
     if column.dtype() != &DataType::Float64 {
         return Err(wrong("64-bit floats", column.dtype().to_string()));
     }
-    let cells = column.f64().map_err(|error| wrong("64-bit floats", error.to_string()))?;
+    let cells = column
+        .f64()
+        .map_err(|error| wrong("64-bit floats", error.to_string()))?;
     // An empty cell says what NaN says: not known.
     Ok(cells.iter().map(|cell| cell.unwrap_or(f64::NAN)).collect())
 }
@@ -120,11 +172,17 @@ const MORE: [&str; 2] = [",shared_re_ohm[", ",flags"];
 
 /// The first fields of a line.
 fn first_fields(line: &str, count: usize) -> &str {
-    line.match_indices(',').nth(count.saturating_sub(1)).map_or(line, |(at, _)| &line[..at])
+    line.match_indices(',')
+        .nth(count.saturating_sub(1))
+        .map_or(line, |(at, _)| &line[..at])
 }
 
 /// Writes rows with more columns behind them, one text per row.
-pub(super) fn write_csv_with<R: Row>(path: &Path, rows: &[R], (more_header, more): (&str, &[String])) -> Result<(), DatasetError> {
+pub(super) fn write_csv_with<R: Row>(
+    path: &Path,
+    rows: &[R],
+    (more_header, more): (&str, &[String]),
+) -> Result<(), DatasetError> {
     let mut text = header::<R>() + more_header + "\n";
     for (row, more) in rows.iter().zip(more) {
         text.push_str(&line(row));
@@ -147,14 +205,18 @@ fn line<R: Row>(row: &R) -> String {
     let mut text = String::new();
     for (index, value) in row.values().iter().enumerate() {
         let comma = if index > 0 { "," } else { "" };
-        // Debug is the shortest text that reads back to the same bits, with an exponent where digits would run long. Writing to a string cannot
-        // fail.
+        // Debug is the shortest text that reads back to the same bits, with an exponent where
+        // digits would run long. Writing to a string cannot fail.
         let _ = write!(text, "{comma}{value:?}");
     }
     text
 }
 
-fn parse_line<R: Row>(path: &Path, (line, columns): (usize, usize), text: &str) -> Result<R, DatasetError> {
+fn parse_line<R: Row>(
+    path: &Path,
+    (line, columns): (usize, usize),
+    text: &str,
+) -> Result<R, DatasetError> {
     let wrong = |column: &str, expected, found: &str| DatasetError::Field {
         path: path.to_path_buf(),
         line,
@@ -165,8 +227,14 @@ fn parse_line<R: Row>(path: &Path, (line, columns): (usize, usize), text: &str) 
     let mut fields = text.split(',');
     let mut values = Vec::with_capacity(R::COLUMNS.len());
     for spec in &R::COLUMNS[..columns] {
-        let field = fields.next().ok_or_else(|| wrong(spec.name, "a number", "end of line"))?;
-        let value = if field.trim().is_empty() { Ok(f64::NAN) } else { field.trim().parse() };
+        let field = fields
+            .next()
+            .ok_or_else(|| wrong(spec.name, "a number", "end of line"))?;
+        let value = if field.trim().is_empty() {
+            Ok(f64::NAN)
+        } else {
+            field.trim().parse()
+        };
         values.push(value.map_err(|_| wrong(spec.name, "a number", field))?);
     }
     values.resize(R::COLUMNS.len(), f64::NAN);

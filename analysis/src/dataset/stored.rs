@@ -1,4 +1,5 @@
-//! A capture that stays where it is: its codes are read by pieces, so that a record may be larger than the memory.
+//! A capture that stays where it is: its codes are read by pieces, so that a record may be larger
+//! than the memory.
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -28,8 +29,14 @@ pub fn open_capture(path: &Path) -> Result<CaptureFile, DatasetError> {
     let file = File::open(path).map_err(|source| io_error(path, "read the file", source))?;
     let mut reader = ParquetReader::new(file);
     let pairs = metadata(path, &mut reader)?;
-    let samples = reader.num_rows().map_err(|source| parquet_error(path, "read it as Parquet", source))?;
-    Ok(CaptureFile { path: path.to_owned(), meta: read_meta(path, &pairs)?, samples })
+    let samples = reader
+        .num_rows()
+        .map_err(|source| parquet_error(path, "read it as Parquet", source))?;
+    Ok(CaptureFile {
+        path: path.to_owned(),
+        meta: read_meta(path, &pairs)?,
+        samples,
+    })
 }
 
 impl CaptureFile {
@@ -47,14 +54,23 @@ impl CaptureFile {
     pub fn channels(&self) -> [Channel<'_>; 4] {
         std::array::from_fn(|channel| {
             let scale = Some(self.meta.channels[channel].scale);
-            Channel::Stored(Stored { samples: self, channel, start: 0, count: self.samples, scale, lsb_v: None, level_v: 0.0 })
+            Channel::Stored(Stored {
+                samples: self,
+                channel,
+                start: 0,
+                count: self.samples,
+                scale,
+                lsb_v: None,
+                level_v: 0.0,
+            })
         })
     }
 
     fn piece(&self, channel: usize, start: usize, count: usize) -> Result<Vec<i16>, DatasetError> {
         let name = CAPTURE_COLUMNS.get(channel).map_or("", |spec| spec.name);
         // Opened anew each time: what was mapped for the piece before is given back.
-        let file = File::open(&self.path).map_err(|source| io_error(&self.path, "read the file", source))?;
+        let file = File::open(&self.path)
+            .map_err(|source| io_error(&self.path, "read the file", source))?;
         let frame = ParquetReader::new(file)
             .with_columns(Some(vec![name.to_owned()]))
             .with_slice(Some((start, count)))
@@ -67,6 +83,7 @@ impl CaptureFile {
 
 impl Samples for CaptureFile {
     fn codes(&self, channel: usize, start: usize, count: usize) -> Result<Vec<i16>, String> {
-        self.piece(channel, start, count).map_err(|error| error.to_string())
+        self.piece(channel, start, count)
+            .map_err(|error| error.to_string())
     }
 }

@@ -4,9 +4,13 @@ use super::outcome::{Diagnosis, Gap, NamedEffect, Verdict};
 use crate::fit::{Addition, AdditionEvidence, AdditionParameter};
 
 impl Diagnosis {
-    /// The named effects as additions to the model that was refitted together with them ([`Diagnosis::augmented`]); empty where none was named.
+    /// The named effects as additions to the model that was refitted together with them
+    /// ([`Diagnosis::augmented`]); empty where none was named.
     pub fn additions(&self, added_by: &str) -> Vec<Addition> {
-        self.effects.iter().map(|e| self.addition(e, added_by)).collect()
+        self.effects
+            .iter()
+            .map(|e| self.addition(e, added_by))
+            .collect()
     }
 
     fn addition(&self, effect: &NamedEffect, added_by: &str) -> Addition {
@@ -15,7 +19,9 @@ impl Diagnosis {
             (!self.gap.is_empty()).then(|| 1e-3 * (sum / self.gap.len() as f64).sqrt())
         };
         let sure = match self.verdict {
-            Verdict::Explained if self.gap.is_empty() => "explained on training runs; no held-out record has seen it",
+            Verdict::Explained if self.gap.is_empty() => {
+                "explained on training runs; no held-out record has seen it"
+            }
             Verdict::Explained => "explained: nothing else is missing that the data could show",
             Verdict::Ambiguous => "ambiguous: other effects would do as well",
             _ => "explains a part: something else is missing",
@@ -28,7 +34,12 @@ impl Diagnosis {
             parameters: effect
                 .parameters
                 .iter()
-                .map(|p| AdditionParameter { name: p.name.to_owned(), value: p.value, sigma: p.sigma, unit: p.unit.to_owned() })
+                .map(|p| AdditionParameter {
+                    name: p.name.to_owned(),
+                    value: p.value,
+                    sigma: p.sigma,
+                    unit: p.unit.to_owned(),
+                })
                 .collect(),
             evidence: AdditionEvidence {
                 text: sure.to_owned(),

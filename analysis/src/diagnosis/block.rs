@@ -1,7 +1,8 @@
 //! One run made ready: rows that model and measurement are compared in, and how to predict them.
 //!
-//! A spectrum has two rows per point. A record has one row per bin: the samples after an edge of the current are averaged over times that grow with the
-//! time since the edge, so that a row is wide where nothing happens. The model is played on all samples and averaged in the same way.
+//! A spectrum has two rows per point. A record has one row per bin: the samples after an edge of
+//! the current are averaged over times that grow with the time since the edge, so that a row is
+//! wide where nothing happens. The model is played on all samples and averaged in the same way.
 
 use super::data::{Fixture, Role, Run, RunData, Start};
 use super::time_block::{Bin, TimeBlock};
@@ -9,7 +10,8 @@ use crate::augmented::{Added, Network, Player, impedance};
 use crate::effects::{Base, Below, Moved, Point, Record};
 use num_complex::Complex64;
 
-/// Within which repeats have the same derivatives: state of charge, temperature in K, and parts of currents and times, these on top of so many seconds.
+/// Within which repeats have the same derivatives: state of charge, temperature in K, and parts of
+/// currents and times, these on top of so many seconds.
 const ALIKE_SOC: f64 = 5e-4;
 const ALIKE_K: f64 = 0.05;
 const ALIKE_PART: f64 = 0.01;
@@ -35,7 +37,11 @@ pub(super) struct Block {
 #[derive(Debug, Clone)]
 pub(super) enum Kind {
     /// A spectrum: frequencies and amplitudes, stated sigmas, and the control in the jig.
-    Eis { points: Vec<Point>, sigma_ohm: Vec<Option<(f64, f64)>>, control_ohm: Option<f64> },
+    Eis {
+        points: Vec<Point>,
+        sigma_ohm: Vec<Option<(f64, f64)>>,
+        control_ohm: Option<f64>,
+    },
     /// A record.
     Time(Box<TimeBlock>),
 }
@@ -73,15 +79,23 @@ pub enum DataSetError {
 }
 
 impl Block {
-    /// Makes a run ready. The base's OCV turns a start voltage into a state of charge; the current of two samples differs by `jitter_a` (one σ) where it stays.
+    /// Makes a run ready. The base's OCV turns a start voltage into a state of charge; the current
+    /// of two samples differs by `jitter_a` (one σ) where it stays.
     pub(super) fn new(run: &Run, base: &Base, jitter_a: f64) -> Result<Self, DataSetError> {
-        let fail = |expected, met: String| DataSetError::Run { run: run.name.clone(), expected, met };
+        let fail = |expected, met: String| DataSetError::Run {
+            run: run.name.clone(),
+            expected,
+            met,
+        };
         let soc = match run.start {
             Start::Soc(soc) if (0.0..=1.0).contains(&soc) => soc,
             Start::Soc(soc) => return Err(fail("a state of charge from 0 to 1", soc.to_string())),
-            Start::Ocv(v) => {
-                base.ocv.soc_at(v).ok_or_else(|| fail("a start voltage that the model's OCV curve reaches", format!("{v} V")))?
-            }
+            Start::Ocv(v) => base.ocv.soc_at(v).ok_or_else(|| {
+                fail(
+                    "a start voltage that the model's OCV curve reaches",
+                    format!("{v} V"),
+                )
+            })?,
         };
         let is_cell = matches!(run.fixture, Fixture::Cell(_));
         let at = Point {
@@ -93,7 +107,11 @@ impl Block {
             order: f64::from(run.order),
             start_s: run.start_s,
             is_cell,
-            below: if let RunData::Eis(sweep) = &run.data { sweep.below } else { Below::default() },
+            below: if let RunData::Eis(sweep) = &run.data {
+                sweep.below
+            } else {
+                Below::default()
+            },
         };
         let (kind, measured) = match &run.data {
             RunData::Eis(sweep) => {
@@ -101,7 +119,14 @@ impl Block {
                     return Err(fail("at least one frequency", "none".to_owned()));
                 }
                 if !sweep.elapsed_s.is_empty() && sweep.elapsed_s.len() != sweep.points.len() {
-                    return Err(fail("a time for each point", format!("{} for {} points", sweep.elapsed_s.len(), sweep.points.len())));
+                    return Err(fail(
+                        "a time for each point",
+                        format!(
+                            "{} for {} points",
+                            sweep.elapsed_s.len(),
+                            sweep.points.len()
+                        ),
+                    ));
                 }
                 let point = |(k, p): (usize, &super::data::SweepPoint)| Point {
                     freq_hz: p.freq_hz,
@@ -119,22 +144,54 @@ impl Block {
                     sigma_ohm: sweep.points.iter().map(|p| p.sigma_ohm).collect(),
                     control_ohm,
                 };
-                (kind, sweep.points.iter().flat_map(|p| [p.z_ohm.re, p.z_ohm.im]).collect())
+                (
+                    kind,
+                    sweep
+                        .points
+                        .iter()
+                        .flat_map(|p| [p.z_ohm.re, p.z_ohm.im])
+                        .collect(),
+                )
             }
             RunData::Time(record) => {
-                record.series.validate().map_err(|e| fail("a time series", e.to_string()))?;
-                if let Some(count) = record.sigma_v.as_ref().map(Vec::len).filter(|count| *count != record.series.len()) {
-                    return Err(fail("a stated noise for each sample", format!("{count} for {} samples", record.series.len())));
+                record
+                    .series
+                    .validate()
+                    .map_err(|e| fail("a time series", e.to_string()))?;
+                if let Some(count) = record
+                    .sigma_v
+                    .as_ref()
+                    .map(Vec::len)
+                    .filter(|count| *count != record.series.len())
+                {
+                    return Err(fail(
+                        "a stated noise for each sample",
+                        format!("{count} for {} samples", record.series.len()),
+                    ));
                 }
-                if let Some(count) = record.averaged_s.as_ref().map(Vec::len).filter(|count| *count != record.series.len()) {
-                    return Err(fail("a window for each sample", format!("{count} for {} samples", record.series.len())));
+                if let Some(count) = record
+                    .averaged_s
+                    .as_ref()
+                    .map(Vec::len)
+                    .filter(|count| *count != record.series.len())
+                {
+                    return Err(fail(
+                        "a window for each sample",
+                        format!("{count} for {} samples", record.series.len()),
+                    ));
                 }
                 if !is_cell {
-                    return Err(fail("a record in time of a cell", "one of a control".to_owned()));
+                    return Err(fail(
+                        "a record in time of a cell",
+                        "one of a control".to_owned(),
+                    ));
                 }
                 let time = TimeBlock::new(record, jitter_a);
                 if time.bins.is_empty() {
-                    return Err(fail("samples that are compared", format!("none from {} s on", record.compared_from_s)));
+                    return Err(fail(
+                        "samples that are compared",
+                        format!("none from {} s on", record.compared_from_s),
+                    ));
                 }
                 let measured = time.average(&time.voltage_v);
                 (Kind::Time(Box::new(time)), measured)
@@ -158,14 +215,26 @@ impl Block {
     }
 
     /// Writes what is predicted for every sample under a current into the desk's voltages.
-    pub(super) fn play(&self, time: &TimeBlock, cell: (&Base, &[Added<'_>]), current_a: &[f64], (parts, desk): (usize, &mut Desk)) {
+    pub(super) fn play(
+        &self,
+        time: &TimeBlock,
+        cell: (&Base, &[Added<'_>]),
+        current_a: &[f64],
+        (parts, desk): (usize, &mut Desk),
+    ) {
         let Some(windows) = &time.windows else {
-            desk.player.play(cell, &self.record((&time.time_s, current_a)), (&time.grid, parts), &mut desk.voltage_v);
+            desk.player.play(
+                cell,
+                &self.record((&time.time_s, current_a)),
+                (&time.grid, parts),
+                &mut desk.voltage_v,
+            );
             return;
         };
         windows.current(current_a, &mut desk.within_a);
         let record = self.record((&windows.time_s, &desk.within_a));
-        desk.player.play(cell, &record, (&time.grid, parts), &mut desk.within_v);
+        desk.player
+            .play(cell, &record, (&time.grid, parts), &mut desk.within_v);
         windows.means(&desk.within_v, &mut desk.voltage_v);
     }
 
@@ -183,15 +252,37 @@ impl Block {
         }
     }
 
-    /// Lets a planned sweep lie as far above the ground of the channels as what was measured of its kind. A control that was not measured yet lies in the same jig as
-    /// the cell, but nobody told where: it is taken for no higher than its own resistance, so that a plan does not promise too much.
+    /// Lets a planned sweep lie as far above the ground of the channels as what was measured of its
+    /// kind. A control that was not measured yet lies in the same jig as the cell, but nobody told
+    /// where: it is taken for no higher than its own resistance, so that a plan does not promise
+    /// too much.
     pub(super) fn lies_as(&mut self, measured: &[Self]) {
         let is_cell = self.at.is_cell;
         // Where nobody told it is not where nothing lies below.
         let told = |b: &&Self| matches!(b.kind, Kind::Eis { .. }) && b.at.below != Below::default();
-        let below = |cell: bool| measured.iter().filter(told).find(|b| b.at.is_cell == cell).map(|b| b.at.below);
-        let Kind::Eis { points, control_ohm, .. } = &mut self.kind else { return };
-        let guess = || below(true).map(|below| control_ohm.map_or(below, |own| Below { r_ohm: below.r_ohm.min(own), l_h: 0.0 }));
+        let below = |cell: bool| {
+            measured
+                .iter()
+                .filter(told)
+                .find(|b| b.at.is_cell == cell)
+                .map(|b| b.at.below)
+        };
+        let Kind::Eis {
+            points,
+            control_ohm,
+            ..
+        } = &mut self.kind
+        else {
+            return;
+        };
+        let guess = || {
+            below(true).map(|below| {
+                control_ohm.map_or(below, |own| Below {
+                    r_ohm: below.r_ohm.min(own),
+                    l_h: 0.0,
+                })
+            })
+        };
         if let Some(below) = below(is_cell).or_else(guess) {
             points.iter_mut().for_each(|p| p.below = below);
         }
@@ -200,25 +291,43 @@ impl Block {
     /// Tells each block which one before it has the same derivatives.
     pub(super) fn find_alike(blocks: &mut [Self]) {
         for k in 0..blocks.len() {
-            blocks[k].alike = (0..k).find(|first| blocks[*first].alike.is_none() && blocks[*first].is_like(&blocks[k]));
+            blocks[k].alike = (0..k)
+                .find(|first| blocks[*first].alike.is_none() && blocks[*first].is_like(&blocks[k]));
         }
     }
 
-    /// Whether derivatives of a record are those of another one: a repeat from the same state of charge, sampled and driven alike. Spectra are quickly played.
+    /// Whether derivatives of a record are those of another one: a repeat from the same state of
+    /// charge, sampled and driven alike. Spectra are quickly played.
     fn is_like(&self, other: &Self) -> bool {
-        let (Kind::Time(a), Kind::Time(b)) = (&self.kind, &other.kind) else { return false };
-        let same = |a: f64, b: f64, within: f64| (a - b).abs() <= within;
-        let greatest_a = a.bins.iter().fold(0.0f64, |m, bin| m.max(bin.current_a.abs()));
-        let bins_alike = |(a, b): (&Bin, &Bin)| {
-            same(a.time_s, b.time_s, ALIKE_PART * (a.since_edge_s + ALIKE_S)) && same(a.current_a, b.current_a, ALIKE_PART * greatest_a)
+        let (Kind::Time(a), Kind::Time(b)) = (&self.kind, &other.kind) else {
+            return false;
         };
-        let at_alike = same(self.at.soc, other.at.soc, ALIKE_SOC) && same(self.at.temperature_c, other.at.temperature_c, ALIKE_K);
-        let kind = self.group == other.group && self.role == other.role && a.linear == b.linear && a.bins.len() == b.bins.len();
+        let same = |a: f64, b: f64, within: f64| (a - b).abs() <= within;
+        let greatest_a = a
+            .bins
+            .iter()
+            .fold(0.0f64, |m, bin| m.max(bin.current_a.abs()));
+        let bins_alike = |(a, b): (&Bin, &Bin)| {
+            same(a.time_s, b.time_s, ALIKE_PART * (a.since_edge_s + ALIKE_S))
+                && same(a.current_a, b.current_a, ALIKE_PART * greatest_a)
+        };
+        let at_alike = same(self.at.soc, other.at.soc, ALIKE_SOC)
+            && same(self.at.temperature_c, other.at.temperature_c, ALIKE_K);
+        let kind = self.group == other.group
+            && self.role == other.role
+            && a.linear == b.linear
+            && a.bins.len() == b.bins.len();
         kind && at_alike && a.bins.iter().zip(&b.bins).all(bins_alike)
     }
 
     /// Predicted rows, appended to `rows`.
-    pub(super) fn predict(&self, model: (&Base, &[Added<'_>], &Network), parts: usize, desk: &mut Desk, rows: &mut Vec<f64>) {
+    pub(super) fn predict(
+        &self,
+        model: (&Base, &[Added<'_>], &Network),
+        parts: usize,
+        desk: &mut Desk,
+        rows: &mut Vec<f64>,
+    ) {
         self.predict_under(model, (Current::Logged, parts), desk, rows);
     }
 
@@ -231,14 +340,28 @@ impl Block {
         rows: &mut Vec<f64>,
     ) {
         match &self.kind {
-            Kind::Eis { points, control_ohm, .. } => {
+            Kind::Eis {
+                points,
+                control_ohm,
+                ..
+            } => {
                 for point in points {
-                    let z = impedance(network, base, added, point, control_ohm.map(|r| Complex64::new(r, 0.0)));
+                    let z = impedance(
+                        network,
+                        base,
+                        added,
+                        point,
+                        control_ohm.map(|r| Complex64::new(r, 0.0)),
+                    );
                     rows.extend([z.re, z.im]);
                 }
             }
             Kind::Time(time) => {
-                let current_a = if current == Current::Logged { &time.current_a } else { &time.driven_a };
+                let current_a = if current == Current::Logged {
+                    &time.current_a
+                } else {
+                    &time.driven_a
+                };
                 self.play(time, (base, added), current_a, (parts, desk));
                 time.average_into(&desk.voltage_v, rows);
             }
@@ -268,12 +391,18 @@ mod tests {
     const R_OHM: f64 = 6e-3;
     const BRANCH: (f64, f64) = (5e-3, 5.6);
 
-    /// What a branch and a resistance drop at a time after a step of 9 A that lasts 20 s, and its mean over a window on one side of the steps.
+    /// What a branch and a resistance drop at a time after a step of 9 A that lasts 20 s, and its
+    /// mean over a window on one side of the steps.
     fn mean_v((from_s, to_s): (f64, f64)) -> f64 {
         let (r_ohm, tau_s) = BRANCH;
         let decay = |t: f64| (-t / tau_s).exp();
-        let mean =
-            |from_s: f64, to_s: f64| if to_s > from_s { tau_s * (decay(from_s) - decay(to_s)) / (to_s - from_s) } else { decay(from_s) };
+        let mean = |from_s: f64, to_s: f64| {
+            if to_s > from_s {
+                tau_s * (decay(from_s) - decay(to_s)) / (to_s - from_s)
+            } else {
+                decay(from_s)
+            }
+        };
         match from_s {
             f if f < 1.0 => 3.7,
             f if f < 21.0 => 3.7 - 9.0 * (R_OHM + r_ohm * (1.0 - mean(from_s - 1.0, to_s - 1.0))),
@@ -317,8 +446,18 @@ mod tests {
             orders: 0.0,
             span_s: 0.0,
         };
-        let erm = Erm { r_ohm: R_OHM, branches: vec![RcBranch { r_ohm: BRANCH.0, c_f: BRANCH.1 / BRANCH.0 }] };
-        let base = Base { erm, ocv: OcvCurve::monotone(1e9, vec![0.0, 1.0], vec![3.7 - 1e-6, 3.7 + 1e-6]).unwrap(), facts };
+        let erm = Erm {
+            r_ohm: R_OHM,
+            branches: vec![RcBranch {
+                r_ohm: BRANCH.0,
+                c_f: BRANCH.1 / BRANCH.0,
+            }],
+        };
+        let base = Base {
+            erm,
+            ocv: OcvCurve::monotone(1e9, vec![0.0, 1.0], vec![3.7 - 1e-6, 3.7 + 1e-6]).unwrap(),
+            facts,
+        };
         let worst = |averaged_s: Option<Vec<(f64, f64)>>| {
             let data = RunData::Time(TimeRecord {
                 series: series.clone(),
@@ -340,14 +479,23 @@ mod tests {
                 data,
             };
             let (block, mut desk) = (Block::new(&run, &base, 0.0).unwrap(), Desk::default());
-            let Kind::Time(time) = &block.kind else { unreachable!() };
+            let Kind::Time(time) = &block.kind else {
+                unreachable!()
+            };
             block.play(time, (&base, &[]), &time.current_a, (1, &mut desk));
             assert_eq!(network(&base, &[]).branches.len(), 1);
-            let off = desk.voltage_v.iter().zip(&series.voltage_v).map(|(p, m)| (p - m).abs());
+            let off = desk
+                .voltage_v
+                .iter()
+                .zip(&series.voltage_v)
+                .map(|(p, m)| (p - m).abs());
             off.fold(0.0, f64::max)
         };
         let windows: Vec<(f64, f64)> = rows.iter().map(|row| row.2).collect();
         let (as_means, as_instants) = (worst(Some(windows)), worst(None));
-        assert!(as_instants > 2e-5 && as_means < 2e-6, "as means off by {as_means} V, as instants by {as_instants} V");
+        assert!(
+            as_instants > 2e-5 && as_means < 2e-6,
+            "as means off by {as_means} V, as instants by {as_instants} V"
+        );
     }
 }

@@ -1,8 +1,11 @@
-//! What the codes of a converter leave where the noise is too small to dither them: an error that samples of one voltage share, so that no mean takes it away.
+//! What the codes of a converter leave where the noise is too small to dither them: an error that
+//! samples of one voltage share, so that no mean takes it away.
 //!
-//! A converter of step q after noise of standard deviation σ reads v + b(v) on average, b(v) = Σₖ (−1)ᵏ·q/(πk)·sin(2πkv/q)·exp(−2π²k²σ²/q²) (Widrow and
-//! Kollár, Quantization Noise, chapter 9). Where the codes lie beneath the voltages is not known: over all places, b at two voltages has the covariance
-//! K(Δ) = Σₖ q²/(2π²k²)·exp(−4π²k²σ²/q²)·cos(2πkΔ/q). The rest of q²/12 is new in every sample.
+//! A converter of step q after noise of standard deviation σ reads v + b(v) on average, b(v) = Σₖ
+//! (−1)ᵏ·q/(πk)·sin(2πkv/q)·exp(−2π²k²σ²/q²) (Widrow and Kollár, Quantization Noise, chapter 9).
+//! Where the codes lie beneath the voltages is not known: over all places, b at two voltages has
+//! the covariance K(Δ) = Σₖ q²/(2π²k²)·exp(−4π²k²σ²/q²)·cos(2πkΔ/q). The rest of q²/12 is new in
+//! every sample.
 
 use std::f64::consts::{PI, TAU};
 
@@ -28,7 +31,8 @@ impl Codes {
         }
         let (ratio, phase) = (self.sigma / self.step, TAU * apart / self.step);
         let term = |k: f64| (-(TAU * k * ratio).powi(2)).exp() / (k * k) * (k * phase).cos();
-        self.step * self.step / (2.0 * PI * PI) * (1..=HARMONICS).map(|k| term(f64::from(k))).sum::<f64>()
+        self.step * self.step / (2.0 * PI * PI)
+            * (1..=HARMONICS).map(|k| term(f64::from(k))).sum::<f64>()
     }
 
     /// Variance that is shared; none where the noise dithers the codes.
@@ -67,18 +71,43 @@ mod tests {
                     .sum::<f64>()
             };
             let places = 200;
-            let mean = (0..places).map(|k| step * f64::from(k) / f64::from(places)).map(|v| bias(v) * bias(v + apart)).sum::<f64>()
+            let mean = (0..places)
+                .map(|k| step * f64::from(k) / f64::from(places))
+                .map(|v| bias(v) * bias(v + apart))
+                .sum::<f64>()
                 / f64::from(places);
             let met = codes.covariance(apart);
-            assert!((met - mean).abs() < 2e-3 * step * step / 12.0, "σ {sigma}, {apart} apart: {met} against {mean}");
+            assert!(
+                (met - mean).abs() < 2e-3 * step * step / 12.0,
+                "σ {sigma}, {apart} apart: {met} against {mean}"
+            );
         }
     }
 
     #[test]
     fn noise_of_half_a_code_leaves_nothing_to_share() {
-        let codes = Codes { step: 1.22e-3, sigma: 0.5e-3 };
-        assert!(codes.shared().is_none() && (codes.fresh() - codes.step.powi(2) / 12.0).abs() < 1e-20);
-        assert!(Codes { step: 5e-3, sigma: 1e-3 }.shared().is_some_and(|v| v > 0.1 * 25e-6 / 12.0));
-        assert!(Codes { step: 0.0, sigma: 1e-3 }.shared().is_none());
+        let codes = Codes {
+            step: 1.22e-3,
+            sigma: 0.5e-3,
+        };
+        assert!(
+            codes.shared().is_none() && (codes.fresh() - codes.step.powi(2) / 12.0).abs() < 1e-20
+        );
+        assert!(
+            Codes {
+                step: 5e-3,
+                sigma: 1e-3
+            }
+            .shared()
+            .is_some_and(|v| v > 0.1 * 25e-6 / 12.0)
+        );
+        assert!(
+            Codes {
+                step: 0.0,
+                sigma: 1e-3
+            }
+            .shared()
+            .is_none()
+        );
     }
 }

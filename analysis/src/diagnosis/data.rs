@@ -1,4 +1,5 @@
-//! The data set of a diagnosis: runs with their circumstances, and what the bench's history says of its errors.
+//! The data set of a diagnosis: runs with their circumstances, and what the bench's history says of
+//! its errors.
 
 use super::edges::UNIFORM;
 use crate::augmented::Between;
@@ -17,7 +18,8 @@ pub struct DataSet {
     pub runs: Vec<Run>,
     /// What the bench's past says of its errors; none where nothing is known.
     pub history: Option<BenchHistory>,
-    /// What the correction by control impedances leaves in all spectra alike; the points' own σ are without it then.
+    /// What the correction by control impedances leaves in all spectra alike; the points' own σ are
+    /// without it then.
     pub calibration: Option<CommonError>,
 }
 
@@ -80,7 +82,8 @@ pub enum RunData {
 pub struct Sweep {
     /// Direct current under the sweep, A, discharge positive.
     pub bias_a: f64,
-    /// What lies between the lower tap of what was swept and the ground of the channels; nothing where it is not stated.
+    /// What lies between the lower tap of what was swept and the ground of the channels; nothing
+    /// where it is not stated.
     pub below: Below,
     /// Time of each point since the start of the run, s; empty where it is not told.
     pub elapsed_s: Vec<f64>,
@@ -108,18 +111,22 @@ pub struct TimeRecord {
     pub series: TimeSeries,
     /// What the current does between two samples.
     pub between: Between,
-    /// Samples before this time are played but not compared, s: a record that begins under current has to settle first.
+    /// Samples before this time are played but not compared, s: a record that begins under current
+    /// has to settle first.
     pub compared_from_s: f64,
-    /// Standard deviation of the level beyond the bench's, V: where the open-circuit voltage at the start is not known. Above zero, gaps are taken about
-    /// their mean.
+    /// Standard deviation of the level beyond the bench's, V: where the open-circuit voltage at the
+    /// start is not known. Above zero, gaps are taken about their mean.
     pub level_sigma_v: f64,
-    /// Standard deviation of each voltage's own noise, V, where it is stated: rows that are means of more or fewer samples.
+    /// Standard deviation of each voltage's own noise, V, where it is stated: rows that are means
+    /// of more or fewer samples.
     pub sigma_v: Option<Vec<f64>>,
-    /// From when to when each sample is the mean of what was measured, s, where it is told: a mean of what decays is not its value in the middle.
+    /// From when to when each sample is the mean of what was measured, s, where it is told: a mean
+    /// of what decays is not its value in the middle.
     pub averaged_s: Option<Vec<(f64, f64)>>,
 }
 
-/// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data sheets, zero checks.
+/// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data
+/// sheets, zero checks.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BenchHistory {
@@ -145,13 +152,16 @@ pub struct BenchHistory {
     pub current_resolution_a: f64,
     /// Noise of one part of a spectrum's point, as a fraction of |Z|.
     pub eis_noise_rel: f64,
-    /// Error of the meter that start voltages are read with, V: the state of charge at the start is off by as much over the curve's slope.
+    /// Error of the meter that start voltages are read with, V: the state of charge at the start is
+    /// off by as much over the curve's slope.
     #[serde(default)]
     pub start_voltage_v: f64,
-    /// Error that the calibration of the current channel leaves, as a fraction: the same in all runs, so that repeats do not show it.
+    /// Error that the calibration of the current channel leaves, as a fraction: the same in all
+    /// runs, so that repeats do not show it.
     #[serde(default)]
     pub calibration_rel: f64,
-    /// Gain that the channels of current and voltage have in common, as a fraction: an impedance does not show it, a record that moves along the curve does.
+    /// Gain that the channels of current and voltage have in common, as a fraction: an impedance
+    /// does not show it, a record that moves along the curve does.
     #[serde(default)]
     pub channel_gain_rel: f64,
 }
@@ -159,6 +169,9 @@ pub struct BenchHistory {
 impl BenchHistory {
     /// Standard deviation of the difference of two samples of a current that stays, A.
     pub(super) fn current_jitter_a(&self) -> f64 {
-        2f64.sqrt() * self.current_noise_a.hypot(self.current_resolution_a * UNIFORM)
+        2f64.sqrt()
+            * self
+                .current_noise_a
+                .hypot(self.current_resolution_a * UNIFORM)
     }
 }

@@ -10,8 +10,8 @@ use super::judge::{Doubts, judge};
 use super::localise::localise;
 use super::noise::{TERMS, Term};
 use super::outcome::{
-    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport, NoiseTerm, Quality, Rival, RunCurves, SpectrumGap,
-    Verdict,
+    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport, NoiseTerm,
+    Quality, Rival, RunCurves, SpectrumGap, Verdict,
 };
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
@@ -41,7 +41,12 @@ pub struct DiagnosisOptions {
 
 impl Default for DiagnosisOptions {
     fn default() -> Self {
-        Self { candidates: catalogue().to_vec(), guards: Guards::default(), limits: None, playable: None }
+        Self {
+            candidates: catalogue().to_vec(),
+            guards: Guards::default(),
+            limits: None,
+            playable: None,
+        }
     }
 }
 
@@ -62,22 +67,35 @@ pub struct Outcome {
 ///
 /// # Errors
 /// [`DataSetError`] for a set or run that cannot be used at all.
-pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) -> Result<Outcome, DataSetError> {
+pub fn diagnose(
+    set: &DataSet,
+    model: &BaseModel,
+    options: &DiagnosisOptions,
+) -> Result<Outcome, DataSetError> {
     let guards = options.guards;
     let mut prepared = prepare(set, model, guards)?;
     let mut desk = Desk::default();
     let mut base = base_fit(&prepared.problem, &model.erm, &mut desk);
     if prepared.problem.degrees_of_freedom(&base) < 1.0 {
-        return Err(DataSetError::Set { name: set.name.clone(), expected: "more training rows than the model has parameters" });
+        return Err(DataSetError::Set {
+            name: set.name.clone(),
+            expected: "more training rows than the model has parameters",
+        });
     }
     let mut selection = search(&prepared, options).run(&base);
-    let mut moved = if guards.sentinel { moved_floor(&prepared) } else { None };
+    let mut moved = if guards.sentinel {
+        moved_floor(&prepared)
+    } else {
+        None
+    };
     if moved.is_some() {
-        // A missing effect can look like noise that moved: judge the repeats again by what is left of them.
+        // A missing effect can look like noise that moved: judge the repeats again by what is left
+        // of them.
         prepared = prepared.again(&selection.fit, guards)?;
         moved = moved_floor(&prepared);
         if moved.is_some() && prepared.prior.known {
-            // What is missing may have been counted as noise from the start: it is looked for under the noise that the bench had before.
+            // What is missing may have been counted as noise from the start: it is looked for under
+            // the noise that the bench had before.
             prepared = prepared.of_history(guards)?;
             let base = base_fit(&prepared.problem, &model.erm, &mut desk);
             let fit = search(&prepared, options).run(&base).fit;
@@ -85,11 +103,32 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
             moved = moved_floor(&prepared);
         }
         base = base_fit(&prepared.problem, &model.erm, &mut desk);
-        selection = if moved.is_some() { Selection::nothing(&base) } else { search(&prepared, options).run(&base) };
+        selection = if moved.is_some() {
+            Selection::nothing(&base)
+        } else {
+            search(&prepared, options).run(&base)
+        };
     }
-    let again = if selection.taken.is_empty() { None } else { refitted(&prepared, [&selection.base, &selection.fit], guards) };
-    let again = again.map(|(prepared, [base, fit])| (prepared, Selection { base, fit, ..selection.clone() }));
-    let (judged, last) = again.as_ref().map_or((&prepared, &selection), |(prepared, selection)| (prepared, selection));
+    let again = if selection.taken.is_empty() {
+        None
+    } else {
+        refitted(&prepared, [&selection.base, &selection.fit], guards)
+    };
+    let again = again.map(|(prepared, [base, fit])| {
+        (
+            prepared,
+            Selection {
+                base,
+                fit,
+                ..selection.clone()
+            },
+        )
+    });
+    let (judged, last) = again
+        .as_ref()
+        .map_or((&prepared, &selection), |(prepared, selection)| {
+            (prepared, selection)
+        });
     // The search may have met a deeper minimum of the base.
     let (problem, base, fit) = (&judged.problem, &last.base, &last.fit);
     let mut d = Diagnosis {
@@ -116,31 +155,64 @@ pub fn diagnose(set: &DataSet, model: &BaseModel, options: &DiagnosisOptions) ->
     };
     let held_out_z = held_out_z(problem, fit, &mut desk);
     let asked = guards.consistency && measured(judged);
-    let differs = if asked { inconsistencies(problem, (base, fit), &mut desk) } else { Vec::new() };
-    judge(&mut d, &selection, Doubts { moved, held_out_z, differs });
+    let differs = if asked {
+        inconsistencies(problem, (base, fit), &mut desk)
+    } else {
+        Vec::new()
+    };
+    judge(
+        &mut d,
+        &selection,
+        Doubts {
+            moved,
+            held_out_z,
+            differs,
+        },
+    );
     let curves = curves(judged, &model.erm, (base, fit), &mut desk);
-    let advice = recommend(&prepared, d.verdict, (&selection.base, &selection), (options.limits, options.playable.as_ref()));
+    let advice = recommend(
+        &prepared,
+        d.verdict,
+        (&selection.base, &selection),
+        (options.limits, options.playable.as_ref()),
+    );
     d.notes.extend(advice.notes());
     let Advice { next, inseparable } = advice;
     d.inseparable = inseparable;
     if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
-        d.notes.push("no run of the menu would tell apart what is open".to_owned());
+        d.notes
+            .push("no run of the menu would tell apart what is open".to_owned());
     }
     let (next_experiment, next_runs) = next.unzip();
     d.next_experiment = next_experiment;
-    Ok(Outcome { diagnosis: d, curves, facts: Some(prepared.problem.base.facts), next_runs: next_runs.unwrap_or_default() })
+    Ok(Outcome {
+        diagnosis: d,
+        curves,
+        facts: Some(prepared.problem.base.facts),
+        next_runs: next_runs.unwrap_or_default(),
+    })
 }
 
-/// Base and named effects fitted again under noise that is taken about the cell with its effects: a scatter of all resistances spares a contact, and what
-/// a wrong current does to the voltage hangs on what is missing in the base.
-pub(super) fn refitted(prepared: &Prepared, [base, fit]: [&Fit; 2], guards: Guards) -> Option<(Prepared, [Fit; 2])> {
+/// Base and named effects fitted again under noise that is taken about the cell with its effects: a
+/// scatter of all resistances spares a contact, and what a wrong current does to the voltage hangs
+/// on what is missing in the base.
+pub(super) fn refitted(
+    prepared: &Prepared,
+    [base, fit]: [&Fit; 2],
+    guards: Guards,
+) -> Option<(Prepared, [Fit; 2])> {
     let prepared = prepared.clone().again(fit, guards).ok()?;
     let mut desk = Desk::default();
-    let again = [base, fit].map(|fit| prepared.problem.fit_from(&fit.structure, fit.x.clone(), fit.axes.clone(), &mut desk));
+    let again = [base, fit].map(|fit| {
+        prepared
+            .problem
+            .fit_from(&fit.structure, fit.x.clone(), fit.axes.clone(), &mut desk)
+    });
     Some((prepared, again))
 }
 
-/// The base refitted to spectra and training records: from the model, and from other time constants where that does not reach the floor.
+/// The base refitted to spectra and training records: from the model, and from other time constants
+/// where that does not reach the floor.
 pub(super) fn base_fit(problem: &Problem, erm: &Erm, desk: &mut Desk) -> Fit {
     let structure = Structure::default();
     let mut best = problem.fit(&structure, erm, desk);
@@ -162,19 +234,37 @@ pub(super) fn base_fit(problem: &Problem, erm: &Erm, desk: &mut Desk) -> Fit {
 fn moved_floor(prepared: &Prepared) -> Option<String> {
     let e = &prepared.estimate;
     if let Some(z) = e.repeat_z.filter(|z| *z > SENTINEL_Z) {
-        return Some(format!("repeats differ from each other by more than any noise that the bench has: {z:.1} standard deviations"));
+        return Some(format!(
+            "repeats differ from each other by more than any noise that the bench has: {z:.1} \
+            standard deviations"
+        ));
     }
     if !prepared.prior.known {
         return None;
     }
-    let (k, z) = e.z.iter().enumerate().filter_map(|(k, z)| z.map(|z| (k, z))).max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let (k, z) =
+        e.z.iter()
+            .enumerate()
+            .filter_map(|(k, z)| z.map(|z| (k, z)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
     // Quieter repeats than usual are chance or luck.
-    (z > SENTINEL_Z).then(|| format!("{} has left the bench's history by {z:.1} standard deviations", TERMS[k].1))
+    (z > SENTINEL_Z).then(|| {
+        format!(
+            "{} has left the bench's history by {z:.1} standard deviations",
+            TERMS[k].1
+        )
+    })
 }
 
 fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions) -> Search<'a> {
     let (problem, candidates) = (&prepared.problem, &options.candidates);
-    Search { problem, candidates, guards: options.guards, measured: measured(prepared), desk: Desk::default() }
+    Search {
+        problem,
+        candidates,
+        guards: options.guards,
+        measured: measured(prepared),
+        desk: Desk::default(),
+    }
 }
 
 fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {
@@ -189,20 +279,34 @@ fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {
 }
 
 fn rivals(selection: &Selection) -> Vec<Rival> {
-    let taken = selection.taken.iter().flat_map(|t| t.rivals.iter().map(|r| (t.name, r)));
-    taken.map(|(instead_of, r)| Rival { name: r.name, instead_of, score_gap: r.score_gap, discriminability: r.discriminability }).collect()
+    let taken = selection
+        .taken
+        .iter()
+        .flat_map(|t| t.rivals.iter().map(|r| (t.name, r)));
+    taken
+        .map(|(instead_of, r)| Rival {
+            name: r.name,
+            instead_of,
+            score_gap: r.score_gap,
+            discriminability: r.discriminability,
+        })
+        .collect()
 }
 
-/// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted, under noise and the uncertainty of the parameters:
-/// rᵀ(I + JΣJᵀ)⁻¹r = rᵀr − (Jᵀr)ᵀ(Σ⁻¹ + JᵀJ)⁻¹(Jᵀr).
+/// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted, under noise and the
+/// uncertainty of the parameters: rᵀ(I + JΣJᵀ)⁻¹r = rᵀr − (Jᵀr)ᵀ(Σ⁻¹ + JᵀJ)⁻¹(Jᵀr).
 fn held_out_z(problem: &Problem, fit: &Fit, desk: &mut Desk) -> f64 {
     let (left, columns) = problem.held_out(fit, desk);
     if left.is_empty() {
         return 0.0;
     }
     let n = columns.len();
-    let mut information: Vec<f64> =
-        (0..n * n).map(|ij| dot(&columns[ij / n], &columns[ij % n]) + dot(&fit.columns[ij / n], &fit.columns[ij % n])).collect();
+    let mut information: Vec<f64> = (0..n * n)
+        .map(|ij| {
+            dot(&columns[ij / n], &columns[ij % n])
+                + dot(&fit.columns[ij / n], &fit.columns[ij % n])
+        })
+        .collect();
     (0..n).for_each(|i| information[i * n + i] += 1e-8);
     let along: Vec<f64> = columns.iter().map(|c| dot(c, &left)).collect();
     let mut solved = along.clone();
@@ -223,11 +327,17 @@ fn noise_report(prepared: &Prepared) -> NoiseReport {
         .map(|(k, (_, name))| NoiseTerm {
             name,
             sigma: e.log_sigmas[k].exp(),
-            history: prepared.prior.known.then(|| prepared.prior.log_sigmas[k].exp()),
+            history: prepared
+                .prior
+                .known
+                .then(|| prepared.prior.log_sigmas[k].exp()),
             z: if prepared.prior.known { e.z[k] } else { None },
         })
         .collect();
-    NoiseReport { from_repeats: measured(prepared), terms }
+    NoiseReport {
+        from_repeats: measured(prepared),
+        terms,
+    }
 }
 
 /// Whether repeats have measured the noise.
@@ -241,7 +351,12 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Predictions of a record's samples that are compared.
-fn samples(problem: &Problem, (structure, x): (&Structure, &[f64]), block: usize, desk: &mut Desk) -> Vec<f64> {
+fn samples(
+    problem: &Problem,
+    (structure, x): (&Structure, &[f64]),
+    block: usize,
+    desk: &mut Desk,
+) -> Vec<f64> {
     let _ = problem.predict((structure, x), block, 1, desk);
     match &problem.blocks[block].kind {
         Kind::Time(time) => desk.voltage_v[time.compared()].to_vec(),
@@ -249,17 +364,28 @@ fn samples(problem: &Problem, (structure, x): (&Structure, &[f64]), block: usize
     }
 }
 
-pub(super) fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mut Desk) -> Vec<Gap> {
+pub(super) fn gaps(
+    prepared: &Prepared,
+    erm: &Erm,
+    (base, after): (&Fit, &Fit),
+    desk: &mut Desk,
+) -> Vec<Gap> {
     let problem = &prepared.problem;
     let empty = Structure::default();
     let start = empty.encode(erm);
     let mut gaps = Vec::new();
     for k in problem.of_role(Role::HeldOut) {
         let block = &problem.blocks[k];
-        let Kind::Time(time) = &block.kind else { continue };
+        let Kind::Time(time) = &block.kind else {
+            continue;
+        };
         let mut gap = |at: (&Structure, &[f64])| {
             let predicted = samples(problem, at, k, desk);
-            let missed: Vec<f64> = predicted.iter().zip(&time.voltage_v[time.compared()]).map(|(p, m)| p - m).collect();
+            let missed: Vec<f64> = predicted
+                .iter()
+                .zip(&time.voltage_v[time.compared()])
+                .map(|(p, m)| p - m)
+                .collect();
             let mean = missed.iter().sum::<f64>() / missed.len() as f64;
             let level = if time.level_sigma_v > 0.0 { mean } else { 0.0 };
             1e3 * rms(missed.iter().map(|v| v - level))
@@ -275,21 +401,38 @@ pub(super) fn gaps(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), 
     gaps
 }
 
-/// Standard deviation per sample: the rows' own, with the white noise of a single sample instead of the mean's.
-fn sample_floor(prepared: &Prepared, block: usize, time: &super::time_block::TimeBlock) -> Vec<f64> {
+/// Standard deviation per sample: the rows' own, with the white noise of a single sample instead of
+/// the mean's.
+fn sample_floor(
+    prepared: &Prepared,
+    block: usize,
+    time: &super::time_block::TimeBlock,
+) -> Vec<f64> {
     let white = prepared.sample_noise_v.powi(2);
     // A level that is free is no part of a gap about the mean.
-    let level = if time.level_sigma_v > 0.0 { time.level_sigma_v.powi(2) + prepared.estimate.variance(Term::Level) } else { 0.0 };
+    let level = if time.level_sigma_v > 0.0 {
+        time.level_sigma_v.powi(2) + prepared.estimate.variance(Term::Level)
+    } else {
+        0.0
+    };
     let mut floor = Vec::with_capacity(time.voltage_v.len());
     for (bin, sigma) in time.bins.iter().zip(&prepared.problem.floors[block]) {
         let count = (bin.to - bin.from) as f64;
         let single = white * (1.0 - 1.0 / count) + bin.stated_v2 * (count - 1.0);
-        floor.extend(std::iter::repeat_n((sigma * sigma - level + single).max(0.0).sqrt(), bin.to - bin.from));
+        floor.extend(std::iter::repeat_n(
+            (sigma * sigma - level + single).max(0.0).sqrt(),
+            bin.to - bin.from,
+        ));
     }
     floor
 }
 
-fn spectrum_gaps(problem: &Problem, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mut Desk) -> Vec<SpectrumGap> {
+fn spectrum_gaps(
+    problem: &Problem,
+    erm: &Erm,
+    (base, after): (&Fit, &Fit),
+    desk: &mut Desk,
+) -> Vec<SpectrumGap> {
     let empty = Structure::default();
     let start = empty.encode(erm);
     let mut gaps = Vec::new();
@@ -301,25 +444,49 @@ fn spectrum_gaps(problem: &Problem, erm: &Erm, (base, after): (&Fit, &Fit), desk
         let size = |n: usize| block.measured[n & !1].hypot(block.measured[n | 1]);
         let mut gap = |at: (&Structure, &[f64])| {
             let rows = problem.predict(at, k, 1, desk);
-            100.0 * 2f64.sqrt() * rms(rows.iter().zip(&block.measured).enumerate().map(|(n, (p, m))| (p - m) / size(n)))
+            100.0
+                * 2f64.sqrt()
+                * rms(rows
+                    .iter()
+                    .zip(&block.measured)
+                    .enumerate()
+                    .map(|(n, (p, m))| (p - m) / size(n)))
         };
         gaps.push(SpectrumGap {
             run: block.name.clone(),
             eis_only_percent: gap((&empty, &start)),
             base_percent: gap((&base.structure, &base.x)),
             augmented_percent: gap((&after.structure, &after.x)),
-            floor_percent: 100.0 * 2f64.sqrt() * rms(problem.floors[k].iter().enumerate().map(|(n, f)| f / size(n))),
+            floor_percent: 100.0
+                * 2f64.sqrt()
+                * rms(problem.floors[k]
+                    .iter()
+                    .enumerate()
+                    .map(|(n, f)| f / size(n))),
         });
     }
     gaps
 }
 
-fn curves(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mut Desk) -> Vec<RunCurves> {
+fn curves(
+    prepared: &Prepared,
+    erm: &Erm,
+    (base, after): (&Fit, &Fit),
+    desk: &mut Desk,
+) -> Vec<RunCurves> {
     let problem = &prepared.problem;
     let empty = Structure::default();
     let start = empty.encode(erm);
-    let all: [(&Structure, &[f64]); 3] = [(&empty, &start), (&base.structure, &base.x), (&after.structure, &after.x)];
-    let complex = |rows: &[f64]| rows.chunks_exact(2).map(|z| Complex64::new(z[0], z[1])).collect::<Vec<Complex64>>();
+    let all: [(&Structure, &[f64]); 3] = [
+        (&empty, &start),
+        (&base.structure, &base.x),
+        (&after.structure, &after.x),
+    ];
+    let complex = |rows: &[f64]| {
+        rows.chunks_exact(2)
+            .map(|z| Complex64::new(z[0], z[1]))
+            .collect::<Vec<Complex64>>()
+    };
     problem
         .blocks
         .iter()
@@ -327,18 +494,23 @@ fn curves(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mu
         .map(|(k, block)| {
             let curves = match &block.kind {
                 Kind::Eis { points, .. } => {
-                    let [eis_only_ohm, base_ohm, augmented_ohm] = all.map(|at| complex(&problem.predict(at, k, 1, desk)));
+                    let [eis_only_ohm, base_ohm, augmented_ohm] =
+                        all.map(|at| complex(&problem.predict(at, k, 1, desk)));
                     Curves::Eis {
                         freq_hz: points.iter().map(|p| p.freq_hz).collect(),
                         measured_ohm: complex(&block.measured),
                         eis_only_ohm,
                         base_ohm,
                         augmented_ohm,
-                        floor_ohm: problem.floors[k].chunks_exact(2).map(|f| f[0].hypot(f[1])).collect(),
+                        floor_ohm: problem.floors[k]
+                            .chunks_exact(2)
+                            .map(|f| f[0].hypot(f[1]))
+                            .collect(),
                     }
                 }
                 Kind::Time(time) => {
-                    let [eis_only_v, base_v, augmented_v] = all.map(|at| samples(problem, at, k, desk));
+                    let [eis_only_v, base_v, augmented_v] =
+                        all.map(|at| samples(problem, at, k, desk));
                     Curves::Time {
                         time_s: time.time_s[time.compared()].to_vec(),
                         current_a: time.current_a[time.compared()].to_vec(),
@@ -350,7 +522,11 @@ fn curves(prepared: &Prepared, erm: &Erm, (base, after): (&Fit, &Fit), desk: &mu
                     }
                 }
             };
-            RunCurves { name: block.name.clone(), held_out: block.role == Role::HeldOut, curves }
+            RunCurves {
+                name: block.name.clone(),
+                held_out: block.role == Role::HeldOut,
+                curves,
+            }
         })
         .collect()
 }

@@ -1,7 +1,9 @@
 //! Where the model misses: whitened residuals outside its tangent space, by blocks.
 //!
-//! r⊥ = (I − QQᵀ)r with Q an orthonormal basis of the derivatives: what is left can not be a wrong parameter. Each block of r⊥ is tested for its χ²
-//! (against the trace of I − QQᵀ over the block) and for its mean; the smaller of both probabilities, doubled, is corrected after Holm over all blocks.
+//! r⊥ = (I − QQᵀ)r with Q an orthonormal basis of the derivatives: what is left can not be a wrong
+//! parameter. Each block of r⊥ is tested for its χ² (against the trace of I − QQᵀ over the block)
+//! and for its mean; the smaller of both probabilities, doubled, is corrected after Holm over all
+//! blocks.
 
 use super::block::{Block as Run, Desk, Kind};
 use super::data::Role;
@@ -16,9 +18,14 @@ const FEWEST: usize = 4;
 /// One row's place: dimension, sorting key and part.
 pub(super) type Place = (&'static str, u32, String);
 
-/// Blocks of the training residuals of a fit, most significant first; `project` false leaves the tangent space in.
+/// Blocks of the training residuals of a fit, most significant first; `project` false leaves the
+/// tangent space in.
 pub(super) fn localise(problem: &Problem, fit: &Fit, project: bool, desk: &mut Desk) -> Vec<Block> {
-    let tangent = if project { fit.tangent() } else { Tangent::default() };
+    let tangent = if project {
+        fit.tangent()
+    } else {
+        Tangent::default()
+    };
     let mut residuals = fit.residuals.clone();
     tangent.project(&mut residuals);
     let mut cells: BTreeMap<Place, Sums> = BTreeMap::new();
@@ -30,16 +37,29 @@ pub(super) fn localise(problem: &Problem, fit: &Fit, project: bool, desk: &mut D
         for (n, raw) in raw.iter().enumerate() {
             let basis: Vec<f64> = tangent.basis.iter().map(|q| q[row]).collect();
             for place in places(run, n, &ranges) {
-                cells.entry(place).or_default().add(residuals[row], &basis, *raw);
+                cells
+                    .entry(place)
+                    .or_default()
+                    .add(residuals[row], &basis, *raw);
             }
             row += 1;
         }
     }
-    let mut blocks: Vec<Block> =
-        cells.into_iter().filter(|(_, s)| s.count >= FEWEST).map(|((dimension, _, part), s)| s.block(dimension, part)).collect();
+    let mut blocks: Vec<Block> = cells
+        .into_iter()
+        .filter(|(_, s)| s.count >= FEWEST)
+        .map(|((dimension, _, part), s)| s.block(dimension, part))
+        .collect();
     let corrected = holm(&blocks.iter().map(|b| b.p_value).collect::<Vec<f64>>());
-    blocks.iter_mut().zip(corrected).for_each(|(b, p)| b.p_value = p);
-    blocks.sort_by(|a, b| a.p_value.total_cmp(&b.p_value).then((b.chi2 / b.expected_chi2).total_cmp(&(a.chi2 / a.expected_chi2))));
+    blocks
+        .iter_mut()
+        .zip(corrected)
+        .for_each(|(b, p)| b.p_value = p);
+    blocks.sort_by(|a, b| {
+        a.p_value
+            .total_cmp(&b.p_value)
+            .then((b.chi2 / b.expected_chi2).total_cmp(&(a.chi2 / a.expected_chi2)))
+    });
     blocks
 }
 
@@ -49,7 +69,12 @@ fn raw(run: &Run, predicted: &[f64]) -> Vec<f64> {
         Kind::Eis { .. } => 1.0 / run.measured[n & !1].hypot(run.measured[n | 1]),
         Kind::Time(_) => 1.0,
     };
-    run.measured.iter().zip(predicted).enumerate().map(|(n, (m, p))| (m - p) * scale(n)).collect()
+    run.measured
+        .iter()
+        .zip(predicted)
+        .enumerate()
+        .map(|(n, (m, p))| (m - p) * scale(n))
+        .collect()
 }
 
 #[derive(Default)]
@@ -76,12 +101,27 @@ impl Sums {
 
     fn block(&self, dimension: &'static str, part: String) -> Block {
         let expected = self.expected.max(1e-9);
-        // Variance of the sum: 1ᵀ(I − QQᵀ)1 over the block; none is left where the model can move all of it together.
+        // Variance of the sum: 1ᵀ(I − QQᵀ)1 over the block; none is left where the model can move
+        // all of it together.
         let variance = self.count as f64 - self.along.iter().map(|a| a * a).sum::<f64>();
-        let mean_z = if variance > 1e-6 * self.count as f64 { self.sum / variance.sqrt() } else { 0.0 };
-        let p = (2.0 * chi2_tail(self.chi2, expected).min(deviate_tail(mean_z.abs(), None))).min(1.0);
+        let mean_z = if variance > 1e-6 * self.count as f64 {
+            self.sum / variance.sqrt()
+        } else {
+            0.0
+        };
+        let p =
+            (2.0 * chi2_tail(self.chi2, expected).min(deviate_tail(mean_z.abs(), None))).min(1.0);
         let rms = 1e3 * (self.square / self.count as f64).sqrt();
-        Block { dimension, part, count: self.count, chi2: self.chi2, expected_chi2: self.expected, mean_z, p_value: p, rms }
+        Block {
+            dimension,
+            part,
+            count: self.count,
+            chi2: self.chi2,
+            expected_chi2: self.expected,
+            mean_z,
+            p_value: p,
+            rms,
+        }
     }
 }
 
@@ -102,7 +142,9 @@ impl Ranges {
             problem
                 .of_role(Role::Train)
                 .map(|k| pick(&problem.blocks[k]))
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)))
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+                    (a.min(v), b.max(v))
+                })
         };
         let f = &problem.base.facts;
         Self {
@@ -126,21 +168,53 @@ pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
         if span.1 - span.0 > 1e-6 * span.1.abs().max(1e-9) {
             let t = third(x, span);
             let edge = |k: u32| span.0 + (span.1 - span.0) * f64::from(k) / 3.0;
-            places.push((dimension, t, format!("{:.3} to {:.3}{unit}", edge(t), edge(t + 1))));
+            places.push((
+                dimension,
+                t,
+                format!("{:.3} to {:.3}{unit}", edge(t), edge(t + 1)),
+            ));
         }
     };
     thirds("state of charge at the start", run.at.soc, ranges.socs, "");
-    thirds("temperature", run.at.temperature_c, ranges.temperatures_c, " °C");
+    thirds(
+        "temperature",
+        run.at.temperature_c,
+        ranges.temperatures_c,
+        " °C",
+    );
     thirds("run order", run.at.order, ranges.orders, "");
     match &run.kind {
-        Kind::Eis { points, control_ohm, .. } => {
-            let at = (points[n / 2].freq_hz / ranges.lowest_hz).ln() / (ranges.highest_hz / ranges.lowest_hz).ln().max(1e-9);
+        Kind::Eis {
+            points,
+            control_ohm,
+            ..
+        } => {
+            let at = (points[n / 2].freq_hz / ranges.lowest_hz).ln()
+                / (ranges.highest_hz / ranges.lowest_hz).ln().max(1e-9);
             let band = ((at * 3.0) as u32).min(2);
-            let part = if n.is_multiple_of(2) { "real" } else { "imaginary" };
-            let edge = |k: u32| ranges.lowest_hz * (ranges.highest_hz / ranges.lowest_hz).powf(f64::from(k) / 3.0);
-            let of = if control_ohm.is_some() { "control, " } else { "" };
+            let part = if n.is_multiple_of(2) {
+                "real"
+            } else {
+                "imaginary"
+            };
+            let edge = |k: u32| {
+                ranges.lowest_hz * (ranges.highest_hz / ranges.lowest_hz).powf(f64::from(k) / 3.0)
+            };
+            let of = if control_ohm.is_some() {
+                "control, "
+            } else {
+                ""
+            };
             let order = 4 * band + u32::from(n % 2 == 1) * 2 + u32::from(control_ohm.is_some());
-            places.push(("frequency", order, format!("{of}{:.3} to {:.3} Hz, {part} part", edge(band), edge(band + 1))));
+            places.push((
+                "frequency",
+                order,
+                format!(
+                    "{of}{:.3} to {:.3} Hz, {part} part",
+                    edge(band),
+                    edge(band + 1)
+                ),
+            ));
         }
         Kind::Time(time) => {
             let b = &time.bins[n];
@@ -154,19 +228,35 @@ pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
                 _ => (5, "beyond 60 s"),
             };
             let phase = if resting { "rest" } else { "under current" };
-            places.push(("time since edge", 2 * order + u32::from(resting), format!("{part}, {phase}")));
+            places.push((
+                "time since edge",
+                2 * order + u32::from(resting),
+                format!("{part}, {phase}"),
+            ));
             if !resting {
                 let t = third(b.current_a.abs(), (0.0, ranges.greatest_a));
                 let edge = |k: u32| ranges.greatest_a * f64::from(k) / 3.0;
-                places.push(("current", t, format!("{:.1} to {:.1} A", edge(t), edge(t + 1))));
+                places.push((
+                    "current",
+                    t,
+                    format!("{:.1} to {:.1} A", edge(t), edge(t + 1)),
+                ));
             }
             if b.last_current_a != 0.0 {
-                let (order, sign) = if b.last_current_a > 0.0 { (0, "discharge") } else { (1, "charge") };
+                let (order, sign) = if b.last_current_a > 0.0 {
+                    (0, "discharge")
+                } else {
+                    (1, "charge")
+                };
                 places.push(("sign", order, format!("{sign} or the rest after it")));
             }
             let t = third(b.charge_c.abs(), (0.0, ranges.greatest_c.max(1e-9)));
             let edge = |k: u32| ranges.greatest_c * f64::from(k) / 3.0;
-            places.push(("charge passed", t, format!("{:.0} to {:.0} C", edge(t), edge(t + 1))));
+            places.push((
+                "charge passed",
+                t,
+                format!("{:.0} to {:.0} C", edge(t), edge(t + 1)),
+            ));
         }
     }
     places

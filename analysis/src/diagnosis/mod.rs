@@ -1,4 +1,5 @@
-//! The discrepancy workflow: where do simulation and measurement disagree, what is missing, does adding it close the gap.
+//! The discrepancy workflow: where do simulation and measurement disagree, what is missing, does
+//! adding it close the gap.
 
 mod accept;
 mod additions;
@@ -38,14 +39,17 @@ mod windows;
 pub mod yardstick;
 
 pub use block::DataSetError;
-pub use data::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
+pub use data::{
+    BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
+};
 pub use diagnose::{DiagnosisOptions, Outcome, diagnose};
 pub use distinguish::distinguish;
 pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
 pub use guards::Guards;
 pub use outcome::{
-    Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence, FittedParameter, Gap, NamedEffect,
-    NextExperiment, NoiseReport, NoiseTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
+    Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence,
+    FittedParameter, Gap, NamedEffect, NextExperiment, NoiseReport, NoiseTerm, Quality, Rival,
+    RunCurves, SpectrumGap, Verdict,
 };
 pub use prepare::BaseModel;
 

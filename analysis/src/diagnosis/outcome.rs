@@ -69,8 +69,9 @@ pub struct Diagnosis {
     pub gap_spectra: Vec<SpectrumGap>,
     /// The run that would settle what is open.
     pub next_experiment: Option<NextExperiment>,
-    /// Effects, and what would imitate each in every run of the menu however often it is repeated; the second name is empty where the signal is too small
-    /// for any of them to make the name certain.
+    /// Effects, and what would imitate each in every run of the menu however often it is repeated;
+    /// the second name is empty where the signal is too small for any of them to make the name
+    /// certain.
     pub inseparable: Vec<[&'static str; 2]>,
     /// What a user must know.
     pub notes: Vec<String>,
@@ -210,7 +211,8 @@ pub struct NextExperiment {
     pub separation_sigma: f64,
     /// The same with the data at hand.
     pub separation_now_sigma: f64,
-    /// True where it is expected to settle all that is open; false where it brings some of it forward.
+    /// True where it is expected to settle all that is open; false where it brings some of it
+    /// forward.
     pub settles: bool,
     /// Time on the bench, min.
     pub duration_min: f64,

@@ -14,7 +14,8 @@ use crate::model::Erm;
 const ITERATIONS: usize = 60;
 /// A fit ends when less χ² than this is promised.
 const PROMISE: f64 = 2e-3;
-/// Information given to a coordinate in any case: a move by 1 changes the prediction by less than 1e-4 standard deviations.
+/// Information given to a coordinate in any case: a move by 1 changes the prediction by less than
+/// 1e-4 standard deviations.
 const UNMOVED: f64 = 1e-8;
 
 /// Everything that stays while structures change.
@@ -60,7 +61,14 @@ pub(super) struct Fit {
 impl Problem {
     /// Without any noise yet.
     pub(super) fn unweighed(base: Base, blocks: Vec<Block>) -> Self {
-        Self { base, blocks, whiteners: Vec::new(), shared: Shared::default(), floors: Vec::new(), repeating: Vec::new() }
+        Self {
+            base,
+            blocks,
+            whiteners: Vec::new(),
+            shared: Shared::default(),
+            floors: Vec::new(),
+            repeating: Vec::new(),
+        }
     }
 
     pub(super) fn branches(&self) -> usize {
@@ -84,12 +92,16 @@ impl Problem {
 
     /// Rows of the training runs.
     pub(super) fn training_rows(&self) -> usize {
-        self.of_role(Role::Train).map(|k| self.blocks[k].rows()).sum()
+        self.of_role(Role::Train)
+            .map(|k| self.blocks[k].rows())
+            .sum()
     }
 
-    /// What parameters and choices of an effect cost: k·ln N, and twice the logarithm of the number of choices.
+    /// What parameters and choices of an effect cost: k·ln N, and twice the logarithm of the number
+    /// of choices.
     pub(super) fn penalty(&self, member: &Member) -> f64 {
-        member.free() as f64 * (self.training_rows() as f64).ln() + 2.0 * (member.choices() as f64).ln()
+        member.free() as f64 * (self.training_rows() as f64).ln()
+            + 2.0 * (member.choices() as f64).ln()
     }
 
     /// Training rows less parameters.
@@ -98,11 +110,18 @@ impl Problem {
     }
 
     pub(super) fn of_role(&self, role: Role) -> impl Iterator<Item = usize> {
-        self.blocks.iter().enumerate().filter(move |(_, b)| b.role == role).map(|(k, _)| k)
+        self.blocks
+            .iter()
+            .enumerate()
+            .filter(move |(_, b)| b.role == role)
+            .map(|(k, _)| k)
     }
 
     /// What a fit leaves of each training run, whitened.
-    pub(super) fn left<'a>(&'a self, fit: &'a Fit) -> impl Iterator<Item = (usize, &'a Block, &'a [f64])> {
+    pub(super) fn left<'a>(
+        &'a self,
+        fit: &'a Fit,
+    ) -> impl Iterator<Item = (usize, &'a Block, &'a [f64])> {
         let mut rest = fit.residuals.as_slice();
         self.of_role(Role::Train).map(move |k| {
             let (own, others) = rest.split_at(self.blocks[k].rows());
@@ -113,11 +132,21 @@ impl Problem {
 
     /// The base with another ERM.
     pub(super) fn base_with(&self, erm: Erm) -> Base {
-        Base { erm, ..self.base.clone() }
+        Base {
+            erm,
+            ..self.base.clone()
+        }
     }
 
-    /// Predicted rows of one block, every step divided into `parts` times as many as the structure wants.
-    pub(super) fn predict(&self, (structure, x): (&Structure, &[f64]), block: usize, parts: usize, desk: &mut Desk) -> Vec<f64> {
+    /// Predicted rows of one block, every step divided into `parts` times as many as the structure
+    /// wants.
+    pub(super) fn predict(
+        &self,
+        (structure, x): (&Structure, &[f64]),
+        block: usize,
+        parts: usize,
+        desk: &mut Desk,
+    ) -> Vec<f64> {
         self.predict_under((structure, x), block, (Current::Logged, parts), desk)
     }
 
@@ -134,7 +163,12 @@ impl Problem {
         let added = structure.added(&values);
         let mut rows = Vec::with_capacity(self.blocks[block].rows());
         let model = (&base, added.as_slice(), &network(&base, &added));
-        self.blocks[block].predict_under(model, (current, structure.parts * parts), desk, &mut rows);
+        self.blocks[block].predict_under(
+            model,
+            (current, structure.parts * parts),
+            desk,
+            &mut rows,
+        );
         rows
     }
 
@@ -144,11 +178,21 @@ impl Problem {
     }
 
     /// Whitened predictions of the rows of a role.
-    pub(super) fn whitened_of(&self, role: Role, at: (&Structure, &[f64]), desk: &mut Desk) -> Vec<f64> {
+    pub(super) fn whitened_of(
+        &self,
+        role: Role,
+        at: (&Structure, &[f64]),
+        desk: &mut Desk,
+    ) -> Vec<f64> {
         self.prediction_of(role, at, desk).white
     }
 
-    fn prediction_of(&self, role: Role, (structure, x): (&Structure, &[f64]), desk: &mut Desk) -> Prediction {
+    fn prediction_of(
+        &self,
+        role: Role,
+        (structure, x): (&Structure, &[f64]),
+        desk: &mut Desk,
+    ) -> Prediction {
         let (erm, values) = structure.decode(x, self.branches());
         let base = self.base_with(erm);
         let added = structure.added(&values);
@@ -157,7 +201,12 @@ impl Problem {
         let mut rows: Vec<Vec<f64>> = vec![Vec::new(); self.blocks.len()];
         for k in self.of_role(role) {
             rows[k].reserve(self.blocks[k].rows());
-            self.blocks[k].predict((&base, &added, &network), structure.parts, desk, &mut rows[k]);
+            self.blocks[k].predict(
+                (&base, &added, &network),
+                structure.parts,
+                desk,
+                &mut rows[k],
+            );
             self.whiteners[k].apply(&rows[k], &mut white);
         }
         self.take_shared(role, &mut white);
@@ -178,36 +227,57 @@ impl Problem {
     /// Whitened measured rows of a role.
     pub(super) fn target_of(&self, role: Role) -> Vec<f64> {
         let mut all = Vec::with_capacity(self.training_rows());
-        self.of_role(role).for_each(|k| self.whiteners[k].apply(&self.blocks[k].measured, &mut all));
+        self.of_role(role)
+            .for_each(|k| self.whiteners[k].apply(&self.blocks[k].measured, &mut all));
         self.take_shared(role, &mut all);
         all
     }
 
-    /// Whitened residuals of the held-out rows, and derivatives of their prediction, one column per coordinate.
+    /// Whitened residuals of the held-out rows, and derivatives of their prediction, one column per
+    /// coordinate.
     pub(super) fn held_out(&self, fit: &Fit, desk: &mut Desk) -> (Vec<f64>, Vec<Vec<f64>>) {
         let predicted = self.whitened_of(Role::HeldOut, (&fit.structure, &fit.x), desk);
-        let left = self.target_of(Role::HeldOut).iter().zip(&predicted).map(|(t, p)| t - p).collect();
+        let left = self
+            .target_of(Role::HeldOut)
+            .iter()
+            .zip(&predicted)
+            .map(|(t, p)| t - p)
+            .collect();
         let column = |k: usize| {
             let mut x = fit.x.clone();
             let step = fit.axes[k].inwards(x[k]);
             x[k] += step;
             let moved = self.whitened_of(Role::HeldOut, (&fit.structure, &x), desk);
-            moved.iter().zip(&predicted).map(|(m, p)| (m - p) / step).collect()
+            moved
+                .iter()
+                .zip(&predicted)
+                .map(|(m, p)| (m - p) / step)
+                .collect()
         };
         (left, (0..fit.x.len()).map(column).collect())
     }
 
     /// Whitened χ² of one block at a vector.
-    pub(super) fn block_chi2(&self, at: (&Structure, &[f64]), block: usize, desk: &mut Desk) -> f64 {
+    pub(super) fn block_chi2(
+        &self,
+        at: (&Structure, &[f64]),
+        block: usize,
+        desk: &mut Desk,
+    ) -> f64 {
         let rows = self.predict(at, block, 1, desk);
-        let difference: Vec<f64> = self.blocks[block].measured.iter().zip(&rows).map(|(m, p)| m - p).collect();
+        let difference: Vec<f64> = self.blocks[block]
+            .measured
+            .iter()
+            .zip(&rows)
+            .map(|(m, p)| m - p)
+            .collect();
         let mut w = Vec::with_capacity(rows.len());
         self.whiteners[block].apply(&difference, &mut w);
         dot(&w, &w)
     }
 
-    /// The change of the whitened prediction when a coordinate changes by a step. A run that repeats another one changes as that one does, unless an
-    /// effect tells repeats apart.
+    /// The change of the whitened prediction when a coordinate changes by a step. A run that
+    /// repeats another one changes as that one does, unless an effect tells repeats apart.
     pub(super) fn change(
         &self,
         structure: &Structure,
@@ -215,7 +285,12 @@ impl Problem {
         (moved, step): (usize, f64),
         desk: &mut Desk,
     ) -> Vec<f64> {
-        self.changes(structure, at, (moved, step), (structure.tells_repeats_apart(), desk))
+        self.changes(
+            structure,
+            at,
+            (moved, step),
+            (structure.tells_repeats_apart(), desk),
+        )
     }
 
     /// The same, of each run by itself or by the one that it repeats.
@@ -237,8 +312,16 @@ impl Problem {
         for k in self.of_role(Role::Train) {
             let of = self.blocks[k].alike.filter(|_| !each).unwrap_or(k);
             if of == k {
-                self.blocks[k].predict((&base, &added, &network), structure.parts, desk, &mut changes[k]);
-                changes[k].iter_mut().zip(&predicted.rows[k]).for_each(|(c, p)| *c -= p);
+                self.blocks[k].predict(
+                    (&base, &added, &network),
+                    structure.parts,
+                    desk,
+                    &mut changes[k],
+                );
+                changes[k]
+                    .iter_mut()
+                    .zip(&predicted.rows[k])
+                    .for_each(|(c, p)| *c -= p);
             }
             self.whiteners[k].apply(&changes[of], &mut white);
         }
@@ -251,7 +334,12 @@ impl Problem {
         let predicted = self.prediction((&fit.structure, &fit.x), desk);
         let mut tangent = Tangent::default();
         for (k, axis) in fit.axes.iter().enumerate() {
-            tangent.add(self.changes(&fit.structure, (&fit.x, &predicted), (k, axis.inwards(fit.x[k])), (true, desk)));
+            tangent.add(self.changes(
+                &fit.structure,
+                (&fit.x, &predicted),
+                (k, axis.inwards(fit.x[k])),
+                (true, desk),
+            ));
         }
         tangent
     }
@@ -278,7 +366,9 @@ impl Problem {
     pub(super) fn fit(&self, structure: &Structure, start: &Erm, desk: &mut Desk) -> Fit {
         let axes = structure.axes(&self.base.erm);
         let mut x = structure.encode(start);
-        x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        x.iter_mut()
+            .zip(&axes)
+            .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
         self.fit_from(structure, x, axes, desk)
     }
 
@@ -288,40 +378,84 @@ impl Problem {
         let axes = structure.axes(&self.base.erm);
         let mut x = fit.x.clone();
         x.extend(member.encode());
-        x.iter_mut().zip(&axes).for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        x.iter_mut()
+            .zip(&axes)
+            .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
         self.fit_from(&structure, x, axes, desk)
     }
 
     /// A structure at a vector, as it is.
-    pub(super) fn at(&self, structure: &Structure, x: Vec<f64>, axes: Vec<Axis>, desk: &mut Desk) -> Fit {
+    pub(super) fn at(
+        &self,
+        structure: &Structure,
+        x: Vec<f64>,
+        axes: Vec<Axis>,
+        desk: &mut Desk,
+    ) -> Fit {
         let predicted = self.prediction((structure, &x), desk);
-        let residuals: Vec<f64> = self.target().iter().zip(&predicted.white).map(|(t, p)| t - p).collect();
+        let residuals: Vec<f64> = self
+            .target()
+            .iter()
+            .zip(&predicted.white)
+            .map(|(t, p)| t - p)
+            .collect();
         let columns = self.columns(structure, (&x, &axes), &predicted, desk);
-        Fit { structure: structure.clone(), x, axes, chi2: dot(&residuals, &residuals), residuals, columns, promise: f64::INFINITY }
+        Fit {
+            structure: structure.clone(),
+            x,
+            axes,
+            chi2: dot(&residuals, &residuals),
+            residuals,
+            columns,
+            promise: f64::INFINITY,
+        }
     }
 
     /// Fits a structure from a vector.
-    pub(super) fn fit_from(&self, structure: &Structure, mut x: Vec<f64>, axes: Vec<Axis>, desk: &mut Desk) -> Fit {
+    pub(super) fn fit_from(
+        &self,
+        structure: &Structure,
+        mut x: Vec<f64>,
+        axes: Vec<Axis>,
+        desk: &mut Desk,
+    ) -> Fit {
         let target = self.target();
-        let difference = |p: &Prediction| target.iter().zip(&p.white).map(|(t, p)| t - p).collect::<Vec<f64>>();
+        let difference = |p: &Prediction| {
+            target
+                .iter()
+                .zip(&p.white)
+                .map(|(t, p)| t - p)
+                .collect::<Vec<f64>>()
+        };
         let mut predicted = self.prediction((structure, &x), desk);
         let mut residuals = difference(&predicted);
         let mut chi2 = dot(&residuals, &residuals);
         let mut columns = self.columns(structure, (&x, &axes), &predicted, desk);
         let mut damping = 1e-4;
         for _ in 0..ITERATIONS {
-            let Some((step, promise)) = step(&columns, &residuals, (&x, &axes), damping) else { break };
+            let Some((step, promise)) = step(&columns, &residuals, (&x, &axes), damping) else {
+                break;
+            };
             if promise < PROMISE {
                 break;
             }
-            let trial: Vec<f64> = x.iter().zip(&step).zip(&axes).map(|((x, s), a)| (x + s).clamp(a.lower, a.upper)).collect();
+            let trial: Vec<f64> = x
+                .iter()
+                .zip(&step)
+                .zip(&axes)
+                .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
+                .collect();
             let moved = self.prediction((structure, &trial), desk);
             let left = difference(&moved);
             let value = dot(&left, &left);
             if value < chi2 {
                 let gained = chi2 - value;
                 (x, predicted, residuals, chi2) = (trial, moved, left, value);
-                damping = if gained > 0.5 * promise { damping * 0.1 } else { damping };
+                damping = if gained > 0.5 * promise {
+                    damping * 0.1
+                } else {
+                    damping
+                };
                 columns = self.columns(structure, (&x, &axes), &predicted, desk);
                 if gained < PROMISE {
                     break;
@@ -333,17 +467,33 @@ impl Problem {
                 }
             }
         }
-        let promise = step(&columns, &residuals, (&x, &axes), 0.0).map_or(0.0, |(_, promise)| promise);
-        Fit { structure: structure.clone(), x, axes, chi2, residuals, columns, promise }
+        let promise =
+            step(&columns, &residuals, (&x, &axes), 0.0).map_or(0.0, |(_, promise)| promise);
+        Fit {
+            structure: structure.clone(),
+            x,
+            axes,
+            chi2,
+            residuals,
+            columns,
+            promise,
+        }
     }
 }
 
-/// A damped Gauss–Newton step of the coordinates that no bound holds, and the decrease of χ² that it promises.
-pub(super) fn step(columns: &[Vec<f64>], residuals: &[f64], (x, axes): (&[f64], &[Axis]), damping: f64) -> Option<(Vec<f64>, f64)> {
+/// A damped Gauss–Newton step of the coordinates that no bound holds, and the decrease of χ² that
+/// it promises.
+pub(super) fn step(
+    columns: &[Vec<f64>],
+    residuals: &[f64],
+    (x, axes): (&[f64], &[Axis]),
+    damping: f64,
+) -> Option<(Vec<f64>, f64)> {
     let gradient: Vec<f64> = columns.iter().map(|c| dot(c, residuals)).collect();
     let held = |k: usize| {
         let tiny = 1e-12 * (1.0 + x[k].abs());
-        (x[k] <= axes[k].lower + tiny && gradient[k] <= 0.0) || (x[k] >= axes[k].upper - tiny && gradient[k] >= 0.0)
+        (x[k] <= axes[k].lower + tiny && gradient[k] <= 0.0)
+            || (x[k] >= axes[k].upper - tiny && gradient[k] >= 0.0)
     };
     let free: Vec<usize> = (0..x.len()).filter(|k| !held(*k)).collect();
     let m = free.len();
@@ -370,7 +520,9 @@ pub(super) fn step(columns: &[Vec<f64>], residuals: &[f64], (x, axes): (&[f64], 
     let promise: f64 = part.iter().zip(&free).map(|(s, k)| s * gradient[*k]).sum();
     let mut step = vec![0.0; x.len()];
     // Each by itself: one that the data hardly fix must not hold the others up.
-    free.iter().zip(&part).for_each(|(k, s)| step[*k] = s.clamp(-axes[*k].longest, axes[*k].longest));
+    free.iter()
+        .zip(&part)
+        .for_each(|(k, s)| step[*k] = s.clamp(-axes[*k].longest, axes[*k].longest));
     Some((step, promise))
 }
 
@@ -383,7 +535,9 @@ impl Fit {
     /// Covariance of the coordinates, row-major; none where the data do not fix them.
     pub(super) fn covariance(&self) -> Option<Vec<f64>> {
         let n = self.x.len();
-        let mut information: Vec<f64> = (0..n * n).map(|ij| dot(&self.columns[ij / n], &self.columns[ij % n])).collect();
+        let mut information: Vec<f64> = (0..n * n)
+            .map(|ij| dot(&self.columns[ij / n], &self.columns[ij % n]))
+            .collect();
         // A coordinate that moves nothing must not take the uncertainty of all others away.
         (0..n).for_each(|i| information[i * n + i] += UNMOVED);
         invert(&information, n)
@@ -392,12 +546,17 @@ impl Fit {
     /// True where a coordinate of a member lies at a bound.
     pub(super) fn member_at_bound(&self, member: usize, branches: usize) -> bool {
         let first = self.structure.first(member, branches);
-        (first..first + self.structure.members[member].free()).any(|k| at_bound(self.x[k], &self.axes[k]))
+        (first..first + self.structure.members[member].free())
+            .any(|k| at_bound(self.x[k], &self.axes[k]))
     }
 
-    /// Another fit's structure at the coordinates that this one, which has one effect more, gives to it.
+    /// Another fit's structure at the coordinates that this one, which has one effect more, gives
+    /// to it.
     pub(super) fn base_of(&self, other: &Self) -> Self {
-        Self { x: self.x[..other.x.len()].to_vec(), ..other.clone() }
+        Self {
+            x: self.x[..other.x.len()].to_vec(),
+            ..other.clone()
+        }
     }
 
     /// An orthonormal basis of the tangent space.

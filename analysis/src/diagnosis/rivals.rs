@@ -20,26 +20,46 @@ impl Search<'_> {
             selection.taken[k].evidence.score = own;
             let (attempts, _) = self.attempts(&without, Some(name));
             for other in attempts {
-                if !rivals((name, lambda, own), &other, naming_lead(self.measured, lambda)) || names.contains(&other.name) {
+                if !rivals(
+                    (name, lambda, own),
+                    &other,
+                    naming_lead(self.measured, lambda),
+                ) || names.contains(&other.name)
+                {
                     if contains(&other, name) && other.lambda > lambda - SUFFICES {
                         selection.taken[k].limit_of.push(other.name);
                     }
                     continue;
                 }
                 let index = other.fit.structure.members.len() - 1;
-                if self.guards.bound && !is_outside(other.name) && other.fit.member_at_bound(index, self.problem.branches()) {
+                if self.guards.bound
+                    && !is_outside(other.name)
+                    && other.fit.member_at_bound(index, self.problem.branches())
+                {
                     continue;
                 }
                 let distinct = self.discriminability(&selection.fit, &without, &other.fit);
                 let gap = other.score - own;
-                selection.taken[k].rivals.push(RivalFit { name: other.name, score_gap: gap, discriminability: distinct, fit: other.fit });
+                selection.taken[k].rivals.push(RivalFit {
+                    name: other.name,
+                    score_gap: gap,
+                    discriminability: distinct,
+                    fit: other.fit,
+                });
             }
         }
     }
 
-    /// r: part of what the named effect adds that the other cannot imitate, to first order around its fit.
+    /// r: part of what the named effect adds that the other cannot imitate, to first order around
+    /// its fit.
     fn discriminability(&self, named: &Fit, without: &Fit, other: &Fit) -> f64 {
-        let difference = |a: &Fit, b: &Fit| b.residuals.iter().zip(&a.residuals).map(|(b, a)| b - a).collect::<Vec<f64>>();
+        let difference = |a: &Fit, b: &Fit| {
+            b.residuals
+                .iter()
+                .zip(&a.residuals)
+                .map(|(b, a)| b - a)
+                .collect::<Vec<f64>>()
+        };
         let mut apart = difference(named, other);
         other.tangent().project(&mut apart);
         let whole = difference(named, without);
@@ -52,8 +72,9 @@ fn contains(other: &Attempt, name: &str) -> bool {
     find(other.name).is_some_and(|e| e.card().contains.contains(&name))
 }
 
-/// Whether another effect is a rival of a named one of this λ and score. What contains the named effect as a limit fits as well by necessity: where the
-/// interval of its shape holds the limit, only its forms away from there count.
+/// Whether another effect is a rival of a named one of this λ and score. What contains the named
+/// effect as a limit fits as well by necessity: where the interval of its shape holds the limit,
+/// only its forms away from there count.
 fn rivals((name, lambda, own): (&str, f64, f64), other: &Attempt, lead: f64) -> bool {
     let near = |score: f64| score - own >= -lead;
     if !contains(other, name) {

@@ -1,4 +1,5 @@
-//! Adds effects one by one, each only if everything speaks for it, and takes back what later ones make needless.
+//! Adds effects one by one, each only if everything speaks for it, and takes back what later ones
+//! make needless.
 
 use super::accept::tells;
 use super::attempts::{Attempt, is_outside};
@@ -47,7 +48,8 @@ pub(super) struct Selection {
     pub(super) refused: Option<(&'static str, f64, String)>,
     /// The best that were refused in the last round.
     pub(super) refused_fits: Vec<Attempt>,
-    /// What no effect of the catalogue explains as well as something outside of it does; names are withdrawn then.
+    /// What no effect of the catalogue explains as well as something outside of it does; names are
+    /// withdrawn then.
     pub(super) outside: Option<&'static str>,
     /// Why the names are not certain although none has a rival.
     pub(super) doubt: Option<String>,
@@ -102,18 +104,28 @@ impl Search<'_> {
             let (attempts, mut ranking) = self.attempts(&selection.fit, None);
             let first = selection.taken.is_empty();
             if first {
-                alone = attempts.iter().find(|a| is_outside(a.name)).map(|a| (a.name, a.score));
+                alone = attempts
+                    .iter()
+                    .find(|a| is_outside(a.name))
+                    .map(|a| (a.name, a.score));
             }
             let accepted = self.first_accepted(&mut selection, attempts, &mut ranking);
             if first {
                 if let Some((taken, _)) = &accepted {
-                    let rest = ranking.iter_mut().filter(|c| c.name != taken.name && c.refused_because.is_empty());
+                    let rest = ranking
+                        .iter_mut()
+                        .filter(|c| c.name != taken.name && c.refused_because.is_empty());
                     rest.for_each(|c| c.refused_because = "another explains more".to_owned());
                 }
                 selection.ranking = ranking;
             }
-            let Some((attempt, evidence)) = accepted else { break };
-            if let Some(deeper) = self.deeper(&selection.fit, &attempt.fit).filter(|_| restarts < MOST_RESTARTS) {
+            let Some((attempt, evidence)) = accepted else {
+                break;
+            };
+            if let Some(deeper) = self
+                .deeper(&selection.fit, &attempt.fit)
+                .filter(|_| restarts < MOST_RESTARTS)
+            {
                 restarts += 1;
                 if first {
                     selection.base = deeper.clone();
@@ -121,13 +133,23 @@ impl Search<'_> {
                 selection.fit = deeper;
                 continue;
             }
-            // What fits clearly better but may not be named leaves nothing to be named with confidence.
-            if selection.refused.as_ref().is_some_and(|r| r.1 > attempt.score + NAMING_LEAD) {
+            // What fits clearly better but may not be named leaves nothing to be named with
+            // confidence.
+            if selection
+                .refused
+                .as_ref()
+                .is_some_and(|r| r.1 > attempt.score + NAMING_LEAD)
+            {
                 break;
             }
             selection.refused = None;
             selection.fit = attempt.fit;
-            selection.taken.push(Taken { name: attempt.name, evidence, rivals: Vec::new(), limit_of: Vec::new() });
+            selection.taken.push(Taken {
+                name: attempt.name,
+                evidence,
+                rivals: Vec::new(),
+                limit_of: Vec::new(),
+            });
         }
         self.gate_again(&mut selection);
         self.find_rivals(&mut selection);
@@ -167,21 +189,34 @@ impl Search<'_> {
         None
     }
 
-    /// The fit again from where an addition has left its parameters; none where that is no deeper minimum. What an addition gains over a fit that stands
-    /// in a wrong minimum is no evidence for it.
+    /// The fit again from where an addition has left its parameters; none where that is no deeper
+    /// minimum. What an addition gains over a fit that stands in a wrong minimum is no evidence for
+    /// it.
     fn deeper(&mut self, fit: &Fit, with: &Fit) -> Option<Fit> {
-        let again = self.problem.fit_from(&fit.structure, with.x[..fit.x.len()].to_vec(), fit.axes.clone(), &mut self.desk);
+        let again = self.problem.fit_from(
+            &fit.structure,
+            with.x[..fit.x.len()].to_vec(),
+            fit.axes.clone(),
+            &mut self.desk,
+        );
         (again.chi2 < fit.chi2 - DEEPER).then_some(again)
     }
 
-    /// Takes back effects that later ones have made needless: all that spoke for each must still do.
+    /// Takes back effects that later ones have made needless: all that spoke for each must still
+    /// do.
     fn gate_again(&mut self, selection: &mut Selection) {
         let mut k = 0;
         while selection.taken.len() > 1 && k < selection.taken.len() {
             let without = self.refit_without(&selection.base, &selection.fit, k);
             let lambda = without.chi2 - selection.fit.chi2;
             let score = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
-            let attempt = Attempt { name: selection.taken[k].name, lambda, score, distinct: score, fit: selection.fit.clone() };
+            let attempt = Attempt {
+                name: selection.taken[k].name,
+                lambda,
+                score,
+                distinct: score,
+                fit: selection.fit.clone(),
+            };
             if let Ok(evidence) = self.accept((&selection.base, &without), &attempt, k) {
                 selection.taken[k].evidence = evidence;
                 k += 1;
@@ -193,23 +228,50 @@ impl Search<'_> {
         }
     }
 
-    /// Asks whether one effect outside the catalogue does as well as all names together, and whether something refused stays on top of them.
+    /// Asks whether one effect outside the catalogue does as well as all names together, and
+    /// whether something refused stays on top of them.
     fn look_outside(&mut self, selection: &mut Selection, alone: Option<(&'static str, f64)>) {
-        let title = |name: &str| outside().iter().find(|e| e.card().name == name).map(|e| e.card().title);
-        let spent: f64 = selection.fit.structure.members.iter().map(|m| self.problem.penalty(m)).sum();
+        let title = |name: &str| {
+            outside()
+                .iter()
+                .find(|e| e.card().name == name)
+                .map(|e| e.card().title)
+        };
+        let spent: f64 = selection
+            .fit
+            .structure
+            .members
+            .iter()
+            .map(|m| self.problem.penalty(m))
+            .sum();
         let gained = selection.base.chi2 - selection.fit.chi2 - spent;
-        let led =
-            |t: &Taken| t.rivals.iter().find(|r| is_outside(r.name) && r.score_gap >= outside_lead(t.evidence.lambda)).map(|r| r.name);
+        let led = |t: &Taken| {
+            t.rivals
+                .iter()
+                .find(|r| is_outside(r.name) && r.score_gap >= outside_lead(t.evidence.lambda))
+                .map(|r| r.name)
+        };
         let beaten = selection.taken.iter().find_map(led);
-        let refused = selection.refused.as_ref().filter(|r| selection.taken.is_empty() && r.1 >= OUTSIDE_ALONE).map(|r| r.0);
-        let stands_alone = alone.filter(|a| selection.taken.len() > 1 && a.1 >= gained).map(|a| a.0);
+        let refused = selection
+            .refused
+            .as_ref()
+            .filter(|r| selection.taken.is_empty() && r.1 >= OUTSIDE_ALONE)
+            .map(|r| r.0);
+        let stands_alone = alone
+            .filter(|a| selection.taken.len() > 1 && a.1 >= gained)
+            .map(|a| a.0);
         if let Some(title) = beaten.or(stands_alone).or(refused).and_then(title) {
             selection.withdraw(title);
             return;
         }
         if let Some((name, score, _)) = &selection.refused {
-            selection.doubt = Some(format!("{name} would gain {score:.0} on top of it but may not be named"));
-        } else if let Some(title) = alone.filter(|a| selection.taken.len() > 1 && a.1 > gained - NAMING_LEAD).and_then(|a| title(a.0)) {
+            selection.doubt = Some(format!(
+                "{name} would gain {score:.0} on top of it but may not be named"
+            ));
+        } else if let Some(title) = alone
+            .filter(|a| selection.taken.len() > 1 && a.1 > gained - NAMING_LEAD)
+            .and_then(|a| title(a.0))
+        {
             selection.doubt = Some(format!("{title} alone would do as well"));
         }
     }
@@ -220,12 +282,15 @@ impl Search<'_> {
         let (structure, x, axes) = self.problem.without(fit, member);
         let mut y = base.x[..1 + 2 * branches].to_vec();
         y.extend_from_slice(&x[1 + 2 * branches..]);
-        let stay = self.problem.fit_from(&structure, x, axes.clone(), &mut self.desk);
+        let stay = self
+            .problem
+            .fit_from(&structure, x, axes.clone(), &mut self.desk);
         let fresh = self.problem.fit_from(&structure, y, axes, &mut self.desk);
         if stay.chi2 <= fresh.chi2 { stay } else { fresh }
     }
 
-    /// Lets shapes go that were held while effects were chosen, so that intervals know of them; as they are where that drives one to a bound.
+    /// Lets shapes go that were held while effects were chosen, so that intervals know of them; as
+    /// they are where that drives one to a bound.
     fn free_shapes(&mut self, selection: &mut Selection) {
         let branches = self.problem.branches();
         for k in 0..selection.taken.len() {

@@ -1,10 +1,13 @@
-//! Errors that are the same in all runs of a campaign: what the calibration left of the current's gain, what it cannot see because current and voltage
-//! share it, the error of the meter that start voltages are read with, and what a correction by control impedances leaves in spectra.
-//! Repeats do not show them, and more repeats do not make them smaller.
+//! Errors that are the same in all runs of a campaign: what the calibration left of the current's
+//! gain, what it cannot see because current and voltage share it, the error of the meter that start
+//! voltages are read with, and what a correction by control impedances leaves in spectra. Repeats
+//! do not show them, and more repeats do not make them smaller.
 //!
-//! With v what one standard deviation of such an error does to the whitened rows of all runs, their covariance is I + v·vᵀ. The operator
-//! I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes it I again; for several errors one such operator after the other, each with v as the ones before it
-//! leave it. That is the same as to fit every error once, for all runs together, with its standard deviation as the prior.
+//! With v what one standard deviation of such an error does to the whitened rows of all runs, their
+//! covariance is I + v·vᵀ. The operator I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes it I
+//! again; for several errors one such operator after the other, each with v as the ones before it
+//! leave it. That is the same as to fit every error once, for all runs together, with its standard
+//! deviation as the prior.
 
 use super::block::{Block, Kind};
 use super::data::BenchHistory;
@@ -14,8 +17,9 @@ use crate::calibration::{COMMON, CommonError};
 use crate::effects::{Base, Point};
 use num_complex::Complex64;
 
-/// What one standard deviation of each shared error does to the rows of a block: of the calibration, of the gain of both channels, of the start voltage, and of
-/// each independent error that the correction leaves.
+/// What one standard deviation of each shared error does to the rows of a block: of the
+/// calibration, of the gain of both channels, of the start voltage, and of each independent error
+/// that the correction leaves.
 pub(super) type Errors = [Vec<f64>; OWN + COMMON];
 
 /// Errors beside those of the correction.
@@ -31,28 +35,64 @@ pub(super) fn of_record(
     let capacity_c = 3600.0 * base.ocv.capacity_ah;
     let slope_v = |charge_c: f64| base.ocv.slope_v(block.at.soc - charge_c / capacity_c);
     let start_v = slope_v(0.0).max(1e-6);
-    // The level is read by the same meter: what is left is the curve's slope, which is read off at the wrong place.
-    let started = time.bins.iter().map(|b| history.start_voltage_v * (1.0 - slope_v(b.charge_c) / start_v)).collect();
-    // The voltage counts from rest: both channels too large by a part show that part more of every change.
+    // The level is read by the same meter: what is left is the curve's slope, which is read off at
+    // the wrong place.
+    let started = time
+        .bins
+        .iter()
+        .map(|b| history.start_voltage_v * (1.0 - slope_v(b.charge_c) / start_v))
+        .collect();
+    // The voltage counts from rest: both channels too large by a part show that part more of every
+    // change.
     let rest_v = base.ocv.voltage_v(block.at.soc);
-    let both = predicted.iter().zip(gain).map(|(v, g)| history.channel_gain_rel * (v - rest_v - g)).collect();
+    let both = predicted
+        .iter()
+        .zip(gain)
+        .map(|(v, g)| history.channel_gain_rel * (v - rest_v - g))
+        .collect();
     // Microseconds are nothing to a record.
     let mut errors: Errors = std::array::from_fn(|_| vec![0.0; predicted.len()]);
-    [errors[0], errors[1], errors[2]] = [gain.iter().map(|v| history.calibration_rel * v).collect(), both, started];
+    [errors[0], errors[1], errors[2]] = [
+        gain.iter().map(|v| history.calibration_rel * v).collect(),
+        both,
+        started,
+    ];
     errors
 }
 
-/// Of a spectrum with these predicted rows. A control is what the calibration goes by: there its error cannot be seen.
-pub(super) fn of_spectrum(kind: &Kind, predicted: &[f64], (history, calibration): (&BenchHistory, Option<CommonError>)) -> Errors {
-    let Kind::Eis { points, control_ohm, .. } = kind else { return Errors::default() };
+/// Of a spectrum with these predicted rows. A control is what the calibration goes by: there its
+/// error cannot be seen.
+pub(super) fn of_spectrum(
+    kind: &Kind,
+    predicted: &[f64],
+    (history, calibration): (&BenchHistory, Option<CommonError>),
+) -> Errors {
+    let Kind::Eis {
+        points,
+        control_ohm,
+        ..
+    } = kind
+    else {
+        return Errors::default();
+    };
     let is_cell = control_ohm.is_none();
-    let gain = if is_cell { history.calibration_rel } else { 0.0 };
+    let gain = if is_cell {
+        history.calibration_rel
+    } else {
+        0.0
+    };
     let left = |error: usize| -> Vec<f64> {
         let of = |(point, z): (&Point, &[f64])| {
-            let off = calibration.map_or(Complex64::ZERO, |left| left.at(error, point.freq_hz, Complex64::new(z[0], z[1]), is_cell));
+            let off = calibration.map_or(Complex64::ZERO, |left| {
+                left.at(error, point.freq_hz, Complex64::new(z[0], z[1]), is_cell)
+            });
             [off.re, off.im]
         };
-        points.iter().zip(predicted.chunks_exact(2)).flat_map(of).collect()
+        points
+            .iter()
+            .zip(predicted.chunks_exact(2))
+            .flat_map(of)
+            .collect()
     };
     // A ratio of two channels does not know what they share.
     std::array::from_fn(|k| match k {
@@ -108,13 +148,21 @@ mod tests {
             shared.apply(&mut v);
             v
         };
-        let unit = |k: usize| (0..6).map(|i| f64::from(u8::from(i == k))).collect::<Vec<f64>>();
+        let unit = |k: usize| {
+            (0..6)
+                .map(|i| f64::from(u8::from(i == k)))
+                .collect::<Vec<f64>>()
+        };
         let columns: Vec<Vec<f64>> = (0..6).map(|k| applied(&unit(k))).collect();
         let (a, b) = (applied(&a), applied(&b));
         for i in 0..6 {
             for j in 0..6 {
-                let covariance = columns.iter().map(|c| c[i] * c[j]).sum::<f64>() + a[i] * a[j] + b[i] * b[j];
-                assert!((covariance - f64::from(u8::from(i == j))).abs() < 1e-12, "{i} {j} {covariance}");
+                let covariance =
+                    columns.iter().map(|c| c[i] * c[j]).sum::<f64>() + a[i] * a[j] + b[i] * b[j];
+                assert!(
+                    (covariance - f64::from(u8::from(i == j))).abs() < 1e-12,
+                    "{i} {j} {covariance}"
+                );
             }
         }
     }

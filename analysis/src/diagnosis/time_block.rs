@@ -1,4 +1,5 @@
-//! A record made ready: its edges, its current without the logger's noise, and its bins, the samples that are averaged to one row.
+//! A record made ready: its edges, its current without the logger's noise, and its bins, the
+//! samples that are averaged to one row.
 
 use super::data::TimeRecord;
 use super::windows::Windows;
@@ -8,11 +9,13 @@ use crate::augmented::{Between, Grid};
 pub(super) const MOST_BINS: usize = 140;
 /// Part of the largest current that a change must have to be an edge.
 const EDGE_PART: f64 = 0.03;
-/// The same in standard deviations of what noise and codes make of a current that stays: repeats whose noise had edges would have rows that differ.
+/// The same in standard deviations of what noise and codes make of a current that stays: repeats
+/// whose noise had edges would have rows that differ.
 const EDGE_SIGMAS: f64 = 5.0;
 /// Standard deviations by which a variance may be above that of noise.
 const NOISE_SIGMAS: f64 = 3.0;
-/// A current that stays at the border of two codes has the variance q²/4, three times what codes add on average.
+/// A current that stays at the border of two codes has the variance q²/4, three times what codes
+/// add on average.
 const AT_BORDER: f64 = 3.0;
 /// Samples after an edge that may still show it.
 const AT_EDGE: usize = 2;
@@ -62,18 +65,29 @@ impl TimeBlock {
         let time_s: Vec<f64> = s.time_s.iter().map(|t| t - start_s).collect();
         let linear = record.between == Between::Linear;
         let edges = edges(&s.current_a, jitter_a);
-        // Rows that are means have less noise than the bench's samples, and it is not told how much.
+        // Rows that are means have less noise than the bench's samples, and it is not told how
+        // much.
         let sampled = record.sigma_v.is_none() && record.averaged_s.is_none();
         let driven_a = driven(&s.current_a, &edges, if sampled { jitter_a } else { 0.0 });
         let mut bins = bins(&time_s, (&s.current_a, &driven_a), &edges);
         if let Some(sigma_v) = &record.sigma_v {
             let count = |b: &Bin| (b.to - b.from) as f64;
-            bins.iter_mut().for_each(|b| b.stated_v2 = sigma_v[b.from..b.to].iter().map(|s| s * s).sum::<f64>() / count(b).powi(2));
+            bins.iter_mut().for_each(|b| {
+                b.stated_v2 =
+                    sigma_v[b.from..b.to].iter().map(|s| s * s).sum::<f64>() / count(b).powi(2)
+            });
         }
         let compared = time_s.partition_point(|t| *t < record.compared_from_s - start_s);
         bins.retain(|b| b.from >= compared);
-        let windows = record.averaged_s.as_ref().filter(|_| linear).map(|averaged_s| Windows::new((&time_s, &edges), averaged_s, start_s));
-        let grid = Grid::new(windows.as_ref().map_or(&time_s, |windows| &windows.time_s), record.between);
+        let windows = record
+            .averaged_s
+            .as_ref()
+            .filter(|_| linear)
+            .map(|averaged_s| Windows::new((&time_s, &edges), averaged_s, start_s));
+        let grid = Grid::new(
+            windows.as_ref().map_or(&time_s, |windows| &windows.time_s),
+            record.between,
+        );
         Self {
             time_s,
             current_a: s.current_a.clone(),
@@ -101,11 +115,16 @@ impl TimeBlock {
     }
 
     pub(super) fn average_into(&self, values: &[f64], rows: &mut Vec<f64>) {
-        rows.extend(self.bins.iter().map(|b| values[b.from..b.to].iter().sum::<f64>() / (b.to - b.from) as f64));
+        rows.extend(
+            self.bins
+                .iter()
+                .map(|b| values[b.from..b.to].iter().sum::<f64>() / (b.to - b.from) as f64),
+        );
     }
 }
 
-/// First samples after a change of the current that is no noise; the first sample of all among them.
+/// First samples after a change of the current that is no noise; the first sample of all among
+/// them.
 fn edges(current_a: &[f64], jitter_a: f64) -> Vec<usize> {
     let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
     let least = (EDGE_PART * greatest).max(EDGE_SIGMAS * jitter_a);
@@ -113,22 +132,34 @@ fn edges(current_a: &[f64], jitter_a: f64) -> Vec<usize> {
     std::iter::once(0).chain(changes).collect()
 }
 
-/// The current without noise: constant where it stays between two edges and differs from its mean by no more than white noise does. What follows an edge at once
-/// stays as it was logged: a smoothed channel shows there.
+/// The current without noise: constant where it stays between two edges and differs from its mean
+/// by no more than white noise does. What follows an edge at once stays as it was logged: a
+/// smoothed channel shows there.
 fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
     let mut driven_a = current_a.to_vec();
     let ends = edges.iter().skip(1).copied().chain([current_a.len()]);
     for (from, to) in edges.iter().copied().zip(ends) {
-        let from = if from > 0 { (from + AT_EDGE).min(to) } else { from };
+        let from = if from > 0 {
+            (from + AT_EDGE).min(to)
+        } else {
+            from
+        };
         let stretch = &mut driven_a[from..to];
         let n = stretch.len().max(1) as f64;
         let mean = stretch.iter().sum::<f64>() / n;
         let variance = stretch.iter().map(|i| (i - mean).powi(2)).sum::<f64>() / n;
-        // Successive samples of white noise differ by twice its variance, what settles differs by less.
-        let by_steps = stretch.windows(2).map(|w| 0.5 * (w[1] - w[0]).powi(2)).sum::<f64>() / (n - 1.0).max(1.0);
+        // Successive samples of white noise differ by twice its variance, what settles differs by
+        // less.
+        let by_steps = stretch
+            .windows(2)
+            .map(|w| 0.5 * (w[1] - w[0]).powi(2))
+            .sum::<f64>()
+            / (n - 1.0).max(1.0);
         let scatter = NOISE_SIGMAS / n.sqrt();
         let white = variance <= by_steps * (1.0 + scatter);
-        if white && variance <= AT_BORDER * 0.5 * jitter_a * jitter_a * (1.0 + 2f64.sqrt() * scatter) {
+        if white
+            && variance <= AT_BORDER * 0.5 * jitter_a * jitter_a * (1.0 + 2f64.sqrt() * scatter)
+        {
             stretch.fill(mean);
         }
     }
@@ -145,11 +176,18 @@ fn bins(time_s: &[f64], (current_a, driven_a): (&[f64], &[f64]), edges: &[usize]
     // More edges than bins: neighbours are merged.
     while cuts.len() > MOST_BINS + 1 {
         let last = cuts[cuts.len() - 1];
-        cuts = cuts.iter().copied().step_by(2).filter(|k| *k != last).chain([last]).collect();
+        cuts = cuts
+            .iter()
+            .copied()
+            .step_by(2)
+            .filter(|k| *k != last)
+            .chain([last])
+            .collect();
     }
     let mut charge_c = vec![0.0; time_s.len()];
     for k in 1..time_s.len() {
-        charge_c[k] = charge_c[k - 1] + 0.5 * (current_a[k] + current_a[k - 1]) * (time_s[k] - time_s[k - 1]);
+        charge_c[k] =
+            charge_c[k - 1] + 0.5 * (current_a[k] + current_a[k - 1]) * (time_s[k] - time_s[k - 1]);
     }
     let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
     let mut last_current_a = 0.0;

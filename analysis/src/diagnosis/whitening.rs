@@ -38,7 +38,10 @@ impl Whitener {
         let mut at = 0;
         for (j, x) in v.iter().enumerate().take(self.n) {
             let column = &self.columns[at..at + self.n - j];
-            target[j..].iter_mut().zip(column).for_each(|(t, c)| *t += c * x);
+            target[j..]
+                .iter_mut()
+                .zip(column)
+                .for_each(|(t, c)| *t += c * x);
             at += self.n - j;
         }
     }
@@ -77,7 +80,9 @@ impl Whitener {
     /// C⁻¹ as a full matrix, row-major.
     pub(super) fn inverse(&self) -> Vec<f64> {
         let n = self.n;
-        let starts: Vec<usize> = (0..n).scan(0, |at, j| Some(std::mem::replace(at, *at + n - j))).collect();
+        let starts: Vec<usize> = (0..n)
+            .scan(0, |at, j| Some(std::mem::replace(at, *at + n - j)))
+            .collect();
         let mut inverse = vec![0.0; n * n];
         for i in 0..n {
             let a = &self.columns[starts[i]..starts[i] + n - i];
@@ -96,7 +101,12 @@ impl Whitener {
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
     let (a4, b4) = (a.chunks_exact(4), b.chunks_exact(4));
-    let rest: f64 = a4.remainder().iter().zip(b4.remainder()).map(|(x, y)| x * y).sum();
+    let rest: f64 = a4
+        .remainder()
+        .iter()
+        .zip(b4.remainder())
+        .map(|(x, y)| x * y)
+        .sum();
     for (x, y) in a4.zip(b4) {
         for k in 0..4 {
             sums[k] += x[k] * y[k];
@@ -129,7 +139,9 @@ mod tests {
         let trace: f64 = (0..n).map(|i| (i as f64) * inverse[i * n + i]).sum();
         let g: Vec<f64> = (0..n).map(|i| i as f64).collect();
         assert!((trace - w.trace_with_diagonal(&g)).abs() < 1e-12);
-        assert!((0..n).all(|i| ((0..n).map(|j| inverse[i * n + j] * v[j]).sum::<f64>() - x[i]).abs() < 1e-12));
+        assert!((0..n).all(
+            |i| ((0..n).map(|j| inverse[i * n + j] * v[j]).sum::<f64>() - x[i]).abs() < 1e-12
+        ));
         assert!(Whitener::new(vec![1.0, 2.0, 2.0, 1.0], 2).is_none());
     }
 }

@@ -47,7 +47,11 @@ impl Design {
                 rows[(2 * k + 1, j)] = w.b * z.re + w.c * z.im;
             }
         }
-        let step = if tau_s.len() > 1 { (tau_s[1] / tau_s[0]).ln() } else { 1.0 };
+        let step = if tau_s.len() > 1 {
+            (tau_s[1] / tau_s[0]).ln()
+        } else {
+            1.0
+        };
         Self {
             normal: rows.transpose() * &rows,
             right: rows.transpose() * &data,
@@ -61,7 +65,12 @@ impl Design {
 
     /// The model's impedance at the measured frequencies, Ω.
     pub(super) fn impedance(&self, x: &DVector<f64>) -> Vec<Complex64> {
-        let at = |omega: &f64| x.iter().enumerate().map(|(j, x)| *x * element(j, *omega, &self.tau_s)).sum();
+        let at = |omega: &f64| {
+            x.iter()
+                .enumerate()
+                .map(|(j, x)| *x * element(j, *omega, &self.tau_s))
+                .sum()
+        };
         self.omega.iter().map(at).collect()
     }
 }
@@ -69,7 +78,9 @@ impl Design {
 fn grid((omega_low, omega_high): (f64, f64)) -> Vec<f64> {
     let (first, last) = (1.0 / omega_high, 1.0 / omega_low);
     let nodes = ((PER_DECADE * (last / first).log10()).ceil() as usize + 1).min(MOST_NODES);
-    (0..nodes).map(|k| first * (last / first).powf(k as f64 / (nodes - 1) as f64)).collect()
+    (0..nodes)
+        .map(|k| first * (last / first).powf(k as f64 / (nodes - 1) as f64))
+        .collect()
 }
 
 /// Impedance of an element of unit size.
@@ -88,7 +99,10 @@ fn penalty(nodes: usize) -> DMatrix<f64> {
     let mut differences = DMatrix::zeros(nodes + 2, SERIES + nodes);
     for row in 0..nodes + 2 {
         for (offset, value) in [(-2_i64, 1.0), (-1, -2.0), (0, 1.0)] {
-            if let Some(node) = usize::try_from(row as i64 + offset).ok().filter(|node| *node < nodes) {
+            if let Some(node) = usize::try_from(row as i64 + offset)
+                .ok()
+                .filter(|node| *node < nodes)
+            {
                 differences[(row, SERIES + node)] = value;
             }
         }

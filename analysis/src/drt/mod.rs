@@ -1,12 +1,16 @@
-//! Distribution of relaxation times: a spectrum as R∞, L and a continuum of RC elements, γ(τ) d ln τ, with what lies below the band as a series capacitance and a
-//! Warburg element.
+//! Distribution of relaxation times: a spectrum as R∞, L and a continuum of RC elements, γ(τ) d ln
+//! τ, with what lies below the band as a series capacitance and a Warburg element.
 //!
-//! Tikhonov's regularisation (see Wan, Saccoccio, Chen and Ciucci, Electrochim. Acta 184 (2015) 483): weighted least squares plus λ times the squared second
-//! derivative of γ, under γ ≥ 0, γ → 0 beyond the grid. λ is chosen by generalised cross-validation, because it needs neither the noise nor a corner found by eye; degrees
-//! of freedom count 1.4-fold, for plain cross-validation of few points follows the noise now and then. The uncertainty is that of
-//! the Gaussian posterior of the elements that are not held at zero: it tells what noise does for this λ, not what another smoothness would show.
+//! Tikhonov's regularisation (see Wan, Saccoccio, Chen and Ciucci, Electrochim. Acta 184
+//! (2015) 483): weighted least squares plus λ times the squared second derivative of γ, under γ ≥
+//! 0, γ → 0 beyond the grid. λ is chosen by generalised cross-validation, because it needs neither
+//! the noise nor a corner found by eye; degrees of freedom count 1.4-fold, for plain
+//! cross-validation of few points follows the noise now and then. The uncertainty is that of the
+//! Gaussian posterior of the elements that are not held at zero: it tells what noise does for this
+//! λ, not what another smoothness would show.
 //!
-//! Inductive and diffusive ends have elements of their own, so that they do not come out as peaks. Knows no fit; [`start_values`] serves one.
+//! Inductive and diffusive ends have elements of their own, so that they do not come out as peaks.
+//! Knows no fit; [`start_values`] serves one.
 
 mod design;
 pub(crate) mod nonnegative;
@@ -72,7 +76,10 @@ pub enum DrtError {
     #[error(transparent)]
     Spectrum(#[from] SpectrumError),
     /// Nothing to distribute.
-    #[error("distribution of relaxation times of {spectrum:?}: expected at least {expected} points, met {met}")]
+    #[error(
+        "distribution of relaxation times of {spectrum:?}: expected at least {expected} points, \
+        met {met}"
+    )]
     TooFewPoints {
         /// Name of the spectrum.
         spectrum: String,
@@ -82,7 +89,10 @@ pub enum DrtError {
         met: usize,
     },
     /// Numbers too large or too unequal to be squared.
-    #[error("distribution of relaxation times of {spectrum:?}: expected a problem that can be solved, met a singular one")]
+    #[error(
+        "distribution of relaxation times of {spectrum:?}: expected a problem that can be solved, \
+        met a singular one"
+    )]
     Singular {
         /// Name of the spectrum.
         spectrum: String,

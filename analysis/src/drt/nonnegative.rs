@@ -1,5 +1,6 @@
-//! Least squares under x ≥ 0 by block principal pivoting (Portugal, Júdice and Vicente, Math. Comp. 63 (1994) 625): the set of free unknowns is exchanged in blocks, and
-//! one by one when that goes in circles.
+//! Least squares under x ≥ 0 by block principal pivoting (Portugal, Júdice and Vicente, Math. Comp.
+//! 63 (1994) 625): the set of free unknowns is exchanged in blocks, and one by one when that goes
+//! in circles.
 
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
@@ -17,7 +18,8 @@ pub(crate) struct Solution {
     pub(crate) factor: Cholesky<f64, Dyn>,
 }
 
-/// Minimises ½xᵀKx − cᵀx under x ≥ 0, beginning with a guess of the free unknowns; none if K is too near to singular.
+/// Minimises ½xᵀKx − cᵀx under x ≥ 0, beginning with a guess of the free unknowns; none if K is too
+/// near to singular.
 pub(crate) fn solve(k: &DMatrix<f64>, c: &DVector<f64>, guess: &[usize]) -> Option<Solution> {
     let n = c.len();
     let mut is_free = vec![false; n];
@@ -29,10 +31,16 @@ pub(crate) fn solve(k: &DMatrix<f64>, c: &DVector<f64>, guess: &[usize]) -> Opti
         let wrong: Vec<usize> = (0..n)
             .filter(|i| {
                 let noise = 1e-10 * (c[*i].abs() + k[(*i, *i)] * solution.x[*i].abs());
-                if is_free[*i] { solution.x[*i] < 0.0 } else { gradient[*i] < -noise }
+                if is_free[*i] {
+                    solution.x[*i] < 0.0
+                } else {
+                    gradient[*i] < -noise
+                }
             })
             .collect();
-        let Some(last) = wrong.last().copied() else { return Some(solution) };
+        let Some(last) = wrong.last().copied() else {
+            return Some(solution);
+        };
         let exchanged = if wrong.len() < fewest {
             (fewest, patience) = (wrong.len(), PATIENCE);
             wrong

@@ -3,7 +3,8 @@
 use nalgebra::DMatrix;
 use serde::Serialize;
 
-/// A peak with less than this share of the whole is none, and neither is one smaller than so many of its standard deviations.
+/// A peak with less than this share of the whole is none, and neither is one smaller than so many
+/// of its standard deviations.
 const LEAST_SHARE: f64 = 5e-3;
 const LEAST_SIGMAS: f64 = 2.0;
 
@@ -22,15 +23,28 @@ pub struct Peak {
     pub in_band: bool,
 }
 
-/// Peaks of the resistances `x` (Ω per node, with covariance) over the grid, by rising time constant.
-pub(super) fn peaks(tau_s: &[f64], (x, covariance): (&[f64], &DMatrix<f64>), band: (f64, f64)) -> Vec<Peak> {
+/// Peaks of the resistances `x` (Ω per node, with covariance) over the grid, by rising time
+/// constant.
+pub(super) fn peaks(
+    tau_s: &[f64],
+    (x, covariance): (&[f64], &DMatrix<f64>),
+    band: (f64, f64),
+) -> Vec<Peak> {
     let least = LEAST_SHARE * x.iter().sum::<f64>();
     let peak = |(from, to): (usize, usize)| {
         let r_ohm: f64 = x[from..to].iter().sum();
-        let moment = |f: &dyn Fn(f64) -> f64| (from..to).map(|k| x[k] * f(tau_s[k].ln())).sum::<f64>() / r_ohm;
+        let moment = |f: &dyn Fn(f64) -> f64| {
+            (from..to).map(|k| x[k] * f(tau_s[k].ln())).sum::<f64>() / r_ohm
+        };
         let centre = moment(&|l| l);
-        let variance: f64 =
-            (from..to).filter(|k| x[*k] > 0.0).flat_map(|i| (from..to).filter(|k| x[*k] > 0.0).map(move |j| covariance[(i, j)])).sum();
+        let variance: f64 = (from..to)
+            .filter(|k| x[*k] > 0.0)
+            .flat_map(|i| {
+                (from..to)
+                    .filter(|k| x[*k] > 0.0)
+                    .map(move |j| covariance[(i, j)])
+            })
+            .sum();
         let tau = centre.exp();
         Peak {
             tau_s: tau,
@@ -41,7 +55,12 @@ pub(super) fn peaks(tau_s: &[f64], (x, covariance): (&[f64], &DMatrix<f64>), ban
         }
     };
     let carries = |(from, to): &(usize, usize)| x[*from..*to].iter().sum::<f64>() > least;
-    segments(x).into_iter().filter(carries).map(peak).filter(|p| p.r_ohm > LEAST_SIGMAS * p.sigma_ohm).collect()
+    segments(x)
+        .into_iter()
+        .filter(carries)
+        .map(peak)
+        .filter(|p| p.r_ohm > LEAST_SIGMAS * p.sigma_ohm)
+        .collect()
 }
 
 /// Ranges between minima.

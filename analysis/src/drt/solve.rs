@@ -10,7 +10,8 @@ use nalgebra::{DMatrix, DVector};
 
 const FEWEST_POINTS: usize = 6;
 const PENALTY_ON_FREEDOM: f64 = 1.4;
-/// Of all λ whose score is within this factor of the best, the smoothest is taken: the best is often one of many alike.
+/// Of all λ whose score is within this factor of the best, the smoothest is taken: the best is
+/// often one of many alike.
 const AS_GOOD: f64 = 1.03;
 /// Decades of λ that are tried, relative to the size of the data's normal matrix.
 const DECADES: (i32, i32) = (-9, 1);
@@ -32,16 +33,26 @@ struct Candidate {
 pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {
     spectrum.validate()?;
     if spectrum.points.len() < FEWEST_POINTS {
-        return Err(DrtError::TooFewPoints { spectrum: spectrum.name.clone(), expected: FEWEST_POINTS, met: spectrum.points.len() });
+        return Err(DrtError::TooFewPoints {
+            spectrum: spectrum.name.clone(),
+            expected: FEWEST_POINTS,
+            met: spectrum.points.len(),
+        });
     }
-    let singular = || DrtError::Singular { spectrum: spectrum.name.clone() };
-    // What lies below the band is either slow elements of the continuum or the tail of the series elements. Both together can always be
-    // made of the continuum alone, in steps; so the two are tried apart.
+    let singular = || DrtError::Singular {
+        spectrum: spectrum.name.clone(),
+    };
+    // What lies below the band is either slow elements of the continuum or the tail of the series
+    // elements. Both together can always be made of the continuum alone, in steps; so the two are
+    // tried apart.
     let tried = [REACH, 1.0].map(|reach| {
         let design = Design::new(spectrum, noise, reach);
         choose(&design).map(|best| (design, best))
     });
-    let found = tried.into_iter().flatten().min_by(|a, b| a.1.score.total_cmp(&b.1.score));
+    let found = tried
+        .into_iter()
+        .flatten()
+        .min_by(|a, b| a.1.score.total_cmp(&b.1.score));
     let (design, best) = found.ok_or_else(singular)?;
     let covariance = covariance(&design, &best).ok_or_else(singular)?;
     Ok(result(&design, &best, &covariance))
@@ -49,17 +60,25 @@ pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {
 
 fn choose(design: &Design) -> Option<Candidate> {
     let nodes = design.normal.nrows() - SERIES;
-    let size = (SERIES..design.normal.nrows()).map(|j| design.normal[(j, j)]).sum::<f64>() / nodes as f64;
+    let size = (SERIES..design.normal.nrows())
+        .map(|j| design.normal[(j, j)])
+        .sum::<f64>()
+        / nodes as f64;
     let mut free: Vec<usize> = (0..design.normal.nrows()).collect();
     let mut candidates = Vec::new();
     // From smooth to rough, each start with the free set of the last.
     for k in (DECADES.0 * PER_DECADE..=DECADES.1 * PER_DECADE).rev() {
         let lambda = size * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
-        let Some(candidate) = candidate(design, lambda, &free) else { continue };
+        let Some(candidate) = candidate(design, lambda, &free) else {
+            continue;
+        };
         free.clone_from(&candidate.solution.free);
         candidates.push(candidate);
     }
-    let best = candidates.iter().map(|c| c.score).fold(f64::INFINITY, f64::min);
+    let best = candidates
+        .iter()
+        .map(|c| c.score)
+        .fold(f64::INFINITY, f64::min);
     candidates.into_iter().find(|c| c.score <= AS_GOOD * best)
 }
 
@@ -69,12 +88,24 @@ fn candidate(design: &Design, lambda: f64, guess: &[usize]) -> Option<Candidate>
     let x = &solution.x;
     let rss = (design.square - 2.0 * x.dot(&design.right) + x.dot(&(&design.normal * x))).max(0.0);
     let free = &solution.free;
-    let penalty = DMatrix::from_fn(free.len(), free.len(), |a, b| lambda * design.penalty[(free[a], free[b])]);
+    let penalty = DMatrix::from_fn(free.len(), free.len(), |a, b| {
+        lambda * design.penalty[(free[a], free[b])]
+    });
     let freedom = free.len() as f64 - solution.factor.solve(&penalty).trace();
     let numbers = 2.0 * design.omega.len() as f64;
     let left = numbers - PENALTY_ON_FREEDOM * freedom;
-    let score = if left > 0.0 { rss / (left * left) } else { f64::INFINITY };
-    Some(Candidate { solution, lambda, rss, freedom, score })
+    let score = if left > 0.0 {
+        rss / (left * left)
+    } else {
+        f64::INFINITY
+    };
+    Some(Candidate {
+        solution,
+        lambda,
+        rss,
+        freedom,
+        score,
+    })
 }
 
 /// Posterior covariance of all unknowns: of those at zero, as if each alone were freed.
@@ -95,7 +126,10 @@ fn covariance(design: &Design, best: &Candidate) -> Option<DMatrix<f64>> {
         let own = matrix[(i, i)] - coupling.dot(&(&inverse * &coupling));
         covariance[(i, i)] = if own > 0.0 { scale / own } else { 0.0 };
     }
-    covariance.iter().all(|v| v.is_finite()).then_some(covariance)
+    covariance
+        .iter()
+        .all(|v| v.is_finite())
+        .then_some(covariance)
 }
 
 fn reduced_chi2(design: &Design, best: &Candidate) -> f64 {
@@ -104,24 +138,47 @@ fn reduced_chi2(design: &Design, best: &Candidate) -> f64 {
 
 fn result(design: &Design, best: &Candidate, covariance: &DMatrix<f64>) -> Drt {
     let x = &best.solution.x;
-    let estimate = |j: usize| Estimate { value: x[j], sigma: covariance[(j, j)].sqrt() };
+    let estimate = |j: usize| Estimate {
+        value: x[j],
+        sigma: covariance[(j, j)].sqrt(),
+    };
     let nodes = SERIES..x.len();
     let held = |j: &usize| best.solution.free.contains(j);
-    let area_variance: f64 =
-        nodes.clone().filter(held).flat_map(|i| nodes.clone().filter(held).map(move |j| (i, j))).map(|ij| covariance[ij]).sum();
-    let band = (1.0 / design.omega[design.omega.len() - 1], 1.0 / design.omega[0]);
+    let area_variance: f64 = nodes
+        .clone()
+        .filter(held)
+        .flat_map(|i| nodes.clone().filter(held).map(move |j| (i, j)))
+        .map(|ij| covariance[ij])
+        .sum();
+    let band = (
+        1.0 / design.omega[design.omega.len() - 1],
+        1.0 / design.omega[0],
+    );
     Drt {
         gamma_ohm: nodes.clone().map(|j| x[j] / design.step).collect(),
-        sigma_ohm: nodes.clone().map(|j| covariance[(j, j)].sqrt() / design.step).collect(),
+        sigma_ohm: nodes
+            .clone()
+            .map(|j| covariance[(j, j)].sqrt() / design.step)
+            .collect(),
         r_inf_ohm: estimate(0),
         inductance_h: estimate(1),
         elastance_per_f: estimate(2),
         warburg_ohm_per_sqrt_s: estimate(3),
-        polarisation_ohm: Estimate { value: nodes.map(|j| x[j]).sum(), sigma: area_variance.max(0.0).sqrt() },
+        polarisation_ohm: Estimate {
+            value: nodes.map(|j| x[j]).sum(),
+            sigma: area_variance.max(0.0).sqrt(),
+        },
         lambda: best.lambda,
         freedom: best.freedom,
         reduced_chi2: reduced_chi2(design, best),
-        peaks: peaks(&design.tau_s, (&x.as_slice()[SERIES..], &covariance.view_range(SERIES.., SERIES..).into_owned()), band),
+        peaks: peaks(
+            &design.tau_s,
+            (
+                &x.as_slice()[SERIES..],
+                &covariance.view_range(SERIES.., SERIES..).into_owned(),
+            ),
+            band,
+        ),
         band_tau_s: band,
         tau_s: design.tau_s.clone(),
         fitted_ohm: design.impedance(x),

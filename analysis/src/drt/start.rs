@@ -4,12 +4,15 @@ use super::Drt;
 use crate::model::RcBranch;
 use std::f64::consts::PI;
 
-/// RC branches that stand for the distribution, by rising time constant: n of them, or as many as there are nodes that carry something; none if
-/// all of it is within two standard deviations of zero.
+/// RC branches that stand for the distribution, by rising time constant: n of them, or as many as
+/// there are nodes that carry something; none if all of it is within two standard deviations of
+/// zero.
 ///
-/// The nodes are merged to n groups so that each step costs the least squared spread of ln τ (Ward, J. Am. Stat. Assoc. 58 (1963) 236). What the
-/// distribution holds in its Warburg element and capacitance, which an ERM does not have, is spread over the slow end: A/√(jω) is the
-/// distribution A·√τ/π, and a capacitance an RC whose time constant is three times the slowest of the band.
+/// The nodes are merged to n groups so that each step costs the least squared spread of ln τ (Ward,
+/// J. Am. Stat. Assoc. 58 (1963) 236). What the distribution holds in its Warburg element and
+/// capacitance, which an ERM does not have, is spread over the slow end: A/√(jω) is the
+/// distribution A·√τ/π, and a capacitance an RC whose time constant is three times the slowest of
+/// the band.
 pub fn start_values(drt: &Drt, n: usize) -> Vec<RcBranch> {
     let step = match drt.tau_s.as_slice() {
         [first, second, ..] => (second / first).ln(),
@@ -20,7 +23,12 @@ pub fn start_values(drt: &Drt, n: usize) -> Vec<RcBranch> {
         .tau_s
         .iter()
         .zip(&drt.gamma_ohm)
-        .map(|(tau, gamma)| (step * (gamma + drt.warburg_ohm_per_sqrt_s.value * tau.sqrt() / PI), tau.ln()))
+        .map(|(tau, gamma)| {
+            (
+                step * (gamma + drt.warburg_ohm_per_sqrt_s.value * tau.sqrt() / PI),
+                tau.ln(),
+            )
+        })
         .collect();
     if drt.elastance_per_f.value > 0.0 {
         let tau = 3.0 * drt.band_tau_s.1;
@@ -33,17 +41,26 @@ pub fn start_values(drt: &Drt, n: usize) -> Vec<RcBranch> {
             let [(r, at), (s, by)] = [groups[*k], groups[*k + 1]];
             r * s / (r + s) * (at - by).powi(2)
         };
-        let Some(k) = (0..groups.len() - 1).min_by(|a, b| cost(a).total_cmp(&cost(b))) else { break };
+        let Some(k) = (0..groups.len() - 1).min_by(|a, b| cost(a).total_cmp(&cost(b))) else {
+            break;
+        };
         let (s, by) = groups.remove(k + 1);
         let (r, at) = groups[k];
         groups[k] = (r + s, (r * at + s * by) / (r + s));
     }
     groups.truncate(n);
-    // The uncertainty of all together is the scale below which a single one tells nothing; a tail stands out by its own size.
+    // The uncertainty of all together is the scale below which a single one tells nothing; a tail
+    // stands out by its own size.
     let tail = drt.elastance_per_f.value > 2.0 * drt.elastance_per_f.sigma
         || drt.warburg_ohm_per_sqrt_s.value > 2.0 * drt.warburg_ohm_per_sqrt_s.sigma;
     if !tail && drt.polarisation_ohm.value <= 2.0 * drt.polarisation_ohm.sigma {
         return Vec::new();
     }
-    groups.into_iter().map(|(r_ohm, ln_tau)| RcBranch { r_ohm, c_f: ln_tau.exp() / r_ohm }).collect()
+    groups
+        .into_iter()
+        .map(|(r_ohm, ln_tau)| RcBranch {
+            r_ohm,
+            c_f: ln_tau.exp() / r_ohm,
+        })
+        .collect()
 }

@@ -1,18 +1,23 @@
 //! The cell is not the same at the end of the campaign.
 
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record};
+use super::{
+    Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
+};
 use num_complex::Complex64;
 
 static CARD: Card = Card {
     name: "ageing",
     title: "ageing between runs",
     group: Group::Cell,
-    mechanism: "Films grow and contacts work loose from run to run, so that all resistances rise over the campaign.",
-    state_equation: "R = R_ref·(1 + d·n) for all resistances; n is the order of the run over the span of all orders, 0…1, or the time since the first run over \
+    mechanism: "Films grow and contacts work loose from run to run, so that all resistances rise \
+    over the campaign.",
+    state_equation: "R = R_ref·(1 + d·n) for all resistances; n is the order of the run over the \
+    span of all orders, 0…1, or the time since the first run over \
                      the span of all starts; capacitances stay",
     impedance: "the base's with its resistances multiplied by 1 + d·n",
     source: "first term of the Taylor series in the number of runs",
-    signature: "a trend of the misfit with the order of runs or the time since the first, in none with frequency",
+    signature: "a trend of the misfit with the order of runs or the time since the first, in none \
+    with frequency",
     confounders: &["current_gain", "contact_resistance", "soc_resistance"],
     contains: &[],
     experiment: "the first run once more at the end; runs in random order",
@@ -33,7 +38,18 @@ impl Effect for Ageing {
         }
         // By the order of runs, or by time, within a run too.
         let ways = if base.facts.span_s > 0.0 { 2 } else { 1 };
-        vec![Parameter::strength("d", "", Range { lower: -0.3, upper: 1.0 }, 0.01), Parameter::choice("by_time", ways)]
+        vec![
+            Parameter::strength(
+                "d",
+                "",
+                Range {
+                    lower: -0.3,
+                    upper: 1.0,
+                },
+                0.01,
+            ),
+            Parameter::choice("by_time", ways),
+        ]
     }
 
     fn tells_repeats_apart(&self, _p: &[f64]) -> bool {
@@ -49,7 +65,10 @@ impl Effect for Ageing {
         if !at.is_cell {
             return z_ohm;
         }
-        Aged::new(p, base, (at.order, at.start_s)).after(0.0).change_ohm(&base.erm, at.freq_hz) + z_ohm
+        Aged::new(p, base, (at.order, at.start_s))
+            .after(0.0)
+            .change_ohm(&base.erm, at.freq_hz)
+            + z_ohm
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
@@ -67,9 +86,19 @@ impl Aged {
     fn new(p: &[f64], base: &Base, (order, start_s): (f64, f64)) -> Self {
         let (orders, span_s) = (base.facts.orders, base.facts.span_s);
         if p[1] > 0.5 && span_s > 0.0 {
-            return Self { start: p[0] * start_s / span_s, per_s: p[0] / span_s };
+            return Self {
+                start: p[0] * start_s / span_s,
+                per_s: p[0] / span_s,
+            };
         }
-        Self { start: if orders > 0.0 { p[0] * order / orders } else { 0.0 }, per_s: 0.0 }
+        Self {
+            start: if orders > 0.0 {
+                p[0] * order / orders
+            } else {
+                0.0
+            },
+            per_s: 0.0,
+        }
     }
 
     /// So long after the start of the run.

@@ -1,12 +1,19 @@
 //! The catalogue: one line per effect.
 
 use super::Effect;
-use super::{ageing, butler_volmer, butler_volmer_asymmetric, cpe, current_asymmetry, diffusion, electrolyte_depletion, entropic_heat};
 use super::{
-    channel_bandwidth, clock_error, common_gain, contact_resistance, current_gain, current_offset, current_smoothing, inductance,
-    inductance_lossy, insufficient_rest, shunt_heating, thermal_emf, time_skew, voltage_gain,
+    ageing, butler_volmer, butler_volmer_asymmetric, cpe, current_asymmetry, diffusion,
+    electrolyte_depletion, entropic_heat,
 };
-use super::{hysteresis, ocv_curvature, ocv_slope, rc_slow, self_discharge, self_heating, soc_resistance, surface_soc, warburg};
+use super::{
+    channel_bandwidth, clock_error, common_gain, contact_resistance, current_gain, current_offset,
+    current_smoothing, inductance, inductance_lossy, insufficient_rest, shunt_heating, thermal_emf,
+    time_skew, voltage_gain,
+};
+use super::{
+    hysteresis, ocv_curvature, ocv_slope, rc_slow, self_discharge, self_heating, soc_resistance,
+    surface_soc, warburg,
+};
 
 static CATALOGUE: &[&dyn Effect] = &[
     // Cell.

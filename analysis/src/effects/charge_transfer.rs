@@ -1,8 +1,11 @@
-//! What a sweep sees of a branch whose resistor follows Butler–Volmer: the describing function at an amplitude, about a direct current.
+//! What a sweep sees of a branch whose resistor follows Butler–Volmer: the describing function at
+//! an amplitude, about a direct current.
 //!
-//! With y = 2βv/R the resistor conducts 2βi = exp(αy) − exp(−(1 − α)y). For y = Y + X·cos ωt the mean is exp(αY)I₀(αX) − exp(−(1 − α)Y)I₀((1 − α)X)
-//! and the part at ω that of a conductance g/R with g = α·exp(αY)B(αX) + (1 − α)exp(−(1 − α)Y)B((1 − α)X), B(x) = 2I₁(x)/x. Harmonics above the first
-//! are left to the capacitance, as in every describing function. What is not here: the steps in time ([`crate::augmented`]).
+//! With y = 2βv/R the resistor conducts 2βi = exp(αy) − exp(−(1 − α)y). For y = Y + X·cos ωt the
+//! mean is exp(αY)I₀(αX) − exp(−(1 − α)Y)I₀((1 − α)X) and the part at ω that of a conductance g/R
+//! with g = α·exp(αY)B(αX) + (1 − α)exp(−(1 − α)Y)B((1 − α)X), B(x) = 2I₁(x)/x. Harmonics above the
+//! first are left to the capacitance, as in every describing function. What is not here: the steps
+//! in time ([`crate::augmented`]).
 
 use super::{Base, Point};
 use num_complex::Complex64;
@@ -20,7 +23,12 @@ pub(super) fn thermal_v(temperature_c: f64) -> f64 {
 
 /// Highest β of any branch that still counts as kinetics: three times R/(2kT/e), 1/A.
 pub(super) fn greatest_beta(base: &Base) -> f64 {
-    let most_ohm = base.erm.branches.iter().map(|b| b.r_ohm).fold(0.0, f64::max);
+    let most_ohm = base
+        .erm
+        .branches
+        .iter()
+        .map(|b| b.r_ohm)
+        .fold(0.0, f64::max);
     1.5 * most_ohm / thermal_v(base.facts.temperature_c)
 }
 
@@ -36,7 +44,9 @@ pub(super) struct Kinetics {
 impl Kinetics {
     /// What the law adds to the impedance of the base's branch, Ω.
     pub(super) fn change_ohm(self, base: &Base, branch: usize, at: &Point) -> Complex64 {
-        let Some(branch) = base.erm.branches.get(branch).filter(|_| self.beta > 0.0) else { return Complex64::ZERO };
+        let Some(branch) = base.erm.branches.get(branch).filter(|_| self.beta > 0.0) else {
+            return Complex64::ZERO;
+        };
         let x = TAU * at.freq_hz * branch.time_constant_s();
         let drive = 2.0 * self.beta * at.amplitude_a.unwrap_or(0.0);
         let bias = 2.0 * self.beta * at.bias_a;

@@ -8,12 +8,14 @@ static CARD: Card = Card {
     name: "common_gain",
     title: "gain error of the current channel in everything",
     group: Group::Bench,
-    mechanism: "Shunt or channel of the current read too little or too much in all measurements. Resistances take it up, so that it looks like a cell of \
+    mechanism: "Shunt or channel of the current read too little or too much in all measurements. \
+    Resistances take it up, so that it looks like a cell of \
                 another capacity; only something known in the place of the cell tells.",
     state_equation: "i = (1 + g)·i_logged everywhere; g as a fraction",
     impedance: "Z_logged = (1 + g)·Z, of the cell and of what is known",
     source: "data sheets of shunts and oscilloscopes: gain error",
-    signature: "the counted charge is off by a fraction, and so is every impedance, that of a shunt too",
+    signature: "the counted charge is off by a fraction, and so is every impedance, that of a \
+    shunt too",
     confounders: &["ocv_slope", "current_gain"],
     contains: &[],
     experiment: "the shunt in the place of the cell",
@@ -33,7 +35,15 @@ impl Effect for CommonGain {
         if base.facts.longest_s <= 0.0 || base.facts.widest_soc <= 0.0 {
             return Vec::new();
         }
-        vec![Parameter::strength("gain", "", Range { lower: -0.05, upper: 0.05 }, 0.01)]
+        vec![Parameter::strength(
+            "gain",
+            "",
+            Range {
+                lower: -0.05,
+                upper: 0.05,
+            },
+            0.01,
+        )]
     }
 
     fn impedance(&self, p: &[f64], _base: &Base, _at: &Point, z_ohm: Complex64) -> Complex64 {

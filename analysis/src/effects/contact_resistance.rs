@@ -7,8 +7,10 @@ static CARD: Card = Card {
     name: "contact_resistance",
     title: "contact resistance in the spectra's fixture",
     group: Group::Bench,
-    mechanism: "Between the sense points of the sweeps lies more of clamp, tab or weld than between those of the time records.",
-    state_equation: "none in records, which are the reference; R_c in Ω, negative where the records' fixture has the larger contact",
+    mechanism: "Between the sense points of the sweeps lies more of clamp, tab or weld than \
+    between those of the time records.",
+    state_equation: "none in records, which are the reference; R_c in Ω, negative where the \
+    records' fixture has the larger contact",
     impedance: "Z → Z + R_c of the cell; not of controls, which have contacts of their own",
     source: "two-wire against four-wire connection",
     signature: "spectra are shifted along the real axis by the same amount at every frequency",
@@ -32,7 +34,15 @@ impl Effect for ContactResistance {
             return Vec::new();
         }
         let most = 0.5 * base.erm.dc_resistance_ohm();
-        vec![Parameter::strength("r_ohm", "Ω", Range { lower: -most, upper: most }, 0.01 * most)]
+        vec![Parameter::strength(
+            "r_ohm",
+            "Ω",
+            Range {
+                lower: -most,
+                upper: most,
+            },
+            0.01 * most,
+        )]
     }
 
     fn impedance(&self, p: &[f64], _base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {

@@ -8,10 +8,13 @@ static CARD: Card = Card {
     name: "cpe",
     title: "depressed arc (constant-phase element)",
     group: Group::Cell,
-    mechanism: "An interface is not the same everywhere: its time constants are spread about that of the base's branch.",
-    state_equation: "31 branches about τ, 0.7 apart in ln τ, whose parts of R sample the Cole–Cole distribution; dv_k/dt = (R_k·i − v_k)/τ_k",
+    mechanism: "An interface is not the same everywhere: its time constants are spread about that \
+    of the base's branch.",
+    state_equation: "31 branches about τ, 0.7 apart in ln τ, whose parts of R sample the Cole–Cole \
+    distribution; dv_k/dt = (R_k·i − v_k)/τ_k",
     impedance: "Z = R/(1 + (jωτ)^α); strength 1 − α",
-    source: "Cole and Cole, J. Chem. Phys. 9 (1941) 341; trapezoidal rule with the pole's remainder put onto the five middle branches",
+    source: "Cole and Cole, J. Chem. Phys. 9 (1941) 341; trapezoidal rule with the pole's \
+    remainder put onto the five middle branches",
     signature: "an arc flattened symmetrically in log f, a power law at its onset",
     confounders: &["diffusion", "warburg", "rc_slow"],
     contains: &[],
@@ -37,7 +40,15 @@ impl Effect for Cpe {
             return Vec::new();
         }
         vec![
-            Parameter::strength("one_minus_alpha", "", Range { lower: 0.0, upper: 0.6 }, 0.02),
+            Parameter::strength(
+                "one_minus_alpha",
+                "",
+                Range {
+                    lower: 0.0,
+                    upper: 0.6,
+                },
+                0.02,
+            ),
             Parameter::choice("branch", base.erm.branches.len()),
         ]
     }
@@ -52,17 +63,24 @@ impl Effect for Cpe {
         network.branches[k].r_ohm = parts[0] * whole.r_ohm;
         for (j, part) in parts.iter().enumerate().skip(1) {
             let spread = (SPACING * j as f64).exp();
-            let at = |tau_s: f64| Branch { r_ohm: part * whole.r_ohm, tau_s, ..whole };
-            network.branches.extend([at(whole.tau_s / spread), at(whole.tau_s * spread)]);
+            let at = |tau_s: f64| Branch {
+                r_ohm: part * whole.r_ohm,
+                tau_s,
+                ..whole
+            };
+            network
+                .branches
+                .extend([at(whole.tau_s / spread), at(whole.tau_s * spread)]);
         }
     }
 }
 
 /// Part of the resistance of the branch in the middle, then of each branch on one side of it.
 ///
-/// The distribution G(y) = sin(πs)/(2π(cosh αy − cos πs)), α = 1 − s, has poles at ±jδ, δ = πs/α, so near to the real axis for small s that the
-/// trapezoidal rule hΣG(jh)φ(jh) exceeds the integral by (φ(jδ) + φ(−jδ))/(α(exp(2πδ/h) − 1)). Its even derivatives of φ are taken as differences
-/// over the middle branches; what is proportional to φ(0) follows from the sum of all parts, which is 1.
+/// The distribution G(y) = sin(πs)/(2π(cosh αy − cos πs)), α = 1 − s, has poles at ±jδ, δ = πs/α,
+/// so near to the real axis for small s that the trapezoidal rule hΣG(jh)φ(jh) exceeds the integral
+/// by (φ(jδ) + φ(−jδ))/(α(exp(2πδ/h) − 1)). Its even derivatives of φ are taken as differences over
+/// the middle branches; what is proportional to φ(0) follows from the sum of all parts, which is 1.
 fn parts(s: f64) -> [f64; SIDE + 1] {
     let alpha = 1.0 - s;
     let (sin, cos) = (PI * s).sin_cos();

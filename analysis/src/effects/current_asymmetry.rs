@@ -1,6 +1,8 @@
 //! Resistances differ between charge and discharge.
 
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record};
+use super::{
+    Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
+};
 use num_complex::Complex64;
 use std::f64::consts::FRAC_1_PI;
 
@@ -9,13 +11,18 @@ static CARD: Card = Card {
     title: "different resistance for charge and discharge",
     group: Group::Cell,
     mechanism: "Insertion and extraction do not meet the same resistance, at any current.",
-    state_equation: "R = R_ref·(1 + a) for i < 0 (charge), R_ref for i ≥ 0, for all resistances; capacitances stay",
-    impedance: "the base's with its resistances multiplied by 1 + a·w; w = (arccos u − u√(1 − u²))/π, u = bias/amplitude: ½ without a direct current",
-    source: "Plett, Battery Management Systems I, chapter 2: separate resistances of charge and discharge; describing function of a bent line",
-    signature: "depends on the sign of the current at once, by the same fraction at every amplitude",
+    state_equation: "R = R_ref·(1 + a) for i < 0 (charge), R_ref for i ≥ 0, for all resistances; \
+    capacitances stay",
+    impedance: "the base's with its resistances multiplied by 1 + a·w; w = (arccos u − u√(1 − \
+    u²))/π, u = bias/amplitude: ½ without a direct current",
+    source: "Plett, Battery Management Systems I, chapter 2: separate resistances of charge and \
+    discharge; describing function of a bent line",
+    signature: "depends on the sign of the current at once, by the same fraction at every \
+    amplitude",
     confounders: &["butler_volmer_asymmetric", "hysteresis"],
     contains: &[],
-    experiment: "pulses of both signs at several amplitudes; sweeps under direct current of both signs",
+    experiment: "pulses of both signs at several amplitudes; sweeps under direct current of both \
+    signs",
 };
 
 /// See [`Effect::card`].
@@ -31,7 +38,15 @@ impl Effect for CurrentAsymmetry {
         if base.facts.greatest_a <= 0.0 {
             return Vec::new();
         }
-        vec![Parameter::strength("a", "", Range { lower: -0.5, upper: 0.5 }, 0.01)]
+        vec![Parameter::strength(
+            "a",
+            "",
+            Range {
+                lower: -0.5,
+                upper: 0.5,
+            },
+            0.01,
+        )]
     }
 
     fn impedance(&self, p: &[f64], base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
@@ -42,7 +57,9 @@ impl Effect for CurrentAsymmetry {
     }
 
     fn dynamics(&self, p: &[f64], _base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        Some(Box::new(Sign { charging: 1.0 + p[0] }))
+        Some(Box::new(Sign {
+            charging: 1.0 + p[0],
+        }))
     }
 }
 
@@ -62,6 +79,10 @@ struct Sign {
 
 impl Dynamics for Sign {
     fn modulation(&self, at: &Instant) -> Modulation {
-        Modulation::all(if at.current_a < 0.0 { self.charging } else { 1.0 })
+        Modulation::all(if at.current_a < 0.0 {
+            self.charging
+        } else {
+            1.0
+        })
     }
 }

@@ -6,7 +6,8 @@ static CARD: Card = Card {
     name: "current_gain",
     title: "gain error of the current channel",
     group: Group::Bench,
-    mechanism: "Spectra and time records were measured with different current sensors, one of which reads too little or too much.",
+    mechanism: "Spectra and time records were measured with different current sensors, one of \
+    which reads too little or too much.",
     state_equation: "i = (1 + g)·i_logged in records; g as a fraction",
     impedance: "none: spectra are taken as the reference",
     source: "data sheets of current sensors: gain error",
@@ -30,7 +31,15 @@ impl Effect for CurrentGain {
         if base.facts.longest_s <= 0.0 || base.facts.highest_hz.is_none() {
             return Vec::new();
         }
-        vec![Parameter::strength("gain", "", Range { lower: -0.3, upper: 0.3 }, 0.01)]
+        vec![Parameter::strength(
+            "gain",
+            "",
+            Range {
+                lower: -0.3,
+                upper: 0.3,
+            },
+            0.01,
+        )]
     }
 
     fn current(&self, p: &[f64], _record: &Record<'_>, current_a: &mut [f64]) {

@@ -6,7 +6,8 @@ static CARD: Card = Card {
     name: "current_offset",
     title: "zero error of the current channel",
     group: Group::Bench,
-    mechanism: "The logger of the time records shows a current where none flows; the counted charge drifts with it.",
+    mechanism: "The logger of the time records shows a current where none flows; the counted \
+    charge drifts with it.",
     state_equation: "i = i_logged − i_off; i_off in A, discharge positive",
     impedance: "none: a sweep does not see direct current",
     source: "data sheets of current sensors: zero-flux offset",
@@ -30,7 +31,15 @@ impl Effect for CurrentOffset {
             return Vec::new();
         }
         let most_a = 0.05 * base.facts.greatest_a;
-        vec![Parameter::strength("offset_a", "A", Range { lower: -most_a, upper: most_a }, 0.02 * most_a)]
+        vec![Parameter::strength(
+            "offset_a",
+            "A",
+            Range {
+                lower: -most_a,
+                upper: most_a,
+            },
+            0.02 * most_a,
+        )]
     }
 
     fn current(&self, p: &[f64], _record: &Record<'_>, current_a: &mut [f64]) {

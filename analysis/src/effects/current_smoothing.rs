@@ -6,7 +6,8 @@ static CARD: Card = Card {
     name: "current_smoothing",
     title: "smoothing of the logged current",
     group: Group::Bench,
-    mechanism: "The current channel of the time records averages or filters, so that the voltage steps before the current does.",
+    mechanism: "The current channel of the time records averages or filters, so that the voltage \
+    steps before the current does.",
     state_equation: "τ·dy/dt = i − y, i_logged the mean of y over a sampling interval; τ in s",
     impedance: "none: the sweeps' current is fitted at one frequency by another instrument",
     source: "first-order low-pass averaged over the sampling interval, inverted step by step",
@@ -34,11 +35,17 @@ impl Effect for CurrentSmoothing {
         }
         let upper = (0.1 * base.facts.longest_s).min(5.0);
         let typical = (0.01 * upper).min(0.1 * base.facts.shortest_s);
-        vec![Parameter::strength("tau_s", "s", Range { lower: 0.0, upper }, typical)]
+        vec![Parameter::strength(
+            "tau_s",
+            "s",
+            Range { lower: 0.0, upper },
+            typical,
+        )]
     }
 
-    /// A first-order lag whose output is averaged over each step is undone exactly: with m = (τ/h)(1 − exp(−h/τ)), the part of a step's mean that is still
-    /// the lagging state y, i = (logged − m·y)/(1 − m) and y moves to i + (y − i)exp(−h/τ).
+    /// A first-order lag whose output is averaged over each step is undone exactly: with m =
+    /// (τ/h)(1 − exp(−h/τ)), the part of a step's mean that is still the lagging state y, i =
+    /// (logged − m·y)/(1 − m) and y moves to i + (y − i)exp(−h/τ).
     fn current(&self, p: &[f64], record: &Record<'_>, current_a: &mut [f64]) {
         let tau_s = p[0];
         if tau_s <= 0.0 {

@@ -8,10 +8,13 @@ static CARD: Card = Card {
     name: "electrolyte_depletion",
     title: "depletion of the electrolyte",
     group: Group::Cell,
-    mechanism: "The current takes up salt faster than diffusion brings it; the concentration overpotential grows without limit where none is left.",
-    state_equation: "τ·dc/dt = −c + g·i, V += (2kT/e)(1 − t₊)·ln(1 − c); c the part of the salt that is missing, g in 1/A, τ in s, t₊ = 0.38 fixed",
+    mechanism: "The current takes up salt faster than diffusion brings it; the concentration \
+    overpotential grows without limit where none is left.",
+    state_equation: "τ·dc/dt = −c + g·i, V += (2kT/e)(1 − t₊)·ln(1 − c); c the part of the salt \
+    that is missing, g in 1/A, τ in s, t₊ = 0.38 fixed",
     impedance: "Z += (2kT/e)(1 − t₊)·g/((1 − g·i_bias)(1 + jωτ))",
-    source: "Newman and Thomas-Alyea, Electrochemical Systems, concentration cells; t₊: Valøen and Reimers, J. Electrochem. Soc. 152 (2005) A882",
+    source: "Newman and Thomas-Alyea, Electrochemical Systems, concentration cells; t₊: Valøen and \
+    Reimers, J. Electrochem. Soc. 152 (2005) A882",
     signature: "resistance grows within a pulse of high discharge current, more than in proportion",
     confounders: &["rc_slow", "diffusion", "surface_soc", "soc_resistance"],
     contains: &[],
@@ -39,7 +42,10 @@ impl Effect for ElectrolyteDepletion {
         }
         // Pulses shorter than τ reach a part of g·i only, so that g·i may exceed 1.
         let upper = 4.0 / greatest_a;
-        let range = Range { lower: 0.2, upper: 500.0 };
+        let range = Range {
+            lower: 0.2,
+            upper: 500.0,
+        };
         vec![
             Parameter::strength("g_per_a", "1/A", Range { lower: 0.0, upper }, 0.02 * upper),
             Parameter::shape("tau_s", "s", range, vec![3.0, 30.0]),
@@ -56,7 +62,12 @@ impl Effect for ElectrolyteDepletion {
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        Some(Box::new(Salt { g_per_a: p[0], tau_s: p[1], scale_v: scale_v(base.facts.temperature_c), missing: 0.0 }))
+        Some(Box::new(Salt {
+            g_per_a: p[0],
+            tau_s: p[1],
+            scale_v: scale_v(base.facts.temperature_c),
+            missing: 0.0,
+        }))
     }
 }
 
@@ -78,6 +89,7 @@ impl Dynamics for Salt {
     }
 
     fn advance(&mut self, at: &Instant, step_s: f64) {
-        self.missing += -(-step_s / self.tau_s).exp_m1() * (self.g_per_a * at.current_a - self.missing);
+        self.missing +=
+            -(-step_s / self.tau_s).exp_m1() * (self.g_per_a * at.current_a - self.missing);
     }
 }

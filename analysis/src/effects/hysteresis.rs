@@ -8,11 +8,14 @@ static CARD: Card = Card {
     name: "hysteresis",
     title: "hysteresis of one state",
     group: Group::Cell,
-    mechanism: "Particles fill and empty along different paths, so that the voltage at rest stays lower after a discharge than after a charge.",
-    state_equation: "dh/dt = −|γi/3600Q|·(h + sgn i), V += M·(h − h₀); h₀ at the start of a record is 0, or what all charge since the first record has made of that one's; M in V",
+    mechanism: "Particles fill and empty along different paths, so that the voltage at rest stays \
+    lower after a discharge than after a charge.",
+    state_equation: "dh/dt = −|γi/3600Q|·(h + sgn i), V += M·(h − h₀); h₀ at the start of a record \
+    is 0, or what all charge since the first record has made of that one's; M in V",
     impedance: "Z += M·γ/(jω·3600Q), from h = 0",
     source: "Plett, Battery Management Systems I, chapter 2: one-state hysteresis",
-    signature: "depends on the charge since the last reversal, not on time; rest does not remove it",
+    signature: "depends on the charge since the last reversal, not on time; rest does not remove \
+    it",
     confounders: &["ocv_slope", "rc_slow", "diffusion", "current_asymmetry"],
     contains: &[],
     experiment: "minor loops: charge and discharge of growing size with rests",
@@ -36,14 +39,33 @@ impl Effect for Hysteresis {
             return Vec::new();
         }
         // Below 1/γ = 3 × the widest reach the state is a slope of the open-circuit voltage.
-        let range = Range { lower: 0.3 / widest, upper: 1000.0 / widest };
+        let range = Range {
+            lower: 0.3 / widest,
+            upper: 1000.0 / widest,
+        };
         vec![
-            Parameter::strength("m_v", "V", Range { lower: 0.0, upper: 0.2 }, 2e-3),
+            Parameter::strength(
+                "m_v",
+                "V",
+                Range {
+                    lower: 0.0,
+                    upper: 0.2,
+                },
+                2e-3,
+            ),
             Parameter::shape("gamma", "", range, log_grid(3.0 / widest, 60.0 / widest, 3)),
             // Each record from the middle, or from where all charge since the first one has led.
             Parameter::choice("carried", 2),
             // Wider than can be, for what lies at a bound is not named.
-            Parameter::state("first", Range { lower: -1.5, upper: 1.5 }, vec![0.9], (2, 1.0)),
+            Parameter::state(
+                "first",
+                Range {
+                    lower: -1.5,
+                    upper: 1.5,
+                },
+                vec![0.9],
+                (2, 1.0),
+            ),
         ]
     }
 
@@ -51,7 +73,8 @@ impl Effect for Hysteresis {
         p[2] > 0.5
     }
 
-    /// From the middle: where the campaign has left it says nothing of the cell that a prediction is for.
+    /// From the middle: where the campaign has left it says nothing of the cell that a prediction
+    /// is for.
     fn predicting(&self, mut p: Vec<f64>) -> Vec<f64> {
         p[2] = 0.0;
         p
@@ -68,15 +91,30 @@ impl Effect for Hysteresis {
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
         let gamma_per_c = p[1] / (3600.0 * base.ocv.capacity_ah);
-        let carried = || record.before.iter().fold(p[3].clamp(-1.0, 1.0), |h, moved| after(h, gamma_per_c, *moved));
+        let carried = || {
+            record
+                .before
+                .iter()
+                .fold(p[3].clamp(-1.0, 1.0), |h, moved| {
+                    after(h, gamma_per_c, *moved)
+                })
+        };
         let start = if p[2] > 0.5 { carried() } else { 0.0 };
         let slope_v = base.ocv.at(record.soc).1;
         let soc_off = (p[0] * start / slope_v.max(1e-9)).clamp(-MOST_OFF, MOST_OFF);
-        Some(Box::new(Path { m_v: p[0], gamma_per_c, start, h: start, soc_off, slope_v }))
+        Some(Box::new(Path {
+            m_v: p[0],
+            gamma_per_c,
+            start,
+            h: start,
+            soc_off,
+            slope_v,
+        }))
     }
 }
 
-/// The state after a charge. Swings that are small against 1/γ wear off what was there, whichever way they go.
+/// The state after a charge. Swings that are small against 1/γ wear off what was there, whichever
+/// way they go.
 fn after(h: f64, gamma_per_c: f64, moved: Moved) -> f64 {
     if moved.through_c <= 0.0 {
         return h;
@@ -90,7 +128,8 @@ struct Path {
     gamma_per_c: f64,
     start: f64,
     h: f64,
-    /// What the state of charge at the start was read too high, for it was read from a voltage that held M·h₀.
+    /// What the state of charge at the start was read too high, for it was read from a voltage that
+    /// held M·h₀.
     soc_off: f64,
     /// Slope of the open-circuit voltage there, V.
     slope_v: f64,
@@ -102,6 +141,10 @@ impl Dynamics for Path {
     }
 
     fn advance(&mut self, at: &Instant, step_s: f64) {
-        self.h = after(self.h, self.gamma_per_c, Moved::one_way(-at.current_a * step_s));
+        self.h = after(
+            self.h,
+            self.gamma_per_c,
+            Moved::one_way(-at.current_a * step_s),
+        );
     }
 }

@@ -10,11 +10,15 @@ static CARD: Card = Card {
     name: "insufficient_rest",
     title: "insufficient rest before a record",
     group: Group::Bench,
-    mechanism: "What went before a record has not relaxed yet when it starts; the voltage goes on moving whatever the record does.",
-    state_equation: "u = u_at_rest + A·exp(−t/τ), t since the start of the record; A in V, the same for all records of a cell; τ in s",
-    impedance: "left out: drift under a sweep spoils its lowest frequencies, which the Kramers–Kronig test finds",
+    mechanism: "What went before a record has not relaxed yet when it starts; the voltage goes on \
+    moving whatever the record does.",
+    state_equation: "u = u_at_rest + A·exp(−t/τ), t since the start of the record; A in V, the \
+    same for all records of a cell; τ in s",
+    impedance: "left out: drift under a sweep spoils its lowest frequencies, which the \
+    Kramers–Kronig test finds",
     source: "superposition of relaxations in a linear network",
-    signature: "the voltage creeps at the start of every record, most in the first rest, and then settles",
+    signature: "the voltage creeps at the start of every record, most in the first rest, and then \
+    settles",
     confounders: &["thermal_emf", "current_offset", "self_discharge", "rc_slow"],
     contains: &[],
     experiment: "rest for hours, then the same record again",
@@ -35,11 +39,22 @@ impl Effect for InsufficientRest {
             return Vec::new();
         }
         vec![
-            Parameter::strength("start_v", "V", Range { lower: -MOST_V, upper: MOST_V }, 0.01 * MOST_V),
+            Parameter::strength(
+                "start_v",
+                "V",
+                Range {
+                    lower: -MOST_V,
+                    upper: MOST_V,
+                },
+                0.01 * MOST_V,
+            ),
             Parameter::shape(
                 "tau_s",
                 "s",
-                Range { lower: 0.003 * longest_s, upper: 3.0 * longest_s },
+                Range {
+                    lower: 0.003 * longest_s,
+                    upper: 3.0 * longest_s,
+                },
                 log_grid(0.03 * longest_s, longest_s, 3),
             ),
         ]
@@ -50,6 +65,9 @@ impl Effect for InsufficientRest {
             return;
         }
         let start_s = record.time_s.first().copied().unwrap_or(0.0);
-        voltage_v.iter_mut().zip(record.time_s).for_each(|(v, t)| *v += p[0] * (-(t - start_s) / p[1]).exp());
+        voltage_v
+            .iter_mut()
+            .zip(record.time_s)
+            .for_each(|(v, t)| *v += p[0] * (-(t - start_s) / p[1]).exp());
     }
 }

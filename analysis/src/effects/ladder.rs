@@ -1,8 +1,10 @@
 //! Ladders of relaxations that stand for diffusion over a finite length.
 //!
-//! tanh(√s)/√s = Σ 2/(s + g) with g = (k + ½)²π², k = 0, 1, …, and 3(coth(√s)/√s − 1/s) = Σ 6/(s + g) with g = k²π², k = 1, 2, …: both are 1 at s = 0.
-//! The first terms are kept as they are; later ones, whose time constants lie close together, are merged by groups, each group with its resistance
-//! and its mean time constant; all beyond the last group become one more rung: nothing is dropped.
+//! tanh(√s)/√s = Σ 2/(s + g) with g = (k + ½)²π², k = 0, 1, …, and 3(coth(√s)/√s − 1/s) = Σ 6/(s +
+//! g) with g = k²π², k = 1, 2, …: both are 1 at s = 0. The first terms are kept as they are; later
+//! ones, whose time constants lie close together, are merged by groups, each group with its
+//! resistance and its mean time constant; all beyond the last group become one more rung: nothing
+//! is dropped.
 
 use std::sync::LazyLock;
 
@@ -32,20 +34,33 @@ pub(super) fn reflective() -> &'static [Rung] {
     &LADDER
 }
 
-/// Σ scale/(s + g), g = (k + shift)²π², merged from term [`SINGLE`] on and lumped from term `last` on.
+/// Σ scale/(s + g), g = (k + shift)²π², merged from term [`SINGLE`] on and lumped from term `last`
+/// on.
 fn ladder(shift: f64, scale: f64, last: usize) -> Vec<Rung> {
     let rate = |k: usize| ((k as f64 + shift) * std::f64::consts::PI).powi(2);
     let mut rungs = Vec::new();
     let mut from = 0;
     while from < last {
-        let to = if from < SINGLE { from + 1 } else { ((from as f64 * RATIO).ceil() as usize).min(last) };
-        let (part, moment) = (from..to).map(rate).fold((0.0, 0.0), |(part, moment), g| (part + scale / g, moment + scale / (g * g)));
-        rungs.push(Rung { part, time: moment / part });
+        let to = if from < SINGLE {
+            from + 1
+        } else {
+            ((from as f64 * RATIO).ceil() as usize).min(last)
+        };
+        let (part, moment) = (from..to).map(rate).fold((0.0, 0.0), |(part, moment), g| {
+            (part + scale / g, moment + scale / (g * g))
+        });
+        rungs.push(Rung {
+            part,
+            time: moment / part,
+        });
         from = to;
     }
     let part = 1.0 - rungs.iter().map(|r| r.part).sum::<f64>();
     // Σ 1/g² beyond a large k is 1/(3π⁴k³), Σ 1/g is 1/(π²k).
-    rungs.push(Rung { part, time: 1.0 / (3.0 * rate(last)) });
+    rungs.push(Rung {
+        part,
+        time: 1.0 / (3.0 * rate(last)),
+    });
     rungs
 }
 
@@ -73,7 +88,10 @@ mod tests {
                 }
             }
         }
-        assert!(worst < 1e-3, "largest error {worst}, as a part of the resistance");
+        assert!(
+            worst < 1e-3,
+            "largest error {worst}, as a part of the resistance"
+        );
         assert!(relative < 1e-2, "largest relative error {relative}");
     }
 }

@@ -1,9 +1,11 @@
-//! The catalogue of effects that a model may lack: one file per effect, each with its mechanism, equations, bounds, signature and the experiment that
-//! would settle it.
+//! The catalogue of effects that a model may lack: one file per effect, each with its mechanism,
+//! equations, bounds, signature and the experiment that would settle it.
 //!
-//! An effect has a *strength*, its first parameter, which is zero where the effect is absent, and perhaps *shape* parameters. It acts through the hooks of
-//! [`Effect`]: on the linear network, on a spectrum's point, on what the current channel says, on the cell while time passes, on what the voltage channel
-//! says. [`crate::augmented`] plays any set of them together. What is not here: the search for the effect ([`crate::diagnosis`]).
+//! An effect has a *strength*, its first parameter, which is zero where the effect is absent, and
+//! perhaps *shape* parameters. It acts through the hooks of [`Effect`]: on the linear network, on a
+//! spectrum's point, on what the current channel says, on the cell while time passes, on what the
+//! voltage channel says. [`crate::augmented`] plays any set of them together. What is not here: the
+//! search for the effect ([`crate::diagnosis`]).
 
 mod ageing;
 mod butler_volmer;
@@ -92,20 +94,24 @@ pub struct Card {
     pub experiment: &'static str,
 }
 
-/// One effect. All hooks default to "nothing happens". `p` are the values of [`Effect::parameters`], in their units and order.
+/// One effect. All hooks default to "nothing happens". `p` are the values of
+/// [`Effect::parameters`], in their units and order.
 pub trait Effect: Sync {
     /// What is known of it.
     fn card(&self) -> &'static Card;
 
-    /// Its parameters with bounds derived from the base fit, the strength first; none where it does not apply to this base or data.
+    /// Its parameters with bounds derived from the base fit, the strength first; none where it does
+    /// not apply to this base or data.
     fn parameters(&self, base: &Base) -> Vec<Parameter>;
 
-    /// Whether it is another in each of several runs that repeat each other: it goes by their order, their start or the charge before them.
+    /// Whether it is another in each of several runs that repeat each other: it goes by their
+    /// order, their start or the charge before them.
     fn tells_repeats_apart(&self, _p: &[f64]) -> bool {
         false
     }
 
-    /// The values for predictions, in which time since the campaign and charge before it are not known: by default the same.
+    /// The values for predictions, in which time since the campaign and charge before it are not
+    /// known: by default the same.
     fn predicting(&self, p: Vec<f64>) -> Vec<f64> {
         p
     }
@@ -122,7 +128,12 @@ pub trait Effect: Sync {
     fn current(&self, _p: &[f64], _record: &Record<'_>, _current_a: &mut [f64]) {}
 
     /// What goes on in the cell while time passes; none where nothing does.
-    fn dynamics(&self, _p: &[f64], _base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
+    fn dynamics(
+        &self,
+        _p: &[f64],
+        _base: &Base,
+        _record: &Record<'_>,
+    ) -> Option<Box<dyn Dynamics>> {
         None
     }
 
@@ -147,6 +158,7 @@ pub trait Dynamics {
         0.0
     }
 
-    /// Moves the state over `step_s` seconds in which the current of `at` flows; `at` is the instant at the start.
+    /// Moves the state over `step_s` seconds in which the current of `at` flows; `at` is the
+    /// instant at the start.
     fn advance(&mut self, _at: &Instant, _step_s: f64) {}
 }

@@ -42,30 +42,73 @@ pub struct Parameter {
 impl Parameter {
     /// The strength of an effect: zero is absence.
     pub fn strength(name: &'static str, unit: &'static str, range: Range, typical: f64) -> Self {
-        Self { name, unit, range, scale: Scale::Linear, typical, starts: Vec::new(), only_with: None }
+        Self {
+            name,
+            unit,
+            range,
+            scale: Scale::Linear,
+            typical,
+            starts: Vec::new(),
+            only_with: None,
+        }
     }
 
     /// A positive shape parameter searched by its logarithm from several starts.
     pub fn shape(name: &'static str, unit: &'static str, range: Range, starts: Vec<f64>) -> Self {
         let typical = starts.first().copied().unwrap_or(range.lower);
-        Self { name, unit, range, scale: Scale::Log, typical, starts, only_with: None }
+        Self {
+            name,
+            unit,
+            range,
+            scale: Scale::Log,
+            typical,
+            starts,
+            only_with: None,
+        }
     }
 
     /// A state of either sign that is searched as it is where the choice of an index has a value.
-    pub fn state(name: &'static str, range: Range, starts: Vec<f64>, only_with: (usize, f64)) -> Self {
-        Self { name, unit: "", range, scale: Scale::Linear, typical: 1.0, starts, only_with: Some(only_with) }
+    pub fn state(
+        name: &'static str,
+        range: Range,
+        starts: Vec<f64>,
+        only_with: (usize, f64),
+    ) -> Self {
+        Self {
+            name,
+            unit: "",
+            range,
+            scale: Scale::Linear,
+            typical: 1.0,
+            starts,
+            only_with: Some(only_with),
+        }
     }
 
     /// A choice among whole numbers from 0 on, each tried.
     pub fn choice(name: &'static str, count: usize) -> Self {
         let starts: Vec<f64> = (0..count).map(|k| k as f64).collect();
-        let range = Range { lower: 0.0, upper: count as f64 };
-        Self { name, unit: "", range, scale: Scale::Choice, typical: 1.0, starts, only_with: None }
+        let range = Range {
+            lower: 0.0,
+            upper: count as f64,
+        };
+        Self {
+            name,
+            unit: "",
+            range,
+            scale: Scale::Choice,
+            typical: 1.0,
+            starts,
+            only_with: None,
+        }
     }
 }
 
-/// `count` values from `low` to `high`, equally spaced on a logarithmic scale; `low` alone for a count of 1.
+/// `count` values from `low` to `high`, equally spaced on a logarithmic scale; `low` alone for a
+/// count of 1.
 pub(crate) fn log_grid(low: f64, high: f64, count: usize) -> Vec<f64> {
     let last = count.saturating_sub(1).max(1) as f64;
-    (0..count).map(|k| low * (high / low).powf(k as f64 / last)).collect()
+    (0..count)
+        .map(|k| low * (high / low).powf(k as f64 / last))
+        .collect()
 }

@@ -12,7 +12,8 @@ static CARD: Card = Card {
     state_equation: "dv/dt = (R·i − v)/τ; R in Ω, τ in s",
     impedance: "Z = R/(1 + jωτ)",
     source: "thesis, equation 3.1, one more branch",
-    signature: "a single exponential after an edge, proportional to the current, the same for charge and discharge",
+    signature: "a single exponential after an edge, proportional to the current, the same for \
+    charge and discharge",
     confounders: &["diffusion", "warburg", "hysteresis", "cpe"],
     contains: &[],
     experiment: "a longer pulse with a long rest",
@@ -29,11 +30,28 @@ impl Effect for RcSlow {
 
     fn parameters(&self, base: &Base) -> Vec<Parameter> {
         let dc_ohm = base.erm.dc_resistance_ohm();
-        let slowest_s = base.facts.longest_s.max(base.facts.lowest_hz.map_or(0.0, |f| 1.0 / f));
-        let fastest_s = base.facts.highest_hz.map_or(base.facts.shortest_s, |f| 0.1 / f);
-        let range = Range { lower: fastest_s, upper: 3.0 * slowest_s };
+        let slowest_s = base
+            .facts
+            .longest_s
+            .max(base.facts.lowest_hz.map_or(0.0, |f| 1.0 / f));
+        let fastest_s = base
+            .facts
+            .highest_hz
+            .map_or(base.facts.shortest_s, |f| 0.1 / f);
+        let range = Range {
+            lower: fastest_s,
+            upper: 3.0 * slowest_s,
+        };
         vec![
-            Parameter::strength("r_ohm", "Ω", Range { lower: 0.0, upper: dc_ohm }, 0.02 * dc_ohm),
+            Parameter::strength(
+                "r_ohm",
+                "Ω",
+                Range {
+                    lower: 0.0,
+                    upper: dc_ohm,
+                },
+                0.02 * dc_ohm,
+            ),
             Parameter::shape("tau_s", "s", range, log_grid(fastest_s * 3.0, slowest_s, 6)),
         ]
     }

@@ -1,4 +1,5 @@
-//! All resistances of the network a part larger at constant time constants: how a cell scatters from run to run. Never named: the noise is made of it.
+//! All resistances of the network a part larger at constant time constants: how a cell scatters
+//! from run to run. Never named: the noise is made of it.
 
 use super::{Base, Card, Effect, Group, Parameter};
 use crate::augmented::Network;
@@ -36,6 +37,9 @@ impl Effect for ResistanceSpread {
 
     fn network(&self, p: &[f64], _base: &Base, network: &mut Network) {
         network.r_ohm *= 1.0 + p[0];
-        network.branches.iter_mut().for_each(|b| b.r_ohm *= 1.0 + p[0]);
+        network
+            .branches
+            .iter_mut()
+            .for_each(|b| b.r_ohm *= 1.0 + p[0]);
     }
 }

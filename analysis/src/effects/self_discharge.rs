@@ -8,7 +8,8 @@ static CARD: Card = Card {
     title: "self-discharge",
     group: Group::Cell,
     mechanism: "A side reaction or a soft short inside the cell takes charge that no meter sees.",
-    state_equation: "OCV = U(z − i_sd·t/3600Q); i_sd in A, t since the start of the record, whose state of charge is known anew for each record",
+    state_equation: "OCV = U(z − i_sd·t/3600Q); i_sd in A, t since the start of the record, whose \
+    state of charge is known anew for each record",
     impedance: "none",
     source: "charge balance: a leakage current within the cell",
     signature: "the voltage falls in proportion to time, at rest as well, but never rises",
@@ -32,11 +33,19 @@ impl Effect for SelfDischarge {
         }
         // A soft short that empties the cell within two hours.
         let upper = 0.5 * base.ocv.capacity_ah;
-        vec![Parameter::strength("leak_a", "A", Range { lower: 0.0, upper }, 0.01 * upper)]
+        vec![Parameter::strength(
+            "leak_a",
+            "A",
+            Range { lower: 0.0, upper },
+            0.01 * upper,
+        )]
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        Some(Box::new(Leak { rate_per_s: p[0] / (3600.0 * base.ocv.capacity_ah), curve: base.ocv.clone() }))
+        Some(Box::new(Leak {
+            rate_per_s: p[0] / (3600.0 * base.ocv.capacity_ah),
+            curve: base.ocv.clone(),
+        }))
     }
 }
 

@@ -6,19 +6,32 @@ static CARD: Card = Card {
     name: "self_heating",
     title: "Joule self-heating with Arrhenius resistance",
     group: Group::Cell,
-    mechanism: "The current's heat warms the cell above its surroundings; ions and charge transfer follow Arrhenius, so that all resistances fall.",
-    state_equation: "C·dΔT/dt = P − ΔT/R_th, P the power in the resistances, R = R_ref·exp(−κ·ΔT/(1 + ΔT/T)); with the heat kept h = C·ΔT: dh/dt = P − h/τ; g = κ/C in 1/J, τ = R_th·C in s; C is taken as 14.8 J/K per Ah for 1 + ΔT/T",
-    impedance: "none: at another temperature R·exp(−κ(T − T_ref)), but g = κ/C does not give κ alone, so that the start temperature of a run is left out",
-    source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, without the reversible term; Arrhenius: 1/T − 1/(T + ΔT) = ΔT/T²/(1 + ΔT/T)",
-    signature: "resistance falls with the heat received, the same for both signs, lasts for minutes",
-    confounders: &["soc_resistance", "butler_volmer", "shunt_heating", "entropic_heat", "ageing"],
+    mechanism: "The current's heat warms the cell above its surroundings; ions and charge transfer \
+    follow Arrhenius, so that all resistances fall.",
+    state_equation: "C·dΔT/dt = P − ΔT/R_th, P the power in the resistances, R = \
+    R_ref·exp(−κ·ΔT/(1 + ΔT/T)); with the heat kept h = C·ΔT: dh/dt = P − h/τ; g = κ/C in 1/J, τ = \
+    R_th·C in s; C is taken as 14.8 J/K per Ah for 1 + ΔT/T",
+    impedance: "none: at another temperature R·exp(−κ(T − T_ref)), but g = κ/C does not give κ \
+    alone, so that the start temperature of a run is left out",
+    source: "Bernardi, Pawlikowski, Newman, J. Electrochem. Soc. 132 (1985) 5, without the \
+    reversible term; Arrhenius: 1/T − 1/(T + ΔT) = ΔT/T²/(1 + ΔT/T)",
+    signature: "resistance falls with the heat received, the same for both signs, lasts for \
+    minutes",
+    confounders: &[
+        "soc_resistance",
+        "butler_volmer",
+        "shunt_heating",
+        "entropic_heat",
+        "ageing",
+    ],
     contains: &[],
     experiment: "bursts of ±100 A without net charge; a thermocouple",
 };
 
 /// 0 °C in K.
 const ZERO_C_K: f64 = 273.15;
-/// Heat capacity of a cell by its capacity, J/(K·Ah): that of a P45B; only the bend of Arrhenius' law hangs on it, a few percent of the effect.
+/// Heat capacity of a cell by its capacity, J/(K·Ah): that of a P45B; only the bend of Arrhenius'
+/// law hangs on it, a few percent of the effect.
 const HEAT_PER_AH: f64 = 14.8;
 
 /// See [`Effect::card`].
@@ -38,13 +51,27 @@ impl Effect for SelfHeating {
         let upper = 0.08 / (10.0 * base.ocv.capacity_ah);
         vec![
             Parameter::strength("g_per_j", "1/J", Range { lower: 0.0, upper }, 0.05 * upper),
-            Parameter::shape("tau_s", "s", Range { lower: 60.0, upper: 6000.0 }, vec![600.0]),
+            Parameter::shape(
+                "tau_s",
+                "s",
+                Range {
+                    lower: 60.0,
+                    upper: 6000.0,
+                },
+                vec![600.0],
+            ),
         ]
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        let bend_per_j = 1.0 / (HEAT_PER_AH * base.ocv.capacity_ah * (record.temperature_c + ZERO_C_K));
-        Some(Box::new(Heat { g_per_j: p[0], tau_s: p[1], bend_per_j, heat_j: 0.0 }))
+        let bend_per_j =
+            1.0 / (HEAT_PER_AH * base.ocv.capacity_ah * (record.temperature_c + ZERO_C_K));
+        Some(Box::new(Heat {
+            g_per_j: p[0],
+            tau_s: p[1],
+            bend_per_j,
+            heat_j: 0.0,
+        }))
     }
 }
 

@@ -64,7 +64,8 @@ impl Facts {
 
     /// Shortest time that the data resolve, s: a sample or a tenth of a period, about 1/ω.
     pub(super) fn fastest_s(&self) -> f64 {
-        self.shortest_s.min(self.highest_hz.map_or(f64::INFINITY, |f| 0.1 / f))
+        self.shortest_s
+            .min(self.highest_hz.map_or(f64::INFINITY, |f| 0.1 / f))
     }
 }
 
@@ -88,7 +89,8 @@ pub struct Point {
     pub temperature_c: f64,
     /// Order of the run in time, 0 for the first.
     pub order: f64,
-    /// Start of the run since the start of the campaign, s; of a point whose time within the sweep is told, that time.
+    /// Start of the run since the start of the campaign, s; of a point whose time within the sweep
+    /// is told, that time.
     pub start_s: f64,
     /// False for a control impedance in the jig: only the bench acts then.
     pub is_cell: bool,
@@ -96,7 +98,8 @@ pub struct Point {
     pub below: Below,
 }
 
-/// What lies between the lower tap of what was swept and the ground of the channels; nothing where a channel sees the difference of both taps.
+/// What lies between the lower tap of what was swept and the ground of the channels; nothing where
+/// a channel sees the difference of both taps.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Below {
     /// Resistance, Ω.
@@ -129,7 +132,8 @@ pub struct Record<'a> {
     pub start_s: f64,
     /// False for a control impedance in the jig.
     pub is_cell: bool,
-    /// Charge that the runs before it and what went on between them moved through the cell, in the order of time.
+    /// Charge that the runs before it and what went on between them moved through the cell, in the
+    /// order of time.
     pub before: &'a [Moved],
 }
 
@@ -138,14 +142,18 @@ pub struct Record<'a> {
 pub struct Moved {
     /// What is in the cell more than before, C.
     pub charge_c: f64,
-    /// What has gone in and out together, C: the size of the charge where there was no reversal, more than it for a sweep's swings.
+    /// What has gone in and out together, C: the size of the charge where there was no reversal,
+    /// more than it for a sweep's swings.
     pub through_c: f64,
 }
 
 impl Moved {
     /// A charge without a reversal, C.
     pub fn one_way(charge_c: f64) -> Self {
-        Self { charge_c, through_c: charge_c.abs() }
+        Self {
+            charge_c,
+            through_c: charge_c.abs(),
+        }
     }
 }
 
@@ -164,7 +172,8 @@ pub struct Instant {
     pub slope_v: f64,
     /// Overpotential: what current and branches take off the OCV, V, positive under discharge.
     pub overpotential_v: f64,
-    /// Power that goes into the capacitances of the branches, W; negative where they give it back to their resistances.
+    /// Power that goes into the capacitances of the branches, W; negative where they give it back
+    /// to their resistances.
     pub stored_w: f64,
 }
 
@@ -175,7 +184,8 @@ impl Instant {
     }
 }
 
-/// Factors on resistances. Capacitances stay, so that a branch's time constant follows its resistance.
+/// Factors on resistances. Capacitances stay, so that a branch's time constant follows its
+/// resistance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Modulation {
     /// On the series resistance.
@@ -186,18 +196,27 @@ pub struct Modulation {
 
 impl Modulation {
     /// No change.
-    pub const NONE: Self = Self { series: 1.0, branches: 1.0 };
+    pub const NONE: Self = Self {
+        series: 1.0,
+        branches: 1.0,
+    };
 
     /// The same factor on everything.
     pub fn all(factor: f64) -> Self {
-        Self { series: factor, branches: factor }
+        Self {
+            series: factor,
+            branches: factor,
+        }
     }
 
     /// What it adds to the impedance of a base, Ω.
     pub(super) fn change_ohm(self, erm: &Erm, freq_hz: f64) -> Complex64 {
         let series = Complex64::from((self.series - 1.0) * erm.r_ohm);
         erm.branches.iter().fold(series, |sum, b| {
-            let scaled = RcBranch { r_ohm: b.r_ohm * self.branches, c_f: b.c_f };
+            let scaled = RcBranch {
+                r_ohm: b.r_ohm * self.branches,
+                c_f: b.c_f,
+            };
             sum + scaled.impedance(freq_hz) - b.impedance(freq_hz)
         })
     }

@@ -10,12 +10,22 @@ static CARD: Card = Card {
     name: "surface_soc",
     title: "open-circuit voltage at the surface concentration",
     group: Group::Cell,
-    mechanism: "Diffusion within the particles is slow: their surface, which makes the voltage, empties and fills before their middle.",
-    state_equation: "z_s = z − Σx_k, dx_k/dt = (6d·i/(k²π²) − x_k)·k²π²/τ_d, V += U(z_s) − U(z); d in 1/A, τ_d in s; close terms merged, the far ones lumped",
+    mechanism: "Diffusion within the particles is slow: their surface, which makes the voltage, \
+    empties and fills before their middle.",
+    state_equation: "z_s = z − Σx_k, dx_k/dt = (6d·i/(k²π²) − x_k)·k²π²/τ_d, V += U(z_s) − U(z); d \
+    in 1/A, τ_d in s; close terms merged, the far ones lumped",
     impedance: "Z += 3d·U'(z)·(coth(√(jωτ_d))/√(jωτ_d) − 1/(jωτ_d))",
-    source: "Crank, The Mathematics of Diffusion, chapter 4: plane sheet with constant flux at the surface",
-    signature: "as diffusion, but with the slope of the open-circuit voltage at the surface: depends on the state of charge and on the sign near a knee",
-    confounders: &["diffusion", "warburg", "rc_slow", "electrolyte_depletion", "ocv_curvature"],
+    source: "Crank, The Mathematics of Diffusion, chapter 4: plane sheet with constant flux at the \
+    surface",
+    signature: "as diffusion, but with the slope of the open-circuit voltage at the surface: \
+    depends on the state of charge and on the sign near a knee",
+    confounders: &[
+        "diffusion",
+        "warburg",
+        "rc_slow",
+        "electrolyte_depletion",
+        "ocv_curvature",
+    ],
     contains: &[],
     experiment: "pulses at three states of charge, one near a knee of the curve",
 };
@@ -36,10 +46,18 @@ impl Effect for SurfaceSoc {
         }
         let upper = 1.0 / greatest_a;
         let slowest_s = base.facts.slowest_s();
-        let range = Range { lower: 10.0 * base.facts.fastest_s(), upper: 30.0 * slowest_s };
+        let range = Range {
+            lower: 10.0 * base.facts.fastest_s(),
+            upper: 30.0 * slowest_s,
+        };
         vec![
             Parameter::strength("d_per_a", "1/A", Range { lower: 0.0, upper }, 0.01 * upper),
-            Parameter::shape("tau_s", "s", range, log_grid(0.03 * slowest_s, 3.0 * slowest_s, 3)),
+            Parameter::shape(
+                "tau_s",
+                "s",
+                range,
+                log_grid(0.03 * slowest_s, 3.0 * slowest_s, 3),
+            ),
         ]
     }
 
@@ -48,13 +66,29 @@ impl Effect for SurfaceSoc {
             return z_ohm;
         }
         let s = Complex64::new(0.0, std::f64::consts::TAU * at.freq_hz * p[1]);
-        let shape: Complex64 = reflective().iter().map(|r| r.part / (1.0 + s * r.time)).sum();
+        let shape: Complex64 = reflective()
+            .iter()
+            .map(|r| r.part / (1.0 + s * r.time))
+            .sum();
         z_ohm + p[0] * base.ocv.slope_v(at.soc) * shape
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, _record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        let states = reflective().iter().map(|rung| State { rung: *rung, x: 0.0, decay: 1.0 }).collect();
-        Some(Box::new(Surface { d_per_a: p[0], tau_s: p[1], step_s: 0.0, states, curve: base.ocv.clone() }))
+        let states = reflective()
+            .iter()
+            .map(|rung| State {
+                rung: *rung,
+                x: 0.0,
+                decay: 1.0,
+            })
+            .collect();
+        Some(Box::new(Surface {
+            d_per_a: p[0],
+            tau_s: p[1],
+            step_s: 0.0,
+            states,
+            curve: base.ocv.clone(),
+        }))
     }
 }
 
@@ -84,7 +118,9 @@ impl Dynamics for Surface {
     fn advance(&mut self, at: &Instant, step_s: f64) {
         if step_s != self.step_s {
             self.step_s = step_s;
-            self.states.iter_mut().for_each(|s| s.decay = (-step_s / (self.tau_s * s.rung.time)).exp());
+            self.states
+                .iter_mut()
+                .for_each(|s| s.decay = (-step_s / (self.tau_s * s.rung.time)).exp());
         }
         let steady = self.d_per_a * at.current_a;
         for s in &mut self.states {

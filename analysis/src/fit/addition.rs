@@ -1,4 +1,5 @@
-//! The additions of a model file: effects of the catalogue that a diagnosis has found missing, each with its provenance.
+//! The additions of a model file: effects of the catalogue that a diagnosis has found missing, each
+//! with its provenance.
 
 use super::json::JsonError;
 use super::json::ModelFile;
@@ -52,7 +53,8 @@ pub struct AdditionEvidence {
     pub lambda: f64,
     /// λ less k·ln N.
     pub score: f64,
-    /// Root mean square gap over the held-out records before it was added, V; none without such records.
+    /// Root mean square gap over the held-out records before it was added, V; none without such
+    /// records.
     pub held_out_gap_before_v: Option<f64>,
     /// The same after it was added, V.
     pub held_out_gap_after_v: Option<f64>,
@@ -62,13 +64,19 @@ impl ModelFile {
     /// Base and additions; none for a model without additions.
     ///
     /// # Errors
-    /// [`JsonError`] for additions that lack an OCV curve or the facts of their data, or that the catalogue does not know as they are.
+    /// [`JsonError`] for additions that lack an OCV curve or the facts of their data, or that the
+    /// catalogue does not know as they are.
     pub fn augmented(&self) -> Result<Option<Augmented>, JsonError> {
-        augmented(&self.fit.erm, self.ocv.as_ref(), self.facts, &self.additions)
+        augmented(
+            &self.fit.erm,
+            self.ocv.as_ref(),
+            self.facts,
+            &self.additions,
+        )
     }
 
-    /// The file with additions to a base that was refitted together with them. What the first fit knew of its uncertainty, and its pack, belong to
-    /// another base and go.
+    /// The file with additions to a base that was refitted together with them. What the first fit
+    /// knew of its uncertainty, and its pack, belong to another base and go.
     #[must_use]
     pub fn with_additions(mut self, erm: Erm, facts: Facts, additions: Vec<Addition>) -> Self {
         self.schema_version = super::json::MODEL_SCHEMA_VERSION;
@@ -99,10 +107,19 @@ pub(crate) fn augmented(
         return Ok(None);
     }
     let lacks = |what| JsonError::AdditionsLack { what };
-    let ocv = ocv.cloned().ok_or(lacks("ocv, the OCV curve of the model"))?;
+    let ocv = ocv
+        .cloned()
+        .ok_or(lacks("ocv, the OCV curve of the model"))?;
     let facts = facts.ok_or(lacks("facts, what the data of the additions reach"))?;
-    let base = Base { erm: erm.clone(), ocv, facts };
-    let kept = additions.iter().map(|a| a.kept(&base)).collect::<Result<_, _>>()?;
+    let base = Base {
+        erm: erm.clone(),
+        ocv,
+        facts,
+    };
+    let kept = additions
+        .iter()
+        .map(|a| a.kept(&base))
+        .collect::<Result<_, _>>()?;
     Ok(Some(Augmented { base, kept }))
 }
 
@@ -112,19 +129,43 @@ impl Addition {
         let name = || self.name.clone();
         let effect = find(&self.name).ok_or_else(|| JsonError::UnknownEffect { met: name() })?;
         let parameters = effect.parameters(base);
-        let list = |names: Vec<&str>| if names.is_empty() { "none".to_owned() } else { names.join(", ") };
-        let (expected, met): (Vec<&str>, Vec<&str>) =
-            (parameters.iter().map(|p| p.name).collect(), self.parameters.iter().map(|p| p.name.as_str()).collect());
+        let list = |names: Vec<&str>| {
+            if names.is_empty() {
+                "none".to_owned()
+            } else {
+                names.join(", ")
+            }
+        };
+        let (expected, met): (Vec<&str>, Vec<&str>) = (
+            parameters.iter().map(|p| p.name).collect(),
+            self.parameters.iter().map(|p| p.name.as_str()).collect(),
+        );
         if expected != met {
-            return Err(JsonError::EffectParameters { effect: name(), expected: list(expected), met: list(met) });
+            return Err(JsonError::EffectParameters {
+                effect: name(),
+                expected: list(expected),
+                met: list(met),
+            });
         }
         for (known, given) in parameters.iter().zip(&self.parameters) {
             let (value, positive) = (given.value, known.scale == Scale::Log);
             if !value.is_finite() || (positive && value <= 0.0) {
-                let expected = if positive { "a finite number above 0" } else { "a finite number" };
-                return Err(JsonError::EffectValue { effect: name(), parameter: known.name, expected, met: value });
+                let expected = if positive {
+                    "a finite number above 0"
+                } else {
+                    "a finite number"
+                };
+                return Err(JsonError::EffectValue {
+                    effect: name(),
+                    parameter: known.name,
+                    expected,
+                    met: value,
+                });
             }
         }
-        Ok(Kept { effect, p: effect.predicting(self.parameters.iter().map(|p| p.value).collect()) })
+        Ok(Kept {
+            effect,
+            p: effect.predicting(self.parameters.iter().map(|p| p.value).collect()),
+        })
     }
 }

@@ -1,5 +1,6 @@
-//! The projection of [`super::projection`] for many members of a population at once: eight members side by side, so that the compiler turns each
-//! arithmetic operation into vector instructions (AVX2 where the machine has it, chosen at run time). Every member's arithmetic is the same in
+//! The projection of [`super::projection`] for many members of a population at once: eight members
+//! side by side, so that the compiler turns each arithmetic operation into vector instructions
+//! (AVX2 where the machine has it, chosen at run time). Every member's arithmetic is the same in
 //! every lane and on every machine: no fused operations, no sums across lanes.
 
 // Index loops over triangles of small matrices say what the formulas say.
@@ -34,7 +35,8 @@ struct Work {
     n: usize,
     /// Re and Im of 1/(1 + jωτₖ) per frequency and branch, frequency by frequency.
     basis: Vec<[Lane; 2]>,
-    /// What the objective's touching quadratic needs at the model, per frequency: xx, xy, yy, bx, by.
+    /// What the objective's touching quadratic needs at the model, per frequency: xx, xy, yy, bx,
+    /// by.
     touching: Vec<[Lane; 5]>,
     q: [[Lane; MAX_UNKNOWNS]; MAX_UNKNOWNS],
     c: [Lane; MAX_UNKNOWNS],
@@ -61,10 +63,16 @@ impl<'a> Batch<'a> {
             free: [zero; MAX_UNKNOWNS],
             at: [zero; MAX_UNKNOWNS],
         };
-        Self { problem, bounds, arch: pulp::Arch::new(), work }
+        Self {
+            problem,
+            bounds,
+            arch: pulp::Arch::new(),
+            work,
+        }
     }
 
-    /// Objective of every member with the best resistances found for its time constants (natural logarithms, s).
+    /// Objective of every member with the best resistances found for its time constants (natural
+    /// logarithms, s).
     pub(crate) fn values(&mut self, log_tau: &Columns, values: &mut [f64]) {
         let (problem, bounds, work) = (self.problem, self.bounds, &mut self.work);
         for (chunk, values) in values.chunks_mut(LANES).enumerate() {
@@ -85,13 +93,23 @@ impl Work {
     #[inline(always)]
     fn value(&mut self, problem: &Problem, bounds: &Bounds) -> Lane {
         self.prepare(problem, bounds);
-        let rounds = if problem.kind == Objective::Complex { 1 } else { REWEIGHTS };
+        let rounds = if problem.kind == Objective::Complex {
+            1
+        } else {
+            REWEIGHTS
+        };
         let mut best = [f64::INFINITY; LANES];
         for round in 0..rounds {
             self.assemble();
             self.solve();
             let value = self.evaluate(problem, round + 1 < rounds);
-            best = lane(|l| if value[l] < best[l] { value[l] } else { best[l] });
+            best = lane(|l| {
+                if value[l] < best[l] {
+                    value[l]
+                } else {
+                    best[l]
+                }
+            });
         }
         best
     }
@@ -117,7 +135,13 @@ impl Work {
             let [xx, xy, yy, bx, by] = if problem.kind == Objective::Modulus {
                 let (n, u) = (g.points.len() as f64, m / m.norm().max(f64::MIN_POSITIVE));
                 let b = n * g.mean_abs * u;
-                [n * u.re * u.re, n * u.re * u.im, n * u.im * u.im, b.re, b.im]
+                [
+                    n * u.re * u.re,
+                    n * u.re * u.im,
+                    n * u.im * u.im,
+                    b.re,
+                    b.im,
+                ]
             } else {
                 let [xx, xy, yy] = g.weight;
                 [xx, xy, yy, xx * m.re + xy * m.im, xy * m.re + yy * m.im]
@@ -149,8 +173,9 @@ impl Work {
         }
     }
 
-    /// Best resistances within bounds by block principal pivoting (Portugal, Júdice and Vicente, 1994): all lanes exchange free and held unknowns
-    /// together until none is wrong, from where the last round ended; lanes that do not settle are solved one by one.
+    /// Best resistances within bounds by block principal pivoting (Portugal, Júdice and
+    /// Vicente, 1994): all lanes exchange free and held unknowns together until none is wrong, from
+    /// where the last round ended; lanes that do not settle are solved one by one.
     #[inline(always)]
     fn solve(&mut self) {
         const EXCHANGES: usize = 6;
@@ -200,8 +225,20 @@ impl Work {
             let noise = lane(|l| 1e-9 * (c[l].abs() + q[l] * x[l].abs()));
             let below = lane(|l| if x[l] < lo[l] { free[l] } else { 0.0 });
             let above = lane(|l| if x[l] > hi[l] { free[l] } else { 0.0 });
-            let inward = lane(|l| if at[l] > lo[l] { gradient[l] } else { -gradient[l] });
-            let off = lane(|l| if inward[l] > noise[l] { 1.0 - free[l] } else { 0.0 });
+            let inward = lane(|l| {
+                if at[l] > lo[l] {
+                    gradient[l]
+                } else {
+                    -gradient[l]
+                }
+            });
+            let off = lane(|l| {
+                if inward[l] > noise[l] {
+                    1.0 - free[l]
+                } else {
+                    0.0
+                }
+            });
             self.free[i] = lane(|l| free[l] - below[l] - above[l] + off[l]);
             self.at[i] = lane(|l| {
                 if above[l] > 0.0 {
@@ -217,7 +254,8 @@ impl Work {
         right
     }
 
-    /// Cholesky of all lanes over the free unknowns, the held at their bounds, with the ridge of [`BoxQuadratic`]; 1 where it was sound.
+    /// Cholesky of all lanes over the free unknowns, the held at their bounds, with the ridge of
+    /// [`BoxQuadratic`]; 1 where it was sound.
     #[inline(always)]
     fn solve_free(&mut self) -> Lane {
         let n = self.n;
@@ -283,13 +321,21 @@ impl Work {
                 Objective::Complex => {
                     let [xx, xy, yy] = g.weight;
                     let (u, v) = (lane(|l| x[l] - g.mean.re), lane(|l| y[l] - g.mean.im));
-                    add(&mut value, &lane(|l| xx * u[l] * u[l] + 2.0 * xy * u[l] * v[l] + yy * v[l] * v[l] + g.scatter));
+                    add(
+                        &mut value,
+                        &lane(|l| {
+                            xx * u[l] * u[l] + 2.0 * xy * u[l] * v[l] + yy * v[l] * v[l] + g.scatter
+                        }),
+                    );
                 }
                 Objective::Modulus => {
                     let n = g.points.len() as f64;
                     let m = lane(|l| (x[l] * x[l] + y[l] * y[l]).sqrt());
                     let excess = lane(|l| m[l] - g.mean_abs);
-                    add(&mut value, &lane(|l| n * excess[l] * excess[l] + g.scatter_abs));
+                    add(
+                        &mut value,
+                        &lane(|l| n * excess[l] * excess[l] + g.scatter_abs),
+                    );
                     let inverse = lane(|l| 1.0 / m[l].max(f64::MIN_POSITIVE));
                     let (u, v) = (lane(|l| x[l] * inverse[l]), lane(|l| y[l] * inverse[l]));
                     let pull = n * g.mean_abs;
@@ -304,7 +350,12 @@ impl Work {
                 Objective::SumAbs => {
                     let (mut weight, mut bx, mut by) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
                     for p in &g.points {
-                        let s = lane(|l| ((x[l] - p.z.re) * (x[l] - p.z.re) + (y[l] - p.z.im) * (y[l] - p.z.im) + floor).sqrt());
+                        let s = lane(|l| {
+                            ((x[l] - p.z.re) * (x[l] - p.z.re)
+                                + (y[l] - p.z.im) * (y[l] - p.z.im)
+                                + floor)
+                                .sqrt()
+                        });
                         add(&mut value, &s);
                         if more {
                             let w = lane(|l| 1.0 / s[l]);

@@ -1,4 +1,5 @@
-//! Which sweeps scatter together: those of one cell share its making, its clamping and its state, and are no independent witnesses.
+//! Which sweeps scatter together: those of one cell share its making, its clamping and its state,
+//! and are no independent witnesses.
 
 use super::cells::CellSweeps;
 use super::stats::t_factor;
@@ -21,19 +22,38 @@ pub(super) struct Clusters {
 impl Clusters {
     /// Every sweep for itself: nothing is known of cells.
     pub(super) fn sweeps(count: usize) -> Self {
-        Self { of: (0..count).collect(), count, cells: None }
+        Self {
+            of: (0..count).collect(),
+            count,
+            cells: None,
+        }
     }
 
-    /// The sweeps one cell after the other, and their clusters: the cells where there are two or more and they are known, else the sweeps.
+    /// The sweeps one cell after the other, and their clusters: the cells where there are two or
+    /// more and they are known, else the sweeps.
     pub(super) fn of_cells(cells: &[CellSweeps]) -> (Vec<Spectrum>, Self) {
         let spectra: Vec<Spectrum> = cells.iter().flat_map(|c| c.sweeps.clone()).collect();
         let known = cells.iter().all(|c| c.named) || cells.len() < spectra.len();
-        let by_sweep = Self { cells: known.then_some(cells.len()), ..Self::sweeps(spectra.len()) };
+        let by_sweep = Self {
+            cells: known.then_some(cells.len()),
+            ..Self::sweeps(spectra.len())
+        };
         if !known || cells.len() < 2 {
             return (spectra, by_sweep);
         }
-        let of = cells.iter().enumerate().flat_map(|(k, c)| vec![k; c.sweeps.len()]).collect();
-        (spectra, Self { of, count: cells.len(), ..by_sweep })
+        let of = cells
+            .iter()
+            .enumerate()
+            .flat_map(|(k, c)| vec![k; c.sweeps.len()])
+            .collect();
+        (
+            spectra,
+            Self {
+                of,
+                count: cells.len(),
+                ..by_sweep
+            },
+        )
     }
 
     pub(super) fn of(&self, sweep: usize) -> usize {
@@ -45,25 +65,35 @@ impl Clusters {
         self.cells.filter(|cells| *cells > 1)
     }
 
-    /// True where clusters tell the noise: known cells always, sweeps where there are more of them than parameters.
+    /// True where clusters tell the noise: known cells always, sweeps where there are more of them
+    /// than parameters.
     pub(super) fn tell_noise(&self, parameters: usize) -> bool {
         self.cells().is_some() || self.count > parameters
     }
 
-    /// What a user must know of the sigmas; none where nothing is known of cells. `absolute` where stated covariances make the sigmas.
+    /// What a user must know of the sigmas; none where nothing is known of cells. `absolute` where
+    /// stated covariances make the sigmas.
     pub(super) fn remark(&self, absolute: bool) -> Option<String> {
-        let cells = self.cells.filter(|cells| *cells < MANY && self.of.len() > 1)?;
+        let cells = self
+            .cells
+            .filter(|cells| *cells < MANY && self.of.len() > 1)?;
         if cells == 1 {
-            return Some("all sweeps are of one cell: the sigmas say how well that cell is known, not how cells differ".to_owned());
+            return Some(
+                "all sweeps are of one cell: the sigmas say how well that cell is known, \
+            not how cells differ"
+                    .to_owned(),
+            );
         }
         if absolute {
             return Some(format!(
-                "the sigmas come from the stated covariances, which tell the noise of sweeps: by how much the {cells} cells differ is not in them"
+                "the sigmas come from the stated covariances, which tell the noise of sweeps: by \
+                how much the {cells} cells differ is not in them"
             ));
         }
         let freedom = (cells - 1) as f64;
         Some(format!(
-            "the sigmas rest on how only {cells} cells scatter: they are themselves known to about {:.0} %, and a 95 % interval takes {:.2} sigma, not 1.96",
+            "the sigmas rest on how only {cells} cells scatter: they are themselves known to about \
+            {:.0} %, and a 95 % interval takes {:.2} sigma, not 1.96",
             100.0 / (2.0 * freedom).sqrt(),
             t_factor(0.95, freedom)
         ))

@@ -1,8 +1,10 @@
-//! Errors that points have in common, in complex least squares: each is one unknown of variance 1 along a known direction, and the objective is the
-//! one with all of them at their best (they enter it linearly). That equals χ² under the full covariance of all points (Woodbury's identity).
+//! Errors that points have in common, in complex least squares: each is one unknown of variance 1
+//! along a known direction, and the objective is the one with all of them at their best (they enter
+//! it linearly). That equals χ² under the full covariance of all points (Woodbury's identity).
 //!
-//! With W the weights of the points' own noise, D the directions and r the residuals: χ² = rᵀWr − bᵀG⁻¹b, b = DᵀWr, G = λ1 + DᵀWD. λ is 1 where W is
-//! an inverse covariance, and the scale of the noise where weights are relative.
+//! With W the weights of the points' own noise, D the directions and r the residuals: χ² = rᵀWr −
+//! bᵀG⁻¹b, b = DᵀWr, G = λ1 + DᵀWD. λ is 1 where W is an inverse covariance, and the scale of the
+//! noise where weights are relative.
 
 use std::f64::consts::SQRT_2;
 
@@ -12,7 +14,8 @@ use super::linalg::{cholesky, cholesky_substitute};
 use super::problem::Sym2;
 use crate::spectrum::Spectrum;
 
-/// Scale of the noise of relative weights before anything is fitted: a standard deviation of 0.3 % of |Z|, as the thesis' repeats have.
+/// Scale of the noise of relative weights before anything is fitted: a standard deviation of 0.3 %
+/// of |Z|, as the thesis' repeats have.
 const FIRST_NOISE: f64 = 1.0e-5;
 
 /// The names of all errors that spectra share.
@@ -28,18 +31,37 @@ pub(super) fn names(spectra: &[Spectrum]) -> Vec<&str> {
 
 /// Directions of a point, one per name.
 pub(super) fn directions(spectrum: &Spectrum, index: usize, names: &[&str]) -> Vec<Complex64> {
-    let of = |name: &&str| spectrum.shared.iter().find(|error| error.name == **name)?.at_ohm.get(index).copied();
-    names.iter().map(|name| of(name).unwrap_or(Complex64::ZERO)).collect()
+    let of = |name: &&str| {
+        spectrum
+            .shared
+            .iter()
+            .find(|error| error.name == **name)?
+            .at_ohm
+            .get(index)
+            .copied()
+    };
+    names
+        .iter()
+        .map(|name| of(name).unwrap_or(Complex64::ZERO))
+        .collect()
 }
 
-/// Gives all points of one frequency the mean direction of each error that they have. A direction that follows each point's own noise, or its own cell, would
-/// let the error shrink the data until they agree (Peelle's puzzle; D'Agostini, Nucl. Instrum. Meth. A 346, 1994).
+/// Gives all points of one frequency the mean direction of each error that they have. A direction
+/// that follows each point's own noise, or its own cell, would let the error shrink the data until
+/// they agree (Peelle's puzzle; D'Agostini, Nucl. Instrum. Meth. A 346, 1994).
 fn level(group: &mut [Seen], count: usize) {
     for error in 0..count {
         let has = |seen: &&mut Seen| seen.directions[error] != Complex64::ZERO;
-        let (sum, number) =
-            group.iter_mut().filter(has).fold((Complex64::ZERO, 0.0), |(sum, n), seen| (sum + seen.directions[error], n + 1.0));
-        group.iter_mut().filter(has).for_each(|seen| seen.directions[error] = sum / number);
+        let (sum, number) = group
+            .iter_mut()
+            .filter(has)
+            .fold((Complex64::ZERO, 0.0), |(sum, n), seen| {
+                (sum + seen.directions[error], n + 1.0)
+            });
+        group
+            .iter_mut()
+            .filter(has)
+            .for_each(|seen| seen.directions[error] = sum / number);
     }
 }
 
@@ -95,7 +117,9 @@ impl Common {
                 }
             }
             common.pull.push(pull);
-            common.directions.push(group.into_iter().map(|seen| seen.directions).collect());
+            common
+                .directions
+                .push(group.into_iter().map(|seen| seen.directions).collect());
         }
         common.set_noise(if absolute { 1.0 } else { FIRST_NOISE })?;
         Some(common)
@@ -114,11 +138,14 @@ impl Common {
         self.names.len()
     }
 
-    /// The errors at their best for the model's impedances, group by group, and what they take from the objective.
+    /// The errors at their best for the model's impedances, group by group, and what they take from
+    /// the objective.
     pub(super) fn best(&self, model: &[Complex64]) -> (Vec<f64>, f64) {
         let mut b = self.constant.clone();
         for (pull, z) in self.pull.iter().zip(model) {
-            b.iter_mut().zip(pull).for_each(|(b, pull)| *b -= along(*pull, *z));
+            b.iter_mut()
+                .zip(pull)
+                .for_each(|(b, pull)| *b -= along(*pull, *z));
         }
         let mut best = b.clone();
         cholesky_substitute(&self.factor, self.count(), &mut best);
@@ -133,13 +160,23 @@ impl Common {
 
     /// Gradient of what the errors take off, over (Re, Im) of a group's impedance.
     pub(super) fn gradient(&self, group: usize, best: &[f64]) -> [f64; 2] {
-        self.pull[group].iter().zip(best).fold([0.0; 2], |[x, y], (pull, a)| [x + 2.0 * a * pull[0], y + 2.0 * a * pull[1]])
+        self.pull[group]
+            .iter()
+            .zip(best)
+            .fold([0.0; 2], |[x, y], (pull, a)| {
+                [x + 2.0 * a * pull[0], y + 2.0 * a * pull[1]]
+            })
     }
 
     /// Adds a group's share of DᵀWJ, row by row: errors times parameters.
     pub(super) fn add_mixed(&self, group: usize, slopes: &[Complex64], mixed: &mut [f64]) {
-        for (pull, row) in self.pull[group].iter().zip(mixed.chunks_exact_mut(slopes.len())) {
-            row.iter_mut().zip(slopes).for_each(|(cell, slope)| *cell += along(*pull, *slope));
+        for (pull, row) in self.pull[group]
+            .iter()
+            .zip(mixed.chunks_exact_mut(slopes.len()))
+        {
+            row.iter_mut()
+                .zip(slopes)
+                .for_each(|(cell, slope)| *cell += along(*pull, *slope));
         }
     }
 
@@ -158,7 +195,9 @@ impl Common {
         let mut taken = vec![0.0; parameters * parameters];
         for row in y.chunks_exact(parameters) {
             for (p, a) in row.iter().enumerate() {
-                row.iter().enumerate().for_each(|(q, b)| taken[p * parameters + q] += a * b);
+                row.iter()
+                    .enumerate()
+                    .for_each(|(q, b)| taken[p * parameters + q] += a * b);
             }
         }
         taken
@@ -166,21 +205,39 @@ impl Common {
 
     /// Deviation of a point by the errors, Ω.
     pub(super) fn deviation(&self, group: usize, point: usize, best: &[f64]) -> Complex64 {
-        self.directions[group][point].iter().zip(best).map(|(d, a)| d * a).sum()
+        self.directions[group][point]
+            .iter()
+            .zip(best)
+            .map(|(d, a)| d * a)
+            .sum()
     }
 
-    /// Variance of an error with all parameters free, in units of its own: the corner of the inverse of the whole normal matrix. `covariance` is that of the
-    /// parameters, row by row, and `mixed` DᵀWJ over them.
-    pub(super) fn variance(&self, error: usize, mixed: &[f64], covariance: &[f64], noise: f64) -> f64 {
+    /// Variance of an error with all parameters free, in units of its own: the corner of the
+    /// inverse of the whole normal matrix. `covariance` is that of the parameters, row by row, and
+    /// `mixed` DᵀWJ over them.
+    pub(super) fn variance(
+        &self,
+        error: usize,
+        mixed: &[f64],
+        covariance: &[f64],
+        noise: f64,
+    ) -> f64 {
         let n = self.count();
         let mut unit = vec![0.0; n];
         unit[error] = 1.0;
         cholesky_substitute(&self.factor, n, &mut unit);
         let parameters = mixed.len() / n.max(1);
         // G⁻¹ + (G⁻¹·DᵀWJ)·C·(G⁻¹·DᵀWJ)ᵀ.
-        let row: Vec<f64> = (0..parameters).map(|p| (0..n).map(|i| unit[i] * mixed[i * parameters + p]).sum()).collect();
-        let by_parameters: f64 =
-            (0..parameters).map(|p| (0..parameters).map(|q| row[p] * covariance[p * parameters + q] * row[q]).sum::<f64>()).sum();
+        let row: Vec<f64> = (0..parameters)
+            .map(|p| (0..n).map(|i| unit[i] * mixed[i * parameters + p]).sum())
+            .collect();
+        let by_parameters: f64 = (0..parameters)
+            .map(|p| {
+                (0..parameters)
+                    .map(|q| row[p] * covariance[p * parameters + q] * row[q])
+                    .sum::<f64>()
+            })
+            .sum();
         noise * unit[error] + by_parameters
     }
 }

@@ -1,7 +1,9 @@
-//! Differential evolution (Storn and Price, 1997) in a box, a whole generation at a time: needs only values, deterministic from its seed. It finds
-//! basins; the polish to the last digits is [`super::local`]'s.
+//! Differential evolution (Storn and Price, 1997) in a box, a whole generation at a time: needs
+//! only values, deterministic from its seed. It finds basins; the polish to the last digits is
+//! [`super::local`]'s.
 //!
-//! All trials of a generation are made from the one before, so that they can be valued together, as columns that vector instructions like.
+//! All trials of a generation are made from the one before, so that they can be valued together, as
+//! columns that vector instructions like.
 
 use super::rng::Rng;
 
@@ -10,7 +12,8 @@ use super::rng::Rng;
 pub enum Strategy {
     /// rand/1/bin: explores.
     Rand1,
-    /// best/1/bin: the thesis' choice (scipy's default); quick, and prone to the first basin it sees.
+    /// best/1/bin: the thesis' choice (scipy's default); quick, and prone to the first basin it
+    /// sees.
     Best1,
 }
 
@@ -27,8 +30,9 @@ pub struct DeOptions {
     pub crossover: f64,
     /// Ends when (worst − best) falls below this fraction of |best|.
     pub spread: f64,
-    /// The function does not change when coordinates are exchanged: members are kept with rising coordinates, else differences between members
-    /// would be differences between namings. All coordinates must have the same bounds.
+    /// The function does not change when coordinates are exchanged: members are kept with rising
+    /// coordinates, else differences between members would be differences between namings. All
+    /// coordinates must have the same bounds.
     pub interchangeable: bool,
     /// Seed of all chance.
     pub seed: u64,
@@ -52,7 +56,10 @@ pub struct Columns {
 
 impl Columns {
     pub(crate) fn new(coordinates: usize, members: usize) -> Self {
-        Self { members, data: vec![0.0; coordinates * members] }
+        Self {
+            members,
+            data: vec![0.0; coordinates * members],
+        }
     }
 
     /// Number of members.
@@ -77,14 +84,17 @@ impl Columns {
 
     /// Coordinates of one member.
     pub fn member(&self, member: usize) -> Vec<f64> {
-        (0..self.data.len() / self.members).map(|d| self.at(d, member)).collect()
+        (0..self.data.len() / self.members)
+            .map(|d| self.at(d, member))
+            .collect()
     }
 }
 
 /// What a search leaves.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evolution {
-    /// The first population, spread evenly over the box, best first: where else there may be basins.
+    /// The first population, spread evenly over the box, best first: where else there may be
+    /// basins.
     pub first: Vec<Member>,
     /// The last population, best first.
     pub last: Vec<Member>,
@@ -92,13 +102,25 @@ pub struct Evolution {
     pub generations: usize,
 }
 
-/// Minimises a function over the box `bounds` (lower, upper). `f` writes the value of every member; what is not a number counts as infinite.
-pub fn differential_evolution(mut f: impl FnMut(&Columns, &mut [f64]), bounds: &[(f64, f64)], options: &DeOptions) -> Evolution {
+/// Minimises a function over the box `bounds` (lower, upper). `f` writes the value of every member;
+/// what is not a number counts as infinite.
+pub fn differential_evolution(
+    mut f: impl FnMut(&Columns, &mut [f64]),
+    bounds: &[(f64, f64)],
+    options: &DeOptions,
+) -> Evolution {
     let n = options.population.max(5);
-    let mut breeder = Breeder { bounds, options, rng: Rng::new(options.seed) };
+    let mut breeder = Breeder {
+        bounds,
+        options,
+        rng: Rng::new(options.seed),
+    };
     let mut value = |x: &Columns, values: &mut [f64]| {
         f(x, values);
-        values.iter_mut().filter(|v| v.is_nan()).for_each(|v| *v = f64::INFINITY);
+        values
+            .iter_mut()
+            .filter(|v| v.is_nan())
+            .for_each(|v| *v = f64::INFINITY);
     };
     let mut population = breeder.stratified(n);
     let mut values = vec![f64::INFINITY; n];
@@ -116,17 +138,30 @@ pub fn differential_evolution(mut f: impl FnMut(&Columns, &mut [f64]), bounds: &
         }
         generations += 1;
     }
-    Evolution { first, last: members(&population, &values), generations }
+    Evolution {
+        first,
+        last: members(&population, &values),
+        generations,
+    }
 }
 
 fn settled(values: &[f64], spread: f64) -> bool {
     let extremes = |(lo, hi): (f64, f64), v: &f64| (lo.min(*v), hi.max(*v));
-    let (best, worst) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), extremes);
+    let (best, worst) = values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), extremes);
     worst - best <= spread * best.abs()
 }
 
 fn members(population: &Columns, values: &[f64]) -> Vec<Member> {
-    let mut all: Vec<Member> = values.iter().enumerate().map(|(i, v)| Member { x: population.member(i), value: *v }).collect();
+    let mut all: Vec<Member> = values
+        .iter()
+        .enumerate()
+        .map(|(i, v)| Member {
+            x: population.member(i),
+            value: *v,
+        })
+        .collect();
     all.sort_by(|a, b| a.value.total_cmp(&b.value));
     all
 }
@@ -148,7 +183,8 @@ impl Breeder<'_> {
                 strata.swap(i, self.rng.below(i + 1));
             }
             for (member, stratum) in strata.iter().enumerate() {
-                population.data[d * size + member] = lo + (hi - lo) * (*stratum as f64 + self.rng.uniform()) / size as f64;
+                population.data[d * size + member] =
+                    lo + (hi - lo) * (*stratum as f64 + self.rng.uniform()) / size as f64;
             }
         }
         if self.options.interchangeable {
@@ -162,7 +198,11 @@ impl Breeder<'_> {
     }
 
     fn breed(&mut self, population: &Columns, values: &[f64], trials: &mut Columns) {
-        let best = values.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).map_or(0, |(i, _)| i);
+        let best = values
+            .iter()
+            .enumerate()
+            .min_by(|a, b| a.1.total_cmp(b.1))
+            .map_or(0, |(i, _)| i);
         let mut trial = vec![0.0; self.bounds.len()];
         for i in 0..values.len() {
             self.mutate(population, (i, best), &mut trial);
@@ -191,7 +231,8 @@ impl Breeder<'_> {
                 trial[d] = parent;
                 continue;
             }
-            let mutant = population.at(d, base) + factor * (population.at(d, b) - population.at(d, c));
+            let mutant =
+                population.at(d, base) + factor * (population.at(d, b) - population.at(d, c));
             trial[d] = if mutant < lo {
                 lo + self.rng.uniform() * (parent - lo)
             } else if mutant > hi {
@@ -217,7 +258,15 @@ mod tests {
     use super::*;
 
     fn options(strategy: Strategy) -> DeOptions {
-        DeOptions { population: 40, generations: 400, strategy, crossover: 0.9, spread: 1e-12, interchangeable: false, seed: 3 }
+        DeOptions {
+            population: 40,
+            generations: 400,
+            strategy,
+            crossover: 0.9,
+            spread: 1e-12,
+            interchangeable: false,
+            seed: 3,
+        }
     }
 
     /// One member after the other.
@@ -232,20 +281,38 @@ mod tests {
     #[test]
     fn finds_the_bottom_of_a_curved_valley() {
         for strategy in [Strategy::Rand1, Strategy::Best1] {
-            let best = &differential_evolution(each(rosenbrock), &[(-2.0, 2.0), (-1.0, 3.0)], &options(strategy)).last[0];
-            assert!((best.x[0] - 1.0).abs() < 1e-4 && (best.x[1] - 1.0).abs() < 1e-4, "{strategy:?}: {best:?}");
+            let best = &differential_evolution(
+                each(rosenbrock),
+                &[(-2.0, 2.0), (-1.0, 3.0)],
+                &options(strategy),
+            )
+            .last[0];
+            assert!(
+                (best.x[0] - 1.0).abs() < 1e-4 && (best.x[1] - 1.0).abs() < 1e-4,
+                "{strategy:?}: {best:?}"
+            );
         }
     }
 
     #[test]
     fn finds_the_deep_one_of_many_pits() {
-        let rastrigin = |x: &[f64]| x.iter().map(|x| x * x + 10.0 * (1.0 - (std::f64::consts::TAU * x).cos())).sum::<f64>();
+        let rastrigin = |x: &[f64]| {
+            x.iter()
+                .map(|x| x * x + 10.0 * (1.0 - (std::f64::consts::TAU * x).cos()))
+                .sum::<f64>()
+        };
         for interchangeable in [false, true] {
-            let options = DeOptions { interchangeable, ..options(Strategy::Rand1) };
+            let options = DeOptions {
+                interchangeable,
+                ..options(Strategy::Rand1)
+            };
             let found = differential_evolution(each(rastrigin), &[(-5.0, 4.0); 3], &options);
             assert!(found.last[0].value < 1e-6, "{:?}", found.last[0]);
             let ordered = |m: &Member| m.x.is_sorted();
-            assert_eq!(found.first.iter().all(ordered) && found.last.iter().all(ordered), interchangeable);
+            assert_eq!(
+                found.first.iter().all(ordered) && found.last.iter().all(ordered),
+                interchangeable
+            );
         }
     }
 
@@ -253,17 +320,39 @@ mod tests {
     fn same_seed_same_population_and_never_outside() {
         let bounds = [(0.5, 2.0), (-1.0, 0.25)];
         let inside = |x: &[f64]| {
-            assert!(x.iter().zip(&bounds).all(|(x, (lo, hi))| (lo..=hi).contains(&x)), "{x:?}");
+            assert!(
+                x.iter()
+                    .zip(&bounds)
+                    .all(|(x, (lo, hi))| (lo..=hi).contains(&x)),
+                "{x:?}"
+            );
             rosenbrock(x)
         };
         let first = differential_evolution(each(inside), &bounds, &options(Strategy::Best1));
-        assert_eq!(first, differential_evolution(each(inside), &bounds, &options(Strategy::Best1)));
-        assert_ne!(first, differential_evolution(each(inside), &bounds, &DeOptions { seed: 4, ..options(Strategy::Best1) }));
+        assert_eq!(
+            first,
+            differential_evolution(each(inside), &bounds, &options(Strategy::Best1))
+        );
+        assert_ne!(
+            first,
+            differential_evolution(
+                each(inside),
+                &bounds,
+                &DeOptions {
+                    seed: 4,
+                    ..options(Strategy::Best1)
+                }
+            )
+        );
         // Every tenth of each range holds a tenth of the first population.
         for (d, (lo, hi)) in bounds.iter().enumerate() {
             for tenth in 0..10 {
                 let inside = |m: &&Member| (((m.x[d] - lo) / (hi - lo) * 10.0) as i32) == tenth;
-                assert_eq!(first.first.iter().filter(inside).count(), 4, "coordinate {d}, tenth {tenth}");
+                assert_eq!(
+                    first.first.iter().filter(inside).count(),
+                    4,
+                    "coordinate {d}, tenth {tenth}"
+                );
             }
         }
     }
@@ -271,7 +360,8 @@ mod tests {
     #[test]
     fn a_hole_in_the_function_is_avoided() {
         let f = |x: &[f64]| if x[0] < 0.0 { f64::NAN } else { x[0] };
-        let best = &differential_evolution(each(f), &[(-1.0, 1.0)], &options(Strategy::Rand1)).last[0];
+        let best =
+            &differential_evolution(each(f), &[(-1.0, 1.0)], &options(Strategy::Rand1)).last[0];
         assert!(best.value.is_finite() && best.value < 1e-3, "{best:?}");
     }
 }

@@ -1,4 +1,5 @@
-//! The files a fit leaves: the list of fits as the command line prints it, and one model file per order.
+//! The files a fit leaves: the list of fits as the command line prints it, and one model file per
+//! order.
 
 use super::addition::Addition;
 use super::erm::ErmFit;
@@ -13,12 +14,14 @@ use serde::{Deserialize, Serialize};
 
 /// Name of the model file's schema.
 pub const MODEL_SCHEMA: &str = "eis-bench/model";
-/// Version of the model file's schema; readers refuse a newer one. 2 has additions, which a reader of 1 would pass over in silence.
+/// Version of the model file's schema; readers refuse a newer one. 2 has additions, which a reader
+/// of 1 would pass over in silence.
 pub const MODEL_SCHEMA_VERSION: u32 = 2;
 /// Version of a file without additions, so that older readers take it.
 const PLAIN_VERSION: u32 = 1;
 
-/// All fits of one call: `{"fits": [{"rc": …, "objective": …, "r_ohm": …, "branches": […], "dc_resistance_ohm": …, …}]}`.
+/// All fits of one call: `{"fits": [{"rc": …, "objective": …, "r_ohm": …, "branches": […],
+/// "dc_resistance_ohm": …, …}]}`.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct FitReport {
     /// One entry per fit.
@@ -100,7 +103,11 @@ impl PackModel {
     /// [`PackError`] for a pack that cannot be or a cell model that is not valid.
     pub fn new(cell: &Erm, pack: Pack) -> Result<Self, PackError> {
         let erm = pack.erm(cell)?;
-        Ok(Self { pack, dc_resistance_ohm: erm.dc_resistance_ohm(), erm })
+        Ok(Self {
+            pack,
+            dc_resistance_ohm: erm.dc_resistance_ohm(),
+            erm,
+        })
     }
 }
 
@@ -131,11 +138,13 @@ pub struct ModelFile {
     /// Open-circuit voltage over state of charge, where it is known.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub ocv: Option<OcvCurve>,
-    /// The pulses that the model was fitted to besides the spectra; none for spectra alone. `fit` then holds the joint fit: its objective is χ² of both,
-    /// its points are frequencies of the mean spectrum and bins of the pulses.
+    /// The pulses that the model was fitted to besides the spectra; none for spectra alone. `fit`
+    /// then holds the joint fit: its objective is χ² of both, its points are frequencies of the
+    /// mean spectrum and bins of the pulses.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub joint: Option<JointProvenance>,
-    /// Effects that a diagnosis has added; `fit` then holds the base that was refitted together with them.
+    /// Effects that a diagnosis has added; `fit` then holds the base that was refitted together
+    /// with them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub additions: Vec<Addition>,
     /// What the data of the additions reach; needed with additions.
@@ -170,7 +179,8 @@ pub struct JointProvenance {
     pub held_out: Vec<usize>,
     /// Name of what the OCV curve comes from.
     pub ocv_from: String,
-    /// Resistance of the pulses' cell and instrument over the spectra's; the model is that of the spectra's cells.
+    /// Resistance of the pulses' cell and instrument over the spectra's; the model is that of the
+    /// spectra's cells.
     pub gain: f64,
     /// Its standard uncertainty.
     pub gain_sigma: Option<f64>,
@@ -199,18 +209,33 @@ impl ModelFile {
         }
     }
 
-    /// The order said is the model's, and the covariance has a row and a column for each of its parameters.
+    /// The order said is the model's, and the covariance has a row and a column for each of its
+    /// parameters.
     fn check_size(&self) -> Result<(), JsonError> {
         let (branches, parameters) = (self.fit.erm.branches.len(), self.fit.erm.parameter_count());
         if self.rc != branches {
-            return Err(JsonError::Order { rc: self.rc, branches });
+            return Err(JsonError::Order {
+                rc: self.rc,
+                branches,
+            });
         }
-        let Some(rows) = &self.fit.log_covariance else { return Ok(()) };
-        match rows.iter().map(Vec::len).find(|columns| *columns != parameters) {
+        let Some(rows) = &self.fit.log_covariance else {
+            return Ok(());
+        };
+        match rows
+            .iter()
+            .map(Vec::len)
+            .find(|columns| *columns != parameters)
+        {
             None if rows.len() == parameters => Ok(()),
             columns => {
                 let (field, columns) = ("fit.log_covariance", columns.unwrap_or(parameters));
-                Err(JsonError::Covariance { field, parameters, rows: rows.len(), columns })
+                Err(JsonError::Covariance {
+                    field,
+                    parameters,
+                    rows: rows.len(),
+                    columns,
+                })
             }
         }
     }
@@ -218,7 +243,8 @@ impl ModelFile {
     /// The file's text.
     ///
     /// # Errors
-    /// [`JsonError::Syntax`] when a value cannot be written; does not happen for a fit made by [`super::fit_erm`].
+    /// [`JsonError::Syntax`] when a value cannot be written; does not happen for a fit made by
+    /// [`super::fit_erm`].
     pub fn to_json(&self) -> Result<String, JsonError> {
         Ok(serde_json::to_string_pretty(self)? + "\n")
     }
@@ -226,7 +252,8 @@ impl ModelFile {
     /// Reads a file's text, written by this version or an older one.
     ///
     /// # Errors
-    /// [`JsonError`] for text that is not JSON, another schema, a newer version, a model that is not valid, or additions that are not known.
+    /// [`JsonError`] for text that is not JSON, another schema, a newer version, a model that is
+    /// not valid, or additions that are not known.
     pub fn from_json(text: &str) -> Result<Self, JsonError> {
         #[derive(Deserialize)]
         struct Head {
@@ -238,7 +265,9 @@ impl ModelFile {
             return Err(JsonError::Schema { met: head.schema });
         }
         if head.schema_version == 0 || head.schema_version > MODEL_SCHEMA_VERSION {
-            return Err(JsonError::Version { met: head.schema_version });
+            return Err(JsonError::Version {
+                met: head.schema_version,
+            });
         }
         let file: Self = serde_json::from_str(text)?;
         file.fit.erm.validate()?;
@@ -279,7 +308,8 @@ pub enum JsonError {
     },
     /// A covariance of other parameters.
     #[error(
-        "model file: {field}: expected {parameters} rows and columns for as many parameters, met {rows} rows, one of {columns} columns"
+        "model file: {field}: expected {parameters} rows and columns for as many parameters, met \
+        {rows} rows, one of {columns} columns"
     )]
     Covariance {
         /// Name of the field.
@@ -304,7 +334,10 @@ pub enum JsonError {
         what: &'static str,
     },
     /// An addition that this program does not know.
-    #[error("model file: additions: expected the name of an effect of the catalogue (`eis-bench effects` lists it), met \"{met}\"")]
+    #[error(
+        "model file: additions: expected the name of an effect of the catalogue (`eis-bench \
+        effects` lists it), met \"{met}\""
+    )]
     UnknownEffect {
         /// The name met.
         met: String,

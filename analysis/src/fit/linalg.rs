@@ -1,6 +1,8 @@
-//! Dense symmetric systems of a few unknowns, row-major: Cholesky, inverse, and the quadratic with box bounds. No pivoting, no big matrices.
+//! Dense symmetric systems of a few unknowns, row-major: Cholesky, inverse, and the quadratic with
+//! box bounds. No pivoting, no big matrices.
 
-/// Replaces the lower triangle of the n×n matrix `a` by its Cholesky factor; false when `a` is not positive definite.
+/// Replaces the lower triangle of the n×n matrix `a` by its Cholesky factor; false when `a` is not
+/// positive definite.
 pub(crate) fn cholesky(a: &mut [f64], n: usize) -> bool {
     for i in 0..n {
         for j in 0..=i {
@@ -35,7 +37,10 @@ pub(crate) fn cholesky_substitute(l: &[f64], n: usize, b: &mut [f64]) {
 /// a·b of square matrices, row-major.
 pub(crate) fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
     let mut product = vec![0.0; n * n];
-    for (row, out) in a.chunks_exact(n.max(1)).zip(product.chunks_exact_mut(n.max(1))) {
+    for (row, out) in a
+        .chunks_exact(n.max(1))
+        .zip(product.chunks_exact_mut(n.max(1)))
+    {
         for (a, b) in row.iter().zip(b.chunks_exact(n.max(1))) {
             out.iter_mut().zip(b).for_each(|(o, b)| *o += a * b);
         }
@@ -43,13 +48,16 @@ pub(crate) fn product(a: &[f64], b: &[f64], n: usize) -> Vec<f64> {
     product
 }
 
-/// Inverse of a symmetric positive definite matrix; none when it is not. Scaled by its diagonal first, so that units do not matter.
+/// Inverse of a symmetric positive definite matrix; none when it is not. Scaled by its diagonal
+/// first, so that units do not matter.
 pub(crate) fn invert(a: &[f64], n: usize) -> Option<Vec<f64>> {
     let scale: Vec<f64> = (0..n).map(|i| a[i * n + i].sqrt()).collect();
     if scale.iter().any(|s| !(s.is_finite() && *s > 0.0)) {
         return None;
     }
-    let mut l: Vec<f64> = (0..n * n).map(|ij| a[ij] / (scale[ij / n] * scale[ij % n])).collect();
+    let mut l: Vec<f64> = (0..n * n)
+        .map(|ij| a[ij] / (scale[ij / n] * scale[ij % n]))
+        .collect();
     if !cholesky(&mut l, n) {
         return None;
     }
@@ -69,7 +77,8 @@ pub(crate) fn invert(a: &[f64], n: usize) -> Option<Vec<f64>> {
 /// Largest number of unknowns of [`BoxQuadratic`].
 pub(crate) const MAX_UNKNOWNS: usize = 9;
 
-/// Minimises ½xᵀQx − cᵀx over lo ≤ x ≤ hi by an active set; everything on the stack, for it runs thousands of times in a fit.
+/// Minimises ½xᵀQx − cᵀx over lo ≤ x ≤ hi by an active set; everything on the stack, for it runs
+/// thousands of times in a fit.
 #[derive(Debug, Clone)]
 pub(crate) struct BoxQuadratic {
     /// Number of unknowns in use, at most [`MAX_UNKNOWNS`].
@@ -88,7 +97,13 @@ impl BoxQuadratic {
     /// A problem of n unknowns, all zero.
     pub(crate) fn new(n: usize) -> Self {
         let zero = [0.0; MAX_UNKNOWNS];
-        Self { n: n.min(MAX_UNKNOWNS), q: [zero; MAX_UNKNOWNS], c: zero, lo: zero, hi: zero }
+        Self {
+            n: n.min(MAX_UNKNOWNS),
+            q: [zero; MAX_UNKNOWNS],
+            c: zero,
+            lo: zero,
+            hi: zero,
+        }
     }
 
     /// The minimiser, feasible always, exact up to the ridge that keeps equal columns solvable.
@@ -111,7 +126,11 @@ impl BoxQuadratic {
                 for k in 0..n {
                     x[k] += step * (target[k] - x[k]);
                 }
-                x[i] = if target[i] > x[i] { self.hi[i] } else { self.lo[i] };
+                x[i] = if target[i] > x[i] {
+                    self.hi[i]
+                } else {
+                    self.lo[i]
+                };
                 free[i] = false;
                 continue;
             }
@@ -125,7 +144,11 @@ impl BoxQuadratic {
     }
 
     /// Solution over the free unknowns with the others held at `at`.
-    fn solve_free(&self, free: &[bool; MAX_UNKNOWNS], at: &[f64; MAX_UNKNOWNS]) -> [f64; MAX_UNKNOWNS] {
+    fn solve_free(
+        &self,
+        free: &[bool; MAX_UNKNOWNS],
+        at: &[f64; MAX_UNKNOWNS],
+    ) -> [f64; MAX_UNKNOWNS] {
         let n = self.n;
         let mut index = [0; MAX_UNKNOWNS];
         let mut m = 0;
@@ -136,7 +159,10 @@ impl BoxQuadratic {
         let mut a = [0.0; MAX_UNKNOWNS * MAX_UNKNOWNS];
         let mut b = [0.0; MAX_UNKNOWNS];
         for (row, &i) in index[..m].iter().enumerate() {
-            let held: f64 = (0..n).filter(|k| !free[*k]).map(|k| self.q[i][k] * at[k]).sum();
+            let held: f64 = (0..n)
+                .filter(|k| !free[*k])
+                .map(|k| self.q[i][k] * at[k])
+                .sum();
             b[row] = self.c[i] - held;
             for (column, &j) in index[..m].iter().enumerate() {
                 a[row * m + column] = self.q[i][j];
@@ -153,8 +179,14 @@ impl BoxQuadratic {
         x
     }
 
-    /// The first bound met on the way from a feasible x to the target, with the fraction of the way.
-    fn blocking(&self, x: &[f64; MAX_UNKNOWNS], target: &[f64; MAX_UNKNOWNS], free: &[bool; MAX_UNKNOWNS]) -> Option<(usize, f64)> {
+    /// The first bound met on the way from a feasible x to the target, with the fraction of the
+    /// way.
+    fn blocking(
+        &self,
+        x: &[f64; MAX_UNKNOWNS],
+        target: &[f64; MAX_UNKNOWNS],
+        free: &[bool; MAX_UNKNOWNS],
+    ) -> Option<(usize, f64)> {
         let mut first = None;
         let mut shortest = 1.0;
         for i in (0..self.n).filter(|i| free[*i]) {
@@ -180,7 +212,11 @@ impl BoxQuadratic {
         let mut largest = 0.0;
         for i in (0..self.n).filter(|i| !free[*i]) {
             let gradient: f64 = (0..self.n).map(|k| self.q[i][k] * x[k]).sum::<f64>() - self.c[i];
-            let inward = if x[i] <= self.lo[i] { -gradient } else { gradient };
+            let inward = if x[i] <= self.lo[i] {
+                -gradient
+            } else {
+                gradient
+            };
             let noise = 1e-9 * (self.c[i].abs() + self.q[i][i] * x[i].abs());
             if self.lo[i] < self.hi[i] && inward > noise && inward > largest {
                 largest = inward;

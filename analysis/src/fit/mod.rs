@@ -1,9 +1,12 @@
 //! Parameters of the extended Randles model from impedance spectra.
 //!
-//! [`fit_erm`] (or [`fit_cells`], where it is known which sweeps share a cell) pools the spectra, searches globally over the time constants (the resistances are linear once these are held), polishes the
-//! distinct basins to the last digits within the bounds, and says how well the data fix each parameter. It needs no start values.
-//! [`select_order`] says how many branches the data bear, [`profiles`] what bounds each parameter, [`cell_spread`] how cells differ and repeat,
-//! [`survey_seeds`] how surely the search ends at the best and what lies beside it. [`fit_circuit`] fits any equivalent circuit.
+//! [`fit_erm`] (or [`fit_cells`], where it is known which sweeps share a cell) pools the spectra,
+//! searches globally over the time constants (the resistances are linear once these are held),
+//! polishes the distinct basins to the last digits within the bounds, and says how well the data
+//! fix each parameter. It needs no start values. [`select_order`] says how many branches the data
+//! bear, [`profiles`] what bounds each parameter, [`cell_spread`] how cells differ and repeat,
+//! [`survey_seeds`] how surely the search ends at the best and what lies beside it. [`fit_circuit`]
+//! fits any equivalent circuit.
 
 mod addition;
 mod batch;
@@ -38,10 +41,16 @@ mod whiteness;
 pub(crate) use addition::augmented;
 pub use addition::{Addition, AdditionEvidence, AdditionParameter};
 pub use cells::{CellSweeps, Components, FrequencySpread, components, frequency_spread};
-pub use circuit::{CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit, fit_circuit_cells};
+pub use circuit::{
+    CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit,
+    fit_circuit_cells,
+};
 pub use erm::{ErmFit, fit_cells, fit_erm};
 pub use global::{Columns, DeOptions, Evolution, Member, Strategy, differential_evolution};
-pub use json::{FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile, PackModel, RefusedPoint};
+pub use json::{
+    FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile,
+    PackModel, RefusedPoint,
+};
 pub use local::{LocalOptions, Minimum, Smooth, minimise};
 pub use minima::{LocalMinimum, SeedSurvey, survey_seeds};
 pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};

@@ -12,13 +12,17 @@ pub const MAX_RC: usize = 8;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Objective {
-    /// Σ|Z_model − Z_data|, Ω: what the thesis minimised (complex, though its text speaks of magnitudes). Robust against outliers.
+    /// Σ|Z_model − Z_data|, Ω: what the thesis minimised (complex, though its text speaks of
+    /// magnitudes). Robust against outliers.
     SumAbs,
-    /// Σ(|Z_model| − |Z_data|)², Ω²: magnitudes only, as the thesis' text says. The phase is ignored, and with it most of what tells slow
-    /// branches apart: with four branches and one sweep, seeds may end up to 1e-4 apart in the value. Squares were chosen over absolute values because they are smooth and the best estimate under normal noise.
+    /// Σ(|Z_model| − |Z_data|)², Ω²: magnitudes only, as the thesis' text says. The phase is
+    /// ignored, and with it most of what tells slow branches apart: with four branches and one
+    /// sweep, seeds may end up to 1e-4 apart in the value. Squares were chosen over absolute values
+    /// because they are smooth and the best estimate under normal noise.
     Modulus,
-    /// Complex least squares. With a covariance at every point the weight is its inverse and the objective is χ², without unit; otherwise every
-    /// residual is taken relative to |Z_data|, also without unit.
+    /// Complex least squares. With a covariance at every point the weight is its inverse and the
+    /// objective is χ², without unit; otherwise every residual is taken relative to |Z_data|, also
+    /// without unit.
     Complex,
 }
 
@@ -53,7 +57,11 @@ impl FromStr for Objective {
 
     fn from_str(text: &str) -> Result<Self, FitError> {
         let all = [Self::SumAbs, Self::Modulus, Self::Complex];
-        all.into_iter().find(|o| o.name() == text).ok_or_else(|| FitError::UnknownObjective { met: text.to_owned() })
+        all.into_iter()
+            .find(|o| o.name() == text)
+            .ok_or_else(|| FitError::UnknownObjective {
+                met: text.to_owned(),
+            })
     }
 }
 
@@ -69,21 +77,32 @@ pub struct Bounds {
 impl Default for Bounds {
     /// The thesis' bounds: 1 µΩ…100 mΩ, 10 mF…100 kF.
     fn default() -> Self {
-        Self { r_ohm: (1e-6, 0.1), c_f: (0.01, 1e5) }
+        Self {
+            r_ohm: (1e-6, 0.1),
+            c_f: (0.01, 1e5),
+        }
     }
 }
 
 impl Bounds {
-    /// The thesis' bounds, which suit power cells; moved by powers of ten for impedances of another size.
+    /// The thesis' bounds, which suit power cells; moved by powers of ten for impedances of another
+    /// size.
     pub fn for_spectra(spectra: &[Spectrum]) -> Self {
         let thesis = Self::default();
-        let greatest = spectra.iter().flat_map(|spectrum| &spectrum.points).map(|point| point.z_ohm.norm()).fold(0.0, f64::max);
+        let greatest = spectra
+            .iter()
+            .flat_map(|spectrum| &spectrum.points)
+            .map(|point| point.z_ohm.norm())
+            .fold(0.0, f64::max);
         let suits = 0.01 * thesis.r_ohm.1..=0.5 * thesis.r_ohm.1;
         if greatest <= 0.0 || !greatest.is_finite() || suits.contains(&greatest) {
             return thesis;
         }
         let factor = 10.0_f64.powf((greatest / (0.5 * thesis.r_ohm.1)).log10().ceil());
-        Self { r_ohm: (thesis.r_ohm.0 * factor, thesis.r_ohm.1 * factor), c_f: (thesis.c_f.0 / factor, thesis.c_f.1 / factor) }
+        Self {
+            r_ohm: (thesis.r_ohm.0 * factor, thesis.r_ohm.1 * factor),
+            c_f: (thesis.c_f.0 / factor, thesis.c_f.1 / factor),
+        }
     }
 }
 
@@ -103,7 +122,12 @@ pub struct FitOptions {
 impl Default for FitOptions {
     /// 4 RC branches, the thesis' objective and bounds.
     fn default() -> Self {
-        Self { rc: 4, objective: Objective::SumAbs, bounds: Bounds::default(), seed: 0 }
+        Self {
+            rc: 4,
+            objective: Objective::SumAbs,
+            bounds: Bounds::default(),
+            seed: 0,
+        }
     }
 }
 
@@ -117,7 +141,10 @@ pub enum FitError {
         spectra: usize,
     },
     /// A point that is no measurement.
-    #[error("fit: spectrum \"{spectrum}\", point {index} (counted from 1): expected {expected}, met {met}")]
+    #[error(
+        "fit: spectrum \"{spectrum}\", point {index} (counted from 1): expected {expected}, met \
+        {met}"
+    )]
     BadPoint {
         /// Name of the spectrum.
         spectrum: String,
@@ -130,7 +157,8 @@ pub enum FitError {
     },
     /// More parameters than the data have numbers.
     #[error(
-        "fit: {rc} RC branches have {parameters} parameters and need as many numbers, met {numbers} \
+        "fit: {rc} RC branches have {parameters} parameters and need as many numbers, met \
+        {numbers} \
          ({frequencies} distinct frequencies, objective {objective})"
     )]
     TooFewFrequencies {
@@ -152,7 +180,10 @@ pub enum FitError {
         met: usize,
     },
     /// Bounds that hold nothing.
-    #[error("fit: bounds of {parameter}: expected 0 < lower < upper, both finite, met {lower} to {upper} {unit}")]
+    #[error(
+        "fit: bounds of {parameter}: expected 0 < lower < upper, both finite, met {lower} to \
+        {upper} {unit}"
+    )]
     BadBounds {
         /// R or C.
         parameter: &'static str,
@@ -181,9 +212,16 @@ impl FitOptions {
         if self.rc > MAX_RC {
             return Err(FitError::TooManyBranches { met: self.rc });
         }
-        for (parameter, unit, (lower, upper)) in [("R", "Ω", self.bounds.r_ohm), ("C", "F", self.bounds.c_f)] {
+        for (parameter, unit, (lower, upper)) in
+            [("R", "Ω", self.bounds.r_ohm), ("C", "F", self.bounds.c_f)]
+        {
             if !(lower > 0.0 && upper > lower && upper.is_finite()) {
-                return Err(FitError::BadBounds { parameter, lower, upper, unit });
+                return Err(FitError::BadBounds {
+                    parameter,
+                    lower,
+                    upper,
+                    unit,
+                });
             }
         }
         Ok(())
@@ -191,9 +229,19 @@ impl FitOptions {
 
     pub(crate) fn check_size(&self, frequencies: usize) -> Result<(), FitError> {
         let (rc, parameters, objective) = (self.rc, self.parameter_count(), self.objective);
-        let numbers = if objective == Objective::Modulus { frequencies } else { 2 * frequencies };
+        let numbers = if objective == Objective::Modulus {
+            frequencies
+        } else {
+            2 * frequencies
+        };
         if parameters > numbers {
-            return Err(FitError::TooFewFrequencies { rc, parameters, numbers, frequencies, objective });
+            return Err(FitError::TooFewFrequencies {
+                rc,
+                parameters,
+                numbers,
+                frequencies,
+                objective,
+            });
         }
         Ok(())
     }
@@ -201,16 +249,28 @@ impl FitOptions {
 
 pub(crate) fn check_spectra(spectra: &[Spectrum]) -> Result<(), FitError> {
     if spectra.iter().all(|s| s.points.is_empty()) {
-        return Err(FitError::NoPoints { spectra: spectra.len() });
+        return Err(FitError::NoPoints {
+            spectra: spectra.len(),
+        });
     }
     for s in spectra {
         for (i, p) in s.points.iter().enumerate() {
-            let bad = |expected, met| Err(FitError::BadPoint { spectrum: s.name.clone(), index: i + 1, expected, met });
+            let bad = |expected, met| {
+                Err(FitError::BadPoint {
+                    spectrum: s.name.clone(),
+                    index: i + 1,
+                    expected,
+                    met,
+                })
+            };
             if !(p.freq_hz.is_finite() && p.freq_hz > 0.0) {
                 return bad("a positive finite frequency in Hz", p.freq_hz.to_string());
             }
             if !(p.z_ohm.is_finite() && p.z_ohm.norm_sqr() > 0.0) {
-                return bad("a finite impedance other than zero in Ω", p.z_ohm.to_string());
+                return bad(
+                    "a finite impedance other than zero in Ω",
+                    p.z_ohm.to_string(),
+                );
             }
         }
     }

@@ -1,9 +1,12 @@
-//! How many RC branches the data bear: the corrected Akaike criterion (Hurvich and Tsai, 1989), the F-test between nested orders, the whiteness of
-//! the residuals, and the prediction of a cell from the others.
+//! How many RC branches the data bear: the corrected Akaike criterion (Hurvich and Tsai, 1989), the
+//! F-test between nested orders, the whiteness of the residuals, and the prediction of a cell from
+//! the others.
 //!
-//! Cells differ from each other by more than one cell from sweep to sweep, so that pooled residuals say more of the cells than of the model. Every
-//! cell is therefore fitted on its own, its repeats averaged and their scatter taken as the noise, and the cells' sums are judged. A branch that is
-//! not there leaves its time constant free, which textbook F-tests do not foresee: their levels are approximate here.
+//! Cells differ from each other by more than one cell from sweep to sweep, so that pooled residuals
+//! say more of the cells than of the model. Every cell is therefore fitted on its own, its repeats
+//! averaged and their scatter taken as the noise, and the cells' sums are judged. A branch that is
+//! not there leaves its time constant free, which textbook F-tests do not foresee: their levels are
+//! approximate here.
 
 use super::cells::{CellSweeps, cell_means};
 use super::erm::{ErmFit, fit_erm};
@@ -47,11 +50,13 @@ pub struct OrderRow {
     pub lag1: Option<f64>,
     /// Probability of such an autocorrelation in noise.
     pub whiteness_p: Option<f64>,
-    /// Probability of such residuals if the model held and the noise were that of the repeats; none without repeats.
+    /// Probability of such residuals if the model held and the noise were that of the repeats; none
+    /// without repeats.
     pub lack_of_fit_p: Option<f64>,
     /// Root mean square of |ΔZ/Z| in predicting a cell from the others; none below three cells.
     pub left_out_cell: Option<f64>,
-    /// Change of the mean square of that against the order below, with its standard error over cells.
+    /// Change of the mean square of that against the order below, with its standard error over
+    /// cells.
     pub left_out_change: Option<(f64, f64)>,
     /// Parameters that are at a bound in at least half of the cells.
     #[serde(default)]
@@ -73,7 +78,8 @@ pub struct OrderSelection {
     pub rows: Vec<OrderRow>,
     /// The order to use.
     pub recommended: usize,
-    /// Orders that the data do not tell from the best of the criteria; more than one means: cannot tell.
+    /// Orders that the data do not tell from the best of the criteria; more than one means: cannot
+    /// tell.
     pub plausible: Vec<usize>,
     /// Why, in sentences.
     pub reasons: Vec<String>,
@@ -83,7 +89,8 @@ pub struct OrderSelection {
     pub sweeps: usize,
     /// The smallest order that predicts a cell left out as well as any; none below three cells.
     pub for_other_cells: Option<usize>,
-    /// Error of predicting a cell from the mean of the others without any model: no order can do better than about this.
+    /// Error of predicting a cell from the mean of the others without any model: no order can do
+    /// better than about this.
     pub left_out_floor: Option<f64>,
 }
 
@@ -98,21 +105,38 @@ impl OrderSelection {
 ///
 /// # Errors
 /// [`FitError`] as for a fit.
-pub fn select_order(cells: &[CellSweeps], options: &OrderOptions) -> Result<OrderSelection, FitError> {
+pub fn select_order(
+    cells: &[CellSweeps],
+    options: &OrderOptions,
+) -> Result<OrderSelection, FitError> {
     let all: Vec<Spectrum> = cells.iter().flat_map(|c| c.sweeps.clone()).collect();
     check_spectra(&all)?;
     let means = cell_means(cells);
     let repeated = cells.iter().any(|c| c.sweeps.len() > 1);
-    let groups = means.iter().map(|m| Problem::new(std::slice::from_ref(m), Objective::Complex).groups.len());
+    let groups = means.iter().map(|m| {
+        Problem::new(std::slice::from_ref(m), Objective::Complex)
+            .groups
+            .len()
+    });
     let fewest = groups.min().unwrap_or(0);
     let fits_into = |rc: &usize| 2 * fewest > 2 * rc + 4;
-    let orders: Vec<usize> = (0..=options.most).filter(|rc| *rc == 0 || fits_into(rc)).collect();
-    let freedom_within: usize = cells.iter().map(|c| c.sweeps.len().saturating_sub(1)).sum::<usize>() * 2 * fewest;
+    let orders: Vec<usize> = (0..=options.most)
+        .filter(|rc| *rc == 0 || fits_into(rc))
+        .collect();
+    let freedom_within: usize = cells
+        .iter()
+        .map(|c| c.sweeps.len().saturating_sub(1))
+        .sum::<usize>()
+        * 2
+        * fewest;
     let judge_order = |rc: &usize| -> Result<(OrderRow, Vec<f64>), FitError> {
         let row = row(&means, options, *rc, repeated.then_some(freedom_within))?;
         Ok((row, left_out(&means, options, *rc)?))
     };
-    let judged: Vec<(OrderRow, Vec<f64>)> = orders.par_iter().map(judge_order).collect::<Result<_, _>>()?;
+    let judged: Vec<(OrderRow, Vec<f64>)> = orders
+        .par_iter()
+        .map(judge_order)
+        .collect::<Result<_, _>>()?;
     let (mut rows, squares): (Vec<OrderRow>, Vec<Vec<f64>>) = judged.into_iter().unzip();
     compare(&mut rows, &squares);
     let (recommended, plausible, reasons) = judge(&rows);
@@ -129,14 +153,34 @@ pub fn select_order(cells: &[CellSweeps], options: &OrderOptions) -> Result<Orde
 }
 
 /// What one order says by itself.
-fn row(means: &[Spectrum], options: &OrderOptions, rc: usize, freedom_within: Option<usize>) -> Result<OrderRow, FitError> {
-    let options = FitOptions { rc, objective: Objective::Complex, bounds: options.bounds, seed: options.seed };
-    let fits: Vec<ErmFit> = means.iter().map(|m| fit_erm(std::slice::from_ref(m), &options)).collect::<Result<_, _>>()?;
+fn row(
+    means: &[Spectrum],
+    options: &OrderOptions,
+    rc: usize,
+    freedom_within: Option<usize>,
+) -> Result<OrderRow, FitError> {
+    let options = FitOptions {
+        rc,
+        objective: Objective::Complex,
+        bounds: options.bounds,
+        seed: options.seed,
+    };
+    let fits: Vec<ErmFit> = means
+        .iter()
+        .map(|m| fit_erm(std::slice::from_ref(m), &options))
+        .collect::<Result<_, _>>()?;
     let chi2: f64 = fits.iter().map(|f| f.objective).sum();
     let numbers: usize = fits.iter().map(|f| 2 * f.points).sum();
     let parameters = fits.len() * options.parameter_count();
-    let problems: Vec<Problem> = means.iter().map(|m| Problem::new(std::slice::from_ref(m), Objective::Complex)).collect();
-    let lags: Vec<Lag1> = problems.iter().zip(&fits).filter_map(|(p, f)| lag1(p, f)).collect();
+    let problems: Vec<Problem> = means
+        .iter()
+        .map(|m| Problem::new(std::slice::from_ref(m), Objective::Complex))
+        .collect();
+    let lags: Vec<Lag1> = problems
+        .iter()
+        .zip(&fits)
+        .filter_map(|(p, f)| lag1(p, f))
+        .collect();
     let count = lags.len() as f64;
     let freedom = numbers.saturating_sub(parameters) as f64;
     let absolute = fits.iter().all(|f| f.reduced_chi2.is_some());
@@ -148,46 +192,72 @@ fn row(means: &[Spectrum], options: &OrderOptions, rc: usize, freedom_within: Op
         aicc: aicc(chi2, numbers as f64, parameters as f64 + 1.0),
         f_test_p: None,
         lag1: (count > 0.0).then(|| lags.iter().map(|l| l.correlation).sum::<f64>() / count),
-        whiteness_p: (count > 0.0).then(|| normal_tail(lags.iter().map(|l| l.z).sum::<f64>() / count.sqrt())),
-        lack_of_fit_p: freedom_within.filter(|_| absolute).map(|within| f_tail(chi2 / freedom, (freedom, within as f64))),
+        whiteness_p: (count > 0.0)
+            .then(|| normal_tail(lags.iter().map(|l| l.z).sum::<f64>() / count.sqrt())),
+        lack_of_fit_p: freedom_within
+            .filter(|_| absolute)
+            .map(|within| f_tail(chi2 / freedom, (freedom, within as f64))),
         left_out_cell: None,
         left_out_change: None,
         held_by_bounds: held_by_bounds(&fits),
         reduced_chi2: (absolute && freedom > 0.0).then_some(chi2 / freedom),
-        stands_out: problems.iter().zip(&fits).any(|(p, f)| !standing_out(p, &f.erm).is_empty()),
+        stands_out: problems
+            .iter()
+            .zip(&fits)
+            .any(|(p, f)| !standing_out(p, &f.erm).is_empty()),
         unidentified: unidentified(&fits),
     })
 }
 
 fn aicc(chi2: f64, numbers: f64, parameters: f64) -> f64 {
     let left = numbers - parameters - 1.0;
-    let correction = if left > 0.0 { 2.0 * parameters * (parameters + 1.0) / left } else { f64::INFINITY };
+    let correction = if left > 0.0 {
+        2.0 * parameters * (parameters + 1.0) / left
+    } else {
+        f64::INFINITY
+    };
     numbers * (chi2 / numbers).max(f64::MIN_POSITIVE).ln() + 2.0 * parameters + correction
 }
 
 /// Names of the parameters that a bound holds in at least half of the fits.
 fn held_by_bounds(fits: &[ErmFit]) -> Vec<String> {
-    let Some(first) = fits.first() else { return Vec::new() };
+    let Some(first) = fits.first() else {
+        return Vec::new();
+    };
     let held: Vec<Vec<String>> = fits.iter().map(super::warnings::held_by_bounds).collect();
     let names = first.erm.parameter_names().into_iter();
-    names.filter(|name| 2 * held.iter().filter(|held| held.contains(name)).count() >= fits.len()).collect()
+    names
+        .filter(|name| 2 * held.iter().filter(|held| held.contains(name)).count() >= fits.len())
+        .collect()
 }
 
 /// Names of the parameters that at least half of the fits do not fix.
 fn unidentified(fits: &[ErmFit]) -> Vec<String> {
-    let Some(first) = fits.first() else { return Vec::new() };
+    let Some(first) = fits.first() else {
+        return Vec::new();
+    };
     let loose = |fit: &ErmFit, i: usize| {
         let relative = match i {
             0 => fit.sigma.r_ohm.map(|s| s / fit.erm.r_ohm),
             _ => {
-                let (b, s) = (fit.erm.branches[(i - 1) / 2], fit.sigma.branches[(i - 1) / 2]);
-                if i % 2 == 1 { s.r_ohm.map(|s| s / b.r_ohm) } else { s.c_f.map(|s| s / b.c_f) }
+                let (b, s) = (
+                    fit.erm.branches[(i - 1) / 2],
+                    fit.sigma.branches[(i - 1) / 2],
+                );
+                if i % 2 == 1 {
+                    s.r_ohm.map(|s| s / b.r_ohm)
+                } else {
+                    s.c_f.map(|s| s / b.c_f)
+                }
             }
         };
         relative.is_none_or(|r| r > 0.5)
     };
     let names = first.erm.parameter_names().into_iter().enumerate();
-    names.filter(|(i, _)| 2 * fits.iter().filter(|f| loose(f, *i)).count() >= fits.len()).map(|(_, name)| name).collect()
+    names
+        .filter(|(i, _)| 2 * fits.iter().filter(|f| loose(f, *i)).count() >= fits.len())
+        .map(|(_, name)| name)
+        .collect()
 }
 
 /// What orders say against each other.
@@ -201,8 +271,16 @@ fn compare(rows: &mut [OrderRow], squares: &[Vec<f64>]) {
         let (below, here) = (rows[k - 1].chi2, rows[k].chi2);
         let more = (rows[k].parameters - rows[k - 1].parameters) as f64;
         let freedom = (rows[k].numbers - rows[k].parameters) as f64;
-        rows[k].f_test_p = Some(f_tail((below - here).max(0.0) / more / (here / freedom), (more, freedom))).filter(|p| p.is_finite());
-        let changes: Vec<f64> = squares[k].iter().zip(&squares[k - 1]).map(|(a, b)| a - b).collect();
+        rows[k].f_test_p = Some(f_tail(
+            (below - here).max(0.0) / more / (here / freedom),
+            (more, freedom),
+        ))
+        .filter(|p| p.is_finite());
+        let changes: Vec<f64> = squares[k]
+            .iter()
+            .zip(&squares[k - 1])
+            .map(|(a, b)| a - b)
+            .collect();
         if changes.len() > 1 {
             let (m, n) = (mean(&changes), changes.len() as f64);
             let variance = changes.iter().map(|c| (c - m).powi(2)).sum::<f64>() / (n - 1.0);
@@ -216,14 +294,32 @@ fn left_out(means: &[Spectrum], options: &OrderOptions, rc: usize) -> Result<Vec
     if means.len() < 3 {
         return Ok(Vec::new());
     }
-    let options = FitOptions { rc, objective: Objective::Complex, bounds: options.bounds, seed: options.seed };
+    let options = FitOptions {
+        rc,
+        objective: Objective::Complex,
+        bounds: options.bounds,
+        seed: options.seed,
+    };
     let one = |left: usize| {
-        let mut others: Vec<Spectrum> = means.iter().enumerate().filter(|(k, _)| *k != left).map(|(_, m)| m.clone()).collect();
-        // Every cell counts alike, and every frequency by its magnitude: the noise is not what makes cells differ.
-        others.iter_mut().flat_map(|m| &mut m.points).for_each(|p| p.covariance = Covariance2::UNKNOWN);
+        let mut others: Vec<Spectrum> = means
+            .iter()
+            .enumerate()
+            .filter(|(k, _)| *k != left)
+            .map(|(_, m)| m.clone())
+            .collect();
+        // Every cell counts alike, and every frequency by its magnitude: the noise is not what
+        // makes cells differ.
+        others
+            .iter_mut()
+            .flat_map(|m| &mut m.points)
+            .for_each(|p| p.covariance = Covariance2::UNKNOWN);
         let fit = fit_erm(&others, &options)?;
         let points = &means[left].points;
-        Ok(points.iter().map(|p| ((fit.erm.impedance(p.freq_hz) - p.z_ohm) / p.z_ohm).norm_sqr()).sum::<f64>() / points.len() as f64)
+        Ok(points
+            .iter()
+            .map(|p| ((fit.erm.impedance(p.freq_hz) - p.z_ohm) / p.z_ohm).norm_sqr())
+            .sum::<f64>()
+            / points.len() as f64)
     };
     (0..means.len()).map(one).collect()
 }
@@ -237,7 +333,11 @@ fn left_out_floor(means: &[Spectrum]) -> Option<f64> {
     let mut sum = 0.0;
     for k in 0..points {
         let total: num_complex::Complex64 = means.iter().map(|m| m.points[k].z_ohm).sum();
-        sum += means.iter().map(|m| m.points[k].z_ohm).map(|z| (((total - z) / others - z) / z).norm_sqr()).sum::<f64>();
+        sum += means
+            .iter()
+            .map(|m| m.points[k].z_ohm)
+            .map(|z| (((total - z) / others - z) / z).norm_sqr())
+            .sum::<f64>();
     }
     Some((sum / (points * means.len()) as f64).sqrt())
 }

@@ -1,7 +1,9 @@
-//! The data of a fit, points of equal frequency pooled, and the three objectives with their exact derivatives.
+//! The data of a fit, points of equal frequency pooled, and the three objectives with their exact
+//! derivatives.
 //!
-//! The model is evaluated once per distinct frequency, however many sweeps are pooled. The two quadratic objectives need only each frequency's
-//! mean and scatter; the sum of norms needs every point.
+//! The model is evaluated once per distinct frequency, however many sweeps are pooled. The two
+//! quadratic objectives need only each frequency's mean and scatter; the sum of norms needs every
+//! point.
 
 use super::common::{self, Common, Seen};
 use super::local::Smooth;
@@ -61,31 +63,55 @@ impl Problem {
         Self::pool(spectra, kind, &common::names(spectra))
     }
 
-    /// The same with the shares of common errors as noise of each point: good enough to find basins by, and quick.
+    /// The same with the shares of common errors as noise of each point: good enough to find basins
+    /// by, and quick.
     pub(super) fn coarse(spectra: &[Spectrum], kind: Objective) -> Self {
         Self::pool(spectra, kind, &[])
     }
 
     fn pool(spectra: &[Spectrum], kind: Objective, names: &[&str]) -> Self {
-        let mut tagged: Vec<(usize, usize)> =
-            spectra.iter().enumerate().flat_map(|(i, s)| (0..s.points.len()).map(move |k| (i, k))).collect();
+        let mut tagged: Vec<(usize, usize)> = spectra
+            .iter()
+            .enumerate()
+            .flat_map(|(i, s)| (0..s.points.len()).map(move |k| (i, k)))
+            .collect();
         let at = |(spectrum, index): &(usize, usize)| &spectra[*spectrum].points[*index];
         tagged.sort_by(|a, b| at(a).freq_hz.total_cmp(&at(b).freq_hz));
-        let covariance = |tag: &(usize, usize)| if names.is_empty() { at(tag).covariance } else { spectra[tag.0].own_covariance(tag.1) };
-        let absolute_weights = kind == Objective::Complex && tagged.iter().all(|tag| inverse_covariance(&covariance(tag)).is_some());
+        let covariance = |tag: &(usize, usize)| {
+            if names.is_empty() {
+                at(tag).covariance
+            } else {
+                spectra[tag.0].own_covariance(tag.1)
+            }
+        };
+        let absolute_weights = kind == Objective::Complex
+            && tagged
+                .iter()
+                .all(|tag| inverse_covariance(&covariance(tag)).is_some());
         let mut groups: Vec<Group> = Vec::new();
         let mut seen: Vec<Vec<Seen>> = Vec::new();
         for tag in &tagged {
             let (p, freq_hz) = (at(tag), at(tag).freq_hz);
             let weight = match kind {
-                Objective::Complex if absolute_weights => inverse_covariance(&covariance(tag)).unwrap_or([1.0, 0.0, 1.0]),
+                Objective::Complex if absolute_weights => {
+                    inverse_covariance(&covariance(tag)).unwrap_or([1.0, 0.0, 1.0])
+                }
                 Objective::Complex => [1.0 / p.z_ohm.norm_sqr(), 0.0, 1.0 / p.z_ohm.norm_sqr()],
                 Objective::SumAbs | Objective::Modulus => [1.0, 0.0, 1.0],
             };
-            let point = DataPoint { z: p.z_ohm, weight, spectrum: tag.0 };
-            let shared = Seen { z: p.z_ohm, weight, directions: common::directions(&spectra[tag.0], tag.1, names) };
+            let point = DataPoint {
+                z: p.z_ohm,
+                weight,
+                spectrum: tag.0,
+            };
+            let shared = Seen {
+                z: p.z_ohm,
+                weight,
+                directions: common::directions(&spectra[tag.0], tag.1, names),
+            };
             match (groups.last_mut(), seen.last_mut()) {
-                // Files print frequencies with few digits: what differs in the tenth is the same frequency.
+                // Files print frequencies with few digits: what differs in the tenth is the same
+                // frequency.
                 (Some(g), Some(all)) if (freq_hz - g.freq_hz).abs() <= 1e-10 * g.freq_hz => {
                     g.points.push(point);
                     all.push(shared);
@@ -100,28 +126,57 @@ impl Problem {
         let mut magnitudes: Vec<f64> = tagged.iter().map(|tag| at(tag).z_ohm.norm()).collect();
         magnitudes.sort_by(f64::total_cmp);
         let scale_ohm = magnitudes.get(magnitudes.len() / 2).copied().unwrap_or(1.0);
-        let common = if kind == Objective::Complex { Common::new(names, seen, absolute_weights) } else { None };
-        Self { groups, kind, absolute_weights, smoothing_ohm: 0.0, points: tagged.len(), scale_ohm, common }
+        let common = if kind == Objective::Complex {
+            Common::new(names, seen, absolute_weights)
+        } else {
+            None
+        };
+        Self {
+            groups,
+            kind,
+            absolute_weights,
+            smoothing_ohm: 0.0,
+            points: tagged.len(),
+            scale_ohm,
+            common,
+        }
     }
 
     /// Impedances of the model at all frequencies, Ω.
     pub(super) fn model(&self, x: &[f64]) -> Vec<Complex64> {
         let (r_ohm, branches) = components(x);
-        self.groups.iter().map(|g| impedance_of(r_ohm, &branches, g.freq_hz)).collect()
+        self.groups
+            .iter()
+            .map(|g| impedance_of(r_ohm, &branches, g.freq_hz))
+            .collect()
     }
 
-    /// Impedances of the model as each point of each group sees them, with the common errors at their best, Ω.
+    /// Impedances of the model as each point of each group sees them, with the common errors at
+    /// their best, Ω.
     pub(super) fn seen(&self, x: &[f64]) -> Vec<Vec<Complex64>> {
         let model = self.model(x);
-        let best = self.common.as_ref().map(|common| (common, common.best(&model).0));
-        let off = |group: usize, point: usize| best.as_ref().map_or(Complex64::ZERO, |(common, best)| common.deviation(group, point, best));
-        let of = |(group, g): (usize, &Group)| (0..g.points.len()).map(|point| model[group] + off(group, point)).collect();
+        let best = self
+            .common
+            .as_ref()
+            .map(|common| (common, common.best(&model).0));
+        let off = |group: usize, point: usize| {
+            best.as_ref().map_or(Complex64::ZERO, |(common, best)| {
+                common.deviation(group, point, best)
+            })
+        };
+        let of = |(group, g): (usize, &Group)| {
+            (0..g.points.len())
+                .map(|point| model[group] + off(group, point))
+                .collect()
+        };
         self.groups.iter().enumerate().map(of).collect()
     }
 
     /// DᵀWJ of the common errors over the parameters, row by row; empty without them.
     pub(super) fn mixed(&self, x: &[f64]) -> Vec<f64> {
-        let Some(common) = &self.common else { return Vec::new() };
+        let Some(common) = &self.common else {
+            return Vec::new();
+        };
         let mut mixed = vec![0.0; common.count() * x.len()];
         let mut slopes = vec![Complex64::ZERO; x.len()];
         let (r_ohm, branches) = components(x);
@@ -134,7 +189,10 @@ impl Problem {
 
     /// The same problem with another corner of the smoothed norm, Ω.
     pub(crate) fn smoothed(&self, smoothing_ohm: f64) -> Self {
-        Self { smoothing_ohm, ..self.clone() }
+        Self {
+            smoothing_ohm,
+            ..self.clone()
+        }
     }
 
     /// Value of the objective's share of one frequency for the model impedance z.
@@ -142,9 +200,14 @@ impl Problem {
         match self.kind {
             Objective::SumAbs => {
                 let e2 = self.smoothing_ohm * self.smoothing_ohm;
-                g.points.iter().map(|p| ((z - p.z).norm_sqr() + e2).sqrt()).sum()
+                g.points
+                    .iter()
+                    .map(|p| ((z - p.z).norm_sqr() + e2).sqrt())
+                    .sum()
             }
-            Objective::Modulus => g.points.len() as f64 * (z.norm() - g.mean_abs).powi(2) + g.scatter_abs,
+            Objective::Modulus => {
+                g.points.len() as f64 * (z.norm() - g.mean_abs).powi(2) + g.scatter_abs
+            }
             Objective::Complex => quadratic(&g.weight, z - g.mean) + g.scatter,
         }
     }
@@ -158,13 +221,25 @@ impl Problem {
                 let (m, excess) = (z.norm(), z.norm() - g.mean_abs);
                 let (ux, uy) = (z.re / m, z.im / m);
                 let (along, across) = (2.0 * n, 2.0 * n * excess / m);
-                let hessian = [along * ux * ux + across * uy * uy, (along - across) * ux * uy, along * uy * uy + across * ux * ux];
-                (n * excess * excess + g.scatter_abs, [2.0 * n * excess * ux, 2.0 * n * excess * uy], hessian)
+                let hessian = [
+                    along * ux * ux + across * uy * uy,
+                    (along - across) * ux * uy,
+                    along * uy * uy + across * ux * ux,
+                ];
+                (
+                    n * excess * excess + g.scatter_abs,
+                    [2.0 * n * excess * ux, 2.0 * n * excess * uy],
+                    hessian,
+                )
             }
             Objective::Complex => {
                 let r = z - g.mean;
                 let [xx, xy, yy] = g.weight.map(|w| 2.0 * w);
-                (quadratic(&g.weight, r) + g.scatter, [xx * r.re + xy * r.im, xy * r.re + yy * r.im], [xx, xy, yy])
+                (
+                    quadratic(&g.weight, r) + g.scatter,
+                    [xx * r.re + xy * r.im, xy * r.re + yy * r.im],
+                    [xx, xy, yy],
+                )
             }
         }
     }
@@ -194,7 +269,9 @@ impl Problem {
         let r = z - p.z;
         match self.kind {
             Objective::SumAbs => {
-                let s = (r.norm_sqr() + self.smoothing_ohm.powi(2)).sqrt().max(f64::MIN_POSITIVE);
+                let s = (r.norm_sqr() + self.smoothing_ohm.powi(2))
+                    .sqrt()
+                    .max(f64::MIN_POSITIVE);
                 [r.re / s, r.im / s]
             }
             Objective::Modulus => {
@@ -214,10 +291,19 @@ impl Smooth for Problem {
     fn value(&self, x: &[f64]) -> f64 {
         let Some(common) = &self.common else {
             let (r_ohm, branches) = components(x);
-            return self.groups.iter().map(|g| self.group_value(g, impedance_of(r_ohm, &branches, g.freq_hz))).sum();
+            return self
+                .groups
+                .iter()
+                .map(|g| self.group_value(g, impedance_of(r_ohm, &branches, g.freq_hz)))
+                .sum();
         };
         let model = self.model(x);
-        let apart: f64 = self.groups.iter().zip(&model).map(|(g, z)| self.group_value(g, *z)).sum();
+        let apart: f64 = self
+            .groups
+            .iter()
+            .zip(&model)
+            .map(|(g, z)| self.group_value(g, *z))
+            .sum();
         apart - common.best(&model).1
     }
 
@@ -229,7 +315,10 @@ impl Smooth for Problem {
         let mut slopes = vec![Complex64::ZERO; n];
         let mut curvatures = vec![[Complex64::ZERO; 3]; n / 2];
         let (r_ohm, branches) = components(x);
-        let best = self.common.as_ref().map(|common| (common, common.best(&self.model(x))));
+        let best = self
+            .common
+            .as_ref()
+            .map(|common| (common, common.best(&self.model(x))));
         let mut mixed = vec![0.0; self.common.as_ref().map_or(0, Common::count) * n];
         for (number, g) in self.groups.iter().enumerate() {
             let mut z = Complex64::new(r_ohm, 0.0);
@@ -266,7 +355,10 @@ impl Smooth for Problem {
         }
         if let Some((common, (_, taken))) = &best {
             value -= taken;
-            hessian.iter_mut().zip(common.taken_from_hessian(&mixed, n)).for_each(|(h, taken)| *h -= taken);
+            hessian
+                .iter_mut()
+                .zip(common.taken_from_hessian(&mixed, n))
+                .for_each(|(h, taken)| *h -= taken);
         }
         for i in 0..n {
             for j in 0..i {
@@ -294,12 +386,22 @@ pub(crate) fn impedance(x: &[f64], freq_hz: f64) -> Complex64 {
 }
 
 fn impedance_of(r_ohm: f64, branches: &[(f64, f64)], freq_hz: f64) -> Complex64 {
-    branches.iter().fold(Complex64::new(r_ohm, 0.0), |z, (r, tau)| z + r * relaxation(*tau, freq_hz))
+    branches
+        .iter()
+        .fold(Complex64::new(r_ohm, 0.0), |z, (r, tau)| {
+            z + r * relaxation(*tau, freq_hz)
+        })
 }
 
 /// R, and (R, RC) of the branches: the exponentials are taken once and not at every frequency.
 fn components(x: &[f64]) -> (f64, Vec<(f64, f64)>) {
-    (x[0].exp(), x[1..].chunks_exact(2).map(|p| (p[0].exp(), (p[0] + p[1]).exp())).collect())
+    (
+        x[0].exp(),
+        x[1..]
+            .chunks_exact(2)
+            .map(|p| (p[0].exp(), (p[0] + p[1]).exp()))
+            .collect(),
+    )
 }
 
 /// 1/(1 + jωτ).
@@ -312,13 +414,25 @@ fn relaxation(tau: f64, freq_hz: f64) -> Complex64 {
 /// Second derivatives of a branch's impedance: (ln R, ln R), (ln R, ln C), (ln C, ln C).
 fn branch_curvature(r: f64, u: Complex64) -> [Complex64; 3] {
     let (u2, u3) = (u * u, u * u * u);
-    [r * (2.0 * u3 - u2), r * (2.0 * u3 - 2.0 * u2), r * (2.0 * u3 - 3.0 * u2 + u)]
+    [
+        r * (2.0 * u3 - u2),
+        r * (2.0 * u3 - 2.0 * u2),
+        r * (2.0 * u3 - 3.0 * u2 + u),
+    ]
 }
 
 impl Group {
     fn open(freq_hz: f64, first: DataPoint) -> Self {
         let none = [0.0; 3];
-        Self { freq_hz, points: vec![first], weight: none, mean: Complex64::ZERO, scatter: 0.0, mean_abs: 0.0, scatter_abs: 0.0 }
+        Self {
+            freq_hz,
+            points: vec![first],
+            weight: none,
+            mean: Complex64::ZERO,
+            scatter: 0.0,
+            mean_abs: 0.0,
+            scatter_abs: 0.0,
+        }
     }
 
     /// Means first, then sums of squares about them: no digits are lost to cancellation.
@@ -333,9 +447,18 @@ impl Group {
         let [xx, xy, yy] = self.weight;
         let det = xx * yy - xy * xy;
         self.mean = Complex64::new((yy * bx - xy * by) / det, (xx * by - xy * bx) / det);
-        self.scatter = self.points.iter().map(|p| quadratic(&p.weight, p.z - self.mean)).sum();
-        self.mean_abs = self.points.iter().map(|p| p.z.norm()).sum::<f64>() / self.points.len() as f64;
-        self.scatter_abs = self.points.iter().map(|p| (p.z.norm() - self.mean_abs).powi(2)).sum();
+        self.scatter = self
+            .points
+            .iter()
+            .map(|p| quadratic(&p.weight, p.z - self.mean))
+            .sum();
+        self.mean_abs =
+            self.points.iter().map(|p| p.z.norm()).sum::<f64>() / self.points.len() as f64;
+        self.scatter_abs = self
+            .points
+            .iter()
+            .map(|p| (p.z.norm() - self.mean_abs).powi(2))
+            .sum();
     }
 }
 

@@ -1,8 +1,10 @@
-//! Variable projection (Golub and Pereyra, 1973): with the time constants held, the impedance is linear in the resistances, so the global
-//! search ([`super::batch`], which does the same for many at once) runs over the logarithms of the time constants alone and the best resistances
-//! come from a small bounded quadratic.
+//! Variable projection (Golub and Pereyra, 1973): with the time constants held, the impedance is
+//! linear in the resistances, so the global search ([`super::batch`], which does the same for many
+//! at once) runs over the logarithms of the time constants alone and the best resistances come from
+//! a small bounded quadratic.
 //!
-//! The sum of norms and the moduli are not quadratic: a few reweighted quadratics come close enough to rank basins. The digits are made later.
+//! The sum of norms and the moduli are not quadratic: a few reweighted quadratics come close enough
+//! to rank basins. The digits are made later.
 
 use super::linalg::{BoxQuadratic, MAX_UNKNOWNS};
 use super::options::{Bounds, Objective};
@@ -27,13 +29,21 @@ pub(crate) struct Projection<'a> {
 impl<'a> Projection<'a> {
     pub(crate) fn new(problem: &'a Problem, bounds: &'a Bounds) -> Self {
         let groups = problem.groups.len();
-        Self { problem, bounds, basis: vec![[Complex64::ONE; MAX_UNKNOWNS]; groups], model: vec![Complex64::ZERO; groups] }
+        Self {
+            problem,
+            bounds,
+            basis: vec![[Complex64::ONE; MAX_UNKNOWNS]; groups],
+            model: vec![Complex64::ZERO; groups],
+        }
     }
 
     /// Logarithmic parameters ln R, ln R₁, ln C₁, … of the best resistances found.
     pub(crate) fn parameters(&mut self, log_tau: &[f64]) -> Vec<f64> {
         let (_, r) = self.solve(log_tau);
-        let branches = log_tau.iter().enumerate().flat_map(|(k, t)| [r[k + 1].ln(), t - r[k + 1].ln()]);
+        let branches = log_tau
+            .iter()
+            .enumerate()
+            .flat_map(|(k, t)| [r[k + 1].ln(), t - r[k + 1].ln()]);
         std::iter::once(r[0].ln()).chain(branches).collect()
     }
 
@@ -52,7 +62,11 @@ impl<'a> Projection<'a> {
         for (g, z) in self.problem.groups.iter().zip(&mut self.model) {
             *z = g.mean;
         }
-        let rounds = if self.problem.kind == Objective::Complex { 1 } else { REWEIGHTS };
+        let rounds = if self.problem.kind == Objective::Complex {
+            1
+        } else {
+            REWEIGHTS
+        };
         let mut best = (f64::INFINITY, [0.0; MAX_UNKNOWNS]);
         for round in 0..rounds {
             self.assemble(&mut quadratic, round == 0);
@@ -104,19 +118,31 @@ impl<'a> Projection<'a> {
             Objective::Modulus => {
                 let n = g.points.len() as f64;
                 let u = z / z.norm().max(f64::MIN_POSITIVE);
-                ([n * u.re * u.re, n * u.re * u.im, n * u.im * u.im], n * g.mean_abs * u)
+                (
+                    [n * u.re * u.re, n * u.re * u.im, n * u.im * u.im],
+                    n * g.mean_abs * u,
+                )
             }
             Objective::SumAbs | Objective::Complex => {
                 let [xx, xy, yy] = g.weight;
                 let m = g.mean;
-                (g.weight, Complex64::new(xx * m.re + xy * m.im, xy * m.re + yy * m.im))
+                (
+                    g.weight,
+                    Complex64::new(xx * m.re + xy * m.im, xy * m.re + yy * m.im),
+                )
             }
         }
     }
 
     fn evaluate(&mut self, r: &[f64; MAX_UNKNOWNS], n: usize) -> f64 {
         let mut value = 0.0;
-        for ((g, basis), z) in self.problem.groups.iter().zip(&self.basis).zip(&mut self.model) {
+        for ((g, basis), z) in self
+            .problem
+            .groups
+            .iter()
+            .zip(&self.basis)
+            .zip(&mut self.model)
+        {
             *z = basis[..n].iter().zip(r).map(|(b, r)| b * r).sum();
             value += self.problem.group_value(g, *z);
         }

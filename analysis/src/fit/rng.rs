@@ -1,5 +1,5 @@
-//! A small seeded generator: xoshiro256++ (Blackman and Vigna, 2019), its state filled by SplitMix64. Equal seeds give equal fits on every
-//! machine. Not for secrets.
+//! A small seeded generator: xoshiro256++ (Blackman and Vigna, 2019), its state filled by
+//! SplitMix64. Equal seeds give equal fits on every machine. Not for secrets.
 
 /// Pseudo-random numbers of one seed.
 #[derive(Debug, Clone)]
@@ -17,7 +17,9 @@ impl Rng {
             let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
             z ^ (z >> 31)
         };
-        Self { state: std::array::from_fn(|_| split_mix()) }
+        Self {
+            state: std::array::from_fn(|_| split_mix()),
+        }
     }
 
     /// The next 64 bits.
@@ -47,9 +49,19 @@ mod tests {
     #[test]
     fn matches_the_published_recurrence() {
         // First outputs of xoshiro256++ from the state 1, 2, 3, 4.
-        let mut rng = Rng { state: [1, 2, 3, 4] };
+        let mut rng = Rng {
+            state: [1, 2, 3, 4],
+        };
         let met: Vec<u64> = (0..4).map(|_| rng.next_u64()).collect();
-        assert_eq!(met, [41_943_041, 58_720_359, 3_588_806_011_781_223, 3_591_011_842_654_386]);
+        assert_eq!(
+            met,
+            [
+                41_943_041,
+                58_720_359,
+                3_588_806_011_781_223,
+                3_591_011_842_654_386
+            ]
+        );
         // First output of SplitMix64 from the state 0.
         assert_eq!(Rng::new(0).state[0], 0xE220_A839_7B1D_CDAF);
     }
@@ -58,7 +70,11 @@ mod tests {
     fn uniform_fills_its_interval() {
         let mut rng = Rng::new(7);
         let n = 10_000;
-        let mean = (0..n).map(|_| rng.uniform()).inspect(|u| assert!((0.0..1.0).contains(u))).sum::<f64>() / f64::from(n);
+        let mean = (0..n)
+            .map(|_| rng.uniform())
+            .inspect(|u| assert!((0.0..1.0).contains(u)))
+            .sum::<f64>()
+            / f64::from(n);
         assert!((mean - 0.5).abs() < 0.015, "{mean}");
         assert!((0..1000).all(|_| rng.below(3) < 3));
         assert_eq!(rng.below(0), 0);

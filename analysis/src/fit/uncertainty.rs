@@ -1,5 +1,5 @@
-//! How well the data fix the parameters of the extended Randles model; what the data say is [`Evidence`]'s. A parameter held by a bound has no
-//! sigma.
+//! How well the data fix the parameters of the extended Randles model; what the data say is
+//! [`Evidence`]'s. A parameter held by a bound has no sigma.
 
 use super::clusters::Clusters;
 use super::evidence::{CELL_CORNER, Evidence, FrequencyShare, NORM_CORNER, Normal, PointShare};
@@ -42,21 +42,47 @@ pub(crate) struct Uncertainty {
 }
 
 impl Uncertainty {
-    pub(crate) fn of(problem: &Problem, erm: &Erm, options: &FitOptions, clusters: &Clusters) -> Self {
+    pub(crate) fn of(
+        problem: &Problem,
+        erm: &Erm,
+        options: &FitOptions,
+        clusters: &Clusters,
+    ) -> Self {
         let x = erm.log_parameters();
         let n = x.len();
-        let per_point = if problem.kind == Objective::Modulus { 1 } else { 2 };
+        let per_point = if problem.kind == Objective::Modulus {
+            1
+        } else {
+            2
+        };
         let freedom = (per_point * problem.points).saturating_sub(n) as f64;
         let bounds = log_bounds(options);
-        let free: Vec<usize> = (0..n).filter(|i| x[*i] > bounds[*i].0 + 1e-9 && x[*i] < bounds[*i].1 - 1e-9).collect();
-        let covariance = covariance(problem, &x, &free, (freedom, clusters), taken(problem, &x, &free));
+        let free: Vec<usize> = (0..n)
+            .filter(|i| x[*i] > bounds[*i].0 + 1e-9 && x[*i] < bounds[*i].1 - 1e-9)
+            .collect();
+        let covariance = covariance(
+            problem,
+            &x,
+            &free,
+            (freedom, clusters),
+            taken(problem, &x, &free),
+        );
         let entry = |i: usize, j: usize| -> Option<f64> {
-            let (row, column) = (free.iter().position(|f| *f == i)?, free.iter().position(|f| *f == j)?);
+            let (row, column) = (
+                free.iter().position(|f| *f == i)?,
+                free.iter().position(|f| *f == j)?,
+            );
             covariance.as_ref().map(|c| c[row * free.len() + column])
         };
         let sigma = sigma_of(erm, &entry);
-        let log_covariance = (0..n).map(|i| (0..n).map(|j| entry(i, j)).collect()).collect();
-        Self { sigma, log_covariance, freedom }
+        let log_covariance = (0..n)
+            .map(|i| (0..n).map(|j| entry(i, j)).collect())
+            .collect();
+        Self {
+            sigma,
+            log_covariance,
+            freedom,
+        }
     }
 }
 
@@ -73,10 +99,20 @@ pub(crate) fn sigma_of(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) 
             time_constant_s: sum().map(|s| s * b.time_constant_s()),
         }
     };
-    let resistances: Vec<(usize, f64)> =
-        std::iter::once((0, erm.r_ohm)).chain(erm.branches.iter().enumerate().map(|(k, b)| (2 * k + 1, b.r_ohm))).collect();
-    let pairs = resistances.iter().flat_map(|a| resistances.iter().map(move |b| (a, b)));
-    let dc: Option<f64> = pairs.map(|(a, b)| entry(a.0, b.0).map(|c| c * a.1 * b.1)).sum();
+    let resistances: Vec<(usize, f64)> = std::iter::once((0, erm.r_ohm))
+        .chain(
+            erm.branches
+                .iter()
+                .enumerate()
+                .map(|(k, b)| (2 * k + 1, b.r_ohm)),
+        )
+        .collect();
+    let pairs = resistances
+        .iter()
+        .flat_map(|a| resistances.iter().map(move |b| (a, b)));
+    let dc: Option<f64> = pairs
+        .map(|(a, b)| entry(a.0, b.0).map(|c| c * a.1 * b.1))
+        .sum();
     ErmSigma {
         r_ohm: relative(0).map(|s| s * erm.r_ohm),
         branches: erm.branches.iter().enumerate().map(branch).collect(),
@@ -84,7 +120,8 @@ pub(crate) fn sigma_of(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) 
     }
 }
 
-/// Covariance of the free logarithmic parameters, row-major; none when the data do not fix them or leave no freedom to tell.
+/// Covariance of the free logarithmic parameters, row-major; none when the data do not fix them or
+/// leave no freedom to tell.
 ///
 /// `shared` is what common errors take from the information.
 fn covariance(
@@ -107,10 +144,22 @@ fn covariance(
     };
     let hessian = |corner: f64| {
         let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
-        problem.smoothed(corner.max(1e-6 * problem.scale_ohm)).expand(x, &mut gradient, &mut hessian);
-        free.iter().flat_map(|i| free.iter().map(|j| hessian[i * n + j]).collect::<Vec<f64>>()).collect()
+        problem
+            .smoothed(corner.max(1e-6 * problem.scale_ohm))
+            .expand(x, &mut gradient, &mut hessian);
+        free.iter()
+            .flat_map(|i| {
+                free.iter()
+                    .map(|j| hessian[i * n + j])
+                    .collect::<Vec<f64>>()
+            })
+            .collect()
     };
-    let Normal { bread, meat, factor } = evidence.normal(hessian);
+    let Normal {
+        bread,
+        meat,
+        factor,
+    } = evidence.normal(hessian);
     let (inverse, factor) = (invert(&bread, m)?, factor?);
     let covariance = match meat {
         Some(meat) => product(&product(&inverse, &meat, m), &inverse, m),
@@ -124,11 +173,16 @@ pub(super) fn own_noise(problem: &Problem, x: &[f64], of: (f64, &Clusters)) -> O
     covariance(problem, x, &(0..x.len()).collect::<Vec<usize>>(), of, None)
 }
 
-/// What common errors take from the information on the free parameters, row by row; none without them.
+/// What common errors take from the information on the free parameters, row by row; none without
+/// them.
 fn taken(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<f64>> {
     let (common, n) = (problem.common.as_ref()?, x.len());
     let all = common.taken_from_hessian(&problem.mixed(x), n);
-    Some(free.iter().flat_map(|i| free.iter().map(|j| all[i * n + j]).collect::<Vec<f64>>()).collect())
+    Some(
+        free.iter()
+            .flat_map(|i| free.iter().map(|j| all[i * n + j]).collect::<Vec<f64>>())
+            .collect(),
+    )
 }
 
 /// Every frequency at the optimum; none for parameters that make no model.
@@ -155,13 +209,19 @@ fn shares(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<FrequencyS
 
 /// The problem with the norm's corner as round as the residuals are large, as for the sigmas.
 pub(super) fn rounded(problem: &Problem, x: &[f64], by_cell: bool) -> Problem {
-    problem.smoothed(if by_cell { CELL_CORNER } else { NORM_CORNER } * median_residual_ohm(problem, x).max(1e-6 * problem.scale_ohm))
+    problem.smoothed(
+        if by_cell { CELL_CORNER } else { NORM_CORNER }
+            * median_residual_ohm(problem, x).max(1e-6 * problem.scale_ohm),
+    )
 }
 
 fn median_residual_ohm(problem: &Problem, x: &[f64]) -> f64 {
     let of = |g: &Group| {
         let z = impedance(x, g.freq_hz);
-        g.points.iter().map(move |p| (z - p.z).norm()).collect::<Vec<f64>>()
+        g.points
+            .iter()
+            .map(move |p| (z - p.z).norm())
+            .collect::<Vec<f64>>()
     };
     let mut residuals: Vec<f64> = problem.groups.iter().flat_map(of).collect();
     residuals.sort_by(f64::total_cmp);

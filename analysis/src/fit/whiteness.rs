@@ -1,14 +1,17 @@
-//! Are neighbouring residuals alike? A model that lacks a branch leaves waves over ln f; noise does not.
+//! Are neighbouring residuals alike? A model that lacks a branch leaves waves over ln f; noise does
+//! not.
 //!
-//! The statistic is Moran's I of neighbours over ln f (lag-1 autocorrelation of the weighted residuals, real and imaginary parts each in their own
-//! row). Fitted residuals are never independent, so mean and variance are those of least-squares residuals (Cliff and Ord, *Spatial Processes*,
-//! 1981, section 8.3.2), from the projection that the parameters span.
+//! The statistic is Moran's I of neighbours over ln f (lag-1 autocorrelation of the weighted
+//! residuals, real and imaginary parts each in their own row). Fitted residuals are never
+//! independent, so mean and variance are those of least-squares residuals (Cliff and Ord, *Spatial
+//! Processes*, 1981, section 8.3.2), from the projection that the parameters span.
 
 use super::erm::ErmFit;
 use super::problem::Problem;
 use nalgebra::DMatrix;
 
-/// Lag-1 autocorrelation of one spectrum's residuals, and how many standard deviations it is above what noise would leave.
+/// Lag-1 autocorrelation of one spectrum's residuals, and how many standard deviations it is above
+/// what noise would leave.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Lag1 {
     pub(super) correlation: f64,
@@ -38,7 +41,8 @@ pub(super) fn lag1(problem: &Problem, fit: &ErmFit) -> Option<Lag1> {
     z.is_finite().then_some(Lag1 { correlation, z })
 }
 
-/// Residuals times the root of their weight, real parts first, and the slopes of the parameters treated alike.
+/// Residuals times the root of their weight, real parts first, and the slopes of the parameters
+/// treated alike.
 fn weighted(problem: &Problem, fit: &ErmFit) -> Option<(Vec<f64>, DMatrix<f64>)> {
     let groups = problem.groups.len();
     let parameters = fit.erm.parameter_count();
@@ -51,26 +55,37 @@ fn weighted(problem: &Problem, fit: &ErmFit) -> Option<(Vec<f64>, DMatrix<f64>)>
         let (a, b) = (xx.sqrt(), xy / xx.sqrt());
         let c = (yy - b * b).max(0.0).sqrt();
         let root = |z: num_complex::Complex64| (a * z.re + b * z.im, c * z.im);
-        (residuals[k], residuals[groups + k]) = root(g.mean - seen[k].first().copied().unwrap_or_default());
+        (residuals[k], residuals[groups + k]) =
+            root(g.mean - seen[k].first().copied().unwrap_or_default());
         for (i, slope) in fit.erm.log_gradient(g.freq_hz).into_iter().enumerate() {
             (slopes[(k, i)], slopes[(groups + k, i)]) = root(slope);
         }
     }
-    residuals.iter().all(|r| r.is_finite()).then_some((residuals, slopes))
+    residuals
+        .iter()
+        .all(|r| r.is_finite())
+        .then_some((residuals, slopes))
 }
 
 /// An orthonormal basis of what the columns span.
 fn orthonormal(columns: DMatrix<f64>) -> DMatrix<f64> {
     let (rows, svd) = (columns.nrows(), columns.svd(true, false));
     let largest = svd.singular_values.max();
-    let kept: Vec<usize> = (0..svd.singular_values.len()).filter(|i| svd.singular_values[*i] > 1e-10 * largest).collect();
-    svd.u.map_or_else(|| DMatrix::zeros(rows, 0), |u| u.select_columns(&kept))
+    let kept: Vec<usize> = (0..svd.singular_values.len())
+        .filter(|i| svd.singular_values[*i] > 1e-10 * largest)
+        .collect();
+    svd.u
+        .map_or_else(|| DMatrix::zeros(rows, 0), |u| u.select_columns(&kept))
 }
 
 /// Half the sum of the two neighbours, in the halves of real and imaginary parts.
 fn neighbours(columns: &DMatrix<f64>) -> DMatrix<f64> {
     let half = columns.nrows() / 2;
-    let at = |i: usize, j: usize, other: Option<usize>| other.filter(|o| o / half == i / half).map_or(0.0, |o| columns[(o, j)]);
+    let at = |i: usize, j: usize, other: Option<usize>| {
+        other
+            .filter(|o| o / half == i / half)
+            .map_or(0.0, |o| columns[(o, j)])
+    };
     DMatrix::from_fn(columns.nrows(), columns.ncols(), |i, j| {
         let after = (i + 1 < columns.nrows()).then_some(i + 1);
         0.5 * (at(i, j, i.checked_sub(1)) + at(i, j, after))

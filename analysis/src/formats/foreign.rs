@@ -5,7 +5,10 @@ use std::path::Path;
 
 /// First bytes and what begins with them.
 const MAGIC: [(&[u8], &str); 22] = [
-    (b"BIO-LOGIC MODULAR FILE", "an EC-Lab .mpr, which is binary; export it as .mpt"),
+    (
+        b"BIO-LOGIC MODULAR FILE",
+        "an EC-Lab .mpr, which is binary; export it as .mpt",
+    ),
     (b"PAR1", "Parquet, which is read for time series only"),
     (b"\x89HDF\r\n\x1a\n", "HDF5"),
     (b"MATLAB ", "a MATLAB .mat"),
@@ -18,37 +21,80 @@ const MAGIC: [(&[u8], &str); 22] = [
     (b"\xFD7zXZ\0", "an xz archive; unpack it"),
     (b"\x28\xB5\x2F\xFD", "a Zstandard archive; unpack it"),
     (b"7z\xBC\xAF\x27\x1C", "a 7z archive; unpack it"),
-    (b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1", "an old Excel workbook or another compound file; export the table as CSV"),
-    (b"\0\x01\0\0Standard Jet DB", "an Arbin .res (an Access database); export the impedances as CSV"),
-    (b"\0\x01\0\0Standard ACE DB", "an Access database; export the impedances as CSV"),
-    (b"SQLite format 3\0", "an SQLite database; export the impedances as CSV"),
+    (
+        b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1",
+        "an old Excel workbook or another compound file; export the table as CSV",
+    ),
+    (
+        b"\0\x01\0\0Standard Jet DB",
+        "an Arbin .res (an Access database); export the impedances as CSV",
+    ),
+    (
+        b"\0\x01\0\0Standard ACE DB",
+        "an Access database; export the impedances as CSV",
+    ),
+    (
+        b"SQLite format 3\0",
+        "an SQLite database; export the impedances as CSV",
+    ),
     (b"\x93NUMPY", "a NumPy array"),
-    (b"NEWARE", "a Neware .nda, which is binary; export it as CSV"),
+    (
+        b"NEWARE",
+        "a Neware .nda, which is binary; export it as CSV",
+    ),
     (b"%!PS", "PostScript"),
-    (b"\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x48\0\0\0", "an Ivium .idf or .ids, which is binary; export the data as text"),
+    (
+        b"\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x48\0\0\0",
+        "an Ivium .idf or .ids, which is binary; export the data as text",
+    ),
     (b"II*\0", "a picture"),
 ];
 
 /// Extensions of files that are known and not read; of texts too.
 const EXTENSIONS: [(&str, &str); 12] = [
     ("mpr", "an EC-Lab .mpr, which is binary; export it as .mpt"),
-    ("ism", "a Zahner .ism, which is binary; export it as a text list"),
-    ("isw", "a Zahner .isw, which is binary; export it as a text list"),
-    ("idf", "an Ivium .idf, which is binary; export the data as text"),
-    ("ids", "an Ivium .ids, which is binary; export the data as text"),
+    (
+        "ism",
+        "a Zahner .ism, which is binary; export it as a text list",
+    ),
+    (
+        "isw",
+        "a Zahner .isw, which is binary; export it as a text list",
+    ),
+    (
+        "idf",
+        "an Ivium .idf, which is binary; export the data as text",
+    ),
+    (
+        "ids",
+        "an Ivium .ids, which is binary; export the data as text",
+    ),
     ("res", "an Arbin .res; export the impedances as CSV"),
     ("nda", "a Neware .nda, which is binary; export it as CSV"),
     ("mat", "a MATLAB .mat"),
     ("pssession", "a PalmSens .pssession; export the data as CSV"),
-    ("dfr", "an Autolab .dfr, which is not read; export the data as a table with named columns"),
-    ("i2b", "an Elchemea Analytical .i2b, which is not read; export the data as a table with named columns"),
-    ("fods", "an OpenDocument spreadsheet; export the table as CSV"),
+    (
+        "dfr",
+        "an Autolab .dfr, which is not read; export the data as a table with named columns",
+    ),
+    (
+        "i2b",
+        "an Elchemea Analytical .i2b, which is not read; export the data as a table with named \
+        columns",
+    ),
+    (
+        "fods",
+        "an OpenDocument spreadsheet; export the table as CSV",
+    ),
 ];
 
 /// Files whose first bytes are those of no text; told before anything else is tried.
 pub(super) fn binary(path: &Path, bytes: &[u8]) -> Option<FormatError> {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
-    let known = MAGIC.iter().find(|(magic, _)| bytes.starts_with(magic)).map(|(_, kind)| *kind);
+    let known = MAGIC
+        .iter()
+        .find(|(magic, _)| bytes.starts_with(magic))
+        .map(|(_, kind)| *kind);
     let kind = match known {
         Some(kind) => kind,
         None if bytes.starts_with(b"PK\x03\x04") => archive(bytes),
@@ -56,7 +102,9 @@ pub(super) fn binary(path: &Path, bytes: &[u8]) -> Option<FormatError> {
             by_extension(path).unwrap_or("UTF-16 text; save it as UTF-8")
         }
         // A text has no zero byte.
-        None if bytes.contains(&0) => by_extension(path).unwrap_or("a binary file of unknown kind; export the data as text"),
+        None if bytes.contains(&0) => {
+            by_extension(path).unwrap_or("a binary file of unknown kind; export the data as text")
+        }
         None => return None,
     };
     Some(error(path, kind))
@@ -64,24 +112,42 @@ pub(super) fn binary(path: &Path, bytes: &[u8]) -> Option<FormatError> {
 
 /// Texts in which no spectrum was found.
 pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<FormatError> {
-    let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes).trim_ascii_start();
+    let bytes = bytes
+        .strip_prefix(b"\xEF\xBB\xBF")
+        .unwrap_or(bytes)
+        .trim_ascii_start();
     let by_content = match bytes {
         [b'{', ..] => Some("JSON, which is not read as a spectrum"),
         _ if bytes.starts_with(b"VERSION8.0") => by_extension(Path::new("a.dfr")),
-        _ if bytes.starts_with(b"<") && has(bytes, b"<office:document") => by_extension(Path::new("a.fods")),
-        _ if bytes.starts_with(b"<?xml") || bytes.starts_with(b"<!DOCTYPE") || bytes.starts_with(b"<html") => Some("XML or HTML"),
+        _ if bytes.starts_with(b"<") && has(bytes, b"<office:document") => {
+            by_extension(Path::new("a.fods"))
+        }
+        _ if bytes.starts_with(b"<?xml")
+            || bytes.starts_with(b"<!DOCTYPE")
+            || bytes.starts_with(b"<html") =>
+        {
+            Some("XML or HTML")
+        }
         _ => None,
     };
-    by_content.or_else(|| by_extension(path)).map(|kind| error(path, kind))
+    by_content
+        .or_else(|| by_extension(path))
+        .map(|kind| error(path, kind))
 }
 
 fn error(path: &Path, kind: &'static str) -> FormatError {
-    FormatError::Foreign { file: path.to_owned(), kind }
+    FormatError::Foreign {
+        file: path.to_owned(),
+        kind,
+    }
 }
 
 fn by_extension(path: &Path) -> Option<&'static str> {
     let extension = path.extension()?.to_string_lossy().to_lowercase();
-    EXTENSIONS.iter().find(|(known, _)| *known == extension).map(|(_, kind)| *kind)
+    EXTENSIONS
+        .iter()
+        .find(|(known, _)| *known == extension)
+        .map(|(_, kind)| *kind)
 }
 
 fn archive(bytes: &[u8]) -> &'static str {

@@ -9,8 +9,21 @@ use num_complex::Complex64;
 
 const PROJECT: [&str; 3] = ["freq_hz", "z_re_ohm", "z_im_ohm"];
 const THESIS: [&str; 4] = ["freq", "offset", "resistance", "theta"];
-const TIDY: [&str; 7] = ["fixture", "cell", "repeat", "bias_a", "freq_hz", "z_abs_ohm", "z_phase_rad"];
-const OPTIONAL: [&str; 4] = ["sigma_re_ohm", "sigma_im_ohm", "cov_re_im_ohm2", "amplitude_a"];
+const TIDY: [&str; 7] = [
+    "fixture",
+    "cell",
+    "repeat",
+    "bias_a",
+    "freq_hz",
+    "z_abs_ohm",
+    "z_phase_rad",
+];
+const OPTIONAL: [&str; 4] = [
+    "sigma_re_ohm",
+    "sigma_im_ohm",
+    "cov_re_im_ohm2",
+    "amplitude_a",
+];
 
 /// A column: where it stands and what it is called.
 #[derive(Debug, Clone, Copy)]
@@ -43,9 +56,18 @@ struct Layout {
 }
 
 pub(super) fn parse(text: &Text<'_>) -> Result<FileSpectra, FormatError> {
-    let empty = |met| Err(FormatError::Empty { file: text.file(), met });
+    let empty = |met| {
+        Err(FormatError::Empty {
+            file: text.file(),
+            met,
+        })
+    };
     let Some((first, rest)) = text.rows.split_first() else {
-        return empty(if text.has_content { "only comments" } else { "an empty file" });
+        return empty(if text.has_content {
+            "only comments"
+        } else {
+            "an empty file"
+        });
     };
     let (layout, rows) = match Layout::of(text, first)? {
         (layout, true) => (layout, rest),
@@ -55,15 +77,38 @@ pub(super) fn parse(text: &Text<'_>) -> Result<FileSpectra, FormatError> {
         return empty("only a header");
     }
     text.one_mark()?;
-    let mut all = Rows { rows: Vec::new(), keys: layout.sweeps.iter().map(|(kind, _)| Key::Column(kind)).collect() };
+    let mut all = Rows {
+        rows: Vec::new(),
+        keys: layout
+            .sweeps
+            .iter()
+            .map(|(kind, _)| Key::Column(kind))
+            .collect(),
+    };
     for row in rows {
-        let cells = Cells { text, row, layout: &layout };
+        let cells = Cells {
+            text,
+            row,
+            layout: &layout,
+        };
         let (origin, point) = cells.read()?;
-        let value = |(_, place): &(&str, usize)| label_value(row.fields.get(*place).copied().unwrap_or_default());
-        all.rows.push(MeasuredRow { line: row.line, origin, key: layout.sweeps.iter().map(value).collect(), point });
+        let value = |(_, place): &(&str, usize)| {
+            label_value(row.fields.get(*place).copied().unwrap_or_default())
+        };
+        all.rows.push(MeasuredRow {
+            line: row.line,
+            origin,
+            key: layout.sweeps.iter().map(value).collect(),
+            point,
+        });
     }
-    let stem = text.path.file_stem().map_or_else(|| "spectrum".to_owned(), |s| s.to_string_lossy().into_owned());
-    let mut read = sweeps::sort(text.path, all, |origin, several| name(origin, (&stem, several)));
+    let stem = text.path.file_stem().map_or_else(
+        || "spectrum".to_owned(),
+        |s| s.to_string_lossy().into_owned(),
+    );
+    let mut read = sweeps::sort(text.path, all, |origin, several| {
+        name(origin, (&stem, several))
+    });
     super::shared::attach(text, &mut read.spectra)?;
     super::flags::attach(text, &mut read.spectra);
     Ok(read)
@@ -78,7 +123,9 @@ fn name(origin: &Origin, (stem, several): (&str, bool)) -> String {
     match &origin.fixture {
         Some(fixture) => {
             // A control is alone of its kind: its number says nothing.
-            let number = Some(text(&origin.cell)).filter(|c| fixture == "cell" || c != "0").unwrap_or_default();
+            let number = Some(text(&origin.cell))
+                .filter(|c| fixture == "cell" || c != "0")
+                .unwrap_or_default();
             format!("{fixture}{number}_{}{bias}", text(&origin.repeat))
         }
         None if several => format!("{stem}{bias}"),
@@ -89,35 +136,74 @@ fn name(origin: &Origin, (stem, several): (&str, bool)) -> String {
 impl Layout {
     /// The layout that a file's first row announces, and whether that row is a header.
     fn of(text: &Text<'_>, first: &Row<'_>) -> Result<(Self, bool), FormatError> {
-        let unknown = || FormatError::UnknownFormat { file: text.file(), line: first.line, met: first.excerpt() };
+        let unknown = || FormatError::UnknownFormat {
+            file: text.file(),
+            line: first.line,
+            met: first.excerpt(),
+        };
         let column = |index, name| Column { index, name };
-        if first.fields.first().is_some_and(|f| text::number(f, text.separator).is_some()) {
+        if first
+            .fields
+            .first()
+            .is_some_and(|f| text::number(f, text.separator).is_some())
+        {
             if first.fields.len() != 3 {
                 return Err(unknown());
             }
-            let impedance = Impedance::Cartesian { re: column(1, "Re Z"), im: column(2, "Im Z") };
+            let impedance = Impedance::Cartesian {
+                re: column(1, "Re Z"),
+                im: column(2, "Im Z"),
+            };
             return Ok((Self::plain(3, column(0, "frequency"), impedance), false));
         }
         let header = Header { text, row: first };
         header.refuse_doubles()?;
         let width = first.fields.len();
-        let layout = if let Some([fixture, cell, repeat, bias, freq, abs, phase]) = header.all(TIDY) {
+        let layout = if let Some([fixture, cell, repeat, bias, freq, abs, phase]) = header.all(TIDY)
+        {
             let base = Self::plain(width, freq, Impedance::Polar { abs, phase });
-            Self { bias: Some(bias), labels: Some([fixture, cell, repeat]), ..base }
+            Self {
+                bias: Some(bias),
+                labels: Some([fixture, cell, repeat]),
+                ..base
+            }
         } else if let Some([freq, bias, abs, phase]) = header.all(THESIS) {
-            Self { bias: Some(bias), ..Self::plain(width, freq, Impedance::Polar { abs, phase }) }
+            Self {
+                bias: Some(bias),
+                ..Self::plain(width, freq, Impedance::Polar { abs, phase })
+            }
         } else if let Some([freq, re, im]) = header.all(PROJECT) {
             let base = Self::plain(width, freq, Impedance::Cartesian { re, im });
-            Self { sigma: header.sigma()?, cov: header.find(OPTIONAL[2]), amplitude: header.find(OPTIONAL[3]), ..base }
+            Self {
+                sigma: header.sigma()?,
+                cov: header.find(OPTIONAL[2]),
+                amplitude: header.find(OPTIONAL[3]),
+                ..base
+            }
         } else {
             return Err(unknown());
         };
-        let sweeps = first.fields.iter().enumerate().filter_map(|(place, name)| Some((sweeps::label(name)?, place))).collect();
+        let sweeps = first
+            .fields
+            .iter()
+            .enumerate()
+            .filter_map(|(place, name)| Some((sweeps::label(name)?, place)))
+            .collect();
         Ok((Self { sweeps, ..layout }, true))
     }
 
     fn plain(width: usize, freq: Column, impedance: Impedance) -> Self {
-        Self { width, freq, impedance, sigma: None, cov: None, amplitude: None, bias: None, labels: None, sweeps: Vec::new() }
+        Self {
+            width,
+            freq,
+            impedance,
+            sigma: None,
+            cov: None,
+            amplitude: None,
+            bias: None,
+            labels: None,
+            sweeps: Vec::new(),
+        }
     }
 }
 
@@ -129,7 +215,11 @@ struct Header<'a> {
 
 impl Header<'_> {
     fn find(&self, name: &'static str) -> Option<Column> {
-        self.row.fields.iter().position(|f| f.eq_ignore_ascii_case(name)).map(|index| Column { index, name })
+        self.row
+            .fields
+            .iter()
+            .position(|f| f.eq_ignore_ascii_case(name))
+            .map(|index| Column { index, name })
     }
 
     fn all<const N: usize>(&self, names: [&'static str; N]) -> Option<[Column; N]> {
@@ -142,15 +232,31 @@ impl Header<'_> {
         match (self.find(re), self.find(im), self.find(OPTIONAL[2])) {
             (Some(a), Some(b), _) => Ok(Some((a, b))),
             (None, None, None) => Ok(None),
-            (Some(_), None, _) => Err(self.error(format!("{im} beside {re}"), format!("only {re}"))),
-            (None, Some(_), _) => Err(self.error(format!("{re} beside {im}"), format!("only {im}"))),
-            (None, None, Some(c)) => Err(self.error(format!("{re} and {im} beside {}", c.name), format!("only {}", c.name))),
+            (Some(_), None, _) => {
+                Err(self.error(format!("{im} beside {re}"), format!("only {re}")))
+            }
+            (None, Some(_), _) => {
+                Err(self.error(format!("{re} beside {im}"), format!("only {im}")))
+            }
+            (None, None, Some(c)) => Err(self.error(
+                format!("{re} and {im} beside {}", c.name),
+                format!("only {}", c.name),
+            )),
         }
     }
 
     fn refuse_doubles(&self) -> Result<(), FormatError> {
-        for (i, name) in self.row.fields.iter().enumerate().filter(|(_, n)| !n.is_empty()) {
-            if let Some(first) = self.row.fields[..i].iter().position(|f| f.eq_ignore_ascii_case(name)) {
+        for (i, name) in self
+            .row
+            .fields
+            .iter()
+            .enumerate()
+            .filter(|(_, n)| !n.is_empty())
+        {
+            if let Some(first) = self.row.fields[..i]
+                .iter()
+                .position(|f| f.eq_ignore_ascii_case(name))
+            {
                 let met = format!("{} in columns {} and {}", shorten(name), first + 1, i + 1);
                 return Err(self.error("every column's name once".to_owned(), met));
             }
@@ -159,7 +265,12 @@ impl Header<'_> {
     }
 
     fn error(&self, expected: String, met: String) -> FormatError {
-        FormatError::Header { file: self.text.file(), line: self.row.line, expected, met }
+        FormatError::Header {
+            file: self.text.file(),
+            line: self.row.line,
+            expected,
+            met,
+        }
     }
 }
 
@@ -181,22 +292,40 @@ impl Cells<'_> {
                 Complex64::new(part(re)?, part(im)?)
             }
             Impedance::Polar { abs, phase } => Complex64::from_polar(
-                self.number(abs, "a finite magnitude of zero or more in Ω", |m| m >= 0.0)?,
+                self.number(abs, "a finite magnitude of zero or more in Ω", |m| {
+                    m >= 0.0
+                })?,
                 self.number(phase, "a finite angle in rad", |_| true)?,
             ),
         };
-        let amplitude_a = self.optional(l.amplitude, "a positive amplitude in A, or nothing", |a| a > 0.0)?.unwrap_or(f64::NAN);
-        let point = ImpedancePoint { freq_hz, z_ohm, covariance: self.covariance()?, amplitude_a };
+        let amplitude_a = self
+            .optional(l.amplitude, "a positive amplitude in A, or nothing", |a| {
+                a > 0.0
+            })?
+            .unwrap_or(f64::NAN);
+        let point = ImpedancePoint {
+            freq_hz,
+            z_ohm,
+            covariance: self.covariance()?,
+            amplitude_a,
+        };
         Ok((self.origin()?, point))
     }
 
     fn check_width(&self) -> Result<(), FormatError> {
         let (expected, met) = (self.layout.width, self.row.fields.len());
-        let only_blanks_more = met > expected && self.row.fields[expected..].iter().all(|f| f.is_empty());
+        let only_blanks_more =
+            met > expected && self.row.fields[expected..].iter().all(|f| f.is_empty());
         if met == expected || only_blanks_more {
             return Ok(());
         }
-        Err(FormatError::FieldCount { file: self.text.file(), line: self.row.line, column: met.min(expected) + 1, expected, met })
+        Err(FormatError::FieldCount {
+            file: self.text.file(),
+            line: self.row.line,
+            column: met.min(expected) + 1,
+            expected,
+            met,
+        })
     }
 
     fn origin(&self) -> Result<Origin, FormatError> {
@@ -206,48 +335,97 @@ impl Cells<'_> {
             None => None,
         };
         let Some([fixture, cell, repeat]) = self.layout.labels else {
-            return Ok(Origin { bias_a, ..Origin::default() });
+            return Ok(Origin {
+                bias_a,
+                ..Origin::default()
+            });
         };
         if self.field(fixture).is_empty() {
             return Err(self.error(fixture, "the name of what was clamped in"));
         }
         let filled = |c| Some(self.field(c).to_owned()).filter(|t| !t.is_empty());
-        Ok(Origin { fixture: filled(fixture), cell: filled(cell), repeat: filled(repeat), bias_a, curve: None })
+        Ok(Origin {
+            fixture: filled(fixture),
+            cell: filled(cell),
+            repeat: filled(repeat),
+            bias_a,
+            curve: None,
+        })
     }
 
     fn covariance(&self) -> Result<Covariance2, FormatError> {
-        let Some((re, im)) = self.layout.sigma else { return Ok(Covariance2::UNKNOWN) };
-        let sigma = |c| self.optional(Some(c), "a standard uncertainty of zero or more in Ω, or nothing", |s| s >= 0.0);
-        let (Some(sigma_re), Some(sigma_im)) = (sigma(re)?, sigma(im)?) else { return Ok(Covariance2::UNKNOWN) };
+        let Some((re, im)) = self.layout.sigma else {
+            return Ok(Covariance2::UNKNOWN);
+        };
+        let sigma = |c| {
+            self.optional(
+                Some(c),
+                "a standard uncertainty of zero or more in Ω, or nothing",
+                |s| s >= 0.0,
+            )
+        };
+        let (Some(sigma_re), Some(sigma_im)) = (sigma(re)?, sigma(im)?) else {
+            return Ok(Covariance2::UNKNOWN);
+        };
         // Rounding in the file may take the correlation a hair beyond one.
         let most = sigma_re * sigma_im * (1.0 + 1e-9);
         let expected = "a covariance in Ω² no larger than the product of the sigmas, or nothing";
-        let re_im = self.optional(self.layout.cov, expected, |c| c.abs() <= most)?.unwrap_or(0.0);
-        Ok(Covariance2 { re_re: sigma_re * sigma_re, re_im, im_im: sigma_im * sigma_im })
+        let re_im = self
+            .optional(self.layout.cov, expected, |c| c.abs() <= most)?
+            .unwrap_or(0.0);
+        Ok(Covariance2 {
+            re_re: sigma_re * sigma_re,
+            re_im,
+            im_im: sigma_im * sigma_im,
+        })
     }
 
-    fn number(&self, column: Column, expected: &'static str, good: impl Fn(f64) -> bool) -> Result<f64, FormatError> {
+    fn number(
+        &self,
+        column: Column,
+        expected: &'static str,
+        good: impl Fn(f64) -> bool,
+    ) -> Result<f64, FormatError> {
         match text::number(self.field(column), self.text.separator) {
             Some(v) if v.is_finite() && good(v) => Ok(v),
             _ => Err(self.error(column, expected)),
         }
     }
 
-    /// None for a column the file lacks, an empty field, or NaN, which is how an unknown number is written.
-    fn optional(&self, column: Option<Column>, expected: &'static str, good: impl Fn(f64) -> bool) -> Result<Option<f64>, FormatError> {
+    /// None for a column the file lacks, an empty field, or NaN, which is how an unknown number is
+    /// written.
+    fn optional(
+        &self,
+        column: Option<Column>,
+        expected: &'static str,
+        good: impl Fn(f64) -> bool,
+    ) -> Result<Option<f64>, FormatError> {
         match column {
-            Some(c) if !self.field(c).is_empty() && !self.field(c).eq_ignore_ascii_case("nan") => self.number(c, expected, good).map(Some),
+            Some(c) if !self.field(c).is_empty() && !self.field(c).eq_ignore_ascii_case("nan") => {
+                self.number(c, expected, good).map(Some)
+            }
             _ => Ok(None),
         }
     }
 
     fn field(&self, column: Column) -> &str {
-        self.row.fields.get(column.index).copied().unwrap_or_default()
+        self.row
+            .fields
+            .get(column.index)
+            .copied()
+            .unwrap_or_default()
     }
 
     fn error(&self, column: Column, expected: &'static str) -> FormatError {
         let quoted = shorten(self.field(column));
         let met = quoted.trim_matches('"').to_owned();
-        FormatError::Field { file: self.text.file(), line: self.row.line, column: column.index + 1, name: column.name, expected, met }
+        FormatError::Field {
+            file: self.text.file(),
+            line: self.row.line,
+            column: column.index + 1,
+            name: column.name,
+            expected,
+            met,
+        }
     }
 }

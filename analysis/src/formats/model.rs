@@ -1,7 +1,8 @@
 //! A cell's model for other programs: a C header, a PyBaMM parameter file, a CasADi function.
 //!
-//! All hold the same: a series resistance, RC branches, and the open-circuit voltage over the state of charge as knots of a cubic Hermite curve, as
-//! [`OcvCurve::at`] has it. Currents are positive for discharge. What a diagnosis has added to a model has no place in them and is refused.
+//! All hold the same: a series resistance, RC branches, and the open-circuit voltage over the state
+//! of charge as knots of a cubic Hermite curve, as [`OcvCurve::at`] has it. Currents are positive
+//! for discharge. What a diagnosis has added to a model has no place in them and is refused.
 
 use std::fmt::Write as _;
 
@@ -43,7 +44,8 @@ pub struct CellModel {
 pub enum ModelExportError {
     /// Additions.
     #[error(
-        "model {name}: expected one without additions, met {additions}: these formats hold resistances, capacitances and an open-circuit voltage only"
+        "model {name}: expected one without additions, met {additions}: these formats hold \
+        resistances, capacitances and an open-circuit voltage only"
     )]
     Additions {
         /// The model.
@@ -52,7 +54,10 @@ pub enum ModelExportError {
         additions: String,
     },
     /// No open-circuit voltage.
-    #[error("model {name}: expected an open-circuit voltage over the state of charge, met none: give a curve, or a voltage and a capacity")]
+    #[error(
+        "model {name}: expected an open-circuit voltage over the state of charge, met none: give a \
+        curve, or a voltage and a capacity"
+    )]
     NoOcv {
         /// The model.
         name: String,
@@ -60,18 +65,38 @@ pub enum ModelExportError {
 }
 
 impl CellModel {
-    /// A model with its open-circuit voltage. `window_v`: the cell's limits; `temperature_c`: where it was measured.
+    /// A model with its open-circuit voltage. `window_v`: the cell's limits; `temperature_c`: where
+    /// it was measured.
     ///
     /// # Errors
     /// [`ModelExportError`].
-    pub fn new(file: &GivenModel, window_v: (f64, f64), temperature_c: f64) -> Result<Self, ModelExportError> {
+    pub fn new(
+        file: &GivenModel,
+        window_v: (f64, f64),
+        temperature_c: f64,
+    ) -> Result<Self, ModelExportError> {
         let name = file.name.clone();
         if !file.additions.is_empty() {
-            let additions = file.additions.iter().map(|addition| addition.title.as_str()).collect::<Vec<_>>().join("; ");
+            let additions = file
+                .additions
+                .iter()
+                .map(|addition| addition.title.as_str())
+                .collect::<Vec<_>>()
+                .join("; ");
             return Err(ModelExportError::Additions { name, additions });
         }
-        let curve = file.ocv.clone().ok_or(ModelExportError::NoOcv { name: name.clone() })?;
-        Ok(Self { name, erm: file.erm.clone(), curve, window_v, temperature_c, notes: file.notes() })
+        let curve = file
+            .ocv
+            .clone()
+            .ok_or(ModelExportError::NoOcv { name: name.clone() })?;
+        Ok(Self {
+            name,
+            erm: file.erm.clone(),
+            curve,
+            window_v,
+            temperature_c,
+            notes: file.notes(),
+        })
     }
 
     /// The text of the file.
@@ -81,44 +106,91 @@ impl CellModel {
             ModelFormat::PyBamm => (PYBAMM, "#"),
             ModelFormat::CasAdi => (CASADI, "#"),
         };
-        let list = |values: &mut dyn Iterator<Item = f64>| rows(values, if format == ModelFormat::CHeader { "    " } else { "        " });
+        let list = |values: &mut dyn Iterator<Item = f64>| {
+            rows(
+                values,
+                if format == ModelFormat::CHeader {
+                    "    "
+                } else {
+                    "        "
+                },
+            )
+        };
         let erm = &self.erm;
-        // Without branches the array of the C header still has its one element, which no loop reaches; Python's list is empty.
-        let none = if format == ModelFormat::CHeader { "    0.0" } else { "" };
+        // Without branches the array of the C header still has its one element, which no loop
+        // reaches; Python's list is empty.
+        let none = if format == ModelFormat::CHeader {
+            "    0.0"
+        } else {
+            ""
+        };
         let branches = |of: &dyn Fn(&RcBranch) -> f64| match erm.branches.is_empty() {
             true => none.to_owned(),
-            false => list(&mut erm.branches.iter().map(of)) + if format == ModelFormat::CHeader { "" } else { "," },
+            false => {
+                list(&mut erm.branches.iter().map(of))
+                    + if format == ModelFormat::CHeader {
+                        ""
+                    } else {
+                        ","
+                    }
+            }
         };
         let mut dense = (0..=DENSE).map(|k| f64::from(k) / f64::from(DENSE));
         let pairs = [
             ("@NAME@", harmless(&self.name)),
-            ("@NOTES@", self.notes.iter().map(|note| format!("{comment} note: {}\n", harmless(note))).collect()),
+            (
+                "@NOTES@",
+                self.notes
+                    .iter()
+                    .map(|note| format!("{comment} note: {}\n", harmless(note)))
+                    .collect(),
+            ),
             ("@RC@", erm.branches.len().to_string()),
             ("@R_OHM@", format!("{:?}", erm.r_ohm)),
             ("@BRANCH_R_OHM@", branches(&|branch| branch.r_ohm)),
             ("@BRANCH_C_F@", branches(&|branch| branch.c_f)),
-            ("@CAPACITY_C@", format!("{:?}", 3600.0 * self.curve.capacity_ah)),
+            (
+                "@CAPACITY_C@",
+                format!("{:?}", 3600.0 * self.curve.capacity_ah),
+            ),
             ("@CAPACITY_AH@", format!("{:?}", self.curve.capacity_ah)),
             ("@KNOTS@", self.curve.soc.len().to_string()),
             ("@SOC@", list(&mut self.curve.soc.iter().copied())),
             ("@OCV_V@", list(&mut self.curve.ocv_v.iter().copied())),
             ("@SLOPE_V@", list(&mut self.curve.slope_v.iter().copied())),
-            ("@DENSE_OCV_V@", list(&mut dense.by_ref().map(|soc| self.curve.voltage_v(soc)))),
+            (
+                "@DENSE_OCV_V@",
+                list(&mut dense.by_ref().map(|soc| self.curve.voltage_v(soc))),
+            ),
             ("@DENSE@", DENSE.to_string()),
             ("@LOW_V@", format!("{:?}", self.window_v.0)),
             ("@HIGH_V@", format!("{:?}", self.window_v.1)),
-            ("@TEMPERATURE_K@", format!("{:?}", self.temperature_c + KELVIN)),
+            (
+                "@TEMPERATURE_K@",
+                format!("{:?}", self.temperature_c + KELVIN),
+            ),
             ("@ELEMENTS@", self.pybamm_elements()),
         ];
-        pairs.iter().fold(template.to_owned(), |text, (mark, value)| text.replace(mark, value))
+        pairs
+            .iter()
+            .fold(template.to_owned(), |text, (mark, value)| {
+                text.replace(mark, value)
+            })
     }
 
     fn pybamm_elements(&self) -> String {
         let mut text = String::new();
         for (number, branch) in (1..).zip(&self.erm.branches) {
             // Writing to a string cannot fail.
-            let _ = writeln!(text, "        \"R{number} [Ohm]\": {:?},\n        \"C{number} [F]\": {:?},", branch.r_ohm, branch.c_f);
-            let _ = writeln!(text, "        \"Element-{number} initial overpotential [V]\": 0.0,");
+            let _ = writeln!(
+                text,
+                "        \"R{number} [Ohm]\": {:?},\n        \"C{number} [F]\": {:?},",
+                branch.r_ohm, branch.c_f
+            );
+            let _ = writeln!(
+                text,
+                "        \"Element-{number} initial overpotential [V]\": 0.0,"
+            );
         }
         text
     }
@@ -132,7 +204,10 @@ fn harmless(text: &str) -> String {
 /// Numbers with commas, some to a line.
 fn rows(values: &mut dyn Iterator<Item = f64>, indent: &str) -> String {
     let values: Vec<String> = values.map(|value| format!("{value:?}")).collect();
-    let lines: Vec<String> = values.chunks(6).map(|chunk| format!("{indent}{}", chunk.join(", "))).collect();
+    let lines: Vec<String> = values
+        .chunks(6)
+        .map(|chunk| format!("{indent}{}", chunk.join(", ")))
+        .collect();
     lines.join(",\n")
 }
 

@@ -1,5 +1,6 @@
-//! Errors that the points of a spectrum share, as columns of the project's own CSV: `shared_re_ohm[NAME]` and `shared_im_ohm[NAME]` hold the deviation of
-//! each point by one standard deviation of the error NAME, Ω.
+//! Errors that the points of a spectrum share, as columns of the project's own CSV:
+//! `shared_re_ohm[NAME]` and `shared_im_ohm[NAME]` hold the deviation of each point by one standard
+//! deviation of the error NAME, Ω.
 
 use num_complex::Complex64;
 
@@ -11,13 +12,27 @@ use crate::spectrum::{SharedError, Spectrum};
 const RE: &str = "shared_re_ohm[";
 const IM: &str = "shared_im_ohm[";
 
-/// Header and rows of the columns of a spectrum's shared errors, each with a leading comma; empty without such errors.
+/// Header and rows of the columns of a spectrum's shared errors, each with a leading comma; empty
+/// without such errors.
 pub(crate) fn columns(spectrum: &Spectrum) -> (String, Vec<String>) {
     // The name stands in a header of fields that commas part.
-    let name = |error: &SharedError| error.name.replace([',', ';', '\t', '\n', '\r', '"', '[', ']'], " ");
-    let header = spectrum.shared.iter().map(|error| format!(",{RE}{0}],{IM}{0}]", name(error))).collect();
+    let name = |error: &SharedError| {
+        error
+            .name
+            .replace([',', ';', '\t', '\n', '\r', '"', '[', ']'], " ")
+    };
+    let header = spectrum
+        .shared
+        .iter()
+        .map(|error| format!(",{RE}{0}],{IM}{0}]", name(error)))
+        .collect();
     let row = |k: usize| {
-        let cell = |error: &SharedError| error.at_ohm.get(k).map_or_else(|| ",,".to_owned(), |d| format!(",{:?},{:?}", d.re, d.im));
+        let cell = |error: &SharedError| {
+            error
+                .at_ohm
+                .get(k)
+                .map_or_else(|| ",,".to_owned(), |d| format!(",{:?},{:?}", d.re, d.im))
+        };
         spectrum.shared.iter().map(cell).collect()
     };
     (header, (0..spectrum.points.len()).map(row).collect())
@@ -28,44 +43,76 @@ pub(crate) fn columns(spectrum: &Spectrum) -> (String, Vec<String>) {
 /// # Errors
 /// A column without its other part, or a field that is no number.
 pub(super) fn attach(text: &Text<'_>, spectra: &mut [SourcedSpectrum]) -> Result<(), FormatError> {
-    let (Some((header, rows)), [only]) = (text.rows.split_first(), spectra) else { return Ok(()) };
+    let (Some((header, rows)), [only]) = (text.rows.split_first(), spectra) else {
+        return Ok(());
+    };
     let named = |prefix: &str| -> Vec<(usize, String)> {
         let name = |field: &str| Some(field.strip_prefix(prefix)?.strip_suffix(']')?.to_owned());
-        header.fields.iter().enumerate().filter_map(|(index, field)| Some((index, name(field)?))).collect()
+        header
+            .fields
+            .iter()
+            .enumerate()
+            .filter_map(|(index, field)| Some((index, name(field)?)))
+            .collect()
     };
     let imaginary = named(IM);
     for (re, name) in named(RE) {
         let Some((im, _)) = imaginary.iter().find(|(_, other)| *other == name) else {
-            let (expected, met) = (format!("a column {IM}{name}] beside {RE}{name}]"), "none".to_owned());
-            return Err(FormatError::Header { file: text.file(), line: header.line, expected, met });
+            let (expected, met) = (
+                format!("a column {IM}{name}] beside {RE}{name}]"),
+                "none".to_owned(),
+            );
+            return Err(FormatError::Header {
+                file: text.file(),
+                line: header.line,
+                expected,
+                met,
+            });
         };
         let at_ohm = rows.iter().map(|row| {
             let part = |column: usize| {
                 let field = row.fields.get(column).copied().unwrap_or_default();
-                text::number(field, text.separator).filter(|v| v.is_finite()).ok_or_else(|| FormatError::Field {
-                    file: text.file(),
-                    line: row.line,
-                    column: column + 1,
-                    name: "shared error",
-                    expected: "a finite number in Ω",
-                    met: field.to_owned(),
-                })
+                text::number(field, text.separator)
+                    .filter(|v| v.is_finite())
+                    .ok_or_else(|| FormatError::Field {
+                        file: text.file(),
+                        line: row.line,
+                        column: column + 1,
+                        name: "shared error",
+                        expected: "a finite number in Ω",
+                        met: field.to_owned(),
+                    })
             };
             Ok(Complex64::new(part(re)?, part(*im)?))
         });
-        only.spectrum.shared.push(SharedError { name, at_ohm: at_ohm.collect::<Result<_, FormatError>>()? });
+        only.spectrum.shared.push(SharedError {
+            name,
+            at_ohm: at_ohm.collect::<Result<_, FormatError>>()?,
+        });
     }
     // Points are sorted by now; the columns stand as the file has them.
-    let freq_column = header.fields.iter().position(|field| field.eq_ignore_ascii_case("freq_hz"));
+    let freq_column = header
+        .fields
+        .iter()
+        .position(|field| field.eq_ignore_ascii_case("freq_hz"));
     if let (Some(column), false) = (freq_column, only.spectrum.shared.is_empty()) {
         let mut order: Vec<(f64, usize)> = rows
             .iter()
-            .map(|row| text::number(row.fields.get(column).copied().unwrap_or_default(), text.separator).unwrap_or(0.0))
+            .map(|row| {
+                text::number(
+                    row.fields.get(column).copied().unwrap_or_default(),
+                    text.separator,
+                )
+                .unwrap_or(0.0)
+            })
             .zip(0..)
             .collect();
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
         for error in &mut only.spectrum.shared {
-            error.at_ohm = order.iter().filter_map(|(_, k)| error.at_ohm.get(*k).copied()).collect();
+            error.at_ohm = order
+                .iter()
+                .filter_map(|(_, k)| error.at_ohm.get(*k).copied())
+                .collect();
         }
     }
     Ok(())

@@ -1,7 +1,8 @@
 //! Lines and fields of a text file, with their numbers. Knows nothing of columns.
 //!
-//! Fields are separated by semicolons where the first line that is no comment has one, else by tabulators where it has one, else by commas. Between
-//! semicolons and tabulators a comma is a decimal point; one file has one decimal mark.
+//! Fields are separated by semicolons where the first line that is no comment has one, else by
+//! tabulators where it has one, else by commas. Between semicolons and tabulators a comma is a
+//! decimal point; one file has one decimal mark.
 
 use super::error::FormatError;
 use std::path::{Path, PathBuf};
@@ -36,25 +37,53 @@ impl<'a> Text<'a> {
         let text = std::str::from_utf8(bytes).map_err(|e| {
             let (valid, rest) = bytes.split_at(e.valid_up_to());
             let line = 1 + valid.iter().filter(|b| **b == b'\n').count();
-            FormatError::NotText { file: path.to_owned(), line, byte: rest.first().copied().unwrap_or(0) }
+            FormatError::NotText {
+                file: path.to_owned(),
+                line,
+                byte: rest.first().copied().unwrap_or(0),
+            }
         })?;
-        let rows = text.lines().enumerate().map(|(i, l)| (i + 1, l.trim_end_matches('\r')));
+        let rows = text
+            .lines()
+            .enumerate()
+            .map(|(i, l)| (i + 1, l.trim_end_matches('\r')));
         let rows = rows.filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
         let lines: Vec<(usize, &str)> = rows.collect();
-        let separator = [';', '\t'].into_iter().find(|separator| lines.first().is_some_and(|(_, first)| first.contains(*separator)));
+        let separator = [';', '\t'].into_iter().find(|separator| {
+            lines
+                .first()
+                .is_some_and(|(_, first)| first.contains(*separator))
+        });
         let separator = separator.unwrap_or(',');
-        let rows = lines.into_iter().map(|(line, raw)| Row { line, raw: raw.trim(), fields: split(raw, separator) }).collect();
-        Ok(Self { path, rows, separator, has_content: !text.trim().is_empty() })
+        let rows = lines
+            .into_iter()
+            .map(|(line, raw)| Row {
+                line,
+                raw: raw.trim(),
+                fields: split(raw, separator),
+            })
+            .collect();
+        Ok(Self {
+            path,
+            rows,
+            separator,
+            has_content: !text.trim().is_empty(),
+        })
     }
 
-    /// Refuses a file in which one number has a decimal comma and another a decimal point: one of them would be wrong by a factor.
+    /// Refuses a file in which one number has a decimal comma and another a decimal point: one of
+    /// them would be wrong by a factor.
     pub(super) fn one_mark(&self) -> Result<(), FormatError> {
         if self.separator == ',' {
             return Ok(());
         }
         let mut known = None;
         for row in &self.rows {
-            for mark in row.fields.iter().filter_map(|field| mark(field, self.separator)) {
+            for mark in row
+                .fields
+                .iter()
+                .filter_map(|field| mark(field, self.separator))
+            {
                 if *known.get_or_insert(mark) != mark {
                     let expected = "one decimal mark in all numbers, a comma or a point".to_owned();
                     return Err(FormatError::Header {
@@ -94,15 +123,20 @@ fn split(line: &str, separator: char) -> Vec<&str> {
     line.split(separator).map(unquote).collect()
 }
 
-/// The number in a field. Where fields are not separated by commas, a comma is a decimal point; thousands are not grouped.
+/// The number in a field. Where fields are not separated by commas, a comma is a decimal point;
+/// thousands are not grouped.
 pub(super) fn number(field: &str, separator: char) -> Option<f64> {
     if separator == ',' || !field.contains(',') {
         return field.parse().ok();
     }
     // A comma without a digit behind it parts fields.
-    let decimal = field.split_once(',').is_some_and(|(_, digits)| digits.starts_with(|c: char| c.is_ascii_digit()));
+    let decimal = field
+        .split_once(',')
+        .is_some_and(|(_, digits)| digits.starts_with(|c: char| c.is_ascii_digit()));
     let plain = decimal && !field.contains('.') && field.matches(',').count() == 1;
-    plain.then(|| field.replacen(',', ".", 1)).and_then(|field| field.parse().ok())
+    plain
+        .then(|| field.replacen(',', ".", 1))
+        .and_then(|field| field.parse().ok())
 }
 
 /// The decimal mark of a field that is a number with one.
@@ -113,5 +147,8 @@ pub(super) fn mark(field: &str, separator: char) -> Option<char> {
 
 pub(super) fn unquote(field: &str) -> &str {
     let field = field.trim();
-    field.strip_prefix('"').and_then(|f| f.strip_suffix('"')).map_or(field, str::trim)
+    field
+        .strip_prefix('"')
+        .and_then(|f| f.strip_suffix('"'))
+        .map_or(field, str::trim)
 }

@@ -1,4 +1,5 @@
-//! Spectra in the text files of potentiostats: a head of any kind, a row that names the columns, and rows of numbers.
+//! Spectra in the text files of potentiostats: a head of any kind, a row that names the columns,
+//! and rows of numbers.
 //!
 //! | program | told by | columns |
 //! |---|---|---|
@@ -9,15 +10,20 @@
 //! | VersaStudio `.par` | `Definition=` | `Frequency(Hz)`, `Z Real`, `Z Imag` |
 //! | Arbin, CH Instruments, Parstat, PowerSuite, Zahner's and Autolab's lists, any other table | such a row | a frequency, and real and imaginary part or modulus and phase |
 //!
-//! The row of names tells the separator: a tabulator, else a semicolon, else a comma, else blanks. Rows are parted by the same and have as many fields,
-//! or are refused. Units stand in the names or in a row under them; one that is not known, or an impedance per area, is refused. A frequency and an
-//! impedance without unit are in Hz and Ω; a phase without unit is in degrees where it goes beyond a turn in rad, else it is refused.
+//! The row of names tells the separator: a tabulator, else a semicolon, else a comma, else blanks.
+//! Rows are parted by the same and have as many fields, or are refused. Units stand in the names or
+//! in a row under them; one that is not known, or an impedance per area, is refused. A frequency
+//! and an impedance without unit are in Hz and Ω; a phase without unit is in degrees where it goes
+//! beyond a turn in rad, else it is refused.
 //!
-//! Where fields are not separated by commas, a comma in a number is a decimal point, and all numbers that are read have the same mark.
+//! Where fields are not separated by commas, a comma in a number is a decimal point, and all
+//! numbers that are read have the same mark.
 //!
-//! A minus before a name is taken for what it says. Real and imaginary part are preferred to modulus and phase, which have fewer digits. Blank lines are
-//! passed over; the table ends with a line of text behind which no row follows: one in the midst of the rows is refused. Rows at 0 Hz, by which EC-Lab
-//! marks direct current, are left out. What follows a mark of an aborted measurement is not read. Every further table of impedances is a spectrum of its own.
+//! A minus before a name is taken for what it says. Real and imaginary part are preferred to
+//! modulus and phase, which have fewer digits. Blank lines are passed over; the table ends with a
+//! line of text behind which no row follows: one in the midst of the rows is refused. Rows at 0 Hz,
+//! by which EC-Lab marks direct current, are left out. What follows a mark of an aborted
+//! measurement is not read. Every further table of impedances is a spectrum of its own.
 
 mod names;
 mod rows;
@@ -35,10 +41,15 @@ use std::path::Path;
 /// [`FormatError`] for a table without rows, or with numbers that cannot be a measurement.
 pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<FileSpectra, FormatError>> {
     let text = decoded(bytes);
-    let lines: Vec<&str> = text.lines().map(|line| line.trim_end_matches('\r')).collect();
+    let lines: Vec<&str> = text
+        .lines()
+        .map(|line| line.trim_end_matches('\r'))
+        .collect();
     let mut reader = Reader::new(path, &lines);
     let mut at = 0;
-    while let Some(header) = (at..lines.len()).find(|at| may_be_names(lines[*at]) && reader.takes(*at)) {
+    while let Some(header) =
+        (at..lines.len()).find(|at| may_be_names(lines[*at]) && reader.takes(*at))
+    {
         match reader.read_table(header) {
             Ok(end) => at = end.max(header + 1),
             Err(error) => return Some(Err(error)),
@@ -53,10 +64,18 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<FileSpectra, For
             .map(Err);
     }
     if reader.rows.rows.is_empty() {
-        return Some(Err(FormatError::Empty { file: path.to_owned(), met: "the names of columns and no row of numbers" }));
+        return Some(Err(FormatError::Empty {
+            file: path.to_owned(),
+            met: "the names of columns and no row of numbers",
+        }));
     }
-    let stem = path.file_stem().map_or_else(|| "spectrum".to_owned(), |stem| stem.to_string_lossy().into_owned());
-    let Reader { rows, mut notes, .. } = reader;
+    let stem = path.file_stem().map_or_else(
+        || "spectrum".to_owned(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    let Reader {
+        rows, mut notes, ..
+    } = reader;
     let mut read = sweeps::sort(path, rows, |_, _| stem.clone());
     read.notes.append(&mut notes);
     Some(Ok(read))
@@ -64,13 +83,20 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<FileSpectra, For
 
 /// A row of numbers names nothing; its only letter is that of an exponent.
 fn may_be_names(line: &str) -> bool {
-    line.len() > 2 && line.chars().any(|c| c.is_alphabetic() && !matches!(c, 'e' | 'E'))
+    line.len() > 2
+        && line
+            .chars()
+            .any(|c| c.is_alphabetic() && !matches!(c, 'e' | 'E'))
 }
 
-/// The text; degrees and square centimetres come in code pages of one byte, whose first half is ASCII.
+/// The text; degrees and square centimetres come in code pages of one byte, whose first half is
+/// ASCII.
 fn decoded(bytes: &[u8]) -> String {
     let bytes = bytes.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(bytes);
-    std::str::from_utf8(bytes).map_or_else(|_| bytes.iter().map(|byte| char::from(*byte)).collect(), str::to_owned)
+    std::str::from_utf8(bytes).map_or_else(
+        |_| bytes.iter().map(|byte| char::from(*byte)).collect(),
+        str::to_owned,
+    )
 }
 
 #[cfg(test)]

@@ -29,8 +29,8 @@ impl SpectrumFormat {
     }
 }
 
-/// The text of a file with one spectrum, by falling frequency as those programs have it. Numbers come back to the last bit; uncertainties have no place
-/// in these formats and are left out.
+/// The text of a file with one spectrum, by falling frequency as those programs have it. Numbers
+/// come back to the last bit; uncertainties have no place in these formats and are left out.
 pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
     let mut text = head(spectrum, format);
     let mut points: Vec<_> = spectrum.points.iter().collect();
@@ -41,8 +41,13 @@ pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
         // Writing to a string cannot fail.
         let _ = match format {
             SpectrumFormat::ImpedancePy => writeln!(text, "{f:?},{re:?},{im:?}"),
-            SpectrumFormat::Gamry => writeln!(text, "\t{number}\t{number}\t{f:?}\t{re:?}\t{im:?}\t0\t{modulus:?}\t{degrees:?}\t0\t0\t0"),
-            SpectrumFormat::BioLogic => writeln!(text, "{f:?}\t{re:?}\t{:?}\t{modulus:?}\t{degrees:?}", -im),
+            SpectrumFormat::Gamry => writeln!(
+                text,
+                "\t{number}\t{number}\t{f:?}\t{re:?}\t{im:?}\t0\t{modulus:?}\t{degrees:?}\t0\t0\t0"
+            ),
+            SpectrumFormat::BioLogic => {
+                writeln!(text, "{f:?}\t{re:?}\t{:?}\t{modulus:?}\t{degrees:?}", -im)
+            }
             SpectrumFormat::ZView => writeln!(text, "{f:?}\t0\t0\t0\t{re:?}\t{im:?}\t0\t0\t0"),
         };
     }
@@ -50,7 +55,10 @@ pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
 }
 
 fn head(spectrum: &Spectrum, format: SpectrumFormat) -> String {
-    let (name, count) = (spectrum.name.replace(['\t', '\n', '\r'], " "), spectrum.points.len());
+    let (name, count) = (
+        spectrum.name.replace(['\t', '\n', '\r'], " "),
+        spectrum.points.len(),
+    );
     match format {
         SpectrumFormat::ImpedancePy => String::new(),
         SpectrumFormat::Gamry => format!(
@@ -58,10 +66,14 @@ fn head(spectrum: &Spectrum, format: SpectrumFormat) -> String {
              \tPt\tTime\tFreq\tZreal\tZimag\tZsig\tZmod\tZphz\tIdc\tVdc\tIERange\n\t#\ts\tHz\tohm\tohm\tV\tohm\tdeg\tA\tV\t#\n"
         ),
         SpectrumFormat::BioLogic => {
-            format!("EC-Lab ASCII FILE\nNb header lines : 5\n\nComments : {name}\nfreq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\t|Z|/Ohm\tPhase(Z)/deg\n")
+            format!(
+                "EC-Lab ASCII FILE\nNb header lines : 5\n\nComments : {name}\n\
+                freq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\t|Z|/Ohm\tPhase(Z)/deg\n"
+            )
         }
         SpectrumFormat::ZView => format!(
-            "ZPLOT2 ASCII\n  Title: {name}\n  Data Points:                {count}\n  Freq(Hz)\tAmpl\tBias\tTime(Sec)\tZ'(a)\tZ''(b)\tGD\tErr\tRange\nEnd Comments\n"
+            "ZPLOT2 ASCII\n  Title: {name}\n  Data Points:                {count}\n  \
+            Freq(Hz)\tAmpl\tBias\tTime(Sec)\tZ'(a)\tZ''(b)\tGD\tErr\tRange\nEnd Comments\n"
         ),
     }
 }

@@ -1,8 +1,10 @@
-//! Many cells under one profile in lockstep: for Monte Carlo, maps and searches, where speed matters and a trace does not.
+//! Many cells under one profile in lockstep: for Monte Carlo, maps and searches, where speed
+//! matters and a trace does not.
 //!
-//! The step is that of [`super::simulate`] without its error control: second order in the step, exact for a prescribed current. Make the steps short
-//! beside the fastest time constant, or cut them with [`BatchOptions::max_step_s`]. Lanes of a vector are cells; each core takes lanes of its own.
-//! Results do not depend on the machine, its vector length or its number of cores.
+//! The step is that of [`super::simulate`] without its error control: second order in the step,
+//! exact for a prescribed current. Make the steps short beside the fastest time constant, or cut
+//! them with [`BatchOptions::max_step_s`]. Lanes of a vector are cells; each core takes lanes of
+//! its own. Results do not depend on the machine, its vector length or its number of cores.
 
 mod kernel;
 mod lanes;
@@ -36,7 +38,8 @@ pub struct BatchCell<'a> {
 /// How a batch is run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BatchOptions {
-    /// What is done about power that cannot be had; [`Beyond::Stop`] goes on as [`Beyond::Clamp`] and says when it would have stopped.
+    /// What is done about power that cannot be had; [`Beyond::Stop`] goes on as [`Beyond::Clamp`]
+    /// and says when it would have stopped.
     pub beyond: Beyond,
     /// Longest step, s; infinite for the rows of the profile.
     pub max_step_s: f64,
@@ -44,7 +47,10 @@ pub struct BatchOptions {
 
 impl Default for BatchOptions {
     fn default() -> Self {
-        Self { beyond: Beyond::Stop, max_step_s: f64::INFINITY }
+        Self {
+            beyond: Beyond::Stop,
+            max_step_s: f64::INFINITY,
+        }
     }
 }
 
@@ -67,38 +73,66 @@ pub struct BatchOutcome {
     pub infeasible_s: Option<f64>,
     /// The state at the end.
     pub end: SimState,
-    /// True when the voltage behind the series resistance was gone under a power: the other figures then mean nothing.
+    /// True when the voltage behind the series resistance was gone under a power: the other figures
+    /// then mean nothing.
     pub collapsed: bool,
 }
 
 /// Runs one profile through many cells, in the order of the cells.
 ///
 /// # Errors
-/// [`ForwardError`] for a state of another model, more than [`MAX_BATCH_RC`] branches, or options that cannot be.
-pub fn simulate_batch(cells: &[BatchCell<'_>], profile: &Profile, options: &BatchOptions) -> Result<Vec<BatchOutcome>, ForwardError> {
-    let checked = SimOptions { beyond: options.beyond, max_step_s: options.max_step_s, ..SimOptions::default() };
+/// [`ForwardError`] for a state of another model, more than [`MAX_BATCH_RC`] branches, or options
+/// that cannot be.
+pub fn simulate_batch(
+    cells: &[BatchCell<'_>],
+    profile: &Profile,
+    options: &BatchOptions,
+) -> Result<Vec<BatchOutcome>, ForwardError> {
+    let checked = SimOptions {
+        beyond: options.beyond,
+        max_step_s: options.max_step_s,
+        ..SimOptions::default()
+    };
     checked.check(profile)?;
     for cell in cells {
         cell.model.check(cell.state)?;
         cell.model.linear_only("batch")?;
         let met = cell.model.erm.branches.len();
         if met > MAX_BATCH_RC {
-            return Err(ForwardError::TooManyBranches { most: MAX_BATCH_RC, met });
+            return Err(ForwardError::TooManyBranches {
+                most: MAX_BATCH_RC,
+                met,
+            });
         }
         if !cell.scale.is_finite() || (profile.demand == Demand::Resistance && cell.scale <= 0.0) {
             let expected = "a finite factor, above 0 for a load resistance";
-            return Err(ForwardError::Value { what: "scale of a demand", expected, met: cell.scale });
+            return Err(ForwardError::Value {
+                what: "scale of a demand",
+                expected,
+                met: cell.scale,
+            });
         }
     }
     let plan = Plan::new(profile, options);
-    let run = |chunk: &[BatchCell<'_>]| if chunk.len() == 1 { by_branches::<1>(chunk, &plan) } else { by_branches::<WIDE>(chunk, &plan) };
+    let run = |chunk: &[BatchCell<'_>]| {
+        if chunk.len() == 1 {
+            by_branches::<1>(chunk, &plan)
+        } else {
+            by_branches::<WIDE>(chunk, &plan)
+        }
+    };
     let parts: Vec<Vec<BatchOutcome>> = cells.par_chunks(WIDE).map(run).collect();
     Ok(parts.into_iter().flatten().collect())
 }
 
 /// Branches that no cell has are left out of the inner loop.
 fn by_branches<const W: usize>(cells: &[BatchCell<'_>], plan: &Plan<'_>) -> Vec<BatchOutcome> {
-    match cells.iter().map(|c| c.model.erm.branches.len()).max().unwrap_or(0) {
+    match cells
+        .iter()
+        .map(|c| c.model.erm.branches.len())
+        .max()
+        .unwrap_or(0)
+    {
         0 => run::<W, 0>(cells, plan),
         1 => run::<W, 1>(cells, plan),
         2 => run::<W, 2>(cells, plan),
@@ -111,9 +145,18 @@ fn by_branches<const W: usize>(cells: &[BatchCell<'_>], plan: &Plan<'_>) -> Vec<
     }
 }
 
-fn run<const W: usize, const N: usize>(cells: &[BatchCell<'_>], plan: &Plan<'_>) -> Vec<BatchOutcome> {
+fn run<const W: usize, const N: usize>(
+    cells: &[BatchCell<'_>],
+    plan: &Plan<'_>,
+) -> Vec<BatchOutcome> {
     let mut lanes = Lanes::<W, N>::new(cells, plan);
-    let curved = cells.iter().any(|c| matches!(c.model.ocv, OcvSource::Curve(_)));
+    let curved = cells
+        .iter()
+        .any(|c| matches!(c.model.ocv, OcvSource::Curve(_)));
     kernel::run(&mut lanes, plan, curved);
-    cells.iter().enumerate().map(|(l, cell)| lanes.outcome(l, cell, plan)).collect()
+    cells
+        .iter()
+        .enumerate()
+        .map(|(l, cell)| lanes.outcome(l, cell, plan))
+        .collect()
 }

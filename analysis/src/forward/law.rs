@@ -1,11 +1,15 @@
-//! What current flows at this instant: the algebraic half of the model (thesis equations 4.1–4.6 and section 4.2).
+//! What current flows at this instant: the algebraic half of the model (thesis equations 4.1–4.6
+//! and section 4.2).
 //!
-//! Behind the series resistance R stands E = OCV − Σvₖ, which cannot jump. A current i leaves CCV = E − R·i. A power P = CCV·i has the root
-//! CCV = (E + √(E² − 4PR))/2, real up to P* = E²/4R. Beyond P₀ = f·P* the tangent CCV = V(P₀) + V′(P₀)(P − P₀) goes on to any P.
+//! Behind the series resistance R stands E = OCV − Σvₖ, which cannot jump. A current i leaves CCV =
+//! E − R·i. A power P = CCV·i has the root CCV = (E + √(E² − 4PR))/2, real up to P* = E²/4R. Beyond
+//! P₀ = f·P* the tangent CCV = V(P₀) + V′(P₀)(P − P₀) goes on to any P.
 //!
-//! *Difference to the thesis:* on the tangent it keeps i = P/CCV, which has a pole where the tangent crosses zero (for f = 0.95 at 1.5·P*) and a
-//! negative current after it. Here the current follows Kirchhoff's law, i = (E − CCV)/R. Up to P₀ both are the same, in value and first
-//! derivative; beyond it this one is linear in P, and what is then delivered, CCV·i, is at most P*, as in a real cell.
+//! *Difference to the thesis:* on the tangent it keeps i = P/CCV, which has a pole where the
+//! tangent crosses zero (for f = 0.95 at 1.5·P*) and a negative current after it. Here the current
+//! follows Kirchhoff's law, i = (E − CCV)/R. Up to P₀ both are the same, in value and first
+//! derivative; beyond it this one is linear in P, and what is then delivered, CCV·i, is at most P*,
+//! as in a real cell.
 
 use serde::{Deserialize, Serialize};
 
@@ -79,26 +83,41 @@ impl Drive {
 
     /// The current at E (V, above zero) under a demand (W, A or Ω).
     ///
-    /// With [`Beyond::Stop`] an infeasible demand is answered as with [`Beyond::Clamp`] and marked; the caller stops.
+    /// With [`Beyond::Stop`] an infeasible demand is answered as with [`Beyond::Clamp`] and marked;
+    /// the caller stops.
     pub fn reply(&self, e_v: f64, demand: f64) -> Reply {
         let r = self.r_ohm;
         match self.demand {
-            Demand::Current => Reply { current_a: demand, d_e: 0.0, d_demand: 1.0, d_r: 0.0, infeasible: false },
+            Demand::Current => Reply {
+                current_a: demand,
+                d_e: 0.0,
+                d_demand: 1.0,
+                d_r: 0.0,
+                infeasible: false,
+            },
             Demand::Resistance => {
                 let conductance = 1.0 / (r + demand);
                 let current_a = e_v * conductance;
                 let slope = -current_a * conductance;
-                Reply { current_a, d_e: conductance, d_demand: slope, d_r: slope, infeasible: false }
+                Reply {
+                    current_a,
+                    d_e: conductance,
+                    d_demand: slope,
+                    d_r: slope,
+                    infeasible: false,
+                }
             }
             Demand::Power => match self.beyond {
-                Beyond::Extrapolate { fraction } if demand > fraction * self.available_w(e_v) => self.tangent((e_v, demand), fraction),
+                Beyond::Extrapolate { fraction } if demand > fraction * self.available_w(e_v) => {
+                    self.tangent((e_v, demand), fraction)
+                }
                 _ => self.root(e_v, demand),
             },
         }
     }
 
-    /// The tangent has come down to a voltage that no load can hold, zero or less: there is no answer. With E it goes on to any negative voltage, for its
-    /// slope is −R/(cE).
+    /// The tangent has come down to a voltage that no load can hold, zero or less: there is no
+    /// answer. With E it goes on to any negative voltage, for its slope is −R/(cE).
     pub(super) fn is_past_tangent(&self, e_v: f64, reply: &Reply) -> bool {
         self.demand == Demand::Power
             && matches!(self.beyond, Beyond::Extrapolate { .. })
@@ -106,10 +125,15 @@ impl Drive {
             && e_v <= self.r_ohm * reply.current_a
     }
 
-    /// The current at E under a demand, and whether the tangent has no answer to it; then it is that of the most power there is.
+    /// The current at E under a demand, and whether the tangent has no answer to it; then it is
+    /// that of the most power there is.
     pub(super) fn reply_or_most(&self, e_v: f64, demand: f64) -> (Reply, bool) {
         let reply = self.reply(e_v, demand);
-        if self.is_past_tangent(e_v, &reply) { (self.root(e_v, demand), true) } else { (reply, false) }
+        if self.is_past_tangent(e_v, &reply) {
+            (self.root(e_v, demand), true)
+        } else {
+            (reply, false)
+        }
     }
 
     /// On the curve, or as much as there is.
@@ -118,11 +142,23 @@ impl Drive {
         let radicand = e * e - 4.0 * p * r;
         if radicand < 0.0 {
             let current_a = 0.5 * e / r;
-            return Reply { current_a, d_e: 0.5 / r, d_demand: 0.0, d_r: -current_a / r, infeasible: true };
+            return Reply {
+                current_a,
+                d_e: 0.5 / r,
+                d_demand: 0.0,
+                d_r: -current_a / r,
+                infeasible: true,
+            };
         }
         let s = radicand.sqrt();
         let current_a = 2.0 * p / (e + s);
-        Reply { current_a, d_e: -current_a / s, d_demand: 1.0 / s, d_r: current_a * current_a / s, infeasible: false }
+        Reply {
+            current_a,
+            d_e: -current_a / s,
+            d_demand: 1.0 / s,
+            d_r: current_a * current_a / s,
+            infeasible: false,
+        }
     }
 
     /// On the tangent: with c = √(1 − f), i = (E − L(P))/R = P/(cE) − (1 − c)²·E/(4cR).

@@ -13,7 +13,10 @@ pub struct CellWindow {
 
 impl CellWindow {
     /// 2.5 to 4.2 V, as in the thesis (Molicel P45B).
-    pub const THESIS: Self = Self { low_v: 2.5, high_v: 4.2 };
+    pub const THESIS: Self = Self {
+        low_v: 2.5,
+        high_v: 4.2,
+    };
 
     /// How far a cell's voltage is above the lower limit, V; negative below it.
     pub fn margin_low_v(&self, cell_v: f64) -> f64 {

@@ -1,4 +1,5 @@
-//! The model that is simulated: an ERM, its open-circuit voltage, and how many cells of it there are.
+//! The model that is simulated: an ERM, its open-circuit voltage, and how many cells of it there
+//! are.
 
 use super::additions::Laws;
 use super::law::Demand;
@@ -12,7 +13,8 @@ use std::sync::Arc;
 /// Open-circuit voltage of one cell.
 #[derive(Debug, Clone, PartialEq)]
 pub enum OcvSource {
-    /// The same at every state of charge, V: for profiles too short to move it. The state of charge is then not known.
+    /// The same at every state of charge, V: for profiles too short to move it. The state of charge
+    /// is then not known.
     Constant(f64),
     /// A curve over state of charge, with the capacity.
     Curve(OcvCurve),
@@ -36,7 +38,8 @@ pub struct SimModel {
 pub struct SimState {
     /// State of charge, 0…1; without meaning and constant for [`OcvSource::Constant`].
     pub soc: f64,
-    /// Voltages over the RC branches at the terminals, V, in the order of the model's branches, positive after a discharge.
+    /// Voltages over the RC branches at the terminals, V, in the order of the model's branches,
+    /// positive after a discharge.
     pub v_rc_v: Vec<f64>,
 }
 
@@ -57,7 +60,10 @@ pub enum ForwardError {
         met: f64,
     },
     /// A voltage that the OCV curve does not reach.
-    #[error("open-circuit voltage: expected one that the model's curve reaches, {low_v:.3} to {high_v:.3} V, met {met} V")]
+    #[error(
+        "open-circuit voltage: expected one that the model's curve reaches, {low_v:.3} to \
+        {high_v:.3} V, met {met} V"
+    )]
     OcvRange {
         /// Lowest voltage of the curve, V.
         low_v: f64,
@@ -83,7 +89,10 @@ pub enum ForwardError {
         met: usize,
     },
     /// The voltage behind the series resistance is gone: the model means nothing there.
-    #[error("after {time_s} s: expected a positive voltage behind the series resistance, met {e_v} V; the demand is far beyond the model")]
+    #[error(
+        "after {time_s} s: expected a positive voltage behind the series resistance, met {e_v} V; \
+        the demand is far beyond the model"
+    )]
     Collapsed {
         /// Time, s.
         time_s: f64,
@@ -92,7 +101,8 @@ pub enum ForwardError {
     },
     /// A step with which explicit Euler diverges.
     #[error(
-        "explicit Euler: expected steps below {:.4} ms, twice the shortest time constant of {:.4} ms, met {:.4} ms; {:.4} ms is usable",
+        "explicit Euler: expected steps below {:.4} ms, twice the shortest time constant of {:.4} \
+        ms, met {:.4} ms; {:.4} ms is usable",
         2e3 * tau_s, 1e3 * tau_s, 1e3 * step_s, 1e3 * usable_s
     )]
     Unstable {
@@ -122,7 +132,10 @@ pub enum ForwardError {
         names: String,
     },
     /// Additions whose integration does not settle.
-    #[error("additions {names}: expected halved steps to agree within {tolerance_v:.1e} V, met {met_v:.1e} V")]
+    #[error(
+        "additions {names}: expected halved steps to agree within {tolerance_v:.1e} V, met \
+        {met_v:.1e} V"
+    )]
     Unresolved {
         /// Names of the additions.
         names: String,
@@ -139,18 +152,30 @@ impl SimModel {
     /// # Errors
     /// As [`SimModel::pack`].
     pub fn cell(erm: &Erm, ocv: OcvSource) -> Result<Self, ForwardError> {
-        Self::pack(erm, ocv, Pack { series: 1, parallel: 1, interconnect_ohm: 0.0 })
+        Self::pack(
+            erm,
+            ocv,
+            Pack {
+                series: 1,
+                parallel: 1,
+                interconnect_ohm: 0.0,
+            },
+        )
     }
 
     /// A pack of equal cells: ERM by [`Pack::erm`], OCV times S, capacity times P.
     ///
     /// # Errors
-    /// [`ForwardError::Pack`] for a cell model or a pack that cannot be, [`ForwardError::Value`] for an OCV that is not positive or a curve that
-    /// [`OcvCurve::validate`] refuses.
+    /// [`ForwardError::Pack`] for a cell model or a pack that cannot be, [`ForwardError::Value`]
+    /// for an OCV that is not positive or a curve that [`OcvCurve::validate`] refuses.
     pub fn pack(cell: &Erm, ocv: OcvSource, pack: Pack) -> Result<Self, ForwardError> {
         match &ocv {
             OcvSource::Constant(v) if !(v.is_finite() && *v > 0.0) => {
-                return Err(ForwardError::Value { what: "open-circuit voltage", expected: "a positive number of volts", met: *v });
+                return Err(ForwardError::Value {
+                    what: "open-circuit voltage",
+                    expected: "a positive number of volts",
+                    met: *v,
+                });
             }
             OcvSource::Curve(curve) if curve.validate().is_err() => {
                 return Err(ForwardError::Value {
@@ -161,22 +186,36 @@ impl SimModel {
             }
             _ => {}
         }
-        Ok(Self { erm: pack.erm(cell)?, ocv, pack, laws: None })
+        Ok(Self {
+            erm: pack.erm(cell)?,
+            ocv,
+            pack,
+            laws: None,
+        })
     }
 
-    /// A pack of equal cells with additions: those of the cell act, those of the bench are left out ([`Augmented::left_out`]). Linear branches become
-    /// branches of the ERM; what else there is goes on in every cell while time passes, and starts at rest.
+    /// A pack of equal cells with additions: those of the cell act, those of the bench are left out
+    /// ([`Augmented::left_out`]). Linear branches become branches of the ERM; what else there is
+    /// goes on in every cell while time passes, and starts at rest.
     ///
     /// # Errors
-    /// As [`SimModel::pack`]; [`ForwardError::Additions`] for a constant OCV where an addition needs the state of charge.
+    /// As [`SimModel::pack`]; [`ForwardError::Additions`] for a constant OCV where an addition
+    /// needs the state of charge.
     pub fn augmented(cell: &Augmented, ocv: OcvSource, pack: Pack) -> Result<Self, ForwardError> {
         let (erm, laws) = Laws::of(cell)?;
         let model = Self::pack(&erm, ocv, pack)?;
         if let (Some(laws), OcvSource::Constant(_)) = (&laws, &model.ocv) {
             let expected = "a state of charge on the model's OCV curve";
-            return Err(ForwardError::Additions { what: "open-circuit voltage that stays", expected, names: laws.names() });
+            return Err(ForwardError::Additions {
+                what: "open-circuit voltage that stays",
+                expected,
+                names: laws.names(),
+            });
         }
-        Ok(Self { laws: laws.map(Arc::new), ..model })
+        Ok(Self {
+            laws: laws.map(Arc::new),
+            ..model
+        })
     }
 
     /// Names of the additions that no linear branch stands for; none where there are none.
@@ -187,13 +226,27 @@ impl SimModel {
     /// Refuses what knows linear branches only.
     pub(super) fn linear_only(&self, what: &'static str) -> Result<(), ForwardError> {
         let expected = "linear branches only";
-        self.laws().map_or(Ok(()), |names| Err(ForwardError::Additions { what, expected, names }))
+        self.laws().map_or(Ok(()), |names| {
+            Err(ForwardError::Additions {
+                what,
+                expected,
+                names,
+            })
+        })
     }
 
-    /// The same with the DC resistance alone: what is left when the transients are left out (simple-IR model).
+    /// The same with the DC resistance alone: what is left when the transients are left out
+    /// (simple-IR model).
     #[must_use]
     pub fn simple_ir(&self) -> Self {
-        Self { erm: Erm { r_ohm: self.erm.dc_resistance_ohm(), branches: Vec::new() }, laws: None, ..self.clone() }
+        Self {
+            erm: Erm {
+                r_ohm: self.erm.dc_resistance_ohm(),
+                branches: Vec::new(),
+            },
+            laws: None,
+            ..self.clone()
+        }
     }
 
     /// Open-circuit voltage at the terminals, V, and its slope with SOC, V.
@@ -222,12 +275,20 @@ impl SimModel {
     /// [`ForwardError::Value`] unless the SOC is within 0…1.
     pub fn rest(&self, soc: f64) -> Result<SimState, ForwardError> {
         if !(0.0..=1.0).contains(&soc) {
-            return Err(ForwardError::Value { what: "state of charge", expected: "a fraction from 0 to 1", met: soc });
+            return Err(ForwardError::Value {
+                what: "state of charge",
+                expected: "a fraction from 0 to 1",
+                met: soc,
+            });
         }
-        Ok(SimState { soc, v_rc_v: vec![0.0; self.erm.branches.len()] })
+        Ok(SimState {
+            soc,
+            v_rc_v: vec![0.0; self.erm.branches.len()],
+        })
     }
 
-    /// The state after a long rest at a cell's open-circuit voltage, V. A constant OCV has one state only, whatever the voltage.
+    /// The state after a long rest at a cell's open-circuit voltage, V. A constant OCV has one
+    /// state only, whatever the voltage.
     ///
     /// # Errors
     /// [`ForwardError::OcvRange`] for a voltage that the curve does not reach.
@@ -235,14 +296,22 @@ impl SimModel {
         match &self.ocv {
             OcvSource::Constant(_) => self.rest(0.5),
             OcvSource::Curve(curve) => {
-                let ends = (curve.voltage_v(curve.soc[0]), curve.voltage_v(curve.soc[curve.soc.len() - 1]));
+                let ends = (
+                    curve.voltage_v(curve.soc[0]),
+                    curve.voltage_v(curve.soc[curve.soc.len() - 1]),
+                );
                 let soc = curve.soc_at(ocv_cell_v);
-                self.rest(soc.ok_or(ForwardError::OcvRange { low_v: ends.0, high_v: ends.1, met: ocv_cell_v })?)
+                self.rest(soc.ok_or(ForwardError::OcvRange {
+                    low_v: ends.0,
+                    high_v: ends.1,
+                    met: ocv_cell_v,
+                })?)
             }
         }
     }
 
-    /// Mean voltage of one cell, V, at a voltage and a current of the terminals: the interconnect is not the cells'.
+    /// Mean voltage of one cell, V, at a voltage and a current of the terminals: the interconnect
+    /// is not the cells'.
     pub fn cell_v(&self, ccv_v: f64, current_a: f64) -> f64 {
         (ccv_v + current_a * self.pack.interconnect_ohm) / f64::from(self.pack.series)
     }
@@ -253,8 +322,15 @@ impl SimModel {
         if expected != met {
             return Err(ForwardError::Branches { expected, met });
         }
-        match std::iter::once(&state.soc).chain(&state.v_rc_v).find(|v| !v.is_finite()) {
-            Some(met) => Err(ForwardError::Value { what: "state", expected: "finite numbers", met: *met }),
+        match std::iter::once(&state.soc)
+            .chain(&state.v_rc_v)
+            .find(|v| !v.is_finite())
+        {
+            Some(met) => Err(ForwardError::Value {
+                what: "state",
+                expected: "finite numbers",
+                met: *met,
+            }),
             None => Ok(()),
         }
     }

@@ -13,7 +13,8 @@ pub use read::ReadOptions;
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Interpolation {
-    /// A row holds until the next (zero-order hold, as in the thesis' steps). The last row only says when the profile ends.
+    /// A row holds until the next (zero-order hold, as in the thesis' steps). The last row only
+    /// says when the profile ends.
     Hold,
     /// Straight from row to row.
     Linear,
@@ -101,12 +102,27 @@ impl Profile {
     /// A profile of rows.
     ///
     /// # Errors
-    /// [`ProfileError::TooShort`], or [`ProfileError::Row`] unless times rise, all is finite, and a load resistance is above zero.
-    pub fn new(name: &str, (demand, interpolation): (Demand, Interpolation), rows: &[(f64, f64)]) -> Result<Self, ProfileError> {
+    /// [`ProfileError::TooShort`], or [`ProfileError::Row`] unless times rise, all is finite, and a
+    /// load resistance is above zero.
+    pub fn new(
+        name: &str,
+        (demand, interpolation): (Demand, Interpolation),
+        rows: &[(f64, f64)],
+    ) -> Result<Self, ProfileError> {
         if rows.len() < 2 {
-            return Err(ProfileError::TooShort { name: name.to_owned(), met: rows.len() });
+            return Err(ProfileError::TooShort {
+                name: name.to_owned(),
+                met: rows.len(),
+            });
         }
-        let fail = |k: usize, expected, met| Err(ProfileError::Row { name: name.to_owned(), row: k + 1, expected, met });
+        let fail = |k: usize, expected, met| {
+            Err(ProfileError::Row {
+                name: name.to_owned(),
+                row: k + 1,
+                expected,
+                met,
+            })
+        };
         for (k, &(time, value)) in rows.iter().enumerate() {
             if !time.is_finite() || (k > 0 && time <= rows[k - 1].0) {
                 return fail(k, "a time in s later than the row before", time);
@@ -119,7 +135,14 @@ impl Profile {
             }
         }
         let (time_s, value) = rows.iter().copied().unzip();
-        Ok(Self { name: name.to_owned(), demand, interpolation, time_s, value, negated: false })
+        Ok(Self {
+            name: name.to_owned(),
+            demand,
+            interpolation,
+            time_s,
+            value,
+            negated: false,
+        })
     }
 
     /// A constant demand for a duration, s.
@@ -127,13 +150,20 @@ impl Profile {
     /// # Errors
     /// As [`Profile::new`].
     pub fn constant(demand: Demand, value: f64, duration_s: f64) -> Result<Self, ProfileError> {
-        Self::new("constant", (demand, Interpolation::Hold), &[(0.0, value), (duration_s, value)])
+        Self::new(
+            "constant",
+            (demand, Interpolation::Hold),
+            &[(0.0, value), (duration_s, value)],
+        )
     }
 
     /// The same profile with all demands times a factor.
     #[must_use]
     pub fn scaled(&self, factor: f64) -> Self {
-        Self { value: self.value.iter().map(|v| v * factor).collect(), ..self.clone() }
+        Self {
+            value: self.value.iter().map(|v| v * factor).collect(),
+            ..self.clone()
+        }
     }
 
     /// From the first to the last row, s.
@@ -144,12 +174,18 @@ impl Profile {
         }
     }
 
-    /// The largest demand that is ever made: the highest value, or for a profile that only charges the most negative one. The last row of
-    /// [`Interpolation::Hold`] does not count, for it only ends the profile. None where nothing is asked for.
+    /// The largest demand that is ever made: the highest value, or for a profile that only charges
+    /// the most negative one. The last row of [`Interpolation::Hold`] does not count, for it only
+    /// ends the profile. None where nothing is asked for.
     pub fn peak(&self) -> Option<f64> {
-        let count = self.value.len().saturating_sub(usize::from(self.interpolation == Interpolation::Hold));
+        let count = self
+            .value
+            .len()
+            .saturating_sub(usize::from(self.interpolation == Interpolation::Hold));
         let applied = self.value.iter().take(count).copied();
-        let (low, high) = applied.fold((0.0_f64, 0.0_f64), |(low, high), v| (low.min(v), high.max(v)));
+        let (low, high) = applied.fold((0.0_f64, 0.0_f64), |(low, high), v| {
+            (low.min(v), high.max(v))
+        });
         Some(if high > 0.0 { high } else { low }).filter(|peak| *peak != 0.0)
     }
 
@@ -157,13 +193,22 @@ impl Profile {
     pub(super) fn pieces(&self, max_step_s: f64) -> impl Iterator<Item = Piece> + '_ {
         (1..self.time_s.len()).flat_map(move |k| {
             let (t0, t1, v0) = (self.time_s[k - 1], self.time_s[k], self.value[k - 1]);
-            let v1 = if self.interpolation == Interpolation::Linear { self.value[k] } else { v0 };
+            let v1 = if self.interpolation == Interpolation::Linear {
+                self.value[k]
+            } else {
+                v0
+            };
             let count = parts(t1 - t0, max_step_s);
             let parts = count as f64;
             let at = move |part: f64| v0 + (v1 - v0) * part / parts;
             (0..count).map(move |part| {
                 let part = part as f64;
-                Piece { from_s: t0 + (t1 - t0) * part / parts, step_s: (t1 - t0) / parts, from: at(part), to: at(part + 1.0) }
+                Piece {
+                    from_s: t0 + (t1 - t0) * part / parts,
+                    step_s: (t1 - t0) / parts,
+                    from: at(part),
+                    to: at(part + 1.0),
+                }
             })
         })
     }
@@ -171,5 +216,9 @@ impl Profile {
 
 /// How many steps a row is cut into so that none is longer than `max_step_s`.
 pub(super) fn parts(row_s: f64, max_step_s: f64) -> u64 {
-    if row_s <= max_step_s { 1 } else { (row_s / max_step_s * (1.0 - 1e-9)).ceil().max(1.0) as u64 }
+    if row_s <= max_step_s {
+        1
+    } else {
+        (row_s / max_step_s * (1.0 - 1e-9)).ceil().max(1.0) as u64
+    }
 }

@@ -1,4 +1,5 @@
-//! How much of a profile a cell or a pack bears: the largest factor of its demand that stays within the window.
+//! How much of a profile a cell or a pack bears: the largest factor of its demand that stays within
+//! the window.
 
 use super::batch::{BatchCell, BatchOptions, BatchOutcome, MAX_BATCH_RC, simulate_batch};
 use super::law::Beyond;
@@ -28,7 +29,11 @@ pub struct ScaleOptions {
 impl ScaleOptions {
     /// Steps of 0.1 ms, or 200 000 of them where that is less work; the factor to 10⁻⁶.
     pub fn for_profile(profile: &Profile) -> Self {
-        Self { window: CellWindow::THESIS, max_step_s: (profile.duration_s() / 2e5).max(1e-4), accuracy: 1e-6 }
+        Self {
+            window: CellWindow::THESIS,
+            max_step_s: (profile.duration_s() / 2e5).max(1e-4),
+            accuracy: 1e-6,
+        }
     }
 }
 
@@ -55,7 +60,8 @@ pub struct ScaleLimit {
     pub bound: ScaleBound,
 }
 
-/// The largest factor of a power or current profile that keeps every cell within the window, all power to be had.
+/// The largest factor of a power or current profile that keeps every cell within the window, all
+/// power to be had.
 ///
 /// A model that no batch takes (additions, many branches) is simulated factor by factor.
 ///
@@ -63,17 +69,40 @@ pub struct ScaleLimit {
 ///
 /// # Errors
 /// As [`simulate_batch`] and [`simulate`].
-pub fn largest_scale(model: &SimModel, state: &SimState, profile: &Profile, options: &ScaleOptions) -> Result<ScaleLimit, ForwardError> {
-    let batch = BatchOptions { beyond: Beyond::Stop, max_step_s: options.max_step_s };
+pub fn largest_scale(
+    model: &SimModel,
+    state: &SimState,
+    profile: &Profile,
+    options: &ScaleOptions,
+) -> Result<ScaleLimit, ForwardError> {
+    let batch = BatchOptions {
+        beyond: Beyond::Stop,
+        max_step_s: options.max_step_s,
+    };
     let one_by_one = model.laws.is_some() || model.erm.branches.len() > MAX_BATCH_RC;
     let judge = |factors: &[f64]| -> Result<Vec<Option<ScaleBound>>, ForwardError> {
         if one_by_one {
-            return factors.par_iter().map(|factor| alone((model, state), &profile.scaled(*factor), options)).collect();
+            return factors
+                .par_iter()
+                .map(|factor| alone((model, state), &profile.scaled(*factor), options))
+                .collect();
         }
-        let cells: Vec<BatchCell<'_>> = factors.iter().map(|&scale| BatchCell { model, state, scale }).collect();
-        Ok(simulate_batch(&cells, profile, &batch)?.iter().map(|outcome| broken(outcome, options.window)).collect())
+        let cells: Vec<BatchCell<'_>> = factors
+            .iter()
+            .map(|&scale| BatchCell {
+                model,
+                state,
+                scale,
+            })
+            .collect();
+        Ok(simulate_batch(&cells, profile, &batch)?
+            .iter()
+            .map(|outcome| broken(outcome, options.window))
+            .collect())
     };
-    let coarse: Vec<f64> = (0..TRIED).map(|k| LARGEST * 10f64.powf(0.8 * (k as f64 - (TRIED - 1) as f64))).collect();
+    let coarse: Vec<f64> = (0..TRIED)
+        .map(|k| LARGEST * 10f64.powf(0.8 * (k as f64 - (TRIED - 1) as f64)))
+        .collect();
     let (mut kept, mut lost) = (0.0, (LARGEST, ScaleBound::Nothing));
     let mut tried = coarse;
     loop {
@@ -85,11 +114,19 @@ pub fn largest_scale(model: &SimModel, state: &SimState, profile: &Profile, opti
             }
             None => kept = tried.last().copied().unwrap_or(kept),
         }
-        if lost.1 == ScaleBound::Nothing || lost.0 - kept <= options.accuracy * lost.0 || lost.0 < 1e-9 {
+        if lost.1 == ScaleBound::Nothing
+            || lost.0 - kept <= options.accuracy * lost.0
+            || lost.0 < 1e-9
+        {
             let factor = if lost.0 < 1e-9 { 0.0 } else { kept };
-            return Ok(ScaleLimit { factor, bound: lost.1 });
+            return Ok(ScaleLimit {
+                factor,
+                bound: lost.1,
+            });
         }
-        tried = (1..=TRIED).map(|k| kept + (lost.0 - kept) * k as f64 / (TRIED + 1) as f64).collect();
+        tried = (1..=TRIED)
+            .map(|k| kept + (lost.0 - kept) * k as f64 / (TRIED + 1) as f64)
+            .collect();
     }
 }
 
@@ -104,12 +141,22 @@ fn broken(outcome: &BatchOutcome, window: CellWindow) -> Option<ScaleBound> {
 }
 
 /// What breaks first in one simulation of its own.
-fn alone((model, state): (&SimModel, &SimState), profile: &Profile, options: &ScaleOptions) -> Result<Option<ScaleBound>, ForwardError> {
-    let simulated = SimOptions { beyond: Beyond::Stop, window: options.window, ..SimOptions::default() };
+fn alone(
+    (model, state): (&SimModel, &SimState),
+    profile: &Profile,
+    options: &ScaleOptions,
+) -> Result<Option<ScaleBound>, ForwardError> {
+    let simulated = SimOptions {
+        beyond: Beyond::Stop,
+        window: options.window,
+        ..SimOptions::default()
+    };
     let summary = match simulate(model, state, profile, &simulated) {
         Ok(simulation) => simulation.summary,
         // Demands far beyond the model's meaning do not settle; no limit lies there.
-        Err(ForwardError::Collapsed { .. } | ForwardError::Unresolved { .. }) => return Ok(Some(ScaleBound::Power)),
+        Err(ForwardError::Collapsed { .. } | ForwardError::Unresolved { .. }) => {
+            return Ok(Some(ScaleBound::Power));
+        }
         Err(error) => return Err(error),
     };
     if summary.margin_high_v < 0.0 {

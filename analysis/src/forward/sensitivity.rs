@@ -1,7 +1,9 @@
-//! Derivatives of the step and of a whole profile, in forward mode: fit for an optimiser, and for carrying uncertainty from the model to a voltage.
+//! Derivatives of the step and of a whole profile, in forward mode: fit for an optimiser, and for
+//! carrying uncertainty from the model to a voltage.
 //!
-//! They are the exact derivatives of the map that the step is (see `step`), not of the differential equation: an optimiser that uses both sees one
-//! consistent function. The tangent beyond P₀ is part of it and joins with continuous derivative.
+//! They are the exact derivatives of the map that the step is (see `step`), not of the differential
+//! equation: an optimiser that uses both sees one consistent function. The tangent beyond P₀ is
+//! part of it and joins with continuous derivative.
 
 use super::law::{Beyond, Demand, Drive};
 use super::model::{ForwardError, SimModel, SimState};
@@ -19,12 +21,13 @@ pub struct StepOptions {
     pub beyond: Beyond,
     /// Length of the step, s.
     pub step_s: f64,
-    /// Equal parts in which it is made: short beside the fastest time constant where accuracy matters.
+    /// Equal parts in which it is made: short beside the fastest time constant where accuracy
+    /// matters.
     pub parts: u32,
 }
 
-/// A step and its derivatives. States are (SOC, v₁, v₂, …); parameters are those of the model at the terminals: R, R₁, C₁, R₂, C₂, …, and an offset
-/// of the terminals' OCV in V; all in SI units.
+/// A step and its derivatives. States are (SOC, v₁, v₂, …); parameters are those of the model at
+/// the terminals: R, R₁, C₁, R₂, C₂, …, and an offset of the terminals' OCV in V; all in SI units.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Jacobian {
     /// The state after the step.
@@ -69,7 +72,8 @@ pub struct SensitivityRow {
 pub struct Sensitivity {
     /// By rising time.
     pub rows: Vec<SensitivityRow>,
-    /// Derivatives of the state at the end: rows (SOC, v₁, …), columns (scale, parameters, state at the start).
+    /// Derivatives of the state at the end: rows (SOC, v₁, …), columns (scale, parameters, state at
+    /// the start).
     pub end: DMatrix<f64>,
 }
 
@@ -94,19 +98,40 @@ enum What {
 /// One step with A, B, C, D and the derivatives by the parameters.
 ///
 /// # Errors
-/// [`ForwardError`] for a state of another model, a step that cannot be, or a model driven beyond its meaning.
-pub fn step_with_jacobian(model: &SimModel, state: &SimState, demand: f64, options: &StepOptions) -> Result<Jacobian, ForwardError> {
+/// [`ForwardError`] for a state of another model, a step that cannot be, or a model driven beyond
+/// its meaning.
+pub fn step_with_jacobian(
+    model: &SimModel,
+    state: &SimState,
+    demand: f64,
+    options: &StepOptions,
+) -> Result<Jacobian, ForwardError> {
     model.check(state)?;
     model.linear_only("derivatives")?;
     options.check()?;
-    let mover = Mover::new(model, Drive { demand: options.demand, beyond: options.beyond, r_ohm: model.erm.r_ohm });
+    let mover = Mover::new(
+        model,
+        Drive {
+            demand: options.demand,
+            beyond: options.beyond,
+            r_ohm: model.erm.r_ohm,
+        },
+    );
     let mut directions = directions(model);
     let output = Look::at(&mover, (0.0, demand), state)?;
-    let by: Vec<f64> = directions.iter().map(|d| output.slope(&mover, d, 1.0)).collect();
+    let by: Vec<f64> = directions
+        .iter()
+        .map(|d| output.slope(&mover, d, 1.0))
+        .collect();
     let coefficients = Coefficients::new(model, options.step_s / f64::from(options.parts));
     let (mut now, mut infeasible) = (state.clone(), output.infeasible);
     for _ in 0..options.parts {
-        infeasible |= advance(&mover, &coefficients, (&mut now, &mut directions), [(demand, 1.0); 2]);
+        infeasible |= advance(
+            &mover,
+            &coefficients,
+            (&mut now, &mut directions),
+            [(demand, 1.0); 2],
+        );
     }
     Look::at(&mover, (options.step_s, demand), &now)?;
     let (states, parameters) = (1 + now.v_rc_v.len(), 2 + 2 * now.v_rc_v.len());
@@ -137,28 +162,65 @@ pub fn sensitivity(
 ) -> Result<Sensitivity, ForwardError> {
     model.check(state)?;
     model.linear_only("derivatives")?;
-    SimOptions { beyond, max_step_s, ..SimOptions::default() }.check(profile)?;
-    let mover = Mover::new(model, Drive { demand: profile.demand, beyond, r_ohm: model.erm.r_ohm });
+    SimOptions {
+        beyond,
+        max_step_s,
+        ..SimOptions::default()
+    }
+    .check(profile)?;
+    let mover = Mover::new(
+        model,
+        Drive {
+            demand: profile.demand,
+            beyond,
+            r_ohm: model.erm.r_ohm,
+        },
+    );
     let (mut now, mut directions, mut rows) = (state.clone(), directions(model), Vec::new());
-    let mut coefficients = Coefficients { step_s: f64::NAN, branches: Vec::new() };
+    let mut coefficients = Coefficients {
+        step_s: f64::NAN,
+        branches: Vec::new(),
+    };
     let mut last_demand = None;
     for piece in profile.pieces(max_step_s) {
         if coefficients.step_s != piece.step_s {
             coefficients = Coefficients::new(model, piece.step_s);
         }
         if last_demand != Some(piece.from) {
-            rows.push(row(&mover, (piece.from_s, piece.from), (&now, &directions))?);
+            rows.push(row(
+                &mover,
+                (piece.from_s, piece.from),
+                (&now, &directions),
+            )?);
         }
         last_demand = Some(piece.to);
-        advance(&mover, &coefficients, (&mut now, &mut directions), [(piece.from, piece.from), (piece.to, piece.to)]);
-        rows.push(row(&mover, (piece.from_s + piece.step_s, piece.to), (&now, &directions))?);
+        advance(
+            &mover,
+            &coefficients,
+            (&mut now, &mut directions),
+            [(piece.from, piece.from), (piece.to, piece.to)],
+        );
+        rows.push(row(
+            &mover,
+            (piece.from_s + piece.step_s, piece.to),
+            (&now, &directions),
+        )?);
     }
-    Ok(Sensitivity { rows, end: matrix(&directions) })
+    Ok(Sensitivity {
+        rows,
+        end: matrix(&directions),
+    })
 }
 
 impl StepOptions {
     fn check(&self) -> Result<(), ForwardError> {
-        let bad = |what, expected, met| Err(ForwardError::Value { what, expected, met });
+        let bad = |what, expected, met| {
+            Err(ForwardError::Value {
+                what,
+                expected,
+                met,
+            })
+        };
         if !(self.step_s.is_finite() && self.step_s > 0.0) {
             return bad("step", "a number of seconds above 0", self.step_s);
         }
@@ -166,9 +228,11 @@ impl StepOptions {
             return bad("parts of a step", "at least 1", 0.0);
         }
         match self.beyond {
-            Beyond::Extrapolate { fraction } if !self.beyond.is_valid() => {
-                bad("fraction of the available power", "a number above 0 and below 1", fraction)
-            }
+            Beyond::Extrapolate { fraction } if !self.beyond.is_valid() => bad(
+                "fraction of the available power",
+                "a number above 0 and below 1",
+                fraction,
+            ),
             _ => Ok(()),
         }
     }
@@ -178,16 +242,30 @@ impl StepOptions {
 fn directions(model: &SimModel) -> Vec<Direction> {
     let n = model.erm.branches.len();
     let branches = (0..n).flat_map(|k| [What::BranchR(k), What::BranchC(k)]);
-    let whats = [What::Demand, What::SeriesR].into_iter().chain(branches).chain([What::OcvOffset]).chain((0..=n).map(What::State));
+    let whats = [What::Demand, What::SeriesR]
+        .into_iter()
+        .chain(branches)
+        .chain([What::OcvOffset])
+        .chain((0..=n).map(What::State));
     let unit = |hit: bool| if hit { 1.0 } else { 0.0 };
     whats
-        .map(|what| Direction { what, soc: unit(what == What::State(0)), v: (0..n).map(|k| unit(what == What::State(k + 1))).collect() })
+        .map(|what| Direction {
+            what,
+            soc: unit(what == What::State(0)),
+            v: (0..n).map(|k| unit(what == What::State(k + 1))).collect(),
+        })
         .collect()
 }
 
 fn matrix(directions: &[Direction]) -> DMatrix<f64> {
     let height = 1 + directions.first().map_or(0, |d| d.v.len());
-    DMatrix::from_fn(height, directions.len(), |i, j| if i == 0 { directions[j].soc } else { directions[j].v[i - 1] })
+    DMatrix::from_fn(height, directions.len(), |i, j| {
+        if i == 0 {
+            directions[j].soc
+        } else {
+            directions[j].v[i - 1]
+        }
+    })
 }
 
 fn row(
@@ -196,7 +274,10 @@ fn row(
     (now, directions): (&SimState, &[Direction]),
 ) -> Result<SensitivityRow, ForwardError> {
     let look = Look::at(mover, (time_s, demand), now)?;
-    let by: Vec<f64> = directions.iter().map(|d| look.slope(mover, d, demand)).collect();
+    let by: Vec<f64> = directions
+        .iter()
+        .map(|d| look.slope(mover, d, demand))
+        .collect();
     let parameters = 2 + 2 * now.v_rc_v.len();
     Ok(SensitivityRow {
         time_s,
@@ -217,7 +298,11 @@ struct Look {
 }
 
 impl Look {
-    fn at(mover: &Mover<'_>, (time_s, demand): (f64, f64), state: &SimState) -> Result<Self, ForwardError> {
+    fn at(
+        mover: &Mover<'_>,
+        (time_s, demand): (f64, f64),
+        state: &SimState,
+    ) -> Result<Self, ForwardError> {
         let e_v = mover.e_v(state);
         if !e_v.is_finite() || (e_v <= 0.0 && mover.drive.demand == Demand::Power) {
             return Err(ForwardError::Collapsed { time_s, e_v });
@@ -225,13 +310,24 @@ impl Look {
         let reply = mover.drive.reply(e_v, demand);
         let ccv_v = e_v - mover.drive.r_ohm * reply.current_a;
         let ocv_slope_v = mover.model.ocv_v(state.soc).1;
-        Ok(Self { ccv_v, current_a: reply.current_a, infeasible: reply.infeasible, ocv_slope_v, reply })
+        Ok(Self {
+            ccv_v,
+            current_a: reply.current_a,
+            infeasible: reply.infeasible,
+            ocv_slope_v,
+            reply,
+        })
     }
 
-    /// Derivative of the voltage along a direction; `d_demand` is that of the demand along [`What::Demand`].
+    /// Derivative of the voltage along a direction; `d_demand` is that of the demand along
+    /// [`What::Demand`].
     fn slope(&self, mover: &Mover<'_>, d: &Direction, d_demand: f64) -> f64 {
         let d_e = self.ocv_slope_v * d.soc - d.v.iter().sum::<f64>() + d.what.ocv();
-        let series = if d.what == What::SeriesR { self.current_a } else { 0.0 };
+        let series = if d.what == What::SeriesR {
+            self.current_a
+        } else {
+            0.0
+        };
         d_e - mover.drive.r_ohm * self.reply.along(d.what, d_e, d_demand) - series
     }
 }
@@ -258,32 +354,58 @@ fn gain_slope(mover: &Mover<'_>, c: &Coefficients, k: usize, what: What) -> (f64
     let (g, b) = (&c.branches[k], &mover.model.erm.branches[k]);
     let x = c.step_s / b.time_constant_s();
     // With respect to ln τ, which R and C change alike.
-    let by_tau = (g.decay * x, b.r_ohm * (g.phi - g.decay - g.decay * x), -b.r_ohm * (g.phi - g.decay));
+    let by_tau = (
+        g.decay * x,
+        b.r_ohm * (g.phi - g.decay - g.decay * x),
+        -b.r_ohm * (g.phi - g.decay),
+    );
     match what {
-        What::BranchR(j) if j == k => (by_tau.0 / b.r_ohm, (by_tau.1 + g.start) / b.r_ohm, (by_tau.2 + g.end) / b.r_ohm),
+        What::BranchR(j) if j == k => (
+            by_tau.0 / b.r_ohm,
+            (by_tau.1 + g.start) / b.r_ohm,
+            (by_tau.2 + g.end) / b.r_ohm,
+        ),
         What::BranchC(j) if j == k => (by_tau.0 / b.c_f, by_tau.1 / b.c_f, by_tau.2 / b.c_f),
         _ => (0.0, 0.0, 0.0),
     }
 }
 
-/// One step of the state and of all directions; the demand at each end comes with its derivative along [`What::Demand`]. True where infeasible.
-fn advance(mover: &Mover<'_>, c: &Coefficients, (now, directions): (&mut SimState, &mut [Direction]), demand: [(f64, f64); 2]) -> bool {
+/// One step of the state and of all directions; the demand at each end comes with its derivative
+/// along [`What::Demand`]. True where infeasible.
+fn advance(
+    mover: &Mover<'_>,
+    c: &Coefficients,
+    (now, directions): (&mut SimState, &mut [Direction]),
+    demand: [(f64, f64); 2],
+) -> bool {
     let from = now.clone();
     let ends = mover.step(c, (&from, now), (demand[0].0, demand[1].0));
     for direction in directions {
-        follow(mover, c, (&from, &ends), (direction, [demand[0].1, demand[1].1]));
+        follow(
+            mover,
+            c,
+            (&from, &ends),
+            (direction, [demand[0].1, demand[1].1]),
+        );
     }
     ends.start.infeasible || ends.end.infeasible
 }
 
-fn follow(mover: &Mover<'_>, c: &Coefficients, (from, ends): (&SimState, &Ends), (d, d_demand): (&mut Direction, [f64; 2])) {
+fn follow(
+    mover: &Mover<'_>,
+    c: &Coefficients,
+    (from, ends): (&SimState, &Ends),
+    (d, d_demand): (&mut Direction, [f64; 2]),
+) {
     let (h, capacity_c) = (c.step_s, mover.capacity_c);
     let (i0, i1) = (ends.start.current_a, ends.end.current_a);
     let slope0_v = mover.model.ocv_v(from.soc).1;
     let slope1_v = mover.model.ocv_v(from.soc - h * i0 / capacity_c).1;
     let d_e0 = slope0_v * d.soc - d.v.iter().sum::<f64>() + d.what.ocv();
     let d_i0 = ends.start.along(d.what, d_e0, d_demand[0]);
-    let slopes: Vec<(f64, f64, f64)> = (0..d.v.len()).map(|k| gain_slope(mover, c, k, d.what)).collect();
+    let slopes: Vec<(f64, f64, f64)> = (0..d.v.len())
+        .map(|k| gain_slope(mover, c, k, d.what))
+        .collect();
     let held = |k: usize| {
         let (g, s) = (&c.branches[k], &slopes[k]);
         g.decay * d.v[k] + (g.start + g.end) * d_i0 + s.0 * from.v_rc_v[k] + (s.1 + s.2) * i0
@@ -293,7 +415,12 @@ fn follow(mover: &Mover<'_>, c: &Coefficients, (from, ends): (&SimState, &Ends),
     let d_i1 = ends.end.along(d.what, d_e1, d_demand[1]);
     for (k, v) in d.v.iter_mut().enumerate() {
         let (g, s) = (&c.branches[k], &slopes[k]);
-        *v = g.decay * *v + g.start * d_i0 + g.end * d_i1 + s.0 * from.v_rc_v[k] + s.1 * i0 + s.2 * i1;
+        *v = g.decay * *v
+            + g.start * d_i0
+            + g.end * d_i1
+            + s.0 * from.v_rc_v[k]
+            + s.1 * i0
+            + s.2 * i1;
     }
     d.soc -= 0.5 * h * (d_i0 + d_i1) / capacity_c;
 }

@@ -1,8 +1,9 @@
 //! A profile run through a model, with an error bound, a trace and a summary.
 //!
-//! [`Method::Exact`] takes each piece of the profile in as many sub-steps as the tolerance wants: one step against two of half the length (Richardson),
-//! the better of which, improved by their difference, goes on. [`Method::Thesis`] is explicit Euler, which is stable below twice the shortest time
-//! constant only: unless told otherwise it takes a quarter of that.
+//! [`Method::Exact`] takes each piece of the profile in as many sub-steps as the tolerance wants:
+//! one step against two of half the length (Richardson), the better of which, improved by their
+//! difference, goes on. [`Method::Thesis`] is explicit Euler, which is stable below twice the
+//! shortest time constant only: unless told otherwise it takes a quarter of that.
 
 use super::additions;
 use super::law::{Beyond, Demand, Drive};
@@ -17,7 +18,8 @@ use serde::{Deserialize, Serialize};
 const DEEPEST: usize = 30;
 /// Relative error of a sub-step's mean current at most, before two halves improve it.
 const CURRENT_ACCURACY: f64 = 1e-5;
-/// How far the voltage in the middle of a sub-step may be off the straight line between its ends, V per cell in series.
+/// How far the voltage in the middle of a sub-step may be off the straight line between its ends, V
+/// per cell in series.
 const BEND_V: f64 = 4e-6;
 /// Explicit Euler's step unless told otherwise, as a part of the shortest time constant.
 const EULER_PART: f64 = 0.25;
@@ -68,30 +70,63 @@ impl Default for SimOptions {
 
 impl SimOptions {
     pub(super) fn check(&self, profile: &Profile) -> Result<(), ForwardError> {
-        let bad = |what, expected, met| Err(ForwardError::Value { what, expected, met });
+        let bad = |what, expected, met| {
+            Err(ForwardError::Value {
+                what,
+                expected,
+                met,
+            })
+        };
         if let (false, Beyond::Extrapolate { fraction }) = (self.beyond.is_valid(), self.beyond) {
-            return bad("fraction of the available power", "a number above 0 and below 1", fraction);
+            return bad(
+                "fraction of the available power",
+                "a number above 0 and below 1",
+                fraction,
+            );
         }
         if self.tolerance_v.is_nan() || self.tolerance_v <= 0.0 {
             return bad("tolerance", "a number of volts above 0", self.tolerance_v);
         }
-        if self.max_step_s.is_nan() || self.max_step_s <= 0.0 || profile.duration_s() / self.max_step_s > MOST_PIECES {
-            return bad("longest step", "a number of seconds above 0 that makes fewer than 1e8 steps", self.max_step_s);
+        if self.max_step_s.is_nan()
+            || self.max_step_s <= 0.0
+            || profile.duration_s() / self.max_step_s > MOST_PIECES
+        {
+            return bad(
+                "longest step",
+                "a number of seconds above 0 that makes fewer than 1e8 steps",
+                self.max_step_s,
+            );
         }
         Ok(())
     }
 
     /// Longest step of explicit Euler, s, if it is stable.
     fn euler_step_s(&self, model: &SimModel, profile: &Profile) -> Result<f64, ForwardError> {
-        let tau_s = model.erm.branches.iter().map(|b| b.time_constant_s()).fold(f64::INFINITY, f64::min);
+        let tau_s = model
+            .erm
+            .branches
+            .iter()
+            .map(|b| b.time_constant_s())
+            .fold(f64::INFINITY, f64::min);
         let step_s = self.thesis_step_s.unwrap_or(EULER_PART * tau_s);
         if step_s.is_nan() || step_s <= 0.0 || profile.duration_s() / step_s > MOST_STEPS {
             let expected = "a number of seconds above 0 that makes fewer than 1e10 steps";
-            return Err(ForwardError::Value { what: "step of explicit Euler", expected, met: step_s });
+            return Err(ForwardError::Value {
+                what: "step of explicit Euler",
+                expected,
+                met: step_s,
+            });
         }
-        let longest_s = profile.pieces(self.max_step_s).map(|p| p.step_s / parts(p.step_s, step_s) as f64).fold(0.0, f64::max);
+        let longest_s = profile
+            .pieces(self.max_step_s)
+            .map(|p| p.step_s / parts(p.step_s, step_s) as f64)
+            .fold(0.0, f64::max);
         if longest_s >= 2.0 * tau_s {
-            return Err(ForwardError::Unstable { step_s: longest_s, tau_s, usable_s: EULER_PART * tau_s });
+            return Err(ForwardError::Unstable {
+                step_s: longest_s,
+                tau_s,
+                usable_s: EULER_PART * tau_s,
+            });
         }
         Ok(step_s)
     }
@@ -116,9 +151,15 @@ pub struct Simulation {
 /// Runs a profile through a model from a state.
 ///
 /// # Errors
-/// [`ForwardError`] for a state of another model, options that cannot be, or a model driven beyond its meaning. Power that cannot be had is no
-/// error but a result; when it is asked for so long that nothing is left behind the series resistance, the run ends there under any policy.
-pub fn simulate(model: &SimModel, state: &SimState, profile: &Profile, options: &SimOptions) -> Result<Simulation, ForwardError> {
+/// [`ForwardError`] for a state of another model, options that cannot be, or a model driven beyond
+/// its meaning. Power that cannot be had is no error but a result; when it is asked for so long
+/// that nothing is left behind the series resistance, the run ends there under any policy.
+pub fn simulate(
+    model: &SimModel,
+    state: &SimState,
+    profile: &Profile,
+    options: &SimOptions,
+) -> Result<Simulation, ForwardError> {
     model.check(state)?;
     options.check(profile)?;
     if let Some(laws) = &model.laws {
@@ -128,18 +169,27 @@ pub fn simulate(model: &SimModel, state: &SimState, profile: &Profile, options: 
         Method::Exact => f64::INFINITY,
         Method::Thesis => options.euler_step_s(model, profile)?,
     };
-    let drive = Drive { demand: profile.demand, beyond: options.beyond, r_ohm: model.erm.r_ohm };
+    let drive = Drive {
+        demand: profile.demand,
+        beyond: options.beyond,
+        r_ohm: model.erm.r_ohm,
+    };
     let mut run = Run {
         mover: Mover::new(model, drive),
         options,
         state: state.clone(),
         book: Book::new(model, options.window),
-        ladder: Ladder { step_s: f64::NAN, rungs: Vec::new() },
+        ladder: Ladder {
+            step_s: f64::NAN,
+            rungs: Vec::new(),
+        },
         level: 0,
     };
     let mut last_demand = None;
     for piece in profile.pieces(options.max_step_s) {
-        let Some(start) = run.ended(|run| run.look(piece.from_s, piece.from).map(Some))? else { break };
+        let Some(start) = run.ended(|run| run.look(piece.from_s, piece.from).map(Some))? else {
+            break;
+        };
         if last_demand != Some(piece.from) {
             run.book.row(&start, &run.state);
         }
@@ -151,8 +201,14 @@ pub fn simulate(model: &SimModel, state: &SimState, profile: &Profile, options: 
         let Some(end) = arrived else { break };
         run.book.row(&end, &run.state);
     }
-    let (summary, trace) = run.book.close(&run.state, profile.time_s.first().copied().unwrap_or(0.0));
-    Ok(Simulation { summary, trace, end: run.state })
+    let (summary, trace) = run
+        .book
+        .close(&run.state, profile.time_s.first().copied().unwrap_or(0.0));
+    Ok(Simulation {
+        summary,
+        trace,
+        end: run.state,
+    })
 }
 
 /// Coefficients of a piece's length and its halvings.
@@ -208,14 +264,29 @@ impl Run<'_> {
             return Err(ForwardError::Collapsed { time_s, e_v });
         }
         let (reply, past_tangent) = self.mover.drive.reply_or_most(e_v, demand);
-        let (current_a, ccv_v) = (reply.current_a, e_v - self.mover.drive.r_ohm * reply.current_a);
+        let (current_a, ccv_v) = (
+            reply.current_a,
+            e_v - self.mover.drive.r_ohm * reply.current_a,
+        );
         let demand_w = if power { demand } else { ccv_v * current_a };
         let available_w = self.mover.drive.available_w(e_v);
-        Ok(Point { time_s, demand_w, current_a, ccv_v, ocv_v, available_w, infeasible: reply.infeasible, past_tangent })
+        Ok(Point {
+            time_s,
+            demand_w,
+            current_a,
+            ccv_v,
+            ocv_v,
+            available_w,
+            infeasible: reply.infeasible,
+            past_tangent,
+        })
     }
 
     /// A collapse after power that could not be had is the end of the run, not an error.
-    fn ended(&mut self, go: impl FnOnce(&mut Self) -> Result<Option<Point>, ForwardError>) -> Result<Option<Point>, ForwardError> {
+    fn ended(
+        &mut self,
+        go: impl FnOnce(&mut Self) -> Result<Option<Point>, ForwardError>,
+    ) -> Result<Option<Point>, ForwardError> {
         match go(self) {
             Err(ForwardError::Collapsed { time_s, .. }) if !self.book.feasible() => {
                 self.book.emptied(time_s, self.options.beyond);
@@ -230,7 +301,12 @@ impl Run<'_> {
     }
 
     /// One piece by explicit Euler; none when the run stops in it.
-    fn euler(&mut self, piece: &Piece, start: Point, longest_s: f64) -> Result<Option<Point>, ForwardError> {
+    fn euler(
+        &mut self,
+        piece: &Piece,
+        start: Point,
+        longest_s: f64,
+    ) -> Result<Option<Point>, ForwardError> {
         let count = parts(piece.step_s, longest_s);
         let step_s = piece.step_s / count as f64;
         let mut before = start;
@@ -238,9 +314,11 @@ impl Run<'_> {
             if self.stops(&before) {
                 return Ok(None);
             }
-            let at = |done: u64| piece.from + (piece.to - piece.from) * (done as f64 / count as f64);
+            let at =
+                |done: u64| piece.from + (piece.to - piece.from) * (done as f64 / count as f64);
             let from = self.state.clone();
-            self.mover.euler(step_s, (&from, &mut self.state), at(done - 1));
+            self.mover
+                .euler(step_s, (&from, &mut self.state), at(done - 1));
             self.book.held(&before, step_s, (&from, &self.state));
             before = self.look(piece.from_s + step_s * done as f64, at(done))?;
         }
@@ -264,12 +342,21 @@ impl Run<'_> {
             let part = |done: u64| done as f64 / whole as f64;
             let (t0, t1) = (part(done), part(done + (whole >> self.level)));
             let attempt = self.attempt(piece, (t0, t1), tolerance_v)?;
-            let at = |part: f64| (piece.from_s + part * piece.step_s, piece.from + part * (piece.to - piece.from));
+            let at = |part: f64| {
+                (
+                    piece.from_s + part * piece.step_s,
+                    piece.from + part * (piece.to - piece.from),
+                )
+            };
             let mut good = attempt.error_v <= tolerance_v && !attempt.stops;
             let mut seen = None;
             if good || self.level + 1 >= DEEPEST {
-                let (middle, after) = (self.point(at(0.5 * (t0 + t1)), &attempt.middle)?, self.point(at(t1), &attempt.end)?);
-                // Extremes are sought at ends and middles only: in between the voltage must be nearly straight.
+                let (middle, after) = (
+                    self.point(at(0.5 * (t0 + t1)), &attempt.middle)?,
+                    self.point(at(t1), &attempt.end)?,
+                );
+                // Extremes are sought at ends and middles only: in between the voltage must be
+                // nearly straight.
                 good &= (middle.ccv_v - 0.5 * (before.ccv_v + after.ccv_v)).abs() <= bend_v;
                 seen = Some((middle, after));
             }
@@ -280,23 +367,40 @@ impl Run<'_> {
             let from = std::mem::replace(&mut self.state, attempt.end);
             self.book.see(&middle);
             self.book.see(&after);
-            self.book.passed([&before, &middle, &after], [&from, &attempt.middle, &self.state]);
+            self.book.passed(
+                [&before, &middle, &after],
+                [&from, &attempt.middle, &self.state],
+            );
             done += whole >> self.level;
             let start_v = std::mem::replace(&mut before, after).ccv_v;
             let straight = (middle.ccv_v - 0.5 * (start_v + after.ccv_v)).abs() < bend_v / 8.0;
-            if straight && attempt.error_v < tolerance_v / 16.0 && self.level > 0 && done.is_multiple_of(whole >> (self.level - 1)) {
+            if straight
+                && attempt.error_v < tolerance_v / 16.0
+                && self.level > 0
+                && done.is_multiple_of(whole >> (self.level - 1))
+            {
                 self.level -= 1;
             }
         }
         Ok((!self.stops(&before)).then_some(before))
     }
 
-    fn attempt(&mut self, piece: &Piece, (t0, t1): (f64, f64), tolerance_v: f64) -> Result<Attempt, ForwardError> {
-        self.ladder.reach(self.mover.model, piece.step_s, self.level + 1);
-        let (long, short) = (&self.ladder.rungs[self.level], &self.ladder.rungs[self.level + 1]);
+    fn attempt(
+        &mut self,
+        piece: &Piece,
+        (t0, t1): (f64, f64),
+        tolerance_v: f64,
+    ) -> Result<Attempt, ForwardError> {
+        self.ladder
+            .reach(self.mover.model, piece.step_s, self.level + 1);
+        let (long, short) = (
+            &self.ladder.rungs[self.level],
+            &self.ladder.rungs[self.level + 1],
+        );
         let demand = |part: f64| piece.from + part * (piece.to - piece.from);
         let (d0, d1, d2) = (demand(t0), demand(0.5 * (t0 + t1)), demand(t1));
-        let (mut once, mut middle, mut end) = (self.state.clone(), self.state.clone(), self.state.clone());
+        let (mut once, mut middle, mut end) =
+            (self.state.clone(), self.state.clone(), self.state.clone());
         let mover = &self.mover;
         let ends = [
             mover.step(long, (&self.state, &mut once), (d0, d2)),
@@ -312,19 +416,34 @@ impl Run<'_> {
                 Beyond::Extrapolate { .. } => power && ends.iter().any(|e| e.least_ccv_v <= 0.0),
             };
         let ocv = |s: &SimState| mover.model.ocv_v(s.soc).0;
-        let apart: f64 = end.v_rc_v.iter().zip(&once.v_rc_v).map(|(a, b)| (a - b).abs()).sum();
+        let apart: f64 = end
+            .v_rc_v
+            .iter()
+            .zip(&once.v_rc_v)
+            .map(|(a, b)| (a - b).abs())
+            .sum();
         let mean_a = |e: &Ends| 0.5 * (e.start.current_a + e.end.current_a);
         let apart_a = (mean_a(&ends[0]) - 0.5 * (mean_a(&ends[1]) + mean_a(&ends[2]))).abs();
-        let largest_a = ends.iter().fold(1e-6, |a: f64, e| a.max(e.start.current_a.abs()).max(e.end.current_a.abs()));
+        let largest_a = ends.iter().fold(1e-6, |a: f64, e| {
+            a.max(e.start.current_a.abs()).max(e.end.current_a.abs())
+        });
         // States may be insensitive to the current, energies are not: they want its mean as well.
         let charge_v = apart_a / (CURRENT_ACCURACY * largest_a) * tolerance_v;
         let error_v = (apart + (ocv(&end) - ocv(&once)).abs() + charge_v) / 3.0;
-        // Both are wrong in second order, one step four times as much as two halves: their difference takes it away.
+        // Both are wrong in second order, one step four times as much as two halves: their
+        // difference takes it away.
         for (better, rough) in end.v_rc_v.iter_mut().zip(&once.v_rc_v) {
             *better += (*better - rough) / 3.0;
         }
         end.soc += (end.soc - once.soc) / 3.0;
-        let collapsed = ends.iter().any(|e| e.least_e_v.is_nan() || (power && e.least_e_v <= 0.0));
-        Ok(Attempt { middle, end, error_v: if collapsed { f64::INFINITY } else { error_v }, stops })
+        let collapsed = ends
+            .iter()
+            .any(|e| e.least_e_v.is_nan() || (power && e.least_e_v <= 0.0));
+        Ok(Attempt {
+            middle,
+            end,
+            error_v: if collapsed { f64::INFINITY } else { error_v },
+            stops,
+        })
     }
 }

@@ -1,8 +1,11 @@
-//! One step in time: the branches exactly for a current that changes linearly, the current by two looks at the law.
+//! One step in time: the branches exactly for a current that changes linearly, the current by two
+//! looks at the law.
 //!
-//! A branch obeys C·dv/dt = i − v/R. For i from i₀ to i₁ along a straight line over a step h its solution is
-//! v(h) = a·v + R(φ − a)·i₀ + R(1 − φ)·i₁ with a = exp(−h/τ), φ = (1 − a)τ/h. The current under a power or a load follows from the state;
-//! here i₀ is the current at the start and i₁ the one at the end that i₀ alone would lead to: second order, and exact for a prescribed current.
+//! A branch obeys C·dv/dt = i − v/R. For i from i₀ to i₁ along a straight line over a step h its
+//! solution is v(h) = a·v + R(φ − a)·i₀ + R(1 − φ)·i₁ with a = exp(−h/τ), φ = (1 − a)τ/h. The
+//! current under a power or a load follows from the state; here i₀ is the current at the start and
+//! i₁ the one at the end that i₀ alone would lead to: second order, and exact for a prescribed
+//! current.
 
 use super::law::{Drive, Reply};
 use super::model::{SimModel, SimState};
@@ -32,13 +35,26 @@ impl Gain {
         let x = step_s / (r_ohm * c_f);
         let decay = (-x).exp();
         let phi = if x > 0.0 { -(-x).exp_m1() / x } else { 1.0 };
-        Self { decay, start: r_ohm * (phi - decay), end: r_ohm * (1.0 - phi), phi }
+        Self {
+            decay,
+            start: r_ohm * (phi - decay),
+            end: r_ohm * (1.0 - phi),
+            phi,
+        }
     }
 }
 
 impl Coefficients {
     pub(super) fn new(model: &SimModel, step_s: f64) -> Self {
-        Self { step_s, branches: model.erm.branches.iter().map(|b| Gain::new(b.r_ohm, b.c_f, step_s)).collect() }
+        Self {
+            step_s,
+            branches: model
+                .erm
+                .branches
+                .iter()
+                .map(|b| Gain::new(b.r_ohm, b.c_f, step_s))
+                .collect(),
+        }
     }
 }
 
@@ -63,7 +79,11 @@ pub(super) struct Mover<'m> {
 
 impl<'m> Mover<'m> {
     pub(super) fn new(model: &'m SimModel, drive: Drive) -> Self {
-        Self { model, drive, capacity_c: model.capacity_c() }
+        Self {
+            model,
+            drive,
+            capacity_c: model.capacity_c(),
+        }
     }
 
     /// E = OCV − Σvₖ, V.
@@ -72,12 +92,26 @@ impl<'m> Mover<'m> {
     }
 
     /// One step of the length of the coefficients.
-    pub(super) fn step(&self, c: &Coefficients, (from, to): (&SimState, &mut SimState), demand: (f64, f64)) -> Ends {
+    pub(super) fn step(
+        &self,
+        c: &Coefficients,
+        (from, to): (&SimState, &mut SimState),
+        demand: (f64, f64),
+    ) -> Ends {
         let e0 = self.e_v(from);
         let start = self.drive.reply(e0, demand.0);
         let i0 = start.current_a;
-        let held: f64 = c.branches.iter().zip(&from.v_rc_v).map(|(g, v)| g.decay * v + (g.start + g.end) * i0).sum();
-        let e1 = self.model.ocv_v(from.soc - c.step_s * i0 / self.capacity_c).0 - held;
+        let held: f64 = c
+            .branches
+            .iter()
+            .zip(&from.v_rc_v)
+            .map(|(g, v)| g.decay * v + (g.start + g.end) * i0)
+            .sum();
+        let e1 = self
+            .model
+            .ocv_v(from.soc - c.step_s * i0 / self.capacity_c)
+            .0
+            - held;
         let end = self.drive.reply(e1, demand.1);
         let i1 = end.current_a;
         for ((new, old), g) in to.v_rc_v.iter_mut().zip(&from.v_rc_v).zip(&c.branches) {
@@ -85,13 +119,29 @@ impl<'m> Mover<'m> {
         }
         to.soc = from.soc - 0.5 * c.step_s * (i0 + i1) / self.capacity_c;
         let ccv_v = |e_v: f64, reply: &Reply| e_v - self.drive.r_ohm * reply.current_a;
-        Ends { start, end, least_e_v: e0.min(e1), least_ccv_v: ccv_v(e0, &start).min(ccv_v(e1, &end)) }
+        Ends {
+            start,
+            end,
+            least_e_v: e0.min(e1),
+            least_ccv_v: ccv_v(e0, &start).min(ccv_v(e1, &end)),
+        }
     }
 
-    /// The thesis' three steps (equations 4.5–4.10) for any number of branches: explicit Euler on the charges.
-    pub(super) fn euler(&self, step_s: f64, (from, to): (&SimState, &mut SimState), demand: f64) -> Reply {
+    /// The thesis' three steps (equations 4.5–4.10) for any number of branches: explicit Euler on
+    /// the charges.
+    pub(super) fn euler(
+        &self,
+        step_s: f64,
+        (from, to): (&SimState, &mut SimState),
+        demand: f64,
+    ) -> Reply {
         let reply = self.drive.reply(self.e_v(from), demand);
-        for ((new, old), b) in to.v_rc_v.iter_mut().zip(&from.v_rc_v).zip(&self.model.erm.branches) {
+        for ((new, old), b) in to
+            .v_rc_v
+            .iter_mut()
+            .zip(&from.v_rc_v)
+            .zip(&self.model.erm.branches)
+        {
             let into_capacitor_a = reply.current_a - old / b.r_ohm;
             *new = old + into_capacitor_a * step_s / b.c_f;
         }

@@ -7,7 +7,8 @@ use crate::dataset::{self, ColumnSpec, DatasetError};
 use serde::Serialize;
 use std::path::Path;
 
-/// A run over time, one entry of each list per row. Where the demand jumps, a time stands twice: before and after the jump.
+/// A run over time, one entry of each list per row. Where the demand jumps, a time stands twice:
+/// before and after the jump.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Trace {
     /// Time, s.
@@ -65,7 +66,8 @@ pub struct Summary {
     pub max_ccv_v: f64,
     /// When, s.
     pub max_ccv_time_s: f64,
-    /// Lowest voltage of a cell above the lower limit, V; negative when below it. The interconnect's share is not the cell's.
+    /// Lowest voltage of a cell above the lower limit, V; negative when below it. The
+    /// interconnect's share is not the cell's.
     pub margin_low_v: f64,
     /// Highest voltage of a cell below the upper limit, V; negative when above it.
     pub margin_high_v: f64,
@@ -73,7 +75,8 @@ pub struct Summary {
     pub energy_j: f64,
     /// Charge taken, C.
     pub charge_c: f64,
-    /// Heat in the resistances, J: ∫i²R + Σ∫vₖ²/Rₖ, interconnect included; with additions also what they take off the voltage, times the current.
+    /// Heat in the resistances, J: ∫i²R + Σ∫vₖ²/Rₖ, interconnect included; with additions also what
+    /// they take off the voltage, times the current.
     pub heat_j: f64,
     /// Work of the open-circuit voltage, J: ∫OCV·i.
     pub chemical_j: f64,
@@ -87,9 +90,11 @@ pub struct Summary {
     pub peak_current_a: f64,
     /// Lowest current, A: negative when the cell is charged.
     pub lowest_current_a: f64,
-    /// Lowest state of charge of the trace, below 0 where more was taken than there is; none for a constant OCV.
+    /// Lowest state of charge of the trace, below 0 where more was taken than there is; none for a
+    /// constant OCV.
     pub soc_min: Option<f64>,
-    /// Highest state of charge of the trace, above 1 where more was put in than there is room; none for a constant OCV.
+    /// Highest state of charge of the trace, above 1 where more was put in than there is room; none
+    /// for a constant OCV.
     pub soc_max: Option<f64>,
     /// True when all power asked for could be had. The window is judged by the margins.
     pub feasible: bool,
@@ -113,7 +118,8 @@ pub(super) struct Point {
     pub(super) ocv_v: f64,
     pub(super) available_w: f64,
     pub(super) infeasible: bool,
-    /// The tangent has no voltage for the demand: the most power there is stands for it, and the run ends.
+    /// The tangent has no voltage for the demand: the most power there is stands for it, and the
+    /// run ends.
     pub(super) past_tangent: bool,
 }
 
@@ -155,8 +161,19 @@ impl<'m> Book<'m> {
             simulated_s: 0.0,
             steps: 0,
         };
-        let trace = Trace { v_rc_v: vec![Vec::new(); model.erm.branches.len()], ..Trace::default() };
-        Self { model, window, trace, summary, cell_v: (inf, none), first: None, within: false }
+        let trace = Trace {
+            v_rc_v: vec![Vec::new(); model.erm.branches.len()],
+            ..Trace::default()
+        };
+        Self {
+            model,
+            window,
+            trace,
+            summary,
+            cell_v: (inf, none),
+            first: None,
+            within: false,
+        }
     }
 
     /// Takes an instant into the extremes.
@@ -178,13 +195,22 @@ impl<'m> Book<'m> {
             (true, true, Some(open)) => open.until_s = p.time_s,
             (true, ..) => {
                 let (time_s, power_w, available_w) = (p.time_s, p.demand_w, p.available_w);
-                s.infeasible.push(Infeasible { time_s, until_s: time_s, power_w, available_w });
+                s.infeasible.push(Infeasible {
+                    time_s,
+                    until_s: time_s,
+                    power_w,
+                    available_w,
+                });
             }
             (false, true, Some(open)) => open.until_s = p.time_s,
             _ => {}
         }
         if p.past_tangent && s.tangent_end.is_none() {
-            s.tangent_end = Some(TangentEnd { time_s: p.time_s, power_w: p.demand_w, available_w: p.available_w });
+            s.tangent_end = Some(TangentEnd {
+                time_s: p.time_s,
+                power_w: p.demand_w,
+                available_w: p.available_w,
+            });
         }
         self.within = p.infeasible;
         s.feasible &= !p.infeasible;
@@ -195,11 +221,21 @@ impl<'m> Book<'m> {
         self.summary.feasible
     }
 
-    /// Nothing was left behind the series resistance at a time, under a power: the tangent ended with it.
+    /// Nothing was left behind the series resistance at a time, under a power: the tangent ended
+    /// with it.
     pub(super) fn emptied(&mut self, time_s: f64, beyond: Beyond) {
-        let open = self.summary.infeasible.last().map(|last| last.power_w).filter(|_| matches!(beyond, Beyond::Extrapolate { .. }));
+        let open = self
+            .summary
+            .infeasible
+            .last()
+            .map(|last| last.power_w)
+            .filter(|_| matches!(beyond, Beyond::Extrapolate { .. }));
         if let (Some(power_w), None) = (open, self.summary.tangent_end) {
-            self.summary.tangent_end = Some(TangentEnd { time_s, power_w, available_w: 0.0 });
+            self.summary.tangent_end = Some(TangentEnd {
+                time_s,
+                power_w,
+                available_w: 0.0,
+            });
         }
     }
 
@@ -208,20 +244,49 @@ impl<'m> Book<'m> {
         if self.first.is_none() {
             self.first = Some(state.clone());
         }
-        let soc = if matches!(self.model.ocv, OcvSource::Constant(_)) { f64::NAN } else { state.soc };
+        let soc = if matches!(self.model.ocv, OcvSource::Constant(_)) {
+            f64::NAN
+        } else {
+            state.soc
+        };
         let t = &mut self.trace;
         let cell_v = self.model.cell_v(p.ccv_v, p.current_a);
-        let row = [p.time_s, p.demand_w, p.ccv_v * p.current_a, p.current_a, p.ccv_v, cell_v, p.ocv_v, soc];
-        let columns =
-            [&mut t.time_s, &mut t.demand_w, &mut t.power_w, &mut t.current_a, &mut t.ccv_v, &mut t.cell_v, &mut t.ocv_v, &mut t.soc];
-        columns.into_iter().zip(row).for_each(|(column, value)| column.push(value));
-        t.v_rc_v.iter_mut().zip(&state.v_rc_v).for_each(|(column, value)| column.push(*value));
+        let row = [
+            p.time_s,
+            p.demand_w,
+            p.ccv_v * p.current_a,
+            p.current_a,
+            p.ccv_v,
+            cell_v,
+            p.ocv_v,
+            soc,
+        ];
+        let columns = [
+            &mut t.time_s,
+            &mut t.demand_w,
+            &mut t.power_w,
+            &mut t.current_a,
+            &mut t.ccv_v,
+            &mut t.cell_v,
+            &mut t.ocv_v,
+            &mut t.soc,
+        ];
+        columns
+            .into_iter()
+            .zip(row)
+            .for_each(|(column, value)| column.push(value));
+        t.v_rc_v
+            .iter_mut()
+            .zip(&state.v_rc_v)
+            .for_each(|(column, value)| column.push(*value));
     }
 
     /// Integrates over a sub-step from its start, middle and end (Simpson).
     pub(super) fn passed(&mut self, points: [&Point; 3], states: [&SimState; 3]) {
         let h = points[2].time_s - points[0].time_s;
-        let simpson = |f: &dyn Fn(&Point) -> f64| h / 6.0 * (f(points[0]) + 4.0 * f(points[1]) + f(points[2]));
+        let simpson = |f: &dyn Fn(&Point) -> f64| {
+            h / 6.0 * (f(points[0]) + 4.0 * f(points[1]) + f(points[2]))
+        };
         let s = &mut self.summary;
         s.energy_j += simpson(&|p| p.ccv_v * p.current_a);
         s.charge_c += simpson(&|p| p.current_a);
@@ -232,7 +297,12 @@ impl<'m> Book<'m> {
             let square_v2s = if h < 0.2 * branch.time_constant_s() {
                 h / 6.0 * (v[0] * v[0] + 4.0 * v[1] * v[1] + v[2] * v[2])
             } else {
-                squared((branch.r_ohm, branch.time_constant_s()), v[0], (points[0].current_a, points[2].current_a), h)
+                squared(
+                    (branch.r_ohm, branch.time_constant_s()),
+                    v[0],
+                    (points[0].current_a, points[2].current_a),
+                    h,
+                )
             };
             s.heat_j += square_v2s / branch.r_ohm;
         }
@@ -257,18 +327,34 @@ impl<'m> Book<'m> {
         s.charge_c += h * p.current_a;
         s.chemical_j += h * p.ocv_v * p.current_a;
         let branches = self.model.erm.branches.iter().zip(&from.v_rc_v);
-        s.heat_j += h * (p.current_a * p.current_a * self.model.erm.r_ohm + branches.map(|(b, v)| v * v / b.r_ohm).sum::<f64>());
+        s.heat_j += h
+            * (p.current_a * p.current_a * self.model.erm.r_ohm
+                + branches.map(|(b, v)| v * v / b.r_ohm).sum::<f64>());
         s.steps += 1;
     }
 
     /// The results, with the state at the end and the time at the start.
     pub(super) fn close(mut self, end: &SimState, start_s: f64) -> (Summary, Trace) {
-        let stored =
-            |state: &SimState| -> f64 { self.model.erm.branches.iter().zip(&state.v_rc_v).map(|(b, v)| 0.5 * b.c_f * v * v).sum() };
+        let stored = |state: &SimState| -> f64 {
+            self.model
+                .erm
+                .branches
+                .iter()
+                .zip(&state.v_rc_v)
+                .map(|(b, v)| 0.5 * b.c_f * v * v)
+                .sum()
+        };
         self.summary.stored_j = stored(end) - self.first.as_ref().map_or(0.0, stored);
         self.summary.margin_low_v = self.window.margin_low_v(self.cell_v.0);
         self.summary.margin_high_v = self.window.margin_high_v(self.cell_v.1);
-        let soc = |better: fn(f64, f64) -> f64| self.trace.soc.iter().copied().filter(|z| z.is_finite()).reduce(better);
+        let soc = |better: fn(f64, f64) -> f64| {
+            self.trace
+                .soc
+                .iter()
+                .copied()
+                .filter(|z| z.is_finite())
+                .reduce(better)
+        };
         (self.summary.soc_min, self.summary.soc_max) = (soc(f64::min), soc(f64::max));
         self.summary.simulated_s = self.trace.time_s.last().map_or(0.0, |t| t - start_s);
         (self.summary, self.trace)
@@ -281,7 +367,8 @@ fn squared((r, tau): (f64, f64), v0: f64, (i0, i1): (f64, f64), h: f64) -> f64 {
     let beta = r * i0 - gamma * tau;
     let alpha = v0 - beta;
     let a = (-h / tau).exp();
-    let fast = 0.5 * alpha * alpha * tau * (1.0 - a * a) + 2.0 * alpha * tau * (beta * (1.0 - a) + gamma * (tau - a * (tau + h)));
+    let fast = 0.5 * alpha * alpha * tau * (1.0 - a * a)
+        + 2.0 * alpha * tau * (beta * (1.0 - a) + gamma * (tau - a * (tau + h)));
     fast + h * (beta * beta + beta * gamma * h + gamma * gamma * h * h / 3.0)
 }
 
@@ -289,30 +376,101 @@ fn squared((r, tau): (f64, f64), v0: f64, (i0, i1): (f64, f64), h: f64) -> f64 {
 pub const TRACE_BRANCHES: usize = 16;
 
 /// Names of the branches' columns.
-const BRANCHES: [&str; TRACE_BRANCHES] =
-    ["v1_v", "v2_v", "v3_v", "v4_v", "v5_v", "v6_v", "v7_v", "v8_v", "v9_v", "v10_v", "v11_v", "v12_v", "v13_v", "v14_v", "v15_v", "v16_v"];
+const BRANCHES: [&str; TRACE_BRANCHES] = [
+    "v1_v", "v2_v", "v3_v", "v4_v", "v5_v", "v6_v", "v7_v", "v8_v", "v9_v", "v10_v", "v11_v",
+    "v12_v", "v13_v", "v14_v", "v15_v", "v16_v",
+];
 
-/// Writes a trace as Parquet: columns as in [`Trace`], the signed margins of a cell to a window, and the branches as `v1_v`, `v2_v`, … (at most [`TRACE_BRANCHES`]).
+/// Writes a trace as Parquet: columns as in [`Trace`], the signed margins of a cell to a window,
+/// and the branches as `v1_v`, `v2_v`, … (at most [`TRACE_BRANCHES`]).
 ///
 /// # Errors
 /// [`DatasetError`] where the file cannot be written.
-pub fn write_trace_parquet(path: &Path, trace: &Trace, window: CellWindow) -> Result<(), DatasetError> {
-    let low: Vec<f64> = trace.cell_v.iter().map(|v| window.margin_low_v(*v)).collect();
-    let high: Vec<f64> = trace.cell_v.iter().map(|v| window.margin_high_v(*v)).collect();
+pub fn write_trace_parquet(
+    path: &Path,
+    trace: &Trace,
+    window: CellWindow,
+) -> Result<(), DatasetError> {
+    let low: Vec<f64> = trace
+        .cell_v
+        .iter()
+        .map(|v| window.margin_low_v(*v))
+        .collect();
+    let high: Vec<f64> = trace
+        .cell_v
+        .iter()
+        .map(|v| window.margin_high_v(*v))
+        .collect();
     let spec = |name, unit, doc| ColumnSpec { name, unit, doc };
     let mut columns = vec![
-        (spec("time_s", "s", "time; stands twice where the demand jumps"), trace.time_s.as_slice()),
-        (spec("demand_w", "W", "power asked for, discharge positive"), &trace.demand_w),
-        (spec("power_w", "W", "power delivered at the terminals, discharge positive"), &trace.power_w),
-        (spec("current_a", "A", "current, discharge positive"), &trace.current_a),
+        (
+            spec("time_s", "s", "time; stands twice where the demand jumps"),
+            trace.time_s.as_slice(),
+        ),
+        (
+            spec("demand_w", "W", "power asked for, discharge positive"),
+            &trace.demand_w,
+        ),
+        (
+            spec(
+                "power_w",
+                "W",
+                "power delivered at the terminals, discharge positive",
+            ),
+            &trace.power_w,
+        ),
+        (
+            spec("current_a", "A", "current, discharge positive"),
+            &trace.current_a,
+        ),
         (spec("ccv_v", "V", "voltage at the terminals"), &trace.ccv_v),
-        (spec("cell_v", "V", "mean voltage of a cell, without the interconnect"), &trace.cell_v),
-        (spec("margin_low_v", "V", "voltage of a cell above its lower limit, negative below it"), &low),
-        (spec("margin_high_v", "V", "voltage of a cell below its upper limit, negative above it"), &high),
-        (spec("ocv_v", "V", "open-circuit voltage at the terminals"), &trace.ocv_v),
-        (spec("soc", "1", "state of charge; NaN for a constant open-circuit voltage"), &trace.soc),
+        (
+            spec(
+                "cell_v",
+                "V",
+                "mean voltage of a cell, without the interconnect",
+            ),
+            &trace.cell_v,
+        ),
+        (
+            spec(
+                "margin_low_v",
+                "V",
+                "voltage of a cell above its lower limit, negative below it",
+            ),
+            &low,
+        ),
+        (
+            spec(
+                "margin_high_v",
+                "V",
+                "voltage of a cell below its upper limit, negative above it",
+            ),
+            &high,
+        ),
+        (
+            spec("ocv_v", "V", "open-circuit voltage at the terminals"),
+            &trace.ocv_v,
+        ),
+        (
+            spec(
+                "soc",
+                "1",
+                "state of charge; NaN for a constant open-circuit voltage",
+            ),
+            &trace.soc,
+        ),
     ];
     let branches = trace.v_rc_v.iter().zip(BRANCHES);
-    columns.extend(branches.map(|(v, name)| (spec(name, "V", "voltage over an RC branch, positive after a discharge"), v.as_slice())));
+    columns.extend(branches.map(|(v, name)| {
+        (
+            spec(
+                name,
+                "V",
+                "voltage over an RC branch, positive after a discharge",
+            ),
+            v.as_slice(),
+        )
+    }));
     dataset::write_columns_parquet(path, &columns)
 }

@@ -25,18 +25,38 @@ struct Entry {
 pub(super) fn read(value: Value, asked_hz: Option<(f64, f64)>) -> Result<GivenModel, GivenError> {
     let entry: Entry = serde_json::from_value(one(value)?).map_err(GivenError::CircuitFile)?;
     let circuit: Circuit = entry.circuit.parse()?;
-    let bands = Bands { data_hz: entry.band_hz, asked_hz };
-    let Followed { erm, ladder, log_jacobian } = follow(&circuit, &entry.values, bands)?;
-    let log_covariance = log_jacobian.and_then(|jacobian| propagated(&jacobian, &entry.values, &entry.covariance));
+    let bands = Bands {
+        data_hz: entry.band_hz,
+        asked_hz,
+    };
+    let Followed {
+        erm,
+        ladder,
+        log_jacobian,
+    } = follow(&circuit, &entry.values, bands)?;
+    let log_covariance =
+        log_jacobian.and_then(|jacobian| propagated(&jacobian, &entry.values, &entry.covariance));
     let plain = PlainModel::new(&ladder.circuit, erm);
-    Ok(PlainModel { ladder: Some(ladder), warnings: entry.warnings, log_covariance, ..plain }.into())
+    Ok(PlainModel {
+        ladder: Some(ladder),
+        warnings: entry.warnings,
+        log_covariance,
+        ..plain
+    }
+    .into())
 }
 
 /// The fit itself, or the only one of a list.
 fn one(mut value: Value) -> Result<Value, GivenError> {
-    let Some(fits) = value.get_mut("fits") else { return Ok(value) };
-    let mut fits: Vec<Value> = serde_json::from_value(fits.take()).map_err(GivenError::CircuitFile)?;
-    if fits.first().is_some_and(|fit| fit.get("circuit").is_none() && fit.get("rc").is_some()) {
+    let Some(fits) = value.get_mut("fits") else {
+        return Ok(value);
+    };
+    let mut fits: Vec<Value> =
+        serde_json::from_value(fits.take()).map_err(GivenError::CircuitFile)?;
+    if fits
+        .first()
+        .is_some_and(|fit| fit.get("circuit").is_none() && fit.get("rc").is_some())
+    {
         return Err(GivenError::RandlesFits);
     }
     match (fits.pop(), fits.len()) {
@@ -46,9 +66,21 @@ fn one(mut value: Value) -> Result<Value, GivenError> {
     }
 }
 
-/// J·Σ·Jᵀ with the covariance of the logarithms of the circuit's parameters; none where it is not known of one that the ERM depends on.
-fn propagated(jacobian: &[Vec<f64>], values: &[f64], covariance: &[Vec<Option<f64>>]) -> Option<Vec<Vec<f64>>> {
-    let log = |i: usize, j: usize| covariance.get(i)?.get(j).copied().flatten().map(|c| c / (values[i] * values[j]));
+/// J·Σ·Jᵀ with the covariance of the logarithms of the circuit's parameters; none where it is not
+/// known of one that the ERM depends on.
+fn propagated(
+    jacobian: &[Vec<f64>],
+    values: &[f64],
+    covariance: &[Vec<Option<f64>>],
+) -> Option<Vec<Vec<f64>>> {
+    let log = |i: usize, j: usize| {
+        covariance
+            .get(i)?
+            .get(j)
+            .copied()
+            .flatten()
+            .map(|c| c / (values[i] * values[j]))
+    };
     let entry = |a: &[f64], b: &[f64]| {
         let mut sum = 0.0;
         for (i, a) in a.iter().enumerate().filter(|(_, a)| **a != 0.0) {
@@ -58,5 +90,8 @@ fn propagated(jacobian: &[Vec<f64>], values: &[f64], covariance: &[Vec<Option<f6
         }
         Some(sum)
     };
-    jacobian.iter().map(|a| jacobian.iter().map(|b| entry(a, b)).collect()).collect()
+    jacobian
+        .iter()
+        .map(|a| jacobian.iter().map(|b| entry(a, b)).collect())
+        .collect()
 }

@@ -16,7 +16,10 @@ pub enum LadderError {
         met: usize,
     },
     /// A value that no passive element has.
-    #[error("{name} of the circuit: expected {expected}, met {met} {unit}: no ladder of resistances and capacitances represents it")]
+    #[error(
+        "{name} of the circuit: expected {expected}, met {met} {unit}: no ladder of resistances \
+        and capacitances represents it"
+    )]
     Value {
         /// Name of the parameter.
         name: String,
@@ -39,25 +42,33 @@ pub enum LadderError {
     },
     /// A circuit whose data are not known.
     #[error(
-        "circuit: expected the field band_hz, the lowest and the highest frequency of the data, met none (an older program wrote the file): fit again, \
+        "circuit: expected the field band_hz, the lowest and the highest frequency of the data, \
+        met none (an older program wrote the file): fit again, \
          or give the band for the ladder"
     )]
     NoBand,
     /// Nothing that acts at once.
-    #[error("circuit {circuit}: expected a resistance in series, met none: a model that is simulated needs one above 0 Ω")]
+    #[error(
+        "circuit {circuit}: expected a resistance in series, met none: a model that is simulated \
+        needs one above 0 Ω"
+    )]
     NoSeriesResistance {
         /// The circuit.
         circuit: String,
     },
     /// A system without a solution.
-    #[error("{blocks}: expected impedances that a ladder can be fitted to, met some too large or too unequal")]
+    #[error(
+        "{blocks}: expected impedances that a ladder can be fitted to, met some too large or too \
+        unequal"
+    )]
     Unsolved {
         /// The blocks.
         blocks: String,
     },
     /// No passive ladder follows it.
     #[error(
-        "{blocks}: expected what resistances and capacitances above zero follow within {} %, met {percent:.1} % of |Z| at {freq_hz:.4} Hz with up to \
+        "{blocks}: expected what resistances and capacitances above zero follow within {} %, met \
+        {percent:.1} % of |Z| at {freq_hz:.4} Hz with up to \
          {MOST_BRANCHES} branches: is there an inductive loop",
         100.0 * REFUSED
     )]
@@ -82,7 +93,8 @@ pub enum GivenError {
     Syntax(#[from] serde_json::Error),
     /// JSON of something else.
     #[error(
-        "expected a model file (schema, …), a typed model {{\"r_ohm\": …, \"branches\": [{{\"r_ohm\": …, \"c_f\": …}}]}} or a fitted circuit (circuit.json: \
+        "expected a model file (schema, …), a typed model {{\"r_ohm\": …, \"branches\": \
+        [{{\"r_ohm\": …, \"c_f\": …}}]}} or a fitted circuit (circuit.json: \
          fits, …), met {met}"
     )]
     Kind {
@@ -102,13 +114,19 @@ pub enum GivenError {
     #[error("typed model: {0}")]
     Ocv(#[from] crate::ocv::OcvError),
     /// Another number of fits than one.
-    #[error("fits: expected one fitted circuit, met {met}: take one cell's circuit.json, or fit them together with --pool")]
+    #[error(
+        "fits: expected one fitted circuit, met {met}: take one cell's circuit.json, or fit them \
+        together with --pool"
+    )]
     Fits {
         /// Number of fits.
         met: usize,
     },
     /// Fits of the extended Randles model.
-    #[error("fits: expected a fitted circuit, met a list of extended Randles models: take the model_Nrc.json that `fit --out` writes")]
+    #[error(
+        "fits: expected a fitted circuit, met a list of extended Randles models: take the \
+        model_Nrc.json that `fit --out` writes"
+    )]
     RandlesFits,
     /// A circuit that is not as it must be.
     #[error("fitted circuit: {0}")]
@@ -120,6 +138,8 @@ pub enum GivenError {
     #[error("fitted circuit: {0}")]
     Ladder(#[from] LadderError),
     /// A band for a ladder where there is none.
-    #[error("band of the ladder: expected a fitted circuit to follow, met a model that is no circuit")]
+    #[error(
+        "band of the ladder: expected a fitted circuit to follow, met a model that is no circuit"
+    )]
     BandWithoutCircuit,
 }

@@ -1,6 +1,8 @@
-//! A cell's model from whatever it was given as: a model file, a typed model of nothing but resistances and capacitances, or a fitted circuit.
+//! A cell's model from whatever it was given as: a model file, a typed model of nothing but
+//! resistances and capacitances, or a fitted circuit.
 //!
-//! All that reads a model reads it here. What the source does not know (uncertainty, provenance, OCV) is absent, and [`GivenModel::notes`] says so.
+//! All that reads a model reads it here. What the source does not know (uncertainty, provenance,
+//! OCV) is absent, and [`GivenModel::notes`] says so.
 
 mod circuit;
 mod error;
@@ -51,12 +53,17 @@ impl GivenModel {
         Ok(PlainModel::new(name, erm).into())
     }
 
-    /// Reads the text of a model file, a typed model or a fitted circuit. `name` is that of a model without one; `band_hz` the band that a circuit's
-    /// ladder is to follow, else that of its data and a decade more on each side.
+    /// Reads the text of a model file, a typed model or a fitted circuit. `name` is that of a model
+    /// without one; `band_hz` the band that a circuit's ladder is to follow, else that of its data
+    /// and a decade more on each side.
     ///
     /// # Errors
     /// [`GivenError`].
-    pub fn from_json(text: &str, name: &str, band_hz: Option<(f64, f64)>) -> Result<Self, GivenError> {
+    pub fn from_json(
+        text: &str,
+        name: &str,
+        band_hz: Option<(f64, f64)>,
+    ) -> Result<Self, GivenError> {
         let value: Value = serde_json::from_str(text)?;
         let has = |field: &str| value.get(field).is_some();
         if has("fits") || has("circuit") {
@@ -71,7 +78,14 @@ impl GivenModel {
         if has("r_ohm") || has("branches") {
             return plain::read(text, name);
         }
-        let fields = value.as_object().map(|fields| fields.keys().take(8).cloned().collect::<Vec<_>>().join(", "));
+        let fields = value.as_object().map(|fields| {
+            fields
+                .keys()
+                .take(8)
+                .cloned()
+                .collect::<Vec<_>>()
+                .join(", ")
+        });
         let met = match fields {
             Some(fields) if fields.is_empty() => "an object without fields".to_owned(),
             Some(fields) => format!("the fields {fields}"),
@@ -100,22 +114,36 @@ impl GivenModel {
         augmented(&self.erm, self.ocv.as_ref(), self.facts, &self.additions)
     }
 
-    /// The same with additions to a base that was refitted together with them. What the first fit knew of its uncertainty, and how its ladder followed a
-    /// circuit, belong to another base and go.
+    /// The same with additions to a base that was refitted together with them. What the first fit
+    /// knew of its uncertainty, and how its ladder followed a circuit, belong to another base and
+    /// go.
     #[must_use]
     pub fn with_additions(self, erm: Erm, facts: Facts, additions: Vec<Addition>) -> Self {
         if let Some(file) = self.fitted {
             return file.with_additions(erm, facts, additions).into();
         }
         let warnings = Vec::new();
-        Self { erm, facts: Some(facts), additions, log_covariance: None, ladder: None, warnings, fitted: None, ..self }
+        Self {
+            erm,
+            facts: Some(facts),
+            additions,
+            log_covariance: None,
+            ladder: None,
+            warnings,
+            fitted: None,
+            ..self
+        }
     }
 
-    /// The same with what the gate of the data has refused, beside what its first fit knew of that: a model that is no model file has no place for it.
+    /// The same with what the gate of the data has refused, beside what its first fit knew of that:
+    /// a model that is no model file has no place for it.
     #[must_use]
     pub fn with_refused(mut self, refused: Vec<RefusedPoint>) -> Self {
         if let Some(file) = &mut self.fitted {
-            let fresh: Vec<RefusedPoint> = refused.into_iter().filter(|point| !file.refused.contains(point)).collect();
+            let fresh: Vec<RefusedPoint> = refused
+                .into_iter()
+                .filter(|point| !file.refused.contains(point))
+                .collect();
             file.refused.extend(fresh);
         }
         self
@@ -123,17 +151,28 @@ impl GivenModel {
 
     /// Resistance at zero frequency, Ω; none for a circuit whose resistance grows without end.
     pub fn dc_resistance_ohm(&self) -> Option<f64> {
-        let grows = self.ladder.as_ref().is_some_and(|ladder| ladder.dc_resistance_ohm.is_none());
+        let grows = self
+            .ladder
+            .as_ref()
+            .is_some_and(|ladder| ladder.dc_resistance_ohm.is_none());
         (!grows).then(|| self.erm.dc_resistance_ohm())
     }
 
-    /// What the source does not tell, in sentences; empty for a model file, which has warnings of its own.
+    /// What the source does not tell, in sentences; empty for a model file, which has warnings of
+    /// its own.
     pub fn notes(&self) -> Vec<String> {
-        let mut notes = self.ladder.as_ref().map_or_else(Vec::new, |ladder| ladder.notes(&self.erm));
+        let mut notes = self
+            .ladder
+            .as_ref()
+            .map_or_else(Vec::new, |ladder| ladder.notes(&self.erm));
         if self.fitted.is_none() && self.log_covariance.is_none() {
             notes.push(match &self.ladder {
-                Some(_) => "the ladder has no uncertainty: that of the circuit's fit is not carried over".to_owned(),
-                None => "the model was typed: it has no uncertainty, and the band in which it holds is not known".to_owned(),
+                Some(_) => "the ladder has no uncertainty: that of the circuit's fit is not \
+                carried over"
+                    .to_owned(),
+                None => "the model was typed: it has no uncertainty, and the band in which it \
+                holds is not known"
+                    .to_owned(),
             });
         }
         notes

@@ -60,7 +60,10 @@ impl PlainModel {
 /// Reads a typed model; `name` is that of a file without one.
 pub(super) fn read(text: &str, name: &str) -> Result<GivenModel, GivenError> {
     let plain: PlainModel = serde_json::from_str(text).map_err(GivenError::Plain)?;
-    let plain = PlainModel { name: plain.name.or_else(|| Some(name.to_owned())), ..plain };
+    let plain = PlainModel {
+        name: plain.name.or_else(|| Some(name.to_owned())),
+        ..plain
+    };
     let model = GivenModel::from(plain);
     model.erm.validate()?;
     if let Some(ocv) = &model.ocv {
@@ -68,10 +71,19 @@ pub(super) fn read(text: &str, name: &str) -> Result<GivenModel, GivenError> {
     }
     if let Some(rows) = &model.log_covariance {
         let parameters = model.erm.parameter_count();
-        let wrong = rows.iter().map(Vec::len).find(|columns| *columns != parameters);
+        let wrong = rows
+            .iter()
+            .map(Vec::len)
+            .find(|columns| *columns != parameters);
         if rows.len() != parameters || wrong.is_some() {
             let columns = wrong.unwrap_or(parameters);
-            return Err(JsonError::Covariance { field: "log_covariance", parameters, rows: rows.len(), columns }.into());
+            return Err(JsonError::Covariance {
+                field: "log_covariance",
+                parameters,
+                rows: rows.len(),
+                columns,
+            }
+            .into());
         }
     }
     model.augmented()?;
@@ -82,7 +94,10 @@ impl From<PlainModel> for GivenModel {
     fn from(plain: PlainModel) -> Self {
         Self {
             name: plain.name.unwrap_or_default(),
-            erm: Erm { r_ohm: plain.r_ohm, branches: plain.branches },
+            erm: Erm {
+                r_ohm: plain.r_ohm,
+                branches: plain.branches,
+            },
             ocv: plain.ocv,
             log_covariance: plain.log_covariance,
             warnings: plain.warnings,
@@ -96,7 +111,27 @@ impl From<PlainModel> for GivenModel {
 
 impl From<GivenModel> for PlainModel {
     fn from(model: GivenModel) -> Self {
-        let GivenModel { name, erm, ocv, log_covariance, warnings, additions, facts, ladder, fitted: _ } = model;
-        Self { name: Some(name), r_ohm: erm.r_ohm, branches: erm.branches, ocv, log_covariance, warnings, ladder, additions, facts }
+        let GivenModel {
+            name,
+            erm,
+            ocv,
+            log_covariance,
+            warnings,
+            additions,
+            facts,
+            ladder,
+            fitted: _,
+        } = model;
+        Self {
+            name: Some(name),
+            r_ohm: erm.r_ohm,
+            branches: erm.branches,
+            ocv,
+            log_covariance,
+            warnings,
+            ladder,
+            additions,
+            facts,
+        }
     }
 }

@@ -31,7 +31,8 @@ pub struct GapAt {
     pub measured_sigma_ohm: f64,
     /// Predicted, Ω: the model's answer and the fall of the OCV.
     pub predicted_ohm: f64,
-    /// Its standard uncertainty, Ω: parameters, gain between the instruments and cells, place of the edge; none where a parameter is not fixed.
+    /// Its standard uncertainty, Ω: parameters, gain between the instruments and cells, place of
+    /// the edge; none where a parameter is not fixed.
     pub predicted_sigma_ohm: Option<f64>,
     /// Of the predicted, the fall of the OCV, Ω.
     pub ocv_ohm: f64,
@@ -66,27 +67,51 @@ pub struct Gap {
 }
 
 /// Holds a model against pulses.
-pub fn gaps(source: &Source<'_>, windows: &[PulseWindow], fit: &JointFit, times_s: &[f64]) -> Vec<Gap> {
-    windows.iter().map(|w| gap(source, w, fit, times_s)).collect()
+pub fn gaps(
+    source: &Source<'_>,
+    windows: &[PulseWindow],
+    fit: &JointFit,
+    times_s: &[f64],
+) -> Vec<Gap> {
+    windows
+        .iter()
+        .map(|w| gap(source, w, fit, times_s))
+        .collect()
 }
 
-/// Time since the edge, s, measured and predicted voltage less that before the edge, V, of each bin of a pulse.
+/// Time since the edge, s, measured and predicted voltage less that before the edge, V, of each bin
+/// of a pulse.
 pub fn overlay(window: &PulseWindow, fit: &JointFit) -> Vec<(f64, f64, f64)> {
     let model = window.model(&fit.erm, fit.gain, fit.edge);
-    let time = |times: &[f64]| times.iter().sum::<f64>() / times.len() as f64 - window.pulse.start_s();
-    let before: Vec<usize> = (0..window.bins.len()).filter(|k| time(&window.bins[*k].times_s) <= 0.0).collect();
-    let mean = |f: &dyn Fn(usize) -> f64| before.iter().map(|k| f(*k)).sum::<f64>() / before.len().max(1) as f64;
-    // The measured voltage before the edge drifts with the OCV: what is common to both is taken off, so that both begin at zero.
+    let time =
+        |times: &[f64]| times.iter().sum::<f64>() / times.len() as f64 - window.pulse.start_s();
+    let before: Vec<usize> = (0..window.bins.len())
+        .filter(|k| time(&window.bins[*k].times_s) <= 0.0)
+        .collect();
+    let mean = |f: &dyn Fn(usize) -> f64| {
+        before.iter().map(|k| f(*k)).sum::<f64>() / before.len().max(1) as f64
+    };
+    // The measured voltage before the edge drifts with the OCV: what is common to both is taken
+    // off, so that both begin at zero.
     let offset = mean(&|k| window.bins[k].voltage_v - model[k].0);
     let level = mean(&|k| window.bins[k].voltage_v - window.bins[k].ocv_v);
-    window.bins.iter().zip(&model).map(|(b, m)| (time(&b.times_s), b.voltage_v - level, m.0 + offset - level)).collect()
+    window
+        .bins
+        .iter()
+        .zip(&model)
+        .map(|(b, m)| (time(&b.times_s), b.voltage_v - level, m.0 + offset - level))
+        .collect()
 }
 
 fn gap(source: &Source<'_>, window: &PulseWindow, fit: &JointFit, times_s: &[f64]) -> Gap {
     let end = window.pulse.edges_s[1].0 - window.pulse.start_s();
     let points = overlay(window, fit);
     let rms = |keep: &dyn Fn(f64) -> bool| {
-        let squares: Vec<f64> = points.iter().filter(|p| keep(p.0)).map(|p| (p.2 - p.1).powi(2)).collect();
+        let squares: Vec<f64> = points
+            .iter()
+            .filter(|p| keep(p.0))
+            .map(|p| (p.2 - p.1).powi(2))
+            .collect();
         (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
     };
     Gap {
@@ -94,7 +119,10 @@ fn gap(source: &Source<'_>, window: &PulseWindow, fit: &JointFit, times_s: &[f64
         ocv_v: window.ocv_v,
         soc: window.soc,
         step_a: window.pulse.step_a(),
-        at: times_s.iter().filter_map(|t| gap_at(source, window, fit, *t)).collect(),
+        at: times_s
+            .iter()
+            .filter_map(|t| gap_at(source, window, fit, *t))
+            .collect(),
         rms_v: rms(&|t| t > 0.0 && t <= end),
         relaxation_rms_v: rms(&|t| t > end),
     }
@@ -106,13 +134,25 @@ fn gap_at(source: &Source<'_>, window: &PulseWindow, fit: &JointFit, time_s: f64
     let width = pulse.edges_s[0].1 - pulse.edges_s[0].0;
     let parameters = fit.erm.parameter_count();
     let mut slopes = vec![0.0; parameters + 2];
-    let (value, rate) = add_step(&fit.erm, (time_s - fit.edge * width).max(0.0), fit.gain, &mut slopes);
+    let (value, rate) = add_step(
+        &fit.erm,
+        (time_s - fit.edge * width).max(0.0),
+        fit.gain,
+        &mut slopes,
+    );
     slopes[parameters] = value;
     slopes[parameters + 1] = -rate * width;
     let drawn = pulse.current_a[1] * time_s / (3600.0 * source.curve.capacity_ah);
-    let ocv_ohm = (source.curve.voltage_v(window.soc) - source.curve.voltage_v(window.soc - drawn)) / pulse.step_a();
+    let ocv_ohm = (source.curve.voltage_v(window.soc) - source.curve.voltage_v(window.soc - drawn))
+        / pulse.step_a();
     let variance = fit.covariance.as_ref().map(|c| {
-        let row = |(i, a): (usize, &f64)| slopes.iter().zip(&c[i]).map(|(b, c)| a * b * c).sum::<f64>();
+        let row = |(i, a): (usize, &f64)| {
+            slopes
+                .iter()
+                .zip(&c[i])
+                .map(|(b, c)| a * b * c)
+                .sum::<f64>()
+        };
         slopes.iter().enumerate().map(row).sum::<f64>()
     });
     let predicted_ohm = value + ocv_ohm;

@@ -1,8 +1,10 @@
 //! The noise of a recorded voltage, measured on its own steady stretches.
 //!
-//! Samples of a cycler are not independent: some alternate from sample to sample (which averages away faster than 1/n), all wander (which does not
-//! average away at all). So no law is assumed: the variance of the mean of n samples is measured as the scatter of such means about a straight line
-//! in windows of steady current, as an Allan variance is. Beyond the largest n measured it stays: more samples promise nothing.
+//! Samples of a cycler are not independent: some alternate from sample to sample (which averages
+//! away faster than 1/n), all wander (which does not average away at all). So no law is assumed:
+//! the variance of the mean of n samples is measured as the scatter of such means about a straight
+//! line in windows of steady current, as an Allan variance is. Beyond the largest n measured it
+//! stays: more samples promise nothing.
 
 use super::pulse::Pulse;
 use crate::series::TimeSeries;
@@ -22,7 +24,8 @@ pub struct NoiseModel {
 }
 
 impl NoiseModel {
-    /// Measures the noise before the pulses, in windows of 128 samples; none when there is no such window.
+    /// Measures the noise before the pulses, in windows of 128 samples; none when there is no such
+    /// window.
     pub fn measure(series: &TimeSeries, pulses: &[Pulse]) -> Option<Self> {
         let mut sums = [0.0; LENGTHS.len()];
         let mut windows = 0;
@@ -52,7 +55,10 @@ impl NoiseModel {
                 variance_v2[k] = variance_v2[k].min(variance_v2[k - 1]);
             }
         }
-        Some(Self { variance_v2, windows })
+        Some(Self {
+            variance_v2,
+            windows,
+        })
     }
 
     /// Variance of the mean of n neighbouring samples, V².
@@ -80,14 +86,23 @@ impl NoiseModel {
 /// Variances of means of each length about a straight line, corrected for the line's two freedoms.
 fn scatter(series: &TimeSeries, start: usize) -> [f64; LENGTHS.len()] {
     let n = WINDOW as f64;
-    let samples: Vec<(f64, f64)> =
-        (start..start + WINDOW).map(|k| (series.time_s[k] - series.time_s[start], series.voltage_v[k])).collect();
-    let (mt, mv) = (samples.iter().map(|s| s.0).sum::<f64>() / n, samples.iter().map(|s| s.1).sum::<f64>() / n);
+    let samples: Vec<(f64, f64)> = (start..start + WINDOW)
+        .map(|k| (series.time_s[k] - series.time_s[start], series.voltage_v[k]))
+        .collect();
+    let (mt, mv) = (
+        samples.iter().map(|s| s.0).sum::<f64>() / n,
+        samples.iter().map(|s| s.1).sum::<f64>() / n,
+    );
     let stt: f64 = samples.iter().map(|s| (s.0 - mt).powi(2)).sum();
     let slope = samples.iter().map(|s| (s.0 - mt) * (s.1 - mv)).sum::<f64>() / stt;
-    let rest: Vec<f64> = samples.iter().map(|s| s.1 - mv - slope * (s.0 - mt)).collect();
+    let rest: Vec<f64> = samples
+        .iter()
+        .map(|s| s.1 - mv - slope * (s.0 - mt))
+        .collect();
     LENGTHS.map(|length| {
-        let means = rest.chunks_exact(length).map(|c| c.iter().sum::<f64>() / length as f64);
+        let means = rest
+            .chunks_exact(length)
+            .map(|c| c.iter().sum::<f64>() / length as f64);
         let blocks = (WINDOW / length) as f64;
         means.map(|m| m * m).sum::<f64>() / (blocks - 2.0)
     })

@@ -1,7 +1,9 @@
-//! The mean of repeated sweeps over several cells, with the scatter within a cell and between cells.
+//! The mean of repeated sweeps over several cells, with the scatter within a cell and between
+//! cells.
 //!
-//! Cells differ mostly by a factor; what differs besides is scatter. The mean spectrum carries the scatter of the cells' means after their factors are
-//! taken out (with one cell: of the repeats) over their number. The factor's spread does not blur the mean of *these* cells, but says how far
+//! Cells differ mostly by a factor; what differs besides is scatter. The mean spectrum carries the
+//! scatter of the cells' means after their factors are taken out (with one cell: of the repeats)
+//! over their number. The factor's spread does not blur the mean of *these* cells, but says how far
 //! another cell may be from it.
 
 use crate::fit::linalg::cholesky;
@@ -40,7 +42,8 @@ pub struct PooledSpectrum {
     pub repeatability: Option<f64>,
     /// Where the uncertainty comes from, in words.
     pub basis: String,
-    /// Errors that the points have in common; their shares are not in the covariances of the points.
+    /// Errors that the points have in common; their shares are not in the covariances of the
+    /// points.
     pub shared: Vec<SharedError>,
 }
 
@@ -51,7 +54,9 @@ pub enum PooledError {
     #[error("expected at least one spectrum with points, met none")]
     Empty,
     /// Frequencies that do not match.
-    #[error("spectrum {name:?}: expected the {expected} frequencies of {first:?}, met others ({met})")]
+    #[error(
+        "spectrum {name:?}: expected the {expected} frequencies of {first:?}, met others ({met})"
+    )]
     Frequencies {
         /// The spectrum.
         name: String,
@@ -65,48 +70,85 @@ pub enum PooledError {
 }
 
 impl PooledSpectrum {
-    /// Pools spectra of one kind of cell, all at the same frequencies. Which spectrum is of which cell is told by the file or by a name like
-    /// `cell0_3`; one that tells none is a cell of its own.
+    /// Pools spectra of one kind of cell, all at the same frequencies. Which spectrum is of which
+    /// cell is told by the file or by a name like `cell0_3`; one that tells none is a cell of its
+    /// own.
     ///
     /// # Errors
     /// [`PooledError`] for no spectra or frequencies that differ.
     pub fn new(spectra: &[SourcedSpectrum]) -> Result<Self, PooledError> {
-        let first = spectra.first().filter(|s| !s.spectrum.points.is_empty()).ok_or(PooledError::Empty)?;
+        let first = spectra
+            .first()
+            .filter(|s| !s.spectrum.points.is_empty())
+            .ok_or(PooledError::Empty)?;
         let freqs: Vec<f64> = first.spectrum.points.iter().map(|p| p.freq_hz).collect();
         for s in spectra {
             let points = &s.spectrum.points;
-            let same = points.len() == freqs.len() && points.iter().zip(&freqs).all(|(p, f)| (p.freq_hz / f - 1.0).abs() < 1e-6);
+            let same = points.len() == freqs.len()
+                && points
+                    .iter()
+                    .zip(&freqs)
+                    .all(|(p, f)| (p.freq_hz / f - 1.0).abs() < 1e-6);
             if !same {
                 let (name, first) = (s.spectrum.name.clone(), first.spectrum.name.clone());
-                return Err(PooledError::Frequencies { name, first, expected: freqs.len(), met: points.len() });
+                return Err(PooledError::Frequencies {
+                    name,
+                    first,
+                    expected: freqs.len(),
+                    met: points.len(),
+                });
             }
         }
         let cells = by_cell(spectra);
         let sweeps = spectra.len();
-        let means: Vec<Vec<Complex64>> = cells.iter().map(|(_, members)| mean(members.iter().map(|s| z(s)))).collect();
-        let weights: Vec<f64> = cells.iter().map(|(_, members)| members.len() as f64 / sweeps as f64).collect();
-        let total: Vec<Complex64> = (0..freqs.len()).map(|f| means.iter().zip(&weights).map(|(m, w)| m[f] * w).sum()).collect();
+        let means: Vec<Vec<Complex64>> = cells
+            .iter()
+            .map(|(_, members)| mean(members.iter().map(|s| z(s))))
+            .collect();
+        let weights: Vec<f64> = cells
+            .iter()
+            .map(|(_, members)| members.len() as f64 / sweeps as f64)
+            .collect();
+        let total: Vec<Complex64> = (0..freqs.len())
+            .map(|f| means.iter().zip(&weights).map(|(m, w)| m[f] * w).sum())
+            .collect();
         let factors: Vec<f64> = means.iter().map(|m| factor(m, &total)).collect();
-        let within: Vec<Vec<Complex64>> =
-            cells.iter().zip(&means).flat_map(|((_, members), m)| members.iter().map(|s| relative(&z(s), m))).collect();
-        let between: Vec<Vec<Complex64>> =
-            means.iter().zip(&factors).map(|(m, g)| relative(m, &total.iter().map(|z| z * g).collect::<Vec<_>>())).collect();
-        let pooled = Pool { spectra, total: &total, within: &within, between: &between };
+        let within: Vec<Vec<Complex64>> = cells
+            .iter()
+            .zip(&means)
+            .flat_map(|((_, members), m)| members.iter().map(|s| relative(&z(s), m)))
+            .collect();
+        let between: Vec<Vec<Complex64>> = means
+            .iter()
+            .zip(&factors)
+            .map(|(m, g)| relative(m, &total.iter().map(|z| z * g).collect::<Vec<_>>()))
+            .collect();
+        let pooled = Pool {
+            spectra,
+            total: &total,
+            within: &within,
+            between: &between,
+        };
         let (relative, basis) = pooled.uncertainty(cells.len());
-        let point =
-            |(k, z_ohm): (usize, &Complex64)| PooledPoint { freq_hz: freqs[k], z_ohm: *z_ohm, covariance: relative[k].scaled(*z_ohm) };
+        let point = |(k, z_ohm): (usize, &Complex64)| PooledPoint {
+            freq_hz: freqs[k],
+            z_ohm: *z_ohm,
+            covariance: relative[k].scaled(*z_ohm),
+        };
         Ok(Self {
             points: total.iter().enumerate().map(point).collect(),
             sweeps,
             cells: cells.len(),
             cell_spread: (cells.len() > 1).then(|| deviation(&factors)),
-            repeatability: (sweeps > cells.len()).then(|| rms(&within) * (sweeps as f64 / (sweeps - cells.len()) as f64).sqrt()),
+            repeatability: (sweeps > cells.len())
+                .then(|| rms(&within) * (sweeps as f64 / (sweeps - cells.len()) as f64).sqrt()),
             basis,
             shared: shared(spectra, freqs.len()),
         })
     }
 
-    /// Cholesky factor of the covariance of all points, real and imaginary parts in turn, row by row; none where it is no covariance.
+    /// Cholesky factor of the covariance of all points, real and imaginary parts in turn, row by
+    /// row; none where it is no covariance.
     pub(super) fn factor(&self) -> Option<Vec<f64>> {
         let n = 2 * self.points.len();
         let mut covariance = vec![0.0; n * n];
@@ -125,16 +167,27 @@ impl PooledSpectrum {
     }
 }
 
-/// Errors that sweeps share, at the points of their mean: one that only some of them have counts for its part.
+/// Errors that sweeps share, at the points of their mean: one that only some of them have counts
+/// for its part.
 fn shared(spectra: &[SourcedSpectrum], points: usize) -> Vec<SharedError> {
     let mut all: Vec<SharedError> = Vec::new();
     let share = 1.0 / spectra.len() as f64;
     for error in spectra.iter().flat_map(|s| &s.spectrum.shared) {
-        let place = all.iter().position(|known| known.name == error.name).unwrap_or_else(|| {
-            all.push(SharedError { name: error.name.clone(), at_ohm: vec![Complex64::ZERO; points] });
-            all.len() - 1
-        });
-        all[place].at_ohm.iter_mut().zip(&error.at_ohm).for_each(|(sum, d)| *sum += d * share);
+        let place = all
+            .iter()
+            .position(|known| known.name == error.name)
+            .unwrap_or_else(|| {
+                all.push(SharedError {
+                    name: error.name.clone(),
+                    at_ohm: vec![Complex64::ZERO; points],
+                });
+                all.len() - 1
+            });
+        all[place]
+            .at_ohm
+            .iter_mut()
+            .zip(&error.at_ohm)
+            .for_each(|(sum, d)| *sum += d * share);
     }
     all
 }
@@ -154,36 +207,69 @@ impl Pool<'_> {
         if cells >= 3 {
             // One freedom goes to the mean and one, over all frequencies, to the factors.
             let scale = 1.0 / (cells as f64 * (cells - 1) as f64);
-            let all = smoothed(self.between).into_iter().map(|c| shrink(c, scale)).collect();
-            return (all, format!("scatter of {cells} cells ({sweeps} sweeps), their factors taken out"));
+            let all = smoothed(self.between)
+                .into_iter()
+                .map(|c| shrink(c, scale))
+                .collect();
+            return (
+                all,
+                format!("scatter of {cells} cells ({sweeps} sweeps), their factors taken out"),
+            );
         }
         if sweeps >= cells + 2 {
             let scale = 1.0 / (sweeps as f64 * (sweeps - cells) as f64);
-            let all = smoothed(self.within).into_iter().map(|c| shrink(c, scale)).collect();
-            return (all, format!("scatter of {sweeps} sweeps within {cells} cell(s)"));
+            let all = smoothed(self.within)
+                .into_iter()
+                .map(|c| shrink(c, scale))
+                .collect();
+            return (
+                all,
+                format!("scatter of {sweeps} sweeps within {cells} cell(s)"),
+            );
         }
         let stated = |k: usize| {
-            let sum = self.spectra.iter().fold(Covariance2::ZERO, |sum, s| sum + s.spectrum.own_covariance(k));
-            shrink(sum.scaled(self.total[k].inv()), 1.0 / (sweeps * sweeps) as f64)
+            let sum = self.spectra.iter().fold(Covariance2::ZERO, |sum, s| {
+                sum + s.spectrum.own_covariance(k)
+            });
+            shrink(
+                sum.scaled(self.total[k].inv()),
+                1.0 / (sweeps * sweeps) as f64,
+            )
         };
         let all: Vec<Covariance2> = (0..self.total.len()).map(stated).collect();
-        if all.iter().all(|c| c.is_valid() && c.re_re > 0.0 && c.im_im > 0.0) {
+        if all
+            .iter()
+            .all(|c| c.is_valid() && c.re_re > 0.0 && c.im_im > 0.0)
+        {
             return (all, "as the files state it".to_owned());
         }
         let assumed = Covariance2::circular(ASSUMED * ASSUMED / sweeps as f64);
-        (vec![assumed; self.total.len()], format!("assumed, {} % of |Z| per part: neither repeats nor files tell it", 100.0 * ASSUMED))
+        (
+            vec![assumed; self.total.len()],
+            format!(
+                "assumed, {} % of |Z| per part: neither repeats nor files tell it",
+                100.0 * ASSUMED
+            ),
+        )
     }
 }
 
 /// Sums of products of relative residuals per frequency, averaged over neighbours.
 fn smoothed(residuals: &[Vec<Complex64>]) -> Vec<Covariance2> {
     let n = residuals.first().map_or(0, Vec::len);
-    let at = |k: usize| residuals.iter().fold(Covariance2::ZERO, |sum, r| sum + Covariance2::along(r[k]));
+    let at = |k: usize| {
+        residuals
+            .iter()
+            .fold(Covariance2::ZERO, |sum, r| sum + Covariance2::along(r[k]))
+    };
     (0..n)
         .map(|k| {
             let (low, high) = (k.saturating_sub(NEIGHBOURS), (k + NEIGHBOURS).min(n - 1));
             let sum = (low..=high).map(at).fold(Covariance2::ZERO, |a, b| a + b);
-            sum.scaled(Complex64::new(((high - low + 1) as f64).sqrt().recip(), 0.0))
+            sum.scaled(Complex64::new(
+                ((high - low + 1) as f64).sqrt().recip(),
+                0.0,
+            ))
         })
         .collect()
 }

@@ -1,7 +1,9 @@
-//! The likelihood: whitened residuals of the mean spectrum and of every pulse, and the priors of what belongs to the instruments.
+//! The likelihood: whitened residuals of the mean spectrum and of every pulse, and the priors of
+//! what belongs to the instruments.
 //!
-//! Parameters: ln R, ln R₁, ln C₁, …; ln g, the pulses' resistance over the spectra's (another cell, another instrument); e, where between two samples the
-//! edge of the current is (0 at the earlier, 1 at the later sample).
+//! Parameters: ln R, ln R₁, ln C₁, …; ln g, the pulses' resistance over the spectra's (another
+//! cell, another instrument); e, where between two samples the edge of the current is (0 at the
+//! earlier, 1 at the later sample).
 
 use super::pooled::PooledSpectrum;
 use super::window::PulseWindow;
@@ -41,8 +43,14 @@ impl Likelihood<'_> {
             }
         }
         self.whiten(&mut values);
-        columns[..x.len() - 2].iter_mut().for_each(|column| self.whiten(column));
-        values.into_iter().enumerate().map(|(k, v)| (v, columns.iter().map(|c| c[k]).collect())).collect()
+        columns[..x.len() - 2]
+            .iter_mut()
+            .for_each(|column| self.whiten(column));
+        values
+            .into_iter()
+            .enumerate()
+            .map(|(k, v)| (v, columns.iter().map(|c| c[k]).collect()))
+            .collect()
     }
 
     /// Divides by the Cholesky factor of the points' covariance.
@@ -63,11 +71,23 @@ impl Likelihood<'_> {
         for window in self.windows {
             let model = window.model(&erm, gain, edge);
             let start = window.bins[0].voltage_v;
-            let mut values: Vec<f64> = window.bins.iter().zip(&model).map(|(b, m)| m.0 - (b.voltage_v - start)).collect();
+            let mut values: Vec<f64> = window
+                .bins
+                .iter()
+                .zip(&model)
+                .map(|(b, m)| m.0 - (b.voltage_v - start))
+                .collect();
             window.whiten(&mut values);
-            let mut columns: Vec<Vec<f64>> = (0..x.len()).map(|i| model.iter().map(|m| m.1[i]).collect()).collect();
+            let mut columns: Vec<Vec<f64>> = (0..x.len())
+                .map(|i| model.iter().map(|m| m.1[i]).collect())
+                .collect();
             columns.iter_mut().for_each(|c| window.whiten(c));
-            all.extend(values.iter().enumerate().map(|(k, v)| (*v, columns.iter().map(|c| c[k]).collect())));
+            all.extend(
+                values
+                    .iter()
+                    .enumerate()
+                    .map(|(k, v)| (*v, columns.iter().map(|c| c[k]).collect())),
+            );
         }
         all
     }
@@ -75,8 +95,15 @@ impl Likelihood<'_> {
     /// Residuals of the priors.
     pub(super) fn prior(&self, x: &[f64]) -> [Residual; 2] {
         let n = x.len();
-        let unit = |i: usize, sigma: f64| (0..n).map(|k| if k == i { 1.0 / sigma } else { 0.0 }).collect::<Vec<f64>>();
-        [(x[n - 2] / self.gain_sigma, unit(n - 2, self.gain_sigma)), ((x[n - 1] - EDGE.0) / EDGE.1, unit(n - 1, EDGE.1))]
+        let unit = |i: usize, sigma: f64| {
+            (0..n)
+                .map(|k| if k == i { 1.0 / sigma } else { 0.0 })
+                .collect::<Vec<f64>>()
+        };
+        [
+            (x[n - 2] / self.gain_sigma, unit(n - 2, self.gain_sigma)),
+            ((x[n - 1] - EDGE.0) / EDGE.1, unit(n - 1, EDGE.1)),
+        ]
     }
 
     fn all(&self, x: &[f64]) -> Vec<Residual> {
@@ -111,13 +138,20 @@ pub(super) fn erm(x: &[f64]) -> Option<Erm> {
 
 impl Smooth for Likelihood<'_> {
     fn value(&self, x: &[f64]) -> f64 {
-        let Some(erm) = erm(x) else { return f64::INFINITY };
+        let Some(erm) = erm(x) else {
+            return f64::INFINITY;
+        };
         let (gain, edge) = (x[x.len() - 2].exp(), x[x.len() - 1]);
         let mut sum = square(&self.spectral(x)) + square(&self.prior(x));
         for window in self.windows {
             let start = window.bins[0].voltage_v;
             let voltages = window.voltages(&erm, gain, edge);
-            let mut values: Vec<f64> = window.bins.iter().zip(voltages).map(|(b, v)| v - (b.voltage_v - start)).collect();
+            let mut values: Vec<f64> = window
+                .bins
+                .iter()
+                .zip(voltages)
+                .map(|(b, v)| v - (b.voltage_v - start))
+                .collect();
             window.whiten(&mut values);
             sum += values.iter().map(|v| v * v).sum::<f64>();
         }
@@ -129,10 +163,16 @@ impl Smooth for Likelihood<'_> {
         let n = x.len();
         gradient.fill(0.0);
         for (r, slopes) in &all {
-            gradient.iter_mut().zip(slopes).for_each(|(g, s)| *g += 2.0 * r * s);
+            gradient
+                .iter_mut()
+                .zip(slopes)
+                .for_each(|(g, s)| *g += 2.0 * r * s);
         }
         // Gauss and Newton's: positive semidefinite, and exact where the residuals are small.
-        hessian.iter_mut().zip(information(&all, n)).for_each(|(h, v)| *h = 2.0 * v);
+        hessian
+            .iter_mut()
+            .zip(information(&all, n))
+            .for_each(|(h, v)| *h = 2.0 * v);
         square(&all)
     }
 }

@@ -1,6 +1,7 @@
 //! The extended Randles model's answer to steps of current, in closed form, with its derivatives.
 //!
-//! A step of 1 A at time zero costs S(t) = R + Σₖ Rₖ(1 − exp(−t/τₖ)), τₖ = RₖCₖ; a current made of steps costs the sum.
+//! A step of 1 A at time zero costs S(t) = R + Σₖ Rₖ(1 − exp(−t/τₖ)), τₖ = RₖCₖ; a current made of
+//! steps costs the sum.
 
 use crate::model::Erm;
 
@@ -9,11 +10,18 @@ pub fn step_resistance_ohm(erm: &Erm, time_s: f64) -> f64 {
     if time_s < 0.0 {
         return 0.0;
     }
-    erm.branches.iter().fold(erm.r_ohm, |s, b| s - b.r_ohm * (-time_s / b.time_constant_s()).exp_m1())
+    erm.branches.iter().fold(erm.r_ohm, |s, b| {
+        s - b.r_ohm * (-time_s / b.time_constant_s()).exp_m1()
+    })
 }
 
-/// Its standard uncertainty, Ω, by the covariance of the logarithmic parameters; none where an entry is unknown.
-pub fn step_resistance_sigma_ohm(erm: &Erm, log_covariance: &[Vec<f64>], time_s: f64) -> Option<f64> {
+/// Its standard uncertainty, Ω, by the covariance of the logarithmic parameters; none where an
+/// entry is unknown.
+pub fn step_resistance_sigma_ohm(
+    erm: &Erm,
+    log_covariance: &[Vec<f64>],
+    time_s: f64,
+) -> Option<f64> {
     let mut slopes = vec![0.0; erm.parameter_count()];
     add_step(erm, time_s, 1.0, &mut slopes);
     let mut variance = 0.0;
@@ -25,7 +33,8 @@ pub fn step_resistance_sigma_ohm(erm: &Erm, log_covariance: &[Vec<f64>], time_s:
     Some(variance.max(0.0).sqrt())
 }
 
-/// Adds weight·S(t) to a sum's derivatives with respect to ln R, ln R₁, ln C₁, …; returns weight·S(t) and weight·dS/dt.
+/// Adds weight·S(t) to a sum's derivatives with respect to ln R, ln R₁, ln C₁, …; returns
+/// weight·S(t) and weight·dS/dt.
 pub(super) fn add_step(erm: &Erm, time_s: f64, weight: f64, slopes: &mut [f64]) -> (f64, f64) {
     if time_s < 0.0 {
         return (0.0, 0.0);

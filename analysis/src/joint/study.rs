@@ -1,7 +1,9 @@
-//! The whole comparison: every order from spectra alone and from spectra and pulses, and what each says of pulses that were fitted, held out, or are at
-//! other states of charge.
+//! The whole comparison: every order from spectra alone and from spectra and pulses, and what each
+//! says of pulses that were fitted, held out, or are at other states of charge.
 
-use super::fit::{JointError, JointFit, JointInput, JointOptions, choose_order, fit_joint, fit_spectra};
+use super::fit::{
+    JointError, JointFit, JointInput, JointOptions, choose_order, fit_joint, fit_spectra,
+};
 use super::gap::{Gap, Source, gaps, overlay};
 use super::noise::NoiseModel;
 use super::pooled::{PooledError, PooledSpectrum};
@@ -32,9 +34,11 @@ pub struct StudyInput<'a> {
 /// How.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StudyOptions {
-    /// Middle and half width of the OCV range whose pulses are used, V: where the spectra were measured.
+    /// Middle and half width of the OCV range whose pulses are used, V: where the spectra were
+    /// measured.
     pub ocv_window_v: (f64, f64),
-    /// Resistance that the voltage before a pulse is brought to OCV with, Ω: that of the OCV curve's compensation.
+    /// Resistance that the voltage before a pulse is brought to OCV with, Ω: that of the OCV
+    /// curve's compensation.
     pub dcir_ohm: f64,
     /// Order; none to find it.
     pub rc: Option<usize>,
@@ -76,7 +80,8 @@ pub struct PulseResult {
     pub spectra: Gap,
     /// The joint model.
     pub joint: Gap,
-    /// Time since the edge, s; voltage less that before it, V: measured, by the spectra's model, by the joint model. For pictures.
+    /// Time since the edge, s; voltage less that before it, V: measured, by the spectra's model, by
+    /// the joint model. For pictures.
     #[serde(skip)]
     pub overlay: Vec<[f64; 4]>,
 }
@@ -115,7 +120,8 @@ pub enum StudyError {
     Fit(#[from] JointError),
     /// No pulses to fit.
     #[error(
-        "{series}: expected a pulse of 1 to 60 s at {low:.3} to {high:.3} V OCV with half a minute of steady current around it, met {met} pulses, at {at}"
+        "{series}: expected a pulse of 1 to 60 s at {low:.3} to {high:.3} V OCV with half a minute \
+        of steady current around it, met {met} pulses, at {at}"
     )]
     NoPulses {
         /// Name of the series.
@@ -131,8 +137,10 @@ pub enum StudyError {
     },
     /// Steps of the current whose edges nobody saw.
     #[error(
-        "{series}: expected samples at most {SLOWEST_EDGE_S} s apart around the edges of a pulse, met {met_s} s at its {count} steps of the current: they tell \
-         nothing of the first second; record the pulses faster (0.1 s shows all), or use the record as a slow discharge, for --ocv-from"
+        "{series}: expected samples at most {SLOWEST_EDGE_S} s apart around the edges of a pulse, \
+        met {met_s} s at its {count} steps of the current: they tell \
+         nothing of the first second; record the pulses faster (0.1 s shows all), or use the \
+         record as a slow discharge, for --ocv-from"
     )]
     Unseen {
         /// Name of the series.
@@ -143,7 +151,10 @@ pub enum StudyError {
         count: usize,
     },
     /// No steady stretch to measure the noise on.
-    #[error("{series}: expected a stretch of steady current of at least 256 samples before a pulse to measure the noise on, met none")]
+    #[error(
+        "{series}: expected a stretch of steady current of at least 256 samples before a pulse to \
+        measure the noise on, met none"
+    )]
     NoBaseline {
         /// Name of the series.
         series: String,
@@ -153,18 +164,27 @@ pub enum StudyError {
 impl Study {
     /// Result of the order of the joint model.
     pub fn joint(&self) -> Option<&JointFit> {
-        self.orders.iter().find(|o| o.rc == self.rc).map(|o| &o.joint)
+        self.orders
+            .iter()
+            .find(|o| o.rc == self.rc)
+            .map(|o| &o.joint)
     }
 
     /// Result of the spectra alone at their order.
     pub fn spectra(&self) -> Option<&JointFit> {
-        self.orders.iter().find(|o| o.rc == self.spectra_rc).map(|o| &o.spectra)
+        self.orders
+            .iter()
+            .find(|o| o.rc == self.spectra_rc)
+            .map(|o| &o.spectra)
     }
 
-    /// Root mean square gap over the pulses of a role, V: spectra alone, joint. None without such pulses.
+    /// Root mean square gap over the pulses of a role, V: spectra alone, joint. None without such
+    /// pulses.
     pub fn rms_v(&self, role: Role) -> Option<(f64, f64)> {
         let of: Vec<&PulseResult> = self.pulses.iter().filter(|p| p.role == role).collect();
-        let mean = |f: &dyn Fn(&PulseResult) -> f64| (of.iter().map(|p| f(p).powi(2)).sum::<f64>() / of.len() as f64).sqrt();
+        let mean = |f: &dyn Fn(&PulseResult) -> f64| {
+            (of.iter().map(|p| f(p).powi(2)).sum::<f64>() / of.len() as f64).sqrt()
+        };
         (!of.is_empty()).then(|| (mean(&|p| p.spectra.rms_v), mean(&|p| p.joint.rms_v)))
     }
 }
@@ -172,29 +192,61 @@ impl Study {
 /// Runs the comparison: every second pulse of the range is held out.
 ///
 /// # Errors
-/// [`StudyError`] for spectra that do not belong together, a series without pulses in the range, or an order that cannot be.
-pub fn study(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Study, PooledSpectrum), StudyError> {
-    let slope = input.curve.charge_slope(options.ocv_window_v.0, REST_SIGMA_V, SLOPE_SHARE);
+/// [`StudyError`] for spectra that do not belong together, a series without pulses in the range, or
+/// an order that cannot be.
+pub fn study(
+    input: &StudyInput<'_>,
+    options: &StudyOptions,
+) -> Result<(Study, PooledSpectrum), StudyError> {
+    let slope = input
+        .curve
+        .charge_slope(options.ocv_window_v.0, REST_SIGMA_V, SLOPE_SHARE);
     let mut spectra = input.spectra.to_vec();
     if let Some(slope) = slope {
-        spectra.iter_mut().for_each(|one| one.spectrum = one.spectrum.less_charge_storage(slope));
+        spectra
+            .iter_mut()
+            .for_each(|one| one.spectrum = one.spectrum.less_charge_storage(slope));
     }
     let pooled = PooledSpectrum::new(&spectra)?;
     let (windows, noise, unseen) = windows(input, options)?;
     let role = |w: &PulseWindow| {
-        let inside = |w: &&PulseWindow| (w.ocv_v - options.ocv_window_v.0).abs() <= options.ocv_window_v.1;
+        let inside =
+            |w: &&PulseWindow| (w.ocv_v - options.ocv_window_v.0).abs() <= options.ocv_window_v.1;
         if !inside(&w) {
             return Role::Outside;
         }
-        if windows.iter().filter(inside).position(|o| o == w).is_some_and(|k| k % 2 == 1) { Role::HeldOut } else { Role::Fitted }
+        if windows
+            .iter()
+            .filter(inside)
+            .position(|o| o == w)
+            .is_some_and(|k| k % 2 == 1)
+        {
+            Role::HeldOut
+        } else {
+            Role::Fitted
+        }
     };
     let roles: Vec<Role> = windows.iter().map(role).collect();
-    let fitted: Vec<PulseWindow> = windows.iter().zip(&roles).filter(|(_, r)| **r == Role::Fitted).map(|(w, _)| w.clone()).collect();
+    let fitted: Vec<PulseWindow> = windows
+        .iter()
+        .zip(&roles)
+        .filter(|(_, r)| **r == Role::Fitted)
+        .map(|(w, _)| w.clone())
+        .collect();
     if fitted.is_empty() {
         let (middle, half) = options.ocv_window_v;
-        let at: Vec<String> = windows.iter().map(|w| format!("{:.3} V", w.ocv_v)).collect();
+        let at: Vec<String> = windows
+            .iter()
+            .map(|w| format!("{:.3} V", w.ocv_v))
+            .collect();
         let (low, high) = (middle - half, middle + half);
-        return Err(StudyError::NoPulses { series: input.series.name.clone(), low, high, met: windows.len(), at: at.join(", ") });
+        return Err(StudyError::NoPulses {
+            series: input.series.name.clone(),
+            low,
+            high,
+            met: windows.len(),
+            at: at.join(", "),
+        });
     }
     let orders = match options.rc {
         Some(rc) => rc..=rc,
@@ -203,12 +255,23 @@ pub fn study(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Study, P
     let orders = orders
         .map(|rc| {
             let fit = JointOptions { rc, ..options.fit };
-            let joint = fit_joint(&JointInput { spectrum: &pooled, windows: &fitted }, &fit)?;
-            Ok(OrderResult { rc, spectra: fit_spectra(&pooled, &fit)?, joint })
+            let joint = fit_joint(
+                &JointInput {
+                    spectrum: &pooled,
+                    windows: &fitted,
+                },
+                &fit,
+            )?;
+            Ok(OrderResult {
+                rc,
+                spectra: fit_spectra(&pooled, &fit)?,
+                joint,
+            })
         })
         .collect::<Result<Vec<OrderResult>, JointError>>()?;
-    let chosen =
-        |pick: fn(&OrderResult) -> &JointFit| choose_order(&orders.iter().map(|o| pick(o).clone()).collect::<Vec<_>>()).unwrap_or(0);
+    let chosen = |pick: fn(&OrderResult) -> &JointFit| {
+        choose_order(&orders.iter().map(|o| pick(o).clone()).collect::<Vec<_>>()).unwrap_or(0)
+    };
     let mut study = Study {
         rc: chosen(|o| &o.joint),
         spectra_rc: chosen(|o| &o.spectra),
@@ -220,18 +283,27 @@ pub fn study(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Study, P
         warnings: Vec::new(),
         orders,
     };
-    let source = Source { series: input.series, noise: &noise, curve: input.curve };
+    let source = Source {
+        series: input.series,
+        noise: &noise,
+        curve: input.curve,
+    };
     study.pulses = pulses(&source, (&windows, &roles), &study);
     study.warnings = warnings(&study);
     study.warnings.push(match slope {
-        Some(OcvSlope { v_per_c, sigma_v_per_c }) => format!(
-            "the slope of the OCV curve at {:.3} V, {:.2} ± {:.2} µV/C, was taken out of the spectra: the resistances are without charge storage",
+        Some(OcvSlope {
+            v_per_c,
+            sigma_v_per_c,
+        }) => format!(
+            "the slope of the OCV curve at {:.3} V, {:.2} ± {:.2} µV/C, was taken out of the \
+            spectra: the resistances are without charge storage",
             options.ocv_window_v.0,
             1e6 * v_per_c,
             1e6 * sigma_v_per_c
         ),
         None => format!(
-            "{:.3} V lies outside the OCV curve: charge storage is left in the spectra, and the DC resistance is an apparent one",
+            "{:.3} V lies outside the OCV curve: charge storage is left in the spectra, and the DC \
+            resistance is an apparent one",
             options.ocv_window_v.0
         ),
     });
@@ -240,51 +312,110 @@ pub fn study(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Study, P
 }
 
 /// The pulses' windows and their noise, with a word on the pulses that were left out.
-fn windows(input: &StudyInput<'_>, options: &StudyOptions) -> Result<(Vec<PulseWindow>, NoiseModel, Option<String>), StudyError> {
+fn windows(
+    input: &StudyInput<'_>,
+    options: &StudyOptions,
+) -> Result<(Vec<PulseWindow>, NoiseModel, Option<String>), StudyError> {
     let (pulses, unseen): (Vec<Pulse>, Vec<Pulse>) =
-        find_pulses(input.series, &PulseOptions::default()).into_iter().partition(|pulse| pulse.is_seen(input.series));
+        find_pulses(input.series, &PulseOptions::default())
+            .into_iter()
+            .partition(|pulse| pulse.is_seen(input.series));
     let series = input.series.name.clone();
-    let met_s = unseen.iter().map(|pulse| pulse.sampling_s(input.series)).fold(f64::INFINITY, f64::min);
+    let met_s = unseen
+        .iter()
+        .map(|pulse| pulse.sampling_s(input.series))
+        .fold(f64::INFINITY, f64::min);
     if pulses.is_empty() && !unseen.is_empty() {
-        return Err(StudyError::Unseen { series, met_s, count: unseen.len() });
+        return Err(StudyError::Unseen {
+            series,
+            met_s,
+            count: unseen.len(),
+        });
     }
     let left_out = (!unseen.is_empty()).then(|| {
         format!(
-            "{series}: {} of {} pulses were left out: the samples next to their edges are {met_s} s apart or more, expected at most {SLOWEST_EDGE_S} s",
+            "{series}: {} of {} pulses were left out: the samples next to their edges are {met_s} \
+            s apart or more, expected at most {SLOWEST_EDGE_S} s",
             unseen.len(),
             unseen.len() + pulses.len()
         )
     });
     if pulses.is_empty() {
-        let (low, high) = (options.ocv_window_v.0 - options.ocv_window_v.1, options.ocv_window_v.0 + options.ocv_window_v.1);
-        return Err(StudyError::NoPulses { series, low, high, met: 0, at: "no OCV".to_owned() });
+        let (low, high) = (
+            options.ocv_window_v.0 - options.ocv_window_v.1,
+            options.ocv_window_v.0 + options.ocv_window_v.1,
+        );
+        return Err(StudyError::NoPulses {
+            series,
+            low,
+            high,
+            met: 0,
+            at: "no OCV".to_owned(),
+        });
     }
-    let noise = NoiseModel::measure(input.series, &pulses).ok_or(StudyError::NoBaseline { series })?;
-    let window = |(k, p)| PulseWindow::new((input.series, &noise, input.curve), (k + 1, p), options.dcir_ohm, &WindowOptions::default());
+    let noise =
+        NoiseModel::measure(input.series, &pulses).ok_or(StudyError::NoBaseline { series })?;
+    let window = |(k, p)| {
+        PulseWindow::new(
+            (input.series, &noise, input.curve),
+            (k + 1, p),
+            options.dcir_ohm,
+            &WindowOptions::default(),
+        )
+    };
     let windows = pulses.into_iter().enumerate().filter_map(window).collect();
     Ok((windows, noise, left_out))
 }
 
-fn pulses(source: &Source<'_>, (windows, roles): (&[PulseWindow], &[Role]), study: &Study) -> Vec<PulseResult> {
-    let (Some(spectra), Some(joint)) = (study.spectra(), study.joint()) else { return Vec::new() };
+fn pulses(
+    source: &Source<'_>,
+    (windows, roles): (&[PulseWindow], &[Role]),
+    study: &Study,
+) -> Vec<PulseResult> {
+    let (Some(spectra), Some(joint)) = (study.spectra(), study.joint()) else {
+        return Vec::new();
+    };
     let alone = gaps(source, windows, spectra, &TIMES_S);
     let both = gaps(source, windows, joint, &TIMES_S);
     let one = |(((window, role), spectra_gap), joint_gap): (((&PulseWindow, &Role), Gap), Gap)| {
-        let lines = overlay(window, spectra).into_iter().zip(overlay(window, joint));
-        let overlay = lines.map(|((t, measured, a), (_, _, b))| [t, measured, a, b]).collect();
+        let lines = overlay(window, spectra)
+            .into_iter()
+            .zip(overlay(window, joint));
+        let overlay = lines
+            .map(|((t, measured, a), (_, _, b))| [t, measured, a, b])
+            .collect();
         let length_s = window.pulse.edges_s[1].0 - window.pulse.start_s();
-        PulseResult { role: *role, length_s, spectra: spectra_gap, joint: joint_gap, overlay }
+        PulseResult {
+            role: *role,
+            length_s,
+            spectra: spectra_gap,
+            joint: joint_gap,
+            overlay,
+        }
     };
-    windows.iter().zip(roles).zip(alone).zip(both).map(one).collect()
+    windows
+        .iter()
+        .zip(roles)
+        .zip(alone)
+        .zip(both)
+        .map(one)
+        .collect()
 }
 
 fn warnings(study: &Study) -> Vec<String> {
     let mut found = Vec::new();
-    let Some(joint) = study.joint() else { return found };
+    let Some(joint) = study.joint() else {
+        return found;
+    };
     found.extend(joint.warnings.iter().cloned());
-    if let Some(away) = joint.gain_sigma.map(|s| (joint.gain - 1.0) / s).filter(|a| a.abs() > 3.0) {
+    if let Some(away) = joint
+        .gain_sigma
+        .map(|s| (joint.gain - 1.0) / s)
+        .filter(|a| a.abs() > 3.0)
+    {
         found.push(format!(
-            "the pulses show {:.1} % {} resistance than the spectra, {:.0} times its uncertainty: another cell, another bias, or a gain error of one instrument",
+            "the pulses show {:.1} % {} resistance than the spectra, {:.0} times its uncertainty: \
+            another cell, another bias, or a gain error of one instrument",
             100.0 * (joint.gain - 1.0).abs(),
             if joint.gain < 1.0 { "less" } else { "more" },
             away.abs()
@@ -292,14 +423,23 @@ fn warnings(study: &Study) -> Vec<String> {
     }
     found.extend(wandering(study));
     if !study.pulses.iter().any(|p| p.role == Role::HeldOut) {
-        found.push("one pulse lies in the OCV range: nothing could be held out, the joint model is untested".to_owned());
+        found.push(
+            "one pulse lies in the OCV range: nothing could be held out, the joint model is \
+        untested"
+                .to_owned(),
+        );
     }
     match study.cell_spread {
         Some(spread) => found.push(format!(
-            "cells differ by {:.2} % (1σ), and which cell the pulses are of is unknown: the prediction from spectra alone carries that and the instruments' 1 %",
+            "cells differ by {:.2} % (1σ), and which cell the pulses are of is unknown: the \
+            prediction from spectra alone carries that and the instruments' 1 %",
             100.0 * spread
         )),
-        None => found.push("spectra of one cell: the spread between cells is not in the prediction's uncertainty".to_owned()),
+        None => found.push(
+            "spectra of one cell: the spread between cells is not in the \
+        prediction's uncertainty"
+                .to_owned(),
+        ),
     }
     found
 }
@@ -311,10 +451,14 @@ fn wandering(study: &Study) -> Option<String> {
     let (a, b) = (&next.joint, joint);
     let difference = (a.dc_resistance_ohm - b.dc_resistance_ohm).abs();
     let spread = a.sigma.dc_resistance_ohm?.hypot(b.sigma.dc_resistance_ohm?);
-    let (after, sigma) = joint.step_resistance.first().and_then(|s| Some((s.1, s.2?)))?;
+    let (after, sigma) = joint
+        .step_resistance
+        .first()
+        .and_then(|s| Some((s.1, s.2?)))?;
     (difference > spread).then(|| {
         format!(
-            "the DC resistance still moves with the order, by {:.1} mΩ from {} to {} RC: the cell goes on relaxing beyond what the pulses reach; believe the \
+            "the DC resistance still moves with the order, by {:.1} mΩ from {} to {} RC: the cell \
+            goes on relaxing beyond what the pulses reach; believe the \
              resistance after 10 s, {:.2} ± {:.2} mΩ",
             1e3 * difference,
             next.rc,

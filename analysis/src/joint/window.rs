@@ -1,8 +1,11 @@
-//! A pulse as the likelihood sees it: means over bins that grow with the time since the edge, and their covariance.
+//! A pulse as the likelihood sees it: means over bins that grow with the time since the edge, and
+//! their covariance.
 //!
-//! The voltage is offset + OCV(SOC(t)) − g·Σⱼ ΔIⱼ·S(t − tⱼ). The offset is free (its prior is ±20 mV); the OCV's course over the window may be wrong by a
-//! factor 1 ± 20 %, for the curve comes from another discharge and its slope is known worst. Both are linear with normal priors, so they are not
-//! fitted but put into the covariance of the bins. The cell is taken to be in the steady state of the current before the pulse.
+//! The voltage is offset + OCV(SOC(t)) − g·Σⱼ ΔIⱼ·S(t − tⱼ). The offset is free (its prior is ±20
+//! mV); the OCV's course over the window may be wrong by a factor 1 ± 20 %, for the curve comes
+//! from another discharge and its slope is known worst. Both are linear with normal priors, so they
+//! are not fitted but put into the covariance of the bins. The cell is taken to be in the steady
+//! state of the current before the pulse.
 
 use super::noise::NoiseModel;
 use super::pulse::Pulse;
@@ -31,7 +34,11 @@ pub struct WindowOptions {
 impl Default for WindowOptions {
     /// 30 s before, 120 s after, OCV slope within 20 %.
     fn default() -> Self {
-        Self { before_s: 30.0, after_s: 120.0, slope_sigma: 0.2 }
+        Self {
+            before_s: 30.0,
+            after_s: 120.0,
+            slope_sigma: 0.2,
+        }
     }
 }
 
@@ -61,8 +68,8 @@ pub struct PulseWindow {
 }
 
 impl PulseWindow {
-    /// The window of a pulse, its state of charge by the voltage before it plus the drop over `dcir_ohm`; none where the OCV curve does not reach or
-    /// the pulse has too few samples.
+    /// The window of a pulse, its state of charge by the voltage before it plus the drop over
+    /// `dcir_ohm`; none where the OCV curve does not reach or the pulse has too few samples.
     pub fn new(
         (series, noise, curve): (&TimeSeries, &NoiseModel, &OcvCurve),
         (number, pulse): (usize, Pulse),
@@ -75,26 +82,42 @@ impl PulseWindow {
         let ocv_v = mean + pulse.current_a[0] * dcir_ohm;
         let soc = curve.soc_at(ocv_v)?;
         let charge = series.charge_c();
-        let course = |k: usize| curve.voltage_v(soc - (charge[k] - charge[edge]) / (3600.0 * curve.capacity_ah)) - ocv_v;
+        let course = |k: usize| {
+            curve.voltage_v(soc - (charge[k] - charge[edge]) / (3600.0 * curve.capacity_ah)) - ocv_v
+        };
         let groups = groups(series, &pulse, options);
         let bins: Vec<Bin> = groups
             .iter()
             .map(|g| {
-                let mean = |f: &dyn Fn(usize) -> f64| g.iter().map(|k| f(*k)).sum::<f64>() / g.len() as f64;
+                let mean = |f: &dyn Fn(usize) -> f64| {
+                    g.iter().map(|k| f(*k)).sum::<f64>() / g.len() as f64
+                };
                 let times_s = g.iter().map(|k| series.time_s[*k]).collect();
-                Bin { times_s, voltage_v: mean(&|k| series.voltage_v[k]), ocv_v: mean(&course) }
+                Bin {
+                    times_s,
+                    voltage_v: mean(&|k| series.voltage_v[k]),
+                    ocv_v: mean(&course),
+                }
             })
             .collect();
         let n = bins.len();
         let mut factor = vec![0.0; n * n];
         for i in 0..n {
             for j in 0..n {
-                factor[i * n + j] = OFFSET_V * OFFSET_V + options.slope_sigma * options.slope_sigma * bins[i].ocv_v * bins[j].ocv_v;
+                factor[i * n + j] = OFFSET_V * OFFSET_V
+                    + options.slope_sigma * options.slope_sigma * bins[i].ocv_v * bins[j].ocv_v;
             }
             factor[i * n + i] += noise.variance_v2(groups[i].len());
         }
         let enough = n >= 8 && linalg::cholesky(&mut factor, n);
-        enough.then_some(Self { number, pulse, soc, ocv_v, bins, factor })
+        enough.then_some(Self {
+            number,
+            pulse,
+            soc,
+            ocv_v,
+            bins,
+            factor,
+        })
     }
 
     /// Number of bins.
@@ -102,7 +125,8 @@ impl PulseWindow {
         self.bins.len()
     }
 
-    /// Model voltage of each bin but for the offset, V, and its derivatives with respect to the logarithmic parameters, ln g and the edge's place.
+    /// Model voltage of each bin but for the offset, V, and its derivatives with respect to the
+    /// logarithmic parameters, ln g and the edge's place.
     pub(super) fn model(&self, erm: &Erm, gain: f64, edge: f64) -> Vec<(f64, Vec<f64>)> {
         let parameters = erm.parameter_count();
         let one = |bin: &Bin| {
@@ -117,7 +141,8 @@ impl PulseWindow {
                     }
                     let gap = first - last;
                     let weight = -gain * step * share;
-                    let (value, rate) = add_step(erm, time_s - last - edge * gap, weight, &mut slopes);
+                    let (value, rate) =
+                        add_step(erm, time_s - last - edge * gap, weight, &mut slopes);
                     lost += value;
                     slopes[parameters + 1] -= rate * gap;
                 }
@@ -131,14 +156,24 @@ impl PulseWindow {
     /// Model voltage of each bin alone, V: what a search mostly asks for.
     pub(super) fn voltages(&self, erm: &Erm, gain: f64, edge: f64) -> Vec<f64> {
         let lost = |time_s: &f64| {
-            let steps = self.pulse.edges_s.iter().enumerate().filter(|(_, (_, first))| time_s >= first);
+            let steps = self
+                .pulse
+                .edges_s
+                .iter()
+                .enumerate()
+                .filter(|(_, (_, first))| time_s >= first);
             let one = |(j, (last, first)): (usize, &(f64, f64))| {
                 let step = self.pulse.current_a[j + 1] - self.pulse.current_a[j];
                 step * step_resistance_ohm(erm, time_s - last - edge * (first - last))
             };
             steps.map(one).sum::<f64>()
         };
-        self.bins.iter().map(|b| b.ocv_v - gain * b.times_s.iter().map(lost).sum::<f64>() / b.times_s.len() as f64).collect()
+        self.bins
+            .iter()
+            .map(|b| {
+                b.ocv_v - gain * b.times_s.iter().map(lost).sum::<f64>() / b.times_s.len() as f64
+            })
+            .collect()
     }
 
     /// Turns a vector over the bins into one whose errors are independent and of variance 1.
@@ -151,19 +186,27 @@ impl PulseWindow {
     }
 }
 
-/// Samples of each bin: of 10 s before the pulse, growing with the time since the edge during and after it.
+/// Samples of each bin: of 10 s before the pulse, growing with the time since the edge during and
+/// after it.
 fn groups(series: &TimeSeries, pulse: &Pulse, options: &WindowOptions) -> Vec<Vec<usize>> {
     let time = |k: &usize| series.time_s[*k];
     let mut found: Vec<Vec<usize>> = Vec::new();
     let start = pulse.edges_s[0].0;
-    let before = pulse.before.clone().filter(|k| start - time(k) <= options.before_s);
+    let before = pulse
+        .before
+        .clone()
+        .filter(|k| start - time(k) <= options.before_s);
     let mut last = f64::NEG_INFINITY;
     for k in before {
         if time(&k) - last > 10.0 {
             last = time(&k);
             found.push(Vec::new());
         }
-        found.iter_mut().next_back().into_iter().for_each(|g| g.push(k));
+        found
+            .iter_mut()
+            .next_back()
+            .into_iter()
+            .for_each(|g| g.push(k));
     }
     let after_edge = |edge: f64, range: std::ops::Range<usize>| {
         let mut groups: Vec<Vec<usize>> = Vec::new();
@@ -174,13 +217,21 @@ fn groups(series: &TimeSeries, pulse: &Pulse, options: &WindowOptions) -> Vec<Ve
                 groups.push(Vec::new());
                 until = since * (1.0 + GROWTH);
             }
-            groups.iter_mut().next_back().into_iter().for_each(|g| g.push(k));
+            groups
+                .iter_mut()
+                .next_back()
+                .into_iter()
+                .for_each(|g| g.push(k));
         }
         groups
     };
     found.extend(after_edge(start, pulse.during.clone()));
     let end = pulse.edges_s[1].0;
-    let stop = pulse.after.clone().find(|k| time(k) - end > options.after_s).unwrap_or(pulse.after.end);
+    let stop = pulse
+        .after
+        .clone()
+        .find(|k| time(k) - end > options.after_s)
+        .unwrap_or(pulse.after.end);
     found.extend(after_edge(end, pulse.after.start..stop));
     found
 }

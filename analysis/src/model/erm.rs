@@ -1,9 +1,11 @@
-//! The extended Randles model (ERM): one resistance in series with parallel RC branches (thesis 3.2.3, figure 3.6).
+//! The extended Randles model (ERM): one resistance in series with parallel RC branches
+//! (thesis 3.2.3, figure 3.6).
 //!
-//! The impedance is Z(ω) = R + Σₖ Rₖ / (1 + jωRₖCₖ), whose imaginary part is −Σₖ ωRₖ²Cₖ / (1 + ω²Rₖ²Cₖ²).
+//! The impedance is Z(ω) = R + Σₖ Rₖ / (1 + jωRₖCₖ), whose imaginary part is −Σₖ ωRₖ²Cₖ / (1 +
+//! ω²Rₖ²Cₖ²).
 //!
-//! *Erratum:* equation 3.1 (and 3.2) of the thesis prints −ωR₁C₁ in that numerator, which lacks a factor R₁ and is not in Ω. The physics is
-//! implemented here.
+//! *Erratum:* equation 3.1 (and 3.2) of the thesis prints −ωR₁C₁ in that numerator, which lacks a
+//! factor R₁ and is not in Ω. The physics is implemented here.
 
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -60,7 +62,10 @@ pub enum ModelError {
         met: f64,
     },
     /// A list of logarithms whose length fits no ERM.
-    #[error("logarithmic parameters of an ERM: expected an odd number of them (ln R, then ln R and ln C per branch), met {met}")]
+    #[error(
+        "logarithmic parameters of an ERM: expected an odd number of them (ln R, then ln R and ln \
+        C per branch), met {met}"
+    )]
     ParameterCount {
         /// The number met.
         met: usize,
@@ -70,7 +75,11 @@ pub enum ModelError {
 impl Erm {
     /// Impedance at a frequency in Hz (zero and above), Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
-        self.branches.iter().fold(Complex64::new(self.r_ohm, 0.0), |z, b| z + b.impedance(freq_hz))
+        self.branches
+            .iter()
+            .fold(Complex64::new(self.r_ohm, 0.0), |z, b| {
+                z + b.impedance(freq_hz)
+            })
     }
 
     /// Resistance at zero frequency, Ω: R + ΣRₖ.
@@ -80,13 +89,17 @@ impl Erm {
 
     /// Time constants RₖCₖ in the order of the branches, s.
     pub fn time_constants_s(&self) -> Vec<f64> {
-        self.branches.iter().map(RcBranch::time_constant_s).collect()
+        self.branches
+            .iter()
+            .map(RcBranch::time_constant_s)
+            .collect()
     }
 
     /// The same model with its branches by rising time constant. The impedance does not change.
     #[must_use]
     pub fn ordered(mut self) -> Self {
-        self.branches.sort_by(|a, b| a.time_constant_s().total_cmp(&b.time_constant_s()));
+        self.branches
+            .sort_by(|a, b| a.time_constant_s().total_cmp(&b.time_constant_s()));
         self
     }
 
@@ -97,20 +110,39 @@ impl Erm {
 
     /// Natural logarithms of the parameters in SI units: ln R, ln R₁, ln C₁, ln R₂, ln C₂, …
     pub fn log_parameters(&self) -> Vec<f64> {
-        let branches = self.branches.iter().flat_map(|b| [b.r_ohm.ln(), b.c_f.ln()]);
+        let branches = self
+            .branches
+            .iter()
+            .flat_map(|b| [b.r_ohm.ln(), b.c_f.ln()]);
         std::iter::once(self.r_ohm.ln()).chain(branches).collect()
     }
 
     /// The model of a list as [`Erm::log_parameters`] makes it.
     ///
     /// # Errors
-    /// [`ModelError::ParameterCount`] for an even number of values, [`ModelError::NotPositive`] where a logarithm overflows or is not a number.
+    /// [`ModelError::ParameterCount`] for an even number of values, [`ModelError::NotPositive`]
+    /// where a logarithm overflows or is not a number.
     pub fn from_log_parameters(log_parameters: &[f64]) -> Result<Self, ModelError> {
-        let count_error = ModelError::ParameterCount { met: log_parameters.len() };
-        let Some((r, rest)) = log_parameters.split_first() else { return Err(count_error) };
-        let (pairs, []) = rest.as_chunks::<2>() else { return Err(count_error) };
-        let branches = pairs.iter().map(|[r, c]| RcBranch { r_ohm: r.exp(), c_f: c.exp() }).collect();
-        let erm = Self { r_ohm: r.exp(), branches };
+        let count_error = ModelError::ParameterCount {
+            met: log_parameters.len(),
+        };
+        let Some((r, rest)) = log_parameters.split_first() else {
+            return Err(count_error);
+        };
+        let (pairs, []) = rest.as_chunks::<2>() else {
+            return Err(count_error);
+        };
+        let branches = pairs
+            .iter()
+            .map(|[r, c]| RcBranch {
+                r_ohm: r.exp(),
+                c_f: c.exp(),
+            })
+            .collect();
+        let erm = Self {
+            r_ohm: r.exp(),
+            branches,
+        };
         erm.validate()?;
         Ok(erm)
     }
@@ -140,11 +172,18 @@ impl Erm {
     /// # Errors
     /// [`ModelError::NotPositive`] for the first that is not.
     pub fn validate(&self) -> Result<(), ModelError> {
-        let branches = self.branches.iter().flat_map(|b| [(b.r_ohm, "Ω"), (b.c_f, "F")]);
+        let branches = self
+            .branches
+            .iter()
+            .flat_map(|b| [(b.r_ohm, "Ω"), (b.c_f, "F")]);
         let values = std::iter::once((self.r_ohm, "Ω")).chain(branches);
         for (parameter, (met, unit)) in self.parameter_names().into_iter().zip(values) {
             if !(met.is_finite() && met > 0.0) {
-                return Err(ModelError::NotPositive { parameter, unit, met });
+                return Err(ModelError::NotPositive {
+                    parameter,
+                    unit,
+                    met,
+                });
             }
         }
         Ok(())
@@ -172,7 +211,8 @@ mod tests {
         }
     }
 
-    /// The same circuit by real arithmetic only: conductance and susceptance of each branch in parallel, turned into an impedance.
+    /// The same circuit by real arithmetic only: conductance and susceptance of each branch in
+    /// parallel, turned into an impedance.
     fn by_admittance(erm: &Erm, freq_hz: f64) -> (f64, f64) {
         let w = 2.0 * std::f64::consts::PI * freq_hz;
         erm.branches.iter().fold((erm.r_ohm, 0.0), |(re, im), b| {
@@ -186,12 +226,21 @@ mod tests {
         let erm = appendix_a4();
         for (freq_hz, expected_mohm) in [(0.1, 9.51), (300.0, 6.91)] {
             let met = erm.impedance(freq_hz).norm() * 1e3;
-            assert!((met - expected_mohm).abs() < 0.005, "|Z| at {freq_hz} Hz: expected {expected_mohm} mΩ, met {met} mΩ");
+            assert!(
+                (met - expected_mohm).abs() < 0.005,
+                "|Z| at {freq_hz} Hz: expected {expected_mohm} mΩ, met {met} mΩ"
+            );
         }
         assert!((erm.dc_resistance_ohm() - 0.013_778_796_025_006_38).abs() < 1e-12);
         let tau = erm.ordered().time_constants_s();
-        for (met, expected) in tau.iter().zip([0.000_834_327, 0.004_626_22, 0.268_225, 5.176_242]) {
-            assert!((met / expected - 1.0).abs() < 1e-5, "expected {expected} s, met {met} s");
+        for (met, expected) in tau
+            .iter()
+            .zip([0.000_834_327, 0.004_626_22, 0.268_225, 5.176_242])
+        {
+            assert!(
+                (met / expected - 1.0).abs() < 1e-5,
+                "expected {expected} s, met {met} s"
+            );
         }
     }
 
@@ -209,18 +258,42 @@ mod tests {
     #[test]
     fn refuses_what_no_cell_has() {
         let cases: [(Spoil, &str); 3] = [
-            (|e| e.r_ohm = 0.0, "R of the ERM: expected a positive finite number in Ω, met 0"),
-            (|e| e.branches[1].r_ohm = -1.0, "R2 of the ERM: expected a positive finite number in Ω, met -1"),
-            (|e| e.branches[3].c_f = f64::NAN, "C4 of the ERM: expected a positive finite number in F, met NaN"),
+            (
+                |e| e.r_ohm = 0.0,
+                "R of the ERM: expected a positive finite number in Ω, met 0",
+            ),
+            (
+                |e| e.branches[1].r_ohm = -1.0,
+                "R2 of the ERM: expected a positive finite number in Ω, met -1",
+            ),
+            (
+                |e| e.branches[3].c_f = f64::NAN,
+                "C4 of the ERM: expected a positive finite number in F, met NaN",
+            ),
         ];
         for (spoil, message) in cases {
             let mut erm = appendix_a4();
             spoil(&mut erm);
             assert_eq!(erm.validate().unwrap_err().to_string(), message);
         }
-        assert!(Erm::from_log_parameters(&[0.0, 1.0]).unwrap_err().to_string().ends_with("met 2"));
-        assert!(Erm::from_log_parameters(&[]).unwrap_err().to_string().ends_with("met 0"));
-        assert!(Erm::from_log_parameters(&[1e4]).unwrap_err().to_string().ends_with("met inf"));
+        assert!(
+            Erm::from_log_parameters(&[0.0, 1.0])
+                .unwrap_err()
+                .to_string()
+                .ends_with("met 2")
+        );
+        assert!(
+            Erm::from_log_parameters(&[])
+                .unwrap_err()
+                .to_string()
+                .ends_with("met 0")
+        );
+        assert!(
+            Erm::from_log_parameters(&[1e4])
+                .unwrap_err()
+                .to_string()
+                .ends_with("met inf")
+        );
     }
 
     proptest! {

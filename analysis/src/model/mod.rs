@@ -1,7 +1,8 @@
-//! Models of a cell's impedance: the extended Randles model (ERM), a resistance in series with parallel RC branches, and equivalent circuits in
-//! general, of which it is one.
+//! Models of a cell's impedance: the extended Randles model (ERM), a resistance in series with
+//! parallel RC branches, and equivalent circuits in general, of which it is one.
 //!
-//! Frequency domain only; how the model behaves in time is not told here, nor how its parameters are found (see [`crate::fit`]).
+//! Frequency domain only; how the model behaves in time is not told here, nor how its parameters
+//! are found (see [`crate::fit`]).
 
 mod circuit;
 mod erm;

@@ -1,17 +1,25 @@
 //! Which harmonics are excited.
 
-/// Odd harmonics of `base_hz` from itself up to `stop_hz`, `lines` of them as evenly spaced on a logarithmic axis as the harmonics allow, fewer where
-/// there are not so many. Of three odd neighbours at least one is left out: there the odd distortion shows.
+/// Odd harmonics of `base_hz` from itself up to `stop_hz`, `lines` of them as evenly spaced on a
+/// logarithmic axis as the harmonics allow, fewer where there are not so many. Of three odd
+/// neighbours at least one is left out: there the odd distortion shows.
 pub fn odd_grid(base_hz: f64, (start_hz, stop_hz): (f64, f64), lines: usize) -> Vec<usize> {
     let greatest = (stop_hz / base_hz * (1.0 + 1.0e-9)).floor();
     let least = (start_hz / base_hz * (1.0 - 1.0e-9)).max(1.0);
     let last = ((greatest as usize).max(1) - 1) / 2 * 2 + 1;
     let mut chosen: Vec<usize> = Vec::new();
     for k in 0..lines {
-        let share = if lines > 1 { k as f64 / (lines - 1) as f64 } else { 0.0 };
+        let share = if lines > 1 {
+            k as f64 / (lines - 1) as f64
+        } else {
+            0.0
+        };
         let wanted = least * (greatest / least).powf(share);
         let mut harmonic = nearest_odd(wanted).min(last);
-        while harmonic < least as usize || chosen.last().is_some_and(|last| harmonic <= *last) || crowded(&chosen, harmonic) {
+        while harmonic < least as usize
+            || chosen.last().is_some_and(|last| harmonic <= *last)
+            || crowded(&chosen, harmonic)
+        {
             harmonic += 2;
         }
         if harmonic as f64 <= greatest {
@@ -36,12 +44,27 @@ mod tests {
 
     #[test]
     fn the_grid_is_odd_rising_within_its_band_and_leaves_detection_lines() {
-        assert_eq!(odd_grid(0.1, (0.1, 10.0), 12), [1, 3, 7, 9, 13, 15, 19, 21, 29, 43, 65, 99]);
-        for (base_hz, band, lines) in [(0.1, (0.1, 10.0), 15), (5.0, (15.0, 300.0), 8), (1.0, (1.0, 9.0), 40)] {
+        assert_eq!(
+            odd_grid(0.1, (0.1, 10.0), 12),
+            [1, 3, 7, 9, 13, 15, 19, 21, 29, 43, 65, 99]
+        );
+        for (base_hz, band, lines) in [
+            (0.1, (0.1, 10.0), 15),
+            (5.0, (15.0, 300.0), 8),
+            (1.0, (1.0, 9.0), 40),
+        ] {
             let grid = odd_grid(base_hz, band, lines);
-            assert!(grid.iter().all(|h| h % 2 == 1 && *h as f64 * base_hz <= band.1 && *h as f64 * base_hz >= band.0 * 0.999), "{grid:?}");
+            assert!(
+                grid.iter().all(|h| h % 2 == 1
+                    && *h as f64 * base_hz <= band.1
+                    && *h as f64 * base_hz >= band.0 * 0.999),
+                "{grid:?}"
+            );
             assert!(grid.windows(2).all(|pair| pair[0] < pair[1]), "{grid:?}");
-            assert!(!grid.windows(3).any(|three| three[2] == three[0] + 4), "{grid:?}");
+            assert!(
+                !grid.windows(3).any(|three| three[2] == three[0] + 4),
+                "{grid:?}"
+            );
         }
     }
 }

@@ -1,4 +1,5 @@
-//! A polynomial through an OCV curve, and what it costs: its error, and where it falls, which no OCV does.
+//! A polynomial through an OCV curve, and what it costs: its error, and where it falls, which no
+//! OCV does.
 
 use super::OcvCurve;
 use crate::fit::linalg;
@@ -48,31 +49,49 @@ impl OcvPolynomial {
             return None;
         }
         linalg::cholesky_substitute(&gram, n, &mut right);
-        let mut polynomial =
-            Self { order, coefficients_v: powers(&right), rms_v: 0.0, max_v: 0.0, max_at_soc: 0.0, falling_soc: Vec::new() };
+        let mut polynomial = Self {
+            order,
+            coefficients_v: powers(&right),
+            rms_v: 0.0,
+            max_v: 0.0,
+            max_at_soc: 0.0,
+            falling_soc: Vec::new(),
+        };
         polynomial.judge(curve);
         Some(polynomial)
     }
 
     /// OCV at a state of charge, V.
     pub fn voltage_v(&self, soc: f64) -> f64 {
-        self.coefficients_v.iter().rev().fold(0.0, |v, c| v * soc + c)
+        self.coefficients_v
+            .iter()
+            .rev()
+            .fold(0.0, |v, c| v * soc + c)
     }
 
     /// dOCV/dSOC at a state of charge, V.
     pub fn slope_v(&self, soc: f64) -> f64 {
-        self.coefficients_v.iter().enumerate().skip(1).rev().fold(0.0, |v, (k, c)| v * soc + k as f64 * c)
+        self.coefficients_v
+            .iter()
+            .enumerate()
+            .skip(1)
+            .rev()
+            .fold(0.0, |v, (k, c)| v * soc + k as f64 * c)
     }
 
     /// The sentence on its monotony.
     pub fn statement(&self) -> String {
         let at = |(a, b): &(f64, f64)| format!("{a:.3}–{b:.3}");
         if self.falling_soc.is_empty() {
-            return format!("the polynomial of order {} rises everywhere between SOC 0 and 1", self.order);
+            return format!(
+                "the polynomial of order {} rises everywhere between SOC 0 and 1",
+                self.order
+            );
         }
         let ranges: Vec<String> = self.falling_soc.iter().map(at).collect();
         format!(
-            "the polynomial of order {} falls at SOC {}: it has no inverse there and a battery would charge itself",
+            "the polynomial of order {} falls at SOC {}: it has no inverse there and a battery \
+            would charge itself",
             self.order,
             ranges.join(", ")
         )
@@ -125,7 +144,9 @@ fn powers(c: &[f64]) -> Vec<f64> {
     let mut sum: Vec<f64> = (0..n).map(|i| c[0] * older[i] + c[1] * newer[i]).collect();
     for ck in &c[2..] {
         let shifted = |i: usize| if i == 0 { 0.0 } else { newer[i - 1] };
-        let next: Vec<f64> = (0..n).map(|i| 4.0 * shifted(i) - 2.0 * newer[i] - older[i]).collect();
+        let next: Vec<f64> = (0..n)
+            .map(|i| 4.0 * shifted(i) - 2.0 * newer[i] - older[i])
+            .collect();
         sum.iter_mut().zip(&next).for_each(|(s, t)| *s += ck * t);
         older = std::mem::replace(&mut newer, next);
     }
@@ -140,28 +161,42 @@ mod tests {
     fn a_curve_that_is_a_cubic_comes_back_with_its_coefficients() {
         let truth = |z: f64| 3.0 + 0.9 * z - 0.5 * z * z + 0.4 * z * z * z;
         let soc: Vec<f64> = (0..=400).map(|k| f64::from(k) / 400.0).collect();
-        let curve = OcvCurve::monotone(4.0, soc.clone(), soc.iter().map(|z| truth(*z)).collect()).unwrap();
+        let curve =
+            OcvCurve::monotone(4.0, soc.clone(), soc.iter().map(|z| truth(*z)).collect()).unwrap();
         let p = OcvPolynomial::through(&curve, 5).unwrap();
         for (met, expected) in p.coefficients_v.iter().zip([3.0, 0.9, -0.5, 0.4, 0.0, 0.0]) {
             assert!((met - expected).abs() < 2e-4, "{:?}", p.coefficients_v);
         }
         assert!(p.max_v < 1e-5 && p.falling_soc.is_empty());
-        assert_eq!(p.statement(), "the polynomial of order 5 rises everywhere between SOC 0 and 1");
-        assert!(OcvPolynomial::through(&curve, 0).is_none() && OcvPolynomial::through(&curve, 16).is_none());
+        assert_eq!(
+            p.statement(),
+            "the polynomial of order 5 rises everywhere between SOC 0 and 1"
+        );
+        assert!(
+            OcvPolynomial::through(&curve, 0).is_none()
+                && OcvPolynomial::through(&curve, 16).is_none()
+        );
     }
 
     #[test]
     fn says_where_it_falls() {
         // A step: any polynomial of moderate order rings beside it.
-        let curve = OcvCurve::monotone(4.0, vec![0.0, 0.48, 0.52, 1.0], vec![3.0, 3.01, 3.99, 4.0]).unwrap();
+        let curve = OcvCurve::monotone(4.0, vec![0.0, 0.48, 0.52, 1.0], vec![3.0, 3.01, 3.99, 4.0])
+            .unwrap();
         let p = OcvPolynomial::through(&curve, 9).unwrap();
         assert!(!p.falling_soc.is_empty());
         for k in 0..=1000 {
             let z = f64::from(k) / 1000.0;
             let falls = p.voltage_v(z + 1e-5) < p.voltage_v(z - 1e-5);
             let said = p.falling_soc.iter().any(|(a, b)| (*a..=*b).contains(&z));
-            let near_edge = p.falling_soc.iter().any(|(a, b)| (z - a).abs() < 1.1e-3 || (z - b).abs() < 1.1e-3);
-            assert!(falls == said || near_edge, "SOC {z}: falls {falls}, said {said}");
+            let near_edge = p
+                .falling_soc
+                .iter()
+                .any(|(a, b)| (z - a).abs() < 1.1e-3 || (z - b).abs() < 1.1e-3);
+            assert!(
+                falls == said || near_edge,
+                "SOC {z}: falls {falls}, said {said}"
+            );
         }
         assert!(p.statement().contains("falls at SOC"));
     }

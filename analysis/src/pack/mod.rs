@@ -1,8 +1,10 @@
 //! From a cell to a pack of S cells in series, P in parallel (thesis 3.3.4).
 //!
-//! All cells are taken as identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances times S/P and capacitances times P/S fulfil
-//! (equations 3.4, 3.6, 3.10; the proof there is for one RC circuit, the law holds branch by branch). [`Sizing`] is what the simple-IR model says a
-//! pack can do; [`scatter`] drops the assumption of identical cells. OCV and capacity of a pack are in [`crate::forward::SimModel`].
+//! All cells are taken as identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances
+//! times S/P and capacitances times P/S fulfil (equations 3.4, 3.6, 3.10; the proof there is for
+//! one RC circuit, the law holds branch by branch). [`Sizing`] is what the simple-IR model says a
+//! pack can do; [`scatter`] drops the assumption of identical cells. OCV and capacity of a pack are
+//! in [`crate::forward::SimModel`].
 
 mod heat;
 mod network;
@@ -10,7 +12,10 @@ mod scatter;
 mod sizing;
 
 pub use heat::{Hold, ThermalMass};
-pub use scatter::{BandRow, Draws, Outcome, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, drawn_cells, scatter, scatter_cells};
+pub use scatter::{
+    BandRow, Draws, Outcome, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, drawn_cells,
+    scatter, scatter_cells,
+};
 pub use sizing::{OperatingPoint, PeakLimit, SimpleIr, Sizing, SizingInput, check_window};
 
 use crate::model::{Erm, ModelError, RcBranch};
@@ -78,14 +83,22 @@ pub enum PackError {
 
 impl Pack {
     /// The thesis' pack: 16S3P, ideal interconnect.
-    pub const THESIS: Self = Self { series: 16, parallel: 3, interconnect_ohm: 0.0 };
+    pub const THESIS: Self = Self {
+        series: 16,
+        parallel: 3,
+        interconnect_ohm: 0.0,
+    };
 
     /// A pack.
     ///
     /// # Errors
     /// [`PackError`] for a pack without cells or an interconnect that is negative or not finite.
     pub fn new(series: u32, parallel: u32, interconnect_ohm: f64) -> Result<Self, PackError> {
-        let pack = Self { series, parallel, interconnect_ohm };
+        let pack = Self {
+            series,
+            parallel,
+            interconnect_ohm,
+        };
         pack.check()?;
         Ok(pack)
     }
@@ -95,7 +108,8 @@ impl Pack {
         f64::from(self.series) / f64::from(self.parallel)
     }
 
-    /// The pack's model from the cell's: R·S/P plus interconnect, Rₖ·S/P, Cₖ·P/S. Time constants stay.
+    /// The pack's model from the cell's: R·S/P plus interconnect, Rₖ·S/P, Cₖ·P/S. Time constants
+    /// stay.
     ///
     /// # Errors
     /// [`PackError`] for a pack that cannot be or a cell model that is not valid.
@@ -103,8 +117,18 @@ impl Pack {
         self.check()?;
         cell.validate()?;
         let ratio = self.ratio();
-        let branches = cell.branches.iter().map(|b| RcBranch { r_ohm: b.r_ohm * ratio, c_f: b.c_f / ratio }).collect();
-        Ok(Erm { r_ohm: cell.r_ohm * ratio + self.interconnect_ohm, branches })
+        let branches = cell
+            .branches
+            .iter()
+            .map(|b| RcBranch {
+                r_ohm: b.r_ohm * ratio,
+                c_f: b.c_f / ratio,
+            })
+            .collect();
+        Ok(Erm {
+            r_ohm: cell.r_ohm * ratio + self.interconnect_ohm,
+            branches,
+        })
     }
 
     /// The pack's impedance from a cell's measured one, Ω (equation 3.3 plus the interconnect).
@@ -118,12 +142,18 @@ impl Pack {
     }
 
     fn check(&self) -> Result<(), PackError> {
-        let Self { series, parallel, interconnect_ohm } = *self;
+        let Self {
+            series,
+            parallel,
+            interconnect_ohm,
+        } = *self;
         if series == 0 || parallel == 0 {
             return Err(PackError::Empty { series, parallel });
         }
         if !(interconnect_ohm.is_finite() && interconnect_ohm >= 0.0) {
-            return Err(PackError::Interconnect { met: interconnect_ohm });
+            return Err(PackError::Interconnect {
+                met: interconnect_ohm,
+            });
         }
         Ok(())
     }
@@ -136,10 +166,18 @@ mod tests {
 
     #[test]
     fn the_thesis_pack_by_hand() {
-        let cell = Erm { r_ohm: 0.006, branches: vec![RcBranch { r_ohm: 0.003, c_f: 160.0 }] };
+        let cell = Erm {
+            r_ohm: 0.006,
+            branches: vec![RcBranch {
+                r_ohm: 0.003,
+                c_f: 160.0,
+            }],
+        };
         let pack = Pack::THESIS.erm(&cell).unwrap();
         // 0.006 · 16/3, 0.003 · 16/3, 160 · 3/16.
-        assert!((pack.r_ohm - 0.032).abs() < 1e-15 && (pack.branches[0].r_ohm - 0.016).abs() < 1e-15);
+        assert!(
+            (pack.r_ohm - 0.032).abs() < 1e-15 && (pack.branches[0].r_ohm - 0.016).abs() < 1e-15
+        );
         assert!((pack.branches[0].c_f - 30.0).abs() < 1e-12);
         assert_eq!(Pack::THESIS.name(), "16S3P");
     }
@@ -147,16 +185,34 @@ mod tests {
     #[test]
     fn refuses_what_cannot_be() {
         let cases = [
-            (Pack::new(0, 3, 0.0), "pack: expected at least 1 cell in series and 1 in parallel, met 0S3P"),
-            (Pack::new(16, 0, 0.0), "pack: expected at least 1 cell in series and 1 in parallel, met 16S0P"),
-            (Pack::new(16, 3, -0.001), "pack: expected an interconnect resistance of zero or more in Ω, met -0.001"),
-            (Pack::new(16, 3, f64::NAN), "pack: expected an interconnect resistance of zero or more in Ω, met NaN"),
+            (
+                Pack::new(0, 3, 0.0),
+                "pack: expected at least 1 cell in series and 1 in parallel, met 0S3P",
+            ),
+            (
+                Pack::new(16, 0, 0.0),
+                "pack: expected at least 1 cell in series and 1 in parallel, met 16S0P",
+            ),
+            (
+                Pack::new(16, 3, -0.001),
+                "pack: expected an interconnect resistance of zero or more in Ω, met -0.001",
+            ),
+            (
+                Pack::new(16, 3, f64::NAN),
+                "pack: expected an interconnect resistance of zero or more in Ω, met NaN",
+            ),
         ];
         for (result, message) in cases {
             assert_eq!(result.unwrap_err().to_string(), message);
         }
-        let dead = Erm { r_ohm: -1.0, branches: Vec::new() };
-        assert_eq!(Pack::THESIS.erm(&dead).unwrap_err().to_string(), "R of the ERM: expected a positive finite number in Ω, met -1");
+        let dead = Erm {
+            r_ohm: -1.0,
+            branches: Vec::new(),
+        };
+        assert_eq!(
+            Pack::THESIS.erm(&dead).unwrap_err().to_string(),
+            "R of the ERM: expected a positive finite number in Ω, met -1"
+        );
     }
 
     proptest! {

@@ -1,9 +1,12 @@
-//! Cells that are not alike, wired to a pack: cells in parallel share a voltage, groups in series share a current.
+//! Cells that are not alike, wired to a pack: cells in parallel share a voltage, groups in series
+//! share a current.
 //!
-//! At an instant every cell is a source Eₖ = OCV − Σvⱼ behind Rₖ (its series resistance and its tab). A group is then a source ΣGₖEₖ/ΣGₖ behind
-//! 1/ΣGₖ with Gₖ = 1/Rₖ, the pack the sum of its groups and the interconnect, and the law of [`crate::forward::Drive`] gives its current. Each
-//! cell's own follows as (Eₖ − V)/Rₖ. Over a step every current goes along a straight line; its end enters the branches linearly, so that the end
-//! of the step is the same network with other Eₖ and Rₖ: implicit, second order, and no iteration.
+//! At an instant every cell is a source Eₖ = OCV − Σvⱼ behind Rₖ (its series resistance and its
+//! tab). A group is then a source ΣGₖEₖ/ΣGₖ behind 1/ΣGₖ with Gₖ = 1/Rₖ, the pack the sum of its
+//! groups and the interconnect, and the law of [`crate::forward::Drive`] gives its current. Each
+//! cell's own follows as (Eₖ − V)/Rₖ. Over a step every current goes along a straight line; its end
+//! enters the branches linearly, so that the end of the step is the same network with other Eₖ and
+//! Rₖ: implicit, second order, and no iteration.
 
 use crate::forward::{Beyond, Demand, Drive, OcvSource};
 use crate::model::Erm;
@@ -82,8 +85,14 @@ impl<'a> Network<'a> {
             wiring,
             rc,
             r_ohm: cells.iter().map(|c| c.erm.r_ohm).collect(),
-            branches: cells.iter().flat_map(|c| c.erm.branches.iter().map(|b| (b.r_ohm, b.c_f))).collect(),
-            capacity_c: cells.iter().map(|c| capacity_c * c.capacity_ratio).collect(),
+            branches: cells
+                .iter()
+                .flat_map(|c| c.erm.branches.iter().map(|b| (b.r_ohm, b.c_f)))
+                .collect(),
+            capacity_c: cells
+                .iter()
+                .map(|c| capacity_c * c.capacity_ratio)
+                .collect(),
             gains: Vec::new(),
             gains_step_s: f64::NAN,
             soc: cells.iter().map(|c| c.soc).collect(),
@@ -91,7 +100,12 @@ impl<'a> Network<'a> {
             e_v: vec![0.0; n],
             behind_ohm: vec![0.0; n],
             start_a: vec![0.0; n],
-            now: Look { cell_a: vec![0.0; n], cell_v: vec![0.0; n], heat_w: vec![0.0; n], ..Look::default() },
+            now: Look {
+                cell_a: vec![0.0; n],
+                cell_v: vec![0.0; n],
+                heat_w: vec![0.0; n],
+                ..Look::default()
+            },
         }
     }
 
@@ -106,7 +120,8 @@ impl<'a> Network<'a> {
         cell * self.rc..(cell + 1) * self.rc
     }
 
-    /// Finds all currents and voltages under a demand in the present state. False where the pack has no voltage left.
+    /// Finds all currents and voltages under a demand in the present state. False where the pack
+    /// has no voltage left.
     pub(super) fn look(&mut self, demand: (Demand, f64)) -> bool {
         for k in 0..self.soc.len() {
             let held: f64 = self.v_rc[self.cell_branches(k)].iter().sum();
@@ -117,25 +132,37 @@ impl<'a> Network<'a> {
         for k in 0..self.soc.len() {
             let i = self.now.cell_a[k];
             self.now.cell_v[k] = self.e_v[k] - self.r_ohm[k] * i;
-            let branches = self.v_rc[self.cell_branches(k)].iter().zip(&self.branches[self.cell_branches(k)]);
-            self.now.heat_w[k] = i * i * self.r_ohm[k] + branches.map(|(v, (r, _))| v * v / r).sum::<f64>();
+            let branches = self.v_rc[self.cell_branches(k)]
+                .iter()
+                .zip(&self.branches[self.cell_branches(k)]);
+            self.now.heat_w[k] =
+                i * i * self.r_ohm[k] + branches.map(|(v, (r, _))| v * v / r).sum::<f64>();
         }
         sound
     }
 
-    /// Moves the state by a step, from the demand of the last [`Network::look`] to this one at its end, and looks there.
+    /// Moves the state by a step, from the demand of the last [`Network::look`] to this one at its
+    /// end, and looks there.
     pub(super) fn advance(&mut self, step_s: f64, demand: (Demand, f64)) -> bool {
         self.set_step(step_s);
         std::mem::swap(&mut self.start_a, &mut self.now.cell_a);
         for k in 0..self.soc.len() {
             let (i0, range) = (self.start_a[k], self.cell_branches(k));
             let gains = &self.gains[range.clone()];
-            let held: f64 = gains.iter().zip(&self.v_rc[range]).map(|(g, v)| g.decay * v + g.start * i0).sum();
+            let held: f64 = gains
+                .iter()
+                .zip(&self.v_rc[range])
+                .map(|(g, v)| g.decay * v + g.start * i0)
+                .sum();
             let per_ampere = step_s / self.capacity_c[k];
-            // The curve is taken straight around where the current of the start alone would lead to.
+            // The curve is taken straight around where the current of the start alone would lead
+            // to.
             let (ocv, slope) = self.ocv_at(self.soc[k] - per_ampere * i0);
             let bend = 0.5 * slope * per_ampere;
-            self.behind_ohm[k] = self.r_ohm[k] + self.wiring.tab_ohm + bend + gains.iter().map(|g| g.end).sum::<f64>();
+            self.behind_ohm[k] = self.r_ohm[k]
+                + self.wiring.tab_ohm
+                + bend
+                + gains.iter().map(|g| g.end).sum::<f64>();
             self.e_v[k] = ocv + bend * i0 - held;
         }
         let sound = self.solve(demand);
@@ -153,7 +180,11 @@ impl<'a> Network<'a> {
     /// Energy in the capacitances, J.
     #[cfg(test)]
     pub(super) fn stored_j(&self) -> f64 {
-        self.v_rc.iter().zip(&self.branches).map(|(v, (_, c))| 0.5 * c * v * v).sum()
+        self.v_rc
+            .iter()
+            .zip(&self.branches)
+            .map(|(v, (_, c))| 0.5 * c * v * v)
+            .sum()
     }
 
     fn set_step(&mut self, step_s: f64) {
@@ -167,21 +198,41 @@ impl<'a> Network<'a> {
             let x = step_s / (r * c);
             let decay = (-x).exp();
             let mean = -(-x).exp_m1() / x;
-            Gain { decay, start: r * (mean - decay), end: r * (1.0 - mean) }
+            Gain {
+                decay,
+                start: r * (mean - decay),
+                end: r * (1.0 - mean),
+            }
         }));
     }
 
     /// Currents of all cells from the sources `e_v` behind `behind_ohm`.
     fn solve(&mut self, (kind, value): (Demand, f64)) -> bool {
         let width = self.wiring.parallel;
-        let groups = || self.e_v.chunks(width).zip(self.behind_ohm.chunks(width)).map(|(e, r)| group(e, r));
-        let (e_v, r_ohm) = groups().fold((0.0, self.wiring.interconnect_ohm), |(e, r), g| (e + g.0, r + g.1));
+        let groups = || {
+            self.e_v
+                .chunks(width)
+                .zip(self.behind_ohm.chunks(width))
+                .map(|(e, r)| group(e, r))
+        };
+        let (e_v, r_ohm) = groups().fold((0.0, self.wiring.interconnect_ohm), |(e, r), g| {
+            (e + g.0, r + g.1)
+        });
         if e_v.is_nan() || e_v <= 0.0 {
             return false;
         }
-        let reply = Drive { demand: kind, beyond: Beyond::Clamp, r_ohm }.reply(e_v, value);
+        let reply = Drive {
+            demand: kind,
+            beyond: Beyond::Clamp,
+            r_ohm,
+        }
+        .reply(e_v, value);
         let current = reply.current_a;
-        let cells = self.e_v.chunks(width).zip(self.behind_ohm.chunks(width)).zip(self.now.cell_a.chunks_mut(width));
+        let cells = self
+            .e_v
+            .chunks(width)
+            .zip(self.behind_ohm.chunks(width))
+            .zip(self.now.cell_a.chunks_mut(width));
         for ((e, r), i) in cells {
             let (source, inner) = group(e, r);
             let v = source - current * inner;
@@ -198,7 +249,10 @@ impl<'a> Network<'a> {
 
 /// Sources in parallel as one: its voltage, V, and its resistance, Ω.
 fn group(e_v: &[f64], r_ohm: &[f64]) -> (f64, f64) {
-    let (weighted, conductance) = e_v.iter().zip(r_ohm).fold((0.0, 0.0), |(e, g), (&ek, &rk)| (e + ek / rk, g + 1.0 / rk));
+    let (weighted, conductance) = e_v
+        .iter()
+        .zip(r_ohm)
+        .fold((0.0, 0.0), |(e, g), (&ek, &rk)| (e + ek / rk, g + 1.0 / rk));
     (weighted / conductance, 1.0 / conductance)
 }
 
@@ -212,12 +266,29 @@ mod tests {
     use proptest::prelude::*;
 
     fn erm() -> Erm {
-        let branch = |r_ohm, tau: f64| RcBranch { r_ohm, c_f: tau / r_ohm };
-        Erm { r_ohm: 0.007, branches: vec![branch(0.001, 0.004), branch(0.0015, 0.1), branch(0.003, 6.0)] }
+        let branch = |r_ohm, tau: f64| RcBranch {
+            r_ohm,
+            c_f: tau / r_ohm,
+        };
+        Erm {
+            r_ohm: 0.007,
+            branches: vec![
+                branch(0.001, 0.004),
+                branch(0.0015, 0.1),
+                branch(0.003, 6.0),
+            ],
+        }
     }
 
     fn curve() -> OcvSource {
-        OcvSource::Curve(OcvCurve::monotone(4.2, vec![0.0, 0.1, 0.3, 0.6, 1.0], vec![2.5, 3.2, 3.5, 3.8, 4.2]).unwrap())
+        OcvSource::Curve(
+            OcvCurve::monotone(
+                4.2,
+                vec![0.0, 0.1, 0.3, 0.6, 1.0],
+                vec![2.5, 3.2, 3.5, 3.8, 4.2],
+            )
+            .unwrap(),
+        )
     }
 
     fn power(t: f64) -> f64 {
@@ -230,7 +301,11 @@ mod tests {
             let mut erm = erm();
             erm.r_ohm *= f;
             erm.branches.iter_mut().for_each(|b| b.r_ohm *= f * f);
-            Cell { erm, capacity_ratio: 2.0 - f, soc: 0.5 + 0.02 * (f - 1.0) }
+            Cell {
+                erm,
+                capacity_ratio: 2.0 - f,
+                soc: 0.5 + 0.02 * (f - 1.0),
+            }
         };
         factors.iter().map(cell).collect()
     }
@@ -238,13 +313,30 @@ mod tests {
     #[test]
     fn identical_cells_are_the_pack_model() {
         let pack = Pack::new(16, 3, 0.03).unwrap();
-        let (ocv, cell) = (curve(), Cell { erm: erm(), capacity_ratio: 1.0, soc: 0.6 });
-        let wiring = Wiring { parallel: 3, tab_ohm: 0.0, interconnect_ohm: 0.03 };
+        let (ocv, cell) = (
+            curve(),
+            Cell {
+                erm: erm(),
+                capacity_ratio: 1.0,
+                soc: 0.6,
+            },
+        );
+        let wiring = Wiring {
+            parallel: 3,
+            tab_ohm: 0.0,
+            interconnect_ohm: 0.03,
+        };
         let mut network = Network::new(&vec![cell; 48], &ocv, wiring);
-        let rows: Vec<(f64, f64)> = (0..=4000).map(|k| f64::from(k) * 0.0025).map(|t| (t, power(t))).collect();
+        let rows: Vec<(f64, f64)> = (0..=4000)
+            .map(|k| f64::from(k) * 0.0025)
+            .map(|t| (t, power(t)))
+            .collect();
         let profile = Profile::new("test", (Demand::Power, Interpolation::Linear), &rows).unwrap();
         let model = SimModel::pack(&erm(), ocv.clone(), pack).unwrap();
-        let options = SimOptions { method: Method::Exact, ..SimOptions::default() };
+        let options = SimOptions {
+            method: Method::Exact,
+            ..SimOptions::default()
+        };
         let expected = simulate(&model, &model.rest(0.6).unwrap(), &profile, &options).unwrap();
         network.look((Demand::Power, rows[0].1));
         let mut worst = (network.now.ccv_v - expected.trace.ccv_v[0]).abs();
@@ -260,22 +352,43 @@ mod tests {
         assert!((network.soc[0] - expected.end.soc).abs() < 1e-8);
     }
 
-    /// The largest difference to the error-controlled simulation of the pack when the straight pieces of a zigzag are taken in this many steps each.
+    /// The largest difference to the error-controlled simulation of the pack when the straight
+    /// pieces of a zigzag are taken in this many steps each.
     fn error_v(parts: u32) -> f64 {
         // 0.2 Ah, so that the state of charge moves the voltage as much as the branches do.
-        let ocv = OcvSource::Curve(OcvCurve::monotone(0.2, vec![0.0, 1.0], vec![3.0, 4.2]).unwrap());
-        let rows: Vec<(f64, f64)> = (0..=20).map(|k| (0.4 * f64::from(k), if k % 2 == 0 { 500.0 } else { 2500.0 })).collect();
-        let profile = Profile::new("zigzag", (Demand::Power, Interpolation::Linear), &rows).unwrap();
+        let ocv =
+            OcvSource::Curve(OcvCurve::monotone(0.2, vec![0.0, 1.0], vec![3.0, 4.2]).unwrap());
+        let rows: Vec<(f64, f64)> = (0..=20)
+            .map(|k| (0.4 * f64::from(k), if k % 2 == 0 { 500.0 } else { 2500.0 }))
+            .collect();
+        let profile =
+            Profile::new("zigzag", (Demand::Power, Interpolation::Linear), &rows).unwrap();
         let model = SimModel::pack(&erm(), ocv.clone(), Pack::new(16, 3, 0.03).unwrap()).unwrap();
-        let options = SimOptions { tolerance_v: 1e-10, ..SimOptions::default() };
+        let options = SimOptions {
+            tolerance_v: 1e-10,
+            ..SimOptions::default()
+        };
         let expected = simulate(&model, &model.rest(0.9).unwrap(), &profile, &options).unwrap();
-        let cell = Cell { erm: erm(), capacity_ratio: 1.0, soc: 0.9 };
-        let mut network = Network::new(&vec![cell; 48], &ocv, Wiring { parallel: 3, tab_ohm: 0.0, interconnect_ohm: 0.03 });
+        let cell = Cell {
+            erm: erm(),
+            capacity_ratio: 1.0,
+            soc: 0.9,
+        };
+        let mut network = Network::new(
+            &vec![cell; 48],
+            &ocv,
+            Wiring {
+                parallel: 3,
+                tab_ohm: 0.0,
+                interconnect_ohm: 0.03,
+            },
+        );
         network.look((Demand::Power, rows[0].1));
         let mut worst = 0.0_f64;
         for (k, pair) in rows.windows(2).enumerate() {
             for part in 1..=parts {
-                let power = pair[0].1 + (pair[1].1 - pair[0].1) * f64::from(part) / f64::from(parts);
+                let power =
+                    pair[0].1 + (pair[1].1 - pair[0].1) * f64::from(part) / f64::from(parts);
                 assert!(network.advance(0.4 / f64::from(parts), (Demand::Power, power)));
             }
             worst = worst.max((network.now.ccv_v - expected.trace.ccv_v[k + 1]).abs());
@@ -286,7 +399,10 @@ mod tests {
     #[test]
     fn halving_the_step_quarters_the_error() {
         let (coarse, middle, fine) = (error_v(8), error_v(16), error_v(32));
-        assert!(coarse / middle > 3.6 && middle / fine > 3.6, "{coarse} V, {middle} V, {fine} V");
+        assert!(
+            coarse / middle > 3.6 && middle / fine > 3.6,
+            "{coarse} V, {middle} V, {fine} V"
+        );
         // Even steps of 50 ms are within a millivolt of some 55 V.
         assert!(coarse < 1e-3, "{coarse} V");
     }
@@ -307,7 +423,8 @@ mod tests {
             let step = 5e-4;
             let mut before: Option<[f64; 3]> = None;
             for k in 0..=4000 {
-                // 12 cells of 3.6 V behind at most 21 mΩ and 12 mΩ of busbar could give 1.1 kW. The start is at rest: no jump for the trapezoids to miss.
+                // 12 cells of 3.6 V behind at most 21 mΩ and 12 mΩ of busbar could give 1.1 kW. The
+                // start is at rest: no jump for the trapezoids to miss.
                 let demand = (Demand::Power, share * 500.0 * (f64::from(k) * step * 2.0).sin());
                 let sound = if k == 0 { network.look(demand) } else { network.advance(step, demand) };
                 prop_assert!(sound);

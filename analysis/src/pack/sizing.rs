@@ -1,8 +1,11 @@
-//! Simple-IR sizing of a pack: what power it can give and take within its voltage window (thesis 2.1.2).
+//! Simple-IR sizing of a pack: what power it can give and take within its voltage window
+//! (thesis 2.1.2).
 //!
-//! Every cell is an ideal source OCV with one resistance r in series (equation 2.1), the pack S/P of them (2.5, 2.6) plus the interconnect. Of the
-//! two voltages that give a power P, the one with the smaller current counts: CCV = (OCV + √(OCV² − 4Pr))/2 (2.4). All results are closed forms of
-//! it. Transients are left out, so that short powers are larger than told here: [`crate::sop`] knows them.
+//! Every cell is an ideal source OCV with one resistance r in series (equation 2.1), the pack S/P
+//! of them (2.5, 2.6) plus the interconnect. Of the two voltages that give a power P, the one with
+//! the smaller current counts: CCV = (OCV + √(OCV² − 4Pr))/2 (2.4). All results are closed forms of
+//! it. Transients are left out, so that short powers are larger than told here: [`crate::sop`]
+//! knows them.
 
 use super::{Pack, PackError};
 use serde::Serialize;
@@ -18,7 +21,8 @@ pub struct SizingInput {
     pub dcir_ohm: f64,
     /// Lowest and highest voltage of a cell, V.
     pub window_v: (f64, f64),
-    /// Bus voltage that the load needs per watt it draws, V/W, above zero; the red line of the thesis' figures 2.3 and 2.4.
+    /// Bus voltage that the load needs per watt it draws, V/W, above zero; the red line of the
+    /// thesis' figures 2.3 and 2.4.
     pub required_v_per_w: Option<f64>,
 }
 
@@ -59,7 +63,8 @@ pub struct Sizing {
     pub regen_power_w: Option<f64>,
     /// OCV²/4r: the most that any load could draw, at half the OCV, window or not, W.
     pub theoretical_maximum_w: f64,
-    /// What ends the discharge power: the lower voltage, or the theoretical maximum, which lies above it.
+    /// What ends the discharge power: the lower voltage, or the theoretical maximum, which lies
+    /// above it.
     pub peak_limited_by: Option<PeakLimit>,
     /// All of the largest discharge power.
     pub peak: Option<OperatingPoint>,
@@ -87,7 +92,8 @@ impl Sizing {
     /// Sizes a pack.
     ///
     /// # Errors
-    /// [`PackError`] for a pack that cannot be, no resistance at all, or voltages and slopes that make no sense.
+    /// [`PackError`] for a pack that cannot be, no resistance at all, or voltages and slopes that
+    /// make no sense.
     pub fn new(input: &SizingInput) -> Result<Self, PackError> {
         let ir = SimpleIr::new(input)?;
         let series = f64::from(input.pack.series);
@@ -122,23 +128,36 @@ impl Sizing {
     fn set_window_powers(&mut self, ir: &SimpleIr) {
         let (ocv, low, high) = (self.ocv_v, self.v_min_v, self.v_max_v);
         if ocv < low {
-            self.notes.push(format!("no discharge power: the OCV of {ocv:.2} V is below the window's lower end of {low:.2} V"));
+            self.notes.push(format!(
+                "no discharge power: the OCV of {ocv:.2} V is below the \
+            window's lower end of {low:.2} V"
+            ));
         } else if high < 0.5 * ocv {
             // The window lies on the branch of the larger current, which no sane load settles on.
-            self.notes.push(format!("no power: the window ends at {high:.2} V, below half the OCV of {ocv:.2} V"));
+            self.notes.push(format!(
+                "no power: the window ends at {high:.2} V, below half the OCV of {ocv:.2} V"
+            ));
             return;
         } else {
             let half = 0.5 * ocv;
-            self.peak_limited_by = Some(if half > low { PeakLimit::TheoreticalMaximum } else { PeakLimit::LowerVoltage });
+            self.peak_limited_by = Some(if half > low {
+                PeakLimit::TheoreticalMaximum
+            } else {
+                PeakLimit::LowerVoltage
+            });
             self.peak = Some(ir.at_voltage(low.max(half)));
             if half > low {
-                self.notes.push(format!("the peak is the theoretical maximum at half the OCV, {half:.2} V; the window's lower end of {low:.2} V is never reached"));
+                self.notes.push(format!(
+                    "the peak is the theoretical maximum at half the OCV, \
+                {half:.2} V; the window's lower end of {low:.2} V is never reached"
+                ));
             }
         }
         if ocv > high {
             let least = ir.at_voltage(high).power_w;
             self.notes.push(format!(
-                "no regeneration: the OCV of {ocv:.2} V is above the window's upper end of {high:.2} V; at least {least:.0} W must be drawn"
+                "no regeneration: the OCV of {ocv:.2} V is above the window's upper end of \
+                {high:.2} V; at least {least:.0} W must be drawn"
             ));
         } else {
             self.regen = Some(ir.at_voltage(high));
@@ -149,13 +168,19 @@ impl Sizing {
         // CCV = kP and P = CCV(OCV − CCV)/r give CCV = OCV − r/k; no square root is left.
         let voltage = self.ocv_v - self.resistance_ohm / slope;
         if voltage < 0.5 * self.ocv_v {
-            self.notes.push("no crossing: the voltage stays above what the load needs up to the theoretical maximum".to_owned());
+            self.notes.push(
+                "no crossing: the voltage stays above what the load needs up to the \
+            theoretical maximum"
+                    .to_owned(),
+            );
             return;
         }
         let within = (self.v_min_v..=self.v_max_v).contains(&voltage);
         if !within {
-            self.notes
-                .push(format!("the crossing at {voltage:.2} V lies outside the window of {:.2} to {:.2} V", self.v_min_v, self.v_max_v));
+            self.notes.push(format!(
+                "the crossing at {voltage:.2} V lies outside the window of {:.2} to {:.2} V",
+                self.v_min_v, self.v_max_v
+            ));
         }
         self.crossing_within_window = Some(within);
         self.crossing = Some(ir.at_voltage(voltage));
@@ -179,23 +204,44 @@ impl SimpleIr {
     /// As [`Sizing::new`].
     pub fn new(input: &SizingInput) -> Result<Self, PackError> {
         input.pack.check()?;
-        let fail = |what, expected, met| Err(PackError::Value { what, expected, met });
+        let fail = |what, expected, met| {
+            Err(PackError::Value {
+                what,
+                expected,
+                met,
+            })
+        };
         if !(input.cell_ocv_v.is_finite() && input.cell_ocv_v > 0.0) {
             return fail("OCV of a cell", "a voltage above 0 V", input.cell_ocv_v);
         }
         if !(input.dcir_ohm.is_finite() && input.dcir_ohm >= 0.0) {
-            return fail("DC resistance of a cell", "zero or more in Ω", input.dcir_ohm);
+            return fail(
+                "DC resistance of a cell",
+                "zero or more in Ω",
+                input.dcir_ohm,
+            );
         }
         check_window(input.window_v)?;
-        if let Some(slope) = input.required_v_per_w.filter(|k| !(k.is_finite() && *k > 0.0)) {
+        if let Some(slope) = input
+            .required_v_per_w
+            .filter(|k| !(k.is_finite() && *k > 0.0))
+        {
             return fail("required voltage per power", "a number above 0 V/W", slope);
         }
         let resistance_ohm = input.dcir_ohm * input.pack.ratio() + input.pack.interconnect_ohm;
         if resistance_ohm <= 0.0 {
-            return fail("resistance of the pack", "above 0 Ω, for without one any power is possible", resistance_ohm);
+            return fail(
+                "resistance of the pack",
+                "above 0 Ω, for without one any power is possible",
+                resistance_ohm,
+            );
         }
         let ocv_v = input.cell_ocv_v * f64::from(input.pack.series);
-        Ok(Self { ocv_v, resistance_ohm, parallel: f64::from(input.pack.parallel) })
+        Ok(Self {
+            ocv_v,
+            resistance_ohm,
+            parallel: f64::from(input.pack.parallel),
+        })
     }
 
     /// OCV²/4r, W.
@@ -227,7 +273,11 @@ impl SimpleIr {
 /// # Errors
 /// [`PackError::Window`] unless 0 ≤ lower < upper.
 pub fn check_window((low_v, high_v): (f64, f64)) -> Result<(), PackError> {
-    if low_v >= 0.0 && low_v < high_v && high_v.is_finite() { Ok(()) } else { Err(PackError::Window { low_v, high_v }) }
+    if low_v >= 0.0 && low_v < high_v && high_v.is_finite() {
+        Ok(())
+    } else {
+        Err(PackError::Window { low_v, high_v })
+    }
 }
 
 #[cfg(test)]
@@ -237,7 +287,13 @@ mod tests {
 
     fn thesis(cell_ocv_v: f64) -> SizingInput {
         let pack = Pack::new(16, 3, 0.03).unwrap();
-        SizingInput { pack, cell_ocv_v, dcir_ohm: 0.015, window_v: (2.5, 4.2), required_v_per_w: Some(0.0075) }
+        SizingInput {
+            pack,
+            cell_ocv_v,
+            dcir_ohm: 0.015,
+            window_v: (2.5, 4.2),
+            required_v_per_w: Some(0.0075),
+        }
     }
 
     #[test]
@@ -245,51 +301,124 @@ mod tests {
         // Rounded as in the text of the task: 6.40, 5.72, −5.86 kW and 8.73, 6.58, −1.95 kW.
         for (ocv, expected) in [(3.6, [6.40, 5.72, -5.86]), (4.0, [8.73, 6.58, -1.95])] {
             let s = Sizing::new(&thesis(ocv)).unwrap();
-            let met = [s.peak_power_w, s.crossing_power_w, s.regen_power_w].map(|p| (p.unwrap() / 10.0).round() / 100.0);
+            let met = [s.peak_power_w, s.crossing_power_w, s.regen_power_w]
+                .map(|p| (p.unwrap() / 10.0).round() / 100.0);
             assert_eq!(met, expected);
             assert_eq!(s.peak_limited_by, Some(PeakLimit::LowerVoltage));
-            assert_eq!((s.v_min_v, s.v_max_v, s.crossing_within_window), (40.0, 67.2, Some(true)));
+            assert_eq!(
+                (s.v_min_v, s.v_max_v, s.crossing_within_window),
+                (40.0, 67.2, Some(true))
+            );
             assert!(s.notes.is_empty(), "{:?}", s.notes);
         }
     }
 
     #[test]
     fn what_is_missing_has_its_reason() {
-        let low = Sizing::new(&SizingInput { cell_ocv_v: 2.4, ..thesis(3.6) }).unwrap();
+        let low = Sizing::new(&SizingInput {
+            cell_ocv_v: 2.4,
+            ..thesis(3.6)
+        })
+        .unwrap();
         assert_eq!((low.peak_power_w, low.regen.is_some()), (None, true));
-        assert!(low.notes[0].starts_with("no discharge power: the OCV of 38.40 V is below"), "{:?}", low.notes);
-        let high = Sizing::new(&SizingInput { cell_ocv_v: 4.3, ..thesis(3.6) }).unwrap();
+        assert!(
+            low.notes[0].starts_with("no discharge power: the OCV of 38.40 V is below"),
+            "{:?}",
+            low.notes
+        );
+        let high = Sizing::new(&SizingInput {
+            cell_ocv_v: 4.3,
+            ..thesis(3.6)
+        })
+        .unwrap();
         assert!(high.regen_power_w.is_none() && high.peak_power_w.is_some());
         // 67.2 V · (68.8 − 67.2) V / 0.11 Ω = 977 W.
-        assert!(high.notes[0].contains("at least 977 W must be drawn"), "{:?}", high.notes);
-        let wide = Sizing::new(&SizingInput { window_v: (1.0, 4.2), ..thesis(3.6) }).unwrap();
+        assert!(
+            high.notes[0].contains("at least 977 W must be drawn"),
+            "{:?}",
+            high.notes
+        );
+        let wide = Sizing::new(&SizingInput {
+            window_v: (1.0, 4.2),
+            ..thesis(3.6)
+        })
+        .unwrap();
         assert_eq!(wide.peak_limited_by, Some(PeakLimit::TheoreticalMaximum));
         assert_eq!(wide.peak_power_w, Some(wide.theoretical_maximum_w));
-        let modest = Sizing::new(&SizingInput { required_v_per_w: Some(0.003), ..thesis(3.6) }).unwrap();
-        assert!(modest.crossing.is_none() && modest.notes[0].starts_with("no crossing"), "{:?}", modest.notes);
-        let outside = Sizing::new(&SizingInput { required_v_per_w: Some(0.005), ..thesis(3.6) }).unwrap();
+        let modest = Sizing::new(&SizingInput {
+            required_v_per_w: Some(0.003),
+            ..thesis(3.6)
+        })
+        .unwrap();
+        assert!(
+            modest.crossing.is_none() && modest.notes[0].starts_with("no crossing"),
+            "{:?}",
+            modest.notes
+        );
+        let outside = Sizing::new(&SizingInput {
+            required_v_per_w: Some(0.005),
+            ..thesis(3.6)
+        })
+        .unwrap();
         assert_eq!(outside.crossing_within_window, Some(false));
-        assert!(outside.notes[0].contains("at 35.60 V lies outside the window of 40.00 to 67.20 V"), "{:?}", outside.notes);
-        let inverse = Sizing::new(&SizingInput { window_v: (1.0, 1.5), ..thesis(3.6) }).unwrap();
-        assert!(inverse.peak.is_none() && inverse.regen.is_none() && inverse.notes[0].starts_with("no power"), "{:?}", inverse.notes);
+        assert!(
+            outside.notes[0].contains("at 35.60 V lies outside the window of 40.00 to 67.20 V"),
+            "{:?}",
+            outside.notes
+        );
+        let inverse = Sizing::new(&SizingInput {
+            window_v: (1.0, 1.5),
+            ..thesis(3.6)
+        })
+        .unwrap();
+        assert!(
+            inverse.peak.is_none()
+                && inverse.regen.is_none()
+                && inverse.notes[0].starts_with("no power"),
+            "{:?}",
+            inverse.notes
+        );
     }
 
     #[test]
     fn refuses_what_makes_no_sense() {
-        let ideal = Pack { interconnect_ohm: 0.0, ..thesis(3.6).pack };
+        let ideal = Pack {
+            interconnect_ohm: 0.0,
+            ..thesis(3.6).pack
+        };
         let cases = [
             (
-                SizingInput { dcir_ohm: 0.0, pack: ideal, ..thesis(3.6) },
-                "resistance of the pack: expected above 0 Ω, for without one any power is possible, met 0",
+                SizingInput {
+                    dcir_ohm: 0.0,
+                    pack: ideal,
+                    ..thesis(3.6)
+                },
+                "resistance of the pack: expected above 0 Ω, for without one any power is \
+                possible, met 0",
             ),
-            (SizingInput { dcir_ohm: f64::NAN, ..thesis(3.6) }, "DC resistance of a cell: expected zero or more in Ω, met NaN"),
-            (thesis(-1.0), "OCV of a cell: expected a voltage above 0 V, met -1"),
             (
-                SizingInput { required_v_per_w: Some(0.0), ..thesis(3.6) },
+                SizingInput {
+                    dcir_ohm: f64::NAN,
+                    ..thesis(3.6)
+                },
+                "DC resistance of a cell: expected zero or more in Ω, met NaN",
+            ),
+            (
+                thesis(-1.0),
+                "OCV of a cell: expected a voltage above 0 V, met -1",
+            ),
+            (
+                SizingInput {
+                    required_v_per_w: Some(0.0),
+                    ..thesis(3.6)
+                },
                 "required voltage per power: expected a number above 0 V/W, met 0",
             ),
             (
-                SizingInput { window_v: (4.2, 2.5), ..thesis(3.6) },
+                SizingInput {
+                    window_v: (4.2, 2.5),
+                    ..thesis(3.6)
+                },
                 "voltage window of a cell: expected 0 ≤ lower < upper in V, met 4.2 to 2.5",
             ),
         ];

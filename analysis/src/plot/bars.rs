@@ -1,4 +1,5 @@
-//! Rows of horizontal bars with words: left their names, at their ends their values, right a remark.
+//! Rows of horizontal bars with words: left their names, at their ends their values, right a
+//! remark.
 
 use super::PlotError;
 use super::axis::Axis;
@@ -102,10 +103,17 @@ impl BarPanel {
 
     fn axis(&self) -> Axis {
         let placed = |v: &f64| self.axis.coordinate(*v).is_finite();
-        let fixed = self.reference.iter().map(|r| r.value).chain([self.baseline]);
+        let fixed = self
+            .reference
+            .iter()
+            .map(|r| r.value)
+            .chain([self.baseline]);
         let all = self.bars().map(|b| b.value).chain(fixed).filter(placed);
-        let (lo, hi) =
-            self.axis.range.unwrap_or_else(|| all.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| (lo.min(v), hi.max(v))));
+        let (lo, hi) = self.axis.range.unwrap_or_else(|| {
+            all.fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), v| {
+                (lo.min(v), hi.max(v))
+            })
+        });
         if self.axis.logarithmic {
             Axis::tight_decades(lo, hi.max(2.0 * lo))
         } else {
@@ -126,25 +134,45 @@ struct Columns {
 
 impl Columns {
     fn of(panel: &BarPanel, names: f64, width: f64) -> Result<Self, PlotError> {
-        let drawn = panel.bars().filter(|b| panel.axis.coordinate(b.value).is_finite());
+        let drawn = panel
+            .bars()
+            .filter(|b| panel.axis.coordinate(b.value).is_finite());
         let ends = widest(drawn.map(|b| b.text.as_str()), SMALL)?;
-        let remarks = widest(panel.rows().map(|r| r.note.as_str()).chain([panel.note_heading.as_str()]), SMALL)?;
+        let remarks = widest(
+            panel
+                .rows()
+                .map(|r| r.note.as_str())
+                .chain([panel.note_heading.as_str()]),
+            SMALL,
+        )?;
         let right = width - RIGHT;
         let left = MARGIN + names.min(0.3 * width) + 10.0;
-        let notes = if remarks > 0.0 { right - remarks.min(0.34 * width) } else { right };
+        let notes = if remarks > 0.0 {
+            right - remarks.min(0.34 * width)
+        } else {
+            right
+        };
         let end = notes - ends - 22.0;
-        Ok(Self { right, bars: (left, end.max(left + 60.0)), notes, axis: panel.axis() })
+        Ok(Self {
+            right,
+            bars: (left, end.max(left + 60.0)),
+            notes,
+            axis: panel.axis(),
+        })
     }
 
     fn place(&self, panel: &BarPanel, value: f64) -> Option<f64> {
         let at = self.axis.fraction(panel.axis.coordinate(value));
-        at.is_finite().then(|| self.bars.0 + (self.bars.1 - self.bars.0) * at.clamp(0.0, 1.0))
+        at.is_finite()
+            .then(|| self.bars.0 + (self.bars.1 - self.bars.0) * at.clamp(0.0, 1.0))
     }
 }
 
 pub(super) fn layout(chart: &BarChart) -> Result<Scene, PlotError> {
     if chart.panels.iter().all(|p| p.rows().next().is_none()) {
-        return Err(PlotError::NothingToShow { title: chart.title.clone() });
+        return Err(PlotError::NothingToShow {
+            title: chart.title.clone(),
+        });
     }
     let width = f64::from(chart.width_px.clamp(320, 4000));
     let entries: Vec<Entry<'_>> = chart
@@ -152,30 +180,61 @@ pub(super) fn layout(chart: &BarChart) -> Result<Scene, PlotError> {
         .iter()
         .map(|(text, colour)| Entry {
             text,
-            sample: Box::new(move |at| vec![rectangle((at.0 - 13.0, at.0 + 13.0), (at.1 - BAR / 2.0, at.1 + BAR / 2.0), palette(*colour))]),
+            sample: Box::new(move |at| {
+                vec![rectangle(
+                    (at.0 - 13.0, at.0 + 13.0),
+                    (at.1 - BAR / 2.0, at.1 + BAR / 2.0),
+                    palette(*colour),
+                )]
+            }),
         })
         .collect();
     let (mut shapes, mut top) = strip((&chart.title, &chart.subtitle), &entries, width)?;
     // Bold letters are about a tenth wider.
-    let names = 1.1 * widest(chart.panels.iter().flat_map(BarPanel::rows).map(|r| r.label.as_str()), SMALL)?;
+    let names = 1.1
+        * widest(
+            chart
+                .panels
+                .iter()
+                .flat_map(BarPanel::rows)
+                .map(|r| r.label.as_str()),
+            SMALL,
+        )?;
     for panel in chart.panels.iter().filter(|p| p.rows().next().is_some()) {
         let columns = Columns::of(panel, names, width)?;
         let (drawn, bottom) = draw(panel, &columns, top)?;
         shapes.extend(drawn);
         top = bottom + PANEL_GAP;
     }
-    Ok(Scene { title: chart.title.clone(), width, height: top, shapes })
+    Ok(Scene {
+        title: chart.title.clone(),
+        width,
+        height: top,
+        shapes,
+    })
 }
 
 fn draw(panel: &BarPanel, columns: &Columns, top: f64) -> Result<(Vec<Shape>, f64), PlotError> {
     let mut front = Vec::new();
-    let above = if panel.reference.is_some() || !panel.note_heading.is_empty() { 22.0 } else { 4.0 };
+    let above = if panel.reference.is_some() || !panel.note_heading.is_empty() {
+        22.0
+    } else {
+        4.0
+    };
     let first = top + above;
     let mut y = first + 4.0;
     for group in &panel.groups {
         if !group.heading.is_empty() {
-            let heading = label(&group.heading, (MARGIN, y + HEADING / 2.0), TEXT, (HPos::Left, VPos::Center));
-            front.push(Shape::Label(Label { colour: GREY, ..heading }));
+            let heading = label(
+                &group.heading,
+                (MARGIN, y + HEADING / 2.0),
+                TEXT,
+                (HPos::Left, VPos::Center),
+            );
+            front.push(Shape::Label(Label {
+                colour: GREY,
+                ..heading
+            }));
             y += HEADING;
         }
         for row in &group.rows {
@@ -188,37 +247,88 @@ fn draw(panel: &BarPanel, columns: &Columns, top: f64) -> Result<(Vec<Shape>, f6
     shapes.extend(front);
     shapes.extend(reference(panel, columns, (first, y)));
     if !panel.note_heading.is_empty() {
-        let heading = label(&panel.note_heading, (columns.notes, top + 8.0), SMALL, (HPos::Left, VPos::Center));
-        shapes.push(Shape::Label(Label { colour: GREY, ..heading }));
+        let heading = label(
+            &panel.note_heading,
+            (columns.notes, top + 8.0),
+            SMALL,
+            (HPos::Left, VPos::Center),
+        );
+        shapes.push(Shape::Label(Label {
+            colour: GREY,
+            ..heading
+        }));
     }
     Ok((shapes, y + BOTTOM))
 }
 
-fn draw_row((panel, columns): (&BarPanel, &Columns), row: &BarRow, top: f64) -> Result<(Vec<Shape>, f64), PlotError> {
-    let names = wrapped(&row.label, SMALL * if row.marked { 1.1 } else { 1.0 }, columns.bars.0 - MARGIN - 8.0)?;
+fn draw_row(
+    (panel, columns): (&BarPanel, &Columns),
+    row: &BarRow,
+    top: f64,
+) -> Result<(Vec<Shape>, f64), PlotError> {
+    let names = wrapped(
+        &row.label,
+        SMALL * if row.marked { 1.1 } else { 1.0 },
+        columns.bars.0 - MARGIN - 8.0,
+    )?;
     let notes = wrapped(&row.note, SMALL, columns.right - columns.notes + 4.0)?;
     let lines = names.len().max(notes.len()).max(row.bars.len()) as f64;
     let middle = top + lines * STEP / 2.0;
     let line = |count: usize, k: usize| middle + (k as f64 - (count as f64 - 1.0) / 2.0) * STEP;
     let mut shapes = Vec::new();
     for (k, text) in names.iter().enumerate() {
-        let name = label(text, (columns.bars.0 - 9.0, line(names.len(), k)), SMALL, (HPos::Right, VPos::Center));
-        shapes.push(Shape::Label(Label { bold: row.marked, ..name }));
+        let name = label(
+            text,
+            (columns.bars.0 - 9.0, line(names.len(), k)),
+            SMALL,
+            (HPos::Right, VPos::Center),
+        );
+        shapes.push(Shape::Label(Label {
+            bold: row.marked,
+            ..name
+        }));
     }
     for (k, text) in notes.iter().enumerate() {
-        shapes.push(words(text, (columns.notes, line(notes.len(), k)), SMALL, (HPos::Left, VPos::Center)));
+        shapes.push(words(
+            text,
+            (columns.notes, line(notes.len(), k)),
+            SMALL,
+            (HPos::Left, VPos::Center),
+        ));
     }
     for (k, bar) in row.bars.iter().enumerate() {
-        let (y, start) = (line(row.bars.len(), k), columns.place(panel, panel.baseline).unwrap_or(columns.bars.0));
+        let (y, start) = (
+            line(row.bars.len(), k),
+            columns
+                .place(panel, panel.baseline)
+                .unwrap_or(columns.bars.0),
+        );
         let end = columns.place(panel, bar.value).unwrap_or(start);
         let colour = palette(bar.colour);
         if (end - start).abs() >= 0.5 {
-            let colour = if bar.faint { colour.faded(FAINT) } else { colour };
-            shapes.push(rectangle((start.min(end), start.max(end)), (y - BAR / 2.0, y + BAR / 2.0), colour));
+            let colour = if bar.faint {
+                colour.faded(FAINT)
+            } else {
+                colour
+            };
+            shapes.push(rectangle(
+                (start.min(end), start.max(end)),
+                (y - BAR / 2.0, y + BAR / 2.0),
+                colour,
+            ));
         }
         // Words stand right of the reference rather than on it.
-        let reference = panel.reference.as_ref().and_then(|r| columns.place(panel, r.value)).unwrap_or(start);
-        shapes.push(words(&bar.text, (start.max(end).max(reference) + 6.0, y), SMALL, (HPos::Left, VPos::Center)));
+        let reference = panel
+            .reference
+            .as_ref()
+            .and_then(|r| columns.place(panel, r.value))
+            .unwrap_or(start);
+        shapes.push(words(
+            &bar.text,
+            (start.max(end).max(reference) + 6.0, y),
+            SMALL,
+            (HPos::Left, VPos::Center),
+        ));
     }
     Ok((shapes, lines * STEP))
 }
@@ -226,30 +336,73 @@ fn draw_row((panel, columns): (&BarPanel, &Columns), row: &BarRow, top: f64) -> 
 fn grid(panel: &BarPanel, columns: &Columns, (top, bottom): (f64, f64)) -> Vec<Shape> {
     let (left, right) = columns.bars;
     let x = |v: f64| left + (right - left) * columns.axis.fraction(v);
-    let upright = |at: f64, colour, width| Shape::Line { points: vec![(at, top), (at, bottom)], colour, width };
-    let mut shapes: Vec<Shape> = columns.axis.ticks.iter().map(|(v, _)| upright(x(*v), PALE, 1.0)).collect();
-    shapes.push(Shape::Line { points: vec![(left, bottom), (right, bottom)], colour: GREY, width: 1.0 });
+    let upright = |at: f64, colour, width| Shape::Line {
+        points: vec![(at, top), (at, bottom)],
+        colour,
+        width,
+    };
+    let mut shapes: Vec<Shape> = columns
+        .axis
+        .ticks
+        .iter()
+        .map(|(v, _)| upright(x(*v), PALE, 1.0))
+        .collect();
+    shapes.push(Shape::Line {
+        points: vec![(left, bottom), (right, bottom)],
+        colour: GREY,
+        width: 1.0,
+    });
     if let Some(at) = columns.place(panel, panel.baseline) {
         shapes.push(upright(at, GREY, 1.0));
     }
     for (v, text) in &columns.axis.ticks {
-        shapes.push(words(text, (x(*v), bottom + 8.0), TEXT - 1.0, (HPos::Center, VPos::Top)));
+        shapes.push(words(
+            text,
+            (x(*v), bottom + 8.0),
+            TEXT - 1.0,
+            (HPos::Center, VPos::Top),
+        ));
     }
-    shapes.push(words(&panel.axis.name, ((left + right) / 2.0, bottom + 31.0), TEXT, (HPos::Center, VPos::Top)));
+    shapes.push(words(
+        &panel.axis.name,
+        ((left + right) / 2.0, bottom + 31.0),
+        TEXT,
+        (HPos::Center, VPos::Top),
+    ));
     shapes
 }
 
 fn reference(panel: &BarPanel, columns: &Columns, (top, bottom): (f64, f64)) -> Vec<Shape> {
-    let Some(reference) = &panel.reference else { return Vec::new() };
-    let Some(at) = columns.place(panel, reference.value) else { return Vec::new() };
-    let mut shapes = dashes(&[(at, top), (at, bottom)], |points| Shape::Line { points, colour: INK, width: 1.5 });
-    shapes.push(words(&reference.label, (at, top - 11.0), SMALL, (HPos::Center, VPos::Center)));
+    let Some(reference) = &panel.reference else {
+        return Vec::new();
+    };
+    let Some(at) = columns.place(panel, reference.value) else {
+        return Vec::new();
+    };
+    let mut shapes = dashes(&[(at, top), (at, bottom)], |points| Shape::Line {
+        points,
+        colour: INK,
+        width: 1.5,
+    });
+    shapes.push(words(
+        &reference.label,
+        (at, top - 11.0),
+        SMALL,
+        (HPos::Center, VPos::Center),
+    ));
     shapes
 }
 
-fn rectangle((left, right): (f64, f64), (top, bottom): (f64, f64), colour: super::scene::Colour) -> Shape {
+fn rectangle(
+    (left, right): (f64, f64),
+    (top, bottom): (f64, f64),
+    colour: super::scene::Colour,
+) -> Shape {
     let corners: Vec<Place> = vec![(left, top), (right, top), (right, bottom), (left, bottom)];
-    Shape::Area { points: corners, colour }
+    Shape::Area {
+        points: corners,
+        colour,
+    }
 }
 
 #[cfg(test)]
@@ -257,22 +410,55 @@ mod tests {
     use super::*;
 
     fn example(values: &[f64]) -> BarChart {
-        let bar = |v: &f64| Bar { value: *v, colour: 1, faint: false, text: format!("{v} mV") };
-        let row =
-            BarRow { label: "a run".into(), marked: true, bars: values.iter().map(bar).collect(), note: "a remark of some words".into() };
+        let bar = |v: &f64| Bar {
+            value: *v,
+            colour: 1,
+            faint: false,
+            text: format!("{v} mV"),
+        };
+        let row = BarRow {
+            label: "a run".into(),
+            marked: true,
+            bars: values.iter().map(bar).collect(),
+            note: "a remark of some words".into(),
+        };
         let panel = BarPanel {
             axis: AxisSpec::logarithmic("Score / 1"),
             baseline: 1.0,
-            reference: Some(Reference { value: 8.0, label: "needed".into() }),
-            groups: vec![BarGroup { heading: "Group".into(), rows: vec![row] }],
+            reference: Some(Reference {
+                value: 8.0,
+                label: "needed".into(),
+            }),
+            groups: vec![BarGroup {
+                heading: "Group".into(),
+                rows: vec![row],
+            }],
             note_heading: "why".into(),
         };
-        BarChart { title: "Bars".into(), subtitle: String::new(), legend: vec![("before".into(), 1)], panels: vec![panel], width_px: 900 }
+        BarChart {
+            title: "Bars".into(),
+            subtitle: String::new(),
+            legend: vec![("before".into(), 1)],
+            panels: vec![panel],
+            width_px: 900,
+        }
     }
 
     fn widths(chart: &BarChart) -> Vec<f64> {
-        let area = |s: &Shape| if let Shape::Area { points, .. } = s { Some(points[1].0 - points[0].0) } else { None };
-        layout(chart).unwrap().shapes.iter().filter_map(area).skip(1).collect()
+        let area = |s: &Shape| {
+            if let Shape::Area { points, .. } = s {
+                Some(points[1].0 - points[0].0)
+            } else {
+                None
+            }
+        };
+        layout(chart)
+            .unwrap()
+            .shapes
+            .iter()
+            .filter_map(area)
+            .skip(1)
+            .collect()
     }
 
     #[test]
@@ -286,14 +472,29 @@ mod tests {
         let chart = example(&[-3.0, f64::NAN, 50.0]);
         assert_eq!(widths(&chart).len(), 1);
         let svg = layout(&chart).unwrap().to_svg().unwrap();
-        for text in ["-3 mV", "NaN mV", "50 mV", "needed", "why", "Score / 1", "Group", "before"] {
+        for text in [
+            "-3 mV",
+            "NaN mV",
+            "50 mV",
+            "needed",
+            "why",
+            "Score / 1",
+            "Group",
+            "before",
+        ] {
             assert!(svg.contains(&format!(">\n{text}\n<")), "{text}");
         }
     }
 
     #[test]
     fn no_rows_are_refused() {
-        let empty = BarChart { panels: vec![], ..example(&[1.0]) };
-        assert_eq!(layout(&empty).unwrap_err().to_string(), "plot \"Bars\": expected at least one point, met none");
+        let empty = BarChart {
+            panels: vec![],
+            ..example(&[1.0])
+        };
+        assert_eq!(
+            layout(&empty).unwrap_err().to_string(),
+            "plot \"Bars\": expected at least one point, met none"
+        );
     }
 }

@@ -18,14 +18,21 @@ pub struct FigureInput<'a> {
     pub fits: &'a [ErmFit],
 }
 
-/// Writes each figure as SVG and PNG to a folder that exists; the files, in the order of the figures.
+/// Writes each figure as SVG and PNG to a folder that exists; the files, in the order of the
+/// figures.
 ///
 /// # Errors
 /// [`PlotError`] when there is nothing to show or a file cannot be written.
-pub fn write_thesis_figures(input: &FigureInput<'_>, folder: &Path) -> Result<Vec<PathBuf>, PlotError> {
+pub fn write_thesis_figures(
+    input: &FigureInput<'_>,
+    folder: &Path,
+) -> Result<Vec<PathBuf>, PlotError> {
     let mut figures = vec![("nyquist-sweeps".to_owned(), sweeps_figure(input.sweeps))];
     if !input.controls.is_empty() {
-        figures.push(("nyquist-controls".to_owned(), controls_figure(input.controls)));
+        figures.push((
+            "nyquist-controls".to_owned(),
+            controls_figure(input.controls),
+        ));
     }
     for fit in input.fits {
         let rc = fit.erm.branches.len();
@@ -54,7 +61,9 @@ pub fn sweeps_figure(sweeps: &[Spectrum]) -> ImpedancePlot {
         let first = !seen.contains(&colour);
         seen.push(colour);
         let label = first.then_some(cell);
-        Series::data(s, colour).styled(SeriesStyle::Cloud).labelled(label.as_deref())
+        Series::data(s, colour)
+            .styled(SeriesStyle::Cloud)
+            .labelled(label.as_deref())
     });
     let title = format!("Measured impedance, {}", count(sweeps, &cells));
     ImpedancePlot::new(&title, &band_text(sweeps), series.collect())
@@ -62,12 +71,18 @@ pub fn sweeps_figure(sweeps: &[Spectrum]) -> ImpedancePlot {
 
 fn controls_figure(controls: &[Spectrum]) -> ImpedancePlot {
     let series = controls.iter().enumerate().map(|(i, s)| {
-        let mean = s.points.iter().map(|p| p.z_ohm.norm()).sum::<f64>() / s.points.len().max(1) as f64;
+        let mean =
+            s.points.iter().map(|p| p.z_ohm.norm()).sum::<f64>() / s.points.len().max(1) as f64;
         let label = format!("{}, mean |Z| {:.2} mΩ", s.name, mean * 1e3);
-        Series::data(s, i).styled(SeriesStyle::Cloud).labelled(Some(&label))
+        Series::data(s, i)
+            .styled(SeriesStyle::Cloud)
+            .labelled(Some(&label))
     });
     let plot = ImpedancePlot::new("Control impedances", &band_text(controls), series.collect());
-    ImpedancePlot { mark_decades: false, ..plot }
+    ImpedancePlot {
+        mark_decades: false,
+        ..plot
+    }
 }
 
 /// All sweeps in one colour and a model fitted to them (figures 3.11–3.14).
@@ -76,13 +91,18 @@ pub fn fit_figure(sweeps: &[Spectrum], fit: &ErmFit) -> ImpedancePlot {
     let cells = cells(sweeps);
     let data = sweeps.iter().enumerate().map(|(i, s)| {
         let label = (i == 0).then(|| format!("measured, {}", count(sweeps, &cells)));
-        Series::data(s, 0).styled(SeriesStyle::Cloud).labelled(label.as_deref())
+        Series::data(s, 0)
+            .styled(SeriesStyle::Cloud)
+            .labelled(label.as_deref())
     });
     let value = format!("{} = {:.4} {}", symbol(fit), scaled(fit), unit(fit));
     let name = format!("fit with {rc} RC, {value}");
     let curve = band(sweeps).map(|band| Series::fit(&name, fit, band, 1));
     let series = data.chain(curve).collect();
-    let title = format!("Extended Randles model with {rc} RC {}", if rc == 1 { "circuit" } else { "circuits" });
+    let title = format!(
+        "Extended Randles model with {rc} RC {}",
+        if rc == 1 { "circuit" } else { "circuits" }
+    );
     ImpedancePlot::new(&title, &band_text(sweeps), series)
 }
 
@@ -97,12 +117,20 @@ fn symbol(fit: &ErmFit) -> &'static str {
 
 fn scaled(fit: &ErmFit) -> f64 {
     use crate::fit::Objective;
-    if fit.objective_kind == Objective::Modulus { fit.objective * 1e6 } else { fit.objective }
+    if fit.objective_kind == Objective::Modulus {
+        fit.objective * 1e6
+    } else {
+        fit.objective
+    }
 }
 
 fn unit(fit: &ErmFit) -> &'static str {
     use crate::fit::Objective;
-    if fit.objective_kind == Objective::Modulus { "mΩ²" } else { fit.objective_kind.unit() }
+    if fit.objective_kind == Objective::Modulus {
+        "mΩ²"
+    } else {
+        fit.objective_kind.unit()
+    }
 }
 
 /// `cell 0` of `cell0_3`; a name that tells no cell stands for one of its own.
@@ -123,16 +151,28 @@ fn cells(sweeps: &[Spectrum]) -> Vec<String> {
 
 fn count(sweeps: &[Spectrum], cells: &[String]) -> String {
     let plural = |n: usize, word: &str| format!("{n} {word}{}", if n == 1 { "" } else { "s" });
-    format!("{} of {}", plural(sweeps.len(), "sweep"), plural(cells.len(), "cell"))
+    format!(
+        "{} of {}",
+        plural(sweeps.len(), "sweep"),
+        plural(cells.len(), "cell")
+    )
 }
 
 /// Lowest and highest frequency, Hz.
 fn band(spectra: &[Spectrum]) -> Option<(f64, f64)> {
     let all = spectra.iter().flat_map(|s| &s.points).map(|p| p.freq_hz);
-    let (lo, hi) = all.fold((f64::INFINITY, 0.0f64), |(lo, hi), f| (lo.min(f), hi.max(f)));
+    let (lo, hi) = all.fold((f64::INFINITY, 0.0f64), |(lo, hi), f| {
+        (lo.min(f), hi.max(f))
+    });
     (lo.is_finite() && lo > 0.0 && hi >= lo).then_some((lo, hi))
 }
 
 fn band_text(spectra: &[Spectrum]) -> String {
-    band(spectra).map_or_else(String::new, |(lo, hi)| format!("{} to {} Hz, axes equally scaled", brief(lo, 3), brief(hi, 3)))
+    band(spectra).map_or_else(String::new, |(lo, hi)| {
+        format!(
+            "{} to {} Hz, axes equally scaled",
+            brief(lo, 3),
+            brief(hi, 3)
+        )
+    })
 }

@@ -28,40 +28,88 @@ pub(super) struct Frame {
 impl Frame {
     /// Where a point of axis coordinates lies.
     pub(super) fn place(&self, x: f64, y: f64) -> Place {
-        (self.left + self.width * self.x.fraction(x), self.top + self.height * (1.0 - self.y.fraction(y)))
+        (
+            self.left + self.width * self.x.fraction(x),
+            self.top + self.height * (1.0 - self.y.fraction(y)),
+        )
     }
 
-    /// Grid, ticks, border and the names of the axes; the x axis bears words only where it has a name.
+    /// Grid, ticks, border and the names of the axes; the x axis bears words only where it has a
+    /// name.
     pub(super) fn shapes(&self, x_name: &str, y_name: &str) -> Vec<Shape> {
         let (right, bottom) = (self.left + self.width, self.top + self.height);
         let vertical = |x: f64, colour, width| {
             let at = self.place(x, self.y.lo).0;
-            Shape::Line { points: vec![(at, self.top), (at, bottom)], colour, width }
+            Shape::Line {
+                points: vec![(at, self.top), (at, bottom)],
+                colour,
+                width,
+            }
         };
         let horizontal = |y: f64, colour, width| {
             let at = self.place(self.x.lo, y).1;
-            Shape::Line { points: vec![(self.left, at), (right, at)], colour, width }
+            Shape::Line {
+                points: vec![(self.left, at), (right, at)],
+                colour,
+                width,
+            }
         };
-        let mut shapes: Vec<Shape> = self.x.minor.iter().map(|x| vertical(*x, PALE.faded(0.5), 0.75)).collect();
+        let mut shapes: Vec<Shape> = self
+            .x
+            .minor
+            .iter()
+            .map(|x| vertical(*x, PALE.faded(0.5), 0.75))
+            .collect();
         shapes.extend(self.x.ticks.iter().map(|(x, _)| vertical(*x, PALE, 1.0)));
         shapes.extend(self.y.ticks.iter().map(|(y, _)| horizontal(*y, PALE, 1.0)));
         if self.y.lo < 0.0 && self.y.hi > 0.0 {
             shapes.push(horizontal(0.0, GREY.faded(0.7), 1.0));
         }
-        let corners = vec![(self.left, self.top), (right, self.top), (right, bottom), (self.left, bottom), (self.left, self.top)];
-        shapes.push(Shape::Line { points: corners, colour: GREY, width: 1.0 });
+        let corners = vec![
+            (self.left, self.top),
+            (right, self.top),
+            (right, bottom),
+            (self.left, bottom),
+            (self.left, self.top),
+        ];
+        shapes.push(Shape::Line {
+            points: corners,
+            colour: GREY,
+            width: 1.0,
+        });
         let word = |text: &str, at, anchor| words(text, at, TEXT - 1.0, anchor);
         for (y, label) in &self.y.ticks {
-            shapes.push(word(label, (self.left - 9.0, self.place(self.x.lo, *y).1), (HPos::Right, VPos::Center)));
+            shapes.push(word(
+                label,
+                (self.left - 9.0, self.place(self.x.lo, *y).1),
+                (HPos::Right, VPos::Center),
+            ));
         }
         let middle = (self.left + self.width / 2.0, self.top + self.height / 2.0);
-        let upright = Label { upright: true, ..label(y_name, (self.left - LEFT + 14.0, middle.1), TEXT, (HPos::Center, VPos::Center)) };
+        let upright = Label {
+            upright: true,
+            ..label(
+                y_name,
+                (self.left - LEFT + 14.0, middle.1),
+                TEXT,
+                (HPos::Center, VPos::Center),
+            )
+        };
         shapes.push(Shape::Label(upright));
         if !x_name.is_empty() {
             for (x, label) in &self.x.ticks {
-                shapes.push(word(label, (self.place(*x, self.y.lo).0, bottom + 8.0), (HPos::Center, VPos::Top)));
+                shapes.push(word(
+                    label,
+                    (self.place(*x, self.y.lo).0, bottom + 8.0),
+                    (HPos::Center, VPos::Top),
+                ));
             }
-            shapes.push(words(x_name, (middle.0, bottom + 33.0), TEXT, (HPos::Center, VPos::Top)));
+            shapes.push(words(
+                x_name,
+                (middle.0, bottom + 33.0),
+                TEXT,
+                (HPos::Center, VPos::Top),
+            ));
         }
         shapes
     }
@@ -73,28 +121,42 @@ pub(super) struct Entry<'a> {
     pub(super) sample: Box<dyn Fn(Place) -> Vec<Shape> + 'a>,
 }
 
-/// Title, subtitle and legend of an impedance plot from the upper edge down, and the height they take.
+/// Title, subtitle and legend of an impedance plot from the upper edge down, and the height they
+/// take.
 pub(super) fn heading(plot: &ImpedancePlot, width: f64) -> Result<(Vec<Shape>, f64), PlotError> {
     let mut entries = Vec::new();
     for series in &plot.series {
         if let Some(text) = series.label.as_deref() {
-            entries.push(Entry { text, sample: Box::new(move |at| sample(series, at)) });
+            entries.push(Entry {
+                text,
+                sample: Box::new(move |at| sample(series, at)),
+            });
         }
     }
     strip((&plot.title, &plot.subtitle), &entries, width)
 }
 
 /// Title, subtitle and legend from the upper edge down, and the height they take.
-pub(super) fn strip((title, subtitle): (&str, &str), entries: &[Entry<'_>], width: f64) -> Result<(Vec<Shape>, f64), PlotError> {
+pub(super) fn strip(
+    (title, subtitle): (&str, &str),
+    entries: &[Entry<'_>],
+    width: f64,
+) -> Result<(Vec<Shape>, f64), PlotError> {
     let mut shapes = Vec::new();
     let mut y = 16.0;
     let anchor = || (HPos::Left, VPos::Top);
     if !title.is_empty() {
-        shapes.push(Shape::Label(Label { bold: true, ..label(title, (LEFT, y), TITLE, anchor()) }));
+        shapes.push(Shape::Label(Label {
+            bold: true,
+            ..label(title, (LEFT, y), TITLE, anchor())
+        }));
         y += TITLE + 8.0;
     }
     if !subtitle.is_empty() {
-        shapes.push(Shape::Label(Label { colour: GREY, ..label(subtitle, (LEFT, y), TEXT, anchor()) }));
+        shapes.push(Shape::Label(Label {
+            colour: GREY,
+            ..label(subtitle, (LEFT, y), TEXT, anchor())
+        }));
         y += TEXT + 10.0;
     }
     let mut x = LEFT;
@@ -105,7 +167,12 @@ pub(super) fn strip((title, subtitle): (&str, &str), entries: &[Entry<'_>], widt
             y += LINE;
         }
         shapes.extend(sample((x + 14.0, y + LINE / 2.0)));
-        shapes.push(words(text, (x + 34.0, y + LINE / 2.0), TEXT, (HPos::Left, VPos::Center)));
+        shapes.push(words(
+            text,
+            (x + 34.0, y + LINE / 2.0),
+            TEXT,
+            (HPos::Left, VPos::Center),
+        ));
         x += entry + 24.0;
     }
     if !entries.is_empty() {
@@ -119,7 +186,8 @@ pub(super) fn words(text: &str, at: Place, size: f64, anchor: (HPos, VPos)) -> S
     Shape::Label(label(text, at, size, anchor))
 }
 
-/// Words cut at blanks so that each line is at most `width` wide, about; a longer word keeps its own line.
+/// Words cut at blanks so that each line is at most `width` wide, about; a longer word keeps its
+/// own line.
 pub(super) fn wrapped(text: &str, size: f64, width: f64) -> Result<Vec<String>, PlotError> {
     let mut lines: Vec<String> = Vec::new();
     for word in text.split_whitespace() {
@@ -133,11 +201,22 @@ pub(super) fn wrapped(text: &str, size: f64, width: f64) -> Result<Vec<String>, 
 }
 
 /// Width of the widest of some texts in logical pixels, about; zero without any.
-pub(super) fn widest<'a>(mut texts: impl Iterator<Item = &'a str>, size: f64) -> Result<f64, PlotError> {
+pub(super) fn widest<'a>(
+    mut texts: impl Iterator<Item = &'a str>,
+    size: f64,
+) -> Result<f64, PlotError> {
     texts.try_fold(0.0, |most: f64, text| Ok(most.max(text_width(text, size)?)))
 }
 
 /// A dark label; its fields may be changed before it becomes a shape.
 pub(super) fn label(text: &str, at: Place, size: f64, anchor: (HPos, VPos)) -> Label {
-    Label { text: text.to_owned(), at, size, colour: INK, bold: false, upright: false, anchor }
+    Label {
+        text: text.to_owned(),
+        at,
+        size,
+        colour: INK,
+        bold: false,
+        upright: false,
+        anchor,
+    }
 }

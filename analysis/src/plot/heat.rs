@@ -7,9 +7,15 @@ use super::scene::{Colour, HPos, Label, Scene, Shape, VPos, text_width};
 
 const SMALL: f64 = 13.0;
 const MARGIN: f64 = 24.0;
-/// Colours from the lower to the upper end of the scale: dark blue over teal to nearly white, lightness rising all the way.
-const RAMP: [(f64, f64, f64); 5] =
-    [(8.0, 48.0, 107.0), (33.0, 102.0, 172.0), (103.0, 169.0, 207.0), (209.0, 229.0, 240.0), (250.0, 250.0, 250.0)];
+/// Colours from the lower to the upper end of the scale: dark blue over teal to nearly white,
+/// lightness rising all the way.
+const RAMP: [(f64, f64, f64); 5] = [
+    (8.0, 48.0, 107.0),
+    (33.0, 102.0, 172.0),
+    (103.0, 169.0, 207.0),
+    (209.0, 229.0, 240.0),
+    (250.0, 250.0, 250.0),
+];
 
 /// What colours mean.
 #[derive(Debug, Clone, PartialEq)]
@@ -40,7 +46,9 @@ pub struct HeatMap {
 pub(super) fn layout(map: &HeatMap) -> Result<Scene, PlotError> {
     let (rows, columns) = (&map.labels.0, &map.labels.1);
     if map.values.iter().flatten().next().is_none() {
-        return Err(PlotError::NothingToShow { title: map.title.clone() });
+        return Err(PlotError::NothingToShow {
+            title: map.title.clone(),
+        });
     }
     let widest = |names: &[String]| widest(names.iter().map(String::as_str), SMALL);
     let left = MARGIN + widest(rows)? + 10.0;
@@ -50,18 +58,38 @@ pub(super) fn layout(map: &HeatMap) -> Result<Scene, PlotError> {
     shapes.extend(key(&map.scale, head)?);
     let top = head + 40.0 + widest(columns)? + 8.0;
     for (k, name) in columns.iter().enumerate() {
-        let at = (left + side * (k as f64 + 0.5), top - 8.0 - text_width(name, SMALL)? / 2.0);
-        shapes.push(Shape::Label(Label { upright: true, ..label(name, at, SMALL, (HPos::Center, VPos::Center)) }));
+        let at = (
+            left + side * (k as f64 + 0.5),
+            top - 8.0 - text_width(name, SMALL)? / 2.0,
+        );
+        shapes.push(Shape::Label(Label {
+            upright: true,
+            ..label(name, at, SMALL, (HPos::Center, VPos::Center))
+        }));
     }
     for (row, values) in map.values.iter().enumerate() {
         let y = top + side * row as f64;
         let name = rows.get(row).map_or("", String::as_str);
-        shapes.push(words(name, (left - 9.0, y + side / 2.0), SMALL, (HPos::Right, VPos::Center)));
+        shapes.push(words(
+            name,
+            (left - 9.0, y + side / 2.0),
+            SMALL,
+            (HPos::Right, VPos::Center),
+        ));
         for (column, value) in values.iter().enumerate() {
-            shapes.extend(square(&map.scale, (left + side * column as f64, y, side), *value));
+            shapes.extend(square(
+                &map.scale,
+                (left + side * column as f64, y, side),
+                *value,
+            ));
         }
     }
-    Ok(Scene { title: map.title.clone(), width, height: top + side * map.values.len() as f64 + MARGIN, shapes })
+    Ok(Scene {
+        title: map.title.clone(),
+        width,
+        height: top + side * map.values.len() as f64 + MARGIN,
+        shapes,
+    })
 }
 
 fn square(scale: &HeatScale, (x, y, side): (f64, f64, f64), value: f64) -> Vec<Shape> {
@@ -69,13 +97,29 @@ fn square(scale: &HeatScale, (x, y, side): (f64, f64, f64), value: f64) -> Vec<S
         return Vec::new();
     }
     let fraction = ((value - scale.ends.0) / (scale.ends.1 - scale.ends.0)).clamp(0.0, 1.0);
-    let corners = |x0: f64, x1: f64, y1: f64| vec![(x0, y + 0.5), (x1, y + 0.5), (x1, y1), (x0, y1)];
-    let ink = if fraction < 0.5 { Colour(255, 255, 255, 1.0) } else { INK };
+    let corners =
+        |x0: f64, x1: f64, y1: f64| vec![(x0, y + 0.5), (x1, y + 0.5), (x1, y1), (x0, y1)];
+    let ink = if fraction < 0.5 {
+        Colour(255, 255, 255, 1.0)
+    } else {
+        INK
+    };
     let text = format!("{value:.*}", scale.decimals);
-    let word = label(&text, (x + side / 2.0, y + side / 2.0), SMALL - 1.0, (HPos::Center, VPos::Center));
+    let word = label(
+        &text,
+        (x + side / 2.0, y + side / 2.0),
+        SMALL - 1.0,
+        (HPos::Center, VPos::Center),
+    );
     vec![
-        Shape::Area { points: corners(x + 0.5, x + side - 0.5, y + side - 0.5), colour: ramp(fraction) },
-        Shape::Label(Label { colour: ink, ..word }),
+        Shape::Area {
+            points: corners(x + 0.5, x + side - 0.5, y + side - 0.5),
+            colour: ramp(fraction),
+        },
+        Shape::Label(Label {
+            colour: ink,
+            ..word
+        }),
     ]
 }
 
@@ -83,18 +127,52 @@ fn square(scale: &HeatScale, (x, y, side): (f64, f64, f64), value: f64) -> Vec<S
 fn key(scale: &HeatScale, top: f64) -> Result<Vec<Shape>, PlotError> {
     const LENGTH: f64 = 180.0;
     const PIECES: u32 = 36;
-    let (low, high) = (format!("{} {}", scale.ends.0, scale.words.0), format!("{} {}", scale.ends.1, scale.words.1));
+    let (low, high) = (
+        format!("{} {}", scale.ends.0, scale.words.0),
+        format!("{} {}", scale.ends.1, scale.words.1),
+    );
     let start = LEFT + text_width(&low, SMALL)? + 10.0;
     let middle = top + 12.0;
-    let mut shapes = vec![words(&low, (LEFT, middle), SMALL, (HPos::Left, VPos::Center))];
+    let mut shapes = vec![words(
+        &low,
+        (LEFT, middle),
+        SMALL,
+        (HPos::Left, VPos::Center),
+    )];
     for k in 0..PIECES {
-        let (x0, x1) = (start + LENGTH * f64::from(k) / f64::from(PIECES), start + LENGTH * f64::from(k + 1) / f64::from(PIECES));
-        let points = vec![(x0, middle - 8.0), (x1, middle - 8.0), (x1, middle + 8.0), (x0, middle + 8.0)];
-        shapes.push(Shape::Area { points, colour: ramp(f64::from(k) / f64::from(PIECES - 1)) });
+        let (x0, x1) = (
+            start + LENGTH * f64::from(k) / f64::from(PIECES),
+            start + LENGTH * f64::from(k + 1) / f64::from(PIECES),
+        );
+        let points = vec![
+            (x0, middle - 8.0),
+            (x1, middle - 8.0),
+            (x1, middle + 8.0),
+            (x0, middle + 8.0),
+        ];
+        shapes.push(Shape::Area {
+            points,
+            colour: ramp(f64::from(k) / f64::from(PIECES - 1)),
+        });
     }
-    let frame = [(0.0, -8.0), (LENGTH, -8.0), (LENGTH, 8.0), (0.0, 8.0), (0.0, -8.0)];
-    shapes.push(Shape::Line { points: frame.map(|(x, y)| (start + x, middle + y)).to_vec(), colour: GREY, width: 1.0 });
-    shapes.push(words(&high, (start + LENGTH + 10.0, middle), SMALL, (HPos::Left, VPos::Center)));
+    let frame = [
+        (0.0, -8.0),
+        (LENGTH, -8.0),
+        (LENGTH, 8.0),
+        (0.0, 8.0),
+        (0.0, -8.0),
+    ];
+    shapes.push(Shape::Line {
+        points: frame.map(|(x, y)| (start + x, middle + y)).to_vec(),
+        colour: GREY,
+        width: 1.0,
+    });
+    shapes.push(words(
+        &high,
+        (start + LENGTH + 10.0, middle),
+        SMALL,
+        (HPos::Left, VPos::Center),
+    ));
     Ok(shapes)
 }
 
@@ -112,14 +190,27 @@ mod tests {
     use super::*;
 
     fn map(values: Vec<Vec<f64>>) -> HeatMap {
-        let scale = HeatScale { ends: (0.0, 1.0), words: ("identical".into(), "distinct".into()), decimals: 2 };
+        let scale = HeatScale {
+            ends: (0.0, 1.0),
+            words: ("identical".into(), "distinct".into()),
+            decimals: 2,
+        };
         let names = vec!["heat".to_owned(), "rc_slow".to_owned()];
-        HeatMap { title: "Map".into(), subtitle: String::new(), labels: (names.clone(), names), values, scale }
+        HeatMap {
+            title: "Map".into(),
+            subtitle: String::new(),
+            labels: (names.clone(), names),
+            values,
+            scale,
+        }
     }
 
     #[test]
     fn squares_bear_their_numbers_and_unknown_ones_stay_empty() {
-        let svg = layout(&map(vec![vec![f64::NAN, 0.42], vec![7.5, 0.0]])).unwrap().to_svg().unwrap();
+        let svg = layout(&map(vec![vec![f64::NAN, 0.42], vec![7.5, 0.0]]))
+            .unwrap()
+            .to_svg()
+            .unwrap();
         for text in ["0.42", "7.50", "0.00", "0 identical", "1 distinct"] {
             assert!(svg.contains(&format!(">\n{text}\n<")), "{text}");
         }
@@ -137,6 +228,9 @@ mod tests {
 
     #[test]
     fn an_empty_matrix_is_refused() {
-        assert_eq!(layout(&map(vec![])).unwrap_err().to_string(), "plot \"Map\": expected at least one point, met none");
+        assert_eq!(
+            layout(&map(vec![])).unwrap_err().to_string(),
+            "plot \"Map\": expected at least one point, met none"
+        );
     }
 }

@@ -26,7 +26,11 @@ pub(super) fn palette(index: usize) -> Colour {
 
 /// Colour of a series' marks.
 pub(super) fn colour(series: &Series) -> Colour {
-    let opacity = if series.style == SeriesStyle::Cloud { 0.55 } else { 1.0 };
+    let opacity = if series.style == SeriesStyle::Cloud {
+        0.55
+    } else {
+        1.0
+    };
     palette(series.colour).faded(opacity)
 }
 
@@ -42,8 +46,14 @@ pub(super) fn radius(series: &Series) -> f64 {
 /// A series at its places: markers or a line.
 pub(super) fn draw(series: &Series, places: &[Place]) -> Vec<Shape> {
     match series.style {
-        SeriesStyle::Curve => vec![Shape::Line { points: thinned(places), colour: colour(series), width: 2.25 }],
-        SeriesStyle::Points | SeriesStyle::Cloud => places.iter().map(|p| marker(series, *p)).collect(),
+        SeriesStyle::Curve => vec![Shape::Line {
+            points: thinned(places),
+            colour: colour(series),
+            width: 2.25,
+        }],
+        SeriesStyle::Points | SeriesStyle::Cloud => {
+            places.iter().map(|p| marker(series, *p)).collect()
+        }
     }
 }
 
@@ -61,10 +71,19 @@ fn marker(series: &Series, at: Place) -> Shape {
 
 /// Five shapes of about equal area, by the colour's index.
 pub(super) fn symbol(index: usize, at: Place, (r, colour): (f64, Colour)) -> Shape {
-    let polygon =
-        |corners: &[(f64, f64)]| Shape::Area { points: corners.iter().map(|(x, y)| (at.0 + r * x, at.1 + r * y)).collect(), colour };
+    let polygon = |corners: &[(f64, f64)]| Shape::Area {
+        points: corners
+            .iter()
+            .map(|(x, y)| (at.0 + r * x, at.1 + r * y))
+            .collect(),
+        colour,
+    };
     match index % 5 {
-        0 => Shape::Disc { at, radius: r, colour },
+        0 => Shape::Disc {
+            at,
+            radius: r,
+            colour,
+        },
         1 => polygon(&[(-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)]),
         2 => polygon(&[(0.0, -1.3), (1.2, 0.8), (-1.2, 0.8)]),
         3 => polygon(&[(0.0, -1.3), (1.3, 0.0), (0.0, 1.3), (-1.3, 0.0)]),
@@ -72,8 +91,14 @@ pub(super) fn symbol(index: usize, at: Place, (r, colour): (f64, Colour)) -> Sha
     }
 }
 
-/// The 2σ ellipse of (Re, Im) about a place, for a scale in logical pixels per Ω; none where unknown or too small to see beside the marker.
-pub(super) fn ellipse(series: &Series, at: Place, c: &Covariance2, px_per_ohm: f64) -> Option<Shape> {
+/// The 2σ ellipse of (Re, Im) about a place, for a scale in logical pixels per Ω; none where
+/// unknown or too small to see beside the marker.
+pub(super) fn ellipse(
+    series: &Series,
+    at: Place,
+    c: &Covariance2,
+    px_per_ohm: f64,
+) -> Option<Shape> {
     let middle = (c.re_re + c.im_im) / 2.0;
     let half = ((c.re_re - c.im_im) / 2.0).hypot(c.re_im);
     let (major, minor) = ((middle + half).sqrt(), (middle - half).max(0.0).sqrt());
@@ -86,9 +111,16 @@ pub(super) fn ellipse(series: &Series, at: Place, c: &Covariance2, px_per_ohm: f
         let t = std::f64::consts::TAU * f64::from(i) / 48.0;
         let (a, b) = (k * major * t.cos(), k * minor * t.sin());
         // −Im points up and pixels down: the two signs cancel.
-        (at.0 + a * angle.cos() - b * angle.sin(), at.1 + a * angle.sin() + b * angle.cos())
+        (
+            at.0 + a * angle.cos() - b * angle.sin(),
+            at.1 + a * angle.sin() + b * angle.cos(),
+        )
     };
-    Some(Shape::Line { points: (0..=48).map(point).collect(), colour: palette(series.colour).faded(0.6), width: 1.0 })
+    Some(Shape::Line {
+        points: (0..=48).map(point).collect(),
+        colour: palette(series.colour).faded(0.6),
+        width: 1.0,
+    })
 }
 
 /// A vertical bar with caps between two heights; nothing where it would be hidden by the marker.
@@ -96,12 +128,17 @@ pub(super) fn bar(series: &Series, x: f64, (y0, y1): (f64, f64)) -> Vec<Shape> {
     if series.style != SeriesStyle::Points || (y1 - y0).is_nan() || (y1 - y0).abs() <= 3.0 {
         return Vec::new();
     }
-    let line = |points| Shape::Line { points, colour: palette(series.colour).faded(0.8), width: 1.2 };
+    let line = |points| Shape::Line {
+        points,
+        colour: palette(series.colour).faded(0.8),
+        width: 1.2,
+    };
     let cap = |y| line(vec![(x - 3.5, y), (x + 3.5, y)]);
     vec![cap(y0), line(vec![(x, y0), (x, y1)]), cap(y1)]
 }
 
-/// A line without the points that crowd: the backends draw joints closer than their width as splinters.
+/// A line without the points that crowd: the backends draw joints closer than their width as
+/// splinters.
 pub(super) fn thinned(places: &[Place]) -> Vec<Place> {
     let mut kept: Vec<Place> = Vec::with_capacity(places.len());
     for place in places {

@@ -1,11 +1,15 @@
-//! Nyquist and Bode plots of measured and modelled impedance, charts of anything over anything, bars and heat maps, SVG and PNG from one description.
+//! Nyquist and Bode plots of measured and modelled impedance, charts of anything over anything,
+//! bars and heat maps, SVG and PNG from one description.
 //!
-//! A plot is first laid out as a list of shapes (`scene`), which plotters' backends then draw; so both formats show the same. The Nyquist
-//! plot has equal scaling of its axes, exact to the pixel, as figures 3.8 and 3.11–3.14 of the thesis. The legend stands above the axes and
-//! hides nothing. Colours are Okabe and Ito's (2008), which colour-blind readers tell apart; marker shapes differ too.
+//! A plot is first laid out as a list of shapes (`scene`), which plotters' backends then draw; so
+//! both formats show the same. The Nyquist plot has equal scaling of its axes, exact to the pixel,
+//! as figures 3.8 and 3.11–3.14 of the thesis. The legend stands above the axes and hides nothing.
+//! Colours are Okabe and Ito's (2008), which colour-blind readers tell apart; marker shapes differ
+//! too.
 //!
-//! PNG and text widths use DejaVu Sans, embedded through the `dejavu` crate (MIT or Apache-2.0; the font under the Bitstream Vera licence, which
-//! allows embedding). SVG asks the viewer for its own sans-serif.
+//! PNG and text widths use DejaVu Sans, embedded through the `dejavu` crate (MIT or Apache-2.0; the
+//! font under the Bitstream Vera licence, which allows embedding). SVG asks the viewer for its own
+//! sans-serif.
 
 mod axis;
 mod bars;
@@ -72,9 +76,18 @@ pub struct Series {
 impl Series {
     /// A measured spectrum as points with 2σ, its name in the legend.
     pub fn data(spectrum: &Spectrum, colour: usize) -> Self {
-        let point = |p: &crate::spectrum::ImpedancePoint| SeriesPoint { freq_hz: p.freq_hz, z_ohm: p.z_ohm, covariance: p.covariance };
+        let point = |p: &crate::spectrum::ImpedancePoint| SeriesPoint {
+            freq_hz: p.freq_hz,
+            z_ohm: p.z_ohm,
+            covariance: p.covariance,
+        };
         let points = spectrum.points.iter().map(point).collect();
-        Self { label: Some(spectrum.name.clone()), colour, style: SeriesStyle::Points, points }
+        Self {
+            label: Some(spectrum.name.clone()),
+            colour,
+            style: SeriesStyle::Points,
+            points,
+        }
     }
 
     /// A model as a curve over a band (lowest, highest frequency in Hz, both above zero).
@@ -82,15 +95,26 @@ impl Series {
         Self::curve(label, band, colour, |freq_hz| erm.impedance(freq_hz))
     }
 
-    /// A fitted model as a curve over a band, with the share of the open-circuit voltage that was taken out of its data, as [`ErmFit::impedance`].
+    /// A fitted model as a curve over a band, with the share of the open-circuit voltage that was
+    /// taken out of its data, as [`ErmFit::impedance`].
     pub fn fit(label: &str, fit: &ErmFit, band: (f64, f64), colour: usize) -> Self {
         Self::curve(label, band, colour, |freq_hz| fit.impedance(freq_hz))
     }
 
-    /// Any impedance in Ω as a curve over a band (lowest, highest frequency in Hz, both above zero).
-    pub fn curve(label: &str, (low_hz, high_hz): (f64, f64), colour: usize, impedance: impl Fn(f64) -> Complex64) -> Self {
+    /// Any impedance in Ω as a curve over a band (lowest, highest frequency in Hz, both above
+    /// zero).
+    pub fn curve(
+        label: &str,
+        (low_hz, high_hz): (f64, f64),
+        colour: usize,
+        impedance: impl Fn(f64) -> Complex64,
+    ) -> Self {
         let at = |k: u32| low_hz * (high_hz / low_hz).powf(f64::from(k) / f64::from(CURVE_POINTS));
-        let point = |freq_hz| SeriesPoint { freq_hz, z_ohm: impedance(freq_hz), covariance: Covariance2::UNKNOWN };
+        let point = |freq_hz| SeriesPoint {
+            freq_hz,
+            z_ohm: impedance(freq_hz),
+            covariance: Covariance2::UNKNOWN,
+        };
         Self {
             label: Some(label.to_owned()),
             colour,
@@ -108,7 +132,10 @@ impl Series {
     /// The same under another label, or none.
     #[must_use]
     pub fn labelled(self, label: Option<&str>) -> Self {
-        Self { label: label.map(str::to_owned), ..self }
+        Self {
+            label: label.map(str::to_owned),
+            ..self
+        }
     }
 }
 
@@ -121,7 +148,8 @@ pub struct ImpedancePlot {
     pub subtitle: String,
     /// Drawn in this order, later over earlier.
     pub series: Vec<Series>,
-    /// Width in pixels of an SVG at its natural size (a PNG has twice as many); kept within 320…4000. The height follows from the content.
+    /// Width in pixels of an SVG at its natural size (a PNG has twice as many); kept within
+    /// 320…4000. The height follows from the content.
     pub width_px: u32,
     /// Writes the frequency beside a point or two per decade of the Nyquist plot.
     pub mark_decades: bool,
@@ -130,16 +158,34 @@ pub struct ImpedancePlot {
 impl ImpedancePlot {
     /// A plot 900 pixels wide with marked decades.
     pub fn new(title: &str, subtitle: &str, series: Vec<Series>) -> Self {
-        Self { title: title.to_owned(), subtitle: subtitle.to_owned(), series, width_px: 900, mark_decades: true }
+        Self {
+            title: title.to_owned(),
+            subtitle: subtitle.to_owned(),
+            series,
+            width_px: 900,
+            mark_decades: true,
+        }
     }
 
     fn check(&self) -> Result<(), PlotError> {
-        let usable = |p: &SeriesPoint| p.z_ohm.is_finite() && p.freq_hz.is_finite() && p.freq_hz > 0.0;
+        let usable =
+            |p: &SeriesPoint| p.z_ohm.is_finite() && p.freq_hz.is_finite() && p.freq_hz > 0.0;
         if self.series.iter().all(|s| s.points.is_empty()) {
-            return Err(PlotError::NothingToShow { title: self.title.clone() });
+            return Err(PlotError::NothingToShow {
+                title: self.title.clone(),
+            });
         }
-        match self.series.iter().flat_map(|s| &s.points).find(|p| !usable(p)) {
-            Some(p) => Err(PlotError::BadPoint { title: self.title.clone(), freq_hz: p.freq_hz, z_ohm: p.z_ohm }),
+        match self
+            .series
+            .iter()
+            .flat_map(|s| &s.points)
+            .find(|p| !usable(p))
+        {
+            Some(p) => Err(PlotError::BadPoint {
+                title: self.title.clone(),
+                freq_hz: p.freq_hz,
+                z_ohm: p.z_ohm,
+            }),
             None => Ok(()),
         }
     }
@@ -155,7 +201,10 @@ pub enum PlotError {
         title: String,
     },
     /// A point that has no place on the axes.
-    #[error("plot \"{title}\": expected a finite impedance at a positive finite frequency, met {z_ohm} Ω at {freq_hz} Hz")]
+    #[error(
+        "plot \"{title}\": expected a finite impedance at a positive finite frequency, met {z_ohm} \
+        Ω at {freq_hz} Hz"
+    )]
     BadPoint {
         /// The plot's title.
         title: String,
@@ -165,7 +214,10 @@ pub enum PlotError {
         z_ohm: Complex64,
     },
     /// A point of a chart that has no place on its axes.
-    #[error("chart \"{title}\", trace \"{trace}\": expected finite coordinates (above zero on a logarithmic axis), met ({x}, {y})")]
+    #[error(
+        "chart \"{title}\", trace \"{trace}\": expected finite coordinates (above zero on a \
+        logarithmic axis), met ({x}, {y})"
+    )]
     BadCoordinates {
         /// The chart's title.
         title: String,
@@ -201,7 +253,8 @@ pub enum PlotError {
 /// Writes a Nyquist plot (−Im against Re, equal scaling) to a `.svg` or `.png` file.
 ///
 /// # Errors
-/// [`PlotError`] for nothing to show, points that are not finite, another file name, or a file that cannot be written.
+/// [`PlotError`] for nothing to show, points that are not finite, another file name, or a file that
+/// cannot be written.
 pub fn nyquist(plot: &ImpedancePlot, path: &Path) -> Result<(), PlotError> {
     plot.check()?;
     nyquist::layout(plot)?.write(path)

@@ -16,8 +16,22 @@ pub(super) struct Unit {
 
 /// mΩ for cells, Ω for what is larger.
 pub(super) fn unit(plot: &ImpedancePlot) -> Unit {
-    let largest = plot.series.iter().flat_map(|s| &s.points).fold(0.0f64, |m, p| m.max(p.z_ohm.norm()));
-    if largest < 1.0 { Unit { name: "mΩ", per_ohm: 1e3 } } else { Unit { name: "Ω", per_ohm: 1.0 } }
+    let largest = plot
+        .series
+        .iter()
+        .flat_map(|s| &s.points)
+        .fold(0.0f64, |m, p| m.max(p.z_ohm.norm()));
+    if largest < 1.0 {
+        Unit {
+            name: "mΩ",
+            per_ohm: 1e3,
+        }
+    } else {
+        Unit {
+            name: "Ω",
+            per_ohm: 1.0,
+        }
+    }
 }
 
 pub(super) fn layout(plot: &ImpedancePlot) -> Result<Scene, PlotError> {
@@ -25,61 +39,109 @@ pub(super) fn layout(plot: &ImpedancePlot) -> Result<Scene, PlotError> {
     let unit = unit(plot);
     let (mut shapes, top) = heading(plot, width)?;
     let frame = frame(plot, unit, (width - LEFT - RIGHT, top));
-    shapes.extend(frame.shapes(&format!("Re Z / {}", unit.name), &format!("−Im Z / {}", unit.name)));
+    shapes.extend(frame.shapes(
+        &format!("Re Z / {}", unit.name),
+        &format!("−Im Z / {}", unit.name),
+    ));
     let place = |z: Complex64| frame.place(z.re * unit.per_ohm, -z.im * unit.per_ohm);
     let px_per_ohm = frame.width / (frame.x.hi - frame.x.lo) * unit.per_ohm;
     let mut ellipses = Vec::new();
     for series in &plot.series {
         let places: Vec<Place> = series.points.iter().map(|p| place(p.z_ohm)).collect();
-        ellipses.extend(series.points.iter().zip(&places).filter_map(|(p, at)| ellipse(series, *at, &p.covariance, px_per_ohm)));
+        ellipses.extend(
+            series
+                .points
+                .iter()
+                .zip(&places)
+                .filter_map(|(p, at)| ellipse(series, *at, &p.covariance, px_per_ohm)),
+        );
         shapes.extend(draw(series, &places));
     }
     if plot.mark_decades {
-        let taken = ellipses.iter().flat_map(|e| if let Shape::Line { points, .. } = e { points.as_slice() } else { &[] });
+        let taken = ellipses.iter().flat_map(|e| {
+            if let Shape::Line { points, .. } = e {
+                points.as_slice()
+            } else {
+                &[]
+            }
+        });
         let notes = decades(plot, &frame, (place, taken.copied().collect()))?;
         shapes.extend(notes);
     }
     shapes.extend(ellipses);
-    Ok(Scene { title: plot.title.clone(), width, height: top + frame.height + BOTTOM, shapes })
+    Ok(Scene {
+        title: plot.title.clone(),
+        width,
+        height: top + frame.height + BOTTOM,
+        shapes,
+    })
 }
 
-/// The frame whose pixels are as many units wide as high, its height following the data within reason.
+/// The frame whose pixels are as many units wide as high, its height following the data within
+/// reason.
 fn frame(plot: &ImpedancePlot, unit: Unit, (width, top): (f64, f64)) -> Frame {
-    let (mut x, mut y) = ((f64::INFINITY, f64::NEG_INFINITY), (f64::INFINITY, f64::NEG_INFINITY));
+    let (mut x, mut y) = (
+        (f64::INFINITY, f64::NEG_INFINITY),
+        (f64::INFINITY, f64::NEG_INFINITY),
+    );
     let widen = |r: &mut (f64, f64), v: f64| *r = (r.0.min(v), r.1.max(v));
     for p in plot.series.iter().flat_map(|s| &s.points) {
         widen(&mut x, p.z_ohm.re * unit.per_ohm);
         widen(&mut y, -p.z_ohm.im * unit.per_ohm);
     }
     let size = (x.1.abs().max(y.1.abs())).max(f64::MIN_POSITIVE);
-    // A resistor's cloud is drawn no larger than a twentieth of its value: noise must not look like a spectrum.
-    let (x_span, y_span) = ((x.1 - x.0).max(0.05 * size) * 1.12, (y.1 - y.0).max(0.02 * size) * 1.25);
-    let height = (width * y_span / x_span).clamp(0.34 * width, 0.9 * width).round();
+    // A resistor's cloud is drawn no larger than a twentieth of its value: noise must not look like
+    // a spectrum.
+    let (x_span, y_span) = (
+        (x.1 - x.0).max(0.05 * size) * 1.12,
+        (y.1 - y.0).max(0.02 * size) * 1.25,
+    );
+    let height = (width * y_span / x_span)
+        .clamp(0.34 * width, 0.9 * width)
+        .round();
     let per_px = (x_span / width).max(y_span / height);
     let step = round_step(per_px * width / 9.0);
     let centred = |(lo, hi): (f64, f64), px: f64| {
         let middle = (lo + hi) / 2.0;
         Axis::stepped(middle - per_px * px / 2.0, middle + per_px * px / 2.0, step)
     };
-    Frame { left: LEFT, top, width, height, x: centred(x, width), y: centred(y, height) }
+    Frame {
+        left: LEFT,
+        top,
+        width,
+        height,
+        x: centred(x, width),
+        y: centred(y, height),
+    }
 }
 
-/// The frequency written beside the point of each whole decade: of the last curve, or of the first points where there is no curve.
+/// The frequency written beside the point of each whole decade: of the last curve, or of the first
+/// points where there is no curve.
 fn decades(
     plot: &ImpedancePlot,
     frame: &Frame,
     (place, mut taken): (impl Fn(Complex64) -> Place, Vec<Place>),
 ) -> Result<Vec<Shape>, PlotError> {
-    let curve = plot.series.iter().rfind(|s| s.style == SeriesStyle::Curve && s.points.len() > 1);
-    let Some(series) = curve.or_else(|| plot.series.iter().find(|s| s.points.len() > 2)) else { return Ok(Vec::new()) };
+    let curve = plot
+        .series
+        .iter()
+        .rfind(|s| s.style == SeriesStyle::Curve && s.points.len() > 1);
+    let Some(series) = curve.or_else(|| plot.series.iter().find(|s| s.points.len() > 2)) else {
+        return Ok(Vec::new());
+    };
     let all = plot.series.iter().flat_map(|s| &s.points);
     taken.extend(all.map(|p| place(p.z_ohm)));
     let mut shapes = Vec::new();
     for decade in -6..=7 {
-        let Some(at) = nearest(series, 10f64.powi(decade)).map(|i| place(series.points[i].z_ohm)) else { continue };
+        let Some(at) = nearest(series, 10f64.powi(decade)).map(|i| place(series.points[i].z_ohm))
+        else {
+            continue;
+        };
         let text = format!("{} Hz", super::axis::power_of_ten(decade));
         let size = (text_width(&text, TEXT - 2.0)?, TEXT - 2.0);
-        let Some(note) = Note::free(at, size, frame, &taken) else { continue };
+        let Some(note) = Note::free(at, size, frame, &taken) else {
+            continue;
+        };
         taken.extend(note.outline());
         shapes.extend(note.shapes(&text));
     }
@@ -96,18 +158,32 @@ struct Note {
 }
 
 impl Note {
-    /// The first place around a point, near before far and above before below, that covers nothing; none when all do.
+    /// The first place around a point, near before far and above before below, that covers nothing;
+    /// none when all do.
     fn free(at: Place, size: (f64, f64), frame: &Frame, taken: &[Place]) -> Option<Self> {
-        const DIRECTIONS: [f64; 10] = [90.0, 120.0, 60.0, 150.0, 30.0, 180.0, 0.0, -90.0, -60.0, -120.0];
-        let candidates = [24.0, 44.0, 70.0, 100.0].into_iter().flat_map(|reach| DIRECTIONS.map(|d| (reach, f64::to_radians(d))));
-        candidates.map(|(reach, angle)| Self::towards(at, size, (reach, angle))).find(|n| n.inside(frame) && !n.covers(taken))
+        const DIRECTIONS: [f64; 10] = [
+            90.0, 120.0, 60.0, 150.0, 30.0, 180.0, 0.0, -90.0, -60.0, -120.0,
+        ];
+        let candidates = [24.0, 44.0, 70.0, 100.0]
+            .into_iter()
+            .flat_map(|reach| DIRECTIONS.map(|d| (reach, f64::to_radians(d))));
+        candidates
+            .map(|(reach, angle)| Self::towards(at, size, (reach, angle)))
+            .find(|n| n.inside(frame) && !n.covers(taken))
     }
 
     fn towards(at: Place, size: (f64, f64), (reach, angle): (f64, f64)) -> Self {
         let (ux, uy) = (angle.cos(), -angle.sin());
         let end = (at.0 + reach * ux, at.1 + reach * uy);
-        let middle = (end.0 + ux * (size.0 / 2.0 + 4.0), end.1 + uy * (size.1 / 2.0 + 3.0));
-        Self { leader: ((at.0 + 7.0 * ux, at.1 + 7.0 * uy), end), middle, size }
+        let middle = (
+            end.0 + ux * (size.0 / 2.0 + 4.0),
+            end.1 + uy * (size.1 / 2.0 + 3.0),
+        );
+        Self {
+            leader: ((at.0 + 7.0 * ux, at.1 + 7.0 * uy), end),
+            middle,
+            size,
+        }
     }
 
     fn inside(&self, frame: &Frame) -> bool {
@@ -120,22 +196,41 @@ impl Note {
 
     fn covers(&self, taken: &[Place]) -> bool {
         let (half_w, half_h) = (self.size.0 / 2.0 + 7.0, self.size.1 / 2.0 + 6.0);
-        taken.iter().any(|p| (p.0 - self.middle.0).abs() < half_w && (p.1 - self.middle.1).abs() < half_h)
+        taken
+            .iter()
+            .any(|p| (p.0 - self.middle.0).abs() < half_w && (p.1 - self.middle.1).abs() < half_h)
     }
 
-    /// Points that stand for the word's area, close enough that another word cannot slip between them.
+    /// Points that stand for the word's area, close enough that another word cannot slip between
+    /// them.
     fn outline(&self) -> Vec<Place> {
-        (-2..=2).map(|k| (self.middle.0 + f64::from(k) / 4.0 * self.size.0, self.middle.1)).collect()
+        (-2..=2)
+            .map(|k| {
+                (
+                    self.middle.0 + f64::from(k) / 4.0 * self.size.0,
+                    self.middle.1,
+                )
+            })
+            .collect()
     }
 
     fn shapes(&self, text: &str) -> [Shape; 2] {
-        let leader = Shape::Line { points: vec![self.leader.0, self.leader.1], colour: INK, width: 1.0 };
-        [leader, words(text, self.middle, TEXT - 2.0, (HPos::Center, VPos::Center))]
+        let leader = Shape::Line {
+            points: vec![self.leader.0, self.leader.1],
+            colour: INK,
+            width: 1.0,
+        };
+        [
+            leader,
+            words(text, self.middle, TEXT - 2.0, (HPos::Center, VPos::Center)),
+        ]
     }
 }
 
 /// Index of the point within a few per cent of a frequency.
 fn nearest(series: &Series, freq_hz: f64) -> Option<usize> {
     let distance = |i: &usize| (series.points[*i].freq_hz / freq_hz).ln().abs();
-    (0..series.points.len()).min_by(|a, b| distance(a).total_cmp(&distance(b))).filter(|i| distance(i) < 0.12)
+    (0..series.points.len())
+        .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+        .filter(|i| distance(i) < 0.12)
 }

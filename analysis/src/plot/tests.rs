@@ -5,19 +5,47 @@ use crate::model::RcBranch;
 use crate::spectrum::ImpedancePoint;
 
 fn cell() -> Erm {
-    Erm { r_ohm: 0.0069, branches: vec![RcBranch { r_ohm: 0.0017, c_f: 1.17 }, RcBranch { r_ohm: 0.0026, c_f: 750.0 }] }
+    Erm {
+        r_ohm: 0.0069,
+        branches: vec![
+            RcBranch {
+                r_ohm: 0.0017,
+                c_f: 1.17,
+            },
+            RcBranch {
+                r_ohm: 0.0026,
+                c_f: 750.0,
+            },
+        ],
+    }
 }
 
 fn sweep(name: &str, scale: f64) -> Spectrum {
     let variance = 1e-10;
-    let covariance = Covariance2 { re_re: variance, re_im: 0.3 * variance, im_im: 0.5 * variance };
+    let covariance = Covariance2 {
+        re_re: variance,
+        re_im: 0.3 * variance,
+        im_im: 0.5 * variance,
+    };
     let at = |k: u32| 0.1 * 3000f64.powf(f64::from(k) / 20.0);
-    let point = |freq_hz| ImpedancePoint { freq_hz, z_ohm: cell().impedance(freq_hz) * scale, covariance, amplitude_a: 1.0 };
-    Spectrum { name: name.into(), points: (0..20).map(|k| point(at(k))).collect(), ..Spectrum::default() }
+    let point = |freq_hz| ImpedancePoint {
+        freq_hz,
+        z_ohm: cell().impedance(freq_hz) * scale,
+        covariance,
+        amplitude_a: 1.0,
+    };
+    Spectrum {
+        name: name.into(),
+        points: (0..20).map(|k| point(at(k))).collect(),
+        ..Spectrum::default()
+    }
 }
 
 fn plot() -> ImpedancePlot {
-    let series = vec![Series::data(&sweep("a", 1.0), 0), Series::model("model", &cell(), (0.1, 201.0), 1)];
+    let series = vec![
+        Series::data(&sweep("a", 1.0), 0),
+        Series::model("model", &cell(), (0.1, 201.0), 1),
+    ];
     ImpedancePlot::new("Title", "Subtitle", series)
 }
 
@@ -33,20 +61,36 @@ fn frames(scene: &Scene) -> Vec<[f64; 4]> {
 }
 
 fn discs(scene: &Scene) -> Vec<(f64, f64)> {
-    scene.shapes.iter().filter_map(|s| if let Shape::Disc { at, .. } = s { Some(*at) } else { None }).collect()
+    scene
+        .shapes
+        .iter()
+        .filter_map(|s| {
+            if let Shape::Disc { at, .. } = s {
+                Some(*at)
+            } else {
+                None
+            }
+        })
+        .collect()
 }
 
 #[test]
 fn both_axes_of_a_nyquist_plot_have_one_scale() {
     for (scale, width_px) in [(1.0, 900), (1.0, 500), (4.0, 1600), (300.0, 900)] {
-        let plot = ImpedancePlot { width_px, ..ImpedancePlot::new("t", "", vec![Series::data(&sweep("a", scale), 0)]) };
+        let plot = ImpedancePlot {
+            width_px,
+            ..ImpedancePlot::new("t", "", vec![Series::data(&sweep("a", scale), 0)])
+        };
         let scene = nyquist::layout(&plot).unwrap();
         let places = discs(&scene).split_off(1);
         let z: Vec<Complex64> = plot.series[0].points.iter().map(|p| p.z_ohm).collect();
         assert_eq!(places.len(), z.len());
         let per_ohm_x = (places[19].0 - places[0].0) / (z[19].re - z[0].re);
         let per_ohm_y = (places[19].1 - places[0].1) / (z[19].im - z[0].im);
-        assert!((per_ohm_x / per_ohm_y - 1.0).abs() < 1e-9, "{scale}, {width_px} px: {per_ohm_x} against {per_ohm_y} px/Ω");
+        assert!(
+            (per_ohm_x / per_ohm_y - 1.0).abs() < 1e-9,
+            "{scale}, {width_px} px: {per_ohm_x} against {per_ohm_y} px/Ω"
+        );
         assert!(per_ohm_x > 0.0);
     }
 }
@@ -56,11 +100,19 @@ fn marks_stay_inside_and_words_of_the_legend_outside() {
     for layout in [nyquist::layout, bode::layout] {
         let scene = layout(&plot()).unwrap();
         let frames = frames(&scene);
-        let within = |(x, y): (f64, f64), f: &[f64; 4]| x >= f[0] && x <= f[2] && y >= f[1] && y <= f[3];
+        let within =
+            |(x, y): (f64, f64), f: &[f64; 4]| x >= f[0] && x <= f[2] && y >= f[1] && y <= f[3];
         let top = frames[0][1];
-        assert!(frames.iter().all(|f| f[2] <= scene.width && f[3] <= scene.height));
+        assert!(
+            frames
+                .iter()
+                .all(|f| f[2] <= scene.width && f[3] <= scene.height)
+        );
         for at in discs(&scene).into_iter().filter(|at| at.1 > top) {
-            assert!(frames.iter().any(|f| within(at, f)), "{at:?} outside of {frames:?}");
+            assert!(
+                frames.iter().any(|f| within(at, f)),
+                "{at:?} outside of {frames:?}"
+            );
         }
         for word in ["Title", "Subtitle", "a", "model"] {
             let found = scene.shapes.iter().find_map(|s| match s {
@@ -86,10 +138,21 @@ fn svg_says_what_it_shows_and_escapes_it() {
     let mut plot = plot();
     plot.title = "A <b> & \"c\"".into();
     let svg = nyquist_svg(&plot).unwrap();
-    assert!(svg.starts_with("<svg role=\"img\" aria-label=\"A &lt;b&gt; &amp; &quot;c&quot;\" width=\"900\" height=\""), "{}", &svg[..120]);
+    assert!(
+        svg.starts_with(
+            "<svg role=\"img\" aria-label=\"A &lt;b&gt; &amp; &quot;c&quot;\" \
+    width=\"900\" height=\""
+        ),
+        "{}",
+        &svg[..120]
+    );
     assert!(!svg.contains("<b>"));
     assert!(svg.contains("−Im Z / mΩ") && svg.trim_end().ends_with("</svg>"));
-    assert_eq!(svg, nyquist_svg(&plot).unwrap(), "equal descriptions give equal files");
+    assert_eq!(
+        svg,
+        nyquist_svg(&plot).unwrap(),
+        "equal descriptions give equal files"
+    );
     let large = ImpedancePlot::new("t", "", vec![Series::data(&sweep("a", 300.0), 0)]);
     assert!(nyquist_svg(&large).unwrap().contains("−Im Z / Ω"));
 }
@@ -101,37 +164,79 @@ fn files_follow_their_names() {
     nyquist(&plot(), &png).unwrap();
     let bytes = std::fs::read(&png).unwrap();
     assert_eq!(&bytes[..8], b"\x89PNG\r\n\x1a\n");
-    assert_eq!(u32::from_be_bytes(bytes[16..20].try_into().unwrap()), 1800, "twice the natural width");
+    assert_eq!(
+        u32::from_be_bytes(bytes[16..20].try_into().unwrap()),
+        1800,
+        "twice the natural width"
+    );
     let svg = dir.path().join("b.SVG");
     bode(&plot(), &svg).unwrap();
-    assert_eq!(std::fs::read_to_string(&svg).unwrap(), bode_svg(&plot()).unwrap());
+    assert_eq!(
+        std::fs::read_to_string(&svg).unwrap(),
+        bode_svg(&plot()).unwrap()
+    );
     let jpg = dir.path().join("n.jpg");
-    assert!(nyquist(&plot(), &jpg).unwrap_err().to_string().ends_with("n.jpg: expected a file name that ends in .svg or .png"));
+    assert!(
+        nyquist(&plot(), &jpg)
+            .unwrap_err()
+            .to_string()
+            .ends_with("n.jpg: expected a file name that ends in .svg or .png")
+    );
     for name in ["no/n.svg", "no/n.png"] {
-        let error = nyquist(&plot(), &dir.path().join(name)).unwrap_err().to_string();
-        assert!(error.contains(&format!("{name}: expected to write a plot: ")), "{error}");
+        let error = nyquist(&plot(), &dir.path().join(name))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains(&format!("{name}: expected to write a plot: ")),
+            "{error}"
+        );
     }
 }
 
 #[test]
 fn nothing_and_nonsense_are_refused() {
     let empty = ImpedancePlot::new("Empty", "", vec![]);
-    assert_eq!(nyquist_svg(&empty).unwrap_err().to_string(), "plot \"Empty\": expected at least one point, met none");
+    assert_eq!(
+        nyquist_svg(&empty).unwrap_err().to_string(),
+        "plot \"Empty\": expected at least one point, met none"
+    );
     let mut bad = plot();
     bad.series[0].points[2].z_ohm.re = f64::INFINITY;
     bad.series[0].points[2].z_ohm.im = 0.0;
     bad.series[0].points[2].freq_hz = 3.0;
-    let expected = "plot \"Title\": expected a finite impedance at a positive finite frequency, met inf+0i Ω at 3 Hz";
+    let expected = "plot \"Title\": expected a finite impedance at a positive finite frequency, \
+    met inf+0i Ω at 3 Hz";
     assert_eq!(bode_svg(&bad).unwrap_err().to_string(), expected);
 }
 
 #[test]
 fn degenerate_spectra_are_drawn() {
-    let point = |freq_hz, z_ohm| SeriesPoint { freq_hz, z_ohm, covariance: Covariance2::UNKNOWN };
-    for z in [Complex64::new(0.01, 0.0), Complex64::ZERO, Complex64::new(0.0, -1e-9), Complex64::new(-1e3, 5e3)] {
-        for points in [vec![point(1.0, z)], vec![point(1.0, z), point(1.0, z), point(2.0, z)]] {
-            let series = Series { label: Some("x".into()), colour: 3, style: SeriesStyle::Points, points };
-            let plot = ImpedancePlot::new("t", "", vec![series.clone(), series.styled(SeriesStyle::Curve)]);
+    let point = |freq_hz, z_ohm| SeriesPoint {
+        freq_hz,
+        z_ohm,
+        covariance: Covariance2::UNKNOWN,
+    };
+    for z in [
+        Complex64::new(0.01, 0.0),
+        Complex64::ZERO,
+        Complex64::new(0.0, -1e-9),
+        Complex64::new(-1e3, 5e3),
+    ] {
+        for points in [
+            vec![point(1.0, z)],
+            vec![point(1.0, z), point(1.0, z), point(2.0, z)],
+        ] {
+            let series = Series {
+                label: Some("x".into()),
+                colour: 3,
+                style: SeriesStyle::Points,
+                points,
+            };
+            let plot = ImpedancePlot::new(
+                "t",
+                "",
+                vec![series.clone(), series.styled(SeriesStyle::Curve)],
+            );
             for svg in [nyquist_svg(&plot).unwrap(), bode_svg(&plot).unwrap()] {
                 assert!(!svg.contains("NaN") && !svg.contains("inf"), "{z}");
             }
@@ -142,15 +247,50 @@ fn degenerate_spectra_are_drawn() {
 #[test]
 fn the_thesis_figures_are_twelve_files() {
     let dir = tempfile::tempdir().unwrap();
-    let sweeps = [sweep("cell0_0", 1.0), sweep("cell0_1", 1.01), sweep("cell1_0", 1.02)];
+    let sweeps = [
+        sweep("cell0_0", 1.0),
+        sweep("cell0_1", 1.01),
+        sweep("cell1_0", 1.02),
+    ];
     let controls = [sweep("shunt_0", 1.4)];
-    let fits: Vec<_> = (0..=4).map(|rc| fit_erm(&sweeps, &FitOptions { rc, ..FitOptions::default() }).unwrap()).collect();
-    let written = write_thesis_figures(&FigureInput { sweeps: &sweeps, controls: &controls, fits: &fits }, dir.path()).unwrap();
-    let names: Vec<_> = written.iter().map(|p| p.file_name().unwrap().to_string_lossy().into_owned()).collect();
-    let stems = ["sweeps", "controls", "fit-1rc", "fit-2rc", "fit-3rc", "fit-4rc"];
-    let expected: Vec<String> = stems.iter().flat_map(|s| ["svg", "png"].map(|e| format!("nyquist-{s}.{e}"))).collect();
+    let fits: Vec<_> = (0..=4)
+        .map(|rc| {
+            fit_erm(
+                &sweeps,
+                &FitOptions {
+                    rc,
+                    ..FitOptions::default()
+                },
+            )
+            .unwrap()
+        })
+        .collect();
+    let written = write_thesis_figures(
+        &FigureInput {
+            sweeps: &sweeps,
+            controls: &controls,
+            fits: &fits,
+        },
+        dir.path(),
+    )
+    .unwrap();
+    let names: Vec<_> = written
+        .iter()
+        .map(|p| p.file_name().unwrap().to_string_lossy().into_owned())
+        .collect();
+    let stems = [
+        "sweeps", "controls", "fit-1rc", "fit-2rc", "fit-3rc", "fit-4rc",
+    ];
+    let expected: Vec<String> = stems
+        .iter()
+        .flat_map(|s| ["svg", "png"].map(|e| format!("nyquist-{s}.{e}")))
+        .collect();
     assert_eq!(names, expected);
     let first = std::fs::read_to_string(&written[0]).unwrap();
     assert!(first.contains("Measured impedance, 3 sweeps of 2 cells") && first.contains("cell 1"));
-    assert!(std::fs::read_to_string(&written[2]).unwrap().contains("shunt_0, mean |Z| "));
+    assert!(
+        std::fs::read_to_string(&written[2])
+            .unwrap()
+            .contains("shunt_0, mean |Z| ")
+    );
 }

@@ -1,10 +1,12 @@
 //! The columns of the model, and how their sums move along the record.
 //!
-//! Columns in order: cos θ and −sin θ of each tone, the fundamental first; 1, t, t² as far as drift is fitted; exp(−t/τ) of each relaxation; and, for
-//! a free frequency, t·cos θ and −t·sin θ of the tones that move with it. t runs from −1 to 1 over the record.
+//! Columns in order: cos θ and −sin θ of each tone, the fundamental first; 1, t, t² as far as drift
+//! is fitted; exp(−t/τ) of each relaxation; and, for a free frequency, t·cos θ and −t·sin θ of the
+//! tones that move with it. t runs from −1 to 1 over the record.
 //!
-//! Seen from another sample, all columns are a small linear map of themselves ([`Shift`]). Sums over a block relative to its first sample are
-//! therefore worth as much as sums relative to the middle of the record, phases never build up errors, and the normal matrix of a long run comes
+//! Seen from another sample, all columns are a small linear map of themselves ([`Shift`]). Sums
+//! over a block relative to its first sample are therefore worth as much as sums relative to the
+//! middle of the record, phases never build up errors, and the normal matrix of a long run comes
 //! from that of one block by doubling.
 
 use num_complex::Complex64;
@@ -20,7 +22,10 @@ struct Tone {
 impl Tone {
     fn new(freq_hz: f64, interval_s: f64) -> Self {
         let cycles_per_sample = freq_hz * interval_s;
-        Self { cycles_per_sample, cycles_rest: freq_hz.mul_add(interval_s, -cycles_per_sample) }
+        Self {
+            cycles_per_sample,
+            cycles_rest: freq_hz.mul_add(interval_s, -cycles_per_sample),
+        }
     }
 
     /// exp(jθ) for a number of samples.
@@ -61,9 +66,17 @@ pub(super) struct Make<'a> {
 impl Basis {
     pub(super) fn new(make: &Make<'_>, interval_s: f64, samples: usize) -> Self {
         Self {
-            tones: make.freqs_hz.iter().map(|freq_hz| Tone::new(*freq_hz, interval_s)).collect(),
+            tones: make
+                .freqs_hz
+                .iter()
+                .map(|freq_hz| Tone::new(*freq_hz, interval_s))
+                .collect(),
             powers: make.degree + 1,
-            rates: make.decays_s.iter().map(|tau_s| interval_s / tau_s).collect(),
+            rates: make
+                .decays_s
+                .iter()
+                .map(|tau_s| interval_s / tau_s)
+                .collect(),
             timed: make.timed,
             samples,
             centre: 0.5 * (samples as f64 - 1.0),
@@ -104,8 +117,18 @@ impl Basis {
     /// The map of the columns by a number of samples.
     pub(super) fn shift(&self, offset: f64) -> Shift {
         let turns = self.tones.iter().map(|tone| tone.turn(offset)).collect();
-        let fades = self.rates.iter().map(|rate| (-rate * offset).exp()).collect();
-        Shift { turns, time: offset * self.time_step, powers: self.powers, fades, timed: self.timed }
+        let fades = self
+            .rates
+            .iter()
+            .map(|rate| (-rate * offset).exp())
+            .collect();
+        Shift {
+            turns,
+            time: offset * self.time_step,
+            powers: self.powers,
+            fades,
+            timed: self.timed,
+        }
     }
 
     /// The map from columns relative to a sample to those of the record.
@@ -167,12 +190,16 @@ impl Shift {
             rotate(v, 2 * j, *turn);
         }
         if self.powers > 2 {
-            v[first_power + 2] += self.time * (2.0 * v[first_power + 1] + self.time * v[first_power]);
+            v[first_power + 2] +=
+                self.time * (2.0 * v[first_power + 1] + self.time * v[first_power]);
         }
         if self.powers > 1 {
             v[first_power + 1] += self.time * v[first_power];
         }
-        v[first_decay..].iter_mut().zip(&self.fades).for_each(|(cell, fade)| *cell *= fade);
+        v[first_decay..]
+            .iter_mut()
+            .zip(&self.fades)
+            .for_each(|(cell, fade)| *cell *= fade);
         for (j, turn) in self.turns.iter().enumerate().take(self.timed) {
             let at = first_timed + 2 * j;
             rotate(v, at, *turn);
@@ -181,7 +208,8 @@ impl Shift {
         }
     }
 
-    /// Maps coefficients of the fitted columns back: the model stays the same where it is counted from another sample.
+    /// Maps coefficients of the fitted columns back: the model stays the same where it is counted
+    /// from another sample.
     pub(super) fn pull_back(&self, beta: &mut [f64]) {
         for (j, turn) in self.turns.iter().enumerate() {
             rotate(beta, 2 * j, turn.conj());
@@ -192,7 +220,10 @@ impl Shift {
             beta[at] += self.time * (beta[at + 1] + self.time * quadratic);
             beta[at + 1] += 2.0 * self.time * quadratic;
         }
-        beta[at + self.powers..].iter_mut().zip(&self.fades).for_each(|(cell, fade)| *cell *= fade);
+        beta[at + self.powers..]
+            .iter_mut()
+            .zip(&self.fades)
+            .for_each(|(cell, fade)| *cell *= fade);
     }
 
     /// Maps a matrix of sums of products of columns.
@@ -222,7 +253,10 @@ pub(super) struct Square {
 
 impl Square {
     pub(super) fn zero(size: usize) -> Self {
-        Self { size, cells: vec![0.0; size * size] }
+        Self {
+            size,
+            cells: vec![0.0; size * size],
+        }
     }
 
     pub(super) fn at(&self, row: usize, column: usize) -> f64 {
@@ -244,25 +278,33 @@ impl Square {
     fn transpose(&mut self) {
         for row in 0..self.size {
             for column in 0..row {
-                self.cells.swap(row * self.size + column, column * self.size + row);
+                self.cells
+                    .swap(row * self.size + column, column * self.size + row);
             }
         }
     }
 
     pub(super) fn add(&mut self, other: &Self) {
-        self.cells.iter_mut().zip(&other.cells).for_each(|(a, b)| *a += b);
+        self.cells
+            .iter_mut()
+            .zip(&other.cells)
+            .for_each(|(a, b)| *a += b);
     }
 
     /// Adds the product of a column and a row.
     pub(super) fn add_product(&mut self, left: &[f64], right: &[f64]) {
         for (row, a) in self.rows_mut().zip(left) {
-            row.iter_mut().zip(right).for_each(|(cell, b)| *cell += a * b);
+            row.iter_mut()
+                .zip(right)
+                .for_each(|(cell, b)| *cell += a * b);
         }
     }
 
     /// Product with a vector of the first columns.
     pub(super) fn times(&self, vector: &[f64]) -> Vec<f64> {
-        (0..self.size).map(|row| dot(self.row(row), vector)).collect()
+        (0..self.size)
+            .map(|row| dot(self.row(row), vector))
+            .collect()
     }
 }
 
@@ -284,7 +326,9 @@ impl Doubling {
         let mut powers = vec![one];
         while powers.len() < most.max(1).ilog2() as usize + 1 {
             let last = &powers[powers.len() - 1];
-            let mut twice = basis.shift((block << (powers.len() - 1)) as f64).apply_both(last);
+            let mut twice = basis
+                .shift((block << (powers.len() - 1)) as f64)
+                .apply_both(last);
             twice.add(last);
             powers.push(twice);
         }

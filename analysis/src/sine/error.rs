@@ -23,7 +23,10 @@ pub enum SineError {
         found: f64,
     },
     /// The scaling of the samples is unusable.
-    #[error("channel {channel}: expected a positive, finite volts-per-code (or LSB) and a finite offset, met {found_v} V and {offset_v} V")]
+    #[error(
+        "channel {channel}: expected a positive, finite volts-per-code (or LSB) and a finite \
+        offset, met {found_v} V and {offset_v} V"
+    )]
     Scale {
         /// Channel, counted from 1.
         channel: usize,
@@ -39,7 +42,9 @@ pub enum SineError {
         freq_hz: f64,
     },
     /// The frequency cannot be seen at this sampling rate.
-    #[error("expected a frequency below half the sampling rate ({nyquist_hz} Hz), met {freq_hz} Hz")]
+    #[error(
+        "expected a frequency below half the sampling rate ({nyquist_hz} Hz), met {freq_hz} Hz"
+    )]
     AboveNyquist {
         /// Frequency, Hz.
         freq_hz: f64,
@@ -57,7 +62,10 @@ pub enum SineError {
         needed: f64,
     },
     /// Too few samples are left to fit.
-    #[error("channel {channel}: expected at least {needed} usable samples, met {found} ({clipped} more are clipped)")]
+    #[error(
+        "channel {channel}: expected at least {needed} usable samples, met {found} ({clipped} more \
+        are clipped)"
+    )]
     TooFewSamples {
         /// Channel, counted from 1.
         channel: usize,
@@ -69,7 +77,10 @@ pub enum SineError {
         clipped: usize,
     },
     /// Nothing but clipped samples.
-    #[error("channel {channel}: expected samples within the range of the ADC, met {clipped} samples that are all clipped")]
+    #[error(
+        "channel {channel}: expected samples within the range of the ADC, met {clipped} samples \
+        that are all clipped"
+    )]
     AllClipped {
         /// Channel, counted from 1.
         channel: usize,
@@ -87,7 +98,10 @@ pub enum SineError {
         value: f64,
     },
     /// The usable samples do not determine the sinusoid.
-    #[error("channel {channel}: the {used} usable samples do not determine a sinusoid of {freq_hz} Hz besides offset and drift")]
+    #[error(
+        "channel {channel}: the {used} usable samples do not determine a sinusoid of {freq_hz} Hz \
+        besides offset and drift"
+    )]
     Undetermined {
         /// Channel, counted from 1.
         channel: usize,
@@ -100,7 +114,10 @@ pub enum SineError {
     #[error("expected a sinusoid to find the frequency of, met channels without one")]
     NoSignal,
     /// The frequency does not settle.
-    #[error("frequency did not settle after {iterations} steps from {start_hz} Hz; the last step went from {freq_hz} Hz by {step_hz} Hz")]
+    #[error(
+        "frequency did not settle after {iterations} steps from {start_hz} Hz; the last step went \
+        from {freq_hz} Hz by {step_hz} Hz"
+    )]
     NotConverged {
         /// Steps taken.
         iterations: usize,

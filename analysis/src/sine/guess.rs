@@ -1,4 +1,5 @@
-//! A first guess of the frequency: the highest peak of the channels' summed spectra, then the best of some frequencies around it.
+//! A first guess of the frequency: the highest peak of the channels' summed spectra, then the best
+//! of some frequencies around it.
 
 use num_complex::Complex64;
 use rustfft::FftPlanner;
@@ -6,8 +7,8 @@ use rustfft::FftPlanner;
 use super::sample::{code_bounds, is_inside};
 use super::{Channel, FitOptions, MIN_PERIODS, Record, SineError, solve};
 
-/// Frequencies tried around the peak, in units of 1/(length of the record): with few periods, the image at negative frequency moves the peak by
-/// more than the steps of the frequency can mend.
+/// Frequencies tried around the peak, in units of 1/(length of the record): with few periods, the
+/// image at negative frequency moves the peak by more than the steps of the frequency can mend.
 const TRIALS: [f64; 5] = [-0.5, -0.25, 0.0, 0.25, 0.5];
 
 /// Few periods, where the peak needs the trials, end here.
@@ -20,8 +21,14 @@ pub(super) fn frequency(record: &Record<'_>, options: &FitOptions) -> Result<f64
     let power = summed_power(record, samples)?;
     let bin_hz = 1.0 / (record.interval_s * samples.next_power_of_two() as f64);
     let lowest = ((MIN_PERIODS / duration_s / bin_hz).floor() as usize).max(1);
-    let inner = power.iter().enumerate().take(power.len().saturating_sub(1)).skip(lowest);
-    let (peak, height) = inner.max_by(|a, b| a.1.total_cmp(b.1)).ok_or(SineError::NoSignal)?;
+    let inner = power
+        .iter()
+        .enumerate()
+        .take(power.len().saturating_sub(1))
+        .skip(lowest);
+    let (peak, height) = inner
+        .max_by(|a, b| a.1.total_cmp(b.1))
+        .ok_or(SineError::NoSignal)?;
     if !(*height > 0.0 && height.is_finite()) {
         return Err(SineError::NoSignal);
     }
@@ -34,23 +41,41 @@ pub(super) fn frequency(record: &Record<'_>, options: &FitOptions) -> Result<f64
         let freq_hz = (peak_hz + trial / duration_s).max(MIN_PERIODS / duration_s * (1.0 + 1e-9));
         if freq_hz < 0.5 / record.interval_s {
             let misfit = solve::misfit(record, freq_hz, options)?;
-            best = if misfit < best.0 { (misfit, freq_hz) } else { best };
+            best = if misfit < best.0 {
+                (misfit, freq_hz)
+            } else {
+                best
+            };
         }
     }
     Ok(best.1)
 }
 
-/// Where a parabola through the logarithms of three neighbours peaks, −0.5…0.5 bins off the middle one.
+/// Where a parabola through the logarithms of three neighbours peaks, −0.5…0.5 bins off the middle
+/// one.
 fn interpolate(power: &[f64], peak: usize) -> f64 {
-    let log = |index: usize| power.get(index).copied().unwrap_or(0.0).max(f64::MIN_POSITIVE).ln();
+    let log = |index: usize| {
+        power
+            .get(index)
+            .copied()
+            .unwrap_or(0.0)
+            .max(f64::MIN_POSITIVE)
+            .ln()
+    };
     let (before, at, after) = (log(peak.wrapping_sub(1)), log(peak), log(peak + 1));
     let bend = before - 2.0 * at + after;
-    if bend < 0.0 { (0.5 * (before - after) / bend).clamp(-0.5, 0.5) } else { 0.0 }
+    if bend < 0.0 {
+        (0.5 * (before - after) / bend).clamp(-0.5, 0.5)
+    } else {
+        0.0
+    }
 }
 
-/// Power over frequency, each channel divided by its own total, from zero to half the sampling rate.
+/// Power over frequency, each channel divided by its own total, from zero to half the sampling
+/// rate.
 ///
-/// Two channels share a transform as real and imaginary part: the powers at a frequency and at its image then add up to twice those of both.
+/// Two channels share a transform as real and imaginary part: the powers at a frequency and at its
+/// image then add up to twice those of both.
 fn summed_power(record: &Record<'_>, samples: usize) -> Result<Vec<f64>, SineError> {
     let length = samples.next_power_of_two();
     let transform = FftPlanner::new().plan_fft_forward(length);
@@ -61,7 +86,11 @@ fn summed_power(record: &Record<'_>, samples: usize) -> Result<Vec<f64>, SineErr
         for (index, channel) in channels.iter().enumerate() {
             let values = normalised(values(channel, 2 * pair + index + 1)?);
             for (cell, value) in buffer.iter_mut().zip(values) {
-                if index == 0 { cell.re = value } else { cell.im = value }
+                if index == 0 {
+                    cell.re = value
+                } else {
+                    cell.im = value
+                }
             }
         }
         transform.process_with_scratch(&mut buffer, &mut scratch);
@@ -75,30 +104,55 @@ fn summed_power(record: &Record<'_>, samples: usize) -> Result<Vec<f64>, SineErr
 
 /// Windowed samples of unit energy; all zero if there is nothing but a straight line.
 fn normalised(mut values: Vec<f64>) -> Vec<f64> {
-    let level = values.iter().fold(0.0f64, |largest, v| largest.max(v.abs()));
+    let level = values
+        .iter()
+        .fold(0.0f64, |largest, v| largest.max(v.abs()));
     detrend_and_window(&mut values);
     let energy: f64 = values.iter().map(|v| v * v).sum();
     // Below, what is left is the rounding of the straight line.
     let least = values.len() as f64 * (1e-14 * level).powi(2);
-    let scale = if energy > least { energy.sqrt().recip() } else { 0.0 };
+    let scale = if energy > least {
+        energy.sqrt().recip()
+    } else {
+        0.0
+    };
     for value in &mut values {
         *value *= scale;
     }
     values
 }
 
-/// Samples in their own unit; a clipped one is kept, for it is near the truth and this is only a guess.
+/// Samples in their own unit; a clipped one is kept, for it is near the truth and this is only a
+/// guess.
 fn values(channel: &Channel<'_>, number: usize) -> Result<Vec<f64>, SineError> {
     match channel {
-        Channel::Volts { samples, range_v, .. } => match samples.iter().enumerate().find(|(_, v)| !v.is_finite()) {
-            Some((index, value)) => Err(SineError::NotFinite { channel: number, index, value: *value }),
+        Channel::Volts {
+            samples, range_v, ..
+        } => match samples.iter().enumerate().find(|(_, v)| !v.is_finite()) {
+            Some((index, value)) => Err(SineError::NotFinite {
+                channel: number,
+                index,
+                value: *value,
+            }),
             None if samples.iter().any(|v| is_inside(*v, *range_v)) => Ok(samples.to_vec()),
-            None => Err(SineError::AllClipped { channel: number, clipped: samples.len() }),
+            None => Err(SineError::AllClipped {
+                channel: number,
+                clipped: samples.len(),
+            }),
         },
-        Channel::Stored(_) => Err(SineError::Unreadable { channel: number, reason: "a frequency is needed to begin with".to_owned() }),
+        Channel::Stored(_) => Err(SineError::Unreadable {
+            channel: number,
+            reason: "a frequency is needed to begin with".to_owned(),
+        }),
         Channel::Codes { codes, scale } => {
-            if !codes.iter().any(|code| is_inside(*code, code_bounds(scale))) {
-                return Err(SineError::AllClipped { channel: number, clipped: codes.len() });
+            if !codes
+                .iter()
+                .any(|code| is_inside(*code, code_bounds(scale)))
+            {
+                return Err(SineError::AllClipped {
+                    channel: number,
+                    clipped: codes.len(),
+                });
             }
             Ok(codes.iter().map(|code| f64::from(*code)).collect())
         }
@@ -110,7 +164,11 @@ fn detrend_and_window(values: &mut [f64]) {
     let count = values.len() as f64;
     let centre = 0.5 * (count - 1.0);
     let mean = values.iter().sum::<f64>() / count;
-    let moment: f64 = values.iter().enumerate().map(|(n, v)| (n as f64 - centre) * (v - mean)).sum();
+    let moment: f64 = values
+        .iter()
+        .enumerate()
+        .map(|(n, v)| (n as f64 - centre) * (v - mean))
+        .sum();
     let slope = moment / (count * (count * count - 1.0) / 12.0);
     for (n, value) in values.iter_mut().enumerate() {
         let window = 0.5 - 0.5 * (std::f64::consts::TAU * (n as f64 + 0.5) / count).cos();

@@ -1,13 +1,15 @@
 //! The inner loops: sums of one block of samples over the columns.
 //!
-//! 12-bit codes are summed in whole numbers, 16 at a time where the processor has AVX2, so that the sums are the same on every machine. Codes that
-//! span more, and volts, are summed as `f64` in a fixed order.
+//! 12-bit codes are summed in whole numbers, 16 at a time where the processor has AVX2, so that the
+//! sums are the same on every machine. Codes that span more, and volts, are summed as `f64` in a
+//! fixed order.
 
 use pulp::{Simd, WithSimd};
 
 use super::table::{BLOCK, Fixed, Table};
 
-/// Greatest distance between the bounds of codes that the integer kernel can take: samples within them differ from the pivot by 2047 at most.
+/// Greatest distance between the bounds of codes that the integer kernel can take: samples within
+/// them differ from the pivot by 2047 at most.
 pub(super) const NARROW_SPAN: i32 = 4096;
 
 /// A block of samples and of those one later.
@@ -24,7 +26,8 @@ pub(super) struct BlockSums {
     pub(super) lagged: f64,
 }
 
-/// The weights of a pass: 1, the samples themselves, the next ones and their number are always there.
+/// The weights of a pass: 1, the samples themselves, the next ones and their number are always
+/// there.
 type Rows<'a> = [&'a [i16; BLOCK]; 4];
 
 /// Whole-number sums of a pass over a block.
@@ -78,7 +81,12 @@ mod wide {
     }
 
     #[inline(always)]
-    pub(super) fn whole(simd: V3, (now, next): Blocks<'_, i16>, pivot: i16, rows: &Rows<'_>) -> Whole {
+    pub(super) fn whole(
+        simd: V3,
+        (now, next): Blocks<'_, i16>,
+        pivot: i16,
+        rows: &Rows<'_>,
+    ) -> Whole {
         let (offset, one) = (simd.splat_i16x16(pivot), simd.splat_i16x16(1));
         let (mut least, mut greatest) = (simd.splat_i16x16(i16::MAX), simd.splat_i16x16(i16::MIN));
         let mut sums = [simd.splat_i32x8(0); 8];
@@ -88,10 +96,18 @@ mod wide {
             let later = simd.wrapping_sub_i16x16(load(next, at), offset);
             least = simd.min_i16x16(least, raw);
             greatest = simd.max_i16x16(greatest, raw);
-            let [a, b, c, d] = [load(rows[0], at), load(rows[1], at), load(rows[2], at), load(rows[3], at)];
+            let [a, b, c, d] = [
+                load(rows[0], at),
+                load(rows[1], at),
+                load(rows[2], at),
+                load(rows[3], at),
+            ];
             let weights = [one, x, later, load(&RAMP, at), a, b, c, d];
             for k in 0..8 {
-                sums[k] = simd.wrapping_add_i32x8(sums[k], simd.multiply_wrapping_add_adjacent_i16x16(x, weights[k]));
+                sums[k] = simd.wrapping_add_i32x8(
+                    sums[k],
+                    simd.multiply_wrapping_add_adjacent_i16x16(x, weights[k]),
+                );
             }
         }
         let (least, greatest): ([i16; LANES], [i16; LANES]) = (cast(least), cast(greatest));
@@ -100,7 +116,12 @@ mod wide {
             squares: total(sums[1]),
             lagged: total(sums[2]),
             ramp: total(sums[3]),
-            rows: [total(sums[4]), total(sums[5]), total(sums[6]), total(sums[7])],
+            rows: [
+                total(sums[4]),
+                total(sums[5]),
+                total(sums[6]),
+                total(sums[7]),
+            ],
             least: least.iter().copied().fold(i16::MAX, i16::min),
             greatest: greatest.iter().copied().fold(i16::MIN, i16::max),
         }
@@ -113,10 +134,19 @@ fn whole(now_next: Blocks<'_, i16>, pivot: i16, rows: &Rows<'_>) -> Whole {
     let (now, next) = now_next;
     let x: [i16; BLOCK] = std::array::from_fn(|k| now[k].wrapping_sub(pivot));
     let later: [i16; BLOCK] = std::array::from_fn(|k| next[k].wrapping_sub(pivot));
-    // Sums of 64 products fit 32 bits, as in a lane of the other kernel; with clipped samples they may wrap, and are not used.
+    // Sums of 64 products fit 32 bits, as in a lane of the other kernel; with clipped samples they
+    // may wrap, and are not used.
     let total = |weights: &[i16; BLOCK]| {
-        let part = |(a, b): (&[i16], &[i16])| a.iter().zip(b).fold(0i32, |sum, (a, b)| sum.wrapping_add(i32::from(*a) * i32::from(*b)));
-        x.chunks_exact(64).zip(weights.chunks_exact(64)).map(part).map(i64::from).sum::<i64>()
+        let part = |(a, b): (&[i16], &[i16])| {
+            a.iter().zip(b).fold(0i32, |sum, (a, b)| {
+                sum.wrapping_add(i32::from(*a) * i32::from(*b))
+            })
+        };
+        x.chunks_exact(64)
+            .zip(weights.chunks_exact(64))
+            .map(part)
+            .map(i64::from)
+            .sum::<i64>()
     };
     Whole {
         one: total(&[1; BLOCK]),
@@ -159,7 +189,12 @@ impl Frame<'_> {
         whole: impl Fn(Blocks<'_, i16>, i16, &Rows<'_>) -> Whole,
         into: &mut BlockSums,
     ) -> bool {
-        let mut pairs = self.table.fixed.iter().enumerate().filter_map(|(column, fixed)| Some((column, fixed.as_deref()?)));
+        let mut pairs = self
+            .table
+            .fixed
+            .iter()
+            .enumerate()
+            .filter_map(|(column, fixed)| Some((column, fixed.as_deref()?)));
         while let Some((first_column, first)) = pairs.next() {
             let second = pairs.next();
             let [c, d] = second.map_or([&RAMP; 2], |(_, fixed)| [&fixed.hi, &fixed.lo]);
@@ -167,7 +202,9 @@ impl Frame<'_> {
             if sums.least <= narrow.bounds.0 || sums.greatest >= narrow.bounds.1 {
                 return false;
             }
-            let value = |fixed: &Fixed, hi: i64, lo: i64| hi as f64 * fixed.hi_unit + lo as f64 * fixed.lo_unit;
+            let value = |fixed: &Fixed, hi: i64, lo: i64| {
+                hi as f64 * fixed.hi_unit + lo as f64 * fixed.lo_unit
+            };
             into.columns[first_column] = value(first, sums.rows[0], sums.rows[1]);
             if let Some((column, fixed)) = second {
                 into.columns[column] = value(fixed, sums.rows[2], sums.rows[3]);
@@ -191,14 +228,18 @@ struct EachNarrow<'a, W, T> {
     take: T,
 }
 
-impl<W: Fn(Blocks<'_, i16>, i16, &Rows<'_>) -> Whole, T: FnMut(Option<&BlockSums>)> WithSimd for EachNarrow<'_, W, T> {
+impl<W: Fn(Blocks<'_, i16>, i16, &Rows<'_>) -> Whole, T: FnMut(Option<&BlockSums>)> WithSimd
+    for EachNarrow<'_, W, T>
+{
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, _simd: S) {
         let mut sums = BlockSums::zero(self.frame.table.exact.len());
         for blocks in blocks(self.codes) {
-            let clean = self.frame.narrow(self.narrow, blocks, &self.whole, &mut sums);
+            let clean = self
+                .frame
+                .narrow(self.narrow, blocks, &self.whole, &mut sums);
             (self.take)(clean.then_some(&sums));
         }
     }
@@ -206,35 +247,78 @@ impl<W: Fn(Blocks<'_, i16>, i16, &Rows<'_>) -> Whole, T: FnMut(Option<&BlockSums
 
 impl BlockSums {
     fn zero(columns: usize) -> Self {
-        Self { columns: vec![0.0; columns], squares: 0.0, lagged: 0.0 }
+        Self {
+            columns: vec![0.0; columns],
+            squares: 0.0,
+            lagged: 0.0,
+        }
     }
 }
 
 /// The whole blocks that have a sample after them, each with the samples one later.
 pub(super) fn blocks<S>(samples: &[S]) -> impl Iterator<Item = Blocks<'_, S>> {
     let later = samples.get(1..).unwrap_or(&[]);
-    samples.as_chunks::<BLOCK>().0.iter().zip(later.as_chunks::<BLOCK>().0)
+    samples
+        .as_chunks::<BLOCK>()
+        .0
+        .iter()
+        .zip(later.as_chunks::<BLOCK>().0)
 }
 
-/// Calls `take` with the sums of each of the [`blocks`] of codes, in order; with nothing where a sample is clipped.
-pub(super) fn each_narrow(frame: Frame<'_>, narrow: Narrow, codes: &[i16], take: impl FnMut(Option<&BlockSums>)) {
+/// Calls `take` with the sums of each of the [`blocks`] of codes, in order; with nothing where a
+/// sample is clipped.
+pub(super) fn each_narrow(
+    frame: Frame<'_>,
+    narrow: Narrow,
+    codes: &[i16],
+    take: impl FnMut(Option<&BlockSums>),
+) {
     #[cfg(target_arch = "x86_64")]
     if let Some(simd) = pulp::x86::V3::try_new() {
-        let wide = |blocks: Blocks<'_, i16>, pivot: i16, rows: &Rows<'_>| wide::whole(simd, blocks, pivot, rows);
-        return Simd::vectorize(simd, EachNarrow { frame, narrow, codes, whole: wide, take });
+        let wide = |blocks: Blocks<'_, i16>, pivot: i16, rows: &Rows<'_>| {
+            wide::whole(simd, blocks, pivot, rows)
+        };
+        return Simd::vectorize(
+            simd,
+            EachNarrow {
+                frame,
+                narrow,
+                codes,
+                whole: wide,
+                take,
+            },
+        );
     }
-    Simd::vectorize(pulp::Scalar::new(), EachNarrow { frame, narrow, codes, whole, take });
+    Simd::vectorize(
+        pulp::Scalar::new(),
+        EachNarrow {
+            frame,
+            narrow,
+            codes,
+            whole,
+            take,
+        },
+    );
 }
 
-/// Sums kept side by side: the compiler puts them into vector registers, which the order of a single sum forbids.
+/// Sums kept side by side: the compiler puts them into vector registers, which the order of a
+/// single sum forbids.
 const LANES: usize = 16;
 
 /// Sums of a block of any samples as `f64`, less a pivot.
-pub(super) fn floating<S: Copy + Into<f64>>(frame: &Frame<'_>, (now, next): Blocks<'_, S>, pivot: f64) -> BlockSums {
+pub(super) fn floating<S: Copy + Into<f64>>(
+    frame: &Frame<'_>,
+    (now, next): Blocks<'_, S>,
+    pivot: f64,
+) -> BlockSums {
     let value = |sample: S| -> f64 { sample.into() - pivot };
     let x: [f64; BLOCK] = std::array::from_fn(|k| value(now[k]));
     let later: [f64; BLOCK] = std::array::from_fn(|k| value(next[k]));
-    pulp::Arch::new().dispatch(Floating { table: frame.table, x: &x, later: &later })
+    pulp::Arch::new().dispatch(Floating {
+        table: frame.table,
+        x: &x,
+        later: &later,
+    })
 }
 
 struct Floating<'a> {
@@ -249,7 +333,12 @@ impl WithSimd for Floating<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _simd: S) -> BlockSums {
         BlockSums {
-            columns: self.table.exact.iter().map(|column| products(self.x, column)).collect(),
+            columns: self
+                .table
+                .exact
+                .iter()
+                .map(|column| products(self.x, column))
+                .collect(),
             squares: products(self.x, self.x),
             lagged: products(self.x, self.later),
         }
@@ -260,7 +349,12 @@ impl WithSimd for Floating<'_> {
 #[inline(always)]
 pub(super) fn products(a: &[f64; BLOCK], b: &[f64; BLOCK]) -> f64 {
     let mut sums = [0.0; LANES];
-    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
+    for (a, b) in a
+        .as_chunks::<LANES>()
+        .0
+        .iter()
+        .zip(b.as_chunks::<LANES>().0)
+    {
         for lane in 0..LANES {
             sums[lane] += a[lane] * b[lane];
         }
@@ -276,16 +370,27 @@ mod tests {
     fn both_integer_kernels_give_the_sums_of_wide_integers() {
         let mut state = 7u64;
         let mut next = |span: i64| {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
             i16::try_from(((state >> 33) as i64) % (2 * span + 1) - span).unwrap()
         };
         for (span, pivot) in [(2047, 0i16), (3, 100), (2047, 2048)] {
             let samples: Vec<i16> = (0..=BLOCK).map(|_| next(span) + pivot).collect();
-            let rows: Vec<[i16; BLOCK]> = (0..4).map(|_| std::array::from_fn(|_| next(16384))).collect();
+            let rows: Vec<[i16; BLOCK]> = (0..4)
+                .map(|_| std::array::from_fn(|_| next(16384)))
+                .collect();
             let rows = [&rows[0], &rows[1], &rows[2], &rows[3]];
-            let pair: Blocks<'_, i16> = (samples.first_chunk().unwrap(), samples[1..].first_chunk().unwrap());
-            let x: Vec<i64> = samples.iter().map(|v| i64::from(*v) - i64::from(pivot)).collect();
-            let sum = |weight: &dyn Fn(usize) -> i64| (0..BLOCK).map(|k| x[k] * weight(k)).sum::<i64>();
+            let pair: Blocks<'_, i16> = (
+                samples.first_chunk().unwrap(),
+                samples[1..].first_chunk().unwrap(),
+            );
+            let x: Vec<i64> = samples
+                .iter()
+                .map(|v| i64::from(*v) - i64::from(pivot))
+                .collect();
+            let sum =
+                |weight: &dyn Fn(usize) -> i64| (0..BLOCK).map(|k| x[k] * weight(k)).sum::<i64>();
             let expected = Whole {
                 one: sum(&|_| 1),
                 squares: sum(&|k| x[k]),
@@ -305,7 +410,8 @@ mod tests {
 
     #[test]
     fn a_lane_holds_the_greatest_sums() {
-        // All samples and weights at their limits, of one sign: 64 products of 2047 and 16384 stay below 2³¹.
+        // All samples and weights at their limits, of one sign: 64 products of 2047 and 16384 stay
+        // below 2³¹.
         let (samples, row) = ([2047i16; BLOCK], [16384i16; BLOCK]);
         let sums = whole((&samples, &samples), 0, &[&row; 4]);
         assert_eq!(sums.rows, [512 * 2047 * 16384; 4]);

@@ -1,8 +1,10 @@
-//! The normal equations of one channel at one frequency, and their solution by Cholesky factorisation.
+//! The normal equations of one channel at one frequency, and their solution by Cholesky
+//! factorisation.
 
 use super::basis::{Square, dot};
 
-/// Least ratio of a pivot of the factorisation to its diagonal element: below, the equations are singular to working precision.
+/// Least ratio of a pivot of the factorisation to its diagonal element: below, the equations are
+/// singular to working precision.
 const SINGULAR: f64 = 1e-11;
 
 /// Cholesky factor of the normal matrix of the fitted columns.
@@ -62,13 +64,23 @@ impl Normal {
             self.solve(&unit)
         };
         let (first, second) = (column(2 * tone), column(2 * tone + 1));
-        (first[2 * tone], 0.5 * (first[2 * tone + 1] + second[2 * tone]), second[2 * tone + 1])
+        (
+            first[2 * tone],
+            0.5 * (first[2 * tone + 1] + second[2 * tone]),
+            second[2 * tone + 1],
+        )
     }
 }
 
-/// What one channel says of the phase that a change of the frequency adds at the ends of the record (rad): curvature and slope of the sum of
-/// squares after the other parameters have been fitted. `derivative` are the coefficients of the model's derivative on all columns.
-pub(super) fn frequency_step((gram, right): (&Square, &[f64]), normal: &Normal, beta: &[f64], derivative: &[f64]) -> (f64, f64) {
+/// What one channel says of the phase that a change of the frequency adds at the ends of the record
+/// (rad): curvature and slope of the sum of squares after the other parameters have been fitted.
+/// `derivative` are the coefficients of the model's derivative on all columns.
+pub(super) fn frequency_step(
+    (gram, right): (&Square, &[f64]),
+    normal: &Normal,
+    beta: &[f64],
+    derivative: &[f64],
+) -> (f64, f64) {
     let along = gram.times(derivative);
     let explained = normal.solve(&along);
     let curvature = dot(derivative, &along) - dot(&explained, &along);

@@ -1,7 +1,9 @@
-//! One pass over the samples: the sums that the normal equations are made of, for all channels, on all cores.
+//! One pass over the samples: the sums that the normal equations are made of, for all channels, on
+//! all cores.
 //!
-//! The record is cut into chunks of a fixed length, whose sums are added in order: the result does not depend on the number of threads. Whole blocks
-//! of samples that all count go through a kernel; the others are added one by one.
+//! The record is cut into chunks of a fixed length, whose sums are added in order: the result does
+//! not depend on the number of threads. Whole blocks of samples that all count go through a kernel;
+//! the others are added one by one.
 
 use rayon::prelude::*;
 
@@ -23,7 +25,8 @@ pub(super) struct Moments {
     pub(super) gram: Square,
     /// Σ φ·x.
     pub(super) right: Vec<f64>,
-    /// Σ εφᵀ of the blocks whose sums were taken over rounded columns φ − ε; none if there are none.
+    /// Σ εφᵀ of the blocks whose sums were taken over rounded columns φ − ε; none if there are
+    /// none.
     pub(super) rounding: Option<Square>,
     /// Σ x².
     pub(super) squares: f64,
@@ -50,17 +53,33 @@ impl Stage {
     pub(super) fn new(basis: Basis, record: &Record<'_>, exclude_clipped: bool) -> Self {
         let whole = basis.samples().saturating_sub(1) / BLOCK;
         let table = Table::new(&basis, whole > 0);
-        let any_narrow = record.channels.iter().any(|channel| narrow(channel, exclude_clipped).is_some());
+        let any_narrow = record
+            .channels
+            .iter()
+            .any(|channel| narrow(channel, exclude_clipped).is_some());
         let doubling = |one: Square| Doubling::new(&basis, BLOCK, one, whole);
         let gram = (whole > 0).then(|| doubling(table.gram()));
         let rounding = (whole > 0 && any_narrow).then(|| doubling(table.rounding()));
-        let within = (0..whole.min(CHUNK_BLOCKS)).map(|block| basis.shift((block * BLOCK) as f64)).collect();
-        Self { basis, table, within, gram, rounding }
+        let within = (0..whole.min(CHUNK_BLOCKS))
+            .map(|block| basis.shift((block * BLOCK) as f64))
+            .collect();
+        Self {
+            basis,
+            table,
+            within,
+            gram,
+            rounding,
+        }
     }
 
     fn frame(&self) -> Frame<'_> {
         let constant = 2 * self.basis.tones();
-        Frame { table: &self.table, time_step: self.basis.time_step, constant, drift: self.basis.powers() > 1 }
+        Frame {
+            table: &self.table,
+            time_step: self.basis.time_step,
+            constant,
+            drift: self.basis.powers() > 1,
+        }
     }
 }
 
@@ -69,32 +88,60 @@ fn narrow(channel: &Channel<'_>, exclude_clipped: bool) -> Option<Narrow> {
     let scale = channel.scale()?;
     let span = i32::from(scale.code_max) - i32::from(scale.code_min);
     let fits = exclude_clipped && span <= NARROW_SPAN;
-    fits.then(|| Narrow { pivot: code_pivot(&scale), bounds: (scale.code_min, scale.code_max) })
+    fits.then(|| Narrow {
+        pivot: code_pivot(&scale),
+        bounds: (scale.code_min, scale.code_max),
+    })
 }
 
 /// Sums of all channels.
-pub(super) fn accumulate(record: &Record<'_>, stage: &Stage, exclude_clipped: bool) -> Result<Vec<Moments>, SineError> {
+pub(super) fn accumulate(
+    record: &Record<'_>,
+    stage: &Stage,
+    exclude_clipped: bool,
+) -> Result<Vec<Moments>, SineError> {
     let mut all = Vec::with_capacity(record.channels.len());
     for (index, channel) in record.channels.iter().enumerate() {
         let chunks = pieces((index + 1, channel), stage, exclude_clipped)?;
         let own = chunks.iter();
         let moments = gather(own, stage, narrow(channel, exclude_clipped).is_some());
-        all.push(moments.map_err(|(at, value)| SineError::NotFinite { channel: index + 1, index: at, value })?);
+        all.push(moments.map_err(|(at, value)| SineError::NotFinite {
+            channel: index + 1,
+            index: at,
+            value,
+        })?);
     }
     Ok(all)
 }
 
 /// Sums of one channel over its chunks, in order.
-fn pieces((number, channel): (usize, &Channel<'_>), stage: &Stage, exclude_clipped: bool) -> Result<Vec<Piece>, SineError> {
+fn pieces(
+    (number, channel): (usize, &Channel<'_>),
+    stage: &Stage,
+    exclude_clipped: bool,
+) -> Result<Vec<Piece>, SineError> {
     let samples = stage.basis.samples();
     let segment = channel.segment();
     let level = pivot(channel);
     let of_segment = |base: usize| -> Result<Vec<Piece>, SineError> {
         let loaded = channel.load(number, base)?;
-        let starts: Vec<usize> = (base..(base + segment).min(samples)).step_by(CHUNK).collect();
-        let one = |start: &usize| piece(&loaded.channel(), stage, (*start, base, level), exclude_clipped);
+        let starts: Vec<usize> = (base..(base + segment).min(samples))
+            .step_by(CHUNK)
+            .collect();
+        let one = |start: &usize| {
+            piece(
+                &loaded.channel(),
+                stage,
+                (*start, base, level),
+                exclude_clipped,
+            )
+        };
         // A short record is done before the other cores have woken up.
-        Ok(if starts.len() > 1 { starts.par_iter().map(one).collect() } else { starts.iter().map(one).collect() })
+        Ok(if starts.len() > 1 {
+            starts.par_iter().map(one).collect()
+        } else {
+            starts.iter().map(one).collect()
+        })
     };
     let mut all = Vec::with_capacity(samples.div_ceil(CHUNK));
     // One after the other: what is read at once bounds the memory.
@@ -120,17 +167,31 @@ struct Piece {
     fault: Option<(usize, f64)>,
 }
 
-fn gather<'a>(pieces: impl Iterator<Item = &'a Piece>, stage: &Stage, narrow: bool) -> Result<Moments, (usize, f64)> {
+fn gather<'a>(
+    pieces: impl Iterator<Item = &'a Piece>,
+    stage: &Stage,
+    narrow: bool,
+) -> Result<Moments, (usize, f64)> {
     let columns = stage.basis.columns();
-    let mut all =
-        Moments { gram: Square::zero(columns), right: vec![0.0; columns], rounding: None, squares: 0.0, lagged: 0.0, used: 0, clipped: 0 };
+    let mut all = Moments {
+        gram: Square::zero(columns),
+        right: vec![0.0; columns],
+        rounding: None,
+        squares: 0.0,
+        lagged: 0.0,
+        used: 0,
+        clipped: 0,
+    };
     let mut kernel_blocks = Vec::new();
     for piece in pieces {
         if let Some(fault) = piece.fault {
             return Err(fault);
         }
         all.gram.add(&piece.gram);
-        all.right.iter_mut().zip(&piece.sums.columns).for_each(|(sum, part)| *sum += part);
+        all.right
+            .iter_mut()
+            .zip(&piece.sums.columns)
+            .for_each(|(sum, part)| *sum += part);
         all.squares += piece.sums.squares;
         all.lagged += piece.sums.lagged;
         all.used += piece.used;
@@ -153,21 +214,57 @@ fn gather<'a>(pieces: impl Iterator<Item = &'a Piece>, stage: &Stage, narrow: bo
 }
 
 /// `base`: the sample of the record that is the channel's first.
-fn piece(channel: &Channel<'_>, stage: &Stage, (start, base, level): (usize, usize, f64), exclude_clipped: bool) -> Piece {
+fn piece(
+    channel: &Channel<'_>,
+    stage: &Stage,
+    (start, base, level): (usize, usize, f64),
+    exclude_clipped: bool,
+) -> Piece {
     match channel {
         // It was read before.
-        Channel::Stored(_) => Part::<f64> { stage, samples: &[], start, base, level, bounds: None, exclude_clipped }.collect(|_| {}),
-        Channel::Volts { samples, range_v, .. } => {
-            let part = Part { stage, samples, start, base, level, bounds: *range_v, exclude_clipped };
+        Channel::Stored(_) => Part::<f64> {
+            stage,
+            samples: &[],
+            start,
+            base,
+            level,
+            bounds: None,
+            exclude_clipped,
+        }
+        .collect(|_| {}),
+        Channel::Volts {
+            samples, range_v, ..
+        } => {
+            let part = Part {
+                stage,
+                samples,
+                start,
+                base,
+                level,
+                bounds: *range_v,
+                exclude_clipped,
+            };
             part.collect(|piece| part.each_floating(|sums| piece.add_block(&part, sums)))
         }
         Channel::Codes { codes, scale } => {
-            let part = Part { stage, samples: codes, start, base, level, bounds: code_bounds(scale), exclude_clipped };
+            let part = Part {
+                stage,
+                samples: codes,
+                start,
+                base,
+                level,
+                bounds: code_bounds(scale),
+                exclude_clipped,
+            };
             match narrow(channel, exclude_clipped) {
                 Some(narrow) => part.collect(|piece| {
-                    kernel::each_narrow(stage.frame(), narrow, part.chunk(1), |sums| piece.add_block(&part, sums));
+                    kernel::each_narrow(stage.frame(), narrow, part.chunk(1), |sums| {
+                        piece.add_block(&part, sums)
+                    });
                 }),
-                None => part.collect(|piece| part.each_floating(|sums| piece.add_block(&part, sums))),
+                None => {
+                    part.collect(|piece| part.each_floating(|sums| piece.add_block(&part, sums)))
+                }
             }
         }
     }
@@ -199,7 +296,14 @@ impl<S: Sample> Part<'_, S> {
     fn each_floating(&self, mut take: impl FnMut(Option<&BlockSums>)) {
         let frame = self.stage.frame();
         for blocks in kernel::blocks(self.chunk(1)) {
-            let clean = all_inside(blocks.0, if self.exclude_clipped { self.bounds } else { None });
+            let clean = all_inside(
+                blocks.0,
+                if self.exclude_clipped {
+                    self.bounds
+                } else {
+                    None
+                },
+            );
             let sums = clean.then(|| kernel::floating(&frame, blocks, self.level));
             take(sums.as_ref());
         }
@@ -208,14 +312,33 @@ impl<S: Sample> Part<'_, S> {
     /// The blocks that a kernel gives, and the rest one by one.
     fn collect(&self, kernels: impl FnOnce(&mut Piece)) -> Piece {
         let columns = self.stage.basis.columns();
-        let sums = BlockSums { columns: vec![0.0; columns], squares: 0.0, lagged: 0.0 };
+        let sums = BlockSums {
+            columns: vec![0.0; columns],
+            squares: 0.0,
+            lagged: 0.0,
+        };
         let gram = Square::zero(columns);
         let (moved, kernel_blocks) = (vec![0.0; columns], Vec::with_capacity(CHUNK_BLOCKS));
-        let mut piece = Piece { sums, moved, kernel_blocks, gram, used: 0, clipped: 0, fault: None };
+        let mut piece = Piece {
+            sums,
+            moved,
+            kernel_blocks,
+            gram,
+            used: 0,
+            clipped: 0,
+            fault: None,
+        };
         kernels(&mut piece);
-        self.stage.basis.place(self.start).apply(&mut piece.sums.columns);
+        self.stage
+            .basis
+            .place(self.start)
+            .apply(&mut piece.sums.columns);
         if !self.exclude_clipped && self.bounds.is_some() {
-            piece.clipped = self.chunk(0).iter().filter(|sample| !is_inside(**sample, self.bounds)).count();
+            piece.clipped = self
+                .chunk(0)
+                .iter()
+                .filter(|sample| !is_inside(**sample, self.bounds))
+                .count();
         }
         for (number, block) in self.chunk(0).chunks(BLOCK).enumerate() {
             if !piece.kernel_blocks.get(number).copied().unwrap_or(false) && piece.fault.is_none() {
@@ -245,7 +368,12 @@ impl<S: Sample> Part<'_, S> {
             self.stage.table.write_row(k, &mut row);
             place.apply(&mut row);
             piece.gram.add_product(&row, &row);
-            piece.sums.columns.iter_mut().zip(&row).for_each(|(sum, column)| *sum += column * x);
+            piece
+                .sums
+                .columns
+                .iter_mut()
+                .zip(&row)
+                .for_each(|(sum, column)| *sum += column * x);
             piece.sums.squares += x * x;
             if let Some(next) = self.samples.get(first - self.base + k + 1) {
                 piece.sums.lagged += x * ((*next).into() - self.level);
@@ -260,7 +388,11 @@ impl Piece {
         if let (Some(sums), Some(shift)) = (sums, part.stage.within.get(self.kernel_blocks.len())) {
             self.moved.copy_from_slice(&sums.columns);
             shift.apply(&mut self.moved);
-            self.sums.columns.iter_mut().zip(&self.moved).for_each(|(sum, column)| *sum += column);
+            self.sums
+                .columns
+                .iter_mut()
+                .zip(&self.moved)
+                .for_each(|(sum, column)| *sum += column);
             self.sums.squares += sums.squares;
             self.sums.lagged += sums.lagged;
             self.used += BLOCK;

@@ -4,8 +4,9 @@ use super::{Drift, FitOptions, LeftOut, Note, ToneKind};
 
 /// Periods that a record must have for a parabola to be told from a slow sinusoid.
 const MIN_PERIODS_QUADRATIC: f64 = 2.0;
-/// Periods that a record must have for relaxations: from here on they raise the standard deviation of a phasor by less than 8 % (computed from the normal
-/// matrix for [`super::relaxations`]); with 2 periods it would be 24 %.
+/// Periods that a record must have for relaxations: from here on they raise the standard deviation
+/// of a phasor by less than 8 % (computed from the normal matrix for [`super::relaxations`]); with
+/// 2 periods it would be 24 %.
 const MIN_PERIODS_RELAXATION: f64 = 4.0;
 
 /// What is fitted besides the fundamental.
@@ -24,8 +25,13 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// What `options` ask for as far as a record of `samples` can carry it besides a sinusoid of `freq_hz`.
-    pub(super) fn new(options: &FitOptions, freq_hz: f64, (samples, interval_s): (usize, f64)) -> Self {
+    /// What `options` ask for as far as a record of `samples` can carry it besides a sinusoid of
+    /// `freq_hz`.
+    pub(super) fn new(
+        options: &FitOptions,
+        freq_hz: f64,
+        (samples, interval_s): (usize, f64),
+    ) -> Self {
         let duration_s = samples as f64 * interval_s;
         let mut plan = Self {
             degree: options.drift.degree(),
@@ -36,19 +42,36 @@ impl Plan {
         };
         if !plan.decays_s.is_empty() && freq_hz * duration_s < MIN_PERIODS_RELAXATION {
             plan.decays_s.clear();
-            plan.notes.push(Note::RelaxationLeftOut { periods: freq_hz * duration_s, needed: MIN_PERIODS_RELAXATION });
+            plan.notes.push(Note::RelaxationLeftOut {
+                periods: freq_hz * duration_s,
+                needed: MIN_PERIODS_RELAXATION,
+            });
         }
         if options.drift == Drift::Quadratic && freq_hz * duration_s < MIN_PERIODS_QUADRATIC {
             plan.degree = 1;
-            plan.notes.push(Note::DriftLeftOut { periods: freq_hz * duration_s, needed: MIN_PERIODS_QUADRATIC });
+            plan.notes.push(Note::DriftLeftOut {
+                periods: freq_hz * duration_s,
+                needed: MIN_PERIODS_QUADRATIC,
+            });
         }
-        let harmonics = options.harmonics.iter().map(|order| ToneKind::Harmonic(*order));
+        let harmonics = options
+            .harmonics
+            .iter()
+            .map(|order| ToneKind::Harmonic(*order));
         let others = options.also_hz.iter().map(|_| ToneKind::Other);
-        let freqs = options.harmonics.iter().map(|order| f64::from(*order) * freq_hz).chain(options.also_hz.iter().copied());
+        let freqs = options
+            .harmonics
+            .iter()
+            .map(|order| f64::from(*order) * freq_hz)
+            .chain(options.also_hz.iter().copied());
         let mut taken = vec![freq_hz];
         for (kind, extra_hz) in harmonics.chain(others).zip(freqs) {
             match refusal(extra_hz, &taken, (1.0 / duration_s, 0.5 / interval_s)) {
-                Some(why) => plan.notes.push(Note::LeftOut { kind, freq_hz: extra_hz, why }),
+                Some(why) => plan.notes.push(Note::LeftOut {
+                    kind,
+                    freq_hz: extra_hz,
+                    why,
+                }),
                 None => {
                     taken.push(extra_hz);
                     match kind {
@@ -61,7 +84,8 @@ impl Plan {
         plan
     }
 
-    /// The least that can be fitted: the sinusoid, its offset and at most a linear drift. Says what it leaves out; none if it already is that.
+    /// The least that can be fitted: the sinusoid, its offset and at most a linear drift. Says what
+    /// it leaves out; none if it already is that.
     pub(super) fn reduced(&self, freq_hz: f64, channel: usize) -> Option<Self> {
         let degree = self.degree.min(1);
         let mut notes = self.notes.clone();
@@ -72,7 +96,11 @@ impl Plan {
             notes.push(Note::RelaxationUndetermined { channel });
         }
         let why = LeftOut::Undetermined { channel };
-        notes.extend(self.tones(freq_hz).into_iter().map(|(kind, freq_hz)| Note::LeftOut { kind, freq_hz, why }));
+        notes.extend(
+            self.tones(freq_hz)
+                .into_iter()
+                .map(|(kind, freq_hz)| Note::LeftOut { kind, freq_hz, why }),
+        );
         (notes.len() > self.notes.len()).then_some(Self {
             degree,
             decays_s: Vec::new(),
@@ -84,14 +112,27 @@ impl Plan {
 
     /// The tones besides the fundamental, for a frequency of it.
     pub(super) fn tones(&self, freq_hz: f64) -> Vec<(ToneKind, f64)> {
-        let harmonics = self.harmonics.iter().map(|order| (ToneKind::Harmonic(*order), f64::from(*order) * freq_hz));
-        harmonics.chain(self.others_hz.iter().map(|freq_hz| (ToneKind::Other, *freq_hz))).collect()
+        let harmonics = self
+            .harmonics
+            .iter()
+            .map(|order| (ToneKind::Harmonic(*order), f64::from(*order) * freq_hz));
+        harmonics
+            .chain(
+                self.others_hz
+                    .iter()
+                    .map(|freq_hz| (ToneKind::Other, *freq_hz)),
+            )
+            .collect()
     }
 }
 
-/// Why a tone cannot be fitted besides those already taken: two tones, a tone and the drift, or a tone and its image beyond half the sampling rate
-/// must differ by one period over the record.
-fn refusal(freq_hz: f64, taken: &[f64], (resolution_hz, nyquist_hz): (f64, f64)) -> Option<LeftOut> {
+/// Why a tone cannot be fitted besides those already taken: two tones, a tone and the drift, or a
+/// tone and its image beyond half the sampling rate must differ by one period over the record.
+fn refusal(
+    freq_hz: f64,
+    taken: &[f64],
+    (resolution_hz, nyquist_hz): (f64, f64),
+) -> Option<LeftOut> {
     if !(freq_hz.is_finite() && freq_hz > 0.0) {
         return Some(LeftOut::NoFrequency);
     }
@@ -103,5 +144,8 @@ fn refusal(freq_hz: f64, taken: &[f64], (resolution_hz, nyquist_hz): (f64, f64))
     }
     // Frequencies that are meant to be one resolution apart must not fail by rounding.
     let close = |other_hz: &&f64| (freq_hz - **other_hz).abs() < resolution_hz * (1.0 - 1e-9);
-    taken.iter().find(close).map(|to_hz| LeftOut::TooClose { to_hz: *to_hz, resolution_hz })
+    taken.iter().find(close).map(|to_hz| LeftOut::TooClose {
+        to_hz: *to_hz,
+        resolution_hz,
+    })
 }

@@ -1,11 +1,14 @@
 //! Where the noise is too low to make the quantisation act as noise: how wrong the phasor may be.
 //!
-//! An ADC adds the sawtooth of its rounding to every sample. Noise of half a code smooths it away (the sawtooth's k-th harmonic fades with
-//! exp(−2π²k²σ²), σ in codes; Widrow and Kollár, Quantization Noise, ch. 4 and 10). Without it, the sawtooth is a function of the signal's phase:
-//! samples that come back to few phases, or a signal of few codes, repeat the same errors, and averaging does not help.
+//! An ADC adds the sawtooth of its rounding to every sample. Noise of half a code smooths it away
+//! (the sawtooth's k-th harmonic fades with exp(−2π²k²σ²), σ in codes; Widrow and Kollár,
+//! Quantization Noise, ch. 4 and 10). Without it, the sawtooth is a function of the signal's phase:
+//! samples that come back to few phases, or a signal of few codes, repeat the same errors, and
+//! averaging does not help.
 //!
-//! The bound is found by doing it: sinusoids of the fitted amplitude, at several positions between the codes, are rounded at the phases of the
-//! record, and the greatest error of the phasor is taken. Knows no samples.
+//! The bound is found by doing it: sinusoids of the fitted amplitude, at several positions between
+//! the codes, are rounded at the phases of the record, and the greatest error of the phasor is
+//! taken. Knows no samples.
 
 use num_complex::Complex64;
 
@@ -59,30 +62,56 @@ impl Quantised {
         }
         let phases = few_phases(self.cycles, self.samples);
         let bound_lsb = self.bound(self.certain_noise(phases), phases);
-        (bound_lsb > MATTERS * self.sigma_lsb).then_some(Systematic { noise_lsb, phases, bound_lsb })
+        (bound_lsb > MATTERS * self.sigma_lsb).then_some(Systematic {
+            noise_lsb,
+            phases,
+            bound_lsb,
+        })
     }
 
-    /// Noise that is there for certain, codes rms. The error of rounding has a mean square of 1/12 only on average over the position between codes:
-    /// it may take up to 1/4 − 1/12 more where few positions are met.
+    /// Noise that is there for certain, codes rms. The error of rounding has a mean square of 1/12
+    /// only on average over the position between codes: it may take up to 1/4 − 1/12 more where few
+    /// positions are met.
     fn certain_noise(&self, phases: Option<usize>) -> f64 {
-        let few_codes = if phases.is_some() { 1.0 } else { (std::f64::consts::PI * self.amplitude_lsb.sqrt()).recip().min(1.0) };
-        (self.residual_lsb2 - 1.0 / 12.0 - few_codes / 6.0).max(0.0).sqrt()
+        let few_codes = if phases.is_some() {
+            1.0
+        } else {
+            (std::f64::consts::PI * self.amplitude_lsb.sqrt())
+                .recip()
+                .min(1.0)
+        };
+        (self.residual_lsb2 - 1.0 / 12.0 - few_codes / 6.0)
+            .max(0.0)
+            .sqrt()
     }
 
     fn bound(&self, noise_lsb: f64, few: Option<usize>) -> f64 {
         let count = few.unwrap_or(self.samples.min(PHASES));
-        // Whole samples of the record, spread over all of it; where it comes back to few phases, the first of each.
-        let index = |n: usize| if few.is_some() { n } else { n * self.samples / count };
-        let phase = |n: usize| Complex64::cis(std::f64::consts::TAU * (self.cycles * index(n) as f64).fract());
+        // Whole samples of the record, spread over all of it; where it comes back to few phases,
+        // the first of each.
+        let index = |n: usize| {
+            if few.is_some() {
+                n
+            } else {
+                n * self.samples / count
+            }
+        };
+        let phase = |n: usize| {
+            Complex64::cis(std::f64::consts::TAU * (self.cycles * index(n) as f64).fract())
+        };
         let phases: Vec<Complex64> = (0..count).map(phase).collect();
         let fade = (-2.0 * (std::f64::consts::PI * noise_lsb).powi(2)).exp() / std::f64::consts::PI;
         let sharp = noise_lsb < SHARP_LSB;
         let trials = if few.is_some() { TRIALS_FEW } else { TRIALS };
         let error = |trial: usize| {
-            // Amplitude, offset and phase are known less well than a code: steps by irrational numbers fill the space evenly.
+            // Amplitude, offset and phase are known less well than a code: steps by irrational
+            // numbers fill the space evenly.
             let part = |irrational: f64| (trial as f64 * irrational).fract();
             let amplitude = (self.amplitude_lsb + 1.25 * part(0.754_877_666_247) - 0.5).max(0.0);
-            let (offset, start) = (part(0.569_840_290_998), Complex64::cis(std::f64::consts::TAU * part(0.819_172_513_397)));
+            let (offset, start) = (
+                part(0.569_840_290_998),
+                Complex64::cis(std::f64::consts::TAU * part(0.819_172_513_397)),
+            );
             let one = |turn: &Complex64| {
                 let value = amplitude * (start * turn).re + offset;
                 // Distance from the code, −½…½; the parabola is the sine of 2π times it within 6 %.
@@ -96,7 +125,8 @@ impl Quantised {
     }
 }
 
-/// Number of different phases, if the samples come back to few of them: after q samples the phase is the same, and stays so over the record.
+/// Number of different phases, if the samples come back to few of them: after q samples the phase
+/// is the same, and stays so over the record.
 fn few_phases(cycles: f64, samples: usize) -> Option<usize> {
     (1..=FEW_PHASES).find(|q| {
         let turns = cycles * *q as f64;

@@ -1,7 +1,8 @@
 //! What the fit leaves: its sum of squares and the correlation of neighbours.
 //!
-//! Of whole codes, all of which count, both follow from the sums of the first pass, which are exact but for the fitted part. Otherwise, and where so
-//! little is left of the signal that the difference of the sums would be rounding, a second pass forms the residuals themselves.
+//! Of whole codes, all of which count, both follow from the sums of the first pass, which are exact
+//! but for the fitted part. Otherwise, and where so little is left of the signal that the
+//! difference of the sums would be rounding, a second pass forms the residuals themselves.
 
 use rayon::prelude::*;
 
@@ -11,7 +12,8 @@ use super::sample::{Bounds, Sample, code_bounds, is_inside, pivot};
 use super::table::BLOCK;
 use super::{Channel, SineError};
 
-/// Share of the sum of squares that must be left for the sums of the first pass to tell it: they are good to about 10⁻¹⁵ of it.
+/// Share of the sum of squares that must be left for the sums of the first pass to tell it: they
+/// are good to about 10⁻¹⁵ of it.
 const LEFT_BY_SUMS: f64 = 1e-9;
 
 /// Sums over the residuals of one channel, in the unit of its samples.
@@ -26,11 +28,16 @@ pub(super) struct Residual {
 impl Residual {
     /// Correlation of neighbouring residuals, −1…1; 0 if nothing is left.
     pub(super) fn lag1(&self) -> f64 {
-        if self.sum_squares > 0.0 { (self.sum_lagged / self.sum_squares).clamp(-1.0, 1.0) } else { 0.0 }
+        if self.sum_squares > 0.0 {
+            (self.sum_lagged / self.sum_squares).clamp(-1.0, 1.0)
+        } else {
+            0.0
+        }
     }
 
-    /// Density at a frequency (rad per sample) over the mean density, of a first-order autoregression with this correlation; 1 where the
-    /// correlation is not significant or the density lower.
+    /// Density at a frequency (rad per sample) over the mean density, of a first-order
+    /// autoregression with this correlation; 1 where the correlation is not significant or the
+    /// density lower.
     pub(super) fn colour_factor(&self, rad_per_sample: f64) -> f64 {
         let rho = self.lag1();
         if rho * (self.pairs as f64).sqrt() < SIGNIFICANT {
@@ -66,15 +73,39 @@ pub(super) fn residual(
     for base in (0..channel.len()).step_by(segment) {
         let loaded = channel.load(number, base)?;
         match loaded.channel() {
-            Channel::Volts { samples, range_v, .. } => {
+            Channel::Volts {
+                samples, range_v, ..
+            } => {
                 let bounds = if exclude_clipped { range_v } else { None };
                 let samples = &samples[..samples.len().min(segment)];
-                pieces.append(&mut of_samples(stage, fit.1, &Source { samples, base, level, bounds }));
+                pieces.append(&mut of_samples(
+                    stage,
+                    fit.1,
+                    &Source {
+                        samples,
+                        base,
+                        level,
+                        bounds,
+                    },
+                ));
             }
             Channel::Codes { codes, scale } => {
-                let bounds = if exclude_clipped { code_bounds(&scale) } else { None };
+                let bounds = if exclude_clipped {
+                    code_bounds(&scale)
+                } else {
+                    None
+                };
                 let samples = &codes[..codes.len().min(segment)];
-                pieces.append(&mut of_samples(stage, fit.1, &Source { samples, base, level, bounds }));
+                pieces.append(&mut of_samples(
+                    stage,
+                    fit.1,
+                    &Source {
+                        samples,
+                        base,
+                        level,
+                        bounds,
+                    },
+                ));
             }
             Channel::Stored(_) => {}
         }
@@ -94,19 +125,32 @@ fn by_sums(
         return Ok(None);
     }
     let level = pivot(channel);
-    let x = |index: usize| channel.code(number, index).map(|code| code.map(|code| f64::from(code) - level));
-    let (Some(first), Some(last)) = (x(0)?, x(count.saturating_sub(1))?) else { return Ok(None) };
+    let x = |index: usize| {
+        channel
+            .code(number, index)
+            .map(|code| code.map(|code| f64::from(code) - level))
+    };
+    let (Some(first), Some(last)) = (x(0)?, x(count.saturating_sub(1))?) else {
+        return Ok(None);
+    };
     let model = |index: f64| dot(beta, &stage.basis.row_at(index));
-    // The model one sample later is the model on shifted columns; the ends, which have one neighbour only, are set right.
+    // The model one sample later is the model on shifted columns; the ends, which have one
+    // neighbour only, are set right.
     let shifted = |samples: f64, sums: &[f64]| {
         let mut sums = sums.to_vec();
         stage.basis.shift(samples).apply(&mut sums);
         dot(beta, &sums)
     };
     let end = count as f64;
-    let samples_model = shifted(1.0, &moments.right) - last * model(end) + shifted(-1.0, &moments.right) - first * model(-1.0);
+    let samples_model = shifted(1.0, &moments.right) - last * model(end)
+        + shifted(-1.0, &moments.right)
+        - first * model(-1.0);
     let model_model = shifted(1.0, &moments.gram.times(beta)) - model(end - 1.0) * model(end);
-    Ok(Some(Residual { sum_squares, sum_lagged: moments.lagged - samples_model + model_model, pairs: count - 1 }))
+    Ok(Some(Residual {
+        sum_squares,
+        sum_lagged: moments.lagged - samples_model + model_model,
+        pairs: count - 1,
+    }))
 }
 
 /// Samples with what is taken from them and the bounds of those that count.
@@ -128,8 +172,14 @@ struct Piece {
 
 fn of_samples<S: Sample>(stage: &Stage, beta: &[f64], source: &Source<'_, S>) -> Vec<Piece> {
     let chunks: Vec<&[S]> = source.samples.chunks(CHUNK).collect();
-    let one = |(number, chunk): (usize, &&[S])| of_chunk(stage, beta, source, (source.base + number * CHUNK, chunk));
-    if chunks.len() > 1 { chunks.par_iter().enumerate().map(one).collect() } else { chunks.iter().enumerate().map(one).collect() }
+    let one = |(number, chunk): (usize, &&[S])| {
+        of_chunk(stage, beta, source, (source.base + number * CHUNK, chunk))
+    };
+    if chunks.len() > 1 {
+        chunks.par_iter().enumerate().map(one).collect()
+    } else {
+        chunks.iter().enumerate().map(one).collect()
+    }
 }
 
 fn joined(pieces: &[Piece]) -> Residual {
@@ -147,7 +197,12 @@ fn joined(pieces: &[Piece]) -> Residual {
     sums
 }
 
-fn of_chunk<S: Sample>(stage: &Stage, beta: &[f64], source: &Source<'_, S>, (start, chunk): (usize, &[S])) -> Piece {
+fn of_chunk<S: Sample>(
+    stage: &Stage,
+    beta: &[f64],
+    source: &Source<'_, S>,
+    (start, chunk): (usize, &[S]),
+) -> Piece {
     let mut piece = Piece::default();
     let mut left = [0.0; BLOCK];
     let mut last = None;
@@ -181,6 +236,8 @@ fn subtract(left: &mut [f64], stage: &Stage, beta: &[f64], start: usize) {
     let mut beta = beta.to_vec();
     stage.basis.place(start).pull_back(&mut beta);
     for (coefficient, column) in beta.iter().zip(&stage.table.exact) {
-        left.iter_mut().zip(column.iter()).for_each(|(r, value)| *r -= coefficient * value);
+        left.iter_mut()
+            .zip(column.iter())
+            .for_each(|(r, value)| *r -= coefficient * value);
     }
 }

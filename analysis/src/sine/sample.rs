@@ -19,11 +19,16 @@ pub(super) fn is_inside<S: Sample>(sample: S, bounds: Bounds<S>) -> bool {
     }
 }
 
-/// True if all samples are finite and within the bounds. Looks at all of them, which vector registers do faster than stopping at the first.
+/// True if all samples are finite and within the bounds. Looks at all of them, which vector
+/// registers do faster than stopping at the first.
 pub(super) fn all_inside<S: Sample>(samples: &[S], bounds: Bounds<S>) -> bool {
     match bounds {
-        Some((low, high)) => samples.iter().fold(true, |all, sample| all & (*sample > low) & (*sample < high)),
-        None => samples.iter().fold(true, |all, sample| all & (*sample).into().is_finite()),
+        Some((low, high)) => samples
+            .iter()
+            .fold(true, |all, sample| all & (*sample > low) & (*sample < high)),
+        None => samples
+            .iter()
+            .fold(true, |all, sample| all & (*sample).into().is_finite()),
     }
 }
 
@@ -35,9 +40,15 @@ pub(super) fn code_bounds(scale: &CodeScale) -> Bounds<i16> {
 /// A level taken from the samples before summing, so that a large offset costs no digits.
 pub(super) fn pivot(channel: &Channel<'_>) -> f64 {
     match channel {
-        Channel::Volts { samples, .. } => samples.first().copied().filter(|v| v.is_finite()).unwrap_or(0.0),
+        Channel::Volts { samples, .. } => samples
+            .first()
+            .copied()
+            .filter(|v| v.is_finite())
+            .unwrap_or(0.0),
         Channel::Codes { scale, .. } => f64::from(code_pivot(scale)),
-        Channel::Stored(stored) => stored.scale.map_or(stored.level_v, |scale| f64::from(code_pivot(&scale))),
+        Channel::Stored(stored) => stored
+            .scale
+            .map_or(stored.level_v, |scale| f64::from(code_pivot(&scale))),
     }
 }
 

@@ -1,4 +1,5 @@
-//! Samples that are kept elsewhere and read by pieces. Whatever is read gives the same sums as if it had been there as a whole.
+//! Samples that are kept elsewhere and read by pieces. Whatever is read gives the same sums as if
+//! it had been there as a whole.
 
 use super::moments::CHUNK;
 use super::{Channel, CodeScale, SineError};
@@ -66,7 +67,11 @@ impl Piece<'_> {
         match self {
             Self::Whole(channel) => *channel,
             Self::Codes(codes, scale) => Channel::codes(codes, *scale),
-            Self::Volts(samples, lsb_v) => Channel::Volts { samples, lsb_v: *lsb_v, range_v: None },
+            Self::Volts(samples, lsb_v) => Channel::Volts {
+                samples,
+                lsb_v: *lsb_v,
+                range_v: None,
+            },
         }
     }
 }
@@ -74,12 +79,19 @@ impl Piece<'_> {
 impl<'a> Channel<'a> {
     /// Samples that are read at once; all of them where they lie in memory.
     pub(super) fn segment(&self) -> usize {
-        if let Self::Stored(_) = self { SEGMENT } else { self.len().max(1) }
+        if let Self::Stored(_) = self {
+            SEGMENT
+        } else {
+            self.len().max(1)
+        }
     }
 
-    /// The samples from `start` on, a segment of them and one more for what neighbours have to do with each other.
+    /// The samples from `start` on, a segment of them and one more for what neighbours have to do
+    /// with each other.
     pub(super) fn load(&self, number: usize, start: usize) -> Result<Piece<'a>, SineError> {
-        let Self::Stored(stored) = self else { return Ok(Piece::Whole(*self)) };
+        let Self::Stored(stored) = self else {
+            return Ok(Piece::Whole(*self));
+        };
         let count = (SEGMENT + 1).min(stored.count.saturating_sub(start));
         stored.read(number, start, count)
     }
@@ -88,10 +100,12 @@ impl<'a> Channel<'a> {
     pub(super) fn code(&self, number: usize, index: usize) -> Result<Option<i16>, SineError> {
         match self {
             Self::Codes { codes, .. } => Ok(codes.get(index).copied()),
-            Self::Stored(stored) if stored.scale.is_some() => match stored.read(number, index, 1)? {
-                Piece::Codes(codes, _) => Ok(codes.first().copied()),
-                _ => Ok(None),
-            },
+            Self::Stored(stored) if stored.scale.is_some() => {
+                match stored.read(number, index, 1)? {
+                    Piece::Codes(codes, _) => Ok(codes.first().copied()),
+                    _ => Ok(None),
+                }
+            }
             Self::Volts { .. } | Self::Stored(_) => Ok(None),
         }
     }
@@ -108,14 +122,36 @@ impl<'a> Channel<'a> {
 
 impl Stored<'_> {
     fn read<'b>(&self, number: usize, start: usize, count: usize) -> Result<Piece<'b>, SineError> {
-        let failed = |reason| SineError::Unreadable { channel: number, reason };
-        let short = |found: usize| failed(format!("expected {count} samples from sample {} on, found {found}", self.start + start));
+        let failed = |reason| SineError::Unreadable {
+            channel: number,
+            reason,
+        };
+        let short = |found: usize| {
+            failed(format!(
+                "expected {count} samples from sample {} on, found {found}",
+                self.start + start
+            ))
+        };
         let from = self.start + start;
         let piece = match self.scale {
-            Some(scale) => Piece::Codes(self.samples.codes(self.channel, from, count).map_err(failed)?, scale),
-            None => Piece::Volts(self.samples.volts(self.channel, from, count).map_err(failed)?, self.lsb_v),
+            Some(scale) => Piece::Codes(
+                self.samples
+                    .codes(self.channel, from, count)
+                    .map_err(failed)?,
+                scale,
+            ),
+            None => Piece::Volts(
+                self.samples
+                    .volts(self.channel, from, count)
+                    .map_err(failed)?,
+                self.lsb_v,
+            ),
         };
         let found = piece.channel().len();
-        if found == count { Ok(piece) } else { Err(short(found)) }
+        if found == count {
+            Ok(piece)
+        } else {
+            Err(short(found))
+        }
     }
 }

@@ -1,7 +1,10 @@
-//! The columns within one block, relative to its first sample: exactly, and in fixed point for the integer kernel.
+//! The columns within one block, relative to its first sample: exactly, and in fixed point for the
+//! integer kernel.
 //!
-//! In fixed point a column is hi·2⁻¹⁴ + lo·2⁻²⁹ with two 16-bit numbers, so that its products with 12-bit samples sum up without any rounding. What
-//! the rounding of the column itself (about 10⁻⁹) does to the sums follows from the fitted model and the sums [`Table::rounding`]; [`super::solve`] takes it back.
+//! In fixed point a column is hi·2⁻¹⁴ + lo·2⁻²⁹ with two 16-bit numbers, so that its products with
+//! 12-bit samples sum up without any rounding. What the rounding of the column itself (about 10⁻⁹)
+//! does to the sums follows from the fitted model and the sums [`Table::rounding`];
+//! [`super::solve`] takes it back.
 
 use super::basis::{Basis, Square};
 use super::kernel;
@@ -47,14 +50,19 @@ const ONE: f64 = 536_870_912.0;
 pub(super) struct Table {
     /// Columns, exact.
     pub(super) exact: Vec<Box<[f64; BLOCK]>>,
-    /// Columns in fixed point; none for 1 and t, which the kernel has itself, and none at all if the record has no whole block.
+    /// Columns in fixed point; none for 1 and t, which the kernel has itself, and none at all if
+    /// the record has no whole block.
     pub(super) fixed: Vec<Option<Box<Fixed>>>,
 }
 
 impl Table {
     /// The table of a record; `whole` if it has whole blocks.
     pub(super) fn new(basis: &Basis, whole: bool) -> Self {
-        let count = if whole { BLOCK } else { basis.samples().min(BLOCK) };
+        let count = if whole {
+            BLOCK
+        } else {
+            basis.samples().min(BLOCK)
+        };
         let mut exact = vec![Box::new([0.0; BLOCK]); basis.columns()];
         let mut row = vec![0.0; basis.columns()];
         for k in 0..count {
@@ -63,29 +71,43 @@ impl Table {
                 column[k] = *value;
             }
         }
-        let fixed = if whole { (0..exact.len()).map(|column| fixed(basis, column, &exact[column])).collect() } else { Vec::new() };
+        let fixed = if whole {
+            (0..exact.len())
+                .map(|column| fixed(basis, column, &exact[column]))
+                .collect()
+        } else {
+            Vec::new()
+        };
         Self { exact, fixed }
     }
 
     /// Writes the columns at one sample.
     pub(super) fn write_row(&self, k: usize, row: &mut [f64]) {
-        row.iter_mut().zip(&self.exact).for_each(|(cell, column)| *cell = column[k]);
+        row.iter_mut()
+            .zip(&self.exact)
+            .for_each(|(cell, column)| *cell = column[k]);
     }
 
     /// Σ ψψᵀ over a block.
     pub(super) fn gram(&self) -> Square {
-        products(self.exact.len(), |row, column| kernel::products(&self.exact[row], &self.exact[column]))
+        products(self.exact.len(), |row, column| {
+            kernel::products(&self.exact[row], &self.exact[column])
+        })
     }
 
     /// Σ εψᵀ over a block, with the rounding ε = ψ − ψ_fixed of the fixed-point columns.
     pub(super) fn rounding(&self) -> Square {
         let rounded = |column: usize| -> Option<[f64; BLOCK]> {
             let fixed = self.fixed.get(column)?.as_ref()?;
-            Some(std::array::from_fn(|k| self.exact[column][k] - fixed.value(k)))
+            Some(std::array::from_fn(|k| {
+                self.exact[column][k] - fixed.value(k)
+            }))
         };
         let rounded: Vec<_> = (0..self.exact.len()).map(rounded).collect();
         products(self.exact.len(), |row, column| {
-            rounded[row].as_ref().map_or(0.0, |rounded| kernel::products(rounded, &self.exact[column]))
+            rounded[row].as_ref().map_or(0.0, |rounded| {
+                kernel::products(rounded, &self.exact[column])
+            })
         })
     }
 }
@@ -101,12 +123,18 @@ fn products(size: usize, cell: impl Fn(usize, usize) -> f64) -> Square {
 }
 
 fn fixed(basis: &Basis, column: usize, exact: &[f64; BLOCK]) -> Option<Box<Fixed>> {
-    let power = column.checked_sub(2 * basis.tones()).filter(|power| *power < basis.powers());
+    let power = column
+        .checked_sub(2 * basis.tones())
+        .filter(|power| *power < basis.powers());
     let scaled = |unit: f64| Fixed::new(|k| (exact[k] / unit * ONE).round() as i32, 15, unit / ONE);
     match power {
         Some(0 | 1) => None,
         // Squares of whole numbers need no rounding.
-        Some(_) => Some(Box::new(Fixed::new(|k| (k * k) as i32, 9, basis.time_step * basis.time_step))),
+        Some(_) => Some(Box::new(Fixed::new(
+            |k| (k * k) as i32,
+            9,
+            basis.time_step * basis.time_step,
+        ))),
         None if column < basis.fitted() => Some(Box::new(scaled(1.0))),
         None => Some(Box::new(scaled(BLOCK as f64 * basis.time_step))),
     }

@@ -52,12 +52,27 @@ pub struct Limits {
 ///
 /// # Errors
 /// As [`most_power`], and for a state of charge that is none.
-pub fn sop_map(model: &SimModel, grid: &SopGrid, options: &SopOptions) -> Result<Vec<SopEntry>, ForwardError> {
-    let places: Vec<(f64, f64)> = grid.soc.iter().flat_map(|&soc| grid.duration_s.iter().map(move |&t| (soc, t))).collect();
-    places.par_iter().map(|&(soc, duration_s)| entry(model, (soc, duration_s), options)).collect()
+pub fn sop_map(
+    model: &SimModel,
+    grid: &SopGrid,
+    options: &SopOptions,
+) -> Result<Vec<SopEntry>, ForwardError> {
+    let places: Vec<(f64, f64)> = grid
+        .soc
+        .iter()
+        .flat_map(|&soc| grid.duration_s.iter().map(move |&t| (soc, t)))
+        .collect();
+    places
+        .par_iter()
+        .map(|&(soc, duration_s)| entry(model, (soc, duration_s), options))
+        .collect()
 }
 
-fn entry(model: &SimModel, (soc, duration_s): (f64, f64), options: &SopOptions) -> Result<SopEntry, ForwardError> {
+fn entry(
+    model: &SimModel,
+    (soc, duration_s): (f64, f64),
+    options: &SopOptions,
+) -> Result<SopEntry, ForwardError> {
     let (discharge, charge) = most_power(model, &model.rest(soc)?, duration_s, options)?;
     let (ir_discharge, ir_charge) = simple_ir(model, (soc, duration_s), options)?;
     let series = f64::from(model.pack.series);
@@ -69,15 +84,25 @@ fn entry(model: &SimModel, (soc, duration_s): (f64, f64), options: &SopOptions) 
         charge_w: charge.power_w,
         discharge_cell_a: discharge.cell_a,
         charge_cell_a: charge.cell_a,
-        limited_by: Limits { discharge: discharge.limited_by, charge: charge.limited_by },
+        limited_by: Limits {
+            discharge: discharge.limited_by,
+            charge: charge.limited_by,
+        },
         simple_ir_discharge_w: ir_discharge.power_w,
         simple_ir_charge_w: ir_charge.power_w,
     })
 }
 
 /// The same limits of the DC resistance alone, at the OCV of the start.
-fn simple_ir(model: &SimModel, (soc, duration_s): (f64, f64), options: &SopOptions) -> Result<(Limit, Limit), ForwardError> {
+fn simple_ir(
+    model: &SimModel,
+    (soc, duration_s): (f64, f64),
+    options: &SopOptions,
+) -> Result<(Limit, Limit), ForwardError> {
     let cell_v = model.ocv_v(soc).0 / f64::from(model.pack.series);
-    let ir = SimModel { ocv: OcvSource::Constant(cell_v), ..model.simple_ir() };
+    let ir = SimModel {
+        ocv: OcvSource::Constant(cell_v),
+        ..model.simple_ir()
+    };
     most_power(&ir, &ir.rest(soc)?, duration_s, options)
 }

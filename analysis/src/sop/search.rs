@@ -1,6 +1,9 @@
 //! The largest constant power that a state bears for a duration, in one direction.
 
-use crate::forward::{Beyond, CellWindow, Demand, ForwardError, Interpolation, Method, Profile, SimModel, SimOptions, SimState, simulate};
+use crate::forward::{
+    Beyond, CellWindow, Demand, ForwardError, Interpolation, Method, Profile, SimModel, SimOptions,
+    SimState, simulate,
+};
 use serde::Serialize;
 
 /// Simulations of one search at most; reached by none.
@@ -19,7 +22,10 @@ pub struct CurrentLimits {
 
 impl CurrentLimits {
     /// No limit.
-    pub const NONE: Self = Self { discharge_a: f64::INFINITY, charge_a: f64::INFINITY };
+    pub const NONE: Self = Self {
+        discharge_a: f64::INFINITY,
+        charge_a: f64::INFINITY,
+    };
 }
 
 /// What must be kept, and how closely the limit is sought.
@@ -35,7 +41,11 @@ pub struct SopOptions {
 
 impl Default for SopOptions {
     fn default() -> Self {
-        Self { window: CellWindow::THESIS, currents: CurrentLimits::NONE, accuracy: 1e-7 }
+        Self {
+            window: CellWindow::THESIS,
+            currents: CurrentLimits::NONE,
+            accuracy: 1e-7,
+        }
     }
 }
 
@@ -66,7 +76,8 @@ pub struct Limit {
     pub limited_by: LimitedBy,
 }
 
-/// What one simulation says: the smallest distance to a limit, as a fraction, and which limit. Negative where it is broken.
+/// What one simulation says: the smallest distance to a limit, as a fraction, and which limit.
+/// Negative where it is broken.
 #[derive(Debug, Clone, Copy)]
 struct Verdict {
     margin: f64,
@@ -82,26 +93,51 @@ pub(super) enum Direction {
     Charge,
 }
 
-/// The largest powers, discharge (zero or more) and charge (zero or less), that can be held for a duration from a state.
+/// The largest powers, discharge (zero or more) and charge (zero or less), that can be held for a
+/// duration from a state.
 ///
-/// Discharge is judged by the lower voltage and charge by the upper one: a cell above the window may be discharged into it. A state that is beyond
-/// that end already can hold nothing in its direction.
+/// Discharge is judged by the lower voltage and charge by the upper one: a cell above the window
+/// may be discharged into it. A state that is beyond that end already can hold nothing in its
+/// direction.
 ///
 /// # Errors
 /// [`ForwardError`] for a state of another model, or options or a duration that cannot be.
-pub fn most_power(model: &SimModel, state: &SimState, duration_s: f64, options: &SopOptions) -> Result<(Limit, Limit), ForwardError> {
+pub fn most_power(
+    model: &SimModel,
+    state: &SimState,
+    duration_s: f64,
+    options: &SopOptions,
+) -> Result<(Limit, Limit), ForwardError> {
     check(duration_s, options)?;
-    let search = Search { model, state, duration_s, options };
-    Ok((search.find(Direction::Discharge)?, search.find(Direction::Charge)?))
+    let search = Search {
+        model,
+        state,
+        duration_s,
+        options,
+    };
+    Ok((
+        search.find(Direction::Discharge)?,
+        search.find(Direction::Charge)?,
+    ))
 }
 
 fn check(duration_s: f64, options: &SopOptions) -> Result<(), ForwardError> {
-    let bad = |what, expected, met| Err(ForwardError::Value { what, expected, met });
+    let bad = |what, expected, met| {
+        Err(ForwardError::Value {
+            what,
+            expected,
+            met,
+        })
+    };
     if !(duration_s.is_finite() && duration_s > 0.0) {
         return bad("duration of the power", "seconds above 0", duration_s);
     }
     if !(options.accuracy > 0.0 && options.accuracy < 0.1) {
-        return bad("accuracy of the power", "a fraction above 0 and below 0.1", options.accuracy);
+        return bad(
+            "accuracy of the power",
+            "a fraction above 0 and below 0.1",
+            options.accuracy,
+        );
     }
     for met in [options.currents.discharge_a, options.currents.charge_a] {
         if met.is_nan() || met <= 0.0 {
@@ -120,10 +156,18 @@ struct Search<'a> {
 
 impl Search<'_> {
     fn find(&self, direction: Direction) -> Result<Limit, ForwardError> {
-        let sign = if direction == Direction::Discharge { 1.0 } else { -1.0 };
+        let sign = if direction == Direction::Discharge {
+            1.0
+        } else {
+            -1.0
+        };
         let rest = self.judge(direction, 0.0)?;
         if rest.margin < 0.0 {
-            return Ok(Limit { power_w: 0.0, cell_a: 0.0, limited_by: LimitedBy::OutsideWindow });
+            return Ok(Limit {
+                power_w: 0.0,
+                cell_a: 0.0,
+                limited_by: LimitedBy::OutsideWindow,
+            });
         }
         let (mut kept, mut lost) = ((0.0, rest), self.beyond(direction)?);
         let mut by = lost.1.by;
@@ -133,26 +177,51 @@ impl Search<'_> {
             if lost.0 - kept.0 <= self.options.accuracy * lost.0 || lost.0 < 1e-12 {
                 break;
             }
-            let power =
-                between((kept.0, kept.1.margin * weight_kept), (lost.0, lost.1.margin * weight_lost), (trial, self.options.accuracy));
+            let power = between(
+                (kept.0, kept.1.margin * weight_kept),
+                (lost.0, lost.1.margin * weight_lost),
+                (trial, self.options.accuracy),
+            );
             let verdict = self.judge(direction, sign * power)?;
             let inside = verdict.margin >= 0.0;
             if inside {
                 kept = (power, verdict);
-                (weight_kept, weight_lost) = (1.0, if last == Some(true) { 0.5 * weight_lost } else { 1.0 });
+                (weight_kept, weight_lost) = (
+                    1.0,
+                    if last == Some(true) {
+                        0.5 * weight_lost
+                    } else {
+                        1.0
+                    },
+                );
             } else {
                 (lost, by) = ((power, verdict), verdict.by);
-                (weight_lost, weight_kept) = (1.0, if last == Some(false) { 0.5 * weight_kept } else { 1.0 });
+                (weight_lost, weight_kept) = (
+                    1.0,
+                    if last == Some(false) {
+                        0.5 * weight_kept
+                    } else {
+                        1.0
+                    },
+                );
             }
             last = Some(inside);
         }
         // Zero is added for −0.
-        Ok(Limit { power_w: sign * kept.0 + 0.0, cell_a: kept.1.cell_a, limited_by: by })
+        Ok(Limit {
+            power_w: sign * kept.0 + 0.0,
+            cell_a: kept.1.cell_a,
+            limited_by: by,
+        })
     }
 
     /// A power that is not kept.
     fn beyond(&self, direction: Direction) -> Result<(f64, Verdict), ForwardError> {
-        let sign = if direction == Direction::Discharge { 1.0 } else { -1.0 };
+        let sign = if direction == Direction::Discharge {
+            1.0
+        } else {
+            -1.0
+        };
         let e_v = self.model.ocv_v(self.state.soc).0 - self.state.v_rc_v.iter().sum::<f64>();
         // No more than E²/4R at the first instant can be drawn; for charging it is only a start.
         let mut power = 1.001 * 0.25 * e_v * e_v / self.model.erm.r_ohm;
@@ -166,9 +235,23 @@ impl Search<'_> {
     }
 
     fn judge(&self, direction: Direction, power_w: f64) -> Result<Verdict, ForwardError> {
-        let options = SimOptions { method: Method::Exact, beyond: Beyond::Stop, window: self.options.window, ..SimOptions::default() };
-        let collapsed = Verdict { margin: -1.0, by: LimitedBy::TheoreticalMaximum, cell_a: f64::INFINITY };
-        let summary = match simulate(self.model, self.state, &held(power_w, self.duration_s), &options) {
+        let options = SimOptions {
+            method: Method::Exact,
+            beyond: Beyond::Stop,
+            window: self.options.window,
+            ..SimOptions::default()
+        };
+        let collapsed = Verdict {
+            margin: -1.0,
+            by: LimitedBy::TheoreticalMaximum,
+            cell_a: f64::INFINITY,
+        };
+        let summary = match simulate(
+            self.model,
+            self.state,
+            &held(power_w, self.duration_s),
+            &options,
+        ) {
             Ok(simulation) => simulation.summary,
             Err(ForwardError::Collapsed { .. }) => return Ok(collapsed),
             Err(error) => return Err(error),
@@ -188,15 +271,32 @@ impl Search<'_> {
             Direction::Charge => (-summary.lowest_current_a / parallel, currents.charge_a),
         };
         let current = 1.0 - cell_a / most_a;
-        let by_voltage = Verdict { margin: voltage.0 / width, by: voltage.1, cell_a };
-        Ok(if current < by_voltage.margin { Verdict { margin: current, by: LimitedBy::Current, cell_a } } else { by_voltage })
+        let by_voltage = Verdict {
+            margin: voltage.0 / width,
+            by: voltage.1,
+            cell_a,
+        };
+        Ok(if current < by_voltage.margin {
+            Verdict {
+                margin: current,
+                by: LimitedBy::Current,
+                cell_a,
+            }
+        } else {
+            by_voltage
+        })
     }
 }
 
-/// A trial between a kept and a lost power: by false position, every third time by bisection, and never at an end.
+/// A trial between a kept and a lost power: by false position, every third time by bisection, and
+/// never at an end.
 fn between(kept: (f64, f64), lost: (f64, f64), (trial, accuracy): (usize, f64)) -> f64 {
     let width = lost.0 - kept.0;
-    let share = if trial % 3 == 2 { 0.5 } else { kept.1 / (kept.1 - lost.1) };
+    let share = if trial % 3 == 2 {
+        0.5
+    } else {
+        kept.1 / (kept.1 - lost.1)
+    };
     let share = if share.is_finite() { share } else { 0.5 };
     // Half the accuracy off an end lets the last trial close the bracket.
     let edge = (0.4 * accuracy * lost.0 / width).min(0.5);

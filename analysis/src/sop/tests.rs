@@ -12,8 +12,18 @@ use proptest::prelude::*;
 const CAPACITY_AH: f64 = 4.0;
 
 fn erm() -> Erm {
-    let branch = |r_ohm, tau: f64| RcBranch { r_ohm, c_f: tau / r_ohm };
-    Erm { r_ohm: 0.007, branches: vec![branch(0.0015, 0.05), branch(0.002, 1.0), branch(0.004, 20.0)] }
+    let branch = |r_ohm, tau: f64| RcBranch {
+        r_ohm,
+        c_f: tau / r_ohm,
+    };
+    Erm {
+        r_ohm: 0.007,
+        branches: vec![
+            branch(0.0015, 0.05),
+            branch(0.002, 1.0),
+            branch(0.004, 20.0),
+        ],
+    }
 }
 
 /// A straight OCV, so that the brute force needs no interpolation: 3.0 + 1.2·SOC.
@@ -25,8 +35,8 @@ fn thesis_pack() -> Pack {
     Pack::new(16, 3, 0.03).unwrap()
 }
 
-/// The lowest and highest voltage of a cell under a constant power by Runge and Kutta's fourth order, per cell, with a sagging straight OCV; none
-/// where the power cannot be had.
+/// The lowest and highest voltage of a cell under a constant power by Runge and Kutta's fourth
+/// order, per cell, with a sagging straight OCV; none where the power cannot be had.
 fn extremes(pack_w: f64, (soc, duration_s): (f64, f64)) -> Option<(f64, f64)> {
     let (r, busbar, power) = (0.007, 0.03 * 3.0 / 16.0, pack_w / 48.0);
     let (rk, tau) = ([0.0015, 0.002, 0.004], [0.05, 1.0, 20.0]);
@@ -37,7 +47,12 @@ fn extremes(pack_w: f64, (soc, duration_s): (f64, f64)) -> Option<(f64, f64)> {
     };
     let slope = |y: &[f64; 4]| {
         let (i, _) = current(y)?;
-        Some([(rk[0] * i - y[0]) / tau[0], (rk[1] * i - y[1]) / tau[1], (rk[2] * i - y[2]) / tau[2], -i / (3600.0 * CAPACITY_AH)])
+        Some([
+            (rk[0] * i - y[0]) / tau[0],
+            (rk[1] * i - y[1]) / tau[1],
+            (rk[2] * i - y[2]) / tau[2],
+            -i / (3600.0 * CAPACITY_AH),
+        ])
     };
     let mut y = [0.0, 0.0, 0.0, soc];
     let steps = 4000;
@@ -52,7 +67,9 @@ fn extremes(pack_w: f64, (soc, duration_s): (f64, f64)) -> Option<(f64, f64)> {
             let k2 = slope(&moved(&k1, 0.5))?;
             let k3 = slope(&moved(&k2, 0.5))?;
             let k4 = slope(&moved(&k3, 1.0))?;
-            y = std::array::from_fn(|n| y[n] + h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n]));
+            y = std::array::from_fn(|n| {
+                y[n] + h / 6.0 * (k1[n] + 2.0 * k2[n] + 2.0 * k3[n] + k4[n])
+            });
         }
     }
     Some((low, high))
@@ -62,7 +79,11 @@ fn bisected(kept: impl Fn(f64) -> bool) -> f64 {
     let (mut inside, mut outside) = (0.0, 2e4);
     for _ in 0..45 {
         let middle = 0.5 * (inside + outside);
-        if kept(middle) { inside = middle } else { outside = middle }
+        if kept(middle) {
+            inside = middle
+        } else {
+            outside = middle
+        }
     }
     inside
 }
@@ -72,62 +93,155 @@ fn as_brute_force_says() {
     let model = SimModel::pack(&erm(), straight(), thesis_pack()).unwrap();
     let mut met = Vec::new();
     for (soc, duration) in [(0.9, 0.1), (0.5, 1.0), (0.2, 10.0), (0.03, 30.0)] {
-        let (discharge, charge) = most_power(&model, &model.rest(soc).unwrap(), duration, &SopOptions::default()).unwrap();
+        let (discharge, charge) = most_power(
+            &model,
+            &model.rest(soc).unwrap(),
+            duration,
+            &SopOptions::default(),
+        )
+        .unwrap();
         let down = bisected(|p| extremes(p, (soc, duration)).is_some_and(|(low, _)| low >= 2.5));
         let up = bisected(|p| extremes(-p, (soc, duration)).is_some_and(|(_, high)| high <= 4.2));
-        assert!((discharge.power_w - down).abs() < 1e-6 * down, "SOC {soc}, {duration} s: {discharge:?}, brute force {down} W");
-        assert!((charge.power_w + up).abs() < 1e-6 * up, "SOC {soc}, {duration} s: {charge:?}, brute force {up} W");
+        assert!(
+            (discharge.power_w - down).abs() < 1e-6 * down,
+            "SOC {soc}, {duration} s: {discharge:?}, brute force {down} W"
+        );
+        assert!(
+            (charge.power_w + up).abs() < 1e-6 * up,
+            "SOC {soc}, {duration} s: {charge:?}, brute force {up} W"
+        );
         let gone = extremes(down * (1.0 + 1e-5), (soc, duration)).is_none();
-        let by = if gone { LimitedBy::TheoreticalMaximum } else { LimitedBy::LowerVoltage };
-        assert_eq!((discharge.limited_by, charge.limited_by), (by, LimitedBy::UpperVoltage));
+        let by = if gone {
+            LimitedBy::TheoreticalMaximum
+        } else {
+            LimitedBy::LowerVoltage
+        };
+        assert_eq!(
+            (discharge.limited_by, charge.limited_by),
+            (by, LimitedBy::UpperVoltage)
+        );
         met.push(by);
     }
     // Full cells are worth so much that the busbars of 30 mΩ take half of the voltage first.
-    assert!(met.contains(&LimitedBy::TheoreticalMaximum) && met.contains(&LimitedBy::LowerVoltage), "{met:?}");
+    assert!(
+        met.contains(&LimitedBy::TheoreticalMaximum) && met.contains(&LimitedBy::LowerVoltage),
+        "{met:?}"
+    );
 }
 
-/// The limits of a simple-IR pack; no interconnect, so that the window at the cells is that at the terminals.
+/// The limits of a simple-IR pack; no interconnect, so that the window at the cells is that at the
+/// terminals.
 fn sized(dcir_ohm: f64, cell_ocv_v: f64) -> Sizing {
     let pack = Pack::new(16, 3, 0.0).unwrap();
-    Sizing::new(&SizingInput { pack, cell_ocv_v, dcir_ohm, window_v: (2.5, 4.2), required_v_per_w: None }).unwrap()
+    Sizing::new(&SizingInput {
+        pack,
+        cell_ocv_v,
+        dcir_ohm,
+        window_v: (2.5, 4.2),
+        required_v_per_w: None,
+    })
+    .unwrap()
 }
 
 #[test]
 fn the_ends_are_the_simple_ir_model() {
-    let model = SimModel::pack(&erm(), OcvSource::Constant(3.7), Pack::new(16, 3, 0.0).unwrap()).unwrap();
+    let model = SimModel::pack(
+        &erm(),
+        OcvSource::Constant(3.7),
+        Pack::new(16, 3, 0.0).unwrap(),
+    )
+    .unwrap();
     for (duration, dcir) in [(1e-7, 0.007), (2000.0, 0.0145)] {
-        let (discharge, charge) = most_power(&model, &model.rest(0.5).unwrap(), duration, &SopOptions::default()).unwrap();
+        let (discharge, charge) = most_power(
+            &model,
+            &model.rest(0.5).unwrap(),
+            duration,
+            &SopOptions::default(),
+        )
+        .unwrap();
         let expected = sized(dcir, 3.7);
-        let (down, up) = (expected.peak_power_w.unwrap(), expected.regen_power_w.unwrap());
-        assert!((discharge.power_w / down - 1.0).abs() < 2e-6, "{duration} s: {discharge:?}, expected {down} W");
-        assert!((charge.power_w / up - 1.0).abs() < 2e-6, "{duration} s: {charge:?}, expected {up} W");
+        let (down, up) = (
+            expected.peak_power_w.unwrap(),
+            expected.regen_power_w.unwrap(),
+        );
+        assert!(
+            (discharge.power_w / down - 1.0).abs() < 2e-6,
+            "{duration} s: {discharge:?}, expected {down} W"
+        );
+        assert!(
+            (charge.power_w / up - 1.0).abs() < 2e-6,
+            "{duration} s: {charge:?}, expected {up} W"
+        );
     }
 }
 
 #[test]
 fn what_ends_the_power_is_told() {
-    let model = SimModel::pack(&erm(), OcvSource::Constant(3.7), Pack::new(16, 3, 0.0).unwrap()).unwrap();
+    let model = SimModel::pack(
+        &erm(),
+        OcvSource::Constant(3.7),
+        Pack::new(16, 3, 0.0).unwrap(),
+    )
+    .unwrap();
     let rest = model.rest(0.5).unwrap();
-    let wide = SopOptions { window: CellWindow { low_v: 0.5, high_v: 4.2 }, ..SopOptions::default() };
+    let wide = SopOptions {
+        window: CellWindow {
+            low_v: 0.5,
+            high_v: 4.2,
+        },
+        ..SopOptions::default()
+    };
     let (discharge, _) = most_power(&model, &rest, 1e-7, &wide).unwrap();
     // OCV²/4R of 59.2 V and 7 mΩ·16/3.
     let most = 59.2 * 59.2 / (4.0 * 0.007 * 16.0 / 3.0);
-    assert!((discharge.power_w / most - 1.0).abs() < 1e-6, "{discharge:?}, {most} W");
+    assert!(
+        (discharge.power_w / most - 1.0).abs() < 1e-6,
+        "{discharge:?}, {most} W"
+    );
     assert_eq!(discharge.limited_by, LimitedBy::TheoreticalMaximum);
-    let meek = SopOptions { currents: CurrentLimits { discharge_a: 45.0, charge_a: 13.5 }, ..SopOptions::default() };
+    let meek = SopOptions {
+        currents: CurrentLimits {
+            discharge_a: 45.0,
+            charge_a: 13.5,
+        },
+        ..SopOptions::default()
+    };
     let (discharge, charge) = most_power(&model, &rest, 1e-7, &meek).unwrap();
     // 135 A out at 59.2 V − 135 A · 37.3 mΩ; 40.5 A in at 59.2 V + 40.5 A · 37.3 mΩ.
     let r = 0.007 * 16.0 / 3.0;
-    assert!((discharge.power_w - 135.0 * (59.2 - 135.0 * r)).abs() < 0.01, "{discharge:?}");
-    assert!((charge.power_w + 40.5 * (59.2 + 40.5 * r)).abs() < 0.01, "{charge:?}");
-    assert_eq!((discharge.limited_by, charge.limited_by), (LimitedBy::Current, LimitedBy::Current));
+    assert!(
+        (discharge.power_w - 135.0 * (59.2 - 135.0 * r)).abs() < 0.01,
+        "{discharge:?}"
+    );
+    assert!(
+        (charge.power_w + 40.5 * (59.2 + 40.5 * r)).abs() < 0.01,
+        "{charge:?}"
+    );
+    assert_eq!(
+        (discharge.limited_by, charge.limited_by),
+        (LimitedBy::Current, LimitedBy::Current)
+    );
     assert!((discharge.cell_a - 45.0).abs() < 1e-4 && (charge.cell_a - 13.5).abs() < 1e-4);
-    let tight = SopOptions { window: CellWindow { low_v: 3.8, high_v: 4.2 }, ..SopOptions::default() };
+    let tight = SopOptions {
+        window: CellWindow {
+            low_v: 3.8,
+            high_v: 4.2,
+        },
+        ..SopOptions::default()
+    };
     let (discharge, charge) = most_power(&model, &rest, 1.0, &tight).unwrap();
-    assert_eq!((discharge.power_w, discharge.limited_by), (0.0, LimitedBy::OutsideWindow));
+    assert_eq!(
+        (discharge.power_w, discharge.limited_by),
+        (0.0, LimitedBy::OutsideWindow)
+    );
     assert!(charge.power_w < 0.0);
-    let text = most_power(&model, &rest, 0.0, &wide).unwrap_err().to_string();
-    assert_eq!(text, "duration of the power: expected seconds above 0, met 0");
+    let text = most_power(&model, &rest, 0.0, &wide)
+        .unwrap_err()
+        .to_string();
+    assert_eq!(
+        text,
+        "duration of the power: expected seconds above 0, met 0"
+    );
 }
 
 proptest! {
@@ -150,7 +264,8 @@ proptest! {
         for (empty, full) in [(a, c), (b, d)] {
             prop_assert!(full.discharge_w > empty.discharge_w && full.charge_w > empty.charge_w);
         }
-        // While the OCV stands, the branches only hold voltage back that the simple-IR model gives away at once.
+        // While the OCV stands, the branches only hold voltage back that the simple-IR model gives
+        // away at once.
         let level = SimModel { ocv: OcvSource::Constant(3.0 + 1.2 * soc), ..model };
         for place in sop_map(&level, &grid, &SopOptions::default()).unwrap() {
             prop_assert!(place.discharge_w > place.simple_ir_discharge_w && place.charge_w < place.simple_ir_charge_w);
@@ -172,22 +287,64 @@ fn augmented(kept: Vec<Kept>) -> SimModel {
         orders: 0.0,
         span_s: 0.0,
     };
-    let OcvSource::Curve(ocv) = straight() else { panic!("a curve") };
-    SimModel::augmented(&Augmented { base: Base { erm: erm(), ocv, facts }, kept }, straight(), thesis_pack()).unwrap()
+    let OcvSource::Curve(ocv) = straight() else {
+        panic!("a curve")
+    };
+    SimModel::augmented(
+        &Augmented {
+            base: Base {
+                erm: erm(),
+                ocv,
+                facts,
+            },
+            kept,
+        },
+        straight(),
+        thesis_pack(),
+    )
+    .unwrap()
 }
 
 #[test]
 fn additions_move_the_limits_as_they_should() {
-    let kept = |name: &str, p: &[f64]| vec![Kept { effect: find(name).unwrap(), p: p.to_vec() }];
-    let (plain, slow) = (augmented(Vec::new()), augmented(kept("rc_slow", &[1e-3, 3.0])));
+    let kept = |name: &str, p: &[f64]| {
+        vec![Kept {
+            effect: find(name).unwrap(),
+            p: p.to_vec(),
+        }]
+    };
+    let (plain, slow) = (
+        augmented(Vec::new()),
+        augmented(kept("rc_slow", &[1e-3, 3.0])),
+    );
     let warm = augmented(kept("self_heating", &[1e-4, 600.0]));
-    let options = SopOptions { accuracy: 1e-5, ..SopOptions::default() };
-    let most = |model: &SimModel| most_power(model, &model.rest(0.5).unwrap(), 10.0, &options).unwrap();
+    let options = SopOptions {
+        accuracy: 1e-5,
+        ..SopOptions::default()
+    };
+    let most =
+        |model: &SimModel| most_power(model, &model.rest(0.5).unwrap(), 10.0, &options).unwrap();
     let (base, slower, warmer) = (most(&plain), most(&slow), most(&warm));
-    assert!(slower.0.power_w < 0.98 * base.0.power_w && slower.1.power_w > 0.98 * base.1.power_w, "{slower:?} {base:?}");
+    assert!(
+        slower.0.power_w < 0.98 * base.0.power_w && slower.1.power_w > 0.98 * base.1.power_w,
+        "{slower:?} {base:?}"
+    );
     // Discharge ends at the cell's lower voltage at the end: the warm cell bears more.
-    assert!(warmer.0.power_w > 1.01 * base.0.power_w, "{warmer:?} {base:?}");
+    assert!(
+        warmer.0.power_w > 1.01 * base.0.power_w,
+        "{warmer:?} {base:?}"
+    );
     let profile = Profile::constant(Demand::Power, warmer.0.power_w, 10.0).unwrap();
-    let run = simulate(&warm, &warm.rest(0.5).unwrap(), &profile, &SimOptions::default()).unwrap();
-    assert!((0.0..1e-3).contains(&run.summary.margin_low_v), "{} V", run.summary.margin_low_v);
+    let run = simulate(
+        &warm,
+        &warm.rest(0.5).unwrap(),
+        &profile,
+        &SimOptions::default(),
+    )
+    .unwrap();
+    assert!(
+        (0.0..1e-3).contains(&run.summary.margin_low_v),
+        "{} V",
+        run.summary.margin_low_v
+    );
 }

@@ -46,25 +46,42 @@ pub struct Assessment {
     pub stationarity: Option<Stationarity>,
 }
 
-/// Judges the spectra of one cell, given in order of time. Those on the grid and at the amplitude of the first are its repeats; those at other amplitudes show whether
-/// the cell is linear. Records may be few or none. Of a spectrum with more than [`super::MOST_POINTS`] points so many are judged, and its verdict says so.
+/// Judges the spectra of one cell, given in order of time. Those on the grid and at the amplitude
+/// of the first are its repeats; those at other amplitudes show whether the cell is linear. Records
+/// may be few or none. Of a spectrum with more than [`super::MOST_POINTS`] points so many are
+/// judged, and its verdict says so.
 ///
 /// # Errors
 /// [`ValidityError`] for a spectrum that is none or too short.
 pub fn assess(spectra: &[Spectrum], records: &[Record]) -> Result<Assessment, ValidityError> {
     spectra.iter().try_for_each(Spectrum::validate)?;
     if spectra.iter().any(|s| thinned(s).is_some()) {
-        let judged: Vec<Spectrum> = spectra.iter().map(|s| thinned(s).unwrap_or_else(|| s.clone())).collect();
+        let judged: Vec<Spectrum> = spectra
+            .iter()
+            .map(|s| thinned(s).unwrap_or_else(|| s.clone()))
+            .collect();
         let mut assessment = assess(&judged, records)?;
-        assessment.spectra.iter_mut().zip(spectra).for_each(|(assessed, whole)| tell(assessed, whole));
+        assessment
+            .spectra
+            .iter_mut()
+            .zip(spectra)
+            .for_each(|(assessed, whole)| tell(assessed, whole));
         return Ok(assessment);
     }
-    let noises: Vec<Noise> = spectra.iter().map(|s| Noise::of(s, spectra)).collect::<Result<_, _>>()?;
+    let noises: Vec<Noise> = spectra
+        .iter()
+        .map(|s| Noise::of(s, spectra))
+        .collect::<Result<_, _>>()?;
     let alike = |s: &Spectrum| {
         let (a, b) = (amplitude(s), spectra.first().map_or(f64::NAN, amplitude));
-        spectra.first().is_some_and(|first| same_grid(s, first)) && (a.is_nan() || b.is_nan() || (a / b - 1.0).abs() < 0.1)
+        spectra.first().is_some_and(|first| same_grid(s, first))
+            && (a.is_nan() || b.is_nan() || (a / b - 1.0).abs() < 0.1)
     };
-    let (repeats, their_noise): (Vec<&Spectrum>, Vec<&Noise>) = spectra.iter().zip(&noises).filter(|(s, _)| alike(s)).unzip();
+    let (repeats, their_noise): (Vec<&Spectrum>, Vec<&Noise>) = spectra
+        .iter()
+        .zip(&noises)
+        .filter(|(s, _)| alike(s))
+        .unzip();
     let stationarity = stationarity(&repeats, &their_noise);
     let linearity = linearity(spectra, &noises);
     let on_grid = |s: &Spectrum| spectra.first().is_some_and(|first| same_grid(s, first));
@@ -79,10 +96,23 @@ pub fn assess(spectra: &[Spectrum], records: &[Record]) -> Result<Assessment, Va
             records,
             spectrum,
         };
-        Ok(Assessed { name: spectrum.name.clone(), verdict: verdict(&findings), kramers_kronig, z_hit })
+        Ok(Assessed {
+            name: spectrum.name.clone(),
+            verdict: verdict(&findings),
+            kramers_kronig,
+            z_hit,
+        })
     };
-    let judged = spectra.iter().zip(&noises).map(judge).collect::<Result<_, ValidityError>>()?;
-    Ok(Assessment { spectra: judged, linearity, stationarity })
+    let judged = spectra
+        .iter()
+        .zip(&noises)
+        .map(judge)
+        .collect::<Result<_, ValidityError>>()?;
+    Ok(Assessment {
+        spectra: judged,
+        linearity,
+        stationarity,
+    })
 }
 
 /// Says of a spectrum by how many of its points it was judged.
@@ -93,7 +123,8 @@ fn tell(assessed: &mut Assessed, whole: &Spectrum) {
     }
 }
 
-/// Judges one spectrum by a noise that is known of it, such as an estimate of few degrees of freedom.
+/// Judges one spectrum by a noise that is known of it, such as an estimate of few degrees of
+/// freedom.
 ///
 /// # Errors
 /// As [`assess`].
@@ -101,6 +132,18 @@ pub fn assess_by(spectrum: &Spectrum, noise: &Noise) -> Result<Assessed, Validit
     spectrum.validate()?;
     let kramers_kronig = kramers_kronig(spectrum, noise)?;
     let z_hit = z_hit(spectrum, noise, &kramers_kronig);
-    let findings = Findings { kk: &kramers_kronig, z_hit: &z_hit, linearity: None, stationarity: None, records: &[], spectrum };
-    Ok(Assessed { name: spectrum.name.clone(), verdict: verdict(&findings), kramers_kronig, z_hit })
+    let findings = Findings {
+        kk: &kramers_kronig,
+        z_hit: &z_hit,
+        linearity: None,
+        stationarity: None,
+        records: &[],
+        spectrum,
+    };
+    Ok(Assessed {
+        name: spectrum.name.clone(),
+        verdict: verdict(&findings),
+        kramers_kronig,
+        z_hit,
+    })
 }

@@ -1,10 +1,12 @@
-//! The linear Kramers–Kronig test: does a ladder of RC elements, which obeys the Kramers–Kronig relations by construction, describe the spectrum within its noise?
-//! (Boukamp, J. Electrochem. Soc. 142 (1995) 1885; Schönleber, Klotz and Ivers-Tiffée, Electrochim. Acta 131 (2014) 20.)
+//! The linear Kramers–Kronig test: does a ladder of RC elements, which obeys the Kramers–Kronig
+//! relations by construction, describe the spectrum within its noise? (Boukamp, J. Electrochem.
+//! Soc. 142 (1995) 1885; Schönleber, Klotz and Ivers-Tiffée, Electrochim. Acta 131 (2014) 20.)
 //!
-//! The order is chosen by their criterion µ, and then raised while the residuals are larger than the noise allows: at twenty points µ often
-//! stops before the ladder can follow a *valid* spectrum to its ends, which are then 4 to 10 % off. Only what no order up to five elements per decade can
-//! describe is held against the spectrum. Residuals are judged by their own standard deviation (the noise's, less what the ladder follows),
-//! not by a fixed percentage.
+//! The order is chosen by their criterion µ, and then raised while the residuals are larger than
+//! the noise allows: at twenty points µ often stops before the ladder can follow a *valid* spectrum
+//! to its ends, which are then 4 to 10 % off. Only what no order up to five elements per decade can
+//! describe is held against the spectrum. Residuals are judged by their own standard deviation (the
+//! noise's, less what the ladder follows), not by a fixed percentage.
 
 use super::ladder::{Ladder, SERIES, Whitening};
 use super::noise::{Noise, NoiseSource};
@@ -21,7 +23,8 @@ pub const FEWEST_POINTS: usize = 6;
 const MU_LIMIT: f64 = 0.85;
 /// How far the time constants reach beyond the band on either side.
 const REACH: f64 = 5.0;
-/// Size that a resistance of the ladder is expected to have at most, in units of the largest impedance.
+/// Size that a resistance of the ladder is expected to have at most, in units of the largest
+/// impedance.
 const LARGEST: f64 = 0.2;
 const MOST_PER_DECADE: f64 = 5.0;
 const MOST_ELEMENTS: usize = 60;
@@ -36,7 +39,8 @@ const UNTESTED: f64 = 0.97;
 pub struct KkPoint {
     /// Frequency, Hz.
     pub freq_hz: f64,
-    /// Measured less fitted real part, % of |Z|. Of a single point that was left out: against the fit to the others.
+    /// Measured less fitted real part, % of |Z|. Of a single point that was left out: against the
+    /// fit to the others.
     pub re_percent: f64,
     /// The same of the imaginary part.
     pub im_percent: f64,
@@ -48,8 +52,9 @@ pub struct KkPoint {
     pub sigmas: f64,
     /// Probability of such a distance in a valid spectrum.
     pub p: f64,
-    /// It disagrees with the others: a single point that was left out of the fit, or one of an end of the band, whose residual is that of the fit to the
-    /// whole band (the fit to the rest says nothing sensible there).
+    /// It disagrees with the others: a single point that was left out of the fit, or one of an end
+    /// of the band, whose residual is that of the fit to the whole band (the fit to the rest says
+    /// nothing sensible there).
     pub left_out: bool,
     /// False where the ladder follows the point wherever it goes.
     pub tested: bool,
@@ -112,10 +117,13 @@ pub struct KramersKronig {
 impl KramersKronig {
     /// The largest residual that the ladder leaves, with its point.
     pub(super) fn worst(&self) -> Option<&KkPoint> {
-        self.points.iter().max_by(|a, b| a.percent().total_cmp(&b.percent()))
+        self.points
+            .iter()
+            .max_by(|a, b| a.percent().total_cmp(&b.percent()))
     }
 
-    /// The real part is negative over more than half the points. Kramers–Kronig cannot see that: with Z, −Z obeys it.
+    /// The real part is negative over more than half the points. Kramers–Kronig cannot see that:
+    /// with Z, −Z obeys it.
     pub(super) fn is_reversed(&self) -> bool {
         2 * self.fitted_ohm.iter().filter(|z| z.re < 0.0).count() > self.points.len()
     }
@@ -125,7 +133,8 @@ impl KramersKronig {
         self.outcome == KkOutcome::SinglePoints && self.points[point].left_out
     }
 
-    /// The probability below which one of the points counts against the spectrum, for a rate of false alarms per spectrum.
+    /// The probability below which one of the points counts against the spectrum, for a rate of
+    /// false alarms per spectrum.
     pub(super) fn point_limit(points: usize, rate: f64) -> f64 {
         POINTS_SHARE * rate / points as f64
     }
@@ -150,7 +159,8 @@ struct Test<'a> {
 pub fn kramers_kronig(spectrum: &Spectrum, noise: &Noise) -> Result<KramersKronig, ValidityError> {
     let mut test = Test::new(spectrum, noise)?;
     let whiten = noise.whitening();
-    test.ladder.load(&test.z_ohm, &whiten, test.restraint_per_ohm);
+    test.ladder
+        .load(&test.z_ohm, &whiten, test.restraint_per_ohm);
     let (order, mu_order) = test.choose_order();
     if !test.alarm(FALSE_ALARM_RATE) {
         return Ok(test.result(order, mu_order, KkOutcome::Agrees));
@@ -179,21 +189,40 @@ impl<'a> Test<'a> {
         spectrum.validate()?;
         let points = spectrum.points.len();
         if points < FEWEST_POINTS {
-            return Err(ValidityError::TooFewPoints { spectrum: spectrum.name.clone(), expected: FEWEST_POINTS, met: points });
+            return Err(ValidityError::TooFewPoints {
+                spectrum: spectrum.name.clone(),
+                expected: FEWEST_POINTS,
+                met: points,
+            });
         }
         let z_ohm: Vec<Complex64> = spectrum.points.iter().map(|p| p.z_ohm).collect();
         let omega: Vec<f64> = spectrum.points.iter().map(|p| TAU * p.freq_hz).collect();
         let tau_range_s = (1.0 / (REACH * omega[points - 1]), REACH / omega[0]);
-        let wanted = (MOST_PER_DECADE * (tau_range_s.1 / tau_range_s.0).log10()).ceil() as usize + 1;
-        // Two numbers a point; the restraint keeps the effective number of parameters well below this one.
-        let most = wanted.min((points + points / 2).saturating_sub(SERIES)).clamp(3, MOST_ELEMENTS);
+        let wanted =
+            (MOST_PER_DECADE * (tau_range_s.1 / tau_range_s.0).log10()).ceil() as usize + 1;
+        // Two numbers a point; the restraint keeps the effective number of parameters well below
+        // this one.
+        let most = wanted
+            .min((points + points / 2).saturating_sub(SERIES))
+            .clamp(3, MOST_ELEMENTS);
         let ladder = Ladder::new(omega, tau_range_s, most);
         let leverage = Vec::with_capacity(points);
-        let restraint_per_ohm = 1.0 / (LARGEST * z_ohm.iter().map(|z| z.norm()).fold(0.0, f64::max));
-        Ok(Self { spectrum, noise, z_ohm, ladder, leverage, left_out: vec![false; points], restraint_per_ohm, most })
+        let restraint_per_ohm =
+            1.0 / (LARGEST * z_ohm.iter().map(|z| z.norm()).fold(0.0, f64::max));
+        Ok(Self {
+            spectrum,
+            noise,
+            z_ohm,
+            ladder,
+            leverage,
+            left_out: vec![false; points],
+            restraint_per_ohm,
+            most,
+        })
     }
 
-    /// Solves with rising order until µ is low and nothing is in doubt; the order, and the one that µ alone would have chosen.
+    /// Solves with rising order until µ is low and nothing is in doubt; the order, and the one that
+    /// µ alone would have chosen.
     fn choose_order(&mut self) -> (usize, Option<usize>) {
         let mut mu_order = None;
         for order in 3..=self.most {
@@ -221,22 +250,32 @@ impl<'a> Test<'a> {
     /// Something of the last solution is less probable than a rate of false alarms allows.
     fn alarm(&mut self, rate: f64) -> bool {
         self.ladder.leverage(&mut self.leverage);
-        self.sum_p() < SUM_SHARE * rate || self.worst().1 < KramersKronig::point_limit(self.z_ohm.len(), rate)
+        self.sum_p() < SUM_SHARE * rate
+            || self.worst().1 < KramersKronig::point_limit(self.z_ohm.len(), rate)
     }
 
     /// The point that disagrees most, with its probability.
     fn worst(&self) -> (usize, f64) {
-        let p = |k: &usize| self.distance(*k).map_or(1.0, |d2| pair_tail(d2, self.noise.dof));
-        (0..self.z_ohm.len()).filter(|k| !self.left_out[*k]).map(|k| (k, p(&k))).min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((0, 1.0))
+        let p = |k: &usize| {
+            self.distance(*k)
+                .map_or(1.0, |d2| pair_tail(d2, self.noise.dof))
+        };
+        (0..self.z_ohm.len())
+            .filter(|k| !self.left_out[*k])
+            .map(|k| (k, p(&k)))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap_or((0, 1.0))
     }
 
-    /// Squared distance of a point's residual in its own standard deviations; none where the ladder follows the point.
+    /// Squared distance of a point's residual in its own standard deviations; none where the ladder
+    /// follows the point.
     fn distance(&self, point: usize) -> Option<f64> {
         let (h11, h12, h22) = self.leverage[point];
         distance(self.ladder.residual(point), (1.0 - h11, -h12, 1.0 - h22))
     }
 
-    /// Solves with the highest order and without the points chosen; true if nothing is wrong with the others.
+    /// Solves with the highest order and without the points chosen; true if nothing is wrong with
+    /// the others.
     fn leave_out(&mut self, chosen: impl Fn(usize) -> bool) -> bool {
         let mut whiten = self.noise.whitening();
         for (k, (out, w)) in self.left_out.iter_mut().zip(&mut whiten).enumerate() {
@@ -245,33 +284,46 @@ impl<'a> Test<'a> {
                 *w = Whitening::NONE;
             }
         }
-        self.ladder.load(&self.z_ohm, &whiten, self.restraint_per_ohm);
+        self.ladder
+            .load(&self.z_ohm, &whiten, self.restraint_per_ohm);
         self.ladder.solve(self.most);
         !self.alarm(FALSE_ALARM_RATE)
     }
 
-    /// Leaves out one point after the other, the worst first, until the others agree; false if that takes more than a tenth of them, or three
-    /// neighbours within the band, for then it is not points that are wrong.
+    /// Leaves out one point after the other, the worst first, until the others agree; false if that
+    /// takes more than a tenth of them, or three neighbours within the band, for then it is not
+    /// points that are wrong.
     fn leave_out_the_worst(&mut self) -> bool {
         let mut out = Vec::new();
         let agree = (0..(self.z_ohm.len() / 10).max(1)).any(|_| {
             out.push(self.worst().0);
             self.leave_out(|k| out.contains(&k))
         });
-        agree && (self.is_end_left_out() || !self.left_out.windows(3).any(|run| run.iter().all(|out| *out)))
+        agree
+            && (self.is_end_left_out()
+                || !self
+                    .left_out
+                    .windows(3)
+                    .any(|run| run.iter().all(|out| *out)))
     }
 
     /// The points left out are those of one end of the band.
     fn is_end_left_out(&self) -> bool {
-        let borders = self.left_out.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        let borders = self
+            .left_out
+            .windows(2)
+            .filter(|pair| pair[0] != pair[1])
+            .count();
         borders == 1
     }
 
-    /// Leaves out one end of the band, as few points as possible and no more than half; false if that does not help.
+    /// Leaves out one end of the band, as few points as possible and no more than half; false if
+    /// that does not help.
     fn leave_out_an_end(&mut self) -> bool {
         let points = self.z_ohm.len();
         let most = (points / 2).min(points - FEWEST_POINTS);
-        (1..=most).any(|count| self.leave_out(|k| k < count) || self.leave_out(|k| k >= points - count))
+        (1..=most)
+            .any(|count| self.leave_out(|k| k < count) || self.leave_out(|k| k >= points - count))
     }
 
     fn passes_with_other_sign(&mut self) -> bool {
@@ -288,14 +340,25 @@ impl<'a> Test<'a> {
         self.leave_out(|_| false);
         let order = self.most;
         let mut result = self.result(order, mu_order, KkOutcome::PartOfBand);
-        result.points.iter_mut().zip(end).for_each(|(point, out)| point.left_out = out);
+        result
+            .points
+            .iter_mut()
+            .zip(end)
+            .for_each(|(point, out)| point.left_out = out);
         result
     }
 
-    fn result(mut self, order: usize, mu_order: Option<usize>, outcome: KkOutcome) -> KramersKronig {
+    fn result(
+        mut self,
+        order: usize,
+        mu_order: Option<usize>,
+        outcome: KkOutcome,
+    ) -> KramersKronig {
         self.ladder.leverage(&mut self.leverage);
         let fitted_ohm = self.ladder.impedance(order);
-        let points = (0..self.z_ohm.len()).map(|k| self.point(k, order, fitted_ohm[k])).collect();
+        let points = (0..self.z_ohm.len())
+            .map(|k| self.point(k, order, fitted_ohm[k]))
+            .collect();
         KramersKronig {
             order,
             mu_order,
@@ -321,7 +384,13 @@ impl<'a> Test<'a> {
             let w = self.noise.whitening()[k];
             let (p11, p12, p22) = self.ladder.prediction(k, order, w);
             let share = (1.0 + p11, p12, 1.0 + p22);
-            (share, distance((w.a * residual.re, w.b * residual.re + w.c * residual.im), share))
+            (
+                share,
+                distance(
+                    (w.a * residual.re, w.b * residual.re + w.c * residual.im),
+                    share,
+                ),
+            )
         } else {
             let (h11, h12, h22) = self.leverage[k];
             ((1.0 - h11, -h12, 1.0 - h22), self.distance(k))
@@ -340,7 +409,8 @@ impl<'a> Test<'a> {
     }
 }
 
-/// rᵀM⁻¹r of a residual with the covariance M = (11, 12, 22); none where M says that the ladder follows the point.
+/// rᵀM⁻¹r of a residual with the covariance M = (11, 12, 22); none where M says that the ladder
+/// follows the point.
 fn distance((re, im): (f64, f64), (m11, m12, m22): (f64, f64, f64)) -> Option<f64> {
     let determinant = m11 * m22 - m12 * m12;
     let greatest = m11.max(m22);

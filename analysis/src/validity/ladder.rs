@@ -1,9 +1,11 @@
-//! The ladder of the linear Kramers–Kronig test: R, L and C in series with RC elements of fixed time constants and free resistances of either
-//! sign, fitted by weighted linear least squares (Boukamp, J. Electrochem. Soc. 142 (1995) 1885).
+//! The ladder of the linear Kramers–Kronig test: R, L and C in series with RC elements of fixed
+//! time constants and free resistances of either sign, fitted by weighted linear least squares
+//! (Boukamp, J. Electrochem. Soc. 142 (1995) 1885).
 //!
-//! Solved by modified Gram–Schmidt, which gives the leverage of every point along with the residual, on the machine's widest vectors but without fused
-//! operations, so that the digits are everywhere the same. All memory is taken once; the orders that are tried share the columns that they have in
-//! common. Knows no verdict.
+//! Solved by modified Gram–Schmidt, which gives the leverage of every point along with the
+//! residual, on the machine's widest vectors but without fused operations, so that the digits are
+//! everywhere the same. All memory is taken once; the orders that are tried share the columns that
+//! they have in common. Knows no verdict.
 
 use num_complex::Complex64;
 
@@ -20,14 +22,19 @@ pub(crate) struct Whitening {
 
 impl Whitening {
     /// Leaves a point out.
-    pub(super) const NONE: Self = Self { a: 0.0, b: 0.0, c: 0.0 };
+    pub(super) const NONE: Self = Self {
+        a: 0.0,
+        b: 0.0,
+        c: 0.0,
+    };
 }
 
 /// A least-squares problem over one set of frequencies, and its last solution.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Ladder {
     points: usize,
-    /// Length of a column: both parts of all points, one row per RC element that holds it near zero, filled up so that loops need no rest.
+    /// Length of a column: both parts of all points, one row per RC element that holds it near
+    /// zero, filled up so that loops need no rest.
     rows: usize,
     /// Inverse of the size that a resistance is expected to have, 1/Ω.
     restraint_per_ohm: f64,
@@ -50,7 +57,8 @@ pub(super) struct Ladder {
 }
 
 impl Ladder {
-    /// A ladder over angular frequencies in rad/s, with time constants between the two ends in s and room for `most` RC elements.
+    /// A ladder over angular frequencies in rad/s, with time constants between the two ends in s
+    /// and room for `most` RC elements.
     pub(super) fn new(omega: Vec<f64>, tau_range_s: (f64, f64), most: usize) -> Self {
         let points = omega.len();
         let most = most.max(2);
@@ -75,9 +83,15 @@ impl Ladder {
         }
     }
 
-    /// Sets the data and their weights, and prepares what all orders share. Without the restraint a resistance may be as large as it likes: near the ends of the band
-    /// that lets pairs of huge opposite ones describe what no passive system does.
-    pub(super) fn load(&mut self, z_ohm: &[Complex64], whiten: &[Whitening], restraint_per_ohm: f64) {
+    /// Sets the data and their weights, and prepares what all orders share. Without the restraint a
+    /// resistance may be as large as it likes: near the ends of the band that lets pairs of huge
+    /// opposite ones describe what no passive system does.
+    pub(super) fn load(
+        &mut self,
+        z_ohm: &[Complex64],
+        whiten: &[Whitening],
+        restraint_per_ohm: f64,
+    ) {
         self.whiten.copy_from_slice(whiten);
         self.restraint_per_ohm = restraint_per_ohm;
         self.residual.fill(0.0);
@@ -94,7 +108,8 @@ impl Ladder {
         pulp::Arch::new().dispatch(Whole(self, order.min(self.width - SERIES)));
     }
 
-    /// Makes the columns that all orders share orthonormal, and takes their part out of the residual.
+    /// Makes the columns that all orders share orthonormal, and takes their part out of the
+    /// residual.
     #[inline(always)]
     fn prepare(&mut self) {
         self.write(0, |_| (1.0, 0.0));
@@ -142,7 +157,13 @@ impl Ladder {
     fn write(&mut self, index: usize, element: impl Fn(f64) -> (f64, f64)) {
         let column = &mut self.q[index * self.rows..(index + 1) * self.rows];
         let (upper, lower) = column.split_at_mut(self.points);
-        for (((omega, w), upper), lower) in self.omega.iter().zip(&self.whiten).zip(upper).zip(&mut *lower) {
+        for (((omega, w), upper), lower) in self
+            .omega
+            .iter()
+            .zip(&self.whiten)
+            .zip(upper)
+            .zip(&mut *lower)
+        {
             let (re, im) = element(*omega);
             *upper = w.a * re;
             *lower = w.b * re + w.c * im;
@@ -154,13 +175,18 @@ impl Ladder {
         self.sizes[index] = dot(column, column);
     }
 
-    /// Makes a column that is orthogonal to those before one of length one, and takes its part out of the residual.
+    /// Makes a column that is orthogonal to those before one of length one, and takes its part out
+    /// of the residual.
     #[inline(always)]
     fn finish(&mut self, index: usize) {
         let column = &mut self.q[index * self.rows..(index + 1) * self.rows];
         let left = dot(column, column);
         // What the columns before can make already adds nothing but rounding.
-        let norm = if left > DEPENDENT * self.sizes[index] { left.sqrt() } else { f64::INFINITY };
+        let norm = if left > DEPENDENT * self.sizes[index] {
+            left.sqrt()
+        } else {
+            f64::INFINITY
+        };
         let inverse = 1.0 / norm;
         column.iter_mut().for_each(|v| *v *= inverse);
         self.r[index * self.width + index] = norm;
@@ -169,11 +195,14 @@ impl Ladder {
         self.projections[index] = projection;
     }
 
-    /// Takes a finished column's part out of those of a range after it. They do not depend on each other, which keeps the machine's lanes busy.
+    /// Takes a finished column's part out of those of a range after it. They do not depend on each
+    /// other, which keeps the machine's lanes busy.
     #[inline(always)]
     fn take_out(&mut self, index: usize, (from, to): (usize, usize)) {
         // Further rows are zero: those that hold later elements near zero.
-        let length = (2 * self.points + (index + 1).saturating_sub(SERIES)).next_multiple_of(LANES).min(self.rows);
+        let length = (2 * self.points + (index + 1).saturating_sub(SERIES))
+            .next_multiple_of(LANES)
+            .min(self.rows);
         let (before, after) = self.q.split_at_mut(from * self.rows);
         let finished = &before[index * self.rows..][..length];
         for (column, j) in after.chunks_exact_mut(self.rows).zip(from..to) {
@@ -189,14 +218,23 @@ impl Ladder {
         self.residual[..2 * self.points].iter().map(|r| r * r).sum()
     }
 
-    /// The resistances' balance 1 − Σ|R<0|/ΣR>0 of Schönleber, Klotz and Ivers-Tiffée (2014): near 1 below, near 0 beyond the right order.
+    /// The resistances' balance 1 − Σ|R<0|/ΣR>0 of Schönleber, Klotz and Ivers-Tiffée (2014): near
+    /// 1 below, near 0 beyond the right order.
     pub(super) fn mu(&mut self) -> f64 {
         self.back_substitute();
         let (mut negative, mut positive) = (0.0, 0.0);
         for r in &self.coefficients[SERIES..self.columns] {
-            if *r < 0.0 { negative -= r } else { positive += r }
+            if *r < 0.0 {
+                negative -= r
+            } else {
+                positive += r
+            }
         }
-        if positive > 0.0 { 1.0 - negative / positive } else { 0.0 }
+        if positive > 0.0 {
+            1.0 - negative / positive
+        } else {
+            0.0
+        }
     }
 
     fn back_substitute(&mut self) {
@@ -204,7 +242,11 @@ impl Ladder {
         self.coefficients[..n].copy_from_slice(&self.projections[..n]);
         for j in (0..n).rev() {
             let norm = self.r[j * self.width + j];
-            let x = if norm.is_finite() { self.coefficients[j] / norm } else { 0.0 };
+            let x = if norm.is_finite() {
+                self.coefficients[j] / norm
+            } else {
+                0.0
+            };
             self.coefficients[j] = x;
             for k in 0..j {
                 self.coefficients[k] -= x * self.r[j * self.width + k];
@@ -217,7 +259,8 @@ impl Ladder {
         (self.residual[point], self.residual[self.points + point])
     }
 
-    /// The points' own blocks (h₁₁, h₁₂, h₂₂) of the hat matrix: how much of a point's noise the ladder follows.
+    /// The points' own blocks (h₁₁, h₁₂, h₂₂) of the hat matrix: how much of a point's noise the
+    /// ladder follows.
     pub(super) fn leverage(&self, into: &mut Vec<(f64, f64, f64)>) {
         into.clear();
         into.resize(self.points, (0.0, 0.0, 0.0));
@@ -246,10 +289,15 @@ impl Ladder {
         Complex64::new(1.0, omega * tau_s).inv()
     }
 
-    /// Variance that a linear function of the whitened residuals has, given its weights for the first and the second row of every point.
+    /// Variance that a linear function of the whitened residuals has, given its weights for the
+    /// first and the second row of every point.
     pub(super) fn variance(&self, weights: &[f64]) -> f64 {
         let own: f64 = weights.iter().map(|w| w * w).sum();
-        let shares = self.q.chunks_exact(self.rows).take(self.columns).map(|q| q.iter().zip(weights).map(|(q, w)| q * w).sum::<f64>());
+        let shares = self
+            .q
+            .chunks_exact(self.rows)
+            .take(self.columns)
+            .map(|q| q.iter().zip(weights).map(|(q, w)| q * w).sum::<f64>());
         (own - shares.map(|s| s * s).sum::<f64>()).max(0.0)
     }
 
@@ -261,11 +309,16 @@ impl Ladder {
     /// The fitted impedance of every point, whether it was left out or not, Ω.
     pub(super) fn impedance(&mut self, order: usize) -> Vec<Complex64> {
         self.back_substitute();
-        let at = |omega: &f64| (0..self.columns).map(|k| self.coefficients[k] * self.element(k, order, *omega)).sum();
+        let at = |omega: &f64| {
+            (0..self.columns)
+                .map(|k| self.coefficients[k] * self.element(k, order, *omega))
+                .sum()
+        };
         self.omega.iter().map(at).collect()
     }
 
-    /// Covariance (11, 12, 22) that the noise of the fitted points gives to the prediction of a point, in units of a whitening of that point.
+    /// Covariance (11, 12, 22) that the noise of the fitted points gives to the prediction of a
+    /// point, in units of a whitening of that point.
     pub(super) fn prediction(&self, point: usize, order: usize, w: Whitening) -> (f64, f64, f64) {
         let mut solved: Vec<(f64, f64)> = Vec::with_capacity(self.columns);
         let mut covariance = (0.0, 0.0, 0.0);
@@ -277,15 +330,24 @@ impl Ladder {
                 x = (x.0 - column[k] * u.0, x.1 - column[k] * u.1);
             }
             let norm = column[j];
-            let u = if norm.is_finite() { (x.0 / norm, x.1 / norm) } else { (0.0, 0.0) };
-            covariance = (covariance.0 + u.0 * u.0, covariance.1 + u.0 * u.1, covariance.2 + u.1 * u.1);
+            let u = if norm.is_finite() {
+                (x.0 / norm, x.1 / norm)
+            } else {
+                (0.0, 0.0)
+            };
+            covariance = (
+                covariance.0 + u.0 * u.0,
+                covariance.1 + u.0 * u.1,
+                covariance.2 + u.1 * u.1,
+            );
             solved.push(u);
         }
         covariance
     }
 }
 
-/// [`Ladder::prepare`] as something to dispatch. A closure would not be inlined into the function that has the machine's vectors.
+/// [`Ladder::prepare`] as something to dispatch. A closure would not be inlined into the function
+/// that has the machine's vectors.
 struct Shared<'l>(&'l mut Ladder);
 
 impl pulp::WithSimd for Shared<'_> {
@@ -318,7 +380,12 @@ const DEPENDENT: f64 = 1e-18;
 #[inline(always)]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; LANES];
-    for (a, b) in a.as_chunks::<LANES>().0.iter().zip(b.as_chunks::<LANES>().0) {
+    for (a, b) in a
+        .as_chunks::<LANES>()
+        .0
+        .iter()
+        .zip(b.as_chunks::<LANES>().0)
+    {
         for k in 0..LANES {
             sums[k] += a[k] * b[k];
         }

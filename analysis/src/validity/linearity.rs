@@ -1,9 +1,12 @@
-//! Does the cell answer in proportion? From sweeps at different amplitudes, or from the harmonics in the records.
+//! Does the cell answer in proportion? From sweeps at different amplitudes, or from the harmonics
+//! in the records.
 //!
-//! For amplitudes the change of Z from the smallest to the largest is held against its uncertainty at every frequency, the probabilities
-//! corrected for their number after Holm. For harmonics the size of an error of Z is told: in a polynomial without memory, v = Σ aₙ iⁿ, the term of odd order n
-//! puts C(n, (n−1)/2) times its n-th harmonic into the fundamental (3 times the third, 10 times the fifth), even orders nothing. A sweep has many harmonics,
-//! so that these probabilities are corrected, too.
+//! For amplitudes the change of Z from the smallest to the largest is held against its uncertainty
+//! at every frequency, the probabilities corrected for their number after Holm. For harmonics the
+//! size of an error of Z is told: in a polynomial without memory, v = Σ aₙ iⁿ, the term of odd
+//! order n puts C(n, (n−1)/2) times its n-th harmonic into the fundamental (3 times the third, 10
+//! times the fifth), even orders nothing. A sweep has many harmonics, so that these probabilities
+//! are corrected, too.
 
 use super::assess::Record;
 use super::noise::Noise;
@@ -40,7 +43,8 @@ pub struct Linearity {
     pub points: Vec<LinearityPoint>,
 }
 
-/// Compares the sweeps at the smallest with those at the largest amplitude; none unless there are two amplitudes on one grid.
+/// Compares the sweeps at the smallest with those at the largest amplitude; none unless there are
+/// two amplitudes on one grid.
 pub fn linearity(spectra: &[Spectrum], noises: &[Noise]) -> Option<Linearity> {
     let first = spectra.first()?;
     let known: Vec<(f64, &Spectrum, &Noise)> = spectra
@@ -55,7 +59,11 @@ pub fn linearity(spectra: &[Spectrum], noises: &[Noise]) -> Option<Linearity> {
     if highest.is_nan() || highest <= lowest * (1.0 + SAME_AMPLITUDE) {
         return None;
     }
-    let group = |at: f64| known.iter().filter(move |k| (k.0 / at - 1.0).abs() < SAME_AMPLITUDE);
+    let group = |at: f64| {
+        known
+            .iter()
+            .filter(move |k| (k.0 / at - 1.0).abs() < SAME_AMPLITUDE)
+    };
     let dof = known.iter().filter_map(|k| k.2.dof).reduce(f64::min);
     let made = (0..first.points.len()).map(|k| {
         let (small, cov_small) = mean(group(lowest), k);
@@ -76,15 +84,28 @@ pub fn linearity(spectra: &[Spectrum], noises: &[Noise]) -> Option<Linearity> {
         point.p = p;
         point.nonlinear = p < FALSE_ALARM_RATE;
     }
-    Some(Linearity { amplitudes_a: (lowest, highest), points })
+    Some(Linearity {
+        amplitudes_a: (lowest, highest),
+        points,
+    })
 }
 
 /// Median amplitude of a spectrum, A; not a number where it is not known.
 pub(super) fn amplitude(spectrum: &Spectrum) -> f64 {
-    super::noise::median(spectrum.points.iter().map(|p| p.amplitude_a).filter(|a| !a.is_nan()).collect())
+    super::noise::median(
+        spectrum
+            .points
+            .iter()
+            .map(|p| p.amplitude_a)
+            .filter(|a| !a.is_nan())
+            .collect(),
+    )
 }
 
-fn mean<'a>(group: impl Iterator<Item = &'a (f64, &'a Spectrum, &'a Noise)>, point: usize) -> (Complex64, Covariance2) {
+fn mean<'a>(
+    group: impl Iterator<Item = &'a (f64, &'a Spectrum, &'a Noise)>,
+    point: usize,
+) -> (Complex64, Covariance2) {
     let (mut count, mut sum, mut covariance) = (0.0, Complex64::ZERO, Covariance2::ZERO);
     for (_, spectrum, noise) in group {
         count += 1.0;
@@ -111,14 +132,25 @@ pub struct Harmonic {
     pub sigma: f64,
 }
 
-/// Which harmonics are larger than noise explains, record by record, with one false alarm in a hundred sweeps: the probabilities are corrected after Holm for
-/// all harmonics of all records that can speak against a point. Even orders do not (see [`Harmonic::error_percent`]) and are not counted.
+/// Which harmonics are larger than noise explains, record by record, with one false alarm in a
+/// hundred sweeps: the probabilities are corrected after Holm for all harmonics of all records that
+/// can speak against a point. Even orders do not (see [`Harmonic::error_percent`]) and are not
+/// counted.
 pub fn beyond_noise(records: &[Record]) -> Vec<Vec<bool>> {
     let can = |harmonic: &&Harmonic| !harmonic.order.is_multiple_of(2);
-    let tested: Vec<f64> = records.iter().flat_map(|record| record.harmonics.iter().filter(can)).map(Harmonic::p).collect();
+    let tested: Vec<f64> = records
+        .iter()
+        .flat_map(|record| record.harmonics.iter().filter(can))
+        .map(Harmonic::p)
+        .collect();
     let mut adjusted = holm(&tested).into_iter();
-    let mut judge = |harmonic: &Harmonic| can(&harmonic) && adjusted.next().is_some_and(|p| p < FALSE_ALARM_RATE);
-    records.iter().map(|record| record.harmonics.iter().map(&mut judge).collect()).collect()
+    let mut judge = |harmonic: &Harmonic| {
+        can(&harmonic) && adjusted.next().is_some_and(|p| p < FALSE_ALARM_RATE)
+    };
+    records
+        .iter()
+        .map(|record| record.harmonics.iter().map(&mut judge).collect())
+        .collect()
 }
 
 impl Harmonic {

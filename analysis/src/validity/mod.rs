@@ -1,8 +1,9 @@
 //! Is a spectrum one of a linear, causal system that did not change while it was measured?
 //!
-//! [`kramers_kronig`] and [`z_hit`] look at one spectrum, [`linearity`] at sweeps of different amplitude, [`stationarity`] at repeats; [`assess`] does
-//! all of it for the spectra of one cell and says in words what may be believed. Every test
-//! judges by the noise ([`Noise`]) and has a stated rate of false alarms: of a hundred valid spectra at most one is called bad.
+//! [`kramers_kronig`] and [`z_hit`] look at one spectrum, [`linearity`] at sweeps of different
+//! amplitude, [`stationarity`] at repeats; [`assess`] does all of it for the spectra of one cell
+//! and says in words what may be believed. Every test judges by the noise ([`Noise`]) and has a
+//! stated rate of false alarms: of a hundred valid spectra at most one is called bad.
 
 mod assess;
 mod kramers_kronig;
@@ -41,7 +42,10 @@ pub enum ValidityError {
     #[error(transparent)]
     Spectrum(#[from] SpectrumError),
     /// A point that nothing can be measured against.
-    #[error("spectrum {spectrum:?}, point {number} ({freq_hz} Hz): expected an impedance other than 0 Ω, met 0 Ω")]
+    #[error(
+        "spectrum {spectrum:?}, point {number} ({freq_hz} Hz): expected an impedance other than 0 \
+        Ω, met 0 Ω"
+    )]
     Zero {
         /// Its name.
         spectrum: String,

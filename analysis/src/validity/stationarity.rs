@@ -1,4 +1,5 @@
-//! Did the cell stay the same? From repeats of one sweep, in their order of time, and from the drift within the records.
+//! Did the cell stay the same? From repeats of one sweep, in their order of time, and from the
+//! drift within the records.
 
 use super::noise::{Noise, NoiseSource};
 use super::tail::{holm, pair_tail, sum_tail};
@@ -15,7 +16,8 @@ pub struct StationarityPoint {
     pub freq_hz: f64,
     /// Standard deviation of a part of Z between repeats, % of |Z|.
     pub scatter_percent: f64,
-    /// Standard deviation that the spectra state or show within themselves, %; none where it was taken from the repeats.
+    /// Standard deviation that the spectra state or show within themselves, %; none where it was
+    /// taken from the repeats.
     pub noise_percent: Option<f64>,
     /// What the scatter has beyond the noise, %; zero if nothing.
     pub excess_percent: Option<f64>,
@@ -34,7 +36,8 @@ pub struct Stationarity {
     pub repeats: Vec<String>,
     /// How much each repeat lies above the mean of all over the whole band, %.
     pub shift_percent: Vec<f64>,
-    /// Root mean square over the band of what the scatter has beyond the noise, %; none where the noise was taken from the repeats.
+    /// Root mean square over the band of what the scatter has beyond the noise, %; none where the
+    /// noise was taken from the repeats.
     pub excess_percent: Option<f64>,
     /// The points, by rising frequency.
     pub points: Vec<StationarityPoint>,
@@ -69,17 +72,22 @@ pub fn stationarity(repeats: &[&Spectrum], noises: &[&Noise]) -> Option<Stationa
         return None;
     }
     let count = repeats.len() as f64;
-    let columns: Vec<Column> = (0..first.points.len()).map(|k| column(repeats, noises, k)).collect();
+    let columns: Vec<Column> = (0..first.points.len())
+        .map(|k| column(repeats, noises, k))
+        .collect();
     let independent = noises.iter().all(|n| n.source != NoiseSource::Repeats);
     let noise_dof = noises.iter().filter_map(|n| n.dof).reduce(|a, b| a + b);
     let line_dof = 2.0 * (count - 2.0) * columns.len() as f64;
     let about_lines = columns.iter().map(|c| c.rest).sum::<f64>() / line_dof;
-    let spread: f64 = (0..repeats.len()).map(|k| (k as f64 - 0.5 * (count - 1.0)).powi(2)).sum();
+    let spread: f64 = (0..repeats.len())
+        .map(|k| (k as f64 - 0.5 * (count - 1.0)).powi(2))
+        .sum();
     let mut points: Vec<StationarityPoint> = Vec::new();
     for (c, p) in columns.iter().zip(&first.points) {
         let sum: f64 = c.deviations.iter().map(Complex64::norm_sqr).sum();
         let dof = 2.0 * (count - 1.0);
-        let trend = (count > 2.0).then(|| pair_tail(c.slope.norm_sqr() * spread / about_lines, Some(line_dof)));
+        let trend = (count > 2.0)
+            .then(|| pair_tail(c.slope.norm_sqr() * spread / about_lines, Some(line_dof)));
         points.push(StationarityPoint {
             freq_hz: p.freq_hz,
             scatter_percent: 100.0 * (sum / dof).sqrt(),
@@ -91,7 +99,9 @@ pub fn stationarity(repeats: &[&Spectrum], noises: &[&Noise]) -> Option<Stationa
         });
     }
     correct(&mut points);
-    let shift = |r: usize| 100.0 * columns.iter().map(|c| c.deviations[r].re).sum::<f64>() / columns.len() as f64;
+    let shift = |r: usize| {
+        100.0 * columns.iter().map(|c| c.deviations[r].re).sum::<f64>() / columns.len() as f64
+    };
     let mean_square = |p: &StationarityPoint| p.excess_percent.map(|e| e * e);
     let excess: Option<f64> = points.iter().map(mean_square).sum();
     Some(Stationarity {
@@ -105,13 +115,31 @@ pub fn stationarity(repeats: &[&Spectrum], noises: &[&Noise]) -> Option<Stationa
 fn column(repeats: &[&Spectrum], noises: &[&Noise], k: usize) -> Column {
     let count = repeats.len() as f64;
     let mean = repeats.iter().map(|r| r.points[k].z_ohm).sum::<Complex64>() / count;
-    let deviations: Vec<Complex64> = repeats.iter().map(|r| r.points[k].z_ohm / mean - 1.0).collect();
+    let deviations: Vec<Complex64> = repeats
+        .iter()
+        .map(|r| r.points[k].z_ohm / mean - 1.0)
+        .collect();
     let place = |r: usize| r as f64 - 0.5 * (count - 1.0);
     let spread: f64 = (0..repeats.len()).map(|r| place(r).powi(2)).sum();
-    let slope = deviations.iter().enumerate().map(|(r, d)| d * place(r)).sum::<Complex64>() / spread;
-    let rest = deviations.iter().enumerate().map(|(r, d)| (d - slope * place(r)).norm_sqr()).sum();
-    let variance = |n: &&Noise| 0.5 * (n.covariance[k].re_re + n.covariance[k].im_im) / mean.norm_sqr();
-    Column { noise: noises.iter().map(variance).sum::<f64>() / count, deviations, slope, rest }
+    let slope = deviations
+        .iter()
+        .enumerate()
+        .map(|(r, d)| d * place(r))
+        .sum::<Complex64>()
+        / spread;
+    let rest = deviations
+        .iter()
+        .enumerate()
+        .map(|(r, d)| (d - slope * place(r)).norm_sqr())
+        .sum();
+    let variance =
+        |n: &&Noise| 0.5 * (n.covariance[k].re_re + n.covariance[k].im_im) / mean.norm_sqr();
+    Column {
+        noise: noises.iter().map(variance).sum::<f64>() / count,
+        deviations,
+        slope,
+        rest,
+    }
 }
 
 /// Corrects the probabilities for the number of frequencies.
@@ -128,7 +156,8 @@ fn correct(points: &mut [StationarityPoint]) {
 /// Drift of a channel's offset within a record, as far as the fit of the sine did not take it out.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Drift {
-    /// Change of the offset, relative to the amplitude: over the record for a ramp, from its middle to its ends for a bend.
+    /// Change of the offset, relative to the amplitude: over the record for a ramp, from its middle
+    /// to its ends for a bend.
     pub over_amplitude: f64,
     /// Periods in the record.
     pub periods: f64,
@@ -147,8 +176,8 @@ pub enum DriftShape {
 }
 
 impl Drift {
-    /// Largest error that the drift gives to Z, %: the Fourier coefficient at the n-th harmonic of the record, d/(πn) of a ramp of height d and
-    /// 4d/(πn)² of a parabola that bends by d.
+    /// Largest error that the drift gives to Z, %: the Fourier coefficient at the n-th harmonic of
+    /// the record, d/(πn) of a ramp of height d and 4d/(πn)² of a parabola that bends by d.
     pub fn error_percent(&self) -> f64 {
         let turn = PI * self.periods;
         100.0

@@ -1,5 +1,6 @@
-//! Tail probabilities of the normal, χ², F and t distributions, by the series and continued fractions of the incomplete gamma and beta functions
-//! (Abramowitz and Stegun 6.5.29, 6.5.31, 26.5.8). About ten digits; tails below 1e-300 are zero.
+//! Tail probabilities of the normal, χ², F and t distributions, by the series and continued
+//! fractions of the incomplete gamma and beta functions (Abramowitz and
+//! Stegun 6.5.29, 6.5.31, 26.5.8). About ten digits; tails below 1e-300 are zero.
 
 const EPSILON: f64 = 1e-15;
 const TINY: f64 = 1e-300;
@@ -7,30 +8,46 @@ const STEPS: u32 = 500;
 
 /// Probability that χ² of `dof` degrees of freedom exceeds `x`. One for nothing to test.
 pub(crate) fn chi2_tail(x: f64, dof: f64) -> f64 {
-    if x > 0.0 && dof > 0.0 { gamma_tail(0.5 * dof, 0.5 * x) } else { 1.0 }
+    if x > 0.0 && dof > 0.0 {
+        gamma_tail(0.5 * dof, 0.5 * x)
+    } else {
+        1.0
+    }
 }
 
-/// Probability that a ratio of two mean squares of `dof.0` and `dof.1` degrees of freedom exceeds `x`.
+/// Probability that a ratio of two mean squares of `dof.0` and `dof.1` degrees of freedom exceeds
+/// `x`.
 pub(super) fn f_tail(x: f64, dof: (f64, f64)) -> f64 {
-    if x > 0.0 && dof.0 > 0.0 { beta_lower(0.5 * dof.1, 0.5 * dof.0, dof.1 / (dof.1 + dof.0 * x)) } else { 1.0 }
+    if x > 0.0 && dof.0 > 0.0 {
+        beta_lower(0.5 * dof.1, 0.5 * dof.0, dof.1 / (dof.1 + dof.0 * x))
+    } else {
+        1.0
+    }
 }
 
-/// Probability that the sum of two squared standard deviates exceeds `d2`; with estimated variance of `dof` degrees of freedom where it is not stated.
+/// Probability that the sum of two squared standard deviates exceeds `d2`; with estimated variance
+/// of `dof` degrees of freedom where it is not stated.
 pub(super) fn pair_tail(d2: f64, dof: Option<f64>) -> f64 {
-    dof.map_or_else(|| (-0.5 * d2).exp(), |dof| (1.0 + d2 / dof).powf(-0.5 * dof))
+    dof.map_or_else(
+        || (-0.5 * d2).exp(),
+        |dof| (1.0 + d2 / dof).powf(-0.5 * dof),
+    )
 }
 
-/// Probability of a deviation of at least `t` standard deviations on either side; Student's where the deviation is estimated.
+/// Probability of a deviation of at least `t` standard deviations on either side; Student's where
+/// the deviation is estimated.
 pub(crate) fn deviate_tail(t: f64, dof: Option<f64>) -> f64 {
     dof.map_or_else(|| chi2_tail(t * t, 1.0), |dof| f_tail(t * t, (1.0, dof)))
 }
 
-/// Probability that a weighted sum of `dof` squared residuals exceeds `x`; with estimated variance where it is not stated.
+/// Probability that a weighted sum of `dof` squared residuals exceeds `x`; with estimated variance
+/// where it is not stated.
 pub(super) fn sum_tail(x: f64, dof: f64, noise_dof: Option<f64>) -> f64 {
     noise_dof.map_or_else(|| chi2_tail(x, dof), |noise| f_tail(x / dof, (dof, noise)))
 }
 
-/// Probabilities of many tests after Holm (1979): each may be compared with the rate that all together are to have.
+/// Probabilities of many tests after Holm (1979): each may be compared with the rate that all
+/// together are to have.
 pub(crate) fn holm(p: &[f64]) -> Vec<f64> {
     let mut order: Vec<usize> = (0..p.len()).collect();
     order.sort_by(|a, b| p[*a].total_cmp(&p[*b]));
@@ -71,7 +88,12 @@ fn gamma_tail(a: f64, x: f64) -> f64 {
         }
         return 1.0 - sum * scale;
     }
-    let fraction = |k: f64| (if k == 0.0 { 1.0 } else { -k * (k - a) }, x + 1.0 - a + 2.0 * k);
+    let fraction = |k: f64| {
+        (
+            if k == 0.0 { 1.0 } else { -k * (k - a) },
+            x + 1.0 - a + 2.0 * k,
+        )
+    };
     scale * continued(fraction)
 }
 
@@ -83,7 +105,8 @@ fn beta_lower(a: f64, b: f64, x: f64) -> f64 {
     if x > (a + 1.0) / (a + b + 2.0) {
         return 1.0 - beta_lower(b, a, 1.0 - x);
     }
-    let scale = (a * x.ln() + b * (-x).ln_1p() + ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b)).exp() / a;
+    let scale =
+        (a * x.ln() + b * (-x).ln_1p() + ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b)).exp() / a;
     let fraction = |k: f64| {
         let m = (0.5 * k).floor();
         let numerator = if k == 0.0 {
@@ -123,12 +146,30 @@ mod tests {
 
     #[test]
     fn agrees_with_printed_tables() {
-        // Abramowitz and Stegun, tables 26.1, 26.8, 26.9, 26.10: 5 % and 1 % points, to the digits printed.
-        for (x, dof, p) in [(3.84146, 1.0, 0.05), (18.3070, 10.0, 0.05), (50.8922, 30.0, 0.01), (135.807, 100.0, 0.01)] {
-            assert!((chi2_tail(x, dof) / p - 1.0).abs() < 1e-4, "χ² {x}: {}", chi2_tail(x, dof));
+        // Abramowitz and Stegun, tables 26.1, 26.8, 26.9, 26.10: 5 % and 1 % points, to the digits
+        // printed.
+        for (x, dof, p) in [
+            (3.84146, 1.0, 0.05),
+            (18.3070, 10.0, 0.05),
+            (50.8922, 30.0, 0.01),
+            (135.807, 100.0, 0.01),
+        ] {
+            assert!(
+                (chi2_tail(x, dof) / p - 1.0).abs() < 1e-4,
+                "χ² {x}: {}",
+                chi2_tail(x, dof)
+            );
         }
-        for (x, dof, p) in [(3.33, (5.0, 10.0), 0.05), (5.64, (5.0, 10.0), 0.01), (2.18, (8.0, 40.0), 0.05)] {
-            assert!((f_tail(x, dof) / p - 1.0).abs() < 1e-2, "F {x}: {}", f_tail(x, dof));
+        for (x, dof, p) in [
+            (3.33, (5.0, 10.0), 0.05),
+            (5.64, (5.0, 10.0), 0.01),
+            (2.18, (8.0, 40.0), 0.05),
+        ] {
+            assert!(
+                (f_tail(x, dof) / p - 1.0).abs() < 1e-2,
+                "F {x}: {}",
+                f_tail(x, dof)
+            );
         }
         assert!((deviate_tail(2.228_14, Some(10.0)) / 0.05 - 1.0).abs() < 1e-4);
         assert!((deviate_tail(1.959_964, None) / 0.05 - 1.0).abs() < 1e-5);

@@ -1,13 +1,16 @@
-//! Long spectra: the tests are made for tens of points. Z-HIT holds matrices of points × points, and points are left out one by one, so that time and memory
-//! grow with the square of their number and more. Beyond some number nothing is gained: the ladder has no more than sixty elements.
+//! Long spectra: the tests are made for tens of points. Z-HIT holds matrices of points × points,
+//! and points are left out one by one, so that time and memory grow with the square of their number
+//! and more. Beyond some number nothing is gained: the ladder has no more than sixty elements.
 
 use crate::spectrum::{SharedError, Spectrum};
 
-/// Points that are judged at most: eight for each of the ladder's sixty elements, and the matrices of Z-HIT stay at 2 MB each.
+/// Points that are judged at most: eight for each of the ladder's sixty elements, and the matrices
+/// of Z-HIT stay at 2 MB each.
 pub const MOST_POINTS: usize = 500;
 
-/// A long spectrum with no more than [`MOST_POINTS`] of its points, those nearest to an even grid over ln f with both ends; none for one that is short enough.
-/// The points are taken as they are: a mean of neighbours would hide a bad one.
+/// A long spectrum with no more than [`MOST_POINTS`] of its points, those nearest to an even grid
+/// over ln f with both ends; none for one that is short enough. The points are taken as they are: a
+/// mean of neighbours would hide a bad one.
 pub fn thinned(spectrum: &Spectrum) -> Option<Spectrum> {
     let points = &spectrum.points;
     let (first, last) = (points.first()?.freq_hz.ln(), points.last()?.freq_hz.ln());
@@ -28,7 +31,10 @@ pub fn thinned(spectrum: &Spectrum) -> Option<Spectrum> {
     }
     let of = |error: &SharedError| SharedError {
         name: error.name.clone(),
-        at_ohm: taken.iter().filter_map(|k| error.at_ohm.get(*k).copied()).collect(),
+        at_ohm: taken
+            .iter()
+            .filter_map(|k| error.at_ohm.get(*k).copied())
+            .collect(),
     };
     Some(Spectrum {
         name: spectrum.name.clone(),
@@ -40,7 +46,10 @@ pub fn thinned(spectrum: &Spectrum) -> Option<Spectrum> {
 
 /// By how many points a spectrum was judged.
 pub(super) fn remark(judged: usize, points: usize) -> String {
-    format!("; judged by {judged} of its {points} points, evenly spaced over ln f: what the others show was not looked at")
+    format!(
+        "; judged by {judged} of its {points} points, evenly spaced over ln f: what the others \
+        show was not looked at"
+    )
 }
 
 #[cfg(test)]
@@ -49,20 +58,43 @@ mod tests {
     use crate::spectrum::{Covariance2, ImpedancePoint};
 
     fn spectrum(freqs_hz: impl Iterator<Item = f64>) -> Spectrum {
-        let point = |freq_hz| ImpedancePoint { freq_hz, z_ohm: 0.01.into(), covariance: Covariance2::UNKNOWN, amplitude_a: f64::NAN };
-        Spectrum { name: "long".to_owned(), points: freqs_hz.map(point).collect(), ..Spectrum::default() }
+        let point = |freq_hz| ImpedancePoint {
+            freq_hz,
+            z_ohm: 0.01.into(),
+            covariance: Covariance2::UNKNOWN,
+            amplitude_a: f64::NAN,
+        };
+        Spectrum {
+            name: "long".to_owned(),
+            points: freqs_hz.map(point).collect(),
+            ..Spectrum::default()
+        }
     }
 
     #[test]
     fn short_spectra_stay_and_long_ones_keep_ends_and_order() {
-        assert_eq!(thinned(&spectrum((1..=MOST_POINTS).map(|k| k as f64))), None);
-        // Evenly over f: few points at the low end, so that fewer than the grid has are taken, each once.
+        assert_eq!(
+            thinned(&spectrum((1..=MOST_POINTS).map(|k| k as f64))),
+            None
+        );
+        // Evenly over f: few points at the low end, so that fewer than the grid has are taken, each
+        // once.
         for count in [MOST_POINTS + 1, 100_000] {
             let all = spectrum((1..=count).map(|k| k as f64));
             let thin = thinned(&all).unwrap();
-            assert!(thin.points.len() <= MOST_POINTS && thin.points.len() > MOST_POINTS / 3, "{}", thin.points.len());
+            assert!(
+                thin.points.len() <= MOST_POINTS && thin.points.len() > MOST_POINTS / 3,
+                "{}",
+                thin.points.len()
+            );
             assert!(thin.points.is_sorted_by(|a, b| a.freq_hz < b.freq_hz));
-            assert_eq!((thin.points[0].freq_hz, thin.points[thin.points.len() - 1].freq_hz), (1.0, count as f64));
+            assert_eq!(
+                (
+                    thin.points[0].freq_hz,
+                    thin.points[thin.points.len() - 1].freq_hz
+                ),
+                (1.0, count as f64)
+            );
         }
     }
 }

@@ -1,4 +1,5 @@
-//! A bench made of closed formulas: potentials along the loop, what the channels show of them. It knows nothing of the code under test.
+//! A bench made of closed formulas: potentials along the loop, what the channels show of them. It
+//! knows nothing of the code under test.
 
 use std::f64::consts::TAU;
 
@@ -35,7 +36,14 @@ pub(crate) const SHORT: (f64, f64) = (20e-6, 6e-9);
 
 impl Bench {
     pub(crate) fn ideal() -> Self {
-        Self { gains: [1.0; 3], skews_s: [0.0; 3], mutual_shunt_h: 0.0, mutual_jig_h: 0.0, shunt: SHUNT, noise_v: 1e-9 }
+        Self {
+            gains: [1.0; 3],
+            skews_s: [0.0; 3],
+            mutual_shunt_h: 0.0,
+            mutual_jig_h: 0.0,
+            shunt: SHUNT,
+            noise_v: 1e-9,
+        }
     }
 
     /// A bench as it might turn out, from the usual spread.
@@ -51,7 +59,13 @@ impl Bench {
     }
 
     /// What the four channels show of 1 A through the loop.
-    pub(crate) fn measure(&self, freq_hz: f64, probes: Probes, in_jig: Complex64, noise: &mut Noise) -> ChannelPhasors {
+    pub(crate) fn measure(
+        &self,
+        freq_hz: f64,
+        probes: Probes,
+        in_jig: Complex64,
+        noise: &mut Noise,
+    ) -> ChannelPhasors {
         let jw = Complex64::new(0.0, TAU * freq_hz);
         let i = Complex64::from_polar(1.0, 2.0 * freq_hz.ln());
         let v1 = i * (0.017 + jw * 150e-9);
@@ -70,11 +84,22 @@ impl Bench {
             }
             *volt += Complex64::new(noise.gauss(), noise.gauss()) * self.noise_v;
         }
-        ChannelPhasors { freq_hz, volts, variance: [PhasorVariance::circular(self.noise_v * self.noise_v); 4] }
+        ChannelPhasors {
+            freq_hz,
+            volts,
+            variance: [PhasorVariance::circular(self.noise_v * self.noise_v); 4],
+        }
     }
 
-    pub(crate) fn sweep(&self, probes: Probes, in_jig: fn(f64) -> Complex64, noise: &mut Noise) -> Vec<ChannelPhasors> {
-        frequencies().map(|freq_hz| self.measure(freq_hz, probes, in_jig(freq_hz), noise)).collect()
+    pub(crate) fn sweep(
+        &self,
+        probes: Probes,
+        in_jig: fn(f64) -> Complex64,
+        noise: &mut Noise,
+    ) -> Vec<ChannelPhasors> {
+        frequencies()
+            .map(|freq_hz| self.measure(freq_hz, probes, in_jig(freq_hz), noise))
+            .collect()
     }
 }
 

@@ -4,9 +4,10 @@ use std::fs;
 use std::path::Path;
 
 use analysis::dataset::{
-    CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, SERIES_COLUMNS, SPECTRUM_COLUMNS, SeriesRow, append_spectrum_csv, open_capture,
-    read_capture, read_series_parquet, read_spectrum_csv, read_spectrum_parquet, write_atomically, write_capture, write_series_parquet,
-    write_spectrum_csv, write_spectrum_parquet,
+    CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, SERIES_COLUMNS, SPECTRUM_COLUMNS,
+    SeriesRow, append_spectrum_csv, open_capture, read_capture, read_series_parquet,
+    read_spectrum_csv, read_spectrum_parquet, write_atomically, write_capture,
+    write_series_parquet, write_spectrum_csv, write_spectrum_parquet,
 };
 use analysis::sine::{CodeScale, FitOptions, Record, fit_free_frequency, fit_known_frequency};
 use analysis::spectrum::{Covariance2, ImpedancePoint};
@@ -14,7 +15,8 @@ use num_complex::Complex64;
 
 use crate::noise::Noise;
 
-const HEADER: &str = "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2,amplitude_a";
+const HEADER: &str =
+    "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2,amplitude_a";
 
 /// Awkward numbers: no short decimal, tiny, huge.
 fn awkward(noise: &mut Noise) -> f64 {
@@ -26,9 +28,18 @@ fn points(seed: u64, count: usize) -> Vec<ImpedancePoint> {
     let point = |index: usize| {
         // Squares of numbers, as a file that holds standard deviations gives them back.
         let [re, im] = [awkward(&mut noise), awkward(&mut noise)].map(|sigma| sigma * sigma);
-        let covariance = Covariance2 { re_re: re, re_im: awkward(&mut noise), im_im: im };
+        let covariance = Covariance2 {
+            re_re: re,
+            re_im: awkward(&mut noise),
+            im_im: im,
+        };
         let z_ohm = Complex64::new(awkward(&mut noise), awkward(&mut noise));
-        ImpedancePoint { freq_hz: 0.1 * 1.5f64.powi(index as i32), z_ohm, covariance, amplitude_a: noise.uniform() }
+        ImpedancePoint {
+            freq_hz: 0.1 * 1.5f64.powi(index as i32),
+            z_ohm,
+            covariance,
+            amplitude_a: noise.uniform(),
+        }
     };
     (0..count).map(point).collect()
 }
@@ -36,20 +47,45 @@ fn points(seed: u64, count: usize) -> Vec<ImpedancePoint> {
 fn bits(points: &[ImpedancePoint]) -> Vec<[u64; 7]> {
     let of = |p: &ImpedancePoint| {
         let c = p.covariance;
-        [p.freq_hz, p.z_ohm.re, p.z_ohm.im, c.re_re, c.re_im, c.im_im, p.amplitude_a].map(f64::to_bits)
+        [
+            p.freq_hz,
+            p.z_ohm.re,
+            p.z_ohm.im,
+            c.re_re,
+            c.re_im,
+            c.im_im,
+            p.amplitude_a,
+        ]
+        .map(f64::to_bits)
     };
     points.iter().map(of).collect()
 }
 
 fn capture(count: usize) -> Capture {
     let mut noise = Noise::new(9);
-    let scale =
-        |k: f64| CodeScale { volts_per_code: 0.1 / 3.0 * k, offset_v: -3.7 / 7.0 * k, code_min: -2048, code_max: 2047, code_step: 1 };
-    let channels = [1.0, 2.0, 3.0, 4.0].map(|k| ChannelMeta { scale: scale(k), volts_per_div: 0.02 * k });
-    let meta =
-        CaptureMeta { label: "cell, \"point\" 3\n5 °C".into(), freq_hz: 0.1 + 0.2, interval_s: 1.0 / 3.0, start_s: 1e9 / 7.0, channels };
-    let mut codes: [Vec<i16>; 4] =
-        std::array::from_fn(|_| (0..count).map(|n| (1500.0 * (1e-3 * n as f64).sin() + 3.0 * noise.gauss()) as i16).collect());
+    let scale = |k: f64| CodeScale {
+        volts_per_code: 0.1 / 3.0 * k,
+        offset_v: -3.7 / 7.0 * k,
+        code_min: -2048,
+        code_max: 2047,
+        code_step: 1,
+    };
+    let channels = [1.0, 2.0, 3.0, 4.0].map(|k| ChannelMeta {
+        scale: scale(k),
+        volts_per_div: 0.02 * k,
+    });
+    let meta = CaptureMeta {
+        label: "cell, \"point\" 3\n5 °C".into(),
+        freq_hz: 0.1 + 0.2,
+        interval_s: 1.0 / 3.0,
+        start_s: 1e9 / 7.0,
+        channels,
+    };
+    let mut codes: [Vec<i16>; 4] = std::array::from_fn(|_| {
+        (0..count)
+            .map(|n| (1500.0 * (1e-3 * n as f64).sin() + 3.0 * noise.gauss()) as i16)
+            .collect()
+    });
     (codes[0][0], codes[1][1]) = (i16::MIN, i16::MAX);
     Capture { meta, codes }
 }
@@ -57,7 +93,10 @@ fn capture(count: usize) -> Capture {
 #[test]
 fn a_capture_comes_back_to_the_bit() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, again) = (folder.path().join("a.parquet"), folder.path().join("b.parquet"));
+    let (path, again) = (
+        folder.path().join("a.parquet"),
+        folder.path().join("b.parquet"),
+    );
     // More than one row group.
     let written = capture(300_001);
     write_capture(&path, &written).unwrap();
@@ -65,13 +104,19 @@ fn a_capture_comes_back_to_the_bit() {
     assert_eq!(read, written);
     assert_eq!(read.meta.start_s.to_bits(), written.meta.start_s.to_bits());
     write_capture(&again, &written).unwrap();
-    assert!(fs::read(&path).unwrap() == fs::read(&again).unwrap(), "equal captures, equal bytes");
+    assert!(
+        fs::read(&path).unwrap() == fs::read(&again).unwrap(),
+        "equal captures, equal bytes"
+    );
     assert!(
         fs::metadata(&path).unwrap().len() < 4 * 2 * 300_001 + 20_000,
         "{} bytes: no more than two a code",
         fs::metadata(&path).unwrap().len()
     );
-    let names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    let names: Vec<_> = fs::read_dir(folder.path())
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name())
+        .collect();
     assert_eq!(names.len(), 2, "nothing is left beside: {names:?}");
 }
 
@@ -79,17 +124,33 @@ fn a_capture_comes_back_to_the_bit() {
 fn a_capture_can_be_fitted_as_it_is() {
     let mut capture = capture(1000);
     for (k, codes) in capture.codes.iter_mut().enumerate() {
-        *codes = (0..1000).map(|n| (1000.0 * (0.1 * f64::from(n)).cos()).round() as i16 + k as i16).collect();
+        *codes = (0..1000)
+            .map(|n| (1000.0 * (0.1 * f64::from(n)).cos()).round() as i16 + k as i16)
+            .collect();
     }
     capture.meta.interval_s = 1e-3;
     let channels = capture.channels();
     let freq_hz = 100.0 / std::f64::consts::TAU;
-    let fit = fit_known_frequency(&Record { channels: &channels, interval_s: 1e-3 }, freq_hz, &FitOptions::default()).unwrap();
+    let fit = fit_known_frequency(
+        &Record {
+            channels: &channels,
+            interval_s: 1e-3,
+        },
+        freq_hz,
+        &FitOptions::default(),
+    )
+    .unwrap();
     for (k, channel) in fit.channels.iter().enumerate() {
         let scale = capture.meta.channels[k].scale;
-        assert!((channel.phasor.re / (1000.0 * scale.volts_per_code) - 1.0).abs() < 1e-3, "{channel:?}");
+        assert!(
+            (channel.phasor.re / (1000.0 * scale.volts_per_code) - 1.0).abs() < 1e-3,
+            "{channel:?}"
+        );
         let offset_v = k as f64 * scale.volts_per_code - scale.offset_v;
-        assert!((channel.offset_v - offset_v).abs() < 0.1 * scale.volts_per_code, "{channel:?}");
+        assert!(
+            (channel.offset_v - offset_v).abs() < 0.1 * scale.volts_per_code,
+            "{channel:?}"
+        );
     }
 }
 
@@ -100,7 +161,13 @@ fn channels_of_unlike_length_are_refused() {
     let mut capture = capture(100);
     capture.codes[2].pop();
     let text = write_capture(&path, &capture).unwrap_err().to_string();
-    assert_eq!(text, format!("{}, column code_c3: expected 100 samples as in code_c1, met 99", path.display()));
+    assert_eq!(
+        text,
+        format!(
+            "{}, column code_c3: expected 100 samples as in code_c1, met 99",
+            path.display()
+        )
+    );
     assert!(!path.exists());
 }
 
@@ -113,7 +180,10 @@ fn a_spectrum_comes_back_to_the_bit() {
     written[4].amplitude_a = f64::NAN;
     write_spectrum_csv(&file("a.csv"), &written).unwrap();
     write_spectrum_parquet(&file("a.parquet"), &written).unwrap();
-    let (csv, parquet) = (read_spectrum_csv(&file("a.csv")).unwrap(), read_spectrum_parquet(&file("a.parquet")).unwrap());
+    let (csv, parquet) = (
+        read_spectrum_csv(&file("a.csv")).unwrap(),
+        read_spectrum_parquet(&file("a.parquet")).unwrap(),
+    );
     assert_eq!(bits(&csv), bits(&written));
     assert_eq!(bits(&parquet), bits(&written));
     write_spectrum_csv(&file("b.csv"), &csv).unwrap();
@@ -122,7 +192,11 @@ fn a_spectrum_comes_back_to_the_bit() {
         let [a, b] = ["a", "b"].map(|name| fs::read(file(&format!("{name}.{kind}"))).unwrap());
         assert!(a == b, "{kind} differs");
     }
-    assert!(fs::read_to_string(file("a.csv")).unwrap().starts_with(&format!("{HEADER}\n0.1,")));
+    assert!(
+        fs::read_to_string(file("a.csv"))
+            .unwrap()
+            .starts_with(&format!("{HEADER}\n0.1,"))
+    );
 }
 
 #[test]
@@ -132,7 +206,11 @@ fn any_variance_comes_back_within_rounding() {
     let mut noise = Noise::new(4);
     let mut written = points(2, 20);
     for point in &mut written {
-        point.covariance = Covariance2 { re_re: noise.uniform() * 1e-9, re_im: 0.0, im_im: noise.uniform() };
+        point.covariance = Covariance2 {
+            re_re: noise.uniform() * 1e-9,
+            re_im: 0.0,
+            im_im: noise.uniform(),
+        };
     }
     write_spectrum_csv(&path, &written).unwrap();
     for (a, b) in written.iter().zip(read_spectrum_csv(&path).unwrap()) {
@@ -144,7 +222,10 @@ fn any_variance_comes_back_within_rounding() {
 #[test]
 fn appended_points_make_the_file_that_is_written_at_once() {
     let folder = tempfile::tempdir().unwrap();
-    let (grown, whole) = (folder.path().join("grown.csv"), folder.path().join("whole.csv"));
+    let (grown, whole) = (
+        folder.path().join("grown.csv"),
+        folder.path().join("whole.csv"),
+    );
     // Long enough that the search for the last line end takes more than one step.
     let all = points(3, 45);
     for point in &all {
@@ -152,7 +233,10 @@ fn appended_points_make_the_file_that_is_written_at_once() {
     }
     write_spectrum_csv(&whole, &all).unwrap();
     assert!(fs::metadata(&whole).unwrap().len() > 4096);
-    assert_eq!(fs::read_to_string(&grown).unwrap(), fs::read_to_string(&whole).unwrap());
+    assert_eq!(
+        fs::read_to_string(&grown).unwrap(),
+        fs::read_to_string(&whole).unwrap()
+    );
 }
 
 #[test]
@@ -163,19 +247,33 @@ fn a_crash_at_any_byte_costs_no_finished_point() {
     write_spectrum_csv(&whole, &all).unwrap();
     let bytes = fs::read(&whole).unwrap();
     // Around every line end, and some in between: every append waits for the disk.
-    let near_end = |cut: usize| bytes[cut.saturating_sub(2)..(cut + 2).min(bytes.len())].contains(&b'\n');
+    let near_end =
+        |cut: usize| bytes[cut.saturating_sub(2)..(cut + 2).min(bytes.len())].contains(&b'\n');
     for cut in (0..=bytes.len()).filter(|cut| cut % 29 == 0 || near_end(*cut)) {
         fs::write(&path, &bytes[..cut]).unwrap();
         let finished = bytes[..cut].iter().filter(|byte| **byte == b'\n').count();
         if finished > 0 {
-            assert_eq!(bits(&read_spectrum_csv(&path).unwrap()), bits(&all[..finished - 1]), "cut at {cut}");
+            assert_eq!(
+                bits(&read_spectrum_csv(&path).unwrap()),
+                bits(&all[..finished - 1]),
+                "cut at {cut}"
+            );
         } else {
-            assert!(read_spectrum_csv(&path).unwrap_err().to_string().contains("line 1: expected the header"), "cut at {cut}");
+            assert!(
+                read_spectrum_csv(&path)
+                    .unwrap_err()
+                    .to_string()
+                    .contains("line 1: expected the header"),
+                "cut at {cut}"
+            );
         }
         for point in &all[finished.saturating_sub(1)..] {
             append_spectrum_csv(&path, point).unwrap();
         }
-        assert!(fs::read(&path).unwrap() == bytes, "resumed after a cut at {cut}");
+        assert!(
+            fs::read(&path).unwrap() == bytes,
+            "resumed after a cut at {cut}"
+        );
     }
 }
 
@@ -210,17 +308,34 @@ fn what_is_wrong_in_a_csv_is_named() {
     );
     assert_eq!(
         text_of(&path, &format!("{HEADER}\n1,2,3,4,5,6,7,8\n")),
-        format!("{shown}, line 2, column amplitude_a: expected the end of the line after it, met \"8\"")
+        format!(
+            "{shown}, line 2, column amplitude_a: expected the end of the line after it, met \"8\""
+        )
     );
-    assert_eq!(text_of(&path, "f,re,im\n1,2,3\n"), format!("{shown}, line 1: expected the header {HEADER:?}, met \"f,re,im\""));
-    let text = append_spectrum_csv(&path, &points(1, 1)[0]).unwrap_err().to_string();
-    assert_eq!(text, format!("{shown}, line 1: expected the header {HEADER:?}, met \"f,re,im\""));
-    assert_eq!(fs::read_to_string(&path).unwrap(), "f,re,im\n1,2,3\n", "a foreign file is left as it is");
+    assert_eq!(
+        text_of(&path, "f,re,im\n1,2,3\n"),
+        format!("{shown}, line 1: expected the header {HEADER:?}, met \"f,re,im\"")
+    );
+    let text = append_spectrum_csv(&path, &points(1, 1)[0])
+        .unwrap_err()
+        .to_string();
+    assert_eq!(
+        text,
+        format!("{shown}, line 1: expected the header {HEADER:?}, met \"f,re,im\"")
+    );
+    assert_eq!(
+        fs::read_to_string(&path).unwrap(),
+        "f,re,im\n1,2,3\n",
+        "a foreign file is left as it is"
+    );
     fs::write(&path, format!("{HEADER}\r\n1,2,3,,,,\r\n")).unwrap();
     let read = read_spectrum_csv(&path).unwrap();
     assert!(read.len() == 1 && read[0].covariance.re_re.is_nan() && read[0].amplitude_a.is_nan());
     let missing = folder.path().join("none.csv");
-    assert_eq!(read_spectrum_csv(&missing).unwrap_err().to_string(), format!("{}: could not read the file", missing.display()));
+    assert_eq!(
+        read_spectrum_csv(&missing).unwrap_err().to_string(),
+        format!("{}: could not read the file", missing.display())
+    );
 }
 
 #[test]
@@ -229,10 +344,16 @@ fn what_is_wrong_in_a_parquet_is_named() {
     let path = folder.path().join("s.parquet");
     let shown = path.display();
     write_spectrum_parquet(&path, &points(1, 3)).unwrap();
-    assert_eq!(read_capture(&path).unwrap_err().to_string(), format!("{shown}, metadata label: expected a text, met no such entry"));
+    assert_eq!(
+        read_capture(&path).unwrap_err().to_string(),
+        format!("{shown}, metadata label: expected a text, met no such entry")
+    );
     write_capture(&path, &capture(10)).unwrap();
     let text = read_spectrum_parquet(&path).unwrap_err().to_string();
-    assert_eq!(text, format!("{shown}, column freq_hz: expected a column of 64-bit floats, met no such column"));
+    assert_eq!(
+        text,
+        format!("{shown}, column freq_hz: expected a column of 64-bit floats, met no such column")
+    );
 }
 
 #[test]
@@ -251,13 +372,23 @@ fn a_damaged_capture_is_refused_whatever_the_damage() {
         let mut bad = good.clone();
         bad[at] ^= 1 << (at % 8);
         let text = refused(&bad);
-        assert!(text.starts_with(&format!("{}: expected a file of this program with the checksum ", path.display())), "byte {at}: {text}");
+        assert!(
+            text.starts_with(&format!(
+                "{}: expected a file of this program with the checksum ",
+                path.display()
+            )),
+            "byte {at}: {text}"
+        );
     }
     for length in [0, 4, good.len() / 2, good.len() - 1] {
-        assert!(refused(&good[..length]).ends_with("it is damaged or comes from elsewhere"), "cut at {length}");
+        assert!(
+            refused(&good[..length]).ends_with("it is damaged or comes from elsewhere"),
+            "cut at {length}"
+        );
     }
     let text = refused(b"PAR1, or so it says");
-    let expected = "expected a file of this program with the checksum in its metadata, met none; it is damaged or comes from elsewhere";
+    let expected = "expected a file of this program with the checksum in its metadata, met none; \
+    it is damaged or comes from elsewhere";
     assert_eq!(text, format!("{}: {expected}", path.display()));
 }
 
@@ -266,17 +397,30 @@ fn a_series_comes_back_to_the_bit() {
     let folder = tempfile::tempdir().unwrap();
     let file = |name: &str| folder.path().join(name);
     let mut noise = Noise::new(8);
-    let mut row =
-        |n: u32| SeriesRow { time_s: 0.1 * f64::from(n), voltage_v: awkward(&mut noise), current_a: noise.gauss(), temperature_c: 25.1 };
+    let mut row = |n: u32| SeriesRow {
+        time_s: 0.1 * f64::from(n),
+        voltage_v: awkward(&mut noise),
+        current_a: noise.gauss(),
+        temperature_c: 25.1,
+    };
     let mut series: Vec<_> = (0..50).map(&mut row).collect();
     series[7].temperature_c = f64::NAN;
     let bits = |rows: &[SeriesRow]| -> Vec<[u64; 4]> {
-        rows.iter().map(|r| [r.time_s, r.voltage_v, r.current_a, r.temperature_c].map(f64::to_bits)).collect()
+        rows.iter()
+            .map(|r| [r.time_s, r.voltage_v, r.current_a, r.temperature_c].map(f64::to_bits))
+            .collect()
     };
     write_series_parquet(&file("a.parquet"), &series).unwrap();
-    assert_eq!(bits(&read_series_parquet(&file("a.parquet")).unwrap()), bits(&series));
+    assert_eq!(
+        bits(&read_series_parquet(&file("a.parquet")).unwrap()),
+        bits(&series)
+    );
     write_series_parquet(&file("empty.parquet"), &[]).unwrap();
-    assert!(read_series_parquet(&file("empty.parquet")).unwrap().is_empty());
+    assert!(
+        read_series_parquet(&file("empty.parquet"))
+            .unwrap()
+            .is_empty()
+    );
 }
 
 #[test]
@@ -288,14 +432,23 @@ fn writing_whole_files_replaces_or_leaves() {
     assert_eq!(fs::read(&path).unwrap(), b"two");
     let nowhere = folder.path().join("no/such/folder.json");
     let text = write_atomically(&nowhere, b"x").unwrap_err().to_string();
-    assert!(text.ends_with("no/such/.folder.json.partial: could not write the file"), "{text}");
-    let text = write_atomically(Path::new("/"), b"x").unwrap_err().to_string();
+    assert!(
+        text.ends_with("no/such/.folder.json.partial: could not write the file"),
+        "{text}"
+    );
+    let text = write_atomically(Path::new("/"), b"x")
+        .unwrap_err()
+        .to_string();
     assert_eq!(text, "/: could not write the file");
 }
 
 #[test]
 fn every_column_says_its_unit() {
-    for spec in CAPTURE_COLUMNS.iter().chain(SPECTRUM_COLUMNS).chain(SERIES_COLUMNS) {
+    for spec in CAPTURE_COLUMNS
+        .iter()
+        .chain(SPECTRUM_COLUMNS)
+        .chain(SERIES_COLUMNS)
+    {
         let suffix = match spec.unit {
             "Hz" => "_hz",
             "Ω" => "_ohm",
@@ -307,7 +460,10 @@ fn every_column_says_its_unit() {
             "1" => "",
             other => panic!("unit {other} of {} is new here", spec.name),
         };
-        assert!(spec.name.ends_with(suffix) && !spec.doc.is_empty(), "{spec:?}");
+        assert!(
+            spec.name.ends_with(suffix) && !spec.doc.is_empty(),
+            "{spec:?}"
+        );
     }
     let names: Vec<_> = SPECTRUM_COLUMNS.iter().map(|spec| spec.name).collect();
     assert_eq!(names.join(","), HEADER);
@@ -319,24 +475,56 @@ fn a_capture_that_stays_on_disk_gives_the_same_fit() {
     let count = 2 * 262_144 + 10_001;
     let codes = [0.0_f64, 1.1, 0.4, 2.0].map(|phase| {
         let sample = |k: u32| {
-            let value = 1800.0 * (1.0e-3 * f64::from(k) + phase).cos() + 7.0 * (f64::from(k) * 0.618_034).fract();
-            if k % 100_003 == 7 { 2047 } else { value.round() as i16 }
+            let value = 1800.0 * (1.0e-3 * f64::from(k) + phase).cos()
+                + 7.0 * (f64::from(k) * 0.618_034).fract();
+            if k % 100_003 == 7 {
+                2047
+            } else {
+                value.round() as i16
+            }
         };
         (0..count).map(sample).collect::<Vec<i16>>()
     });
-    let scale = CodeScale { volts_per_code: 1.0e-4, offset_v: 0.2, code_min: -2048, code_max: 2047, code_step: 1 };
-    let channels = [ChannelMeta { scale, volts_per_div: 0.1 }; 4];
-    let meta = CaptureMeta { label: "large".to_owned(), freq_hz: 159.155, interval_s: 1.0e-6, start_s: 0.0, channels };
+    let scale = CodeScale {
+        volts_per_code: 1.0e-4,
+        offset_v: 0.2,
+        code_min: -2048,
+        code_max: 2047,
+        code_step: 1,
+    };
+    let channels = [ChannelMeta {
+        scale,
+        volts_per_div: 0.1,
+    }; 4];
+    let meta = CaptureMeta {
+        label: "large".to_owned(),
+        freq_hz: 159.155,
+        interval_s: 1.0e-6,
+        start_s: 0.0,
+        channels,
+    };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("large.parquet");
     write_capture(&path, &Capture { meta, codes }).unwrap();
     let (whole, stored) = (read_capture(&path).unwrap(), open_capture(&path).unwrap());
-    assert_eq!((stored.meta(), stored.samples()), (&whole.meta, count as usize));
-    let options = FitOptions { harmonics: vec![2, 3], ..FitOptions::default() };
+    assert_eq!(
+        (stored.meta(), stored.samples()),
+        (&whole.meta, count as usize)
+    );
+    let options = FitOptions {
+        harmonics: vec![2, 3],
+        ..FitOptions::default()
+    };
     let fits = [whole.channels(), stored.channels()].map(|channels| {
-        let record = Record { channels: &channels, interval_s: 1.0e-6 };
+        let record = Record {
+            channels: &channels,
+            interval_s: 1.0e-6,
+        };
         let known = fit_known_frequency(&record, 159.155, &options).unwrap();
-        (known, fit_free_frequency(&record, Some(159.155), &options).unwrap())
+        (
+            known,
+            fit_free_frequency(&record, Some(159.155), &options).unwrap(),
+        )
     });
     assert_eq!(fits[0], fits[1]);
     // A flipped bit is found without loading the file.

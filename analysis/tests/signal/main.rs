@@ -1,6 +1,11 @@
-//! Captures to sinusoids, sinusoids to corrected impedance, and the files of a run: laws and statistics, against signals made here.
+//! Captures to sinusoids, sinusoids to corrected impedance, and the files of a run: laws and
+//! statistics, against signals made here.
 
-#![allow(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail the test that calls them")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::panic,
+    reason = "helpers of tests fail the test that calls them"
+)]
 
 mod bench;
 mod budget;

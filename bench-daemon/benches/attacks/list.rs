@@ -44,7 +44,9 @@ impl Attack {
         match self.deed {
             Deed::Fault(role, fault, variant) => format!("{job}: {role} {fault:?} {variant}"),
             Deed::Signal(whom, signal) => {
-                let whom = ["daemon", "guardian", "daemon and guardian"].get(usize::from(whom)).unwrap_or(&"?");
+                let whom = ["daemon", "guardian", "daemon and guardian"]
+                    .get(usize::from(whom))
+                    .unwrap_or(&"?");
                 format!("{job}: {signal} to {whom}")
             }
             Deed::Nothing => format!("{job}: nothing"),
@@ -62,14 +64,25 @@ const DISCHARGE_S: f64 = 60.0;
 /// All of them.
 pub(crate) fn all() -> Vec<Attack> {
     let mut list = Vec::new();
-    let mut add = |job, from_s, deeds: &[Deed]| list.extend(deeds.iter().map(|deed| Attack { job, deed: *deed, from_s }));
+    let mut add = |job, from_s, deeds: &[Deed]| {
+        list.extend(deeds.iter().map(|deed| Attack {
+            job,
+            deed: *deed,
+            from_s,
+        }))
+    };
     let fault = |role, fault| Deed::Fault(role, fault, 0);
     use Fault::{
-        Delay, Duplicate, FrozenMeter, Garble, HalfClose, Lagging, LoseMessage, LoseReply, OffsetDrift, OutputOff, Overflow, PowerCycle,
-        Reset, SecondClient, ShortBlock, Stall, StuckOutput, TooLate, Truncate,
+        Delay, Duplicate, FrozenMeter, Garble, HalfClose, Lagging, LoseMessage, LoseReply,
+        OffsetDrift, OutputOff, Overflow, PowerCycle, Reset, SecondClient, ShortBlock, Stall,
+        StuckOutput, TooLate, Truncate,
     };
     use nix::sys::signal::Signal::{SIGKILL, SIGSTOP};
-    let meddle = |role, count: usize| (0..count).map(move |variant| Deed::Fault(role, SecondClient, variant)).collect::<Vec<_>>();
+    let meddle = |role, count: usize| {
+        (0..count)
+            .map(move |variant| Deed::Fault(role, SecondClient, variant))
+            .collect::<Vec<_>>()
+    };
 
     add(Job::Slow, SWEEP_S, &[Deed::Nothing]);
     add(Job::Slow, SWEEP_S, &meddle("generator", 5));
@@ -79,24 +92,75 @@ pub(crate) fn all() -> Vec<Attack> {
     add(Job::Slow, SWEEP_S, &meddle("scope", 3));
     add(Job::Slow, SWEEP_S, &meddle("chiller", 1));
     for role in ["supply4q", "generator"] {
-        add(Job::Slow, SWEEP_S, &[fault(role, StuckOutput), fault(role, OutputOff), fault(role, PowerCycle)]);
+        add(
+            Job::Slow,
+            SWEEP_S,
+            &[
+                fault(role, StuckOutput),
+                fault(role, OutputOff),
+                fault(role, PowerCycle),
+            ],
+        );
     }
     for role in ["supply4q", "load", "logger"] {
         add(Job::Slow, SWEEP_S, &[fault(role, FrozenMeter)]);
     }
-    add(Job::Slow, SWEEP_S, &[fault("supply4q", OffsetDrift), fault("scope", ShortBlock)]);
+    add(
+        Job::Slow,
+        SWEEP_S,
+        &[fault("supply4q", OffsetDrift), fault("scope", ShortBlock)],
+    );
     for role in ["supply4q", "generator", "scope", "load", "logger"] {
-        add(Job::Slow, SWEEP_S, &[fault(role, Lagging), fault(role, TooLate), fault(role, Reset), fault(role, Stall)]);
+        add(
+            Job::Slow,
+            SWEEP_S,
+            &[
+                fault(role, Lagging),
+                fault(role, TooLate),
+                fault(role, Reset),
+                fault(role, Stall),
+            ],
+        );
     }
-    add(Job::Slow, SWEEP_S, &[Deed::Signal(0, SIGKILL), Deed::Signal(0, SIGSTOP), Deed::Signal(1, SIGKILL), Deed::Signal(1, SIGSTOP)]);
-    add(Job::Slow, SWEEP_S, &[Deed::Signal(2, SIGKILL), Deed::Signal(2, SIGSTOP)]);
+    add(
+        Job::Slow,
+        SWEEP_S,
+        &[
+            Deed::Signal(0, SIGKILL),
+            Deed::Signal(0, SIGSTOP),
+            Deed::Signal(1, SIGKILL),
+            Deed::Signal(1, SIGSTOP),
+        ],
+    );
+    add(
+        Job::Slow,
+        SWEEP_S,
+        &[Deed::Signal(2, SIGKILL), Deed::Signal(2, SIGSTOP)],
+    );
 
-    add(Job::Fast, FAST_S, &[Deed::Nothing, Deed::Signal(2, SIGKILL)]);
+    add(
+        Job::Fast,
+        FAST_S,
+        &[Deed::Nothing, Deed::Signal(2, SIGKILL)],
+    );
     add(Job::Fast, FAST_S, &meddle("generator", 4));
     add(Job::Fast, FAST_S, &meddle("supply4q", 1));
-    add(Job::Fast, FAST_S, &[fault("supply4q", OffsetDrift), fault("scope", ShortBlock)]);
+    add(
+        Job::Fast,
+        FAST_S,
+        &[fault("supply4q", OffsetDrift), fault("scope", ShortBlock)],
+    );
     for role in ["supply4q", "generator", "scope"] {
-        let wire = [LoseMessage, LoseReply, Delay, Duplicate, Garble, Truncate, HalfClose, Overflow];
+        let wire = [
+            LoseMessage,
+            LoseReply,
+            Delay,
+            Duplicate,
+            Garble,
+            Truncate,
+            HalfClose,
+            Overflow,
+        ];
         add(Job::Fast, FAST_S, &wire.map(|one| fault(role, one)));
     }
 
@@ -105,16 +169,45 @@ pub(crate) fn all() -> Vec<Attack> {
     add(
         Job::Reset,
         DISCHARGE_S,
-        &[fault("load", StuckOutput), fault("load", FrozenMeter), fault("load", Lagging), fault("load", PowerCycle)],
+        &[
+            fault("load", StuckOutput),
+            fault("load", FrozenMeter),
+            fault("load", Lagging),
+            fault("load", PowerCycle),
+        ],
     );
-    add(Job::Reset, DISCHARGE_S, &[Deed::Signal(0, SIGKILL), Deed::Fault("supply", SecondClient, 1)]);
+    add(
+        Job::Reset,
+        DISCHARGE_S,
+        &[
+            Deed::Signal(0, SIGKILL),
+            Deed::Fault("supply", SecondClient, 1),
+        ],
+    );
     add(Job::Reset, RECHARGE_S, &meddle("supply", 3));
-    add(Job::Reset, RECHARGE_S, &[Deed::Fault("load", SecondClient, 1)]);
     add(
         Job::Reset,
         RECHARGE_S,
-        &[fault("supply", StuckOutput), fault("supply", FrozenMeter), fault("supply", Lagging), fault("supply", OutputOff)],
+        &[Deed::Fault("load", SecondClient, 1)],
     );
-    add(Job::Reset, RECHARGE_S, &[fault("load", FrozenMeter), fault("load", Lagging), Deed::Signal(0, SIGKILL)]);
+    add(
+        Job::Reset,
+        RECHARGE_S,
+        &[
+            fault("supply", StuckOutput),
+            fault("supply", FrozenMeter),
+            fault("supply", Lagging),
+            fault("supply", OutputOff),
+        ],
+    );
+    add(
+        Job::Reset,
+        RECHARGE_S,
+        &[
+            fault("load", FrozenMeter),
+            fault("load", Lagging),
+            Deed::Signal(0, SIGKILL),
+        ],
+    );
     list
 }

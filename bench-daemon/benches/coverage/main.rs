@@ -1,7 +1,10 @@
-//! Coverage of stated uncertainties: plays a shipped experiment on the simulated bench over many seeds and counts how often the truth lies within
-//! the stated 68 % and 95 % intervals, per frequency and per parameter. Fails where the seeds refute a 95 % interval. `cargo test` plays a share of it.
+//! Coverage of stated uncertainties: plays a shipped experiment on the simulated bench over many
+//! seeds and counts how often the truth lies within the stated 68 % and 95 % intervals, per
+//! frequency and per parameter. Fails where the seeds refute a 95 % interval. `cargo test` plays a
+//! share of it.
 //!
-//! `cargo bench --profile dev -p bench-daemon --bench coverage -- demo accurate multisine thesis campaign joint --seeds 100 --from 1`
+//! `cargo bench --profile dev -p bench-daemon --bench coverage -- demo accurate multisine thesis
+//! campaign joint --seeds 100 --from 1`
 
 mod played;
 mod synthetic;
@@ -13,7 +16,14 @@ use played::Played;
 use tally::Tally;
 
 /// The experiments that are played where none is named.
-const ALL: [&str; 6] = ["demo", "thesis", "accurate", "multisine", "campaign", "joint"];
+const ALL: [&str; 6] = [
+    "demo",
+    "thesis",
+    "accurate",
+    "multisine",
+    "campaign",
+    "joint",
+];
 
 /// Arguments of the command line.
 struct Asked {
@@ -27,7 +37,13 @@ struct Asked {
 }
 
 fn asked() -> Result<Asked, Box<dyn std::error::Error>> {
-    let mut asked = Asked { names: Vec::new(), seeds: 20, from: 1, drawn: false, out: None };
+    let mut asked = Asked {
+        names: Vec::new(),
+        seeds: 20,
+        from: 1,
+        drawn: false,
+        out: None,
+    };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         match word.as_str() {
@@ -37,7 +53,13 @@ fn asked() -> Result<Asked, Box<dyn std::error::Error>> {
             "--drawn" => asked.drawn = true,
             "--bench" => {}
             name if ALL.contains(&name) => asked.names.push(name.to_owned()),
-            other => return Err(format!("expected one of {ALL:?}, --seeds N, --from SEED, --drawn or --out FOLDER, met {other:?}").into()),
+            other => {
+                return Err(format!(
+                    "expected one of {ALL:?}, --seeds N, --from SEED, --drawn \
+            or --out FOLDER, met {other:?}"
+                )
+                .into());
+            }
         }
     }
     if asked.names.is_empty() {
@@ -54,16 +76,42 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let tally: Tally = if name == "joint" {
             synthetic::play(&seeds)
         } else {
-            played::play(&Played { configs: &configs(), name, drawn: asked.drawn }, &seeds)?
+            played::play(
+                &Played {
+                    configs: &configs(),
+                    name,
+                    drawn: asked.drawn,
+                },
+                &seeds,
+            )?
         };
-        eprintln!("{}", tally.table(&format!("{name}, {} seeds from {}", asked.seeds, asked.from)));
+        eprintln!(
+            "{}",
+            tally.table(&format!(
+                "{name}, {} seeds from {}",
+                asked.seeds, asked.from
+            ))
+        );
         if let Some(folder) = &asked.out {
             std::fs::create_dir_all(folder)?;
             std::fs::write(folder.join(format!("{name}.csv")), csv(&tally))?;
         }
-        refuted.extend(tally.refuted().into_iter().map(|row| format!("{name}: {row}")));
+        refuted.extend(
+            tally
+                .refuted()
+                .into_iter()
+                .map(|row| format!("{name}: {row}")),
+        );
     }
-    if refuted.is_empty() { Ok(()) } else { Err(format!("95 % intervals that these seeds refute: {}", refuted.join("; ")).into()) }
+    if refuted.is_empty() {
+        Ok(())
+    } else {
+        Err(format!(
+            "95 % intervals that these seeds refute: {}",
+            refuted.join("; ")
+        )
+        .into())
+    }
 }
 
 /// The deviations over their standard deviations, one quantity per line in the order of the seeds.

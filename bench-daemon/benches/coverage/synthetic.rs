@@ -1,5 +1,5 @@
-//! Synthetic spectra and pulses of one cell, for the joint fit: the cell is solved branch by branch in closed form, and shares nothing with the model that
-//! is fitted but its parameters.
+//! Synthetic spectra and pulses of one cell, for the joint fit: the cell is solved branch by branch
+//! in closed form, and shares nothing with the model that is fitted but its parameters.
 
 use analysis::{
     formats::{Origin, SourcedSpectrum},
@@ -22,7 +22,8 @@ const SPECTRUM_NOISE: f64 = 1.0e-3;
 const SERIES_NOISE_V: f64 = 2.0e-4;
 /// By how much the capacity of the cell differs from that of the curve, one standard deviation.
 const CAPACITY_SPREAD: f64 = 0.02;
-/// By how much the pulses' instrument differs from the spectra's, one standard deviation: the default of the joint fit.
+/// By how much the pulses' instrument differs from the spectra's, one standard deviation: the
+/// default of the joint fit.
 const GAIN_SPREAD: f64 = 0.01;
 /// Voltage at which the spectra are measured, V.
 const AT_V: f64 = 3.72;
@@ -32,7 +33,10 @@ const PULSE_A: f64 = 5.0;
 
 /// Plays synthetic sets.
 pub(crate) fn play(seeds: &[u64]) -> Tally {
-    seeds.par_iter().map(|seed| one(*seed)).reduce(Tally::default, Tally::join)
+    seeds
+        .par_iter()
+        .map(|seed| one(*seed))
+        .reduce(Tally::default, Tally::join)
 }
 
 /// A generator of normal numbers: SplitMix64 and Box and Muller's transform.
@@ -54,32 +58,72 @@ impl Normal {
 
 fn truth() -> Erm {
     let cell = Scenario::default().cell;
-    Erm { r_ohm: cell.r_ohm, branches: cell.branches.iter().map(|b| RcBranch { r_ohm: b.r_ohm, c_f: b.c_f }).collect() }.ordered()
+    Erm {
+        r_ohm: cell.r_ohm,
+        branches: cell
+            .branches
+            .iter()
+            .map(|b| RcBranch {
+                r_ohm: b.r_ohm,
+                c_f: b.c_f,
+            })
+            .collect(),
+    }
+    .ordered()
 }
 
 fn curve(capacity_ah: f64) -> Option<OcvCurve> {
-    OcvCurve::monotone(capacity_ah, vec![0.0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0], vec![2.9, 3.42, 3.63, 3.72, 3.81, 3.99, 4.2]).ok()
+    OcvCurve::monotone(
+        capacity_ah,
+        vec![0.0, 0.2, 0.4, 0.5, 0.6, 0.8, 1.0],
+        vec![2.9, 3.42, 3.63, 3.72, 3.81, 3.99, 4.2],
+    )
+    .ok()
 }
 
 fn one(seed: u64) -> Tally {
     let mut tally = Tally::default();
     let mut normal = Normal(seed.wrapping_mul(0x2545_F491_4F6C_DD1D));
     let erm = truth();
-    let (Some(known), Some(own)) = (curve(4.5), curve(4.5 * (1.0 + CAPACITY_SPREAD * normal.next()))) else { return tally };
+    let (Some(known), Some(own)) = (
+        curve(4.5),
+        curve(4.5 * (1.0 + CAPACITY_SPREAD * normal.next())),
+    ) else {
+        return tally;
+    };
     let gain = 1.0 + GAIN_SPREAD * normal.next();
-    let spectra: Vec<SourcedSpectrum> = (0..5).map(|repeat| sweep(&erm, &own, repeat, &mut normal)).collect();
+    let spectra: Vec<SourcedSpectrum> = (0..5)
+        .map(|repeat| sweep(&erm, &own, repeat, &mut normal))
+        .collect();
     let series = pulses(&erm, &own, gain, &mut normal);
-    let input = StudyInput { spectra: &spectra, series: &series, curve: &known };
-    let options = StudyOptions { ocv_window_v: (AT_V, 0.2), dcir_ohm: 0.0135, rc: Some(4), fit: JointOptions::default() };
+    let input = StudyInput {
+        spectra: &spectra,
+        series: &series,
+        curve: &known,
+    };
+    let options = StudyOptions {
+        ocv_window_v: (AT_V, 0.2),
+        dcir_ohm: 0.0135,
+        rc: Some(4),
+        fit: JointOptions::default(),
+    };
     match study(&input, &options) {
         Ok((study, pooled)) => {
             if let Some(joint) = study.joint() {
                 super::played::add_fit(&mut tally, &joint.to_erm_fit(&pooled, &options.fit), &erm);
-                tally.add(20_000, "gain of the pulses", joint.gain - gain, joint.gain_sigma);
+                tally.add(
+                    20_000,
+                    "gain of the pulses",
+                    joint.gain - gain,
+                    joint.gain_sigma,
+                );
             }
             if let Some((alone, both)) = study.rms_v(Role::HeldOut) {
                 // Within the noise of the mean of a held-out pulse.
-                tally.count("held-out pulses no worse than by the spectra alone", both <= alone + 0.05 * SERIES_NOISE_V);
+                tally.count(
+                    "held-out pulses no worse than by the spectra alone",
+                    both <= alone + 0.05 * SERIES_NOISE_V,
+                );
             }
         }
         Err(error) => tally.fail(format!("seed {seed}: {error}")),
@@ -94,32 +138,62 @@ fn sweep(erm: &Erm, own: &OcvCurve, repeat: usize, normal: &mut Normal) -> Sourc
         let omega = TAU * freq_hz;
         // Branches as admittances in parallel.
         let branch = |b: &RcBranch| Complex64::new(1.0 / b.r_ohm, omega * b.c_f).inv();
-        let z = erm.r_ohm + erm.branches.iter().map(branch).sum::<Complex64>() - Complex64::new(0.0, slope / omega);
+        let z = erm.r_ohm + erm.branches.iter().map(branch).sum::<Complex64>()
+            - Complex64::new(0.0, slope / omega);
         let sigma = SPECTRUM_NOISE * z.norm();
         let z_ohm = z + sigma * Complex64::new(normal.next(), normal.next());
-        ImpedancePoint { freq_hz, z_ohm, covariance: Covariance2::circular(sigma * sigma), amplitude_a: 1.0 }
+        ImpedancePoint {
+            freq_hz,
+            z_ohm,
+            covariance: Covariance2::circular(sigma * sigma),
+            amplitude_a: 1.0,
+        }
     };
     let spectrum = Spectrum::new(format!("cell0_{repeat}"), (0..20).map(point).collect());
-    SourcedSpectrum { origin: Origin { cell: Some("0".to_owned()), ..Origin::default() }, spectrum, flagged: Vec::new() }
+    SourcedSpectrum {
+        origin: Origin {
+            cell: Some("0".to_owned()),
+            ..Origin::default()
+        },
+        spectrum,
+        flagged: Vec::new(),
+    }
 }
 
-/// Five pulses of 10 s every 600 s over a steady load, sampled every 0.5 s and every 0.2 s around a pulse.
+/// Five pulses of 10 s every 600 s over a steady load, sampled every 0.5 s and every 0.2 s around a
+/// pulse.
 fn pulses(erm: &Erm, own: &OcvCurve, gain: f64, normal: &mut Normal) -> TimeSeries {
     let mut state: Vec<f64> = erm.branches.iter().map(|b| b.r_ohm * LOAD_A).collect();
     let (mut drawn_c, start) = (0.0, own.soc_at(AT_V + 0.08).unwrap_or(0.6));
-    let mut series = TimeSeries { name: "pulses".to_owned(), time_s: vec![], current_a: vec![], voltage_v: vec![], temperature_c: None };
+    let mut series = TimeSeries {
+        name: "pulses".to_owned(),
+        time_s: vec![],
+        current_a: vec![],
+        voltage_v: vec![],
+        temperature_c: None,
+    };
     // Steps of 0.1 s over which the current is constant: edges lie on them.
     for k in 0..30_000_u32 {
         let (time_s, phase) = (0.1 * f64::from(k), k % 6000);
-        let current_a = if (3000..3100).contains(&phase) { PULSE_A } else { LOAD_A };
+        let current_a = if (3000..3100).contains(&phase) {
+            PULSE_A
+        } else {
+            LOAD_A
+        };
         let near = (2999..3200).contains(&phase);
-        let due = if near { (phase - 2999) % 2 == 0 } else { phase % 5 == 4 };
+        let due = if near {
+            (phase - 2999) % 2 == 0
+        } else {
+            phase % 5 == 4
+        };
         if due {
             let ocv = own.voltage_v(start - drawn_c / (3600.0 * own.capacity_ah));
             let lost = gain * (current_a * erm.r_ohm + state.iter().sum::<f64>());
             series.time_s.push(time_s);
             series.current_a.push(current_a);
-            series.voltage_v.push(ocv - lost + SERIES_NOISE_V * normal.next());
+            series
+                .voltage_v
+                .push(ocv - lost + SERIES_NOISE_V * normal.next());
         }
         for (v, b) in state.iter_mut().zip(&erm.branches) {
             let left = (-0.1 / b.time_constant_s()).exp();

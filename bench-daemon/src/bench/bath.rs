@@ -1,5 +1,7 @@
-//! What becomes of a bath that closes its own loop when everything else is off. It moves no charge and may be what cools the cell, so that it keeps its set-point,
-//! unless that is known to be wrong. Nothing that moves charge waits for it, and it is not asked for long: it may serve another client.
+//! What becomes of a bath that closes its own loop when everything else is off. It moves no charge
+//! and may be what cools the cell, so that it keeps its set-point, unless that is known to be
+//! wrong. Nothing that moves charge waits for it, and it is not asked for long: it may serve
+//! another client.
 
 use std::time::Duration;
 
@@ -17,17 +19,24 @@ const ASKED: Duration = Duration::from_secs(5);
 pub struct BathLeft {
     /// In words.
     pub words: String,
-    /// It may go to a temperature that harms the cell, and was told to stop in vain: a person has to look at it.
+    /// It may go to a temperature that harms the cell, and was told to stop in vain: a person has
+    /// to look at it.
     pub astray: bool,
 }
 
 impl BathLeft {
     fn told(words: String) -> Self {
-        Self { words, astray: false }
+        Self {
+            words,
+            astray: false,
+        }
     }
 
     fn astray(words: &str) -> Self {
-        Self { words: format!("LOOK AT THE BATH: {words}"), astray: true }
+        Self {
+            words: format!("LOOK AT THE BATH: {words}"),
+            astray: true,
+        }
     }
 }
 
@@ -43,15 +52,21 @@ impl Bench {
     /// # Errors
     /// It cannot be reached, or is another model.
     pub async fn reach_bath(&mut self) -> Result<(), BenchError> {
-        let Some(bath) = self.chiller.as_mut() else { return Ok(()) };
+        let Some(bath) = self.chiller.as_mut() else {
+            return Ok(());
+        };
         let reached = bath.reconnect_and_identify().await;
         reached.map_err(|source| wrap("chiller", self.model("chiller"), source))
     }
 
-    /// Stops a bath that closes its loop itself, that this run has started, and that is no longer set as the run has set it: nobody knows where it goes. What
-    /// became of it; nothing where it is as it should be.
+    /// Stops a bath that closes its loop itself, that this run has started, and that is no longer
+    /// set as the run has set it: nobody knows where it goes. What became of it; nothing where it
+    /// is as it should be.
     pub async fn stray_bath(&mut self) -> Option<BathLeft> {
-        let bath = self.chiller.as_mut().filter(|chiller| !chiller.is_regulated() && chiller.was_told())?;
+        let bath = self
+            .chiller
+            .as_mut()
+            .filter(|chiller| !chiller.is_regulated() && chiller.was_told())?;
         let asked = async {
             fresh(bath).await;
             bath.differs().await
@@ -61,9 +76,13 @@ impl Bench {
             Ok(Ok(Some(met))) => Some(stopped(bath, &met).await),
             Ok(Err(error)) => {
                 tracing::warn!("bath: {error}");
-                Some(BathLeft::astray(&format!("it was not reached: where it goes is not known: {error}")))
+                Some(BathLeft::astray(&format!(
+                    "it was not reached: where it goes is not known: {error}"
+                )))
             }
-            Err(_) => Some(BathLeft::astray(&format!("it did not answer within {ASKED:?}: where it goes is not known"))),
+            Err(_) => Some(BathLeft::astray(&format!(
+                "it did not answer within {ASKED:?}: where it goes is not known"
+            ))),
         }
     }
 
@@ -73,34 +92,54 @@ impl Bench {
         self.stray_bath().await
     }
 
-    /// What a bath that closes its own loop does, for a person. Where its set-point lies beyond what the cell bears, °C, it is stopped; where that is not known
-    /// it is left alone. Nothing on a bench without such a bath.
+    /// What a bath that closes its own loop does, for a person. Where its set-point lies beyond
+    /// what the cell bears, °C, it is stopped; where that is not known it is left alone. Nothing on
+    /// a bench without such a bath.
     pub async fn bath(&mut self, cell_c: Option<(f64, f64)>) -> Option<BathLeft> {
         let model = self.model("chiller").to_owned();
-        let bath = self.chiller.as_mut().filter(|chiller| !chiller.is_regulated())?;
+        let bath = self
+            .chiller
+            .as_mut()
+            .filter(|chiller| !chiller.is_regulated())?;
         let asked = async {
             fresh(bath).await;
-            Ok::<_, instruments::link::LinkError>((bath.setpoint().await?, bath.status().await?.running))
+            Ok::<_, instruments::link::LinkError>((
+                bath.setpoint().await?,
+                bath.status().await?.running,
+            ))
         };
         let (setpoint, running) = match self.clock.deadline(ASKED, asked).await {
             Ok(Ok((Some(setpoint), running))) => (setpoint.value(), running),
             Ok(Ok((None, _))) => return None,
             Ok(Err(error)) => {
                 tracing::warn!("bath: {error}");
-                return Some(BathLeft::told(format!("the bath ({model}) was not reached and keeps what it was set to: {error}")));
+                return Some(BathLeft::told(format!(
+                    "the bath ({model}) was not reached and keeps what it was set to: {error}"
+                )));
             }
             Err(_) => {
-                return Some(BathLeft::told(format!("the bath ({model}) did not answer within {ASKED:?} and keeps what it was set to")));
+                return Some(BathLeft::told(format!(
+                    "the bath ({model}) did not answer within {ASKED:?} and keeps what it was set \
+                    to"
+                )));
             }
         };
         let text = plain(setpoint);
         if !running {
-            return Some(BathLeft::told(format!("the bath ({model}) stands still; its set-point is {text} °C")));
+            return Some(BathLeft::told(format!(
+                "the bath ({model}) stands still; its set-point is {text} °C"
+            )));
         }
         match cell_c.filter(|(least, greatest)| !(*least..=*greatest).contains(&setpoint)) {
-            None => Some(BathLeft::told(format!("the bath ({model}) goes on and holds {text} °C"))),
+            None => Some(BathLeft::told(format!(
+                "the bath ({model}) goes on and holds {text} °C"
+            ))),
             Some((least, greatest)) => {
-                let met = format!("its set-point is {text} °C, and the cell bears {} °C to {} °C", plain(least), plain(greatest));
+                let met = format!(
+                    "its set-point is {text} °C, and the cell bears {} °C to {} °C",
+                    plain(least),
+                    plain(greatest)
+                );
                 Some(stopped(bath, &met).await)
             }
         }
@@ -110,13 +149,20 @@ impl Bench {
 /// Stops a bath; where it does not stop, it is told the other ways of its dialect.
 async fn stopped(bath: &mut Chiller, met: &str) -> BathLeft {
     fresh(bath).await;
-    let Err(error) = bath.stop().await else { return BathLeft::told(format!("the bath was stopped, for {met}")) };
+    let Err(error) = bath.stop().await else {
+        return BathLeft::told(format!("the bath was stopped, for {met}"));
+    };
     tracing::warn!("bath: {error}");
     for way in bath.zero() {
         fresh(bath).await;
         if bath.go(&way).await.is_ok() {
-            return BathLeft::astray(&format!("{met}, and it does not stop ({error}); it was given {}", way.name));
+            return BathLeft::astray(&format!(
+                "{met}, and it does not stop ({error}); it was given {}",
+                way.name
+            ));
         }
     }
-    BathLeft::astray(&format!("{met}, and it does not stop: {error}: SWITCH IT OFF AT ITS PANEL"))
+    BathLeft::astray(&format!(
+        "{met}, and it does not stop: {error}: SWITCH IT OFF AT ITS PANEL"
+    ))
 }

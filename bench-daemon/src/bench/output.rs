@@ -1,5 +1,6 @@
-//! What each output was left in, and the one sentence that says it: which current still flows, by whose reading, what bounds it, and what to unplug. The
-//! daemon, its guardian, `eis-bench safe` and the server share it.
+//! What each output was left in, and the one sentence that says it: which current still flows, by
+//! whose reading, what bounds it, and what to unplug. The daemon, its guardian, `eis-bench safe`
+//! and the server share it.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -46,10 +47,14 @@ impl Output {
     /// It is off by its own word, and no current flows by its meter, where it has one.
     pub fn verified(&self) -> bool {
         let metered = METERED.contains(&self.role.as_str());
-        self.off && !self.lied && self.trouble.is_none() && (!metered || self.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A))
+        self.off
+            && !self.lied
+            && self.trouble.is_none()
+            && (!metered || self.amps.is_some_and(|amps| amps.abs() <= NO_CURRENT_A))
     }
 
-    /// It was left on, for its offset holds the supply's zero error at no current: nobody tried to switch it off.
+    /// It was left on, for its offset holds the supply's zero error at no current: nobody tried to
+    /// switch it off.
     fn holds(&self) -> bool {
         self.role == "generator" && self.by.is_some() && self.trouble.is_none()
     }
@@ -57,7 +62,10 @@ impl Output {
     /// Why it is not verified, and what to do: one clause of the sentence.
     fn clause(&self, drive_off: bool) -> String {
         let (name, unplug) = (self.name(), self.unplug());
-        let bound = self.bound.as_ref().map_or_else(String::new, |bound| format!(", {bound}"));
+        let bound = self
+            .bound
+            .as_ref()
+            .map_or_else(String::new, |bound| format!(", {bound}"));
         match (self.role.as_str(), self.amps) {
             ("chiller", _) => {
                 let since = match &self.by {
@@ -65,28 +73,54 @@ impl Output {
                     Some(by) => format!(" since it was given {by}"),
                     None => String::new(),
                 };
-                format!("the relays of {name} are not known to be open{since}; a pulse ends by itself within a minute: {unplug}")
+                format!(
+                    "the relays of {name} are not known to be open{since}; a pulse ends by itself \
+                    within a minute: {unplug}"
+                )
             }
             ("generator", _) if drive_off => {
-                format!("{name} is not known to be off; the bipolar supply that it commands is off, so that it drives nothing: {unplug}")
+                format!(
+                    "{name} is not known to be off; the bipolar supply that it commands is off, so \
+                    that it drives nothing: {unplug}"
+                )
             }
-            ("generator", _) => format!("{name} is not known to be off, and it commands the bipolar supply: {unplug}"),
+            ("generator", _) => format!(
+                "{name} is not known to be off, and it commands the bipolar supply: {unplug}"
+            ),
             (_, Some(amps)) if amps.abs() > NO_CURRENT_A && self.off => {
                 format!(
-                    "{:.2} A may still flow through {name}: its own meter shows them, though it says that it is off{bound}: {unplug}",
+                    "{:.2} A may still flow through {name}: its own meter shows them, though it \
+                    says that it is off{bound}: {unplug}",
                     amps.abs()
                 )
             }
             (_, Some(amps)) if amps.abs() > NO_CURRENT_A => {
-                format!("{:.2} A still flow through {name} by its own meter{bound}: {unplug}", amps.abs())
+                format!(
+                    "{:.2} A still flow through {name} by its own meter{bound}: {unplug}",
+                    amps.abs()
+                )
             }
             (_, Some(amps)) if self.lied => {
-                let by = self.by.as_ref().map_or_else(String::new, |by| format!(" until it was given {by}"));
-                format!("{name} says that it is off, but a current flowed{by}; its own meter now shows {:.2} A: {unplug}", amps.abs())
+                let by = self
+                    .by
+                    .as_ref()
+                    .map_or_else(String::new, |by| format!(" until it was given {by}"));
+                format!(
+                    "{name} says that it is off, but a current flowed{by}; its own meter now shows \
+                    {:.2} A: {unplug}",
+                    amps.abs()
+                )
             }
             (_, Some(amps)) => {
-                let by = self.by.as_ref().map_or_else(String::new, |by| format!(" since it was given {by}"));
-                format!("{name} does not say that it is off; its own meter shows {:.2} A{by}{bound}: {unplug}", amps.abs())
+                let by = self
+                    .by
+                    .as_ref()
+                    .map_or_else(String::new, |by| format!(" since it was given {by}"));
+                format!(
+                    "{name} does not say that it is off; its own meter shows {:.2} A{by}{bound}: \
+                    {unplug}",
+                    amps.abs()
+                )
             }
             (_, None) => {
                 let said = match (self.out_of_step, self.off) {
@@ -94,7 +128,9 @@ impl Output {
                     (false, true) => "it says that it is off, and its meter does not answer",
                     (false, false) => "it does not answer",
                 };
-                format!("whether a current flows through {name} is not known: {said}{bound}: {unplug}")
+                format!(
+                    "whether a current flows through {name} is not known: {said}{bound}: {unplug}"
+                )
             }
         }
     }
@@ -127,11 +163,19 @@ impl Output {
         };
         let state = match &self.by {
             _ if self.verified() => "off, read back".to_owned(),
-            Some(by) if self.holds() => format!("left on at {by}: the supply that it commands is not known to be off"),
+            Some(by) if self.holds() => {
+                format!("left on at {by}: the supply that it commands is not known to be off")
+            }
             _ => "NOT VERIFIED".to_owned(),
         };
-        let trouble = self.trouble.as_ref().map_or_else(String::new, |trouble| format!("; {trouble}"));
-        format!("{:<10} {:<20} {state}{meter}{trouble}", self.role, self.model)
+        let trouble = self
+            .trouble
+            .as_ref()
+            .map_or_else(String::new, |trouble| format!("; {trouble}"));
+        format!(
+            "{:<10} {:<20} {state}{meter}{trouble}",
+            self.role, self.model
+        )
     }
 }
 
@@ -154,10 +198,16 @@ pub struct SafeReport {
 impl SafeReport {
     /// What follows from the outputs.
     pub(super) fn of(bench: &str, outputs: Vec<Output>) -> Self {
-        let drive_off = outputs.iter().filter(|output| output.role == "supply4q").all(Output::verified);
+        let drive_off = outputs
+            .iter()
+            .filter(|output| output.role == "supply4q")
+            .all(Output::verified);
         let verified = outputs.iter().all(Output::verified);
         // A generator that holds the supply's command at zero is no danger of its own.
-        let mut wrong: Vec<&Output> = outputs.iter().filter(|output| !output.verified() && !output.holds()).collect();
+        let mut wrong: Vec<&Output> = outputs
+            .iter()
+            .filter(|output| !output.verified() && !output.holds())
+            .collect();
         // The greatest current first, then what is not known.
         wrong.sort_by(|one, other| weight(other).total_cmp(&weight(one)));
         let silent = |output: &&Output| output.amps.is_none() && !output.off && !output.out_of_step;
@@ -165,20 +215,44 @@ impl SafeReport {
             "the bench has nothing that could drive a current".to_owned()
         } else if wrong.is_empty() {
             "every output is off and was read back, and no current flows".to_owned()
-        } else if wrong.iter().filter(|output| METERED.contains(&output.role.as_str())).count() > 1 && wrong.iter().all(silent) {
-            let names = wrong.iter().map(|output| output.name()).collect::<Vec<_>>().join(", ");
+        } else if wrong
+            .iter()
+            .filter(|output| METERED.contains(&output.role.as_str()))
+            .count()
+            > 1
+            && wrong.iter().all(silent)
+        {
+            let names = wrong
+                .iter()
+                .map(|output| output.name())
+                .collect::<Vec<_>>()
+                .join(", ");
             format!(
-                "whether a current flows is not known: {names} do not answer, and nothing but their ratings is known to bound it: UNPLUG THE CELL"
+                "whether a current flows is not known: {names} do not answer, and nothing but \
+                their ratings is known to bound it: UNPLUG THE CELL"
             )
         } else {
-            wrong.iter().map(|output| output.clause(drive_off)).collect::<Vec<_>>().join("; ")
+            wrong
+                .iter()
+                .map(|output| output.clause(drive_off))
+                .collect::<Vec<_>>()
+                .join("; ")
         };
-        Self { bench: bench.to_owned(), verified, message, outputs, bath: None }
+        Self {
+            bench: bench.to_owned(),
+            verified,
+            message,
+            outputs,
+            bath: None,
+        }
     }
 
     /// Everything that moves charge is off; a bath may not be.
     pub fn drives_verified(&self) -> bool {
-        self.outputs.iter().filter(|output| output.role != "chiller").all(Output::verified)
+        self.outputs
+            .iter()
+            .filter(|output| output.role != "chiller")
+            .all(Output::verified)
     }
 
     /// The bath did not answer.
@@ -186,11 +260,16 @@ impl SafeReport {
         self.outputs.iter().any(|output| output.silent)
     }
 
-    /// The same with what a bath that closes its own loop does. One that goes astray is nothing that could be called verified.
+    /// The same with what a bath that closes its own loop does. One that goes astray is nothing
+    /// that could be called verified.
     #[must_use]
     pub fn with_bath(mut self, bath: Option<BathLeft>) -> Self {
         if let Some(bath) = bath.as_ref().filter(|bath| bath.astray) {
-            self.message = if self.verified { bath.words.clone() } else { format!("{}; {}", self.message, bath.words) };
+            self.message = if self.verified {
+                bath.words.clone()
+            } else {
+                format!("{}; {}", self.message, bath.words)
+            };
             self.verified = false;
         }
         Self { bath, ..self }
@@ -201,12 +280,19 @@ impl SafeReport {
     /// # Errors
     /// [`Unsafe`].
     pub fn proven(self) -> Result<Self, Unsafe> {
-        if self.verified { Ok(self) } else { Err(Unsafe(Box::new(self))) }
+        if self.verified {
+            Ok(self)
+        } else {
+            Err(Unsafe(Box::new(self)))
+        }
     }
 
     /// What went wrong, in the words of the links: for a log.
     pub fn troubles(&self) -> String {
-        let told = self.outputs.iter().filter_map(|output| Some(format!("{}: {}", output.role, output.trouble.as_ref()?)));
+        let told = self
+            .outputs
+            .iter()
+            .filter_map(|output| Some(format!("{}: {}", output.role, output.trouble.as_ref()?)));
         told.collect::<Vec<_>>().join("; ")
     }
 }
@@ -225,52 +311,96 @@ mod tests {
     use super::*;
 
     fn output(role: &str, off: bool, amps: Option<f64>) -> Output {
-        Output { role: role.to_owned(), model: "m".to_owned(), off, volts: amps.map(|_| 3.7), amps, ..Output::default() }
+        Output {
+            role: role.to_owned(),
+            model: "m".to_owned(),
+            off,
+            volts: amps.map(|_| 3.7),
+            amps,
+            ..Output::default()
+        }
     }
 
     #[test]
     fn one_sentence_says_what_flows_by_whose_reading_what_bounds_it_and_what_to_unplug() {
-        let load = Output { bound: Some("it stops below 2.5 V".to_owned()), ..output("load", false, Some(3.0)) };
-        let report = SafeReport::of("demo", vec![output("supply4q", true, Some(0.001)), output("generator", true, None), load]);
+        let load = Output {
+            bound: Some("it stops below 2.5 V".to_owned()),
+            ..output("load", false, Some(3.0))
+        };
+        let report = SafeReport::of(
+            "demo",
+            vec![
+                output("supply4q", true, Some(0.001)),
+                output("generator", true, None),
+                load,
+            ],
+        );
         assert!(!report.verified);
         assert_eq!(
             report.message,
-            "3.00 A still flow through the load (m) by its own meter, it stops below 2.5 V: UNPLUG THE LOAD FROM THE CELL"
+            "3.00 A still flow through the load (m) by its own meter, it stops below 2.5 V: UNPLUG \
+            THE LOAD FROM THE CELL"
         );
         let report = SafeReport::of("demo", vec![output("supply4q", true, None)]);
-        let unknown = "whether a current flows through the bipolar supply (m) is not known: it says that it is off, and its meter does not answer: \
+        let unknown = "whether a current flows through the bipolar supply (m) is not known: it \
+        says that it is off, and its meter does not answer: \
                        UNPLUG THE BIPOLAR SUPPLY FROM THE CELL";
         assert_eq!((report.verified, report.message.as_str()), (false, unknown));
-        let zeroed = Output { by: Some("its current at 0".to_owned()), ..output("supply", false, Some(0.0)) };
-        let words = "the charger (m) does not say that it is off; its own meter shows 0.00 A since it was given its current at 0: UNPLUG THE CHARGER FROM \
+        let zeroed = Output {
+            by: Some("its current at 0".to_owned()),
+            ..output("supply", false, Some(0.0))
+        };
+        let words = "the charger (m) does not say that it is off; its own meter shows 0.00 A since \
+        it was given its current at 0: UNPLUG THE CHARGER FROM \
                      THE CELL";
         assert_eq!(SafeReport::of("demo", vec![zeroed]).message, words);
     }
 
     #[test]
     fn a_generator_that_was_left_at_its_least_sine_is_told_as_that() {
-        let held = Output { by: Some(LEAST_SINE.to_owned()), ..output("generator", false, None) };
-        let report = SafeReport::of("demo", vec![output("supply4q", false, Some(2.0)), held.clone()]);
-        let words = "2.00 A still flow through the bipolar supply (m) by its own meter: UNPLUG THE BIPOLAR SUPPLY FROM THE CELL";
+        let held = Output {
+            by: Some(LEAST_SINE.to_owned()),
+            ..output("generator", false, None)
+        };
+        let report = SafeReport::of(
+            "demo",
+            vec![output("supply4q", false, Some(2.0)), held.clone()],
+        );
+        let words = "2.00 A still flow through the bipolar supply (m) by its own meter: UNPLUG THE \
+        BIPOLAR SUPPLY FROM THE CELL";
         assert_eq!((report.verified, report.message.as_str()), (false, words));
         assert_eq!(
             held.line().trim_end(),
-            "generator  m                    left on at its least sine: the supply that it commands is not known to be off"
+            "generator  m                    left on at its least sine: the supply that it \
+            commands is not known to be off"
         );
     }
 
     #[test]
     fn whose_word_was_wrong_is_not_verified_and_whose_answers_are_shifted_has_no_current() {
-        let lied = Output { lied: true, by: Some("its set-points at 0".to_owned()), ..output("load", true, Some(0.0)) };
+        let lied = Output {
+            lied: true,
+            by: Some("its set-points at 0".to_owned()),
+            ..output("load", true, Some(0.0))
+        };
         let report = SafeReport::of("demo", vec![lied]);
-        let words = "the load (m) says that it is off, but a current flowed until it was given its set-points at 0; its own meter now shows 0.00 A: UNPLUG THE \
+        let words = "the load (m) says that it is off, but a current flowed until it was given its \
+        set-points at 0; its own meter now shows 0.00 A: UNPLUG THE \
                      LOAD FROM THE CELL";
         assert_eq!((report.verified, report.message.as_str()), (false, words));
-        let shifted = Output { out_of_step: true, ..output("load", true, None) };
-        let words = "whether a current flows through the load (m) is not known: its answers do not belong to the questions: UNPLUG THE LOAD FROM THE CELL";
+        let shifted = Output {
+            out_of_step: true,
+            ..output("load", true, None)
+        };
+        let words = "whether a current flows through the load (m) is not known: its answers do not \
+        belong to the questions: UNPLUG THE LOAD FROM THE CELL";
         assert_eq!(SafeReport::of("demo", vec![shifted]).message, words);
-        let words = "3.00 A may still flow through the load (m): its own meter shows them, though it says that it is off: UNPLUG THE LOAD FROM THE CELL";
-        assert_eq!(SafeReport::of("demo", vec![output("load", true, Some(3.0))]).message, words);
+        let words = "3.00 A may still flow through the load (m): its own meter shows them, though \
+        it says that it is off: UNPLUG THE LOAD FROM THE CELL";
+        assert_eq!(
+            SafeReport::of("demo", vec![output("load", true, Some(3.0))]).message,
+            words
+        );
     }
 
     #[test]
@@ -284,13 +414,29 @@ mod tests {
             (output("generator", true, None), true),
             (output("generator", false, None), false),
         ] {
-            assert_eq!(SafeReport::of("demo", vec![made.clone()]).verified, verified, "{made:?}");
+            assert_eq!(
+                SafeReport::of("demo", vec![made.clone()]).verified,
+                verified,
+                "{made:?}"
+            );
         }
     }
 
     #[test]
     fn the_greatest_current_is_told_first() {
-        let report = SafeReport::of("demo", vec![output("supply4q", false, None), output("load", false, Some(3.0))]);
-        assert!(report.message.starts_with("3.00 A still flow through the load"), "{}", report.message);
+        let report = SafeReport::of(
+            "demo",
+            vec![
+                output("supply4q", false, None),
+                output("load", false, Some(3.0)),
+            ],
+        );
+        assert!(
+            report
+                .message
+                .starts_with("3.00 A still flow through the load"),
+            "{}",
+            report.message
+        );
     }
 }

@@ -1,5 +1,6 @@
-//! Safe state: everything off that can move charge, in the order that cannot harm the cell, read back and proven. What does not go off is brought to zero
-//! by the other ways that its dialect declares.
+//! Safe state: everything off that can move charge, in the order that cannot harm the cell, read
+//! back and proven. What does not go off is brought to zero by the other ways that its dialect
+//! declares.
 
 use std::{collections::BTreeMap, time::Duration};
 
@@ -28,9 +29,11 @@ const SAFE_RETRIES: usize = 5;
 const SAFE_PAUSE_S: f64 = 1.0;
 /// How often relays are opened again where everything else is off.
 const BATH_RETRIES: usize = 1;
-/// After this time no current may flow, s; what is read twice in a row as none, this far apart, is none.
+/// After this time no current may flow, s; what is read twice in a row as none, this far apart, is
+/// none.
 const SAFE_SETTLE_S: f64 = 0.5;
-/// The same once it was switched off again, s: a meter that shows two values per second has shown the new one by then.
+/// The same once it was switched off again, s: a meter that shows two values per second has shown
+/// the new one by then.
 const SAFE_SETTLE_AGAIN_S: f64 = 1.0;
 const SAFE_AGAIN_S: f64 = 0.1;
 /// Longest wait for the generator's least sine before the supply is switched off.
@@ -100,14 +103,16 @@ drives! {
 type Ended = (Result<(), LinkError>, Option<&'static str>);
 
 impl Bench {
-    /// Switches everything off that can move charge, and the relays of a bath without a loop of its own, and proves it: each output is read back, and
-    /// within 1.5 s no current may flow any more.
+    /// Switches everything off that can move charge, and the relays of a bath without a loop of its
+    /// own, and proves it: each output is read back, and within 1.5 s no current may flow any more.
     ///
-    /// The generator is brought to its least sine first, which ends the current at once; its output goes off only when the supply's is known to be off,
-    /// for without its offset the supply's zero error would flow, or when it does not take the least sine. Load and charger are switched off at the same
-    /// time, so that none waits for another that does not answer. Whose output does not go off, or carries a current all the same, is brought to zero by
-    /// the other ways of its dialect. Who fails is tried again for a while on a fresh connection: switching off is idempotent. Whose word was once wrong is not
-    /// believed again.
+    /// The generator is brought to its least sine first, which ends the current at once; its output
+    /// goes off only when the supply's is known to be off, for without its offset the supply's zero
+    /// error would flow, or when it does not take the least sine. Load and charger are switched off
+    /// at the same time, so that none waits for another that does not answer. Whose output does not
+    /// go off, or carries a current all the same, is brought to zero by the other ways of its
+    /// dialect. Who fails is tried again for a while on a fresh connection: switching off is
+    /// idempotent. Whose word was once wrong is not believed again.
     pub async fn safe_state(&mut self) -> SafeReport {
         let mut report = SafeReport::default();
         for attempt in 0..=SAFE_RETRIES {
@@ -117,11 +122,17 @@ impl Bench {
             let mut outputs = self.try_safe().await;
             remember(&mut self.lied, &mut outputs);
             report = SafeReport::of(&self.name, outputs);
-            // What moves charge is off: a bath that cannot be reached does not keep that from being told.
+            // What moves charge is off: a bath that cannot be reached does not keep that from being
+            // told.
             if report.verified || (report.drives_verified() && attempt >= BATH_RETRIES) {
                 return report;
             }
-            tracing::info!("switching off, attempt {}: {}; {}", attempt + 1, report.message, report.troubles());
+            tracing::info!(
+                "switching off, attempt {}: {}; {}",
+                attempt + 1,
+                report.message,
+                report.troubles()
+            );
         }
         report
     }
@@ -134,8 +145,9 @@ impl Bench {
         self.safe_state().await.proven().map(|_| ())
     }
 
-    /// Switches every output off once more and reads it back, for the moment before a relay or a person changes what is in the jig. What another client
-    /// switched on since the safe state shows no current as long as nothing in the jig drives one.
+    /// Switches every output off once more and reads it back, for the moment before a relay or a
+    /// person changes what is in the jig. What another client switched on since the safe state
+    /// shows no current as long as nothing in the jig drives one.
     ///
     /// # Errors
     /// The first that could not be read back as off.
@@ -143,32 +155,51 @@ impl Bench {
         let offset = Volts(self.command_offset_v);
         let clock = self.clock.clone();
         let driven = off(&mut self.generator, &mut self.supply4q, (&clock, offset));
-        let ((supply4q, generator, _), load, supply) = tokio::join!(driven, end(&mut self.load, &clock), end(&mut self.supply, &clock));
-        for (role, ended) in [("supply4q", supply4q.0), ("generator", generator), ("load", load.0), ("supply", supply.0)] {
+        let ((supply4q, generator, _), load, supply) = tokio::join!(
+            driven,
+            end(&mut self.load, &clock),
+            end(&mut self.supply, &clock)
+        );
+        for (role, ended) in [
+            ("supply4q", supply4q.0),
+            ("generator", generator),
+            ("load", load.0),
+            ("supply", supply.0),
+        ] {
             ended.map_err(|source| wrap(role, self.model(role), source))?;
         }
         Ok(())
     }
 
-    /// Switches off what drives the cell by the bipolar supply, in the order of [`Self::safe_state`], once. Load and charger stay as they are.
+    /// Switches off what drives the cell by the bipolar supply, in the order of
+    /// [`Self::safe_state`], once. Load and charger stay as they are.
     ///
     /// # Errors
     /// The first that could not be read back as off.
     pub async fn drive_off(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
-        let ((supply4q, _), generator, _) = off(&mut self.generator, &mut self.supply4q, (&self.clock, offset)).await;
+        let ((supply4q, _), generator, _) = off(
+            &mut self.generator,
+            &mut self.supply4q,
+            (&self.clock, offset),
+        )
+        .await;
         supply4q.map_err(|source| wrap("supply4q", self.model("supply4q"), source))?;
         generator.map_err(|source| wrap("generator", self.model("generator"), source))
     }
 
-    /// Voltage, V, and current, A, that each instrument which can move charge reads now. A generator has no meter.
+    /// Voltage, V, and current, A, that each instrument which can move charge reads now. A
+    /// generator has no meter.
     pub async fn read_back(&mut self) -> Vec<(&'static str, Result<(f64, f64), BenchError>)> {
         let mut found = Vec::new();
         macro_rules! read {
             ($role:literal, $field:ident) => {
                 if let Some(instrument) = self.$field.as_mut() {
                     let read = instrument.read().await;
-                    found.push(($role, read.map_err(|source| wrap($role, self.model($role), source))));
+                    found.push((
+                        $role,
+                        read.map_err(|source| wrap($role, self.model($role), source)),
+                    ));
                 }
             };
         }
@@ -181,35 +212,65 @@ impl Bench {
     async fn try_safe(&mut self) -> Vec<Output> {
         let offset = Volts(self.command_offset_v);
         let clock = self.clock.clone();
-        let Self { generator, supply4q, load, supply, chiller, .. } = self;
+        let Self {
+            generator,
+            supply4q,
+            load,
+            supply,
+            chiller,
+            ..
+        } = self;
         // What moves charge waits for no bath.
         let driven = async {
             let driven = off(generator, supply4q, (&clock, offset));
-            let ((drive, commands, held), loaded, charged) = tokio::join!(driven, end(load, &clock), end(supply, &clock));
-            let found = tokio::join!(found(supply4q, drive, &clock), found(load, loaded, &clock), found(supply, charged, &clock));
+            let ((drive, commands, held), loaded, charged) =
+                tokio::join!(driven, end(load, &clock), end(supply, &clock));
+            let found = tokio::join!(
+                found(supply4q, drive, &clock),
+                found(load, loaded, &clock),
+                found(supply, charged, &clock)
+            );
             (found, commands, held)
         };
-        let (((supply4q, load, supply), generator, held), relays) =
-            tokio::join!(driven, open_relays(chiller.as_mut().filter(|chiller| chiller.is_regulated())));
-        let plain = |ended: Result<(), LinkError>| Output { off: ended.is_ok(), trouble: told(ended), ..Output::default() };
+        let (((supply4q, load, supply), generator, held), relays) = tokio::join!(
+            driven,
+            open_relays(chiller.as_mut().filter(|chiller| chiller.is_regulated()))
+        );
+        let plain = |ended: Result<(), LinkError>| Output {
+            off: ended.is_ok(),
+            trouble: told(ended),
+            ..Output::default()
+        };
         let commands = |ended| match held {
-            true => Output { by: Some(LEAST_SINE.to_owned()), ..Output::default() },
+            true => Output {
+                by: Some(LEAST_SINE.to_owned()),
+                ..Output::default()
+            },
             false => plain(ended),
         };
         let outputs = [
             ("supply4q", supply4q),
-            ("generator", self.generator.is_some().then(|| commands(generator))),
+            (
+                "generator",
+                self.generator.is_some().then(|| commands(generator)),
+            ),
             ("load", load),
             ("supply", supply),
             ("chiller", relays),
         ];
-        let named =
-            |(role, output): (&str, Option<Output>)| Some(Output { role: role.to_owned(), model: self.model(role).to_owned(), ..output? });
+        let named = |(role, output): (&str, Option<Output>)| {
+            Some(Output {
+                role: role.to_owned(),
+                model: self.model(role).to_owned(),
+                ..output?
+            })
+        };
         outputs.into_iter().filter_map(named).collect()
     }
 }
 
-/// Whose word was once wrong is not believed again; `lied` keeps roles, and by what each was brought to zero.
+/// Whose word was once wrong is not believed again; `lied` keeps roles, and by what each was
+/// brought to zero.
 fn remember(lied: &mut BTreeMap<String, String>, outputs: &mut [Output]) {
     for output in outputs {
         if output.lied {
@@ -226,10 +287,16 @@ fn told(ended: Result<(), LinkError>) -> Option<String> {
 
 /// Switches off; where that fails, goes the other ways to zero.
 async fn end<D: Drive>(drive: &mut Option<D>, clock: &Clock) -> Ended {
-    let Some(drive) = drive.as_mut() else { return (Ok(()), None) };
+    let Some(drive) = drive.as_mut() else {
+        return (Ok(()), None);
+    };
     drive.renew().await;
     let off = drive.off().await;
-    let by = if off.is_err() { zero(drive, clock).await } else { None };
+    let by = if off.is_err() {
+        zero(drive, clock).await
+    } else {
+        None
+    };
     (off, by)
 }
 
@@ -238,7 +305,8 @@ fn flows(amps: f64) -> bool {
     amps.abs() > NO_CURRENT_A
 }
 
-/// The ways to zero of an output that does not go off, one after the other, until no current flows; tells which one it was.
+/// The ways to zero of an output that does not go off, one after the other, until no current flows;
+/// tells which one it was.
 async fn zero<D: Drive>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
     /// A meter shows the new current after this time, s.
     const SHOWN_S: f64 = 0.3;
@@ -259,8 +327,13 @@ async fn zero<D: Drive>(drive: &mut D, clock: &Clock) -> Option<&'static str> {
     None
 }
 
-/// The last of its readings, as soon as two in a row show no current, or after the time in which they must.
-async fn at_rest<D: Drive>(drive: &mut D, clock: &Clock, within_s: f64) -> Result<(f64, f64), LinkError> {
+/// The last of its readings, as soon as two in a row show no current, or after the time in which
+/// they must.
+async fn at_rest<D: Drive>(
+    drive: &mut D,
+    clock: &Clock,
+    within_s: f64,
+) -> Result<(f64, f64), LinkError> {
     let until_s = clock.now_s() + within_s;
     let mut quiet = 0;
     loop {
@@ -274,8 +347,13 @@ async fn at_rest<D: Drive>(drive: &mut D, clock: &Clock, within_s: f64) -> Resul
     }
 }
 
-/// What an instrument measures after it was switched off, and what bounds it where it is not known to be off.
-async fn found<D: Drive>(drive: &mut Option<D>, (mut off, mut by): Ended, clock: &Clock) -> Option<Output> {
+/// What an instrument measures after it was switched off, and what bounds it where it is not known
+/// to be off.
+async fn found<D: Drive>(
+    drive: &mut Option<D>,
+    (mut off, mut by): Ended,
+    clock: &Clock,
+) -> Option<Output> {
     let drive = drive.as_mut()?;
     let mut read = at_rest(drive, clock, SAFE_SETTLE_S).await;
     let (mut lied, mut out_of_step) = (false, false);
@@ -314,18 +392,30 @@ async fn found<D: Drive>(drive: &mut Option<D>, (mut off, mut by): Ended, clock:
     if quiet && by.is_none() {
         return Some(output);
     }
-    let mut bounds = if drive.is_dropped() || out_of_step { Vec::new() } else { drive.told().await };
+    let mut bounds = if drive.is_dropped() || out_of_step {
+        Vec::new()
+    } else {
+        drive.told().await
+    };
     if bounds.is_empty() {
-        bounds.push(format!("nothing but its rating of {} A is known to bound it", drive.rating_a()));
+        bounds.push(format!(
+            "nothing but its rating of {} A is known to bound it",
+            drive.rating_a()
+        ));
     }
     if drive.ways().is_empty() {
         bounds.push("no other command ends it, for it follows its analog input".to_owned());
     }
-    Some(Output { by: by.map(str::to_owned), bound: Some(bounds.join(", ")), ..output })
+    Some(Output {
+        by: by.map(str::to_owned),
+        bound: Some(bounds.join(", ")),
+        ..output
+    })
 }
 
-/// Opens the relays of a bath without a loop of its own. Where they are not known to be open the other ways of its dialect are gone; a board that has refused to
-/// open them is not believed when it then says that they are, but that is told.
+/// Opens the relays of a bath without a loop of its own. Where they are not known to be open the
+/// other ways of its dialect are gone; a board that has refused to open them is not believed when
+/// it then says that they are, but that is told.
 async fn open_relays(bath: Option<&mut Chiller>) -> Option<Output> {
     let bath = bath?;
     fresh(bath).await;
@@ -342,11 +432,18 @@ async fn open_relays(bath: Option<&mut Chiller>) -> Option<Output> {
             }
         }
     }
-    Some(Output { off: off.is_ok(), by, silent, trouble: told(off), ..Output::default() })
+    Some(Output {
+        off: off.is_ok(),
+        by,
+        silent,
+        trouble: told(off),
+        ..Output::default()
+    })
 }
 
-/// The one order in which the bipolar supply and its command go off: the least sine, the supply with its output open, the generator. What becomes of supply and
-/// generator, and whether the generator was left at its least sine, because the supply is not known to be off.
+/// The one order in which the bipolar supply and its command go off: the least sine, the supply
+/// with its output open, the generator. What becomes of supply and generator, and whether the
+/// generator was left at its least sine, because the supply is not known to be off.
 async fn off(
     generator: &mut Option<Generator>,
     supply4q: &mut Option<Supply4q>,
@@ -359,7 +456,10 @@ async fn off(
                 fresh(generator).await;
                 generator.quiet(offset).await
             };
-            clock.deadline(QUIET_DEADLINE, quiet).await.is_ok_and(|quiet| quiet.is_ok())
+            clock
+                .deadline(QUIET_DEADLINE, quiet)
+                .await
+                .is_ok_and(|quiet| quiet.is_ok())
         }
         None => true,
     };
@@ -375,7 +475,8 @@ async fn off(
     }
 }
 
-/// A new connection where the old one was dropped. When that fails, so does what is tried next, and says why.
+/// A new connection where the old one was dropped. When that fails, so does what is tried next, and
+/// says why.
 pub(super) async fn fresh<D: Model + ?Sized>(instrument: &mut Instrument<D>) {
     if instrument.link_mut().is_dropped() {
         let _ = instrument.link_mut().reconnect().await;
@@ -404,7 +505,10 @@ mod tests {
         }
 
         fn ways(&self) -> Vec<Way> {
-            vec![Way { name: "its set-point at 0", script: Vec::new() }]
+            vec![Way {
+                name: "its set-point at 0",
+                script: Vec::new(),
+            }]
         }
 
         async fn go_way(&mut self, _: &Way) -> Result<(), LinkError> {
@@ -423,7 +527,16 @@ mod tests {
         async fn renew(&mut self) {}
 
         async fn in_step(&mut self) -> Result<(), LinkError> {
-            if self.in_step { Ok(()) } else { Err(LinkError::unexpected("load", "*IDN?", "3.70", "the identity of a m")) }
+            if self.in_step {
+                Ok(())
+            } else {
+                Err(LinkError::unexpected(
+                    "load",
+                    "*IDN?",
+                    "3.70",
+                    "the identity of a m",
+                ))
+            }
         }
 
         fn is_dropped(&mut self) -> bool {
@@ -439,25 +552,50 @@ mod tests {
             let word = end(&mut drive, &clock).await;
             found(&mut drive, word, &clock).await
         });
-        Output { role: "load".to_owned(), model: "m".to_owned(), ..output.unwrap() }
+        Output {
+            role: "load".to_owned(),
+            model: "m".to_owned(),
+            ..output.unwrap()
+        }
     }
 
     #[test]
     fn a_word_that_was_wrong_stays_unbelieved_when_nothing_flows_any_more() {
         let mut lied = BTreeMap::new();
-        let mut first = [ended(Liar { amps: 3.0, in_step: true })];
-        assert!(first[0].off && first[0].lied && first[0].amps == Some(0.0), "{first:?}");
+        let mut first = [ended(Liar {
+            amps: 3.0,
+            in_step: true,
+        })];
+        assert!(
+            first[0].off && first[0].lied && first[0].amps == Some(0.0),
+            "{first:?}"
+        );
         remember(&mut lied, &mut first);
-        let mut second = [ended(Liar { amps: 0.0, in_step: true })];
+        let mut second = [ended(Liar {
+            amps: 0.0,
+            in_step: true,
+        })];
         assert!(second[0].verified());
         remember(&mut lied, &mut second);
-        assert!(!second[0].verified() && second[0].by.as_deref() == Some("its set-point at 0"), "{second:?}");
+        assert!(
+            !second[0].verified() && second[0].by.as_deref() == Some("its set-point at 0"),
+            "{second:?}"
+        );
     }
 
     #[test]
     fn an_answer_to_another_question_is_no_current() {
-        let output = ended(Liar { amps: 3.7, in_step: false });
-        assert!(output.out_of_step && output.amps.is_none() && !output.verified(), "{output:?}");
-        assert_eq!(output.bound.as_deref(), Some("nothing but its rating of 30 A is known to bound it"));
+        let output = ended(Liar {
+            amps: 3.7,
+            in_step: false,
+        });
+        assert!(
+            output.out_of_step && output.amps.is_none() && !output.verified(),
+            "{output:?}"
+        );
+        assert_eq!(
+            output.bound.as_deref(),
+            Some("nothing but its rating of 30 A is known to bound it")
+        );
     }
 }

@@ -31,7 +31,10 @@ pub struct ClearArgs {
 pub fn clear(args: &ClearArgs) -> Result<(), Failure> {
     let bench = load_any_bench(&args.config)?;
     let Some(state) = State::of(&bench)? else {
-        say!("{} is simulated in the process that runs it: nothing of it can be latched", bench.name);
+        say!(
+            "{} is simulated in the process that runs it: nothing of it can be latched",
+            bench.name
+        );
         return Ok(());
     };
     let Some(trip) = state.latched()? else {
@@ -40,10 +43,15 @@ pub fn clear(args: &ClearArgs) -> Result<(), Failure> {
     };
     say!("{} is latched by the {}: {trip}", bench.name, trip.by);
     if !(args.yes || confirmed()) {
-        return Err(Failure::Usage("nothing was cleared: expected --yes, or `clear` typed on a terminal".to_owned()));
+        return Err(Failure::Usage(
+            "nothing was cleared: expected --yes, or `clear` typed on a terminal".to_owned(),
+        ));
     }
     state.clear(&trip, None)?;
-    say!("cleared; the next run may use the bench. {} remembers it", state.path("trips.jsonl").display());
+    say!(
+        "cleared; the next run may use the bench. {} remembers it",
+        state.path("trips.jsonl").display()
+    );
     Ok(())
 }
 

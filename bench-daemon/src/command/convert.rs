@@ -1,4 +1,5 @@
-//! `eis-bench convert`: spectra, time series and models as the files of other programs, and theirs as the project's.
+//! `eis-bench convert`: spectra, time series and models as the files of other programs, and theirs
+//! as the project's.
 
 use std::path::{Path, PathBuf};
 
@@ -34,10 +35,12 @@ pub struct ConvertArgs {
     /// Spectra, time series or models, the format told by the content.
     #[arg(required_unless_present = "erm", value_name = "FILE")]
     pub files: Vec<PathBuf>,
-    /// Instead of files, a model typed: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms". It is written as `typed`.
+    /// Instead of files, a model typed: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms". It is written
+    /// as `typed`.
     #[arg(long, value_name = "TEXT", conflicts_with = "files")]
     pub erm: Option<String>,
-    /// For circuit.json: lowest and highest frequency, Hz, at which RC branches follow it [default: the band of its data, a decade more on each side]
+    /// For circuit.json: lowest and highest frequency, Hz, at which RC branches follow it [default:
+    /// the band of its data, a decade more on each side]
     #[arg(long, value_name = "LOW,HIGH")]
     pub ladder_band_hz: Option<String>,
     /// What to write.
@@ -99,9 +102,17 @@ pub enum To {
 /// A file that is not what `--to` needs; a goal that is there already.
 pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
     if args.erm.is_some() {
-        let expected = "--erm: expected with --to c, pybamm, casadi or model, met another goal: it is a model";
-        let goal = args.to.of_model().ok_or_else(|| Failure::Usage(expected.to_owned()))?;
-        let named = ModelArgs { model: None, erm: args.erm.clone(), ladder_band_hz: args.ladder_band_hz.clone() };
+        let expected =
+            "--erm: expected with --to c, pybamm, casadi or model, met another goal: it is a model";
+        let goal = args
+            .to
+            .of_model()
+            .ok_or_else(|| Failure::Usage(expected.to_owned()))?;
+        let named = ModelArgs {
+            model: None,
+            erm: args.erm.clone(),
+            ladder_band_hz: args.ladder_band_hz.clone(),
+        };
         let read = named.read(None)?;
         files::make_folder(&args.out)?;
         return model(args, (read, "--erm".to_owned(), TYPED.to_owned()), goal);
@@ -115,10 +126,16 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
         To::Zview => spectra(args, file, Some(SpectrumFormat::ZView)),
         To::BdfCsv | To::BdfParquet => series(args, file),
         To::C | To::Pybamm | To::Casadi | To::Model => {
-            let band_hz = args.ladder_band_hz.as_deref().map(model_args::band).transpose()?;
+            let band_hz = args
+                .ladder_band_hz
+                .as_deref()
+                .map(model_args::band)
+                .transpose()?;
             let fail = |error: String| Failure::Usage(format!("{}: {error}", file.display()));
             let read = model_args::read_model(file, band_hz).map_err(fail)?;
-            args.to.of_model().map_or(Ok(()), |goal| model(args, (read, file.display().to_string(), stem(file)), goal))
+            args.to.of_model().map_or(Ok(()), |goal| {
+                model(args, (read, file.display().to_string(), stem(file)), goal)
+            })
         }
     })
 }
@@ -140,20 +157,37 @@ impl To {
 }
 
 fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> Result<(), Failure> {
-    for SourcedSpectrum { spectrum, flagged, .. } in files::read_spectra(file)? {
+    for SourcedSpectrum {
+        spectrum, flagged, ..
+    } in files::read_spectra(file)?
+    {
         let of = |point: &ImpedancePoint| -> String {
-            let reasons = flagged.iter().filter(|one| one.freq_hz == point.freq_hz).flat_map(|one| one.reasons.clone());
+            let reasons = flagged
+                .iter()
+                .filter(|one| one.freq_hz == point.freq_hz)
+                .flat_map(|one| one.reasons.clone());
             reasons.collect::<Vec<_>>().join("; ")
         };
         let flags: Vec<String> = spectrum.points.iter().map(of).collect();
         if format.is_some() && !flagged.is_empty() {
             let (name, told) = (&spectrum.name, refused_in_words(&flagged));
-            remark!("{name}: the quality gate refused {} points, which this format has no place to say: {told}", flagged.len());
+            remark!(
+                "{name}: the quality gate refused {} points, which this format has no place to \
+                say: {told}",
+                flagged.len()
+            );
         }
-        let path = free(args, &spectrum.name, format.map_or(".csv", SpectrumFormat::extension))?;
+        let path = free(
+            args,
+            &spectrum.name,
+            format.map_or(".csv", SpectrumFormat::extension),
+        )?;
         match format {
-            None if flagged.is_empty() => dataset::write_spectrum_csv(&path, &spectrum.points).map_err(RecordError::from)?,
-            None => dataset::write_flagged_spectrum_csv(&path, &spectrum.points, &flags).map_err(RecordError::from)?,
+            None if flagged.is_empty() => {
+                dataset::write_spectrum_csv(&path, &spectrum.points).map_err(RecordError::from)?
+            }
+            None => dataset::write_flagged_spectrum_csv(&path, &spectrum.points, &flags)
+                .map_err(RecordError::from)?,
             Some(format) => write(&path, &spectrum_text(&spectrum, format))?,
         }
         say!("{}: {} points", path.display(), spectrum.points.len());
@@ -162,9 +196,18 @@ fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> R
 }
 
 fn series(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
-    let series = read_series(file, &SeriesOptions::default()).map_err(|error| Failure::Usage(error.to_string()))?;
+    let series = read_series(file, &SeriesOptions::default())
+        .map_err(|error| Failure::Usage(error.to_string()))?;
     let stem = stem(file);
-    let path = free(args, stem.trim_end_matches(".bdf"), if args.to == To::BdfCsv { ".bdf.csv" } else { ".bdf.parquet" })?;
+    let path = free(
+        args,
+        stem.trim_end_matches(".bdf"),
+        if args.to == To::BdfCsv {
+            ".bdf.csv"
+        } else {
+            ".bdf.parquet"
+        },
+    )?;
     match args.to {
         To::BdfCsv => write(&path, &bdf_text(&series))?,
         _ => write_bdf_parquet(&path, &series).map_err(RecordError::from)?,
@@ -173,18 +216,29 @@ fn series(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-fn model(args: &ConvertArgs, (read, named, stem): (GivenModel, String, String), (format, ending): Goal) -> Result<(), Failure> {
+fn model(
+    args: &ConvertArgs,
+    (read, named, stem): (GivenModel, String, String),
+    (format, ending): Goal,
+) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(format!("{named}: {error}"));
     let curve = match (&args.ocv, args.ocv_v, args.capacity_ah) {
         (Some(path), ..) => Some(files::read_curve(path)?),
-        (None, Some(ocv_v), Some(capacity_ah)) => {
-            Some(OcvCurve::monotone(capacity_ah, vec![0.0, 1.0], vec![ocv_v - FLAT_V, ocv_v + FLAT_V]).map_err(|error| usage(&error))?)
-        }
+        (None, Some(ocv_v), Some(capacity_ah)) => Some(
+            OcvCurve::monotone(
+                capacity_ah,
+                vec![0.0, 1.0],
+                vec![ocv_v - FLAT_V, ocv_v + FLAT_V],
+            )
+            .map_err(|error| usage(&error))?,
+        ),
         _ => None,
     };
     let read = read.with_ocv(curve);
     let text = match format {
-        Some(format) => CellModel::new(&read, (args.low_v, args.high_v), args.temperature_c).map_err(|error| usage(&error))?.text(format),
+        Some(format) => CellModel::new(&read, (args.low_v, args.high_v), args.temperature_c)
+            .map_err(|error| usage(&error))?
+            .text(format),
         None => read.to_json().map_err(|error| usage(&error))?,
     };
     let path = free(args, &stem, ending)?;
@@ -195,15 +249,24 @@ fn model(args: &ConvertArgs, (read, named, stem): (GivenModel, String, String), 
 }
 
 fn stem(file: &Path) -> String {
-    file.file_stem().map_or_else(|| "file".to_owned(), |stem| stem.to_string_lossy().into_owned())
+    file.file_stem().map_or_else(
+        || "file".to_owned(),
+        |stem| stem.to_string_lossy().into_owned(),
+    )
 }
 
 /// A file of the folder that is not there yet.
 fn free(args: &ConvertArgs, name: &str, ending: &str) -> Result<PathBuf, Failure> {
-    let safe: String = name.chars().map(|c| if c == '/' || c.is_control() { '_' } else { c }).collect();
+    let safe: String = name
+        .chars()
+        .map(|c| if c == '/' || c.is_control() { '_' } else { c })
+        .collect();
     let path = args.out.join(format!("{safe}{ending}"));
     if path.exists() {
-        return Err(Failure::Usage(format!("{}: expected no such file, found one; choose another folder with --out", path.display())));
+        return Err(Failure::Usage(format!(
+            "{}: expected no such file, found one; choose another folder with --out",
+            path.display()
+        )));
     }
     Ok(path)
 }

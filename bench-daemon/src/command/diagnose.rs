@@ -1,4 +1,5 @@
-//! `eis-bench diagnose`: where a model and a data set disagree, what is missing, and whether adding it closes the gap.
+//! `eis-bench diagnose`: where a model and a data set disagree, what is missing, and whether adding
+//! it closes the gap.
 
 use std::path::{Path, PathBuf};
 
@@ -27,13 +28,16 @@ pub struct DiagnoseArgs {
     /// The model to be judged.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The OCV curve, as `ocv --out` writes it (`ocv.json`), where the model file holds none or another is wanted.
+    /// The OCV curve, as `ocv --out` writes it (`ocv.json`), where the model file holds none or
+    /// another is wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
-    /// Write `diagnosis.html`, `diagnosis.json`, `diagnosis.md` with its pictures and, where effects were added, `model_augmented.json` into this folder.
+    /// Write `diagnosis.html`, `diagnosis.json`, `diagnosis.md` with its pictures and, where
+    /// effects were added, `model_augmented.json` into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// The bench's file: with --cell and --out, the recommended run is written as `next_experiment.toml` for it.
+    /// The bench's file: with --cell and --out, the recommended run is written as
+    /// `next_experiment.toml` for it.
     #[arg(long, value_name = "FILE", requires_all = ["cell", "out"])]
     pub bench: Option<PathBuf>,
     /// The cell's file, for the same.
@@ -53,14 +57,22 @@ pub struct DiagnoseArgs {
 /// Diagnoses, prints, and writes into a folder if asked to.
 ///
 /// # Errors
-/// A file or an argument that is not as expected; a folder that cannot be written; [`Failure::Invalid`], once everything is told, where the data cannot be diagnosed. Any other verdict is
-/// a result and no error.
+/// A file or an argument that is not as expected; a folder that cannot be written;
+/// [`Failure::Invalid`], once everything is told, where the data cannot be diagnosed. Any other
+/// verdict is a result and no error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
-    let judged = Judged::read(&args.data, &args.model, (args.ocv.as_deref(), args.refused_points))?;
+    let judged = Judged::read(
+        &args.data,
+        &args.model,
+        (args.ocv.as_deref(), args.refused_points),
+    )?;
     let cells = judged.cells(args.specimen.as_deref())?;
     if args.bench.is_some() && cells.len() > 1 {
-        let reason =
-            format!("--bench: expected one cell to write its next experiment for, found {}; choose with --specimen", cells.join(", "));
+        let reason = format!(
+            "--bench: expected one cell to write its next experiment for, found {}; choose with \
+            --specimen",
+            cells.join(", ")
+        );
         return Err(Failure::Usage(reason));
     }
     let mut outcomes = Vec::new();
@@ -88,13 +100,23 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
         _ if !args.json => {}
         [one] => say!("{}", json(one)?),
         several => {
-            let diagnoses: Vec<_> =
-                cells.iter().zip(several).map(|(cell, one)| serde_json::json!({"cell": cell, "diagnosis": one.diagnosis})).collect();
-            say!("{}", serde_json::to_string_pretty(&diagnoses).map_err(|error| Failure::Analysis(error.to_string()))?);
+            let diagnoses: Vec<_> = cells
+                .iter()
+                .zip(several)
+                .map(|(cell, one)| serde_json::json!({"cell": cell, "diagnosis": one.diagnosis}))
+                .collect();
+            say!(
+                "{}",
+                serde_json::to_string_pretty(&diagnoses)
+                    .map_err(|error| Failure::Analysis(error.to_string()))?
+            );
         }
     }
     // Everything is told and written by now; whoever reads nothing but the exit code must know.
-    match outcomes.iter().find(|outcome| outcome.diagnosis.verdict == Verdict::Invalid) {
+    match outcomes
+        .iter()
+        .find(|outcome| outcome.diagnosis.verdict == Verdict::Invalid)
+    {
         Some(outcome) => Err(Failure::Invalid(outcome.diagnosis.summary.clone())),
         None => Ok(()),
     }
@@ -103,23 +125,41 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
 /// Folder of the diagnosis that a run makes of itself.
 const IN_RUN: &str = "diagnosis";
 
-/// The last step of a run that asks for it: its own data against one of its own models, each cell by itself, written below its folder. In words; a diagnosis
-/// that cannot be made costs nothing of what was measured.
+/// The last step of a run that asks for it: its own data against one of its own models, each cell
+/// by itself, written below its folder. In words; a diagnosis that cannot be made costs nothing of
+/// what was measured.
 pub(crate) fn of_run(run: &Path, rc: usize) -> String {
-    let told = diagnose_run(run, rc).unwrap_or_else(|failure| vec![format!("could not be made: {failure}")]);
-    told.iter().map(|line| format!("diagnosis:  {line}\n")).collect()
+    let told = diagnose_run(run, rc)
+        .unwrap_or_else(|failure| vec![format!("could not be made: {failure}")]);
+    told.iter()
+        .map(|line| format!("diagnosis:  {line}\n"))
+        .collect()
 }
 
 fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
-    let mut all = Judged::read(run, &ModelArgs::file(run.join(format!("model_{rc}rc.json"))), (None, false))?;
+    let mut all = Judged::read(
+        run,
+        &ModelArgs::file(run.join(format!("model_{rc}rc.json"))),
+        (None, false),
+    )?;
     all.within = Some(run.to_owned());
     let cells = all.cells(None)?;
     let step = |(name, judged): (&str, Judged)| {
         let folder = below(&run.join(IN_RUN), &cells, name);
-        let prefix = if cells.len() > 1 { format!("cell {name}: ") } else { String::new() };
-        let outcome = judged.diagnose().and_then(|outcome| write(&folder, &outcome, &judged).map(|()| outcome));
+        let prefix = if cells.len() > 1 {
+            format!("cell {name}: ")
+        } else {
+            String::new()
+        };
+        let outcome = judged
+            .diagnose()
+            .and_then(|outcome| write(&folder, &outcome, &judged).map(|()| outcome));
         match outcome {
-            Ok(outcome) => format!("{prefix}{}; {}", outcome.diagnosis.summary, folder.join("diagnosis.html").display()),
+            Ok(outcome) => format!(
+                "{prefix}{}; {}",
+                outcome.diagnosis.summary,
+                folder.join("diagnosis.html").display()
+            ),
             Err(failure) => format!("{prefix}could not be made: {failure}"),
         }
     };
@@ -128,11 +168,16 @@ fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
 
 /// Where the diagnosis of a cell is written: of several each has a folder of its own.
 fn below(out: &Path, cells: &[String], name: &str) -> PathBuf {
-    if cells.len() > 1 { out.join(name) } else { out.to_owned() }
+    if cells.len() > 1 {
+        out.join(name)
+    } else {
+        out.to_owned()
+    }
 }
 
 fn json(outcome: &Outcome) -> Result<String, Failure> {
-    serde_json::to_string_pretty(&outcome.diagnosis).map_err(|error| Failure::Analysis(error.to_string()))
+    serde_json::to_string_pretty(&outcome.diagnosis)
+        .map_err(|error| Failure::Analysis(error.to_string()))
 }
 
 /// A data set and the model that it judges.
@@ -146,7 +191,8 @@ pub(super) struct Judged {
     ocv: Option<PathBuf>,
     /// The one cell that is meant, where there are several.
     specimen: Option<String>,
-    /// The run folder of which it is a step: what it tells of files is told from there, so that a run is the same in whichever folder.
+    /// The run folder of which it is a step: what it tells of files is told from there, so that a
+    /// run is the same in whichever folder.
     within: Option<PathBuf>,
     /// It was asked for points that a quality gate has refused.
     refused_points: bool,
@@ -154,8 +200,16 @@ pub(super) struct Judged {
 
 impl Judged {
     /// Reads both; the curve from `ocv`, the model file, or the cell's file of a run folder.
-    pub(super) fn read(data: &Path, named: &ModelArgs, (ocv, refused_points): (Option<&Path>, bool)) -> Result<Self, Failure> {
-        let option = if named.model.is_some() { "--model " } else { "" };
+    pub(super) fn read(
+        data: &Path,
+        named: &ModelArgs,
+        (ocv, refused_points): (Option<&Path>, bool),
+    ) -> Result<Self, Failure> {
+        let option = if named.model.is_some() {
+            "--model "
+        } else {
+            ""
+        };
         let fail = |text: &str| Failure::Usage(format!("{option}{}: {text}", named.told()));
         let file = named.read(None)?;
         let given = ocv.map(files::read_curve).transpose()?;
@@ -163,13 +217,40 @@ impl Judged {
         if curve.is_none() && data.join(JOURNAL).is_file() {
             curve = Recorded::read(data)?.ocv().cloned();
         }
-        let curve = curve.ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
+        let curve = curve
+            .ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
         if !file.additions.is_empty() {
-            return Err(fail("expected a model without additions: the diagnosis starts from the extended Randles model alone"));
+            return Err(fail(
+                "expected a model without additions: the diagnosis starts from the extended \
+                Randles model alone",
+            ));
         }
-        let model = BaseModel { name: file.name.clone(), erm: file.erm.clone(), ocv: curve };
-        let (loaded, ocv) = (read_as(data, Reading { refused_points, ..Reading::default() })?, ocv.map(Path::to_owned));
-        Ok(Self { loaded, model, file, data: data.to_owned(), named: named.clone(), ocv, specimen: None, within: None, refused_points })
+        let model = BaseModel {
+            name: file.name.clone(),
+            erm: file.erm.clone(),
+            ocv: curve,
+        };
+        let (loaded, ocv) = (
+            read_as(
+                data,
+                Reading {
+                    refused_points,
+                    ..Reading::default()
+                },
+            )?,
+            ocv.map(Path::to_owned),
+        );
+        Ok(Self {
+            loaded,
+            model,
+            file,
+            data: data.to_owned(),
+            named: named.clone(),
+            ocv,
+            specimen: None,
+            within: None,
+            refused_points,
+        })
     }
 
     /// The names of the cells that are to be judged, each by itself: a model is one cell's.
@@ -184,7 +265,10 @@ impl Judged {
         }
         match specimen {
             Some(wanted) if !cells.iter().any(|cell| cell == wanted) => {
-                Err(Failure::Usage(format!("--specimen: expected one of {}, found {wanted}", cells.join(", "))))
+                Err(Failure::Usage(format!(
+                    "--specimen: expected one of {}, found {wanted}",
+                    cells.join(", ")
+                )))
             }
             Some(wanted) => Ok(vec![wanted.to_owned()]),
             // Without any run of a cell there is still something to be said.
@@ -193,28 +277,65 @@ impl Judged {
         }
     }
 
-    /// Each cell by itself, with its name; the one that was asked for, and each of several, is named in the command that repeats it.
-    fn each<'a>(&'a self, cells: &'a [String], asked: Option<&'a str>) -> impl Iterator<Item = (&'a str, Self)> {
+    /// Each cell by itself, with its name; the one that was asked for, and each of several, is
+    /// named in the command that repeats it.
+    fn each<'a>(
+        &'a self,
+        cells: &'a [String],
+        asked: Option<&'a str>,
+    ) -> impl Iterator<Item = (&'a str, Self)> {
         cells.iter().map(move |name| {
-            let specimen = asked.or((cells.len() > 1).then_some(name)).map(str::to_owned);
-            (name.as_str(), Self { specimen, ..self.of_cell(name) })
+            let specimen = asked
+                .or((cells.len() > 1).then_some(name))
+                .map(str::to_owned);
+            (
+                name.as_str(),
+                Self {
+                    specimen,
+                    ..self.of_cell(name)
+                },
+            )
         })
     }
 
     /// The same with the runs of one cell, and those of the controls.
     fn of_cell(&self, name: &str) -> Self {
         let mut set = self.loaded.set.clone();
-        set.runs.retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
+        set.runs
+            .retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
         let refused = self.loaded.refused.clone();
-        let loaded = Loaded { set, problems: self.loaded.problems.clone(), notes: self.loaded.notes.clone(), refused };
+        let loaded = Loaded {
+            set,
+            problems: self.loaded.problems.clone(),
+            notes: self.loaded.notes.clone(),
+            refused,
+        };
         let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
-        let (specimen, within, refused_points) = (self.specimen.clone(), self.within.clone(), self.refused_points);
-        Self { loaded, model, file, data: self.data.clone(), named: self.named.clone(), ocv, specimen, within, refused_points }
+        let (specimen, within, refused_points) = (
+            self.specimen.clone(),
+            self.within.clone(),
+            self.refused_points,
+        );
+        Self {
+            loaded,
+            model,
+            file,
+            data: self.data.clone(),
+            named: self.named.clone(),
+            ocv,
+            specimen,
+            within,
+            refused_points,
+        }
     }
 
     /// A path as it is told.
     fn told(&self, path: &Path) -> String {
-        match self.within.as_ref().and_then(|folder| path.strip_prefix(folder).ok()) {
+        match self
+            .within
+            .as_ref()
+            .and_then(|folder| path.strip_prefix(folder).ok())
+        {
             Some(below) if below.as_os_str().is_empty() => ".".to_owned(),
             Some(below) => below.display().to_string(),
             None => path.display().to_string(),
@@ -224,7 +345,11 @@ impl Judged {
     /// The command that gives the same diagnosis.
     fn again(&self) -> String {
         let word = |path: &Path| quoted(Path::new(&self.told(path)));
-        let mut text = format!("eis-bench diagnose {}{}", word(&self.data), self.named.again(|path| self.told(path)));
+        let mut text = format!(
+            "eis-bench diagnose {}{}",
+            word(&self.data),
+            self.named.again(|path| self.told(path))
+        );
         if let Some(ocv) = &self.ocv {
             text.push_str(&format!(" --ocv {}", word(ocv)));
         }
@@ -239,49 +364,135 @@ impl Judged {
 
     /// The diagnosis of what could be read; what could not makes the data invalid.
     fn diagnose(&self) -> Result<Outcome, Failure> {
-        let unreadable = self.loaded.problems.iter().map(|problem| gate::Reason::unreadable(&problem.run, &problem.text)).collect();
-        let mut outcome = gate::diagnose_gated(&self.loaded.set, unreadable, &self.model, &DiagnosisOptions::default())
-            .map_err(|error| Failure::Usage(error.to_string()))?;
-        outcome.diagnosis.notes.extend(self.loaded.notes.iter().cloned());
+        let unreadable = self
+            .loaded
+            .problems
+            .iter()
+            .map(|problem| gate::Reason::unreadable(&problem.run, &problem.text))
+            .collect();
+        let mut outcome = gate::diagnose_gated(
+            &self.loaded.set,
+            unreadable,
+            &self.model,
+            &DiagnosisOptions::default(),
+        )
+        .map_err(|error| Failure::Usage(error.to_string()))?;
+        outcome
+            .diagnosis
+            .notes
+            .extend(self.loaded.notes.iter().cloned());
         outcome.diagnosis.notes.extend(self.file.notes());
         Ok(outcome)
     }
 }
 
 /// The recommended run as an experiment file, where there is one.
-fn write_next(folder: &Path, outcome: &Outcome, judged: &Judged, (bench, cell): (&Path, &Path)) -> Result<(), Failure> {
-    let (Some(next), false) = (&outcome.diagnosis.next_experiment, outcome.next_runs.is_empty()) else { return Ok(()) };
+fn write_next(
+    folder: &Path,
+    outcome: &Outcome,
+    judged: &Judged,
+    (bench, cell): (&Path, &Path),
+) -> Result<(), Failure> {
+    let (Some(next), false) = (
+        &outcome.diagnosis.next_experiment,
+        outcome.next_runs.is_empty(),
+    ) else {
+        return Ok(());
+    };
     let whole = |path: &Path| {
-        let found = path.canonicalize().map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
+        let found = path
+            .canonicalize()
+            .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
         Ok::<String, Failure>(found.display().to_string())
     };
     let (bench, cell) = (whole(bench)?, whole(cell)?);
-    let erm = outcome.diagnosis.augmented.as_ref().unwrap_or(&judged.model.erm);
-    let setting = Setting { bench: &bench, cell: &cell, ocv: &judged.model.ocv, resistance_ohm: erm.dc_resistance_ohm() };
-    files::write_text(folder, "next_experiment.toml", &experiment_file(next, &outcome.next_runs, &setting))
+    let erm = outcome
+        .diagnosis
+        .augmented
+        .as_ref()
+        .unwrap_or(&judged.model.erm);
+    let setting = Setting {
+        bench: &bench,
+        cell: &cell,
+        ocv: &judged.model.ocv,
+        resistance_ohm: erm.dc_resistance_ohm(),
+    };
+    files::write_text(
+        folder,
+        "next_experiment.toml",
+        &experiment_file(next, &outcome.next_runs, &setting),
+    )
 }
 
 /// The diagnosis as one page of HTML, with what it takes to repeat it.
-fn page(outcome: &Outcome, judged: &Judged, pictures: &[report::Picture]) -> Result<String, Failure> {
+fn page(
+    outcome: &Outcome,
+    judged: &Judged,
+    pictures: &[report::Picture],
+) -> Result<String, Failure> {
     let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
     let mut page = report::html(&outcome.diagnosis, pictures).map_err(|error| failed(&error))?;
     let hashed = |path: &Path| {
-        let sum = if path.is_file() { hash::sha256_of(path).ok() } else { None };
-        format!("{}{}", judged.told(path), sum.map_or_else(String::new, |sum| format!(", SHA-256 {sum}")))
+        let sum = if path.is_file() {
+            hash::sha256_of(path).ok()
+        } else {
+            None
+        };
+        format!(
+            "{}{}",
+            judged.told(path),
+            sum.map_or_else(String::new, |sum| format!(", SHA-256 {sum}"))
+        )
     };
     let dataset = judged.data.join("dataset.toml");
-    let data = if dataset.is_file() { dataset } else { judged.data.join(SUMS) };
+    let data = if dataset.is_file() {
+        dataset
+    } else {
+        judged.data.join(SUMS)
+    };
     let text = judged.file.to_json().map_err(|error| failed(&error))?;
     page.provenance = vec![
-        ("program".to_owned(), format!("eis-bench {}", env!("CARGO_PKG_VERSION"))),
-        ("data".to_owned(), if data.is_file() { hashed(&data) } else { hashed(&judged.data) }),
-        ("model".to_owned(), judged.named.model.as_deref().map_or_else(|| judged.named.erm.clone().unwrap_or_default(), hashed)),
-        ("seed".to_owned(), "none: the same files give the same diagnosis".to_owned()),
-        ("everything in numbers".to_owned(), "diagnosis.json beside this page".to_owned()),
-        (if judged.within.is_some() { "to repeat it, in the run folder" } else { "to repeat it" }.to_owned(), judged.again()),
+        (
+            "program".to_owned(),
+            format!("eis-bench {}", env!("CARGO_PKG_VERSION")),
+        ),
+        (
+            "data".to_owned(),
+            if data.is_file() {
+                hashed(&data)
+            } else {
+                hashed(&judged.data)
+            },
+        ),
+        (
+            "model".to_owned(),
+            judged
+                .named
+                .model
+                .as_deref()
+                .map_or_else(|| judged.named.erm.clone().unwrap_or_default(), hashed),
+        ),
+        (
+            "seed".to_owned(),
+            "none: the same files give the same diagnosis".to_owned(),
+        ),
+        (
+            "everything in numbers".to_owned(),
+            "diagnosis.json beside this page".to_owned(),
+        ),
+        (
+            if judged.within.is_some() {
+                "to repeat it, in the run folder"
+            } else {
+                "to repeat it"
+            }
+            .to_owned(),
+            judged.again(),
+        ),
     ];
     if let Some(ocv) = &judged.ocv {
-        page.provenance.insert(3, ("open-circuit voltage".to_owned(), hashed(ocv)));
+        page.provenance
+            .insert(3, ("open-circuit voltage".to_owned(), hashed(ocv)));
     }
     page.files = vec![("model".to_owned(), text)];
     if let Ok(text) = std::fs::read_to_string(judged.data.join("dataset.toml")) {
@@ -304,8 +515,12 @@ fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failur
     let additions = d.additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
     if let (Some(erm), Some(facts), false) = (&d.augmented, outcome.facts, additions.is_empty()) {
         let base = judged.file.clone().with_ocv(Some(judged.model.ocv.clone()));
-        let augmented = base.with_additions(erm.clone(), facts, additions).with_refused(judged.loaded.refused.clone());
-        let text = augmented.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
+        let augmented = base
+            .with_additions(erm.clone(), facts, additions)
+            .with_refused(judged.loaded.refused.clone());
+        let text = augmented
+            .to_json()
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
         files::write_text(folder, "model_augmented.json", &text)?;
     }
     Ok(())

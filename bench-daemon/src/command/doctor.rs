@@ -20,7 +20,10 @@ use crate::{
     },
     config::{self, Source, load_any_bench},
     custody::Custody,
-    doctor::{self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report, Verdict},
+    doctor::{
+        self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report,
+        Verdict,
+    },
     guardian::{Charge, GuardianError},
     hash,
     operator::Operator,
@@ -37,7 +40,8 @@ use crate::{
 pub struct DoctorArgs {
     /// The bench file, or an experiment on it.
     pub config: PathBuf,
-    /// The control that is clamped in the place of the cell. Without one nothing is energised, and the report is incomplete.
+    /// The control that is clamped in the place of the cell. Without one nothing is energised, and
+    /// the report is incomplete.
     #[arg(long, value_name = "FIXTURE")]
     pub fixture: Option<Control>,
     /// The fixture is in the jig and the cell is not: I have looked.
@@ -79,26 +83,50 @@ impl Control {
 /// Examines a bench and writes the report.
 ///
 /// # Errors
-/// A mistake in the files; a bench that is in use; [`Failure::Doctor`] where a check failed; [`Failure::Unsafe`].
+/// A mistake in the files; a bench that is in use; [`Failure::Doctor`] where a check failed;
+/// [`Failure::Unsafe`].
 pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
     let config = load_any_bench(&args.config)?;
     let source = Source::read(&config.path)?;
     let fixture = args.fixture.map(Control::fixture);
     let unix_s = clock::unix_time_s();
-    let folder = args.out.clone().unwrap_or_else(|| folder(&config.name, unix_s));
-    let mode = if config.in_process() { TimeMode::Virtual } else { config.time() };
+    let folder = args
+        .out
+        .clone()
+        .unwrap_or_else(|| folder(&config.name, unix_s));
+    let mode = if config.in_process() {
+        TimeMode::Virtual
+    } else {
+        config.time()
+    };
     let runtime = Clock::runtime(mode)?;
     if args.hang {
         let sha256 = hash::sha256(source.text());
-        return runtime.block_on(async { doctor::hold((&config, sha256), &Clock::start(mode), &folder).await });
+        return runtime.block_on(async {
+            doctor::hold((&config, sha256), &Clock::start(mode), &folder).await
+        });
     }
     confirmed(&config, args)?;
     if fixture == Some(Fixture::FakeCell) && config.fake_cell.is_none() {
-        return Err(Failure::Usage("expected a section [controls.fake_cell] in the bench file, which says what it is".to_owned()));
+        return Err(Failure::Usage(
+            "expected a section [controls.fake_cell] in the bench file, which says what it is"
+                .to_owned(),
+        ));
     }
     let (findings, instruments) = runtime.block_on(async {
         let clock = Clock::start(mode);
-        Box::pin(Visit { config: &config, clock, fixture, folder: &folder, text: source.text(), yes: args.yes }.go()).await
+        Box::pin(
+            Visit {
+                config: &config,
+                clock,
+                fixture,
+                folder: &folder,
+                text: source.text(),
+                yes: args.yes,
+            }
+            .go(),
+        )
+        .await
     })?;
     let outcome = outcome(&findings, fixture);
     let report = Report {
@@ -120,9 +148,12 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
     tell(&report, &folder, args.json)
 }
 
-/// Keeps the report for the runs to come. One that came no further than the machine says nothing of the bench: the report before it stands.
+/// Keeps the report for the runs to come. One that came no further than the machine says nothing of
+/// the bench: the report before it stands.
 fn keep(report: &Report, config: &config::Bench) -> Result<(), Failure> {
-    let Some(state) = State::of(config)? else { return Ok(()) };
+    let Some(state) = State::of(config)? else {
+        return Ok(());
+    };
     if report.instruments.is_empty() {
         remark!("no instrument was asked: what the doctor has found of this bench before stands");
         return Ok(());
@@ -136,14 +167,26 @@ fn confirmed(config: &config::Bench, args: &DoctorArgs) -> Result<(), Failure> {
     if args.fixture.is_none() || args.yes || device || Operator::detect() == Operator::Terminal {
         return Ok(());
     }
-    let text =
-        "expected a person at a terminal who confirms the fixture, or --yes: half an ampere is going to flow through what is in the jig";
+    let text = "expected a person at a terminal who confirms the fixture, or --yes: half an ampere \
+    is going to flow through what is in the jig";
     Err(Failure::Usage(text.to_owned()))
 }
 
 fn folder(bench: &str, unix_s: f64) -> PathBuf {
-    let plain: String = crate::present::utc(unix_s).chars().filter(|c| c.is_ascii_digit() || *c == 'T').collect();
-    let name: String = bench.chars().map(|c| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '_' }).collect();
+    let plain: String = crate::present::utc(unix_s)
+        .chars()
+        .filter(|c| c.is_ascii_digit() || *c == 'T')
+        .collect();
+    let name: String = bench
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') {
+                c
+            } else {
+                '_'
+            }
+        })
+        .collect();
     PathBuf::from("doctor").join(format!("{name}-{plain}"))
 }
 
@@ -157,10 +200,25 @@ fn outcome(findings: &Findings, fixture: Option<Fixture>) -> Outcome {
 
 fn tell(report: &Report, folder: &Path, json: bool) -> Result<(), Failure> {
     if json {
-        say!("{}", serde_json::to_string_pretty(report).map_err(|error| Failure::Analysis(error.to_string()))?);
+        say!(
+            "{}",
+            serde_json::to_string_pretty(report)
+                .map_err(|error| Failure::Analysis(error.to_string()))?
+        );
     } else {
-        for Check { id, expected, met, verdict, advice } in &report.checks {
-            let expected = if expected.is_empty() || *verdict == Verdict::Ok { String::new() } else { format!("; expected {expected}") };
+        for Check {
+            id,
+            expected,
+            met,
+            verdict,
+            advice,
+        } in &report.checks
+        {
+            let expected = if expected.is_empty() || *verdict == Verdict::Ok {
+                String::new()
+            } else {
+                format!("; expected {expected}")
+            };
             say!("{:<8} {id:<22} {met}{expected}", verdict.word());
             if !advice.is_empty() {
                 say!("{:<8} {:<22} → {advice}", "", "");
@@ -168,8 +226,17 @@ fn tell(report: &Report, folder: &Path, json: bool) -> Result<(), Failure> {
         }
         say!("report: {}", folder.join("doctor.html").display());
     }
-    let failed: Vec<&str> = report.checks.iter().filter(|check| check.verdict == Verdict::Fail).map(|check| check.id.as_str()).collect();
-    if failed.is_empty() { Ok(()) } else { Err(Failure::Doctor(failed.join(", "))) }
+    let failed: Vec<&str> = report
+        .checks
+        .iter()
+        .filter(|check| check.verdict == Verdict::Fail)
+        .map(|check| check.id.as_str())
+        .collect();
+    if failed.is_empty() {
+        Ok(())
+    } else {
+        Err(Failure::Doctor(failed.join(", ")))
+    }
 }
 
 /// The checks of the guardian.
@@ -201,12 +268,22 @@ impl Visit<'_> {
         }
         let lock = self.lock()?;
         let hub = MemoryHub::new();
-        let simulation = self.config.simulation.as_ref().filter(|_| self.config.in_process());
-        let simulation = simulation.map(|section| Simulation::new(&section.scenario, 0)).transpose()?;
+        let simulation = self
+            .config
+            .simulation
+            .as_ref()
+            .filter(|_| self.config.in_process());
+        let simulation = simulation
+            .map(|section| Simulation::new(&section.scenario, 0))
+            .transpose()?;
         if let Some(simulation) = &simulation {
             simulation.serve_in_process(self.config, &self.clock, &hub)?;
         }
-        let connections = Connections { clock: self.clock.clone(), hub, taps: BTreeMap::new() };
+        let connections = Connections {
+            clock: self.clock.clone(),
+            hub,
+            taps: BTreeMap::new(),
+        };
         let instruments = self.reach(&mut findings, &connections).await;
         // The custody takes it again, with a guardian beside it.
         drop(lock);
@@ -216,25 +293,54 @@ impl Visit<'_> {
         }
         let mut findings = self.guarded(findings, &connections).await?;
         match self.fixture {
-            _ if self.config.in_process() => findings.skip(&["guardian.lease"], "the bench is simulated in this process", ""),
+            _ if self.config.in_process() => findings.skip(
+                &["guardian.lease"],
+                "the bench is simulated in this process",
+                "",
+            ),
             Some(fixture) if findings.stopped().is_none() => {
-                doctor::lease(&mut findings, (self.config, &self.clock), self.folder, fixture).await;
+                doctor::lease(
+                    &mut findings,
+                    (self.config, &self.clock),
+                    self.folder,
+                    fixture,
+                )
+                .await;
             }
             Some(_) => not_after(&mut findings, ["guardian.lease"]),
-            None => findings.skip(&["guardian.lease"], "no fixture in the jig", "give --fixture"),
+            None => findings.skip(
+                &["guardian.lease"],
+                "no fixture in the jig",
+                "give --fixture",
+            ),
         }
         Ok((findings, instruments))
     }
 
     /// Nobody is asked on a bench that is latched, or whose report could not be written.
     fn unasked(&self, findings: &mut Findings) {
-        let reach: Vec<String> = self.config.instruments.addressed().iter().map(|(role, _)| format!("reach.{role}")).collect();
-        not_after(findings, reach.iter().map(String::as_str).chain(doctor::LIVE).chain(GUARDIAN));
+        let reach: Vec<String> = self
+            .config
+            .instruments
+            .addressed()
+            .iter()
+            .map(|(role, _)| format!("reach.{role}"))
+            .collect();
+        not_after(
+            findings,
+            reach
+                .iter()
+                .map(String::as_str)
+                .chain(doctor::LIVE)
+                .chain(GUARDIAN),
+        );
     }
 
     /// Nobody begins a run while the instruments are being asked.
     fn lock(&self) -> Result<Option<Lock>, Failure> {
-        let Some(state) = State::of(self.config)? else { return Ok(None) };
+        let Some(state) = State::of(self.config)? else {
+            return Ok(None);
+        };
         Ok(Some(state.lock(&std::path::absolute(self.folder)?)?))
     }
 
@@ -242,7 +348,10 @@ impl Visit<'_> {
     async fn reach(&self, findings: &mut Findings, connections: &Connections) -> Vec<Instrument> {
         let mut found = Vec::new();
         for (role, instrument) in self.config.instruments.addressed() {
-            let one = config::Bench { instruments: self.config.instruments.only(role), ..self.config.clone() };
+            let one = config::Bench {
+                instruments: self.config.instruments.only(role),
+                ..self.config.clone()
+            };
             let said = match Bench::open(&one, connections).await.map(Any::of) {
                 Ok(mut any) => match any.first_mut() {
                     Some((_, any)) => any.say().await.map_err(|error| error.to_string()),
@@ -250,16 +359,31 @@ impl Visit<'_> {
                 },
                 Err(error) => Err(error.to_string()),
             };
-            if !doctor::reached(findings, role, said.as_ref().map_err(Clone::clone), &instrument.model) {
+            if !doctor::reached(
+                findings,
+                role,
+                said.as_ref().map_err(Clone::clone),
+                &instrument.model,
+            ) {
                 findings.stop();
             }
             let identity = said.map_or_else(|_| String::new(), |said| said.identity.raw);
             let (model, address) = (instrument.model.clone(), instrument.address.to_string());
-            found.push(Instrument { role: role.to_owned(), model, address, identity });
+            found.push(Instrument {
+                role: role.to_owned(),
+                model,
+                address,
+                identity,
+            });
         }
         for role in ["supply4q", "generator", "scope"] {
             if !found.iter().any(|instrument| instrument.role == role) && self.fixture.is_some() {
-                findings.judge(&format!("reach.{role}"), ("one on the bench", "none"), false, "without it nothing can be proven");
+                findings.judge(
+                    &format!("reach.{role}"),
+                    ("one on the bench", "none"),
+                    false,
+                    "without it nothing can be proven",
+                );
                 findings.stop();
             }
         }
@@ -267,10 +391,19 @@ impl Visit<'_> {
     }
 
     /// What needs the bench for itself, with a guardian beside it; always ends in safe state.
-    async fn guarded(&self, mut findings: Findings, connections: &Connections) -> Result<Findings, Failure> {
+    async fn guarded(
+        &self,
+        mut findings: Findings,
+        connections: &Connections,
+    ) -> Result<Findings, Failure> {
         let progress = Progress::new(&Plan { stages: Vec::new() });
-        let charge =
-            Charge { bench: self.config, run: self.folder, window_v: COPPER_WINDOW_V, cell_c: None, sha256: hash::sha256(self.text) };
+        let charge = Charge {
+            bench: self.config,
+            run: self.folder,
+            window_v: COPPER_WINDOW_V,
+            cell_c: None,
+            sha256: hash::sha256(self.text),
+        };
         let mut stop = StopSignals::install()?;
         let expected = "a guardian that reaches every instrument that can move charge";
         let taken = tokio::select! {
@@ -280,16 +413,28 @@ impl Visit<'_> {
         let mut custody = match taken {
             Ok(custody) => {
                 if self.config.in_process() {
-                    findings.skip(&["guardian.start"], "the bench is simulated in this process", "");
+                    findings.skip(
+                        &["guardian.start"],
+                        "the bench is simulated in this process",
+                        "",
+                    );
                 } else {
                     findings.judge("guardian.start", (expected, "it is there"), true, "");
                 }
                 custody
             }
-            // Somebody has the bench, or a person has to look at it first: that is no fault that a report is to remember.
-            Err(failure @ (Failure::State(_) | Failure::Guardian(GuardianError::Busy(_)))) => return Err(failure),
+            // Somebody has the bench, or a person has to look at it first: that is no fault that a
+            // report is to remember.
+            Err(failure @ (Failure::State(_) | Failure::Guardian(GuardianError::Busy(_)))) => {
+                return Err(failure);
+            }
             Err(failure) => {
-                findings.judge("guardian.start", (expected, failure.to_string()), false, "nothing may be energised without it");
+                findings.judge(
+                    "guardian.start",
+                    (expected, failure.to_string()),
+                    false,
+                    "nothing may be energised without it",
+                );
                 findings.stop();
                 findings.skip(&doctor::LIVE, "not after guardian.start", "");
                 return Ok(findings);
@@ -299,7 +444,8 @@ impl Visit<'_> {
             Ok(bench) => bench,
             Err(error) => return custody.end(Err(error.into())).await,
         };
-        // Nothing was changed yet, and what another program has switched on is not the doctor's to switch off.
+        // Nothing was changed yet, and what another program has switched on is not the doctor's to
+        // switch off.
         if let Err(failure) = nobody_drives(&mut bench).await {
             return custody.end(Err(failure)).await;
         }
@@ -310,24 +456,45 @@ impl Visit<'_> {
             lost = custody.lost() => Err(lost.into()),
         };
         let safe = examination.bench.made_safe().await;
-        let Examination { bench, mut findings, .. } = examination;
+        let Examination {
+            bench,
+            mut findings,
+            ..
+        } = examination;
         drop(bench);
         if safe.is_ok() {
-            findings.add("safe.end", ("every output off and read back, no current", "it is so"), Verdict::Ok, "");
+            findings.add(
+                "safe.end",
+                ("every output off and read back, no current", "it is so"),
+                Verdict::Ok,
+                "",
+            );
         }
-        custody.end(Failure::unsafe_first(safe, examined)).await.map(|()| findings)
+        custody
+            .end(Failure::unsafe_first(safe, examined))
+            .await
+            .map(|()| findings)
     }
 
     async fn examine(&self, examination: &mut Examination<'_>) -> Result<(), Failure> {
         if let Some(fixture) = self.fixture {
             self.mount(examination, fixture).await?;
         }
-        examination.examine(self.fixture, "no fixture in the jig: --fixture fake_cell, or shunt, proves it").await;
+        examination
+            .examine(
+                self.fixture,
+                "no fixture in the jig: --fixture fake_cell, or shunt, proves it",
+            )
+            .await;
         Ok(())
     }
 
     /// Safe state first: nobody reaches into a jig that is live.
-    async fn mount(&self, examination: &mut Examination<'_>, fixture: Fixture) -> Result<(), Failure> {
+    async fn mount(
+        &self,
+        examination: &mut Examination<'_>,
+        fixture: Fixture,
+    ) -> Result<(), Failure> {
         examination.bench.made_safe().await?;
         examination.bench.off_again().await?;
         let error = examination.bench.error("jig");
@@ -335,10 +502,16 @@ impl Visit<'_> {
             return Ok(jig.mount(fixture).await.map_err(error)?);
         }
         if self.yes {
-            remark!("taken on your word: {} in the jig, no cell", fixture_name(fixture));
+            remark!(
+                "taken on your word: {} in the jig, no cell",
+                fixture_name(fixture)
+            );
             return Ok(());
         }
         let _person = self.clock.wait(None);
-        Ok(Operator::detect().mount(fixture, None).await.map_err(crate::executor::ExecuteError::from)?)
+        Ok(Operator::detect()
+            .mount(fixture, None)
+            .await
+            .map_err(crate::executor::ExecuteError::from)?)
     }
 }

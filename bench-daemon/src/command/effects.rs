@@ -1,4 +1,5 @@
-//! `eis-bench effects`: the catalogue of effects that a model may lack, and which of them a data set could tell apart.
+//! `eis-bench effects`: the catalogue of effects that a model may lack, and which of them a data
+//! set could tell apart.
 
 use std::path::PathBuf;
 
@@ -17,13 +18,15 @@ pub struct EffectsArgs {
     /// A data set for which to say what could be told apart; needs --model or --erm.
     #[arg(value_name = "DATASET")]
     pub data: Option<PathBuf>,
-    /// The model of the data set's cell: a file of `fit`, `joint` or a run, JSON of `r_ohm` and `branches` alone, or circuit.json of `fit --circuit`.
+    /// The model of the data set's cell: a file of `fit`, `joint` or a run, JSON of `r_ohm` and
+    /// `branches` alone, or circuit.json of `fit --circuit`.
     #[arg(long, value_name = "FILE", requires = "data")]
     pub model: Option<PathBuf>,
     /// The same typed: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
     #[arg(long, value_name = "TEXT", requires = "data", conflicts_with = "model")]
     pub erm: Option<String>,
-    /// The OCV curve, as `ocv --out` writes it, where the model file holds none or another is wanted.
+    /// The OCV curve, as `ocv --out` writes it, where the model file holds none or another is
+    /// wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Write `effects.md` and the pictures of the matrix into this folder.
@@ -50,7 +53,11 @@ pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
     let cards: Vec<&Card> = catalogue().iter().map(|effect| effect.card()).collect();
     let matrix = match &args.data {
         Some(data) => {
-            let named = ModelArgs { model: args.model.clone(), erm: args.erm.clone(), ladder_band_hz: None };
+            let named = ModelArgs {
+                model: args.model.clone(),
+                erm: args.erm.clone(),
+                ladder_band_hz: None,
+            };
             let judged = Judged::read(data, &named, (args.ocv.as_deref(), false))?;
             let matrix = distinguish(&judged.loaded.set, &judged.model, catalogue());
             Some(matrix.map_err(|error| Failure::Usage(error.to_string()))?)
@@ -58,16 +65,29 @@ pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
         None => None,
     };
     if let Some(folder) = &args.out {
-        let pictures = matrix.as_ref().map_or(Vec::new(), report::Distinguishability::pictures);
+        let pictures = matrix
+            .as_ref()
+            .map_or(Vec::new(), report::Distinguishability::pictures);
         files::make_folder(folder)?;
         for picture in &pictures {
             files::write_picture(folder, &picture.name, |path| picture.drawing.write(path))?;
         }
-        files::write_text(folder, "effects.md", &report::catalogue_markdown(&cards, matrix.as_ref(), &pictures))?;
+        files::write_text(
+            folder,
+            "effects.md",
+            &report::catalogue_markdown(&cards, matrix.as_ref(), &pictures),
+        )?;
     }
     if args.json {
-        let listing = Listing { effects: &cards, distinguishability: matrix.as_ref() };
-        say!("{}", serde_json::to_string_pretty(&listing).map_err(|error| Failure::Analysis(error.to_string()))?);
+        let listing = Listing {
+            effects: &cards,
+            distinguishability: matrix.as_ref(),
+        };
+        say!(
+            "{}",
+            serde_json::to_string_pretty(&listing)
+                .map_err(|error| Failure::Analysis(error.to_string()))?
+        );
     } else {
         say!("{}", report::catalogue_text(&cards, matrix.as_ref()));
     }

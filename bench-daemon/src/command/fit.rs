@@ -4,7 +4,10 @@ use crate::command::files;
 use std::path::Path;
 
 use analysis::{
-    fit::{Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective, PackModel, RefusedPoint, fit_cells},
+    fit::{
+        Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective,
+        PackModel, RefusedPoint, fit_cells,
+    },
     formats::SourcedSpectrum,
     pack::Pack,
     plot::{self, FigureInput, ImpedancePlot, Series, SeriesStyle},
@@ -34,31 +37,57 @@ struct Group {
 /// Fits models to spectra, prints them, and writes them into a folder if asked to.
 ///
 /// # Errors
-/// A file or an argument that is not as expected; a fit that cannot be made; a folder that cannot be written.
+/// A file or an argument that is not as expected; a fit that cannot be made; a folder that cannot
+/// be written.
 pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     if let Some(circuit) = &args.circuit.circuit {
         return super::fit_circuit::fit_circuit(args, circuit);
     }
     let orders = orders(&args.rc)?;
-    let objective: Objective = args.objective.parse().map_err(|error| Failure::Usage(format!("--{error}")))?;
+    let objective: Objective = args
+        .objective
+        .parse()
+        .map_err(|error| Failure::Usage(format!("--{error}")))?;
     let (cells, others) = read(args)?;
     let slope = super::ocv_slope::Slope::asked(&args.slope, objective)?;
     let groups: Vec<(String, Vec<SourcedSpectrum>)> = if args.pool {
         vec![("pooled".to_owned(), cells)]
     } else {
-        cells.into_iter().map(|cell| (cell.spectrum.name.clone(), vec![cell])).collect()
+        cells
+            .into_iter()
+            .map(|cell| (cell.spectrum.name.clone(), vec![cell]))
+            .collect()
     };
     let fitted = groups
         .into_iter()
-        .map(|(name, sweeps)| fit_group(name, &sweeps, &Wanted { orders: orders.as_deref(), objective, slope, args }))
+        .map(|(name, sweeps)| {
+            fit_group(
+                name,
+                &sweeps,
+                &Wanted {
+                    orders: orders.as_deref(),
+                    objective,
+                    slope,
+                    args,
+                },
+            )
+        })
         .collect::<Result<Vec<_>, _>>()?;
     if let Some(folder) = &args.out {
         for group in &fitted {
-            let folder = if fitted.len() == 1 { folder.clone() } else { folder.join(&group.name) };
+            let folder = if fitted.len() == 1 {
+                folder.clone()
+            } else {
+                folder.join(&group.name)
+            };
             write(&folder, group, &others, args)?;
         }
     }
-    if args.json { print_json(&fitted) } else { print_text(&fitted, args) }
+    if args.json {
+        print_json(&fitted)
+    } else {
+        print_text(&fitted, args)
+    }
 }
 
 /// What is wanted of each group.
@@ -70,27 +99,55 @@ struct Wanted<'a> {
 }
 
 /// All that is wanted of the sweeps of one group; without orders the data choose one.
-fn fit_group(name: String, sweeps: &[SourcedSpectrum], wanted: &Wanted<'_>) -> Result<Group, Failure> {
-    let Wanted { orders, objective, slope, args } = *wanted;
+fn fit_group(
+    name: String,
+    sweeps: &[SourcedSpectrum],
+    wanted: &Wanted<'_>,
+) -> Result<Group, Failure> {
+    let Wanted {
+        orders,
+        objective,
+        slope,
+        args,
+    } = *wanted;
     let refused = files::refused_points(sweeps, args.refused_points);
     let measured: Vec<Spectrum> = sweeps.iter().map(|s| s.spectrum.clone()).collect();
-    let sweeps: Vec<SourcedSpectrum> = sweeps.iter().map(|s| SourcedSpectrum { spectrum: slope.less(&s.spectrum), ..s.clone() }).collect();
+    let sweeps: Vec<SourcedSpectrum> = sweeps
+        .iter()
+        .map(|s| SourcedSpectrum {
+            spectrum: slope.less(&s.spectrum),
+            ..s.clone()
+        })
+        .collect();
     let cells = CellSweeps::sort(&sweeps);
     let mut more = More::choose(&name, &cells, (orders.is_none(), args.seed))?;
     let chosen: Vec<usize> = more.order_selection.iter().map(|s| s.recommended).collect();
     let spectra: Vec<Spectrum> = sweeps.iter().map(|s| s.spectrum.clone()).collect();
     let mut fits = Vec::new();
     for &rc in orders.unwrap_or(&chosen) {
-        let options = FitOptions { rc, objective, seed: args.seed, bounds: Bounds::for_spectra(&spectra) };
+        let options = FitOptions {
+            rc,
+            objective,
+            seed: args.seed,
+            bounds: Bounds::for_spectra(&spectra),
+        };
         let fit = fit_cells(&cells, &options, args.more.starts.unwrap_or(0))
             .map_err(|error| Failure::Usage(format!("{name}, {rc} RC: {error}")))?;
         if !fit.objective.is_finite() {
-            return Err(Failure::Usage(format!("{name}, {rc} RC: expected impedances that can be squared, found too large ones")));
+            return Err(Failure::Usage(format!(
+                "{name}, {rc} RC: expected impedances that can be squared, found too large ones"
+            )));
         }
         fits.push(fit);
     }
     more.add(&cells, &spectra, &fits, &args.more)?;
-    Ok(Group { name, spectra: measured, fits, more, refused })
+    Ok(Group {
+        name,
+        spectra: measured,
+        fits,
+        more,
+        refused,
+    })
 }
 
 /// The orders asked for; none for `auto`.
@@ -100,54 +157,94 @@ fn orders(text: &str) -> Result<Option<Vec<usize>>, Failure> {
         "auto" => return Ok(None),
         _ => {}
     }
-    let fail =
-        || Failure::Usage(format!("--rc: expected `all` or different numbers from 1 to {MAX_RC} separated by commas, found {text:?}"));
-    let orders: Vec<usize> = text.split(',').map(|order| order.trim().parse().map_err(|_| fail())).collect::<Result<_, _>>()?;
+    let fail = || {
+        Failure::Usage(format!(
+            "--rc: expected `all` or different numbers from 1 to {MAX_RC} separated by commas, \
+            found {text:?}"
+        ))
+    };
+    let orders: Vec<usize> = text
+        .split(',')
+        .map(|order| order.trim().parse().map_err(|_| fail()))
+        .collect::<Result<_, _>>()?;
     let distinct: std::collections::BTreeSet<usize> = orders.iter().copied().collect();
-    let sound = distinct.len() == orders.len() && distinct.iter().all(|order| (1..=MAX_RC).contains(order));
+    let sound =
+        distinct.len() == orders.len() && distinct.iter().all(|order| (1..=MAX_RC).contains(order));
     if sound { Ok(Some(orders)) } else { Err(fail()) }
 }
 
-/// The spectra to be fitted, and the control impedances that came with them. Sweeps with a bias belong to neither.
+/// The spectra to be fitted, and the control impedances that came with them. Sweeps with a bias
+/// belong to neither.
 pub(super) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum>), Failure> {
     let mut cells = Vec::new();
     let mut others = Vec::new();
     let mut passed_over = Vec::new();
     for file in &args.files {
         for mut sourced in files::read_spectra(file)? {
-            sourced.spectrum.keep(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
-            sourced.flagged.retain(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
+            sourced
+                .spectrum
+                .keep(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
+            sourced
+                .flagged
+                .retain(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
             if sourced.spectrum.points.is_empty() {
                 let met = format!("none from {} Hz to {} Hz", args.from_hz, args.to_hz);
-                return Err(Failure::Usage(format!("{}: expected frequencies to be fitted, found {met}", file.display())));
+                return Err(Failure::Usage(format!(
+                    "{}: expected frequencies to be fitted, found {met}",
+                    file.display()
+                )));
             }
             if sourced.origin.is_unbiased_cell() {
                 files::leave_out_refused(&mut sourced, args.refused_points)?;
                 cells.push(sourced);
             } else {
-                let SourcedSpectrum { origin, spectrum, .. } = sourced;
+                let SourcedSpectrum {
+                    origin, spectrum, ..
+                } = sourced;
                 passed_over.push(spectrum.name.clone());
-                if origin.fixture.as_deref() != Some("cell") && origin.bias_a.is_none_or(|bias| bias == 0.0) {
+                if origin.fixture.as_deref() != Some("cell")
+                    && origin.bias_a.is_none_or(|bias| bias == 0.0)
+                {
                     others.push(spectrum);
                 }
             }
         }
     }
     if !passed_over.is_empty() {
-        remark!("not fitted, for they are controls or carry a direct current: {}", passed_over.join(", "));
+        remark!(
+            "not fitted, for they are controls or carry a direct current: {}",
+            passed_over.join(", ")
+        );
     }
     if args.pool {
         files::refuse_curves(&cells)?;
     }
     if cells.is_empty() {
-        return Err(Failure::Usage("expected at least one spectrum of a cell without direct current, found none".to_owned()));
+        return Err(Failure::Usage(
+            "expected at least one spectrum of a cell without direct current, found none"
+                .to_owned(),
+        ));
     }
     Ok((cells, others))
 }
 
 fn report_of(fitted: &[Group]) -> FitReport {
-    let entry = |group: &Group, fit: &ErmFit| FitEntry::new(fit, group.spectra.iter().map(|spectrum| spectrum.name.clone()).collect());
-    FitReport { fits: fitted.iter().flat_map(|group| group.fits.iter().map(|fit| entry(group, fit))).collect() }
+    let entry = |group: &Group, fit: &ErmFit| {
+        FitEntry::new(
+            fit,
+            group
+                .spectra
+                .iter()
+                .map(|spectrum| spectrum.name.clone())
+                .collect(),
+        )
+    };
+    FitReport {
+        fits: fitted
+            .iter()
+            .flat_map(|group| group.fits.iter().map(|fit| entry(group, fit)))
+            .collect(),
+    }
 }
 
 /// The fits, and under `groups` what goes beyond them, where there is any of it.
@@ -160,18 +257,38 @@ struct Printed<'a> {
 }
 
 fn print_json(fitted: &[Group]) -> Result<(), Failure> {
-    let groups = fitted.iter().map(|group| &group.more).filter(|more| !more.is_empty()).collect();
-    let text = serde_json::to_string_pretty(&Printed { report: report_of(fitted), groups })
-        .map_err(|error| Failure::Analysis(error.to_string()))?;
+    let groups = fitted
+        .iter()
+        .map(|group| &group.more)
+        .filter(|more| !more.is_empty())
+        .collect();
+    let text = serde_json::to_string_pretty(&Printed {
+        report: report_of(fitted),
+        groups,
+    })
+    .map_err(|error| Failure::Analysis(error.to_string()))?;
     say!("{text}");
     Ok(())
 }
 
 fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
     for group in fitted {
-        let points: usize = group.spectra.iter().map(|spectrum| spectrum.points.len()).sum();
-        let plural = if group.spectra.len() == 1 { "spectrum" } else { "spectra" };
-        say!("{}: {} {plural}, {points} points, objective {}", group.name, group.spectra.len(), args.objective);
+        let points: usize = group
+            .spectra
+            .iter()
+            .map(|spectrum| spectrum.points.len())
+            .sum();
+        let plural = if group.spectra.len() == 1 {
+            "spectrum"
+        } else {
+            "spectra"
+        };
+        say!(
+            "{}: {} {plural}, {points} points, objective {}",
+            group.name,
+            group.spectra.len(),
+            args.objective
+        );
         if let Some(selection) = &group.more.order_selection {
             print_selection(selection);
         }
@@ -188,7 +305,10 @@ fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
             }
             for branch in &fit.erm.branches {
                 let tau = present::significant(branch.r_ohm * branch.c_f, 4);
-                let (r, c) = (present::significant(1.0e3 * branch.r_ohm, 5), present::significant(branch.c_f, 5));
+                let (r, c) = (
+                    present::significant(1.0e3 * branch.r_ohm, 5),
+                    present::significant(branch.c_f, 5),
+                );
                 say!("        {r:>8} mΩ ∥ {c:>8} F   τ {tau} s");
             }
             for warning in fit.warnings.iter().cloned().chain(other_minima_note(fit)) {
@@ -203,18 +323,34 @@ fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-fn write(folder: &Path, group: &Group, controls: &[Spectrum], args: &FitArgs) -> Result<(), Failure> {
+fn write(
+    folder: &Path,
+    group: &Group,
+    controls: &[Spectrum],
+    args: &FitArgs,
+) -> Result<(), Failure> {
     files::make_folder(folder)?;
-    let names: Vec<String> = group.spectra.iter().map(|spectrum| spectrum.name.clone()).collect();
+    let names: Vec<String> = group
+        .spectra
+        .iter()
+        .map(|spectrum| spectrum.name.clone())
+        .collect();
     let text = |name: &str, text: &str| files::write_text(folder, name, text);
     for fit in &group.fits {
-        let pack = PackModel::new(&fit.erm, Pack::THESIS).map_err(|error| Failure::Analysis(error.to_string()))?;
+        let pack = PackModel::new(&fit.erm, Pack::THESIS)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
         let mut model = ModelFile::new(&group.name, fit.clone(), names.clone(), Some(pack));
         model.refused.clone_from(&group.refused);
-        let json = model.to_json().map_err(|error| Failure::Analysis(error.to_string()))?;
+        let json = model
+            .to_json()
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
         text(&format!("model_{}rc.json", model.rc), &json)?;
     }
-    let input = FigureInput { sweeps: &group.spectra, controls, fits: &group.fits };
+    let input = FigureInput {
+        sweeps: &group.spectra,
+        controls,
+        fits: &group.fits,
+    };
     let drawn = |error: plot::PlotError| Failure::Analysis(error.to_string());
     plot::write_thesis_figures(&input, folder).map_err(drawn)?;
     group.more.draw(folder)?;
@@ -226,23 +362,40 @@ fn write(folder: &Path, group: &Group, controls: &[Spectrum], args: &FitArgs) ->
     }];
     for fit in &group.fits {
         let svg = plot::nyquist_svg(&plot::fit_figure(&group.spectra, fit)).map_err(drawn)?;
-        figures.push(Figure { svg, caption: format!("The model with {} RC over the spectra.", fit.erm.branches.len()) });
+        figures.push(Figure {
+            svg,
+            caption: format!(
+                "The model with {} RC over the spectra.",
+                fit.erm.branches.len()
+            ),
+        });
     }
-    figures.push(Figure { svg: plot::bode_svg(&bode).map_err(drawn)?, caption: "Magnitude and phase over frequency.".to_owned() });
+    figures.push(Figure {
+        svg: plot::bode_svg(&bode).map_err(drawn)?,
+        caption: "Magnitude and phase over frequency.".to_owned(),
+    });
     let report = Report {
         title: present::titled("Extended Randles model", &group.name),
         verdicts: fit_warnings(&group.fits),
         figures,
         tables: vec![models_table(&group.fits), branches_table(&group.fits)],
         provenance: vec![
-            ("program".to_owned(), format!("eis-bench {}", env!("CARGO_PKG_VERSION"))),
+            (
+                "program".to_owned(),
+                format!("eis-bench {}", env!("CARGO_PKG_VERSION")),
+            ),
             ("objective".to_owned(), args.objective.clone()),
             ("seed".to_owned(), args.seed.to_string()),
             ("spectra".to_owned(), names.join(", ")),
         ],
         ..Report::default()
     };
-    text("report.html", &report.to_html().map_err(|error| Failure::Analysis(error.to_string()))?)
+    text(
+        "report.html",
+        &report
+            .to_html()
+            .map_err(|error| Failure::Analysis(error.to_string()))?,
+    )
 }
 
 /// Spectra as points, every order as a curve.
@@ -253,8 +406,16 @@ pub(super) fn bode_plot(title: &str, spectra: &[Spectrum], fits: &[ErmFit]) -> I
         .enumerate()
         .map(|(index, spectrum)| {
             let data = Series::data(spectrum, 0);
-            let data = if many { data.styled(SeriesStyle::Cloud) } else { data };
-            let label = if many { format!("measured, {} spectra", spectra.len()) } else { "measured".to_owned() };
+            let data = if many {
+                data.styled(SeriesStyle::Cloud)
+            } else {
+                data
+            };
+            let label = if many {
+                format!("measured, {} spectra", spectra.len())
+            } else {
+                "measured".to_owned()
+            };
             data.labelled((index == 0).then_some(label.as_str()))
         })
         .collect();
@@ -264,11 +425,23 @@ pub(super) fn bode_plot(title: &str, spectra: &[Spectrum], fits: &[ErmFit]) -> I
 
 /// Every order as a curve over the band of the spectra.
 pub(super) fn model_curves(spectra: &[Spectrum], fits: &[ErmFit]) -> Vec<Series> {
-    let freqs = spectra.iter().flat_map(|spectrum| &spectrum.points).map(|point| point.freq_hz);
-    let (low, high) = freqs.fold((f64::INFINITY, 0.0_f64), |(low, high), freq| (low.min(freq), high.max(freq)));
+    let freqs = spectra
+        .iter()
+        .flat_map(|spectrum| &spectrum.points)
+        .map(|point| point.freq_hz);
+    let (low, high) = freqs.fold((f64::INFINITY, 0.0_f64), |(low, high), freq| {
+        (low.min(freq), high.max(freq))
+    });
     if low >= high {
         return Vec::new();
     }
-    let curve = |(index, fit): (usize, &ErmFit)| Series::fit(&format!("{} RC", fit.erm.branches.len()), fit, (low, high), index + 1);
+    let curve = |(index, fit): (usize, &ErmFit)| {
+        Series::fit(
+            &format!("{} RC", fit.erm.branches.len()),
+            fit,
+            (low, high),
+            index + 1,
+        )
+    };
     fits.iter().enumerate().map(curve).collect()
 }

@@ -47,20 +47,30 @@ pub fn guardian(args: &GuardianArgs) -> Result<(), Failure> {
     let found = hash::sha256(source.text());
     if found != args.sha256 {
         say!(
-            "refused {}: expected the bench file that the run began with, found another text: put it back (the run folder has a copy in config/)",
+            "refused {}: expected the bench file that the run began with, found another text: put \
+            it back (the run folder has a copy in config/)",
             args.bench.display()
         );
         return Err(Failure::Usage("the bench file has changed".to_owned()));
     }
     Ok(Clock::runtime(bench.time())?.block_on(async {
-        // The end of the terminal and a request to stop are for the daemon; the guardian ends after it.
+        // The end of the terminal and a request to stop are for the daemon; the guardian ends after
+        // it.
         let _deaf = StopSignals::install().map_err(guardian::GuardianError::Start)?;
         let cell_c = args.least_c.zip(args.greatest_c);
-        let charge = Charge { bench: &bench, run: &args.run, window_v: (args.least_v, args.greatest_v), cell_c, sha256: found };
-        guardian::watch(&charge, &Clock::start(bench.time())).await.inspect_err(|error| {
-            if error.may_pass() {
-                say!("{}", Keeper::MAY_PASS);
-            }
-        })
+        let charge = Charge {
+            bench: &bench,
+            run: &args.run,
+            window_v: (args.least_v, args.greatest_v),
+            cell_c,
+            sha256: found,
+        };
+        guardian::watch(&charge, &Clock::start(bench.time()))
+            .await
+            .inspect_err(|error| {
+                if error.may_pass() {
+                    say!("{}", Keeper::MAY_PASS);
+                }
+            })
     })?)
 }

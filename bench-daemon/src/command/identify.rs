@@ -1,4 +1,5 @@
-//! `eis-bench identify`: who answers at the configured addresses, or at any others, what it can do and what is programmed into it.
+//! `eis-bench identify`: who answers at the configured addresses, or at any others, what it can do
+//! and what is programmed into it.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -47,56 +48,87 @@ impl Found {
     }
 }
 
-/// Asks each instrument and prints the answers; one that is silent does not keep the others from being asked.
+/// Asks each instrument and prints the answers; one that is silent does not keep the others from
+/// being asked.
 ///
 /// # Errors
-/// A mistake in a file; a bench that somebody runs, of which nobody is asked; after all were asked, an instrument that does not answer or is of no known
-/// model.
+/// A mistake in a file; a bench that somebody runs, of which nobody is asked; after all were asked,
+/// an instrument that does not answer or is of no known model.
 pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
     let mut found = Vec::new();
     for of in &args.of {
         if Path::new(of).is_file() {
             found.extend(bench(&load_any_bench(Path::new(of))?, args.json)?);
         } else {
-            let address = of.parse::<Address>().map_err(|error| Failure::Usage(format!("expected a file or an address: {error}")))?;
+            let address = of.parse::<Address>().map_err(|error| {
+                Failure::Usage(format!("expected a file or an address: {error}"))
+            })?;
             if matches!(address, Address::Memory { .. }) {
-                return Err(Failure::Usage(format!("{address}: nobody but a bench file can say what is simulated in this process")));
+                return Err(Failure::Usage(format!(
+                    "{address}: nobody but a bench file can say what is simulated in this process"
+                )));
             }
             found.extend(single(&address, args.json)?);
         }
     }
     if args.json {
-        let text = serde_json::to_string_pretty(&found).map_err(|error| Failure::Analysis(error.to_string()))?;
+        let text = serde_json::to_string_pretty(&found)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
         say!("{text}");
     }
     match found.iter().filter(|found| !found.good()).count() {
         0 => Ok(()),
         wrong => {
-            let listed: Vec<&str> = found.iter().filter(|found| !found.good()).map(|found| found.role.unwrap_or(&found.address)).collect();
-            Err(Failure::Unidentified { asked: found.len(), wrong, listed: listed.join(", ") })
+            let listed: Vec<&str> = found
+                .iter()
+                .filter(|found| !found.good())
+                .map(|found| found.role.unwrap_or(&found.address))
+                .collect();
+            Err(Failure::Unidentified {
+                asked: found.len(),
+                wrong,
+                listed: listed.join(", "),
+            })
         }
     }
 }
 
 fn bench(config: &config::Bench, quiet: bool) -> Result<Vec<Found>, Failure> {
     let in_process = config.in_process();
-    let mode = if in_process { TimeMode::Virtual } else { config.time() };
+    let mode = if in_process {
+        TimeMode::Virtual
+    } else {
+        config.time()
+    };
     Clock::runtime(mode)?.block_on(async {
         let clock = Clock::start(mode);
         doctor::free(config, &clock).await?;
         let hub = MemoryHub::new();
         let simulation = config.simulation.as_ref().filter(|_| in_process);
-        let simulation = simulation.map(|section| Simulation::new(&section.scenario, 0)).transpose()?;
+        let simulation = simulation
+            .map(|section| Simulation::new(&section.scenario, 0))
+            .transpose()?;
         if let Some(simulation) = &simulation {
             simulation.serve_in_process(config, &clock, &hub)?;
         }
         let mut all = Vec::new();
         for (role, instrument) in config.instruments.addressed() {
-            let one = config::Bench { instruments: config.instruments.only(role), ..config.clone() };
-            let connections = Connections { clock: clock.clone(), hub: hub.clone(), taps: BTreeMap::new() };
+            let one = config::Bench {
+                instruments: config.instruments.only(role),
+                ..config.clone()
+            };
+            let connections = Connections {
+                clock: clock.clone(),
+                hub: hub.clone(),
+                taps: BTreeMap::new(),
+            };
             let start_s = clock.machine_s();
             let outcome = ask(&one, instrument, &connections).await;
-            let found = found((Some(role), instrument), outcome, clock.machine_s() - start_s);
+            let found = found(
+                (Some(role), instrument),
+                outcome,
+                clock.machine_s() - start_s,
+            );
             if !quiet {
                 print(&found);
             }
@@ -106,21 +138,45 @@ fn bench(config: &config::Bench, quiet: bool) -> Result<Vec<Found>, Failure> {
     })
 }
 
-async fn ask(one: &config::Bench, instrument: &config::Instrument, connections: &Connections) -> Result<Said, BenchError> {
-    let first = Any::of(Bench::open(one, connections).await?).into_iter().next();
+async fn ask(
+    one: &config::Bench,
+    instrument: &config::Instrument,
+    connections: &Connections,
+) -> Result<Said, BenchError> {
+    let first = Any::of(Bench::open(one, connections).await?)
+        .into_iter()
+        .next();
     let (role, mut any) = first.ok_or(BenchError::Missing { role: "instrument" })?;
     let said = any.say().await;
-    said.map_err(|source| BenchError::Link { role, model: instrument.model.clone(), source: Box::new(source) })
+    said.map_err(|source| BenchError::Link {
+        role,
+        model: instrument.model.clone(),
+        source: Box::new(source),
+    })
 }
 
-fn found((role, instrument): (Option<&'static str>, &config::Instrument), outcome: Result<Said, BenchError>, took_s: f64) -> Found {
+fn found(
+    (role, instrument): (Option<&'static str>, &config::Instrument),
+    outcome: Result<Said, BenchError>,
+    took_s: f64,
+) -> Found {
     let (said, failure) = match outcome {
         Ok(said) => (Some(said), None),
         Err(error) => (None, Some(error.to_string())),
     };
     let unknown = said.as_ref().filter(|said| !said.recognised);
-    let could_be_forced = unknown.map_or_else(Vec::new, |said| forcing(role, &said.identity, &instrument.address));
-    Found { role, model: Some(instrument.model.clone()), address: instrument.address.to_string(), said, failure, took_s, could_be_forced }
+    let could_be_forced = unknown.map_or_else(Vec::new, |said| {
+        forcing(role, &said.identity, &instrument.address)
+    });
+    Found {
+        role,
+        model: Some(instrument.model.clone()),
+        address: instrument.address.to_string(),
+        said,
+        failure,
+        took_s,
+        could_be_forced,
+    }
 }
 
 /// Asks an address of which nothing is known, one way of speaking after the other.
@@ -130,8 +186,13 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
         let (mut answered, mut failure) = (None, None);
         for way in ways() {
             let mut spoken = false;
-            // A terminator that the instrument before did not know may have left half a message behind.
-            for _ in 0..if way.profile.terminator == Terminator::Lf { 1 } else { 2 } {
+            // A terminator that the instrument before did not know may have left half a message
+            // behind.
+            for _ in 0..if way.profile.terminator == Terminator::Lf {
+                1
+            } else {
+                2
+            } {
                 match identity(address, &way, &clock).await {
                     Ok(identity) => (answered, spoken) = (Some(identity), true),
                     Err(error) => failure = Some(error),
@@ -140,13 +201,24 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
                     break;
                 }
             }
-            if spoken || matches!(failure, Some(LinkError::Connect { .. } | LinkError::ConnectTimeout { .. })) {
+            if spoken
+                || matches!(
+                    failure,
+                    Some(LinkError::Connect { .. } | LinkError::ConnectTimeout { .. })
+                )
+            {
                 break;
             }
         }
         let mut all = Vec::new();
-        let known: Vec<Known> =
-            answered.iter().flat_map(|identity| Known::all().into_iter().filter(|known| known.recognises(identity))).collect();
+        let known: Vec<Known> = answered
+            .iter()
+            .flat_map(|identity| {
+                Known::all()
+                    .into_iter()
+                    .filter(|known| known.recognises(identity))
+            })
+            .collect();
         for known in &known {
             let start_s = clock.machine_s();
             let said = match Link::open(options(address, known, &clock)).await {
@@ -154,14 +226,29 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
                 Err(error) => Err(error),
             };
             let took_s = clock.machine_s() - start_s;
-            let (said, failure) = said.map_or_else(|error| (None, Some(error.to_string())), |said| (Some(said), None));
+            let (said, failure) = said.map_or_else(
+                |error| (None, Some(error.to_string())),
+                |said| (Some(said), None),
+            );
             let (role, model) = (Some(known.role), Some(known.key.to_owned()));
-            all.push(Found { role, model, address: address.to_string(), said, failure, took_s, could_be_forced: Vec::new() });
+            all.push(Found {
+                role,
+                model,
+                address: address.to_string(),
+                said,
+                failure,
+                took_s,
+                could_be_forced: Vec::new(),
+            });
         }
         if all.is_empty() {
-            let could_be_forced = answered.as_ref().map_or_else(Vec::new, |identity| forcing(None, identity, address));
+            let could_be_forced = answered
+                .as_ref()
+                .map_or_else(Vec::new, |identity| forcing(None, identity, address));
             let said = answered.map(Said::unknown);
-            let failure = failure.filter(|_| said.is_none()).map(|error| error.to_string());
+            let failure = failure
+                .filter(|_| said.is_none())
+                .map(|error| error.to_string());
             all.push(Found {
                 role: None,
                 model: None,
@@ -183,7 +270,9 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
 fn ways() -> Vec<Known> {
     let mut ways: Vec<Known> = Vec::new();
     for known in Known::all() {
-        let same = |other: &Known| other.question == known.question && other.profile.terminator == known.profile.terminator;
+        let same = |other: &Known| {
+            other.question == known.question && other.profile.terminator == known.profile.terminator
+        };
         if !ways.iter().any(same) {
             ways.push(known);
         }
@@ -198,34 +287,85 @@ async fn identity(address: &Address, way: &Known, clock: &Clock) -> Result<Ident
 
 fn options(address: &Address, known: &Known, clock: &Clock) -> LinkOptions {
     let (name, profile) = (address.to_string(), known.profile);
-    LinkOptions { name, address: address.clone(), profile, clock: clock.clone(), hub: MemoryHub::new(), tap: Tap::none() }
+    LinkOptions {
+        name,
+        address: address.clone(),
+        profile,
+        clock: clock.clone(),
+        hub: MemoryHub::new(),
+        tap: Tap::none(),
+    }
 }
 
-/// Lines for the bench file that make a known dialect speak to an unknown model; those of the same maker come first.
+/// Lines for the bench file that make a known dialect speak to an unknown model; those of the same
+/// maker come first.
 fn forcing(role: Option<&str>, identity: &Identity, address: &Address) -> Vec<String> {
     let maker = identity.maker.to_lowercase();
-    let mut known: Vec<Known> = Known::all().into_iter().filter(|known| role.is_none_or(|role| role == known.role)).collect();
-    let akin = |known: &Known| known.key.split('-').next().is_some_and(|first| maker.contains(first));
+    let mut known: Vec<Known> = Known::all()
+        .into_iter()
+        .filter(|known| role.is_none_or(|role| role == known.role))
+        .collect();
+    let akin = |known: &Known| {
+        known
+            .key
+            .split('-')
+            .next()
+            .is_some_and(|first| maker.contains(first))
+    };
     known.sort_by_key(|known| !akin(known));
     let accept = format!("{},{}", identity.maker, identity.model);
-    let accept = if identity.raw.contains(&accept) { accept } else { identity.raw.clone() };
+    let accept = if identity.raw.contains(&accept) {
+        accept
+    } else {
+        identity.raw.clone()
+    };
     let line = |known: &Known| {
-        let more = if known.role == "logger" { ", cell_channel = 101" } else { "" };
-        format!("instruments.{} = {{ model = {:?}, address = \"{address}\", accept = {accept:?}{more} }}", known.role, known.key)
+        let more = if known.role == "logger" {
+            ", cell_channel = 101"
+        } else {
+            ""
+        };
+        format!(
+            "instruments.{} = {{ model = {:?}, address = \"{address}\", accept = {accept:?}{more} \
+            }}",
+            known.role, known.key
+        )
     };
     known.iter().map(line).collect()
 }
 
 fn print(found: &Found) {
-    let Found { role, model, address, said, failure, took_s, could_be_forced } = found;
+    let Found {
+        role,
+        model,
+        address,
+        said,
+        failure,
+        took_s,
+        could_be_forced,
+    } = found;
     let (role, model) = (role.unwrap_or("-"), model.as_deref().unwrap_or("unknown"));
     let Some(said) = said else {
-        say!("{role:<10} {model:<20} {address:<32} {} ({took_s:.2} s)", failure.as_deref().unwrap_or("no answer"));
+        say!(
+            "{role:<10} {model:<20} {address:<32} {} ({took_s:.2} s)",
+            failure.as_deref().unwrap_or("no answer")
+        );
         return;
     };
-    let verdict = if said.recognised { "ok" } else { "NOT THE CONFIGURED MODEL" };
-    let verdict = if said.recognised || model != "unknown" { verdict } else { "NO KNOWN MODEL" };
-    say!("{role:<10} {model:<20} {address:<32} {}  [{verdict}]", said.identity.raw);
+    let verdict = if said.recognised {
+        "ok"
+    } else {
+        "NOT THE CONFIGURED MODEL"
+    };
+    let verdict = if said.recognised || model != "unknown" {
+        verdict
+    } else {
+        "NO KNOWN MODEL"
+    };
+    say!(
+        "{role:<10} {model:<20} {address:<32} {}  [{verdict}]",
+        said.identity.raw
+    );
     for line in could_be_forced {
         say!("    could be tried as  {line}");
     }
@@ -233,16 +373,37 @@ fn print(found: &Found) {
         return;
     }
     let identity = &said.identity;
-    let or_none = |text: &str| if text.is_empty() { "not told".to_owned() } else { text.to_owned() };
-    say!("    serial number {}, firmware {}; answered within {took_s:.2} s", or_none(&identity.serial), or_none(&identity.firmware));
+    let or_none = |text: &str| {
+        if text.is_empty() {
+            "not told".to_owned()
+        } else {
+            text.to_owned()
+        }
+    };
+    say!(
+        "    serial number {}, firmware {}; answered within {took_s:.2} s",
+        or_none(&identity.serial),
+        or_none(&identity.firmware)
+    );
     if let serde_json::Value::Object(fields) = &said.capabilities {
-        let words: Vec<String> = fields.iter().map(|(name, value)| format!("{} {value}", name.replace('_', " "))).collect();
+        let words: Vec<String> = fields
+            .iter()
+            .map(|(name, value)| format!("{} {value}", name.replace('_', " ")))
+            .collect();
         say!("    can       {}", words.join("; "));
     }
     if !said.programmed.is_empty() {
-        let words: Vec<String> = said.programmed.iter().map(|answer| format!("{} {}", answer.question, answer.answer.trim())).collect();
+        let words: Vec<String> = said
+            .programmed
+            .iter()
+            .map(|answer| format!("{} {}", answer.question, answer.answer.trim()))
+            .collect();
         say!("    programmed {}", words.join("; "));
     }
-    let health = if said.health.is_empty() { "nothing to complain of".to_owned() } else { said.health.join("; ") };
+    let health = if said.health.is_empty() {
+        "nothing to complain of".to_owned()
+    } else {
+        said.health.join("; ")
+    };
     say!("    health    {health}");
 }

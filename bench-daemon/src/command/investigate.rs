@@ -1,4 +1,5 @@
-//! `eis-bench investigate`: measures, diagnoses, and measures what the diagnosis asks for, within a budget.
+//! `eis-bench investigate`: measures, diagnoses, and measures what the diagnosis asks for, within a
+//! budget.
 
 use std::{io::BufRead, path::PathBuf};
 
@@ -43,22 +44,39 @@ pub struct InvestigateArgs {
 /// Plays the investigation and prints how it ends.
 ///
 /// # Errors
-/// A file or an argument that is not as expected, a budget that nobody confirms, before anything is energised; later whatever ends a run; in the end data that cannot
-/// be diagnosed, and points that the quality gate has refused.
+/// A file or an argument that is not as expected, a budget that nobody confirms, before anything is
+/// energised; later whatever ends a run; in the end data that cannot be diagnosed, and points that
+/// the quality gate has refused.
 pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
     let mut experiment = load_experiment(&args.experiment, None)?;
     experiment.seed = args.seed.unwrap_or(experiment.seed);
     let given = args.ocv.as_deref().map(files::read_curve).transpose()?;
-    let ocv = given.or_else(|| experiment.cell.ocv.clone()).ok_or_else(|| {
-        Failure::Usage(
-            "expected an OCV curve: a section [ocv] in the cell's file, or --ocv with a file of `ocv --out`; found neither".to_owned(),
+    let ocv = given
+        .or_else(|| experiment.cell.ocv.clone())
+        .ok_or_else(|| {
+            Failure::Usage(
+            "expected an OCV curve: a section [ocv] in the cell's file, or --ocv with a file of \
+            `ocv --out`; found neither".to_owned(),
         )
-    })?;
+        })?;
     let budget = budget(args)?;
-    let out = args.out.clone().unwrap_or_else(|| PathBuf::from("runs").join(format!("{}-investigation", experiment.name)));
-    let investigation = play(&experiment, &Means { out: &out, ocv, budget })?;
+    let out = args.out.clone().unwrap_or_else(|| {
+        PathBuf::from("runs").join(format!("{}-investigation", experiment.name))
+    });
+    let investigation = play(
+        &experiment,
+        &Means {
+            out: &out,
+            ocv,
+            budget,
+        },
+    )?;
     if args.json {
-        say!("{}", serde_json::to_string_pretty(&investigation).map_err(|error| Failure::Analysis(error.to_string()))?);
+        say!(
+            "{}",
+            serde_json::to_string_pretty(&investigation)
+                .map_err(|error| Failure::Analysis(error.to_string()))?
+        );
     } else {
         print(&investigation);
         say!("written to {}", out.display());
@@ -72,31 +90,52 @@ pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
 
 /// The budget, confirmed once.
 fn budget(args: &InvestigateArgs) -> Result<Budget, Failure> {
-    let budget = Budget { minutes: args.budget_minutes, charge_ah: args.budget_ah };
+    let budget = Budget {
+        minutes: args.budget_minutes,
+        charge_ah: args.budget_ah,
+    };
     if !(budget.minutes >= 0.0 && budget.charge_ah >= 0.0) {
-        let text = format!("expected a budget of 0 or more, found {} min and {} Ah", budget.minutes, budget.charge_ah);
+        let text = format!(
+            "expected a budget of 0 or more, found {} min and {} Ah",
+            budget.minutes, budget.charge_ah
+        );
         return Err(Failure::Usage(text));
     }
     if args.yes {
         return Ok(budget);
     }
     if Operator::detect() == Operator::Nobody {
-        return Err(Failure::Usage("expected the budget to be confirmed: give --yes, standard input is no terminal".to_owned()));
+        return Err(Failure::Usage(
+            "expected the budget to be confirmed: give --yes, standard input is no terminal"
+                .to_owned(),
+        ));
     }
-    remark!("After the campaign, experiments may take {} min and move {} Ah. Type `yes`:", budget.minutes, budget.charge_ah);
+    remark!(
+        "After the campaign, experiments may take {} min and move {} Ah. Type `yes`:",
+        budget.minutes,
+        budget.charge_ah
+    );
     let mut line = String::new();
     std::io::stdin().lock().read_line(&mut line)?;
     if line.trim() == "yes" {
         Ok(budget)
     } else {
-        Err(Failure::Usage(format!("expected `yes`, found {:?}: nothing was begun", line.trim())))
+        Err(Failure::Usage(format!(
+            "expected `yes`, found {:?}: nothing was begun",
+            line.trim()
+        )))
     }
 }
 
 fn print(investigation: &Investigation) {
     for step in &investigation.steps {
         if let Some(bought) = &step.bought {
-            say!("{}: {}, {:.0} min", step.folder, bought.experiment.description, bought.minutes);
+            say!(
+                "{}: {}, {:.0} min",
+                step.folder,
+                bought.experiment.description,
+                bought.minutes
+            );
         }
         say!("{}: {}", step.folder, step.verdict.words());
     }

@@ -1,4 +1,5 @@
-//! `eis-bench kk`: may these spectra be believed? Kramers–Kronig, Z-HIT, linearity, stationarity, and the distribution of relaxation times.
+//! `eis-bench kk`: may these spectra be believed? Kramers–Kronig, Z-HIT, linearity, stationarity,
+//! and the distribution of relaxation times.
 
 mod plots;
 mod records;
@@ -13,7 +14,10 @@ use analysis::{
     plot,
     report::Figure,
     spectrum::Spectrum,
-    validity::{Assessed, Assessment, Grade, Linearity, Noise, NoiseSource, Record, Stationarity, assess, thinned},
+    validity::{
+        Assessed, Assessment, Grade, Linearity, Noise, NoiseSource, Record, Stationarity, assess,
+        thinned,
+    },
 };
 use serde::Serialize;
 
@@ -26,7 +30,8 @@ use crate::{
 /// Arguments of `kk`.
 #[derive(Debug, clap::Args)]
 pub struct KkArgs {
-    /// Spectra in any form that `fit` reads. Those of one cell are taken as repeats in order of time, or as a series of amplitudes.
+    /// Spectra in any form that `fit` reads. Those of one cell are taken as repeats in order of
+    /// time, or as a series of amplitudes.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Files that do not name a cell are different cells (or states), not repeats of one.
@@ -35,7 +40,8 @@ pub struct KkArgs {
     /// Also the distribution of relaxation times, with start values for a fit.
     #[arg(long)]
     pub drt: bool,
-    /// What the records show besides the sine: CSV with `freq_hz` and any of `periods,drift_over_amplitude`, `h2,sigma_h2`, `h3,sigma_h3`, … (relative to the
+    /// What the records show besides the sine: CSV with `freq_hz` and any of
+    /// `periods,drift_over_amplitude`, `h2,sigma_h2`, `h3,sigma_h3`, … (relative to the
     /// fundamental).
     #[arg(long, value_name = "FILE")]
     pub records: Option<PathBuf>,
@@ -52,10 +58,16 @@ const START_BRANCHES: usize = 4;
 /// So many spectra of a cell are shown with the table of their points.
 const SHOWN_WHOLE: usize = 2;
 
-/// One spectrum of a run by itself, with the records that it was made from; else why it was not tested.
+/// One spectrum of a run by itself, with the records that it was made from; else why it was not
+/// tested.
 pub(super) fn tested(spectrum: &Spectrum, records: &[Record]) -> Result<Assessed, String> {
-    let assessment = assess(std::slice::from_ref(spectrum), records).map_err(|error| error.to_string())?;
-    assessment.spectra.into_iter().next().ok_or_else(|| "there is no spectrum".to_owned())
+    let assessment =
+        assess(std::slice::from_ref(spectrum), records).map_err(|error| error.to_string())?;
+    assessment
+        .spectra
+        .into_iter()
+        .next()
+        .ok_or_else(|| "there is no spectrum".to_owned())
 }
 
 /// Pictures of a tested spectrum for a report; it is shown with its whole uncertainty.
@@ -64,11 +76,19 @@ pub(super) fn tested(spectrum: &Spectrum, records: &[Record]) -> Result<Assessed
 /// A picture that cannot be drawn.
 pub(super) fn pictures(assessed: &Assessed, shown: &Spectrum) -> Result<Vec<Figure>, Failure> {
     let svg = |chart| plot::chart_svg(&chart).map_err(|error| Failure::Analysis(error.to_string()));
-    let residuals = "What no circuit of resistances, capacitances and inductances explains of the spectrum, with ±2σ of its noise.";
-    let z_hit = "The modulus as measured and as the phase asks for; they part where the cell changed during the sweep.";
+    let residuals = "What no circuit of resistances, capacitances and inductances explains of the \
+    spectrum, with ±2σ of its noise.";
+    let z_hit = "The modulus as measured and as the phase asks for; they part where the cell \
+    changed during the sweep.";
     Ok(vec![
-        Figure { svg: svg(plots::residuals(assessed))?, caption: residuals.to_owned() },
-        Figure { svg: svg(plots::z_hit(assessed, shown))?, caption: z_hit.to_owned() },
+        Figure {
+            svg: svg(plots::residuals(assessed))?,
+            caption: residuals.to_owned(),
+        },
+        Figure {
+            svg: svg(plots::z_hit(assessed, shown))?,
+            caption: z_hit.to_owned(),
+        },
     ])
 }
 
@@ -93,18 +113,32 @@ struct Distribution {
     start: Vec<RcBranch>,
 }
 
-/// Judges spectra, prints what is to be thought of them, and writes plots into a folder if asked to.
+/// Judges spectra, prints what is to be thought of them, and writes plots into a folder if asked
+/// to.
 ///
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn kk(args: &KkArgs) -> Result<(), Failure> {
-    let records = args.records.as_deref().map_or(Ok(Vec::new()), records::read)?;
+    let records = args
+        .records
+        .as_deref()
+        .map_or(Ok(Vec::new()), records::read)?;
     let cells = read(args)?;
     if let Some(path) = &args.records {
-        records::belong(path, &records, &cells.iter().flat_map(|(_, spectra)| spectra).collect::<Vec<_>>())?;
+        records::belong(
+            path,
+            &records,
+            &cells
+                .iter()
+                .flat_map(|(_, spectra)| spectra)
+                .collect::<Vec<_>>(),
+        )?;
     }
     let records: Vec<Record> = records.into_iter().map(|(_, record)| record).collect();
-    let groups: Vec<Group> = cells.into_iter().map(|(cell, spectra)| group(cell, spectra, &records, args.drt)).collect::<Result<_, _>>()?;
+    let groups: Vec<Group> = cells
+        .into_iter()
+        .map(|(cell, spectra)| group(cell, spectra, &records, args.drt))
+        .collect::<Result<_, _>>()?;
     if let Some(folder) = &args.out {
         write(folder, &groups)?;
     }
@@ -127,12 +161,24 @@ fn json(groups: &[Group]) -> Result<String, Failure> {
 fn read(args: &KkArgs) -> Result<Vec<(String, Vec<Spectrum>)>, Failure> {
     let mut cells: Vec<(String, Vec<Spectrum>)> = Vec::new();
     for file in &args.files {
-        for SourcedSpectrum { origin, spectrum, flagged } in files::read_spectra(file)? {
+        for SourcedSpectrum {
+            origin,
+            spectrum,
+            flagged,
+        } in files::read_spectra(file)?
+        {
             if !flagged.is_empty() {
                 let (name, told) = (&spectrum.name, refused_in_words(&flagged));
-                remark!("{name}: the quality gate refused {} points, which are judged with the others: {told}", flagged.len());
+                remark!(
+                    "{name}: the quality gate refused {} points, which are judged with the others: \
+                    {told}",
+                    flagged.len()
+                );
             }
-            let bias = origin.bias_a.filter(|bias| *bias != 0.0).map_or_else(String::new, |bias| format!(", {bias:+} A"));
+            let bias = origin
+                .bias_a
+                .filter(|bias| *bias != 0.0)
+                .map_or_else(String::new, |bias| format!(", {bias:+} A"));
             let cell = match (&origin.fixture, &origin.cell) {
                 (Some(fixture), Some(cell)) => format!("{fixture} {cell}{bias}"),
                 (Some(fixture), None) => format!("{fixture}{bias}"),
@@ -148,18 +194,46 @@ fn read(args: &KkArgs) -> Result<Vec<(String, Vec<Spectrum>)>, Failure> {
     Ok(cells)
 }
 
-fn group(cell: String, measured: Vec<Spectrum>, records: &[Record], with_drt: bool) -> Result<Group, Failure> {
-    let assessment = assess(&measured, records).map_err(|error| Failure::Usage(error.to_string()))?;
+fn group(
+    cell: String,
+    measured: Vec<Spectrum>,
+    records: &[Record],
+    with_drt: bool,
+) -> Result<Group, Failure> {
+    let assessment =
+        assess(&measured, records).map_err(|error| Failure::Usage(error.to_string()))?;
     // What is drawn and distributed is what was judged.
-    let measured: Vec<Spectrum> = measured.into_iter().map(|spectrum| thinned(&spectrum).unwrap_or(spectrum)).collect();
+    let measured: Vec<Spectrum> = measured
+        .into_iter()
+        .map(|spectrum| thinned(&spectrum).unwrap_or(spectrum))
+        .collect();
     let distribution = |spectrum: &Spectrum| {
-        let noise = Noise::of(spectrum, &measured).map_err(|error| Failure::Usage(error.to_string()))?;
-        // The ladder follows what points share; resistances of the distribution are as uncertain as the whole.
-        let drt = drt(spectrum, &noise.with_shared(spectrum)).map_err(|error| Failure::Usage(error.to_string()))?;
-        Ok(Distribution { name: spectrum.name.clone(), start: start_values(&drt, START_BRANCHES), drt })
+        let noise =
+            Noise::of(spectrum, &measured).map_err(|error| Failure::Usage(error.to_string()))?;
+        // The ladder follows what points share; resistances of the distribution are as uncertain as
+        // the whole.
+        let drt = drt(spectrum, &noise.with_shared(spectrum))
+            .map_err(|error| Failure::Usage(error.to_string()))?;
+        Ok(Distribution {
+            name: spectrum.name.clone(),
+            start: start_values(&drt, START_BRANCHES),
+            drt,
+        })
     };
-    let drt = if with_drt { measured.iter().map(distribution).collect::<Result<_, Failure>>()? } else { Vec::new() };
-    Ok(Group { cell, assessment, drt, measured })
+    let drt = if with_drt {
+        measured
+            .iter()
+            .map(distribution)
+            .collect::<Result<_, Failure>>()?
+    } else {
+        Vec::new()
+    };
+    Ok(Group {
+        cell,
+        assessment,
+        drt,
+        measured,
+    })
 }
 
 fn write(folder: &Path, groups: &[Group]) -> Result<(), Failure> {
@@ -167,11 +241,23 @@ fn write(folder: &Path, groups: &[Group]) -> Result<(), Failure> {
     files::write_text(folder, "kk.json", &json(groups)?)?;
     for group in groups {
         for (assessed, measured) in group.assessment.spectra.iter().zip(&group.measured) {
-            files::write_chart(folder, &format!("kk_{}", assessed.name), &plots::residuals(assessed))?;
-            files::write_chart(folder, &format!("zhit_{}", assessed.name), &plots::z_hit(assessed, measured))?;
+            files::write_chart(
+                folder,
+                &format!("kk_{}", assessed.name),
+                &plots::residuals(assessed),
+            )?;
+            files::write_chart(
+                folder,
+                &format!("zhit_{}", assessed.name),
+                &plots::z_hit(assessed, measured),
+            )?;
         }
         for distribution in &group.drt {
-            files::write_chart(folder, &format!("drt_{}", distribution.name), &plots::drt(&distribution.name, &distribution.drt))?;
+            files::write_chart(
+                folder,
+                &format!("drt_{}", distribution.name),
+                &plots::drt(&distribution.name, &distribution.drt),
+            )?;
         }
     }
     Ok(())
@@ -182,9 +268,14 @@ fn print(group: &Group) {
     say!("{}:", group.cell);
     for (assessed, measured) in assessment.spectra.iter().zip(&group.measured) {
         print_spectrum(assessed, assessment.spectra.len() <= SHOWN_WHOLE);
-        let zero = measured.points.iter().find(|p| p.covariance.is_valid() && (p.covariance.re_re == 0.0 || p.covariance.im_im == 0.0));
+        let zero = measured.points.iter().find(|p| {
+            p.covariance.is_valid() && (p.covariance.re_re == 0.0 || p.covariance.im_im == 0.0)
+        });
         if let Some(point) = zero {
-            say!("    the stated uncertainty was ignored: it is zero at {} Hz", significant(point.freq_hz, 4));
+            say!(
+                "    the stated uncertainty was ignored: it is zero at {} Hz",
+                significant(point.freq_hz, 4)
+            );
         }
     }
     assessment.linearity.iter().for_each(print_linearity);
@@ -193,9 +284,20 @@ fn print(group: &Group) {
 }
 
 fn print_linearity(linearity: &Linearity) {
-    let Some(worst) = linearity.points.iter().max_by(|a, b| a.change_percent.total_cmp(&b.change_percent)) else { return };
+    let Some(worst) = linearity
+        .points
+        .iter()
+        .max_by(|a, b| a.change_percent.total_cmp(&b.change_percent))
+    else {
+        return;
+    };
     let (low, high) = linearity.amplitudes_a;
-    let changes = match linearity.points.iter().filter(|point| point.nonlinear).count() {
+    let changes = match linearity
+        .points
+        .iter()
+        .filter(|point| point.nonlinear)
+        .count()
+    {
         0 => "no change beyond noise".to_owned(),
         count => format!("Z changes at {count} frequencies"),
     };
@@ -210,14 +312,36 @@ fn print_linearity(linearity: &Linearity) {
 }
 
 fn print_stationarity(stationarity: &Stationarity) {
-    let scatter = stationarity.points.iter().map(|point| point.scatter_percent.powi(2)).sum::<f64>() / stationarity.points.len() as f64;
-    let excess = stationarity.excess_percent.map_or_else(String::new, |excess| format!(", {excess:.2} % of it beyond the noise"));
-    let shifts: Vec<String> = stationarity.shift_percent.iter().map(|shift| format!("{shift:+.2}")).collect();
-    let trend = match stationarity.points.iter().filter(|point| point.drifts()).count() {
+    let scatter = stationarity
+        .points
+        .iter()
+        .map(|point| point.scatter_percent.powi(2))
+        .sum::<f64>()
+        / stationarity.points.len() as f64;
+    let excess = stationarity
+        .excess_percent
+        .map_or_else(String::new, |excess| {
+            format!(", {excess:.2} % of it beyond the noise")
+        });
+    let shifts: Vec<String> = stationarity
+        .shift_percent
+        .iter()
+        .map(|shift| format!("{shift:+.2}"))
+        .collect();
+    let trend = match stationarity
+        .points
+        .iter()
+        .filter(|point| point.drifts())
+        .count()
+    {
         0 => "no trend".to_owned(),
         count => format!("a trend at {count} frequencies"),
     };
-    say!("  stationarity, {} repeats: scatter {:.2} % of |Z|{excess}; {trend}", stationarity.repeats.len(), scatter.sqrt());
+    say!(
+        "  stationarity, {} repeats: scatter {:.2} % of |Z|{excess}; {trend}",
+        stationarity.repeats.len(),
+        scatter.sqrt()
+    );
     say!("    repeats against their mean, %: {}", shifts.join(" "));
 }
 
@@ -228,22 +352,35 @@ fn print_spectrum(assessed: &Assessed, whole: bool) {
         NoiseSource::Repeats => "from repeats",
         NoiseSource::Smoother => "estimated from the spectrum itself",
     };
-    say!("  {}: {}: {}", assessed.name, assessed.verdict.grade, assessed.verdict.text);
+    say!(
+        "  {}: {}: {}",
+        assessed.name,
+        assessed.verdict.grade,
+        assessed.verdict.text
+    );
     say!(
         "    {} RC (µ alone: {}), µ {:.2}, reduced χ² {:.2} (p {:.2}), noise {} % of |Z| {source}",
         kk.order,
-        kk.mu_order.map_or_else(|| "none".to_owned(), |order| order.to_string()),
+        kk.mu_order
+            .map_or_else(|| "none".to_owned(), |order| order.to_string()),
         kk.mu,
         kk.chi2 / kk.dof,
         kk.p,
         significant(kk.noise_percent, 2)
     );
-    let points = || kk.points.iter().zip(&assessed.z_hit.points).zip(&assessed.verdict.points);
+    let points = || {
+        kk.points
+            .iter()
+            .zip(&assessed.z_hit.points)
+            .zip(&assessed.verdict.points)
+    };
     if !whole && points().all(|(_, verdict)| verdict.grade == Grade::Good) {
         return;
     }
     say!("       f / Hz   Re: Δ / %     ±σ   Im: Δ / %     ±σ   size / σ   Z-HIT: Δ / %     ±σ");
-    for ((kk, hit), verdict) in points().filter(|(_, verdict)| whole || verdict.grade != Grade::Good) {
+    for ((kk, hit), verdict) in
+        points().filter(|(_, verdict)| whole || verdict.grade != Grade::Good)
+    {
         say!(
             "    {:>9}  {:>+9.3}  {:>7.3} {:>+9.3}  {:>7.3} {:>10} {:>+13.3}  {:>7.3}  {}",
             significant(kk.freq_hz, 4),
@@ -251,18 +388,36 @@ fn print_spectrum(assessed: &Assessed, whole: bool) {
             kk.sigma_re_percent,
             kk.im_percent,
             kk.sigma_im_percent,
-            if kk.tested { format!("{:.1}", kk.sigmas) } else { "–".to_owned() },
+            if kk.tested {
+                format!("{:.1}", kk.sigmas)
+            } else {
+                "–".to_owned()
+            },
             hit.deviation_percent,
             hit.sigma_percent,
-            if verdict.grade == Grade::Good { String::new() } else { verdict.grade.to_string() }
+            if verdict.grade == Grade::Good {
+                String::new()
+            } else {
+                verdict.grade.to_string()
+            }
         );
     }
 }
 
 fn print_drt(distribution: &Distribution) {
     let Distribution { name, drt, start } = distribution;
-    let milli = |estimate: analysis::drt::Estimate| format!("{:.4} ± {:.4} mΩ", 1.0e3 * estimate.value, 1.0e3 * estimate.sigma);
-    say!("  {name}: R∞ {}, polarisation {} up to the slow end of the band", milli(drt.r_inf_ohm), milli(drt.polarisation_ohm));
+    let milli = |estimate: analysis::drt::Estimate| {
+        format!(
+            "{:.4} ± {:.4} mΩ",
+            1.0e3 * estimate.value,
+            1.0e3 * estimate.sigma
+        )
+    };
+    say!(
+        "  {name}: R∞ {}, polarisation {} up to the slow end of the band",
+        milli(drt.r_inf_ohm),
+        milli(drt.polarisation_ohm)
+    );
     for peak in &drt.peaks {
         say!(
             "    peak at {:>9} s: {:.4} ± {:.4} mΩ, {:.2} decades wide{}",
@@ -270,13 +425,23 @@ fn print_drt(distribution: &Distribution) {
             1.0e3 * peak.r_ohm,
             1.0e3 * peak.sigma_ohm,
             peak.width_decades,
-            if peak.in_band { "" } else { " (beyond the band: a guess)" }
+            if peak.in_band {
+                ""
+            } else {
+                " (beyond the band: a guess)"
+            }
         );
     }
-    let branches = start.iter().map(|rc| format!("{:.3} mΩ ∥ {} F", 1.0e3 * rc.r_ohm, significant(rc.c_f, 3)));
+    let branches = start
+        .iter()
+        .map(|rc| format!("{:.3} mΩ ∥ {} F", 1.0e3 * rc.r_ohm, significant(rc.c_f, 3)));
     let branches = branches.collect::<Vec<_>>();
     say!(
         "    start values: {}",
-        if branches.is_empty() { "none, no resistance stands out of the noise".to_owned() } else { branches.join(", ") }
+        if branches.is_empty() {
+            "none, no resistance stands out of the noise".to_owned()
+        } else {
+            branches.join(", ")
+        }
     );
 }

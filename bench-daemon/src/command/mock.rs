@@ -20,28 +20,59 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     let path = match (&args.replay, &args.bench) {
         (Some(transcript), _) => return serve_record(transcript, args),
         (None, Some(path)) => path,
-        (None, None) => return Err(Failure::Usage("expected a bench file, or --replay FILE".to_owned())),
+        (None, None) => {
+            return Err(Failure::Usage(
+                "expected a bench file, or --replay FILE".to_owned(),
+            ));
+        }
     };
     let (bench, source) = load_bench(path)?;
-    let section = bench.simulation.as_ref().ok_or_else(|| SimError::Real { path: path.clone() })?;
-    let roles: Vec<&str> = bench.instruments.addressed().iter().map(|(role, _)| *role).collect();
-    if let Some(role) = args.over.iter().filter_map(|over| over.role.as_deref()).find(|role| !roles.contains(role)) {
-        return Err(Failure::Usage(format!("--over: expected a role of this bench ({}), found `{role}`", roles.join(", "))));
+    let section = bench
+        .simulation
+        .as_ref()
+        .ok_or_else(|| SimError::Real { path: path.clone() })?;
+    let roles: Vec<&str> = bench
+        .instruments
+        .addressed()
+        .iter()
+        .map(|(role, _)| *role)
+        .collect();
+    if let Some(role) = args
+        .over
+        .iter()
+        .filter_map(|over| over.role.as_deref())
+        .find(|role| !roles.contains(role))
+    {
+        return Err(Failure::Usage(format!(
+            "--over: expected a role of this bench ({}), found `{role}`",
+            roles.join(", ")
+        )));
     }
     if let Some(written) = &args.write_bench
-        && written.canonicalize().is_ok_and(|written| path.canonicalize().is_ok_and(|read| read == written))
+        && written
+            .canonicalize()
+            .is_ok_and(|written| path.canonicalize().is_ok_and(|read| read == written))
     {
-        let text = format!("--write-bench {}: expected another file than the bench file itself, which would be lost", written.display());
+        let text = format!(
+            "--write-bench {}: expected another file than the bench file itself, which would be \
+            lost",
+            written.display()
+        );
         return Err(Failure::Usage(text));
     }
     let mode = match &args.time {
-        Some(text) => text.parse::<TimeMode>().map_err(|error| Failure::Usage(format!("--time: {error}")))?,
+        Some(text) => text
+            .parse::<TimeMode>()
+            .map_err(|error| Failure::Usage(format!("--time: {error}")))?,
         // In virtual time nothing waits for a client on a real port.
         None if section.time == TimeMode::Virtual => TimeMode::Real,
         None => section.time,
     };
     if mode == TimeMode::Virtual {
-        return Err(Failure::Usage("--time: expected `real` or `scaled:FACTOR`: real ports cannot answer in virtual time".to_owned()));
+        return Err(Failure::Usage(
+            "--time: expected `real` or `scaled:FACTOR`: real ports cannot answer in virtual time"
+                .to_owned(),
+        ));
     }
     Clock::runtime(mode)?.block_on(async {
         let mut stop = StopSignals::install()?;
@@ -67,24 +98,45 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     })
 }
 
-/// The bench file with other addresses and the time of the mocks; everything else stays as it was typed.
-fn write_bench(path: &Path, source: &Source, served: &[Served], mode: TimeMode) -> Result<(), Failure> {
+/// The bench file with other addresses and the time of the mocks; everything else stays as it was
+/// typed.
+fn write_bench(
+    path: &Path,
+    source: &Source,
+    served: &[Served],
+    mode: TimeMode,
+) -> Result<(), Failure> {
     let mut section = String::new();
     let mut text = String::new();
-    let scenario_folder = source.path().parent().unwrap_or(Path::new(".")).canonicalize()?;
+    let scenario_folder = source
+        .path()
+        .parent()
+        .unwrap_or(Path::new("."))
+        .canonicalize()?;
     for line in source.text().lines() {
         let trimmed = line.trim();
         if trimmed.starts_with('[') {
             section = trimmed.trim_matches(['[', ']']).to_owned();
         }
         let key = trimmed.split('=').next().unwrap_or("").trim();
-        let address = served.iter().find(|mock| section == format!("instruments.{}", mock.role)).filter(|_| key == "address");
+        let address = served
+            .iter()
+            .find(|mock| section == format!("instruments.{}", mock.role))
+            .filter(|_| key == "address");
         match (address, section.as_str(), key) {
             (Some(mock), _, _) => text.push_str(&format!("address = {:?}\n", mock.address)),
             (None, "simulation", "time") => {}
             (None, "simulation", "scenario") => {
-                let value = trimmed.split_once('=').map_or("", |(_, value)| value).trim().trim_matches('"');
-                text.push_str(&format!("scenario = {:?}\ntime = {:?}\n", scenario_folder.join(value).canonicalize()?, mode.to_string()));
+                let value = trimmed
+                    .split_once('=')
+                    .map_or("", |(_, value)| value)
+                    .trim()
+                    .trim_matches('"');
+                text.push_str(&format!(
+                    "scenario = {:?}\ntime = {:?}\n",
+                    scenario_folder.join(value).canonicalize()?,
+                    mode.to_string()
+                ));
             }
             _ => {
                 text.push_str(line);
@@ -92,16 +144,22 @@ fn write_bench(path: &Path, source: &Source, served: &[Served], mode: TimeMode) 
             }
         }
     }
-    std::fs::write(path, text).map_err(|error| Failure::Usage(format!("--write-bench {}: {error}", path.display())))?;
-    // What was written must be read back as a bench: a file in another style (inline tables) would keep its old addresses.
+    std::fs::write(path, text)
+        .map_err(|error| Failure::Usage(format!("--write-bench {}: {error}", path.display())))?;
+    // What was written must be read back as a bench: a file in another style (inline tables) would
+    // keep its old addresses.
     let (bench, _) = load_bench(path)?;
     let addressed = bench.instruments.addressed();
-    let missed =
-        served.iter().find(|mock| !addressed.iter().any(|(role, found)| *role == mock.role && found.address.to_string() == mock.address));
+    let missed = served.iter().find(|mock| {
+        !addressed
+            .iter()
+            .any(|(role, found)| *role == mock.role && found.address.to_string() == mock.address)
+    });
     match missed {
         None => Ok(()),
         Some(mock) => Err(Failure::Usage(format!(
-            "--write-bench: expected `address = \"…\"` on a line of its own under [instruments.{}] in {}",
+            "--write-bench: expected `address = \"…\"` on a line of its own under [instruments.{}] \
+            in {}",
             mock.role,
             source.path().display()
         ))),

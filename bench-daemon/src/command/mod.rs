@@ -52,12 +52,17 @@ use crate::{
     sums::SumsError,
 };
 
-/// A path as a person pastes it into a shell: no way that goes up and down again, and short where it lies below the folder of this process.
+/// A path as a person pastes it into a shell: no way that goes up and down again, and short where
+/// it lies below the folder of this process.
 pub(crate) fn pasted(path: &Path) -> String {
     let whole = std::fs::canonicalize(path).unwrap_or_else(|_| path.to_owned());
     let here = std::env::current_dir().and_then(std::fs::canonicalize).ok();
     let short = here.and_then(|here| whole.strip_prefix(here).ok().map(Path::to_owned));
-    quoted(&short.filter(|short| !short.as_os_str().is_empty()).unwrap_or(whole))
+    quoted(
+        &short
+            .filter(|short| !short.as_os_str().is_empty())
+            .unwrap_or(whole),
+    )
 }
 
 /// How [`Failure::Refused`] begins.
@@ -79,7 +84,10 @@ pub enum Failure {
     #[error(transparent)]
     Bench(#[from] BenchError),
     /// Not every instrument is there, or of a known model.
-    #[error("{wrong} of {asked} instruments did not answer, or are not the model that was expected: {listed}")]
+    #[error(
+        "{wrong} of {asked} instruments did not answer, or are not the model that was expected: \
+        {listed}"
+    )]
     Unidentified {
         /// How many were asked.
         asked: usize,
@@ -105,7 +113,8 @@ pub enum Failure {
     Doctor(String),
     /// Ctrl-C, or another request to stop.
     #[error(
-        "stopped on request; the bench is in safe state, finished points are in {folder}, and `eis-bench resume {folder}` goes on",
+        "stopped on request; the bench is in safe state, finished points are in {folder}, and \
+        `eis-bench resume {folder}` goes on",
         folder = pasted(Path::new(.0))
     )]
     Interrupted(String),
@@ -140,7 +149,8 @@ pub enum Failure {
     Analysis(String),
     /// A run that went to its end, and whose quality gate has refused points to the end.
     #[error(
-        "{GATE_REFUSED} {count} points: they are flagged in the spectra, left out of the models unless that was asked for, and of the correction"
+        "{GATE_REFUSED} {count} points: they are flagged in the spectra, left out of the models \
+        unless that was asked for, and of the correction"
     )]
     Refused {
         /// How many.
@@ -156,12 +166,16 @@ pub enum Failure {
 
 impl From<Unsafe> for Failure {
     fn from(unproven: Unsafe) -> Self {
-        Self::Unsafe { failures: unproven.to_string(), cause: String::new() }
+        Self::Unsafe {
+            failures: unproven.to_string(),
+            cause: String::new(),
+        }
     }
 }
 
 impl Failure {
-    /// What could not be switched off outweighs everything else; what ended the run before stands behind it.
+    /// What could not be switched off outweighs everything else; what ended the run before stands
+    /// behind it.
     ///
     /// # Errors
     /// [`Failure::Unsafe`], or that of the outcome.
@@ -170,14 +184,19 @@ impl Failure {
         let after = match outcome.err() {
             None => String::new(),
             // The same words would stand there twice.
-            Some(Self::Unsafe { .. } | Self::Bench(BenchError::Unsafe(_)) | Self::Execute(ExecuteError::Bench(BenchError::Unsafe(_)))) => {
-                String::new()
-            }
+            Some(
+                Self::Unsafe { .. }
+                | Self::Bench(BenchError::Unsafe(_))
+                | Self::Execute(ExecuteError::Bench(BenchError::Unsafe(_))),
+            ) => String::new(),
             // That of a request says that the bench is off: it is not.
             Some(Self::Interrupted(_)) => " (after a request to stop)".to_owned(),
             Some(failure) => format!(" (after: {failure})"),
         };
-        Err(Self::Unsafe { failures: unproven.to_string(), cause: after })
+        Err(Self::Unsafe {
+            failures: unproven.to_string(),
+            cause: after,
+        })
     }
 
     /// The exit code; `eis-bench --help` lists them.
@@ -200,9 +219,14 @@ impl Failure {
             Self::FixtureCheck(_) | Self::Doctor(_) => 4,
             Self::Unsafe { .. } => 6,
             Self::State(StateError::Latched { .. }) => 7,
-            Self::Going(_) | Self::State(StateError::Busy { .. }) | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
-            Self::State(StateError::Io { .. } | StateError::Nowhere) | Self::Guardian(GuardianError::State(_)) => 2,
-            Self::Guardian(GuardianError::Bench(_) | GuardianError::Refused(_) | GuardianError::Unreached(_)) => 3,
+            Self::Going(_)
+            | Self::State(StateError::Busy { .. })
+            | Self::Guardian(GuardianError::Busy(_) | GuardianError::Another) => 8,
+            Self::State(StateError::Io { .. } | StateError::Nowhere)
+            | Self::Guardian(GuardianError::State(_)) => 2,
+            Self::Guardian(
+                GuardianError::Bench(_) | GuardianError::Refused(_) | GuardianError::Unreached(_),
+            ) => 3,
             Self::Guardian(_) => 9,
             Self::Differs(_) => 10,
             Self::Refused { .. } => 11,

@@ -1,4 +1,5 @@
-//! The model of a command: a file, or typed. Every command that takes a model takes it by these arguments.
+//! The model of a command: a file, or typed. Every command that takes a model takes it by these
+//! arguments.
 
 use std::path::{Path, PathBuf};
 
@@ -13,13 +14,16 @@ pub(super) const TYPED: &str = "typed";
 /// Which model.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct ModelArgs {
-    /// The cell's model: a file of `fit`, `joint` or a run; JSON of `r_ohm` and `branches` alone; or `circuit.json` of `fit --circuit`, followed by RC branches.
+    /// The cell's model: a file of `fit`, `joint` or a run; JSON of `r_ohm` and `branches` alone;
+    /// or `circuit.json` of `fit --circuit`, followed by RC branches.
     #[arg(long, value_name = "FILE", required_unless_present = "erm")]
     pub model: Option<PathBuf>,
-    /// The model typed: series resistance; then branches of resistance, capacitance or time constant: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
+    /// The model typed: series resistance; then branches of resistance, capacitance or time
+    /// constant: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
     #[arg(long, value_name = "TEXT", conflicts_with = "model")]
     pub erm: Option<String>,
-    /// For circuit.json: lowest and highest frequency, Hz, at which the RC branches follow it [default: the band of its data, a decade more on each side]
+    /// For circuit.json: lowest and highest frequency, Hz, at which the RC branches follow it
+    /// [default: the band of its data, a decade more on each side]
     #[arg(long, value_name = "LOW,HIGH")]
     pub ladder_band_hz: Option<String>,
 }
@@ -27,7 +31,10 @@ pub struct ModelArgs {
 impl ModelArgs {
     /// A file alone.
     pub(crate) fn file(path: PathBuf) -> Self {
-        Self { model: Some(path), ..Self::default() }
+        Self {
+            model: Some(path),
+            ..Self::default()
+        }
     }
 
     /// Reads the model; the curve of `ocv` takes the place of its own.
@@ -44,21 +51,29 @@ impl ModelArgs {
                     return Err(Failure::Usage(reason.to_owned()));
                 }
                 let fail = |reason: String| Failure::Usage(format!("--erm: {reason}"));
-                GivenModel::typed(TYPED, erm_text::parse(text).map_err(fail)?).map_err(|error| fail(error.to_string()))?
+                GivenModel::typed(TYPED, erm_text::parse(text).map_err(fail)?)
+                    .map_err(|error| fail(error.to_string()))?
             }
-            (None, None) => return Err(Failure::Usage("expected --model or --erm, found neither".to_owned())),
+            (None, None) => {
+                return Err(Failure::Usage(
+                    "expected --model or --erm, found neither".to_owned(),
+                ));
+            }
         };
         Ok(model.with_ocv(curve))
     }
 
     fn read_file(&self, path: &Path) -> Result<GivenModel, Failure> {
         let band_hz = self.ladder_band_hz.as_deref().map(band).transpose()?;
-        read_model(path, band_hz).map_err(|error| Failure::Usage(format!("--model {}: {error}", path.display())))
+        read_model(path, band_hz)
+            .map_err(|error| Failure::Usage(format!("--model {}: {error}", path.display())))
     }
 
     /// The model as it is called in messages.
     pub(super) fn told(&self) -> String {
-        self.model.as_ref().map_or_else(|| "--erm".to_owned(), |path| path.display().to_string())
+        self.model
+            .as_ref()
+            .map_or_else(|| "--erm".to_owned(), |path| path.display().to_string())
     }
 
     /// The arguments that read the same model again, quoted; `path` tells a file.
@@ -78,22 +93,40 @@ impl ModelArgs {
 /// Reads a model of any kind from a file.
 pub(super) fn read_model(path: &Path, band_hz: Option<(f64, f64)>) -> Result<GivenModel, String> {
     let text = std::fs::read_to_string(path).map_err(|error| error.to_string())?;
-    let name = path.file_stem().map_or_else(|| "model".to_owned(), |stem| stem.to_string_lossy().into_owned());
+    let name = path.file_stem().map_or_else(
+        || "model".to_owned(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
     GivenModel::from_json(&text, &name, band_hz).map_err(|error| error.to_string())
 }
 
 /// Reads `LOW,HIGH`.
 pub(super) fn band(text: &str) -> Result<(f64, f64), Failure> {
-    let number = |text: &str| text.trim().parse::<f64>().ok().filter(|value| value.is_finite() && *value > 0.0);
-    let ends = text.split_once(',').and_then(|(low, high)| number(low).zip(number(high))).filter(|(low, high)| low < high);
+    let number = |text: &str| {
+        text.trim()
+            .parse::<f64>()
+            .ok()
+            .filter(|value| value.is_finite() && *value > 0.0)
+    };
+    let ends = text
+        .split_once(',')
+        .and_then(|(low, high)| number(low).zip(number(high)))
+        .filter(|(low, high)| low < high);
     ends.ok_or_else(|| {
-        Failure::Usage(format!("--ladder-band-hz: expected a lower and a higher frequency in Hz, such as 0.001,10000, found {text:?}"))
+        Failure::Usage(format!(
+            "--ladder-band-hz: expected a lower and a higher frequency in Hz, \
+        such as 0.001,10000, found {text:?}"
+        ))
     })
 }
 
 /// Warnings of the model's fit and what the model does not tell, in sentences.
 pub(super) fn notes(model: &GivenModel) -> Vec<String> {
-    let mut notes: Vec<String> = model.warnings.iter().map(|warning| format!("of the model's fit: {warning}")).collect();
+    let mut notes: Vec<String> = model
+        .warnings
+        .iter()
+        .map(|warning| format!("of the model's fit: {warning}"))
+        .collect();
     notes.extend(model.notes());
     notes.extend(files::addition_notes(model));
     notes

@@ -55,7 +55,8 @@ pub struct OcvArgs {
     /// A polynomial of this order besides, with its error and where it falls.
     #[arg(long, value_name = "ORDER")]
     pub poly: Option<usize>,
-    /// Direction that the files count positive, `discharge` or `charge` [default: by format and file name]
+    /// Direction that the files count positive, `discharge` or `charge` [default: by format and
+    /// file name]
     #[arg(long, value_name = "DIRECTION")]
     pub positive: Option<CurrentSign>,
     /// Write `ocv.csv`, `ocv.json` and `ocv.svg`/`.png` into this folder.
@@ -71,22 +72,39 @@ pub struct OcvArgs {
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn ocv(args: &OcvArgs) -> Result<(), Failure> {
-    let discharge = within(&read(&args.discharge, args.positive)?, (args.from, args.to), ("--from", "--to"))?;
+    let discharge = within(
+        &read(&args.discharge, args.positive)?,
+        (args.from, args.to),
+        ("--from", "--to"),
+    )?;
     let charge = |path: &Path| {
         let whole = read(path, args.positive)?;
-        within(&whole, (args.charge_from, args.charge_to), ("--charge-from", "--charge-to"))
+        within(
+            &whole,
+            (args.charge_from, args.charge_to),
+            ("--charge-from", "--charge-to"),
+        )
     };
     let charge = args.charge.as_deref().map(charge).transpose()?;
     let limits_v = (args.low_v, args.high_v);
-    let options = OcvOptions { dcir_ohm: args.dcir_ohm, limits_v, polynomial: args.poly, mean: args.mean, ..OcvOptions::default() };
-    let found = extract(&discharge, charge.as_ref(), &options).map_err(|error| Failure::Usage(error.to_string()))?;
+    let options = OcvOptions {
+        dcir_ohm: args.dcir_ohm,
+        limits_v,
+        polynomial: args.poly,
+        mean: args.mean,
+        ..OcvOptions::default()
+    };
+    let found = extract(&discharge, charge.as_ref(), &options)
+        .map_err(|error| Failure::Usage(error.to_string()))?;
     if let Some(folder) = &args.out {
-        let points = compensated(&discharge, &options).map_err(|error| Failure::Usage(error.to_string()))?;
+        let points =
+            compensated(&discharge, &options).map_err(|error| Failure::Usage(error.to_string()))?;
         write(folder, &found)?;
         files::write_chart(folder, "ocv", &picture(&discharge.name, &points, &found))?;
     }
     if args.json {
-        let text = serde_json::to_string_pretty(&found).map_err(|error| Failure::Analysis(error.to_string()))?;
+        let text = serde_json::to_string_pretty(&found)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
         say!("{text}");
         return Ok(());
     }
@@ -102,8 +120,15 @@ fn duration(text: &str) -> Result<f64, String> {
 }
 
 /// The part of a record that a window chooses, s in the record's own time.
-fn within(series: &TimeSeries, (from, to): (Option<f64>, Option<f64>), names: (&str, &str)) -> Result<TimeSeries, Failure> {
-    let (from_s, to_s) = (from.unwrap_or(f64::NEG_INFINITY), to.unwrap_or(f64::INFINITY));
+fn within(
+    series: &TimeSeries,
+    (from, to): (Option<f64>, Option<f64>),
+    names: (&str, &str),
+) -> Result<TimeSeries, Failure> {
+    let (from_s, to_s) = (
+        from.unwrap_or(f64::NEG_INFINITY),
+        to.unwrap_or(f64::INFINITY),
+    );
     if from_s >= to_s {
         return Err(Failure::Usage(format!(
             "{}, {}: expected a window that ends after it begins, found {from_s} s to {to_s} s",
@@ -119,9 +144,15 @@ fn within(series: &TimeSeries, (from, to): (Option<f64>, Option<f64>), names: (&
         (Some(from_s), None) => format!("from {from_s} s on"),
         _ => format!("up to {to_s} s"),
     };
-    let (first, last) = (series.time_s.first().unwrap_or(&0.0), series.time_s.last().unwrap_or(&0.0));
+    let (first, last) = (
+        series.time_s.first().unwrap_or(&0.0),
+        series.time_s.last().unwrap_or(&0.0),
+    );
     let (name, found) = (&series.name, part.len());
-    Err(Failure::Usage(format!("{name}: expected at least 2 samples {window}, found {found}: its times go from {first} s to {last} s")))
+    Err(Failure::Usage(format!(
+        "{name}: expected at least 2 samples {window}, found {found}: its times go from {first} s \
+        to {last} s"
+    )))
 }
 
 /// A time series as a command names it.
@@ -130,9 +161,16 @@ pub(super) fn read(path: &Path, sign: Option<CurrentSign>) -> Result<TimeSeries,
 }
 
 fn print_text(name: &str, found: &OcvExtraction) {
-    say!("{name}: {:.4} Ah between {:.3} V and {:.3} V at {:.3} A", found.capacity_ah, found.span_v.1, found.span_v.0, found.current_a);
     say!(
-        "  OCV = V + i·{:.1} mΩ; scatter about the spline {:.2} mV, its own uncertainty {:.2} mV ({:.0} free parameters)",
+        "{name}: {:.4} Ah between {:.3} V and {:.3} V at {:.3} A",
+        found.capacity_ah,
+        found.span_v.1,
+        found.span_v.0,
+        found.current_a
+    );
+    say!(
+        "  OCV = V + i·{:.1} mΩ; scatter about the spline {:.2} mV, its own uncertainty {:.2} mV \
+        ({:.0} free parameters)",
         1e3 * found.dcir_ohm,
         1e3 * found.noise_v,
         1e3 * found.sigma_v,
@@ -146,12 +184,17 @@ fn print_text(name: &str, found: &OcvExtraction) {
     }
     if let Some(p) = &found.polynomial {
         let (rms, max) = (1e3 * p.rms_v, 1e3 * p.max_v);
-        say!("  polynomial of order {}: rms error {rms:.2} mV, largest {max:.1} mV at SOC {:.3}", p.order, p.max_at_soc);
+        say!(
+            "  polynomial of order {}: rms error {rms:.2} mV, largest {max:.1} mV at SOC {:.3}",
+            p.order,
+            p.max_at_soc
+        );
         say!("  {}", p.statement());
     }
     if let Some(h) = &found.charge {
         say!(
-            "  charge at {:.2} A: half the difference to the discharge is {:.1} mV (median over SOC {:.2}–{:.2}), at most {:.1} mV at SOC {:.2}",
+            "  charge at {:.2} A: half the difference to the discharge is {:.1} mV (median over \
+            SOC {:.2}–{:.2}), at most {:.1} mV at SOC {:.2}",
             h.current_a,
             1e3 * h.median_v,
             h.soc.0,
@@ -176,18 +219,24 @@ pub(super) fn write(folder: &Path, found: &OcvExtraction) -> Result<(), Failure>
         table.push_str(&format!("{soc:.4},{ocv_v:.6},{slope_v:.6}\n"));
     }
     put("ocv.csv", &table)?;
-    let json = serde_json::to_string_pretty(&found.curve).map_err(|error| Failure::Analysis(error.to_string()))?;
+    let json = serde_json::to_string_pretty(&found.curve)
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
     put("ocv.json", &(json + "\n"))
 }
 
-/// The measured and the compensated curve as figure 3.3 of the thesis, the slope, and the samples less the spline; `points` are (SOC, compensated voltage) of
-/// the samples.
+/// The measured and the compensated curve as figure 3.3 of the thesis, the slope, and the samples
+/// less the spline; `points` are (SOC, compensated voltage) of the samples.
 pub(super) fn picture(name: &str, points: &[(f64, f64)], found: &OcvExtraction) -> Chart {
     let every = points.len().div_ceil(DRAWN).max(1);
     let thin: Vec<(f64, f64)> = points.iter().step_by(every).copied().collect();
     let drop = found.current_a * found.dcir_ohm;
     let soc = || AxisSpec::linear("State of charge").between(0.0, 1.0);
-    let curve = |f: &dyn Fn(f64) -> f64| (0..=DRAWN).map(|k| k as f64 / DRAWN as f64).map(|z| (z, f(z))).collect::<Vec<_>>();
+    let curve = |f: &dyn Fn(f64) -> f64| {
+        (0..=DRAWN)
+            .map(|k| k as f64 / DRAWN as f64)
+            .map(|z| (z, f(z)))
+            .collect::<Vec<_>>()
+    };
     let mut upper = vec![
         Trace::new(
             &format!("measured at {:.2} A", found.current_a),
@@ -206,21 +255,52 @@ pub(super) fn picture(name: &str, points: &[(f64, f64)], found: &OcvExtraction) 
         "samples less the spline",
         0,
         TraceStyle::Line,
-        thin.iter().map(|(z, u)| (*z, 1e3 * (u - found.curve.voltage_v(*z)))).collect(),
+        thin.iter()
+            .map(|(z, u)| (*z, 1e3 * (u - found.curve.voltage_v(*z))))
+            .collect(),
     )];
     if let Some(p) = &found.polynomial {
         let label = format!("polynomial of order {}", p.order);
-        upper.push(Trace::new(&label, 2, TraceStyle::Dashed, curve(&|z| p.voltage_v(z))));
-        lower.push(Trace::new("", 2, TraceStyle::Dashed, curve(&|z| 1e3 * (p.voltage_v(z) - found.curve.voltage_v(z)))));
+        upper.push(Trace::new(
+            &label,
+            2,
+            TraceStyle::Dashed,
+            curve(&|z| p.voltage_v(z)),
+        ));
+        lower.push(Trace::new(
+            "",
+            2,
+            TraceStyle::Dashed,
+            curve(&|z| 1e3 * (p.voltage_v(z) - found.curve.voltage_v(z))),
+        ));
     }
     let slope = Trace::new("", 1, TraceStyle::Line, curve(&|z| found.curve.slope_v(z)));
     // The knee at the empty end would hide all else.
-    let ordinary = (20..=DRAWN).map(|k| found.curve.slope_v(k as f64 / DRAWN as f64 * 0.95 + 0.05)).fold(0.0, f64::max);
+    let ordinary = (20..=DRAWN)
+        .map(|k| found.curve.slope_v(k as f64 / DRAWN as f64 * 0.95 + 0.05))
+        .fold(0.0, f64::max);
     let panels = vec![
         Panel::new(soc(), AxisSpec::linear("Voltage / V"), upper),
-        Panel { aspect: 0.25, ..Panel::new(soc(), AxisSpec::linear("dOCV/dSOC / V").between(0.0, 1.1 * ordinary), vec![slope]) },
-        Panel { aspect: 0.2, ..Panel::new(soc(), AxisSpec::linear("Residual / mV"), lower) },
+        Panel {
+            aspect: 0.25,
+            ..Panel::new(
+                soc(),
+                AxisSpec::linear("dOCV/dSOC / V").between(0.0, 1.1 * ordinary),
+                vec![slope],
+            )
+        },
+        Panel {
+            aspect: 0.2,
+            ..Panel::new(soc(), AxisSpec::linear("Residual / mV"), lower)
+        },
     ];
-    let subtitle = format!("{name}: {:.3} Ah between {:.2} V and {:.2} V", found.capacity_ah, found.span_v.1, found.span_v.0);
-    Chart::new("Open-circuit voltage over state of charge", &subtitle, panels)
+    let subtitle = format!(
+        "{name}: {:.3} Ah between {:.2} V and {:.2} V",
+        found.capacity_ah, found.span_v.1, found.span_v.0
+    );
+    Chart::new(
+        "Open-circuit voltage over state of charge",
+        &subtitle,
+        panels,
+    )
 }

@@ -22,8 +22,9 @@ pub struct SlopeArgs {
     /// Open-circuit voltage at which the spectra were measured, V.
     #[arg(long, value_name = "V", requires = "ocv")]
     pub at_v: Option<f64>,
-    /// Slope dU/dQ of the open-circuit voltage where no curve is known: `fit` finds it with a weak prior, `none` leaves it in the impedances, a number is
-    /// V/C [default: fit with --objective complex, else none]
+    /// Slope dU/dQ of the open-circuit voltage where no curve is known: `fit` finds it with a weak
+    /// prior, `none` leaves it in the impedances, a number is V/C [default: fit with --objective
+    /// complex, else none]
     #[arg(long, value_name = "fit|none|V/C", conflicts_with = "ocv")]
     pub ocv_slope: Option<String>,
 }
@@ -43,13 +44,22 @@ impl Slope {
     /// What the arguments ask for.
     ///
     /// # Errors
-    /// A curve that cannot be read or does not reach the voltage; a slope that is none; a fit of the slope with an objective that has no room for it.
+    /// A curve that cannot be read or does not reach the voltage; a slope that is none; a fit of
+    /// the slope with an objective that has no room for it.
     pub fn asked(args: &SlopeArgs, objective: Objective) -> Result<Self, Failure> {
         if let (Some(path), Some(at_v)) = (&args.ocv, args.at_v) {
             let curve = files::read_curve(path)?;
             let slope = curve.charge_slope(at_v, REST_SIGMA_V, SLOPE_SHARE);
-            let (low, high) = (curve.ocv_v.first().copied().unwrap_or(f64::NAN), curve.ocv_v.last().copied().unwrap_or(f64::NAN));
-            let refused = || Failure::Usage(format!("--at-v: expected a voltage of the curve, {low:.3} to {high:.3} V, found {at_v} V"));
+            let (low, high) = (
+                curve.ocv_v.first().copied().unwrap_or(f64::NAN),
+                curve.ocv_v.last().copied().unwrap_or(f64::NAN),
+            );
+            let refused = || {
+                Failure::Usage(format!(
+                    "--at-v: expected a voltage of the curve, {low:.3} to {high:.3} V, found \
+                    {at_v} V"
+                ))
+            };
             return slope.map(Self::Known).ok_or_else(refused);
         }
         let complex = objective == Objective::Complex;
@@ -57,17 +67,32 @@ impl Slope {
             None if complex => Ok(Self::Fitted),
             None | Some("none") => Ok(Self::Left),
             Some("fit") if complex => Ok(Self::Fitted),
-            Some("fit") => Err(Failure::Usage(format!("--ocv-slope fit: expected --objective complex, found {objective}"))),
+            Some("fit") => Err(Failure::Usage(format!(
+                "--ocv-slope fit: expected --objective complex, found {objective}"
+            ))),
             Some(text) => {
-                let number = text.trim().trim_end_matches("V/C").trim().parse::<f64>().ok().filter(|v| v.is_finite() && *v >= 0.0);
-                let v_per_c = number
-                    .ok_or_else(|| Failure::Usage(format!("--ocv-slope: expected `fit`, `none` or a slope in V/C, found {text:?}")))?;
-                Ok(Self::Known(OcvSlope { v_per_c, sigma_v_per_c: SLOPE_SHARE * v_per_c }))
+                let number = text
+                    .trim()
+                    .trim_end_matches("V/C")
+                    .trim()
+                    .parse::<f64>()
+                    .ok()
+                    .filter(|v| v.is_finite() && *v >= 0.0);
+                let v_per_c = number.ok_or_else(|| {
+                    Failure::Usage(format!(
+                        "--ocv-slope: expected `fit`, `none` or a slope in V/C, found {text:?}"
+                    ))
+                })?;
+                Ok(Self::Known(OcvSlope {
+                    v_per_c,
+                    sigma_v_per_c: SLOPE_SHARE * v_per_c,
+                }))
             }
         }
     }
 
-    /// What the arguments ask for where a circuit is fitted: it says by its own elements what stores charge, so that nothing is taken out unasked.
+    /// What the arguments ask for where a circuit is fitted: it says by its own elements what
+    /// stores charge, so that nothing is taken out unasked.
     ///
     /// # Errors
     /// As [`Slope::asked`]; a slope that is to be fitted.
@@ -75,7 +100,8 @@ impl Slope {
         match args.ocv_slope.as_deref() {
             None if args.ocv.is_none() => Ok(Self::Left),
             Some("fit") => Err(Failure::Usage(
-                "--ocv-slope fit: expected a slope in V/C or --ocv with --circuit; a capacitor in series is a slope that is fitted"
+                "--ocv-slope fit: expected a slope in V/C or --ocv with --circuit; a capacitor in \
+                series is a slope that is fitted"
                     .to_owned(),
             )),
             _ => Self::asked(args, objective),
@@ -87,7 +113,10 @@ impl Slope {
         match self {
             Self::Left => spectrum.clone(),
             Self::Known(slope) => spectrum.less_charge_storage(*slope),
-            Self::Fitted => OcvSlope::prior(spectrum).map_or_else(|| spectrum.clone(), |slope| spectrum.less_charge_storage(slope)),
+            Self::Fitted => OcvSlope::prior(spectrum).map_or_else(
+                || spectrum.clone(),
+                |slope| spectrum.less_charge_storage(slope),
+            ),
         }
     }
 }
@@ -95,9 +124,12 @@ impl Slope {
 /// What a fit says of charge storage, in words.
 pub fn in_words(storage: &ChargeStorage) -> String {
     let micro = |v: f64| significant(1.0e6 * v, 3);
-    let sigma = storage.sigma_v_per_c.map_or_else(String::new, |sigma| format!(" ± {}", micro(sigma)));
+    let sigma = storage
+        .sigma_v_per_c
+        .map_or_else(String::new, |sigma| format!(" ± {}", micro(sigma)));
     format!(
-        "without charge storage: slope of the open-circuit voltage {}{sigma} µV/C (given {} ± {}); apparent DC resistance with it left in {} mΩ",
+        "without charge storage: slope of the open-circuit voltage {}{sigma} µV/C (given {} ± {}); \
+        apparent DC resistance with it left in {} mΩ",
         micro(storage.v_per_c),
         micro(storage.given.v_per_c),
         micro(storage.given.sigma_v_per_c),

@@ -15,7 +15,8 @@ pub struct PackArgs {
 enum PackCommand {
     /// Peak, crossing and regeneration power by the simple-IR model, and how warm the cells get.
     Size(pack_size::SizeArgs),
-    /// A profile through many packs of cells that differ: current shares, worst cell, how often the window is left.
+    /// A profile through many packs of cells that differ: current shares, worst cell, how often the
+    /// window is left.
     Simulate(pack_simulate::PackSimulateArgs),
 }
 

@@ -10,7 +10,10 @@ use analysis::{
     forward::{CellWindow, OcvSource, Profile},
     given::GivenModel,
     model::Erm,
-    pack::{Draws, Outcome, Pack, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, scatter, scatter_cells},
+    pack::{
+        Draws, Outcome, Pack, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, scatter,
+        scatter_cells,
+    },
 };
 use clap::Args;
 use serde::Serialize;
@@ -24,20 +27,30 @@ use super::{
 use crate::terminal::say;
 
 const HELP: &str = "\
-Draws many packs of cells that differ a little, runs the profile through each, and tells how the worst cells fare. Cells in parallel share a
-voltage, so that the one with the smallest resistance takes the largest current; groups in series share the current, so that the weakest group
-reaches a limit first. Compare with the column `identical`, a pack of cells that are all as --model has them.
+Draws many packs of cells that differ a little, runs the profile through each, and tells how the \
+worst cells fare. Cells in parallel share a
+voltage, so that the one with the smallest resistance takes the largest current; groups in series \
+share the current, so that the weakest group
+reaches a limit first. Compare with the column `identical`, a pack of cells that are all as \
+--model has them.
 
---cells takes the cells from a CSV table instead: group and place (from 1), and any of name, model (a model file beside the table), r (factor of
-all resistances), r1, c1, r2, ... (factors of one branch, instead of r), capacity (factor), soc, draw (several packs). What is empty is as
---model has it. --export-cells writes such a table of the cells that were drawn: given back by --cells it repeats the run exactly.
+--cells takes the cells from a CSV table instead: group and place (from 1), and any of name, model \
+(a model file beside the table), r (factor of
+all resistances), r1, c1, r2, ... (factors of one branch, instead of r), capacity (factor), soc, \
+draw (several packs). What is empty is as
+--model has it. --export-cells writes such a table of the cells that were drawn: given back by \
+--cells it repeats the run exactly.
 
---sigma-r is the spread of a cell's resistances all together; its default, 0.8 %, is what the thesis' 25 sweeps of P45B cells show, and that of
-the capacitances is taken from there. How much capacities and states of charge differ nobody measured here: the 0.5 % are an assumption.
-Power and current count discharge as positive. Margins are those of single cells, without tabs and interconnect.
+--sigma-r is the spread of a cell's resistances all together; its default, 0.8 %, is what the \
+thesis' 25 sweeps of P45B cells show, and that of
+the capacitances is taken from there. How much capacities and states of charge differ nobody \
+measured here: the 0.5 % are an assumption.
+Power and current count discharge as positive. Margins are those of single cells, without tabs and \
+interconnect.
 
 Example:
-  eis-bench pack simulate --model p45b/model_4rc.json --profile spin_jump.txt --series 16 --parallel 3 --interconnect-ohm 0.03 \\
+  eis-bench pack simulate --model p45b/model_4rc.json --profile spin_jump.txt --series 16 \
+--parallel 3 --interconnect-ohm 0.03 \\
     --ocv-v 3.72 --draws 1000 --out jump";
 
 /// Arguments of `pack simulate`.
@@ -47,7 +60,8 @@ pub struct PackSimulateArgs {
     /// The cell that the others are factors of.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is wanted.
+    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is
+    /// wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Two columns, time in s and power in W or current in A, with or without header.
@@ -63,13 +77,29 @@ pub struct PackSimulateArgs {
     #[arg(long, value_name = "P")]
     pub parallel: u32,
     /// Resistance in series with the whole pack, Ω.
-    #[arg(long, value_name = "OHM", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "OHM",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
     pub interconnect_ohm: f64,
     /// Resistance between each cell and the busbar of its group, Ω.
-    #[arg(long, value_name = "OHM", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "OHM",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
     pub tab_ohm: f64,
     /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv.
-    #[arg(long, value_name = "X", conflicts_with = "ocv_v", required_unless_present = "ocv_v", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "X",
+        conflicts_with = "ocv_v",
+        required_unless_present = "ocv_v",
+        allow_negative_numbers = true
+    )]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; stays so where the model has no OCV curve.
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
@@ -87,19 +117,45 @@ pub struct PackSimulateArgs {
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
     /// Spread of a cell's resistances all together, one relative standard deviation.
-    #[arg(long, value_name = "X", default_value_t = 0.008, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 0.008,
+        allow_negative_numbers = true
+    )]
     pub sigma_r: f64,
     /// Spread of each branch resistance by itself, on top, relative.
-    #[arg(long, value_name = "X", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
     pub sigma_rk: f64,
     /// Spread of each branch capacitance, relative.
-    #[arg(long, value_name = "X", default_value_t = 0.008, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 0.008,
+        allow_negative_numbers = true
+    )]
     pub sigma_ck: f64,
     /// Spread of the cells' capacities, relative. Without effect where the model has no OCV curve.
-    #[arg(long, value_name = "X", default_value_t = 0.005, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 0.005,
+        allow_negative_numbers = true
+    )]
     pub sigma_capacity: f64,
-    /// Spread of the groups' state of charge at the start, absolute. Without effect where the model has no OCV curve.
-    #[arg(long, value_name = "X", default_value_t = 0.005, allow_negative_numbers = true)]
+    /// Spread of the groups' state of charge at the start, absolute. Without effect where the model
+    /// has no OCV curve.
+    #[arg(
+        long,
+        value_name = "X",
+        default_value_t = 0.005,
+        allow_negative_numbers = true
+    )]
     pub sigma_soc: f64,
     /// Longest step, s [default: a 2000th of the profile, at least 1 ms]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
@@ -177,30 +233,46 @@ struct PackReport {
 pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
     let model = args.model.read(args.ocv.as_deref())?;
-    let profile = Profile::read(&args.profile, &args.read.options()).map_err(|error| usage(&error))?;
+    let profile =
+        Profile::read(&args.profile, &args.read.options()).map_err(|error| usage(&error))?;
     let (ocv, soc) = start(args, &model)?;
     let cell = cell(&model, &ocv)?;
     let setup = ScatterSetup {
         cell: &cell,
         ocv: &ocv,
-        pack: Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(|error| usage(&error))?,
+        pack: Pack::new(args.series, args.parallel, args.interconnect_ohm)
+            .map_err(|error| usage(&error))?,
         tab_ohm: args.tab_ohm,
         soc,
         profile: &profile,
-        window: CellWindow { low_v: args.v_min, high_v: args.v_max },
+        window: CellWindow {
+            low_v: args.v_min,
+            high_v: args.v_max,
+        },
         thermal: args.thermal.mass(),
-        max_step_s: args.max_step_s.unwrap_or_else(|| (profile.duration_s() / 2000.0).max(1e-3)),
+        max_step_s: args
+            .max_step_s
+            .unwrap_or_else(|| (profile.duration_s() / 2000.0).max(1e-3)),
     };
     let spread = spread(args);
-    let draws = Draws { draws: args.draws, seed: args.seed };
+    let draws = Draws {
+        draws: args.draws,
+        seed: args.seed,
+    };
     let packs = cells::packs(args, &setup, (&spread, draws))?;
     let met = match &packs {
         Some(packs) if args.cells.is_some() => scatter_cells(&setup, packs),
         _ => scatter(&setup, &spread, draws),
     };
     let met = met.map_err(|error| usage(&error))?;
-    let report = report(&setup, (&model, args), &met, cells::Means::new(args, &setup, packs.as_deref()));
-    let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
+    let report = report(
+        &setup,
+        (&model, args),
+        &met,
+        cells::Means::new(args, &setup, packs.as_deref()),
+    );
+    let json = serde_json::to_string_pretty(&report)
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
     if let Some(out) = &args.out {
         files::make_folder(out)?;
         files::write_text(out, "pack.json", &format!("{json}\n"))?;
@@ -219,16 +291,31 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
 }
 
 fn spread(args: &PackSimulateArgs) -> Spread {
-    Spread { r: args.sigma_r, rk: args.sigma_rk, ck: args.sigma_ck, capacity: args.sigma_capacity, soc: args.sigma_soc }
+    Spread {
+        r: args.sigma_r,
+        rk: args.sigma_rk,
+        ck: args.sigma_ck,
+        capacity: args.sigma_capacity,
+        soc: args.sigma_soc,
+    }
 }
 
 /// The cell as an ERM. Cells that scatter are linear: what no branch stands for is refused.
 fn cell(file: &GivenModel, ocv: &OcvSource) -> Result<Erm, Failure> {
-    let model = files::sim_model(file, ocv.clone(), Pack { series: 1, parallel: 1, interconnect_ohm: 0.0 })?;
+    let model = files::sim_model(
+        file,
+        ocv.clone(),
+        Pack {
+            series: 1,
+            parallel: 1,
+            interconnect_ohm: 0.0,
+        },
+    )?;
     match model.laws() {
         None => Ok(model.erm),
         Some(names) => Err(Failure::Usage(format!(
-            "--model: expected additions that linear branches stand for, found {names}; `simulate --series --parallel` takes them, with equal cells"
+            "--model: expected additions that linear branches stand for, found {names}; `simulate \
+            --series --parallel` takes them, with equal cells"
         ))),
     }
 }
@@ -238,22 +325,39 @@ fn start(args: &PackSimulateArgs, model: &GivenModel) -> Result<(OcvSource, f64)
     match (&model.ocv, args.soc, args.ocv_v) {
         (Some(curve), Some(soc), _) => Ok((OcvSource::Curve(curve.clone()), soc)),
         (Some(curve), None, Some(ocv_v)) => {
-            let soc =
-                curve.soc_at(ocv_v).ok_or_else(|| Failure::Usage(format!("--ocv-v {ocv_v}: the model's OCV curve does not reach it")))?;
+            let soc = curve.soc_at(ocv_v).ok_or_else(|| {
+                Failure::Usage(format!(
+                    "--ocv-v {ocv_v}: the model's OCV curve does not reach it"
+                ))
+            })?;
             Ok((OcvSource::Curve(curve.clone()), soc))
         }
-        (None, None, Some(ocv_v)) if ocv_v.is_finite() && ocv_v > 0.0 => Ok((OcvSource::Constant(ocv_v), 0.5)),
-        (None, Some(_), _) => {
-            Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv", args.model.told())))
+        (None, None, Some(ocv_v)) if ocv_v.is_finite() && ocv_v > 0.0 => {
+            Ok((OcvSource::Constant(ocv_v), 0.5))
         }
-        _ => Err(Failure::Usage("--ocv-v: expected a voltage above 0 V".to_owned())),
+        (None, Some(_), _) => Err(Failure::Usage(format!(
+            "--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv",
+            args.model.told()
+        ))),
+        _ => Err(Failure::Usage(
+            "--ocv-v: expected a voltage above 0 V".to_owned(),
+        )),
     }
 }
 
-fn report(setup: &ScatterSetup<'_>, (model, args): (&GivenModel, &PackSimulateArgs), met: &Scatter, means: cells::Means) -> PackReport {
+fn report(
+    setup: &ScatterSetup<'_>,
+    (model, args): (&GivenModel, &PackSimulateArgs),
+    met: &Scatter,
+    means: cells::Means,
+) -> PackReport {
     let over = |which: fn(&Outcome) -> f64| Percentiles::of(met.outcomes.iter().map(which));
     let (leaving_probability, leaving_interval_95) = met.leaving();
-    let worst = met.outcomes.iter().enumerate().min_by(|a, b| a.1.min_cell_v.total_cmp(&b.1.min_cell_v));
+    let worst = met
+        .outcomes
+        .iter()
+        .enumerate()
+        .min_by(|a, b| a.1.min_cell_v.total_cmp(&b.1.min_cell_v));
     let (ocv_v, soc) = match setup.ocv {
         OcvSource::Constant(v) => (*v, None),
         OcvSource::Curve(curve) => (curve.voltage_v(setup.soc), Some(setup.soc)),
@@ -283,16 +387,23 @@ fn report(setup: &ScatterSetup<'_>, (model, args): (&GivenModel, &PackSimulateAr
         margin_high_v: over(|o| o.margin_high_v),
         largest_share: over(|o| o.largest_share),
         largest_cell_a: over(|o| o.largest_cell_a),
-        soc_spread_end: soc.map(|_| Percentiles::of(met.outcomes.iter().filter_map(|o| o.soc_spread_end))),
+        soc_spread_end: soc
+            .map(|_| Percentiles::of(met.outcomes.iter().filter_map(|o| o.soc_spread_end))),
         hottest_rise_k: over(|o| o.hottest_rise_k),
         step_error_v: met.step_error_v,
         model_warnings: model.warnings.clone(),
-        notes: model.notes().into_iter().chain(files::addition_notes(model)).collect(),
+        notes: model
+            .notes()
+            .into_iter()
+            .chain(files::addition_notes(model))
+            .collect(),
     }
 }
 
 fn print_text(r: &PackReport, setup: &ScatterSetup<'_>, packs: Option<&[Vec<PlacedCell>]>) {
-    let start = r.soc.map_or_else(|| "held".to_owned(), |soc| format!("SOC {soc:.3}"));
+    let start = r
+        .soc
+        .map_or_else(|| "held".to_owned(), |soc| format!("SOC {soc:.3}"));
     say!(
         "{} under {}, {:.2} s, from {:.3} V per cell ({start}); {} {}, {}",
         r.pack.name(),
@@ -301,26 +412,72 @@ fn print_text(r: &PackReport, setup: &ScatterSetup<'_>, packs: Option<&[Vec<Plac
         r.ocv_v,
         r.draws,
         if r.draws == 1 { "pack" } else { "packs" },
-        r.seed.map_or_else(|| "cells as given".to_owned(), |seed| format!("seed {seed}"))
+        r.seed.map_or_else(
+            || "cells as given".to_owned(),
+            |seed| format!("seed {seed}")
+        )
     );
     say!("  {}", taken(setup.profile));
-    say!("  {:<26}{:>10}{:>10}{:>10}{:>10}", "", "identical", "median", "5 %", "95 %");
+    say!(
+        "  {:<26}{:>10}{:>10}{:>10}{:>10}",
+        "",
+        "identical",
+        "median",
+        "5 %",
+        "95 %"
+    );
     let row = |name: &str, identical: f64, p: &Percentiles, digits: usize| {
-        say!("  {name:<26}{identical:>10.digits$}{:>10.digits$}{:>10.digits$}{:>10.digits$}", p.p50, p.p5, p.p95);
+        say!(
+            "  {name:<26}{identical:>10.digits$}{:>10.digits$}{:>10.digits$}{:>10.digits$}",
+            p.p50,
+            p.p5,
+            p.p95
+        );
     };
     row("lowest cell / V", r.identical.min_cell_v, &r.min_cell_v, 4);
-    row("margin to lower limit / V", r.identical.margin_low_v, &r.margin_low_v, 4);
+    row(
+        "margin to lower limit / V",
+        r.identical.margin_low_v,
+        &r.margin_low_v,
+        4,
+    );
     row("highest cell / V", r.identical.max_cell_v, &r.max_cell_v, 4);
-    row("margin to upper limit / V", r.identical.margin_high_v, &r.margin_high_v, 4);
-    row("largest cell current / A", r.identical.largest_cell_a, &r.largest_cell_a, 2);
-    row("its part of the mean", r.identical.largest_share, &r.largest_share, 4);
+    row(
+        "margin to upper limit / V",
+        r.identical.margin_high_v,
+        &r.margin_high_v,
+        4,
+    );
+    row(
+        "largest cell current / A",
+        r.identical.largest_cell_a,
+        &r.largest_cell_a,
+        2,
+    );
+    row(
+        "its part of the mean",
+        r.identical.largest_share,
+        &r.largest_share,
+        4,
+    );
     if let Some(spread) = &r.soc_spread_end {
-        row("SOC apart at the end / %", 100.0 * r.identical.soc_spread_end.unwrap_or(0.0), &percent(spread), 3);
+        row(
+            "SOC apart at the end / %",
+            100.0 * r.identical.soc_spread_end.unwrap_or(0.0),
+            &percent(spread),
+            3,
+        );
     }
-    row("hottest cell, adiabatic / K", r.identical.hottest_rise_k, &r.hottest_rise_k, 3);
+    row(
+        "hottest cell, adiabatic / K",
+        r.identical.hottest_rise_k,
+        &r.hottest_rise_k,
+        3,
+    );
     let [low, high] = r.leaving_interval_95;
     say!(
-        "  leaving {} to {} V or short of power: {:.1} % of the packs (95 % interval {:.1} to {:.1} %); short of power {:.1} %",
+        "  leaving {} to {} V or short of power: {:.1} % of the packs (95 % interval {:.1} to \
+        {:.1} %); short of power {:.1} %",
         r.window.low_v,
         r.window.high_v,
         100.0 * r.leaving_probability,
@@ -329,14 +486,23 @@ fn print_text(r: &PackReport, setup: &ScatterSetup<'_>, packs: Option<&[Vec<Plac
         100.0 * r.short_of_power_probability
     );
     if let Some(worst) = &r.worst {
-        say!("  worst draw: {:.4} V in group {} after {:.3} s", worst.min_cell_v, worst.min_cell_group, worst.min_cell_time_s);
-        if let Some(names) = packs.and_then(|packs| cells::lowest(packs, r.worst_draw, (worst, setup.pack))) {
+        say!(
+            "  worst draw: {:.4} V in group {} after {:.3} s",
+            worst.min_cell_v,
+            worst.min_cell_group,
+            worst.min_cell_time_s
+        );
+        if let Some(names) =
+            packs.and_then(|packs| cells::lowest(packs, r.worst_draw, (worst, setup.pack)))
+        {
             say!("  its cells: {names}");
         }
     }
     r.means.print();
     if r.soc.is_none() {
-        say!("  note: the OCV is held, so that spread of capacity and state of charge has no effect");
+        say!(
+            "  note: the OCV is held, so that spread of capacity and state of charge has no effect"
+        );
     }
     for warning in &r.model_warnings {
         say!("  note: of the model's fit: {warning}");
@@ -345,30 +511,85 @@ fn print_text(r: &PackReport, setup: &ScatterSetup<'_>, packs: Option<&[Vec<Plac
         say!("  note: {note}");
     }
     if r.step_error_v > 1e-3 {
-        say!("  note: half the step moves the lowest voltage by {:.1} mV; give a smaller --max-step-s", 1.0e3 * r.step_error_v);
+        say!(
+            "  note: half the step moves the lowest voltage by {:.1} mV; give a smaller \
+            --max-step-s",
+            1.0e3 * r.step_error_v
+        );
     }
 }
 
 fn percent(p: &Percentiles) -> Percentiles {
-    Percentiles { p1: 100.0 * p.p1, p5: 100.0 * p.p5, p50: 100.0 * p.p50, p95: 100.0 * p.p95, p99: 100.0 * p.p99 }
+    Percentiles {
+        p1: 100.0 * p.p1,
+        p5: 100.0 * p.p5,
+        p50: 100.0 * p.p50,
+        p95: 100.0 * p.p95,
+        p99: 100.0 * p.p99,
+    }
 }
 
 fn write_draws(out: &Path, met: &Scatter) -> Result<(), Failure> {
     type Column = (ColumnSpec, fn(&Outcome) -> f64);
     let spec = |name, unit, doc| ColumnSpec { name, unit, doc };
     let columns: [Column; 10] = [
-        (spec("min_cell_v", "V", "lowest voltage of any cell"), |o| o.min_cell_v),
+        (spec("min_cell_v", "V", "lowest voltage of any cell"), |o| {
+            o.min_cell_v
+        }),
         (spec("min_cell_time_s", "s", "when"), |o| o.min_cell_time_s),
-        (spec("min_cell_group", "1", "its group, from 1"), |o| o.min_cell_group as f64),
-        (spec("max_cell_v", "V", "highest voltage of any cell"), |o| o.max_cell_v),
-        (spec("min_ccv_v", "V", "lowest voltage of the pack"), |o| o.min_ccv_v),
-        (spec("largest_cell_a", "A", "largest current of any cell, without sign"), |o| o.largest_cell_a),
-        (spec("largest_share", "1", "largest current of any cell over the largest mean"), |o| o.largest_share),
-        (spec("soc_spread_end", "1", "highest less lowest SOC at the end; NaN for a held OCV"), |o| o.soc_spread_end.unwrap_or(f64::NAN)),
-        (spec("hottest_rise_k", "K", "adiabatic temperature rise of the hottest cell"), |o| o.hottest_rise_k),
-        (spec("feasible", "1", "1 where all power could be had"), |o| f64::from(u8::from(o.feasible))),
+        (spec("min_cell_group", "1", "its group, from 1"), |o| {
+            o.min_cell_group as f64
+        }),
+        (
+            spec("max_cell_v", "V", "highest voltage of any cell"),
+            |o| o.max_cell_v,
+        ),
+        (spec("min_ccv_v", "V", "lowest voltage of the pack"), |o| {
+            o.min_ccv_v
+        }),
+        (
+            spec(
+                "largest_cell_a",
+                "A",
+                "largest current of any cell, without sign",
+            ),
+            |o| o.largest_cell_a,
+        ),
+        (
+            spec(
+                "largest_share",
+                "1",
+                "largest current of any cell over the largest mean",
+            ),
+            |o| o.largest_share,
+        ),
+        (
+            spec(
+                "soc_spread_end",
+                "1",
+                "highest less lowest SOC at the end; NaN for a held OCV",
+            ),
+            |o| o.soc_spread_end.unwrap_or(f64::NAN),
+        ),
+        (
+            spec(
+                "hottest_rise_k",
+                "K",
+                "adiabatic temperature rise of the hottest cell",
+            ),
+            |o| o.hottest_rise_k,
+        ),
+        (
+            spec("feasible", "1", "1 where all power could be had"),
+            |o| f64::from(u8::from(o.feasible)),
+        ),
     ];
-    let values: Vec<(ColumnSpec, Vec<f64>)> = columns.into_iter().map(|(s, of)| (s, met.outcomes.iter().map(of).collect())).collect();
-    let columns: Vec<(ColumnSpec, &[f64])> = values.iter().map(|(s, v)| (*s, v.as_slice())).collect();
-    dataset::write_columns_parquet(&out.join("draws.parquet"), &columns).map_err(|error| Failure::Analysis(error.to_string()))
+    let values: Vec<(ColumnSpec, Vec<f64>)> = columns
+        .into_iter()
+        .map(|(s, of)| (s, met.outcomes.iter().map(of).collect()))
+        .collect();
+    let columns: Vec<(ColumnSpec, &[f64])> =
+        values.iter().map(|(s, v)| (*s, v.as_slice())).collect();
+    dataset::write_columns_parquet(&out.join("draws.parquet"), &columns)
+        .map_err(|error| Failure::Analysis(error.to_string()))
 }

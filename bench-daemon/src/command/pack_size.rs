@@ -17,15 +17,21 @@ use super::{
 use crate::terminal::say;
 
 const HELP: &str = "\
-Every cell is taken as an ideal source (its open-circuit voltage) behind one resistance (its DC resistance), the pack as S/P of them plus the
+Every cell is taken as an ideal source (its open-circuit voltage) behind one resistance (its DC \
+resistance), the pack as S/P of them plus the
 interconnect. Then CCV = (OCV + √(OCV² − 4·P·r))/2, and three powers follow in closed form:
-  peak      the most that can be drawn before the pack falls to its lower voltage (or to half the OCV, where no load gets more)
-  crossing  where the falling voltage meets what the load needs for its power, --required-v-per-w times the power
+  peak      the most that can be drawn before the pack falls to its lower voltage (or to half the \
+OCV, where no load gets more)
+  crossing  where the falling voltage meets what the load needs for its power, --required-v-per-w \
+times the power
   regen     the charging power (negative) that lifts the pack to its upper voltage
-The window is that of the cells times S, at the pack's terminals. What a pack can do for a short time only is more: see `eis-bench sop`.
+The window is that of the cells times S, at the pack's terminals. What a pack can do for a short \
+time only is more: see `eis-bench sop`.
 
-Example, the pack of a humanoid robot (8 kW at 60 V, in proportion below: 0.0075 V/W), and 4 kW for 10 s:
-  eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015 --interconnect-ohm 0.03 \\
+Example, the pack of a humanoid robot (8 kW at 60 V, in proportion below: 0.0075 V/W), and 4 kW \
+for 10 s:
+  eis-bench pack size --series 16 --parallel 3 --ocv-v 3.6 --dcir-ohm 0.015 --interconnect-ohm \
+0.03 \\
     --required-v-per-w 0.0075 --power-w 4000 --hold-s 10";
 
 /// Arguments of `pack size`.
@@ -44,7 +50,8 @@ pub struct SizeArgs {
     /// DC resistance of a cell, Ω [default: that of the model]
     #[arg(long, value_name = "OHM", required_unless_present_any = ["model", "erm"])]
     pub dcir_ohm: Option<f64>,
-    /// A model to take the DC resistance from: a file of `fit`, `joint` or a run, JSON of `r_ohm` and `branches` alone, or circuit.json.
+    /// A model to take the DC resistance from: a file of `fit`, `joint` or a run, JSON of `r_ohm`
+    /// and `branches` alone, or circuit.json.
     #[arg(long, value_name = "FILE", conflicts_with = "dcir_ohm")]
     pub model: Option<PathBuf>,
     /// The same typed: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
@@ -63,7 +70,12 @@ pub struct SizeArgs {
     #[arg(long, value_name = "V", default_value_t = 4.2)]
     pub v_max: f64,
     /// A power that is held, W, negative for charging; needs --hold-s.
-    #[arg(long, value_name = "W", requires = "hold_s", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "W",
+        requires = "hold_s",
+        allow_negative_numbers = true
+    )]
     pub power_w: Option<f64>,
     /// For how long --power-w is held, s.
     #[arg(long, value_name = "S", requires = "power_w")]
@@ -85,7 +97,8 @@ pub struct ThermalArgs {
     /// Mass of a cell, kg. The default is the maximum of the Molicel P45B's data sheet.
     #[arg(long, value_name = "KG", default_value_t = ThermalMass::P45B.mass_kg)]
     pub cell_mass_kg: f64,
-    /// Specific heat of a cell, J/(kg·K). Published values for such cells lie between 900 and 1000; nobody measured it here.
+    /// Specific heat of a cell, J/(kg·K). Published values for such cells lie between 900 and 1000;
+    /// nobody measured it here.
     #[arg(long, value_name = "J/KG/K", default_value_t = ThermalMass::P45B.specific_heat_j_per_kg_k)]
     pub specific_heat: f64,
 }
@@ -93,7 +106,10 @@ pub struct ThermalArgs {
 impl ThermalArgs {
     /// As the analysis wants it.
     pub fn mass(self) -> ThermalMass {
-        ThermalMass { mass_kg: self.cell_mass_kg, specific_heat_j_per_kg_k: self.specific_heat }
+        ThermalMass {
+            mass_kg: self.cell_mass_kg,
+            specific_heat_j_per_kg_k: self.specific_heat,
+        }
     }
 }
 
@@ -117,15 +133,33 @@ pub fn size(args: &SizeArgs) -> Result<(), Failure> {
     let usage = |error: PackError| Failure::Usage(error.to_string());
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
     let (dcir_ohm, model_notes) = dc_resistance(args)?;
-    let input =
-        SizingInput { pack, cell_ocv_v: args.ocv_v, dcir_ohm, window_v: (args.v_min, args.v_max), required_v_per_w: args.required_v_per_w };
+    let input = SizingInput {
+        pack,
+        cell_ocv_v: args.ocv_v,
+        dcir_ohm,
+        window_v: (args.v_min, args.v_max),
+        required_v_per_w: args.required_v_per_w,
+    };
     let sizing = Sizing::new(&input).map_err(usage)?;
     let held = args.power_w.zip(args.hold_s);
-    let hold = held.map(|held| Hold::new(&input, held, args.thermal.mass())).transpose().map_err(usage)?;
-    let report = SizeReport { sizing, hold, dcir_ohm, model_notes };
-    let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
+    let hold = held
+        .map(|held| Hold::new(&input, held, args.thermal.mass()))
+        .transpose()
+        .map_err(usage)?;
+    let report = SizeReport {
+        sizing,
+        hold,
+        dcir_ohm,
+        model_notes,
+    };
+    let json = serde_json::to_string_pretty(&report)
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
     if let Some(out) = &args.out {
-        write(out, &json, &voltage_over_power(&input, &report.sizing).map_err(usage)?)?;
+        write(
+            out,
+            &json,
+            &voltage_over_power(&input, &report.sizing).map_err(usage)?,
+        )?;
     }
     if args.json {
         say!("{json}");
@@ -143,13 +177,26 @@ fn dc_resistance(args: &SizeArgs) -> Result<(f64, Vec<String>), Failure> {
     if let Some(dcir_ohm) = args.dcir_ohm {
         return Ok((dcir_ohm, Vec::new()));
     }
-    let named = ModelArgs { model: args.model.clone(), erm: args.erm.clone(), ladder_band_hz: None };
+    let named = ModelArgs {
+        model: args.model.clone(),
+        erm: args.erm.clone(),
+        ladder_band_hz: None,
+    };
     let model = named.read(None)?;
-    let fail = |met: &str| Failure::Usage(format!("{}: expected a model {met}; give --dcir-ohm", named.told()));
+    let fail = |met: &str| {
+        Failure::Usage(format!(
+            "{}: expected a model {met}; give --dcir-ohm",
+            named.told()
+        ))
+    };
     if !model.additions.is_empty() {
-        return Err(fail("without additions, met some, which no single resistance stands for"));
+        return Err(fail(
+            "without additions, met some, which no single resistance stands for",
+        ));
     }
-    let dcir_ohm = model.dc_resistance_ohm().ok_or_else(|| fail("with a DC resistance, met a circuit without one"))?;
+    let dcir_ohm = model
+        .dc_resistance_ohm()
+        .ok_or_else(|| fail("with a DC resistance, met a circuit without one"))?;
     Ok((dcir_ohm, model_args::notes(&model)))
 }
 
@@ -164,20 +211,33 @@ fn print_text(input: &SizingInput, report: &SizeReport) {
         s.v_min_v,
         s.v_max_v
     );
-    for (name, point) in [("peak", s.peak), ("crossing", s.crossing), ("regen", s.regen)] {
+    for (name, point) in [
+        ("peak", s.peak),
+        ("crossing", s.crossing),
+        ("regen", s.regen),
+    ] {
         if let Some(p) = point {
             say!("  {name:<9}{}", operating_point(&p));
         }
     }
-    say!("  {:<9}{:>8.2} kW, what no load can exceed (OCV²/4r)", "maximum", 1.0e-3 * s.theoretical_maximum_w);
+    say!(
+        "  {:<9}{:>8.2} kW, what no load can exceed (OCV²/4r)",
+        "maximum",
+        1.0e-3 * s.theoretical_maximum_w
+    );
     if let Some(h) = &report.hold {
         say!(
-            "  {:<9}{:>8.2} kW for {} s: {:.2} V{}, {:.1} A and {:.0} J of heat per cell, +{:.2} K if none leaves it",
+            "  {:<9}{:>8.2} kW for {} s: {:.2} V{}, {:.1} A and {:.0} J of heat per cell, +{:.2} K \
+            if none leaves it",
             "held",
             1.0e-3 * h.power_w,
             h.duration_s,
             h.voltage_v,
-            if h.within_window { "" } else { " OUTSIDE THE WINDOW" },
+            if h.within_window {
+                ""
+            } else {
+                " OUTSIDE THE WINDOW"
+            },
             h.cell_current_a,
             h.cell_heat_j,
             h.temperature_rise_k
@@ -204,7 +264,9 @@ fn voltage_over_power(input: &SizingInput, s: &Sizing) -> Result<Chart, PackErro
     let ir = SimpleIr::new(input)?;
     let top = s.v_max_v.max(s.ocv_v) * 1.01;
     let at = |v: f64| (1.0e-3 * ir.at_voltage(v).power_w, v);
-    let curve: Vec<(f64, f64)> = (0..=400).map(|k| at(0.5 * s.ocv_v + (top - 0.5 * s.ocv_v) * f64::from(k) / 400.0)).collect();
+    let curve: Vec<(f64, f64)> = (0..=400)
+        .map(|k| at(0.5 * s.ocv_v + (top - 0.5 * s.ocv_v) * f64::from(k) / 400.0))
+        .collect();
     let (left, right) = (at(top).0, 1.0e-3 * s.theoretical_maximum_w);
     let level = |v: f64| vec![(left, v), (right, v)];
     let low = 0.9 * s.v_min_v.min(0.5 * s.ocv_v);
@@ -218,14 +280,28 @@ fn voltage_over_power(input: &SizingInput, s: &Sizing) -> Result<Chart, PackErro
         let (start, end) = (1.0e-3 * low / slope, right.min(1.0e-3 * top / slope));
         if start < end {
             let line = vec![(start, 1.0e3 * slope * start), (end, 1.0e3 * slope * end)];
-            traces.push(Trace::new("bus voltage that the load needs", 1, TraceStyle::Line, line));
+            traces.push(Trace::new(
+                "bus voltage that the load needs",
+                1,
+                TraceStyle::Line,
+                line,
+            ));
         }
     }
-    let points = [("peak", s.peak, 2), ("crossing", s.crossing, 3), ("regeneration", s.regen, 4)];
+    let points = [
+        ("peak", s.peak, 2),
+        ("crossing", s.crossing, 3),
+        ("regeneration", s.regen, 4),
+    ];
     for (name, point, colour) in points {
         if let Some(p) = point {
             let power = 1.0e-3 * p.power_w;
-            traces.push(Trace::new(&format!("{name} {power:.2} kW"), colour, TraceStyle::Points, vec![(power, p.voltage_v)]));
+            traces.push(Trace::new(
+                &format!("{name} {power:.2} kW"),
+                colour,
+                TraceStyle::Points,
+                vec![(power, p.voltage_v)],
+            ));
         }
     }
     let title = format!("{}: voltage over power, simple-IR model", s.pack.name());
@@ -235,8 +311,19 @@ fn voltage_over_power(input: &SizingInput, s: &Sizing) -> Result<Chart, PackErro
         1.0e3 * input.dcir_ohm,
         1.0e3 * s.pack.interconnect_ohm
     );
-    let panel = Panel::new(AxisSpec::linear("Power / kW"), AxisSpec::linear("Voltage / V").between(low, top), traces);
-    Ok(Chart::new(&title, &subtitle, vec![Panel { aspect: 0.6, ..panel }]))
+    let panel = Panel::new(
+        AxisSpec::linear("Power / kW"),
+        AxisSpec::linear("Voltage / V").between(low, top),
+        traces,
+    );
+    Ok(Chart::new(
+        &title,
+        &subtitle,
+        vec![Panel {
+            aspect: 0.6,
+            ..panel
+        }],
+    ))
 }
 
 fn write(out: &Path, json: &str, picture: &Chart) -> Result<(), Failure> {
@@ -252,11 +339,29 @@ mod tests {
     #[test]
     fn the_json_has_the_fixed_names() {
         let pack = Pack::new(16, 3, 0.03).unwrap();
-        let input = SizingInput { pack, cell_ocv_v: 4.0, dcir_ohm: 0.015, window_v: (2.5, 4.2), required_v_per_w: Some(0.0075) };
-        let report = SizeReport { sizing: Sizing::new(&input).unwrap(), hold: None, dcir_ohm: 0.015, model_notes: Vec::new() };
+        let input = SizingInput {
+            pack,
+            cell_ocv_v: 4.0,
+            dcir_ohm: 0.015,
+            window_v: (2.5, 4.2),
+            required_v_per_w: Some(0.0075),
+        };
+        let report = SizeReport {
+            sizing: Sizing::new(&input).unwrap(),
+            hold: None,
+            dcir_ohm: 0.015,
+            model_notes: Vec::new(),
+        };
         let json: serde_json::Value = serde_json::to_value(&report).unwrap();
-        for (name, kilowatts) in [("peak_power_w", 8.73), ("crossing_power_w", 6.58), ("regen_power_w", -1.95)] {
-            assert!((json[name].as_f64().unwrap() / 1000.0 - kilowatts).abs() < 0.005, "{json}");
+        for (name, kilowatts) in [
+            ("peak_power_w", 8.73),
+            ("crossing_power_w", 6.58),
+            ("regen_power_w", -1.95),
+        ] {
+            assert!(
+                (json[name].as_f64().unwrap() / 1000.0 - kilowatts).abs() < 0.005,
+                "{json}"
+            );
         }
         assert_eq!(json["series"], 16);
         assert!(voltage_over_power(&input, &report.sizing).is_ok());

@@ -19,20 +19,35 @@ use crate::{
 /// What ends by itself where no message arrives any more, in words.
 fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
     let (bench, limits) = (&experiment.bench, &experiment.cell.limits);
-    let generator = bench.instruments.generator.as_ref().and_then(|generator| by_key(generator::DIALECTS, &generator.model));
-    let most = generator.filter(|_| bench.wiring.bursts).and_then(|dialect| dialect.most_periods());
+    let generator = bench
+        .instruments
+        .generator
+        .as_ref()
+        .and_then(|generator| by_key(generator::DIALECTS, &generator.model));
+    let most = generator
+        .filter(|_| bench.wiring.bursts)
+        .and_then(|dialect| dialect.most_periods());
     let mut texts = Vec::new();
     match plan.plays_on_s(most) {
         Some(longest_s) if longest_s.is_finite() => {
-            texts.push(format!("without a further message the generator falls silent after about {longest_s:.0} s: it plays bursts"));
+            texts.push(format!(
+                "without a further message the generator falls silent after about \
+            {longest_s:.0} s: it plays bursts"
+            ));
         }
         Some(_) => {
             let why = match generator.map(|dialect| dialect.most_periods()) {
                 Some(Some(_)) if !bench.wiring.bursts => "wiring.bursts is false".to_owned(),
-                Some(Some(most)) => format!("a point has more than the {most} periods of a burst, or a trace goes step by step"),
+                Some(Some(most)) => format!(
+                    "a point has more than the {most} periods of a burst, or a trace goes step by \
+                    step"
+                ),
                 _ => "its model has no bursts".to_owned(),
             };
-            texts.push(format!("without a further message the drive goes on ({why}): only the daemon and the guardian end it"));
+            texts.push(format!(
+                "without a further message the drive goes on ({why}): only the \
+            daemon and the guardian end it"
+            ));
         }
         None => {}
     }
@@ -40,13 +55,51 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
     if moves(|step| matches!(step, Step::PowerUp { .. })) {
         texts.extend(one_way(&bench.instruments));
     }
-    if moves(|step| matches!(step, Step::Discharge { .. } | Step::Leg(Leg { flow: Flow::Discharge { .. }, .. })) || metered(step)) {
-        let load = bench.instruments.load.as_ref().and_then(|load| Some((load, by_key(load::DIALECTS, &load.model)?)));
-        texts.extend(load.map(|(load, dialect)| unattended(("load", &load.model), dialect.capabilities().unattended, limits)));
+    if moves(|step| {
+        matches!(
+            step,
+            Step::Discharge { .. }
+                | Step::Leg(Leg {
+                    flow: Flow::Discharge { .. },
+                    ..
+                })
+        ) || metered(step)
+    }) {
+        let load = bench
+            .instruments
+            .load
+            .as_ref()
+            .and_then(|load| Some((load, by_key(load::DIALECTS, &load.model)?)));
+        texts.extend(load.map(|(load, dialect)| {
+            unattended(
+                ("load", &load.model),
+                dialect.capabilities().unattended,
+                limits,
+            )
+        }));
     }
-    if moves(|step| matches!(step, Step::Charge { .. } | Step::Leg(Leg { flow: Flow::Charge { .. }, .. })) || metered(step)) {
-        let supply = bench.instruments.supply.as_ref().and_then(|supply| Some((supply, by_key(supply::DIALECTS, &supply.model)?)));
-        texts.extend(supply.map(|(supply, dialect)| unattended(("charger", &supply.model), dialect.capabilities().unattended, limits)));
+    if moves(|step| {
+        matches!(
+            step,
+            Step::Charge { .. }
+                | Step::Leg(Leg {
+                    flow: Flow::Charge { .. },
+                    ..
+                })
+        ) || metered(step)
+    }) {
+        let supply = bench
+            .instruments
+            .supply
+            .as_ref()
+            .and_then(|supply| Some((supply, by_key(supply::DIALECTS, &supply.model)?)));
+        texts.extend(supply.map(|(supply, dialect)| {
+            unattended(
+                ("charger", &supply.model),
+                dialect.capabilities().unattended,
+                limits,
+            )
+        }));
     }
     texts
 }
@@ -57,7 +110,12 @@ fn persons(experiment: &Experiment, plan: &Plan) -> Option<String> {
         return None;
     }
     let mut asked: Vec<String> = Vec::new();
-    for step in plan.stages.iter().flat_map(|stage| &stage.steps).filter(|step| matches!(step, Step::Mount(_))) {
+    for step in plan
+        .stages
+        .iter()
+        .flat_map(|stage| &stage.steps)
+        .filter(|step| matches!(step, Step::Mount(_)))
+    {
         let text = step.to_string().trim().to_owned();
         if !asked.contains(&text) {
             asked.push(text);
@@ -65,7 +123,8 @@ fn persons(experiment: &Experiment, plan: &Plan) -> Option<String> {
     }
     (!asked.is_empty()).then(|| {
         format!(
-            "beside that a person changes the fixture ({}): each change lasts until the person confirms it, every output off; `eis-bench abort` ends that wait",
+            "beside that a person changes the fixture ({}): each change lasts until the person \
+            confirms it, every output off; `eis-bench abort` ends that wait",
             asked.join(", ")
         )
     })
@@ -79,13 +138,21 @@ fn metered(step: &Step) -> bool {
 /// What ends the current of a load or charger where no message arrives any more, in words.
 fn unattended((role, model): (&str, &str), how: Unattended, limits: &Limits) -> String {
     match how {
-        Unattended::StopsBelow => format!("without a further message the {role} ({model}) stops by itself at {} V or above", limits.min_v),
+        Unattended::StopsBelow => format!(
+            "without a further message the {role} ({model}) stops by itself at {} V or above",
+            limits.min_v
+        ),
         Unattended::HoldsVoltage => {
-            format!("without a further message the {role} ({model}) holds {} V or less, and its current falls", limits.max_v)
+            format!(
+                "without a further message the {role} ({model}) holds {} V or less, and its \
+                current falls",
+                limits.max_v
+            )
         }
         Unattended::NothingKnown => {
             format!(
-                "without a further message nothing that is known ends the current of the {role} ({model}): only the daemon and the guardian do"
+                "without a further message nothing that is known ends the current of the {role} \
+                ({model}): only the daemon and the guardian do"
             )
         }
     }
@@ -97,7 +164,8 @@ fn one_way(instruments: &Instruments) -> Option<String> {
     let none = by_key(supply4q::DIALECTS, &supply.model)?.zero().is_empty();
     none.then(|| {
         format!(
-            "the bipolar supply ({}) has no second way to zero: it follows its analog input. Where it does not go off and the generator cannot be \
+            "the bipolar supply ({}) has no second way to zero: it follows its analog input. Where \
+            it does not go off and the generator cannot be \
              reached, only the switch in series with the cell ends its current",
             supply.model
         )
@@ -111,23 +179,55 @@ fn one_way(instruments: &Instruments) -> Option<String> {
 pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
     let experiment = load_experiment(&args.experiment, args.bench.as_deref())?;
     let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
-    say!("{} on bench {} with {}", experiment.name, experiment.bench.name, experiment.cell.name);
+    say!(
+        "{} on bench {} with {}",
+        experiment.name,
+        experiment.bench.name,
+        experiment.cell.name
+    );
     for stage in &plan.plan().stages {
         say!("\n{}", stage.purpose);
         for step in &stage.steps {
             say!("  {step}");
         }
     }
-    experiment.cell.wide.iter().for_each(|text| remark!("note: {text}"));
-    let hours = |seconds: f64| format!("{:.0} h {:02.0} min", (seconds / 3600.0).floor(), (seconds % 3600.0) / 60.0);
-    say!("\nabout {}, at most {} of bench time", hours(plan.plan().expected_s()), hours(plan.plan().longest_s()));
+    experiment
+        .cell
+        .wide
+        .iter()
+        .for_each(|text| remark!("note: {text}"));
+    let hours = |seconds: f64| {
+        format!(
+            "{:.0} h {:02.0} min",
+            (seconds / 3600.0).floor(),
+            (seconds % 3600.0) / 60.0
+        )
+    };
+    say!(
+        "\nabout {}, at most {} of bench time",
+        hours(plan.plan().expected_s()),
+        hours(plan.plan().longest_s())
+    );
     let [pause, end] = plan.plan().waits();
     let told = |wait: Option<(&Step, f64, f64)>| {
-        let text = |(step, about_s, s): (&Step, f64, f64)| format!("about {about_s:.0} s, at most {s:.0} s ({})", step.to_string().trim());
+        let text = |(step, about_s, s): (&Step, f64, f64)| {
+            format!(
+                "about {about_s:.0} s, at most {s:.0} s ({})",
+                step.to_string().trim()
+            )
+        };
         wait.map_or_else(|| "none".to_owned(), text)
     };
-    endings(&experiment, plan.plan()).iter().for_each(|text| say!("{text}"));
-    persons(&experiment, plan.plan()).iter().for_each(|text| say!("{text}"));
-    say!("longest wait after `eis-bench pause`: {}; after `eis-bench abort`: {}", told(pause), told(end));
+    endings(&experiment, plan.plan())
+        .iter()
+        .for_each(|text| say!("{text}"));
+    persons(&experiment, plan.plan())
+        .iter()
+        .for_each(|text| say!("{text}"));
+    say!(
+        "longest wait after `eis-bench pause`: {}; after `eis-bench abort`: {}",
+        told(pause),
+        told(end)
+    );
     Ok(())
 }

@@ -49,7 +49,11 @@ impl ProfileArgs {
             Between::Hold => Interpolation::Hold,
             Between::Linear => Interpolation::Linear,
         };
-        ReadOptions { demand, interpolation, charge_positive: self.charge_positive }
+        ReadOptions {
+            demand,
+            interpolation,
+            charge_positive: self.charge_positive,
+        }
     }
 }
 
@@ -60,6 +64,10 @@ pub(super) fn taken(profile: &Profile) -> String {
         Demand::Current => "current in A",
         Demand::Resistance => return format!("{}: load resistance in Ω", profile.name),
     };
-    let sign = if profile.negated { "its file counts charge as positive" } else { "positive is discharge" };
+    let sign = if profile.negated {
+        "its file counts charge as positive"
+    } else {
+        "positive is discharge"
+    };
     format!("{}: {kind}, {sign}", profile.name)
 }

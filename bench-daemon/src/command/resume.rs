@@ -1,8 +1,10 @@
-//! `eis-bench resume`: a run that died or was stopped goes on in its folder, with the configuration as it was.
+//! `eis-bench resume`: a run that died or was stopped goes on in its folder, with the configuration
+//! as it was.
 //!
-//! On instruments that live on, it looks at them first, brings them into safe state, and goes on at the next unfinished point. A simulated world in
-//! virtual time has died with its process: the whole run is played again from its seed into a folder beside, and takes the place of the old one when
-//! everything that the old one had finished came out the same, bit by bit.
+//! On instruments that live on, it looks at them first, brings them into safe state, and goes on at
+//! the next unfinished point. A simulated world in virtual time has died with its process: the
+//! whole run is played again from its seed into a folder beside, and takes the place of the old one
+//! when everything that the old one had finished came out the same, bit by bit.
 
 use std::{
     fs,
@@ -39,23 +41,40 @@ const AT_THE_END: &str = "readings.parquet";
 pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     // Without the slash that a terminal appends.
     let folder = &args.folder.components().collect::<PathBuf>();
-    // A run that is still going on must find its folder, and what is wanted of it, as they are. What it has left on is switched off whatever became of it.
+    // A run that is still going on must find its folder, and what is wanted of it, as they are.
+    // What it has left on is switched off whatever became of it.
     let (experiment, past) = Past::read(folder, args.accept_charge, |experiment| {
         custody::refuse(&experiment.bench)?;
         refuse_going(folder)
     })?;
     Wishes::forget(folder);
     let addressed = experiment.bench.instruments.addressed();
-    let in_process = addressed.iter().any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
-    let mode = experiment.bench.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time);
+    let in_process = addressed
+        .iter()
+        .any(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }));
+    let mode = experiment
+        .bench
+        .simulation
+        .as_ref()
+        .map_or(TimeMode::Real, |simulation| simulation.time);
     let usage = |text: &str| Err(Failure::Usage(format!("{}: {text}", folder.display())));
     let (summary, gated) = match (in_process, mode) {
-        (false, _) => Session::at(&experiment.bench, past.time_s(folder))?.go_on(&experiment, folder, past)?.told(),
+        (false, _) => Session::at(&experiment.bench, past.time_s(folder))?
+            .go_on(&experiment, folder, past)?
+            .told(),
         (true, _) if past.inherited() => {
-            return usage("expected a run that began in a world of its own, found one on a simulated bench that others had used before");
+            return usage(
+                "expected a run that began in a world of its own, found one on a simulated bench \
+                that others had used before",
+            );
         }
         (true, TimeMode::Virtual) => replay(&experiment, folder)?,
-        (true, _) => return usage("the simulated cell died with its process, and only in virtual time can it be played again"),
+        (true, _) => {
+            return usage(
+                "the simulated cell died with its process, and only in virtual time can it be \
+                played again",
+            );
+        }
     };
     say!("{}", summary.trim_end());
     gated
@@ -64,22 +83,37 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
 /// A run has no lock beside its journal where its bench is simulated in its own process.
 fn refuse_going(folder: &Path) -> Result<(), Failure> {
     let text = || {
-        format!("{}: expected a run that was interrupted, found one that is going on: another process writes its journal", folder.display())
+        format!(
+            "{}: expected a run that was interrupted, found one that is going on: another process \
+            writes its journal",
+            folder.display()
+        )
     };
-    if journal::is_written(folder) { Err(Failure::Going(text())) } else { Ok(()) }
+    if journal::is_written(folder) {
+        Err(Failure::Going(text()))
+    } else {
+        Ok(())
+    }
 }
 
 /// Plays a run in virtual time again and puts it in the place of what was finished of it.
-fn replay(experiment: &Experiment, folder: &Path) -> Result<(String, Result<(), Failure>), Failure> {
+fn replay(
+    experiment: &Experiment,
+    folder: &Path,
+) -> Result<(String, Result<(), Failure>), Failure> {
     let _held = journal::hold(folder).map_err(RecordError::from)?;
     let mut scratch = folder.as_os_str().to_owned();
     scratch.push(".again");
     let scratch = PathBuf::from(scratch);
-    // What an earlier attempt left there is worth nothing; what somebody else has put there is not ours.
+    // What an earlier attempt left there is worth nothing; what somebody else has put there is not
+    // ours.
     if scratch.join(JOURNAL).exists() {
         fs::remove_dir_all(&scratch)?;
     } else if scratch.exists() {
-        let text = format!("{}: expected nothing, or what an earlier attempt to resume left, found something else", scratch.display());
+        let text = format!(
+            "{}: expected nothing, or what an earlier attempt to resume left, found something else",
+            scratch.display()
+        );
         return Err(Failure::Usage(text));
     }
     let finished = run_experiment(experiment, &scratch)?;
@@ -91,10 +125,14 @@ fn replay(experiment: &Experiment, folder: &Path) -> Result<(String, Result<(), 
     Ok((summary.replace(&from, &to), gated))
 }
 
-/// When the last step was begun, s: a run that ended by itself, on a full disk perhaps, went another way after that.
+/// When the last step was begun, s: a run that ended by itself, on a full disk perhaps, went
+/// another way after that.
 fn begun_s(folder: &Path) -> f64 {
     let lines = journal::read(folder).map_or_else(|_| Vec::new(), |read| read.lines);
-    let begun = lines.iter().rev().find(|line| matches!(line.entry, Entry::Intent { .. }));
+    let begun = lines
+        .iter()
+        .rev()
+        .find(|line| matches!(line.entry, Entry::Intent { .. }));
     begun.map_or(0.0, |line| line.time_s)
 }
 
@@ -114,56 +152,104 @@ fn compare((old, new): (&Path, &Path), below: &Path, begun_s: f64) -> Result<(),
 }
 
 fn same((old, new): (&Path, &Path), name: &Path, begun_s: f64) -> Result<(), Failure> {
-    let extension = name.extension().map_or_else(String::new, |extension| extension.to_string_lossy().into_owned());
-    if REWRITTEN.contains(&extension.as_str()) || extension == "torn" || name == Path::new(AT_THE_END) {
+    let extension = name.extension().map_or_else(String::new, |extension| {
+        extension.to_string_lossy().into_owned()
+    });
+    if REWRITTEN.contains(&extension.as_str())
+        || extension == "torn"
+        || name == Path::new(AT_THE_END)
+    {
         return Ok(());
     }
-    let (was, is) = (unflagged(fs::read(old.join(name))?), unflagged(fs::read(new.join(name)).unwrap_or_default()));
+    let (was, is) = (
+        unflagged(fs::read(old.join(name))?),
+        unflagged(fs::read(new.join(name)).unwrap_or_default()),
+    );
     let growing = GROWING.contains(&extension.as_str());
-    let whole = if growing { was.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1) } else { was.len() };
-    if if growing { is.starts_with(&was[..whole]) } else { is == was } {
+    let whole = if growing {
+        was.iter()
+            .rposition(|byte| *byte == b'\n')
+            .map_or(0, |at| at + 1)
+    } else {
+        was.len()
+    };
+    if if growing {
+        is.starts_with(&was[..whole])
+    } else {
+        is == was
+    } {
         return Ok(());
     }
-    let at = was.iter().zip(&is).position(|(was, is)| was != is).unwrap_or(was.len().min(is.len()));
+    let at = was
+        .iter()
+        .zip(&is)
+        .position(|(was, is)| was != is)
+        .unwrap_or(was.len().min(is.len()));
     if growing && time_s(&was[..whole], at).is_some_and(|time_s| time_s >= begun_s) {
         return Ok(());
     }
     let text = format!(
-        "expected the run played again from its seed to give the same, found a difference at byte {at}: the program is not the one that began it; \
+        "expected the run played again from its seed to give the same, found a difference at byte \
+        {at}: the program is not the one that began it; \
          {} holds what came out now",
         new.display()
     );
-    Err(Failure::Usage(format!("{}: {text}", old.join(name).display())))
+    Err(Failure::Usage(format!(
+        "{}: {text}",
+        old.join(name).display()
+    )))
 }
 
-/// A table without what the quality gate has refused of it: that column comes with the whole sweep, behind the points that were appended as they came.
+/// A table without what the quality gate has refused of it: that column comes with the whole sweep,
+/// behind the points that were appended as they came.
 fn unflagged(table: Vec<u8>) -> Vec<u8> {
-    let header = table.split(|byte| *byte == b'\n').next().unwrap_or_default();
+    let header = table
+        .split(|byte| *byte == b'\n')
+        .next()
+        .unwrap_or_default();
     if !header.ends_with(b",flags") {
         return table;
     }
-    let own = |line: &[u8]| line.iter().rposition(|byte| *byte == b',').map_or_else(|| line.to_vec(), |at| line[..at].to_vec());
-    table.split(|byte| *byte == b'\n').map(own).collect::<Vec<_>>().join(&b'\n')
+    let own = |line: &[u8]| {
+        line.iter()
+            .rposition(|byte| *byte == b',')
+            .map_or_else(|| line.to_vec(), |at| line[..at].to_vec())
+    };
+    table
+        .split(|byte| *byte == b'\n')
+        .map(own)
+        .collect::<Vec<_>>()
+        .join(&b'\n')
 }
 
 /// The bench time that begins the line around a byte, or that an entry of the journal has, s.
 fn time_s(text: &[u8], at: usize) -> Option<f64> {
-    let start = text[..at.min(text.len())].iter().rposition(|byte| *byte == b'\n').map_or(0, |end| end + 1);
+    let start = text[..at.min(text.len())]
+        .iter()
+        .rposition(|byte| *byte == b'\n')
+        .map_or(0, |end| end + 1);
     let line = String::from_utf8_lossy(&text[start..]);
     let line = line.lines().next()?;
     if let Ok(line) = serde_json::from_str::<Line>(line) {
         return Some(line.time_s);
     }
-    let number: String = line.trim_start().chars().take_while(|c| c.is_ascii_digit() || *c == '.').collect();
+    let number: String = line
+        .trim_start()
+        .chars()
+        .take_while(|c| c.is_ascii_digit() || *c == '.')
+        .collect();
     number.parse().ok()
 }
 
-/// Moves every file of a folder into another, over those that are there, the journal last: interrupted, it leaves files that are equal or beginnings, and
-/// a journal that tells of an unfinished run, so that all of it is done again.
+/// Moves every file of a folder into another, over those that are there, the journal last:
+/// interrupted, it leaves files that are equal or beginnings, and a journal that tells of an
+/// unfinished run, so that all of it is done again.
 fn replace(from: &Path, to: &Path) -> Result<(), Failure> {
     fs::create_dir_all(to)?;
     let entries = fs::read_dir(from)?.collect::<Result<Vec<_>, _>>()?;
-    let (journal, others): (Vec<_>, Vec<_>) = entries.into_iter().partition(|entry| entry.file_name() == JOURNAL);
+    let (journal, others): (Vec<_>, Vec<_>) = entries
+        .into_iter()
+        .partition(|entry| entry.file_name() == JOURNAL);
     for entry in others.iter().chain(&journal) {
         let goal = to.join(entry.file_name());
         if entry.file_type()?.is_dir() {
@@ -175,7 +261,10 @@ fn replace(from: &Path, to: &Path) -> Result<(), Failure> {
     for entry in fs::read_dir(to)? {
         let path = entry?.path();
         // A file that was being written when the process died, or a line.
-        if path.extension().is_some_and(|extension| extension == "partial" || extension == "torn") {
+        if path
+            .extension()
+            .is_some_and(|extension| extension == "partial" || extension == "torn")
+        {
             fs::remove_file(path)?;
         }
     }
@@ -189,14 +278,26 @@ mod tests {
     #[test]
     fn a_table_that_was_flagged_meanwhile_is_what_it_was() {
         let plain = b"freq_hz,z\n1,2\n3,4\n".to_vec();
-        assert_eq!(unflagged(b"freq_hz,z,flags\n1,2,\n3,4,noise: much; drift\n".to_vec()), plain);
+        assert_eq!(
+            unflagged(b"freq_hz,z,flags\n1,2,\n3,4,noise: much; drift\n".to_vec()),
+            plain
+        );
         assert_eq!(unflagged(plain.clone()), plain);
     }
 
     #[test]
     fn the_time_of_a_line_is_found_whatever_the_file() {
-        let text = b"time_s,event\n1.500,\"a\"\n     2.012 s ERROR x\n3.100000 load > MEAS:VOLT?\nodd\n";
-        for (at, expected) in [(3, None), (13, Some(1.5)), (20, Some(1.5)), (40, Some(2.012)), (60, Some(3.1)), (75, None), (500, None)] {
+        let text =
+            b"time_s,event\n1.500,\"a\"\n     2.012 s ERROR x\n3.100000 load > MEAS:VOLT?\nodd\n";
+        for (at, expected) in [
+            (3, None),
+            (13, Some(1.5)),
+            (20, Some(1.5)),
+            (40, Some(2.012)),
+            (60, Some(3.1)),
+            (75, None),
+            (500, None),
+        ] {
             assert_eq!(time_s(text, at), expected, "{at}");
         }
     }

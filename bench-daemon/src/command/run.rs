@@ -1,7 +1,7 @@
 //! `eis-bench run`: from an experiment file to a fitted model.
 //!
-//! Whatever happens once the instruments are known to be the configured ones, a panic and a request to stop included, the bench is brought into safe
-//! state before this returns.
+//! Whatever happens once the instruments are known to be the configured ones, a panic and a request
+//! to stop included, the bench is brought into safe state before this returns.
 
 mod again;
 mod drive;
@@ -49,11 +49,13 @@ pub struct Measured {
     pub sweeps: BTreeMap<&'static str, Vec<SweepPoint>>,
     /// The correction of the bench.
     pub correction: Correction,
-    /// The corrected spectrum of the cell, of its first sweep; without points where it was not swept.
+    /// The corrected spectrum of the cell, of its first sweep; without points where it was not
+    /// swept.
     pub spectrum: Spectrum,
     /// Those of its further sweeps.
     pub repeats: Vec<Spectrum>,
-    /// All of them with the noise of their own records only: what the correction leaves uncertain is the same in each.
+    /// All of them with the noise of their own records only: what the correction leaves uncertain
+    /// is the same in each.
     pub own_noise: Vec<Spectrum>,
     /// The points of all of them as read.
     pub points: Vec<Vec<SweepPoint>>,
@@ -70,12 +72,17 @@ pub struct Measured {
 impl Measured {
     /// The corrected spectra of all sweeps of the cell.
     pub fn spectra(&self) -> impl Iterator<Item = &Spectrum> {
-        std::iter::once(&self.spectrum).chain(&self.repeats).filter(|spectrum| !spectrum.points.is_empty())
+        std::iter::once(&self.spectrum)
+            .chain(&self.repeats)
+            .filter(|spectrum| !spectrum.points.is_empty())
     }
 
     /// What each of them is called among the others; nothing where there is no other.
     pub fn names(&self) -> Vec<String> {
-        let several = self.repeats.iter().any(|spectrum| !spectrum.points.is_empty());
+        let several = self
+            .repeats
+            .iter()
+            .any(|spectrum| !spectrum.points.is_empty());
         let name = |(number, spectrum): (usize, &Spectrum)| match (several, self.campaign) {
             (_, true) => spectrum.name.clone(),
             (true, false) => format!("sweep {number}"),
@@ -86,24 +93,42 @@ impl Measured {
 
     /// Points that the quality gate has refused to the end, those of the controls among them.
     pub fn refused(&self) -> usize {
-        let sweeps = self.points.iter().flatten().filter(|point| !point.failing.is_empty()).count();
-        sweeps + self.refused_controls.len() + self.multisines.iter().map(|run| run.flagged.len()).sum::<usize>()
+        let sweeps = self
+            .points
+            .iter()
+            .flatten()
+            .filter(|point| !point.failing.is_empty())
+            .count();
+        sweeps
+            + self.refused_controls.len()
+            + self
+                .multisines
+                .iter()
+                .map(|run| run.flagged.len())
+                .sum::<usize>()
     }
 
     /// What the first of them is called, where there are others.
     pub(super) fn first_of_several(&self) -> Option<String> {
-        self.names().into_iter().next().filter(|_| !self.repeats.is_empty())
+        self.names()
+            .into_iter()
+            .next()
+            .filter(|_| !self.repeats.is_empty())
     }
 }
 
 /// Runs an experiment.
 ///
 /// # Errors
-/// A mistake in the files, before anything is energised; later anything that ended the run, the bench in safe state.
+/// A mistake in the files, before anything is energised; later anything that ended the run, the
+/// bench in safe state.
 pub fn run(args: &RunArgs) -> Result<(), Failure> {
     let mut experiment = load_experiment(&args.experiment, args.bench.as_deref())?;
     experiment.seed = args.seed.unwrap_or(experiment.seed);
-    let folder = args.out.clone().unwrap_or_else(|| free_folder(&experiment.name));
+    let folder = args
+        .out
+        .clone()
+        .unwrap_or_else(|| free_folder(&experiment.name));
     let finished = run_experiment(&experiment, &folder)?;
     say!("{}", finished.summary.trim_end());
     finished.gated()
@@ -126,13 +151,18 @@ impl Finished {
         (self.summary, gated)
     }
 
-    /// Refuses a run whose quality gate has refused points: whoever reads nothing but the exit code must know.
+    /// Refuses a run whose quality gate has refused points: whoever reads nothing but the exit code
+    /// must know.
     ///
     /// # Errors
     /// [`Failure::Refused`].
     pub fn gated(&self) -> Result<(), Failure> {
         let count = self.measured.refused();
-        if count == 0 { Ok(()) } else { Err(Failure::Refused { count }) }
+        if count == 0 {
+            Ok(())
+        } else {
+            Err(Failure::Refused { count })
+        }
     }
 }
 
@@ -145,17 +175,23 @@ pub fn run_experiment(experiment: &Experiment, folder: &Path) -> Result<Finished
 }
 
 fn free_folder(name: &str) -> PathBuf {
-    let taken = |path: &Path| std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some());
+    let taken =
+        |path: &Path| std::fs::read_dir(path).is_ok_and(|mut entries| entries.next().is_some());
     let first = PathBuf::from("runs").join(name);
     if !taken(&first) {
         return first;
     }
-    (2_u32..).map(|number| PathBuf::from("runs").join(format!("{name}-{number}"))).find(|path| !taken(path)).unwrap_or(first)
+    (2_u32..)
+        .map(|number| PathBuf::from("runs").join(format!("{name}-{number}")))
+        .find(|path| !taken(path))
+        .unwrap_or(first)
 }
 
 /// How a run ends of which nothing is left to do.
 pub(super) const FINISHED: &str = "finished";
 
 fn folder_of(path: &Path) -> String {
-    path.parent().and_then(Path::file_name).map_or_else(String::new, |name| name.to_string_lossy().into_owned())
+    path.parent()
+        .and_then(Path::file_name)
+        .map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }

@@ -24,7 +24,8 @@ use crate::{
 pub struct SafeArgs {
     /// The bench file, or an experiment on it.
     pub config: PathBuf,
-    /// First end the process that runs the bench (SIGKILL): most instruments take one client only, and that is it.
+    /// First end the process that runs the bench (SIGKILL): most instruments take one client only,
+    /// and that is it.
     #[arg(long)]
     pub kill: bool,
     /// Print the report as JSON, one line for each time that the bench is switched off.
@@ -32,8 +33,8 @@ pub struct SafeArgs {
     pub json: bool,
 }
 
-/// Brings a bench into safe state and prints what was read back. A process that runs the bench is asked to end first, so that nobody switches on again
-/// what was switched off here.
+/// Brings a bench into safe state and prints what was read back. A process that runs the bench is
+/// asked to end first, so that nobody switches on again what was switched off here.
 ///
 /// # Errors
 /// [`Failure::Unsafe`] when it could not be verified.
@@ -51,50 +52,96 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
     let state = state.as_ref();
     match runner(state) {
         Runner::Nobody => {}
-        Runner::Somebody(holder) => end(&holder, if args.kill { Signal::SIGKILL } else { Signal::SIGTERM }),
+        Runner::Somebody(holder) => end(
+            &holder,
+            if args.kill {
+                Signal::SIGKILL
+            } else {
+                Signal::SIGTERM
+            },
+        ),
         Runner::Unknown(why) => remark!("eis-bench: {UNKNOWN}, and it is not asked to end: {why}"),
     }
     Clock::runtime(bench.time())?.block_on(async {
         let clock = Clock::start(bench.time());
-        // Who ends on request switches off by itself, and lets go of instruments that take one client.
+        // Who ends on request switches off by itself, and lets go of instruments that take one
+        // client.
         let gone = ended(state, &clock, ENDS_S.0).await;
         // Its guardian switches off after it, over the same connections.
         if gone {
             guarded(state, &clock).await;
         }
-        // Where somebody else holds the connections, that nothing is known is no reason to latch: he is asked to end, and has a guardian.
+        // Where somebody else holds the connections, that nothing is known is no reason to latch:
+        // he is asked to end, and has a guardian.
         let latch = state.filter(|_| gone);
-        let off = switch_off((&bench, &clock), (state, latch), args.json).await.inspect_err(|_| {
-            if !gone {
-                remark!("eis-bench: instruments that take one client answer only after the process that runs the bench has ended: --kill ends it");
-            }
-        })?;
+        let off = switch_off((&bench, &clock), (state, latch), args.json)
+            .await
+            .inspect_err(|_| {
+                if !gone {
+                    remark!(
+                        "eis-bench: instruments that take one client answer only after the process \
+                that runs the bench has ended: --kill ends it"
+                    );
+                }
+            })?;
         if gone {
             return Ok(state.map_or(Ok(()), settle_verified)?);
         }
         if ended(state, &clock, ENDS_S.1).await {
             guarded(state, &clock).await;
             remark!("the process that ran the bench has ended by now; once more:");
-            return switch_off((&bench, &clock), (state, state), args.json).await.map(drop);
+            return switch_off((&bench, &clock), (state, state), args.json)
+                .await
+                .map(drop);
         }
         let failures = match runner(state) {
-            Runner::Unknown(why) => format!("everything was off, but {UNKNOWN}, and it may switch on again: {why}"),
+            Runner::Unknown(why) => format!(
+                "everything was off, but {UNKNOWN}, and it may switch \
+            on again: {why}"
+            ),
             Runner::Nobody | Runner::Somebody(_) => {
-                "everything was off, but the process that runs the bench does not end and may switch on again: --kill ends it".to_owned()
+                "everything was off, but the process that runs the bench does not end and may \
+                switch on again: --kill ends it"
+                    .to_owned()
             }
         };
         // The last line is what a machine goes by.
-        tell(&SafeReport { verified: false, message: failures.clone(), ..off }, args.json);
-        Err(Failure::Unsafe { failures, cause: String::new() })
+        tell(
+            &SafeReport {
+                verified: false,
+                message: failures.clone(),
+                ..off
+            },
+            args.json,
+        );
+        Err(Failure::Unsafe {
+            failures,
+            cause: String::new(),
+        })
     })
 }
 
-/// Says of a bench that lives in the process that runs it that there is nothing to ask: nobody has read anything back, so that nothing is verified.
+/// Says of a bench that lives in the process that runs it that there is nothing to ask: nobody has
+/// read anything back, so that nothing is verified.
 fn simulated(bench: String, json: bool) {
-    let message = format!("{bench} is simulated in the process that runs it: there is nothing to switch off and nothing to read back");
+    let message = format!(
+        "{bench} is simulated in the process that runs it: there is nothing to switch off and \
+        nothing to read back"
+    );
     if json {
-        let report = SafeReport { bench, message, ..SafeReport::default() };
-        say!("{}", serde_json::to_string(&Simulated { report, simulated: true }).unwrap_or_default());
+        let report = SafeReport {
+            bench,
+            message,
+            ..SafeReport::default()
+        };
+        say!(
+            "{}",
+            serde_json::to_string(&Simulated {
+                report,
+                simulated: true
+            })
+            .unwrap_or_default()
+        );
     } else {
         say!("{message}");
     }
@@ -135,13 +182,15 @@ fn runner(state: Option<&State>) -> Runner {
     }
 }
 
-/// How long the process that runs the bench may take to end before the bench is switched off beside it, and after that, s.
+/// How long the process that runs the bench may take to end before the bench is switched off beside
+/// it, and after that, s.
 const ENDS_S: (f64, f64) = (5.0, 15.0);
 const LOOK_S: f64 = 0.1;
 /// A guardian is done within this time, s, or tries in vain.
 const GUARDED_S: f64 = 10.0;
 
-/// Waits until nobody runs the bench, so long at most; whether it is so. Where that cannot be known it is not.
+/// Waits until nobody runs the bench, so long at most; whether it is so. Where that cannot be known
+/// it is not.
 async fn ended(state: Option<&State>, clock: &Clock, at_most_s: f64) -> bool {
     let start_s = clock.machine_s();
     loop {
@@ -157,13 +206,16 @@ async fn ended(state: Option<&State>, clock: &Clock, at_most_s: f64) -> bool {
 
 /// Waits until no guardian is at work any more, so long at most.
 async fn guarded(state: Option<&State>, clock: &Clock) {
-    let (Some(state), start_s) = (state, clock.machine_s()) else { return };
+    let (Some(state), start_s) = (state, clock.machine_s()) else {
+        return;
+    };
     while matches!(state.lock_guardian(), Ok(None)) && clock.machine_s() - start_s < GUARDED_S {
         clock.sleep_s(LOOK_S).await;
     }
 }
 
-/// Ends the process that runs the bench. A number that another process has got by now is left alone.
+/// Ends the process that runs the bench. A number that another process has got by now is left
+/// alone.
 fn end(holder: &Holder, how: Signal) {
     let Holder { pid, run, .. } = holder;
     remark!("process {pid} runs this bench for {}", run.display());
@@ -172,20 +224,27 @@ fn end(holder: &Holder, how: Signal) {
         return;
     }
     match (kill(Pid::from_raw(*pid), how), how) {
-        (Ok(()), Signal::SIGKILL) => remark!("process {pid} was killed; its guardian switches off too"),
+        (Ok(()), Signal::SIGKILL) => {
+            remark!("process {pid} was killed; its guardian switches off too")
+        }
         (Ok(()), _) => remark!("process {pid} was asked to end its run and to switch off"),
         (Err(error), _) => remark!("process {pid} cannot be ended: {error}"),
     }
 }
 
-/// Switches off and prints what was read back, a line for each instrument, or the report as it is. The first state tells what the cell bears; the second is
-/// latched where something is not verified.
+/// Switches off and prints what was read back, a line for each instrument, or the report as it is.
+/// The first state tells what the cell bears; the second is latched where something is not
+/// verified.
 async fn switch_off(
     (config, clock): (&config::Bench, &Clock),
     (place, state): (Option<&State>, Option<&State>),
     json: bool,
 ) -> Result<SafeReport, Failure> {
-    let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps: BTreeMap::new() };
+    let connections = Connections {
+        clock: clock.clone(),
+        hub: MemoryHub::new(),
+        taps: BTreeMap::new(),
+    };
     let mut bench = Bench::unconnected(config, &connections)?;
     // A bath that closes its own loop moves no charge: nothing waits for it but the report.
     let mut beside = Bench::unconnected(config, &connections)?;
@@ -193,12 +252,19 @@ async fn switch_off(
     let report = report.with_bath(bath);
     tell(&report, json);
     if !json {
-        report.outputs.iter().for_each(|output| say!("{}", output.line()));
+        report
+            .outputs
+            .iter()
+            .for_each(|output| say!("{}", output.line()));
         report.bath.iter().for_each(|bath| say!("{bath}"));
     }
-    let Err(unproven) = report.clone().proven() else { return Ok(report) };
+    let Err(unproven) = report.clone().proven() else {
+        return Ok(report);
+    };
     let failure = Failure::from(unproven);
-    if let Some(Err(error)) = state.map(|state| state.latch(&Latched::new("safe", &failure.to_string()))) {
+    if let Some(Err(error)) =
+        state.map(|state| state.latch(&Latched::new("safe", &failure.to_string())))
+    {
         remark!("eis-bench: {error}");
     }
     Err(failure)

@@ -8,8 +8,8 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     forward::{
-        Beyond, CellWindow, ForwardError, Infeasible, Method, OcvSource, Profile, ScaleBound, SimModel, SimOptions, SimState, Summary,
-        write_trace_parquet,
+        Beyond, CellWindow, ForwardError, Infeasible, Method, OcvSource, Profile, ScaleBound,
+        SimModel, SimOptions, SimState, Summary, write_trace_parquet,
     },
     given::GivenModel,
     pack::Pack,
@@ -24,23 +24,29 @@ use crate::command::{
 use crate::terminal::{remark, say};
 use case::{Case, Parameter};
 
-/// Most steps of explicit Euler: six hours of the thesis' 4-RC model, whose shortest time constant of 0.83 ms makes steps of 0.21 ms.
+/// Most steps of explicit Euler: six hours of the thesis' 4-RC model, whose shortest time constant
+/// of 0.83 ms makes steps of 0.21 ms.
 const MOST_EULER_STEPS: f64 = 1e8;
 
 /// Arguments of `simulate`.
 #[derive(Debug, clap::Args)]
 #[command(after_help = "\
-Margins are per cell (mean over the cells in series, interconnect left out) and positive inside the window; min_ccv_v and max_ccv_v are \
-voltages at the terminals. `feasible` says that all power asked for could be had; whether the window was kept, the margins say.
-Power and current count discharge as positive. Each row of a profile holds until the next; the last row only ends it.")]
+Margins are per cell (mean over the cells in series, interconnect left out) and positive inside \
+the window; min_ccv_v and max_ccv_v are \
+voltages at the terminals. `feasible` says that all power asked for could be had; whether the \
+window was kept, the margins say.
+Power and current count discharge as positive. Each row of a profile holds until the next; the \
+last row only ends it.")]
 pub struct SimulateArgs {
     /// Which model.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is wanted.
+    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is
+    /// wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
-    /// Two columns, time and power, current or load resistance, with or without header; several for a table over all.
+    /// Two columns, time and power, current or load resistance, with or without header; several for
+    /// a table over all.
     #[arg(long = "profile", required = true, value_name = "FILE")]
     pub profiles: Vec<PathBuf>,
     /// Cells in series.
@@ -50,10 +56,21 @@ pub struct SimulateArgs {
     #[arg(long, default_value_t = 1, value_name = "N")]
     pub parallel: u32,
     /// Resistance of busbars, wires and connectors over the whole pack, Ω.
-    #[arg(long, default_value_t = 0.0, value_name = "OHM", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        default_value_t = 0.0,
+        value_name = "OHM",
+        allow_negative_numbers = true
+    )]
     pub interconnect_ohm: f64,
-    /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv. This or --ocv-v is needed.
-    #[arg(long, value_name = "X", conflicts_with = "ocv_v", allow_negative_numbers = true)]
+    /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv. This
+    /// or --ocv-v is needed.
+    #[arg(
+        long,
+        value_name = "X",
+        conflicts_with = "ocv_v",
+        allow_negative_numbers = true
+    )]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
@@ -61,14 +78,16 @@ pub struct SimulateArgs {
     /// How the files are read.
     #[command(flatten)]
     pub read: ProfileArgs,
-    /// `exact`: exponential steps with error control; `thesis`: its three steps, explicit Euler, by a quarter of the
-    /// shortest time constant or by --step-s.
+    /// `exact`: exponential steps with error control; `thesis`: its three steps, explicit Euler, by
+    /// a quarter of the shortest time constant or by --step-s.
     #[arg(long, value_enum, default_value_t = Steps::Exact)]
     pub method: Steps,
-    /// What is done about power that cannot be had: `stop`, or `extrapolate` along the tangent from 95 % of it (thesis 4.2.1), which ends at 0 V.
+    /// What is done about power that cannot be had: `stop`, or `extrapolate` along the tangent from
+    /// 95 % of it (thesis 4.2.1), which ends at 0 V.
     #[arg(long, value_enum, default_value_t = Policy::Stop)]
     pub beyond: Policy,
-    /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the profile]
+    /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the
+    /// profile]
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub step_s: Option<f64>,
     /// DC resistance of a cell for the simple-IR model, Ω [default: that of the model]
@@ -80,7 +99,8 @@ pub struct SimulateArgs {
     /// Highest voltage of a cell, V.
     #[arg(long, default_value_t = CellWindow::THESIS.high_v, value_name = "V", allow_negative_numbers = true)]
     pub high_v: f64,
-    /// Folder for traces (Parquet) and plots [default: the traces into the current directory, no plots]
+    /// Folder for traces (Parquet) and plots [default: the traces into the current directory, no
+    /// plots]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print JSON: one object for one profile, a list for several.
@@ -116,17 +136,20 @@ struct Output {
     summary: Summary,
     /// Where the first infeasible power is met; null if none.
     first_infeasible: Option<Infeasible>,
-    /// One standard deviation of the lowest voltage that comes from the model's fit; null where that has no covariance.
+    /// One standard deviation of the lowest voltage that comes from the model's fit; null where
+    /// that has no covariance.
     min_ccv_sigma_v: Option<f64>,
     /// What 1 % more of a parameter of the cell does to the lowest voltage at the terminals, V.
     min_ccv_per_percent_v: Vec<Parameter>,
     /// The largest factor of the profile within the window.
     largest_factor: Option<f64>,
     largest_factor_bound: Option<ScaleBound>,
-    /// Peak power at that factor, W; for a profile that only charges the most negative one; null for no power profile.
+    /// Peak power at that factor, W; for a profile that only charges the most negative one; null
+    /// for no power profile.
     largest_peak_power_w: Option<f64>,
     simple_ir: SimpleIr,
-    /// How much more peak power, without sign, the transient model allows than the simple-IR model, W.
+    /// How much more peak power, without sign, the transient model allows than the simple-IR model,
+    /// W.
     freed_peak_power_w: Option<f64>,
     /// What to know of the numbers.
     notes: Vec<String>,
@@ -162,19 +185,26 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
         let profile = Profile::read(path, &args.read.options()).map_err(usage)?;
         check_euler(args, &model, &profile)?;
         let options = options(args, &profile, window);
-        let case = Case::run((&file, &model, &state), profile, (options, args.dcir_ohm)).map_err(|error| match error {
-            ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
-            other => usage(other),
-        })?;
+        let case = Case::run((&file, &model, &state), profile, (options, args.dcir_ohm)).map_err(
+            |error| match error {
+                ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
+                other => usage(other),
+            },
+        )?;
         let trace = trace_path(args, &case.profile.name, &outputs);
-        write_trace_parquet(&trace, &case.full.trace, window).map_err(|error| Failure::Analysis(error.to_string()))?;
+        write_trace_parquet(&trace, &case.full.trace, window)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
         outputs.push(case.output(&file, &model, trace));
         cases.push(case);
     }
     if let Some(folder) = &args.out {
         figure::write(folder, (&cases, &model), window)?;
     }
-    if args.json { print_json(&outputs) } else { print_text(&outputs, (&model, &cases), args) }
+    if args.json {
+        print_json(&outputs)
+    } else {
+        print_text(&outputs, (&model, &cases), args)
+    }
 }
 
 fn usage(error: impl std::fmt::Display) -> Failure {
@@ -187,10 +217,15 @@ fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
     let ocv = match (&file.ocv, args.ocv_v) {
         (Some(curve), _) => OcvSource::Curve(curve.clone()),
         (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
-        (None, None) if args.soc.is_none() => return Err(Failure::Usage("expected --soc or --ocv-v, found neither".to_owned())),
+        (None, None) if args.soc.is_none() => {
+            return Err(Failure::Usage(
+                "expected --soc or --ocv-v, found neither".to_owned(),
+            ));
+        }
         (None, None) => {
             return Err(Failure::Usage(format!(
-                "--soc: expected a model with an OCV curve, {name} has none; give --ocv-v instead, or a curve with --ocv"
+                "--soc: expected a model with an OCV curve, {name} has none; give --ocv-v instead, \
+                or a curve with --ocv"
             )));
         }
     };
@@ -204,42 +239,69 @@ fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
 
 fn state(args: &SimulateArgs, model: &SimModel) -> Result<SimState, Failure> {
     match (args.soc, args.ocv_v) {
-        (Some(soc), _) => model.rest(soc).map_err(|error| Failure::Usage(format!("--soc: {error}"))),
-        (None, Some(ocv_v)) => model.rest_at(ocv_v).map_err(|error| Failure::Usage(format!("--ocv-v: {error}"))),
-        (None, None) => Err(Failure::Usage("expected --soc or --ocv-v, found neither".to_owned())),
+        (Some(soc), _) => model
+            .rest(soc)
+            .map_err(|error| Failure::Usage(format!("--soc: {error}"))),
+        (None, Some(ocv_v)) => model
+            .rest_at(ocv_v)
+            .map_err(|error| Failure::Usage(format!("--ocv-v: {error}"))),
+        (None, None) => Err(Failure::Usage(
+            "expected --soc or --ocv-v, found neither".to_owned(),
+        )),
     }
 }
 
 fn window(args: &SimulateArgs) -> Result<CellWindow, Failure> {
-    let window = CellWindow { low_v: args.low_v, high_v: args.high_v };
+    let window = CellWindow {
+        low_v: args.low_v,
+        high_v: args.high_v,
+    };
     if args.low_v < args.high_v {
         return Ok(window);
     }
-    Err(Failure::Usage(format!("--low-v, --high-v: expected a lower below a higher voltage, found {} and {} V", args.low_v, args.high_v)))
+    Err(Failure::Usage(format!(
+        "--low-v, --high-v: expected a lower below a higher voltage, found {} and {} V",
+        args.low_v, args.high_v
+    )))
 }
 
 fn options(args: &SimulateArgs, profile: &Profile, window: CellWindow) -> SimOptions {
     let beyond = match args.beyond {
         Policy::Stop => Beyond::Stop,
-        Policy::Extrapolate => Beyond::Extrapolate { fraction: Beyond::FRACTION },
+        Policy::Extrapolate => Beyond::Extrapolate {
+            fraction: Beyond::FRACTION,
+        },
     };
     let method = match args.method {
         Steps::Exact => Method::Exact,
         Steps::Thesis => Method::Thesis,
     };
     let max_step_s = args.step_s.unwrap_or_else(|| profile.duration_s() / 2000.0);
-    SimOptions { method, beyond, window, max_step_s, thesis_step_s: args.step_s, ..SimOptions::default() }
+    SimOptions {
+        method,
+        beyond,
+        window,
+        max_step_s,
+        thesis_step_s: args.step_s,
+        ..SimOptions::default()
+    }
 }
 
-/// Explicit Euler steps by a quarter of the shortest time constant, which for a circuit's ladder lies far below the profile's own times.
+/// Explicit Euler steps by a quarter of the shortest time constant, which for a circuit's ladder
+/// lies far below the profile's own times.
 fn check_euler(args: &SimulateArgs, model: &SimModel, profile: &Profile) -> Result<(), Failure> {
-    let shortest_s = model.erm.time_constants_s().into_iter().fold(f64::INFINITY, f64::min);
+    let shortest_s = model
+        .erm
+        .time_constants_s()
+        .into_iter()
+        .fold(f64::INFINITY, f64::min);
     let steps = 4.0 * profile.duration_s() / shortest_s;
     if !matches!(args.method, Steps::Thesis) || args.step_s.is_some() || steps <= MOST_EULER_STEPS {
         return Ok(());
     }
     Err(Failure::Usage(format!(
-        "--method thesis: expected at most {MOST_EULER_STEPS:e} steps of a quarter of the shortest time constant, met {steps:.1e}, for that is {shortest_s:.1e} s; \
+        "--method thesis: expected at most {MOST_EULER_STEPS:e} steps of a quarter of the shortest \
+        time constant, met {steps:.1e}, for that is {shortest_s:.1e} s; \
          take --method exact"
     )))
 }
@@ -252,7 +314,10 @@ fn trace_path(args: &SimulateArgs, name: &str, earlier: &[Output]) -> PathBuf {
         (_, _, 0) => folder.join(format!("{name}.trace.parquet")),
         _ => folder.join(format!("{name}-{}.trace.parquet", number + 1)),
     };
-    (0..).map(path).find(|path| earlier.iter().all(|other| other.trace != *path)).unwrap_or_else(|| Path::new("trace.parquet").to_owned())
+    (0..)
+        .map(path)
+        .find(|path| earlier.iter().all(|other| other.trace != *path))
+        .unwrap_or_else(|| Path::new("trace.parquet").to_owned())
 }
 
 fn print_json(outputs: &[Output]) -> Result<(), Failure> {
@@ -260,32 +325,66 @@ fn print_json(outputs: &[Output]) -> Result<(), Failure> {
         [one] => serde_json::to_string_pretty(one),
         several => serde_json::to_string_pretty(several),
     };
-    say!("{}", text.map_err(|error| Failure::Analysis(error.to_string()))?);
+    say!(
+        "{}",
+        text.map_err(|error| Failure::Analysis(error.to_string()))?
+    );
     Ok(())
 }
 
-fn print_text(outputs: &[Output], (model, cases): (&SimModel, &[Case]), args: &SimulateArgs) -> Result<(), Failure> {
+fn print_text(
+    outputs: &[Output],
+    (model, cases): (&SimModel, &[Case]),
+    args: &SimulateArgs,
+) -> Result<(), Failure> {
     let (fast, slow) = (1e3 * model.erm.r_ohm, 1e3 * model.erm.dc_resistance_ohm());
-    let rest = outputs.first().zip(cases.first()).and_then(|(_, case)| case.full.trace.ocv_v.first().copied()).unwrap_or(f64::NAN);
+    let rest = outputs
+        .first()
+        .zip(cases.first())
+        .and_then(|(_, case)| case.full.trace.ocv_v.first().copied())
+        .unwrap_or(f64::NAN);
     say!(
         "{}: {} RC, at the terminals R {fast:.2} mΩ, DC resistance {slow:.2} mΩ, OCV {rest:.2} V",
         model.pack.name(),
         model.erm.branches.len()
     );
     let dcir_mohm = 1e3 * outputs.first().map_or(f64::NAN, |o| o.simple_ir.dcir_ohm);
-    let source = if args.dcir_ohm.is_some() { "as given" } else { "of the model" };
-    say!("cells within {} to {} V; simple IR is a DC resistance of {dcir_mohm:.2} mΩ per cell alone, {source}", args.low_v, args.high_v);
+    let source = if args.dcir_ohm.is_some() {
+        "as given"
+    } else {
+        "of the model"
+    };
+    say!(
+        "cells within {} to {} V; simple IR is a DC resistance of {dcir_mohm:.2} mΩ per cell \
+        alone, {source}",
+        args.low_v,
+        args.high_v
+    );
     for case in cases {
         say!("{}", taken(&case.profile));
     }
     say!("");
     case::print_table(outputs);
     for output in outputs {
-        if let Some(Infeasible { time_s, power_w, available_w, .. }) = &output.first_infeasible {
-            remark!("{}: at {time_s:.4} s {power_w:.1} W were asked for, {available_w:.1} W could be had", output.profile);
+        if let Some(Infeasible {
+            time_s,
+            power_w,
+            available_w,
+            ..
+        }) = &output.first_infeasible
+        {
+            remark!(
+                "{}: at {time_s:.4} s {power_w:.1} W were asked for, {available_w:.1} W could be \
+                had",
+                output.profile
+            );
         }
         if let Some(end) = &output.summary.tangent_end {
-            remark!("{}: the run ends at {:.4} s of its profile: see the note", output.profile, end.time_s);
+            remark!(
+                "{}: the run ends at {:.4} s of its profile: see the note",
+                output.profile,
+                end.time_s
+            );
         }
     }
     say!("");

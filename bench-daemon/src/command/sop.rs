@@ -19,16 +19,21 @@ use super::{
 use crate::terminal::say;
 
 const HELP: &str = "\
-State of power: the most constant power that the pack bears for a time, from rest, such that every cell stays between --v-min and --v-max from
-the first instant to the last and all of the power can be had. Positive is discharge. Each value is the root of a simulation with the transient
-model, to 1e-7 of itself; `IR` beside it is the simple-IR model's, which has the full DC resistance from the first instant. The limits hold at
+State of power: the most constant power that the pack bears for a time, from rest, such that every \
+cell stays between --v-min and --v-max from
+the first instant to the last and all of the power can be had. Positive is discharge. Each value \
+is the root of a simulation with the transient
+model, to 1e-7 of itself; `IR` beside it is the simple-IR model's, which has the full DC \
+resistance from the first instant. The limits hold at
 the cells' terminals; `pack size` has them at the pack's, behind the interconnect.
 
-With --ocv-v the voltage at rest stays as it is, which flatters long durations. What a model does not know beyond the band of its spectra (for
+With --ocv-v the voltage at rest stays as it is, which flatters long durations. What a model does \
+not know beyond the band of its spectra (for
 0.1 Hz, beyond some 2 s) the map does not know either.
 
 Example:
-  eis-bench sop --model p45b/model_4rc.json --series 16 --parallel 3 --interconnect-ohm 0.03 --ocv-v 3.72 --duration-s 0.1,1,2,10";
+  eis-bench sop --model p45b/model_4rc.json --series 16 --parallel 3 --interconnect-ohm 0.03 \
+--ocv-v 3.72 --duration-s 0.1,1,2,10";
 
 /// Curves of a plot at most.
 const MOST_CURVES: usize = 5;
@@ -40,7 +45,8 @@ pub struct SopArgs {
     /// Which model.
     #[command(flatten)]
     pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is wanted.
+    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is
+    /// wanted.
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Cells in series.
@@ -50,13 +56,24 @@ pub struct SopArgs {
     #[arg(long, value_name = "P", default_value_t = 1)]
     pub parallel: u32,
     /// Resistance in series with the whole pack, Ω.
-    #[arg(long, value_name = "OHM", default_value_t = 0.0, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        value_name = "OHM",
+        default_value_t = 0.0,
+        allow_negative_numbers = true
+    )]
     pub interconnect_ohm: f64,
     /// Durations, s, with commas.
     #[arg(long, value_name = "LIST", default_value = "0.1,1,2,10")]
     pub duration_s: String,
-    /// States of charge, for a model with an OCV curve or with --ocv: a list with commas, or a range 0.1..0.9 in steps of 0.1, or 0.1..0.9:0.05.
-    #[arg(long, value_name = "LIST", conflicts_with = "ocv_v", required_unless_present = "ocv_v")]
+    /// States of charge, for a model with an OCV curve or with --ocv: a list with commas, or a
+    /// range 0.1..0.9 in steps of 0.1, or 0.1..0.9:0.05.
+    #[arg(
+        long,
+        value_name = "LIST",
+        conflicts_with = "ocv_v",
+        required_unless_present = "ocv_v"
+    )]
     pub soc: Option<String>,
     /// Open-circuit voltage of a cell, V, between --v-min and --v-max, which then stays as it is.
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
@@ -102,27 +119,54 @@ struct SopReport {
 pub fn sop(args: &SopArgs) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
     let file = args.model.read(args.ocv.as_deref())?;
-    let duration_s = numbers(&args.duration_s).map_err(|error| Failure::Usage(format!("--duration-s: {error}")))?;
+    let duration_s = numbers(&args.duration_s)
+        .map_err(|error| Failure::Usage(format!("--duration-s: {error}")))?;
     let (ocv, soc) = match (args.ocv_v, &args.soc, &file.ocv) {
         (Some(ocv_v), ..) => (OcvSource::Constant(ocv_v), vec![0.5]),
-        (None, Some(text), Some(curve)) => {
-            (OcvSource::Curve(curve.clone()), numbers(text).map_err(|error| Failure::Usage(format!("--soc: {error}")))?)
+        (None, Some(text), Some(curve)) => (
+            OcvSource::Curve(curve.clone()),
+            numbers(text).map_err(|error| Failure::Usage(format!("--soc: {error}")))?,
+        ),
+        _ => {
+            return Err(Failure::Usage(format!(
+                "--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv",
+                args.model.told()
+            )));
         }
-        _ => return Err(Failure::Usage(format!("--soc: {} holds no OCV curve; give --ocv-v, or a curve with --ocv", args.model.told()))),
     };
-    let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(|error| usage(&error))?;
+    let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm)
+        .map_err(|error| usage(&error))?;
     let model = files::sim_model(&file, ocv, pack)?;
-    let window = CellWindow { low_v: args.v_min, high_v: args.v_max };
+    let window = CellWindow {
+        low_v: args.v_min,
+        high_v: args.v_max,
+    };
     analysis::pack::check_window((window.low_v, window.high_v)).map_err(|error| usage(&error))?;
-    args.ocv_v.map_or(Ok(()), |ocv_v| check_ocv(ocv_v, &window, &file))?;
-    let currents =
-        CurrentLimits { discharge_a: args.max_discharge_a.unwrap_or(f64::INFINITY), charge_a: args.max_charge_a.unwrap_or(f64::INFINITY) };
-    let options = SopOptions { window, currents, ..SopOptions::default() };
-    let map = sop_map(&model, &SopGrid { soc, duration_s }, &options).map_err(|error| usage(&error))?;
+    args.ocv_v
+        .map_or(Ok(()), |ocv_v| check_ocv(ocv_v, &window, &file))?;
+    let currents = CurrentLimits {
+        discharge_a: args.max_discharge_a.unwrap_or(f64::INFINITY),
+        charge_a: args.max_charge_a.unwrap_or(f64::INFINITY),
+    };
+    let options = SopOptions {
+        window,
+        currents,
+        ..SopOptions::default()
+    };
+    let map =
+        sop_map(&model, &SopGrid { soc, duration_s }, &options).map_err(|error| usage(&error))?;
     let notes = notes(args, &file, &map);
-    let report =
-        SopReport { model: file.name, pack, window, max_discharge_a: args.max_discharge_a, max_charge_a: args.max_charge_a, map, notes };
-    let json = serde_json::to_string_pretty(&report).map_err(|error| Failure::Analysis(error.to_string()))?;
+    let report = SopReport {
+        model: file.name,
+        pack,
+        window,
+        max_discharge_a: args.max_discharge_a,
+        max_charge_a: args.max_charge_a,
+        map,
+        notes,
+    };
+    let json = serde_json::to_string_pretty(&report)
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
     if let Some(out) = &args.out {
         files::make_folder(out)?;
         files::write_text(out, "sop.json", &format!("{json}\n"))?;
@@ -140,14 +184,27 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A cell at rest is within the voltages that it may have, and on the model's curve, where there is one.
+/// A cell at rest is within the voltages that it may have, and on the model's curve, where there is
+/// one.
 fn check_ocv(ocv_v: f64, window: &CellWindow, file: &GivenModel) -> Result<(), Failure> {
     let within = |(low_v, high_v): (f64, f64), what: &str| {
-        let text = || format!("--ocv-v: expected the voltage of a cell at rest, {low_v} to {high_v} V by {what}, found {ocv_v} V");
-        if (low_v..=high_v).contains(&ocv_v) { Ok(()) } else { Err(Failure::Usage(text())) }
+        let text = || {
+            format!(
+                "--ocv-v: expected the voltage of a cell at rest, {low_v} to {high_v} V by {what}, \
+                found {ocv_v} V"
+            )
+        };
+        if (low_v..=high_v).contains(&ocv_v) {
+            Ok(())
+        } else {
+            Err(Failure::Usage(text()))
+        }
     };
     within((window.low_v, window.high_v), "--v-min and --v-max")?;
-    let ends = file.ocv.as_ref().and_then(|curve| Some((*curve.ocv_v.first()?, *curve.ocv_v.last()?)));
+    let ends = file
+        .ocv
+        .as_ref()
+        .and_then(|curve| Some((*curve.ocv_v.first()?, *curve.ocv_v.last()?)));
     ends.map_or(Ok(()), |ends| within(ends, "the model's OCV curve"))
 }
 
@@ -157,7 +214,8 @@ fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
     let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);
     if args.max_discharge_a.is_none() || args.max_charge_a.is_none() {
         notes.push(format!(
-            "only voltages limit where no current was given: up to {:.0} A out of and {:.0} A into a cell; see its data sheet",
+            "only voltages limit where no current was given: up to {:.0} A out of and {:.0} A into \
+            a cell; see its data sheet",
             most(|e| e.discharge_cell_a),
             most(|e| e.charge_cell_a)
         ));
@@ -167,30 +225,64 @@ fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
 
 /// Numbers with commas, or a range `from..to`, also with a step behind a colon.
 fn numbers(text: &str) -> Result<Vec<f64>, String> {
-    let number =
-        |text: &str| text.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(|| format!("expected a number, found {text:?}"));
-    let Some((from, rest)) = text.split_once("..") else { return text.split(',').map(number).collect() };
+    let number = |text: &str| {
+        text.trim()
+            .parse::<f64>()
+            .ok()
+            .filter(|v| v.is_finite())
+            .ok_or_else(|| format!("expected a number, found {text:?}"))
+    };
+    let Some((from, rest)) = text.split_once("..") else {
+        return text.split(',').map(number).collect();
+    };
     let (to, step) = rest.split_once(':').unwrap_or((rest, "0.1"));
     let (from, to, step) = (number(from)?, number(to)?, number(step)?);
     let count = (to - from) / step;
     if !(step > 0.0 && (0.0..1000.0).contains(&count)) {
-        return Err(format!("expected a rising range of at most 1000 values, found {text:?}"));
+        return Err(format!(
+            "expected a rising range of at most 1000 values, found {text:?}"
+        ));
     }
     // Rounded, for 0.1 + 2·0.1 is not 0.3.
-    Ok((0..=(count + 1e-9) as u32).map(|k| ((from + step * f64::from(k)) * 1e9).round() / 1e9).collect())
+    Ok((0..=(count + 1e-9) as u32)
+        .map(|k| ((from + step * f64::from(k)) * 1e9).round() / 1e9)
+        .collect())
 }
 
 fn print_text(r: &SopReport) {
-    say!("{}, {} to {} V per cell; most power that can be held, W (IR: simple-IR model)", r.pack.name(), r.window.low_v, r.window.high_v);
-    let header = ["discharge", "IR", "A/cell", "charge", "IR", "A/cell"].map(|name| format!(" {name:>10}")).concat();
-    say!("  {:>5}{:>9} {:>8}{header}  limited by", "SOC", "OCV / V", "for / s");
+    say!(
+        "{}, {} to {} V per cell; most power that can be held, W (IR: simple-IR model)",
+        r.pack.name(),
+        r.window.low_v,
+        r.window.high_v
+    );
+    let header = ["discharge", "IR", "A/cell", "charge", "IR", "A/cell"]
+        .map(|name| format!(" {name:>10}"))
+        .concat();
+    say!(
+        "  {:>5}{:>9} {:>8}{header}  limited by",
+        "SOC",
+        "OCV / V",
+        "for / s"
+    );
     for e in &r.map {
-        let soc = e.soc.map_or_else(|| "–".to_owned(), |soc| format!("{soc:.2}"));
+        let soc = e
+            .soc
+            .map_or_else(|| "–".to_owned(), |soc| format!("{soc:.2}"));
         let discharge = [e.discharge_w, e.simple_ir_discharge_w, e.discharge_cell_a];
-        let numbers = discharge.into_iter().chain([e.charge_w, e.simple_ir_charge_w, e.charge_cell_a]);
+        let numbers =
+            discharge
+                .into_iter()
+                .chain([e.charge_w, e.simple_ir_charge_w, e.charge_cell_a]);
         let numbers: String = numbers.map(tenths).collect();
         let limits = (words(e.limited_by.discharge), words(e.limited_by.charge));
-        say!("  {soc:>5}{:>9.3} {:>8}{numbers}  {}, {}", e.ocv_v, e.duration_s, limits.0, limits.1);
+        say!(
+            "  {soc:>5}{:>9.3} {:>8}{numbers}  {}, {}",
+            e.ocv_v,
+            e.duration_s,
+            limits.0,
+            limits.1
+        );
     }
     for note in &r.notes {
         say!("  note: {note}");
@@ -218,8 +310,17 @@ fn csv(map: &[SopEntry]) -> String {
     let mut text = format!("{columns},discharge_limited_by,charge_limited_by\n");
     for e in map {
         let soc = e.soc.map_or_else(String::new, |soc| soc.to_string());
-        let powers = [e.ocv_v, e.duration_s, e.discharge_w, e.charge_w, e.discharge_cell_a, e.charge_cell_a];
-        let numbers = powers.into_iter().chain([e.simple_ir_discharge_w, e.simple_ir_charge_w]);
+        let powers = [
+            e.ocv_v,
+            e.duration_s,
+            e.discharge_w,
+            e.charge_w,
+            e.discharge_cell_a,
+            e.charge_cell_a,
+        ];
+        let numbers = powers
+            .into_iter()
+            .chain([e.simple_ir_discharge_w, e.simple_ir_charge_w]);
         let numbers: Vec<String> = numbers.map(|number| number.to_string()).collect();
         let limits = (words(e.limited_by.discharge), words(e.limited_by.charge));
         text += &format!("{soc},{},{},{}\n", numbers.join(","), limits.0, limits.1);
@@ -235,27 +336,72 @@ fn draw(out: &Path, r: &SopReport) -> Result<(), Failure> {
         }
     }
     let shown = places.len().min(MOST_CURVES);
-    let chosen: Vec<(Option<f64>, f64)> =
-        (0..shown).filter_map(|k| places.get(if shown > 1 { k * (places.len() - 1) / (shown - 1) } else { 0 }).copied()).collect();
+    let chosen: Vec<(Option<f64>, f64)> = (0..shown)
+        .filter_map(|k| {
+            places
+                .get(if shown > 1 {
+                    k * (places.len() - 1) / (shown - 1)
+                } else {
+                    0
+                })
+                .copied()
+        })
+        .collect();
     let panel = |name: &str, labelled: bool, of: fn(&SopEntry) -> (f64, f64)| {
         let mut traces = Vec::new();
         for (colour, place) in chosen.iter().enumerate() {
-            let entries: Vec<&SopEntry> = r.map.iter().filter(|e| (e.soc, e.ocv_v) == *place).collect();
-            let label = place.0.map_or_else(|| format!("OCV {} V", place.1), |soc| format!("SOC {soc}"));
-            let line = |ir: bool| entries.iter().map(|e| (e.duration_s, 1e-3 * if ir { of(e).1 } else { of(e).0 })).collect::<Vec<_>>();
-            traces.push(Trace::new(if labelled { &label } else { "" }, colour, TraceStyle::Line, line(false)));
+            let entries: Vec<&SopEntry> = r
+                .map
+                .iter()
+                .filter(|e| (e.soc, e.ocv_v) == *place)
+                .collect();
+            let label = place
+                .0
+                .map_or_else(|| format!("OCV {} V", place.1), |soc| format!("SOC {soc}"));
+            let line = |ir: bool| {
+                entries
+                    .iter()
+                    .map(|e| (e.duration_s, 1e-3 * if ir { of(e).1 } else { of(e).0 }))
+                    .collect::<Vec<_>>()
+            };
+            traces.push(Trace::new(
+                if labelled { &label } else { "" },
+                colour,
+                TraceStyle::Line,
+                line(false),
+            ));
             traces.push(Trace::new("", colour, TraceStyle::Points, line(false)));
-            let label = if labelled && colour + 1 == chosen.len() { "simple-IR model" } else { "" };
+            let label = if labelled && colour + 1 == chosen.len() {
+                "simple-IR model"
+            } else {
+                ""
+            };
             traces.push(Trace::new(label, colour, TraceStyle::Dashed, line(true)));
         }
-        Panel { aspect: 0.36, ..Panel::new(AxisSpec::logarithmic("Held for / s"), AxisSpec::linear(name), traces) }
+        Panel {
+            aspect: 0.36,
+            ..Panel::new(
+                AxisSpec::logarithmic("Held for / s"),
+                AxisSpec::linear(name),
+                traces,
+            )
+        }
     };
     let panels = vec![
-        panel("Discharge / kW", true, |e| (e.discharge_w, e.simple_ir_discharge_w)),
+        panel("Discharge / kW", true, |e| {
+            (e.discharge_w, e.simple_ir_discharge_w)
+        }),
         panel("Charge / kW", false, |e| (e.charge_w, e.simple_ir_charge_w)),
     ];
-    let subtitle = format!("{} to {} V per cell, from rest; broken lines: simple-IR model", r.window.low_v, r.window.high_v);
-    let picture = Chart::new(&format!("{}: state of power", r.pack.name()), &subtitle, panels);
+    let subtitle = format!(
+        "{} to {} V per cell, from rest; broken lines: simple-IR model",
+        r.window.low_v, r.window.high_v
+    );
+    let picture = Chart::new(
+        &format!("{}: state of power", r.pack.name()),
+        &subtitle,
+        panels,
+    );
     files::write_chart(out, "sop", &picture)
 }
 
@@ -277,8 +423,14 @@ mod tests {
         assert_eq!(numbers("0.1..0.2:0.05").unwrap(), [0.1, 0.15, 0.2]);
         for (text, error) in [
             ("a", "expected a number, found \"a\""),
-            ("0.9..0.1", "expected a rising range of at most 1000 values, found \"0.9..0.1\""),
-            ("0..1:0", "expected a rising range of at most 1000 values, found \"0..1:0\""),
+            (
+                "0.9..0.1",
+                "expected a rising range of at most 1000 values, found \"0.9..0.1\"",
+            ),
+            (
+                "0..1:0",
+                "expected a rising range of at most 1000 values, found \"0..1:0\"",
+            ),
         ] {
             assert_eq!(numbers(text).unwrap_err(), error);
         }

@@ -42,13 +42,15 @@ pub struct StudyArgs {
     /// Trials with damaged files.
     #[arg(long, default_value_t = 0)]
     pub corrupted: u64,
-    /// The recommended runs are played for one in so many trials that end ambiguous, 0 for none; they cost more than all else.
+    /// The recommended runs are played for one in so many trials that end ambiguous, 0 for none;
+    /// they cost more than all else.
     #[arg(long, default_value_t = 1)]
     pub follow_up_every: usize,
     /// Recommended runs that are played one after the other at most.
     #[arg(long, default_value_t = 3)]
     pub follow_ups: usize,
-    /// Only this effect in the place of the single ones, by its name in labels; one outside the catalogue too.
+    /// Only this effect in the place of the single ones, by its name in labels; one outside the
+    /// catalogue too.
     #[arg(long)]
     pub only: Option<String>,
     /// First seed.
@@ -75,14 +77,28 @@ pub fn study(args: &StudyArgs) -> Result<(), Failure> {
         (Stratum::StrangeNoise, args.strange_noise),
         (Stratum::Corrupted, args.corrupted),
     ];
-    let drawn = strata.iter().flat_map(|(s, count)| (0..*count).map(move |k| (*s, s.draw(args.seed + 1_000_003 * k))));
+    let drawn = strata
+        .iter()
+        .flat_map(|(s, count)| (0..*count).map(move |k| (*s, s.draw(args.seed + 1_000_003 * k))));
     let mut trials: Vec<Trial> = drawn.map(|(s, spec)| (s, None, spec)).collect();
-    let only = |kind: &&EffectKind| args.only.as_deref().map_or(EffectKind::NAMED.contains(kind), |only| kind.name() == only);
-    for kind in EffectKind::NAMED.iter().chain(&EffectKind::OUTSIDE).filter(only) {
+    let only = |kind: &&EffectKind| {
+        args.only
+            .as_deref()
+            .map_or(EffectKind::NAMED.contains(kind), |only| kind.name() == only)
+    };
+    for kind in EffectKind::NAMED
+        .iter()
+        .chain(&EffectKind::OUTSIDE)
+        .filter(only)
+    {
         for (step, lambda) in LADDER.iter().enumerate() {
             for k in 0..args.singles {
                 let seed = args.seed + 7919 * (k * 9 + step as u64) + 104_729 * (*kind as u64);
-                trials.push((Stratum::Single, Some((*kind, *lambda)), Spec::single(seed, *kind, 0.0)));
+                trials.push((
+                    Stratum::Single,
+                    Some((*kind, *lambda)),
+                    Spec::single(seed, *kind, 0.0),
+                ));
             }
         }
     }
@@ -96,7 +112,9 @@ pub fn study(args: &StudyArgs) -> Result<(), Failure> {
                 tracing::info!("{n} of {} trials", trials.len());
             }
             let spec = match single {
-                Some((kind, lambda)) => Spec::single(spec.seed, *kind, strength_for(spec.seed, *kind, *lambda)?),
+                Some((kind, lambda)) => {
+                    Spec::single(spec.seed, *kind, strength_for(spec.seed, *kind, *lambda)?)
+                }
                 None => spec.clone(),
             };
             let asked = args.follow_up_every != 0 && index.is_multiple_of(args.follow_up_every);
@@ -105,7 +123,8 @@ pub fn study(args: &StudyArgs) -> Result<(), Failure> {
         .collect::<anyhow::Result<_>>()
         .map_err(|e| Failure::Analysis(format!("{e:#}")))?;
     if let Some(folder) = &args.out {
-        let text = serde_json::to_string_pretty(&scores).map_err(|e| Failure::Analysis(e.to_string()))?;
+        let text =
+            serde_json::to_string_pretty(&scores).map_err(|e| Failure::Analysis(e.to_string()))?;
         files::make_folder(folder)?;
         files::write_text(folder, "scores.json", &text)?;
     }

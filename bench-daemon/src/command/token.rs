@@ -89,5 +89,8 @@ fn without_tokens(listen: SocketAddr) -> String {
     if listen.ip().is_loopback() {
         return "from now on everybody on this machine may do everything".to_owned();
     }
-    format!("the server listens beyond this machine (on {listen}) and lets nobody in until `eis-bench token add` makes another")
+    format!(
+        "the server listens beyond this machine (on {listen}) and lets nobody in until `eis-bench \
+        token add` makes another"
+    )
 }

@@ -1,7 +1,8 @@
 //! `eis-bench verify`: is a run folder what it was, and do its numbers follow from its captures?
 //!
-//! First every file is held against its hash; then everything that follows from captures and readings is computed anew, in a folder of its own, and
-//! held against what is stored, file by file and number by number. Nothing is changed in the run folder.
+//! First every file is held against its hash; then everything that follows from captures and
+//! readings is computed anew, in a folder of its own, and held against what is stored, file by file
+//! and number by number. Nothing is changed in the run folder.
 
 use std::path::{Path, PathBuf};
 
@@ -20,7 +21,15 @@ use crate::{
 };
 
 /// What is kept in a folder only as it was read: no capture tells it anew.
-const AS_READ: [&str; 7] = ["journal.jsonl", "manifest.json", "events.csv", "readings.csv", "captures", "transcripts", "log.txt"];
+const AS_READ: [&str; 7] = [
+    "journal.jsonl",
+    "manifest.json",
+    "events.csv",
+    "readings.csv",
+    "captures",
+    "transcripts",
+    "log.txt",
+];
 
 /// Arguments of `verify`.
 #[derive(Debug, Args)]
@@ -39,31 +48,55 @@ pub fn verify(args: &VerifyArgs) -> Result<(), Failure> {
     for folder in run_folders(&args.runs)? {
         bad += usize::from(!of_run(&folder)?);
     }
-    if bad == 0 { Ok(()) } else { Err(Failure::Differs(format!("{bad} of the run folders are not what they should be"))) }
+    if bad == 0 {
+        Ok(())
+    } else {
+        Err(Failure::Differs(format!(
+            "{bad} of the run folders are not what they should be"
+        )))
+    }
 }
 
 fn of_run(folder: &Path) -> Result<bool, Failure> {
     let name = folder.display();
-    // A report is written at the end: where there is one, it must follow from the captures, whatever the journal says of the end.
+    // A report is written at the end: where there is one, it must follow from the captures,
+    // whatever the journal says of the end.
     if !folder.join(SUMS).exists()
         && !folder.join("report.html").exists()
         && let Some(how) = Recorded::read(folder)?.stopped()
     {
-        say!("{name}: the run was stopped ({how}): no report, no {SUMS}; only its captures can be held against its journal");
+        say!(
+            "{name}: the run was stopped ({how}): no report, no {SUMS}; only its captures can be \
+            held against its journal"
+        );
         let (count, differences) = points(folder)?;
-        differences.iter().for_each(|one| say!("  {}: {}", one.file, one.what));
-        say!("{name}: {count} points recomputed from captures: {}", counted(differences.len(), "as in the journal", "differences"));
+        differences
+            .iter()
+            .for_each(|one| say!("  {}: {}", one.file, one.what));
+        say!(
+            "{name}: {count} points recomputed from captures: {}",
+            counted(differences.len(), "as in the journal", "differences")
+        );
         return Ok(differences.is_empty());
     }
     let altered = if folder.join(SUMS).exists() {
-        let (files, altered) = sums::check(folder).map_err(|error| Failure::Usage(error.to_string()))?;
-        say!("{name}: {files} files held against {SUMS}: {}", counted(altered.len(), "as they were", "altered"));
+        let (files, altered) =
+            sums::check(folder).map_err(|error| Failure::Usage(error.to_string()))?;
+        say!(
+            "{name}: {files} files held against {SUMS}: {}",
+            counted(altered.len(), "as they were", "altered")
+        );
         altered
     } else {
         say!("{name}: no {SUMS}, though the run came to its end or wrote a report");
-        vec![Altered { file: SUMS.to_owned(), what: "missing".to_owned() }]
+        vec![Altered {
+            file: SUMS.to_owned(),
+            what: "missing".to_owned(),
+        }]
     };
-    altered.iter().for_each(|one| say!("  {}: {}", one.file, one.what));
+    altered
+        .iter()
+        .for_each(|one| say!("  {}: {}", one.file, one.what));
     let differences = match recomputed(folder) {
         Ok(differences) => differences,
         // What was altered may be what is needed.
@@ -73,12 +106,18 @@ fn of_run(folder: &Path) -> Result<bool, Failure> {
         }
         Err(failure) => return Err(failure),
     };
-    differences.iter().for_each(|one| say!("  {}: {}", one.file, one.what));
+    differences
+        .iter()
+        .for_each(|one| say!("  {}: {}", one.file, one.what));
     Ok(altered.is_empty() && differences.is_empty())
 }
 
 fn counted(count: usize, none: &str, some: &str) -> String {
-    if count == 0 { format!("all {none}") } else { format!("{count} {some}") }
+    if count == 0 {
+        format!("all {none}")
+    } else {
+        format!("{count} {some}")
+    }
 }
 
 /// The points again, and how many there are.
@@ -90,9 +129,22 @@ fn points(folder: &Path) -> Result<(usize, Vec<Difference>), Failure> {
 }
 
 fn changed(known: &[Known], again: &[Again]) -> Vec<Difference> {
-    let differing = known.iter().zip(again).filter(|(known, again)| known.point != again.point);
-    let what = |known: &Known| format!("the journal's point at {} Hz differs from what this capture gives", known.point.phasors.freq_hz);
-    differing.map(|(known, again)| Difference { file: again.file.clone(), what: what(known) }).collect()
+    let differing = known
+        .iter()
+        .zip(again)
+        .filter(|(known, again)| known.point != again.point);
+    let what = |known: &Known| {
+        format!(
+            "the journal's point at {} Hz differs from what this capture gives",
+            known.point.phasors.freq_hz
+        )
+    };
+    differing
+        .map(|(known, again)| Difference {
+            file: again.file.clone(),
+            what: what(known),
+        })
+        .collect()
 }
 
 /// Everything again, from the captures on.
@@ -102,35 +154,68 @@ fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
     let again = recorded.analyse(&known)?;
     let mut differences = changed(&known, &again);
     let scratch = Scratch::new("verify")?;
-    let points: Vec<_> = known.iter().zip(again).map(|(known, again)| (known.stage, again.point)).collect();
+    let points: Vec<_> = known
+        .iter()
+        .zip(again)
+        .map(|(known, again)| (known.stage, again.point))
+        .collect();
     let beside = recorded.settle(&points, scratch.path(), true)?;
     let files = made(scratch.path(), Path::new(""))?;
     let compared: Vec<Vec<Difference>> = files
         .par_iter()
         .map(|file| match compare(folder, scratch.path(), file) {
-            Err(_) => vec![Difference { file: file.clone(), what: "cannot be read, and follows from the captures".to_owned() }],
+            Err(_) => vec![Difference {
+                file: file.clone(),
+                what: "cannot be read, and follows from the captures".to_owned(),
+            }],
             Ok(differences) => differences,
         })
         .collect();
     differences.extend(compared.into_iter().flatten());
-    let numbers = if differences.is_empty() { "every number as stored".to_owned() } else { format!("{} differences", differences.len()) };
-    say!("{}: {}{} files recomputed from captures: {numbers}", folder.display(), counts(known.len(), &beside), files.len());
+    let numbers = if differences.is_empty() {
+        "every number as stored".to_owned()
+    } else {
+        format!("{} differences", differences.len())
+    };
+    say!(
+        "{}: {}{} files recomputed from captures: {numbers}",
+        folder.display(),
+        counts(known.len(), &beside),
+        files.len()
+    );
     for file in &beside.as_read {
-        say!("  {file}: its rows are what meters said, and no capture tells them anew: held against its hash");
+        say!(
+            "  {file}: its rows are what meters said, and no capture tells them anew: held against \
+            its hash"
+        );
     }
     for file in &beside.uncommanded {
-        say!("  {file}: recorded by a version that did not write down what was commanded: held against its hash alone");
+        say!(
+            "  {file}: recorded by a version that did not write down what was commanded: held \
+            against its hash alone"
+        );
     }
     if !differences.is_empty() && recorded.version() != env!("CARGO_PKG_VERSION") {
-        say!("  recorded by version {}, recomputed by {}", recorded.version(), env!("CARGO_PKG_VERSION"));
+        say!(
+            "  recorded by version {}, recomputed by {}",
+            recorded.version(),
+            env!("CARGO_PKG_VERSION")
+        );
     }
     Ok(differences)
 }
 
 /// How much was computed from captures.
 fn counts(points: usize, beside: &Beside) -> String {
-    let told = [(points, "points"), (beside.lines, "lines of multisines"), (beside.rows, "rows of traces")];
-    told.iter().filter(|(count, _)| *count > 0).map(|(count, of)| format!("{count} {of}, ")).collect()
+    let told = [
+        (points, "points"),
+        (beside.lines, "lines of multisines"),
+        (beside.rows, "rows of traces"),
+    ];
+    told.iter()
+        .filter(|(count, _)| *count > 0)
+        .map(|(count, of)| format!("{count} {of}, "))
+        .collect()
 }
 
 /// Files of a folder that were computed: not what was only read, nor links to it.

@@ -37,14 +37,22 @@ pub struct ReorderArgs {
 /// # Errors
 /// A folder in which nothing runs.
 pub fn wish(args: &FolderArgs, course: Course) -> Result<(), Failure> {
-    said(args, &Wishes { course, ..Wishes::read(&args.folder) })?;
+    said(
+        args,
+        &Wishes {
+            course,
+            ..Wishes::read(&args.folder)
+        },
+    )?;
     say!(
         "{}",
         match course {
-            Course::Pause => "pauses after the step in work, every output off; `eis-bench go-on` lets it go on",
+            Course::Pause =>
+                "pauses after the step in work, every output off; `eis-bench go-on` lets it go on",
             Course::GoOn => "goes on",
             Course::Abort =>
-                "ends in safe state: at the next point of a sweep, behind a trace, within seconds of anything else; then `eis-bench resume` can take it up again",
+                "ends in safe state: at the next point of a sweep, behind a trace, within seconds \
+                of anything else; then `eis-bench resume` can take it up again",
         }
     );
     Ok(())
@@ -59,16 +67,33 @@ pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
     let story = going_on(&args.folder)?;
     let runs = standings(&args.folder, &story)?;
     if runs.is_empty() {
-        return Err(usage("expected a campaign, whose runs have an order, found an experiment without [campaign]".to_owned()));
+        return Err(usage(
+            "expected a campaign, whose runs have an order, found an experiment without [campaign]"
+                .to_owned(),
+        ));
     }
     let coming = wishes::coming(&runs, &args.runs).map_err(usage)?;
     let before = Wishes::read(&args.folder);
-    let wish = Wishes { order: args.runs.clone(), course: before.course };
-    wish.write(&args.folder).map_err(|error| usage(error.to_string()))?;
-    let work = wishes::in_words(runs.iter().filter(|run| run.1 == Standing::InWork).map(|run| run.0));
-    say!("in work: {work}; then: {}", wishes::in_words(coming.into_iter()));
+    let wish = Wishes {
+        order: args.runs.clone(),
+        course: before.course,
+    };
+    wish.write(&args.folder)
+        .map_err(|error| usage(error.to_string()))?;
+    let work = wishes::in_words(
+        runs.iter()
+            .filter(|run| run.1 == Standing::InWork)
+            .map(|run| run.0),
+    );
+    say!(
+        "in work: {work}; then: {}",
+        wishes::in_words(coming.into_iter())
+    );
     if !before.order.is_empty() && before.order != wish.order {
-        say!("the order that was asked for before holds no more: {}", wishes::in_words(before.order.into_iter()));
+        say!(
+            "the order that was asked for before holds no more: {}",
+            wishes::in_words(before.order.into_iter())
+        );
     }
     Ok(())
 }
@@ -77,7 +102,12 @@ pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
 fn standings(folder: &Path, story: &Story) -> Result<Vec<(usize, Standing)>, Failure> {
     let experiment = begun_experiment(folder, &story.started)?;
     let plan = procedure::plan(&experiment);
-    let of_run = |number: usize| plan.stages.iter().enumerate().filter(move |(_, stage)| stage.run() == Some(number));
+    let of_run = |number: usize| {
+        plan.stages
+            .iter()
+            .enumerate()
+            .filter(move |(_, stage)| stage.run() == Some(number))
+    };
     let standing = |number: usize| {
         if of_run(number).all(|(stage, _)| story.finished(stage)) {
             Standing::Finished
@@ -87,40 +117,63 @@ fn standings(folder: &Path, story: &Story) -> Result<Vec<(usize, Standing)>, Fai
             Standing::Left
         }
     };
-    let runs = experiment.campaign.iter().flat_map(|campaign| campaign.runs());
+    let runs = experiment
+        .campaign
+        .iter()
+        .flat_map(|campaign| campaign.runs());
     Ok(runs.map(|run| (run.number, standing(run.number))).collect())
 }
 
 fn said(args: &FolderArgs, wishes: &Wishes) -> Result<(), Failure> {
     going_on(&args.folder)?;
-    wishes.write(&args.folder).map_err(|error| Failure::Usage(format!("{}: {error}", args.folder.display())))
+    wishes
+        .write(&args.folder)
+        .map_err(|error| Failure::Usage(format!("{}: {error}", args.folder.display())))
 }
 
 /// How far a run came that goes on and can be asked.
 fn going_on(folder: &Path) -> Result<Story, Failure> {
     let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
-    let lines = journal::read(folder).map_err(|error| Failure::Usage(error.to_string()))?.lines;
+    let lines = journal::read(folder)
+        .map_err(|error| Failure::Usage(error.to_string()))?
+        .lines;
     let story = Story::of(&lines).map_err(|error| usage(error.to_string()))?;
     // One that waits to go on by itself has ended for now, and holds its journal.
-    if let Some(how) = story.ended.as_ref().filter(|_| !journal::is_written(folder)) {
-        return Err(usage(format!("expected a run that is going on, found one that has ended: {how}")));
+    if let Some(how) = story
+        .ended
+        .as_ref()
+        .filter(|_| !journal::is_written(folder))
+    {
+        return Err(usage(format!(
+            "expected a run that is going on, found one that has ended: {how}"
+        )));
     }
-    if lines.iter().any(|line| matches!(&line.entry, Entry::Started(started) if started.time == "virtual")) {
-        return Err(usage("expected a run in real or scaled time: in virtual time nobody is asked".to_owned()));
+    if lines
+        .iter()
+        .any(|line| matches!(&line.entry, Entry::Started(started) if started.time == "virtual"))
+    {
+        return Err(usage(
+            "expected a run in real or scaled time: in virtual time nobody is asked".to_owned(),
+        ));
     }
     if !journal::is_written(folder) {
         return Err(usage(unheard(folder, &story, &lines)));
     }
-    let holder = begun_experiment(folder, &story.started).ok().and_then(|begun| State::of(&begun.bench).ok()??.holder().ok()?);
+    let holder = begun_experiment(folder, &story.started)
+        .ok()
+        .and_then(|begun| State::of(&begun.bench).ok()??.holder().ok()?);
     if let Some(Holder { pid, .. }) = holder.filter(|holder| is_stopped(holder.pid)) {
-        let text =
-            format!("nobody listens: process {pid}, which runs it, is stopped; `eis-bench safe --kill BENCH` ends it and switches off");
+        let text = format!(
+            "nobody listens: process {pid}, which runs it, is stopped; `eis-bench safe --kill \
+            BENCH` ends it and switches off"
+        );
         return Err(usage(text));
     }
     Ok(story)
 }
 
-/// Of a run whose process is gone: that nobody hears, how far it came, what its bench was left in, and what to do.
+/// Of a run whose process is gone: that nobody hears, how far it came, what its bench was left in,
+/// and what to do.
 fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
     let points: usize = story.stages.values().map(|stage| stage.points.len()).sum();
     let last = lines.iter().rev().find_map(|line| match &line.entry {
@@ -132,7 +185,8 @@ fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
         Err(error) => format!("what its bench was left in is not known ({error})"),
     };
     format!(
-        "nobody listens: the process of this run is gone, at {:.0} s of bench time, {points} points finished, last in step \"{}\"; {left}; \
+        "nobody listens: the process of this run is gone, at {:.0} s of bench time, {points} \
+        points finished, last in step \"{}\"; {left}; \
          `eis-bench resume {}` goes on with it",
         story.last_s,
         last.unwrap_or("none"),
@@ -142,10 +196,19 @@ fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
 
 /// What a run has left its bench in, by what is written down of it.
 fn left(bench: &config::Bench) -> String {
-    let safe = format!("`eis-bench safe {}` switches off at any time", pasted(&bench.path));
-    match State::of(bench).and_then(|state| state.map_or(Ok(None), |state| Ok(Some((state.latched()?, state.open_run()?))))) {
+    let safe = format!(
+        "`eis-bench safe {}` switches off at any time",
+        pasted(&bench.path)
+    );
+    match State::of(bench).and_then(|state| {
+        state.map_or(Ok(None), |state| {
+            Ok(Some((state.latched()?, state.open_run()?)))
+        })
+    }) {
         Ok(Some((Some(cause), _))) => format!("its bench is latched: {cause}; {safe}"),
-        Ok(Some((None, Some(_)))) => format!("nobody has verified yet that its bench is off: {safe}"),
+        Ok(Some((None, Some(_)))) => {
+            format!("nobody has verified yet that its bench is off: {safe}")
+        }
         Ok(Some((None, None))) => "its bench was switched off after it".to_owned(),
         Ok(None) => "its simulated bench is gone with it".to_owned(),
         Err(error) => format!("what its bench was left in is not known ({error}): {safe}"),

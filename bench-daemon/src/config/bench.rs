@@ -46,19 +46,31 @@ pub struct Bench {
 }
 
 impl Bench {
-    /// Whether it is simulated in this process: then nothing of it is left when the process has ended.
+    /// Whether it is simulated in this process: then nothing of it is left when the process has
+    /// ended.
     pub fn in_process(&self) -> bool {
-        self.instruments.addressed().iter().all(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }))
+        self.instruments
+            .addressed()
+            .iter()
+            .all(|(_, instrument)| matches!(instrument.address, Address::Memory { .. }))
     }
 
-    /// Whether mocks on this machine stand for its instruments: nothing at these addresses outlives the process that serves them.
+    /// Whether mocks on this machine stand for its instruments: nothing at these addresses outlives
+    /// the process that serves them.
     pub fn is_mocked(&self) -> bool {
-        self.simulation.is_some() && self.instruments.addressed().iter().all(|(_, instrument)| resolve_bench::is_local(&instrument.address))
+        self.simulation.is_some()
+            && self
+                .instruments
+                .addressed()
+                .iter()
+                .all(|(_, instrument)| resolve_bench::is_local(&instrument.address))
     }
 
     /// How bench time runs.
     pub fn time(&self) -> TimeMode {
-        self.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time)
+        self.simulation
+            .as_ref()
+            .map_or(TimeMode::Real, |simulation| simulation.time)
     }
 }
 
@@ -67,7 +79,8 @@ impl Bench {
 pub struct Guardian {
     /// Without a word from the daemon for so long, s, the guardian ends it and switches off.
     pub lease_s: f64,
-    /// The daemon may compute for so long between two waits, s: after that it counts as hung, and the lease is not renewed.
+    /// The daemon may compute for so long between two waits, s: after that it counts as hung, and
+    /// the lease is not renewed.
     pub stall_s: f64,
 }
 
@@ -120,7 +133,9 @@ impl Instruments {
     /// The same with one role only.
     #[must_use]
     pub fn only(&self, role: &str) -> Self {
-        let keep = |name: &str, instrument: &Option<Instrument>| instrument.clone().filter(|_| name == role);
+        let keep = |name: &str, instrument: &Option<Instrument>| {
+            instrument.clone().filter(|_| name == role)
+        };
         Self {
             supply4q: keep("supply4q", &self.supply4q),
             generator: keep("generator", &self.generator),
@@ -146,7 +161,10 @@ impl Instruments {
             ("load", self.load.as_ref()),
             ("supply", self.supply.as_ref()),
             ("chiller", self.chiller.as_ref()),
-            ("logger", self.logger.as_ref().map(|(instrument, _, _)| instrument)),
+            (
+                "logger",
+                self.logger.as_ref().map(|(instrument, _, _)| instrument),
+            ),
             ("jig", jig),
         ]
         .into_iter()
@@ -162,7 +180,8 @@ pub struct Instrument {
     pub model: String,
     /// Where it is reached.
     pub address: Address,
-    /// What the identity of another model contains that is to be spoken to as this one all the same.
+    /// What the identity of another model contains that is to be spoken to as this one all the
+    /// same.
     pub accept: Option<String>,
 }
 

@@ -1,4 +1,5 @@
-//! The section `[interlock]` of a cell file: what the interlock allows beside the limits of the cell. Every line has a default.
+//! The section `[interlock]` of a cell file: what the interlock allows beside the limits of the
+//! cell. Every line has a default.
 
 use serde::Deserialize;
 
@@ -23,7 +24,8 @@ pub(super) struct Section {
     temperature_age_max: Option<Quantity<Duration>>,
 }
 
-/// A field: its name, what was typed, its default, its range, and the unit that the range is told in.
+/// A field: its name, what was typed, its default, its range, and the unit that the range is told
+/// in.
 type Field<'a> = (&'a str, Option<f64>, f64, (f64, f64), &'a str);
 
 impl Section {
@@ -31,26 +33,92 @@ impl Section {
     ///
     /// # Errors
     /// The first field outside its range.
-    pub(super) fn resolve(&self, source: &Source, capacity_c: f64) -> Result<Settings, ConfigError> {
+    pub(super) fn resolve(
+        &self,
+        source: &Source,
+        capacity_c: f64,
+    ) -> Result<Settings, ConfigError> {
         let within = |(field, typed, default, (least, greatest), unit): Field<'_>| {
             let value = typed.unwrap_or(default);
-            (least..=greatest).contains(&value).then_some(value).ok_or_else(|| {
-                source
-                    .complain(&format!("interlock.{field}"), format!("expected {least} {unit} to {greatest} {unit}, found {value} {unit}"))
-            })
+            (least..=greatest)
+                .contains(&value)
+                .then_some(value)
+                .ok_or_else(|| {
+                    source.complain(
+                        &format!("interlock.{field}"),
+                        format!(
+                            "expected {least} {unit} to {greatest} {unit}, found {value} {unit}"
+                        ),
+                    )
+                })
         };
         let share = |typed: Option<Quantity<Share>>| typed.map(|share| 100.0 * share.si);
-        // The rate of a fault that heats a cell; a discharge at two hours warms a P45B by less than a kelvin a minute.
-        let rate = ("temperature_rate_max", self.temperature_rate_max.map(|rate| 60.0 * rate.si), 5.0, (0.1, 600.0), "K/min");
+        // The rate of a fault that heats a cell; a discharge at two hours warms a P45B by less than
+        // a kelvin a minute.
+        let rate = (
+            "temperature_rate_max",
+            self.temperature_rate_max.map(|rate| 60.0 * rate.si),
+            5.0,
+            (0.1, 600.0),
+            "K/min",
+        );
         Ok(Settings {
             rate_k_per_s: within(rate)? / 60.0,
-            window_s: within(("temperature_window", si(self.temperature_window), 60.0, (20.0, 600.0), "s"))?,
-            charge_c: 0.01 * capacity_c * within(("charge_max", share(self.charge_max), 110.0, (1.0, 1000.0), "%"))?,
-            drift_c: 0.01 * capacity_c * within(("charge_drift_max", share(self.charge_drift_max), 0.5, (0.01, 1000.0), "%"))?,
-            frozen_c: 0.01 * capacity_c * within(("frozen_charge", share(self.frozen_charge), 1.0, (0.01, 1000.0), "%"))?,
-            frozen_s: within(("frozen_time", si(self.frozen_time), 30.0, (10.0, 3600.0), "s"))?,
-            reading_age_s: within(("reading_age_max", si(self.reading_age_max), 15.0, (2.0, 600.0), "s"))?,
-            temperature_age_s: within(("temperature_age_max", si(self.temperature_age_max), 60.0, (10.0, 3600.0), "s"))?,
+            window_s: within((
+                "temperature_window",
+                si(self.temperature_window),
+                60.0,
+                (20.0, 600.0),
+                "s",
+            ))?,
+            charge_c: 0.01
+                * capacity_c
+                * within((
+                    "charge_max",
+                    share(self.charge_max),
+                    110.0,
+                    (1.0, 1000.0),
+                    "%",
+                ))?,
+            drift_c: 0.01
+                * capacity_c
+                * within((
+                    "charge_drift_max",
+                    share(self.charge_drift_max),
+                    0.5,
+                    (0.01, 1000.0),
+                    "%",
+                ))?,
+            frozen_c: 0.01
+                * capacity_c
+                * within((
+                    "frozen_charge",
+                    share(self.frozen_charge),
+                    1.0,
+                    (0.01, 1000.0),
+                    "%",
+                ))?,
+            frozen_s: within((
+                "frozen_time",
+                si(self.frozen_time),
+                30.0,
+                (10.0, 3600.0),
+                "s",
+            ))?,
+            reading_age_s: within((
+                "reading_age_max",
+                si(self.reading_age_max),
+                15.0,
+                (2.0, 600.0),
+                "s",
+            ))?,
+            temperature_age_s: within((
+                "temperature_age_max",
+                si(self.temperature_age_max),
+                60.0,
+                (10.0, 3600.0),
+                "s",
+            ))?,
         })
     }
 }

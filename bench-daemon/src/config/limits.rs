@@ -1,5 +1,6 @@
-//! Whether the limits of a cell are worth their name. What lies beyond the cell's absolute limits, as far as its file knows them, is refused; what lies
-//! beyond the cell's own data or common sense is loudly said, for an interlock that never trips is none.
+//! Whether the limits of a cell are worth their name. What lies beyond the cell's absolute limits,
+//! as far as its file knows them, is refused; what lies beyond the cell's own data or common sense
+//! is loudly said, for an interlock that never trips is none.
 
 use serde::Deserialize;
 
@@ -34,15 +35,48 @@ impl Section {
         let capacity = self.capacity.map(|field| field.si / 3600.0);
         for (field, unit, value, (least, greatest)) in [
             ("capacity", "Ah", cell.capacity_c / 3600.0, (None, capacity)),
-            ("voltage_min", "V", limits.min_v, (si(&self.voltage_min), None)),
-            ("voltage_max", "V", limits.max_v, (None, si(&self.voltage_max))),
-            ("charge_current_max", "A", limits.charge_a, (None, amps(&self.charge_current_max))),
-            ("discharge_current_max", "A", limits.discharge_a, (None, amps(&self.discharge_current_max))),
-            ("temperature_min", "°C", limits.min_c, (celsius(&self.temperature_min), None)),
-            ("temperature_max", "°C", limits.max_c, (None, celsius(&self.temperature_max))),
+            (
+                "voltage_min",
+                "V",
+                limits.min_v,
+                (si(&self.voltage_min), None),
+            ),
+            (
+                "voltage_max",
+                "V",
+                limits.max_v,
+                (None, si(&self.voltage_max)),
+            ),
+            (
+                "charge_current_max",
+                "A",
+                limits.charge_a,
+                (None, amps(&self.charge_current_max)),
+            ),
+            (
+                "discharge_current_max",
+                "A",
+                limits.discharge_a,
+                (None, amps(&self.discharge_current_max)),
+            ),
+            (
+                "temperature_min",
+                "°C",
+                limits.min_c,
+                (celsius(&self.temperature_min), None),
+            ),
+            (
+                "temperature_max",
+                "°C",
+                limits.max_c,
+                (None, celsius(&self.temperature_max)),
+            ),
         ] {
             let beyond = |word: &str, bound: f64| {
-                let reason = format!("expected at {word} {bound} {unit}, the cell's absolute limit in [absolute], found {value} {unit}");
+                let reason = format!(
+                    "expected at {word} {bound} {unit}, the cell's absolute limit in [absolute], \
+                    found {value} {unit}"
+                );
                 Err(source.complain(field, reason))
             };
             match (least, greatest) {
@@ -59,7 +93,8 @@ impl Section {
 const OCV_MARGIN_V: f64 = 0.02;
 /// Least and greatest voltage of the usual lithium cells, V, where the file has no `[ocv]`.
 const USUAL_V: (f64, f64) = (2.0, 4.25);
-/// Greatest charging and discharging current of the usual power cells, as multiples of the capacity in an hour.
+/// Greatest charging and discharging current of the usual power cells, as multiples of the capacity
+/// in an hour.
 const USUAL_C_RATE: (f64, f64) = (3.05, 15.0);
 /// Surface temperatures beyond which a lithium cell ages or plates fast, °C.
 const USUAL_C: (f64, f64) = (-20.0, 60.0);
@@ -67,38 +102,128 @@ const USUAL_C: (f64, f64) = (-20.0, 60.0);
 /// What of a cell's limits is beyond its data or common sense, in words.
 pub(super) fn wide(cell: &Cell) -> Vec<String> {
     let (limits, settings) = (&cell.limits, &cell.interlock);
-    let (ocv, table) = cell.ocv.as_ref().map_or((USUAL_V, "of the usual lithium cells"), |ocv| {
-        let ends = ocv.ocv_v.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| (least.min(*v), most.max(*v)));
-        ((ends.0 - OCV_MARGIN_V, ends.1 + OCV_MARGIN_V), "of this cell in [ocv]")
-    });
+    let (ocv, table) = cell
+        .ocv
+        .as_ref()
+        .map_or((USUAL_V, "of the usual lithium cells"), |ocv| {
+            let ends = ocv
+                .ocv_v
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| {
+                    (least.min(*v), most.max(*v))
+                });
+            (
+                (ends.0 - OCV_MARGIN_V, ends.1 + OCV_MARGIN_V),
+                "of this cell in [ocv]",
+            )
+        });
     let (ampere_hours, share) = (cell.capacity_c / 3600.0, 100.0 / cell.capacity_c);
-    let field = |field: &str, (value, unit): (f64, &str), (least, greatest): (f64, f64), why: &str| {
-        let (word, bound) = if value < least { ("below", least) } else { ("above", greatest) };
-        let text = || format!("{field} = {} {unit} is {word} {} {unit}, {why}", rounded(value), rounded(bound));
-        (!(least..=greatest).contains(&value)).then(text)
-    };
+    let field =
+        |field: &str, (value, unit): (f64, &str), (least, greatest): (f64, f64), why: &str| {
+            let (word, bound) = if value < least {
+                ("below", least)
+            } else {
+                ("above", greatest)
+            };
+            let text = || {
+                format!(
+                    "{field} = {} {unit} is {word} {} {unit}, {why}",
+                    rounded(value),
+                    rounded(bound)
+                )
+            };
+            (!(least..=greatest).contains(&value)).then(text)
+        };
     let most = |greatest: f64| (f64::NEG_INFINITY, greatest);
-    let (never, blind) = ("from where it saves no cell", "from where nothing is seen for too long");
+    let (never, blind) = (
+        "from where it saves no cell",
+        "from where nothing is seen for too long",
+    );
     [
-        field("voltage_min", (limits.min_v, "V"), (ocv.0, f64::INFINITY), &format!("the least voltage {table}")),
-        field("voltage_max", (limits.max_v, "V"), most(ocv.1), &format!("the greatest voltage {table}")),
-        field("charge_current_max", (limits.charge_a, "A"), most(USUAL_C_RATE.0 * ampere_hours), "more than power cells bear for long"),
+        field(
+            "voltage_min",
+            (limits.min_v, "V"),
+            (ocv.0, f64::INFINITY),
+            &format!("the least voltage {table}"),
+        ),
+        field(
+            "voltage_max",
+            (limits.max_v, "V"),
+            most(ocv.1),
+            &format!("the greatest voltage {table}"),
+        ),
+        field(
+            "charge_current_max",
+            (limits.charge_a, "A"),
+            most(USUAL_C_RATE.0 * ampere_hours),
+            "more than power cells bear for long",
+        ),
         field(
             "discharge_current_max",
             (limits.discharge_a, "A"),
             most(USUAL_C_RATE.1 * ampere_hours),
             "more than power cells bear for long",
         ),
-        field("temperature_min", (limits.min_c, "°C"), (USUAL_C.0, f64::INFINITY), "where lithium plates"),
-        field("temperature_max", (limits.max_c, "°C"), most(USUAL_C.1), "where lithium cells age fast"),
-        field("interlock.temperature_rate_max", (60.0 * settings.rate_k_per_s, "K/min"), most(20.0), never),
-        field("interlock.temperature_window", (settings.window_s, "s"), most(180.0), blind),
-        field("interlock.charge_max", (share * settings.charge_c, "%"), most(125.0), "more than any cell holds"),
-        field("interlock.charge_drift_max", (share * settings.drift_c, "%"), most(10.0), never),
-        field("interlock.frozen_charge", (share * settings.frozen_c, "%"), most(10.0), blind),
-        field("interlock.frozen_time", (settings.frozen_s, "s"), most(300.0), blind),
-        field("interlock.reading_age_max", (settings.reading_age_s, "s"), most(60.0), blind),
-        field("interlock.temperature_age_max", (settings.temperature_age_s, "s"), most(300.0), blind),
+        field(
+            "temperature_min",
+            (limits.min_c, "°C"),
+            (USUAL_C.0, f64::INFINITY),
+            "where lithium plates",
+        ),
+        field(
+            "temperature_max",
+            (limits.max_c, "°C"),
+            most(USUAL_C.1),
+            "where lithium cells age fast",
+        ),
+        field(
+            "interlock.temperature_rate_max",
+            (60.0 * settings.rate_k_per_s, "K/min"),
+            most(20.0),
+            never,
+        ),
+        field(
+            "interlock.temperature_window",
+            (settings.window_s, "s"),
+            most(180.0),
+            blind,
+        ),
+        field(
+            "interlock.charge_max",
+            (share * settings.charge_c, "%"),
+            most(125.0),
+            "more than any cell holds",
+        ),
+        field(
+            "interlock.charge_drift_max",
+            (share * settings.drift_c, "%"),
+            most(10.0),
+            never,
+        ),
+        field(
+            "interlock.frozen_charge",
+            (share * settings.frozen_c, "%"),
+            most(10.0),
+            blind,
+        ),
+        field(
+            "interlock.frozen_time",
+            (settings.frozen_s, "s"),
+            most(300.0),
+            blind,
+        ),
+        field(
+            "interlock.reading_age_max",
+            (settings.reading_age_s, "s"),
+            most(60.0),
+            blind,
+        ),
+        field(
+            "interlock.temperature_age_max",
+            (settings.temperature_age_s, "s"),
+            most(300.0),
+            blind,
+        ),
     ]
     .into_iter()
     .flatten()

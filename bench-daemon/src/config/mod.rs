@@ -1,5 +1,6 @@
-//! Configuration: files as typed (`raw`), read with line numbers (`source`) and units (`quantity`), checked once (`resolve`, `check`). What comes out
-//! of here is complete and within the limits of cell and instruments; nothing is energised before that.
+//! Configuration: files as typed (`raw`), read with line numbers (`source`) and units (`quantity`),
+//! checked once (`resolve`, `check`). What comes out of here is complete and within the limits of
+//! cell and instruments; nothing is energised before that.
 
 mod bench;
 mod campaign;
@@ -22,7 +23,9 @@ use crate::{plan::Missed, quality::Quality};
 use analysis::{calibration::ControlTolerance, fit::Objective, ocv::OcvCurve};
 use instruments::mock::plant::Fixture;
 
-pub use bench::{Bench, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Thermostat, Wiring};
+pub use bench::{
+    Bench, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Thermostat, Wiring,
+};
 pub use campaign::{Campaign, CampaignRun};
 pub(crate) use check::{LOAD_CUT_OFF_V, check_frames};
 pub use multisine::{Band, Multisine};
@@ -62,7 +65,8 @@ pub struct Experiment {
     pub traces: Vec<Trace>,
     /// The fits.
     pub fit: Fit,
-    /// The order of the fitted model that is diagnosed with the run's own data at its end, where that is asked for.
+    /// The order of the fitted model that is diagnosed with the run's own data at its end, where
+    /// that is asked for.
     pub diagnosed_rc: Option<usize>,
     /// What it does by itself when something has ended it.
     pub perseverance: Perseverance,
@@ -70,7 +74,8 @@ pub struct Experiment {
     pub sources: Vec<Source>,
 }
 
-/// When a run that something has ended goes on by itself. After what has touched a limit of the cell, and where an output is not known to be off, it never does.
+/// When a run that something has ended goes on by itself. After what has touched a limit of the
+/// cell, and where an output is not known to be off, it never does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Perseverance {
     /// How often after faults of the wire, which pass.
@@ -124,7 +129,8 @@ pub struct FixtureCheck {
     pub controls: Vec<(Fixture, Tolerance)>,
     /// How far a control may be off after the correction, as a share.
     pub corrected_tolerance: f64,
-    /// Frequencies beyond those of the sweep at which the controls are looked at, Hz: they are judged by nothing, and tell how far the bench goes.
+    /// Frequencies beyond those of the sweep at which the controls are looked at, Hz: they are
+    /// judged by nothing, and tell how far the bench goes.
     pub beyond_hz: Vec<f64>,
 }
 
@@ -196,7 +202,8 @@ pub struct Eis {
     pub record_points: u64,
     /// Points in the scope's memory per channel.
     pub memory_points: u64,
-    /// Frequency of the mains whose pick-up is fitted besides the sinusoid, Hz; `None` if there is none to expect.
+    /// Frequency of the mains whose pick-up is fitted besides the sinusoid, Hz; `None` if there is
+    /// none to expect.
     pub mains_hz: Option<f64>,
     /// In which order the frequencies come.
     pub order: Order,
@@ -204,7 +211,8 @@ pub struct Eis {
     pub steps_a: Vec<f64>,
     /// Each sweep goes there and back, and every point counts at the time in between.
     pub compensate_drift: bool,
-    /// The next point settles while the record of this one is fetched and analysed; where it is not said, in real time only.
+    /// The next point settles while the record of this one is fetched and analysed; where it is not
+    /// said, in real time only.
     pub overlap: Option<bool>,
     /// What a point must be to be kept without a flag, where it is asked for.
     pub quality: Option<Quality>,

@@ -1,4 +1,5 @@
-//! Quantities as people type them: a number with its unit, so that volts cannot be given where amperes are wanted.
+//! Quantities as people type them: a number with its unit, so that volts cannot be given where
+//! amperes are wanted.
 
 use std::{fmt, marker::PhantomData};
 
@@ -36,7 +37,10 @@ impl<D> fmt::Debug for Quantity<D> {
 impl<D: Dimension> Quantity<D> {
     /// A value in SI.
     pub(super) fn of(si: f64) -> Self {
-        Self { si, dimension: PhantomData }
+        Self {
+            si,
+            dimension: PhantomData,
+        }
     }
 
     /// Reads `"500 mA"`.
@@ -44,22 +48,39 @@ impl<D: Dimension> Quantity<D> {
     /// # Errors
     /// What was expected and what was found.
     pub fn parse(text: &str) -> Result<Self, String> {
-        let fail = || format!("expected {} with its unit, such as {:?}, found {text:?}", D::NAME, D::EXAMPLE);
+        let fail = || {
+            format!(
+                "expected {} with its unit, such as {:?}, found {text:?}",
+                D::NAME,
+                D::EXAMPLE
+            )
+        };
         let trimmed = text.trim();
         let split = trimmed
             .char_indices()
             .find(|(at, c)| {
                 let exponent = matches!(c, 'e' | 'E')
-                    && trimmed[at + 1..].starts_with(|next: char| next.is_ascii_digit() || next == '-' || next == '+');
+                    && trimmed[at + 1..].starts_with(|next: char| {
+                        next.is_ascii_digit() || next == '-' || next == '+'
+                    });
                 !(c.is_ascii_digit() || matches!(c, '.' | '+' | '-') || exponent)
             })
             .map_or(trimmed.len(), |(at, _)| at);
         let (number, unit) = trimmed.split_at(split);
         let number: f64 = number.parse().map_err(|_| fail())?;
         let unit = unit.trim();
-        let factor = D::UNITS.iter().find(|(name, _)| *name == unit).map(|(_, factor)| *factor).ok_or_else(fail)?;
+        let factor = D::UNITS
+            .iter()
+            .find(|(name, _)| *name == unit)
+            .map(|(_, factor)| *factor)
+            .ok_or_else(fail)?;
         let si = number * factor;
-        si.is_finite().then_some(Self { si, dimension: PhantomData }).ok_or_else(fail)
+        si.is_finite()
+            .then_some(Self {
+                si,
+                dimension: PhantomData,
+            })
+            .ok_or_else(fail)
     }
 }
 
@@ -158,7 +179,11 @@ mod tests {
     fn a_wrong_or_missing_unit_is_refused_in_words() {
         for text in ["1 V", "1", "A", "one A", "1 a", "", "1e999 A", "1 eA"] {
             let message = Quantity::<Current>::parse(text).unwrap_err();
-            assert!(message.contains("expected a current with its unit, such as \"1 A\"") && message.contains(text), "{message}");
+            assert!(
+                message.contains("expected a current with its unit, such as \"1 A\"")
+                    && message.contains(text),
+                "{message}"
+            );
         }
     }
 }

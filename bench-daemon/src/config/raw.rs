@@ -1,12 +1,12 @@
-//! Experiment and cell as they are typed: these structures mirror the TOML, and nothing else reads them than `resolve` and `check`. The bench is in
-//! `raw_bench`.
+//! Experiment and cell as they are typed: these structures mirror the TOML, and nothing else reads
+//! them than `resolve` and `check`. The bench is in `raw_bench`.
 
 use analysis::dataset::Role;
 use serde::Deserialize;
 
 use super::quantity::{
-    Angle, Charge, Current, Duration, Frequency, Power, Quantity, Resistance, Share, Temperature, TemperatureDifference, Voltage,
-    VoltageSlope,
+    Angle, Charge, Current, Duration, Frequency, Power, Quantity, Resistance, Share, Temperature,
+    TemperatureDifference, Voltage, VoltageSlope,
 };
 
 /// An experiment: what is to be done with which cell on which bench.
@@ -205,7 +205,8 @@ pub(super) struct Trace {
     pub(super) longest_interval: Quantity<Duration>,
 }
 
-/// Pulses of either sign, each with a relaxation behind it: first out of the cell, then into it, amplitude by amplitude.
+/// Pulses of either sign, each with a relaxation behind it: first out of the cell, then into it,
+/// amplitude by amplitude.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Pulses {
@@ -248,7 +249,11 @@ pub(super) struct Fit {
 
 impl Default for Fit {
     fn default() -> Self {
-        Self { rc: vec![1, 2, 3, 4], objective: "complex".to_owned(), refused_points: false }
+        Self {
+            rc: vec![1, 2, 3, 4],
+            objective: "complex".to_owned(),
+            refused_points: false,
+        }
     }
 }
 

@@ -1,4 +1,5 @@
-//! The bench file as it is typed: these structures mirror the TOML, and nothing else reads them than `resolve_bench` and `simulation`.
+//! The bench file as it is typed: these structures mirror the TOML, and nothing else reads them
+//! than `resolve_bench` and `simulation`.
 
 use std::collections::BTreeMap;
 
@@ -6,9 +7,12 @@ use analysis::diagnosis::BenchHistory;
 use instruments::mock::{Fault, quirks::Value};
 use serde::Deserialize;
 
-use super::quantity::{Capacitance, Duration, Inductance, Quantity, Resistance, TemperatureDifference, Voltage};
+use super::quantity::{
+    Capacitance, Duration, Inductance, Quantity, Resistance, TemperatureDifference, Voltage,
+};
 
-/// A bench: its instruments, its wiring, its controls, and the simulation behind it, if there is one.
+/// A bench: its instruments, its wiring, its controls, and the simulation behind it, if there is
+/// one.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Bench {

@@ -1,4 +1,5 @@
-//! Smaller sections of a bench file: what its simulation is told beside the scenario, and how a bath with relays is held.
+//! Smaller sections of a bench file: what its simulation is told beside the scenario, and how a
+//! bath with relays is held.
 
 use std::collections::BTreeMap;
 
@@ -15,8 +16,15 @@ pub(super) fn faults(source: &Source, raw: &raw_bench::Faults) -> Result<Schedul
         return Err(source.complain("simulation.faults.per_message", reason));
     }
     let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
-    if let Some(role) = raw.role.as_ref().filter(|role| !mock::MODELS.iter().any(|model| model.role == role.as_str())) {
-        return Err(source.complain("simulation.faults.role", format!("expected the role of an instrument, found {role:?}")));
+    if let Some(role) = raw
+        .role
+        .as_ref()
+        .filter(|role| !mock::MODELS.iter().any(|model| model.role == role.as_str()))
+    {
+        return Err(source.complain(
+            "simulation.faults.role",
+            format!("expected the role of an instrument, found {role:?}"),
+        ));
     }
     let from_s = raw.from.map_or(0.0, |from| from.si);
     Ok(Schedule {
@@ -41,7 +49,11 @@ pub(super) fn quirks(
     let mut told = BTreeMap::new();
     for (role, switches) in raw {
         let Some((role, instrument)) = addressed.iter().find(|(known, _)| known == role) else {
-            let roles = addressed.iter().map(|(role, _)| *role).collect::<Vec<_>>().join(", ");
+            let roles = addressed
+                .iter()
+                .map(|(role, _)| *role)
+                .collect::<Vec<_>>()
+                .join(", ");
             return Err(source.complain(
                 &format!("simulation.quirks.{role}"),
                 format!("expected an instrument of this bench ({roles}), found {role:?}"),
@@ -52,29 +64,73 @@ pub(super) fn quirks(
             Ok(_) => told.insert(*role, quirks),
             Err(MakeError::Quirk(error)) => {
                 let reason = format!("{}: {error}", instrument.model);
-                return Err(source.complain(&format!("simulation.quirks.{role}.{}", error.name), reason));
+                return Err(
+                    source.complain(&format!("simulation.quirks.{role}.{}", error.name), reason)
+                );
             }
-            Err(error) => return Err(source.complain(&format!("simulation.quirks.{role}"), error.to_string())),
+            Err(error) => {
+                return Err(
+                    source.complain(&format!("simulation.quirks.{role}"), error.to_string())
+                );
+            }
         };
     }
     Ok(told)
 }
 
 /// Unless they are typed: proportional band, K, integral time, window and age of a reading, s.
-const THERMOSTAT: Thermostat = Thermostat { band_k: 0.5, integral_s: 400.0, window_s: 20.0, stale_s: 60.0, sensor_offset_k: 0.0 };
+const THERMOSTAT: Thermostat = Thermostat {
+    band_k: 0.5,
+    integral_s: 400.0,
+    window_s: 20.0,
+    stale_s: 60.0,
+    sensor_offset_k: 0.0,
+};
 
-pub(super) fn thermostat(source: &Source, raw: &raw_bench::Thermostat) -> Result<Thermostat, ConfigError> {
+pub(super) fn thermostat(
+    source: &Source,
+    raw: &raw_bench::Thermostat,
+) -> Result<Thermostat, ConfigError> {
     let within = |field: &str, value: f64, (least, greatest): (f64, f64), unit: &str| {
-        let reason = || format!("expected {least} {unit} to {greatest} {unit}, found {value} {unit}");
-        (least..=greatest).contains(&value).then_some(value).ok_or_else(|| source.complain(&format!("thermostat.{field}"), reason()))
+        let reason =
+            || format!("expected {least} {unit} to {greatest} {unit}, found {value} {unit}");
+        (least..=greatest)
+            .contains(&value)
+            .then_some(value)
+            .ok_or_else(|| source.complain(&format!("thermostat.{field}"), reason()))
     };
     let usual = THERMOSTAT;
-    let window_s = within("window", raw.window.map_or(usual.window_s, |window| window.si), (5.0, 45.0), "s")?;
+    let window_s = within(
+        "window",
+        raw.window.map_or(usual.window_s, |window| window.si),
+        (5.0, 45.0),
+        "s",
+    )?;
     Ok(Thermostat {
-        band_k: within("proportional_band", raw.proportional_band.map_or(usual.band_k, |band| band.si), (0.05, 20.0), "K")?,
-        integral_s: within("integral_time", raw.integral_time.map_or(usual.integral_s, |time| time.si), (10.0, 100_000.0), "s")?,
+        band_k: within(
+            "proportional_band",
+            raw.proportional_band.map_or(usual.band_k, |band| band.si),
+            (0.05, 20.0),
+            "K",
+        )?,
+        integral_s: within(
+            "integral_time",
+            raw.integral_time.map_or(usual.integral_s, |time| time.si),
+            (10.0, 100_000.0),
+            "s",
+        )?,
         window_s,
-        stale_s: within("stale", raw.stale.map_or(usual.stale_s, |stale| stale.si), (window_s, 600.0), "s")?,
-        sensor_offset_k: within("sensor_offset", raw.sensor_offset.map_or(0.0, |offset| offset.si), (-5.0, 5.0), "K")?,
+        stale_s: within(
+            "stale",
+            raw.stale.map_or(usual.stale_s, |stale| stale.si),
+            (window_s, 600.0),
+            "s",
+        )?,
+        sensor_offset_k: within(
+            "sensor_offset",
+            raw.sensor_offset.map_or(0.0, |offset| offset.si),
+            (-5.0, 5.0),
+            "K",
+        )?,
     })
 }

@@ -31,7 +31,8 @@ pub enum ConfigError {
         path: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// The field, from the top, such as `eis.amplitude`; items of a list by their number, from 1: `runs.2.file`.
+        /// The field, from the top, such as `eis.amplitude`; items of a list by their number, from
+        /// 1: `runs.2.file`.
         field: String,
         /// What was expected and what was found.
         reason: String,
@@ -74,13 +75,20 @@ impl Fence {
     }
 
     fn read(&self, path: &Path) -> Result<String, ConfigError> {
-        let unreadable = |reason: String| ConfigError::Unreadable { path: path.to_owned(), reason };
+        let unreadable = |reason: String| ConfigError::Unreadable {
+            path: path.to_owned(),
+            reason,
+        };
         if self.also.iter().any(|known| known == path) {
             return std::fs::read_to_string(path).map_err(|error| unreadable(error.to_string()));
         }
-        let name = self.relative(path).and_then(|name| name.to_str().map(str::to_owned));
+        let name = self
+            .relative(path)
+            .and_then(|name| name.to_str().map(str::to_owned));
         let file = name.and_then(|name| beneath::open(&self.below, &name));
-        let file = file.ok_or_else(|| unreadable("there is no such file in the folder of the configuration".to_owned()))?;
+        let file = file.ok_or_else(|| {
+            unreadable("there is no such file in the folder of the configuration".to_owned())
+        })?;
         let mut text = String::new();
         match file.take(LONGEST).read_to_string(&mut text) {
             Ok(read) if (read as u64) < LONGEST => Ok(text),
@@ -119,9 +127,15 @@ impl Source {
     /// # Errors
     /// [`ConfigError::Unreadable`].
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
-        let text =
-            std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable { path: path.to_owned(), reason: error.to_string() })?;
-        Ok(Self { path: path.to_owned(), text, others: Others::Disk })
+        let text = std::fs::read_to_string(path).map_err(|error| ConfigError::Unreadable {
+            path: path.to_owned(),
+            reason: error.to_string(),
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            text,
+            others: Others::Disk,
+        })
     }
 
     /// A file as it was, beside others as they were: whatever it names is read from there too.
@@ -130,13 +144,25 @@ impl Source {
     /// [`ConfigError::Unreadable`] for a path that is not among them.
     pub fn copy(path: &Path, copies: &Arc<Copies>) -> Result<Self, ConfigError> {
         let reason = || "it is not among the copies of the run folder".to_owned();
-        let text = copies.get(path).ok_or_else(|| ConfigError::Unreadable { path: path.to_owned(), reason: reason() })?;
-        Ok(Self { path: path.to_owned(), text: text.clone(), others: Others::Copies(copies.clone()) })
+        let text = copies.get(path).ok_or_else(|| ConfigError::Unreadable {
+            path: path.to_owned(),
+            reason: reason(),
+        })?;
+        Ok(Self {
+            path: path.to_owned(),
+            text: text.clone(),
+            others: Others::Copies(copies.clone()),
+        })
     }
 
-    /// A text as if it were a file at `path`, written by somebody who must not read everything: what it names is read within the fence only.
+    /// A text as if it were a file at `path`, written by somebody who must not read everything:
+    /// what it names is read within the fence only.
     pub fn fenced(path: &Path, text: String, fence: &Arc<Fence>) -> Self {
-        Self { path: path.to_owned(), text, others: Others::Fenced(fence.clone()) }
+        Self {
+            path: path.to_owned(),
+            text,
+            others: Others::Fenced(fence.clone()),
+        }
     }
 
     /// Another file, read as this one was: from the disk, or as it was.
@@ -182,14 +208,25 @@ impl Source {
         })
     }
 
-    /// A complaint about a field that could be read but must not be so. Points at the nearest ancestor that exists.
+    /// A complaint about a field that could be read but must not be so. Points at the nearest
+    /// ancestor that exists.
     pub fn complain(&self, field: &str, reason: impl Into<String>) -> ConfigError {
         let at = self.span_of(field).map_or(0, |span| span.start);
-        ConfigError::Field { path: self.path.clone(), line: self.line(at), field: field.to_owned(), reason: reason.into() }
+        ConfigError::Field {
+            path: self.path.clone(),
+            line: self.line(at),
+            field: field.to_owned(),
+            reason: reason.into(),
+        }
     }
 
     fn line(&self, at: usize) -> usize {
-        self.text.bytes().take(at).filter(|&byte| byte == b'\n').count() + 1
+        self.text
+            .bytes()
+            .take(at)
+            .filter(|&byte| byte == b'\n')
+            .count()
+            + 1
     }
 
     fn span_of(&self, field: &str) -> Option<Range<usize>> {
@@ -198,15 +235,23 @@ impl Source {
         let mut found = None;
         let mut names = field.split('.');
         while let Some(name) = names.next() {
-            let Some((key, value)) = table.iter().find(|(key, _)| key.get_ref().as_ref() == name) else { break };
+            let Some((key, value)) = table.iter().find(|(key, _)| key.get_ref().as_ref() == name)
+            else {
+                break;
+            };
             found = Some(key.span());
             match value.get_ref() {
                 DeValue::Table(inner) => table = inner,
                 DeValue::Array(all) => {
                     let number = names.next().and_then(|number| number.parse::<usize>().ok());
-                    let Some(item) = number.and_then(|number| all.get(number.checked_sub(1)?)) else { break };
+                    let Some(item) = number.and_then(|number| all.get(number.checked_sub(1)?))
+                    else {
+                        break;
+                    };
                     found = Some(item.span());
-                    let DeValue::Table(inner) = item.get_ref() else { break };
+                    let DeValue::Table(inner) = item.get_ref() else {
+                        break;
+                    };
                     table = inner;
                 }
                 _ => break,
@@ -217,10 +262,16 @@ impl Source {
 
     /// The innermost key that an error position belongs to.
     fn field_at(&self, at: usize) -> String {
-        let Ok(document) = DeTable::parse(&self.text) else { return "(syntax)".to_owned() };
+        let Ok(document) = DeTable::parse(&self.text) else {
+            return "(syntax)".to_owned();
+        };
         let mut path = Vec::new();
         descend(document.get_ref(), at, &mut path);
-        if path.is_empty() { "(whole file)".to_owned() } else { path.join(".") }
+        if path.is_empty() {
+            "(whole file)".to_owned()
+        } else {
+            path.join(".")
+        }
     }
 }
 
@@ -232,7 +283,12 @@ fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
             match value.get_ref() {
                 DeValue::Table(inner) => descend(inner, at, path),
                 DeValue::Array(all) => {
-                    let Some(index) = all.iter().position(|item| holds(item.get_ref(), item.span(), at)) else { return };
+                    let Some(index) = all
+                        .iter()
+                        .position(|item| holds(item.get_ref(), item.span(), at))
+                    else {
+                        return;
+                    };
                     path.push((index + 1).to_string());
                     if let DeValue::Table(inner) = all[index].get_ref() {
                         descend(inner, at, path);
@@ -248,8 +304,12 @@ fn descend(table: &DeTable<'_>, at: usize, path: &mut Vec<String>) {
 /// A value, or what is written below its header, is at the position.
 fn holds(value: &DeValue<'_>, span: Range<usize>, at: usize) -> bool {
     let inner = match value {
-        DeValue::Table(inner) => inner.iter().any(|(key, value)| key.span().contains(&at) || holds(value.get_ref(), value.span(), at)),
-        DeValue::Array(all) => all.iter().any(|item| holds(item.get_ref(), item.span(), at)),
+        DeValue::Table(inner) => inner.iter().any(|(key, value)| {
+            key.span().contains(&at) || holds(value.get_ref(), value.span(), at)
+        }),
+        DeValue::Array(all) => all
+            .iter()
+            .any(|item| holds(item.get_ref(), item.span(), at)),
         _ => false,
     };
     inner || span.contains(&at)
@@ -282,46 +342,84 @@ mod tests {
     }
 
     fn source(text: &str) -> Source {
-        Source { path: PathBuf::from("a.toml"), text: text.to_owned(), others: Others::Disk }
+        Source {
+            path: PathBuf::from("a.toml"),
+            text: text.to_owned(),
+            others: Others::Disk,
+        }
     }
 
     #[test]
     fn a_copy_reads_what_it_names_from_the_copies_and_nothing_else() {
-        let copies = Arc::new(Copies::from([("a/x.toml".into(), "x".to_owned()), ("a/../b/y.toml".into(), "y".to_owned())]));
+        let copies = Arc::new(Copies::from([
+            ("a/x.toml".into(), "x".to_owned()),
+            ("a/../b/y.toml".into(), "y".to_owned()),
+        ]));
         let x = Source::copy(Path::new("a/x.toml"), &copies).unwrap();
         assert_eq!(x.open(&x.relative("../b/y.toml")).unwrap().text(), "y");
         let message = x.open(&x.relative("z.toml")).unwrap_err().to_string();
-        assert_eq!(message, "a/z.toml: cannot be read: it is not among the copies of the run folder");
+        assert_eq!(
+            message,
+            "a/z.toml: cannot be read: it is not among the copies of the run folder"
+        );
     }
 
     #[test]
     fn mistakes_in_lists_are_located_by_number() {
         let text = "[[runs]]\npoints = 2\n[[runs]]\npoints = \"x\"\n";
         let message = source(text).parse::<List>().unwrap_err().to_string();
-        assert!(message.starts_with("a.toml:4: runs.2.points: invalid type"), "{message}");
-        let message = source("[[runs]]\npoints = 2\n[[runs]]\n").parse::<List>().unwrap_err().to_string();
-        assert!(message.starts_with("a.toml:3: runs.2: missing field `points`"), "{message}");
+        assert!(
+            message.starts_with("a.toml:4: runs.2.points: invalid type"),
+            "{message}"
+        );
+        let message = source("[[runs]]\npoints = 2\n[[runs]]\n")
+            .parse::<List>()
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.starts_with("a.toml:3: runs.2: missing field `points`"),
+            "{message}"
+        );
         let text = "[[runs]]\npoints = 2\n\n[[runs]]\npoints = 3\n";
-        assert_eq!(source(text).complain("runs.2.points", "odd").to_string(), "a.toml:5: runs.2.points: odd");
-        assert_eq!(source(text).complain("runs.2.pints", "odd").to_string(), "a.toml:4: runs.2.pints: odd");
+        assert_eq!(
+            source(text).complain("runs.2.points", "odd").to_string(),
+            "a.toml:5: runs.2.points: odd"
+        );
+        assert_eq!(
+            source(text).complain("runs.2.pints", "odd").to_string(),
+            "a.toml:4: runs.2.pints: odd"
+        );
     }
 
     #[test]
     fn mistakes_are_located() {
         for (text, expected) in [
-            ("\n[eis]\npoints = \"x\"\n", "a.toml:3: eis.points: invalid type"),
-            ("[eis]\npoints = 2\npionts = 3\n", "a.toml:3: eis.pionts: unknown field"),
-            ("[eis]\npoints = 2\n[[traces]]\npoints = 2\n[[traces]]\n\npoints = true\n", "a.toml:7: traces.2.points: invalid type"),
+            (
+                "\n[eis]\npoints = \"x\"\n",
+                "a.toml:3: eis.points: invalid type",
+            ),
+            (
+                "[eis]\npoints = 2\npionts = 3\n",
+                "a.toml:3: eis.pionts: unknown field",
+            ),
+            (
+                "[eis]\npoints = 2\n[[traces]]\npoints = 2\n[[traces]]\n\npoints = true\n",
+                "a.toml:7: traces.2.points: invalid type",
+            ),
             ("[eis\n", "a.toml:1: (syntax)"),
             ("[eis]\n", "a.toml:1: eis: missing field `points`"),
         ] {
             let message = source(text).parse::<File>().unwrap_err().to_string();
             assert!(message.starts_with(expected), "{message}");
         }
-        let complaint = source("[eis]\n\npoints = 2\n").complain("eis.points", "too few").to_string();
+        let complaint = source("[eis]\n\npoints = 2\n")
+            .complain("eis.points", "too few")
+            .to_string();
         assert_eq!(complaint, "a.toml:3: eis.points: too few");
         // A field that is not there is looked for where it would stand.
-        let complaint = source("\n[eis]\npoints = 2\n").complain("eis.stop.unit", "missing").to_string();
+        let complaint = source("\n[eis]\npoints = 2\n")
+            .complain("eis.stop.unit", "missing")
+            .to_string();
         assert_eq!(complaint, "a.toml:2: eis.stop.unit: missing");
     }
 
@@ -336,14 +434,33 @@ mod tests {
             std::fs::write(path(name), name).unwrap();
         }
         std::os::unix::fs::symlink(path("out.toml"), path("in/b/link.toml")).unwrap();
-        let fence = Arc::new(Fence { below: path("in"), also: vec![path("also.toml")] });
+        let fence = Arc::new(Fence {
+            below: path("in"),
+            also: vec![path("also.toml")],
+        });
         let x = Source::fenced(&path("in/a/x.toml"), String::new(), &fence);
-        assert_eq!(x.open(&x.relative("../b/y.toml")).unwrap().text(), "in/b/y.toml");
+        assert_eq!(
+            x.open(&x.relative("../b/y.toml")).unwrap().text(),
+            "in/b/y.toml"
+        );
         assert_eq!(x.open(&path("also.toml")).unwrap().text(), "also.toml");
-        for name in ["../../out.toml", "../b/link.toml", "/etc/hostname", "../b", "../../in/../out.toml", "none.toml"] {
+        for name in [
+            "../../out.toml",
+            "../b/link.toml",
+            "/etc/hostname",
+            "../b",
+            "../../in/../out.toml",
+            "none.toml",
+        ] {
             let message = x.open(&x.relative(name)).unwrap_err().to_string();
-            assert!(message.contains("there is no such file in the folder of the configuration"), "{name}: {message}");
+            assert!(
+                message.contains("there is no such file in the folder of the configuration"),
+                "{name}: {message}"
+            );
         }
-        assert_eq!(fence.relative(&x.relative("../b/./y.toml")), Some("b/y.toml".into()));
+        assert_eq!(
+            fence.relative(&x.relative("../b/./y.toml")),
+            Some("b/y.toml".into())
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! Currents that step: the sections `[[traces]]` against bench and cell. Whether a trace stays within the cell's limits is the plan's check.
+//! Currents that step: the sections `[[traces]]` against bench and cell. Whether a trace stays
+//! within the cell's limits is the plan's check.
 
 mod average;
 mod rows;
@@ -34,7 +35,8 @@ pub struct Trace {
     pub through: Through,
     /// What became of rows that are shorter than a step.
     pub averaged: Option<Averaged>,
-    /// Resistance between the cell and the load's voltmeter where load and supply drive, Ω: their current flows through it.
+    /// Resistance between the cell and the load's voltmeter where load and supply drive, Ω: their
+    /// current flows through it.
     pub lead_ohm: f64,
     /// The first mean after a step, s.
     pub first_sample_s: f64,
@@ -51,7 +53,8 @@ pub struct Segment {
     pub current_a: f64,
     /// How long it flows, s.
     pub duration_s: f64,
-    /// Power into the cell, W, where it is given: the current follows from the voltage when it begins.
+    /// Power into the cell, W, where it is given: the current follows from the voltage when it
+    /// begins.
     pub power_w: Option<f64>,
 }
 
@@ -60,11 +63,17 @@ pub(crate) const BEFORE_S: f64 = 0.5;
 
 impl Check<'_> {
     /// The traces, and the files that they come from.
-    pub(super) fn traces(&self, raw: &[raw::Trace]) -> Result<(Vec<Trace>, Vec<Source>), ConfigError> {
+    pub(super) fn traces(
+        &self,
+        raw: &[raw::Trace],
+    ) -> Result<(Vec<Trace>, Vec<Source>), ConfigError> {
         let (mut traces, mut sources): (Vec<Trace>, _) = (Vec::new(), Vec::new());
         for section in raw {
             if traces.iter().any(|trace| trace.name == section.name) {
-                return Err(self.complain("traces", format!("expected names that differ, found {:?} twice", section.name)));
+                return Err(self.complain(
+                    "traces",
+                    format!("expected names that differ, found {:?} twice", section.name),
+                ));
             }
             let (trace, source) = self.trace(section)?;
             traces.push(trace);
@@ -74,8 +83,19 @@ impl Check<'_> {
     }
 
     fn trace(&self, raw: &raw::Trace) -> Result<(Trace, Option<Source>), ConfigError> {
-        if raw.name.is_empty() || !raw.name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_')) {
-            return Err(self.complain("traces.name", format!("expected a name of letters, digits, `-` and `_`, found {:?}", raw.name)));
+        if raw.name.is_empty()
+            || !raw
+                .name
+                .chars()
+                .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'))
+        {
+            return Err(self.complain(
+                "traces.name",
+                format!(
+                    "expected a name of letters, digits, `-` and `_`, found {:?}",
+                    raw.name
+                ),
+            ));
         }
         let field = |part: &str| format!("traces.{}.{part}", raw.name);
         let (rows, source) = self.rows(raw)?;
@@ -85,10 +105,13 @@ impl Check<'_> {
                 let step_s = self.within(&field("step"), step.si, (1.0e-3, 3600.0), "s")?;
                 let length_s = rows.iter().map(|row| row.duration_s).sum::<f64>();
                 if step_s > length_s + average::ROUNDING_S {
-                    let reason = format!("expected at most the {length_s} s that the trace lasts, found {step_s} s");
+                    let reason = format!(
+                        "expected at most the {length_s} s that the trace lasts, found {step_s} s"
+                    );
                     return Err(self.complain(&field("step"), reason));
                 }
-                let (rows, averaged) = average::averaged(&rows, step_s).map_err(|reason| self.complain(&field("step"), reason))?;
+                let (rows, averaged) = average::averaged(&rows, step_s)
+                    .map_err(|reason| self.complain(&field("step"), reason))?;
                 (rows, averaged)
             }
             None => (rows, None),
@@ -99,26 +122,57 @@ impl Check<'_> {
         let limits = &self.cell.limits;
         let [low, high] = raw.start_voltage.map(|volts| volts.si);
         if !(limits.min_v <= low && low < high && high <= limits.max_v) {
-            let reason =
-                format!("expected two rising voltages within {} V to {} V, found {low} V and {high} V", limits.min_v, limits.max_v);
+            let reason = format!(
+                "expected two rising voltages within {} V to {} V, found {low} V and {high} V",
+                limits.min_v, limits.max_v
+            );
             return Err(self.complain(&field("start_voltage"), reason));
         }
-        let per_decade = self.within(&field("samples_per_decade"), raw.samples_per_decade, (2.0, 100.0), "samples")?;
+        let per_decade = self.within(
+            &field("samples_per_decade"),
+            raw.samples_per_decade,
+            (2.0, 100.0),
+            "samples",
+        )?;
         let trace = Trace {
             name: raw.name.clone(),
             role: raw.role,
             repeat_group: raw.repeat_group.clone().unwrap_or_else(|| raw.name.clone()),
-            repeat: self.within(&field("repeat"), raw.repeat as f64, (1.0, 1000.0), "times").map(|_| raw.repeat)?,
-            rest_s: self.within(&field("rest_first"), raw.rest_first.si, (0.0, 86_400.0), "s")?,
+            repeat: self
+                .within(&field("repeat"), raw.repeat as f64, (1.0, 1000.0), "times")
+                .map(|_| raw.repeat)?,
+            rest_s: self.within(
+                &field("rest_first"),
+                raw.rest_first.si,
+                (0.0, 86_400.0),
+                "s",
+            )?,
             start_v: (low, high),
-            resistance_max_ohm: self.within(&field("resistance_max"), raw.resistance_max.si, (1.0e-4, 1.0), "Ω")?,
+            resistance_max_ohm: self.within(
+                &field("resistance_max"),
+                raw.resistance_max.si,
+                (1.0e-4, 1.0),
+                "Ω",
+            )?,
             segments,
             through,
             averaged,
-            lead_ohm: raw.lead_resistance.map_or(Ok(0.0), |lead| self.within(&field("lead_resistance"), lead.si, (0.0, 0.1), "Ω"))?,
-            first_sample_s: self.within(&field("first_sample"), raw.first_sample.si, (2.0e-4, 1.0), "s")?,
+            lead_ohm: raw.lead_resistance.map_or(Ok(0.0), |lead| {
+                self.within(&field("lead_resistance"), lead.si, (0.0, 0.1), "Ω")
+            })?,
+            first_sample_s: self.within(
+                &field("first_sample"),
+                raw.first_sample.si,
+                (2.0e-4, 1.0),
+                "s",
+            )?,
             growth: 10.0_f64.powf(1.0 / per_decade) - 1.0,
-            longest_s: self.within(&field("longest_interval"), raw.longest_interval.si, (1.0, 3600.0), "s")?,
+            longest_s: self.within(
+                &field("longest_interval"),
+                raw.longest_interval.si,
+                (1.0, 3600.0),
+                "s",
+            )?,
         };
         Ok((trace, source))
     }

@@ -10,7 +10,10 @@ use analysis::{
     dataset::TRACE_COLUMNS,
     diagnosis::{Sweep, SweepPoint},
     effects::Below,
-    formats::{CurrentSign, FormatError, SeriesOptions, SeriesReadError, SourcedSpectrum, read_series, read_sourced},
+    formats::{
+        CurrentSign, FormatError, SeriesOptions, SeriesReadError, SourcedSpectrum, read_series,
+        read_sourced,
+    },
     series::{SeriesError, TimeSeries},
     spectrum::Spectrum,
 };
@@ -45,13 +48,20 @@ type Sign = bool;
 
 impl Files {
     /// The series of a file, discharge positive.
-    pub(super) fn series(&mut self, path: &Path, sign: Option<CurrentSign>) -> Result<&TimeSeries, FileError> {
-        let key = (path.to_owned(), sign.map(|sign| sign == CurrentSign::Discharge));
+    pub(super) fn series(
+        &mut self,
+        path: &Path,
+        sign: Option<CurrentSign>,
+    ) -> Result<&TimeSeries, FileError> {
+        let key = (
+            path.to_owned(),
+            sign.map(|sign| sign == CurrentSign::Discharge),
+        );
         match self.series.entry(key) {
             std::collections::hash_map::Entry::Occupied(known) => Ok(known.into_mut()),
-            std::collections::hash_map::Entry::Vacant(place) => {
-                Ok(place.insert(read_series(path, &SeriesOptions { sign }).map_err(|error| series_error(&error))?))
-            }
+            std::collections::hash_map::Entry::Vacant(place) => Ok(place.insert(
+                read_series(path, &SeriesOptions { sign }).map_err(|error| series_error(&error))?,
+            )),
         }
     }
 }
@@ -64,12 +74,15 @@ pub(super) fn spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, FileError> {
         | FormatError::Header { .. }
         | FormatError::Foreign { .. }
         | FormatError::Unit { .. } => FileError::Usage(error.to_string()),
-        FormatError::NotText { .. } | FormatError::Empty { .. } | FormatError::FieldCount { .. } | FormatError::Field { .. } => {
-            FileError::Damaged(error.to_string())
-        }
+        FormatError::NotText { .. }
+        | FormatError::Empty { .. }
+        | FormatError::FieldCount { .. }
+        | FormatError::Field { .. } => FileError::Damaged(error.to_string()),
     })?;
     for one in &spectra {
-        one.spectrum.validate().map_err(|error| FileError::Damaged(format!("{}: {error}", path.display())))?;
+        one.spectrum
+            .validate()
+            .map_err(|error| FileError::Damaged(format!("{}: {error}", path.display())))?;
     }
     Ok(spectra)
 }
@@ -83,10 +96,17 @@ pub(super) fn sweep(spectrum: &Spectrum, bias_a: f64, amplitude_a: Option<f64>) 
             z_ohm: point.z_ohm,
             // A sigma of zero would weigh without limit: it is no statement.
             sigma_ohm: Some(sigma).filter(|(re, im)| *re > 0.0 && *im > 0.0),
-            amplitude_a: Some(point.amplitude_a).filter(|a| a.is_finite()).or(amplitude_a),
+            amplitude_a: Some(point.amplitude_a)
+                .filter(|a| a.is_finite())
+                .or(amplitude_a),
         }
     });
-    Sweep { bias_a, below: Below::default(), elapsed_s: Vec::new(), points: points.collect() }
+    Sweep {
+        bias_a,
+        below: Below::default(),
+        elapsed_s: Vec::new(),
+        points: points.collect(),
+    }
 }
 
 /// Column of a record in time that states the standard deviation of each voltage.
@@ -95,19 +115,45 @@ pub(super) const SIGMA_COLUMN: &str = "Voltage Standard Deviation / V";
 /// Columns of a record in time that state from when to when each sample is a mean.
 pub(super) const WINDOW_COLUMNS: [&str; 2] = [TRACE_COLUMNS[5].name, TRACE_COLUMNS[6].name];
 
-/// Numbers of a further column of a table of so many samples; none where the table has no such column.
-pub(super) fn column(path: &Path, name: &str, (samples, fits): (usize, fn(&f64) -> bool)) -> Result<Option<Vec<f64>>, FileError> {
+/// Numbers of a further column of a table of so many samples; none where the table has no such
+/// column.
+pub(super) fn column(
+    path: &Path,
+    name: &str,
+    (samples, fits): (usize, fn(&f64) -> bool),
+) -> Result<Option<Vec<f64>>, FileError> {
     if path.extension().is_none_or(|extension| extension != "csv") {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(path).map_err(|error| FileError::Usage(format!("{}: {error}", path.display())))?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| FileError::Usage(format!("{}: {error}", path.display())))?;
     let mut lines = text.lines();
-    let place = lines.next().and_then(|header| header.split(',').position(|column| column.trim() == name));
+    let place = lines
+        .next()
+        .and_then(|header| header.split(',').position(|column| column.trim() == name));
     let Some(place) = place else { return Ok(None) };
-    let value = |line: &str| line.split(',').nth(place)?.trim().parse::<f64>().ok().filter(fits);
-    let values: Option<Vec<f64>> = lines.filter(|line| !line.trim().is_empty()).map(value).collect();
-    let expected = || format!("{}: expected a number that can be in column {name:?} of each of {samples} samples", path.display());
-    values.filter(|values| values.len() == samples).map(Some).ok_or_else(|| FileError::Damaged(expected()))
+    let value = |line: &str| {
+        line.split(',')
+            .nth(place)?
+            .trim()
+            .parse::<f64>()
+            .ok()
+            .filter(fits)
+    };
+    let values: Option<Vec<f64>> = lines
+        .filter(|line| !line.trim().is_empty())
+        .map(value)
+        .collect();
+    let expected = || {
+        format!(
+            "{}: expected a number that can be in column {name:?} of each of {samples} samples",
+            path.display()
+        )
+    };
+    values
+        .filter(|values| values.len() == samples)
+        .map(Some)
+        .ok_or_else(|| FileError::Damaged(expected()))
 }
 
 /// The samples of a series between two of its times, s; none where they are fewer than two.
@@ -123,7 +169,10 @@ pub(super) fn part(series: &TimeSeries, window: Range<usize>) -> TimeSeries {
     let part = |all: &[f64]| all[window.clone()].to_vec();
     TimeSeries {
         name: series.name.clone(),
-        time_s: series.time_s[window.clone()].iter().map(|t| t - start_s).collect(),
+        time_s: series.time_s[window.clone()]
+            .iter()
+            .map(|t| t - start_s)
+            .collect(),
         current_a: part(&series.current_a),
         voltage_v: part(&series.voltage_v),
         temperature_c: series.temperature_c.as_deref().map(part),
@@ -137,7 +186,10 @@ fn series_error(error: &SeriesReadError) -> FileError {
         // No line at all is a file that was cut off; a line of other columns is the wrong file.
         SeriesReadError::UnknownFormat { place, .. } if !place.is_empty() => FileError::Usage(text),
         SeriesReadError::Text(FormatError::Read { .. }) => FileError::Usage(text),
-        SeriesReadError::Series { source: SeriesError::Sample { expected, .. }, .. } if expected.starts_with("times") => {
+        SeriesReadError::Series {
+            source: SeriesError::Sample { expected, .. },
+            ..
+        } if expected.starts_with("times") => {
             FileError::Damaged(format!("its times go back: {text}"))
         }
         _ => FileError::Damaged(text),

@@ -1,7 +1,10 @@
-//! Data sets: a folder with `dataset.toml`, or a run folder of this program, as a diagnosis wants them; and the way back.
+//! Data sets: a folder with `dataset.toml`, or a run folder of this program, as a diagnosis wants
+//! them; and the way back.
 //!
-//! `dataset.toml` holds `name`, perhaps `[bench]` (the fields of [`BenchHistory`](analysis::diagnosis::BenchHistory)), perhaps `[calibration]` (the fields of
-//! [`CommonError`]: what the correction leaves in all spectra alike, if their σ are without it), and per run a `[[runs]]`:
+//! `dataset.toml` holds `name`, perhaps `[bench]` (the fields of
+//! [`BenchHistory`](analysis::diagnosis::BenchHistory)), perhaps `[calibration]` (the fields of
+//! [`CommonError`]: what the correction leaves in all spectra alike, if their σ are without it),
+//! and per run a `[[runs]]`:
 //!
 //! | field | meaning | default |
 //! |---|---|---|
@@ -25,7 +28,8 @@
 //! | `refused_points` | use points of a sweep that the quality gate of its measurement refused, as the column `flags` of its file says | false |
 //! | `spectrum` | which one, where the file holds several; else the one at `bias_a` | |
 //!
-//! A mistake in `dataset.toml` is an error. A file that is there but damaged is a [`DataSetProblem`]: the diagnosis then ends as invalid, with the reason.
+//! A mistake in `dataset.toml` is an error. A file that is there but damaged is a
+//! [`DataSetProblem`]: the diagnosis then ends as invalid, with the reason.
 
 mod files;
 mod raw;
@@ -59,7 +63,8 @@ pub struct Loaded {
     pub problems: Vec<DataSetProblem>,
     /// What had to be assumed.
     pub notes: Vec<String>,
-    /// Points that the quality gate of their measurement has refused, by the names of their runs, and whether they are used all the same.
+    /// Points that the quality gate of their measurement has refused, by the names of their runs,
+    /// and whether they are used all the same.
     pub refused: Vec<RefusedPoint>,
 }
 
@@ -74,31 +79,58 @@ pub struct Reading {
 
 impl Loaded {
     /// Notes what a quality gate has refused of a run of so many points.
-    fn flag(&mut self, (run, file): (&str, &str), (flagged, points): (&[FlaggedPoint], usize), fitted: bool) {
+    fn flag(
+        &mut self,
+        (run, file): (&str, &str),
+        (flagged, points): (&[FlaggedPoint], usize),
+        fitted: bool,
+    ) {
         if flagged.is_empty() {
             return;
         }
         let told = present::refused_in_words(flagged);
-        let what = if fitted { "are used, because that was asked for, though" } else { "and their like in its repeats are left out:" };
-        let asked = if fitted { "" } else { "; --refused-points uses them" };
-        self.notes.push(format!("{run}: {} of {points} points {what} the quality gate refused them: {told}{asked}", flagged.len()));
+        let what = if fitted {
+            "are used, because that was asked for, though"
+        } else {
+            "and their like in its repeats are left out:"
+        };
+        let asked = if fitted {
+            ""
+        } else {
+            "; --refused-points uses them"
+        };
+        self.notes.push(format!(
+            "{run}: {} of {points} points {what} the quality gate refused them: {told}{asked}",
+            flagged.len()
+        ));
         let (spectrum, file) = (run.to_owned(), file.to_owned());
-        self.refused.extend(flagged.iter().map(|point| RefusedPoint {
-            spectrum: spectrum.clone(),
-            file: file.clone(),
-            freq_hz: point.freq_hz,
-            reasons: point.reasons.clone(),
-            fitted,
-        }));
+        self.refused
+            .extend(flagged.iter().map(|point| RefusedPoint {
+                spectrum: spectrum.clone(),
+                file: file.clone(),
+                freq_hz: point.freq_hz,
+                reasons: point.reasons.clone(),
+                fitted,
+            }));
     }
 
-    /// Takes out what a quality gate has refused. Repeats are compared point by point: what one of them lost, the others lose too; but a sweep of which nothing is
-    /// left takes nothing of the others with it.
+    /// Takes out what a quality gate has refused. Repeats are compared point by point: what one of
+    /// them lost, the others lose too; but a sweep of which nothing is left takes nothing of the
+    /// others with it.
     pub(crate) fn leave_out_refused(&mut self) {
         let refused = &self.refused;
-        let own = |run: &Run, freq_hz: f64| refused.iter().any(|one| !one.fitted && one.spectrum == run.name && one.freq_hz == freq_hz);
-        let freqs =
-            |run: &Run| if let RunData::Eis(sweep) = &run.data { sweep.points.iter().map(|p| p.freq_hz).collect() } else { Vec::new() };
+        let own = |run: &Run, freq_hz: f64| {
+            refused
+                .iter()
+                .any(|one| !one.fitted && one.spectrum == run.name && one.freq_hz == freq_hz)
+        };
+        let freqs = |run: &Run| {
+            if let RunData::Eis(sweep) = &run.data {
+                sweep.points.iter().map(|p| p.freq_hz).collect()
+            } else {
+                Vec::new()
+            }
+        };
         self.set.runs.retain(|run| {
             let all: Vec<f64> = freqs(run);
             all.is_empty() || !all.iter().all(|freq_hz| own(run, *freq_hz))
@@ -109,25 +141,34 @@ impl Loaded {
         };
         let lost: Vec<(String, f64)> = refused.iter().filter_map(of_group).collect();
         for run in &mut self.set.runs {
-            let RunData::Eis(sweep) = &mut run.data else { continue };
+            let RunData::Eis(sweep) = &mut run.data else {
+                continue;
+            };
             let stays: Vec<bool> = sweep
                 .points
                 .iter()
-                .map(|p| !lost.iter().any(|(group, freq_hz)| *group == run.repeat_group && *freq_hz == p.freq_hz))
+                .map(|p| {
+                    !lost
+                        .iter()
+                        .any(|(group, freq_hz)| *group == run.repeat_group && *freq_hz == p.freq_hz)
+                })
                 .collect();
             let mut kept = stays.iter();
             sweep.elapsed_s.retain(|_| *kept.next().unwrap_or(&true));
             let mut kept = stays.iter();
             sweep.points.retain(|_| *kept.next().unwrap_or(&true));
         }
-        self.set.runs.retain(|run| !matches!(&run.data, RunData::Eis(sweep) if sweep.points.is_empty()));
+        self.set
+            .runs
+            .retain(|run| !matches!(&run.data, RunData::Eis(sweep) if sweep.points.is_empty()));
     }
 }
 
 /// Reads a data set: a `dataset.toml`, the folder that holds one, or a run folder.
 ///
 /// # Errors
-/// [`ConfigError`] with file, line and field for what is not as expected, and for a file that is not there.
+/// [`ConfigError`] with file, line and field for what is not as expected, and for a file that is
+/// not there.
 pub fn read_dataset(path: &Path) -> Result<Loaded, ConfigError> {
     read_as(path, Reading::default())
 }

@@ -32,16 +32,21 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     let source = Source::read(path)?;
     let raw: raw::File = source.parse()?;
     check_history(&source, raw.bench.as_ref())?;
-    let mut resolver = Resolver { source: &source, files: Files::default(), flagged: Vec::new() };
+    let mut resolver = Resolver {
+        source: &source,
+        files: Files::default(),
+        flagged: Vec::new(),
+    };
     let (mut listed, mut problems) = (Vec::new(), Vec::new());
     let mut names: Vec<String> = Vec::new();
     for (index, entry) in raw.runs.iter().enumerate() {
         let number = index + 1;
         let name = entry.name.clone().unwrap_or_else(|| stem(&entry.file));
         if name.is_empty() || names.contains(&name) {
-            return Err(
-                source.complain(&format!("runs.{number}.name"), format!("expected a name of its own for every run, found {name:?}"))
-            );
+            return Err(source.complain(
+                &format!("runs.{number}.name"),
+                format!("expected a name of its own for every run, found {name:?}"),
+            ));
         }
         names.push(name.clone());
         match resolver.run(number, name, entry)? {
@@ -56,10 +61,31 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     if left.is_some_and(|left| !left.is_finite()) {
         return Err(source.complain("calibration", "expected finite numbers"));
     }
-    let set = DataSet { name: raw.name, runs: with_starts(listed), history: raw.bench, calibration: raw.calibration };
-    let mut loaded = Loaded { set, problems, notes: Vec::new(), refused: Vec::new() };
-    for Flagged { run, file, points, flagged, wanted } in &resolver.flagged {
-        loaded.flag((run, file), (flagged, *points), *wanted || how.refused_points);
+    let set = DataSet {
+        name: raw.name,
+        runs: with_starts(listed),
+        history: raw.bench,
+        calibration: raw.calibration,
+    };
+    let mut loaded = Loaded {
+        set,
+        problems,
+        notes: Vec::new(),
+        refused: Vec::new(),
+    };
+    for Flagged {
+        run,
+        file,
+        points,
+        flagged,
+        wanted,
+    } in &resolver.flagged
+    {
+        loaded.flag(
+            (run, file),
+            (flagged, *points),
+            *wanted || how.refused_points,
+        );
     }
     loaded.leave_out_refused();
     Ok(loaded)
@@ -78,7 +104,8 @@ fn with_starts(mut listed: Vec<(Run, Option<f64>)>) -> Vec<Run> {
     listed.into_iter().map(|(run, _)| run).collect()
 }
 
-/// A record lasts as long as its samples tell, a sweep at least a period of each of its frequencies.
+/// A record lasts as long as its samples tell, a sweep at least a period of each of its
+/// frequencies.
 fn least_duration_s(data: &RunData) -> f64 {
     match data {
         RunData::Time(record) => record.series.time_s.last().copied().unwrap_or(0.0),
@@ -88,8 +115,11 @@ fn least_duration_s(data: &RunData) -> f64 {
 
 /// `pulse_1` of `data/pulse_1.bdf.csv`.
 pub(super) fn stem(file: &str) -> String {
-    let stem = Path::new(file).file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
-    stem.strip_suffix(".bdf").map_or(stem.clone(), str::to_owned)
+    let stem = Path::new(file)
+        .file_stem()
+        .map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    stem.strip_suffix(".bdf")
+        .map_or(stem.clone(), str::to_owned)
 }
 
 fn check_history(source: &Source, history: Option<&BenchHistory>) -> Result<(), ConfigError> {
@@ -107,8 +137,14 @@ fn check_history(source: &Source, history: Option<&BenchHistory>) -> Result<(), 
         ("current_resolution_a", h.current_resolution_a),
         ("eis_noise_rel", h.eis_noise_rel),
     ];
-    match fields.iter().find(|(_, value)| !(value.is_finite() && *value >= 0.0)) {
-        Some((name, value)) => Err(source.complain(&format!("bench.{name}"), format!("expected a number of zero or more, found {value}"))),
+    match fields
+        .iter()
+        .find(|(_, value)| !(value.is_finite() && *value >= 0.0))
+    {
+        Some((name, value)) => Err(source.complain(
+            &format!("bench.{name}"),
+            format!("expected a number of zero or more, found {value}"),
+        )),
         None => Ok(()),
     }
 }
@@ -135,7 +171,12 @@ struct Flagged {
 type Resolved = Result<Run, DataSetProblem>;
 
 impl Resolver<'_> {
-    fn run(&mut self, number: usize, name: String, entry: &raw::Run) -> Result<Resolved, ConfigError> {
+    fn run(
+        &mut self,
+        number: usize,
+        name: String,
+        entry: &raw::Run,
+    ) -> Result<Resolved, ConfigError> {
         let source = self.source;
         let at = At { source, number };
         let fixture = at.fixture(entry)?;
@@ -145,7 +186,13 @@ impl Resolver<'_> {
             raw::Kind::Time => self.record(&at, entry)?,
             raw::Kind::Eis => sweep(&at, entry)?.map(|(swept, flagged)| {
                 let (points, wanted) = (swept.points.len(), entry.refused_points);
-                self.flagged.push(Flagged { run: name.clone(), file: entry.file.clone(), points, flagged, wanted });
+                self.flagged.push(Flagged {
+                    run: name.clone(),
+                    file: entry.file.clone(),
+                    points,
+                    flagged,
+                    wanted,
+                });
                 RunData::Eis(swept)
             }),
         };
@@ -157,7 +204,9 @@ impl Resolver<'_> {
             repeat_group: entry.repeat_group.clone().unwrap_or_else(|| name.clone()),
             fixture,
             role: entry.role.unwrap_or(Role::Train),
-            order: entry.order.unwrap_or(u32::try_from(number - 1).unwrap_or(u32::MAX)),
+            order: entry
+                .order
+                .unwrap_or(u32::try_from(number - 1).unwrap_or(u32::MAX)),
             start_s: at.finite("start_s", entry.start_s)?.unwrap_or(0.0),
             temperature_c: at.temperature(entry, &data)?,
             start,
@@ -166,38 +215,97 @@ impl Resolver<'_> {
         }))
     }
 
-    fn record(&mut self, at: &At<'_>, entry: &raw::Run) -> Result<Result<RunData, String>, ConfigError> {
+    fn record(
+        &mut self,
+        at: &At<'_>,
+        entry: &raw::Run,
+    ) -> Result<Result<RunData, String>, ConfigError> {
         let path = self.source.relative(&entry.file);
-        let series = match self.files.series(&path, entry.current_positive.map(raw::Direction::sign)) {
+        let series = match self
+            .files
+            .series(&path, entry.current_positive.map(raw::Direction::sign))
+        {
             Ok(series) => series,
             Err(error) => return at.damaged(error),
         };
-        let (from_s, to_s) = (at.finite("from_s", entry.from_s)?, at.finite("to_s", entry.to_s)?);
-        let window = files::window(series, from_s.unwrap_or(f64::NEG_INFINITY), to_s.unwrap_or(f64::INFINITY)).ok_or_else(|| {
+        let (from_s, to_s) = (
+            at.finite("from_s", entry.from_s)?,
+            at.finite("to_s", entry.to_s)?,
+        );
+        let window = files::window(
+            series,
+            from_s.unwrap_or(f64::NEG_INFINITY),
+            to_s.unwrap_or(f64::INFINITY),
+        )
+        .ok_or_else(|| {
             let (first, last) = ends(series);
-            at.complain("from_s", format!("expected two samples or more from `from_s` to `to_s`; the file holds {first} s to {last} s"))
+            at.complain(
+                "from_s",
+                format!(
+                    "expected two samples or more from `from_s` to `to_s`; \
+            the file holds {first} s to {last} s"
+                ),
+            )
         })?;
         let part = files::part(series, window.clone());
         // In the time of the part, whose first sample is at zero.
-        let begun_s = series.time_s.iter().copied().find(|t| *t >= from_s.unwrap_or(f64::NEG_INFINITY)).unwrap_or(0.0);
-        let compared_from_s = at.finite("compare_from_s", entry.compare_from_s)?.map_or(0.0, |t| (t - begun_s).max(0.0));
-        if part.time_s.last().is_none_or(|last| *last < compared_from_s) {
-            return Err(at.complain("compare_from_s", format!("expected samples after it, found none up to {} s", ends(&part).1 + begun_s)));
+        let begun_s = series
+            .time_s
+            .iter()
+            .copied()
+            .find(|t| *t >= from_s.unwrap_or(f64::NEG_INFINITY))
+            .unwrap_or(0.0);
+        let compared_from_s = at
+            .finite("compare_from_s", entry.compare_from_s)?
+            .map_or(0.0, |t| (t - begun_s).max(0.0));
+        if part
+            .time_s
+            .last()
+            .is_none_or(|last| *last < compared_from_s)
+        {
+            return Err(at.complain(
+                "compare_from_s",
+                format!(
+                    "expected samples after it, found none up to {} s",
+                    ends(&part).1 + begun_s
+                ),
+            ));
         }
-        let level_sigma_v = at.positive("level_sigma_v", entry.level_sigma_v)?.unwrap_or(0.0);
+        let level_sigma_v = at
+            .positive("level_sigma_v", entry.level_sigma_v)?
+            .unwrap_or(0.0);
         let between = entry.current_between_samples.unwrap_or(Between::Linear);
-        let stated =
-            |name, fits| files::column(&path, name, (series.len(), fits)).map(|column| column.map(|all| all[window.clone()].to_vec()));
+        let stated = |name, fits| {
+            files::column(&path, name, (series.len(), fits))
+                .map(|column| column.map(|all| all[window.clone()].to_vec()))
+        };
         let [from, to] = files::WINDOW_COLUMNS;
-        let stated = stated(files::SIGMA_COLUMN, |v| *v > 0.0 && v.is_finite())
-            .and_then(|sigma_v| Ok((sigma_v, stated(from, |t| t.is_finite())?.zip(stated(to, |t| t.is_finite())?))));
+        let stated =
+            stated(files::SIGMA_COLUMN, |v| *v > 0.0 && v.is_finite()).and_then(|sigma_v| {
+                Ok((
+                    sigma_v,
+                    stated(from, |t| t.is_finite())?.zip(stated(to, |t| t.is_finite())?),
+                ))
+            });
         let (sigma_v, windows) = match stated {
             Ok(stated) => stated,
             Err(error) => return at.damaged(error),
         };
         let first_s = series.time_s[window.start];
-        let averaged_s = windows.map(|(from, to)| from.iter().zip(&to).map(|(from_s, to_s)| (from_s - first_s, to_s - first_s)).collect());
-        Ok(Ok(RunData::Time(TimeRecord { series: part, between, compared_from_s, level_sigma_v, sigma_v, averaged_s })))
+        let averaged_s = windows.map(|(from, to)| {
+            from.iter()
+                .zip(&to)
+                .map(|(from_s, to_s)| (from_s - first_s, to_s - first_s))
+                .collect()
+        });
+        Ok(Ok(RunData::Time(TimeRecord {
+            series: part,
+            between,
+            compared_from_s,
+            level_sigma_v,
+            sigma_v,
+            averaged_s,
+        })))
     }
 }
 
@@ -215,49 +323,100 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigE
         Err(error) => return at.damaged(error),
     };
     // As Origin counts: charge positive.
-    let sign = entry.current_positive.unwrap_or(raw::Direction::Charge).sign();
-    let stated_a = at.finite("bias_a", entry.bias_a)?.map(|bias| if sign == CurrentSign::Charge { bias } else { -bias });
+    let sign = entry
+        .current_positive
+        .unwrap_or(raw::Direction::Charge)
+        .sign();
+    let stated_a = at.finite("bias_a", entry.bias_a)?.map(|bias| {
+        if sign == CurrentSign::Charge {
+            bias
+        } else {
+            -bias
+        }
+    });
     let chosen = choose(&spectra, entry.spectrum.as_deref(), stated_a).ok_or_else(|| {
-        let names: Vec<&str> = spectra.iter().map(|one| one.spectrum.name.as_str()).collect();
-        let field = if entry.spectrum.is_some() || entry.bias_a.is_none() { "spectrum" } else { "bias_a" };
-        at.complain(field, format!("expected to be told one of the file's spectra: {}", names.join(", ")))
+        let names: Vec<&str> = spectra
+            .iter()
+            .map(|one| one.spectrum.name.as_str())
+            .collect();
+        let field = if entry.spectrum.is_some() || entry.bias_a.is_none() {
+            "spectrum"
+        } else {
+            "bias_a"
+        };
+        at.complain(
+            field,
+            format!(
+                "expected to be told one of the file's spectra: {}",
+                names.join(", ")
+            ),
+        )
     })?;
     let amplitude_a = at.positive("amplitude_a", entry.amplitude_a)?;
     let bias_a = stated_a.or(chosen.origin.bias_a).unwrap_or(0.0);
     // −0 and 0 are one bias.
     let mut sweep = files::sweep(&chosen.spectrum, 0.0 - bias_a, amplitude_a);
     let below = |field, stated| at.finite(field, stated).map(|value| value.unwrap_or(0.0));
-    sweep.below = Below { r_ohm: below("below_ohm", entry.below_ohm)?, l_h: below("below_h", entry.below_h)? };
+    sweep.below = Below {
+        r_ohm: below("below_ohm", entry.below_ohm)?,
+        l_h: below("below_h", entry.below_h)?,
+    };
     sweep.elapsed_s = entry.elapsed_s.clone().unwrap_or_default();
     if let Some(odd) = sweep.elapsed_s.iter().find(|t| !t.is_finite() || **t < 0.0) {
-        return Err(at.complain("elapsed_s", format!("expected times of 0 s or more, found {odd}")));
+        return Err(at.complain(
+            "elapsed_s",
+            format!("expected times of 0 s or more, found {odd}"),
+        ));
     }
     if !sweep.elapsed_s.is_empty() && sweep.elapsed_s.len() != sweep.points.len() {
         let (met, points) = (sweep.elapsed_s.len(), sweep.points.len());
-        return Err(at.complain("elapsed_s", format!("expected a time for each of {points} points, found {met}")));
+        return Err(at.complain(
+            "elapsed_s",
+            format!("expected a time for each of {points} points, found {met}"),
+        ));
     }
     let from_hz = at.positive("from_hz", entry.from_hz)?.unwrap_or(0.0);
     let to_hz = at.positive("to_hz", entry.to_hz)?.unwrap_or(f64::INFINITY);
-    let within: Vec<bool> = sweep.points.iter().map(|p| (from_hz..=to_hz).contains(&p.freq_hz)).collect();
+    let within: Vec<bool> = sweep
+        .points
+        .iter()
+        .map(|p| (from_hz..=to_hz).contains(&p.freq_hz))
+        .collect();
     let mut kept = within.iter();
     sweep.elapsed_s.retain(|_| *kept.next().unwrap_or(&true));
-    sweep.points.retain(|p| (from_hz..=to_hz).contains(&p.freq_hz));
+    sweep
+        .points
+        .retain(|p| (from_hz..=to_hz).contains(&p.freq_hz));
     if sweep.points.is_empty() {
-        return Err(at.complain("from_hz", "expected frequencies of the sweep from `from_hz` to `to_hz`, found none"));
+        return Err(at.complain(
+            "from_hz",
+            "expected frequencies of the sweep from `from_hz` to `to_hz`, found none",
+        ));
     }
-    let flagged = chosen.flagged.iter().filter(|point| (from_hz..=to_hz).contains(&point.freq_hz)).cloned().collect();
+    let flagged = chosen
+        .flagged
+        .iter()
+        .filter(|point| (from_hz..=to_hz).contains(&point.freq_hz))
+        .cloned()
+        .collect();
     Ok(Ok((sweep, flagged)))
 }
 
 /// The spectrum of a name; else the only one; else the only one at this bias.
-fn choose<'a>(spectra: &'a [SourcedSpectrum], name: Option<&str>, bias_a: Option<f64>) -> Option<&'a SourcedSpectrum> {
+fn choose<'a>(
+    spectra: &'a [SourcedSpectrum],
+    name: Option<&str>,
+    bias_a: Option<f64>,
+) -> Option<&'a SourcedSpectrum> {
     if let Some(name) = name {
         return spectra.iter().find(|one| one.spectrum.name == name);
     }
     if let [only] = spectra {
         return Some(only);
     }
-    let mut at_bias = spectra.iter().filter(|one| one.origin.bias_a.is_some() && one.origin.bias_a == bias_a);
+    let mut at_bias = spectra
+        .iter()
+        .filter(|one| one.origin.bias_a.is_some() && one.origin.bias_a == bias_a);
     at_bias.next().filter(|_| at_bias.next().is_none())
 }
 
@@ -269,7 +428,8 @@ struct At<'a> {
 
 impl At<'_> {
     fn complain(&self, field: &str, reason: impl Into<String>) -> ConfigError {
-        self.source.complain(&format!("runs.{}.{field}", self.number), reason)
+        self.source
+            .complain(&format!("runs.{}.{field}", self.number), reason)
     }
 
     fn damaged<T>(&self, error: FileError) -> Result<Result<T, String>, ConfigError> {
@@ -281,14 +441,19 @@ impl At<'_> {
 
     fn finite(&self, field: &str, value: Option<f64>) -> Result<Option<f64>, ConfigError> {
         match value.filter(|value| !value.is_finite()) {
-            Some(value) => Err(self.complain(field, format!("expected a finite number, found {value}"))),
+            Some(value) => {
+                Err(self.complain(field, format!("expected a finite number, found {value}")))
+            }
             None => Ok(value),
         }
     }
 
     fn positive(&self, field: &str, value: Option<f64>) -> Result<Option<f64>, ConfigError> {
         match value.filter(|value| !(value.is_finite() && *value > 0.0)) {
-            Some(value) => Err(self.complain(field, format!("expected a number above zero, found {value}"))),
+            Some(value) => Err(self.complain(
+                field,
+                format!("expected a number above zero, found {value}"),
+            )),
             None => Ok(value),
         }
     }
@@ -296,16 +461,26 @@ impl At<'_> {
     fn fixture(&self, entry: &raw::Run) -> Result<Fixture, ConfigError> {
         let ohm = self.positive("fixture_ohm", entry.fixture_ohm)?;
         let known = |fixture: &str| {
-            ohm.ok_or_else(|| self.complain("fixture_ohm", format!("expected the resistance of the {fixture} in Ω, found none")))
+            ohm.ok_or_else(|| {
+                self.complain(
+                    "fixture_ohm",
+                    format!("expected the resistance of the {fixture} in Ω, found none"),
+                )
+            })
         };
         if entry.fixture == raw::Fixture::Cell && ohm.is_some() {
-            return Err(self.complain("fixture_ohm", "expected none beside a cell: only shunt and fake_cell have a known resistance"));
+            return Err(self.complain(
+                "fixture_ohm",
+                "expected none beside a cell: only shunt and fake_cell have a known resistance",
+            ));
         }
         if entry.fixture != raw::Fixture::Cell && entry.cell.is_some() {
             return Err(self.complain("cell", "expected none beside a shunt or a fake_cell"));
         }
         Ok(match entry.fixture {
-            raw::Fixture::Cell => Fixture::Cell(entry.cell.clone().unwrap_or_else(|| "cell".to_owned())),
+            raw::Fixture::Cell => {
+                Fixture::Cell(entry.cell.clone().unwrap_or_else(|| "cell".to_owned()))
+            }
             raw::Fixture::Shunt => Fixture::Shunt(known("shunt")?),
             raw::Fixture::FakeCell => Fixture::FakeCell(known("fake_cell")?),
         })
@@ -313,9 +488,14 @@ impl At<'_> {
 
     fn start(&self, entry: &raw::Run) -> Result<Start, ConfigError> {
         match (entry.soc, self.positive("ocv_v", entry.ocv_v)?) {
-            (Some(_), Some(_)) => Err(self.complain("ocv_v", "expected either `soc` or `ocv_v`, found both")),
+            (Some(_), Some(_)) => {
+                Err(self.complain("ocv_v", "expected either `soc` or `ocv_v`, found both"))
+            }
             (Some(soc), None) if (0.0..=1.0).contains(&soc) => Ok(Start::Soc(soc)),
-            (Some(soc), None) => Err(self.complain("soc", format!("expected a state of charge from 0 to 1, found {soc}"))),
+            (Some(soc), None) => Err(self.complain(
+                "soc",
+                format!("expected a state of charge from 0 to 1, found {soc}"),
+            )),
             (None, Some(ocv_v)) => Ok(Start::Ocv(ocv_v)),
             (None, None) if entry.fixture != raw::Fixture::Cell => Ok(Start::Soc(CONTROL_SOC)),
             (None, None) => Err(self.complain("soc", "expected `soc` or `ocv_v`, found neither")),
@@ -331,7 +511,10 @@ impl At<'_> {
                     ("to_s", entry.to_s.is_some()),
                     ("compare_from_s", entry.compare_from_s.is_some()),
                     ("level_sigma_v", entry.level_sigma_v.is_some()),
-                    ("current_between_samples", entry.current_between_samples.is_some()),
+                    (
+                        "current_between_samples",
+                        entry.current_between_samples.is_some(),
+                    ),
                 ],
             ),
             raw::Kind::Time => (
@@ -349,7 +532,9 @@ impl At<'_> {
             ),
         };
         match foreign.iter().find(|(_, given)| *given) {
-            Some((field, _)) => Err(self.complain(field, format!("a run of kind `{kind}` has no such field"))),
+            Some((field, _)) => {
+                Err(self.complain(field, format!("a run of kind `{kind}` has no such field")))
+            }
             None => Ok(()),
         }
     }
@@ -357,17 +542,28 @@ impl At<'_> {
     /// As stated, else the first of the file.
     fn temperature(&self, entry: &raw::Run, data: &RunData) -> Result<f64, ConfigError> {
         let measured = match data {
-            RunData::Time(record) => record.series.temperature_c.iter().flatten().copied().find(|t| t.is_finite()),
+            RunData::Time(record) => record
+                .series
+                .temperature_c
+                .iter()
+                .flatten()
+                .copied()
+                .find(|t| t.is_finite()),
             RunData::Eis(_) => None,
         };
-        let temperature_c = entry
-            .temperature_c
-            .or(measured)
-            .ok_or_else(|| self.complain("temperature_c", "expected the temperature at the start in °C: the file holds none"))?;
+        let temperature_c = entry.temperature_c.or(measured).ok_or_else(|| {
+            self.complain(
+                "temperature_c",
+                "expected the temperature at the start in °C: the file holds none",
+            )
+        })?;
         if TEMPERATURES_C.contains(&temperature_c) {
             return Ok(temperature_c);
         }
         let (low, high) = (TEMPERATURES_C.start(), TEMPERATURES_C.end());
-        Err(self.complain("temperature_c", format!("expected {low} °C to {high} °C, found {temperature_c}")))
+        Err(self.complain(
+            "temperature_c",
+            format!("expected {low} °C to {high} °C, found {temperature_c}"),
+        ))
     }
 }

@@ -1,6 +1,8 @@
-//! A run folder of this program as a data set: by its index `traces.json`; without one, the sweep of the cell alone.
+//! A run folder of this program as a data set: by its index `traces.json`; without one, the sweep
+//! of the cell alone.
 //!
-//! Controls are no runs of it where they went into the correction of the cell's sweep: as read they show a harness that the cell's spectrum no longer has.
+//! Controls are no runs of it where they went into the correction of the cell's sweep: as read they
+//! show a harness that the cell's spectrum no longer has.
 
 use std::path::{Path, PathBuf};
 
@@ -29,18 +31,31 @@ const MANIFEST: &str = "manifest.json";
 const SPECTRUM: &str = "spectrum.csv";
 const READINGS: &str = "readings.csv";
 const EVENTS: &str = "events.csv";
-/// Standard deviation of a voltage that nobody has measured, V: by as much can an offset of the supply move it.
+/// Standard deviation of a voltage that nobody has measured, V: by as much can an offset of the
+/// supply move it.
 const UNSEEN_V: f64 = 3e-3;
 /// Taken where a run was made without a thermometer, °C.
 const ROOM_C: f64 = 25.0;
 
-/// Reads a run folder. What its quality gate has refused is left out unless that is asked for here or was asked for in the experiment.
+/// Reads a run folder. What its quality gate has refused is left out unless that is asked for here
+/// or was asked for in the experiment.
 ///
 /// # Errors
 /// [`ConfigError`] for a folder that is none, or whose files are not as this program writes them.
 pub(super) fn read(folder: &Path, how: Reading) -> Result<Loaded, ConfigError> {
-    let manifest: Manifest = json(&folder.join(MANIFEST), &format!("expected {} or a run folder with {MANIFEST}", super::DATASET_FILE))?;
-    let mut reader = Reader { folder, loaded: empty(manifest.experiment), files: Files::default(), refused_points: how.refused_points };
+    let manifest: Manifest = json(
+        &folder.join(MANIFEST),
+        &format!(
+            "expected {} or a run folder with {MANIFEST}",
+            super::DATASET_FILE
+        ),
+    )?;
+    let mut reader = Reader {
+        folder,
+        loaded: empty(manifest.experiment),
+        files: Files::default(),
+        refused_points: how.refused_points,
+    };
     reader.loaded.set.calibration = how.known;
     reader.configured();
     if !folder.join(INDEX).is_file() {
@@ -49,18 +64,38 @@ pub(super) fn read(folder: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         return Ok(reader.loaded);
     }
     let index: Index = json(&folder.join(INDEX), "expected the index of a run")?;
-    let first_s =
-        index.sweeps.iter().map(|s| s.start_time_s).chain(index.traces.iter().map(|t| t.start_time_s)).fold(f64::INFINITY, f64::min);
+    let first_s = index
+        .sweeps
+        .iter()
+        .map(|s| s.start_time_s)
+        .chain(index.traces.iter().map(|t| t.start_time_s))
+        .fold(f64::INFINITY, f64::min);
     let named = |own: &Option<String>| own.clone().unwrap_or_else(|| index.cell.clone());
-    index.sweeps.iter().try_for_each(|sweep| reader.sweep(&named(&sweep.cell), sweep, first_s))?;
-    index.traces.iter().try_for_each(|trace| reader.trace(&named(&trace.cell), trace, first_s))?;
+    index
+        .sweeps
+        .iter()
+        .try_for_each(|sweep| reader.sweep(&named(&sweep.cell), sweep, first_s))?;
+    index
+        .traces
+        .iter()
+        .try_for_each(|trace| reader.trace(&named(&trace.cell), trace, first_s))?;
     reader.loaded.leave_out_refused();
     Ok(reader.loaded)
 }
 
 fn empty(name: String) -> Loaded {
-    let set = DataSet { name, runs: Vec::new(), history: None, calibration: None };
-    Loaded { set, problems: Vec::new(), notes: Vec::new(), refused: Vec::new() }
+    let set = DataSet {
+        name,
+        runs: Vec::new(),
+        history: None,
+        calibration: None,
+    };
+    Loaded {
+        set,
+        problems: Vec::new(),
+        notes: Vec::new(),
+        refused: Vec::new(),
+    }
 }
 
 #[derive(Debug, Deserialize)]
@@ -138,20 +173,42 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// What the bench's file says of its past, and whether the experiment wanted refused points: the run keeps copies among its configuration.
+    /// What the bench's file says of its past, and whether the experiment wanted refused points:
+    /// the run keeps copies among its configuration.
     fn configured(&mut self) {
-        let Ok(entries) = std::fs::read_dir(self.folder.join(CONFIG)) else { return };
-        let mut files: Vec<PathBuf> = entries.filter_map(|entry| Some(entry.ok()?.path())).collect();
-        files.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+        let Ok(entries) = std::fs::read_dir(self.folder.join(CONFIG)) else {
+            return;
+        };
+        let mut files: Vec<PathBuf> = entries
+            .filter_map(|entry| Some(entry.ok()?.path()))
+            .collect();
+        files.retain(|path| {
+            path.extension()
+                .is_some_and(|extension| extension == "toml")
+        });
         files.sort();
         for path in files {
-            let Some(table) = std::fs::read_to_string(&path).ok().and_then(|text| text.parse::<toml::Table>().ok()) else { continue };
-            let wanted = table.get("fit").and_then(|fit| fit.get("refused_points")).and_then(toml::Value::as_bool);
+            let Some(table) = std::fs::read_to_string(&path)
+                .ok()
+                .and_then(|text| text.parse::<toml::Table>().ok())
+            else {
+                continue;
+            };
+            let wanted = table
+                .get("fit")
+                .and_then(|fit| fit.get("refused_points"))
+                .and_then(toml::Value::as_bool);
             self.refused_points |= wanted.unwrap_or(false);
-            let Some(history) = table.get("history") else { continue };
+            let Some(history) = table.get("history") else {
+                continue;
+            };
             match history.clone().try_into::<BenchHistory>() {
                 Ok(history) => self.loaded.set.history = Some(history),
-                Err(error) => self.note(format!("{}: [history] is not as expected and not used: {}", path.display(), error.message())),
+                Err(error) => self.note(format!(
+                    "{}: [history] is not as expected and not used: {}",
+                    path.display(),
+                    error.message()
+                )),
             }
         }
     }
@@ -163,29 +220,60 @@ impl Reader<'_> {
             ("shunt", Some(ohm)) => Fixture::Shunt(ohm),
             ("fake_cell", Some(ohm)) => Fixture::FakeCell(ohm),
             (met, _) => {
-                return Err(self.complain(INDEX, format!("sweep {name}: expected a cell, or a control with its resistance, found {met:?}")));
+                return Err(self.complain(
+                    INDEX,
+                    format!(
+                        "sweep {name}: expected a cell, or a \
+                control with its resistance, found {met:?}"
+                    ),
+                ));
             }
         };
         if !entry.corrected {
-            self.note(format!("{name}: its harness was not corrected by control impedances"));
+            self.note(format!(
+                "{name}: its harness was not corrected by control impedances"
+            ));
         }
         let start = match (&fixture, entry.start_ocv_v) {
             (_, Some(ocv_v)) => Start::Ocv(ocv_v),
-            (Fixture::Cell(_), None) => return Err(self.complain(INDEX, format!("sweep {name}: expected `start_ocv_v`, found none"))),
+            (Fixture::Cell(_), None) => {
+                return Err(self.complain(
+                    INDEX,
+                    format!("sweep {name}: expected `start_ocv_v`, found none"),
+                ));
+            }
             _ => Start::Soc(CONTROL_SOC),
         };
-        let Some((mut data, flagged)) = self.spectrum(&entry.file, &name)? else { return Ok(()) };
-        let flagged = if entry.flagged.is_empty() { flagged } else { entry.flagged.clone() };
+        let Some((mut data, flagged)) = self.spectrum(&entry.file, &name)? else {
+            return Ok(());
+        };
+        let flagged = if entry.flagged.is_empty() {
+            flagged
+        } else {
+            entry.flagged.clone()
+        };
         self.loaded.set.calibration = self.loaded.set.calibration.or(entry.common_error);
         if let RunData::Eis(sweep) = &mut data {
-            sweep.below = Below { r_ohm: entry.below_ohm.unwrap_or(0.0), l_h: entry.below_h.unwrap_or(0.0) };
-            self.loaded.flag((&name, &entry.file), (&flagged, sweep.points.len()), self.refused_points);
+            sweep.below = Below {
+                r_ohm: entry.below_ohm.unwrap_or(0.0),
+                l_h: entry.below_h.unwrap_or(0.0),
+            };
+            self.loaded.flag(
+                (&name, &entry.file),
+                (&flagged, sweep.points.len()),
+                self.refused_points,
+            );
             if sweep.points.len() == entry.elapsed_s.len() {
                 sweep.elapsed_s.clone_from(&entry.elapsed_s);
             }
-            if self.loaded.set.calibration.is_some() && sweep.points.len() == entry.own_sigma_ohm.len() {
-                // What the correction leaves is common to all sweeps, and stated once for all of them.
-                let stated = |[re, im]: &[f64; 2]| Some((*re, *im)).filter(|(re, im)| *re > 0.0 && *im > 0.0);
+            if self.loaded.set.calibration.is_some()
+                && sweep.points.len() == entry.own_sigma_ohm.len()
+            {
+                // What the correction leaves is common to all sweeps, and stated once for all of
+                // them.
+                let stated = |[re, im]: &[f64; 2]| {
+                    Some((*re, *im)).filter(|(re, im)| *re > 0.0 && *im > 0.0)
+                };
                 sweep
                     .points
                     .iter_mut()
@@ -210,12 +298,22 @@ impl Reader<'_> {
 
     fn trace(&mut self, cell: &str, entry: &TraceEntry, first_s: f64) -> Result<(), ConfigError> {
         let name = stem(&entry.file);
-        let read = self.files.series(&self.folder.join(&entry.file), Some(entry.current_positive.sign()));
-        let part = read.map(|series| files::window(series, f64::NEG_INFINITY, f64::INFINITY).map(|all| files::part(series, all)));
-        let Some(Some(mut series)) = self.or_problem(&name, part)? else { return Ok(()) };
-        let rows = read_trace_csv(&self.folder.join(&entry.file)).map_err(|error| self.complain(&entry.file, error.to_string()))?;
+        let read = self.files.series(
+            &self.folder.join(&entry.file),
+            Some(entry.current_positive.sign()),
+        );
+        let part = read.map(|series| {
+            files::window(series, f64::NEG_INFINITY, f64::INFINITY)
+                .map(|all| files::part(series, all))
+        });
+        let Some(Some(mut series)) = self.or_problem(&name, part)? else {
+            return Ok(());
+        };
+        let rows = read_trace_csv(&self.folder.join(&entry.file))
+            .map_err(|error| self.complain(&entry.file, error.to_string()))?;
         let row_s = rows.first().map_or(0.0, |row| row.time_s);
-        let (mut sigma_v, mut averaged_s) = told_of(&rows, (entry.sample_sigma_v, row_s), series.len());
+        let (mut sigma_v, mut averaged_s) =
+            told_of(&rows, (entry.sample_sigma_v, row_s), series.len());
         if let Some(sigma_v) = &mut sigma_v {
             self.rest_before((entry, row_s), (&mut series, sigma_v, averaged_s.as_mut()))?;
         }
@@ -241,18 +339,28 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Puts the end of the rest before the first row, which is at `row_s` of test time: once the supply is up, its offset flows. Nothing is seen of the voltage then.
+    /// Puts the end of the rest before the first row, which is at `row_s` of test time: once the
+    /// supply is up, its offset flows. Nothing is seen of the voltage then.
     fn rest_before(
         &self,
         (entry, row_s): (&TraceEntry, f64),
         (series, sigma_v, averaged_s): (&mut TimeSeries, &mut Vec<f64>, Option<&mut Windows>),
     ) -> Result<(), ConfigError> {
         let path = self.folder.join(EVENTS);
-        let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&path, &error.to_string()))?;
-        let ups = text.lines().filter(|line| line.contains(OUTPUT_ON)).filter_map(|line| line.split(',').next()?.parse::<f64>().ok());
-        let Some(up_s) = ups.rev().find(|up_s| *up_s < entry.start_time_s) else { return Ok(()) };
+        let text = std::fs::read_to_string(&path)
+            .map_err(|error| unreadable(&path, &error.to_string()))?;
+        let ups = text
+            .lines()
+            .filter(|line| line.contains(OUTPUT_ON))
+            .filter_map(|line| line.split(',').next()?.parse::<f64>().ok());
+        let Some(up_s) = ups.rev().find(|up_s| *up_s < entry.start_time_s) else {
+            return Ok(());
+        };
         let since_s = row_s + entry.start_time_s - up_s;
-        series.time_s.iter_mut().for_each(|time_s| *time_s += since_s);
+        series
+            .time_s
+            .iter_mut()
+            .for_each(|time_s| *time_s += since_s);
         series.time_s.insert(0, 0.0);
         series.current_a.insert(0, series.current_a[0]);
         series.voltage_v.insert(0, entry.start_ocv_v);
@@ -261,7 +369,9 @@ impl Reader<'_> {
         }
         sigma_v.insert(0, UNSEEN_V);
         if let Some(windows) = averaged_s {
-            windows.iter_mut().for_each(|(from_s, to_s)| (*from_s, *to_s) = (*from_s + since_s, *to_s + since_s));
+            windows
+                .iter_mut()
+                .for_each(|(from_s, to_s)| (*from_s, *to_s) = (*from_s + since_s, *to_s + since_s));
             windows.insert(0, (0.0, 0.0));
         }
         Ok(())
@@ -269,9 +379,15 @@ impl Reader<'_> {
 
     /// The one sweep of a folder without an index. What the cell rested at stands in the readings.
     fn the_sweep(&mut self, cell: &str) -> Result<(), ConfigError> {
-        let Some((data, flagged)) = self.spectrum(SPECTRUM, "spectrum")? else { return Ok(()) };
+        let Some((data, flagged)) = self.spectrum(SPECTRUM, "spectrum")? else {
+            return Ok(());
+        };
         if let RunData::Eis(sweep) = &data {
-            self.loaded.flag(("spectrum", SPECTRUM), (&flagged, sweep.points.len()), self.refused_points);
+            self.loaded.flag(
+                ("spectrum", SPECTRUM),
+                (&flagged, sweep.points.len()),
+                self.refused_points,
+            );
         }
         let (ocv_v, temperature_c) = self.readings()?;
         let temperature_c = self.temperature("spectrum", temperature_c);
@@ -289,40 +405,80 @@ impl Reader<'_> {
         Ok(())
     }
 
-    /// Voltage of the last reading at rest, else the mean under the last sweep; the last temperature.
+    /// Voltage of the last reading at rest, else the mean under the last sweep; the last
+    /// temperature.
     fn readings(&self) -> Result<(f64, Option<f64>), ConfigError> {
         let path = self.folder.join(READINGS);
-        let text = std::fs::read_to_string(&path).map_err(|error| unreadable(&path, &error.to_string()))?;
-        let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split(',').collect()).collect();
-        let number = |row: &[&str], column: usize| row.get(column).and_then(|field| field.parse::<f64>().ok());
+        let text = std::fs::read_to_string(&path)
+            .map_err(|error| unreadable(&path, &error.to_string()))?;
+        let rows: Vec<Vec<&str>> = text
+            .lines()
+            .skip(1)
+            .map(|line| line.split(',').collect())
+            .collect();
+        let number = |row: &[&str], column: usize| {
+            row.get(column).and_then(|field| field.parse::<f64>().ok())
+        };
         let of = |phase: &'static str| move |row: &&Vec<&str>| row.get(1) == Some(&phase);
-        let rest_v = rows.iter().rev().filter(of("rest")).find_map(|row| number(row, 2));
-        let swept: Vec<f64> =
-            rows.iter().rev().skip_while(|row| !of("sine")(row)).take_while(of("sine")).filter_map(|row| number(row, 2)).collect();
+        let rest_v = rows
+            .iter()
+            .rev()
+            .filter(of("rest"))
+            .find_map(|row| number(row, 2));
+        let swept: Vec<f64> = rows
+            .iter()
+            .rev()
+            .skip_while(|row| !of("sine")(row))
+            .take_while(of("sine"))
+            .filter_map(|row| number(row, 2))
+            .collect();
         let mean_v = (!swept.is_empty()).then(|| swept.iter().sum::<f64>() / swept.len() as f64);
-        let ocv_v =
-            rest_v.or(mean_v).ok_or_else(|| self.complain(READINGS, "expected a voltage at rest or under the sweep, found none"))?;
+        let ocv_v = rest_v.or(mean_v).ok_or_else(|| {
+            self.complain(
+                READINGS,
+                "expected a voltage at rest or under the sweep, found none",
+            )
+        })?;
         Ok((ocv_v, rows.iter().rev().find_map(|row| number(row, 4))))
     }
 
     /// A sweep, and what the quality gate has refused of it as its file says.
-    fn spectrum(&mut self, file: &str, name: &str) -> Result<Option<(RunData, Vec<FlaggedPoint>)>, ConfigError> {
+    fn spectrum(
+        &mut self,
+        file: &str,
+        name: &str,
+    ) -> Result<Option<(RunData, Vec<FlaggedPoint>)>, ConfigError> {
         let read = files::spectra(&self.folder.join(file));
         let spectra = self.or_problem(name, read)?.unwrap_or_default();
         if spectra.len() > 1 {
             let text = format!("{file}: expected one spectrum, met {}", spectra.len());
-            self.loaded.problems.push(DataSetProblem { run: name.to_owned(), text });
+            self.loaded.problems.push(DataSetProblem {
+                run: name.to_owned(),
+                text,
+            });
             return Ok(None);
         }
-        Ok(spectra.first().map(|one| (RunData::Eis(files::sweep(&one.spectrum, 0.0, None)), one.flagged.clone())))
+        Ok(spectra.first().map(|one| {
+            (
+                RunData::Eis(files::sweep(&one.spectrum, 0.0, None)),
+                one.flagged.clone(),
+            )
+        }))
     }
 
-    fn or_problem<T>(&mut self, name: &str, read: Result<T, FileError>) -> Result<Option<T>, ConfigError> {
+    fn or_problem<T>(
+        &mut self,
+        name: &str,
+        read: Result<T, FileError>,
+    ) -> Result<Option<T>, ConfigError> {
         match read {
             Ok(content) => Ok(Some(content)),
             Err(FileError::Usage(text)) => Err(unreadable(self.folder, &text)),
             Err(FileError::Damaged(text)) => {
-                self.loaded.problems.push(DataSetProblem { run: name.to_owned(), text });
+                self.loaded.problems.push(DataSetProblem {
+                    run: name.to_owned(),
+                    text,
+                });
                 Ok(None)
             }
         }
@@ -330,7 +486,9 @@ impl Reader<'_> {
 
     fn temperature(&mut self, name: &str, measured_c: Option<f64>) -> f64 {
         measured_c.unwrap_or_else(|| {
-            self.note(format!("{name}: its temperature was not measured, {ROOM_C} °C is taken"));
+            self.note(format!(
+                "{name}: its temperature was not measured, {ROOM_C} °C is taken"
+            ));
             ROOM_C
         })
     }
@@ -344,18 +502,32 @@ impl Reader<'_> {
     }
 }
 
-/// Noise of each of so many rows, that of one sample of the scope (V), less by as many as the row is the mean of; and the window of that mean. In the series' own
-/// time, whose first row, at `row_s` of test time, is at zero.
-fn told_of(read: &[TraceRow], (sample_sigma_v, row_s): (f64, f64), rows: usize) -> (Option<Vec<f64>>, Option<Windows>) {
-    let sigma_v: Vec<f64> = read.iter().map(|row| sample_sigma_v / row.samples.max(1.0).sqrt()).collect();
+/// Noise of each of so many rows, that of one sample of the scope (V), less by as many as the row
+/// is the mean of; and the window of that mean. In the series' own time, whose first row, at
+/// `row_s` of test time, is at zero.
+fn told_of(
+    read: &[TraceRow],
+    (sample_sigma_v, row_s): (f64, f64),
+    rows: usize,
+) -> (Option<Vec<f64>>, Option<Windows>) {
+    let sigma_v: Vec<f64> = read
+        .iter()
+        .map(|row| sample_sigma_v / row.samples.max(1.0).sqrt())
+        .collect();
     let stated = sigma_v.len() == rows && sigma_v.iter().all(|s| *s > 0.0);
-    let windows: Windows = read.iter().map(|row| (row.averaged_s.0 - row_s, row.averaged_s.1 - row_s)).collect();
+    let windows: Windows = read
+        .iter()
+        .map(|row| (row.averaged_s.0 - row_s, row.averaged_s.1 - row_s))
+        .collect();
     let told = windows.len() == rows && windows.iter().all(|(from_s, to_s)| from_s <= to_s);
     (stated.then_some(sigma_v), told.then_some(windows))
 }
 
 fn unreadable(path: &Path, reason: &str) -> ConfigError {
-    ConfigError::Unreadable { path: path.to_owned(), reason: reason.to_owned() }
+    ConfigError::Unreadable {
+        path: path.to_owned(),
+        reason: reason.to_owned(),
+    }
 }
 
 fn json<T: serde::de::DeserializeOwned>(path: &Path, expected: &str) -> Result<T, ConfigError> {

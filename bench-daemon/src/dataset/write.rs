@@ -30,15 +30,27 @@ pub enum WriteError {
     File(#[from] DatasetError),
 }
 
-/// Writes a data set into a folder, which is made if need be: time series as BDF CSV, spectra as CSV, current positive for charge.
+/// Writes a data set into a folder, which is made if need be: time series as BDF CSV, spectra as
+/// CSV, current positive for charge.
 ///
 /// # Errors
 /// `WriteError`.
 pub fn write_dataset(folder: &Path, set: &DataSet) -> Result<(), WriteError> {
-    std::fs::create_dir_all(folder).map_err(|source| WriteError::Folder { path: folder.to_owned(), source })?;
+    std::fs::create_dir_all(folder).map_err(|source| WriteError::Folder {
+        path: folder.to_owned(),
+        source,
+    })?;
     let mut listed = format!("name = {}\n", json!(set.name));
-    listed.extend(set.history.as_ref().and_then(|history| section("[bench]", &json!(history))));
-    listed.extend(set.calibration.as_ref().and_then(|calibration| section("[calibration]", &json!(calibration))));
+    listed.extend(
+        set.history
+            .as_ref()
+            .and_then(|history| section("[bench]", &json!(history))),
+    );
+    listed.extend(
+        set.calibration
+            .as_ref()
+            .and_then(|calibration| section("[calibration]", &json!(calibration))),
+    );
     for (index, run) in set.runs.iter().enumerate() {
         let text = match &run.data {
             RunData::Time(record) => series_csv(record),
@@ -48,7 +60,10 @@ pub fn write_dataset(folder: &Path, set: &DataSet) -> Result<(), WriteError> {
         dataset::write_atomically(&folder.join(&file), text.as_bytes())?;
         listed += &entry(run, &file);
     }
-    Ok(dataset::write_atomically(&folder.join(DATASET_FILE), listed.as_bytes())?)
+    Ok(dataset::write_atomically(
+        &folder.join(DATASET_FILE),
+        listed.as_bytes(),
+    )?)
 }
 
 /// One `[[runs]]`. A JSON string or number is a TOML one too.
@@ -64,9 +79,15 @@ fn entry(run: &Run, file: &str) -> String {
     };
     let (kind, of_kind) = match &run.data {
         RunData::Time(record) => {
-            let mut fields = vec![("current_between_samples", json!(record.between)), ("compare_from_s", json!(record.compared_from_s))];
+            let mut fields = vec![
+                ("current_between_samples", json!(record.between)),
+                ("compare_from_s", json!(record.compared_from_s)),
+            ];
             // None is said by leaving it out.
-            fields.extend((record.level_sigma_v > 0.0).then(|| ("level_sigma_v", json!(record.level_sigma_v))));
+            fields.extend(
+                (record.level_sigma_v > 0.0)
+                    .then(|| ("level_sigma_v", json!(record.level_sigma_v))),
+            );
             ("time", fields)
         }
         // −0 and 0 are one bias.
@@ -94,21 +115,45 @@ fn entry(run: &Run, file: &str) -> String {
         ("role", json!(run.role)),
         ("current_positive", json!("charge")),
     ];
-    table("[[runs]]", fields.iter().chain(&of_kind).map(|(name, value)| (*name, value)))
+    table(
+        "[[runs]]",
+        fields
+            .iter()
+            .chain(&of_kind)
+            .map(|(name, value)| (*name, value)),
+    )
 }
 
 fn section(header: &str, fields: &Value) -> Option<String> {
-    Some(table(header, fields.as_object()?.iter().map(|(name, value)| (name.as_str(), value))))
+    Some(table(
+        header,
+        fields
+            .as_object()?
+            .iter()
+            .map(|(name, value)| (name.as_str(), value)),
+    ))
 }
 
 fn table<'a>(header: &str, fields: impl Iterator<Item = (&'a str, &'a Value)>) -> String {
-    let lines: String = fields.map(|(name, value)| format!("{name} = {value}\n")).collect();
+    let lines: String = fields
+        .map(|(name, value)| format!("{name} = {value}\n"))
+        .collect();
     format!("\n{header}\n{lines}")
 }
 
 /// A number makes it unique, the run's name readable.
 fn file_name(index: usize, run: &Run) -> String {
-    let plain: String = run.name.chars().map(|c| if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') { c } else { '_' }).collect();
+    let plain: String = run
+        .name
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || matches!(c, '-' | '_') {
+                c
+            } else {
+                '_'
+            }
+        })
+        .collect();
     let extension = match run.data {
         RunData::Time(_) => "bdf.csv",
         RunData::Eis(_) => "csv",
@@ -131,7 +176,13 @@ fn series_csv(record: &TimeRecord) -> String {
     text.push('\n');
     for k in 0..series.len() {
         // Writing into a string cannot fail.
-        let _ = write!(text, "{},{},{}", series.time_s[k], 0.0 - series.current_a[k], series.voltage_v[k]);
+        let _ = write!(
+            text,
+            "{},{},{}",
+            series.time_s[k],
+            0.0 - series.current_a[k],
+            series.voltage_v[k]
+        );
         if let Some(all) = &series.temperature_c {
             let _ = write!(text, ",{}", all[k]);
         }
@@ -151,7 +202,11 @@ fn spectrum_csv(sweep: &Sweep) -> String {
     for point in &sweep.points {
         let (sigma_re, sigma_im) = point.sigma_ohm.unwrap_or((f64::NAN, f64::NAN));
         let amplitude_a = point.amplitude_a.unwrap_or(f64::NAN);
-        let _ = writeln!(text, "{},{},{},{sigma_re},{sigma_im},{amplitude_a}", point.freq_hz, point.z_ohm.re, point.z_ohm.im);
+        let _ = writeln!(
+            text,
+            "{},{},{},{sigma_re},{sigma_im},{amplitude_a}",
+            point.freq_hz, point.z_ohm.re, point.z_ohm.im
+        );
     }
     text
 }

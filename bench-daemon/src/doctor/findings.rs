@@ -1,4 +1,5 @@
-//! What the doctor found: one check after the other, each with what was expected, what was met, and what to do.
+//! What the doctor found: one check after the other, each with what was expected, what was met, and
+//! what to do.
 
 use serde::{Deserialize, Serialize};
 
@@ -53,16 +54,40 @@ pub struct Findings {
 
 impl Findings {
     /// Adds a check that is judged by one condition.
-    pub fn judge(&mut self, id: &str, (expected, met): (impl Into<String>, impl Into<String>), good: bool, advice: &str) -> bool {
+    pub fn judge(
+        &mut self,
+        id: &str,
+        (expected, met): (impl Into<String>, impl Into<String>),
+        good: bool,
+        advice: &str,
+    ) -> bool {
         let verdict = if good { Verdict::Ok } else { Verdict::Fail };
         self.add(id, (expected, met), verdict, if good { "" } else { advice });
         good
     }
 
     /// Adds a check.
-    pub fn add(&mut self, id: &str, (expected, met): (impl Into<String>, impl Into<String>), verdict: Verdict, advice: &str) {
-        let check = Check { id: id.to_owned(), expected: expected.into(), met: met.into(), verdict, advice: advice.to_owned() };
-        tracing::info!("{}: {}: expected {}, met {}", check.id, verdict.word(), check.expected, check.met);
+    pub fn add(
+        &mut self,
+        id: &str,
+        (expected, met): (impl Into<String>, impl Into<String>),
+        verdict: Verdict,
+        advice: &str,
+    ) {
+        let check = Check {
+            id: id.to_owned(),
+            expected: expected.into(),
+            met: met.into(),
+            verdict,
+            advice: advice.to_owned(),
+        };
+        tracing::info!(
+            "{}: {}: expected {}, met {}",
+            check.id,
+            verdict.word(),
+            check.expected,
+            check.met
+        );
         self.checks.push(check);
     }
 
@@ -87,6 +112,9 @@ impl Findings {
 
     /// How many checks ended so.
     pub fn count(&self, verdict: Verdict) -> usize {
-        self.checks.iter().filter(|check| check.verdict == verdict).count()
+        self.checks
+            .iter()
+            .filter(|check| check.verdict == verdict)
+            .count()
     }
 }

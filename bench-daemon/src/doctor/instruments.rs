@@ -1,4 +1,5 @@
-//! What is found with every output off: who answers, whether limits are taken and read back, whether the thermometers make sense.
+//! What is found with every output off: who answers, whether limits are taken and read back,
+//! whether the thermometers make sense.
 
 use instruments::{
     load::{Discharge, Draw},
@@ -15,23 +16,38 @@ const ROOM_C: (f64, f64) = (-20.0, 80.0);
 const APART_K: f64 = 10.0;
 
 /// What one instrument said of itself, or why it did not.
-pub fn reached(findings: &mut Findings, role: &str, said: Result<&Said, String>, model: &str) -> bool {
+pub fn reached(
+    findings: &mut Findings,
+    role: &str,
+    said: Result<&Said, String>,
+    model: &str,
+) -> bool {
     let id = format!("reach.{role}");
     let expected = format!("a {model}");
     match said {
         Err(error) => {
-            let advice = "see that it is switched on, that its address is right, and that nobody else is connected to it";
+            let advice = "see that it is switched on, that its address is right, and that nobody \
+            else is connected to it";
             findings.judge(&id, (expected, error), false, advice)
         }
         Ok(said) if !said.recognised => {
-            let advice = "check model and address in the bench file; `eis-bench identify` tells which dialects could be forced";
+            let advice = "check model and address in the bench file; `eis-bench identify` tells \
+            which dialects could be forced";
             findings.judge(&id, (expected, said.identity.raw.clone()), false, advice)
         }
         Ok(said) => {
             let healthy = said.health.is_empty();
-            let met = if healthy { said.identity.raw.clone() } else { format!("{}; {}", said.identity.raw, said.health.join("; ")) };
+            let met = if healthy {
+                said.identity.raw.clone()
+            } else {
+                format!("{}; {}", said.identity.raw, said.health.join("; "))
+            };
             let verdict = if healthy { Verdict::Ok } else { Verdict::Warn };
-            let advice = if healthy { "" } else { "what was in its error queue is gone by now; look at its panel" };
+            let advice = if healthy {
+                ""
+            } else {
+                "what was in its error queue is gone by now; look at its panel"
+            };
             findings.add(&id, (expected, met), verdict, advice);
             true
         }
@@ -42,9 +58,18 @@ impl Examination<'_> {
     /// Everything off, then limits and thermometers.
     pub(super) async fn off(&mut self) -> Result<(), BenchError> {
         let safe = self.bench.safe_state().await;
-        let met = if safe.verified { "every output off and read back, no current".to_owned() } else { safe.message };
+        let met = if safe.verified {
+            "every output off and read back, no current".to_owned()
+        } else {
+            safe.message
+        };
         let advice = "LOOK AT THE BENCH: switch off by hand what this names";
-        if !self.findings.judge("safe.begin", ("every output off and read back, no current", met), safe.verified, advice) {
+        if !self.findings.judge(
+            "safe.begin",
+            ("every output off and read back, no current", met),
+            safe.verified,
+            advice,
+        ) {
             self.findings.stop();
             return Ok(());
         }
@@ -53,13 +78,20 @@ impl Examination<'_> {
         self.chiller().await
     }
 
-    /// The set-point goes to where the bath is, it is started and stopped again: in manual mode this family ignores commands without a word.
+    /// The set-point goes to where the bath is, it is started and stopped again: in manual mode
+    /// this family ignores commands without a word.
     async fn chiller(&mut self) -> Result<(), BenchError> {
-        let (id, expected) = ("chiller.obeys", "a set-point, a start and a stop, each read back");
+        let (id, expected) = (
+            "chiller.obeys",
+            "a set-point, a start and a stop, each read back",
+        );
         let error = self.bench.error("chiller");
-        let Some(chiller) = self.bench.chiller.as_mut() else { return Ok(()) };
+        let Some(chiller) = self.bench.chiller.as_mut() else {
+            return Ok(());
+        };
         if chiller.status().await.map_err(&error)?.running && !chiller.is_regulated() {
-            self.findings.skip(&[id], "it runs already, and is left alone", "");
+            self.findings
+                .skip(&[id], "it runs already, and is left alone", "");
             return Ok(());
         }
         let (least, greatest) = chiller.range();
@@ -68,31 +100,66 @@ impl Examination<'_> {
         let obeyed = chiller.start(setpoint).await;
         let stopped = chiller.stop().await;
         let good = obeyed.is_ok() && stopped.is_ok();
-        let met = obeyed
-            .and(stopped)
-            .map_or_else(|error| error.to_string(), |()| format!("at {:.0} °C, the bath at {bath:.2} °C", setpoint.value()));
-        self.findings.judge(id, (expected, met), good, "set it to remote control on its panel, and clear its alarm");
+        let met = obeyed.and(stopped).map_or_else(
+            |error| error.to_string(),
+            |()| format!("at {:.0} °C, the bath at {bath:.2} °C", setpoint.value()),
+        );
+        self.findings.judge(
+            id,
+            (expected, met),
+            good,
+            "set it to remote control on its panel, and clear its alarm",
+        );
         Ok(())
     }
 
     async fn limits(&mut self) {
         let mut taken = Vec::new();
         if let Some(supply) = self.bench.supply4q.as_mut() {
-            let limits = supply4q::Limits { compliance: Volts(LIMITS.0), current: Amps(LIMITS.1) };
-            taken.push(("limits.supply4q", format!("{} V and {} A", LIMITS.0, LIMITS.1), supply.prepare(&limits).await));
+            let limits = supply4q::Limits {
+                compliance: Volts(LIMITS.0),
+                current: Amps(LIMITS.1),
+            };
+            taken.push((
+                "limits.supply4q",
+                format!("{} V and {} A", LIMITS.0, LIMITS.1),
+                supply.prepare(&limits).await,
+            ));
         }
         if let Some(load) = self.bench.load.as_mut() {
-            let discharge = Discharge { draw: Draw::Current(Amps(0.1)), stop_below: Volts(2.5) };
-            taken.push(("limits.load", "0.1 A, none below 2.5 V".to_owned(), load.prepare(&discharge).await));
+            let discharge = Discharge {
+                draw: Draw::Current(Amps(0.1)),
+                stop_below: Volts(2.5),
+            };
+            taken.push((
+                "limits.load",
+                "0.1 A, none below 2.5 V".to_owned(),
+                load.prepare(&discharge).await,
+            ));
         }
         if let Some(supply) = self.bench.supply.as_mut() {
-            let charge = Charge { voltage: Volts(1.0), current: Amps(0.1) };
-            taken.push(("limits.supply", "1 V and 0.1 A".to_owned(), supply.prepare(&charge).await));
+            let charge = Charge {
+                voltage: Volts(1.0),
+                current: Amps(0.1),
+            };
+            taken.push((
+                "limits.supply",
+                "1 V and 0.1 A".to_owned(),
+                supply.prepare(&charge).await,
+            ));
         }
         for (id, limits, outcome) in taken {
             let good = outcome.is_ok();
-            let met = outcome.map_or_else(|error| error.to_string(), |()| "taken and read back".to_owned());
-            if !self.findings.judge(id, (limits, met), good, "no output goes on without its limits: see why they are not taken") {
+            let met = outcome.map_or_else(
+                |error| error.to_string(),
+                |()| "taken and read back".to_owned(),
+            );
+            if !self.findings.judge(
+                id,
+                (limits, met),
+                good,
+                "no output goes on without its limits: see why they are not taken",
+            ) {
                 self.findings.stop();
             }
         }
@@ -104,7 +171,9 @@ impl Examination<'_> {
         if let Some(logger) = self.bench.logger.as_mut() {
             logger.configure().await.map_err(&error)?;
             let readings = logger.scan().await.map_err(error)?;
-            let celsius = readings.iter().map(|reading| reading.map_or(f64::NAN, |celsius| celsius.value()));
+            let celsius = readings
+                .iter()
+                .map(|reading| reading.map_or(f64::NAN, |celsius| celsius.value()));
             found.extend(["cell", "ambient"].into_iter().zip(celsius));
         }
         let error = self.bench.error("chiller");
@@ -112,21 +181,54 @@ impl Examination<'_> {
             found.push(("bath", chiller.temperature().await.map_err(error)?.value()));
         }
         if found.is_empty() {
-            self.findings.skip(&["meters.thermometers"], "the bench has none", "without a logger nothing watches the cell's temperature");
+            self.findings.skip(
+                &["meters.thermometers"],
+                "the bench has none",
+                "without a logger nothing watches the cell's temperature",
+            );
             return Ok(());
         }
-        let met: Vec<String> = found.iter().map(|(name, celsius)| format!("{name} {celsius:.1} °C")).collect();
-        let odd: Vec<&str> = found.iter().filter(|(_, c)| !(ROOM_C.0..=ROOM_C.1).contains(c)).map(|(name, _)| *name).collect();
-        let (least, most) = found.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (_, c)| (a.min(*c), b.max(*c)));
+        let met: Vec<String> = found
+            .iter()
+            .map(|(name, celsius)| format!("{name} {celsius:.1} °C"))
+            .collect();
+        let odd: Vec<&str> = found
+            .iter()
+            .filter(|(_, c)| !(ROOM_C.0..=ROOM_C.1).contains(c))
+            .map(|(name, _)| *name)
+            .collect();
+        let (least, most) = found
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), (_, c)| {
+                (a.min(*c), b.max(*c))
+            });
         let (verdict, advice) = if !odd.is_empty() {
-            (Verdict::Fail, format!("no temperature of a laboratory at {}: an open thermocouple, or a wrong channel", odd.join(", ")))
+            (
+                Verdict::Fail,
+                format!(
+                    "no temperature of a laboratory at {}: an open thermocouple, or a wrong \
+                    channel",
+                    odd.join(", ")
+                ),
+            )
         } else if most - least > APART_K {
-            (Verdict::Warn, "they are far apart for a bench at rest: is each where it belongs?".to_owned())
+            (
+                Verdict::Warn,
+                "they are far apart for a bench at rest: is each where it belongs?".to_owned(),
+            )
         } else {
             (Verdict::Ok, String::new())
         };
-        let expected = format!("{} °C to {} °C, at most {APART_K} K apart", ROOM_C.0, ROOM_C.1);
-        self.findings.add("meters.thermometers", (expected, met.join(", ")), verdict, &advice);
+        let expected = format!(
+            "{} °C to {} °C, at most {APART_K} K apart",
+            ROOM_C.0, ROOM_C.1
+        );
+        self.findings.add(
+            "meters.thermometers",
+            (expected, met.join(", ")),
+            verdict,
+            &advice,
+        );
         Ok(())
     }
 }

@@ -1,4 +1,5 @@
-//! Whether the guardian switches off when the daemon hangs: another process takes the bench, switches the output on at zero current, and stops.
+//! Whether the guardian switches off when the daemon hangs: another process takes the bench,
+//! switches the output on at zero current, and stops.
 
 use std::{
     io::{BufRead, BufReader},
@@ -34,11 +35,21 @@ const ON: &str = "on";
 const PATIENCE_S: f64 = 60.0;
 const POLL_S: f64 = 0.2;
 
-/// Checks the lease; nobody may hold the bench or be connected to it. `folder` is that of the report.
-pub async fn lease(findings: &mut Findings, (config, clock): (&config::Bench, &Clock), folder: &Path, fixture: Fixture) {
+/// Checks the lease; nobody may hold the bench or be connected to it. `folder` is that of the
+/// report.
+pub async fn lease(
+    findings: &mut Findings,
+    (config, clock): (&config::Bench, &Clock),
+    folder: &Path,
+    fixture: Fixture,
+) {
     let id = "guardian.lease";
-    let expected = format!("everything off after {} s without a word from the daemon", config.guardian.lease_s);
-    let advice = "do not leave the bench alone: nothing would switch it off when the daemon dies; see guardian.log in the state folder";
+    let expected = format!(
+        "everything off after {} s without a word from the daemon",
+        config.guardian.lease_s
+    );
+    let advice = "do not leave the bench alone: nothing would switch it off when the daemon dies; \
+    see guardian.log in the state folder";
     match drill((config, clock), folder, fixture).await {
         Ok(took_s) => {
             let met = format!("off and read back {took_s:.1} s after the guardian stepped in");
@@ -51,14 +62,28 @@ pub async fn lease(findings: &mut Findings, (config, clock): (&config::Bench, &C
     }
 }
 
-async fn drill((config, clock): (&config::Bench, &Clock), folder: &Path, fixture: Fixture) -> Result<f64, String> {
-    let state = State::of(config).map_err(|error| error.to_string())?.ok_or("the bench is simulated in this process")?;
-    let mut child = start(config, folder, fixture).map_err(|error| format!("the other process cannot be started: {error}"))?;
-    let said = child.stdout.take().and_then(|out| BufReader::new(out).lines().next()).and_then(Result::ok);
+async fn drill(
+    (config, clock): (&config::Bench, &Clock),
+    folder: &Path,
+    fixture: Fixture,
+) -> Result<f64, String> {
+    let state = State::of(config)
+        .map_err(|error| error.to_string())?
+        .ok_or("the bench is simulated in this process")?;
+    let mut child = start(config, folder, fixture)
+        .map_err(|error| format!("the other process cannot be started: {error}"))?;
+    let said = child
+        .stdout
+        .take()
+        .and_then(|out| BufReader::new(out).lines().next())
+        .and_then(Result::ok);
     let outcome = if said.as_deref() == Some(ON) {
         switched_off(&state, clock, config.guardian.lease_s).await
     } else {
-        Err(format!("the other process did not come as far as to hang: {}", said.unwrap_or_default()))
+        Err(format!(
+            "the other process did not come as far as to hang: {}",
+            said.unwrap_or_default()
+        ))
     };
     // It is dead by now, or of no use any more; without it its guardian switches off.
     let _ = child.kill();
@@ -72,7 +97,12 @@ fn start(config: &config::Bench, folder: &Path, fixture: Fixture) -> std::io::Re
     Command::new("/proc/self/exe")
         .arg("doctor")
         .arg(&config.path)
-        .args(["--yes", "--hang", "--fixture", crate::plan::fixture_name(fixture)])
+        .args([
+            "--yes",
+            "--hang",
+            "--fixture",
+            crate::plan::fixture_name(fixture),
+        ])
         .arg("--out")
         .arg(folder)
         .stdin(Stdio::null())
@@ -89,23 +119,38 @@ async fn switched_off(state: &State, clock: &Clock, lease_s: f64) -> Result<f64,
         let text = std::fs::read_to_string(state.path("guardian.json")).unwrap_or_default();
         last = serde_json::from_str(&text).unwrap_or_default();
         if last["status"] == "verified" {
-            return last["took_s"].as_f64().ok_or_else(|| "the guardian does not say how long it took".to_owned());
+            return last["took_s"]
+                .as_f64()
+                .ok_or_else(|| "the guardian does not say how long it took".to_owned());
         }
         clock.sleep_s(POLL_S).await;
     }
-    Err(format!("the guardian is {}", last["status"].as_str().unwrap_or("not there")))
+    Err(format!(
+        "the guardian is {}",
+        last["status"].as_str().unwrap_or("not there")
+    ))
 }
 
 /// Every output that can move charge is asked; changes nothing.
 async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
-    let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps: std::collections::BTreeMap::new() };
+    let connections = Connections {
+        clock: clock.clone(),
+        hub: MemoryHub::new(),
+        taps: std::collections::BTreeMap::new(),
+    };
     let mut bench = Bench::unconnected(config, &connections).map_err(|error| error.to_string())?;
     bench.connect().await.map_err(|error| error.to_string())?;
     let error = bench.error("supply4q");
     if let Some(supply) = bench.supply4q.as_mut() {
-        let answers = supply.look().await.map_err(|source| error(source).to_string())?;
+        let answers = supply
+            .look()
+            .await
+            .map_err(|source| error(source).to_string())?;
         if let Some(answer) = answers.iter().find(|answer| !answer.as_scripted) {
-            return Err(format!("supply4q: {} says {} after the guardian had reported that all is off", answer.question, answer.answer));
+            return Err(format!(
+                "supply4q: {} says {} after the guardian had reported that all is off",
+                answer.question, answer.answer
+            ));
         }
     }
     for (_, read) in bench.read_back().await {
@@ -117,15 +162,30 @@ async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
     Ok(())
 }
 
-/// The other process: takes the bench, switches the output on at zero current, says so, and stops itself.
+/// The other process: takes the bench, switches the output on at zero current, says so, and stops
+/// itself.
 ///
 /// # Errors
 /// Whatever keeps it from that.
-pub async fn hold((config, sha256): (&config::Bench, String), clock: &Clock, folder: &Path) -> Result<(), Failure> {
+pub async fn hold(
+    (config, sha256): (&config::Bench, String),
+    clock: &Clock,
+    folder: &Path,
+) -> Result<(), Failure> {
     let progress = Progress::new(&Plan { stages: Vec::new() });
-    let charge = Charge { bench: config, run: folder, window_v: super::COPPER_WINDOW_V, cell_c: None, sha256 };
+    let charge = Charge {
+        bench: config,
+        run: folder,
+        window_v: super::COPPER_WINDOW_V,
+        cell_c: None,
+        sha256,
+    };
     let custody = Custody::take_for(&charge, (clock, progress.doing())).await?;
-    let connections = Connections { clock: clock.clone(), hub: MemoryHub::new(), taps: std::collections::BTreeMap::new() };
+    let connections = Connections {
+        clock: clock.clone(),
+        hub: MemoryHub::new(),
+        taps: std::collections::BTreeMap::new(),
+    };
     let mut bench = Bench::open(config, &connections).await?;
     bench.identify_strictly().await?;
     let on = output_on(config, &mut bench).await;
@@ -142,12 +202,24 @@ pub async fn hold((config, sha256): (&config::Bench, String), clock: &Clock, fol
 
 async fn output_on(config: &config::Bench, bench: &mut Bench) -> Result<(), BenchError> {
     let (error, of_supply) = (bench.error("generator"), bench.error("supply4q"));
-    let generator = bench.generator.as_mut().ok_or(BenchError::Missing { role: "generator" })?;
+    let generator = bench
+        .generator
+        .as_mut()
+        .ok_or(BenchError::Missing { role: "generator" })?;
     generator.output(false).await.map_err(&error)?;
-    generator.quiet(Volts(config.wiring.command_offset_v)).await.map_err(&error)?;
+    generator
+        .quiet(Volts(config.wiring.command_offset_v))
+        .await
+        .map_err(&error)?;
     generator.output(true).await.map_err(&error)?;
-    let supply = bench.supply4q.as_mut().ok_or(BenchError::Missing { role: "supply4q" })?;
-    let limits = supply4q::Limits { compliance: Volts(LIMITS.0), current: Amps(LIMITS.1) };
+    let supply = bench
+        .supply4q
+        .as_mut()
+        .ok_or(BenchError::Missing { role: "supply4q" })?;
+    let limits = supply4q::Limits {
+        compliance: Volts(LIMITS.0),
+        current: Amps(LIMITS.1),
+    };
     supply.prepare(&limits).await.map_err(&of_supply)?;
     supply.energise().await.map_err(of_supply)
 }

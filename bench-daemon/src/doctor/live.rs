@@ -73,18 +73,29 @@ impl Examination<'_> {
         self.safe().await
     }
 
-    /// A bar across a cell is a dead short: nothing goes on before the jig was found to be without a voltage.
+    /// A bar across a cell is a dead short: nothing goes on before the jig was found to be without
+    /// a voltage.
     async fn no_cell(&mut self) -> Result<bool, BenchError> {
         let error = self.bench.error("load");
         if let Some(load) = self.bench.load.as_mut() {
             load.watch().await.map_err(error)?;
         }
         let volts = self.jig_v().await?;
-        self.zero_v = self.frame().await?.each_ref().map(|waveform| Level::of(waveform).mean_v);
-        let texts = (format!("less than {COPPER_V} V at the jig with every output off"), format!("{volts:.3} V"));
+        self.zero_v = self
+            .frame()
+            .await?
+            .each_ref()
+            .map(|waveform| Level::of(waveform).mean_v);
+        let texts = (
+            format!("less than {COPPER_V} V at the jig with every output off"),
+            format!("{volts:.3} V"),
+        );
         // A reading that is not a number is refused too.
-        let advice = "take the cell out of the jig: the control belongs in its place, never beside it";
-        Ok(self.findings.judge("fixture.no_cell", texts, volts.abs() <= COPPER_V, advice))
+        let advice =
+            "take the cell out of the jig: the control belongs in its place, never beside it";
+        Ok(self
+            .findings
+            .judge("fixture.no_cell", texts, volts.abs() <= COPPER_V, advice))
     }
 
     async fn jig_v(&mut self) -> Result<f64, BenchError> {
@@ -92,7 +103,13 @@ impl Examination<'_> {
         if let Some(load) = self.bench.load.as_mut() {
             return Ok(load.measure().await.map_err(error)?.0.value());
         }
-        Ok(self.supply4q()?.measure().await.map_err(self.bench.error("supply4q"))?.0.value())
+        Ok(self
+            .supply4q()?
+            .measure()
+            .await
+            .map_err(self.bench.error("supply4q"))?
+            .0
+            .value())
     }
 
     /// Output on at zero; what flows then, and what the channels show.
@@ -102,7 +119,10 @@ impl Examination<'_> {
         let off = seen.amps.abs();
         let volts_per_amp = self.volts_per_amp()?;
         let offset = self.config.wiring.command_offset_v - seen.amps * volts_per_amp;
-        let advice = format!("wiring.command_offset = \"{:.0} mV\" would bring it to zero", 1.0e3 * offset);
+        let advice = format!(
+            "wiring.command_offset = \"{:.0} mV\" would bring it to zero",
+            1.0e3 * offset
+        );
         let verdict = if off <= ZERO_A.0 {
             Verdict::Ok
         } else if off <= ZERO_A.1 {
@@ -110,31 +130,72 @@ impl Examination<'_> {
         } else {
             Verdict::Fail
         };
-        let advice = if verdict == Verdict::Ok { String::new() } else { advice };
-        let texts = (format!("less than {} A with the command at zero", ZERO_A.0), format!("{:+.4} A", seen.amps));
+        let advice = if verdict == Verdict::Ok {
+            String::new()
+        } else {
+            advice
+        };
+        let texts = (
+            format!("less than {} A with the command at zero", ZERO_A.0),
+            format!("{:+.4} A", seen.amps),
+        );
         self.findings.add("zero.current", texts, verdict, &advice);
         self.channels(&seen.levels);
         Ok(verdict != Verdict::Fail)
     }
 
     fn channels(&mut self, levels: &[Level; 4]) {
-        let micro = |of: fn(&Level) -> f64| levels.iter().map(|level| format!("{:.0}", 1.0e6 * of(level))).collect::<Vec<_>>().join(", ");
+        let micro = |of: fn(&Level) -> f64| {
+            levels
+                .iter()
+                .map(|level| format!("{:.0}", 1.0e6 * of(level)))
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
         let channels = |odd: fn(&Level) -> bool| -> Vec<String> {
-            levels.iter().zip(1..).filter(|(level, _)| odd(level)).map(|(_, number)| format!("C{number}")).collect()
+            levels
+                .iter()
+                .zip(1..)
+                .filter(|(level, _)| odd(level))
+                .map(|(_, number)| format!("C{number}"))
+                .collect()
         };
         let dead = channels(|level| level.sigma_v <= 0.0);
         let loud = channels(|level| level.sigma_v > NOISE_DIV * level.per_div_v);
-        let texts = (format!("some, and below {NOISE_DIV} divisions rms"), format!("{} µV of C1 … C4", micro(|level| level.sigma_v)));
+        let texts = (
+            format!("some, and below {NOISE_DIV} divisions rms"),
+            format!("{} µV of C1 … C4", micro(|level| level.sigma_v)),
+        );
         let (good, advice) = if dead.is_empty() {
-            (loud.is_empty(), format!("{}: a loose ground, or mains: look at the leads and where they run", loud.join(", ")))
+            (
+                loud.is_empty(),
+                format!(
+                    "{}: a loose ground, or mains: look at the leads and where they run",
+                    loud.join(", ")
+                ),
+            )
         } else {
-            (false, format!("{}: not a single code of noise: the channel is off, frozen, or its lead is not plugged in", dead.join(", ")))
+            (
+                false,
+                format!(
+                    "{}: not a single code of noise: the channel is off, frozen, or its lead is \
+                    not plugged in",
+                    dead.join(", ")
+                ),
+            )
         };
         self.findings.judge("scope.noise", texts, good, &advice);
         let far = channels(|level| level.mean_v.abs() > OFFSET_DIV * level.per_div_v);
-        let texts = (format!("within {OFFSET_DIV} divisions of zero"), format!("{} µV of C1 … C4", micro(|level| level.mean_v)));
-        let advice = format!("{}: let the scope adjust itself (self-calibration) and look at the lead", far.join(", "));
-        self.findings.judge("scope.offset", texts, far.is_empty(), &advice);
+        let texts = (
+            format!("within {OFFSET_DIV} divisions of zero"),
+            format!("{} µV of C1 … C4", micro(|level| level.mean_v)),
+        );
+        let advice = format!(
+            "{}: let the scope adjust itself (self-calibration) and look at the lead",
+            far.join(", ")
+        );
+        self.findings
+            .judge("scope.offset", texts, far.is_empty(), &advice);
     }
 
     /// A touch first: with a gain that is ten times too large half an ampere would be five.
@@ -144,15 +205,23 @@ impl Examination<'_> {
         let after = self.see().await?;
         self.command(0.0).await?;
         let by_meter = (after.amps - before.amps).abs();
-        let [first, second, ..] = [0, 1, 2, 3].map(|slot| after.levels[slot].mean_v - before.levels[slot].mean_v);
+        let [first, second, ..] =
+            [0, 1, 2, 3].map(|slot| after.levels[slot].mean_v - before.levels[slot].mean_v);
         let by_shunt = (second - first).abs() / self.config.wiring.shunt.r_ohm;
         let texts = (
             format!("at most {FIRST_MOST_A} A for a command of {FIRST_A} A"),
             format!("{by_meter:.3} A by the ammeter, {by_shunt:.3} A by the shunt"),
         );
-        let advice = "the drive is far too strong: check model and range of the supply, and the factor of the generator";
-        // A probe of another factor makes a small current look large; two of them that agree are believed.
-        Ok(self.findings.judge("drive.first", texts, by_meter <= FIRST_MOST_A && by_shunt.min(by_meter * 10.0) <= FIRST_MOST_A, advice))
+        let advice = "the drive is far too strong: check model and range of the supply, and the \
+        factor of the generator";
+        // A probe of another factor makes a small current look large; two of them that agree are
+        // believed.
+        Ok(self.findings.judge(
+            "drive.first",
+            texts,
+            by_meter <= FIRST_MOST_A && by_shunt.min(by_meter * 10.0) <= FIRST_MOST_A,
+            advice,
+        ))
     }
 
     async fn step(&mut self, fixture: Fixture) -> Result<bool, BenchError> {
@@ -169,7 +238,10 @@ impl Examination<'_> {
             channels_v: [0, 1, 2, 3].map(|slot| up.levels[slot].mean_v - down.levels[slot].mean_v),
             trim: self.config.wiring.command_trim,
         };
-        let known = |known: KnownImpedance| Known { ohm: known.r_ohm, sigma_ohm: known.r_sigma_ohm };
+        let known = |known: KnownImpedance| Known {
+            ohm: known.r_ohm,
+            sigma_ohm: known.r_sigma_ohm,
+        };
         let circuit = Loop {
             fixture,
             shunt: known(self.config.wiring.shunt),
@@ -181,7 +253,11 @@ impl Examination<'_> {
 
     async fn sine(&mut self) -> Result<(), BenchError> {
         let amplitude = Volts(TEST_A * self.volts_per_amp()?);
-        let sine = Sine { freq: Hertz(SINE_HZ), amplitude, offset: Volts(self.config.wiring.command_offset_v) };
+        let sine = Sine {
+            freq: Hertz(SINE_HZ),
+            amplitude,
+            offset: Volts(self.config.wiring.command_offset_v),
+        };
         let error = self.bench.error("generator");
         self.generator()?.sine(&sine).await.map_err(error)?;
         self.clock.sleep_s(SETTLE_S).await;
@@ -189,25 +265,44 @@ impl Examination<'_> {
         self.command(0.0).await?;
         let expected = (format!("{TEST_A} A of amplitude"), format!("{SINE_HZ} Hz"));
         let Some((volts, freq_hz)) = fitted(&waveforms) else {
-            let advice = "no sine is found in the record: look at the generator's function and the cable";
-            self.findings.add("drive.sine", (expected.0, "no sine"), Verdict::Fail, advice);
+            let advice =
+                "no sine is found in the record: look at the generator's function and the cable";
+            self.findings
+                .add("drive.sine", (expected.0, "no sine"), Verdict::Fail, advice);
             return Ok(());
         };
         let amps = volts / self.config.wiring.shunt.r_ohm;
-        let advice = "a steady command is followed and a sine is not: the generator's amplitude is of another kind (peak to peak, 50 Ω), or the supply is slow";
+        let advice = "a steady command is followed and a sine is not: the generator's amplitude is \
+        of another kind (peak to peak, 50 Ω), or the supply is slow";
         let good = (amps / TEST_A - 1.0).abs() <= 0.15;
-        self.findings.judge("drive.sine", (expected.0, format!("{amps:.4} A")), good, advice);
+        self.findings.judge(
+            "drive.sine",
+            (expected.0, format!("{amps:.4} A")),
+            good,
+            advice,
+        );
         let good = (freq_hz / SINE_HZ - 1.0).abs() <= TIMEBASE;
-        let advice = "scope and generator disagree about time: which of them is on an external clock?";
-        self.findings.judge("scope.timebase", (expected.1, format!("{freq_hz:.4} Hz")), good, advice);
+        let advice =
+            "scope and generator disagree about time: which of them is on an external clock?";
+        self.findings.judge(
+            "scope.timebase",
+            (expected.1, format!("{freq_hz:.4} Hz")),
+            good,
+            advice,
+        );
         Ok(())
     }
 
-    /// Whether the supply's own limit holds while the analog input commands it, which no manual promises.
+    /// Whether the supply's own limit holds while the analog input commands it, which no manual
+    /// promises.
     async fn bipolar_limit(&mut self) -> Result<(), BenchError> {
         let id = "limit.bipolar";
         if self.supply4q()?.capabilities().holds != Holds::CurrentAndVoltage {
-            self.findings.skip(&[id], "this model has no limit of the current beside its rating", "nothing but a fuse bounds it");
+            self.findings.skip(
+                &[id],
+                "this model has no limit of the current beside its rating",
+                "nothing but a fuse bounds it",
+            );
             return Ok(());
         }
         let (limit_a, command_a) = AGAINST;
@@ -216,10 +311,18 @@ impl Examination<'_> {
         let amps = self.see().await?.amps;
         self.down().await?;
         let kept = amps.abs() <= limit_a * (1.0 + KEPT.0) + KEPT.1;
-        let advice =
-            "the limit does not bound the analog input of this unit: nothing but the plan, the interlock and a fuse bound its current";
-        let texts = (format!("at most {limit_a} A, against a command of {command_a} A"), format!("{amps:.3} A"));
-        self.findings.add(id, texts, if kept { Verdict::Ok } else { Verdict::Warn }, if kept { "" } else { advice });
+        let advice = "the limit does not bound the analog input of this unit: nothing but the \
+        plan, the interlock and a fuse bound its current";
+        let texts = (
+            format!("at most {limit_a} A, against a command of {command_a} A"),
+            format!("{amps:.3} A"),
+        );
+        self.findings.add(
+            id,
+            texts,
+            if kept { Verdict::Ok } else { Verdict::Warn },
+            if kept { "" } else { advice },
+        );
         Ok(())
     }
 
@@ -231,7 +334,10 @@ impl Examination<'_> {
             self.findings.skip(&[id], "the bench has no charger", "");
             return Ok(());
         };
-        let charge = Charge { voltage: Volts(1.0), current: Amps(AGAINST.0) };
+        let charge = Charge {
+            voltage: Volts(1.0),
+            current: Amps(AGAINST.0),
+        };
         supply.prepare(&charge).await.map_err(&error)?;
         supply.energise().await.map_err(&error)?;
         self.clock.sleep_s(1.0).await;
@@ -242,19 +348,22 @@ impl Examination<'_> {
         let expected = format!("{} A into copper, far below 1 V", AGAINST.0);
         let most_a = AGAINST.0 * (1.0 + KEPT.0) + KEPT.1;
         if amps.value() > most_a || volts.value() > 0.9 {
-            let advice = "the charger does not keep its current limit, or drives into an open circuit: do not charge a cell with it";
+            let advice = "the charger does not keep its current limit, or drives into an open \
+            circuit: do not charge a cell with it";
             self.findings.judge(id, (expected, met), false, advice);
             self.findings.stop();
         } else if amps.value() < 0.5 * AGAINST.0 {
             let advice = "its current does not flow: look at its leads to the jig";
-            self.findings.add(id, (expected, met), Verdict::Warn, advice);
+            self.findings
+                .add(id, (expected, met), Verdict::Warn, advice);
         } else {
             self.findings.judge(id, (expected, met), true, "");
         }
         Ok(())
     }
 
-    /// With a current flowing, everything is switched off as a run would do it; then each instrument is asked.
+    /// With a current flowing, everything is switched off as a run would do it; then each
+    /// instrument is asked.
     async fn safe(&mut self) -> Result<(), BenchError> {
         if self.findings.stopped().is_some() {
             return Ok(());
@@ -263,14 +372,20 @@ impl Examination<'_> {
         self.command(AGAINST.0).await?;
         let flowed = self.see().await?.amps;
         let safe = self.bench.safe_state().await;
-        let mut wrong: Vec<String> = if safe.verified { Vec::new() } else { vec![safe.message] };
+        let mut wrong: Vec<String> = if safe.verified {
+            Vec::new()
+        } else {
+            vec![safe.message]
+        };
         macro_rules! look {
             ($role:literal, $field:ident) => {
                 let error = self.bench.error($role);
                 if let Some(instrument) = self.bench.$field.as_mut() {
                     let answers = instrument.look().await.map_err(error)?;
                     let other = answers.iter().filter(|answer| !answer.as_scripted);
-                    wrong.extend(other.map(|answer| format!("{}: {} says {}", $role, answer.question, answer.answer)));
+                    wrong.extend(other.map(|answer| {
+                        format!("{}: {} says {}", $role, answer.question, answer.answer)
+                    }));
                 }
             };
         }
@@ -279,17 +394,29 @@ impl Examination<'_> {
         look!("load", load);
         look!("supply", supply);
         let levels = self.frame().await?.each_ref().map(Level::of);
-        let shunt_a = (levels[1].mean_v - self.zero_v[1] - levels[0].mean_v + self.zero_v[0]) / self.config.wiring.shunt.r_ohm;
+        let shunt_a = (levels[1].mean_v - self.zero_v[1] - levels[0].mean_v + self.zero_v[0])
+            / self.config.wiring.shunt.r_ohm;
         if shunt_a.abs() > NO_CURRENT_A {
             wrong.push(format!("the shunt still carries {shunt_a:.3} A"));
         }
         let met = if wrong.is_empty() {
-            format!("from {flowed:.3} A to every output off, {:.1} mA by the shunt", 1.0e3 * shunt_a)
+            format!(
+                "from {flowed:.3} A to every output off, {:.1} mA by the shunt",
+                1.0e3 * shunt_a
+            )
         } else {
             wrong.join("; ")
         };
         let advice = "LOOK AT THE BENCH: what is named here did not go off";
-        if !self.findings.judge("safe.state", ("every output off and read back, no current by any meter", met), wrong.is_empty(), advice) {
+        if !self.findings.judge(
+            "safe.state",
+            (
+                "every output off and read back, no current by any meter",
+                met,
+            ),
+            wrong.is_empty(),
+            advice,
+        ) {
             self.findings.stop();
         }
         Ok(())
@@ -302,8 +429,14 @@ impl Examination<'_> {
         let generator = self.generator()?;
         generator.output(false).await.map_err(&error)?;
         generator.quiet(offset).await.map_err(&error)?;
-        let limits = supply4q::Limits { compliance: Volts(LIMITS.0), current: Amps(limit_a) };
-        self.supply4q()?.prepare(&limits).await.map_err(&of_supply)?;
+        let limits = supply4q::Limits {
+            compliance: Volts(LIMITS.0),
+            current: Amps(limit_a),
+        };
+        self.supply4q()?
+            .prepare(&limits)
+            .await
+            .map_err(&of_supply)?;
         self.generator()?.output(true).await.map_err(error)?;
         self.supply4q()?.energise().await.map_err(of_supply)?;
         self.clock.sleep_s(SETTLE_S).await;
@@ -335,32 +468,52 @@ impl Examination<'_> {
             }
         }
         let mean = |sum: f64| sum / READINGS as f64;
-        Ok(Seen { amps: mean(amps), volts: mean(volts), load_v: self.bench.load.is_some().then(|| mean(load_v)), levels })
+        Ok(Seen {
+            amps: mean(amps),
+            volts: mean(volts),
+            load_v: self.bench.load.is_some().then(|| mean(load_v)),
+            levels,
+        })
     }
 
     /// Command per ampere as the bench file has it, V.
     fn volts_per_amp(&mut self) -> Result<f64, BenchError> {
         let supply = self.supply4q()?.capabilities();
-        Ok(supply.analog_full_scale.value() / supply.full_scale.value() * self.config.wiring.command_trim)
+        Ok(supply.analog_full_scale.value() / supply.full_scale.value()
+            * self.config.wiring.command_trim)
     }
 
     fn supply4q(&mut self) -> Result<&mut instruments::supply4q::Supply4q, BenchError> {
-        self.bench.supply4q.as_mut().ok_or(BenchError::Missing { role: "supply4q" })
+        self.bench
+            .supply4q
+            .as_mut()
+            .ok_or(BenchError::Missing { role: "supply4q" })
     }
 
     fn generator(&mut self) -> Result<&mut instruments::generator::Generator, BenchError> {
-        self.bench.generator.as_mut().ok_or(BenchError::Missing { role: "generator" })
+        self.bench
+            .generator
+            .as_mut()
+            .ok_or(BenchError::Missing { role: "generator" })
     }
 }
 
 /// Amplitude across the shunt, V, and the frequency that a free fit finds, Hz.
 fn fitted(waveforms: &[Waveform; 4]) -> Option<(f64, f64)> {
-    let channels: Vec<Channel<'_>> = waveforms.iter().map(|waveform| Channel::codes(&waveform.codes, code_scale(waveform))).collect();
-    let record = Record { channels: &channels, interval_s: waveforms[0].interval_s };
+    let channels: Vec<Channel<'_>> = waveforms
+        .iter()
+        .map(|waveform| Channel::codes(&waveform.codes, code_scale(waveform)))
+        .collect();
+    let record = Record {
+        channels: &channels,
+        interval_s: waveforms[0].interval_s,
+    };
     let options = FitOptions::default();
     let free = sine::fit_free_frequency(&record, Some(SINE_HZ), &options).ok()?;
     let fit = sine::fit_known_frequency(&record, SINE_HZ, &options).ok()?;
-    let lsb_v = [0, 1, 2, 3].map(|slot: usize| f64::from(waveforms[slot].preamble.code_step) * waveforms[slot].preamble.volts_per_code);
+    let lsb_v = [0, 1, 2, 3].map(|slot: usize| {
+        f64::from(waveforms[slot].preamble.code_step) * waveforms[slot].preamble.volts_per_code
+    });
     let [first, second, ..] = ChannelPhasors::from_codes(&fit, lsb_v).ok()?.volts;
     Some(((second - first).norm(), free.freq_hz))
 }

@@ -1,4 +1,5 @@
-//! The machine on which the daemon runs: its clock, the folder for data, the disk, the state of the bench.
+//! The machine on which the daemon runs: its clock, the folder for data, the disk, the state of the
+//! bench.
 
 use std::{fs, io::Write, path::Path};
 
@@ -18,19 +19,25 @@ const ROOM: (f64, f64) = (2.0e9, 1.0e8);
 const DRIFT_S: f64 = 0.05;
 const WAIT_S: f64 = 0.5;
 
-/// Refuses a bench that somebody runs, and waits for a guardian that still switches it off: who asks an instrument empties its error queue, and many
-/// take one client only.
+/// Refuses a bench that somebody runs, and waits for a guardian that still switches it off: who
+/// asks an instrument empties its error queue, and many take one client only.
 ///
 /// # Errors
 /// [`StateError::Busy`]; a guardian that does not come to an end; a state that cannot be read.
 pub async fn free(config: &config::Bench, clock: &Clock) -> Result<(), Failure> {
-    let Some(state) = State::of(config)? else { return Ok(()) };
+    let Some(state) = State::of(config)? else {
+        return Ok(());
+    };
     state.refuse_busy()?;
     Ok(wait_for_earlier(&state, clock).await?)
 }
 
 /// Checks the machine; none of it touches an instrument.
-pub async fn machine(findings: &mut Findings, (config, clock): (&config::Bench, &Clock), folder: &Path) {
+pub async fn machine(
+    findings: &mut Findings,
+    (config, clock): (&config::Bench, &Clock),
+    folder: &Path,
+) {
     calendar(findings, config, clock).await;
     data(findings, folder);
     state(findings, config);
@@ -44,21 +51,40 @@ async fn calendar(findings: &mut Findings, config: &config::Bench, clock: &Clock
         .ok()
         .and_then(|time| time.duration_since(std::time::UNIX_EPOCH).ok())
         .map_or(0.0, |since| since.as_secs_f64());
-    let expected = "a calendar not before the date of the bench file, that runs as the bench's clock does";
+    let expected =
+        "a calendar not before the date of the bench file, that runs as the bench's clock does";
     if now_s + 1.0 < written_s {
         let met = format!("{:.0} s before it", written_s - now_s);
-        findings.judge(id, (expected, met), false, "set the date of this machine: every record carries it");
+        findings.judge(
+            id,
+            (expected, met),
+            false,
+            "set the date of this machine: every record carries it",
+        );
         return;
     }
     if clock.mode() == TimeMode::Virtual {
-        findings.add(id, (expected, "a calendar not before it; bench time is virtual"), Verdict::Ok, "");
+        findings.add(
+            id,
+            (expected, "a calendar not before it; bench time is virtual"),
+            Verdict::Ok,
+            "",
+        );
         return;
     }
     let (machine_s, unix_s) = (clock.machine_s(), clock::unix_time_s());
     clock.sleep_s(WAIT_S).await;
     let apart_s = ((clock::unix_time_s() - unix_s) - (clock.machine_s() - machine_s)).abs();
     let advice = "the calendar of this machine jumps: let one time service set it, and no other";
-    findings.judge(id, (expected, format!("{:.1} ms apart after a moment", 1.0e3 * apart_s)), apart_s <= DRIFT_S, advice);
+    findings.judge(
+        id,
+        (
+            expected,
+            format!("{:.1} ms apart after a moment", 1.0e3 * apart_s),
+        ),
+        apart_s <= DRIFT_S,
+        advice,
+    );
 }
 
 fn data(findings: &mut Findings, folder: &Path) {
@@ -68,11 +94,24 @@ fn data(findings: &mut Findings, folder: &Path) {
         file.write_all(b"written").and_then(|()| file.sync_all())?;
         let read = fs::read(&path)?;
         fs::remove_file(&path)?;
-        if read == b"written" { Ok(()) } else { Err(std::io::Error::other("something else was read than was written")) }
+        if read == b"written" {
+            Ok(())
+        } else {
+            Err(std::io::Error::other(
+                "something else was read than was written",
+            ))
+        }
     });
-    let met = tried.as_ref().map_or_else(ToString::to_string, |()| "written and read back".to_owned());
+    let met = tried
+        .as_ref()
+        .map_or_else(ToString::to_string, |()| "written and read back".to_owned());
     let expected = format!("{} can be written", folder.display());
-    findings.judge("machine.folder", (expected, met), tried.is_ok(), "give this account the right to write there, or name another folder");
+    findings.judge(
+        "machine.folder",
+        (expected, met),
+        tried.is_ok(),
+        "give this account the right to write there, or name another folder",
+    );
     if tried.is_err() {
         findings.stop();
         return;
@@ -90,30 +129,64 @@ fn data(findings: &mut Findings, folder: &Path) {
     } else {
         Verdict::Fail
     };
-    let advice = if verdict == Verdict::Ok { "" } else { "make room: every capture is on disk before it is analysed" };
-    let texts = (format!("{:.1} GB free", 1.0e-9 * ROOM.0), format!("{:.1} GB", 1.0e-9 * free));
+    let advice = if verdict == Verdict::Ok {
+        ""
+    } else {
+        "make room: every capture is on disk before it is analysed"
+    };
+    let texts = (
+        format!("{:.1} GB free", 1.0e-9 * ROOM.0),
+        format!("{:.1} GB", 1.0e-9 * free),
+    );
     findings.add("machine.disk", texts, verdict, advice);
 }
 
 fn state(findings: &mut Findings, config: &config::Bench) {
     let state = match State::of(config) {
         Ok(None) => {
-            findings.skip(&["bench.free", "bench.latch"], "the bench is simulated in this process", "");
+            findings.skip(
+                &["bench.free", "bench.latch"],
+                "the bench is simulated in this process",
+                "",
+            );
             return;
         }
         Ok(Some(state)) => state,
         Err(error) => {
-            findings.judge("bench.free", ("a state folder", error.to_string()), false, "see to the state folder");
+            findings.judge(
+                "bench.free",
+                ("a state folder", error.to_string()),
+                false,
+                "see to the state folder",
+            );
             findings.stop();
             return;
         }
     };
-    let check = |findings: &mut Findings, id: &str, expected: &str, found: Result<(), StateError>, advice: &str| {
-        let met = found.as_ref().map_or_else(ToString::to_string, |()| "it is so".to_owned());
+    let check = |findings: &mut Findings,
+                 id: &str,
+                 expected: &str,
+                 found: Result<(), StateError>,
+                 advice: &str| {
+        let met = found
+            .as_ref()
+            .map_or_else(ToString::to_string, |()| "it is so".to_owned());
         if !findings.judge(id, (expected, met), found.is_ok(), advice) {
             findings.stop();
         }
     };
-    check(findings, "bench.free", "nobody runs the bench", state.refuse_busy(), "wait for that run, or end it with `eis-bench abort`");
-    check(findings, "bench.latch", "no latch", state.refuse_latched(), "look at the bench and the cell, then `eis-bench clear`");
+    check(
+        findings,
+        "bench.free",
+        "nobody runs the bench",
+        state.refuse_busy(),
+        "wait for that run, or end it with `eis-bench abort`",
+    );
+    check(
+        findings,
+        "bench.latch",
+        "no latch",
+        state.refuse_latched(),
+        "look at the bench and the cell, then `eis-bench clear`",
+    );
 }

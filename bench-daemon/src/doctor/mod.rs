@@ -1,8 +1,11 @@
-//! `eis-bench doctor`: walks through a bench before it is used for the first time, and after each change of it.
+//! `eis-bench doctor`: walks through a bench before it is used for the first time, and after each
+//! change of it.
 //!
-//! What can be asked without any current is asked first: the machine, the instruments, their limits with every output off. Then, on a control that a person
-//! has clamped in the place of the cell, half an ampere proves drive, meters, probes, limits and safe state. After a failure that makes the next check
-//! unsafe nothing is energised any more, and whatever happens the bench ends in safe state.
+//! What can be asked without any current is asked first: the machine, the instruments, their limits
+//! with every output off. Then, on a control that a person has clamped in the place of the cell,
+//! half an ampere proves drive, meters, probes, limits and safe state. After a failure that makes
+//! the next check unsafe nothing is energised any more, and whatever happens the bench ends in safe
+//! state.
 
 mod findings;
 mod instruments;
@@ -69,12 +72,24 @@ pub struct Examination<'a> {
 
 impl<'a> Examination<'a> {
     /// Begins with an open bench and what the machine was found to be.
-    pub fn new((config, clock): (&'a config::Bench, Clock), bench: Bench, findings: Findings) -> Self {
+    pub fn new(
+        (config, clock): (&'a config::Bench, Clock),
+        bench: Bench,
+        findings: Findings,
+    ) -> Self {
         let scope = scope::Ranges::new(&config.wiring.scale_per_ampere_v);
-        Self { config, clock, bench, findings, scope, zero_v: [0.0; 4] }
+        Self {
+            config,
+            clock,
+            bench,
+            findings,
+            scope,
+            zero_v: [0.0; 4],
+        }
     }
 
-    /// Limits with every output off, then what needs current, where a fixture is in the jig. Nothing is known of the outputs afterwards.
+    /// Limits with every output off, then what needs current, where a fixture is in the jig.
+    /// Nothing is known of the outputs afterwards.
     pub async fn examine(&mut self, fixture: Option<Fixture>, why_not: &str) {
         let outcome = self.off().await;
         self.told(outcome);
@@ -96,7 +111,12 @@ impl<'a> Examination<'a> {
     fn told(&mut self, outcome: Result<(), BenchError>) {
         if let Err(error) = outcome {
             let advice = "see that the instrument answers and obeys, then begin again";
-            self.findings.add("instrument", ("an instrument that answers and obeys", error.to_string()), Verdict::Fail, advice);
+            self.findings.add(
+                "instrument",
+                ("an instrument that answers and obeys", error.to_string()),
+                Verdict::Fail,
+                advice,
+            );
             self.findings.stop();
         }
     }

@@ -1,12 +1,16 @@
-//! What the four probes say of a known change of the current: which of them sits where, and whether it reads what it should. Pure.
+//! What the four probes say of a known change of the current: which of them sits where, and whether
+//! it reads what it should. Pure.
 //!
-//! The loop is earth, return wire, (1) shunt (2), wire, (3) fixture (4), all voltages against earth. So for one ampere the four readings rise in this order,
-//! by the unknown resistance of a wire, the shunt, another wire and the fixture in the jig; with the second pair on the shunt they are those of the first.
-//! Every single mistake that is common at a bench – leads in another order, a lead that reads nothing, a probe of another factor, a control whose value in the
-//! bench file is another one's – is tried; one that makes all four readings possible is an explanation.
+//! The loop is earth, return wire, (1) shunt (2), wire, (3) fixture (4), all voltages against
+//! earth. So for one ampere the four readings rise in this order, by the unknown resistance of a
+//! wire, the shunt, another wire and the fixture in the jig; with the second pair on the shunt they
+//! are those of the first. Every single mistake that is common at a bench – leads in another order,
+//! a lead that reads nothing, a probe of another factor, a control whose value in the bench file is
+//! another one's – is tried; one that makes all four readings possible is an explanation.
 //!
-//! How far a reading may be off follows from what is stated: the standard deviation of the control in the bench file, and that of the probes' gains, which act
-//! on the voltage that both leads of a pair have in common.
+//! How far a reading may be off follows from what is stated: the standard deviation of the control
+//! in the bench file, and that of the probes' gains, which act on the voltage that both leads of a
+//! pair have in common.
 
 use instruments::mock::plant::Fixture;
 
@@ -55,25 +59,38 @@ pub(super) const COVERAGE: (f64, f64) = (1.96, 2.576);
 pub(super) const METER_SIGMA: f64 = 0.01;
 /// The noise of a mean, Ω at the current of the test.
 const FLOOR_OHM: f64 = 0.1e-3;
-/// A control of another value than the bench file's has between a part and a multiple of it; beyond, it is rather a lead.
+/// A control of another value than the bench file's has between a part and a multiple of it;
+/// beyond, it is rather a lead.
 const ANOTHER: f64 = 3.0;
 /// A wire of more than this is no wire, Ω.
 const MOST_WIRE_OHM: f64 = 0.3;
 
 impl Loop {
-    /// Every simplest explanation of four readings in Ω: the voltages' change over that of the current. None where not a single mistake explains them.
+    /// Every simplest explanation of four readings in Ω: the voltages' change over that of the
+    /// current. None where not a single mistake explains them.
     pub(super) fn explain(&self, readings: [f64; 4]) -> Vec<Mistake> {
         if self.possible(readings, None) {
             return vec![Mistake::None];
         }
         let mut found: Vec<Mistake> = Vec::new();
         for order in orders() {
-            let undone = [0, 1, 2, 3].map(|slot| order.iter().position(|from| *from == slot).map_or(f64::NAN, |at| readings[at]));
+            let undone = [0, 1, 2, 3].map(|slot| {
+                order
+                    .iter()
+                    .position(|from| *from == slot)
+                    .map_or(f64::NAN, |at| readings[at])
+            });
             if self.possible(undone, None) && order != [0, 1, 2, 3] {
                 found.push(Mistake::Order(order));
             }
         }
-        let swaps = |mistake: &Mistake| if let Mistake::Order(order) = mistake { moved(order) } else { 0 };
+        let swaps = |mistake: &Mistake| {
+            if let Mistake::Order(order) = mistake {
+                moved(order)
+            } else {
+                0
+            }
+        };
         let least = found.iter().map(swaps).min().unwrap_or(0);
         found.retain(|mistake| swaps(mistake) == least);
         for slot in 0..4 {
@@ -85,7 +102,9 @@ impl Loop {
                 }
             }
             let largest = largest(&readings);
-            if readings[slot].abs() < self.bound(self.sigma_ohm((largest, 0.0), None)) && self.possible(readings, Some(slot)) {
+            if readings[slot].abs() < self.bound(self.sigma_ohm((largest, 0.0), None))
+                && self.possible(readings, Some(slot))
+            {
                 found.push(Mistake::Dead(slot + 1));
             }
         }
@@ -96,22 +115,35 @@ impl Loop {
     /// Values of the controls that make the readings possible as they are.
     fn values(&self, readings: [f64; 4]) -> Vec<Mistake> {
         let [a, b, c, d] = readings;
-        let another = |met: f64, known: Known| (known.ohm / ANOTHER..=known.ohm * ANOTHER).contains(&met);
+        let another =
+            |met: f64, known: Known| (known.ohm / ANOTHER..=known.ohm * ANOTHER).contains(&met);
         let with = |known: Known, ohm: f64| Known { ohm, ..known };
         let mut found = Vec::new();
         let (shunt, control) = (with(self.shunt, b - a), with(self.control, d - c));
         let on_shunt = self.fixture == Fixture::Shunt;
-        let other = if on_shunt { Self { shunt, control: shunt, ..*self } } else { Self { shunt, ..*self } };
+        let other = if on_shunt {
+            Self {
+                shunt,
+                control: shunt,
+                ..*self
+            }
+        } else {
+            Self { shunt, ..*self }
+        };
         if another(b - a, self.shunt) && other.possible(readings, None) {
             found.push(Mistake::Shunt(b - a));
         }
-        if !on_shunt && another(d - c, self.control) && (Self { control, ..*self }).possible(readings, None) {
+        if !on_shunt
+            && another(d - c, self.control)
+            && (Self { control, ..*self }).possible(readings, None)
+        {
             found.push(Mistake::Control(d - c));
         }
         found
     }
 
-    /// Standard deviation of the difference of two readings, Ω: of their gains, and where a control lies between them, of its value and of the current.
+    /// Standard deviation of the difference of two readings, Ω: of their gains, and where a control
+    /// lies between them, of its value and of the current.
     pub(super) fn sigma_ohm(&self, (low, high): (f64, f64), known: Option<Known>) -> f64 {
         let control = known.map_or(0.0, |known| known.sigma_ohm.hypot(METER_SIGMA * known.ohm));
         (self.gain_sigma * low.hypot(high)).hypot(control)
@@ -128,13 +160,17 @@ impl Loop {
             let value = known.map_or(0.0, |known| known.ohm);
             (high - low - value).abs() <= self.bound(self.sigma_ohm((low, high), known))
         };
-        let wire = |(low, high): (f64, f64)| (-self.bound(self.sigma_ohm((low, high), None))..=MOST_WIRE_OHM).contains(&(high - low));
+        let wire = |(low, high): (f64, f64)| {
+            (-self.bound(self.sigma_ohm((low, high), None))..=MOST_WIRE_OHM).contains(&(high - low))
+        };
         let known = |a: usize, b: usize| without.is_some_and(|slot| slot == a || slot == b);
         let [a, b, c, d] = readings;
         let shunt = known(0, 1) || near((a, b), Some(self.shunt));
         let first = without == Some(0) || wire((0.0, a));
         let second = if self.fixture == Fixture::Shunt {
-            (known(2, 3) || near((c, d), Some(self.shunt))) && (known(0, 2) || near((a, c), None)) && (known(1, 3) || near((b, d), None))
+            (known(2, 3) || near((c, d), Some(self.shunt)))
+                && (known(0, 2) || near((a, c), None))
+                && (known(1, 3) || near((b, d), None))
         } else {
             (known(2, 3) || near((c, d), Some(self.control))) && (known(1, 2) || wire((b, c)))
         };
@@ -157,10 +193,17 @@ impl Mistake {
     pub(super) fn words(&self) -> (String, String) {
         match *self {
             Self::None => ("every probe where it belongs".to_owned(), String::new()),
-            Self::Order([1, 0, 2, 3]) => ("the pair C1, C2 is reversed".to_owned(), "swap the leads C1 and C2 at the shunt".to_owned()),
-            Self::Order([0, 1, 3, 2]) => ("the pair C3, C4 is reversed".to_owned(), "swap the leads C3 and C4".to_owned()),
+            Self::Order([1, 0, 2, 3]) => (
+                "the pair C1, C2 is reversed".to_owned(),
+                "swap the leads C1 and C2 at the shunt".to_owned(),
+            ),
+            Self::Order([0, 1, 3, 2]) => (
+                "the pair C3, C4 is reversed".to_owned(),
+                "swap the leads C3 and C4".to_owned(),
+            ),
             Self::Order([2, 3, 0, 1]) => (
-                "the pairs are swapped: C1 and C2 are on the fixture, C3 and C4 on the shunt".to_owned(),
+                "the pairs are swapped: C1 and C2 are on the fixture, C3 and C4 on the shunt"
+                    .to_owned(),
                 "C1 and C2 belong on the shunt, C3 and C4 on the jig".to_owned(),
             ),
             Self::Order(order) => {
@@ -169,36 +212,58 @@ impl Mistake {
                     .filter(|slot| order[*slot] != *slot)
                     .map(|slot| format!("{} is where {} belongs", on(slot), on(order[slot])))
                     .collect();
-                (listed.join(", "), "bring the leads into the order C1, C2 at the shunt, C3 (−), C4 (+) at the jig".to_owned())
+                (
+                    listed.join(", "),
+                    "bring the leads into the order C1, C2 at the shunt, C3 (−), C4 (+) at the jig"
+                        .to_owned(),
+                )
             }
-            Self::Factor(channel, -1.0) => {
-                (format!("C{channel} reads with the wrong sign"), format!("switch off the inversion of channel {channel} on the scope"))
-            }
+            Self::Factor(channel, -1.0) => (
+                format!("C{channel} reads with the wrong sign"),
+                format!("switch off the inversion of channel {channel} on the scope"),
+            ),
             Self::Factor(channel, factor) => (
                 format!("C{channel} reads {factor} of its voltage"),
-                format!("set the probe factor of channel {channel} on the scope to that of the probe, and the switch on the probe"),
+                format!(
+                    "set the probe factor of channel {channel} on the scope to that of the probe, \
+                    and the switch on the probe"
+                ),
             ),
             Self::Shunt(ohm) => (
-                format!("the shunt has {:.2} mΩ by the ammeter, and wiring.shunt.resistance says otherwise", 1.0e3 * ohm),
+                format!(
+                    "the shunt has {:.2} mΩ by the ammeter, and wiring.shunt.resistance says \
+                    otherwise",
+                    1.0e3 * ohm
+                ),
                 "measure the shunt in four-wire, or look at its plate".to_owned(),
             ),
             Self::Control(ohm) => (
-                format!("the fake cell has {:.2} mΩ, and controls.fake_cell.resistance says otherwise", 1.0e3 * ohm),
+                format!(
+                    "the fake cell has {:.2} mΩ, and controls.fake_cell.resistance says otherwise",
+                    1.0e3 * ohm
+                ),
                 "measure the fake cell in four-wire".to_owned(),
             ),
-            Self::Dead(channel) => {
-                (format!("C{channel} reads nothing"), format!("look at the lead of C{channel}, its clip and its plug at the scope"))
-            }
+            Self::Dead(channel) => (
+                format!("C{channel} reads nothing"),
+                format!("look at the lead of C{channel}, its clip and its plug at the scope"),
+            ),
         }
     }
 }
 
 fn largest(readings: &[f64; 4]) -> f64 {
-    readings.iter().fold(0.0, |most, value| value.abs().max(most))
+    readings
+        .iter()
+        .fold(0.0, |most, value| value.abs().max(most))
 }
 
 fn moved(order: &[usize; 4]) -> usize {
-    order.iter().enumerate().filter(|(slot, from)| slot != *from).count()
+    order
+        .iter()
+        .enumerate()
+        .filter(|(slot, from)| slot != *from)
+        .count()
 }
 
 /// All 24 orders of four leads.
@@ -217,10 +282,25 @@ fn orders() -> Vec<[usize; 4]> {
 mod tests {
     use super::*;
 
-    const OF_SHUNT: Known = Known { ohm: 9.96e-3, sigma_ohm: 0.02e-3 };
-    const FAKE: Loop =
-        Loop { fixture: Fixture::FakeCell, shunt: OF_SHUNT, control: Known { ohm: 3.75e-3, sigma_ohm: 0.05e-3 }, gain_sigma: 0.01 };
-    const SHUNT: Loop = Loop { fixture: Fixture::Shunt, shunt: OF_SHUNT, control: OF_SHUNT, gain_sigma: 0.01 };
+    const OF_SHUNT: Known = Known {
+        ohm: 9.96e-3,
+        sigma_ohm: 0.02e-3,
+    };
+    const FAKE: Loop = Loop {
+        fixture: Fixture::FakeCell,
+        shunt: OF_SHUNT,
+        control: Known {
+            ohm: 3.75e-3,
+            sigma_ohm: 0.05e-3,
+        },
+        gain_sigma: 0.01,
+    };
+    const SHUNT: Loop = Loop {
+        fixture: Fixture::Shunt,
+        shunt: OF_SHUNT,
+        control: OF_SHUNT,
+        gain_sigma: 0.01,
+    };
 
     fn milli(values: [f64; 4]) -> [f64; 4] {
         values.map(|value| 1.0e-3 * value)
@@ -228,15 +308,27 @@ mod tests {
 
     #[test]
     fn a_good_loop_needs_no_explanation() {
-        assert_eq!(FAKE.explain(milli([17.1, 27.0, 38.9, 42.8])), [Mistake::None]);
-        assert_eq!(SHUNT.explain(milli([17.1, 27.0, 17.0, 27.1])), [Mistake::None]);
+        assert_eq!(
+            FAKE.explain(milli([17.1, 27.0, 38.9, 42.8])),
+            [Mistake::None]
+        );
+        assert_eq!(
+            SHUNT.explain(milli([17.1, 27.0, 17.0, 27.1])),
+            [Mistake::None]
+        );
     }
 
     #[test]
     fn each_single_mistake_on_the_fake_cell_is_named() {
         let good = milli([17.0, 27.0, 39.0, 42.8]);
         let mut expected: Vec<([f64; 4], Mistake)> = vec![];
-        for order in [[1, 0, 2, 3], [0, 1, 3, 2], [2, 3, 0, 1], [0, 2, 1, 3], [3, 1, 2, 0]] {
+        for order in [
+            [1, 0, 2, 3],
+            [0, 1, 3, 2],
+            [2, 3, 0, 1],
+            [0, 2, 1, 3],
+            [3, 1, 2, 0],
+        ] {
             expected.push((order.map(|from| good[from]), Mistake::Order(order)));
         }
         for slot in 0..4 {
@@ -251,28 +343,56 @@ mod tests {
         }
         for (readings, mistake) in expected {
             let found = FAKE.explain(readings);
-            assert!(found.contains(&mistake) && found.len() <= 3, "{mistake:?}: {found:?} of {readings:?}");
+            assert!(
+                found.contains(&mistake) && found.len() <= 3,
+                "{mistake:?}: {found:?} of {readings:?}"
+            );
         }
     }
 
     #[test]
     fn on_the_shunt_a_swap_of_pairs_is_no_mistake_and_a_reversed_pair_is() {
         let good = milli([17.0, 27.0, 17.0, 27.0]);
-        assert_eq!(SHUNT.explain([2, 3, 0, 1].map(|from: usize| good[from])), [Mistake::None]);
-        assert_eq!(SHUNT.explain([1, 0, 2, 3].map(|from: usize| good[from]))[0].id(), "probes.current_pair");
-        assert!(SHUNT.explain([0, 1, 3, 2].map(|from: usize| good[from])).contains(&Mistake::Order([0, 1, 3, 2])));
-        assert_eq!(SHUNT.explain(milli([17.0, 27.0, 17.0, 2.7])), [Mistake::Factor(4, 0.1)]);
+        assert_eq!(
+            SHUNT.explain([2, 3, 0, 1].map(|from: usize| good[from])),
+            [Mistake::None]
+        );
+        assert_eq!(
+            SHUNT.explain([1, 0, 2, 3].map(|from: usize| good[from]))[0].id(),
+            "probes.current_pair"
+        );
+        assert!(
+            SHUNT
+                .explain([0, 1, 3, 2].map(|from: usize| good[from]))
+                .contains(&Mistake::Order([0, 1, 3, 2]))
+        );
+        assert_eq!(
+            SHUNT.explain(milli([17.0, 27.0, 17.0, 2.7])),
+            [Mistake::Factor(4, 0.1)]
+        );
     }
 
     /// A wrong value alone makes readings that a wrong probe could make too: both are told.
     #[test]
     fn a_control_of_another_value_is_told_beside_what_else_it_may_be() {
         let fake_of_6 = FAKE.explain(milli([17.0, 27.0, 39.0, 45.0]));
-        assert!(matches!(fake_of_6[..], [Mistake::Control(ohm)] if (ohm - 6.0e-3).abs() < 1.0e-9), "{fake_of_6:?}");
+        assert!(
+            matches!(fake_of_6[..], [Mistake::Control(ohm)] if (ohm - 6.0e-3).abs() < 1.0e-9),
+            "{fake_of_6:?}"
+        );
         let shunt_of_20 = FAKE.explain(milli([17.0, 37.0, 49.0, 52.75]));
-        assert!(matches!(shunt_of_20[..], [.., Mistake::Shunt(ohm)] if (ohm - 20.0e-3).abs() < 1.0e-9), "{shunt_of_20:?}");
+        assert!(
+            matches!(shunt_of_20[..], [.., Mistake::Shunt(ohm)] if (ohm - 20.0e-3).abs() < 1.0e-9),
+            "{shunt_of_20:?}"
+        );
         let half = FAKE.explain(milli([8.5, 27.0, 39.0, 42.75]));
-        assert!(half.contains(&Mistake::Factor(1, 0.5)) && half.iter().any(|mistake| matches!(mistake, Mistake::Shunt(_))), "{half:?}");
+        assert!(
+            half.contains(&Mistake::Factor(1, 0.5))
+                && half
+                    .iter()
+                    .any(|mistake| matches!(mistake, Mistake::Shunt(_))),
+            "{half:?}"
+        );
         // Both pairs read the same: it is not the probes.
         let both = SHUNT.explain(milli([17.0, 37.0, 17.0, 37.0]));
         assert!(matches!(both[..], [Mistake::Shunt(_)]), "{both:?}");
@@ -280,17 +400,35 @@ mod tests {
 
     #[test]
     fn the_tolerance_follows_from_what_is_stated() {
-        // Gains of 1 % on 39 mΩ and 42.75 mΩ are 0.58 mΩ; a control of ten times the uncertainty shows beside that.
-        let sigma = |sigma_ohm| FAKE.sigma_ohm((39.0e-3, 42.75e-3), Some(Known { ohm: 3.75e-3, sigma_ohm }));
+        // Gains of 1 % on 39 mΩ and 42.75 mΩ are 0.58 mΩ; a control of ten times the uncertainty
+        // shows beside that.
+        let sigma = |sigma_ohm| {
+            FAKE.sigma_ohm(
+                (39.0e-3, 42.75e-3),
+                Some(Known {
+                    ohm: 3.75e-3,
+                    sigma_ohm,
+                }),
+            )
+        };
         assert!(
             (sigma(0.05e-3) - 0.582e-3).abs() < 1.0e-6 && (sigma(0.5e-3) - 0.766e-3).abs() < 1.0e-6,
             "{} {}",
             sigma(0.05e-3),
             sigma(0.5e-3)
         );
-        let exact = Loop { gain_sigma: 0.001, ..FAKE };
-        assert_eq!(FAKE.explain(milli([17.0, 27.0, 39.0, 43.8])), [Mistake::None]);
-        assert!(matches!(exact.explain(milli([17.0, 27.0, 39.0, 43.8]))[..], [Mistake::Control(_)]));
+        let exact = Loop {
+            gain_sigma: 0.001,
+            ..FAKE
+        };
+        assert_eq!(
+            FAKE.explain(milli([17.0, 27.0, 39.0, 43.8])),
+            [Mistake::None]
+        );
+        assert!(matches!(
+            exact.explain(milli([17.0, 27.0, 39.0, 43.8]))[..],
+            [Mistake::Control(_)]
+        ));
     }
 
     #[test]
@@ -301,10 +439,21 @@ mod tests {
 
     #[test]
     fn every_mistake_has_words_and_a_check() {
-        for mistake in [Mistake::Order([1, 0, 2, 3]), Mistake::Order([2, 3, 0, 1]), Mistake::Factor(4, 0.1), Mistake::Dead(2)] {
+        for mistake in [
+            Mistake::Order([1, 0, 2, 3]),
+            Mistake::Order([2, 3, 0, 1]),
+            Mistake::Factor(4, 0.1),
+            Mistake::Dead(2),
+        ] {
             let (what, advice) = mistake.words();
-            assert!(!what.is_empty() && !advice.is_empty() && mistake.id().starts_with("probes."), "{mistake:?}");
+            assert!(
+                !what.is_empty() && !advice.is_empty() && mistake.id().starts_with("probes."),
+                "{mistake:?}"
+            );
         }
-        assert_eq!(Mistake::Order([0, 3, 2, 1]).words().0, "C2 is where C4 belongs, C4 is where C2 belongs");
+        assert_eq!(
+            Mistake::Order([0, 3, 2, 1]).words().0,
+            "C2 is where C4 belongs, C4 is where C2 belongs"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! The doctor's report: JSON for the program, Markdown and HTML for people. It carries a hash of its own content, so that an edited one is none.
+//! The doctor's report: JSON for the program, Markdown and HTML for people. It carries a hash of
+//! its own content, so that an edited one is none.
 
 use std::{fmt::Write, path::Path};
 
@@ -67,7 +68,10 @@ impl Report {
     /// Seals the report.
     #[must_use]
     pub fn sealed(self) -> Self {
-        Self { sha256: self.digest(), ..self }
+        Self {
+            sha256: self.digest(),
+            ..self
+        }
     }
 
     /// Nobody has changed it since.
@@ -76,7 +80,13 @@ impl Report {
     }
 
     fn digest(&self) -> String {
-        hash::sha256(serde_json::to_vec(&Self { sha256: String::new(), ..self.clone() }).unwrap_or_default())
+        hash::sha256(
+            serde_json::to_vec(&Self {
+                sha256: String::new(),
+                ..self.clone()
+            })
+            .unwrap_or_default(),
+        )
     }
 
     fn title(&self) -> String {
@@ -94,9 +104,17 @@ impl Report {
             ("date".to_owned(), self.date.clone()),
             ("eis-bench".to_owned(), self.version.clone()),
             ("bench file, SHA-256".to_owned(), self.config_sha256.clone()),
-            ("fixture".to_owned(), self.fixture.clone().unwrap_or_else(|| "none".to_owned())),
+            (
+                "fixture".to_owned(),
+                self.fixture.clone().unwrap_or_else(|| "none".to_owned()),
+            ),
         ];
-        lines.extend(self.instruments.iter().map(|one| (one.role.clone(), format!("{} at {}: {}", one.model, one.address, one.identity))));
+        lines.extend(self.instruments.iter().map(|one| {
+            (
+                one.role.clone(),
+                format!("{} at {}: {}", one.model, one.address, one.identity),
+            )
+        }));
         lines.push(("this report, SHA-256".to_owned(), self.sha256.clone()));
         lines
     }
@@ -107,11 +125,26 @@ impl Report {
         for (name, value) in self.provenance() {
             let _ = writeln!(text, "* {name}: {value}");
         }
-        text.push_str("\n| check | verdict | expected | met | what to do |\n|---|---|---|---|---|\n");
+        text.push_str(
+            "\n| check | verdict | expected | met | what to do |\n|---|---|---|---|---|\n",
+        );
         let cell = |text: &str| text.replace('|', "\\|").replace('\n', " ");
         for check in &self.checks {
-            let Check { id, expected, met, verdict, advice } = check;
-            let _ = writeln!(text, "| {id} | {} | {} | {} | {} |", verdict.word(), cell(expected), cell(met), cell(advice));
+            let Check {
+                id,
+                expected,
+                met,
+                verdict,
+                advice,
+            } = check;
+            let _ = writeln!(
+                text,
+                "| {id} | {} | {} | {} | {} |",
+                verdict.word(),
+                cell(expected),
+                cell(met),
+                cell(advice)
+            );
         }
         let _ = writeln!(text, "\nSigned off by {} on {}.", self.operator, self.date);
         text
@@ -119,21 +152,53 @@ impl Report {
 
     fn page(&self) -> Page {
         let line = |check: &Check| {
-            let level = if check.verdict == Verdict::Fail { Level::Bad } else { Level::Note };
-            Line { level, text: format!("{}: {}. {}", check.id, check.met, check.advice) }
+            let level = if check.verdict == Verdict::Fail {
+                Level::Bad
+            } else {
+                Level::Note
+            };
+            Line {
+                level,
+                text: format!("{}: {}. {}", check.id, check.met, check.advice),
+            }
         };
-        let good = Line { level: Level::Good, text: "every check that was done ended well".to_owned() };
-        let mut verdicts: Vec<Line> =
-            self.checks.iter().filter(|check| matches!(check.verdict, Verdict::Fail | Verdict::Warn)).map(line).collect();
+        let good = Line {
+            level: Level::Good,
+            text: "every check that was done ended well".to_owned(),
+        };
+        let mut verdicts: Vec<Line> = self
+            .checks
+            .iter()
+            .filter(|check| matches!(check.verdict, Verdict::Fail | Verdict::Warn))
+            .map(line)
+            .collect();
         if verdicts.is_empty() {
             verdicts.push(good);
         }
         let row = |check: &Check| {
-            vec![check.id.clone(), check.verdict.word().to_owned(), check.expected.clone(), check.met.clone(), check.advice.clone()]
+            vec![
+                check.id.clone(),
+                check.verdict.word().to_owned(),
+                check.expected.clone(),
+                check.met.clone(),
+                check.advice.clone(),
+            ]
         };
-        let header = ["check", "verdict", "expected", "met", "what to do"].map(str::to_owned).to_vec();
-        let table = Table { caption: "Checks".to_owned(), header, rows: self.checks.iter().map(row).collect() };
-        Page { title: self.title(), verdicts, tables: vec![table], provenance: self.provenance(), ..Page::default() }
+        let header = ["check", "verdict", "expected", "met", "what to do"]
+            .map(str::to_owned)
+            .to_vec();
+        let table = Table {
+            caption: "Checks".to_owned(),
+            header,
+            rows: self.checks.iter().map(row).collect(),
+        };
+        Page {
+            title: self.title(),
+            verdicts,
+            tables: vec![table],
+            provenance: self.provenance(),
+            ..Page::default()
+        }
     }
 }
 
@@ -142,10 +207,19 @@ impl Report {
 /// # Errors
 /// A file that cannot be written.
 pub fn write(report: &Report, folder: &Path) -> Result<(), Failure> {
-    let fail = |error: &dyn std::fmt::Display| Failure::Analysis(format!("{}: the report cannot be written: {error}", folder.display()));
+    let fail = |error: &dyn std::fmt::Display| {
+        Failure::Analysis(format!(
+            "{}: the report cannot be written: {error}",
+            folder.display()
+        ))
+    };
     let json = serde_json::to_string_pretty(report).map_err(|error| fail(&error))?;
     let html = report.page().to_html().map_err(|error| fail(&error))?;
-    for (name, text) in [("doctor.json", format!("{json}\n")), ("doctor.md", report.markdown()), ("doctor.html", html)] {
+    for (name, text) in [
+        ("doctor.json", format!("{json}\n")),
+        ("doctor.md", report.markdown()),
+        ("doctor.html", html),
+    ] {
         write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| fail(&error))?;
     }
     Ok(())

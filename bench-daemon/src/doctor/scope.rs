@@ -1,4 +1,5 @@
-//! Frames of the scope while nothing changes: half a second of four channels, on ranges that widen until nothing clips.
+//! Frames of the scope while nothing changes: half a second of four channels, on ranges that widen
+//! until nothing clips.
 
 use instruments::{
     scope::{Intent, Trigger, Vertical, Waveform},
@@ -28,7 +29,11 @@ pub(super) struct Ranges {
 impl Ranges {
     /// Those of the bench file for one ampere.
     pub(super) fn new(per_ampere_v: &[f64; 4]) -> Self {
-        Self { per_div_v: *per_ampere_v, applied: [f64::NAN; 4], session: false }
+        Self {
+            per_div_v: *per_ampere_v,
+            applied: [f64::NAN; 4],
+            session: false,
+        }
     }
 }
 
@@ -43,11 +48,25 @@ pub(super) struct Level {
 impl Level {
     pub(super) fn of(waveform: &Waveform) -> Self {
         let count = waveform.codes.len().max(1) as f64;
-        let mean = waveform.codes.iter().map(|code| f64::from(*code)).sum::<f64>() / count;
-        let variance = waveform.codes.iter().map(|code| (f64::from(*code) - mean).powi(2)).sum::<f64>() / count;
+        let mean = waveform
+            .codes
+            .iter()
+            .map(|code| f64::from(*code))
+            .sum::<f64>()
+            / count;
+        let variance = waveform
+            .codes
+            .iter()
+            .map(|code| (f64::from(*code) - mean).powi(2))
+            .sum::<f64>()
+            / count;
         let preamble = &waveform.preamble;
         let mean_v = mean * preamble.volts_per_code - preamble.offset_v;
-        Self { mean_v, sigma_v: variance.sqrt() * preamble.volts_per_code, per_div_v: preamble.volts_per_div }
+        Self {
+            mean_v,
+            sigma_v: variance.sqrt() * preamble.volts_per_code,
+            per_div_v: preamble.volts_per_div,
+        }
     }
 }
 
@@ -56,25 +75,49 @@ impl Examination<'_> {
     pub(super) async fn frame(&mut self) -> Result<[Waveform; 4], BenchError> {
         let missing = BenchError::Missing { role: "scope" };
         let error = self.bench.error("scope");
-        let Some(scope) = self.bench.scope.as_mut() else { return Err(missing) };
+        let Some(scope) = self.bench.scope.as_mut() else {
+            return Err(missing);
+        };
         if !self.scope.session {
-            scope.set(&Intent::Session { memory_points: POINTS }).await.map_err(&error)?;
+            scope
+                .set(&Intent::Session {
+                    memory_points: POINTS,
+                })
+                .await
+                .map_err(&error)?;
             self.scope.session = true;
         }
         let capabilities = scope.capabilities();
         let mut last = None;
         for _ in 0..TRIES {
             for (slot, channel) in (1..=4_u8).enumerate() {
-                let per_div_v = self.scope.per_div_v[slot].clamp(capabilities.per_div.0.value(), capabilities.per_div.1.value());
+                let per_div_v = self.scope.per_div_v[slot].clamp(
+                    capabilities.per_div.0.value(),
+                    capabilities.per_div.1.value(),
+                );
                 if per_div_v != self.scope.applied[slot] {
-                    let vertical = Vertical { channel, per_div: Volts(per_div_v), offset: Volts(0.0) };
-                    scope.set(&Intent::Vertical(vertical)).await.map_err(&error)?;
+                    let vertical = Vertical {
+                        channel,
+                        per_div: Volts(per_div_v),
+                        offset: Volts(0.0),
+                    };
+                    scope
+                        .set(&Intent::Vertical(vertical))
+                        .await
+                        .map_err(&error)?;
                     self.scope.applied[slot] = per_div_v;
                 }
             }
             let per_div = capabilities.time_per_div(Seconds(SPAN_S));
             let span_s = per_div.value() * capabilities.horizontal_div;
-            for intent in [Intent::Timebase(per_div), Intent::Trigger(Trigger { channel: 2, level: Volts(0.0) }), Intent::Roll] {
+            for intent in [
+                Intent::Timebase(per_div),
+                Intent::Trigger(Trigger {
+                    channel: 2,
+                    level: Volts(0.0),
+                }),
+                Intent::Roll,
+            ] {
                 scope.set(&intent).await.map_err(&error)?;
             }
             self.clock.sleep_s(WAIT * span_s).await;
@@ -83,7 +126,9 @@ impl Examination<'_> {
             for channel in 1..=4 {
                 waveforms.push(scope.download(channel, POINTS).await.map_err(&error)?);
             }
-            let clipped: Vec<usize> = (0..4).filter(|slot| waveforms[*slot].clipped_share() > 0.0).collect();
+            let clipped: Vec<usize> = (0..4)
+                .filter(|slot| waveforms[*slot].clipped_share() > 0.0)
+                .collect();
             last = waveforms.try_into().ok();
             if clipped.is_empty() {
                 break;

@@ -1,4 +1,5 @@
-//! What a known step of the command did: which of drive, ammeter, probes and voltmeter is to be believed. Pure.
+//! What a known step of the command did: which of drive, ammeter, probes and voltmeter is to be
+//! believed. Pure.
 
 use instruments::mock::plant::Fixture;
 
@@ -37,23 +38,45 @@ pub(super) fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> boo
     let [c1, c2, c3, c4] = step.channels_v;
     let shunt_a = (c2 - c1) / circuit.shunt.ohm;
     let none = |amps: f64| amps.abs() < NOTHING * step.wanted_a.abs();
-    if none(step.ammeter_a) && step.channels_v.iter().all(|volts| none(volts / circuit.shunt.ohm)) {
-        let met = format!("{:.4} A by the ammeter, {shunt_a:.4} A by the shunt", step.ammeter_a);
-        let advice = "no current follows the command: look at wiring.generator_channel and the cable from that output to the analog input, at the \
+    if none(step.ammeter_a)
+        && step
+            .channels_v
+            .iter()
+            .all(|volts| none(volts / circuit.shunt.ohm))
+    {
+        let met = format!(
+            "{:.4} A by the ammeter, {shunt_a:.4} A by the shunt",
+            step.ammeter_a
+        );
+        let advice = "no current follows the command: look at wiring.generator_channel and the \
+        cable from that output to the analog input, at the \
                       output of the generator, and whether the supply's analog input is selected";
         findings.add("drive.gain", (wanted(step), met), Verdict::Fail, advice);
         return false;
     }
-    let explained = if none(step.ammeter_a) { Vec::new() } else { circuit.explain(by(step.ammeter_a)) };
-    // Where nothing else explains it and the controls agree with each other, it is the ammeter; where it may be the shunt's value too, the command decides.
-    let of_value = explained.iter().all(|mistake| matches!(mistake, Mistake::Shunt(_)));
-    let command = [step.ammeter_a, shunt_a].map(|amps| (amps / step.wanted_a - 1.0).abs() <= GAIN.0);
+    let explained = if none(step.ammeter_a) {
+        Vec::new()
+    } else {
+        circuit.explain(by(step.ammeter_a))
+    };
+    // Where nothing else explains it and the controls agree with each other, it is the ammeter;
+    // where it may be the shunt's value too, the command decides.
+    let of_value = explained
+        .iter()
+        .all(|mistake| matches!(mistake, Mistake::Shunt(_)));
+    let command =
+        [step.ammeter_a, shunt_a].map(|amps| (amps / step.wanted_a - 1.0).abs() <= GAIN.0);
     let ammeter_is_off = explained.is_empty() || command == [false, true];
     let by_shunt = of_value && ammeter_is_off && circuit.explain(by(shunt_a)) == [Mistake::None];
-    let (current_a, mistakes) = if by_shunt { (shunt_a, vec![Mistake::None]) } else { (step.ammeter_a, explained) };
+    let (current_a, mistakes) = if by_shunt {
+        (shunt_a, vec![Mistake::None])
+    } else {
+        (step.ammeter_a, explained)
+    };
     let sound = mistakes == [Mistake::None];
     let readings = by(current_a);
-    let sigma = circuit.sigma_ohm((readings[0], readings[1]), Some(circuit.shunt)) / circuit.shunt.ohm;
+    let sigma =
+        circuit.sigma_ohm((readings[0], readings[1]), Some(circuit.shunt)) / circuit.shunt.ohm;
     let metered = ammeter(findings, step, (sound, shunt_a, sigma.hypot(METER_SIGMA)));
     probes(findings, circuit, (&mistakes, readings), command);
     let gain = drive(findings, step, current_a, sound || !mistakes.is_empty());
@@ -66,24 +89,44 @@ fn wanted(step: &Step) -> String {
 }
 
 /// `sigma`: of the two readings' ratio.
-fn ammeter(findings: &mut Findings, step: &Step, (sound, shunt_a, sigma): (bool, f64, f64)) -> bool {
+fn ammeter(
+    findings: &mut Findings,
+    step: &Step,
+    (sound, shunt_a, sigma): (bool, f64, f64),
+) -> bool {
     let within = |k: f64| format!("{:.4} A", k * sigma * shunt_a.abs());
-    let expected = format!("{shunt_a:+.4} A, as the shunt carries, ± {} (95 %), ± {} (99 %)", within(COVERAGE.0), within(COVERAGE.1));
+    let expected = format!(
+        "{shunt_a:+.4} A, as the shunt carries, ± {} (95 %), ± {} (99 %)",
+        within(COVERAGE.0),
+        within(COVERAGE.1)
+    );
     let texts = (expected, format!("{:+.4} A", step.ammeter_a));
     if !sound {
-        findings.skip(&["meters.ammeter"], "probes or controls cannot be believed", "settle first what is wrong with them");
+        findings.skip(
+            &["meters.ammeter"],
+            "probes or controls cannot be believed",
+            "settle first what is wrong with them",
+        );
         return false;
     }
     let ratio = step.ammeter_a / shunt_a;
     let advice = if ratio.abs() < NOTHING {
-        "the bipolar supply's ammeter is dead: its read-back cannot watch over a cell; look at its meter and its remote read-back"
+        "the bipolar supply's ammeter is dead: its read-back cannot watch over a cell; look at its \
+        meter and its remote read-back"
     } else if ratio < 0.0 {
-        "the ammeter and the shunt disagree in sign: the leads at the bipolar supply's output are swapped"
+        "the ammeter and the shunt disagree in sign: the leads at the bipolar supply's output are \
+        swapped"
     } else {
-        "the ammeter and the shunt disagree: check wiring.shunt.resistance against the shunt's plate, then the supply's calibration"
+        "the ammeter and the shunt disagree: check wiring.shunt.resistance against the shunt's \
+        plate, then the supply's calibration"
     };
     let verdict = verdict((ratio - 1.0).abs(), sigma);
-    findings.add("meters.ammeter", texts, verdict, if verdict == Verdict::Ok { "" } else { advice });
+    findings.add(
+        "meters.ammeter",
+        texts,
+        verdict,
+        if verdict == Verdict::Ok { "" } else { advice },
+    );
     verdict != Verdict::Fail
 }
 
@@ -97,33 +140,74 @@ fn verdict(off: f64, sigma: f64) -> Verdict {
 }
 
 /// `command`: whether ammeter and shunt, in this order, show the current that was commanded.
-fn probes(findings: &mut Findings, circuit: &Loop, (mistakes, readings): (&[Mistake], [f64; 4]), command: [bool; 2]) {
+fn probes(
+    findings: &mut Findings,
+    circuit: &Loop,
+    (mistakes, readings): (&[Mistake], [f64; 4]),
+    command: [bool; 2],
+) {
     let [a, b, c, d] = readings;
-    let all = |ids: [&str; 3]| ids.iter().all(|id| mistakes.iter().all(|mistake| mistake.id() != *id || *mistake == Mistake::None));
-    let pairs = [("probes.current_pair", (a, b), circuit.shunt), ("probes.voltage_pair", (c, d), circuit.control)];
+    let all = |ids: [&str; 3]| {
+        ids.iter().all(|id| {
+            mistakes
+                .iter()
+                .all(|mistake| mistake.id() != *id || *mistake == Mistake::None)
+        })
+    };
+    let pairs = [
+        ("probes.current_pair", (a, b), circuit.shunt),
+        ("probes.voltage_pair", (c, d), circuit.control),
+    ];
     let unexplained = mistakes.is_empty();
     for (id, (low, high), known) in pairs {
         let (met, sigma_ohm) = (high - low, circuit.sigma_ohm((low, high), Some(known)));
         let expected = expected(known, sigma_ohm);
-        let mine: Vec<_> = mistakes.iter().filter(|mistake| mistake.id() == id && **mistake != Mistake::None).collect();
+        let mine: Vec<_> = mistakes
+            .iter()
+            .filter(|mistake| mistake.id() == id && **mistake != Mistake::None)
+            .collect();
         if unexplained {
             let each = readings.map(milli).join(", ");
-            let advice = "no single mistake explains the four channels: look at each lead, and at the probe factor of each channel";
-            findings.add(id, (expected, format!("{} of C1 … C4 at {each}", milli(met))), Verdict::Fail, advice);
+            let advice = "no single mistake explains the four channels: look at each lead, and at \
+            the probe factor of each channel";
+            findings.add(
+                id,
+                (expected, format!("{} of C1 … C4 at {each}", milli(met))),
+                Verdict::Fail,
+                advice,
+            );
         } else if !mine.is_empty() {
             let what: Vec<String> = mine.iter().map(|mistake| mistake.words().0).collect();
             let met = format!("{}: {}", milli(met), what.join(", or "));
-            findings.add(id, (expected, met), Verdict::Fail, &advice(circuit, &mine, command));
-        } else if circuit.fixture == Fixture::Shunt && mistakes.iter().any(|mistake| matches!(mistake, Mistake::Shunt(_))) {
-            findings.skip(&[id], "both pairs are on a shunt whose value is in doubt", "");
+            findings.add(
+                id,
+                (expected, met),
+                Verdict::Fail,
+                &advice(circuit, &mine, command),
+            );
+        } else if circuit.fixture == Fixture::Shunt
+            && mistakes
+                .iter()
+                .any(|mistake| matches!(mistake, Mistake::Shunt(_)))
+        {
+            findings.skip(
+                &[id],
+                "both pairs are on a shunt whose value is in doubt",
+                "",
+            );
         } else if all(["probes.swapped"; 3]) {
             let verdict = verdict((met - known.ohm).abs(), sigma_ohm);
-            let advice = "one sound bench in twenty reads so: the gains of its probes differ by much, or the control is not quite that of the bench file";
+            let advice = "one sound bench in twenty reads so: the gains of its probes differ by \
+            much, or the control is not quite that of the bench file";
             let met = format!("{} ({:+.1} %)", milli(met), 100.0 * (met / known.ohm - 1.0));
             findings.add(
                 id,
                 (expected, met),
-                if verdict == Verdict::Ok { Verdict::Ok } else { Verdict::Warn },
+                if verdict == Verdict::Ok {
+                    Verdict::Ok
+                } else {
+                    Verdict::Warn
+                },
                 if verdict == Verdict::Ok { "" } else { advice },
             );
         } else {
@@ -134,14 +218,38 @@ fn probes(findings: &mut Findings, circuit: &Loop, (mistakes, readings): (&[Mist
     match mistakes.iter().find(|mistake| mistake.id() == id) {
         Some(mistake) => {
             let (what, advice) = mistake.words();
-            let expected = format!("{} at C1, C2 and {} at C3, C4", milli(circuit.shunt.ohm), milli(circuit.control.ohm));
-            findings.add(id, (expected, format!("{} and {}: {what}", milli(b - a), milli(d - c))), Verdict::Fail, &advice);
+            let expected = format!(
+                "{} at C1, C2 and {} at C3, C4",
+                milli(circuit.shunt.ohm),
+                milli(circuit.control.ohm)
+            );
+            findings.add(
+                id,
+                (
+                    expected,
+                    format!("{} and {}: {what}", milli(b - a), milli(d - c)),
+                ),
+                Verdict::Fail,
+                &advice,
+            );
         }
         None if circuit.fixture == Fixture::Shunt => {
-            findings.skip(&[id], "both pairs are on the shunt", "`--fixture fake_cell` tells the pairs apart");
+            findings.skip(
+                &[id],
+                "both pairs are on the shunt",
+                "`--fixture fake_cell` tells the pairs apart",
+            );
         }
         None if unexplained => findings.skip(&[id], "probes or controls cannot be believed", ""),
-        None => findings.add(id, ("each pair on its own resistance", "each pair on its own resistance"), Verdict::Ok, ""),
+        None => findings.add(
+            id,
+            (
+                "each pair on its own resistance",
+                "each pair on its own resistance",
+            ),
+            Verdict::Ok,
+            "",
+        ),
     }
 }
 
@@ -152,32 +260,57 @@ fn milli(ohms: f64) -> String {
 /// A control with what a sound bench reads of it.
 fn expected(known: Known, sigma_ohm: f64) -> String {
     let within = |k: f64| milli(k * sigma_ohm);
-    let Known { ohm, sigma_ohm: own_ohm } = known;
-    let of = if sigma_ohm > 2.0 * own_ohm { "by the gains of the probes and the ammeter" } else { "by its own uncertainty" };
-    format!("{} ± {} (95 %), ± {} (99 %), mostly {of}", milli(ohm), within(COVERAGE.0), within(COVERAGE.1))
+    let Known {
+        ohm,
+        sigma_ohm: own_ohm,
+    } = known;
+    let of = if sigma_ohm > 2.0 * own_ohm {
+        "by the gains of the probes and the ammeter"
+    } else {
+        "by its own uncertainty"
+    };
+    format!(
+        "{} ± {} (95 %), ± {} (99 %), mostly {of}",
+        milli(ohm),
+        within(COVERAGE.0),
+        within(COVERAGE.1)
+    )
 }
 
 /// What to do; where a value of the bench file may be wrong, what decides.
 fn advice(circuit: &Loop, mine: &[&Mistake], command: [bool; 2]) -> String {
     let each: Vec<String> = mine.iter().map(|mistake| mistake.words().1).collect();
-    let either = if each.len() > 1 { format!("either is possible: {}", each.join("; or ")) } else { each.concat() };
-    let of_shunt = mine.iter().any(|mistake| matches!(mistake, Mistake::Shunt(_)));
-    let of_control = mine.iter().any(|mistake| matches!(mistake, Mistake::Control(_)));
+    let either = if each.len() > 1 {
+        format!("either is possible: {}", each.join("; or "))
+    } else {
+        each.concat()
+    };
+    let of_shunt = mine
+        .iter()
+        .any(|mistake| matches!(mistake, Mistake::Shunt(_)));
+    let of_control = mine
+        .iter()
+        .any(|mistake| matches!(mistake, Mistake::Control(_)));
     let decides = match (circuit.fixture, of_shunt, of_control) {
         (Fixture::Shunt, true, _) if command == [true, false] => {
-            "Both pairs read the same, and the ammeter shows the current that was commanded: it is the value, or gains of the \
+            "Both pairs read the same, and the ammeter shows the current that was commanded: it is \
+            the value, or gains of the \
              supply that are off twice; `--fixture fake_cell` decides by a second control"
         }
         (Fixture::Shunt, true, _) => {
-            "Both pairs read the same, so that it is no probe: the value, or the ammeter; `--fixture fake_cell` decides by a second \
+            "Both pairs read the same, so that it is no probe: the value, or the ammeter; \
+            `--fixture fake_cell` decides by a second \
              control, or a meter of known accuracy in series"
         }
         (_, true, _) => {
-            "`--fixture shunt` decides: where C3, C4 read on the shunt what C1, C2 do, it is the value or the ammeter, else a probe"
+            "`--fixture shunt` decides: where C3, C4 read on the shunt what C1, C2 do, it is the \
+            value or the ammeter, else a probe"
         }
         (_, _, true) => {
-            "`--fixture shunt` decides: where C3, C4 read the shunt right, it is the value, else a probe; the current of the charger through \
-             the fake cell, by its own display, and the voltage across it tell its resistance once more"
+            "`--fixture shunt` decides: where C3, C4 read the shunt right, it is the value, else a \
+            probe; the current of the charger through \
+             the fake cell, by its own display, and the voltage across it tell its resistance once \
+             more"
         }
         _ => return either,
     };
@@ -188,7 +321,11 @@ fn drive(findings: &mut Findings, step: &Step, current_a: f64, known: bool) -> b
     let ratio = current_a / step.wanted_a;
     let met = format!("{current_a:+.4} A, {ratio:.3} of it");
     if !known {
-        findings.skip(&["drive.gain"], "neither ammeter nor probes can be believed", "");
+        findings.skip(
+            &["drive.gain"],
+            "neither ammeter nor probes can be believed",
+            "",
+        );
         return false;
     }
     let trim = step.trim / ratio;
@@ -198,43 +335,85 @@ fn drive(findings: &mut Findings, step: &Step, current_a: f64, known: bool) -> b
     } else if ratio < 0.0 {
         (
             Verdict::Fail,
-            "the current runs against the command: swap the leads at the supply's output, or the signal at its analog input".to_owned(),
+            "the current runs against the command: swap the leads at the supply's output, or the \
+            signal at its analog input"
+                .to_owned(),
         )
     } else {
         let advice = format!(
-            "the drive gives {ratio:.3} of what the bench file says: check model and range of the supply and the generator's load setting; if they are \
+            "the drive gives {ratio:.3} of what the bench file says: check model and range of the \
+            supply and the generator's load setting; if they are \
              right, wiring.command_trim = {trim:.3}"
         );
-        (if off <= GAIN.1 { Verdict::Warn } else { Verdict::Fail }, advice)
+        (
+            if off <= GAIN.1 {
+                Verdict::Warn
+            } else {
+                Verdict::Fail
+            },
+            advice,
+        )
     };
     findings.add("drive.gain", (wanted(step), met), verdict, &advice);
     verdict != Verdict::Fail
 }
 
 /// The load's leads see the wire to the jig and what is in it.
-fn voltmeter(findings: &mut Findings, (circuit, step): (&Loop, &Step), (sound, [c2, c3, c4]): (bool, [f64; 3])) {
+fn voltmeter(
+    findings: &mut Findings,
+    (circuit, step): (&Loop, &Step),
+    (sound, [c2, c3, c4]): (bool, [f64; 3]),
+) {
     let id = "meters.voltmeter";
     let (jig_v, fixture_v) = (c4 - c2, c4 - c3);
     let Some(load_v) = step.load_v else {
-        findings.skip(&[id], "the bench has no load, whose leads would see the jig", "");
+        findings.skip(
+            &[id],
+            "the bench has no load, whose leads would see the jig",
+            "",
+        );
         return;
     };
     if !sound {
-        findings.skip(&[id], "probes or controls cannot be believed", "settle first what is wrong with them");
+        findings.skip(
+            &[id],
+            "probes or controls cannot be believed",
+            "settle first what is wrong with them",
+        );
         return;
     }
     let milli = |volts: f64| format!("{:+.1} mV", 1.0e3 * volts);
     let (expected, good) = if circuit.fixture == Fixture::Shunt {
-        let good = (c3.signum() * load_v) > 0.5 * VOLTMETER_V && load_v.abs() <= step.supply_v.abs() + VOLTMETER_V;
-        (format!("more than nothing, at most the supply's {}", milli(step.supply_v)), good)
+        let good = (c3.signum() * load_v) > 0.5 * VOLTMETER_V
+            && load_v.abs() <= step.supply_v.abs() + VOLTMETER_V;
+        (
+            format!(
+                "more than nothing, at most the supply's {}",
+                milli(step.supply_v)
+            ),
+            good,
+        )
     } else {
         // Sense leads may sit on the jig itself, which is better, or include the wire to it.
-        let around = |volts: f64| (volts - 0.3 * volts.abs() - VOLTMETER_V, volts + 0.3 * volts.abs() + VOLTMETER_V);
+        let around = |volts: f64| {
+            (
+                volts - 0.3 * volts.abs() - VOLTMETER_V,
+                volts + 0.3 * volts.abs() + VOLTMETER_V,
+            )
+        };
         let (one, other) = (around(fixture_v), around(jig_v));
-        let expected = format!("{} of the fixture alone to {} with its wire, as the probes show", milli(fixture_v), milli(jig_v));
-        (expected, (one.0.min(other.0)..=one.1.max(other.1)).contains(&load_v))
+        let expected = format!(
+            "{} of the fixture alone to {} with its wire, as the probes show",
+            milli(fixture_v),
+            milli(jig_v)
+        );
+        (
+            expected,
+            (one.0.min(other.0)..=one.1.max(other.1)).contains(&load_v),
+        )
     };
-    let advice = "the load's voltmeter does not follow the voltage at the jig: it watches over the cell; look at its sense leads and its sense setting";
+    let advice = "the load's voltmeter does not follow the voltage at the jig: it watches over the \
+    cell; look at its sense leads and its sense setting";
     findings.judge(id, (expected, milli(load_v)), good, advice);
 }
 
@@ -244,14 +423,27 @@ mod tests {
 
     const CIRCUIT: Loop = Loop {
         fixture: Fixture::FakeCell,
-        shunt: Known { ohm: 9.96e-3, sigma_ohm: 0.02e-3 },
-        control: Known { ohm: 3.75e-3, sigma_ohm: 0.05e-3 },
+        shunt: Known {
+            ohm: 9.96e-3,
+            sigma_ohm: 0.02e-3,
+        },
+        control: Known {
+            ohm: 3.75e-3,
+            sigma_ohm: 0.05e-3,
+        },
         gain_sigma: 0.01,
     };
 
     fn step(true_a: f64) -> Step {
         let channels_v = [17.0e-3, 26.96e-3, 39.0e-3, 42.75e-3].map(|ohm| ohm * true_a);
-        Step { wanted_a: 1.0, ammeter_a: true_a, supply_v: 60.0e-3 * true_a, load_v: Some(15.8e-3 * true_a), channels_v, trim: 1.0 }
+        Step {
+            wanted_a: 1.0,
+            ammeter_a: true_a,
+            supply_v: 60.0e-3 * true_a,
+            load_v: Some(15.8e-3 * true_a),
+            channels_v,
+            trim: 1.0,
+        }
     }
 
     fn failed(step: &Step) -> Vec<(String, String)> {
@@ -261,16 +453,33 @@ mod tests {
     fn failed_on(circuit: &Loop, step: &Step) -> Vec<(String, String)> {
         let mut findings = Findings::default();
         judge(&mut findings, circuit, step);
-        let failed = findings.checks.into_iter().filter(|check| check.verdict == Verdict::Fail);
+        let failed = findings
+            .checks
+            .into_iter()
+            .filter(|check| check.verdict == Verdict::Fail);
         failed.map(|check| (check.id, check.advice)).collect()
     }
 
     #[test]
     fn the_one_that_is_wrong_is_named_and_no_other() {
-        let dead = Step { ammeter_a: 0.0, ..step(1.0) };
-        let reversed = Step { ammeter_a: -1.0, ..step(1.0) };
-        let blind = Step { load_v: Some(0.0), ..step(1.0) };
-        let silent = Step { ammeter_a: 0.0, load_v: Some(0.0), channels_v: [0.0; 4], ..step(0.0) };
+        let dead = Step {
+            ammeter_a: 0.0,
+            ..step(1.0)
+        };
+        let reversed = Step {
+            ammeter_a: -1.0,
+            ..step(1.0)
+        };
+        let blind = Step {
+            load_v: Some(0.0),
+            ..step(1.0)
+        };
+        let silent = Step {
+            ammeter_a: 0.0,
+            load_v: Some(0.0),
+            channels_v: [0.0; 4],
+            ..step(0.0)
+        };
         let mut probe = step(1.0);
         probe.channels_v[2] *= 0.1;
         for (step, id, word) in [
@@ -283,37 +492,97 @@ mod tests {
             (probe, "probes.voltage_pair", "probe factor of channel 3"),
         ] {
             let found = failed(&step);
-            assert!(found.len() == 1 && found[0].0 == id && found[0].1.contains(word), "{id}: {found:?}");
+            assert!(
+                found.len() == 1 && found[0].0 == id && found[0].1.contains(word),
+                "{id}: {found:?}"
+            );
         }
         assert_eq!(failed(&step(0.98)), []);
     }
 
-    /// The same readings with another value in the bench file, or another ammeter: which of them the command tells.
+    /// The same readings with another value in the bench file, or another ammeter: which of them
+    /// the command tells.
     #[test]
     fn a_wrong_value_is_told_from_a_wrong_ammeter_by_a_second_control_or_the_command() {
-        let shunt_of = |ohm: f64| Known { ohm, sigma_ohm: 0.02e-3 };
-        let on_shunt = |ohm: f64| Loop { fixture: Fixture::Shunt, shunt: shunt_of(ohm), control: shunt_of(ohm), ..CIRCUIT };
+        let shunt_of = |ohm: f64| Known {
+            ohm,
+            sigma_ohm: 0.02e-3,
+        };
+        let on_shunt = |ohm: f64| Loop {
+            fixture: Fixture::Shunt,
+            shunt: shunt_of(ohm),
+            control: shunt_of(ohm),
+            ..CIRCUIT
+        };
         let both = |ammeter_a: f64, wanted_a: f64| {
             let channels_v = [17.0e-3, 26.96e-3, 17.0e-3, 26.96e-3];
-            Step { wanted_a, ammeter_a, channels_v, load_v: None, ..step(1.0) }
+            Step {
+                wanted_a,
+                ammeter_a,
+                channels_v,
+                load_v: None,
+                ..step(1.0)
+            }
         };
         for (circuit, step, id, word) in [
             // A fake cell of 3.75 mΩ where the bench file says 6.
             (
-                Loop { control: Known { ohm: 6.0e-3, sigma_ohm: 0.05e-3 }, ..CIRCUIT },
+                Loop {
+                    control: Known {
+                        ohm: 6.0e-3,
+                        sigma_ohm: 0.05e-3,
+                    },
+                    ..CIRCUIT
+                },
                 step(1.0),
                 "probes.voltage_pair",
                 "it is the value, else a probe",
             ),
-            (Loop { shunt: shunt_of(15.0e-3), ..CIRCUIT }, step(1.0), "probes.current_pair", "`--fixture shunt` decides"),
-            (on_shunt(15.0e-3), both(1.0, 1.0), "probes.current_pair", "shows the current that was commanded"),
-            (on_shunt(9.96e-3), both(1.5, 1.0), "meters.ammeter", "disagree"),
-            (on_shunt(15.0e-3), both(1.0, 2.0), "probes.current_pair", "the value, or the ammeter"),
+            (
+                Loop {
+                    shunt: shunt_of(15.0e-3),
+                    ..CIRCUIT
+                },
+                step(1.0),
+                "probes.current_pair",
+                "`--fixture shunt` decides",
+            ),
+            (
+                on_shunt(15.0e-3),
+                both(1.0, 1.0),
+                "probes.current_pair",
+                "shows the current that was commanded",
+            ),
+            (
+                on_shunt(9.96e-3),
+                both(1.5, 1.0),
+                "meters.ammeter",
+                "disagree",
+            ),
+            (
+                on_shunt(15.0e-3),
+                both(1.0, 2.0),
+                "probes.current_pair",
+                "the value, or the ammeter",
+            ),
             // Both controls agree with each other, and not with the ammeter.
-            (CIRCUIT, Step { ammeter_a: 1.5, ..step(1.0) }, "meters.ammeter", "disagree"),
+            (
+                CIRCUIT,
+                Step {
+                    ammeter_a: 1.5,
+                    ..step(1.0)
+                },
+                "meters.ammeter",
+                "disagree",
+            ),
         ] {
             let found = failed_on(&circuit, &step);
-            assert!(found.first().is_some_and(|(met, advice)| met == id && advice.contains(word)), "{id}, {word}: {found:?}");
+            assert!(
+                found
+                    .first()
+                    .is_some_and(|(met, advice)| met == id && advice.contains(word)),
+                "{id}, {word}: {found:?}"
+            );
         }
     }
 }

@@ -1,5 +1,6 @@
-//! Meters that look at the same thing must say the same: the voltmeter and the scope, the voltmeter and the charger's terminals, the cell's thermocouple and the
-//! bath, the supply's ammeter and the shunt; and a meter that stands still where its noise would move it is none.
+//! Meters that look at the same thing must say the same: the voltmeter and the scope, the voltmeter
+//! and the charger's terminals, the cell's thermocouple and the bath, the supply's ammeter and the
+//! shunt; and a meter that stands still where its noise would move it is none.
 
 use instruments::scope::Waveform;
 
@@ -9,42 +10,75 @@ use super::{
 };
 use crate::interlock::{NO_CURRENT_A, Quantity, Stuck};
 
-/// Offset and noise of a DC voltmeter at a cell, V, and its gain error (bench loads and supplies: 0.05 % and 0.02 % of the range of 36 V, and more for their leads).
+/// Offset and noise of a DC voltmeter at a cell, V, and its gain error (bench loads and
+/// supplies: 0.05 % and 0.02 % of the range of 36 V, and more for their leads).
 const VOLTMETER_V: f64 = 0.02;
 const VOLTMETER_GAIN: f64 = 0.005;
-/// Gain error of a scope's offset, by which the cell's voltage is brought to the centre (data sheets of 12-bit scopes: 1 % to 1.5 %).
+/// Gain error of a scope's offset, by which the cell's voltage is brought to the centre (data
+/// sheets of 12-bit scopes: 1 % to 1.5 %).
 const OFFSET_GAIN: f64 = 0.015;
 /// Leads of a charger without sense leads, Ω: 2 m of 1.5 mm², two contacts and a fuse.
 const LEADS_OHM: f64 = 0.1;
-/// A cell that carries no current for long has the bath's temperature, but for what its mounting lets through, K.
+/// A cell that carries no current for long has the bath's temperature, but for what its mounting
+/// lets through, K.
 const COLDER_K: f64 = 10.0;
-/// What a cell may be warmer under a periodic current, K: half of the way from 20 °C to the 60 °C at which cells are no longer discharged. Under a great direct
-/// current it may have all of that way.
+/// What a cell may be warmer under a periodic current, K: half of the way from 20 °C to the 60 °C
+/// at which cells are no longer discharged. Under a great direct current it may have all of that
+/// way.
 const WARMER_K: f64 = 20.0;
-/// How far the effective value by the supply's readings may be from that by the shunt, as a share: readings a second apart of a period of five.
+/// How far the effective value by the supply's readings may be from that by the shunt, as a share:
+/// readings a second apart of a period of five.
 const EFFECTIVE: f64 = 0.3;
 
 impl Executor<'_> {
     /// Refuses to go on with a meter that stands still although its noise would move it.
     pub(super) async fn agree(&mut self) -> Result<(), ExecuteError> {
-        let Some(Stuck { quantity, times, value }) = self.interlock.stuck() else { return Ok(()) };
+        let Some(Stuck {
+            quantity,
+            times,
+            value,
+        }) = self.interlock.stuck()
+        else {
+            return Ok(());
+        };
         let (what, meter, value, other) = match quantity {
             Quantity::Temperature => {
-                let bath = self.bath_c().await.map(|celsius| format!("; the bath is at {celsius:.2} °C"));
-                ("cell temperature", "the logger", format!("{value} °C"), bath)
+                let bath = self
+                    .bath_c()
+                    .await
+                    .map(|celsius| format!("; the bath is at {celsius:.2} °C"));
+                (
+                    "cell temperature",
+                    "the logger",
+                    format!("{value} °C"),
+                    bath,
+                )
             }
             Quantity::Voltage => {
                 let (meter, other) = self.other_volts().await;
-                ("cell voltage", meter, format!("{value} V"), other.map(|(name, volts)| format!("; {name} shows {volts:.3} V")))
+                (
+                    "cell voltage",
+                    meter,
+                    format!("{value} V"),
+                    other.map(|(name, volts)| format!("; {name} shows {volts:.3} V")),
+                )
             }
             Quantity::Current => ("cell current", "its meter", format!("{value} A"), None),
         };
-        Err(ExecuteError::Frozen { what, meter, times: times + 1, value, other: other.unwrap_or_default() })
+        Err(ExecuteError::Frozen {
+            what,
+            meter,
+            times: times + 1,
+            value,
+            other: other.unwrap_or_default(),
+        })
     }
 
     /// Whose voltmeter is in use, and what another one shows.
     async fn other_volts(&mut self) -> (&'static str, Option<(&'static str, f64)>) {
-        let Some(supply) = self.bench.supply4q.as_mut() else { return ("the load", None) };
+        let Some(supply) = self.bench.supply4q.as_mut() else {
+            return ("the load", None);
+        };
         // The message is worth more than another error.
         let shown = supply.measure().await.ok().map(|(volts, _)| volts.value());
         if self.bench.load.is_some() {
@@ -56,15 +90,28 @@ impl Executor<'_> {
 
     async fn bath_c(&mut self) -> Option<f64> {
         let chiller = self.bench.chiller.as_mut().filter(|_| self.chiller_runs)?;
-        chiller.temperature().await.ok().map(|celsius| celsius.value())
+        chiller
+            .temperature()
+            .await
+            .ok()
+            .map(|celsius| celsius.value())
     }
 
-    /// A bath that holds the cell is not far from it. While nothing can flow, or the temperature is to change, nothing is judged.
+    /// A bath that holds the cell is not far from it. While nothing can flow, or the temperature is
+    /// to change, nothing is judged.
     pub(super) async fn agree_with_bath(&mut self) -> Result<(), ExecuteError> {
         let judged = self.interlock.is_live() && !self.interlock.tempering();
-        let Some(cell_c) = self.last_c.filter(|celsius| celsius.is_finite() && judged) else { return Ok(()) };
-        let Some(bath_c) = self.bath_c().await else { return Ok(()) };
-        let warmer_k = if self.interlock.allowed_mean().is_some() { WARMER_K } else { f64::INFINITY };
+        let Some(cell_c) = self.last_c.filter(|celsius| celsius.is_finite() && judged) else {
+            return Ok(());
+        };
+        let Some(bath_c) = self.bath_c().await else {
+            return Ok(());
+        };
+        let warmer_k = if self.interlock.allowed_mean().is_some() {
+            WARMER_K
+        } else {
+            f64::INFINITY
+        };
         if (-COLDER_K..=warmer_k).contains(&(cell_c - bath_c)) {
             return Ok(());
         }
@@ -73,50 +120,112 @@ impl Executor<'_> {
             one: format!("thermocouple on the cell {cell_c:.2} °C"),
             other: format!("bath {bath_c:.2} °C"),
             allowed: match warmer_k.is_finite() {
-                true => format!("{warmer_k} K where the cell is warmer, {COLDER_K} K where it is colder"),
+                true => format!(
+                    "{warmer_k} K where the cell is warmer, {COLDER_K} K where it is colder"
+                ),
                 false => format!("{COLDER_K} K where the cell is colder"),
             },
         })
     }
 
     /// The mean of the scope's record of the cell against the voltmeter.
-    pub(super) fn agree_with_scope(&self, [_, _, low, high]: &[Waveform; 4], amplitude_v: f64) -> Result<(), ExecuteError> {
-        let Some(shown_v) = self.shown_v else { return Ok(()) };
-        let offsets_v: f64 = [low, high].iter().map(|waveform| OFFSET_GAIN * waveform.preamble.offset_v.abs()).sum();
+    pub(super) fn agree_with_scope(
+        &self,
+        [_, _, low, high]: &[Waveform; 4],
+        amplitude_v: f64,
+    ) -> Result<(), ExecuteError> {
+        let Some(shown_v) = self.shown_v else {
+            return Ok(());
+        };
+        let offsets_v: f64 = [low, high]
+            .iter()
+            .map(|waveform| OFFSET_GAIN * waveform.preamble.offset_v.abs())
+            .sum();
         let scope_v = mean(&difference(high, low));
         let meter_v = VOLTMETER_V + VOLTMETER_GAIN * shown_v.abs();
-        let allowed_v = meter_v + offsets_v + self.offset_error_v(high) + self.offset_error_v(low) + amplitude_v;
-        agree("cell voltage", (format!("mean of the scope's record {scope_v:.3} V"), scope_v), ("voltmeter", shown_v), allowed_v)
+        let allowed_v = meter_v
+            + offsets_v
+            + self.offset_error_v(high)
+            + self.offset_error_v(low)
+            + amplitude_v;
+        agree(
+            "cell voltage",
+            (
+                format!("mean of the scope's record {scope_v:.3} V"),
+                scope_v,
+            ),
+            ("voltmeter", shown_v),
+            allowed_v,
+        )
     }
 
-    /// What the charger shows at its terminals while it charges: the cell's voltage, and what its leads drop.
-    pub(super) fn agree_with_charger(&self, terminal_v: f64, (cell_v, amps): (f64, f64)) -> Result<(), ExecuteError> {
+    /// What the charger shows at its terminals while it charges: the cell's voltage, and what its
+    /// leads drop.
+    pub(super) fn agree_with_charger(
+        &self,
+        terminal_v: f64,
+        (cell_v, amps): (f64, f64),
+    ) -> Result<(), ExecuteError> {
         let meters_v = 2.0 * (VOLTMETER_V + VOLTMETER_GAIN * cell_v.abs());
         let (drop_v, half_v) = (0.5 * LEADS_OHM * amps.abs(), 0.5 * LEADS_OHM * amps.abs());
         if (terminal_v - cell_v - drop_v).abs() <= half_v + meters_v {
             return Ok(());
         }
-        let allowed = format!("{meters_v:.3} V, and what {amps:.2} A drop in {LEADS_OHM} Ω of leads");
-        let (one, other) = (format!("charger's terminals {terminal_v:.3} V"), format!("voltmeter {cell_v:.3} V"));
-        Err(ExecuteError::Disagree { what: "cell voltage", one, other, allowed })
+        let allowed =
+            format!("{meters_v:.3} V, and what {amps:.2} A drop in {LEADS_OHM} Ω of leads");
+        let (one, other) = (
+            format!("charger's terminals {terminal_v:.3} V"),
+            format!("voltmeter {cell_v:.3} V"),
+        );
+        Err(ExecuteError::Disagree {
+            what: "cell voltage",
+            one,
+            other,
+            allowed,
+        })
     }
 
-    /// The effective current by the supply's own readings of a period, where they follow it, against the amplitude in the record.
-    pub(super) fn agree_with_supply(&self, supply_a: Option<f64>, amplitude_a: f64) -> Result<(), ExecuteError> {
-        let Some(supply_a) = supply_a else { return Ok(()) };
+    /// The effective current by the supply's own readings of a period, where they follow it,
+    /// against the amplitude in the record.
+    pub(super) fn agree_with_supply(
+        &self,
+        supply_a: Option<f64>,
+        amplitude_a: f64,
+    ) -> Result<(), ExecuteError> {
+        let Some(supply_a) = supply_a else {
+            return Ok(());
+        };
         let shunt_a = amplitude_a / std::f64::consts::SQRT_2;
         let allowed = EFFECTIVE * shunt_a + NO_CURRENT_A;
         if (supply_a - shunt_a).abs() <= allowed {
             return Ok(());
         }
-        let (one, other) = (format!("shunt {shunt_a:.3} A effective"), format!("bipolar supply's own readings {supply_a:.3} A"));
-        Err(ExecuteError::Disagree { what: "current", one, other, allowed: format!("{allowed:.3} A") })
+        let (one, other) = (
+            format!("shunt {shunt_a:.3} A effective"),
+            format!("bipolar supply's own readings {supply_a:.3} A"),
+        );
+        Err(ExecuteError::Disagree {
+            what: "current",
+            one,
+            other,
+            allowed: format!("{allowed:.3} A"),
+        })
     }
 }
 
-fn agree(what: &'static str, (one, a): (String, f64), (other, b): (&str, f64), allowed: f64) -> Result<(), ExecuteError> {
+fn agree(
+    what: &'static str,
+    (one, a): (String, f64),
+    (other, b): (&str, f64),
+    allowed: f64,
+) -> Result<(), ExecuteError> {
     if (a - b).abs() <= allowed {
         return Ok(());
     }
-    Err(ExecuteError::Disagree { what, one, other: format!("{other} {b:.3} V"), allowed: format!("{allowed:.3} V") })
+    Err(ExecuteError::Disagree {
+        what,
+        one,
+        other: format!("{other} {b:.3} V"),
+        allowed: format!("{allowed:.3} V"),
+    })
 }

@@ -1,7 +1,9 @@
-//! A sweep that does not wait for its own bookkeeping: once the scope holds a record, the generator goes on to the next point, whose settling passes while
-//! the record is fetched, analysed and written down.
+//! A sweep that does not wait for its own bookkeeping: once the scope holds a record, the generator
+//! goes on to the next point, whose settling passes while the record is fetched, analysed and
+//! written down.
 //!
-//! What is begun is in the journal before it is begun, as everything is. A record that is to be taken again brings the generator back.
+//! What is begun is in the journal before it is begun, as everything is. A record that is to be
+//! taken again brings the generator back.
 
 use instruments::{clock::TimeMode, mock::plant::Fixture};
 
@@ -40,34 +42,68 @@ pub(super) struct Ahead {
 
 impl Next {
     fn sine(&self) -> Step {
-        Step::Sine { index: self.index, freq_hz: self.freq_hz, amplitude_a: self.amplitude_a, wait_s: self.wait_s }
+        Step::Sine {
+            index: self.index,
+            freq_hz: self.freq_hz,
+            amplitude_a: self.amplitude_a,
+            wait_s: self.wait_s,
+        }
     }
 }
 
 impl Executor<'_> {
-    /// Whether points overlap; where nobody has said so, in real time only: in any other nobody waits.
+    /// Whether points overlap; where nobody has said so, in real time only: in any other nobody
+    /// waits.
     pub(super) fn overlaps(&self) -> bool {
         let wanted = self.experiment.eis.as_ref().and_then(|eis| eis.overlap);
         wanted.unwrap_or(self.clock.mode() == TimeMode::Real)
     }
 
     /// Looks for the point after a step.
-    pub(super) fn look_ahead(&mut self, (number, stage): (usize, &Stage), index: usize, plays: impl Fn(usize, &Step) -> bool) {
+    pub(super) fn look_ahead(
+        &mut self,
+        (number, stage): (usize, &Stage),
+        index: usize,
+        plays: impl Fn(usize, &Step) -> bool,
+    ) {
         let wanted = self.overlaps();
         self.next = None;
-        if let (true, Some(Step::Sine { .. }), Some(step @ &Step::Sine { index: point, freq_hz, amplitude_a, wait_s })) =
-            (wanted, stage.steps.get(index), stage.steps.get(index + 1))
+        if let (
+            true,
+            Some(Step::Sine { .. }),
+            Some(
+                step @ &Step::Sine {
+                    index: point,
+                    freq_hz,
+                    amplitude_a,
+                    wait_s,
+                },
+            ),
+        ) = (wanted, stage.steps.get(index), stage.steps.get(index + 1))
             && plays(index + 1, step)
         {
-            self.next = Some(Next { stage: number, step: index + 1, freq_hz, amplitude_a, wait_s, index: point });
+            self.next = Some(Next {
+                stage: number,
+                step: index + 1,
+                freq_hz,
+                amplitude_a,
+                wait_s,
+                index: point,
+            });
         }
     }
 
-    /// Writes down that the next point is about to be begun, while this one still settles: afterwards each moment counts.
+    /// Writes down that the next point is about to be begun, while this one still settles:
+    /// afterwards each moment counts.
     pub(super) fn announce(&mut self) -> Result<(), ExecuteError> {
         if let Some(next) = self.next.filter(|next| self.announced != Some(next.step)) {
             let text = next.sine().to_string();
-            self.recorder.journal(Entry::Intent { stage: next.stage, step: next.step, text: text.clone(), live: true })?;
+            self.recorder.journal(Entry::Intent {
+                stage: next.stage,
+                step: next.step,
+                text: text.clone(),
+                live: true,
+            })?;
             self.recorder.event(Event::Step, &text)?;
             self.announced = Some(next.step);
         }
@@ -85,23 +121,49 @@ impl Executor<'_> {
         self.ahead.take().filter(same).map(|ahead| ahead.since_s)
     }
 
-    /// The scope holds its record: the generator goes on. Where crests would not be allowed the next step is to say so.
+    /// The scope holds its record: the generator goes on. Where crests would not be allowed the
+    /// next step is to say so.
     pub(super) async fn go_ahead(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        let Some(next @ Next { freq_hz, amplitude_a, .. }) = self.next else { return Ok(()) };
+        let Some(
+            next @ Next {
+                freq_hz,
+                amplitude_a,
+                ..
+            },
+        ) = self.next
+        else {
+            return Ok(());
+        };
         if self.headroom(fixture, (freq_hz, amplitude_a)).is_err() {
             return Ok(());
         }
-        self.interlock.begin(self.allowance(fixture, &next.sine()), self.clock.machine_s());
+        self.interlock.begin(
+            self.allowance(fixture, &next.sine()),
+            self.clock.machine_s(),
+        );
         let told_s = self.clock.now_s();
         self.drive((freq_hz, amplitude_a, next.wait_s)).await?;
         let proven_s = self.clock.now_s();
-        let since_s = if proven_s - told_s <= PROMPT_S { told_s } else { proven_s };
-        self.ahead = Some(Ahead { freq_hz, amplitude_a, since_s });
+        let since_s = if proven_s - told_s <= PROMPT_S {
+            told_s
+        } else {
+            proven_s
+        };
+        self.ahead = Some(Ahead {
+            freq_hz,
+            amplitude_a,
+            since_s,
+        });
         Ok(())
     }
 
-    /// Waits until an instant, bench s, reading and judging as often as ever, but never beyond that instant.
-    pub(super) async fn watch_until(&mut self, end_s: f64, fixture: Fixture) -> Result<(), ExecuteError> {
+    /// Waits until an instant, bench s, reading and judging as often as ever, but never beyond that
+    /// instant.
+    pub(super) async fn watch_until(
+        &mut self,
+        end_s: f64,
+        fixture: Fixture,
+    ) -> Result<(), ExecuteError> {
         loop {
             let left_s = end_s - self.clock.now_s();
             // A reading takes a while: one that would end too late comes right after the wait.
@@ -113,11 +175,13 @@ impl Executor<'_> {
             }
             self.clock.sleep_s(poll_s).await;
             let reading = self.timed_watch(fixture).await?;
-            self.watch_mean((reading, end_s - self.clock.now_s() - self.watch_took_s)).await?;
+            self.watch_mean((reading, end_s - self.clock.now_s() - self.watch_took_s))
+                .await?;
         }
     }
 
-    /// Behind the last point no other one settles, during which a reading would cost nothing: where there is time for it, it comes before the record.
+    /// Behind the last point no other one settles, during which a reading would cost nothing: where
+    /// there is time for it, it comes before the record.
     async fn read_before(&mut self, left_s: f64, fixture: Fixture) -> Result<(), ExecuteError> {
         let early_s = left_s - 2.0 * self.watch_took_s - ARMED_S;
         if self.next.is_some() || self.watch_took_s <= 0.0 || early_s <= 0.0 {
@@ -127,9 +191,14 @@ impl Executor<'_> {
         self.timed_watch(fixture).await.map(|_| ())
     }
 
-    /// A reading while a record is being fetched, as soon as the last one is as old as two readings may be apart.
+    /// A reading while a record is being fetched, as soon as the last one is as old as two readings
+    /// may be apart.
     pub(super) async fn watch_between(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        if self.overlaps() && self.clock.now_s() - self.watched_s < POLL_S { Ok(()) } else { self.timed_watch(fixture).await.map(|_| ()) }
+        if self.overlaps() && self.clock.now_s() - self.watched_s < POLL_S {
+            Ok(())
+        } else {
+            self.timed_watch(fixture).await.map(|_| ())
+        }
     }
 
     async fn timed_watch(&mut self, fixture: Fixture) -> Result<Reading, ExecuteError> {
@@ -140,7 +209,12 @@ impl Executor<'_> {
     }
 
     /// When a point may be stopped: settled, and the scope armed for long enough, bench s.
-    pub(super) fn ripe_s(&self, (freq_hz, wait_s): (f64, f64), driven_s: f64, screen_s: f64) -> f64 {
+    pub(super) fn ripe_s(
+        &self,
+        (freq_hz, wait_s): (f64, f64),
+        driven_s: f64,
+        screen_s: f64,
+    ) -> f64 {
         (driven_s + wait_s).max(self.clock.now_s() + screen_s + 1.0 / freq_hz + ARMED_S)
     }
 }

@@ -1,5 +1,7 @@
-//! A drive that ends by itself: the generator is told so many periods as a step needs, and then stays at its offset, whether or not a message can still reach
-//! it. Where the model has no bursts, or does not do what it was told of them, the signal has no end but the daemon's and the guardian's.
+//! A drive that ends by itself: the generator is told so many periods as a step needs, and then
+//! stays at its offset, whether or not a message can still reach it. Where the model has no bursts,
+//! or does not do what it was told of them, the signal has no end but the daemon's and the
+//! guardian's.
 
 use instruments::link::LinkError;
 
@@ -9,7 +11,8 @@ use crate::{
     plan::LEEWAY_S,
 };
 
-/// A supply follows its command, and shows so, after this time, s; the clocks of a burst of an hour differ by less.
+/// A supply follows its command, and shows so, after this time, s; the clocks of a burst of an hour
+/// differ by less.
 const FADES_S: f64 = 1.0;
 /// Where that was not enough it is so many times longer.
 const LONGER: f64 = 2.0;
@@ -32,7 +35,13 @@ pub(super) struct Burst {
 
 impl Default for Burst {
     fn default() -> Self {
-        Self { ends_s: f64::INFINITY, ended_s: f64::INFINITY, leeway_s: LEEWAY_S, on: false, refused: false }
+        Self {
+            ends_s: f64::INFINITY,
+            ended_s: f64::INFINITY,
+            leeway_s: LEEWAY_S,
+            on: false,
+            refused: false,
+        }
     }
 }
 
@@ -43,26 +52,48 @@ impl Burst {
     /// [`ExecuteError::Disobeyed`].
     pub(super) fn over(&self, reading: &Reading) -> Result<(), ExecuteError> {
         let nothing_a = IDLE_CURRENT_A + NO_CURRENT_A;
-        let Some(amps) = reading.current_a.filter(|amps| reading.time_s > self.ended_s && amps.abs() > nothing_a) else {
+        let Some(amps) = reading
+            .current_a
+            .filter(|amps| reading.time_s > self.ended_s && amps.abs() > nothing_a)
+        else {
             return Ok(());
         };
-        let expected = format!("its burst to have ended {:.1} s ago", reading.time_s - self.ended_s);
-        Err(ExecuteError::Disobeyed { what: "generator".to_owned(), expected, met: format!("{amps:.3} A") })
+        let expected = format!(
+            "its burst to have ended {:.1} s ago",
+            reading.time_s - self.ended_s
+        );
+        Err(ExecuteError::Disobeyed {
+            what: "generator".to_owned(),
+            expected,
+            met: format!("{amps:.3} A"),
+        })
     }
 }
 
 impl Executor<'_> {
-    /// Begins what the generator was set to, for whole periods that last `needed_s` and the leeway, where it can.
-    pub(super) async fn begin_signal(&mut self, freq_hz: f64, needed_s: f64) -> Result<(), ExecuteError> {
-        self.begin_periods(freq_hz, ((needed_s + self.burst.leeway_s) * freq_hz).ceil()).await
+    /// Begins what the generator was set to, for whole periods that last `needed_s` and the leeway,
+    /// where it can.
+    pub(super) async fn begin_signal(
+        &mut self,
+        freq_hz: f64,
+        needed_s: f64,
+    ) -> Result<(), ExecuteError> {
+        self.begin_periods(freq_hz, ((needed_s + self.burst.leeway_s) * freq_hz).ceil())
+            .await
     }
 
     /// Begins so many periods of it.
-    pub(super) async fn begin_periods(&mut self, freq_hz: f64, wanted: f64) -> Result<(), ExecuteError> {
+    pub(super) async fn begin_periods(
+        &mut self,
+        freq_hz: f64,
+        wanted: f64,
+    ) -> Result<(), ExecuteError> {
         let error = self.bench.error("generator");
         let wiring = &self.experiment.bench.wiring;
         let generator = require(&mut self.bench.generator, "generator")?;
-        let most = generator.most_periods().filter(|most| wiring.bursts && !self.burst.refused && wanted <= f64::from(*most));
+        let most = generator
+            .most_periods()
+            .filter(|most| wiring.bursts && !self.burst.refused && wanted <= f64::from(*most));
         let periods = most.map(|_| wanted as u32);
         let begun_s = self.clock.now_s();
         (self.burst.ends_s, self.burst.ended_s) = (f64::INFINITY, f64::INFINITY);
@@ -81,7 +112,10 @@ impl Executor<'_> {
             ) if periods.is_some() => {
                 generator.burst(None).await.map_err(&error)?;
                 self.burst.refused = true;
-                let text = format!("generator: takes no bursts ({said}): its signal ends by the daemon and the guardian alone");
+                let text = format!(
+                    "generator: takes no bursts ({said}): its signal ends by the daemon and the \
+                    guardian alone"
+                );
                 self.recorder.warning(&text);
                 return Ok(());
             }
@@ -90,17 +124,20 @@ impl Executor<'_> {
         self.burst.on = periods.is_some();
         if let Some(periods) = periods {
             let lasts_s = f64::from(periods) / freq_hz;
-            (self.burst.ends_s, self.burst.ended_s) = (begun_s + lasts_s, self.clock.now_s() + lasts_s + FADES_S);
+            (self.burst.ends_s, self.burst.ended_s) =
+                (begun_s + lasts_s, self.clock.now_s() + lasts_s + FADES_S);
         }
         Ok(())
     }
 
     /// The generator was told to be quiet: no burst, and nothing that could end.
     pub(super) fn no_burst(&mut self) {
-        (self.burst.on, self.burst.ends_s, self.burst.ended_s) = (false, f64::INFINITY, f64::INFINITY);
+        (self.burst.on, self.burst.ends_s, self.burst.ended_s) =
+            (false, f64::INFINITY, f64::INFINITY);
     }
 
-    /// Whether a record that ends at `end_s` would miss a part of the signal; the next one is made longer then.
+    /// Whether a record that ends at `end_s` would miss a part of the signal; the next one is made
+    /// longer then.
     pub(super) fn falls_short(&mut self, end_s: f64) -> bool {
         let short = end_s > self.burst.ends_s;
         if short {
@@ -116,9 +153,20 @@ mod tests {
 
     #[test]
     fn a_current_behind_the_end_of_a_burst_is_an_error_and_before_it_is_none() {
-        let burst = Burst { ends_s: 100.0, ended_s: 101.0, on: true, ..Burst::default() };
+        let burst = Burst {
+            ends_s: 100.0,
+            ended_s: 101.0,
+            on: true,
+            ..Burst::default()
+        };
         let read = |burst: &Burst, time_s, amps| {
-            burst.over(&Reading { time_s, current_a: amps, ..Reading::default() }).map_err(|error| error.to_string())
+            burst
+                .over(&Reading {
+                    time_s,
+                    current_a: amps,
+                    ..Reading::default()
+                })
+                .map_err(|error| error.to_string())
         };
         for (time_s, amps) in [(100.5, Some(1.0)), (103.5, Some(-0.25)), (103.5, None)] {
             assert_eq!(read(&burst, time_s, amps), Ok(()));

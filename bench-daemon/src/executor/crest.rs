@@ -1,24 +1,29 @@
-//! What a fast current does to the cell between two readings: meters average over it, so that its crests are looked at beforehand and in the record.
+//! What a fast current does to the cell between two readings: meters average over it, so that its
+//! crests are looked at beforehand and in the record.
 
 use instruments::{mock::plant::Fixture, scope::Waveform};
 
 use super::{ExecuteError, Executor, watch::drawn};
 use crate::interlock::{NO_CURRENT_A, Trip};
 
-/// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells the truth a moment later.
+/// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells
+/// the truth a moment later.
 const MOST_OHM: f64 = 0.025;
 /// What noise and gains of the channels may add to a crest, V.
 const MARGIN_V: f64 = 0.02;
 /// Least correlation of neighbouring samples of a signal.
 const SMOOTH: f64 = 0.5;
-/// Offset error of a channel, as a share of its range, and V (data sheets of 12-bit scopes: 0.5 % to 1 %, and 1 mV).
+/// Offset error of a channel, as a share of its range, and V (data sheets of 12-bit scopes: 0.5 %
+/// to 1 %, and 1 mV).
 const OFFSET_SHARE: f64 = 0.01;
 const OFFSET_V: f64 = 1.0e-3;
 
-/// Share of a record that noise may carry beyond a crest: 0.1 % of normal noise lies beyond 3.3 standard deviations, and a current that flows for less is a spike.
+/// Share of a record that noise may carry beyond a crest: 0.1 % of normal noise lies beyond 3.3
+/// standard deviations, and a current that flows for less is a spike.
 const BEYOND: f64 = 1.0e-3;
 
-/// A record that is shorter than a whole period by this share of it counts as whole: two clocks differ by parts per million.
+/// A record that is shorter than a whole period by this share of it counts as whole: two clocks
+/// differ by parts per million.
 const PERIOD_SLACK: f64 = 2.0e-3;
 
 /// A record, and what was to flow while it was taken.
@@ -32,50 +37,90 @@ pub(super) struct Drawn<'w> {
 
 impl Executor<'_> {
     /// Refuses a current whose crests could leave the voltage limits of the cell as it was at rest.
-    pub(super) fn headroom(&self, fixture: Fixture, (freq_hz, peak_a): (f64, f64)) -> Result<(), ExecuteError> {
-        let Some(rest_v) = self.idle.voltage_v.filter(|_| fixture == Fixture::Cell) else { return Ok(()) };
+    pub(super) fn headroom(
+        &self,
+        fixture: Fixture,
+        (freq_hz, peak_a): (f64, f64),
+    ) -> Result<(), ExecuteError> {
+        let Some(rest_v) = self.idle.voltage_v.filter(|_| fixture == Fixture::Cell) else {
+            return Ok(());
+        };
         let limits = &self.experiment.cell.limits;
         let (least_v, greatest_v) = (rest_v - peak_a * MOST_OHM, rest_v + peak_a * MOST_OHM);
         if least_v >= limits.min_v && greatest_v <= limits.max_v {
             return Ok(());
         }
         let reason = format!(
-            "expected crests within {} V to {} V, found up to {least_v:.3} V to {greatest_v:.3} V for {peak_a} A at a cell of {rest_v:.3} V",
+            "expected crests within {} V to {} V, found up to {least_v:.3} V to {greatest_v:.3} V \
+            for {peak_a} A at a cell of {rest_v:.3} V",
             limits.min_v, limits.max_v
         );
         Err(ExecuteError::Signal { freq_hz, reason })
     }
 
-    /// Trips where a record shows more current than the step asks for, or the cell beyond its limits, whatever the meters have averaged. Records that cannot be of a
-    /// current, or of this cell, are refused before anything is concluded from them.
-    pub(super) async fn crest(&mut self, fixture: Fixture, asked: &Drawn<'_>) -> Result<(), ExecuteError> {
-        let Drawn { waveforms, freq_hz, amplitude_a } = *asked;
+    /// Trips where a record shows more current than the step asks for, or the cell beyond its
+    /// limits, whatever the meters have averaged. Records that cannot be of a current, or of this
+    /// cell, are refused before anything is concluded from them.
+    pub(super) async fn crest(
+        &mut self,
+        fixture: Fixture,
+        asked: &Drawn<'_>,
+    ) -> Result<(), ExecuteError> {
+        let Drawn {
+            waveforms,
+            freq_hz,
+            amplitude_a,
+        } = *asked;
         let [below, above, low, high] = waveforms;
         let current = difference(above, below);
-        let mean_a = mean(whole_periods(&current, below.interval_s * freq_hz)) / self.experiment.bench.wiring.shunt.r_ohm;
-        let unsure_v: f64 = [below, above].iter().map(|waveform| self.offset_error_v(waveform)).sum();
-        let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.experiment.bench.wiring.shunt.r_ohm;
+        let mean_a = mean(whole_periods(&current, below.interval_s * freq_hz))
+            / self.experiment.bench.wiring.shunt.r_ohm;
+        let unsure_v: f64 = [below, above]
+            .iter()
+            .map(|waveform| self.offset_error_v(waveform))
+            .sum();
+        let greatest =
+            0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.experiment.bench.wiring.shunt.r_ohm;
         let time_s = self.clock.now_s();
         let scales = [below, above].map(|waveform| waveform.preamble.volts_per_div);
-        // On new scales the zeros of the channels are others: what had changed until then is carried over.
+        // On new scales the zeros of the channels are others: what had changed until then is
+        // carried over.
         let (_, zero_a) = *self.first_mean.insert(match self.first_mean {
             Some(first) if first.0 == scales => first,
             _ => (scales, mean_a - self.mean_change_a),
         });
-        // A channel that clips shows what is common to both, and is measured again; noise is no current: the quality gate judges it.
-        let clips = [below, above].into_iter().any(|waveform| waveform.clipped_share() > 0.0);
+        // A channel that clips shows what is common to both, and is measured again; noise is no
+        // current: the quality gate judges it.
+        let clips = [below, above]
+            .into_iter()
+            .any(|waveform| waveform.clipped_share() > 0.0);
         let r_ohm = self.experiment.bench.wiring.shunt.r_ohm;
-        let crest_a = if clips || !smooth(&current) { 0.0 } else { within(&current, mean_a * r_ohm) / r_ohm };
-        let crest = (crest_a > drawn(amplitude_a) + unsure_v / self.experiment.bench.wiring.shunt.r_ohm).then_some((
-            "crest of the cell current in a record",
-            crest_a,
-            drawn(amplitude_a),
-        ));
-        if let Some((what, value, greatest)) = direct((mean_a, greatest), (zero_a, amplitude_a)).or(crest) {
+        let crest_a = if clips || !smooth(&current) {
+            0.0
+        } else {
+            within(&current, mean_a * r_ohm) / r_ohm
+        };
+        let crest = (crest_a
+            > drawn(amplitude_a) + unsure_v / self.experiment.bench.wiring.shunt.r_ohm)
+            .then_some((
+                "crest of the cell current in a record",
+                crest_a,
+                drawn(amplitude_a),
+            ));
+        if let Some((what, value, greatest)) =
+            direct((mean_a, greatest), (zero_a, amplitude_a)).or(crest)
+        {
             if !smooth(&current) {
                 return Err(self.no_record("of the current"));
             }
-            let trip = Trip::Limit { what, value, unit: "A", least: -greatest, greatest, time_s };
+            let trip = Trip::Limit {
+                what,
+                value,
+                unit: "A",
+                least: -greatest,
+                greatest,
+                time_s,
+            };
             return Err(trip.because(self.cause().await).into());
         }
         self.mean_change_a = mean_a - zero_a;
@@ -85,38 +130,75 @@ impl Executor<'_> {
         let cell = difference(high, low);
         // The scope may be wrong: the voltmeter says where the cell is between the crests.
         let agreed = self.agree_with_scope(waveforms, amplitude_a * MOST_OHM);
-        let (least_v, greatest_v) = cell.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| (least.min(*v), most.max(*v)));
+        let (least_v, greatest_v) = cell
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| {
+                (least.min(*v), most.max(*v))
+            });
         let limits = &self.experiment.cell.limits;
         let (least, greatest) = (limits.min_v, limits.max_v);
-        let beyond = [(least_v, least_v < least - MARGIN_V), (greatest_v, greatest_v > greatest + MARGIN_V)];
+        let beyond = [
+            (least_v, least_v < least - MARGIN_V),
+            (greatest_v, greatest_v > greatest + MARGIN_V),
+        ];
         let beyond = beyond.into_iter().find(|(_, beyond)| *beyond);
         if (agreed.is_err() || beyond.is_some()) && !smooth(&cell) {
             return Err(self.no_record("of a cell"));
         }
         agreed?;
-        let Some((value, _)) = beyond else { return Ok(()) };
-        Err(Trip::Limit { what: "cell voltage at the crest of a record", value, unit: "V", least, greatest, time_s }.into())
+        let Some((value, _)) = beyond else {
+            return Ok(());
+        };
+        Err(Trip::Limit {
+            what: "cell voltage at the crest of a record",
+            value,
+            unit: "V",
+            least,
+            greatest,
+            time_s,
+        }
+        .into())
     }
 
     fn no_record(&self, of: &str) -> ExecuteError {
         let allowed = format!("{SMOOTH} from one sample to the next");
-        let one = format!("a record {of} from the scope whose samples are not related to each other");
-        ExecuteError::Disagree { what: "record", one, other: "a sampled signal is smooth".to_owned(), allowed }
+        let one =
+            format!("a record {of} from the scope whose samples are not related to each other");
+        ExecuteError::Disagree {
+            what: "record",
+            one,
+            other: "a sampled signal is smooth".to_owned(),
+            allowed,
+        }
     }
 
     /// How far a channel's zero may be off, V: one per cent of its range, and a millivolt.
     pub(super) fn offset_error_v(&self, waveform: &Waveform) -> f64 {
-        let half_range_div = self.bench.scope.as_ref().map_or(4.0, |scope| scope.capabilities().half_range_div);
+        let half_range_div = self
+            .bench
+            .scope
+            .as_ref()
+            .map_or(4.0, |scope| scope.capabilities().half_range_div);
         OFFSET_SHARE * 2.0 * half_range_div * waveform.preamble.volts_per_div + OFFSET_V
     }
 }
 
-/// What is wrong with the mean of a record, and by how much it may be off, A; and with its change since the first record on the same scales. The zeros of the channels
-/// do not change from record to record, and the supply has shown that nothing flowed before the first.
-fn direct((mean_a, greatest): (f64, f64), (zero_a, amplitude_a): (f64, f64)) -> Option<(&'static str, f64, f64)> {
-    let change = ("change of the mean of the cell current from record to record", mean_a - zero_a, 0.1 * amplitude_a + NO_CURRENT_A);
+/// What is wrong with the mean of a record, and by how much it may be off, A; and with its change
+/// since the first record on the same scales. The zeros of the channels do not change from record
+/// to record, and the supply has shown that nothing flowed before the first.
+fn direct(
+    (mean_a, greatest): (f64, f64),
+    (zero_a, amplitude_a): (f64, f64),
+) -> Option<(&'static str, f64, f64)> {
+    let change = (
+        "change of the mean of the cell current from record to record",
+        mean_a - zero_a,
+        0.1 * amplitude_a + NO_CURRENT_A,
+    );
     let whole = ("mean of the cell current in a record", mean_a, greatest);
-    [whole, change].into_iter().find(|(_, value, greatest)| value.abs() > *greatest)
+    [whole, change]
+        .into_iter()
+        .find(|(_, value, greatest)| value.abs() > *greatest)
 }
 
 /// Distance from a middle within which all but [`BEYOND`] of the samples lie.
@@ -133,24 +215,37 @@ fn within(samples: &[f64], middle: f64) -> f64 {
 fn whole_periods(samples: &[f64], periods_per_sample: f64) -> &[f64] {
     let periods = (samples.len() as f64 * periods_per_sample + PERIOD_SLACK).floor();
     let count = (periods / periods_per_sample).round() as usize;
-    samples.get(..count).filter(|whole| !whole.is_empty()).unwrap_or(samples)
+    samples
+        .get(..count)
+        .filter(|whole| !whole.is_empty())
+        .unwrap_or(samples)
 }
 
 /// The difference of two channels, V.
 pub(super) fn difference(high: &Waveform, low: &Waveform) -> Vec<f64> {
-    let volts = |waveform: &Waveform, code: i16| f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v;
-    high.codes.iter().zip(&low.codes).map(|(high_code, low_code)| volts(high, *high_code) - volts(low, *low_code)).collect()
+    let volts = |waveform: &Waveform, code: i16| {
+        f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v
+    };
+    high.codes
+        .iter()
+        .zip(&low.codes)
+        .map(|(high_code, low_code)| volts(high, *high_code) - volts(low, *low_code))
+        .collect()
 }
 
 pub(super) fn mean(samples: &[f64]) -> f64 {
     samples.iter().sum::<f64>() / samples.len().max(1) as f64
 }
 
-/// Whether neighbours are related to each other: those of a signal are, random bytes are not. A record in which nothing moves is smooth.
+/// Whether neighbours are related to each other: those of a signal are, random bytes are not. A
+/// record in which nothing moves is smooth.
 fn smooth(samples: &[f64]) -> bool {
     let middle = mean(samples);
     let square: f64 = samples.iter().map(|v| (v - middle).powi(2)).sum();
-    let pairs: f64 = samples.windows(2).map(|pair| (pair[0] - middle) * (pair[1] - middle)).sum();
+    let pairs: f64 = samples
+        .windows(2)
+        .map(|pair| (pair[0] - middle) * (pair[1] - middle))
+        .sum();
     square <= 0.0 || pairs / square >= SMOOTH
 }
 
@@ -160,39 +255,71 @@ mod tests {
 
     #[test]
     fn the_mean_of_whole_periods_does_not_see_the_rest_of_the_record() {
-        let sine: Vec<f64> = (0..1000).map(|k| 0.3 + (std::f64::consts::TAU * 0.00267 * f64::from(k)).sin()).collect();
+        let sine: Vec<f64> = (0..1000)
+            .map(|k| 0.3 + (std::f64::consts::TAU * 0.00267 * f64::from(k)).sin())
+            .collect();
         assert!((mean(&sine) - 0.3).abs() > 0.05);
         assert!((mean(whole_periods(&sine, 0.00267)) - 0.3).abs() < 2.0e-3);
-        // Less than a period stays what it is, and a record that ends a sample early is a whole one.
-        assert_eq!((whole_periods(&sine, 1.0e-4).len(), whole_periods(&sine, 1.9999e-3).len()), (1000, 1000));
+        // Less than a period stays what it is, and a record that ends a sample early is a whole
+        // one.
+        assert_eq!(
+            (
+                whole_periods(&sine, 1.0e-4).len(),
+                whole_periods(&sine, 1.9999e-3).len()
+            ),
+            (1000, 1000)
+        );
     }
 
     #[test]
     fn a_direct_current_shows_in_the_mean_and_earlier_in_its_change() {
-        let what = |mean_a, zero_a| direct((mean_a, 0.7), (zero_a, 1.0)).map(|(what, ..)| what.split(' ').next().unwrap_or_default());
+        let what = |mean_a, zero_a| {
+            direct((mean_a, 0.7), (zero_a, 1.0))
+                .map(|(what, ..)| what.split(' ').next().unwrap_or_default())
+        };
         // The channels' own zeros may be half an ampere.
-        assert_eq!([what(0.5, 0.5), what(0.5, 0.45), what(-0.5, -0.31)], [None, None, None]);
-        assert_eq!([what(0.71, 0.71), what(-0.71, -0.7)], [Some("mean"), Some("mean")]);
-        assert_eq!([what(0.5, 0.25), what(-0.1, 0.15)], [Some("change"), Some("change")]);
+        assert_eq!(
+            [what(0.5, 0.5), what(0.5, 0.45), what(-0.5, -0.31)],
+            [None, None, None]
+        );
+        assert_eq!(
+            [what(0.71, 0.71), what(-0.71, -0.7)],
+            [Some("mean"), Some("mean")]
+        );
+        assert_eq!(
+            [what(0.5, 0.25), what(-0.1, 0.15)],
+            [Some("change"), Some("change")]
+        );
     }
 
     #[test]
     fn an_oscillation_beside_the_sine_shows_in_its_crest_and_a_spike_does_not() {
         let with = |amplitude: f64| -> Vec<f64> {
             let beside = |k: f64| amplitude * (std::f64::consts::TAU * 0.21 * k).sin();
-            (0..10_000).map(f64::from).map(|k| 0.3 + (std::f64::consts::TAU * 0.001 * k).sin() + beside(k)).collect()
+            (0..10_000)
+                .map(f64::from)
+                .map(|k| 0.3 + (std::f64::consts::TAU * 0.001 * k).sin() + beside(k))
+                .collect()
         };
         let mut spiked = with(0.0);
         spiked[17] = 9.0;
-        assert!((within(&spiked, 0.3) - 1.0).abs() < 1.0e-3, "{}", within(&spiked, 0.3));
+        assert!(
+            (within(&spiked, 0.3) - 1.0).abs() < 1.0e-3,
+            "{}",
+            within(&spiked, 0.3)
+        );
         assert!(within(&with(2.0), 0.3) > 2.9);
         assert_eq!(within(&[], 0.0), 0.0);
     }
 
     #[test]
     fn a_signal_is_smooth_and_random_bytes_are_not() {
-        let sine: Vec<f64> = (0..1000).map(|k| 3.7 + 0.02 * (0.06 * f64::from(k)).sin()).collect();
-        let noise: Vec<f64> = (0..1000_u32).map(|k| f64::from(k.wrapping_mul(2_654_435_761) >> 16) / 65_536.0).collect();
+        let sine: Vec<f64> = (0..1000)
+            .map(|k| 3.7 + 0.02 * (0.06 * f64::from(k)).sin())
+            .collect();
+        let noise: Vec<f64> = (0..1000_u32)
+            .map(|k| f64::from(k.wrapping_mul(2_654_435_761) >> 16) / 65_536.0)
+            .collect();
         assert!(smooth(&sine) && !smooth(&noise) && smooth(&[3.7; 10]));
     }
 }

@@ -31,7 +31,8 @@ pub(super) const RISE_POLLS: u32 = 3;
 
 /// The end of a charge is moved by this much at most, V.
 const GREATEST_SHIFT_V: f64 = 0.1;
-/// The end of a charge lies this far below the limit of the supply at least, V: there the current dies away.
+/// The end of a charge lies this far below the limit of the supply at least, V: there the current
+/// dies away.
 const BELOW_LIMIT_V: f64 = 0.02;
 
 /// What begins a note about a state of charge that was missed.
@@ -51,39 +52,68 @@ pub(super) struct Reset {
 impl Executor<'_> {
     /// A text about the run of a campaign that is in work, and that says so.
     pub(super) fn of_run(&self, text: &str) -> String {
-        let run = self.run.and_then(|number| self.experiment.campaign.as_ref()?.run(number));
+        let run = self
+            .run
+            .and_then(|number| self.experiment.campaign.as_ref()?.run(number));
         run.map_or_else(|| text.to_owned(), |run| format!("{}{text}", run.prefix()))
     }
 
     /// By band and by slope: a cell that passes the band on its way is not at rest in it.
-    pub(super) fn accept(&mut self, (low_v, high_v): (f64, f64), missed: Option<Missed>) -> Result<(), ExecuteError> {
+    pub(super) fn accept(
+        &mut self,
+        (low_v, high_v): (f64, f64),
+        missed: Option<Missed>,
+    ) -> Result<(), ExecuteError> {
         let (volts, steady) = self.reset.rested.unwrap_or((f64::NAN, false));
         if steady && (low_v..=high_v).contains(&volts) {
             self.reset.accepted = true;
             return Ok(());
         }
-        let met = format!("{volts:.4} V, {}", if steady { "steady" } else { "still moving" });
+        let met = format!(
+            "{volts:.4} V, {}",
+            if steady { "steady" } else { "still moving" }
+        );
         let expected = format!("{low_v} V to {high_v} V at rest");
         match missed {
             None => {
                 let shift_v = self.reset.shift_v + 0.5 * (low_v + high_v) - volts;
-                self.reset.shift_v = if shift_v.is_nan() { 0.0 } else { shift_v.clamp(-GREATEST_SHIFT_V, GREATEST_SHIFT_V) };
+                self.reset.shift_v = if shift_v.is_nan() {
+                    0.0
+                } else {
+                    shift_v.clamp(-GREATEST_SHIFT_V, GREATEST_SHIFT_V)
+                };
                 let shift_mv = 1.0e3 * self.reset.shift_v;
-                let text =
-                    format!("{SOC_MISSED}: expected {expected}, found {met}; again, the end of the charge moved by {shift_mv:+.1} mV");
+                let text = format!(
+                    "{SOC_MISSED}: expected {expected}, found {met}; again, the end of the charge \
+                    moved by {shift_mv:+.1} mV"
+                );
                 Ok(self.recorder.event(Event::Again, &self.of_run(&text))?)
             }
             Some(Missed::Flag) => {
-                let text = format!("{SOC_MISSED}: expected {expected}, found {met}: the state of charge is not the one that was asked for");
+                let text = format!(
+                    "{SOC_MISSED}: expected {expected}, found {met}: the state of charge is not \
+                    the one that was asked for"
+                );
                 self.recorder.warning(&self.of_run(&text));
                 Ok(())
             }
-            Some(Missed::Refuse) => Err(ExecuteError::Disobeyed { what: self.of_run("cell after the SOC reset"), expected, met }),
+            Some(Missed::Refuse) => Err(ExecuteError::Disobeyed {
+                what: self.of_run("cell after the SOC reset"),
+                expected,
+                met,
+            }),
         }
     }
 
     pub(super) async fn hold_temperature(&mut self, step: &Step) -> Result<(), ExecuteError> {
-        let Step::HoldTemperature { setpoint_c, within_k, max_s } = *step else { return Ok(()) };
+        let Step::HoldTemperature {
+            setpoint_c,
+            within_k,
+            max_s,
+        } = *step
+        else {
+            return Ok(());
+        };
         let error = self.bench.error("chiller");
         let chiller = require(&mut self.bench.chiller, "chiller")?;
         match self.thermostat.as_mut() {
@@ -91,7 +121,9 @@ impl Executor<'_> {
             None => {
                 chiller.start(Celsius(setpoint_c)).await.map_err(error)?;
                 let settings = self.experiment.bench.thermostat;
-                self.thermostat = chiller.is_regulated().then(|| Thermostat::new(settings, setpoint_c, self.clock.now_s()));
+                self.thermostat = chiller
+                    .is_regulated()
+                    .then(|| Thermostat::new(settings, setpoint_c, self.clock.now_s()));
             }
         }
         self.chiller_runs = true;
@@ -103,7 +135,14 @@ impl Executor<'_> {
         loop {
             let now_s = self.clock.now_s();
             let temperature_c = self.cell_temperature().await?;
-            self.judge("temperature", Reading { time_s: now_s, temperature_c, ..Reading::default() })?;
+            self.judge(
+                "temperature",
+                Reading {
+                    time_s: now_s,
+                    temperature_c,
+                    ..Reading::default()
+                },
+            )?;
             if temperature_c.is_some_and(|met_c| (met_c - setpoint_c).abs() <= within_k) {
                 if now_s - *steady_since_s.get_or_insert(now_s) >= STEADY_S {
                     return Ok(());
@@ -117,39 +156,77 @@ impl Executor<'_> {
     }
 
     pub(super) async fn discharge(&mut self, step: &Step) -> Result<(), ExecuteError> {
-        let Step::Discharge { current_a, until_v, max_s } = *step else { return Ok(()) };
+        let Step::Discharge {
+            current_a,
+            until_v,
+            max_s,
+        } = *step
+        else {
+            return Ok(());
+        };
         let idle_v = self.idle_volts("discharge").await?;
         if idle_v <= until_v {
             tracing::info!("already at {idle_v:.3} V: nothing to discharge");
             return Ok(());
         }
-        // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that the load ends it if the daemon does not.
+        // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that
+        // the load ends it if the daemon does not.
         let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
         let error = self.bench.error("load");
         let load = require(&mut self.bench.load, "load")?;
-        load.prepare(&Discharge { draw: Draw::Current(Amps(current_a)), stop_below }).await.map_err(&error)?;
-        require(&mut self.bench.load, "load")?.energise().await.map_err(&error)?;
+        load.prepare(&Discharge {
+            draw: Draw::Current(Amps(current_a)),
+            stop_below,
+        })
+        .await
+        .map_err(&error)?;
+        require(&mut self.bench.load, "load")?
+            .energise()
+            .await
+            .map_err(&error)?;
         let start_s = self.clock.now_s();
         for poll in 1.. {
             self.clock.sleep_s(POLL_S).await;
             let (volts, amps) = self.load_volts().await?;
             let temperature_c = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
-            self.judge("discharge", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(-amps), temperature_c })?;
+            self.judge(
+                "discharge",
+                Reading {
+                    time_s: now_s,
+                    voltage_v: Some(volts),
+                    current_a: Some(-amps),
+                    temperature_c,
+                },
+            )?;
             self.look_back().await?;
             self.others_off(&["load"]).await?;
             if volts <= until_v {
                 break;
             }
-            self.explained(follows("load", poll, current_a, amps)).await?;
-            bound(step, now_s - start_s, max_s, || format!("the cell is at {volts:.3} V"))?;
+            self.explained(follows("load", poll, current_a, amps))
+                .await?;
+            bound(step, now_s - start_s, max_s, || {
+                format!("the cell is at {volts:.3} V")
+            })?;
         }
-        require(&mut self.bench.load, "load")?.safe().await.map_err(error)?;
+        require(&mut self.bench.load, "load")?
+            .safe()
+            .await
+            .map_err(error)?;
         Ok(())
     }
 
     pub(super) async fn charge(&mut self, step: &Step) -> Result<(), ExecuteError> {
-        let Step::Charge { current_a, limit_v, until_v, max_s } = *step else { return Ok(()) };
+        let Step::Charge {
+            current_a,
+            limit_v,
+            until_v,
+            max_s,
+        } = *step
+        else {
+            return Ok(());
+        };
         let until_v = (until_v + self.reset.shift_v).min(limit_v - BELOW_LIMIT_V);
         let idle_v = self.idle_volts("charge").await?;
         if idle_v >= until_v {
@@ -157,18 +234,35 @@ impl Executor<'_> {
             return Ok(());
         }
         let error = self.bench.error("supply");
-        let charge = Charge { voltage: Volts(limit_v), current: Amps(current_a) };
-        require(&mut self.bench.supply, "supply")?.prepare(&charge).await.map_err(&error)?;
-        require(&mut self.bench.supply, "supply")?.energise().await.map_err(&error)?;
+        let charge = Charge {
+            voltage: Volts(limit_v),
+            current: Amps(current_a),
+        };
+        require(&mut self.bench.supply, "supply")?
+            .prepare(&charge)
+            .await
+            .map_err(&error)?;
+        require(&mut self.bench.supply, "supply")?
+            .energise()
+            .await
+            .map_err(&error)?;
         let start_s = self.clock.now_s();
         for poll in 1.. {
             self.clock.sleep_s(POLL_S).await;
             // The supply has no sense leads: the load's, with its input off, see the cell itself.
             let (volts, drawn_a) = self.load_volts().await?;
-            let (terminal, amps) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(&error)?;
+            let (terminal, amps) = require(&mut self.bench.supply, "supply")?
+                .measure()
+                .await
+                .map_err(&error)?;
             let temperature_c = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
-            let reading = Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(amps.value()), temperature_c };
+            let reading = Reading {
+                time_s: now_s,
+                voltage_v: Some(volts),
+                current_a: Some(amps.value()),
+                temperature_c,
+            };
             self.judge("charge", reading)?;
             self.no_current(LOAD_CURRENT, drawn_a)?;
             self.look_back().await?;
@@ -179,30 +273,57 @@ impl Executor<'_> {
             }
             // Near the limit of the supply its current falls, as it should.
             if volts < limit_v - 0.1 {
-                self.explained(follows("supply", poll, current_a, amps.value())).await?;
+                self.explained(follows("supply", poll, current_a, amps.value()))
+                    .await?;
             }
-            bound(step, now_s - start_s, max_s, || format!("the cell is at {volts:.3} V"))?;
+            bound(step, now_s - start_s, max_s, || {
+                format!("the cell is at {volts:.3} V")
+            })?;
         }
-        require(&mut self.bench.supply, "supply")?.safe().await.map_err(error)?;
+        require(&mut self.bench.supply, "supply")?
+            .safe()
+            .await
+            .map_err(error)?;
         Ok(())
     }
 
     pub(super) async fn rest(&mut self, step: &Step) -> Result<(), ExecuteError> {
-        let Step::Rest { min_s, max_s, slope_v_per_s } = *step else { return Ok(()) };
+        let Step::Rest {
+            min_s,
+            max_s,
+            slope_v_per_s,
+        } = *step
+        else {
+            return Ok(());
+        };
         let start_s = self.clock.now_s();
         let mut window: VecDeque<(f64, f64)> = VecDeque::new();
         loop {
             self.clock.sleep_s(REST_POLL_S).await;
             let (volts, drawn_a) = self.load_volts().await?;
             let error = self.bench.error("supply");
-            let (_, fed) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(error)?;
+            let (_, fed) = require(&mut self.bench.supply, "supply")?
+                .measure()
+                .await
+                .map_err(error)?;
             let current_a = Some(fed.value() - drawn_a);
             let temperature_c = self.temperature_now_and_then().await?;
             let now_s = self.clock.now_s();
-            self.judge("rest", Reading { time_s: now_s, voltage_v: Some(volts), current_a, temperature_c })?;
+            self.judge(
+                "rest",
+                Reading {
+                    time_s: now_s,
+                    voltage_v: Some(volts),
+                    current_a,
+                    temperature_c,
+                },
+            )?;
             self.idle_meters(drawn_a, fed.value()).await?;
             window.push_back((now_s, volts));
-            while window.front().is_some_and(|(time_s, _)| now_s - time_s > SLOPE_SPAN_S) {
+            while window
+                .front()
+                .is_some_and(|(time_s, _)| now_s - time_s > SLOPE_SPAN_S)
+            {
                 window.pop_front();
             }
             let rested_s = now_s - start_s;
@@ -213,11 +334,17 @@ impl Executor<'_> {
                 return Ok(());
             }
             if rested_s > max_s {
-                // The thesis waits for a consistent voltage; a cell that still moves is no reason to lose a night, but it is to be known.
+                // The thesis waits for a consistent voltage; a cell that still moves is no reason
+                // to lose a night, but it is to be known.
                 let text = if slope.is_nan() {
-                    format!("{max_s:.0} s of rest are too short to tell whether the voltage is steady")
+                    format!(
+                        "{max_s:.0} s of rest are too short to tell whether the voltage is steady"
+                    )
                 } else {
-                    format!("after {max_s:.0} s of rest the voltage still moves by {:.3} mV/min", slope * 6.0e4)
+                    format!(
+                        "after {max_s:.0} s of rest the voltage still moves by {:.3} mV/min",
+                        slope * 6.0e4
+                    )
                 };
                 let text = self.of_run(&text);
                 tracing::warn!("{text}");
@@ -228,18 +355,29 @@ impl Executor<'_> {
         }
     }
 
-    /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined or too hot must not be driven.
+    /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined
+    /// or too hot must not be driven.
     pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
         let (volts, drawn_a) = self.load_volts().await?;
         self.no_current(LOAD_CURRENT, drawn_a)?;
         let temperature_c = self.cell_temperature().await?;
-        let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() };
+        let reading = Reading {
+            time_s: self.clock.now_s(),
+            voltage_v: Some(volts),
+            temperature_c,
+            ..Reading::default()
+        };
         self.judge(phase, reading)?;
         Ok(volts)
     }
 
-    /// While nothing flows each meter shows so by itself: two currents that cancel are two too many.
-    pub(super) async fn idle_meters(&mut self, drawn_a: f64, fed_a: f64) -> Result<(), ExecuteError> {
+    /// While nothing flows each meter shows so by itself: two currents that cancel are two too
+    /// many.
+    pub(super) async fn idle_meters(
+        &mut self,
+        drawn_a: f64,
+        fed_a: f64,
+    ) -> Result<(), ExecuteError> {
         self.no_current(LOAD_CURRENT, drawn_a)?;
         self.no_current(CHARGER_CURRENT, fed_a)?;
         self.others_off(&["load", "supply"]).await
@@ -247,26 +385,55 @@ impl Executor<'_> {
 
     pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
         let error = self.bench.error("load");
-        let (volts, amps) = require(&mut self.bench.load, "load")?.measure().await.map_err(error)?;
+        let (volts, amps) = require(&mut self.bench.load, "load")?
+            .measure()
+            .await
+            .map_err(error)?;
         Ok((volts.value(), amps.value()))
     }
 }
 
-pub(super) fn bound(step: &impl std::fmt::Display, passed_s: f64, max_s: f64, state: impl Fn() -> String) -> Result<(), ExecuteError> {
-    if passed_s <= max_s { Ok(()) } else { Err(ExecuteError::Bound { step: step.to_string(), max_s, state: state() }) }
+pub(super) fn bound(
+    step: &impl std::fmt::Display,
+    passed_s: f64,
+    max_s: f64,
+    state: impl Fn() -> String,
+) -> Result<(), ExecuteError> {
+    if passed_s <= max_s {
+        Ok(())
+    } else {
+        Err(ExecuteError::Bound {
+            step: step.to_string(),
+            max_s,
+            state: state(),
+        })
+    }
 }
 
 /// What a thermometer showed of the cell, in words.
 fn at_in_words(temperature_c: Option<f64>) -> String {
-    temperature_c.map_or_else(|| "no temperature was read".to_owned(), |met_c| format!("the cell is at {met_c:.2} °C"))
+    temperature_c.map_or_else(
+        || "no temperature was read".to_owned(),
+        |met_c| format!("the cell is at {met_c:.2} °C"),
+    )
 }
 
-/// A current that does not come means a lead that is off, a fuse, a wrong cell: nothing to wait for.
-pub(super) fn follows(what: &str, poll: u32, commanded_a: f64, met_a: f64) -> Result<(), ExecuteError> {
+/// A current that does not come means a lead that is off, a fuse, a wrong cell: nothing to wait
+/// for.
+pub(super) fn follows(
+    what: &str,
+    poll: u32,
+    commanded_a: f64,
+    met_a: f64,
+) -> Result<(), ExecuteError> {
     if poll < RISE_POLLS || (met_a - commanded_a).abs() <= 0.1 * commanded_a + 0.05 {
         return Ok(());
     }
-    Err(ExecuteError::Disobeyed { what: what.to_owned(), expected: format!("{commanded_a:.3} A"), met: format!("{met_a:.3} A") })
+    Err(ExecuteError::Disobeyed {
+        what: what.to_owned(),
+        expected: format!("{commanded_a:.3} A"),
+        met: format!("{met_a:.3} A"),
+    })
 }
 
 /// Least-squares slope of (s, V), V/s; not a number for fewer than three points.
@@ -277,9 +444,15 @@ fn slope(points: &VecDeque<(f64, f64)>) -> f64 {
     let count = points.len() as f64;
     let mean_t = points.iter().map(|(t, _)| t).sum::<f64>() / count;
     let mean_v = points.iter().map(|(_, v)| v).sum::<f64>() / count;
-    let (covariance, variance) = points
-        .iter()
-        .fold((0.0, 0.0), |(covariance, variance), (t, v)| (covariance + (t - mean_t) * (v - mean_v), variance + (t - mean_t).powi(2)));
+    let (covariance, variance) =
+        points
+            .iter()
+            .fold((0.0, 0.0), |(covariance, variance), (t, v)| {
+                (
+                    covariance + (t - mean_t) * (v - mean_v),
+                    variance + (t - mean_t).powi(2),
+                )
+            });
     covariance / variance
 }
 
@@ -289,7 +462,14 @@ mod tests {
 
     #[test]
     fn the_slope_is_the_lines() {
-        let line: VecDeque<(f64, f64)> = (0..12).map(|k| (100.0 + 10.0 * f64::from(k), 3.7 - 2.0e-6 * 10.0 * f64::from(k))).collect();
+        let line: VecDeque<(f64, f64)> = (0..12)
+            .map(|k| {
+                (
+                    100.0 + 10.0 * f64::from(k),
+                    3.7 - 2.0e-6 * 10.0 * f64::from(k),
+                )
+            })
+            .collect();
         assert!((slope(&line) + 2.0e-6).abs() < 1.0e-12);
         assert!(slope(&VecDeque::new()).is_nan());
     }

@@ -16,10 +16,14 @@ pub struct Entrance<'a> {
 
 impl<'a> Entrance<'a> {
     pub(super) fn point(&self, index: usize) -> Option<&'a PointDone> {
-        self.points.iter().copied().find(|point| point.step == index)
+        self.points
+            .iter()
+            .copied()
+            .find(|point| point.step == index)
     }
 
-    /// What is clamped is clamped anew, what is powered is powered anew, as long as anything is left to be measured.
+    /// What is clamped is clamped anew, what is powered is powered anew, as long as anything is
+    /// left to be measured.
     pub(super) fn plays(&self, stage: &Stage, (index, step): (usize, &Step)) -> bool {
         let sine = |(at, step): (usize, &Step)| match step {
             Step::Sine { .. } => self.point(at).is_none(),
@@ -41,8 +45,11 @@ mod tests {
     use instruments::{mock::plant::Fixture, supply4q::Holds};
 
     fn done(step: usize) -> PointDone {
-        let phasors =
-            ChannelPhasors { freq_hz: 1.0, volts: [num_complex::Complex64::ONE; 4], variance: [PhasorVariance::circular(1.0e-12); 4] };
+        let phasors = ChannelPhasors {
+            freq_hz: 1.0,
+            volts: [num_complex::Complex64::ONE; 4],
+            variance: [PhasorVariance::circular(1.0e-12); 4],
+        };
         let point = SweepPoint {
             fixture: Fixture::Cell,
             index: step - 2,
@@ -59,15 +66,39 @@ mod tests {
             measures: crate::quality::Measures::default(),
             failing: Vec::new(),
         };
-        PointDone { stage: 0, step, files: Vec::new(), idle: Reading::default(), point }
+        PointDone {
+            stage: 0,
+            step,
+            files: Vec::new(),
+            idle: Reading::default(),
+            point,
+        }
     }
 
     #[test]
     fn what_is_finished_is_left_out_and_what_carries_the_rest_is_not() {
-        let sine = |index| Step::Sine { index, freq_hz: 1.0, amplitude_a: 1.0, wait_s: 12.0 };
-        let up = Step::PowerUp { compliance_v: 4.5, limit_a: 2.0, held: Holds::CurrentAndVoltage };
-        let steps = vec![Step::Mount(Fixture::Cell), up, sine(0), sine(1), Step::PowerDown];
-        let stage = Stage { purpose: Purpose::Sweep(Fixture::Cell, 1), steps };
+        let sine = |index| Step::Sine {
+            index,
+            freq_hz: 1.0,
+            amplitude_a: 1.0,
+            wait_s: 12.0,
+        };
+        let up = Step::PowerUp {
+            compliance_v: 4.5,
+            limit_a: 2.0,
+            held: Holds::CurrentAndVoltage,
+        };
+        let steps = vec![
+            Step::Mount(Fixture::Cell),
+            up,
+            sine(0),
+            sine(1),
+            Step::PowerDown,
+        ];
+        let stage = Stage {
+            purpose: Purpose::Sweep(Fixture::Cell, 1),
+            steps,
+        };
         let points: Vec<PointDone> = [2, 3].map(done).to_vec();
         for (from, finished, played) in [
             (0, 0..0, vec![0, 1, 2, 3, 4]),
@@ -76,9 +107,17 @@ mod tests {
             (0, 0..2, vec![]),
             (4, 0..0, vec![0, 4]),
         ] {
-            let entrance = Entrance { from, points: points[finished].iter().collect() };
-            let met: Vec<usize> =
-                stage.steps.iter().enumerate().filter(|step| entrance.plays(&stage, *step)).map(|(index, _)| index).collect();
+            let entrance = Entrance {
+                from,
+                points: points[finished].iter().collect(),
+            };
+            let met: Vec<usize> = stage
+                .steps
+                .iter()
+                .enumerate()
+                .filter(|step| entrance.plays(&stage, *step))
+                .map(|(index, _)| index)
+                .collect();
             assert_eq!(met, played);
         }
     }

@@ -1,4 +1,5 @@
-//! What ends a stage early: an instrument, the interlock, a file, a person, a bound, or a bench that does something else than it was told to.
+//! What ends a stage early: an instrument, the interlock, a file, a person, a bound, or a bench
+//! that does something else than it was told to.
 
 use crate::{bench::BenchError, interlock::Trip, operator::OperatorError, record::RecordError};
 
@@ -30,7 +31,8 @@ pub enum ExecuteError {
     },
     /// A meter shows the same for longer than its noise allows.
     #[error(
-        "{what}: the last {times} readings of {meter} are all {value}, although its readings before went up and down by noise: it is frozen{other}"
+        "{what}: the last {times} readings of {meter} are all {value}, although its readings \
+        before went up and down by noise: it is frozen{other}"
     )]
     Frozen {
         /// The quantity.
@@ -77,7 +79,10 @@ pub enum ExecuteError {
         met: String,
     },
     /// A control is asked for, and something with a voltage is in the jig.
-    #[error("{what}: expected nothing with a voltage in the jig, found {volts:.2} V: is the cell still in?")]
+    #[error(
+        "{what}: expected nothing with a voltage in the jig, found {volts:.2} V: is the cell still \
+        in?"
+    )]
     CellLeftIn {
         /// What was about to be done.
         what: String,

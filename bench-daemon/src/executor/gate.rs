@@ -1,5 +1,6 @@
-//! The quality gate at work: a point that fails is measured again as long as the sweep's budget of time and charge lasts, the best of its records is kept,
-//! and what still fails is said with the point.
+//! The quality gate at work: a point that fails is measured again as long as the sweep's budget of
+//! time and charge lasts, the best of its records is kept, and what still fails is said with the
+//! point.
 
 use analysis::{
     spectrum::{ImpedancePoint, Spectrum},
@@ -16,7 +17,8 @@ use crate::{
 
 /// A residual below so many standard deviations of the noise is noise.
 const CERTAIN: f64 = 5.0;
-/// A finished sweep is gone through so many times: a point that was measured again changes what the others are held against.
+/// A finished sweep is gone through so many times: a point that was measured again changes what the
+/// others are held against.
 const ROUNDS: usize = 3;
 
 /// What went into measuring again: a point, or all points of a sweep.
@@ -32,7 +34,10 @@ impl std::ops::Add for Spent {
     type Output = Self;
 
     fn add(self, other: Self) -> Self {
-        Self { time_s: self.time_s + other.time_s, charge_c: self.charge_c + other.charge_c }
+        Self {
+            time_s: self.time_s + other.time_s,
+            charge_c: self.charge_c + other.charge_c,
+        }
     }
 }
 
@@ -50,9 +55,15 @@ impl Spent {
 
 impl Executor<'_> {
     /// One point through the gate, where there is one.
-    pub(super) async fn gated(&mut self, fixture: Fixture, step: &Step) -> Result<SweepPoint, ExecuteError> {
+    pub(super) async fn gated(
+        &mut self,
+        fixture: Fixture,
+        step: &Step,
+    ) -> Result<SweepPoint, ExecuteError> {
         let mut best = self.sine(fixture, step, 0).await?;
-        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else { return Ok(best) };
+        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else {
+            return Ok(best);
+        };
         best.failing = quality.judge(&best.measures);
         for _ in 0..quality.again {
             if best.failing.is_empty() || !self.afford(&quality, step) {
@@ -76,18 +87,31 @@ impl Executor<'_> {
         tracing::info!("{text}");
         self.recorder.event(Event::Again, &text)?;
         let start_s = self.clock.now_s();
-        self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
+        self.interlock
+            .begin(self.allowance(fixture, step), self.clock.machine_s());
         let mut point = self.sine(fixture, step, before.captures).await?;
         let took_s = self.clock.now_s() - start_s;
-        let spent = Spent { time_s: took_s, charge_c: moved_c(step, took_s) };
+        let spent = Spent {
+            time_s: took_s,
+            charge_c: moved_c(step, took_s),
+        };
         self.spent = self.spent + spent;
         let spent = before.spent + spent;
         point.failing = quality.judge(&point.measures);
         let captures = point.captures;
-        // A point whose own record is good is measured again for the sake of the sweep: the new record counts, if it is as good.
+        // A point whose own record is good is measured again for the sake of the sweep: the new
+        // record counts, if it is as good.
         let of_sweep = before.failing.iter().all(Failing::is_of_sweep) && point.failing.is_empty();
-        let better = if of_sweep || severity(&point.failing) < severity(&before.failing) { point } else { before };
-        Ok(SweepPoint { captures, spent, ..better })
+        let better = if of_sweep || severity(&point.failing) < severity(&before.failing) {
+            point
+        } else {
+            before
+        };
+        Ok(SweepPoint {
+            captures,
+            spent,
+            ..better
+        })
     }
 
     /// Whether another record of a point is within the sweep's budget.
@@ -96,8 +120,9 @@ impl Executor<'_> {
         self.spent.allows(quality, (time_s, moved_c(step, time_s)))
     }
 
-    /// Holds the points of a finished sweep against each other, measures again those that do not fit, and flags what does not fit even then.
-    /// Says which points changed: their steps in the stage and their places among the points.
+    /// Holds the points of a finished sweep against each other, measures again those that do not
+    /// fit, and flags what does not fit even then. Says which points changed: their steps in the
+    /// stage and their places among the points.
     pub(super) async fn recheck(
         &mut self,
         fixture: Fixture,
@@ -105,7 +130,9 @@ impl Executor<'_> {
         points: &mut [SweepPoint],
     ) -> Result<Vec<(usize, usize)>, ExecuteError> {
         let before = points.to_vec();
-        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else { return Ok(Vec::new()) };
+        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else {
+            return Ok(Vec::new());
+        };
         for round in 0..=ROUNDS {
             let residuals = self.residuals(points);
             let mut again = Vec::new();
@@ -120,12 +147,18 @@ impl Executor<'_> {
             }
             let mut measured = false;
             for index in again {
-                let step = stage.steps.iter().find(|step| matches!(step, Step::Sine { index: number, .. } if *number == index));
+                let step = stage.steps.iter().find(
+                    |step| matches!(step, Step::Sine { index: number, .. } if *number == index),
+                );
                 let slot = points.iter_mut().find(|point| point.index == index);
-                let (Some(step), Some(slot)) = (step, slot) else { continue };
+                let (Some(step), Some(slot)) = (step, slot) else {
+                    continue;
+                };
                 if slot.rechecked < quality.again && self.afford(&quality, step) {
                     let rechecked = slot.rechecked + 1;
-                    let point = self.measure_again(fixture, step, (&quality, slot.clone())).await?;
+                    let point = self
+                        .measure_again(fixture, step, (&quality, slot.clone()))
+                        .await?;
                     *slot = SweepPoint { rechecked, ..point };
                     measured = true;
                 }
@@ -134,24 +167,45 @@ impl Executor<'_> {
                 break;
             }
         }
-        let step =
-            |point: &SweepPoint| stage.steps.iter().position(|step| matches!(step, Step::Sine { index, .. } if *index == point.index));
-        let changed = points.iter().zip(&before).enumerate().filter(|(_, (after, before))| after != before);
-        Ok(changed.filter_map(|(place, (after, _))| Some((step(after)?, place))).collect())
+        let step = |point: &SweepPoint| {
+            stage
+                .steps
+                .iter()
+                .position(|step| matches!(step, Step::Sine { index, .. } if *index == point.index))
+        };
+        let changed = points
+            .iter()
+            .zip(&before)
+            .enumerate()
+            .filter(|(_, (after, before))| after != before);
+        Ok(changed
+            .filter_map(|(place, (after, _))| Some((step(after)?, place)))
+            .collect())
     }
 
-    /// Kramers–Kronig residuals over |Z| of points that do not fit the others; nothing where they do, or where the sweep is too short to tell. Where a sweep goes
-    /// there and back, each way is tested by itself: between them the cell may have changed.
+    /// Kramers–Kronig residuals over |Z| of points that do not fit the others; nothing where they
+    /// do, or where the sweep is too short to tell. Where a sweep goes there and back, each way is
+    /// tested by itself: between them the cell may have changed.
     pub(super) fn residuals(&self, points: &[SweepPoint]) -> Vec<Option<f64>> {
         let mut found = vec![None; points.len()];
         for way in ways(points) {
-            let sorted: Vec<(usize, ImpedancePoint)> = way.into_iter().map(|k| (k, self.tested(&points[k]))).collect();
+            let sorted: Vec<(usize, ImpedancePoint)> = way
+                .into_iter()
+                .map(|k| (k, self.tested(&points[k])))
+                .collect();
             if sorted.len() < FEWEST_POINTS {
                 continue;
             }
-            let spectrum =
-                Spectrum { name: "sweep".to_owned(), points: sorted.iter().map(|(_, point)| *point).collect(), ..Spectrum::default() };
-            let Ok(test) = Noise::of(&spectrum, &[]).and_then(|noise| kramers_kronig(&spectrum, &noise)) else { continue };
+            let spectrum = Spectrum {
+                name: "sweep".to_owned(),
+                points: sorted.iter().map(|(_, point)| *point).collect(),
+                ..Spectrum::default()
+            };
+            let Ok(test) =
+                Noise::of(&spectrum, &[]).and_then(|noise| kramers_kronig(&spectrum, &noise))
+            else {
+                continue;
+            };
             let fails = |point: &KkPoint| point.left_out || point.sigmas > CERTAIN;
             for ((k, _), point) in sorted.iter().zip(&test.points) {
                 found[*k] = fails(point).then(|| 0.01 * point.percent());
@@ -162,22 +216,37 @@ impl Executor<'_> {
 
     /// A point as the test takes it: corrected, with the noise of its own record.
     fn tested(&self, point: &SweepPoint) -> ImpedancePoint {
-        let covariance = self.correction.measured_parts(&point.phasors).into_iter().sum();
-        ImpedancePoint { covariance, ..self.correction.apply(&point.phasors) }
+        let covariance = self
+            .correction
+            .measured_parts(&point.phasors)
+            .into_iter()
+            .sum();
+        ImpedancePoint {
+            covariance,
+            ..self.correction.apply(&point.phasors)
+        }
     }
 }
 
-/// The places of the points of each way, by rising frequency: the first visits of all frequencies, then the second.
+/// The places of the points of each way, by rising frequency: the first visits of all frequencies,
+/// then the second.
 fn ways(points: &[SweepPoint]) -> Vec<Vec<usize>> {
     let mut order: Vec<usize> = (0..points.len()).collect();
     order.sort_by(|a, b| {
         let (a, b) = (&points[*a], &points[*b]);
-        a.phasors.freq_hz.total_cmp(&b.phasors.freq_hz).then(a.index.cmp(&b.index))
+        a.phasors
+            .freq_hz
+            .total_cmp(&b.phasors.freq_hz)
+            .then(a.index.cmp(&b.index))
     });
     let mut ways: Vec<Vec<usize>> = Vec::new();
     let (mut visit, mut freq_hz) = (0, f64::NAN);
     for k in order {
-        visit = if points[k].phasors.freq_hz == freq_hz { visit + 1 } else { 0 };
+        visit = if points[k].phasors.freq_hz == freq_hz {
+            visit + 1
+        } else {
+            0
+        };
         freq_hz = points[k].phasors.freq_hz;
         if ways.len() <= visit {
             ways.push(Vec::new());
@@ -189,7 +258,11 @@ fn ways(points: &[SweepPoint]) -> Vec<Vec<usize>> {
 
 /// Charge that a sinusoid moves to and fro, C: its mean magnitude is 2/π of its amplitude.
 fn moved_c(step: &Step, time_s: f64) -> f64 {
-    if let Step::Sine { amplitude_a, .. } = step { std::f64::consts::FRAC_2_PI * amplitude_a * time_s } else { 0.0 }
+    if let Step::Sine { amplitude_a, .. } = step {
+        std::f64::consts::FRAC_2_PI * amplitude_a * time_s
+    } else {
+        0.0
+    }
 }
 
 #[cfg(test)]
@@ -198,7 +271,11 @@ mod tests {
     use analysis::spectrum::{ChannelPhasors, PhasorVariance};
 
     fn point(index: usize, freq_hz: f64, time_s: f64) -> SweepPoint {
-        let phasors = ChannelPhasors { freq_hz, volts: [num_complex::Complex64::ONE; 4], variance: [PhasorVariance::circular(1.0e-12); 4] };
+        let phasors = ChannelPhasors {
+            freq_hz,
+            volts: [num_complex::Complex64::ONE; 4],
+            variance: [PhasorVariance::circular(1.0e-12); 4],
+        };
         SweepPoint {
             fixture: Fixture::Cell,
             index,
@@ -211,7 +288,10 @@ mod tests {
             time_s: 0.0,
             captures: 1,
             rechecked: 0,
-            spent: Spent { time_s, charge_c: 0.5 * time_s },
+            spent: Spent {
+                time_s,
+                charge_c: 0.5 * time_s,
+            },
             measures: crate::quality::Measures::default(),
             failing: Vec::new(),
         }
@@ -220,7 +300,11 @@ mod tests {
     #[test]
     fn a_sweep_there_and_back_is_two_ways_by_rising_frequency() {
         let freqs = [10.0, 1.0, 100.0, 100.0, 1.0, 10.0];
-        let points: Vec<SweepPoint> = freqs.iter().enumerate().map(|(k, freq_hz)| point(k, *freq_hz, 0.0)).collect();
+        let points: Vec<SweepPoint> = freqs
+            .iter()
+            .enumerate()
+            .map(|(k, freq_hz)| point(k, *freq_hz, 0.0))
+            .collect();
         assert_eq!(ways(&points), [[1, 0, 2], [4, 5, 3]]);
         assert_eq!(ways(&points[..3]), [[1, 0, 2]]);
     }
@@ -239,7 +323,17 @@ mod tests {
         };
         let points = [point(0, 1.0, 30.0), point(1, 2.0, 50.0)];
         let spent = Spent::of(points.iter());
-        assert_eq!(spent, Spent { time_s: 80.0, charge_c: 40.0 });
-        assert!(spent.allows(&quality, (20.0, 20.0)) && !spent.allows(&quality, (20.1, 0.0)) && !spent.allows(&quality, (1.0, 20.1)));
+        assert_eq!(
+            spent,
+            Spent {
+                time_s: 80.0,
+                charge_c: 40.0
+            }
+        );
+        assert!(
+            spent.allows(&quality, (20.0, 20.0))
+                && !spent.allows(&quality, (20.1, 0.0))
+                && !spent.allows(&quality, (1.0, 20.1))
+        );
     }
 }

@@ -1,5 +1,6 @@
-//! The quality gate of a multisine: a band whose lines fail is recorded again as long as the budget lasts; of every line the better record is kept. The finished
-//! multisine is held against itself as a sweep is.
+//! The quality gate of a multisine: a band whose lines fail is recorded again as long as the budget
+//! lasts; of every line the better record is kept. The finished multisine is held against itself as
+//! a sweep is.
 
 use instruments::mock::plant::Fixture;
 
@@ -12,18 +13,26 @@ use crate::{
 
 impl Executor<'_> {
     /// One band through the gate, where there is one.
-    pub(super) async fn gated_band(&mut self, band: &Band, points: &mut Vec<SweepPoint>) -> Result<(), ExecuteError> {
+    pub(super) async fn gated_band(
+        &mut self,
+        band: &Band,
+        points: &mut Vec<SweepPoint>,
+    ) -> Result<(), ExecuteError> {
         let first = points.len();
         for (point, line) in self.multisine(band, (first, 0)).await? {
             points.push(point);
             self.lines.push(line);
         }
-        let Some(quality) = self.gate() else { return Ok(()) };
+        let Some(quality) = self.gate() else {
+            return Ok(());
+        };
         for point in &mut points[first..] {
             point.failing = quality.judge(&point.measures);
         }
         for _ in 0..quality.again {
-            if points[first..].iter().all(|point| point.failing.is_empty()) || !self.afford_band(&quality, band) {
+            if points[first..].iter().all(|point| point.failing.is_empty())
+                || !self.afford_band(&quality, band)
+            {
                 break;
             }
             self.band_again(band, (&quality, first), points).await?;
@@ -31,14 +40,23 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Holds the lines of all bands against each other, and records again the bands of those that do not fit.
-    pub(super) async fn recheck_bands(&mut self, stage: &Stage, points: &mut [SweepPoint]) -> Result<(), ExecuteError> {
-        let Some(quality) = self.gate() else { return Ok(()) };
+    /// Holds the lines of all bands against each other, and records again the bands of those that
+    /// do not fit.
+    pub(super) async fn recheck_bands(
+        &mut self,
+        stage: &Stage,
+        points: &mut [SweepPoint],
+    ) -> Result<(), ExecuteError> {
+        let Some(quality) = self.gate() else {
+            return Ok(());
+        };
         for round in 0..=quality.again {
             let residuals = self.residuals(points);
             for (point, residual) in points.iter_mut().zip(residuals) {
                 point.failing.retain(|failing| !failing.is_of_sweep());
-                point.failing.extend(residual.and_then(|share| quality.judge_residual(share)));
+                point
+                    .failing
+                    .extend(residual.and_then(|share| quality.judge_residual(share)));
             }
             if round == quality.again {
                 break;
@@ -46,12 +64,17 @@ impl Executor<'_> {
             let mut measured = false;
             let mut first = 0;
             for step in &stage.steps {
-                let Step::Multisine(band) = step else { continue };
+                let Step::Multisine(band) = step else {
+                    continue;
+                };
                 let range = first..(first + band.design.harmonics.len()).min(points.len());
                 first = range.end;
-                let fails = points[range.clone()].iter().any(|point| point.failing.iter().any(Failing::is_of_sweep));
+                let fails = points[range.clone()]
+                    .iter()
+                    .any(|point| point.failing.iter().any(Failing::is_of_sweep));
                 if fails && self.afford_band(&quality, band) {
-                    self.band_again(band, (&quality, range.start), points).await?;
+                    self.band_again(band, (&quality, range.start), points)
+                        .await?;
                     measured = true;
                 }
             }
@@ -62,7 +85,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Records a band again; of every line the better record stays. A line whose own record is good is taken anew for the sake of the whole.
+    /// Records a band again; of every line the better record stays. A line whose own record is good
+    /// is taken anew for the sake of the whole.
     async fn band_again(
         &mut self,
         band: &Band,
@@ -72,24 +96,44 @@ impl Executor<'_> {
         let range = first..(first + band.design.harmonics.len()).min(points.len());
         let reasons: Vec<String> = points[range.clone()]
             .iter()
-            .flat_map(|point| point.failing.iter().map(|failing| format!("{:.4} Hz: {failing}", point.phasors.freq_hz)))
+            .flat_map(|point| {
+                point
+                    .failing
+                    .iter()
+                    .map(|failing| format!("{:.4} Hz: {failing}", point.phasors.freq_hz))
+            })
             .take(3)
             .collect();
-        let text = format!("multisine {}: recorded again: {}", band.number, reasons.join("; "));
+        let text = format!(
+            "multisine {}: recorded again: {}",
+            band.number,
+            reasons.join("; ")
+        );
         tracing::info!("{text}");
         self.heed_abort()?;
         self.recorder.event(Event::Again, &text)?;
         let start_s = self.clock.now_s();
-        let taken = points[range.clone()].iter().map(|point| point.captures).max().unwrap_or(0);
+        let taken = points[range.clone()]
+            .iter()
+            .map(|point| point.captures)
+            .max()
+            .unwrap_or(0);
         let step = Step::Multisine(std::sync::Arc::new(band.clone()));
-        self.interlock.begin(self.allowance(Fixture::Cell, &step), self.clock.machine_s());
+        self.interlock
+            .begin(self.allowance(Fixture::Cell, &step), self.clock.machine_s());
         let again = self.multisine(band, (first, taken)).await?;
         let took_s = self.clock.now_s() - start_s;
-        self.spent = self.spent + Spent { time_s: took_s, charge_c: band.mean_a() * took_s };
+        self.spent = self.spent
+            + Spent {
+                time_s: took_s,
+                charge_c: band.mean_a() * took_s,
+            };
         for (slot, (mut point, line)) in range.zip(again) {
             point.failing = quality.judge(&point.measures);
             let (captures, before) = (point.captures, &points[slot]);
-            let of_sweep = !before.failing.is_empty() && before.failing.iter().all(Failing::is_of_sweep) && point.failing.is_empty();
+            let of_sweep = !before.failing.is_empty()
+                && before.failing.iter().all(Failing::is_of_sweep)
+                && point.failing.is_empty();
             if of_sweep || severity(&point.failing) < severity(&before.failing) {
                 points[slot] = point;
                 self.lines[slot] = line;
@@ -100,7 +144,10 @@ impl Executor<'_> {
     }
 
     fn gate(&self) -> Option<Quality> {
-        self.experiment.multisine.as_ref().and_then(|multisine| multisine.quality)
+        self.experiment
+            .multisine
+            .as_ref()
+            .and_then(|multisine| multisine.quality)
     }
 
     fn afford_band(&self, quality: &Quality, band: &Band) -> bool {

@@ -1,4 +1,5 @@
-//! What a person wants of a run that is going on, between two points of it: to wait without any current, or to end.
+//! What a person wants of a run that is going on, between two points of it: to wait without any
+//! current, or to end.
 
 use instruments::{clock::TimeMode, mock::plant::Fixture};
 
@@ -16,8 +17,13 @@ const PAUSE_POLL_S: f64 = 5.0;
 const PERSON_POLL_S: f64 = 1.0;
 
 impl Executor<'_> {
-    /// Waits as long as that is wanted, with every output off; what was powered before is powered again afterwards.
-    pub(super) async fn heed(&mut self, stage: &Stage, (step, fixture): (usize, Fixture)) -> Result<(), ExecuteError> {
+    /// Waits as long as that is wanted, with every output off; what was powered before is powered
+    /// again afterwards.
+    pub(super) async fn heed(
+        &mut self,
+        stage: &Stage,
+        (step, fixture): (usize, Fixture),
+    ) -> Result<(), ExecuteError> {
         self.ends_early = stage.steps.get(step).is_some_and(Step::ends_early);
         if self.clock.mode() == TimeMode::Virtual || !self.paused(false)? {
             return Ok(());
@@ -25,22 +31,33 @@ impl Executor<'_> {
         let since_s = self.clock.now_s();
         self.wait_without_current(fixture).await?;
         if step > 0 && matches!(stage.purpose, Purpose::OcvSoc) {
-            let text = format!("paused for {:.0} s between two legs: the curve has a rest there", self.clock.now_s() - since_s);
+            let text = format!(
+                "paused for {:.0} s between two legs: the curve has a rest there",
+                self.clock.now_s() - since_s
+            );
             self.recorder.warning(&self.of_run(&text));
         }
         let before = stage.steps.get(..step).unwrap_or_default();
-        let power = before.iter().rev().find(|step| matches!(step, Step::PowerUp { .. } | Step::PowerDown));
+        let power = before
+            .iter()
+            .rev()
+            .find(|step| matches!(step, Step::PowerUp { .. } | Step::PowerDown));
         if let Some(power @ Step::PowerUp { .. }) = power {
-            self.interlock.begin(self.allowance(fixture, power), self.clock.machine_s());
+            self.interlock
+                .begin(self.allowance(fixture, power), self.clock.machine_s());
             self.power(fixture, power).await?;
         }
         Ok(())
     }
 
-    /// Ends the run on request in the middle of a step of which nothing is kept but its end, looking a few times a minute.
+    /// Ends the run on request in the middle of a step of which nothing is kept but its end,
+    /// looking a few times a minute.
     pub(super) fn heed_within(&mut self) -> Result<(), ExecuteError> {
         let now_s = self.clock.now_s();
-        if !self.ends_early || self.clock.mode() == TimeMode::Virtual || now_s - self.heeded_s < PAUSE_POLL_S {
+        if !self.ends_early
+            || self.clock.mode() == TimeMode::Virtual
+            || now_s - self.heeded_s < PAUSE_POLL_S
+        {
             return Ok(());
         }
         self.heeded_s = now_s;
@@ -48,13 +65,18 @@ impl Executor<'_> {
         self.paused(false).map(|_| ())
     }
 
-    /// Ends the run on request before a point is measured again; a pause waits for the end of the step.
+    /// Ends the run on request before a point is measured again; a pause waits for the end of the
+    /// step.
     pub(super) fn heed_abort(&self) -> Result<(), ExecuteError> {
-        if self.clock.mode() == TimeMode::Virtual { Ok(()) } else { self.paused(false).map(|_| ()) }
+        if self.clock.mode() == TimeMode::Virtual {
+            Ok(())
+        } else {
+            self.paused(false).map(|_| ())
+        }
     }
 
-    /// Waits for a request to end while a person changes the fixture, with every output off: without end where none comes, for a person may take as long as
-    /// that takes.
+    /// Waits for a request to end while a person changes the fixture, with every output off:
+    /// without end where none comes, for a person may take as long as that takes.
     pub(super) async fn asked_to_end(&self) -> ExecuteError {
         loop {
             if self.clock.mode() == TimeMode::Virtual {
@@ -69,13 +91,21 @@ impl Executor<'_> {
     }
 
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        // What is begun again afterwards is written down again, and told to the scope again: a person may have been at its panel.
+        // What is begun again afterwards is written down again, and told to the scope again: a
+        // person may have been at its panel.
         (self.announced, self.ahead, self.armed) = (None, None, None);
-        self.bench.made_safe().await.map_err(crate::bench::BenchError::from)?;
+        self.bench
+            .made_safe()
+            .await
+            .map_err(crate::bench::BenchError::from)?;
         self.recorder.journal(Entry::Safe)?;
         self.recorder.journal(Entry::Paused)?;
-        self.recorder.event(Event::Request, "paused on request: every output is off")?;
-        self.progress.say("paused on request: every output is off; `eis-bench go-on` with the run folder lets it go on");
+        self.recorder
+            .event(Event::Request, "paused on request: every output is off")?;
+        self.progress.say(
+            "paused on request: every output is off; `eis-bench go-on` with the run \
+        folder lets it go on",
+        );
         let nothing = self.allowance(fixture, &Step::Pause { span_s: 0.0 });
         self.interlock.begin(nothing, self.clock.machine_s());
         while self.paused(true)? {

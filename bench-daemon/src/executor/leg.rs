@@ -1,4 +1,5 @@
-//! Legs of direct current or of rest: load or supply as for a discharge and a charge, every reading judged, and kept with the charge that has flowed.
+//! Legs of direct current or of rest: load or supply as for a discharge and a charge, every reading
+//! judged, and kept with the charge that has flowed.
 
 use analysis::dataset::LegRow;
 use instruments::{
@@ -36,7 +37,11 @@ pub(super) struct Legs {
 impl Executor<'_> {
     pub(super) async fn leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
         if self.legs.log != Some(leg.log) {
-            self.legs = Legs { log: Some(leg.log), start_s: self.clock.now_s(), ..Legs::default() };
+            self.legs = Legs {
+                log: Some(leg.log),
+                start_s: self.clock.now_s(),
+                ..Legs::default()
+            };
             self.last_c = self.cell_temperature().await?;
         }
         match leg.flow {
@@ -49,43 +54,80 @@ impl Executor<'_> {
     }
 
     async fn discharge_leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
-        let Flow::Discharge { current_a, until_v, charge_c } = leg.flow else { return Ok(()) };
+        let Flow::Discharge {
+            current_a,
+            until_v,
+            charge_c,
+        } = leg.flow
+        else {
+            return Ok(());
+        };
         if self.idle_volts("discharge").await? <= until_v {
             tracing::info!("already below {until_v} V: nothing to discharge");
             return Ok(());
         }
-        // As for any discharge: the load's own end lies below the daemon's, and not below the cell's limit.
+        // As for any discharge: the load's own end lies below the daemon's, and not below the
+        // cell's limit.
         let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
         let error = self.bench.error("load");
         let load = require(&mut self.bench.load, "load")?;
-        load.prepare(&Discharge { draw: Draw::Current(Amps(current_a)), stop_below }).await.map_err(&error)?;
+        load.prepare(&Discharge {
+            draw: Draw::Current(Amps(current_a)),
+            stop_below,
+        })
+        .await
+        .map_err(&error)?;
         load.energise().await.map_err(&error)?;
         let (start_s, from_c) = (self.clock.now_s(), self.legs.charge_c);
         let mut last_s = start_s;
         for poll in 1.. {
             self.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.load_volts().await?;
-            self.keep("discharge", &mut last_s, (volts, -drawn_a)).await?;
-            if volts <= until_v || charge_c.is_some_and(|charge_c| from_c - self.legs.charge_c >= charge_c) {
+            self.keep("discharge", &mut last_s, (volts, -drawn_a))
+                .await?;
+            if volts <= until_v
+                || charge_c.is_some_and(|charge_c| from_c - self.legs.charge_c >= charge_c)
+            {
                 break;
             }
-            self.explained(follows("load", poll, current_a, drawn_a)).await?;
-            bound(leg, last_s - start_s, leg.max_s, || format!("the cell is at {volts:.3} V"))?;
+            self.explained(follows("load", poll, current_a, drawn_a))
+                .await?;
+            bound(leg, last_s - start_s, leg.max_s, || {
+                format!("the cell is at {volts:.3} V")
+            })?;
         }
-        Ok(require(&mut self.bench.load, "load")?.safe().await.map_err(error)?)
+        Ok(require(&mut self.bench.load, "load")?
+            .safe()
+            .await
+            .map_err(error)?)
     }
 
-    /// The supply has no sense leads: what its leads drop only keeps the cell further below the limit, and the less the current, the less the drop. The
-    /// load's voltmeter judges the cell itself.
+    /// The supply has no sense leads: what its leads drop only keeps the cell further below the
+    /// limit, and the less the current, the less the drop. The load's voltmeter judges the cell
+    /// itself.
     async fn charge_leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
-        let Flow::Charge { current_a, limit_v, cut_off_a, charge_c } = leg.flow else { return Ok(()) };
+        let Flow::Charge {
+            current_a,
+            limit_v,
+            cut_off_a,
+            charge_c,
+        } = leg.flow
+        else {
+            return Ok(());
+        };
         if self.idle_volts("charge").await? >= limit_v {
             tracing::info!("already at {limit_v} V: nothing to charge");
             return Ok(());
         }
         let error = self.bench.error("supply");
         let supply = require(&mut self.bench.supply, "supply")?;
-        supply.prepare(&Charge { voltage: Volts(limit_v), current: Amps(current_a) }).await.map_err(&error)?;
+        supply
+            .prepare(&Charge {
+                voltage: Volts(limit_v),
+                current: Amps(current_a),
+            })
+            .await
+            .map_err(&error)?;
         supply.energise().await.map_err(&error)?;
         let (start_s, from_c) = (self.clock.now_s(), self.legs.charge_c);
         let mut last_s = start_s;
@@ -93,7 +135,10 @@ impl Executor<'_> {
             self.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.load_volts().await?;
             self.no_current(LOAD_CURRENT, drawn_a)?;
-            let (terminal, fed) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(&error)?;
+            let (terminal, fed) = require(&mut self.bench.supply, "supply")?
+                .measure()
+                .await
+                .map_err(&error)?;
             let fed_a = fed.value();
             self.keep("charge", &mut last_s, (volts, fed_a)).await?;
             self.agree_with_charger(terminal.value(), (volts, fed_a))?;
@@ -102,11 +147,17 @@ impl Executor<'_> {
                 break;
             }
             if volts < limit_v - NEAR_LIMIT_V {
-                self.explained(follows("supply", poll, current_a, fed_a)).await?;
+                self.explained(follows("supply", poll, current_a, fed_a))
+                    .await?;
             }
-            bound(leg, last_s - start_s, leg.max_s, || format!("the cell is at {volts:.3} V and takes {fed_a:.3} A"))?;
+            bound(leg, last_s - start_s, leg.max_s, || {
+                format!("the cell is at {volts:.3} V and takes {fed_a:.3} A")
+            })?;
         }
-        Ok(require(&mut self.bench.supply, "supply")?.safe().await.map_err(error)?)
+        Ok(require(&mut self.bench.supply, "supply")?
+            .safe()
+            .await
+            .map_err(error)?)
     }
 
     async fn rest_leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
@@ -116,10 +167,20 @@ impl Executor<'_> {
             self.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.load_volts().await?;
             let error = self.bench.error("supply");
-            let fed_a = require(&mut self.bench.supply, "supply")?.measure().await.map_err(error)?.1.value();
+            let fed_a = require(&mut self.bench.supply, "supply")?
+                .measure()
+                .await
+                .map_err(error)?
+                .1
+                .value();
             let time_s = self.clock.now_s();
             let temperature_c = self.temperature_now_and_then().await?;
-            let reading = Reading { time_s, voltage_v: Some(volts), current_a: Some(fed_a - drawn_a), temperature_c };
+            let reading = Reading {
+                time_s,
+                voltage_v: Some(volts),
+                current_a: Some(fed_a - drawn_a),
+                temperature_c,
+            };
             self.judge("rest", reading)?;
             self.idle_meters(drawn_a, fed_a).await?;
             last_s = time_s;
@@ -130,13 +191,31 @@ impl Executor<'_> {
     }
 
     /// Judges a reading, counts its charge since the last and keeps it. `amps` charge positive.
-    async fn keep(&mut self, phase: &str, last_s: &mut f64, (volts, amps): (f64, f64)) -> Result<(), ExecuteError> {
+    async fn keep(
+        &mut self,
+        phase: &str,
+        last_s: &mut f64,
+        (volts, amps): (f64, f64),
+    ) -> Result<(), ExecuteError> {
         let time_s = self.clock.now_s();
         let temperature_c = self.temperature_now_and_then().await?;
-        self.judge(phase, Reading { time_s, voltage_v: Some(volts), current_a: Some(amps), temperature_c })?;
+        self.judge(
+            phase,
+            Reading {
+                time_s,
+                voltage_v: Some(volts),
+                current_a: Some(amps),
+                temperature_c,
+            },
+        )?;
         self.look_back().await?;
         // A charge reads the load too, as a voltmeter.
-        self.others_off(if amps < 0.0 { &["load"] } else { &["load", "supply"] }).await?;
+        self.others_off(if amps < 0.0 {
+            &["load"]
+        } else {
+            &["load", "supply"]
+        })
+        .await?;
         self.legs.charge_c += amps * (time_s - *last_s);
         *last_s = time_s;
         self.push(time_s, (volts, amps));
@@ -146,6 +225,12 @@ impl Executor<'_> {
     fn push(&mut self, time_s: f64, (voltage_v, current_a): (f64, f64)) {
         let temperature_c = self.last_c.unwrap_or(f64::NAN);
         let (time_s, charge_c) = (time_s - self.legs.start_s, self.legs.charge_c);
-        self.legs.rows.push(LegRow { time_s, current_a, voltage_v, temperature_c, charge_c });
+        self.legs.rows.push(LegRow {
+            time_s,
+            current_a,
+            voltage_v,
+            temperature_c,
+            charge_c,
+        });
     }
 }

@@ -1,5 +1,7 @@
-//! A trace through DC load and DC supply: the load draws what is negative, at constant current or constant power, the supply charges what is positive; where
-//! nothing is to flow both are off. Their own meters record, just before a step, just after it and every second between: a row is as late as its reading.
+//! A trace through DC load and DC supply: the load draws what is negative, at constant current or
+//! constant power, the supply charges what is positive; where nothing is to flow both are off.
+//! Their own meters record, just before a step, just after it and every second between: a row is as
+//! late as its reading.
 
 use analysis::dataset::TraceRow;
 use instruments::{
@@ -55,24 +57,48 @@ struct Work<'a> {
 }
 
 impl Executor<'_> {
-    pub(super) async fn load_and_supply(&mut self, trace: &TracePlan, zero: Zero) -> Result<(), ExecuteError> {
-        let nothing = Level { at_s: 0.0, current_a: 0.0, power_w: None };
+    pub(super) async fn load_and_supply(
+        &mut self,
+        trace: &TracePlan,
+        zero: Zero,
+    ) -> Result<(), ExecuteError> {
+        let nothing = Level {
+            at_s: 0.0,
+            current_a: 0.0,
+            power_w: None,
+        };
         let squares = [zero.scatter.1.powi(2), zero.scatter.0.powi(2)];
-        let recorded = Recorded { frames: 1, squares, ..Recorded::default() };
-        let mut work = Work { trace, origin_s: 0.0, flowing: Flowing::Nothing, power: None, level: nothing, polls: 0, recorded };
+        let recorded = Recorded {
+            frames: 1,
+            squares,
+            ..Recorded::default()
+        };
+        let mut work = Work {
+            trace,
+            origin_s: 0.0,
+            flowing: Flowing::Nothing,
+            power: None,
+            level: nothing,
+            polls: 0,
+            recorded,
+        };
         self.ready(&mut work).await?;
         work.origin_s = self.clock.now_s();
         self.metered_row(&mut work).await?;
         for level in &trace.levels {
             self.read_until(&mut work, level.at_s).await?;
-            work.recorded.steps_s.push(self.clock.now_s() - work.origin_s);
+            work.recorded
+                .steps_s
+                .push(self.clock.now_s() - work.origin_s);
             self.flow(&mut work, *level).await?;
             self.metered_row(&mut work).await?;
         }
         let end_s = trace.end_s.max(self.clock.now_s() - work.origin_s + POLL_S);
         self.read_until(&mut work, end_s).await?;
         self.metered_row(&mut work).await?;
-        let Work { origin_s, recorded, .. } = work;
+        let Work {
+            origin_s, recorded, ..
+        } = work;
         self.finish_trace(trace, &zero, (origin_s, recorded, None))
     }
 
@@ -85,23 +111,39 @@ impl Executor<'_> {
         if greatest_a > 0.0 {
             let voltage = Volts(self.experiment.cell.limits.max_v - BELOW_GREATEST_V);
             let error = self.bench.error("supply");
-            let charge = Charge { voltage, current: Amps(greatest_a) };
-            require(&mut self.bench.supply, "supply")?.prepare(&charge).await.map_err(error)?;
+            let charge = Charge {
+                voltage,
+                current: Amps(greatest_a),
+            };
+            require(&mut self.bench.supply, "supply")?
+                .prepare(&charge)
+                .await
+                .map_err(error)?;
         }
         Ok(())
     }
 
     async fn prepare_load(&mut self, work: &mut Work<'_>, power: bool) -> Result<(), ExecuteError> {
-        let greatest =
-            |of: fn(&Level) -> Option<f64>| work.trace.levels.iter().filter_map(of).fold(0.0, |most: f64, value| most.max(-value));
+        let greatest = |of: fn(&Level) -> Option<f64>| {
+            work.trace
+                .levels
+                .iter()
+                .filter_map(of)
+                .fold(0.0, |most: f64, value| most.max(-value))
+        };
         let draw = if power {
             Draw::Power(Watts(greatest(|level| level.power_w)))
         } else {
-            Draw::Current(Amps(greatest(|level| level.power_w.is_none().then_some(level.current_a))))
+            Draw::Current(Amps(greatest(|level| {
+                level.power_w.is_none().then_some(level.current_a)
+            })))
         };
         let error = self.bench.error("load");
         let stop_below = Volts(self.experiment.cell.limits.min_v);
-        require(&mut self.bench.load, "load")?.prepare(&Discharge { draw, stop_below }).await.map_err(error)?;
+        require(&mut self.bench.load, "load")?
+            .prepare(&Discharge { draw, stop_below })
+            .await
+            .map_err(error)?;
         work.power = Some(power);
         Ok(())
     }
@@ -123,7 +165,11 @@ impl Executor<'_> {
                 if work.power != Some(power) {
                     self.prepare_load(work, power).await?;
                 }
-                let draw = level.power_w.map_or(Draw::Current(Amps(-level.current_a)), |watts| Draw::Power(Watts(-watts)));
+                let draw = level
+                    .power_w
+                    .map_or(Draw::Current(Amps(-level.current_a)), |watts| {
+                        Draw::Power(Watts(-watts))
+                    });
                 let error = self.bench.error("load");
                 let load = require(&mut self.bench.load, "load")?;
                 load.level(draw).await.map_err(&error)?;
@@ -132,14 +178,21 @@ impl Executor<'_> {
                 }
             }
             Flowing::Supply => {
-                let amps = if power { level.at_a(self.load_volts().await?.0) } else { level.current_a };
+                let amps = if power {
+                    level.at_a(self.load_volts().await?.0)
+                } else {
+                    level.current_a
+                };
                 let error = self.bench.error("supply");
                 let supply = require(&mut self.bench.supply, "supply")?;
                 supply.level(Amps(amps)).await.map_err(&error)?;
                 if work.flowing != wanted {
                     supply.energise().await.map_err(error)?;
                 }
-                work.level = Level { current_a: amps, ..level };
+                work.level = Level {
+                    current_a: amps,
+                    ..level
+                };
             }
         }
         if wanted != Flowing::Supply {
@@ -154,11 +207,17 @@ impl Executor<'_> {
             Flowing::Nothing => Ok(()),
             Flowing::Load { .. } => {
                 let error = self.bench.error("load");
-                Ok(require(&mut self.bench.load, "load")?.safe().await.map_err(error)?)
+                Ok(require(&mut self.bench.load, "load")?
+                    .safe()
+                    .await
+                    .map_err(error)?)
             }
             Flowing::Supply => {
                 let error = self.bench.error("supply");
-                Ok(require(&mut self.bench.supply, "supply")?.safe().await.map_err(error)?)
+                Ok(require(&mut self.bench.supply, "supply")?
+                    .safe()
+                    .await
+                    .map_err(error)?)
             }
         }
     }
@@ -170,15 +229,20 @@ impl Executor<'_> {
             self.clock.sleep_s(POLL_S).await;
             self.metered_row(work).await?;
         }
-        self.clock.sleep_s((until_s - READING_S - self.clock.now_s()).max(0.0)).await;
+        self.clock
+            .sleep_s((until_s - READING_S - self.clock.now_s()).max(0.0))
+            .await;
         // However short the step was, it is judged once.
         work.polls = work.polls.max(RISE_POLLS - 1);
         self.metered_row(work).await?;
-        self.clock.sleep_s((until_s - self.clock.now_s()).max(0.0)).await;
+        self.clock
+            .sleep_s((until_s - self.clock.now_s()).max(0.0))
+            .await;
         Ok(())
     }
 
-    /// One reading, judged, held against what was commanded, and kept. The supply has no sense leads: the load's see the cell itself.
+    /// One reading, judged, held against what was commanded, and kept. The supply has no sense
+    /// leads: the load's see the cell itself.
     async fn metered_row(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
         let temperature_c = self.temperature_now_and_then().await?;
         let began_s = self.clock.now_s();
@@ -190,14 +254,29 @@ impl Executor<'_> {
             Flowing::Load { .. } => -drawn_a,
             Flowing::Supply => {
                 let error = self.bench.error("supply");
-                let (terminal, fed) = require(&mut self.bench.supply, "supply")?.measure().await.map_err(error)?;
+                let (terminal, fed) = require(&mut self.bench.supply, "supply")?
+                    .measure()
+                    .await
+                    .map_err(error)?;
                 terminal_v = Some(terminal.value());
                 fed.value()
             }
         };
         let now_s = self.clock.now_s();
-        let shown_a = if work.flowing == Flowing::Nothing { -drawn_a } else { current_a };
-        self.judge("trace", Reading { time_s: now_s, voltage_v: Some(volts), current_a: Some(shown_a), temperature_c })?;
+        let shown_a = if work.flowing == Flowing::Nothing {
+            -drawn_a
+        } else {
+            current_a
+        };
+        self.judge(
+            "trace",
+            Reading {
+                time_s: now_s,
+                voltage_v: Some(volts),
+                current_a: Some(shown_a),
+                temperature_c,
+            },
+        )?;
         work.polls += 1;
         // The first reading may still see what was before the step.
         if let Some(terminal_v) = terminal_v.filter(|_| work.polls >= 2) {
@@ -207,23 +286,44 @@ impl Executor<'_> {
         match work.flowing {
             Flowing::Nothing => {}
             Flowing::Load { .. } => {
-                let asked_a = work.level.power_w.map_or(-work.level.current_a, |watts| -watts / volts);
-                self.explained(follows("load", work.polls, asked_a, drawn_a)).await?;
+                let asked_a = work
+                    .level
+                    .power_w
+                    .map_or(-work.level.current_a, |watts| -watts / volts);
+                self.explained(follows("load", work.polls, asked_a, drawn_a))
+                    .await?;
             }
             Flowing::Supply => {
                 if volts < self.experiment.cell.limits.max_v - BELOW_GREATEST_V - NEAR_LIMIT_V {
-                    self.explained(follows("supply", work.polls, work.level.current_a, current_a)).await?;
+                    self.explained(follows(
+                        "supply",
+                        work.polls,
+                        work.level.current_a,
+                        current_a,
+                    ))
+                    .await?;
                 }
             }
         }
         // What the leads drop is not the cell's.
         let voltage_v = volts - work.trace.lead_ohm * current_a;
-        let (time_s, temperature_c) = (0.5 * (began_s + now_s) - work.origin_s, self.last_c.unwrap_or(f64::NAN));
-        work.recorded.rows.push(TraceRow { time_s, current_a, voltage_v, temperature_c, samples: ONE, averaged_s: (time_s, time_s) });
+        let (time_s, temperature_c) = (
+            0.5 * (began_s + now_s) - work.origin_s,
+            self.last_c.unwrap_or(f64::NAN),
+        );
+        work.recorded.rows.push(TraceRow {
+            time_s,
+            current_a,
+            voltage_v,
+            temperature_c,
+            samples: ONE,
+            averaged_s: (time_s, time_s),
+        });
         Ok(())
     }
 
-    /// What is switched off must carry nothing: judged from the second reading after a step on, for the first may still see what was before.
+    /// What is switched off must carry nothing: judged from the second reading after a step on, for
+    /// the first may still see what was before.
     async fn nothing_else(&mut self, work: &Work<'_>, drawn_a: f64) -> Result<(), ExecuteError> {
         if work.polls < 2 {
             return Ok(());
@@ -231,6 +331,11 @@ impl Executor<'_> {
         if !matches!(work.flowing, Flowing::Load { .. }) {
             self.no_current(LOAD_CURRENT, drawn_a)?;
         }
-        self.others_off(if work.flowing == Flowing::Supply { &["load", "supply"] } else { &["load"] }).await
+        self.others_off(if work.flowing == Flowing::Supply {
+            &["load", "supply"]
+        } else {
+            &["load"]
+        })
+        .await
     }
 }

@@ -1,7 +1,10 @@
-//! One band of a multisine: the wave goes into the generator, the scope rolls over whole periods of it, the record becomes one point per line.
+//! One band of a multisine: the wave goes into the generator, the scope rolls over whole periods of
+//! it, the record becomes one point per line.
 
 use analysis::{
-    multisine::{Line, MultisineFit, analyse, analyse_played, clock_offset, nonlinear, with_distortion},
+    multisine::{
+        Line, MultisineFit, analyse, analyse_played, clock_offset, nonlinear, with_distortion,
+    },
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
 use instruments::{
@@ -11,7 +14,9 @@ use instruments::{
     units::{Hertz, Seconds, Volts},
 };
 
-use super::{Beside, ExecuteError, Executor, SweepPoint, burst::MOST_LONGER, crest::Drawn, require};
+use super::{
+    Beside, ExecuteError, Executor, SweepPoint, burst::MOST_LONGER, crest::Drawn, require,
+};
 use crate::{
     plan::{Band, MAX_RANGING},
     quality::Measures,
@@ -24,7 +29,8 @@ const FILL_S: f64 = 0.05;
 const OUT_OF_REACH_DIV: f64 = 4.0;
 /// Standard deviations from which on clocks differ.
 const CERTAIN: f64 = 5.0;
-/// A turn of the fastest line over the record that is said, and one that is refused, rad: 0.3 rad leak about two per mille of a line into the next but one.
+/// A turn of the fastest line over the record that is said, and one that is refused, rad: 0.3 rad
+/// leak about two per mille of a line into the next but one.
 const NOTED_TURN_RAD: f64 = 0.02;
 const GREATEST_TURN_RAD: f64 = 0.3;
 /// How far the current of a line may be from its command, as a share.
@@ -40,75 +46,127 @@ pub(crate) struct BandFit {
 
 impl BandFit {
     fn of(fit: &MultisineFit) -> Self {
-        Self { phasors: with_distortion(fit), lines: nonlinear(fit) }
+        Self {
+            phasors: with_distortion(fit),
+            lines: nonlinear(fit),
+        }
     }
 }
 
 /// What the file of a band's record is called, by the number of the attempt, from 0.
 pub(crate) fn capture_name(band: &Band, attempt: usize) -> String {
-    if attempt == 0 { format!("band{}", band.number) } else { format!("band{}_again{attempt}", band.number) }
+    if attempt == 0 {
+        format!("band{}", band.number)
+    } else {
+        format!("band{}_again{attempt}", band.number)
+    }
 }
 
-/// A record of one band, in volts, to its lines. Pure: what was recorded years ago gives the same lines.
+/// A record of one band, in volts, to its lines. Pure: what was recorded years ago gives the same
+/// lines.
 ///
 /// # Errors
 /// A record that cannot be analysed.
-pub(crate) fn fit_band(band: &Band, channels: [&[f64]; 4], interval_s: f64) -> Result<BandFit, ExecuteError> {
+pub(crate) fn fit_band(
+    band: &Band,
+    channels: [&[f64]; 4],
+    interval_s: f64,
+) -> Result<BandFit, ExecuteError> {
     fit_of(band, channels, interval_s).map(|fit| BandFit::of(&fit))
 }
 
-fn fit_of(band: &Band, channels: [&[f64]; 4], interval_s: f64) -> Result<MultisineFit, ExecuteError> {
-    analyse_played(channels, interval_s, (band.base_hz, &band.design.harmonics), band.steps).map_err(|error| failed(band, error))
+fn fit_of(
+    band: &Band,
+    channels: [&[f64]; 4],
+    interval_s: f64,
+) -> Result<MultisineFit, ExecuteError> {
+    analyse_played(
+        channels,
+        interval_s,
+        (band.base_hz, &band.design.harmonics),
+        band.steps,
+    )
+    .map_err(|error| failed(band, error))
 }
 
 impl Executor<'_> {
-    /// Drives and records one band, `first` of the lines of others before it, `taken` records of it there already; a point per line, and what each line says of noise
-    /// and distortion.
-    pub(super) async fn multisine(&mut self, band: &Band, (first, taken): (usize, usize)) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
+    /// Drives and records one band, `first` of the lines of others before it, `taken` records of it
+    /// there already; a point per line, and what each line says of noise and distortion.
+    pub(super) async fn multisine(
+        &mut self,
+        band: &Band,
+        (first, taken): (usize, usize),
+    ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
         self.headroom(Fixture::Cell, (band.base_hz, band.peak_a))?;
         self.play_wave(band).await?;
         let scope = require(&mut self.bench.scope, "scope")?.capabilities();
         if self.verticals[0].is_none() {
-            self.first_ranges(Fixture::Cell, band.peak_a, &scope).await?;
+            self.first_ranges(Fixture::Cell, band.peak_a, &scope)
+                .await?;
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
             let waveforms = self.settled_roll(band, (attempt, taken)).await?;
-            let drawn = Drawn { waveforms: &waveforms, freq_hz: band.base_hz, amplitude_a: band.peak_a };
+            let drawn = Drawn {
+                waveforms: &waveforms,
+                freq_hz: band.base_hz,
+                amplitude_a: band.peak_a,
+            };
             self.crest(Fixture::Cell, &drawn).await?;
             let ranged = self.range_again(&waveforms, &scope);
-            let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
+            let clipped = waveforms
+                .iter()
+                .any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {
                 warnings.extend(ranged);
                 return self.lines(band, &waveforms, (first, taken + attempt + 1, warnings));
             }
             warnings.push(format!("measured again: {}", ranged.join("; ")));
         }
-        Err(failed(band, format!("a channel still clips after {MAX_RANGING} changes of range")))
+        Err(failed(
+            band,
+            format!("a channel still clips after {MAX_RANGING} changes of range"),
+        ))
     }
 
     /// One record of the settled wave, which begins anew where it would have ended meanwhile.
-    async fn settled_roll(&mut self, band: &Band, (attempt, taken): (usize, usize)) -> Result<[Waveform; 4], ExecuteError> {
+    async fn settled_roll(
+        &mut self,
+        band: &Band,
+        (attempt, taken): (usize, usize),
+    ) -> Result<[Waveform; 4], ExecuteError> {
         let needed_s = band.settle_s + band.span_s + FILL_S;
         for longer in 0..=MOST_LONGER {
             // What has no end plays on, and has settled.
             if attempt + longer == 0 || self.burst.ends_s.is_finite() {
                 self.begin_signal(band.base_hz, needed_s).await?;
-                self.wait_watching(band.settle_s, ("sine", Fixture::Cell)).await?;
+                self.wait_watching(band.settle_s, ("sine", Fixture::Cell))
+                    .await?;
             }
             if let Some(waveforms) = self.roll(band, taken + attempt).await? {
                 return Ok(waveforms);
             }
         }
-        Err(failed(band, "the generator's burst ends before the record does"))
+        Err(failed(
+            band,
+            "the generator's burst ends before the record does",
+        ))
     }
 
     async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let volts = (Volts(band.peak_a * volts_per_amp * wiring.command_trim), Volts(wiring.command_offset_v));
-        let wave = Wave::named("eis", band.design.samples(band.steps), Hertz(band.base_hz), volts);
+        let volts = (
+            Volts(band.peak_a * volts_per_amp * wiring.command_trim),
+            Volts(wiring.command_offset_v),
+        );
+        let wave = Wave::named(
+            "eis",
+            band.design.samples(band.steps),
+            Hertz(band.base_hz),
+            volts,
+        );
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.generator, "generator")?;
         // A wave is loaded while the least sine plays, never under a current.
@@ -118,16 +176,27 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// One screen of whole periods, on disk when this returns; none where the signal has ended, or would end, before it does.
-    async fn roll(&mut self, band: &Band, attempt: usize) -> Result<Option<[Waveform; 4]>, ExecuteError> {
+    /// One screen of whole periods, on disk when this returns; none where the signal has ended, or
+    /// would end, before it does.
+    async fn roll(
+        &mut self,
+        band: &Band,
+        attempt: usize,
+    ) -> Result<Option<[Waveform; 4]>, ExecuteError> {
         self.apply_verticals().await?;
         let error = self.bench.error("scope");
-        let level = Volts(OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()));
+        let level = Volts(
+            OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
+        );
         let scope = require(&mut self.bench.scope, "scope")?;
         let per_div = scope.capabilities().time_per_div(Seconds(band.span_s));
         let memory_points = band.memory_points;
-        let intents =
-            [Intent::Session { memory_points }, Intent::Timebase(per_div), Intent::Trigger(Trigger { channel: 2, level }), Intent::Roll];
+        let intents = [
+            Intent::Session { memory_points },
+            Intent::Timebase(per_div),
+            Intent::Trigger(Trigger { channel: 2, level }),
+            Intent::Roll,
+        ];
         for intent in intents {
             scope.set(&intent).await.map_err(&error)?;
         }
@@ -135,22 +204,42 @@ impl Executor<'_> {
         if self.falls_short(self.clock.now_s() + band.span_s + FILL_S) {
             return Ok(None);
         }
-        self.wait_watching(band.span_s + FILL_S, ("sine", Fixture::Cell)).await?;
+        self.wait_watching(band.span_s + FILL_S, ("sine", Fixture::Cell))
+            .await?;
         let end_s = self.clock.now_s();
-        require(&mut self.bench.scope, "scope")?.stop().await.map_err(&error)?;
+        require(&mut self.bench.scope, "scope")?
+            .stop()
+            .await
+            .map_err(&error)?;
         if self.falls_short(self.clock.now_s()) {
             return Ok(None);
         }
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
-            waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, band.record_points).await.map_err(&error)?);
+            waveforms.push(
+                require(&mut self.bench.scope, "scope")?
+                    .download(channel, band.record_points)
+                    .await
+                    .map_err(&error)?,
+            );
             self.watch("multisine", Fixture::Cell).await?;
         }
         self.check_frame(band.base_hz, &waveforms, band.span_s)?;
-        let waveforms: [Waveform; 4] = waveforms.try_into().map_err(|_| failed(band, "not four channels"))?;
-        let label = format!("multisine {} repeat {} attempt {}", band.number, self.repeat, attempt + 1);
+        let waveforms: [Waveform; 4] = waveforms
+            .try_into()
+            .map_err(|_| failed(band, "not four channels"))?;
+        let label = format!(
+            "multisine {} repeat {} attempt {}",
+            band.number,
+            self.repeat,
+            attempt + 1
+        );
         let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
-        self.recorder.write_capture(&format!("multisine_{}", self.repeat), &capture_name(band, attempt), &capture)?;
+        self.recorder.write_capture(
+            &format!("multisine_{}", self.repeat),
+            &capture_name(band, attempt),
+            &capture,
+        )?;
         Ok(Some(waveforms))
     }
 
@@ -162,7 +251,11 @@ impl Executor<'_> {
     ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
         let volts = waveforms.each_ref().map(|waveform| {
             let scale = code_scale(waveform);
-            waveform.codes.iter().map(|code| scale.volts(*code)).collect::<Vec<f64>>()
+            waveform
+                .codes
+                .iter()
+                .map(|code| scale.volts(*code))
+                .collect::<Vec<f64>>()
         });
         let excited = (band.base_hz, band.design.harmonics.as_slice());
         let (channels, interval_s) = (volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s);
@@ -173,15 +266,32 @@ impl Executor<'_> {
         for phasors in &fit.excited {
             self.check_line(phasors, commanded_a)?;
         }
-        let BandFit { phasors, lines: found } = BandFit::of(&fit);
-        let clipped = waveforms.iter().map(Waveform::clipped_share).fold(0.0, f64::max);
+        let BandFit {
+            phasors,
+            lines: found,
+        } = BandFit::of(&fit);
+        let clipped = waveforms
+            .iter()
+            .map(Waveform::clipped_share)
+            .fold(0.0, f64::max);
         let halves = halves(channels, interval_s, excited);
         let measures = |k: usize| {
             let (noise, line) = (noise_share(&fit.excited[k]), &found[k]);
             let repeatability = halves.as_ref().map(|halves| halves[k]);
-            Measures { clipped, noise, distortion: (line.even.max(line.odd), line.sigma), drift: 0.0, repeatability }
+            Measures {
+                clipped,
+                noise,
+                distortion: (line.even.max(line.odd), line.sigma),
+                drift: 0.0,
+                repeatability,
+            }
         };
-        let (time_s, volts_per_div) = (self.clock.now_s(), waveforms.each_ref().map(|waveform| waveform.preamble.volts_per_div));
+        let (time_s, volts_per_div) = (
+            self.clock.now_s(),
+            waveforms
+                .each_ref()
+                .map(|waveform| waveform.preamble.volts_per_div),
+        );
         let point = |(k, phasors): (usize, &ChannelPhasors)| SweepPoint {
             fixture: Fixture::Cell,
             index: first + k,
@@ -198,51 +308,83 @@ impl Executor<'_> {
             measures: measures(k),
             failing: Vec::new(),
         };
-        Ok(phasors.iter().enumerate().map(point).zip(found.iter().copied()).collect())
+        Ok(phasors
+            .iter()
+            .enumerate()
+            .map(point)
+            .zip(found.iter().copied())
+            .collect())
     }
 
-    /// A multisine takes generator and scope to run on one clock. What their clocks differ by turns the fastest line over the record, and lines leak into each
-    /// other: a little is said, much is refused.
-    fn judge_clocks(&self, band: &Band, found: Option<(f64, f64)>) -> Result<Option<String>, ExecuteError> {
-        let Some((offset, sigma)) = found.filter(|(offset, sigma)| offset.abs() > CERTAIN * sigma) else { return Ok(None) };
-        let fastest_hz = band.design.harmonics.last().map_or(0.0, |harmonic| *harmonic as f64 * band.base_hz);
+    /// A multisine takes generator and scope to run on one clock. What their clocks differ by turns
+    /// the fastest line over the record, and lines leak into each other: a little is said, much is
+    /// refused.
+    fn judge_clocks(
+        &self,
+        band: &Band,
+        found: Option<(f64, f64)>,
+    ) -> Result<Option<String>, ExecuteError> {
+        let Some((offset, sigma)) = found.filter(|(offset, sigma)| offset.abs() > CERTAIN * sigma)
+        else {
+            return Ok(None);
+        };
+        let fastest_hz = band
+            .design
+            .harmonics
+            .last()
+            .map_or(0.0, |harmonic| *harmonic as f64 * band.base_hz);
         let turn_rad = std::f64::consts::TAU * fastest_hz * band.span_s * offset.abs();
         let said = format!(
-            "the generator's clock runs {:+.1} ± {:.1} ppm against the scope's: the fastest line turns by {turn_rad:.3} rad over the record",
+            "the generator's clock runs {:+.1} ± {:.1} ppm against the scope's: the fastest line \
+            turns by {turn_rad:.3} rad over the record",
             1.0e6 * offset,
             1.0e6 * sigma
         );
         if turn_rad > GREATEST_TURN_RAD {
             return Err(failed(
                 band,
-                format!("{said}, expected at most {GREATEST_TURN_RAD} rad: connect their 10 MHz references, or shorten the record"),
+                format!(
+                    "{said}, expected at most {GREATEST_TURN_RAD} rad: connect their 10 MHz \
+                    references, or shorten the record"
+                ),
             ));
         }
         Ok((turn_rad > NOTED_TURN_RAD).then_some(said))
     }
 
     fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
-        let met_a = (phasors.volts[1] - phasors.volts[0]).norm() / self.experiment.bench.wiring.shunt.r_ohm;
+        let met_a =
+            (phasors.volts[1] - phasors.volts[0]).norm() / self.experiment.bench.wiring.shunt.r_ohm;
         if (met_a / amplitude_a - 1.0).abs() <= CURRENT_TOLERANCE {
             return Ok(());
         }
         Err(ExecuteError::Disobeyed {
             what: format!("current of the line at {} Hz", phasors.freq_hz),
-            expected: format!("an amplitude of {amplitude_a:.4} A within {:.0} %", 100.0 * CURRENT_TOLERANCE),
+            expected: format!(
+                "an amplitude of {amplitude_a:.4} A within {:.0} %",
+                100.0 * CURRENT_TOLERANCE
+            ),
             met: format!("{met_a:.4} A"),
         })
     }
 }
 
-/// What is said where the record does not have the images of the generator's steps where the rates put them.
+/// What is said where the record does not have the images of the generator's steps where the rates
+/// put them.
 fn judge_images(fit: &MultisineFit) -> Option<String> {
     let proof = fit.proof.filter(analysis::multisine::Proof::contradicts)?;
-    let missing = format!("{} of {} images of the generator's steps are not where the rates put them", proof.missing, proof.predicted);
+    let missing = format!(
+        "{} of {} images of the generator's steps are not where the rates put them",
+        proof.missing, proof.predicted
+    );
     let strange = format!(
-        "{} lines are no images, the strongest at {:.3} Hz with {:.0} standard deviations of the noise",
+        "{} lines are no images, the strongest at {:.3} Hz with {:.0} standard deviations of the \
+        noise",
         proof.strange, proof.strange_hz, proof.strange_sigmas
     );
-    Some(format!("{missing}; {strange}: the images on the measured lines are not known"))
+    Some(format!(
+        "{missing}; {strange}: the images on the measured lines are not known"
+    ))
 }
 
 /// Standard deviation of Z by noise, over |Z|.
@@ -251,24 +393,47 @@ fn noise_share(phasors: &ChannelPhasors) -> f64 {
     (0.5 * (point.covariance.re_re + point.covariance.im_im)).sqrt() / point.magnitude_ohm()
 }
 
-/// For each line the difference of Z between the first and the second half of the record, over |Z|, and what noise makes of it; nothing where a half has too few
-/// periods.
-fn halves(channels: [&[f64]; 4], interval_s: f64, (base_hz, harmonics): (f64, &[usize])) -> Option<Vec<(f64, f64)>> {
+/// For each line the difference of Z between the first and the second half of the record, over |Z|,
+/// and what noise makes of it; nothing where a half has too few periods.
+fn halves(
+    channels: [&[f64]; 4],
+    interval_s: f64,
+    (base_hz, harmonics): (f64, &[usize]),
+) -> Option<Vec<(f64, f64)>> {
     let count = channels[0].len();
     let periods = (count as f64 * interval_s * base_hz).round();
     let length = ((0.5 * periods).floor() / (base_hz * interval_s)).round() as usize;
     let part = |from: usize| {
-        let fit = analyse(channels.map(|samples| &samples[from..from + length]), interval_s, (base_hz, harmonics)).ok()?;
-        Some(fit.excited.iter().map(|phasors| raw_impedance(phasors, 1.0)).collect::<Vec<_>>())
+        let fit = analyse(
+            channels.map(|samples| &samples[from..from + length]),
+            interval_s,
+            (base_hz, harmonics),
+        )
+        .ok()?;
+        Some(
+            fit.excited
+                .iter()
+                .map(|phasors| raw_impedance(phasors, 1.0))
+                .collect::<Vec<_>>(),
+        )
     };
     let (first, second) = (part(0)?, part(count.checked_sub(length)?)?);
     let of = |(a, b): (&ImpedancePoint, &ImpedancePoint)| {
-        let (scale, both) = (0.5 * (a.z_ohm.norm() + b.z_ohm.norm()), a.covariance + b.covariance);
-        ((a.z_ohm - b.z_ohm).norm() / scale, (both.re_re + both.im_im).sqrt() / scale)
+        let (scale, both) = (
+            0.5 * (a.z_ohm.norm() + b.z_ohm.norm()),
+            a.covariance + b.covariance,
+        );
+        (
+            (a.z_ohm - b.z_ohm).norm() / scale,
+            (both.re_re + both.im_im).sqrt() / scale,
+        )
     };
     Some(first.iter().zip(&second).map(of).collect())
 }
 
 fn failed(band: &Band, reason: impl std::fmt::Display) -> ExecuteError {
-    ExecuteError::Signal { freq_hz: band.base_hz, reason: format!("multisine {}: {reason}", band.number) }
+    ExecuteError::Signal {
+        freq_hz: band.base_hz,
+        reason: format!("multisine {}: {reason}", band.number),
+    }
 }

@@ -13,19 +13,40 @@ use crate::{
     record::Event,
 };
 
-/// With its command at zero the bipolar supply may drive this much, A: more is a zero error that wants trimming.
+/// With its command at zero the bipolar supply may drive this much, A: more is a zero error that
+/// wants trimming.
 pub(super) const IDLE_CURRENT_A: f64 = 0.2;
-/// Readings of which the mean is the zero of an ammeter: their noise counts as charge for as long as the sweep lasts.
+/// Readings of which the mean is the zero of an ammeter: their noise counts as charge for as long
+/// as the sweep lasts.
 const ZERO_READINGS: u32 = 4;
-/// With every output off a control shows less than this, V: thermal voltages, and the zero error of a meter. Any cell shows more.
+/// With every output off a control shows less than this, V: thermal voltages, and the zero error of
+/// a meter. Any cell shows more.
 const CONTROL_IDLE_V: f64 = 0.2;
 
 impl Executor<'_> {
-    pub(super) async fn power(&mut self, fixture: Fixture, step: &Step) -> Result<(), ExecuteError> {
-        let Step::PowerUp { compliance_v, limit_a, .. } = *step else { return Ok(()) };
+    pub(super) async fn power(
+        &mut self,
+        fixture: Fixture,
+        step: &Step,
+    ) -> Result<(), ExecuteError> {
+        let Step::PowerUp {
+            compliance_v,
+            limit_a,
+            ..
+        } = *step
+        else {
+            return Ok(());
+        };
         self.powered_a = Some(limit_a);
         (self.first_mean, self.mean_change_a) = (None, 0.0);
-        self.power_up(fixture, &supply4q::Limits { compliance: Volts(compliance_v), current: Amps(limit_a) }).await
+        self.power_up(
+            fixture,
+            &supply4q::Limits {
+                compliance: Volts(compliance_v),
+                current: Amps(limit_a),
+            },
+        )
+        .await
     }
 
     /// A supply that takes no limit of the voltage says what it would go to by itself.
@@ -35,21 +56,32 @@ impl Executor<'_> {
         if supply.capabilities().holds != supply4q::Holds::Nothing {
             return Ok(());
         }
-        let Some(own) = supply.own_limits().await.map_err(error)? else { return Ok(()) };
+        let Some(own) = supply.own_limits().await.map_err(error)? else {
+            return Ok(());
+        };
         let text = format!(
-            "bipolar supply: takes no compliance and no current limit; its own set-point limits are {} V to {} V, {} A to {} A",
+            "bipolar supply: takes no compliance and no current limit; its own set-point limits \
+            are {} V to {} V, {} A to {} A",
             own.volts.0, own.volts.1, own.amps.0, own.amps.1
         );
         self.recorder.event(Event::Bench, &text)?;
-        let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value() || own.amps.1.max(-own.amps.0) > limits.current.value();
+        let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value()
+            || own.amps.1.max(-own.amps.0) > limits.current.value();
         if wider && !self.told {
             self.told = true;
-            self.recorder.warning(&format!("{text}: beyond the limits of this run only the daemon's readings and a fuse hold it"));
+            self.recorder.warning(&format!(
+                "{text}: beyond the limits of this run only the \
+            daemon's readings and a fuse hold it"
+            ));
         }
         Ok(())
     }
 
-    async fn power_up(&mut self, fixture: Fixture, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
+    async fn power_up(
+        &mut self,
+        fixture: Fixture,
+        limits: &supply4q::Limits,
+    ) -> Result<(), ExecuteError> {
         let error = self.bench.error("generator");
         let offset = Volts(self.experiment.bench.wiring.command_offset_v);
         let generator = require(&mut self.bench.generator, "generator")?;
@@ -61,32 +93,56 @@ impl Executor<'_> {
         supply.prepare(limits).await.map_err(&error)?;
         self.tell_own_limits(limits).await?;
         if fixture == Fixture::Cell {
-            // A cell that is missing, reversed, ruined or too hot must not be driven: it is read while the output is still off.
+            // A cell that is missing, reversed, ruined or too hot must not be driven: it is read
+            // while the output is still off.
             let mut reading = self.read_supply4q().await?;
             reading.temperature_c = self.cell_temperature().await?;
             self.idle = reading;
             self.judge("idle", reading)?;
-            let zero_a = self.zero_of_supply(reading.current_a.unwrap_or(0.0)).await?;
+            let zero_a = self
+                .zero_of_supply(reading.current_a.unwrap_or(0.0))
+                .await?;
             self.interlock.zero(zero_a);
         } else {
-            self.refuse_a_cell(&format!("driving the {}", fixture_name(fixture))).await?;
+            self.refuse_a_cell(&format!("driving the {}", fixture_name(fixture)))
+                .await?;
         }
         let scope_error = self.bench.error("scope");
         if let Some(eis) = &self.experiment.eis {
             let scope = require(&mut self.bench.scope, "scope")?;
             // What cannot be thinned out before it is sent is not taken in the first place.
-            let memory_points = if scope.capabilities().thins_out { eis.memory_points } else { eis.record_points };
-            scope.set(&instruments::scope::Intent::Session { memory_points }).await.map_err(scope_error)?;
+            let memory_points = if scope.capabilities().thins_out {
+                eis.memory_points
+            } else {
+                eis.record_points
+            };
+            scope
+                .set(&instruments::scope::Intent::Session { memory_points })
+                .await
+                .map_err(scope_error)?;
             self.memory_points = Some(memory_points);
         }
-        // The generator holds the offset that brings the supply's zero error to zero current before the output goes on.
+        // The generator holds the offset that brings the supply's zero error to zero current before
+        // the output goes on.
         let generator_error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?.output(true).await.map_err(generator_error)?;
+        require(&mut self.bench.generator, "generator")?
+            .output(true)
+            .await
+            .map_err(generator_error)?;
         self.recorder.event(Event::Bench, OUTPUT_ON)?;
-        require(&mut self.bench.supply4q, "supply4q")?.energise().await.map_err(&error)?;
+        require(&mut self.bench.supply4q, "supply4q")?
+            .energise()
+            .await
+            .map_err(&error)?;
         let idle_a = self.watch("idle", fixture).await?.current_a.unwrap_or(0.0);
-        let allowed_a =
-            IDLE_CURRENT_A.min(self.experiment.eis.as_ref().map_or(f64::INFINITY, |eis| 0.5 * eis.amplitude_a)).max(NO_CURRENT_A);
+        let allowed_a = IDLE_CURRENT_A
+            .min(
+                self.experiment
+                    .eis
+                    .as_ref()
+                    .map_or(f64::INFINITY, |eis| 0.5 * eis.amplitude_a),
+            )
+            .max(NO_CURRENT_A);
         if idle_a.abs() > allowed_a {
             return Err(ExecuteError::Disobeyed {
                 what: "bipolar supply with its command at zero".to_owned(),
@@ -97,22 +153,36 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// What the bipolar supply's ammeter shows with its output off, A: the mean of some readings, of which one is there already.
+    /// What the bipolar supply's ammeter shows with its output off, A: the mean of some readings,
+    /// of which one is there already.
     async fn zero_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
         let mut sum_a = first_a;
         for _ in 1..ZERO_READINGS {
             let error = self.bench.error("supply4q");
-            sum_a += require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?.1.value();
+            sum_a += require(&mut self.bench.supply4q, "supply4q")?
+                .measure()
+                .await
+                .map_err(error)?
+                .1
+                .value();
         }
         Ok(sum_a / f64::from(ZERO_READINGS))
     }
 
-    /// Reads the voltage at the jig, every output off, and refuses one that no control has. A reading that is not a number is refused too.
+    /// Reads the voltage at the jig, every output off, and refuses one that no control has. A
+    /// reading that is not a number is refused too.
     pub(super) async fn refuse_a_cell(&mut self, what: &str) -> Result<(), ExecuteError> {
         let reading = self.read_supply4q().await?;
         self.recorder.reading("idle", &reading)?;
         let volts = reading.voltage_v.unwrap_or(f64::NAN);
-        if volts.abs() <= CONTROL_IDLE_V { Ok(()) } else { Err(ExecuteError::CellLeftIn { what: what.to_owned(), volts }) }
+        if volts.abs() <= CONTROL_IDLE_V {
+            Ok(())
+        } else {
+            Err(ExecuteError::CellLeftIn {
+                what: what.to_owned(),
+                volts,
+            })
+        }
     }
 
     pub(super) async fn power_down(&mut self) -> Result<(), ExecuteError> {

@@ -1,5 +1,5 @@
-//! One record of a sinusoid to a point of a sweep. Pure: the same samples give the same point, whether they have just come from the scope or are read
-//! from a run folder, years later.
+//! One record of a sinusoid to a point of a sweep. Pure: the same samples give the same point,
+//! whether they have just come from the scope or are read from a run folder, years later.
 
 use analysis::{
     sine::{self, Channel, Distortion, FitOptions, LeftOut, Note, Record, SineFit},
@@ -15,7 +15,8 @@ use crate::{
 
 /// Fewest periods that a record must hold.
 const MIN_RECORD_PERIODS: f64 = 2.0;
-/// Harmonics that are fitted besides the sinusoid: a cell, a supply or an amplifier driven too far shows in these first.
+/// Harmonics that are fitted besides the sinusoid: a cell, a supply or an amplifier driven too far
+/// shows in these first.
 const HARMONICS: [u32; 2] = [2, 3];
 /// Distortion from which on a point is noted, as a share.
 const MUCH_DISTORTION: f64 = 0.01;
@@ -49,28 +50,51 @@ impl<'a> Taken<'a> {
     /// What the scope has just handed over.
     pub(crate) fn of(waveforms: &'a [Waveform; 4]) -> Self {
         Self {
-            channels: waveforms.each_ref().map(|waveform| Channel::codes(&waveform.codes, code_scale(waveform))),
+            channels: waveforms
+                .each_ref()
+                .map(|waveform| Channel::codes(&waveform.codes, code_scale(waveform))),
             interval_s: waveforms[0].interval_s,
-            volts_per_div: waveforms.each_ref().map(|waveform| waveform.preamble.volts_per_div),
-            lsb_v: waveforms.each_ref().map(|waveform| f64::from(waveform.preamble.code_step) * waveform.preamble.volts_per_code),
+            volts_per_div: waveforms
+                .each_ref()
+                .map(|waveform| waveform.preamble.volts_per_div),
+            lsb_v: waveforms.each_ref().map(|waveform| {
+                f64::from(waveform.preamble.code_step) * waveform.preamble.volts_per_code
+            }),
         }
     }
 }
 
 /// The point that a record gives; what only the run knows of it is left to the caller.
-pub(crate) fn analyse(asked: &Asked, taken: &Taken<'_>, mut warnings: Vec<String>) -> Result<SweepPoint, ExecuteError> {
-    let Asked { fixture, index, freq_hz, mains_hz } = *asked;
+pub(crate) fn analyse(
+    asked: &Asked,
+    taken: &Taken<'_>,
+    mut warnings: Vec<String>,
+) -> Result<SweepPoint, ExecuteError> {
+    let Asked {
+        fixture,
+        index,
+        freq_hz,
+        mains_hz,
+    } = *asked;
     let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
     let interval_s = taken.interval_s;
-    let record = Record { channels: &taken.channels, interval_s };
+    let record = Record {
+        channels: &taken.channels,
+        interval_s,
+    };
     let periods = interval_s * taken.channels[0].len() as f64 * freq_hz;
     // Two clocks differ by parts per million: a screen of two periods may hold a sample less.
     if periods < MIN_RECORD_PERIODS * (1.0 - FREQ_TOLERANCE) {
-        let reason =
-            format!("expected a record of at least {MIN_RECORD_PERIODS} periods, found {periods:.2}: does the scope's time run as ours?");
+        let reason = format!(
+            "expected a record of at least {MIN_RECORD_PERIODS} periods, found {periods:.2}: does \
+            the scope's time run as ours?"
+        );
         return Err(fail(reason));
     }
-    let mut options = FitOptions { harmonics: HARMONICS.to_vec(), ..FitOptions::default() };
+    let mut options = FitOptions {
+        harmonics: HARMONICS.to_vec(),
+        ..FitOptions::default()
+    };
     if fixture == Fixture::Cell {
         // What a change of the frequency has left in it; a control has no memory.
         options.decays_s = sine::relaxations(interval_s * taken.channels[0].len() as f64);
@@ -78,19 +102,36 @@ pub(crate) fn analyse(asked: &Asked, taken: &Taken<'_>, mut warnings: Vec<String
     if let Some(mains_hz) = mains_hz {
         options = options.with_mains(mains_hz, MAINS_ORDERS);
     }
-    let fit = sine::fit_known_frequency(&record, freq_hz, &options).map_err(|error| fail(error.to_string()))?;
-    let free = sine::fit_free_frequency(&record, Some(freq_hz), &options).map_err(|error| fail(error.to_string()))?;
+    let fit = sine::fit_known_frequency(&record, freq_hz, &options)
+        .map_err(|error| fail(error.to_string()))?;
+    let free = sine::fit_free_frequency(&record, Some(freq_hz), &options)
+        .map_err(|error| fail(error.to_string()))?;
     if (free.freq_hz / freq_hz - 1.0).abs() > FREQ_TOLERANCE {
         // A scope that was not triggered may still hold the frame of an earlier point.
-        let reason = format!("a fit with free frequency finds {:.6} Hz in the record: is it an older one?", free.freq_hz);
+        let reason = format!(
+            "a fit with free frequency finds {:.6} Hz in the record: is it an older one?",
+            free.freq_hz
+        );
         return Err(fail(reason));
     }
     warnings.extend(remarks(&fit));
-    let residual_lag1 = fit.channels.iter().map(|channel| channel.residual_lag1).fold(0.0, f64::max);
-    let phasors = ChannelPhasors::from_codes(&fit, taken.lsb_v).map_err(|error| fail(error.to_string()))?;
-    let beside = Beside { relaxed: fit.relaxed, ..beside(&record, freq_hz) };
+    let residual_lag1 = fit
+        .channels
+        .iter()
+        .map(|channel| channel.residual_lag1)
+        .fold(0.0, f64::max);
+    let phasors =
+        ChannelPhasors::from_codes(&fit, taken.lsb_v).map_err(|error| fail(error.to_string()))?;
+    let beside = Beside {
+        relaxed: fit.relaxed,
+        ..beside(&record, freq_hz)
+    };
     warnings.extend(unsteady(&fit, &beside));
-    let clipped = fit.channels.iter().map(|channel| channel.clipped_samples as f64 / fit.samples as f64).fold(0.0, f64::max);
+    let clipped = fit
+        .channels
+        .iter()
+        .map(|channel| channel.clipped_samples as f64 / fit.samples as f64)
+        .fold(0.0, f64::max);
     let measures = measure(&record, (&phasors, &beside), clipped);
     Ok(SweepPoint {
         fixture,
@@ -112,9 +153,16 @@ pub(crate) fn analyse(asked: &Asked, taken: &Taken<'_>, mut warnings: Vec<String
 
 /// A relaxation that the record shows, in words.
 fn unsteady(fit: &SineFit, beside: &Beside) -> Option<String> {
-    let [_, _, low, high] = fit.channels.as_slice() else { return None };
+    let [_, _, low, high] = fit.channels.as_slice() else {
+        return None;
+    };
     let bend = beside.bend.filter(|bend| bend.is_certain())?;
-    let microvolts = 1.0e6 * if fit.relaxed { high.relaxation_v - low.relaxation_v } else { bend.volts };
+    let microvolts = 1.0e6
+        * if fit.relaxed {
+            high.relaxation_v - low.relaxation_v
+        } else {
+            bend.volts
+        };
     // The size by its decade, so that what many records show is said once.
     let least = 10.0_f64.powf(microvolts.abs().log10().floor());
     let fitted = if fit.relaxed {
@@ -122,19 +170,39 @@ fn unsteady(fit: &SineFit, beside: &Beside) -> Option<String> {
     } else {
         "not fitted, for the record is too short: see the drift in its uncertainty"
     };
-    Some(format!("the record is not stationary: the cell's voltage bends by {least} µV to {} µV, {fitted}", 10.0 * least))
+    Some(format!(
+        "the record is not stationary: the cell's voltage bends by {least} µV to {} µV, {fitted}",
+        10.0 * least
+    ))
 }
 
-/// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no news, nor is a mains of less than a period in the
-/// record of a fast sinusoid: there it is drift.
+/// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no
+/// news, nor is a mains of less than a period in the record of a fast sinusoid: there it is drift.
 fn remarks(fit: &SineFit) -> Vec<String> {
-    let known = |note: &&Note| !matches!(note, Note::LeftOut { why: LeftOut::AboveNyquist { .. } | LeftOut::TooSlow { .. }, .. });
-    let mut remarks: Vec<String> = fit.notes.iter().filter(known).map(Note::to_string).collect();
+    let known = |note: &&Note| {
+        !matches!(
+            note,
+            Note::LeftOut {
+                why: LeftOut::AboveNyquist { .. } | LeftOut::TooSlow { .. },
+                ..
+            }
+        )
+    };
+    let mut remarks: Vec<String> = fit
+        .notes
+        .iter()
+        .filter(known)
+        .map(Note::to_string)
+        .collect();
     for channel in 0..fit.channels.len() {
         if let Some(Distortion { thd, sigma }) = fit.distortion(channel)
             && thd > MUCH_DISTORTION.max(CERTAIN * sigma)
         {
-            remarks.push(format!("channel {}: {:.1} % of distortion by harmonics {HARMONICS:?}", channel + 1, 100.0 * thd));
+            remarks.push(format!(
+                "channel {}: {:.1} % of distortion by harmonics {HARMONICS:?}",
+                channel + 1,
+                100.0 * thd
+            ));
         }
     }
     remarks
@@ -149,23 +217,46 @@ mod tests {
         let value = |n: u32| {
             let theta = std::f64::consts::TAU * 0.0101 * f64::from(n);
             // A stride without a period takes the place of noise.
-            amplitude * (theta.cos() + second * (2.0 * theta).cos()) + dither * ((f64::from(n) * 0.618_034).fract() - 0.5)
+            amplitude * (theta.cos() + second * (2.0 * theta).cos())
+                + dither * ((f64::from(n) * 0.618_034).fract() - 0.5)
         };
         (0..4000).map(|n| value(n).round() as i16).collect()
     }
 
     #[test]
     fn distortion_and_quantisation_are_remarked_and_a_good_record_is_not() {
-        let scale = sine::CodeScale { volts_per_code: 1e-3, offset_v: 0.0, code_min: -2048, code_max: 2047, code_step: 1 };
+        let scale = sine::CodeScale {
+            volts_per_code: 1e-3,
+            offset_v: 0.0,
+            code_min: -2048,
+            code_max: 2047,
+            code_step: 1,
+        };
         let said = |codes: &[i16]| {
             let channels = [Channel::codes(codes, scale)];
-            let options = FitOptions { harmonics: HARMONICS.to_vec(), ..FitOptions::default() };
-            let fit = sine::fit_known_frequency(&Record { channels: &channels, interval_s: 1e-3 }, 10.1, &options);
+            let options = FitOptions {
+                harmonics: HARMONICS.to_vec(),
+                ..FitOptions::default()
+            };
+            let fit = sine::fit_known_frequency(
+                &Record {
+                    channels: &channels,
+                    interval_s: 1e-3,
+                },
+                10.1,
+                &options,
+            );
             remarks(&fit.unwrap_or_else(|error| panic!("{error}")))
         };
         assert_eq!(said(&codes(1000.0, 0.0, 3.0)), [""; 0]);
-        assert_eq!(said(&codes(1000.0, 0.03, 3.0)), ["channel 1: 3.0 % of distortion by harmonics [2, 3]"]);
+        assert_eq!(
+            said(&codes(1000.0, 0.03, 3.0)),
+            ["channel 1: 3.0 % of distortion by harmonics [2, 3]"]
+        );
         let coarse = said(&codes(1.6, 0.0, 0.0));
-        assert!(coarse[0].starts_with("channel 1: ") && coarse[0].contains("LSB of noise are too few"), "{coarse:?}");
+        assert!(
+            coarse[0].starts_with("channel 1: ") && coarse[0].contains("LSB of noise are too few"),
+            "{coarse:?}"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! One sinusoid: driven, awaited, captured, ranged again where a channel clipped or was too small, analysed.
+//! One sinusoid: driven, awaited, captured, ranged again where a channel clipped or was too small,
+//! analysed.
 
 use analysis::spectrum::ChannelPhasors;
 use instruments::{
@@ -29,7 +30,8 @@ const TRIGGER_CHANNEL: u8 = 2;
 const MIN_SPAN: f64 = 0.04;
 /// A new range is chosen so that the signal spans this share of it.
 const WANTED_SPAN: f64 = 0.5;
-/// How far the amplitude of the current may stay behind its command, as a share: at the end of its band a supply loses a seventh.
+/// How far the amplitude of the current may stay behind its command, as a share: at the end of its
+/// band a supply loses a seventh.
 const CURRENT_TOLERANCE: f64 = 0.2;
 /// How far a frame may be from the settings that it was asked with, as a share.
 const FRAME_TOLERANCE: f64 = 0.02;
@@ -47,7 +49,8 @@ pub struct SweepPoint {
     pub volts_per_div: [f64; 4],
     /// Frequency that a fit with free frequency finds, Hz.
     pub free_freq_hz: f64,
-    /// Greatest lag-1 correlation of the residuals: near 0 for noise, near 1 for a signal that the sinusoid leaves out.
+    /// Greatest lag-1 correlation of the residuals: near 0 for noise, near 1 for a signal that the
+    /// sinusoid leaves out.
     pub residual_lag1: f64,
     /// What the record shows besides the sinusoid.
     pub beside: Beside,
@@ -70,12 +73,29 @@ pub struct SweepPoint {
 
 impl Executor<'_> {
     /// Drives, captures and analyses one point; `taken` records of it are there already.
-    pub(super) async fn sine(&mut self, fixture: Fixture, step: &Step, taken: usize) -> Result<SweepPoint, ExecuteError> {
-        let Step::Sine { index, freq_hz, amplitude_a, wait_s } = *step else {
-            return Err(ExecuteError::Signal { freq_hz: 0.0, reason: "not a sine step".to_owned() });
+    pub(super) async fn sine(
+        &mut self,
+        fixture: Fixture,
+        step: &Step,
+        taken: usize,
+    ) -> Result<SweepPoint, ExecuteError> {
+        let Step::Sine {
+            index,
+            freq_hz,
+            amplitude_a,
+            wait_s,
+        } = *step
+        else {
+            return Err(ExecuteError::Signal {
+                freq_hz: 0.0,
+                reason: "not a sine step".to_owned(),
+            });
         };
         let Some(eis) = &self.experiment.eis else {
-            return Err(ExecuteError::Signal { freq_hz, reason: "no section [eis]".to_owned() });
+            return Err(ExecuteError::Signal {
+                freq_hz,
+                reason: "no section [eis]".to_owned(),
+            });
         };
         let mut driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
             Some(since_s) => since_s,
@@ -90,21 +110,33 @@ impl Executor<'_> {
         for attempt in 0..=MAX_RANGING {
             if attempt > 0 {
                 // The generator may have gone on already, and the ranges are new in any case.
-                self.interlock.begin(self.allowance(fixture, step), self.clock.machine_s());
+                self.interlock
+                    .begin(self.allowance(fixture, step), self.clock.machine_s());
                 driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
-                    None if self.next.is_none() && self.burst.ends_s.is_infinite() => self.clock.now_s(),
+                    None if self.next.is_none() && self.burst.ends_s.is_infinite() => {
+                        self.clock.now_s()
+                    }
                     _ => self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?,
                 };
             }
             let mut longer = 0..MOST_LONGER;
             let (waveforms, effective_a) = loop {
-                if let Some(taken) = self.capture(eis, (freq_hz, wait_s, driven_s), fixture).await? {
+                if let Some(taken) = self
+                    .capture(eis, (freq_hz, wait_s, driven_s), fixture)
+                    .await?
+                {
                     break taken;
                 }
                 if longer.next().is_none() {
-                    return Err(ExecuteError::Signal { freq_hz, reason: "the generator's burst ends before the record does".to_owned() });
+                    return Err(ExecuteError::Signal {
+                        freq_hz,
+                        reason: "the generator's burst ends before the record does".to_owned(),
+                    });
                 }
-                tracing::debug!(freq_hz, "a longer burst: the record would have outlasted it");
+                tracing::debug!(
+                    freq_hz,
+                    "a longer burst: the record would have outlasted it"
+                );
                 driven_s = self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?;
             };
             let length_s = waveforms[0].interval_s * waveforms[0].codes.len() as f64;
@@ -119,32 +151,68 @@ impl Executor<'_> {
                 start_s: self.clock.now_s(),
             };
             self.recorder.capture(&file, &waveforms)?;
-            self.crest(fixture, &Drawn { waveforms: &waveforms, freq_hz, amplitude_a }).await?;
+            self.crest(
+                fixture,
+                &Drawn {
+                    waveforms: &waveforms,
+                    freq_hz,
+                    amplitude_a,
+                },
+            )
+            .await?;
             let ranged = self.range_again(&waveforms, &scope);
-            let clipped = waveforms.iter().any(|waveform| waveform.clipped_share() > 0.0);
-            if ranged.is_empty() || (attempt == MAX_RANGING && (!clipped || eis.quality.is_some())) {
+            let clipped = waveforms
+                .iter()
+                .any(|waveform| waveform.clipped_share() > 0.0);
+            if ranged.is_empty() || (attempt == MAX_RANGING && (!clipped || eis.quality.is_some()))
+            {
                 warnings.extend(ranged);
-                let asked = Asked { fixture, index, freq_hz, mains_hz: eis.mains_hz };
+                let asked = Asked {
+                    fixture,
+                    index,
+                    freq_hz,
+                    mains_hz: eis.mains_hz,
+                };
                 let point = analyse(&asked, &Taken::of(&waveforms), warnings)?;
                 let met_a = self.check_current(&point, amplitude_a)?;
                 self.agree_with_supply(effective_a, met_a)?;
-                return Ok(SweepPoint { time_s, captures: attempt_in_all + 1, ..point });
+                return Ok(SweepPoint {
+                    time_s,
+                    captures: attempt_in_all + 1,
+                    ..point
+                });
             }
-            tracing::info!("{} point {}: measured again: {}", fixture_name(fixture), index + 1, ranged.join("; "));
+            tracing::info!(
+                "{} point {}: measured again: {}",
+                fixture_name(fixture),
+                index + 1,
+                ranged.join("; ")
+            );
             warnings.push(format!("measured again: {}", ranged.join("; ")));
         }
-        Err(ExecuteError::Signal { freq_hz, reason: format!("a channel still clips after {MAX_RANGING} changes of range") })
+        Err(ExecuteError::Signal {
+            freq_hz,
+            reason: format!("a channel still clips after {MAX_RANGING} changes of range"),
+        })
     }
 
-    /// As [`Self::drive`], where the crests are allowed; gives the instant from which on it settles, bench s.
-    async fn driven(&mut self, fixture: Fixture, (freq_hz, amplitude_a, wait_s): (f64, f64, f64)) -> Result<f64, ExecuteError> {
+    /// As [`Self::drive`], where the crests are allowed; gives the instant from which on it
+    /// settles, bench s.
+    async fn driven(
+        &mut self,
+        fixture: Fixture,
+        (freq_hz, amplitude_a, wait_s): (f64, f64, f64),
+    ) -> Result<f64, ExecuteError> {
         self.headroom(fixture, (freq_hz, amplitude_a))?;
         self.drive((freq_hz, amplitude_a, wait_s)).await?;
         Ok(self.clock.now_s())
     }
 
     /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
-    pub(super) async fn drive(&mut self, (freq_hz, amplitude_a, wait_s): (f64, f64, f64)) -> Result<(), ExecuteError> {
+    pub(super) async fn drive(
+        &mut self,
+        (freq_hz, amplitude_a, wait_s): (f64, f64, f64),
+    ) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
@@ -154,17 +222,34 @@ impl Executor<'_> {
             offset: Volts(wiring.command_offset_v),
         };
         let error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?.sine(&sine).await.map_err(error)?;
+        require(&mut self.bench.generator, "generator")?
+            .sine(&sine)
+            .await
+            .map_err(error)?;
         self.begin_signal(freq_hz, wait_s).await
     }
 
     /// The configured scales, with the cell's voltage brought to the centre of channel 4.
-    pub(super) async fn first_ranges(&mut self, fixture: Fixture, amplitude_a: f64, scope: &Capabilities) -> Result<(), ExecuteError> {
-        let cell_v = if fixture == Fixture::Cell { self.read_supply4q().await?.voltage_v.unwrap_or(0.0) } else { 0.0 };
+    pub(super) async fn first_ranges(
+        &mut self,
+        fixture: Fixture,
+        amplitude_a: f64,
+        scope: &Capabilities,
+    ) -> Result<(), ExecuteError> {
+        let cell_v = if fixture == Fixture::Cell {
+            self.read_supply4q().await?.voltage_v.unwrap_or(0.0)
+        } else {
+            0.0
+        };
         for (slot, channel) in (1..=4_u8).enumerate() {
-            let per_div = Volts(self.experiment.bench.wiring.scale_per_ampere_v[slot] * amplitude_a);
+            let per_div =
+                Volts(self.experiment.bench.wiring.scale_per_ampere_v[slot] * amplitude_a);
             let offset = Volts(if channel == 4 { -cell_v } else { 0.0 });
-            self.verticals[slot] = Some(Vertical { channel, per_div: scope.scale_for_offset(per_div, offset), offset });
+            self.verticals[slot] = Some(Vertical {
+                channel,
+                per_div: scope.scale_for_offset(per_div, offset),
+                offset,
+            });
         }
         Ok(())
     }
@@ -174,14 +259,18 @@ impl Executor<'_> {
         let error = self.bench.error("scope");
         for (wanted, applied) in self.verticals.iter().zip(&mut self.applied) {
             if let Some(vertical) = wanted.filter(|_| wanted != applied) {
-                require(&mut self.bench.scope, "scope")?.set(&Intent::Vertical(vertical)).await.map_err(&error)?;
+                require(&mut self.bench.scope, "scope")?
+                    .set(&Intent::Vertical(vertical))
+                    .await
+                    .map_err(&error)?;
                 *applied = Some(vertical);
             }
         }
         Ok(())
     }
 
-    /// The four channels of a record, and the effective current by the supply's readings until its end, A; none where the signal has ended, or would end, before it does.
+    /// The four channels of a record, and the effective current by the supply's readings until its
+    /// end, A; none where the signal has ended, or would end, before it does.
     async fn capture(
         &mut self,
         eis: &Eis,
@@ -189,15 +278,24 @@ impl Executor<'_> {
         fixture: Fixture,
     ) -> Result<Option<([Waveform; 4], Option<f64>)>, ExecuteError> {
         self.apply_verticals().await?;
-        let screen_s = self.arm_screen(Seconds(eis.periods_on_screen / freq_hz)).await?;
-        let ripe_s = if self.overlaps() { self.ripe_s((freq_hz, wait_s), driven_s, screen_s) } else { self.clock.now_s() + wait_s };
+        let screen_s = self
+            .arm_screen(Seconds(eis.periods_on_screen / freq_hz))
+            .await?;
+        let ripe_s = if self.overlaps() {
+            self.ripe_s((freq_hz, wait_s), driven_s, screen_s)
+        } else {
+            self.clock.now_s() + wait_s
+        };
         if self.falls_short(ripe_s) {
             return Ok(None);
         }
         let chosen = if self.overlaps() {
             self.announce()?;
             let error = self.bench.error("scope");
-            let chosen = require(&mut self.bench.scope, "scope")?.choose(1, eis.record_points).await.map_err(error)?;
+            let chosen = require(&mut self.bench.scope, "scope")?
+                .choose(1, eis.record_points)
+                .await
+                .map_err(error)?;
             self.watch_until(ripe_s, fixture).await?;
             chosen
         } else {
@@ -205,30 +303,47 @@ impl Executor<'_> {
             None
         };
         let error = self.bench.error("scope");
-        require(&mut self.bench.scope, "scope")?.stop().await.map_err(error)?;
+        require(&mut self.bench.scope, "scope")?
+            .stop()
+            .await
+            .map_err(error)?;
         self.stopped_s = self.clock.now_s();
         if self.falls_short(self.stopped_s) {
             return Ok(None);
         }
         let effective_a = self.interlock.effective_a();
         self.go_ahead(fixture).await?;
-        let waveforms = self.fetch_frame((eis.record_points, chosen), fixture).await?;
+        let waveforms = self
+            .fetch_frame((eis.record_points, chosen), fixture)
+            .await?;
         self.check_frame(freq_hz, &waveforms, screen_s)?;
-        let four = waveforms.try_into().map_err(|_| ExecuteError::Signal { freq_hz, reason: "not four channels".to_owned() })?;
+        let four = waveforms.try_into().map_err(|_| ExecuteError::Signal {
+            freq_hz,
+            reason: "not four channels".to_owned(),
+        })?;
         Ok(Some((four, effective_a)))
     }
 
     /// Arms the scope for a span; gives the length of its screen, s.
     async fn arm_screen(&mut self, span: Seconds) -> Result<f64, ExecuteError> {
-        let trigger = Trigger { channel: TRIGGER_CHANNEL, level: self.trigger_v };
+        let trigger = Trigger {
+            channel: TRIGGER_CHANNEL,
+            level: self.trigger_v,
+        };
         let overlaps = self.overlaps();
         let error = self.bench.error("scope");
         let scope = require(&mut self.bench.scope, "scope")?;
-        let (per_div, scope_divisions) = (scope.capabilities().time_per_div(span), scope.capabilities().horizontal_div);
-        // What nobody has touched since the point before is not sent again where points overlap: it would come out of their settling.
+        let (per_div, scope_divisions) = (
+            scope.capabilities().time_per_div(span),
+            scope.capabilities().horizontal_div,
+        );
+        // What nobody has touched since the point before is not sent again where points overlap: it
+        // would come out of their settling.
         let same = self.armed.replace((per_div, trigger)).filter(|_| overlaps);
-        let timebase = (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
-        let trigger = (same.map(|armed| armed.1) != Some(trigger)).then_some(Intent::Trigger(trigger));
+        let timebase =
+            (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
+        let trigger =
+            (same.map(|armed| armed.1) != Some(trigger)).then_some(Intent::Trigger(trigger));
         for intent in timebase.into_iter().chain(trigger).chain([Intent::Arm]) {
             scope.set(&intent).await.map_err(&error)?;
         }
@@ -236,7 +351,11 @@ impl Executor<'_> {
     }
 
     /// The four channels of the stopped frame.
-    async fn fetch_frame(&mut self, (points, chosen): (u64, Option<Chosen>), fixture: Fixture) -> Result<Vec<Waveform>, ExecuteError> {
+    async fn fetch_frame(
+        &mut self,
+        (points, chosen): (u64, Option<Chosen>),
+        fixture: Fixture,
+    ) -> Result<Vec<Waveform>, ExecuteError> {
         let (overlaps, error) = (self.overlaps(), self.bench.error("scope"));
         let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
@@ -253,46 +372,79 @@ impl Executor<'_> {
         Ok(waveforms)
     }
 
-    /// The frame must be of this acquisition: as long as the screen, on the scales that were set, the same for all channels.
-    pub(super) fn check_frame(&self, freq_hz: f64, waveforms: &[Waveform], screen_s: f64) -> Result<(), ExecuteError> {
+    /// The frame must be of this acquisition: as long as the screen, on the scales that were set,
+    /// the same for all channels.
+    pub(super) fn check_frame(
+        &self,
+        freq_hz: f64,
+        waveforms: &[Waveform],
+        screen_s: f64,
+    ) -> Result<(), ExecuteError> {
         let fail = |reason: String| Err(ExecuteError::Signal { freq_hz, reason });
         for (waveform, applied) in waveforms.iter().zip(&self.applied) {
             let preamble = &waveform.preamble;
             let length_s = preamble.interval_s * preamble.points as f64;
             if (length_s / screen_s - 1.0).abs() > FRAME_TOLERANCE {
-                return fail(format!("channel {}: expected a frame of {screen_s} s, found one of {length_s} s", waveform.channel));
+                return fail(format!(
+                    "channel {}: expected a frame of {screen_s} s, found one of {length_s} s",
+                    waveform.channel
+                ));
             }
             let per_div_v = applied.map_or(f64::NAN, |vertical| vertical.per_div.value());
             if (preamble.volts_per_div / per_div_v - 1.0).abs() > FRAME_TOLERANCE {
                 let found = preamble.volts_per_div;
-                return fail(format!("channel {}: expected a frame at {per_div_v} V/div, found one at {found} V/div", waveform.channel));
+                return fail(format!(
+                    "channel {}: expected a frame at {per_div_v} V/div, found one at {found} V/div",
+                    waveform.channel
+                ));
             }
-            if waveform.interval_s != waveforms[0].interval_s || waveform.codes.len() != waveforms[0].codes.len() {
-                return fail(format!("channel {}: expected the samples of channel 1, found another number or interval", waveform.channel));
+            if waveform.interval_s != waveforms[0].interval_s
+                || waveform.codes.len() != waveforms[0].codes.len()
+            {
+                return fail(format!(
+                    "channel {}: expected the samples of channel 1, found another number or \
+                    interval",
+                    waveform.channel
+                ));
             }
         }
         Ok(())
     }
 
-    /// New settings for the channels that clipped or were too small, in words; the trigger level and the offsets follow the signal.
-    pub(super) fn range_again(&mut self, waveforms: &[Waveform; 4], scope: &Capabilities) -> Vec<String> {
+    /// New settings for the channels that clipped or were too small, in words; the trigger level
+    /// and the offsets follow the signal.
+    pub(super) fn range_again(
+        &mut self,
+        waveforms: &[Waveform; 4],
+        scope: &Capabilities,
+    ) -> Vec<String> {
         let mut changes = Vec::new();
         for (slot, waveform) in waveforms.iter().enumerate() {
-            let Some(vertical) = self.verticals[slot] else { continue };
+            let Some(vertical) = self.verticals[slot] else {
+                continue;
+            };
             let (least_v, greatest_v) = waveform.extremes_v();
             if waveform.channel == TRIGGER_CHANNEL {
                 self.trigger_v = Volts(0.5 * (greatest_v + least_v));
             }
             let clipped = waveform.clipped_share() > 0.0;
-            let Some(changed) = other_range(&vertical, (least_v, greatest_v), clipped, scope) else { continue };
+            let Some(changed) = other_range(&vertical, (least_v, greatest_v), clipped, scope)
+            else {
+                continue;
+            };
             let what = if clipped { "clipped" } else { "small" };
-            changes.push(format!("channel {} {what} at {} V/div", waveform.channel, vertical.per_div.value()));
+            changes.push(format!(
+                "channel {} {what} at {} V/div",
+                waveform.channel,
+                vertical.per_div.value()
+            ));
             self.verticals[slot] = Some(changed);
         }
         changes
     }
 
-    /// The current must follow the command: a loose lead or a supply in its limits shows here. Gives its amplitude, A.
+    /// The current must follow the command: a loose lead or a supply in its limits shows here.
+    /// Gives its amplitude, A.
     fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<f64, ExecuteError> {
         let [first, second, _, _] = point.phasors.volts;
         let met_a = (second - first).norm() / self.experiment.bench.wiring.shunt.r_ohm;
@@ -308,19 +460,34 @@ impl Executor<'_> {
     }
 }
 
-/// Another range for a signal that clipped or is small in its range; none where the range is right, or the finest there is. A signal that lies wholly
-/// outside has no span at all, and yet it is not small.
-fn other_range(vertical: &Vertical, (least_v, greatest_v): (f64, f64), clipped: bool, scope: &Capabilities) -> Option<Vertical> {
+/// Another range for a signal that clipped or is small in its range; none where the range is right,
+/// or the finest there is. A signal that lies wholly outside has no span at all, and yet it is not
+/// small.
+fn other_range(
+    vertical: &Vertical,
+    (least_v, greatest_v): (f64, f64),
+    clipped: bool,
+    scope: &Capabilities,
+) -> Option<Vertical> {
     let (span_v, per_div_v) = (greatest_v - least_v, vertical.per_div.value());
-    let small = !clipped && span_v < MIN_SPAN * 2.0 * scope.half_range_div * per_div_v && per_div_v > scope.per_div.0.value() * 1.001;
+    let small = !clipped
+        && span_v < MIN_SPAN * 2.0 * scope.half_range_div * per_div_v
+        && per_div_v > scope.per_div.0.value() * 1.001;
     if !(clipped || small) {
         return None;
     }
-    let wanted_v =
-        if clipped { 2.0 * per_div_v } else { (span_v / (2.0 * scope.half_range_div * WANTED_SPAN)).max(scope.per_div.0.value()) };
+    let wanted_v = if clipped {
+        2.0 * per_div_v
+    } else {
+        (span_v / (2.0 * scope.half_range_div * WANTED_SPAN)).max(scope.per_div.0.value())
+    };
     let offset = Volts(-0.5 * (greatest_v + least_v));
     let per_div = scope.scale_for_offset(Volts(round_scale(wanted_v)), offset);
-    (clipped || per_div.value() < per_div_v).then_some(Vertical { channel: vertical.channel, per_div, offset })
+    (clipped || per_div.value() < per_div_v).then_some(Vertical {
+        channel: vertical.channel,
+        per_div,
+        offset,
+    })
 }
 
 /// Two significant digits, upwards: scopes take any scale, people prefer round ones.
@@ -335,23 +502,39 @@ mod tests {
 
     #[test]
     fn a_signal_wholly_outside_its_range_is_given_a_wider_one() {
-        let dialect = instruments::instrument::by_key(instruments::scope::DIALECTS, "siglent-sds800x-hd");
+        let dialect =
+            instruments::instrument::by_key(instruments::scope::DIALECTS, "siglent-sds800x-hd");
         let scope = dialect.map(|dialect| dialect.capabilities()).unwrap();
-        let vertical = Vertical { channel: 1, per_div: Volts(0.02), offset: Volts(0.0) };
+        let vertical = Vertical {
+            channel: 1,
+            per_div: Volts(0.02),
+            offset: Volts(0.0),
+        };
         let rail_v = 0.02 * scope.half_range_div;
         // Every sample is the same: the greatest code.
-        let wider = other_range(&vertical, (rail_v, rail_v), true, &scope).map(|vertical| vertical.per_div);
+        let wider =
+            other_range(&vertical, (rail_v, rail_v), true, &scope).map(|vertical| vertical.per_div);
         assert_eq!(wider, Some(Volts(0.04)));
         let swing = |share: f64| (-share * rail_v, share * rail_v);
         assert_eq!(other_range(&vertical, swing(0.5), false, &scope), None);
-        let finer = other_range(&vertical, swing(0.03), false, &scope).map_or(f64::NAN, |vertical| vertical.per_div.value());
+        let finer = other_range(&vertical, swing(0.03), false, &scope)
+            .map_or(f64::NAN, |vertical| vertical.per_div.value());
         assert!(finer < 0.02, "{finer}");
     }
 
     #[test]
     fn scales_are_rounded_up_to_two_digits() {
-        for (scale, rounded) in [(0.0173, 0.018), (0.02, 0.02), (1.01, 1.1), (0.000_5, 0.000_5)] {
-            assert!((round_scale(scale) - rounded).abs() < 1.0e-9, "{scale}: {}", round_scale(scale));
+        for (scale, rounded) in [
+            (0.0173, 0.018),
+            (0.02, 0.02),
+            (1.01, 1.1),
+            (0.000_5, 0.000_5),
+        ] {
+            assert!(
+                (round_scale(scale) - rounded).abs() < 1.0e-9,
+                "{scale}: {}",
+                round_scale(scale)
+            );
         }
     }
 }

@@ -1,9 +1,13 @@
-//! A current trace: the generator's offset commands steps of direct current through the bipolar supply, the scope records frames around them.
+//! A current trace: the generator's offset commands steps of direct current through the bipolar
+//! supply, the scope records frames around them.
 //!
-//! What the channels show while nothing flows is taken off; the correction of the harness gives current and voltage from the rest, and the voltmeter
-//! at the jig the voltage at rest that the change counts from.
+//! What the channels show while nothing flows is taken off; the correction of the harness gives
+//! current and voltage from the rest, and the voltmeter at the jig the voltage at rest that the
+//! change counts from.
 
-use analysis::dataset::{Capture, Commanded, CurrentBetween, CurrentPositive, TraceEntry, TraceRow};
+use analysis::dataset::{
+    Capture, Commanded, CurrentBetween, CurrentPositive, TraceEntry, TraceRow,
+};
 use instruments::{
     mock::plant::Fixture,
     scope::{Intent, Trigger, Vertical, Waveform},
@@ -25,14 +29,20 @@ const REST_READINGS: usize = 10;
 /// Seconds between two readings of a resting cell.
 const REST_POLL_S: f64 = 10.0;
 /// The frame that shows the zeros.
-const ZERO_FRAME: Frame = Frame { start_s: 0.0, span_s: 1.0, memory_points: 10_000, record_points: 10_000 };
+const ZERO_FRAME: Frame = Frame {
+    start_s: 0.0,
+    span_s: 1.0,
+    memory_points: 10_000,
+    record_points: 10_000,
+};
 /// For the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;
 /// Before an action of the trace no reading is begun in this time, s: it would make it late.
 const QUIET_S: f64 = 0.4;
 /// The trigger level lies so many divisions above the centre, out of reach: the scope is to roll.
 const OUT_OF_REACH_DIV: f64 = 4.0;
-/// Share of a frame that may clip: the loop's inductance answers a step with a spike, which no row takes in.
+/// Share of a frame that may clip: the loop's inductance answers a step with a spike, which no row
+/// takes in.
 const SPIKES: f64 = 1.0e-4;
 /// The same of a wave, whose steps are many.
 const WAVE_SPIKES: f64 = 0.02;
@@ -67,7 +77,9 @@ impl Executor<'_> {
     pub(super) async fn pause(&mut self, span_s: f64) -> Result<(), ExecuteError> {
         let end_s = self.clock.now_s() + span_s;
         while self.clock.now_s() < end_s {
-            self.clock.sleep_s(REST_POLL_S.min(end_s - self.clock.now_s())).await;
+            self.clock
+                .sleep_s(REST_POLL_S.min(end_s - self.clock.now_s()))
+                .await;
             self.heed_within()?;
             self.glance("rest").await?;
         }
@@ -81,7 +93,12 @@ impl Executor<'_> {
         }
         let (volts, drawn_a) = self.load_volts().await?;
         let temperature_c = self.temperature_now_and_then().await?;
-        let reading = Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), current_a: Some(-drawn_a), temperature_c };
+        let reading = Reading {
+            time_s: self.clock.now_s(),
+            voltage_v: Some(volts),
+            current_a: Some(-drawn_a),
+            temperature_c,
+        };
         self.judge(phase, reading)?;
         Ok(reading)
     }
@@ -92,11 +109,22 @@ impl Executor<'_> {
         let mut resting = Vec::with_capacity(REST_READINGS);
         for _ in 0..REST_READINGS {
             let reading = self.glance("rest").await?;
-            resting.push((reading.voltage_v.unwrap_or(f64::NAN), reading.current_a.unwrap_or(f64::NAN)));
+            resting.push((
+                reading.voltage_v.unwrap_or(f64::NAN),
+                reading.current_a.unwrap_or(f64::NAN),
+            ));
         }
         let ocv_v = resting.iter().map(|reading| reading.0).sum::<f64>() / REST_READINGS as f64;
         let temperature_c = self.cell_temperature().await?;
-        self.judge("rest", Reading { time_s: self.clock.now_s(), voltage_v: Some(ocv_v), temperature_c, ..Reading::default() })?;
+        self.judge(
+            "rest",
+            Reading {
+                time_s: self.clock.now_s(),
+                voltage_v: Some(ocv_v),
+                temperature_c,
+                ..Reading::default()
+            },
+        )?;
         let (low, high) = trace.start_v;
         if !(low..=high).contains(&ocv_v) {
             return Err(ExecuteError::Disobeyed {
@@ -105,9 +133,17 @@ impl Executor<'_> {
                 met: format!("{ocv_v:.4} V"),
             });
         }
-        let scatter = (scatter(resting.iter().map(|reading| reading.0)), scatter(resting.iter().map(|reading| reading.1)));
+        let scatter = (
+            scatter(resting.iter().map(|reading| reading.0)),
+            scatter(resting.iter().map(|reading| reading.1)),
+        );
         if !trace.bipolar() {
-            self.zero = Some(Zero { volts: [0.0; 4], ocv_v, scatter, temperature_c });
+            self.zero = Some(Zero {
+                volts: [0.0; 4],
+                ocv_v,
+                scatter,
+                temperature_c,
+            });
             return Ok(());
         }
         self.trace_ranges(trace, ocv_v);
@@ -115,27 +151,45 @@ impl Executor<'_> {
         self.clock.sleep_s(ZERO_FRAME.span_s + FILL_S).await;
         let capture = self.fetch(&ZERO_FRAME, (trace, "zero")).await?;
         let Some(volts) = zeros(&capture) else {
-            return Err(disobeyed(&trace.name, "a frame of the zeros", "an empty one"));
+            return Err(disobeyed(
+                &trace.name,
+                "a frame of the zeros",
+                "an empty one",
+            ));
         };
-        self.zero = Some(Zero { volts, ocv_v, scatter, temperature_c });
+        self.zero = Some(Zero {
+            volts,
+            ocv_v,
+            scatter,
+            temperature_c,
+        });
         Ok(())
     }
 
     /// Drives and records a trace.
     pub(super) async fn trace(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
-        let Some(zero) = self.zero.take() else { return Err(disobeyed(&trace.name, "the zeros of the channels", "none")) };
+        let Some(zero) = self.zero.take() else {
+            return Err(disobeyed(&trace.name, "the zeros of the channels", "none"));
+        };
         if let Some(averaged) = trace.averaged {
-            self.recorder.warning(&format!("trace {}: {averaged}", trace.name));
+            self.recorder
+                .warning(&format!("trace {}: {averaged}", trace.name));
         }
         match trace.through {
             Through::Bipolar => self.step_by_step(trace, zero).await,
-            Through::Wave { step_s, steps } => self.wave_trace((trace, zero), (step_s, steps)).await,
+            Through::Wave { step_s, steps } => {
+                self.wave_trace((trace, zero), (step_s, steps)).await
+            }
             Through::LoadAndSupply => self.load_and_supply(trace, zero).await,
         }
     }
 
     async fn step_by_step(&mut self, trace: &TracePlan, zero: Zero) -> Result<(), ExecuteError> {
-        let mut actions: Vec<(f64, Action)> = trace.levels.iter().map(|level| (level.at_s, Action::Level(*level))).collect();
+        let mut actions: Vec<(f64, Action)> = trace
+            .levels
+            .iter()
+            .map(|level| (level.at_s, Action::Level(*level)))
+            .collect();
         for frame in &trace.frames {
             actions.push((frame.start_s, Action::Arm(*frame)));
             actions.push((frame.start_s + frame.span_s, Action::Fetch(*frame)));
@@ -153,7 +207,11 @@ impl Executor<'_> {
                     filled_s = self.clock.now_s() + frame.span_s + FILL_S;
                 }
                 Action::Level(level) => {
-                    let current_a = if level.power_w.is_some() { level.at_a(self.jig_volts().await?) } else { level.current_a };
+                    let current_a = if level.power_w.is_some() {
+                        level.at_a(self.jig_volts().await?)
+                    } else {
+                        level.current_a
+                    };
                     commanded.push((self.clock.now_s(), current_a));
                     self.command(current_a).await?;
                 }
@@ -166,14 +224,22 @@ impl Executor<'_> {
                 }
             }
         }
-        self.finish_trace(trace, &zero, (origin_s, recorded, Some(Commanded::Steps(commanded))))
+        self.finish_trace(
+            trace,
+            &zero,
+            (origin_s, recorded, Some(Commanded::Steps(commanded))),
+        )
     }
 
-    /// Waits, reading and judging every second. Where steps follow each other so fast that a reading would make the next one late, every second one may be
-    /// put off, and no more: what is late is written down as it was, and what is not looked at can end in a fire.
+    /// Waits, reading and judging every second. Where steps follow each other so fast that a
+    /// reading would make the next one late, every second one may be put off, and no more: what is
+    /// late is written down as it was, and what is not looked at can end in a fire.
     async fn wait_until(&mut self, until_s: f64) -> Result<(), ExecuteError> {
         loop {
-            let (left_s, age_s) = (until_s - self.clock.now_s(), self.clock.now_s() - self.watched_s);
+            let (left_s, age_s) = (
+                until_s - self.clock.now_s(),
+                self.clock.now_s() - self.watched_s,
+            );
             if left_s <= POLL_S + QUIET_S {
                 if age_s >= 2.0 * POLL_S || (age_s >= POLL_S && left_s > QUIET_S) {
                     self.watch("trace", Fixture::Cell).await?;
@@ -188,20 +254,38 @@ impl Executor<'_> {
 
     /// The voltage at the jig just now, V; one that is no number would make no power.
     async fn jig_volts(&mut self) -> Result<f64, ExecuteError> {
-        Ok(self.watch("trace", Fixture::Cell).await?.voltage_v.unwrap_or(f64::INFINITY))
+        Ok(self
+            .watch("trace", Fixture::Cell)
+            .await?
+            .voltage_v
+            .unwrap_or(f64::INFINITY))
     }
 
-    /// Scales that hold the whole trace, with the cell's voltage at rest in the centre of channel 4.
+    /// Scales that hold the whole trace, with the cell's voltage at rest in the centre of
+    /// channel 4.
     fn trace_ranges(&mut self, trace: &TracePlan, ocv_v: f64) {
-        let Some(scope) = self.bench.scope.as_ref().map(|scope| scope.capabilities()) else { return };
+        let Some(scope) = self.bench.scope.as_ref().map(|scope| scope.capabilities()) else {
+            return;
+        };
         let (least_a, greatest_a) = trace.extremes_a();
         let most_a = greatest_a.max(-least_a).max(LEAST_SCALE_A);
         let (down_v, up_v) = trace.drift_v(&self.experiment.cell.limits);
         for (slot, channel) in (1..=4_u8).enumerate() {
-            let drift_v = if channel == 4 { 0.5 * up_v.max(-down_v) } else { 0.0 };
-            let per_div = Volts(self.experiment.bench.wiring.scale_per_ampere_v[slot] * most_a + drift_v / scope.half_range_div);
+            let drift_v = if channel == 4 {
+                0.5 * up_v.max(-down_v)
+            } else {
+                0.0
+            };
+            let per_div = Volts(
+                self.experiment.bench.wiring.scale_per_ampere_v[slot] * most_a
+                    + drift_v / scope.half_range_div,
+            );
             let offset = Volts(if channel == 4 { -ocv_v } else { 0.0 });
-            self.verticals[slot] = Some(Vertical { channel, per_div: scope.scale_for_offset(per_div, offset), offset });
+            self.verticals[slot] = Some(Vertical {
+                channel,
+                per_div: scope.scale_for_offset(per_div, offset),
+                offset,
+            });
         }
     }
 
@@ -209,21 +293,34 @@ impl Executor<'_> {
         self.apply_verticals().await?;
         let error = self.bench.error("scope");
         let memory_points = frame.memory_points;
-        let level = Volts(OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()));
+        let level = Volts(
+            OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
+        );
         let remembered = self.memory_points.replace(memory_points) == Some(memory_points);
         let scope = require(&mut self.bench.scope, "scope")?;
         if !remembered {
-            scope.set(&Intent::Session { memory_points }).await.map_err(&error)?;
+            scope
+                .set(&Intent::Session { memory_points })
+                .await
+                .map_err(&error)?;
         }
         let per_div = scope.capabilities().time_per_div(Seconds(frame.span_s));
-        for intent in [Intent::Timebase(per_div), Intent::Trigger(Trigger { channel: 2, level }), Intent::Roll] {
+        for intent in [
+            Intent::Timebase(per_div),
+            Intent::Trigger(Trigger { channel: 2, level }),
+            Intent::Roll,
+        ] {
             scope.set(&intent).await.map_err(&error)?;
         }
         Ok(())
     }
 
     /// Stops the scope and downloads what its screen holds. It is on disk when this returns.
-    async fn fetch(&mut self, frame: &Frame, (trace, name): (&TracePlan, &str)) -> Result<Capture, ExecuteError> {
+    async fn fetch(
+        &mut self,
+        frame: &Frame,
+        (trace, name): (&TracePlan, &str),
+    ) -> Result<Capture, ExecuteError> {
         let end_s = self.freeze().await?;
         self.download((frame, end_s), (trace, name)).await
     }
@@ -232,7 +329,10 @@ impl Executor<'_> {
     pub(super) async fn freeze(&mut self) -> Result<f64, ExecuteError> {
         let error = self.bench.error("scope");
         let end_s = self.clock.now_s();
-        require(&mut self.bench.scope, "scope")?.stop().await.map_err(&error)?;
+        require(&mut self.bench.scope, "scope")?
+            .stop()
+            .await
+            .map_err(&error)?;
         Ok(end_s)
     }
 
@@ -245,24 +345,51 @@ impl Executor<'_> {
         let error = self.bench.error("scope");
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
-            waveforms.push(require(&mut self.bench.scope, "scope")?.download(channel, frame.record_points).await.map_err(&error)?);
+            waveforms.push(
+                require(&mut self.bench.scope, "scope")?
+                    .download(channel, frame.record_points)
+                    .await
+                    .map_err(&error)?,
+            );
             if self.clock.now_s() - self.watched_s >= POLL_S {
                 self.watch("trace", Fixture::Cell).await?;
             }
         }
-        let fail = |reason: String| ExecuteError::Frame { trace: trace.name.clone(), frame: name.to_owned(), reason };
-        let waveforms: [Waveform; 4] = waveforms.try_into().map_err(|_| fail("not four channels".to_owned()))?;
+        let fail = |reason: String| ExecuteError::Frame {
+            trace: trace.name.clone(),
+            frame: name.to_owned(),
+            reason,
+        };
+        let waveforms: [Waveform; 4] = waveforms
+            .try_into()
+            .map_err(|_| fail("not four channels".to_owned()))?;
         let screen_s = require(&mut self.bench.scope, "scope")?.capabilities();
-        let screen_s = screen_s.time_per_div(Seconds(frame.span_s)).value() * screen_s.horizontal_div;
-        self.check_frame(0.0, &waveforms, screen_s).map_err(|refused| fail(refused.to_string()))?;
+        let screen_s =
+            screen_s.time_per_div(Seconds(frame.span_s)).value() * screen_s.horizontal_div;
+        self.check_frame(0.0, &waveforms, screen_s)
+            .map_err(|refused| fail(refused.to_string()))?;
         let start_s = end_s - screen_s;
         let label = format!("trace {} repeat {} {name}", trace.name, trace.repeat);
         let capture = capture_of(label, 0.0, start_s, &waveforms);
-        self.recorder.write_capture(&format!("trace_{}_{}", trace.name, trace.repeat), name, &capture)?;
-        let spikes = if matches!(trace.through, Through::Wave { .. }) { WAVE_SPIKES } else { SPIKES };
-        if let Some(waveform) = waveforms.iter().find(|waveform| waveform.clipped_share() > spikes) {
+        self.recorder.write_capture(
+            &format!("trace_{}_{}", trace.name, trace.repeat),
+            name,
+            &capture,
+        )?;
+        let spikes = if matches!(trace.through, Through::Wave { .. }) {
+            WAVE_SPIKES
+        } else {
+            SPIKES
+        };
+        if let Some(waveform) = waveforms
+            .iter()
+            .find(|waveform| waveform.clipped_share() > spikes)
+        {
             let (channel, scale) = (waveform.channel, waveform.preamble.volts_per_div);
-            let reason = format!("channel {channel} clips at {scale:.4} V/div: expected a coarser wiring.scale_per_ampere");
+            let reason = format!(
+                "channel {channel} clips at {scale:.4} V/div: expected a coarser \
+                wiring.scale_per_ampere"
+            );
             return Err(fail(reason));
         }
         Ok(capture)
@@ -273,7 +400,8 @@ impl Executor<'_> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let offset = Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
+        let offset =
+            Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.generator, "generator")?;
         Ok(generator.direct(offset).await.map_err(error)?)
@@ -282,14 +410,34 @@ impl Executor<'_> {
     /// What the frames of a trace are read by.
     pub(super) fn frames<'f>(&'f self, trace: &'f TracePlan, zero: &Zero) -> Frames<'f> {
         let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
-        Frames { trace, correction: &self.correction, shunt_ohm, zero_v: zero.volts, ocv_v: zero.ocv_v }
+        Frames {
+            trace,
+            correction: &self.correction,
+            shunt_ohm,
+            zero_v: zero.volts,
+            ocv_v: zero.ocv_v,
+        }
     }
 
     /// Rows of the scope, each judged as any reading and held against what was commanded.
-    pub(super) fn judged(&self, trace: &TracePlan, mut found: Recorded) -> Result<Recorded, ExecuteError> {
+    pub(super) fn judged(
+        &self,
+        trace: &TracePlan,
+        mut found: Recorded,
+    ) -> Result<Recorded, ExecuteError> {
         for (row, level_a) in found.rows.iter_mut().zip(&found.levels_a) {
-            let TraceRow { time_s, current_a, voltage_v, .. } = *row;
-            let reading = Reading { time_s, voltage_v: Some(voltage_v), current_a: Some(current_a), temperature_c: None };
+            let TraceRow {
+                time_s,
+                current_a,
+                voltage_v,
+                ..
+            } = *row;
+            let reading = Reading {
+                time_s,
+                voltage_v: Some(voltage_v),
+                current_a: Some(current_a),
+                temperature_c: None,
+            };
             if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
                 return Err(trip.into());
             }
@@ -322,10 +470,10 @@ impl Executor<'_> {
             charge_before_c: self.charge_c,
             temperature_c: zero.temperature_c,
             role: trace.role,
-            repeat_group: self
-                .specimen
-                .as_ref()
-                .map_or_else(|| trace.repeat_group.clone(), |specimen| format!("{}_{}", trace.repeat_group, specimen.name)),
+            repeat_group: self.specimen.as_ref().map_or_else(
+                || trace.repeat_group.clone(),
+                |specimen| format!("{}_{}", trace.repeat_group, specimen.name),
+            ),
             current_positive: CurrentPositive::Charge,
             current_between_samples: CurrentBetween::Linear,
             steps_s: recorded.steps_s,
@@ -341,14 +489,22 @@ impl Executor<'_> {
 
 /// Charge that a trace has moved into the cell, C.
 pub fn charge_of(rows: &[TraceRow]) -> f64 {
-    rows.windows(2).map(|pair| 0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)).sum()
+    rows.windows(2)
+        .map(|pair| {
+            0.5 * (pair[0].current_a + pair[1].current_a) * (pair[1].time_s - pair[0].time_s)
+        })
+        .sum()
 }
 
 /// Standard deviation of readings.
 fn scatter(readings: impl Iterator<Item = f64> + Clone) -> f64 {
     let count = readings.clone().count() as f64;
     let mean = readings.clone().sum::<f64>() / count;
-    (readings.map(|reading| (reading - mean).powi(2)).sum::<f64>() / (count - 1.0)).sqrt()
+    (readings
+        .map(|reading| (reading - mean).powi(2))
+        .sum::<f64>()
+        / (count - 1.0))
+        .sqrt()
 }
 
 /// The current must be what was commanded.
@@ -357,9 +513,17 @@ fn obeys(trace: &str, level_a: f64, (current_a, time_s): (f64, f64)) -> Result<(
     if (current_a - level_a).abs() <= share * level_a.abs() + amps {
         return Ok(());
     }
-    Err(disobeyed(trace, &format!("{level_a} A"), &format!("{current_a:.4} A at {time_s:.3} s")))
+    Err(disobeyed(
+        trace,
+        &format!("{level_a} A"),
+        &format!("{current_a:.4} A at {time_s:.3} s"),
+    ))
 }
 
 pub(super) fn disobeyed(trace: &str, expected: &str, met: &str) -> ExecuteError {
-    ExecuteError::Disobeyed { what: format!("trace {trace}"), expected: expected.to_owned(), met: met.to_owned() }
+    ExecuteError::Disobeyed {
+        what: format!("trace {trace}"),
+        expected: expected.to_owned(),
+        met: met.to_owned(),
+    }
 }

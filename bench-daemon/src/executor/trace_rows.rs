@@ -1,5 +1,6 @@
-//! Frames of a trace to its rows. Pure: the same frames give the same rows, whether they have just come from the scope or are read from a run folder,
-//! years later. What the rows are judged by is not here.
+//! Frames of a trace to its rows. Pure: the same frames give the same rows, whether they have just
+//! come from the scope or are read from a run folder, years later. What the rows are judged by is
+//! not here.
 
 use analysis::{
     calibration::Correction,
@@ -48,7 +49,8 @@ pub(crate) struct Recorded {
 impl Recorded {
     /// Scatter of one sample of current and voltage, A and V rms.
     pub(crate) fn scatter(&self) -> [f64; 2] {
-        self.squares.map(|square| (square / self.frames.max(1) as f64).sqrt())
+        self.squares
+            .map(|square| (square / self.frames.max(1) as f64).sqrt())
     }
 
     /// Adds what follows.
@@ -56,7 +58,10 @@ impl Recorded {
         self.rows.extend(other.rows);
         self.levels_a.extend(other.levels_a);
         self.steps_s.extend(other.steps_s);
-        self.squares = [self.squares[0] + other.squares[0], self.squares[1] + other.squares[1]];
+        self.squares = [
+            self.squares[0] + other.squares[0],
+            self.squares[1] + other.squares[1],
+        ];
         self.frames += other.frames;
         self.missing = self.missing.take().or(other.missing);
     }
@@ -64,13 +69,25 @@ impl Recorded {
 
 /// What the channels of a frame show on average, V; none of an empty one.
 pub(crate) fn zeros(capture: &Capture) -> Option<[f64; 4]> {
-    let thinned = thin(capture, &[], &Thinning { settle_s: 0.0, first_s: 1.0, growth: 1.0, longest_s: f64::INFINITY });
-    let [mean] = thinned.means.as_slice() else { return None };
+    let thinned = thin(
+        capture,
+        &[],
+        &Thinning {
+            settle_s: 0.0,
+            first_s: 1.0,
+            growth: 1.0,
+            longest_s: f64::INFINITY,
+        },
+    );
+    let [mean] = thinned.means.as_slice() else {
+        return None;
+    };
     Some(mean.volts)
 }
 
 impl Frames<'_> {
-    /// Rows of one frame. `commanded`: bench times and the currents from them on, the first of them the origin of test time.
+    /// Rows of one frame. `commanded`: bench times and the currents from them on, the first of them
+    /// the origin of test time.
     pub(crate) fn of_frame(&self, capture: &Capture, commanded: &[(f64, f64)]) -> Recorded {
         let start_s = capture.meta.start_s;
         let origin_s = commanded.first().map_or(start_s, |(at_s, _)| *at_s);
@@ -78,14 +95,40 @@ impl Frames<'_> {
         let within = |(at_s, _): &&(f64, f64)| (start_s..end_s).contains(at_s);
         let (before_s, after_s) = STEP_WINDOW_S;
         let steps: Vec<(f64, f64)> = commanded.iter().skip(1).filter(within).copied().collect();
-        let windows: Vec<Window> = steps.iter().map(|(at_s, _)| (at_s - before_s - start_s, at_s + after_s - start_s)).collect();
+        let windows: Vec<Window> = steps
+            .iter()
+            .map(|(at_s, _)| (at_s - before_s - start_s, at_s + after_s - start_s))
+            .collect();
         let (first_s, growth, longest_s) = self.trace.thinning;
-        let Thinned { means, steps_s, sigma_shunt_v, sigma_jig_v } =
-            thin(capture, &windows, &Thinning { settle_s: SETTLE_S, first_s, growth, longest_s });
-        let flowing_a = commanded.iter().take_while(|(at_s, _)| *at_s < start_s).last().map_or(0.0, |(_, amps)| *amps);
+        let Thinned {
+            means,
+            steps_s,
+            sigma_shunt_v,
+            sigma_jig_v,
+        } = thin(
+            capture,
+            &windows,
+            &Thinning {
+                settle_s: SETTLE_S,
+                first_s,
+                growth,
+                longest_s,
+            },
+        );
+        let flowing_a = commanded
+            .iter()
+            .take_while(|(at_s, _)| *at_s < start_s)
+            .last()
+            .map_or(0.0, |(_, amps)| *amps);
         let level = |mean: &Mean| {
-            let passed = steps_s.iter().filter(|step_s| **step_s < mean.time_s).count();
-            passed.checked_sub(1).and_then(|index| steps.get(index)).map_or(flowing_a, |(_, amps)| *amps)
+            let passed = steps_s
+                .iter()
+                .filter(|step_s| **step_s < mean.time_s)
+                .count();
+            passed
+                .checked_sub(1)
+                .and_then(|index| steps.get(index))
+                .map_or(flowing_a, |(_, amps)| *amps)
         };
         let row = |mean: &Mean| {
             let changed_v = [0, 1, 2, 3].map(|slot: usize| mean.volts[slot] - self.zero_v[slot]);
@@ -97,7 +140,10 @@ impl Frames<'_> {
         Recorded {
             rows: means.iter().map(row).collect(),
             levels_a: means.iter().map(level).collect(),
-            steps_s: steps_s.iter().map(|step_s| step_s + start_s - origin_s).collect(),
+            steps_s: steps_s
+                .iter()
+                .map(|step_s| step_s + start_s - origin_s)
+                .collect(),
             squares: [sigma_a.powi(2), sigma_jig_v.powi(2)],
             frames: 1,
             missing: None,
@@ -105,8 +151,20 @@ impl Frames<'_> {
     }
 
     /// A row at a time, from how far the channels are from their zeros on average over a window, V.
-    pub(super) fn row(&self, (time_s, averaged_s): (f64, (f64, f64)), changed_v: [f64; 4], samples: usize) -> TraceRow {
+    pub(super) fn row(
+        &self,
+        (time_s, averaged_s): (f64, (f64, f64)),
+        changed_v: [f64; 4],
+        samples: usize,
+    ) -> TraceRow {
         let (current_a, change_v) = self.correction.direct(changed_v);
-        TraceRow { time_s, current_a, voltage_v: self.ocv_v + change_v, temperature_c: f64::NAN, samples: samples as f64, averaged_s }
+        TraceRow {
+            time_s,
+            current_a,
+            voltage_v: self.ocv_v + change_v,
+            temperature_c: f64::NAN,
+            samples: samples as f64,
+            averaged_s,
+        }
     }
 }

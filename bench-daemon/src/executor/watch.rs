@@ -1,4 +1,5 @@
-//! Reading and judging: what each step may expose the cell to, and the polls of voltage, current, temperature and chiller.
+//! Reading and judging: what each step may expose the cell to, and the polls of voltage, current,
+//! temperature and chiller.
 
 use std::time::Duration;
 
@@ -15,13 +16,15 @@ use crate::{
 const CERTAIN: f64 = 5.0;
 /// Instruments that drive a current, and the bath.
 const DRIVES: usize = 5;
-/// How long a cause is looked for before everything goes off: five instruments answer within half of it.
+/// How long a cause is looked for before everything goes off: five instruments answer within half
+/// of it.
 const CAUSE: Duration = Duration::from_millis(500);
 /// Pairs that must say the same before a mean trips.
 const PAIRS: usize = 2;
 /// What a reading takes at most as a rule, s.
 const READ_S: f64 = 0.2;
-/// A reading that takes longer than this share of a period is of an unknown place in it: by so much a mean of an amplitude of 1 A may be off by a third of what it may be.
+/// A reading that takes longer than this share of a period is of an unknown place in it: by so much
+/// a mean of an amplitude of 1 A may be off by a third of what it may be.
 const UNSURE: f64 = 0.05;
 /// The gain error of a meter, as part of a step's envelope.
 const METER_GAIN: f64 = 1.1;
@@ -32,73 +35,159 @@ const FOLLOWED: f64 = 5.0;
 /// What is judged of an instrument that is to carry nothing.
 pub(super) const LOAD_CURRENT: &str = "current of the load";
 pub(super) const CHARGER_CURRENT: &str = "current of the charger";
-/// The swing of the cell's voltage under a smaller amplitude may be lost between two digits of a voltmeter, A.
+/// The swing of the cell's voltage under a smaller amplitude may be lost between two digits of a
+/// voltmeter, A.
 const SEEN_A: f64 = 0.5;
 /// So far below the limit of a supply its current falls, and the voltage stands still, V.
 const HELD_V: f64 = 0.1;
 
 impl Executor<'_> {
-    /// What may flow during a step is far less than what the cell could bear, and so is the charge that it may move.
+    /// What may flow during a step is far less than what the cell could bear, and so is the charge
+    /// that it may move.
     pub(super) fn allowance(&self, fixture: Fixture, step: &Step) -> Allowance {
         let cell = self.experiment.cell.limits;
         let settings = &self.experiment.cell.interlock;
-        let cell = if fixture == Fixture::Cell { cell } else { cell.of_control() };
+        let cell = if fixture == Fixture::Cell {
+            cell
+        } else {
+            cell.of_control()
+        };
         let drift_c = settings.drift_c;
         // The limit of the power-up holds until the power-down; each step in between may do less.
-        let powered = self.powered_a.map_or(cell, |limit_a| cell.bounded(limit_a, limit_a));
-        let idle = Allowance { cell: fixture == Fixture::Cell, ..Allowance::idle(cell.bounded(NO_CURRENT_A, NO_CURRENT_A)) };
-        let live = |limits, charge_c| Allowance { limits, live: true, charge_c, ..idle };
+        let powered = self
+            .powered_a
+            .map_or(cell, |limit_a| cell.bounded(limit_a, limit_a));
+        let idle = Allowance {
+            cell: fixture == Fixture::Cell,
+            ..Allowance::idle(cell.bounded(NO_CURRENT_A, NO_CURRENT_A))
+        };
+        let live = |limits, charge_c| Allowance {
+            limits,
+            live: true,
+            charge_c,
+            ..idle
+        };
         // The charge in a piece of copper is nothing to look at.
-        let sweep_c = |swing_c: f64| if idle.cell { (-drift_c - swing_c, drift_c + swing_c) } else { idle.charge_c };
+        let sweep_c = |swing_c: f64| {
+            if idle.cell {
+                (-drift_c - swing_c, drift_c + swing_c)
+            } else {
+                idle.charge_c
+            }
+        };
         match *step {
-            Step::Discharge { current_a, .. } => live(cell.bounded(NO_CURRENT_A, drawn(current_a)), (-settings.charge_c, drift_c)),
-            Step::Charge { current_a, limit_v, .. } => {
+            Step::Discharge { current_a, .. } => live(
+                cell.bounded(NO_CURRENT_A, drawn(current_a)),
+                (-settings.charge_c, drift_c),
+            ),
+            Step::Charge {
+                current_a, limit_v, ..
+            } => {
                 let limits = cell.bounded(drawn(current_a), NO_CURRENT_A);
-                Allowance { held_v: limit_v - HELD_V, ..live(limits, (-drift_c, settings.charge_c)) }
+                Allowance {
+                    held_v: limit_v - HELD_V,
+                    ..live(limits, (-drift_c, settings.charge_c))
+                }
             }
             Step::Leg(leg) => {
                 let (charge_a, discharge_a) = leg.most_a();
                 match leg.flow {
-                    Flow::Discharge { .. } => live(cell.bounded(NO_CURRENT_A, drawn(discharge_a)), (-settings.charge_c, drift_c)),
+                    Flow::Discharge { .. } => live(
+                        cell.bounded(NO_CURRENT_A, drawn(discharge_a)),
+                        (-settings.charge_c, drift_c),
+                    ),
                     Flow::Charge { limit_v, .. } => Allowance {
                         held_v: limit_v - HELD_V,
-                        ..live(cell.bounded(drawn(charge_a), NO_CURRENT_A), (-drift_c, settings.charge_c))
+                        ..live(
+                            cell.bounded(drawn(charge_a), NO_CURRENT_A),
+                            (-drift_c, settings.charge_c),
+                        )
                     },
                     Flow::Rest => idle,
                 }
             }
             Step::PowerUp { limit_a, .. } => live(cell.bounded(limit_a, limit_a), sweep_c(0.0)),
             // Between power-up and power-down the charge counts on. Half a period moves A/(πf).
-            Step::Sine { freq_hz, amplitude_a, .. } => {
+            Step::Sine {
+                freq_hz,
+                amplitude_a,
+                ..
+            } => {
                 let swing_c = amplitude_a / (std::f64::consts::PI * freq_hz);
-                let (limits, mean) = (powered.bounded(drawn(amplitude_a), drawn(amplitude_a)), mean(1.0 / freq_hz, amplitude_a));
-                Allowance { continues: true, swing_s: swing_s(freq_hz, amplitude_a), mean, ..live(limits, sweep_c(swing_c)) }
+                let (limits, mean) = (
+                    powered.bounded(drawn(amplitude_a), drawn(amplitude_a)),
+                    mean(1.0 / freq_hz, amplitude_a),
+                );
+                Allowance {
+                    continues: true,
+                    swing_s: swing_s(freq_hz, amplitude_a),
+                    mean,
+                    ..live(limits, sweep_c(swing_c))
+                }
             }
             Step::Multisine(ref band) => {
                 let swing_c = band.peak_a / (std::f64::consts::PI * band.base_hz);
-                let slowest_hz = band.base_hz * band.design.harmonics.first().map_or(1.0, |line| *line as f64);
+                let slowest_hz = band.base_hz
+                    * band
+                        .design
+                        .harmonics
+                        .first()
+                        .map_or(1.0, |line| *line as f64);
                 let swing_s = swing_s(slowest_hz, band.design.amplitude * band.peak_a);
-                let (limits, mean) =
-                    (powered.bounded(drawn(band.peak_a), drawn(band.peak_a)), multisine_mean(1.0 / band.base_hz, band.peak_a));
-                Allowance { continues: true, swing_s, mean, ..live(limits, sweep_c(swing_c)) }
+                let (limits, mean) = (
+                    powered.bounded(drawn(band.peak_a), drawn(band.peak_a)),
+                    multisine_mean(1.0 / band.base_hz, band.peak_a),
+                );
+                Allowance {
+                    continues: true,
+                    swing_s,
+                    mean,
+                    ..live(limits, sweep_c(swing_c))
+                }
             }
-            Step::PowerDown | Step::Recheck { .. } => Allowance { continues: true, ..live(powered, idle.charge_c) },
+            Step::PowerDown | Step::Recheck { .. } => Allowance {
+                continues: true,
+                ..live(powered, idle.charge_c)
+            },
             Step::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
                 let (least_c, greatest_c) = trace.swing_c();
                 let within = if trace.bipolar() { powered } else { cell };
                 let limits = within.bounded(drawn(greatest_a), drawn(-least_a));
-                let traced = live(limits, (METER_GAIN * least_c - drift_c, METER_GAIN * greatest_c + drift_c));
-                let held_v = if trace.bipolar() { traced.held_v } else { cell.max_v - BELOW_GREATEST_V - HELD_V };
+                let traced = live(
+                    limits,
+                    (
+                        METER_GAIN * least_c - drift_c,
+                        METER_GAIN * greatest_c + drift_c,
+                    ),
+                );
+                let held_v = if trace.bipolar() {
+                    traced.held_v
+                } else {
+                    cell.max_v - BELOW_GREATEST_V - HELD_V
+                };
                 Allowance { held_v, ..traced }
             }
-            Step::HoldTemperature { .. } => Allowance { tempering: true, ..idle },
-            Step::Specimen(..) | Step::Mount(_) | Step::Accept { .. } | Step::Pause { .. } | Step::Zero(_) | Step::Rest { .. } => idle,
+            Step::HoldTemperature { .. } => Allowance {
+                tempering: true,
+                ..idle
+            },
+            Step::Specimen(..)
+            | Step::Mount(_)
+            | Step::Accept { .. }
+            | Step::Pause { .. }
+            | Step::Zero(_)
+            | Step::Rest { .. } => idle,
         }
     }
 
-    /// Waits, reading and judging the bipolar supply all the while; `phase` stands with the readings.
-    pub(super) async fn wait_watching(&mut self, seconds: f64, (phase, fixture): (&str, Fixture)) -> Result<(), ExecuteError> {
+    /// Waits, reading and judging the bipolar supply all the while; `phase` stands with the
+    /// readings.
+    pub(super) async fn wait_watching(
+        &mut self,
+        seconds: f64,
+        (phase, fixture): (&str, Fixture),
+    ) -> Result<(), ExecuteError> {
         let end_s = self.clock.now_s() + seconds;
         loop {
             let left_s = end_s - self.clock.now_s();
@@ -107,17 +196,24 @@ impl Executor<'_> {
             }
             self.clock.sleep_s(left_s.min(self.poll_s())).await;
             let reading = self.watch(phase, fixture).await?;
-            self.watch_mean((reading, end_s - self.clock.now_s())).await?;
+            self.watch_mean((reading, end_s - self.clock.now_s()))
+                .await?;
         }
     }
 
     /// Seconds until the next reading: where a slow current is followed, a share of its period.
     pub(super) fn poll_s(&self) -> f64 {
-        self.interlock.allowed_mean().map_or(POLL_S, |mean| mean.poll_s().min(POLL_S))
+        self.interlock
+            .allowed_mean()
+            .map_or(POLL_S, |mean| mean.poll_s().min(POLL_S))
     }
 
     /// One reading of the bipolar supply, judged.
-    pub(super) async fn watch(&mut self, phase: &str, fixture: Fixture) -> Result<Reading, ExecuteError> {
+    pub(super) async fn watch(
+        &mut self,
+        phase: &str,
+        fixture: Fixture,
+    ) -> Result<Reading, ExecuteError> {
         let mut reading = self.read_supply4q().await?;
         self.watched_s = self.clock.now_s();
         self.recorder.reading(phase, &reading)?;
@@ -125,16 +221,26 @@ impl Executor<'_> {
             // The cell lies beside the jig, perhaps without its thermocouple.
             reading.temperature_c = reading.temperature_c.filter(|celsius| celsius.is_finite());
         }
-        self.interlock.silent(self.clock.now_s() >= self.burst.ends_s);
+        self.interlock
+            .silent(self.clock.now_s() >= self.burst.ends_s);
         self.burst.over(&reading)?;
         // An answer that is late is of another moment of the period.
-        if self.interlock.allowed_mean().is_some_and(|mean| self.read_s > UNSURE * mean.period_s) {
+        if self
+            .interlock
+            .allowed_mean()
+            .is_some_and(|mean| self.read_s > UNSURE * mean.period_s)
+        {
             self.interlock.lose_period();
         }
         match self.interlock.judge(&reading, self.clock.machine_s()) {
             Some(trip) => {
                 let trip = trip.because(self.cause().await);
-                Err(if fixture == Fixture::Cell { trip } else { trip.of_control() }.into())
+                Err(if fixture == Fixture::Cell {
+                    trip
+                } else {
+                    trip.of_control()
+                }
+                .into())
             }
             None => {
                 self.look_back().await?;
@@ -145,7 +251,8 @@ impl Executor<'_> {
         }
     }
 
-    /// While current flows the instruments that drive it are asked in turn whether their settings still are what this run has set, one with each reading.
+    /// While current flows the instruments that drive it are asked in turn whether their settings
+    /// still are what this run has set, one with each reading.
     pub(super) async fn look_back(&mut self) -> Result<(), ExecuteError> {
         for _ in 0..DRIVES {
             self.looked = (self.looked + 1) % DRIVES;
@@ -156,7 +263,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// Whose settings are not what this run has set, where somebody's are: asked at once, whatever else has happened, but not for long, for what is wrong still flows.
+    /// Whose settings are not what this run has set, where somebody's are: asked at once, whatever
+    /// else has happened, but not for long, for what is wrong still flows.
     pub(super) async fn cause(&mut self) -> Option<String> {
         let clock = self.clock.clone();
         let asked = async {
@@ -172,23 +280,50 @@ impl Executor<'_> {
     }
 
     /// A current that does not come, and why, as far as the instruments say.
-    pub(super) async fn explained(&mut self, followed: Result<(), ExecuteError>) -> Result<(), ExecuteError> {
-        let Err(ExecuteError::Disobeyed { what, expected, met }) = followed else { return followed };
+    pub(super) async fn explained(
+        &mut self,
+        followed: Result<(), ExecuteError>,
+    ) -> Result<(), ExecuteError> {
+        let Err(ExecuteError::Disobeyed {
+            what,
+            expected,
+            met,
+        }) = followed
+        else {
+            return followed;
+        };
         let met = match self.cause().await {
             Some(cause) => format!("{met}: {cause}"),
             None => met,
         };
-        Err(ExecuteError::Disobeyed { what, expected, met })
+        Err(ExecuteError::Disobeyed {
+            what,
+            expected,
+            met,
+        })
     }
 
-    /// Asks one of the instruments that drive a current; nothing where there is nothing that it was told.
-    async fn differs(&mut self, number: usize) -> Result<Option<Result<(), ExecuteError>>, ExecuteError> {
+    /// Asks one of the instruments that drive a current; nothing where there is nothing that it was
+    /// told.
+    async fn differs(
+        &mut self,
+        number: usize,
+    ) -> Result<Option<Result<(), ExecuteError>>, ExecuteError> {
         macro_rules! ask {
             ($role:literal, $field:ident) => {{
                 let error = self.bench.error($role);
-                let Some(instrument) = self.bench.$field.as_mut().filter(|instrument| instrument.was_told()) else { return Ok(None) };
+                let Some(instrument) = self
+                    .bench
+                    .$field
+                    .as_mut()
+                    .filter(|instrument| instrument.was_told())
+                else {
+                    return Ok(None);
+                };
                 let met = instrument.differs().await.map_err(error)?;
-                Ok(Some(met.map_or(Ok(()), |met| Err(ExecuteError::Meddled { role: $role, met }))))
+                Ok(Some(met.map_or(Ok(()), |met| {
+                    Err(ExecuteError::Meddled { role: $role, met })
+                })))
             }};
         }
         match number {
@@ -200,23 +335,44 @@ impl Executor<'_> {
         }
     }
 
-    /// The mean of a current of some hertz: a second reading, half a period after the first, where there is time for it.
-    pub(super) async fn watch_mean(&mut self, (first, left_s): (Reading, f64)) -> Result<(), ExecuteError> {
-        let Some((mean, half_s)) = self.interlock.allowed_mean().and_then(|mean| Some((mean, mean.pair_s()?))) else { return Ok(()) };
+    /// The mean of a current of some hertz: a second reading, half a period after the first, where
+    /// there is time for it.
+    pub(super) async fn watch_mean(
+        &mut self,
+        (first, left_s): (Reading, f64),
+    ) -> Result<(), ExecuteError> {
+        let Some((mean, half_s)) = self
+            .interlock
+            .allowed_mean()
+            .and_then(|mean| Some((mean, mean.pair_s()?)))
+        else {
+            return Ok(());
+        };
         let end_s = self.clock.now_s() + left_s;
-        let (mut one_a, mut one_s, mut one_took_s) = (first.current_a.unwrap_or(f64::NAN), first.time_s, self.read_s);
+        let (mut one_a, mut one_s, mut one_took_s) = (
+            first.current_a.unwrap_or(f64::NAN),
+            first.time_s,
+            self.read_s,
+        );
         let mut trip = None;
         for _ in 0..PAIRS {
             let next_s = self.clock.now_s() + one_took_s - one_s;
             // Whole periods later is as good.
-            let due_s = one_s + half_s + 2.0 * half_s * ((next_s - half_s) / (2.0 * half_s)).ceil().max(0.0);
+            let due_s = one_s
+                + half_s
+                + 2.0 * half_s * ((next_s - half_s) / (2.0 * half_s)).ceil().max(0.0);
             if due_s + 2.0 * READ_S > end_s {
                 return Ok(());
             }
-            self.clock.sleep_s((due_s - one_took_s - self.clock.now_s()).max(0.0)).await;
+            self.clock
+                .sleep_s((due_s - one_took_s - self.clock.now_s()).max(0.0))
+                .await;
             let error = self.bench.error("supply4q");
             let asked_s = self.clock.now_s();
-            let (_, other) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
+            let (_, other) = require(&mut self.bench.supply4q, "supply4q")?
+                .measure()
+                .await
+                .map_err(error)?;
             let (other_s, took_s) = (self.clock.now_s(), self.clock.now_s() - asked_s);
             let unsure_s = (other_s - due_s).abs().max((took_s - one_took_s).abs());
             trip = mean.judge_pair(0.5 * (one_a + other.value()), unsure_s, other_s);
@@ -234,11 +390,15 @@ impl Executor<'_> {
     pub(super) async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
         let error = self.bench.error("supply4q");
         let start_s = self.clock.now_s();
-        let (mut volts, amps) = require(&mut self.bench.supply4q, "supply4q")?.measure().await.map_err(error)?;
+        let (mut volts, amps) = require(&mut self.bench.supply4q, "supply4q")?
+            .measure()
+            .await
+            .map_err(error)?;
         // The current is what was asked for last.
         let time_s = self.clock.now_s();
         self.read_s = time_s - start_s;
-        // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at the jig.
+        // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at
+        // the jig.
         let error = self.bench.error("load");
         if let Some(load) = self.bench.load.as_mut() {
             let (seen, drawn) = load.measure().await.map_err(error)?;
@@ -248,7 +408,12 @@ impl Executor<'_> {
             self.no_current(LOAD_CURRENT, drawn.value())?;
         }
         let temperature_c = self.temperature_now_and_then().await?;
-        Ok(Reading { time_s, voltage_v: Some(volts.value()), current_a: Some(amps.value()), temperature_c })
+        Ok(Reading {
+            time_s,
+            voltage_v: Some(volts.value()),
+            current_a: Some(amps.value()),
+            temperature_c,
+        })
     }
 
     /// Trips where a current flows through an instrument that is off.
@@ -256,11 +421,24 @@ impl Executor<'_> {
         if value.abs() <= NO_CURRENT_A {
             return Ok(());
         }
-        Err(Trip::Limit { what, value, unit: "A", least: -NO_CURRENT_A, greatest: NO_CURRENT_A, time_s: self.clock.now_s() }.into())
+        Err(Trip::Limit {
+            what,
+            value,
+            unit: "A",
+            least: -NO_CURRENT_A,
+            greatest: NO_CURRENT_A,
+            time_s: self.clock.now_s(),
+        }
+        .into())
     }
 
-    /// Everything that could drive a current through the cell while none may flow, judged one by one: two that cancel are two too many.
-    pub(super) async fn watch_idle(&mut self, phase: &str, fixture: Fixture) -> Result<(), ExecuteError> {
+    /// Everything that could drive a current through the cell while none may flow, judged one by
+    /// one: two that cancel are two too many.
+    pub(super) async fn watch_idle(
+        &mut self,
+        phase: &str,
+        fixture: Fixture,
+    ) -> Result<(), ExecuteError> {
         self.heed_within()?;
         if self.bench.supply4q.is_some() {
             self.watch(phase, fixture).await?;
@@ -268,13 +446,22 @@ impl Executor<'_> {
             let (volts, drawn_a) = self.load_volts().await?;
             self.no_current(LOAD_CURRENT, drawn_a)?;
             let temperature_c = self.temperature_now_and_then().await?;
-            self.judge(phase, Reading { time_s: self.clock.now_s(), voltage_v: Some(volts), temperature_c, ..Reading::default() })?;
+            self.judge(
+                phase,
+                Reading {
+                    time_s: self.clock.now_s(),
+                    voltage_v: Some(volts),
+                    temperature_c,
+                    ..Reading::default()
+                },
+            )?;
         }
         self.others_off(&["supply4q", "load"]).await
     }
 
-    /// Trips where a current flows through an instrument that the step does not use, whatever it says of its output. `used` are those that the step reads itself.
-    /// Where they were looked at less than a second ago they are not asked again.
+    /// Trips where a current flows through an instrument that the step does not use, whatever it
+    /// says of its output. `used` are those that the step reads itself. Where they were looked at
+    /// less than a second ago they are not asked again.
     pub(super) async fn others_off(&mut self, used: &[&str]) -> Result<(), ExecuteError> {
         if self.clock.now_s() - self.others_s < POLL_S {
             return Ok(());
@@ -283,7 +470,12 @@ impl Executor<'_> {
         macro_rules! off {
             ($role:literal, $field:ident, $what:expr) => {
                 let error = self.bench.error($role);
-                if let Some(instrument) = self.bench.$field.as_mut().filter(|_| !used.contains(&$role)) {
+                if let Some(instrument) = self
+                    .bench
+                    .$field
+                    .as_mut()
+                    .filter(|_| !used.contains(&$role))
+                {
                     let (_, amps) = instrument.measure().await.map_err(error)?;
                     self.no_current($what, amps.value())?;
                 }
@@ -300,31 +492,47 @@ impl Executor<'_> {
         self.regulate().await?;
         self.agree().await?;
         self.polls = self.polls.wrapping_add(1);
-        let due = self.polls.is_multiple_of(TEMPERATURE_EVERY) || self.interlock.wants_temperature(self.clock.machine_s());
-        if due { self.cell_temperature().await } else { Ok(None) }
+        let due = self.polls.is_multiple_of(TEMPERATURE_EVERY)
+            || self.interlock.wants_temperature(self.clock.machine_s());
+        if due {
+            self.cell_temperature().await
+        } else {
+            Ok(None)
+        }
     }
 
-    /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a reading that is no number, and trips. A chiller that was
-    /// started is asked at the same time whether it still runs.
+    /// The cell's temperature; nothing on a bench without a logger. An open thermocouple is a
+    /// reading that is no number, and trips. A chiller that was started is asked at the same time
+    /// whether it still runs.
     pub(super) async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.regulate().await?;
         self.agree().await?;
         self.watch_chiller().await?;
         let error = self.bench.error("logger");
-        let Some(logger) = self.bench.logger.as_mut() else { return Ok(None) };
+        let Some(logger) = self.bench.logger.as_mut() else {
+            return Ok(None);
+        };
         if !self.logger_ready {
             logger.configure().await.map_err(&error)?;
             self.logger_ready = true;
         }
         let readings = logger.scan().await.map_err(error)?;
-        self.last_c = Some(readings.first().copied().flatten().map_or(f64::NAN, |celsius| celsius.value()));
+        self.last_c = Some(
+            readings
+                .first()
+                .copied()
+                .flatten()
+                .map_or(f64::NAN, |celsius| celsius.value()),
+        );
         self.agree_with_bath().await?;
         Ok(self.last_c)
     }
 
     async fn watch_chiller(&mut self) -> Result<(), ExecuteError> {
         let error = self.bench.error("chiller");
-        let Some(chiller) = self.bench.chiller.as_mut().filter(|_| self.chiller_runs) else { return Ok(()) };
+        let Some(chiller) = self.bench.chiller.as_mut().filter(|_| self.chiller_runs) else {
+            return Ok(());
+        };
         let status = chiller.status().await.map_err(error)?;
         match self.interlock.chiller(&status, self.clock.now_s()) {
             Some(trip) => Err(trip.into()),
@@ -332,11 +540,18 @@ impl Executor<'_> {
         }
     }
 
-    /// Holds a bath that has no loop of its own: reads it once in a window and gives a pulse. A reading that cannot be believed is none; a board that does
-    /// not answer, or whose relays do not follow, is an error.
+    /// Holds a bath that has no loop of its own: reads it once in a window and gives a pulse. A
+    /// reading that cannot be believed is none; a board that does not answer, or whose relays do
+    /// not follow, is an error.
     async fn regulate(&mut self) -> Result<(), ExecuteError> {
         let (error, now_s) = (self.bench.error("chiller"), self.clock.now_s());
-        let Some(thermostat) = self.thermostat.as_mut().filter(|thermostat| thermostat.is_due(now_s)) else { return Ok(()) };
+        let Some(thermostat) = self
+            .thermostat
+            .as_mut()
+            .filter(|thermostat| thermostat.is_due(now_s))
+        else {
+            return Ok(());
+        };
         let chiller = require(&mut self.bench.chiller, "chiller")?;
         let reading_c = match chiller.temperature().await {
             Ok(celsius) => Some(celsius.value()),
@@ -347,7 +562,11 @@ impl Executor<'_> {
             Action::Pulse(seconds) => Ok(chiller.pulse(seconds).await.map_err(error)?),
             Action::Fault(fault) => {
                 chiller.pulse(0.0).await.map_err(error)?;
-                Err(Trip::Chiller { said: fault.to_string(), time_s: now_s }.into())
+                Err(Trip::Chiller {
+                    said: fault.to_string(),
+                    time_s: now_s,
+                }
+                .into())
             }
         }
     }
@@ -368,18 +587,29 @@ pub(super) fn drawn(amps: f64) -> f64 {
     METER_GAIN * amps + NO_CURRENT_A
 }
 
-/// What the mean of a sinusoid may be: the zero errors of supply and meter, and a tenth of its amplitude.
+/// What the mean of a sinusoid may be: the zero errors of supply and meter, and a tenth of its
+/// amplitude.
 fn mean(period_s: f64, amplitude_a: f64) -> Option<Mean> {
-    Some(Mean { period_s, greatest_a: (METER_GAIN - 1.0) * amplitude_a + NO_CURRENT_A, amplitude_a: Some(amplitude_a) })
+    Some(Mean {
+        period_s,
+        greatest_a: (METER_GAIN - 1.0) * amplitude_a + NO_CURRENT_A,
+        amplitude_a: Some(amplitude_a),
+    })
 }
 
-/// The same of a multisine: readings a second apart miss its faster lines, whose effective value is at most about half of the peak.
+/// The same of a multisine: readings a second apart miss its faster lines, whose effective value is
+/// at most about half of the peak.
 fn multisine_mean(period_s: f64, peak_a: f64) -> Option<Mean> {
     let missed_a = CERTAIN * 0.5 * peak_a * (POLL_S / period_s).sqrt();
-    mean(period_s, peak_a).map(|mean| Mean { greatest_a: mean.greatest_a + missed_a, amplitude_a: None, ..mean })
+    mean(period_s, peak_a).map(|mean| Mean {
+        greatest_a: mean.greatest_a + missed_a,
+        amplitude_a: None,
+        ..mean
+    })
 }
 
-/// The period of a sinusoid whose readings must move, s; none for one that is too fast or too small.
+/// The period of a sinusoid whose readings must move, s; none for one that is too fast or too
+/// small.
 fn swing_s(freq_hz: f64, amplitude_a: f64) -> Option<f64> {
     (freq_hz * FOLLOWED * POLL_S <= 1.0 && amplitude_a >= SEEN_A).then_some(1.0 / freq_hz)
 }

@@ -1,8 +1,11 @@
-//! A trace as one wave in the generator's memory, which the bipolar supply follows: steps of milliseconds, which no message could command. Nothing flows before and
-//! behind it within its period; in the pause behind it the least sine takes its place, before it would come again. Meanwhile the interlock reads as ever, and what
-//! the scope has recorded of every step is judged afterwards.
+//! A trace as one wave in the generator's memory, which the bipolar supply follows: steps of
+//! milliseconds, which no message could command. Nothing flows before and behind it within its
+//! period; in the pause behind it the least sine takes its place, before it would come again.
+//! Meanwhile the interlock reads as ever, and what the scope has recorded of every step is judged
+//! afterwards.
 //!
-//! A power becomes a current by the voltage at rest: a wave cannot follow the voltage. What power flowed stands in the file.
+//! A power becomes a current by the voltage at rest: a wave cannot follow the voltage. What power
+//! flowed stands in the file.
 
 use analysis::{
     dataset::{Capture, Commanded, TraceRow},
@@ -47,36 +50,71 @@ impl Executor<'_> {
         (trace, zero): (&TracePlan, Zero),
         (planned_s, steps): (f64, usize),
     ) -> Result<(), ExecuteError> {
-        let Some(frame) = trace.frames.first().copied() else { return Err(disobeyed(&trace.name, "a frame", "none")) };
+        let Some(frame) = trace.frames.first().copied() else {
+            return Err(disobeyed(&trace.name, "a frame", "none"));
+        };
         let over_s = trace.end_s + AFTER_WAVE_S;
         let currents = currents(trace, (planned_s, zero.ocv_v));
         self.arm(&frame).await?;
         // What the screen holds more than the wave passes before it.
-        self.wait_watching((frame.span_s - over_s).max(0.0) + FILL_S, ("trace", Fixture::Cell)).await?;
+        self.wait_watching(
+            (frame.span_s - over_s).max(0.0) + FILL_S,
+            ("trace", Fixture::Cell),
+        )
+        .await?;
         let step_s = self.play_trace(&currents, (planned_s, steps)).await?;
         let began_s = self.clock.now_s();
         // No reading in the last second: nothing may delay what ends the wave.
-        self.wait_watching((over_s - POLL_S).max(0.0), ("trace", Fixture::Cell)).await?;
-        self.clock.sleep_s((began_s + over_s - self.clock.now_s()).max(0.0)).await;
+        self.wait_watching((over_s - POLL_S).max(0.0), ("trace", Fixture::Cell))
+            .await?;
+        self.clock
+            .sleep_s((began_s + over_s - self.clock.now_s()).max(0.0))
+            .await;
         let frozen_s = self.freeze().await?;
         let offset = Volts(self.experiment.bench.wiring.command_offset_v);
         let error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?.quiet(offset).await.map_err(error)?;
+        require(&mut self.bench.generator, "generator")?
+            .quiet(offset)
+            .await
+            .map_err(error)?;
         self.no_burst();
-        once(&trace.name, self.clock.now_s() - began_s, step_s * steps as f64)?;
+        once(
+            &trace.name,
+            self.clock.now_s() - began_s,
+            step_s * steps as f64,
+        )?;
         let capture = self.download((&frame, frozen_s), (trace, "wave")).await?;
-        let (origin_s, found) = self.frames(trace, &zero).of_wave(&capture, (began_s, step_s), planned_s);
+        let (origin_s, found) =
+            self.frames(trace, &zero)
+                .of_wave(&capture, (began_s, step_s), planned_s);
         let recorded = self.judged(trace, found)?;
         self.tell_energy(trace, &zero, &recorded.rows)?;
-        self.finish_trace(trace, &zero, (origin_s, recorded, Some(Commanded::Wave { sent_s: began_s, step_s })))
+        self.finish_trace(
+            trace,
+            &zero,
+            (
+                origin_s,
+                recorded,
+                Some(Commanded::Wave {
+                    sent_s: began_s,
+                    step_s,
+                }),
+            ),
+        )
     }
 
     /// Loads the wave and plays it; says how long a step lasts in truth, s.
-    async fn play_trace(&mut self, currents: &[f64], (step_s, steps): (f64, usize)) -> Result<f64, ExecuteError> {
+    async fn play_trace(
+        &mut self,
+        currents: &[f64],
+        (step_s, steps): (f64, usize),
+    ) -> Result<f64, ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let peak_a = currents.iter().fold(f64::MIN_POSITIVE, |peak, amps| peak.max(amps.abs()));
+        let peak_a = currents
+            .iter()
+            .fold(f64::MIN_POSITIVE, |peak, amps| peak.max(amps.abs()));
         let offset = Volts(wiring.command_offset_v);
         let amplitude = Volts(peak_a * volts_per_amp * wiring.command_trim);
         let error = self.bench.error("generator");
@@ -101,16 +139,30 @@ impl Executor<'_> {
     }
 
     /// What flowed against what was asked for.
-    fn tell_energy(&mut self, trace: &TracePlan, zero: &Zero, rows: &[TraceRow]) -> Result<(), ExecuteError> {
-        let asked_j: f64 = trace.levels.windows(2).filter_map(|pair| Some(pair[0].power_w? * (pair[1].at_s - pair[0].at_s))).sum();
+    fn tell_energy(
+        &mut self,
+        trace: &TracePlan,
+        zero: &Zero,
+        rows: &[TraceRow],
+    ) -> Result<(), ExecuteError> {
+        let asked_j: f64 = trace
+            .levels
+            .windows(2)
+            .filter_map(|pair| Some(pair[0].power_w? * (pair[1].at_s - pair[0].at_s)))
+            .sum();
         if trace.levels.iter().all(|level| level.power_w.is_none()) {
             return Ok(());
         }
         let power_w = |row: &TraceRow| row.current_a * row.voltage_v;
-        let flowed_j: f64 =
-            rows.windows(2).map(|pair| 0.5 * (power_w(&pair[0]) + power_w(&pair[1])) * (pair[1].time_s - pair[0].time_s)).sum();
+        let flowed_j: f64 = rows
+            .windows(2)
+            .map(|pair| {
+                0.5 * (power_w(&pair[0]) + power_w(&pair[1])) * (pair[1].time_s - pair[0].time_s)
+            })
+            .sum();
         self.recorder.warning(&format!(
-            "trace {}: powers were turned into currents at the {:.4} V at rest, for a wave cannot follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were \
+            "trace {}: powers were turned into currents at the {:.4} V at rest, for a wave cannot \
+            follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were \
              asked for",
             trace.name, zero.ocv_v
         ));
@@ -119,12 +171,31 @@ impl Executor<'_> {
 }
 
 impl Frames<'_> {
-    /// Bench time of test time 0, and a row per step, of a wave whose last message was out at `sent_s`, bench s; its steps last `step_s` by the generator's
-    /// clock, s, and were planned as `planned_s`.
-    pub(crate) fn of_wave(&self, capture: &Capture, (sent_s, step_s): (f64, f64), planned_s: f64) -> (f64, Recorded) {
-        let (start_s, currents) = (capture.meta.start_s, currents(self.trace, (planned_s, self.ocv_v)));
-        let place = place(&self.shunt_current(capture), &Stair { values: &currents, step_s }, sent_s - start_s);
-        (start_s + place.begin_s, self.rows_of_wave(capture, &currents, &place))
+    /// Bench time of test time 0, and a row per step, of a wave whose last message was out at
+    /// `sent_s`, bench s; its steps last `step_s` by the generator's clock, s, and were planned as
+    /// `planned_s`.
+    pub(crate) fn of_wave(
+        &self,
+        capture: &Capture,
+        (sent_s, step_s): (f64, f64),
+        planned_s: f64,
+    ) -> (f64, Recorded) {
+        let (start_s, currents) = (
+            capture.meta.start_s,
+            currents(self.trace, (planned_s, self.ocv_v)),
+        );
+        let place = place(
+            &self.shunt_current(capture),
+            &Stair {
+                values: &currents,
+                step_s,
+            },
+            sent_s - start_s,
+        );
+        (
+            start_s + place.begin_s,
+            self.rows_of_wave(capture, &currents, &place),
+        )
     }
 
     /// The record's current by the shunt alone, A.
@@ -132,7 +203,10 @@ impl Frames<'_> {
         let [low, high] = [0, 1].map(|channel: usize| capture.meta.channels[channel].scale);
         let off_v = self.zero_v[1] - self.zero_v[0];
         let samples = capture.codes[0].iter().zip(&capture.codes[1]);
-        Sums::of(samples.map(|(a, b)| (high.volts(*b) - low.volts(*a) - off_v) / self.shunt_ohm), capture.meta.interval_s)
+        Sums::of(
+            samples.map(|(a, b)| (high.volts(*b) - low.volts(*a) - off_v) / self.shunt_ohm),
+            capture.meta.interval_s,
+        )
     }
 
     fn rows_of_wave(&self, capture: &Capture, currents: &[f64], place: &Place) -> Recorded {
@@ -140,25 +214,41 @@ impl Frames<'_> {
         let sums: Vec<Sums> = (0..4)
             .map(|channel| {
                 let scale = capture.meta.channels[channel].scale;
-                Sums::of(capture.codes[channel].iter().map(|code| scale.volts(*code) - self.zero_v[channel]), interval_s)
+                Sums::of(
+                    capture.codes[channel]
+                        .iter()
+                        .map(|code| scale.volts(*code) - self.zero_v[channel]),
+                    interval_s,
+                )
             })
             .collect();
         let mut values = currents.to_vec();
         // The rest behind the last step is the trace's own.
-        let own = values.len().max(((self.trace.end_s / place.step_s).round()) as usize);
+        let own = values
+            .len()
+            .max(((self.trace.end_s / place.step_s).round()) as usize);
         values.resize(own + (TAIL * AFTER_WAVE_S / place.step_s) as usize, 0.0);
         let still = values.iter().take_while(|amps| **amps == 0.0).count();
         let (_, growth, longest_s) = self.trace.thinning;
         let settle_s = SETTLE_S.min(SETTLE * place.step_s);
-        let mut recorded = Recorded { frames: 1, squares: self.scatter_before(capture, (place, currents)), ..Recorded::default() };
+        let mut recorded = Recorded {
+            frames: 1,
+            squares: self.scatter_before(capture, (place, currents)),
+            ..Recorded::default()
+        };
         for chunk in chunks(&values, growth, (longest_s / place.step_s) as usize) {
             let from_s = place.begin_s + chunk.from as f64 * place.step_s + settle_s;
             let to_s = place.begin_s + chunk.to as f64 * place.step_s - GUARD * place.step_s;
-            let means: Vec<(f64, usize)> = sums.iter().filter_map(|sums| sums.mean(from_s, to_s)).collect();
+            let means: Vec<(f64, usize)> = sums
+                .iter()
+                .filter_map(|sums| sums.mean(from_s, to_s))
+                .collect();
             let [first, second, third, fourth] = means.as_slice() else {
                 if (still..own).contains(&chunk.from) {
                     let expected = format!("a record from {from_s:.3} s to {to_s:.3} s");
-                    recorded.missing.get_or_insert((expected, "one that does not hold it".to_owned()));
+                    recorded
+                        .missing
+                        .get_or_insert((expected, "one that does not hold it".to_owned()));
                 }
                 continue;
             };
@@ -170,20 +260,35 @@ impl Frames<'_> {
             ));
             recorded.levels_a.push(values[chunk.from]);
         }
-        let changes = values.windows(2).enumerate().filter(|(_, pair)| pair[0] != pair[1]);
-        recorded.steps_s = changes.map(|(index, _)| (index + 1) as f64 * place.step_s).collect();
+        let changes = values
+            .windows(2)
+            .enumerate()
+            .filter(|(_, pair)| pair[0] != pair[1]);
+        recorded.steps_s = changes
+            .map(|(index, _)| (index + 1) as f64 * place.step_s)
+            .collect();
         recorded
     }
 
-    /// Squares of the scatters of one sample of current and voltage before anything flows, A² and V².
+    /// Squares of the scatters of one sample of current and voltage before anything flows, A² and
+    /// V².
     fn scatter_before(&self, capture: &Capture, (place, currents): (&Place, &[f64])) -> [f64; 2] {
         let still = currents.iter().take_while(|amps| **amps == 0.0).count() as f64 * place.step_s;
-        let index = |time_s: f64| ((time_s / capture.meta.interval_s).max(0.0) as usize).min(capture.codes[0].len());
+        let index = |time_s: f64| {
+            ((time_s / capture.meta.interval_s).max(0.0) as usize).min(capture.codes[0].len())
+        };
         let range = index(place.begin_s)..index(place.begin_s + (1.0 - GUARD) * still);
         let square = |low: usize, high: usize| {
-            let volts = |channel: usize, k: usize| capture.meta.channels[channel].scale.volts(capture.codes[channel][k]);
+            let volts = |channel: usize, k: usize| {
+                capture.meta.channels[channel]
+                    .scale
+                    .volts(capture.codes[channel][k])
+            };
             let (mut sum, mut squares) = (0.0, 0.0);
-            let first = range.clone().next().map_or(0.0, |k| volts(high, k) - volts(low, k));
+            let first = range
+                .clone()
+                .next()
+                .map_or(0.0, |k| volts(high, k) - volts(low, k));
             for k in range.clone() {
                 let change = volts(high, k) - volts(low, k) - first;
                 (sum, squares) = (sum + change, squares + change * change);
@@ -200,7 +305,11 @@ fn once(trace: &str, passed_s: f64, period_s: f64) -> Result<(), ExecuteError> {
     if passed_s <= period_s - REACH_S {
         return Ok(());
     }
-    Err(disobeyed(trace, &format!("the wave taken away within {:.3} s", period_s - REACH_S), &format!("{passed_s:.3} s: it began again")))
+    Err(disobeyed(
+        trace,
+        &format!("the wave taken away within {:.3} s", period_s - REACH_S),
+        &format!("{passed_s:.3} s: it began again"),
+    ))
 }
 
 /// The current of each step up to the last change, A, of a power at a voltage.
@@ -216,9 +325,13 @@ fn currents(trace: &TracePlan, (step_s, volts): (f64, f64)) -> Vec<f64> {
 /// Greatest difference of two clocks that is believed, as a share.
 const CLOCKS_APART: f64 = 1.0e-3;
 
-/// Where the wave lies in the record, near the time of its last message, s. Where both halves can be found, the scope's clock counts.
+/// Where the wave lies in the record, near the time of its last message, s. Where both halves can
+/// be found, the scope's clock counts.
 fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
-    let whole = Place { begin_s: begins(record, stair, (near_s, REACH_S)), step_s: stair.step_s };
+    let whole = Place {
+        begin_s: begins(record, stair, (near_s, REACH_S)),
+        step_s: stair.step_s,
+    };
     let middle = stair.values.len() / 2;
     let square = |values: &[f64]| values.iter().map(|value| value * value).sum::<f64>();
     let (first, second) = stair.values.split_at(middle);
@@ -226,8 +339,22 @@ fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
         return whole;
     }
     let near = (whole.begin_s, 2.0 * stair.step_s);
-    let first_s = begins(record, &Stair { values: first, ..*stair }, near);
-    let second_s = begins(record, &Stair { values: second, ..*stair }, (near.0 + middle as f64 * stair.step_s, near.1));
+    let first_s = begins(
+        record,
+        &Stair {
+            values: first,
+            ..*stair
+        },
+        near,
+    );
+    let second_s = begins(
+        record,
+        &Stair {
+            values: second,
+            ..*stair
+        },
+        (near.0 + middle as f64 * stair.step_s, near.1),
+    );
     let apart_s = second_s - first_s;
     // Less than a sample is no difference of clocks.
     if (apart_s - middle as f64 * stair.step_s).abs() <= 1.01 * record.interval_s() {
@@ -238,7 +365,10 @@ fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
     if (step_s / stair.step_s - 1.0).abs() > CLOCKS_APART {
         return whole;
     }
-    Place { begin_s: first_s, step_s }
+    Place {
+        begin_s: first_s,
+        step_s,
+    }
 }
 
 #[cfg(test)]
@@ -249,6 +379,9 @@ mod tests {
     fn a_wave_that_began_again_is_an_error() {
         assert!(once("t", 7.5, 8.0).is_ok());
         let message = once("t", 7.6, 8.0).unwrap_err().to_string();
-        assert_eq!(message, "trace t: expected the wave taken away within 7.550 s, measured 7.600 s: it began again");
+        assert_eq!(
+            message,
+            "trace t: expected the wave taken away within 7.550 s, measured 7.600 s: it began again"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! The daemon's end of the pipe: starts the guardian, renews the lease as long as the executor makes progress, hears when the guardian is gone.
+//! The daemon's end of the pipe: starts the guardian, renews the lease as long as the executor
+//! makes progress, hears when the guardian is gone.
 
 use std::{
     io::{BufRead, BufReader, Write},
@@ -74,7 +75,8 @@ pub enum GuardianError {
 }
 
 impl GuardianError {
-    /// It does not reach an instrument, because of the wire or of one answer: nobody was let near an output, and the next attempt may find all of them.
+    /// It does not reach an instrument, because of the wire or of one answer: nobody was let near
+    /// an output, and the next attempt may find all of them.
     pub fn may_pass(&self) -> bool {
         match self {
             Self::Unreached(_) => true,
@@ -99,14 +101,19 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// What a guardian says behind its refusal where that is for a fault of the wire, which may pass.
+    /// What a guardian says behind its refusal where that is for a fault of the wire, which may
+    /// pass.
     pub const MAY_PASS: &str = "may pass";
 
-    /// Starts a guardian and waits until it has proven that it can reach its instruments. `clock` is the executor's, whose progress renews the lease.
+    /// Starts a guardian and waits until it has proven that it can reach its instruments. `clock`
+    /// is the executor's, whose progress renews the lease.
     ///
     /// # Errors
     /// Whatever keeps it from watching.
-    pub async fn start(charge: &Charge<'_>, (clock, doing): (&Clock, &Doing)) -> Result<Self, GuardianError> {
+    pub async fn start(
+        charge: &Charge<'_>,
+        (clock, doing): (&Clock, &Doing),
+    ) -> Result<Self, GuardianError> {
         let mut child = spawn(charge).map_err(GuardianError::Start)?;
         let pid = child.id();
         let (Some(stdin), Some(stdout)) = (child.stdin.take(), child.stdout.take()) else {
@@ -120,9 +127,19 @@ impl Keeper {
             move || listen((child, stdout), &tell, &answers)
         });
         let stall_s = charge.bench.guardian.stall_s;
-        let renewal = Renewal { clock: clock.clone(), doing: doing.clone(), stall_s, answers, tell };
+        let renewal = Renewal {
+            clock: clock.clone(),
+            doing: doing.clone(),
+            stall_s,
+            answers,
+            tell,
+        };
         std::thread::spawn(move || renewal.keep(stdin, &told));
-        let mut keeper = Self { heard, goodbye, pid };
+        let mut keeper = Self {
+            heard,
+            goodbye,
+            pid,
+        };
         match clock.deadline(START, keeper.heard.recv()).await {
             Ok(Some(Heard::Ready)) => Ok(keeper),
             Ok(Some(Heard::Refused(error))) => Err(error),
@@ -149,7 +166,10 @@ impl Keeper {
         let _ = self.goodbye.send(GOODBYE);
         let gone = async { while !matches!(self.heard.recv().await, Some(Heard::Gone) | None) {} };
         if clock.deadline(END, gone).await.is_err() {
-            tracing::warn!("the guardian, process {}, did not end when it was dismissed", self.pid);
+            tracing::warn!(
+                "the guardian, process {}, did not end when it was dismissed",
+                self.pid
+            );
         }
     }
 
@@ -170,10 +190,14 @@ pub async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), Guardi
     let mut told = false;
     while state.lock_guardian()?.is_none() {
         if clock.machine_s() - start_s > EARLIER_S.0 {
-            return Err(GuardianError::Busy(state.path("guardian.log").display().to_string()));
+            return Err(GuardianError::Busy(
+                state.path("guardian.log").display().to_string(),
+            ));
         }
         if !told {
-            remark!("the guardian of an earlier run is still switching the bench off: waiting for it");
+            remark!(
+                "the guardian of an earlier run is still switching the bench off: waiting for it"
+            );
             told = true;
         }
         clock.sleep_s(EARLIER_S.1).await;
@@ -183,8 +207,14 @@ pub async fn wait_for_earlier(state: &State, clock: &Clock) -> Result<(), Guardi
 
 fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
     let (least_v, greatest_v) = charge.window_v;
-    let temperatures = charge.cell_c.map(|(least_c, greatest_c)| [format!("--least-c={least_c}"), format!("--greatest-c={greatest_c}")]);
-    // The program that runs, even when the file has been replaced meanwhile. A process group of its own: Ctrl-C at the terminal is not for it.
+    let temperatures = charge.cell_c.map(|(least_c, greatest_c)| {
+        [
+            format!("--least-c={least_c}"),
+            format!("--greatest-c={greatest_c}"),
+        ]
+    });
+    // The program that runs, even when the file has been replaced meanwhile. A process group of its
+    // own: Ctrl-C at the terminal is not for it.
     Command::new("/proc/self/exe")
         .arg("guardian")
         .arg(&charge.bench.path)
@@ -203,7 +233,11 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
 }
 
 /// Hears what the guardian says until it has ended.
-fn listen((mut child, stdout): (Child, ChildStdout), tell: &UnboundedSender<Heard>, answers: &AtomicU64) {
+fn listen(
+    (mut child, stdout): (Child, ChildStdout),
+    tell: &UnboundedSender<Heard>,
+    answers: &AtomicU64,
+) {
     let mut refused: Option<GuardianError> = None;
     for line in BufReader::new(stdout).lines() {
         let Ok(line) = line else { break };
@@ -243,13 +277,20 @@ impl Renewal {
         if known.as_ref() == Some(&now) {
             return Some(ALIVE.to_owned());
         }
-        let bath = now.bath_c.map_or_else(|| NO_BATH.to_owned(), |setpoint_c| setpoint_c.to_string());
-        let word = format!("{DOING}{} {bath} {}", now.fixture.map_or("unknown", fixture_name), now.step.replace('\n', " "));
+        let bath = now
+            .bath_c
+            .map_or_else(|| NO_BATH.to_owned(), |setpoint_c| setpoint_c.to_string());
+        let word = format!(
+            "{DOING}{} {bath} {}",
+            now.fixture.map_or("unknown", fixture_name),
+            now.step.replace('\n', " ")
+        );
         *known = Some(now);
         Some(word)
     }
 
-    /// Says that the daemon is alive, as long as it is more than that: an executor that hangs is as good as dead.
+    /// Says that the daemon is alive, as long as it is more than that: an executor that hangs is as
+    /// good as dead.
     fn keep(self, mut stdin: ChildStdin, goodbye: &mpsc::Receiver<&'static str>) {
         let (mut sent, mut known) = (0, None);
         loop {
@@ -262,7 +303,9 @@ impl Renewal {
                 Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {}
             }
-            let Some(word) = self.word(&mut known) else { continue };
+            let Some(word) = self.word(&mut known) else {
+                continue;
+            };
             if writeln!(stdin, "{word}").is_err() {
                 return;
             }
@@ -287,21 +330,39 @@ mod tests {
     #[test]
     fn the_lease_is_renewed_while_the_executor_waits_and_not_while_it_hangs() {
         Clock::runtime(TimeMode::Virtual).unwrap().block_on(async {
-            let (clock, other) = (Clock::start(TimeMode::Virtual), Clock::start(TimeMode::Virtual));
+            let (clock, other) = (
+                Clock::start(TimeMode::Virtual),
+                Clock::start(TimeMode::Virtual),
+            );
             let progress = Progress::new(&Plan { stages: Vec::new() });
             let (tell, _heard) = unbounded_channel();
             let doing = progress.doing().clone();
-            let renewal = Renewal { clock: clock.clone(), doing, stall_s: 20.0, answers: Arc::default(), tell };
+            let renewal = Renewal {
+                clock: clock.clone(),
+                doing,
+                stall_s: 20.0,
+                answers: Arc::default(),
+                tell,
+            };
             let mut known = None;
-            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing unknown - "));
+            assert_eq!(
+                renewal.word(&mut known).as_deref(),
+                Some("doing unknown - ")
+            );
             assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
             let mount = Step::Mount(Fixture::Cell);
             progress.begin("sweep", &mount);
             progress.end(&mount);
             progress.begin("sweep", &Step::PowerDown);
-            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing cell - bipolar supply down"));
+            assert_eq!(
+                renewal.word(&mut known).as_deref(),
+                Some("doing cell - bipolar supply down")
+            );
             progress.bath(25.5);
-            assert_eq!(renewal.word(&mut known).as_deref(), Some("doing cell 25.5 bipolar supply down"));
+            assert_eq!(
+                renewal.word(&mut known).as_deref(),
+                Some("doing cell 25.5 bipolar supply down")
+            );
             // A wait within its bound, however long.
             let wait = clock.wait(Some(Duration::from_secs(3600)));
             other.sleep_s(3000.0).await;

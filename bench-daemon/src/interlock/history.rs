@@ -1,5 +1,5 @@
-//! What only several readings together show: the rate of the temperature, the charge that has moved, readings that are late or missing, values
-//! that do not move.
+//! What only several readings together show: the rate of the temperature, the charge that has
+//! moved, readings that are late or missing, values that do not move.
 
 use std::collections::VecDeque;
 
@@ -16,7 +16,8 @@ pub struct Settings {
     pub window_s: f64,
     /// Greatest charge that one discharge or charge may move, C.
     pub charge_c: f64,
-    /// How far the charge may be from what a step without a net charge, or with a known one, should have moved, C.
+    /// How far the charge may be from what a step without a net charge, or with a known one, should
+    /// have moved, C.
     pub drift_c: f64,
     /// Greatest time between two readings while current may flow, seconds of the machine.
     pub reading_age_s: f64,
@@ -24,7 +25,8 @@ pub struct Settings {
     pub temperature_age_s: f64,
     /// A value that stays the same to the last digit while so much charge passes is frozen, C.
     pub frozen_c: f64,
-    /// The same for a voltage and a current that a slow sinusoid moves, s; at least two of its periods.
+    /// The same for a voltage and a current that a slow sinusoid moves, s; at least two of its
+    /// periods.
     pub frozen_s: f64,
 }
 
@@ -45,15 +47,21 @@ impl Mean {
         self.period_s >= FOLLOWED_S
     }
 
-    /// Half of the period, where two readings that far apart tell the mean: slower ones are followed reading by reading, and a faster one goes on too far while
-    /// a reading is under way.
+    /// Half of the period, where two readings that far apart tell the mean: slower ones are
+    /// followed reading by reading, and a faster one goes on too far while a reading is under way.
     pub fn pair_s(&self) -> Option<f64> {
-        (!self.followed() && self.period_s >= PAIR_S && self.amplitude_a.is_some()).then_some(0.5 * self.period_s)
+        (!self.followed() && self.period_s >= PAIR_S && self.amplitude_a.is_some())
+            .then_some(0.5 * self.period_s)
     }
 
-    /// Between two readings while the current is followed, s: often enough for a mean of each period.
+    /// Between two readings while the current is followed, s: often enough for a mean of each
+    /// period.
     pub fn poll_s(&self) -> f64 {
-        if self.followed() { self.period_s / POLLS } else { f64::INFINITY }
+        if self.followed() {
+            self.period_s / POLLS
+        } else {
+            f64::INFINITY
+        }
     }
 
     /// Judges a mean.
@@ -61,12 +69,21 @@ impl Mean {
         self.judge_pair(value, 0.0, time_s)
     }
 
-    /// Judges the mean of two readings that are half a period apart, but for `unsure_s`: by so much of the amplitude it may be off, A·sin(π·f·unsure).
+    /// Judges the mean of two readings that are half a period apart, but for `unsure_s`: by so much
+    /// of the amplitude it may be off, A·sin(π·f·unsure).
     pub fn judge_pair(&self, value: f64, unsure_s: f64, time_s: f64) -> Option<Trip> {
-        let phase = (std::f64::consts::PI * unsure_s / self.period_s).min(std::f64::consts::FRAC_PI_2);
+        let phase =
+            (std::f64::consts::PI * unsure_s / self.period_s).min(std::f64::consts::FRAC_PI_2);
         let greatest = self.greatest_a + self.amplitude_a.unwrap_or(0.0) * phase.sin();
         let what = "mean of the cell current";
-        (!(-greatest..=greatest).contains(&value)).then_some(Trip::Limit { what, value, unit: "A", least: -greatest, greatest, time_s })
+        (!(-greatest..=greatest).contains(&value)).then_some(Trip::Limit {
+            what,
+            value,
+            unit: "A",
+            least: -greatest,
+            greatest,
+            time_s,
+        })
     }
 }
 
@@ -74,10 +91,12 @@ impl Mean {
 const FEWEST: f64 = 4.0;
 /// Shortest period over which readings somewhat more than a second apart give a mean, s.
 const FOLLOWED_S: f64 = 5.0;
-/// Readings in a period that are aimed at, where it is followed: their own time taken, [`FEWEST`] come.
+/// Readings in a period that are aimed at, where it is followed: their own time taken, [`FEWEST`]
+/// come.
 const POLLS: f64 = 8.0;
-/// Shortest period of which two readings half of it apart give the mean, s. A record of a faster one is there 2 s after its beginning; 20 ms by which a reading comes
-/// late add 0.6 of the amplitude to the limit there.
+/// Shortest period of which two readings half of it apart give the mean, s. A record of a faster
+/// one is there 2 s after its beginning; 20 ms by which a reading comes late add 0.6 of the
+/// amplitude to the limit there.
 const PAIR_S: f64 = 0.1;
 
 /// What the step in work may do.
@@ -93,7 +112,8 @@ pub struct Allowance {
     pub charge_c: (f64, f64),
     /// A supply holds the voltage from here on, V: that it stands still is no fault.
     pub held_v: f64,
-    /// The period of a sinusoid that is slow enough to be followed reading by reading, s: current and, of a cell, voltage must move with it.
+    /// The period of a sinusoid that is slow enough to be followed reading by reading, s: current
+    /// and, of a cell, voltage must move with it.
     pub swing_s: Option<f64>,
     /// What the mean of the current may be.
     pub mean: Option<Mean>,
@@ -108,7 +128,17 @@ impl Allowance {
     pub fn idle(limits: Limits) -> Self {
         let charge_c = (f64::NEG_INFINITY, f64::INFINITY);
         let held_v = f64::INFINITY;
-        Self { limits, live: false, continues: false, charge_c, held_v, swing_s: None, mean: None, cell: true, tempering: false }
+        Self {
+            limits,
+            live: false,
+            continues: false,
+            charge_c,
+            held_v,
+            swing_s: None,
+            mean: None,
+            cell: true,
+            tempering: false,
+        }
     }
 }
 
@@ -125,9 +155,16 @@ impl Last {
     /// Charge, C, and time, s, that have passed since the value changed.
     fn since(&mut self, value: f64, (charge_c, time_s): (f64, f64)) -> (f64, f64) {
         if self.value != Some(value) {
-            *self = Self { value: Some(value), charge_c, time_s: None };
+            *self = Self {
+                value: Some(value),
+                charge_c,
+                time_s: None,
+            };
         }
-        ((charge_c - self.charge_c).abs(), time_s - *self.time_s.get_or_insert(time_s))
+        (
+            (charge_c - self.charge_c).abs(),
+            time_s - *self.time_s.get_or_insert(time_s),
+        )
     }
 }
 
@@ -157,7 +194,8 @@ pub struct Interlock {
     noise: Noises,
 }
 
-/// What the noise of each meter is known to be: that of voltage and current in the step in work, for their ranges change from step to step.
+/// What the noise of each meter is known to be: that of voltage and current in the step in work,
+/// for their ranges change from step to step.
 #[derive(Debug, Default)]
 struct Noises {
     volts: Noise,
@@ -216,17 +254,28 @@ impl Interlock {
 
     /// A meter that shows the same for longer than its noise allows.
     pub fn stuck(&self) -> Option<Stuck> {
-        let of = |quantity, noise: &Noise, last: &Last| Some(Stuck { quantity, times: noise.stuck()?, value: last.value? });
-        of(Quantity::Temperature, &self.noise.celsius, &self.temperature)
-            .or_else(|| of(Quantity::Voltage, &self.noise.volts, &self.voltage))
-            .or_else(|| of(Quantity::Current, &self.noise.amps, &self.amps))
+        let of = |quantity, noise: &Noise, last: &Last| {
+            Some(Stuck {
+                quantity,
+                times: noise.stuck()?,
+                value: last.value?,
+            })
+        };
+        of(
+            Quantity::Temperature,
+            &self.noise.celsius,
+            &self.temperature,
+        )
+        .or_else(|| of(Quantity::Voltage, &self.noise.volts, &self.voltage))
+        .or_else(|| of(Quantity::Current, &self.noise.amps, &self.amps))
     }
 
     /// A step begins at `machine_s`.
     pub fn begin(&mut self, allowance: Allowance, machine_s: f64) {
         if !allowance.continues {
             (self.charge_c, self.zero_a, self.current) = (0.0, 0.0, None);
-            (self.voltage, self.amps, self.temperature) = (Last::default(), Last::default(), Last::default());
+            (self.voltage, self.amps, self.temperature) =
+                (Last::default(), Last::default(), Last::default());
             (self.noise.volts, self.noise.amps) = (Noise::default(), Noise::default());
             // What was not read while nothing flowed is not late.
             self.read_s = Some(machine_s);
@@ -245,7 +294,8 @@ impl Interlock {
         self.allowance = allowance;
     }
 
-    /// Whether the signal of the step has ended by itself: nothing moves any more then, and the last period is no whole one.
+    /// Whether the signal of the step has ended by itself: nothing moves any more then, and the
+    /// last period is no whole one.
     pub fn silent(&mut self, silent: bool) {
         if silent != self.silent {
             self.lose_period();
@@ -262,7 +312,8 @@ impl Interlock {
     /// Something else is in the jig: what was seen before says nothing of it.
     pub fn forget(&mut self) {
         self.temperatures.clear();
-        (self.voltage, self.amps, self.temperature) = (Last::default(), Last::default(), Last::default());
+        (self.voltage, self.amps, self.temperature) =
+            (Last::default(), Last::default(), Last::default());
         self.noise = Noises::default();
     }
 
@@ -299,7 +350,10 @@ impl Interlock {
             return;
         }
         // A supply that holds the voltage may hold it better than the meter shows.
-        if let Some(volts) = reading.voltage_v.filter(|volts| *volts < self.allowance.held_v) {
+        if let Some(volts) = reading
+            .voltage_v
+            .filter(|volts| *volts < self.allowance.held_v)
+        {
             self.noise.volts.take(volts);
         }
         if let Some(amps) = reading.current_a.filter(|_| self.allowance.live) {
@@ -309,13 +363,23 @@ impl Interlock {
 
     /// Judges what the chiller says that was started.
     pub fn chiller(&self, status: &chiller::Status, time_s: f64) -> Option<Trip> {
-        (!status.running || status.alarm.is_some()).then(|| Trip::Chiller { said: status.raw.clone(), time_s })
+        (!status.running || status.alarm.is_some()).then(|| Trip::Chiller {
+            said: status.raw.clone(),
+            time_s,
+        })
     }
 
     fn late(&mut self, reading: &Reading, machine_s: f64) -> Option<Trip> {
-        let since_s = self.read_s.replace(machine_s).map_or(0.0, |read_s| machine_s - read_s);
+        let since_s = self
+            .read_s
+            .replace(machine_s)
+            .map_or(0.0, |read_s| machine_s - read_s);
         // Nobody saw what came before the reading that ends a gap.
-        let age_s = if self.logger { machine_s - self.temperature_s } else { 0.0 };
+        let age_s = if self.logger {
+            machine_s - self.temperature_s
+        } else {
+            0.0
+        };
         if reading.temperature_c.is_some() {
             self.temperature_s = machine_s;
         }
@@ -329,20 +393,38 @@ impl Interlock {
                 time_s: reading.time_s,
             })
         };
-        limit("time without a reading", since_s, self.settings.reading_age_s)
-            .or_else(|| limit("time without a cell temperature", age_s, self.settings.temperature_age_s))
+        limit(
+            "time without a reading",
+            since_s,
+            self.settings.reading_age_s,
+        )
+        .or_else(|| {
+            limit(
+                "time without a cell temperature",
+                age_s,
+                self.settings.temperature_age_s,
+            )
+        })
     }
 
-    /// What the ammeter of the steps to come shows while their output is off, A: that is no charge. More than a zero error is none.
+    /// What the ammeter of the steps to come shows while their output is off, A: that is no charge.
+    /// More than a zero error is none.
     pub fn zero(&mut self, zero_a: f64) {
-        self.zero_a = if zero_a.abs() <= NO_CURRENT_A { zero_a } else { 0.0 };
+        self.zero_a = if zero_a.abs() <= NO_CURRENT_A {
+            zero_a
+        } else {
+            0.0
+        };
     }
 
     /// The trapezoidal rule.
     fn count_charge(&mut self, reading: &Reading) {
-        let Some(current_a) = reading.current_a else { return };
+        let Some(current_a) = reading.current_a else {
+            return;
+        };
         if let Some((before_s, before_a)) = self.current.replace((reading.time_s, current_a)) {
-            self.charge_c += (0.5 * (before_a + current_a) - self.zero_a) * (reading.time_s - before_s);
+            self.charge_c +=
+                (0.5 * (before_a + current_a) - self.zero_a) * (reading.time_s - before_s);
         }
     }
 
@@ -351,11 +433,22 @@ impl Interlock {
         let (window_s, greatest) = (self.settings.window_s, 60.0 * self.settings.rate_k_per_s);
         let new = (reading.time_s, reading.temperature_c?);
         self.temperatures.push_back(new);
-        while self.temperatures.front().is_some_and(|(time_s, _)| new.0 - time_s > window_s) {
+        while self
+            .temperatures
+            .front()
+            .is_some_and(|(time_s, _)| new.0 - time_s > window_s)
+        {
             self.temperatures.pop_front();
         }
-        let span_s = new.0 - self.temperatures.front().map_or(new.0, |(time_s, _)| *time_s);
-        if self.allowance.tempering || self.temperatures.len() < RATE.0 || span_s < RATE.1 * window_s {
+        let span_s = new.0
+            - self
+                .temperatures
+                .front()
+                .map_or(new.0, |(time_s, _)| *time_s);
+        if self.allowance.tempering
+            || self.temperatures.len() < RATE.0
+            || span_s < RATE.1 * window_s
+        {
             return None;
         }
         let value = 60.0 * slope(&self.temperatures);
@@ -371,10 +464,17 @@ impl Interlock {
 
     /// The mean over the last period, by the trapezoidal rule, as soon as a whole one was read.
     fn mean(&mut self, reading: &Reading) -> Option<Trip> {
-        let mean = self.allowance.mean.filter(|mean| mean.followed() && !self.silent)?;
+        let mean = self
+            .allowance
+            .mean
+            .filter(|mean| mean.followed() && !self.silent)?;
         self.period.push_back((reading.time_s, reading.current_a?));
         let from_s = reading.time_s - mean.period_s;
-        while self.period.get(1).is_some_and(|(time_s, _)| *time_s <= from_s) {
+        while self
+            .period
+            .get(1)
+            .is_some_and(|(time_s, _)| *time_s <= from_s)
+        {
             self.period.pop_front();
         }
         mean.judge(self.over_period(&mean, |amps| amps)?, reading.time_s)
@@ -385,8 +485,15 @@ impl Interlock {
         let pairs = || self.period.iter().zip(self.period.iter().skip(1));
         let from_s = self.period.back()?.0 - mean.period_s;
         // What came too seldom says nothing of a mean.
-        let apart_s = pairs().map(|(one, other)| other.0 - one.0).fold(0.0, f64::max);
-        if self.period.front().is_none_or(|(time_s, _)| *time_s > from_s) || apart_s > mean.period_s / FEWEST {
+        let apart_s = pairs()
+            .map(|(one, other)| other.0 - one.0)
+            .fold(0.0, f64::max);
+        if self
+            .period
+            .front()
+            .is_none_or(|(time_s, _)| *time_s > from_s)
+            || apart_s > mean.period_s / FEWEST
+        {
             return None;
         }
         let part = |((t0, a0), (t1, a1)): (&(f64, f64), &(f64, f64))| {
@@ -422,39 +529,78 @@ impl Interlock {
     fn charge(&self, time_s: f64) -> Option<Trip> {
         let (value, (least, greatest)) = (self.charge_c, self.allowance.charge_c);
         let outside = self.allowance.live && !(least..=greatest).contains(&value);
-        outside.then_some(Trip::Limit { what: NET_CHARGE, value, unit: "C", least, greatest, time_s })
+        outside.then_some(Trip::Limit {
+            what: NET_CHARGE,
+            value,
+            unit: "C",
+            least,
+            greatest,
+            time_s,
+        })
     }
 
     fn frozen(&mut self, reading: &Reading) -> Option<Trip> {
         let (now, settings) = ((self.charge_c, reading.time_s), self.settings);
-        let volts = reading.voltage_v.map(|volts| self.voltage.since(volts, now));
+        let volts = reading
+            .voltage_v
+            .map(|volts| self.voltage.since(volts, now));
         let amps = reading.current_a.map(|amps| self.amps.since(amps, now));
-        let celsius = reading.temperature_c.map(|celsius| self.temperature.since(celsius, now));
+        let celsius = reading
+            .temperature_c
+            .map(|celsius| self.temperature.since(celsius, now));
         if !self.allowance.live {
             return None;
         }
-        let held = reading.voltage_v.is_some_and(|volts| volts >= self.allowance.held_v);
+        let held = reading
+            .voltage_v
+            .is_some_and(|volts| volts >= self.allowance.held_v);
         let cell = |since: Option<(f64, f64)>| since.filter(|_| self.allowance.cell);
         let charge = |since: Option<(f64, f64)>| Some((cell(since)?.0, settings.frozen_c, "C"));
         let swing_s = self.allowance.swing_s.filter(|_| !self.silent);
-        let time = |since: Option<(f64, f64)>| Some((since?.1, settings.frozen_s.max(SWINGS * swing_s?), "s"));
+        let time = |since: Option<(f64, f64)>| {
+            Some((since?.1, settings.frozen_s.max(SWINGS * swing_s?), "s"))
+        };
         let stood = [
-            ("charge while the cell voltage stood still", charge(volts.filter(|_| !held))),
-            ("charge while the cell temperature stood still", charge(celsius)),
-            ("time in which the cell voltage stood still under a sinusoid", time(cell(volts))),
-            ("time in which the cell current stood still under a sinusoid", time(amps)),
+            (
+                "charge while the cell voltage stood still",
+                charge(volts.filter(|_| !held)),
+            ),
+            (
+                "charge while the cell temperature stood still",
+                charge(celsius),
+            ),
+            (
+                "time in which the cell voltage stood still under a sinusoid",
+                time(cell(volts)),
+            ),
+            (
+                "time in which the cell current stood still under a sinusoid",
+                time(amps),
+            ),
         ];
-        let frozen = stood.into_iter().find_map(|(what, found)| Some((what, found.filter(|(value, greatest, _)| value > greatest)?)));
-        frozen.map(|(what, (value, greatest, unit))| Trip::Limit { what, value, unit, least: 0.0, greatest, time_s: reading.time_s })
+        let frozen = stood.into_iter().find_map(|(what, found)| {
+            Some((what, found.filter(|(value, greatest, _)| value > greatest)?))
+        });
+        frozen.map(|(what, (value, greatest, unit))| Trip::Limit {
+            what,
+            value,
+            unit,
+            least: 0.0,
+            greatest,
+            time_s: reading.time_s,
+        })
     }
 }
 
 /// Least-squares slope of (time, value).
 fn slope(points: &VecDeque<(f64, f64)>) -> f64 {
     let count = points.len() as f64;
-    let (mean_t, mean_v) = points.iter().fold((0.0, 0.0), |(t, v), point| (t + point.0 / count, v + point.1 / count));
-    let (covariance, variance) =
-        points.iter().fold((0.0, 0.0), |(c, s), (t, v)| (c + (t - mean_t) * (v - mean_v), s + (t - mean_t).powi(2)));
+    let (mean_t, mean_v) = points.iter().fold((0.0, 0.0), |(t, v), point| {
+        (t + point.0 / count, v + point.1 / count)
+    });
+    let (covariance, variance) = points.iter().fold((0.0, 0.0), |(c, s), (t, v)| {
+        (c + (t - mean_t) * (v - mean_v), s + (t - mean_t).powi(2))
+    });
     covariance / variance
 }
 

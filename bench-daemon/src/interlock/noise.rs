@@ -1,9 +1,11 @@
-//! A meter whose noise shows does not give the same value again and again: from how often its readings turn back follows how seldom two can be alike.
+//! A meter whose noise shows does not give the same value again and again: from how often its
+//! readings turn back follows how seldom two can be alike.
 
 /// Standard deviations by which the share of turns is taken smaller than it was seen.
 const DEVIATIONS: f64 = 2.0;
-/// Chance below which a value that stands still does not do so by chance. A night has 10⁵ readings, and what is taken for it is far more than what is likely:
-/// a reading that neither turns nor stands still goes on in its direction.
+/// Chance below which a value that stands still does not do so by chance. A night has 10⁵ readings,
+/// and what is taken for it is far more than what is likely: a reading that neither turns nor
+/// stands still goes on in its direction.
 const CHANCE: f64 = 1.0e-6;
 /// Greatest share of pairs that are alike of a meter whose digits are finer than its noise.
 const MOST_ALIKE: f64 = 0.1;
@@ -75,7 +77,9 @@ mod tests {
         let mut state = 0x9e37_79b9_7f4a_7c15_u64;
         (0..count).map(move |k| {
             let mut uniform = || {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+                state = state
+                    .wrapping_mul(6_364_136_223_846_793_005)
+                    .wrapping_add(1_442_695_040_888_963_407);
                 (state >> 11) as f64 / (1_u64 << 53) as f64
             };
             let normal = (0..12).map(|_| uniform()).sum::<f64>() - 6.0;
@@ -110,7 +114,10 @@ mod tests {
                 noise.stuck().is_some()
             });
             match sigma {
-                s if s >= 4.0 => assert!(caught.is_some_and(|readings| readings <= 25), "{sigma}: {caught:?}"),
+                s if s >= 4.0 => assert!(
+                    caught.is_some_and(|readings| readings <= 25),
+                    "{sigma}: {caught:?}"
+                ),
                 s if s < 0.1 => assert_eq!(caught, None, "{sigma}: nothing is known of its noise"),
                 _ => {}
             }

@@ -1,4 +1,5 @@
-//! Planned runs → an experiment on the same bench and cell. The controls are not measured again: the correction stays.
+//! Planned runs → an experiment on the same bench and cell. The controls are not measured again:
+//! the correction stays.
 
 use analysis::{
     dataset::Role,
@@ -25,7 +26,8 @@ const START_WITHIN_V: f64 = 0.06;
 const SHORTEST_S: f64 = 0.5;
 /// Frequencies below this are swept with few periods, Hz: each takes minutes.
 const SLOW_HZ: f64 = 0.05;
-/// So many are waited for and so many recorded: a screen may be two and a half times as long as asked for, and must fill.
+/// So many are waited for and so many recorded: a screen may be two and a half times as long as
+/// asked for, and must fill.
 const SLOW_PERIODS: (f64, f64) = (6.0, 2.5);
 
 /// Where a planned run begins: the campaign, and where it left the cell.
@@ -42,19 +44,44 @@ pub(super) struct Site {
 impl Site {
     /// Errors tell in words what the campaign lacks.
     pub(super) fn new(first: &Experiment, set: &DataSet, ocv: &OcvCurve) -> Result<Self, String> {
-        let soc = |run: &Run| if let Start::Ocv(v) = run.start { ocv.soc_at(v).unwrap_or(f64::NAN) } else { f64::NAN };
-        let cells = || set.runs.iter().filter(|run| matches!(run.fixture, Fixture::Cell(_)));
-        let (Some(begin), Some(last)) = (cells().min_by_key(|run| run.order), cells().max_by_key(|run| run.order)) else {
+        let soc = |run: &Run| {
+            if let Start::Ocv(v) = run.start {
+                ocv.soc_at(v).unwrap_or(f64::NAN)
+            } else {
+                f64::NAN
+            }
+        };
+        let cells = || {
+            set.runs
+                .iter()
+                .filter(|run| matches!(run.fixture, Fixture::Cell(_)))
+        };
+        let (Some(begin), Some(last)) = (
+            cells().min_by_key(|run| run.order),
+            cells().max_by_key(|run| run.order),
+        ) else {
             return Err("the cell was never measured".to_owned());
         };
-        let drawn_c = if let RunData::Time(record) = &last.data { record.series.charge_c().last().copied() } else { None };
+        let drawn_c = if let RunData::Time(record) = &last.data {
+            record.series.charge_c().last().copied()
+        } else {
+            None
+        };
         let now_soc = soc(last) - drawn_c.unwrap_or(0.0) / (3600.0 * ocv.capacity_ah);
-        Ok(Self { first: first.clone(), ocv: ocv.clone(), begin: (begin.temperature_c, soc(begin)), now_soc })
+        Ok(Self {
+            first: first.clone(),
+            ocv: ocv.clone(),
+            begin: (begin.temperature_c, soc(begin)),
+            now_soc,
+        })
     }
 
-    /// The experiment that plays planned runs, and its time on the bench, min. Errors tell in words what bench, cell or campaign lack.
+    /// The experiment that plays planned runs, and its time on the bench, min. Errors tell in words
+    /// what bench, cell or campaign lack.
     pub(super) fn experiment(&self, runs: &[PlannedRun]) -> Result<(Experiment, f64), String> {
-        let Some(leading) = runs.first() else { return Err("expected a planned run, found none".to_owned()) };
+        let Some(leading) = runs.first() else {
+            return Err("expected a planned run, found none".to_owned());
+        };
         self.can_follow_each_other(runs)?;
         let first = &self.first;
         let mut experiment = Experiment {
@@ -72,27 +99,45 @@ impl Site {
         }
         for run in runs {
             match &run.what {
-                Planned::Trace(segments) => experiment.traces.push(trace(first, (run, &self.ocv), segments)?),
-                Planned::Eis { freq_hz, amplitude_a } => experiment.eis = Some(sweep(first, run, (freq_hz, *amplitude_a))?),
+                Planned::Trace(segments) => {
+                    experiment
+                        .traces
+                        .push(trace(first, (run, &self.ocv), segments)?)
+                }
+                Planned::Eis {
+                    freq_hz,
+                    amplitude_a,
+                } => experiment.eis = Some(sweep(first, run, (freq_hz, *amplitude_a))?),
             }
         }
-        let plan = procedure::plan(&experiment).check(&experiment.cell.limits).map_err(|error| error.to_string())?;
+        let plan = procedure::plan(&experiment)
+            .check(&experiment.cell.limits)
+            .map_err(|error| error.to_string())?;
         let minutes = plan.plan().expected_s() / 60.0;
         Ok((experiment, minutes))
     }
 
-    /// Runs of one experiment are played in turn: all with the same thing in the jig, one sweep at most, and none may leave the cell elsewhere.
+    /// Runs of one experiment are played in turn: all with the same thing in the jig, one sweep at
+    /// most, and none may leave the cell elsewhere.
     fn can_follow_each_other(&self, runs: &[PlannedRun]) -> Result<(), String> {
         if runs.windows(2).any(|w| w[0].fixture != w[1].fixture) {
             return Err("its runs want different things in the jig".to_owned());
         }
-        if runs.iter().filter(|run| matches!(run.what, Planned::Eis { .. })).count() > 1 {
+        if runs
+            .iter()
+            .filter(|run| matches!(run.what, Planned::Eis { .. }))
+            .count()
+            > 1
+        {
             return Err("an experiment has place for one sweep".to_owned());
         }
         let capacity_c = 3600.0 * self.ocv.capacity_ah;
         let stays = |run: &PlannedRun| moved_c(run).abs() < 0.01 * capacity_c;
         if runs.len() > 1 && !runs.iter().all(stays) {
-            return Err("one of its runs leaves the cell at another charge than the others begin at".to_owned());
+            return Err(
+                "one of its runs leaves the cell at another charge than the others begin at"
+                    .to_owned(),
+            );
         }
         Ok(())
     }
@@ -101,12 +146,19 @@ impl Site {
     fn bring(&self, experiment: &mut Experiment, run: &PlannedRun) -> Result<(), String> {
         let (begin_c, begin_soc) = self.begin;
         if (run.temperature_c - begin_c).abs() > NEAR_K {
-            let held = experiment.temperature.as_mut().ok_or("the campaign holds no temperature")?;
+            let held = experiment
+                .temperature
+                .as_mut()
+                .ok_or("the campaign holds no temperature")?;
             held.setpoint_c = run.temperature_c;
         }
         if (run.soc - self.now_soc).abs() > SOC_NEAR {
-            // The reset ends at the campaign's state of charge: its voltages are moved by as much as the open-circuit voltage is to move.
-            let mut reset = self.first.soc_reset.ok_or("the campaign has no reset of the state of charge")?;
+            // The reset ends at the campaign's state of charge: its voltages are moved by as much
+            // as the open-circuit voltage is to move.
+            let mut reset = self
+                .first
+                .soc_reset
+                .ok_or("the campaign has no reset of the state of charge")?;
             let shift_v = self.ocv.voltage_v(run.soc) - self.ocv.voltage_v(begin_soc);
             reset.discharge_until_v += shift_v;
             reset.charge_until_v += shift_v;
@@ -118,11 +170,21 @@ impl Site {
 
 /// Charge that all repeats of a run take out of the cell, C.
 fn moved_c(run: &PlannedRun) -> f64 {
-    let Planned::Trace(segments) = &run.what else { return 0.0 };
-    segments.iter().map(|(span_s, amps)| span_s * amps).sum::<f64>() * run.repeat as f64
+    let Planned::Trace(segments) = &run.what else {
+        return 0.0;
+    };
+    segments
+        .iter()
+        .map(|(span_s, amps)| span_s * amps)
+        .sum::<f64>()
+        * run.repeat as f64
 }
 
-fn sweep(first: &Experiment, run: &PlannedRun, (freq_hz, amplitude_a): (&Vec<f64>, f64)) -> Result<Eis, String> {
+fn sweep(
+    first: &Experiment,
+    run: &PlannedRun,
+    (freq_hz, amplitude_a): (&Vec<f64>, f64),
+) -> Result<Eis, String> {
     let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
     eis.fixture = fixture(first, &run.fixture)?;
     (eis.repeat, eis.rest_s) = (run.repeat, run.settle_s.min(600.0));
@@ -135,20 +197,41 @@ fn sweep(first: &Experiment, run: &PlannedRun, (freq_hz, amplitude_a): (&Vec<f64
     Ok(eis)
 }
 
-fn trace(first: &Experiment, (run, ocv): (&PlannedRun, &OcvCurve), segments: &[(f64, f64)]) -> Result<Trace, String> {
-    let like = first.traces.first().ok_or("the campaign has no trace to take its sampling from")?;
+fn trace(
+    first: &Experiment,
+    (run, ocv): (&PlannedRun, &OcvCurve),
+    segments: &[(f64, f64)],
+) -> Result<Trace, String> {
+    let like = first
+        .traces
+        .first()
+        .ok_or("the campaign has no trace to take its sampling from")?;
     let limits = &first.cell.limits;
     // Every repeat begins where the one before it has ended.
-    let moved_c: f64 = segments.iter().map(|(span_s, amps)| span_s * amps).sum::<f64>() * run.repeat.saturating_sub(1) as f64;
-    let (begin_v, end_v) = (ocv.voltage_v(run.soc), ocv.voltage_v(run.soc - moved_c / (3600.0 * ocv.capacity_ah)));
-    let segment = |(span_s, amps): &(f64, f64)| Segment { current_a: 0.0 - amps, duration_s: span_s.max(SHORTEST_S), power_w: None };
+    let moved_c: f64 = segments
+        .iter()
+        .map(|(span_s, amps)| span_s * amps)
+        .sum::<f64>()
+        * run.repeat.saturating_sub(1) as f64;
+    let (begin_v, end_v) = (
+        ocv.voltage_v(run.soc),
+        ocv.voltage_v(run.soc - moved_c / (3600.0 * ocv.capacity_ah)),
+    );
+    let segment = |(span_s, amps): &(f64, f64)| Segment {
+        current_a: 0.0 - amps,
+        duration_s: span_s.max(SHORTEST_S),
+        power_w: None,
+    };
     Ok(Trace {
         name: run.name.clone(),
         role: Role::Train,
         repeat_group: run.repeat_group.clone(),
         repeat: run.repeat,
         rest_s: run.settle_s.min(600.0),
-        start_v: ((begin_v.min(end_v) - START_WITHIN_V).max(limits.min_v), (begin_v.max(end_v) + START_WITHIN_V).min(limits.max_v)),
+        start_v: (
+            (begin_v.min(end_v) - START_WITHIN_V).max(limits.min_v),
+            (begin_v.max(end_v) + START_WITHIN_V).min(limits.max_v),
+        ),
         segments: segments.iter().map(segment).collect(),
         through: Through::Bipolar,
         averaged: None,
@@ -163,10 +246,17 @@ fn fixture(first: &Experiment, planned: &Fixture) -> Result<plant::Fixture, Stri
         Fixture::Shunt(ohm) => {
             let have_ohm = first.bench.wiring.shunt.r_ohm;
             let fits = (have_ohm / ohm - 1.0).abs() < CONTROL_NEAR;
-            fits.then_some(plant::Fixture::Shunt)
-                .ok_or_else(|| format!("it wants a shunt of {:.1} mΩ, the bench's has {:.2} mΩ", 1e3 * ohm, 1e3 * have_ohm))
+            fits.then_some(plant::Fixture::Shunt).ok_or_else(|| {
+                format!(
+                    "it wants a shunt of {:.1} mΩ, the bench's has {:.2} mΩ",
+                    1e3 * ohm,
+                    1e3 * have_ohm
+                )
+            })
         }
-        Fixture::FakeCell(_) => Err("a sweep of the fake cell is none of the cell's data".to_owned()),
+        Fixture::FakeCell(_) => {
+            Err("a sweep of the fake cell is none of the cell's data".to_owned())
+        }
     }
 }
 
@@ -177,10 +267,12 @@ mod tests {
     use super::*;
     use crate::{config::load_experiment, plan::Step};
 
-    /// Every point of a planned sweep is driven with the planned amplitude, not with that of the campaign.
+    /// Every point of a planned sweep is driven with the planned amplitude, not with that of the
+    /// campaign.
     #[test]
     fn a_planned_sweep_is_driven_as_planned() {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/experiments/investigate.toml");
+        let file =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/experiments/investigate.toml");
         let first = load_experiment(&file, None).unwrap();
         let run = PlannedRun {
             name: "larger".to_owned(),
@@ -192,14 +284,39 @@ mod tests {
             order: 20,
             settle_s: 600.0,
             start_s: 1e5,
-            what: Planned::Eis { freq_hz: vec![1.0, 10.0], amplitude_a: 4.5 },
+            what: Planned::Eis {
+                freq_hz: vec![1.0, 10.0],
+                amplitude_a: 4.5,
+            },
         };
-        let Planned::Eis { freq_hz, amplitude_a } = &run.what else { unreachable!() };
+        let Planned::Eis {
+            freq_hz,
+            amplitude_a,
+        } = &run.what
+        else {
+            unreachable!()
+        };
         let eis = sweep(&first, &run, (freq_hz, *amplitude_a)).unwrap();
-        let experiment = Experiment { fixture_check: None, soc_reset: None, traces: Vec::new(), eis: Some(eis), ..first };
-        let steps = procedure::plan(&experiment).stages.into_iter().flat_map(|stage| stage.steps);
-        let driven: Vec<f64> =
-            steps.filter_map(|step| if let Step::Sine { amplitude_a, .. } = step { Some(amplitude_a) } else { None }).collect();
+        let experiment = Experiment {
+            fixture_check: None,
+            soc_reset: None,
+            traces: Vec::new(),
+            eis: Some(eis),
+            ..first
+        };
+        let steps = procedure::plan(&experiment)
+            .stages
+            .into_iter()
+            .flat_map(|stage| stage.steps);
+        let driven: Vec<f64> = steps
+            .filter_map(|step| {
+                if let Step::Sine { amplitude_a, .. } = step {
+                    Some(amplitude_a)
+                } else {
+                    None
+                }
+            })
+            .collect();
         assert_eq!(driven, [4.5; 4]);
     }
 }

@@ -1,8 +1,10 @@
-//! The closed loop: a campaign, a model fitted to its sweeps, a diagnosis; then the run that the diagnosis asks for, on the same bench, and a
-//! diagnosis of everything measured so far, until nothing is open or the means are at their end.
+//! The closed loop: a campaign, a model fitted to its sweeps, a diagnosis; then the run that the
+//! diagnosis asks for, on the same bench, and a diagnosis of everything measured so far, until
+//! nothing is open or the means are at their end.
 //!
-//! Not here: what a run is (`command::run`), what a diagnosis is (`analysis::diagnosis`). A simulated world is one and the same over all runs: its time,
-//! its charge, its wear and its noise go on; the diagnosis sees its files alone.
+//! Not here: what a run is (`command::run`), what a diagnosis is (`analysis::diagnosis`). A
+//! simulated world is one and the same over all runs: its time, its charge, its wear and its noise
+//! go on; the diagnosis sees its files alone.
 
 mod follow_up;
 mod join;
@@ -14,7 +16,10 @@ use std::{
 };
 
 use analysis::{
-    diagnosis::{BaseModel, BenchLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome, PlannedRun, Playable, Verdict, gate},
+    diagnosis::{
+        BaseModel, BenchLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome, PlannedRun,
+        Playable, Verdict, gate,
+    },
     fit::{Bounds, CellSweeps, FitOptions, ModelFile, OrderOptions, fit_erm, select_order},
     ocv::OcvCurve,
     spectrum::Spectrum,
@@ -135,7 +140,8 @@ pub struct Investigation {
     pub diagnosis: Diagnosis,
 }
 
-/// Plays an investigation and writes `investigation.json`, `investigation.md`, `model.json`, the joined data set, and a run folder per step.
+/// Plays an investigation and writes `investigation.json`, `investigation.md`, `model.json`, the
+/// joined data set, and a run folder per step.
 ///
 /// # Errors
 /// A run that ended early, a model that cannot be fitted, a folder that cannot be written.
@@ -150,7 +156,10 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         session,
         model,
         loaded: read_dataset(&first)?,
-        spent: Budget { minutes: 0.0, charge_ah: 0.0 },
+        spent: Budget {
+            minutes: 0.0,
+            charge_ah: 0.0,
+        },
         refused: measured.refused(),
     };
     let (mut outcome, mut asked) = desk.diagnose(&[])?;
@@ -162,10 +171,24 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         };
         let folder = means.out.join(format!("{}_{}", steps.len(), next.name));
         let minutes = desk.buy(&experiment, (&next, &outcome.next_runs), &folder)?;
-        (outcome, asked) = desk.diagnose(&steps.iter().filter_map(Step::bought).chain([next.name]).collect::<Vec<_>>())?;
-        steps.push(step(&folder, Some(Bought { experiment: next, minutes }), &outcome.diagnosis));
+        (outcome, asked) = desk.diagnose(
+            &steps
+                .iter()
+                .filter_map(Step::bought)
+                .chain([next.name])
+                .collect::<Vec<_>>(),
+        )?;
+        steps.push(step(
+            &folder,
+            Some(Bought {
+                experiment: next,
+                minutes,
+            }),
+            &outcome.diagnosis,
+        ));
     };
-    write_dataset(&means.out.join("dataset"), &desk.loaded.set).map_err(|error| Failure::Analysis(error.to_string()))?;
+    write_dataset(&means.out.join("dataset"), &desk.loaded.set)
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
     let investigation = Investigation {
         schema: SCHEMA,
         name: experiment.name.clone(),
@@ -220,29 +243,56 @@ impl Desk<'_> {
             shunt_ohm: Some(self.experiment.bench.wiring.shunt.r_ohm),
         };
         let asked = Arc::new(Mutex::new(Asked::default()));
-        let options =
-            DiagnosisOptions { limits: Some(limits), playable: Some(self.playable(bought, asked.clone())), ..DiagnosisOptions::default() };
-        let unreadable = self.loaded.problems.iter().map(|problem| gate::Reason::unreadable(&problem.run, &problem.text)).collect();
+        let options = DiagnosisOptions {
+            limits: Some(limits),
+            playable: Some(self.playable(bought, asked.clone())),
+            ..DiagnosisOptions::default()
+        };
+        let unreadable = self
+            .loaded
+            .problems
+            .iter()
+            .map(|problem| gate::Reason::unreadable(&problem.run, &problem.text))
+            .collect();
         let mut outcome = gate::diagnose_gated(&self.loaded.set, unreadable, &self.model, &options)
             .map_err(|error| Failure::Analysis(error.to_string()))?;
-        outcome.diagnosis.notes.extend(self.loaded.notes.iter().cloned());
-        let asked = asked.lock().map_or_else(|_| Asked::default(), |asked| asked.clone());
+        outcome
+            .diagnosis
+            .notes
+            .extend(self.loaded.notes.iter().cloned());
+        let asked = asked
+            .lock()
+            .map_or_else(|_| Asked::default(), |asked| asked.clone());
         Ok((outcome, asked))
     }
 
-    /// Refuses what was bought often enough, what bench or cell cannot do, and what the budget does not pay.
+    /// Refuses what was bought often enough, what bench or cell cannot do, and what the budget does
+    /// not pay.
     fn playable(&self, bought: &[&'static str], asked: Arc<Mutex<Asked>>) -> Playable {
-        let (site, bought) = (Site::new(self.experiment, &self.loaded.set, &self.model.ocv), bought.to_vec());
-        let (minutes_left, ah_left) = (self.means.budget.minutes - self.spent.minutes, self.means.budget.charge_ah - self.spent.charge_ah);
+        let (site, bought) = (
+            Site::new(self.experiment, &self.loaded.set, &self.model.ocv),
+            bought.to_vec(),
+        );
+        let (minutes_left, ah_left) = (
+            self.means.budget.minutes - self.spent.minutes,
+            self.means.budget.charge_ah - self.spent.charge_ah,
+        );
         Arc::new(move |name, runs| {
             let charge_ah: f64 = runs.iter().map(PlannedRun::charge_ah).sum();
-            let found = match site.as_ref().map_err(String::clone).and_then(|site| site.experiment(runs)) {
+            let found = match site
+                .as_ref()
+                .map_err(String::clone)
+                .and_then(|site| site.experiment(runs))
+            {
                 _ if bought.iter().filter(|played| **played == name).count() >= MOST_AGAIN => {
                     Err((End::NoExperiment, "was played already".to_owned()))
                 }
                 Err(reason) => Err((End::NoExperiment, reason)),
                 Ok((_, minutes)) if minutes > minutes_left || charge_ah > ah_left => {
-                    let left = format!("takes {minutes:.0} min and {charge_ah:.2} Ah; left are {minutes_left:.0} min and {ah_left:.2} Ah");
+                    let left = format!(
+                        "takes {minutes:.0} min and {charge_ah:.2} Ah; left are {minutes_left:.0} \
+                        min and {ah_left:.2} Ah"
+                    );
                     Err((End::Budget, left))
                 }
                 Ok(_) => Ok(()),
@@ -259,42 +309,89 @@ impl Desk<'_> {
     }
 
     /// The experiment that is worth its price, or why the investigation ends.
-    fn next(&self, (outcome, asked): (&Outcome, &Asked), steps: &[Step]) -> Result<(NextExperiment, Experiment), (End, String)> {
+    fn next(
+        &self,
+        (outcome, asked): (&Outcome, &Asked),
+        steps: &[Step],
+    ) -> Result<(NextExperiment, Experiment), (End, String)> {
         let diagnosis = &outcome.diagnosis;
         match diagnosis.verdict {
-            Verdict::Explained => return Err((End::Explained, "what was missing has a name".to_owned())),
-            Verdict::AtNoiseFloor => return Err((End::AtNoiseFloor, "nothing is missing that these repeats could show".to_owned())),
+            Verdict::Explained => {
+                return Err((End::Explained, "what was missing has a name".to_owned()));
+            }
+            Verdict::AtNoiseFloor => {
+                return Err((
+                    End::AtNoiseFloor,
+                    "nothing is missing that these repeats could show".to_owned(),
+                ));
+            }
             Verdict::Invalid => return Err((End::Invalid, "the data cannot be used".to_owned())),
             Verdict::Ambiguous | Verdict::Unexplained => {}
         }
-        let Some(next) = diagnosis.next_experiment.as_ref().filter(|_| steps.len() <= MOST_RUNS) else {
-            let refused = || asked.refused.iter().filter(|(name, ..)| !asked.allowed.contains(name));
-            let budget = refused().any(|(_, end, _)| *end == End::Budget) || steps.len() > MOST_RUNS;
-            let reasons: Vec<String> = refused().map(|(name, _, reason)| format!("{name}: {reason}")).collect();
-            let without = if reasons.is_empty() { String::new() } else { format!("; not asked for: {}", reasons.join("; ")) };
+        let Some(next) = diagnosis
+            .next_experiment
+            .as_ref()
+            .filter(|_| steps.len() <= MOST_RUNS)
+        else {
+            let refused = || {
+                asked
+                    .refused
+                    .iter()
+                    .filter(|(name, ..)| !asked.allowed.contains(name))
+            };
+            let budget =
+                refused().any(|(_, end, _)| *end == End::Budget) || steps.len() > MOST_RUNS;
+            let reasons: Vec<String> = refused()
+                .map(|(name, _, reason)| format!("{name}: {reason}"))
+                .collect();
+            let without = if reasons.is_empty() {
+                String::new()
+            } else {
+                format!("; not asked for: {}", reasons.join("; "))
+            };
             let text = format!("no run that can be played would tell more{without}");
-            return Err((if budget { End::Budget } else { End::NoExperiment }, text));
+            return Err((
+                if budget {
+                    End::Budget
+                } else {
+                    End::NoExperiment
+                },
+                text,
+            ));
         };
         let site = Site::new(self.experiment, &self.loaded.set, &self.model.ocv);
         let planned = site.and_then(|site| site.experiment(&outcome.next_runs));
-        planned.map(|(experiment, _)| (next.clone(), experiment)).map_err(|reason| (End::NoExperiment, reason))
+        planned
+            .map(|(experiment, _)| (next.clone(), experiment))
+            .map_err(|reason| (End::NoExperiment, reason))
     }
 
     /// Plays an experiment and joins what it measured; returns the minutes that it took.
-    fn buy(&mut self, experiment: &Experiment, (next, runs): (&NextExperiment, &[PlannedRun]), folder: &Path) -> Result<f64, Failure> {
+    fn buy(
+        &mut self,
+        experiment: &Experiment,
+        (next, runs): (&NextExperiment, &[PlannedRun]),
+        folder: &Path,
+    ) -> Result<f64, Failure> {
         let start_s = self.session.now_s();
         self.refused += self.session.run(experiment, folder)?.measured.refused();
         let minutes = (self.session.now_s() - start_s) / 60.0;
         self.spent.minutes += minutes;
         self.spent.charge_ah += next.charge_ah;
-        join::add(&mut self.loaded, (&self.means.out.join("campaign"), folder), runs)?;
+        join::add(
+            &mut self.loaded,
+            (&self.means.out.join("campaign"), folder),
+            runs,
+        )?;
         Ok(minutes)
     }
 }
 
 fn step(folder: &Path, bought: Option<Bought>, diagnosis: &Diagnosis) -> Step {
     Step {
-        folder: folder.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
+        folder: folder
+            .file_name()
+            .map_or_else(String::new, |name| name.to_string_lossy().into_owned()),
         bought,
         verdict: diagnosis.verdict,
         effects: diagnosis.effects.iter().map(|effect| effect.name).collect(),
@@ -303,8 +400,13 @@ fn step(folder: &Path, bought: Option<Bought>, diagnosis: &Diagnosis) -> Step {
     }
 }
 
-/// The ERM of the campaign's sweeps, of the order that they bear, with the curve that the user states.
-fn base_model(experiment: &Experiment, measured: &Measured, means: &Means<'_>) -> Result<BaseModel, Failure> {
+/// The ERM of the campaign's sweeps, of the order that they bear, with the curve that the user
+/// states.
+fn base_model(
+    experiment: &Experiment,
+    measured: &Measured,
+    means: &Means<'_>,
+) -> Result<BaseModel, Failure> {
     let refused = |error: &dyn std::fmt::Display| Failure::Analysis(format!("no model: {error}"));
     let mut sweeps: Vec<Spectrum> = every_sweep(measured).cloned().collect();
     let every: Vec<usize> = (0..sweeps.len()).collect();
@@ -319,19 +421,39 @@ fn base_model(experiment: &Experiment, measured: &Measured, means: &Means<'_>) -
         [rc] => *rc,
         orders => {
             let most = orders.iter().copied().max().unwrap_or(MOST_RC);
-            let cells = [CellSweeps { cell: experiment.cell.name.clone(), named: true, sweeps: sweeps.clone() }];
+            let cells = [CellSweeps {
+                cell: experiment.cell.name.clone(),
+                named: true,
+                sweeps: sweeps.clone(),
+            }];
             let options = OrderOptions { most, bounds, seed };
-            select_order(&cells, &options).map_err(|error| refused(&error))?.recommended
+            select_order(&cells, &options)
+                .map_err(|error| refused(&error))?
+                .recommended
         }
     };
-    let options = FitOptions { rc, objective: experiment.fit.objective, seed, bounds };
+    let options = FitOptions {
+        rc,
+        objective: experiment.fit.objective,
+        seed,
+        bounds,
+    };
     let fit = fit_erm(&sweeps, &options).map_err(|error| refused(&error))?;
     let erm = fit.erm.clone();
-    let mut file = ModelFile::new(&experiment.cell.name, fit, sweeps.iter().map(|sweep| sweep.name.clone()).collect(), None);
+    let mut file = ModelFile::new(
+        &experiment.cell.name,
+        fit,
+        sweeps.iter().map(|sweep| sweep.name.clone()).collect(),
+        None,
+    );
     file.ocv = Some(means.ocv.clone());
     file.refused = gated.into_iter().map(|(_, point)| point).collect();
     let path: PathBuf = means.out.join("model.json");
     let text = file.to_json().map_err(|error| refused(&error))?;
     analysis::dataset::write_atomically(&path, text.as_bytes()).map_err(|error| refused(&error))?;
-    Ok(BaseModel { name: experiment.cell.name.clone(), erm, ocv: means.ocv.clone() })
+    Ok(BaseModel {
+        name: experiment.cell.name.clone(),
+        erm,
+        ocv: means.ocv.clone(),
+    })
 }

@@ -1,16 +1,18 @@
-//! What of a plan is refused before anything is energised: what could leave the limits of the cell, drive without a supply that is up, change a fixture under
-//! power, or wait without end. Pure.
+//! What of a plan is refused before anything is energised: what could leave the limits of the cell,
+//! drive without a supply that is up, change a fixture under power, or wait without end. Pure.
 
 use instruments::{mock::plant::Fixture, supply4q::Holds};
 
 use super::{Checked, Plan, PlanError, Purpose, Step};
 use crate::interlock::Limits;
 
-/// The compliance of the bipolar supply lies so far above the cell's greatest voltage, V: enough that its voltage loop never acts on a sound cell.
+/// The compliance of the bipolar supply lies so far above the cell's greatest voltage, V: enough
+/// that its voltage loop never acts on a sound cell.
 const COMPLIANCE_V: (f64, f64) = (0.25, 2.5);
 
 impl Plan {
-    /// Refuses a plan that could leave the limits of the cell, drive without a supply that is up, change a fixture under power, or wait without end.
+    /// Refuses a plan that could leave the limits of the cell, drive without a supply that is up,
+    /// change a fixture under power, or wait without end.
     ///
     /// # Errors
     /// The first such step.
@@ -18,13 +20,26 @@ impl Plan {
         for (stage_index, stage) in self.stages.iter().enumerate() {
             let mut powered = false;
             for (step_index, step) in stage.steps.iter().enumerate() {
-                let fail = |reason: String| PlanError { stage: stage_index + 1, step: step_index + 1, what: step.to_string(), reason };
+                let fail = |reason: String| PlanError {
+                    stage: stage_index + 1,
+                    step: step_index + 1,
+                    what: step.to_string(),
+                    reason,
+                };
                 step.check(limits, powered).map_err(fail)?;
                 if matches!(stage.purpose, Purpose::Sweep(Fixture::Short, _))
-                    && matches!(step, Step::PowerUp { held: Holds::Voltage | Holds::Nothing, .. })
+                    && matches!(
+                        step,
+                        Step::PowerUp {
+                            held: Holds::Voltage | Holds::Nothing,
+                            ..
+                        }
+                    )
                 {
-                    let reason = "expected a bipolar supply with a programmable current limit to drive a short, found one whose output follows \
-                                  the generator up to its rated current: leave [fixture_check.short] out";
+                    let reason = "expected a bipolar supply with a programmable current limit to \
+                    drive a short, found one whose output follows \
+                                  the generator up to its rated current: leave \
+                                  [fixture_check.short] out";
                     return Err(fail(reason.to_owned()));
                 }
                 match step {
@@ -35,8 +50,14 @@ impl Plan {
             }
             if powered {
                 let (step, what) = (stage.steps.len(), "end of the stage".to_owned());
-                let reason = "expected the bipolar supply to be taken down before the stage ends".to_owned();
-                return Err(PlanError { stage: stage_index + 1, step, what, reason });
+                let reason =
+                    "expected the bipolar supply to be taken down before the stage ends".to_owned();
+                return Err(PlanError {
+                    stage: stage_index + 1,
+                    step,
+                    what,
+                    reason,
+                });
             }
         }
         Ok(Checked(self))
@@ -46,31 +67,56 @@ impl Plan {
 impl Step {
     fn check(&self, limits: &Limits, powered: bool) -> Result<(), String> {
         let current = |amps: f64, limit: f64, what: &str| {
-            (amps > 0.0 && amps <= limit)
-                .then_some(())
-                .ok_or_else(|| format!("expected a {what} above 0 A, at most {limit} A, found {amps} A"))
+            (amps > 0.0 && amps <= limit).then_some(()).ok_or_else(|| {
+                format!("expected a {what} above 0 A, at most {limit} A, found {amps} A")
+            })
         };
         let window = |volts: f64, what: &str| {
             (limits.min_v..=limits.max_v)
                 .contains(&volts)
                 .then_some(())
-                .ok_or_else(|| format!("expected {what} within {} V to {} V, found {volts} V", limits.min_v, limits.max_v))
+                .ok_or_else(|| {
+                    format!(
+                        "expected {what} within {} V to {} V, found {volts} V",
+                        limits.min_v, limits.max_v
+                    )
+                })
         };
-        let needs_off = || if powered { Err("expected the bipolar supply to be down".to_owned()) } else { Ok(()) };
+        let needs_off = || {
+            if powered {
+                Err("expected the bipolar supply to be down".to_owned())
+            } else {
+                Ok(())
+            }
+        };
         match *self {
-            Self::Specimen(..) | Self::Mount(_) | Self::HoldTemperature { .. } | Self::Pause { .. } | Self::Zero(_) => needs_off()?,
+            Self::Specimen(..)
+            | Self::Mount(_)
+            | Self::HoldTemperature { .. }
+            | Self::Pause { .. }
+            | Self::Zero(_) => needs_off()?,
             Self::Trace(ref trace) => {
                 if trace.bipolar() != powered {
-                    return Err(format!("expected the bipolar supply to be {}", if powered { "down" } else { "up" }));
+                    return Err(format!(
+                        "expected the bipolar supply to be {}",
+                        if powered { "down" } else { "up" }
+                    ));
                 }
                 trace.check(limits)?;
             }
-            Self::Discharge { current_a, until_v, .. } => {
+            Self::Discharge {
+                current_a, until_v, ..
+            } => {
                 needs_off()?;
                 current(current_a, limits.discharge_a, "discharge current")?;
                 window(until_v, "the end of the discharge")?;
             }
-            Self::Charge { current_a, limit_v, until_v, .. } => {
+            Self::Charge {
+                current_a,
+                limit_v,
+                until_v,
+                ..
+            } => {
                 needs_off()?;
                 current(current_a, limits.charge_a, "charge current")?;
                 window(limit_v, "the limit of the supply")?;
@@ -79,7 +125,9 @@ impl Step {
             Self::Rest { min_s, max_s, .. } => {
                 needs_off()?;
                 if min_s > max_s {
-                    return Err(format!("expected a shortest rest of at most {max_s} s, found {min_s} s"));
+                    return Err(format!(
+                        "expected a shortest rest of at most {max_s} s, found {min_s} s"
+                    ));
                 }
             }
             Self::Accept { band_v, .. } => {
@@ -91,21 +139,43 @@ impl Step {
                 needs_off()?;
                 leg.check(limits)?;
             }
-            Self::PowerUp { compliance_v, limit_a, .. } => {
+            Self::PowerUp {
+                compliance_v,
+                limit_a,
+                ..
+            } => {
                 needs_off()?;
-                let (least, greatest) = (limits.max_v + COMPLIANCE_V.0, limits.max_v + COMPLIANCE_V.1);
+                let (least, greatest) =
+                    (limits.max_v + COMPLIANCE_V.0, limits.max_v + COMPLIANCE_V.1);
                 if !(least..=greatest).contains(&compliance_v) {
-                    return Err(format!("expected a compliance within {least:.2} V to {greatest:.2} V, found {compliance_v} V"));
+                    return Err(format!(
+                        "expected a compliance within {least:.2} V to {greatest:.2} V, found \
+                        {compliance_v} V"
+                    ));
                 }
-                current(limit_a, 1.5 * limits.charge_a.min(limits.discharge_a), "current limit")?;
+                current(
+                    limit_a,
+                    1.5 * limits.charge_a.min(limits.discharge_a),
+                    "current limit",
+                )?;
             }
-            Self::Sine { freq_hz, amplitude_a, .. } => {
+            Self::Sine {
+                freq_hz,
+                amplitude_a,
+                ..
+            } => {
                 if !powered {
                     return Err("expected the bipolar supply to be up".to_owned());
                 }
-                current(amplitude_a, limits.charge_a.min(limits.discharge_a), "amplitude")?;
+                current(
+                    amplitude_a,
+                    limits.charge_a.min(limits.discharge_a),
+                    "amplitude",
+                )?;
                 if !(freq_hz > 0.0 && freq_hz.is_finite()) {
-                    return Err(format!("expected a frequency above 0 Hz, found {freq_hz} Hz"));
+                    return Err(format!(
+                        "expected a frequency above 0 Hz, found {freq_hz} Hz"
+                    ));
                 }
             }
             Self::Multisine(ref band) => {
@@ -133,9 +203,25 @@ mod tests {
     use super::*;
     use crate::plan::Stage;
 
-    const LIMITS: Limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
-    const UP: Step = Step::PowerUp { compliance_v: 5.0, limit_a: 3.0, held: Holds::CurrentAndVoltage };
-    const SINE: Step = Step::Sine { index: 0, freq_hz: 1.0, amplitude_a: 1.0, wait_s: 12.0 };
+    const LIMITS: Limits = Limits {
+        min_v: 2.5,
+        max_v: 4.2,
+        charge_a: 13.5,
+        discharge_a: 45.0,
+        min_c: 0.0,
+        max_c: 60.0,
+    };
+    const UP: Step = Step::PowerUp {
+        compliance_v: 5.0,
+        limit_a: 3.0,
+        held: Holds::CurrentAndVoltage,
+    };
+    const SINE: Step = Step::Sine {
+        index: 0,
+        freq_hz: 1.0,
+        amplitude_a: 1.0,
+        wait_s: 12.0,
+    };
 
     #[test]
     fn a_short_is_driven_only_by_a_supply_that_limits_its_current() {
@@ -147,19 +233,56 @@ mod tests {
             (Fixture::Cell, Holds::Voltage, true),
             (Fixture::Cell, Holds::Nothing, true),
         ] {
-            let up = Step::PowerUp { compliance_v: 5.0, limit_a: 3.0, held };
+            let up = Step::PowerUp {
+                compliance_v: 5.0,
+                limit_a: 3.0,
+                held,
+            };
             let text = up.to_string();
-            assert_eq!(text.contains("current limit 3 A"), held == Holds::CurrentAndVoltage, "{up}");
-            assert_eq!(text.contains("compliance 5 V"), held != Holds::Nothing, "{up}");
-            assert_eq!(text.ends_with("no programmable current limit: the output follows the generator"), held == Holds::Voltage, "{up}");
-            assert_eq!(text.ends_with("only the daemon's readings and a fuse hold it"), held == Holds::Nothing, "{up}");
-            let stage = Stage { purpose: Purpose::Sweep(fixture, 1), steps: vec![Step::Mount(fixture), up, SINE, Step::PowerDown] };
-            assert_eq!(Plan { stages: vec![stage] }.check(&LIMITS).is_ok(), sound, "{fixture:?}, held: {held:?}");
+            assert_eq!(
+                text.contains("current limit 3 A"),
+                held == Holds::CurrentAndVoltage,
+                "{up}"
+            );
+            assert_eq!(
+                text.contains("compliance 5 V"),
+                held != Holds::Nothing,
+                "{up}"
+            );
+            assert_eq!(
+                text.ends_with("no programmable current limit: the output follows the generator"),
+                held == Holds::Voltage,
+                "{up}"
+            );
+            assert_eq!(
+                text.ends_with("only the daemon's readings and a fuse hold it"),
+                held == Holds::Nothing,
+                "{up}"
+            );
+            let stage = Stage {
+                purpose: Purpose::Sweep(fixture, 1),
+                steps: vec![Step::Mount(fixture), up, SINE, Step::PowerDown],
+            };
+            assert_eq!(
+                Plan {
+                    stages: vec![stage]
+                }
+                .check(&LIMITS)
+                .is_ok(),
+                sound,
+                "{fixture:?}, held: {held:?}"
+            );
         }
     }
 
     fn check(steps: Vec<Step>) -> Result<Checked, PlanError> {
-        Plan { stages: vec![Stage { purpose: Purpose::Sweep(Fixture::Cell, 1), steps }] }.check(&LIMITS)
+        Plan {
+            stages: vec![Stage {
+                purpose: Purpose::Sweep(Fixture::Cell, 1),
+                steps,
+            }],
+        }
+        .check(&LIMITS)
     }
 
     #[test]
@@ -169,23 +292,87 @@ mod tests {
 
     #[test]
     fn each_way_out_of_the_limits_is_refused_with_its_reason() {
-        let discharge = |current_a, until_v| Step::Discharge { current_a, until_v, max_s: 60.0 };
+        let discharge = |current_a, until_v| Step::Discharge {
+            current_a,
+            until_v,
+            max_s: 60.0,
+        };
         for (steps, reason) in [
             (vec![SINE], "expected the bipolar supply to be up"),
             (
-                vec![Step::PowerUp { compliance_v: 4.2, limit_a: 3.0, held: Holds::CurrentAndVoltage }],
+                vec![Step::PowerUp {
+                    compliance_v: 4.2,
+                    limit_a: 3.0,
+                    held: Holds::CurrentAndVoltage,
+                }],
                 "expected a compliance within 4.45 V to 6.70 V, found 4.2 V",
             ),
             (vec![UP, SINE], "taken down before the stage ends"),
-            (vec![UP, Step::Mount(Fixture::Shunt), Step::PowerDown], "expected the bipolar supply to be down"),
-            (vec![UP, discharge(5.0, 3.5), Step::PowerDown], "expected the bipolar supply to be down"),
+            (
+                vec![UP, Step::Mount(Fixture::Shunt), Step::PowerDown],
+                "expected the bipolar supply to be down",
+            ),
+            (
+                vec![UP, discharge(5.0, 3.5), Step::PowerDown],
+                "expected the bipolar supply to be down",
+            ),
             (vec![discharge(46.0, 3.5)], "at most 45 A, found 46 A"),
-            (vec![discharge(5.0, 2.4)], "within 2.5 V to 4.2 V, found 2.4 V"),
-            (vec![Step::Charge { current_a: 3.0, limit_v: 4.3, until_v: 3.8, max_s: 60.0 }], "limit of the supply within 2.5 V to 4.2 V"),
-            (vec![Step::Charge { current_a: 14.0, limit_v: 4.2, until_v: 3.8, max_s: 60.0 }], "at most 13.5 A"),
-            (vec![UP, Step::Sine { index: 0, freq_hz: 1.0, amplitude_a: 14.0, wait_s: 1.0 }, Step::PowerDown], "amplitude"),
-            (vec![UP, Step::Sine { index: 0, freq_hz: 1.0e-9, amplitude_a: 1.0, wait_s: 1.0e10 }, Step::PowerDown], "within seven days"),
-            (vec![Step::Rest { min_s: 10.0, max_s: 5.0, slope_v_per_s: 1e-6 }], "shortest rest of at most 5 s"),
+            (
+                vec![discharge(5.0, 2.4)],
+                "within 2.5 V to 4.2 V, found 2.4 V",
+            ),
+            (
+                vec![Step::Charge {
+                    current_a: 3.0,
+                    limit_v: 4.3,
+                    until_v: 3.8,
+                    max_s: 60.0,
+                }],
+                "limit of the supply within 2.5 V to 4.2 V",
+            ),
+            (
+                vec![Step::Charge {
+                    current_a: 14.0,
+                    limit_v: 4.2,
+                    until_v: 3.8,
+                    max_s: 60.0,
+                }],
+                "at most 13.5 A",
+            ),
+            (
+                vec![
+                    UP,
+                    Step::Sine {
+                        index: 0,
+                        freq_hz: 1.0,
+                        amplitude_a: 14.0,
+                        wait_s: 1.0,
+                    },
+                    Step::PowerDown,
+                ],
+                "amplitude",
+            ),
+            (
+                vec![
+                    UP,
+                    Step::Sine {
+                        index: 0,
+                        freq_hz: 1.0e-9,
+                        amplitude_a: 1.0,
+                        wait_s: 1.0e10,
+                    },
+                    Step::PowerDown,
+                ],
+                "within seven days",
+            ),
+            (
+                vec![Step::Rest {
+                    min_s: 10.0,
+                    max_s: 5.0,
+                    slope_v_per_s: 1e-6,
+                }],
+                "shortest rest of at most 5 s",
+            ),
         ] {
             let message = check(steps).map(|_| ()).unwrap_err().to_string();
             assert!(message.contains(reason), "{message}");

@@ -1,4 +1,5 @@
-//! What a crash in a step means for a run that goes on: decided for every kind of step, here and nowhere else.
+//! What a crash in a step means for a run that goes on: decided for every kind of step, here and
+//! nowhere else.
 
 use super::Step;
 
@@ -7,9 +8,11 @@ use super::Step;
 pub enum AfterCrash {
     /// Nothing that lasts was moved: it is played again.
     Repeat,
-    /// It ends at a voltage, wherever it begins: the stage is played again from its beginning, and ends at once what has been reached.
+    /// It ends at a voltage, wherever it begins: the stage is played again from its beginning, and
+    /// ends at once what has been reached.
     Absolute,
-    /// It moved a charge that nobody knows: it is played again only after the cell was brought to a known state of charge.
+    /// It moved a charge that nobody knows: it is played again only after the cell was brought to a
+    /// known state of charge.
     Unknown,
 }
 
@@ -27,8 +30,11 @@ impl Step {
             | Self::PowerDown => AfterCrash::Repeat,
             // A sinusoid takes back what it gives.
             Self::Sine { .. } | Self::Multisine(_) | Self::Recheck { .. } => AfterCrash::Repeat,
-            // What a cell has come to is judged only behind the rest that it came to it in; legs begin with a full cell.
-            Self::Discharge { .. } | Self::Charge { .. } | Self::Accept { .. } | Self::Leg(_) => AfterCrash::Absolute,
+            // What a cell has come to is judged only behind the rest that it came to it in; legs
+            // begin with a full cell.
+            Self::Discharge { .. } | Self::Charge { .. } | Self::Accept { .. } | Self::Leg(_) => {
+                AfterCrash::Absolute
+            }
             Self::Trace(_) => AfterCrash::Unknown,
         }
     }

@@ -1,4 +1,5 @@
-//! A multisine as data: one band of lines that are driven at once, and the record that is taken of it.
+//! A multisine as data: one band of lines that are driven at once, and the record that is taken of
+//! it.
 
 use std::fmt;
 
@@ -28,7 +29,8 @@ pub struct Band {
     pub memory_points: u64,
     /// Points downloaded per channel.
     pub record_points: u64,
-    /// Harmonics that were wanted, and those that took their place because images of the generator's steps would have fallen onto them.
+    /// Harmonics that were wanted, and those that took their place because images of the
+    /// generator's steps would have fallen onto them.
     pub moved: Vec<(usize, usize)>,
     /// The line that images disturb most in theory; none where none falls onto any.
     pub disturbed: Option<Disturbed>,
@@ -54,22 +56,37 @@ impl Band {
     pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
         let greatest_a = limits.charge_a.min(limits.discharge_a);
         if !(self.peak_a > 0.0 && self.peak_a <= greatest_a) {
-            return Err(format!("expected a peak above 0 A, at most {greatest_a} A, found {} A", self.peak_a));
+            return Err(format!(
+                "expected a peak above 0 A, at most {greatest_a} A, found {} A",
+                self.peak_a
+            ));
         }
-        let sound = !self.design.harmonics.is_empty() && self.base_hz > 0.0 && (self.periods() - self.periods().round()).abs() < 1.0e-6;
+        let sound = !self.design.harmonics.is_empty()
+            && self.base_hz > 0.0
+            && (self.periods() - self.periods().round()).abs() < 1.0e-6;
         sound.then_some(()).ok_or_else(|| {
-            format!("expected lines and a record of whole periods, found {} of {:.4}", self.design.harmonics.len(), self.periods())
+            format!(
+                "expected lines and a record of whole periods, found {} of {:.4}",
+                self.design.harmonics.len(),
+                self.periods()
+            )
         })
     }
 }
 
 impl fmt::Display for Band {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let hertz = |harmonic: Option<&usize>| harmonic.map_or(f64::NAN, |harmonic| *harmonic as f64 * self.base_hz);
-        let (first, last) = (hertz(self.design.harmonics.first()), hertz(self.design.harmonics.last()));
+        let hertz = |harmonic: Option<&usize>| {
+            harmonic.map_or(f64::NAN, |harmonic| *harmonic as f64 * self.base_hz)
+        };
+        let (first, last) = (
+            hertz(self.design.harmonics.first()),
+            hertz(self.design.harmonics.last()),
+        );
         write!(
             f,
-            "multisine {}: {} lines from {first:.4} Hz to {last:.4} Hz, peak {} A, {:.3} A each (crest factor {:.2}), settle {}, {:.0} periods in {}",
+            "multisine {}: {} lines from {first:.4} Hz to {last:.4} Hz, peak {} A, {:.3} A each \
+            (crest factor {:.2}), settle {}, {:.0} periods in {}",
             self.number,
             self.design.harmonics.len(),
             self.peak_a,
@@ -87,14 +104,22 @@ impl Band {
     /// What the plan says of the images of the generator's steps.
     fn fmt_images(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let hertz = |harmonic: usize| harmonic as f64 * self.base_hz;
-        write!(f, "; {} steps and {:.0} points a period", self.steps, self.record_points as f64 / self.periods())?;
+        write!(
+            f,
+            "; {} steps and {:.0} points a period",
+            self.steps,
+            self.record_points as f64 / self.periods()
+        )?;
         for (from, to) in &self.moved {
             write!(f, ", {:.4} Hz moved to {:.4} Hz", hertz(*from), hertz(*to))?;
         }
-        let Some(Disturbed { image, error_ohm }) = self.disturbed else { return write!(f, ", no image of a step on a line") };
+        let Some(Disturbed { image, error_ohm }) = self.disturbed else {
+            return write!(f, ", no image of a step on a line");
+        };
         write!(
             f,
-            ", images of the steps on lines at most about {:.1} µΩ, on {:.4} Hz that of {:.4} Hz at {:.0} kHz",
+            ", images of the steps on lines at most about {:.1} µΩ, on {:.4} Hz that of {:.4} Hz \
+            at {:.0} kHz",
             1.0e6 * error_ohm,
             hertz(image.onto),
             hertz(image.of),

@@ -28,18 +28,28 @@ impl Stage {
 
     /// What it is for; in a campaign also which run and which cell it belongs to.
     pub fn title(&self) -> String {
-        let of_run = self.of_campaign().map(|(specimen, run)| format!("run {run}, cell {}: ", specimen.name));
+        let of_run = self
+            .of_campaign()
+            .map(|(specimen, run)| format!("run {run}, cell {}: ", specimen.name));
         format!("{}{}", of_run.unwrap_or_default(), self.purpose)
     }
 
     fn of_campaign(&self) -> Option<(&Arc<Specimen>, usize)> {
-        self.steps.iter().find_map(|step| if let Step::Specimen(specimen, run) = step { Some((specimen, *run)) } else { None })
+        self.steps.iter().find_map(|step| {
+            if let Step::Specimen(specimen, run) = step {
+                Some((specimen, *run))
+            } else {
+                None
+            }
+        })
     }
 }
 
 impl fmt::Display for Specimen {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "cell {}", self.name)?;
-        self.serial.as_ref().map_or(Ok(()), |serial| write!(f, " (serial number {serial})"))
+        self.serial
+            .as_ref()
+            .map_or(Ok(()), |serial| write!(f, " (serial number {serial})"))
     }
 }

@@ -4,49 +4,77 @@ use super::{Leg, Plan, Stage, Step, Through};
 
 /// How often a point is measured again because a channel clipped or was too small.
 pub const MAX_RANGING: usize = 4;
-/// A generator's burst lasts so much longer than its step needs as a rule, s: what arming, reading and fetching take.
+/// A generator's burst lasts so much longer than its step needs as a rule, s: what arming, reading
+/// and fetching take.
 pub const LEEWAY_S: f64 = 5.0;
 /// Seconds that setting up and downloading one point takes, as a rule of thumb.
 const OVERHEAD_S: f64 = 2.0;
-/// A wait for a temperature, s: the first of a run takes ten minutes, each after it the minute in which the cell must stay within its band.
+/// A wait for a temperature, s: the first of a run takes ten minutes, each after it the minute in
+/// which the cell must stay within its band.
 const TEMPER_S: f64 = 180.0;
-/// Share of its upper bound that a discharge or charge of a reset takes: the bound is enough for a whole cell and more, and a reset moves about
-/// a tenth of a cell each way.
+/// Share of its upper bound that a discharge or charge of a reset takes: the bound is enough for a
+/// whole cell and more, and a reset moves about a tenth of a cell each way.
 const RESET_SHARE: f64 = 0.055;
 
 impl Plan {
-    /// Expected duration, bench s: the fixed waits whole, the others by a rule of thumb. The first attempt of a reset is taken to succeed.
+    /// Expected duration, bench s: the fixed waits whole, the others by a rule of thumb. The first
+    /// attempt of a reset is taken to succeed.
     pub fn expected_s(&self) -> f64 {
         let played = |stage: &Stage| {
-            let last = stage.steps.iter().position(|step| matches!(step, Step::Accept { .. }));
-            stage.steps.iter().take(last.unwrap_or(stage.steps.len())).map(Step::expected_s).sum::<f64>()
+            let last = stage
+                .steps
+                .iter()
+                .position(|step| matches!(step, Step::Accept { .. }));
+            stage
+                .steps
+                .iter()
+                .take(last.unwrap_or(stage.steps.len()))
+                .map(Step::expected_s)
+                .sum::<f64>()
         };
         self.stages.iter().map(played).sum()
     }
 
-    /// The step that a request to pause, and the one that a request to end, may have to wait for longest, with its expected and its longest duration, bench s.
+    /// The step that a request to pause, and the one that a request to end, may have to wait for
+    /// longest, with its expected and its longest duration, bench s.
     pub fn waits(&self) -> [Option<(&Step, f64, f64)>; 2] {
         let longest = |of: fn(&&Step) -> bool| {
             let steps = self.stages.iter().flat_map(|stage| &stage.steps).filter(of);
-            steps.map(|step| (step, step.expected_s(), step.longest_s())).max_by(|one, other| one.2.total_cmp(&other.2))
+            steps
+                .map(|step| (step, step.expected_s(), step.longest_s()))
+                .max_by(|one, other| one.2.total_cmp(&other.2))
         };
         // Points that are measured again are ended one by one.
-        [longest(|_| true), longest(|step| !step.ends_early() && !matches!(step, Step::Recheck { .. }))]
+        [
+            longest(|_| true),
+            longest(|step| !step.ends_early() && !matches!(step, Step::Recheck { .. })),
+        ]
     }
 
-    /// How long generator and bipolar supply drive on at most where no message reaches them any more, by a model that takes so many periods in a burst, bench s:
-    /// infinite without bursts; none where they drive nothing.
+    /// How long generator and bipolar supply drive on at most where no message reaches them any
+    /// more, by a model that takes so many periods in a burst, bench s: infinite without bursts;
+    /// none where they drive nothing.
     pub fn plays_on_s(&self, most_periods: Option<u32>) -> Option<f64> {
         let steps = self.stages.iter().flat_map(|stage| &stage.steps);
         let whole_s = |freq_hz: f64, needed_s: f64| {
             let periods = ((needed_s + LEEWAY_S) * freq_hz).ceil();
-            if most_periods.is_some_and(|most| periods <= f64::from(most)) { periods / freq_hz } else { f64::INFINITY }
+            if most_periods.is_some_and(|most| periods <= f64::from(most)) {
+                periods / freq_hz
+            } else {
+                f64::INFINITY
+            }
         };
         let ends_s = steps.filter_map(|step| match step {
-            Step::Sine { freq_hz, wait_s, .. } => Some(whole_s(*freq_hz, *wait_s)),
+            Step::Sine {
+                freq_hz, wait_s, ..
+            } => Some(whole_s(*freq_hz, *wait_s)),
             Step::Multisine(band) => Some(whole_s(band.base_hz, band.settle_s + band.span_s)),
             Step::Trace(trace) => match trace.through {
-                Through::Wave { step_s, steps } => Some(if most_periods.is_some() { step_s * steps as f64 } else { f64::INFINITY }),
+                Through::Wave { step_s, steps } => Some(if most_periods.is_some() {
+                    step_s * steps as f64
+                } else {
+                    f64::INFINITY
+                }),
                 // A level holds until the next message.
                 Through::Bipolar => Some(f64::INFINITY),
                 Through::LoadAndSupply => None,
@@ -58,7 +86,11 @@ impl Plan {
 
     /// Longest possible duration, bench s.
     pub fn longest_s(&self) -> f64 {
-        self.stages.iter().flat_map(|stage| &stage.steps).map(Step::longest_s).sum()
+        self.stages
+            .iter()
+            .flat_map(|stage| &stage.steps)
+            .map(Step::longest_s)
+            .sum()
     }
 }
 
@@ -80,7 +112,9 @@ impl Step {
     /// Expected duration, bench s.
     pub fn expected_s(&self) -> f64 {
         match *self {
-            Self::Specimen(..) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => OVERHEAD_S,
+            Self::Specimen(..) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => {
+                OVERHEAD_S
+            }
             Self::HoldTemperature { max_s, .. } => TEMPER_S.min(max_s),
             Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } => RESET_SHARE * max_s,
             Self::Rest { min_s, .. } => min_s,
@@ -99,9 +133,10 @@ impl Step {
     pub fn longest_s(&self) -> f64 {
         match *self {
             Self::Specimen(..) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => 60.0,
-            Self::HoldTemperature { max_s, .. } | Self::Discharge { max_s, .. } | Self::Charge { max_s, .. } | Self::Rest { max_s, .. } => {
-                max_s
-            }
+            Self::HoldTemperature { max_s, .. }
+            | Self::Discharge { max_s, .. }
+            | Self::Charge { max_s, .. }
+            | Self::Rest { max_s, .. } => max_s,
             Self::Accept { .. } => 0.0,
             Self::Leg(Leg { max_s, .. }) | Self::Recheck { max_s, .. } => max_s,
             Self::Multisine(ref band) => (band.expected_s() + 60.0) * (MAX_RANGING + 1) as f64,
@@ -122,18 +157,50 @@ mod tests {
     fn a_reset_is_expected_to_succeed_at_once_and_bounded_by_all_its_attempts() {
         let attempt = |missed| {
             [
-                Step::Discharge { current_a: 5.0, until_v: 3.52, max_s: 7200.0 },
-                Step::Charge { current_a: 3.0, limit_v: 4.2, until_v: 3.8, max_s: 7200.0 },
-                Step::Rest { min_s: 300.0, max_s: 3600.0, slope_v_per_s: 3.0e-6 },
-                Step::Accept { band_v: (3.7, 3.74), missed },
+                Step::Discharge {
+                    current_a: 5.0,
+                    until_v: 3.52,
+                    max_s: 7200.0,
+                },
+                Step::Charge {
+                    current_a: 3.0,
+                    limit_v: 4.2,
+                    until_v: 3.8,
+                    max_s: 7200.0,
+                },
+                Step::Rest {
+                    min_s: 300.0,
+                    max_s: 3600.0,
+                    slope_v_per_s: 3.0e-6,
+                },
+                Step::Accept {
+                    band_v: (3.7, 3.74),
+                    missed,
+                },
             ]
         };
-        let steps: Vec<Step> = [None, Some(Missed::Flag)].into_iter().flat_map(attempt).collect();
-        let plan = Plan { stages: vec![Stage { purpose: Purpose::SocReset, steps }] };
+        let steps: Vec<Step> = [None, Some(Missed::Flag)]
+            .into_iter()
+            .flat_map(attempt)
+            .collect();
+        let plan = Plan {
+            stages: vec![Stage {
+                purpose: Purpose::SocReset,
+                steps,
+            }],
+        };
         // On the simulated bench a later reset takes 278 s, 456 s and 301 s.
-        assert!((1000.0..1200.0).contains(&plan.expected_s()), "{} s", plan.expected_s());
+        assert!(
+            (1000.0..1200.0).contains(&plan.expected_s()),
+            "{} s",
+            plan.expected_s()
+        );
         assert_eq!(plan.longest_s(), 2.0 * (7200.0 + 7200.0 + 3600.0));
-        let hold = Step::HoldTemperature { setpoint_c: 25.0, within_k: 0.2, max_s: 60.0 };
+        let hold = Step::HoldTemperature {
+            setpoint_c: 25.0,
+            within_k: 0.2,
+            max_s: 60.0,
+        };
         assert_eq!(hold.expected_s(), 60.0);
     }
 }

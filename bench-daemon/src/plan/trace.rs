@@ -1,4 +1,5 @@
-//! A trace as data: when the current steps, when the scope looks, and what the cell may be exposed to at worst meanwhile.
+//! A trace as data: when the current steps, when the scope looks, and what the cell may be exposed
+//! to at worst meanwhile.
 
 use analysis::dataset::Role;
 
@@ -39,10 +40,15 @@ pub struct Averaged {
 
 impl std::fmt::Display for Averaged {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (what, kept, unit) = if self.power { ("powers", "energy", "W") } else { ("currents", "charge", "A") };
+        let (what, kept, unit) = if self.power {
+            ("powers", "energy", "W")
+        } else {
+            ("currents", "charge", "A")
+        };
         write!(
             f,
-            "{} {what} averaged over steps of {} s: the {kept} of each step is kept, {:.3} {unit} rms ({:.1} % of the rows' rms) and at most {:.3} {unit} \
+            "{} {what} averaged over steps of {} s: the {kept} of each step is kept, {:.3} {unit} \
+            rms ({:.1} % of the rows' rms) and at most {:.3} {unit} \
              are left out",
             self.rows,
             self.step_s,
@@ -53,7 +59,8 @@ impl std::fmt::Display for Averaged {
     }
 }
 
-/// A current that steps, with the frames that record it. Times count from the start of the first frame.
+/// A current that steps, with the frames that record it. Times count from the start of the first
+/// frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TracePlan {
     /// Its name.
@@ -103,7 +110,9 @@ impl Level {
     /// The current at a voltage of the cell, A: never more than at worst.
     pub fn at_a(&self, volts: f64) -> f64 {
         let most_a = self.current_a.abs();
-        self.power_w.map_or(self.current_a, |power_w| (power_w / volts).clamp(-most_a, most_a))
+        self.power_w.map_or(self.current_a, |power_w| {
+            (power_w / volts).clamp(-most_a, most_a)
+        })
     }
 }
 
@@ -128,7 +137,10 @@ pub const LONGEST_FRAME_S: f64 = 200.0;
 impl TracePlan {
     /// Time between the first frame and the end of the last, or of the rest, s.
     pub fn length_s(&self) -> f64 {
-        self.frames.iter().map(|frame| frame.start_s + frame.span_s).fold(self.end_s, f64::max)
+        self.frames
+            .iter()
+            .map(|frame| frame.start_s + frame.span_s)
+            .fold(self.end_s, f64::max)
     }
 
     /// It needs the bipolar supply.
@@ -138,16 +150,30 @@ impl TracePlan {
 
     /// Least and greatest current, A; at most and at least zero.
     pub fn extremes_a(&self) -> (f64, f64) {
-        self.levels.iter().fold((0.0, 0.0), |(least, greatest), level| (level.current_a.min(least), level.current_a.max(greatest)))
+        self.levels
+            .iter()
+            .fold((0.0, 0.0), |(least, greatest), level| {
+                (level.current_a.min(least), level.current_a.max(greatest))
+            })
     }
 
-    /// The first step that is not zero, and its way, in words: the sign of a file is seen before anything flows.
+    /// The first step that is not zero, and its way, in words: the sign of a file is seen before
+    /// anything flows.
     pub(super) fn first_step(&self) -> Option<String> {
         let level = self.levels.iter().find(|level| level.current_a != 0.0)?;
-        let (value, unit) = level.power_w.map_or((level.current_a, "A"), |power_w| (power_w, "W"));
-        let way = if level.current_a < 0.0 { "out of the cell" } else { "into the cell" };
+        let (value, unit) = level
+            .power_w
+            .map_or((level.current_a, "A"), |power_w| (power_w, "W"));
+        let way = if level.current_a < 0.0 {
+            "out of the cell"
+        } else {
+            "into the cell"
+        };
         // A scaled or averaged value has more digits than anybody reads.
-        Some(format!("{} {unit} {way}", (1.0e3 * value.abs()).round() / 1.0e3))
+        Some(format!(
+            "{} {unit} {way}",
+            (1.0e3 * value.abs()).round() / 1.0e3
+        ))
     }
 
     /// Farthest that the charge goes below and above where it starts, C.
@@ -160,8 +186,8 @@ impl TracePlan {
         (least_c, greatest_c)
     }
 
-    /// How far the open-circuit voltage may move downwards and upwards, V: as much of the cell's window as the charge is of its capacity, doubled,
-    /// for the curve is steeper in places.
+    /// How far the open-circuit voltage may move downwards and upwards, V: as much of the cell's
+    /// window as the charge is of its capacity, doubled, for the curve is steeper in places.
     pub fn drift_v(&self, limits: &Limits) -> (f64, f64) {
         let (least_c, greatest_c) = self.swing_c();
         let per_coulomb = 2.0 * (limits.max_v - limits.min_v) / self.capacity_c;
@@ -171,23 +197,33 @@ impl TracePlan {
     /// Refuses what could leave the limits of the cell, at worst, or could not be recorded.
     pub(super) fn check(&self, limits: &Limits) -> Result<(), String> {
         let (least_a, greatest_a) = self.extremes_a();
-        for (amps, limit, what) in [(-least_a, limits.discharge_a, "discharge"), (greatest_a, limits.charge_a, "charge")] {
+        for (amps, limit, what) in [
+            (-least_a, limits.discharge_a, "discharge"),
+            (greatest_a, limits.charge_a, "charge"),
+        ] {
             if amps > limit {
-                return Err(format!("expected {what} currents of at most {limit} A, found {amps} A"));
+                return Err(format!(
+                    "expected {what} currents of at most {limit} A, found {amps} A"
+                ));
             }
         }
         let (least_c, greatest_c) = self.swing_c();
         let most_c = GREATEST_SWING * self.capacity_c;
         if !(-least_c <= most_c && greatest_c <= most_c) {
-            let (least_ah, greatest_ah, most_ah) = (least_c / 3600.0, greatest_c / 3600.0, most_c / 3600.0);
-            return Err(format!("expected charge within ±{most_ah:.3} Ah of the start, found {least_ah:.3} Ah to {greatest_ah:.3} Ah"));
+            let (least_ah, greatest_ah, most_ah) =
+                (least_c / 3600.0, greatest_c / 3600.0, most_c / 3600.0);
+            return Err(format!(
+                "expected charge within ±{most_ah:.3} Ah of the start, found {least_ah:.3} Ah to \
+                {greatest_ah:.3} Ah"
+            ));
         }
         let (down_v, up_v) = self.drift_v(limits);
         let lowest_v = self.start_v.0 + down_v + self.resistance_max_ohm * least_a;
         let highest_v = self.start_v.1 + up_v + self.resistance_max_ohm * greatest_a;
         if !(lowest_v >= limits.min_v && highest_v <= limits.max_v) {
             return Err(format!(
-                "expected a cell voltage within {} V to {} V at worst, found {lowest_v:.3} V to {highest_v:.3} V, from {} V to {} V at the start",
+                "expected a cell voltage within {} V to {} V at worst, found {lowest_v:.3} V to \
+                {highest_v:.3} V, from {} V to {} V at the start",
                 limits.min_v, limits.max_v, self.start_v.0, self.start_v.1
             ));
         }
@@ -196,22 +232,45 @@ impl TracePlan {
 
     fn check_frames(&self) -> Result<(), String> {
         if !self.bipolar() {
-            let ends = self.levels.last().is_some_and(|level| level.current_a == 0.0);
-            return ends.then_some(()).ok_or_else(|| "expected an end without current".to_owned());
+            let ends = self
+                .levels
+                .last()
+                .is_some_and(|level| level.current_a == 0.0);
+            return ends
+                .then_some(())
+                .ok_or_else(|| "expected an end without current".to_owned());
         }
-        if let Some(frame) = self.frames.iter().find(|frame| frame.span_s > LONGEST_FRAME_S) {
+        if let Some(frame) = self
+            .frames
+            .iter()
+            .find(|frame| frame.span_s > LONGEST_FRAME_S)
+        {
             return Err(format!(
-                "expected steps that frames of at most {LONGEST_FRAME_S} s can hold, found one of {} s at {:.1} s: set pauses between the steps",
+                "expected steps that frames of at most {LONGEST_FRAME_S} s can hold, found one of \
+                {} s at {:.1} s: set pauses between the steps",
                 frame.span_s, frame.start_s
             ));
         }
-        let held = |level: &Level| self.frames.iter().any(|frame| (frame.start_s..frame.start_s + frame.span_s).contains(&level.at_s));
-        let apart = self.frames.windows(2).all(|pair| pair[0].start_s + pair[0].span_s < pair[1].start_s);
-        let ends = self.levels.last().is_some_and(|level| level.current_a == 0.0);
+        let held = |level: &Level| {
+            self.frames
+                .iter()
+                .any(|frame| (frame.start_s..frame.start_s + frame.span_s).contains(&level.at_s))
+        };
+        let apart = self
+            .frames
+            .windows(2)
+            .all(|pair| pair[0].start_s + pair[0].span_s < pair[1].start_s);
+        let ends = self
+            .levels
+            .last()
+            .is_some_and(|level| level.current_a == 0.0);
         if apart && ends && self.levels.iter().all(held) {
             return Ok(());
         }
-        Err("expected each step within one frame, frames apart and an end without current".to_owned())
+        Err(
+            "expected each step within one frame, frames apart and an end without current"
+                .to_owned(),
+        )
     }
 }
 
@@ -227,7 +286,18 @@ pub(crate) fn test_trace() -> TracePlan {
         averaged: None,
         lead_ohm: 0.0,
         rest_s: 0.0,
-        levels: vec![Level { at_s: 0.5, current_a: -1.0, power_w: None }, Level { at_s: 5.5, current_a: 0.0, power_w: None }],
+        levels: vec![
+            Level {
+                at_s: 0.5,
+                current_a: -1.0,
+                power_w: None,
+            },
+            Level {
+                at_s: 5.5,
+                current_a: 0.0,
+                power_w: None,
+            },
+        ],
         end_s: 5.5,
         frames: Vec::new(),
         start_v: (3.6, 3.8),

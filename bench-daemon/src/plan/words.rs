@@ -28,19 +28,59 @@ impl fmt::Display for Step {
         match *self {
             Self::Specimen(ref specimen, run) => write!(f, "run {run}: take {specimen}"),
             Self::Mount(fixture) => write!(f, "mount {}", fixture_name(fixture)),
-            Self::HoldTemperature { setpoint_c, within_k, max_s } => {
-                write!(f, "hold {setpoint_c} °C, wait until the cell is within {within_k} K, at most {}", minutes(max_s))
+            Self::HoldTemperature {
+                setpoint_c,
+                within_k,
+                max_s,
+            } => {
+                write!(
+                    f,
+                    "hold {setpoint_c} °C, wait until the cell is within {within_k} K, at \
+                most {}",
+                    minutes(max_s)
+                )
             }
-            Self::Discharge { current_a, until_v, max_s } => {
-                write!(f, "discharge at {current_a} A to {until_v} V, at most {}", minutes(max_s))
+            Self::Discharge {
+                current_a,
+                until_v,
+                max_s,
+            } => {
+                write!(
+                    f,
+                    "discharge at {current_a} A to {until_v} V, at most {}",
+                    minutes(max_s)
+                )
             }
-            Self::Charge { current_a, limit_v, until_v, max_s } => {
-                write!(f, "charge at {current_a} A (limit {limit_v} V) to {until_v} V, at most {}", minutes(max_s))
+            Self::Charge {
+                current_a,
+                limit_v,
+                until_v,
+                max_s,
+            } => {
+                write!(
+                    f,
+                    "charge at {current_a} A (limit {limit_v} V) to {until_v} V, at most \
+                {}",
+                    minutes(max_s)
+                )
             }
-            Self::Rest { min_s, max_s, slope_v_per_s } => {
-                write!(f, "rest {} to {}, until slower than {:.3} mV/min", minutes(min_s), minutes(max_s), slope_v_per_s * 6.0e4)
+            Self::Rest {
+                min_s,
+                max_s,
+                slope_v_per_s,
+            } => {
+                write!(
+                    f,
+                    "rest {} to {}, until slower than {:.3} mV/min",
+                    minutes(min_s),
+                    minutes(max_s),
+                    slope_v_per_s * 6.0e4
+                )
             }
-            Self::Accept { band_v: (low, high), missed } => {
+            Self::Accept {
+                band_v: (low, high),
+                missed,
+            } => {
                 let otherwise = match missed {
                     None => "else again, the end of the charge moved by what is missing",
                     Some(Missed::Flag) => "else go on and say so",
@@ -49,41 +89,98 @@ impl fmt::Display for Step {
                 write!(f, "accept {low} V to {high} V at rest, {otherwise}")
             }
             Self::Leg(ref leg) => leg.fmt(f),
-            Self::PowerUp { compliance_v, limit_a, held: Holds::CurrentAndVoltage } => {
-                write!(f, "bipolar supply up: compliance {compliance_v} V, current limit {limit_a} A")
+            Self::PowerUp {
+                compliance_v,
+                limit_a,
+                held: Holds::CurrentAndVoltage,
+            } => {
+                write!(
+                    f,
+                    "bipolar supply up: compliance {compliance_v} V, current limit {limit_a} \
+                A"
+                )
             }
-            Self::PowerUp { held: Holds::Nothing, .. } => f.write_str(
-                "bipolar supply up: no programmable limit of current or voltage: the output follows the generator up to its ratings, and only the \
+            Self::PowerUp {
+                held: Holds::Nothing,
+                ..
+            } => f.write_str(
+                "bipolar supply up: no programmable limit of current or voltage: the output \
+                follows the generator up to its ratings, and only the \
                  daemon's readings and a fuse hold it",
             ),
             Self::PowerUp { compliance_v, .. } => {
-                write!(f, "bipolar supply up: compliance {compliance_v} V, no programmable current limit: the output follows the generator")
+                write!(
+                    f,
+                    "bipolar supply up: compliance {compliance_v} V, no programmable current \
+                limit: the output follows the generator"
+                )
             }
-            Self::Sine { index, freq_hz, amplitude_a, wait_s } => {
-                write!(f, "point {:>2}: {freq_hz:>10.4} Hz, {amplitude_a} A, wait {wait_s:.1} s", index + 1)
+            Self::Sine {
+                index,
+                freq_hz,
+                amplitude_a,
+                wait_s,
+            } => {
+                write!(
+                    f,
+                    "point {:>2}: {freq_hz:>10.4} Hz, {amplitude_a} A, wait {wait_s:.1} s",
+                    index + 1
+                )
             }
             Self::Multisine(ref band) => band.fmt(f),
             Self::Recheck { max_s, charge_c } => {
-                write!(f, "measure again what the quality gate refuses: at most {} and {charge_c:.0} C in all", minutes(max_s))
+                write!(
+                    f,
+                    "measure again what the quality gate refuses: at most {} and \
+                {charge_c:.0} C in all",
+                    minutes(max_s)
+                )
             }
             Self::Pause { span_s } => write!(f, "rest {}", minutes(span_s)),
-            Self::Zero(ref trace) => write!(f, "rest {}, then the zeros of the channels and the voltage at rest", minutes(trace.rest_s)),
+            Self::Zero(ref trace) => write!(
+                f,
+                "rest {}, then the zeros of the channels and the \
+            voltage at rest",
+                minutes(trace.rest_s)
+            ),
             Self::Trace(ref trace) => {
                 let (least_a, greatest_a) = trace.extremes_a();
-                let (name, repeat, steps, frames) = (&trace.name, trace.repeat, trace.levels.len(), trace.frames.len());
+                let (name, repeat, steps, frames) = (
+                    &trace.name,
+                    trace.repeat,
+                    trace.levels.len(),
+                    trace.frames.len(),
+                );
                 let length = minutes(trace.length_s());
                 let through = match trace.through {
                     Through::Bipolar => format!("{frames} frames"),
                     Through::Wave { step_s, steps } => {
-                        format!("by a wave of {steps} steps of {} ms in the generator's memory", (1.0e6 * step_s).round() / 1.0e3)
+                        format!(
+                            "by a wave of {steps} steps of {} ms in the generator's memory",
+                            (1.0e6 * step_s).round() / 1.0e3
+                        )
                     }
                     Through::LoadAndSupply => "through load and supply".to_owned(),
                 };
-                let averaged = trace.averaged.map_or_else(String::new, |averaged| format!("; {averaged}"));
-                let first = trace.first_step().map_or_else(String::new, |first| format!(", first {first}"));
-                let worst = if trace.levels.iter().any(|level| level.power_w.is_some()) { " at worst, by power" } else { "" };
-                let steps = format!("{steps} steps from {least_a} A to {greatest_a} A{worst}{first}");
-                write!(f, "trace {name}, repeat {repeat}: {steps}, {through}, {length}{averaged}")
+                let averaged = trace
+                    .averaged
+                    .map_or_else(String::new, |averaged| format!("; {averaged}"));
+                let first = trace
+                    .first_step()
+                    .map_or_else(String::new, |first| format!(", first {first}"));
+                let worst = if trace.levels.iter().any(|level| level.power_w.is_some()) {
+                    " at worst, by power"
+                } else {
+                    ""
+                };
+                let steps = format!(
+                    "{steps} steps from {least_a} A to {greatest_a} \
+                A{worst}{first}"
+                );
+                write!(
+                    f,
+                    "trace {name}, repeat {repeat}: {steps}, {through}, {length}{averaged}"
+                )
             }
             Self::PowerDown => write!(f, "bipolar supply down"),
         }
@@ -101,5 +198,9 @@ pub fn fixture_name(fixture: Fixture) -> &'static str {
 }
 
 pub(super) fn minutes(seconds: f64) -> String {
-    if seconds < 120.0 { format!("{seconds:.0} s") } else { format!("{:.1} min", seconds / 60.0) }
+    if seconds < 120.0 {
+        format!("{seconds:.0} s")
+    } else {
+        format!("{:.1} min", seconds / 60.0)
+    }
 }

@@ -1,4 +1,5 @@
-//! Campaign (thesis 3.3: five cells, five sweeps each): every stage of a run begins with the cell that it is about.
+//! Campaign (thesis 3.3: five cells, five sweeps each): every stage of a run begins with the cell
+//! that it is about.
 
 use crate::{
     config::CampaignRun,
@@ -7,6 +8,8 @@ use crate::{
 
 /// A stage as one of a run's.
 pub(super) fn of_run(mut stage: Stage, run: &CampaignRun) -> Stage {
-    stage.steps.insert(0, Step::Specimen(run.cell.clone(), run.number));
+    stage
+        .steps
+        .insert(0, Step::Specimen(run.cell.clone(), run.number));
     stage
 }

@@ -1,5 +1,5 @@
-//! EIS sweep (thesis 3.3.1): one sinusoid after the other, at least eleven periods plus one second each. The same sweep over a control impedance is
-//! the fixture check (thesis 3.3.2).
+//! EIS sweep (thesis 3.3.1): one sinusoid after the other, at least eleven periods plus one second
+//! each. The same sweep over a control impedance is the fixture check (thesis 3.3.2).
 
 use instruments::{mock::plant::Fixture, supply4q::Holds};
 
@@ -9,10 +9,12 @@ use crate::{
     plan::{Purpose, Stage, Step},
 };
 
-/// Resistance of the loop outside the cell that the compliance must allow for, Ω: leads, shunt, contacts.
+/// Resistance of the loop outside the cell that the compliance must allow for, Ω: leads, shunt,
+/// contacts.
 const LOOP_OHM: f64 = 0.1;
-/// The compliance lies at least this much above the cell's limit, V: below the cell's voltage the two loops of the supply would fight and drive more
-/// current than asked for, and the limit is only good to 0.3 % of the rated voltage.
+/// The compliance lies at least this much above the cell's limit, V: below the cell's voltage the
+/// two loops of the supply would fight and drive more current than asked for, and the limit is only
+/// good to 0.3 % of the rated voltage.
 const COMPLIANCE_MARGIN_V: f64 = 0.3;
 /// The current limit lies above the amplitude by this factor …
 const LIMIT_FACTOR: f64 = 1.25;
@@ -39,8 +41,19 @@ pub(super) struct Sweep<'a> {
     pub(super) seed: u64,
 }
 
-pub(super) fn stage(sweep: &Sweep<'_>, eis: &Eis, limits: &Limits, screen_s: impl Fn(f64) -> f64) -> Stage {
-    let Sweep { fixture, repeat, amplitude_a, held, .. } = *sweep;
+pub(super) fn stage(
+    sweep: &Sweep<'_>,
+    eis: &Eis,
+    limits: &Limits,
+    screen_s: impl Fn(f64) -> f64,
+) -> Stage {
+    let Sweep {
+        fixture,
+        repeat,
+        amplitude_a,
+        held,
+        ..
+    } = *sweep;
     let mut steps = vec![Step::Mount(fixture)];
     if fixture == Fixture::Cell && eis.rest_s > 0.0 {
         steps.push(Step::Pause { span_s: eis.rest_s });
@@ -52,17 +65,33 @@ pub(super) fn stage(sweep: &Sweep<'_>, eis: &Eis, limits: &Limits, screen_s: imp
     });
     for (index, freq_hz) in frequencies(sweep, eis).into_iter().enumerate() {
         let thesis_s = eis.periods / freq_hz + eis.extra_wait_s;
-        let frame_s = screen_s(eis.periods_on_screen / freq_hz) + TRIGGER_PERIODS / freq_hz + FRAME_MARGIN_S;
-        steps.push(Step::Sine { index, freq_hz, amplitude_a, wait_s: thesis_s.max(frame_s) });
+        let frame_s =
+            screen_s(eis.periods_on_screen / freq_hz) + TRIGGER_PERIODS / freq_hz + FRAME_MARGIN_S;
+        steps.push(Step::Sine {
+            index,
+            freq_hz,
+            amplitude_a,
+            wait_s: thesis_s.max(frame_s),
+        });
     }
-    if let Some(quality) = eis.quality.filter(|quality| repeat > 0 && quality.again > 0) {
-        steps.push(Step::Recheck { max_s: quality.time_s, charge_c: quality.charge_c });
+    if let Some(quality) = eis
+        .quality
+        .filter(|quality| repeat > 0 && quality.again > 0)
+    {
+        steps.push(Step::Recheck {
+            max_s: quality.time_s,
+            charge_c: quality.charge_c,
+        });
     }
     steps.push(Step::PowerDown);
-    Stage { purpose: Purpose::Sweep(fixture, repeat), steps }
+    Stage {
+        purpose: Purpose::Sweep(fixture, repeat),
+        steps,
+    }
 }
 
-/// The frequencies in their order. A control does not change, and is swept upwards. There and back, each frequency has the same middle of its two visits.
+/// The frequencies in their order. A control does not change, and is swept upwards. There and back,
+/// each frequency has the same middle of its two visits.
 fn frequencies(sweep: &Sweep<'_>, eis: &Eis) -> Vec<f64> {
     let rising = &eis.freqs_hz;
     if sweep.repeat == 0 {
@@ -73,7 +102,15 @@ fn frequencies(sweep: &Sweep<'_>, eis: &Eis) -> Vec<f64> {
         Order::Descending => rising.iter().rev().copied().collect(),
         Order::Alternating => {
             let count = rising.len();
-            (0..count).map(|k| if k % 2 == 0 { rising[k / 2] } else { rising[count - 1 - k / 2] }).collect()
+            (0..count)
+                .map(|k| {
+                    if k % 2 == 0 {
+                        rising[k / 2]
+                    } else {
+                        rising[count - 1 - k / 2]
+                    }
+                })
+                .collect()
         }
         Order::Random => shuffled(rising, sweep.seed.wrapping_add(sweep.repeat as u64)),
     };
@@ -103,8 +140,14 @@ fn shuffled(values: &[f64], mut state: u64) -> Vec<f64> {
 mod tests {
     use super::*;
 
-    const SWEEP: Sweep<'_> =
-        Sweep { fixture: Fixture::Cell, repeat: 1, amplitude_a: 1.0, held: Holds::CurrentAndVoltage, beyond_hz: &[], seed: 1 };
+    const SWEEP: Sweep<'_> = Sweep {
+        fixture: Fixture::Cell,
+        repeat: 1,
+        amplitude_a: 1.0,
+        held: Holds::CurrentAndVoltage,
+        beyond_hz: &[],
+        seed: 1,
+    };
 
     #[test]
     fn every_point_waits_eleven_periods_and_a_second_and_a_whole_frame() {
@@ -126,16 +169,35 @@ mod tests {
             overlap: None,
             quality: None,
         };
-        let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
+        let limits = Limits {
+            min_v: 2.5,
+            max_v: 4.2,
+            charge_a: 13.5,
+            discharge_a: 45.0,
+            min_c: 0.0,
+            max_c: 60.0,
+        };
         let stage = stage(&SWEEP, &eis, &limits, |span_s| 2.5 * span_s);
         let waits: Vec<(f64, f64)> = stage
             .steps
             .iter()
-            .filter_map(|step| if let Step::Sine { freq_hz, wait_s, .. } = step { Some((*freq_hz, *wait_s)) } else { None })
+            .filter_map(|step| {
+                if let Step::Sine {
+                    freq_hz, wait_s, ..
+                } = step
+                {
+                    Some((*freq_hz, *wait_s))
+                } else {
+                    None
+                }
+            })
             .collect();
         assert_eq!(waits.len(), 3);
         for (freq_hz, wait_s) in waits {
-            assert!(wait_s >= 11.0 / freq_hz + 1.0 && wait_s >= (12.5 + 1.5) / freq_hz, "{freq_hz} Hz waits {wait_s} s");
+            assert!(
+                wait_s >= 11.0 / freq_hz + 1.0 && wait_s >= (12.5 + 1.5) / freq_hz,
+                "{freq_hz} Hz waits {wait_s} s"
+            );
         }
         assert!(
             matches!(stage.steps[1], Step::PowerUp { compliance_v, limit_a, .. } if (compliance_v - 4.5).abs() < 1e-9 && limit_a == 2.0)
@@ -169,11 +231,33 @@ mod tests {
         let random = ordered(Order::Random);
         let mut sorted = random.clone();
         sorted.sort_by(f64::total_cmp);
-        assert!(sorted == [1.0, 2.0, 3.0, 4.0, 5.0] && random != sorted, "{random:?}");
-        assert_eq!(random, ordered(Order::Random), "the same from the same seed");
-        assert_ne!(random, frequencies(&Sweep { repeat: 2, ..SWEEP }, &eis(Order::Random, false)), "another one for the next sweep");
-        assert_eq!(frequencies(&SWEEP, &eis(Order::Alternating, true)), [1.0, 5.0, 2.0, 4.0, 3.0, 3.0, 4.0, 2.0, 5.0, 1.0]);
-        let control = Sweep { fixture: Fixture::Shunt, repeat: 0, beyond_hz: &[9.0], ..SWEEP };
-        assert_eq!(frequencies(&control, &eis(Order::Random, true)), [1.0, 2.0, 3.0, 4.0, 5.0, 9.0]);
+        assert!(
+            sorted == [1.0, 2.0, 3.0, 4.0, 5.0] && random != sorted,
+            "{random:?}"
+        );
+        assert_eq!(
+            random,
+            ordered(Order::Random),
+            "the same from the same seed"
+        );
+        assert_ne!(
+            random,
+            frequencies(&Sweep { repeat: 2, ..SWEEP }, &eis(Order::Random, false)),
+            "another one for the next sweep"
+        );
+        assert_eq!(
+            frequencies(&SWEEP, &eis(Order::Alternating, true)),
+            [1.0, 5.0, 2.0, 4.0, 3.0, 3.0, 4.0, 2.0, 5.0, 1.0]
+        );
+        let control = Sweep {
+            fixture: Fixture::Shunt,
+            repeat: 0,
+            beyond_hz: &[9.0],
+            ..SWEEP
+        };
+        assert_eq!(
+            frequencies(&control, &eis(Order::Random, true)),
+            [1.0, 2.0, 3.0, 4.0, 5.0, 9.0]
+        );
     }
 }

@@ -14,33 +14,70 @@ use crate::{
     plan::{Plan, Purpose, Stage, Step},
 };
 
-/// The whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset, then rounds of one sweep and each trace, as often as each is to be repeated;
-/// in a campaign temperature, SOC reset, temperature again, sweep and traces for every run. The controls come first, so that the cell is put into
-/// the jig once, after the last of them, and nothing has to be clamped where it sits.
+/// The whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset, then rounds
+/// of one sweep and each trace, as often as each is to be repeated; in a campaign temperature, SOC
+/// reset, temperature again, sweep and traces for every run. The controls come first, so that the
+/// cell is put into the jig once, after the last of them, and nothing has to be clamped where it
+/// sits.
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
-    let supply = experiment.bench.instruments.supply4q.as_ref().and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
-    let held = supply.map_or(supply4q::Holds::Nothing, |dialect| dialect.capabilities().holds);
+    let supply = experiment
+        .bench
+        .instruments
+        .supply4q
+        .as_ref()
+        .and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
+    let held = supply.map_or(supply4q::Holds::Nothing, |dialect| {
+        dialect.capabilities().holds
+    });
     let limits = &experiment.cell.limits;
-    let beyond_hz = experiment.fixture_check.as_ref().map_or(&[][..], |check| &check.beyond_hz);
+    let beyond_hz = experiment
+        .fixture_check
+        .as_ref()
+        .map_or(&[][..], |check| &check.beyond_hz);
     let sweep = |fixture, repeat, amplitude_a| {
         let eis = experiment.eis.as_ref()?;
-        let sweep = eis_sweep::Sweep { fixture, repeat, amplitude_a, held, beyond_hz, seed: experiment.seed };
+        let sweep = eis_sweep::Sweep {
+            fixture,
+            repeat,
+            amplitude_a,
+            held,
+            beyond_hz,
+            seed: experiment.seed,
+        };
         Some(eis_sweep::stage(&sweep, eis, limits, time_base(experiment)))
     };
     let amplitude_a = experiment.eis.as_ref().map_or(0.0, |eis| eis.amplitude_a);
-    for (control, _) in experiment.fixture_check.iter().flat_map(|check| &check.controls) {
+    for (control, _) in experiment
+        .fixture_check
+        .iter()
+        .flat_map(|check| &check.controls)
+    {
         stages.extend(sweep(*control, 0, amplitude_a));
     }
     let temperature = experiment.temperature.as_ref().map(temperature);
     if let Some(campaign) = &experiment.campaign {
         let reset = experiment.soc_reset.as_ref().map(soc_reset::stage);
         for run in campaign.runs() {
-            let traces =
-                experiment.traces.iter().map(|trace| trace::stage((trace, run.number), &experiment.cell, held, time_base(experiment)));
-            // A reset at another temperature ends at another charge, and its currents warm the cell: the temperature is held before and after it.
-            let reset = temperature.clone().filter(|_| reset.is_some()).into_iter().chain(reset.clone());
-            let parts = reset.chain(temperature.clone()).chain(sweep(Fixture::Cell, run.number, amplitude_a)).chain(traces);
+            let traces = experiment.traces.iter().map(|trace| {
+                trace::stage(
+                    (trace, run.number),
+                    &experiment.cell,
+                    held,
+                    time_base(experiment),
+                )
+            });
+            // A reset at another temperature ends at another charge, and its currents warm the
+            // cell: the temperature is held before and after it.
+            let reset = temperature
+                .clone()
+                .filter(|_| reset.is_some())
+                .into_iter()
+                .chain(reset.clone());
+            let parts = reset
+                .chain(temperature.clone())
+                .chain(sweep(Fixture::Cell, run.number, amplitude_a))
+                .chain(traces);
             stages.extend(parts.map(|stage| campaign::of_run(stage, &run)));
         }
         return Plan { stages };
@@ -53,33 +90,83 @@ pub fn plan(experiment: &Experiment) -> Plan {
         stages.push(soc_reset::stage(reset));
     }
     let sweeps = experiment.eis.as_ref().map_or(0, |eis| eis.repeat);
-    let sweeps = experiment.multisine.as_ref().map_or(sweeps, |multisine| sweeps.max(multisine.repeat));
-    let rounds = experiment.traces.iter().map(|trace| trace.repeat).fold(sweeps, usize::max);
+    let sweeps = experiment
+        .multisine
+        .as_ref()
+        .map_or(sweeps, |multisine| sweeps.max(multisine.repeat));
+    let rounds = experiment
+        .traces
+        .iter()
+        .map(|trace| trace.repeat)
+        .fold(sweeps, usize::max);
     for round in 1..=rounds {
         for eis in experiment.eis.iter().filter(|eis| round <= eis.repeat) {
             let before = (round - 1) * eis.steps_a.len();
-            stages.extend(eis.steps_a.iter().enumerate().filter_map(|(k, amplitude_a)| sweep(eis.fixture, before + k + 1, *amplitude_a)));
+            stages.extend(
+                eis.steps_a
+                    .iter()
+                    .enumerate()
+                    .filter_map(|(k, amplitude_a)| {
+                        sweep(eis.fixture, before + k + 1, *amplitude_a)
+                    }),
+            );
         }
-        let due = experiment.multisine.iter().filter(|multisine| round <= multisine.repeat);
-        stages.extend(due.map(|multisine| multisine::stage((multisine, round), limits, (held, experiment.seed))));
-        let due = experiment.traces.iter().filter(|trace| round <= trace.repeat);
-        stages.extend(due.map(|trace| trace::stage((trace, round), &experiment.cell, held, time_base(experiment))));
+        let due = experiment
+            .multisine
+            .iter()
+            .filter(|multisine| round <= multisine.repeat);
+        stages.extend(due.map(|multisine| {
+            multisine::stage((multisine, round), limits, (held, experiment.seed))
+        }));
+        let due = experiment
+            .traces
+            .iter()
+            .filter(|trace| round <= trace.repeat);
+        stages.extend(due.map(|trace| {
+            trace::stage(
+                (trace, round),
+                &experiment.cell,
+                held,
+                time_base(experiment),
+            )
+        }));
     }
     Plan { stages }
 }
 
 fn temperature(temperature: &Temperature) -> Stage {
-    let (setpoint_c, within_k, max_s) = (temperature.setpoint_c, temperature.within_k, temperature.timeout_s);
-    Stage { purpose: Purpose::Temperature, steps: vec![Step::Mount(Fixture::Cell), Step::HoldTemperature { setpoint_c, within_k, max_s }] }
+    let (setpoint_c, within_k, max_s) = (
+        temperature.setpoint_c,
+        temperature.within_k,
+        temperature.timeout_s,
+    );
+    Stage {
+        purpose: Purpose::Temperature,
+        steps: vec![
+            Step::Mount(Fixture::Cell),
+            Step::HoldTemperature {
+                setpoint_c,
+                within_k,
+                max_s,
+            },
+        ],
+    }
 }
 
 /// The time that the scope's screen spans when it is to hold at least a given span.
 fn time_base(experiment: &Experiment) -> impl Fn(f64) -> f64 {
-    let scope = experiment
-        .bench
-        .instruments
-        .scope
-        .as_ref()
-        .and_then(|Instrument { model, .. }| by_key(scope::DIALECTS, model).map(|dialect| dialect.capabilities()));
-    move |span_s| scope.map_or(span_s, |capabilities| capabilities.time_per_div(Seconds(span_s)).value() * capabilities.horizontal_div)
+    let scope =
+        experiment
+            .bench
+            .instruments
+            .scope
+            .as_ref()
+            .and_then(|Instrument { model, .. }| {
+                by_key(scope::DIALECTS, model).map(|dialect| dialect.capabilities())
+            });
+    move |span_s| {
+        scope.map_or(span_s, |capabilities| {
+            capabilities.time_per_div(Seconds(span_s)).value() * capabilities.horizontal_div
+        })
+    }
 }

@@ -1,4 +1,5 @@
-//! Multisine: odd harmonics at once, some left out to show distortion, with phases of a low crest factor; one record per band.
+//! Multisine: odd harmonics at once, some left out to show distortion, with phases of a low crest
+//! factor; one record per band.
 
 use std::sync::Arc;
 
@@ -11,13 +12,15 @@ use crate::{
     plan::{Band, Purpose, Stage, Step},
 };
 
-/// The compliance lies above the cell's limit by this much, V, and at least by what the loop takes, Ω.
+/// The compliance lies above the cell's limit by this much, V, and at least by what the loop takes,
+/// Ω.
 const COMPLIANCE: (f64, f64) = (0.3, 0.1);
 /// The current limit lies above the peak by this factor and this much, A.
 const LIMIT: (f64, f64) = (1.1, 0.5);
 
-/// What an image may put into the impedance at a line, Ω: half the standard deviation that the noise of the demo's records has there (6 µΩ), so that it becomes an
-/// eighth larger. What is left is measured in the record, and is in its uncertainty.
+/// What an image may put into the impedance at a line, Ω: half the standard deviation that the
+/// noise of the demo's records has there (6 µΩ), so that it becomes an eighth larger. What is left
+/// is measured in the record, and is in its uncertainty.
 const TOLERATED_OHM: f64 = 3.0e-6;
 /// A loop of two metres of wire, a microhenry each.
 const LOOP_H: f64 = 2.0e-6;
@@ -32,27 +35,63 @@ const MORE_POINTS: f64 = 2.5;
 /// Least depth of a scope's memory.
 const LEAST_DEPTH: f64 = 1.0e4;
 
-/// Rates and lines of a band at which no image of the generator's steps falls onto a line within the noise, or the least disturbed.
+/// Rates and lines of a band at which no image of the generator's steps falls onto a line within
+/// the noise, or the least disturbed.
 fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
     let harmonics = odd_grid(band.base_hz, band.range_hz, band.lines);
     let periods = ((band.span_s * band.base_hz).round() as usize).max(1);
-    let steps: Vec<usize> = std::iter::successors(Some(band.steps.0), |steps| Some(2 * steps)).take_while(|s| *s <= band.steps.1).collect();
+    let steps: Vec<usize> = std::iter::successors(Some(band.steps.0), |steps| Some(2 * steps))
+        .take_while(|s| *s <= band.steps.1)
+        .collect();
     let samples = record_sizes((multisine.memory_points, multisine.record_points), periods);
-    let range = ((band.range_hz.0 / band.base_hz).round() as usize, (band.range_hz.1 / band.base_hz * (1.0 + 1.0e-9)).floor() as usize);
-    let path = Path { corner_hz: CORNER * band.followed_hz, loop_h: LOOP_H, skew_s: SKEW_S, pickup_h: PICKUP_H };
-    let choice = Choice { steps: &steps, samples: &samples, periods, range, base_hz: band.base_hz, path, tolerated_ohm: TOLERATED_OHM };
-    let as_asked = Sampling { steps: band.steps.0, periods, samples: multisine.record_points as usize };
-    place(&harmonics, &choice).unwrap_or(Placement { harmonics, sampling: as_asked, worst: None })
+    let range = (
+        (band.range_hz.0 / band.base_hz).round() as usize,
+        (band.range_hz.1 / band.base_hz * (1.0 + 1.0e-9)).floor() as usize,
+    );
+    let path = Path {
+        corner_hz: CORNER * band.followed_hz,
+        loop_h: LOOP_H,
+        skew_s: SKEW_S,
+        pickup_h: PICKUP_H,
+    };
+    let choice = Choice {
+        steps: &steps,
+        samples: &samples,
+        periods,
+        range,
+        base_hz: band.base_hz,
+        path,
+        tolerated_ohm: TOLERATED_OHM,
+    };
+    let as_asked = Sampling {
+        steps: band.steps.0,
+        periods,
+        samples: multisine.record_points as usize,
+    };
+    place(&harmonics, &choice).unwrap_or(Placement {
+        harmonics,
+        sampling: as_asked,
+        worst: None,
+    })
 }
 
-/// Points that a record can have: every n-th of the memory, whole numbers of them in a period, as many as asked for and not too many more. The depths of the
-/// scopes' memories are decades.
+/// Points that a record can have: every n-th of the memory, whole numbers of them in a period, as
+/// many as asked for and not too many more. The depths of the scopes' memories are decades.
 fn record_sizes((memory_points, record_points): (u64, u64), periods: usize) -> Vec<usize> {
-    let depth = 10.0_f64.powf((memory_points as f64).max(LEAST_DEPTH).log10().ceil()).round() as usize;
+    let depth = 10.0_f64
+        .powf((memory_points as f64).max(LEAST_DEPTH).log10().ceil())
+        .round() as usize;
     let asked = record_points as usize;
     let most = (MORE_POINTS * record_points as f64) as usize;
-    let of = |stride: usize| depth.is_multiple_of(stride * periods).then_some(depth / stride);
-    let mut found: Vec<usize> = (1..=depth / asked.max(1)).filter_map(of).filter(|size| (asked..=most).contains(size)).collect();
+    let of = |stride: usize| {
+        depth
+            .is_multiple_of(stride * periods)
+            .then_some(depth / stride)
+    };
+    let mut found: Vec<usize> = (1..=depth / asked.max(1))
+        .filter_map(of)
+        .filter(|size| (asked..=most).contains(size))
+        .collect();
     if found.is_empty() {
         found.push(asked);
     }
@@ -60,18 +99,37 @@ fn record_sizes((memory_points, record_points): (u64, u64), periods: usize) -> V
     found
 }
 
-pub(super) fn stage((multisine, repeat): (&Multisine, usize), limits: &Limits, (held, seed): (Holds, u64)) -> Stage {
+pub(super) fn stage(
+    (multisine, repeat): (&Multisine, usize),
+    limits: &Limits,
+    (held, seed): (Holds, u64),
+) -> Stage {
     let peak_a = multisine.peak_a;
     let mut steps = vec![Step::Mount(Fixture::Cell)];
     if multisine.rest_s > 0.0 {
-        steps.push(Step::Pause { span_s: multisine.rest_s });
+        steps.push(Step::Pause {
+            span_s: multisine.rest_s,
+        });
     }
     let compliance_v = limits.max_v + (COMPLIANCE.1 * peak_a).max(COMPLIANCE.0);
-    steps.push(Step::PowerUp { compliance_v, limit_a: LIMIT.0 * peak_a + LIMIT.1, held });
+    steps.push(Step::PowerUp {
+        compliance_v,
+        limit_a: LIMIT.0 * peak_a + LIMIT.1,
+        held,
+    });
     for (number, band) in (1..).zip(&multisine.bands) {
-        let Placement { harmonics, sampling, worst } = placed(multisine, band);
+        let Placement {
+            harmonics,
+            sampling,
+            worst,
+        } = placed(multisine, band);
         let wanted = odd_grid(band.base_hz, band.range_hz, band.lines);
-        let moved = wanted.iter().copied().zip(harmonics.iter().copied()).filter(|(from, to)| from != to).collect();
+        let moved = wanted
+            .iter()
+            .copied()
+            .zip(harmonics.iter().copied())
+            .filter(|(from, to)| from != to)
+            .collect();
         steps.push(Step::Multisine(Arc::new(Band {
             number,
             base_hz: band.base_hz,
@@ -87,10 +145,16 @@ pub(super) fn stage((multisine, repeat): (&Multisine, usize), limits: &Limits, (
         })));
     }
     if let Some(quality) = multisine.quality.filter(|quality| quality.again > 0) {
-        steps.push(Step::Recheck { max_s: quality.time_s, charge_c: quality.charge_c });
+        steps.push(Step::Recheck {
+            max_s: quality.time_s,
+            charge_c: quality.charge_c,
+        });
     }
     steps.push(Step::PowerDown);
-    Stage { purpose: Purpose::Multisine(repeat), steps }
+    Stage {
+        purpose: Purpose::Multisine(repeat),
+        steps,
+    }
 }
 
 #[cfg(test)]
@@ -98,10 +162,25 @@ mod tests {
     use super::*;
 
     fn multisine(record_points: u64, lines: usize) -> Multisine {
-        let band =
-            Wanted { base_hz: 5.0, range_hz: (15.0, 300.0), lines, span_s: 2.0, settle_s: 5.0, steps: (4096, 16_384), followed_hz: 3000.0 };
+        let band = Wanted {
+            base_hz: 5.0,
+            range_hz: (15.0, 300.0),
+            lines,
+            span_s: 2.0,
+            settle_s: 5.0,
+            steps: (4096, 16_384),
+            followed_hz: 3000.0,
+        };
         let (memory_points, quality) = (1_000_000, None);
-        Multisine { peak_a: 2.0, repeat: 1, rest_s: 0.0, bands: vec![band], memory_points, record_points, quality }
+        Multisine {
+            peak_a: 2.0,
+            repeat: 1,
+            rest_s: 0.0,
+            bands: vec![band],
+            memory_points,
+            record_points,
+            quality,
+        }
     }
 
     fn of(multisine: &Multisine) -> Placement {
@@ -112,8 +191,16 @@ mod tests {
     fn rates_change_where_lines_can_stay() {
         let found = of(&multisine(100_000, 8));
         assert_eq!(found.harmonics, [3, 5, 9, 11, 17, 25, 39, 59]);
-        assert!(found.sampling.steps > 4096 || found.sampling.samples > 100_000, "{found:?}");
-        assert!(found.worst.is_none_or(|worst| worst.error_ohm <= TOLERATED_OHM), "{found:?}");
+        assert!(
+            found.sampling.steps > 4096 || found.sampling.samples > 100_000,
+            "{found:?}"
+        );
+        assert!(
+            found
+                .worst
+                .is_none_or(|worst| worst.error_ohm <= TOLERATED_OHM),
+            "{found:?}"
+        );
     }
 
     #[test]
@@ -126,13 +213,24 @@ mod tests {
         // Twenty lines have no room: that is told with the image and its line.
         rigid.bands[0].lines = 20;
         let crowded = of(&rigid);
-        assert!(crowded.worst.is_some_and(|worst| worst.error_ohm > TOLERATED_OHM), "{crowded:?}");
+        assert!(
+            crowded
+                .worst
+                .is_some_and(|worst| worst.error_ohm > TOLERATED_OHM),
+            "{crowded:?}"
+        );
     }
 
     #[test]
     fn records_are_whole_periods_of_the_memory() {
-        assert_eq!(record_sizes((1_000_000, 100_000), 10), [100_000, 125_000, 200_000, 250_000]);
-        assert_eq!(record_sizes((300_000, 100_000), 10), [100_000, 125_000, 200_000, 250_000]);
+        assert_eq!(
+            record_sizes((1_000_000, 100_000), 10),
+            [100_000, 125_000, 200_000, 250_000]
+        );
+        assert_eq!(
+            record_sizes((300_000, 100_000), 10),
+            [100_000, 125_000, 200_000, 250_000]
+        );
         assert_eq!(record_sizes((1_000_000, 1_000_000), 7), [1_000_000]);
     }
 }

@@ -1,5 +1,6 @@
-//! Open-circuit voltage over state of charge (thesis 3.1): full by constant current and constant voltage, rest, slowly down, and up again if asked for.
-//! Short interruptions tell the resistance that the load's drop is compensated with, at the very terminals where the voltage is read.
+//! Open-circuit voltage over state of charge (thesis 3.1): full by constant current and constant
+//! voltage, rest, slowly down, and up again if asked for. Short interruptions tell the resistance
+//! that the load's drop is compensated with, at the very terminals where the voltage is read.
 
 use instruments::mock::plant::Fixture;
 
@@ -8,7 +9,8 @@ use crate::{
     plan::{Flow, Leg, Log, Purpose, Stage, Step},
 };
 
-/// The currents end this far inside the cell's limits, V: a meter that shows a few millivolts too much or too little must not trip at the very end.
+/// The currents end this far inside the cell's limits, V: a meter that shows a few millivolts too
+/// much or too little must not trip at the very end.
 const INSIDE_V: f64 = 0.005;
 /// A leg lasts this much longer at most than the cell's capacity takes …
 const LONGER: f64 = 1.5;
@@ -18,19 +20,47 @@ const HOLD_S: f64 = 7200.0;
 pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
     let until_v = ocv.discharge_until_v.max(cell.limits.min_v + INSIDE_V);
     let limit_v = ocv.charge_limit_v.min(cell.limits.max_v - INSIDE_V);
-    let rest = Step::Rest { min_s: ocv.rest_s.0, max_s: ocv.rest_s.1, slope_v_per_s: ocv.rest_slope_v_per_s };
+    let rest = Step::Rest {
+        min_s: ocv.rest_s.0,
+        max_s: ocv.rest_s.1,
+        slope_v_per_s: ocv.rest_slope_v_per_s,
+    };
     let parts = ocv.interruptions + 1;
     let part_c = cell.capacity_c / parts as f64;
     let whole_s = |amps: f64| LONGER * cell.capacity_c / amps;
-    let pause = |log| Step::Leg(Leg { flow: Flow::Rest, max_s: ocv.interruption_s, log });
-    // The first charge ends where the measured one begins; it goes into the file of the way up, which the measured one begins anew.
+    let pause = |log| {
+        Step::Leg(Leg {
+            flow: Flow::Rest,
+            max_s: ocv.interruption_s,
+            log,
+        })
+    };
+    // The first charge ends where the measured one begins; it goes into the file of the way up,
+    // which the measured one begins anew.
     let up = |charge_c| {
-        let flow = Flow::Charge { current_a: ocv.charge_a, limit_v, cut_off_a: ocv.cut_off_a, charge_c };
-        Step::Leg(Leg { flow, max_s: whole_s(ocv.charge_a) + HOLD_S, log: Log::Charge })
+        let flow = Flow::Charge {
+            current_a: ocv.charge_a,
+            limit_v,
+            cut_off_a: ocv.cut_off_a,
+            charge_c,
+        };
+        Step::Leg(Leg {
+            flow,
+            max_s: whole_s(ocv.charge_a) + HOLD_S,
+            log: Log::Charge,
+        })
     };
     let down = |current_a, charge_c| {
-        let flow = Flow::Discharge { current_a, until_v, charge_c };
-        Step::Leg(Leg { flow, max_s: whole_s(current_a), log: Log::Discharge })
+        let flow = Flow::Discharge {
+            current_a,
+            until_v,
+            charge_c,
+        };
+        Step::Leg(Leg {
+            flow,
+            max_s: whole_s(current_a),
+            log: Log::Discharge,
+        })
     };
     let mut steps = vec![Step::Mount(Fixture::Cell), up(None), rest.clone()];
     for _ in 1..parts {
@@ -48,7 +78,10 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
         }
         steps.extend([up(None), pause(Log::Charge)]);
     }
-    Stage { purpose: Purpose::OcvSoc, steps }
+    Stage {
+        purpose: Purpose::OcvSoc,
+        steps,
+    }
 }
 
 #[cfg(test)]
@@ -58,7 +91,14 @@ mod tests {
 
     #[test]
     fn the_ends_lie_inside_the_limits_and_each_direction_has_its_pauses() {
-        let limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
+        let limits = Limits {
+            min_v: 2.5,
+            max_v: 4.2,
+            charge_a: 13.5,
+            discharge_a: 45.0,
+            min_c: 0.0,
+            max_c: 60.0,
+        };
         let interlock = Settings {
             rate_k_per_s: 0.1,
             window_s: 60.0,
@@ -69,8 +109,16 @@ mod tests {
             frozen_s: 30.0,
             frozen_c: 10.0,
         };
-        let cell =
-            Cell { name: "c".to_owned(), capacity_c: 16_200.0, limits, interlock, series: 1, parallel: 1, ocv: None, wide: Vec::new() };
+        let cell = Cell {
+            name: "c".to_owned(),
+            capacity_c: 16_200.0,
+            limits,
+            interlock,
+            series: 1,
+            parallel: 1,
+            ocv: None,
+            wide: Vec::new(),
+        };
         let ocv = OcvSoc {
             charge_a: 1.0,
             charge_limit_v: 4.2,
@@ -86,13 +134,48 @@ mod tests {
             dcir_ohm: None,
             polynomial: None,
         };
-        let words: Vec<String> = stage(&ocv, &cell).steps.iter().map(ToString::to_string).collect();
-        assert_eq!(words[1], "charge at 1 A, hold 4.195 V until 0.1 A, at most 525.0 min, into ocv_charge.bdf.csv");
-        assert_eq!(words[3], "discharge at 1 A to 2.505 V or by 4050 C, at most 405.0 min, into ocv_discharge.bdf.csv");
-        assert_eq!(words.iter().filter(|step| step.starts_with("nothing flows for 60 s, into ocv_discharge")).count(), 4);
-        assert_eq!(words.iter().filter(|step| step.starts_with("nothing flows for 60 s, into ocv_charge")).count(), 4);
-        assert!(words.iter().any(|step| step.starts_with("discharge at 0.2 A to 2.505 V, at most")), "{words:#?}");
-        let one_way = stage(&OcvSoc { both_directions: false, tail_a: 1.0, ..ocv }, &cell);
+        let words: Vec<String> = stage(&ocv, &cell)
+            .steps
+            .iter()
+            .map(ToString::to_string)
+            .collect();
+        assert_eq!(
+            words[1],
+            "charge at 1 A, hold 4.195 V until 0.1 A, at most 525.0 min, into ocv_charge.bdf.csv"
+        );
+        assert_eq!(
+            words[3],
+            "discharge at 1 A to 2.505 V or by 4050 C, at most 405.0 min, into \
+            ocv_discharge.bdf.csv"
+        );
+        assert_eq!(
+            words
+                .iter()
+                .filter(|step| step.starts_with("nothing flows for 60 s, into ocv_discharge"))
+                .count(),
+            4
+        );
+        assert_eq!(
+            words
+                .iter()
+                .filter(|step| step.starts_with("nothing flows for 60 s, into ocv_charge"))
+                .count(),
+            4
+        );
+        assert!(
+            words
+                .iter()
+                .any(|step| step.starts_with("discharge at 0.2 A to 2.505 V, at most")),
+            "{words:#?}"
+        );
+        let one_way = stage(
+            &OcvSoc {
+                both_directions: false,
+                tail_a: 1.0,
+                ..ocv
+            },
+            &cell,
+        );
         assert_eq!(one_way.steps.len(), 3 + 2 * 3 + 2);
     }
 }

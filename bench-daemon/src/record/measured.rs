@@ -34,12 +34,29 @@ impl Recorder {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn capture(&mut self, file: &CaptureFile, waveforms: &[Waveform; 4]) -> Result<(), RecordError> {
+    pub fn capture(
+        &mut self,
+        file: &CaptureFile,
+        waveforms: &[Waveform; 4],
+    ) -> Result<(), RecordError> {
         let name = sweep_name(file.fixture, file.repeat);
-        let label = format!("{name} point {} attempt {} at {} A", file.index + 1, file.attempt + 1, file.amplitude_a);
-        let again = if file.attempt == 0 { String::new() } else { format!("_again{}", file.attempt) };
+        let label = format!(
+            "{name} point {} attempt {} at {} A",
+            file.index + 1,
+            file.attempt + 1,
+            file.amplitude_a
+        );
+        let again = if file.attempt == 0 {
+            String::new()
+        } else {
+            format!("_again{}", file.attempt)
+        };
         let point = format!("point{:02}_{:.6}Hz{again}", file.index + 1, file.freq_hz);
-        self.write_capture(&name, &point, &capture_of(label, file.freq_hz, file.start_s, waveforms))?;
+        self.write_capture(
+            &name,
+            &point,
+            &capture_of(label, file.freq_hz, file.start_s, waveforms),
+        )?;
         if file.attempt == 0 {
             self.fresh.clear();
         }
@@ -53,11 +70,19 @@ impl Recorder {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn write_capture(&self, folder: &str, name: &str, capture: &Capture) -> Result<(), RecordError> {
+    pub fn write_capture(
+        &self,
+        folder: &str,
+        name: &str,
+        capture: &Capture,
+    ) -> Result<(), RecordError> {
         self.room(&format!("captures/{folder}"))?;
         let folder = self.path("captures").join(folder);
         fs::create_dir_all(&folder).map_err(io(&folder, "cannot be made"))?;
-        Ok(dataset::write_capture(&folder.join(format!("{name}.parquet")), capture)?)
+        Ok(dataset::write_capture(
+            &folder.join(format!("{name}.parquet")),
+            capture,
+        )?)
     }
 
     /// Writes a trace and enters it into the index.
@@ -77,7 +102,12 @@ impl Recorder {
     /// A file that cannot be written.
     pub fn trace_again(&mut self, entry: TraceEntry, rows: &[TraceRow]) -> Result<(), RecordError> {
         dataset::write_trace_csv(&self.path(&entry.file), rows)?;
-        if let Some(known) = self.index.traces.iter_mut().find(|known| known.file == entry.file) {
+        if let Some(known) = self
+            .index
+            .traces
+            .iter_mut()
+            .find(|known| known.file == entry.file)
+        {
             *known = entry;
         }
         self.json(INDEX, &self.index)
@@ -92,7 +122,8 @@ impl Recorder {
         Ok(dataset::write_legs_csv(&self.path(name), rows)?)
     }
 
-    /// Takes a sweep that is not finished out of the index: its entry was written, but not its end in the journal.
+    /// Takes a sweep that is not finished out of the index: its entry was written, but not its end
+    /// in the journal.
     pub fn forget_sweep(&mut self, file: &str) {
         self.index.sweeps.retain(|entry| entry.file != file);
     }
@@ -134,7 +165,8 @@ impl Recorder {
         Ok(dataset::append_spectrum_csv(&path, point)?)
     }
 
-    /// Writes a spectrum again, whole or not at all, in the place of the points that were appended as they came.
+    /// Writes a spectrum again, whole or not at all, in the place of the points that were appended
+    /// as they came.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -143,31 +175,56 @@ impl Recorder {
         Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
     }
 
-    /// Writes a spectrum with what the quality gate has refused of it, in words for each point; a column less where it has refused nothing.
+    /// Writes a spectrum with what the quality gate has refused of it, in words for each point; a
+    /// column less where it has refused nothing.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn flagged_spectrum(&self, name: &str, points: &[ImpedancePoint], flags: &[String]) -> Result<(), RecordError> {
+    pub fn flagged_spectrum(
+        &self,
+        name: &str,
+        points: &[ImpedancePoint],
+        flags: &[String],
+    ) -> Result<(), RecordError> {
         if flags.iter().all(String::is_empty) {
             return self.spectrum(name, points);
         }
         self.room(name)?;
-        Ok(dataset::write_flagged_spectrum_csv(&self.path(name), points, flags)?)
+        Ok(dataset::write_flagged_spectrum_csv(
+            &self.path(name),
+            points,
+            flags,
+        )?)
     }
 
     /// The same as Parquet.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn flagged_parquet(&self, name: &str, points: &[ImpedancePoint], flags: &[String]) -> Result<(), RecordError> {
-        Ok(dataset::write_flagged_spectrum_parquet(&self.path(name), points, flags)?)
+    pub fn flagged_parquet(
+        &self,
+        name: &str,
+        points: &[ImpedancePoint],
+        flags: &[String],
+    ) -> Result<(), RecordError> {
+        Ok(dataset::write_flagged_spectrum_parquet(
+            &self.path(name),
+            points,
+            flags,
+        )?)
     }
 
-    /// Writes a spectrum whole, with the errors that its points share and what the quality gate has refused.
+    /// Writes a spectrum whole, with the errors that its points share and what the quality gate has
+    /// refused.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn whole_spectrum(&self, name: &str, spectrum: &Spectrum, flags: &[String]) -> Result<(), RecordError> {
+    pub fn whole_spectrum(
+        &self,
+        name: &str,
+        spectrum: &Spectrum,
+        flags: &[String],
+    ) -> Result<(), RecordError> {
         let path = self.path(name);
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;

@@ -11,7 +11,8 @@ use crate::plan::fixture_name;
 /// Sweeps named one by one at most.
 const MOST_SWEEPS: usize = 3;
 
-/// Points of sweeps in words: each sweep once, its points counted where there are several; many sweeps are counted too.
+/// Points of sweeps in words: each sweep once, its points counted where there are several; many
+/// sweeps are counted too.
 pub(super) fn places(points: &[(String, f64)]) -> String {
     let mut sweeps: Vec<(&str, Vec<f64>)> = Vec::new();
     for (sweep, freq_hz) in points {
@@ -24,17 +25,27 @@ pub(super) fn places(points: &[(String, f64)]) -> String {
         let all: Vec<f64> = points.iter().map(|(_, freq_hz)| *freq_hz).collect();
         return frequencies(&format!("{} sweeps, {first} to {last}", sweeps.len()), &all);
     }
-    sweeps.iter().map(|(sweep, freqs_hz)| frequencies(sweep, freqs_hz)).collect::<Vec<_>>().join("; ")
+    sweeps
+        .iter()
+        .map(|(sweep, freqs_hz)| frequencies(sweep, freqs_hz))
+        .collect::<Vec<_>>()
+        .join("; ")
 }
 
 fn frequencies(sweep: &str, freqs_hz: &[f64]) -> String {
     match freqs_hz {
         [freq_hz] => format!("{sweep}, {freq_hz:.4} Hz"),
         several => {
-            let (least, greatest) =
-                several.iter().fold((f64::INFINITY, 0.0_f64), |(least, greatest), &freq_hz| (least.min(freq_hz), greatest.max(freq_hz)));
+            let (least, greatest) = several
+                .iter()
+                .fold((f64::INFINITY, 0.0_f64), |(least, greatest), &freq_hz| {
+                    (least.min(freq_hz), greatest.max(freq_hz))
+                });
             if least < greatest {
-                format!("{sweep}, {} points from {least:.4} Hz to {greatest:.4} Hz", several.len())
+                format!(
+                    "{sweep}, {} points from {least:.4} Hz to {greatest:.4} Hz",
+                    several.len()
+                )
             } else {
                 format!("{sweep}, each at {least:.4} Hz")
             }
@@ -42,7 +53,8 @@ fn frequencies(sweep: &str, freqs_hz: &[f64]) -> String {
     }
 }
 
-/// A sweep in names of files: a control is called after its fixture, a sweep of the cell too, and with its number from the second on.
+/// A sweep in names of files: a control is called after its fixture, a sweep of the cell too, and
+/// with its number from the second on.
 pub fn sweep_name(fixture: Fixture, repeat: usize) -> String {
     let name = fixture_name(fixture);
     match (fixture, repeat) {
@@ -53,11 +65,28 @@ pub fn sweep_name(fixture: Fixture, repeat: usize) -> String {
 }
 
 /// A frame of four channels as it is stored.
-pub(crate) fn capture_of(label: String, freq_hz: f64, start_s: f64, waveforms: &[Waveform; 4]) -> Capture {
-    let channel = |waveform: &Waveform| ChannelMeta { scale: code_scale(waveform), volts_per_div: waveform.preamble.volts_per_div };
+pub(crate) fn capture_of(
+    label: String,
+    freq_hz: f64,
+    start_s: f64,
+    waveforms: &[Waveform; 4],
+) -> Capture {
+    let channel = |waveform: &Waveform| ChannelMeta {
+        scale: code_scale(waveform),
+        volts_per_div: waveform.preamble.volts_per_div,
+    };
     let channels = waveforms.each_ref().map(channel);
-    let meta = CaptureMeta { label, freq_hz, interval_s: waveforms[0].interval_s, start_s, channels };
-    Capture { meta, codes: waveforms.each_ref().map(|waveform| waveform.codes.clone()) }
+    let meta = CaptureMeta {
+        label,
+        freq_hz,
+        interval_s: waveforms[0].interval_s,
+        start_s,
+        channels,
+    };
+    Capture {
+        meta,
+        codes: waveforms.each_ref().map(|waveform| waveform.codes.clone()),
+    }
 }
 
 /// What a waveform's codes mean: on disk as in the fit.
@@ -78,8 +107,17 @@ mod tests {
 
     #[test]
     fn points_are_named_by_sweep_and_counted() {
-        let points = [("shunt", 300.0), ("cell", 0.1), ("cell", 10.0), ("cell", 0.5)].map(|(sweep, freq_hz)| (sweep.to_owned(), freq_hz));
+        let points = [
+            ("shunt", 300.0),
+            ("cell", 0.1),
+            ("cell", 10.0),
+            ("cell", 0.5),
+        ]
+        .map(|(sweep, freq_hz)| (sweep.to_owned(), freq_hz));
         assert_eq!(places(&points[..1]), "shunt, 300.0000 Hz");
-        assert_eq!(places(&points), "shunt, 300.0000 Hz; cell, 3 points from 0.1000 Hz to 10.0000 Hz");
+        assert_eq!(
+            places(&points),
+            "shunt, 300.0000 Hz; cell, 3 points from 0.1000 Hz to 10.0000 Hz"
+        );
     }
 }

@@ -9,8 +9,11 @@ impl Recorder {
         if self.warnings.iter().any(|known| odd(known) == odd(text)) {
             return;
         }
-        // A folder that cannot be written ends the run at the next record; the warning itself is not worth it.
-        let noted = self.journal(Entry::Note { text: text.to_owned() });
+        // A folder that cannot be written ends the run at the next record; the warning itself is
+        // not worth it.
+        let noted = self.journal(Entry::Note {
+            text: text.to_owned(),
+        });
         if let Err(error) = noted.and_then(|()| self.event(Event::Note, text)) {
             tracing::error!("{error}");
         }
@@ -27,22 +30,33 @@ impl Recorder {
 
     /// As [`Self::point_warning`], for a point whose event was written when it was measured.
     pub fn known_point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
-        match self.point_warnings.iter_mut().find(|(known, _)| known == text) {
+        match self
+            .point_warnings
+            .iter_mut()
+            .find(|(known, _)| known == text)
+        {
             Some((_, points)) => points.push((sweep.to_owned(), freq_hz)),
-            None => self.point_warnings.push((text.to_owned(), vec![(sweep.to_owned(), freq_hz)])),
+            None => self
+                .point_warnings
+                .push((text.to_owned(), vec![(sweep.to_owned(), freq_hz)])),
         }
     }
 
     /// What was odd.
     pub fn warnings(&self) -> Vec<String> {
-        let points = self.point_warnings.iter().map(|(text, points)| format!("{}: {text}", names::places(points)));
+        let points = self
+            .point_warnings
+            .iter()
+            .map(|(text, points)| format!("{}: {text}", names::places(points)));
         points.chain(self.warnings.iter().cloned()).collect()
     }
 }
 
-/// What is odd, without the command that looks at it: a resumed run may spell the path in it another way.
+/// What is odd, without the command that looks at it: a resumed run may spell the path in it
+/// another way.
 fn odd(text: &str) -> &str {
-    text.split_once("; `eis-bench ").map_or(text, |(odd, _)| odd)
+    text.split_once("; `eis-bench ")
+        .map_or(text, |(odd, _)| odd)
 }
 
 #[cfg(test)]
@@ -59,7 +73,11 @@ mod tests {
         recorder.warning("of the run");
         recorder.warning("never looked at; `eis-bench doctor benches/a.toml` looks at it");
         recorder.warning("never looked at; `eis-bench doctor /srv/benches/a.toml` looks at it");
-        for (sweep, freq_hz, text) in [("shunt", 1.0, "odd"), ("shunt", 1.0, "other"), ("cell", 1.0, "odd")] {
+        for (sweep, freq_hz, text) in [
+            ("shunt", 1.0, "odd"),
+            ("shunt", 1.0, "other"),
+            ("cell", 1.0, "odd"),
+        ] {
             recorder.point_warning(sweep, freq_hz, text);
         }
         let said = [

@@ -1,4 +1,5 @@
-//! A run folder that is gone on with: torn rows are cut off, what was written is read back, and what the journal says of it is compared.
+//! A run folder that is gone on with: torn rows are cut off, what was written is read back, and
+//! what the journal says of it is compared.
 
 use std::{
     fs::{self, File},
@@ -21,11 +22,16 @@ use crate::{
 };
 
 impl Recorder {
-    /// Opens a run folder that is gone on with. What follows the last whole row of a table is cut off.
+    /// Opens a run folder that is gone on with. What follows the last whole row of a table is cut
+    /// off.
     ///
     /// # Errors
     /// Files that cannot be read or written, or are not what a run writes.
-    pub fn reopen(folder: &Path, clock: Clock, (read, story): (&Read, &Story)) -> Result<Self, RecordError> {
+    pub fn reopen(
+        folder: &Path,
+        clock: Clock,
+        (read, story): (&Read, &Story),
+    ) -> Result<Self, RecordError> {
         let journal = Journal::reopen(folder, &clock, read)?;
         for name in ["events.csv", "readings.csv", "log.txt"] {
             cut_torn_line(&folder.join(name))?;
@@ -35,9 +41,14 @@ impl Recorder {
         let columns = columns.lines().next().unwrap_or_default();
         // Killed before the first line was whole.
         if columns.is_empty() {
-            fs::write(&events, format!("{EVENT_COLUMNS}\n")).map_err(io(&events, "cannot be written"))?;
+            fs::write(&events, format!("{EVENT_COLUMNS}\n"))
+                .map_err(io(&events, "cannot be written"))?;
         } else if columns != EVENT_COLUMNS {
-            return Err(differs(&events, &format!("the columns {EVENT_COLUMNS}"), &columns));
+            return Err(differs(
+                &events,
+                &format!("the columns {EVENT_COLUMNS}"),
+                &columns,
+            ));
         }
         let transcripts = folder.join("transcripts");
         for entry in fs::read_dir(&transcripts).map_err(io(&transcripts, "cannot be read"))? {
@@ -45,7 +56,8 @@ impl Recorder {
         }
         let index = folder.join(INDEX);
         let index: RunIndex = match fs::read_to_string(&index) {
-            Ok(text) => serde_json::from_str(&text).map_err(|error| differs(&index, "an index of sweeps and traces", &error))?,
+            Ok(text) => serde_json::from_str(&text)
+                .map_err(|error| differs(&index, "an index of sweeps and traces", &error))?,
             // It is written with the first sweep.
             Err(_) => RunIndex::default(),
         };
@@ -65,14 +77,23 @@ impl Recorder {
         })
     }
 
-    /// Makes a table of a sweep what its finished points say: rows that are missing are appended, rows of points that the journal does not know are
-    /// taken off, for those points are measured again.
+    /// Makes a table of a sweep what its finished points say: rows that are missing are appended,
+    /// rows of points that the journal does not know are taken off, for those points are measured
+    /// again.
     ///
     /// # Errors
     /// A row that is another one than its point says; a file that cannot be written.
-    pub fn settle_spectrum(&self, name: &str, points: &[ImpedancePoint]) -> Result<(), RecordError> {
+    pub fn settle_spectrum(
+        &self,
+        name: &str,
+        points: &[ImpedancePoint],
+    ) -> Result<(), RecordError> {
         let path = self.path(name);
-        let rows = if path.exists() && cut_torn_line(&path)? > 0 { dataset::read_spectrum_csv(&path)? } else { Vec::new() };
+        let rows = if path.exists() && cut_torn_line(&path)? > 0 {
+            dataset::read_spectrum_csv(&path)?
+        } else {
+            Vec::new()
+        };
         for (number, (row, point)) in rows.iter().zip(points).enumerate() {
             if !same(row, point) {
                 let expected = format!("the point of the journal in row {}: {point:?}", number + 1);
@@ -84,7 +105,10 @@ impl Recorder {
             let kept: String = text.split_inclusive('\n').take(points.len() + 1).collect();
             dataset::write_atomically(&path, kept.as_bytes())?;
         }
-        points.iter().skip(rows.len()).try_for_each(|point| self.spectrum_point(name, point))
+        points
+            .iter()
+            .skip(rows.len())
+            .try_for_each(|point| self.spectrum_point(name, point))
     }
 
     /// The captures of finished points must be what they were.
@@ -96,23 +120,34 @@ impl Recorder {
             let path = self.path(file);
             let found = sha256_of(&path)?;
             if found != *sha256 {
-                return Err(differs(&path, &format!("a capture with the SHA-256 {sha256}"), &found));
+                return Err(differs(
+                    &path,
+                    &format!("a capture with the SHA-256 {sha256}"),
+                    &found,
+                ));
             }
         }
         Ok(())
     }
 
-    /// Removes captures of a folder that belong to no finished point: their points are measured again.
+    /// Removes captures of a folder that belong to no finished point: their points are measured
+    /// again.
     ///
     /// # Errors
     /// A folder that cannot be read.
     pub fn drop_captures(&self, sweep: &str, points: &[&PointDone]) -> Result<(), RecordError> {
         let folder = self.path("captures").join(sweep);
-        let Ok(entries) = fs::read_dir(&folder) else { return Ok(()) };
+        let Ok(entries) = fs::read_dir(&folder) else {
+            return Ok(());
+        };
         for entry in entries {
             let entry = entry.map_err(io(&folder, "cannot be read"))?;
             let relative = format!("captures/{sweep}/{}", entry.file_name().to_string_lossy());
-            if !points.iter().flat_map(|point| &point.files).any(|(file, _)| *file == relative) {
+            if !points
+                .iter()
+                .flat_map(|point| &point.files)
+                .any(|(file, _)| *file == relative)
+            {
                 fs::remove_file(entry.path()).map_err(io(&entry.path(), "cannot be removed"))?;
             }
         }
@@ -128,48 +163,90 @@ pub(super) fn sha256_of(path: &Path) -> Result<String, RecordError> {
 /// Two numbers that are none are the same.
 fn same(a: &ImpedancePoint, b: &ImpedancePoint) -> bool {
     let numbers = |p: &ImpedancePoint| {
-        [p.freq_hz, p.z_ohm.re, p.z_ohm.im, p.amplitude_a].map(|number| if number.is_nan() { None } else { Some(number) })
+        [p.freq_hz, p.z_ohm.re, p.z_ohm.im, p.amplitude_a]
+            .map(|number| if number.is_nan() { None } else { Some(number) })
     };
     numbers(a) == numbers(b)
 }
 
 fn differs(path: &Path, expected: &str, found: &dyn std::fmt::Display) -> RecordError {
-    RecordError::Differs { path: path.to_owned(), expected: expected.to_owned(), found: found.to_string() }
+    RecordError::Differs {
+        path: path.to_owned(),
+        expected: expected.to_owned(),
+        found: found.to_string(),
+    }
 }
 
-/// Cuts off what follows the last line end; returns what is left, bytes. A file that is not there is left so.
+/// Cuts off what follows the last line end; returns what is left, bytes. A file that is not there
+/// is left so.
 fn cut_torn_line(path: &Path) -> Result<u64, RecordError> {
-    let Ok(bytes) = fs::read(path) else { return Ok(0) };
-    let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at as u64 + 1);
+    let Ok(bytes) = fs::read(path) else {
+        return Ok(0);
+    };
+    let whole = bytes
+        .iter()
+        .rposition(|byte| *byte == b'\n')
+        .map_or(0, |at| at as u64 + 1);
     if whole < bytes.len() as u64 {
-        let file = File::options().write(true).open(path).map_err(io(path, "cannot be opened"))?;
-        file.set_len(whole).map_err(io(path, "cannot be cut after its last whole line"))?;
+        let file = File::options()
+            .write(true)
+            .open(path)
+            .map_err(io(path, "cannot be opened"))?;
+        file.set_len(whole)
+            .map_err(io(path, "cannot be cut after its last whole line"))?;
     }
     Ok(whole)
 }
 
 fn append(path: &Path) -> Result<BufWriter<File>, RecordError> {
-    File::options().append(true).create(true).open(path).map(BufWriter::new).map_err(io(path, "cannot be opened"))
+    File::options()
+        .append(true)
+        .create(true)
+        .open(path)
+        .map(BufWriter::new)
+        .map_err(io(path, "cannot be opened"))
 }
 
-/// The readings so far, with the digits of the table. No finished point depends on them: rows that are none are left out, and said.
+/// The readings so far, with the digits of the table. No finished point depends on them: rows that
+/// are none are left out, and said.
 fn readings(path: &Path) -> Vec<SeriesRow> {
     let bytes = fs::read(path).unwrap_or_default();
     let text = String::from_utf8_lossy(&bytes);
     let rows = text.lines().skip(1).map(reading);
     let lost = rows.clone().filter(Option::is_none).count();
     if lost > 0 {
-        tracing::warn!("{}: {lost} rows cannot be read and are left out of the readings", path.display());
+        tracing::warn!(
+            "{}: {lost} rows cannot be read and are left out of the readings",
+            path.display()
+        );
     }
     rows.flatten().collect()
 }
 
 fn reading(line: &str) -> Option<SeriesRow> {
     let cells: Vec<&str> = line.split(',').collect();
-    let [time, _, volts, amps, celsius] = cells.as_slice() else { return None };
-    let number = |cell: &str| if cell.is_empty() { Some(f64::NAN) } else { cell.parse::<f64>().ok() };
-    let (time_s, voltage_v, current_a, temperature_c) = (number(time)?, number(volts)?, number(amps)?, number(celsius)?);
-    Some(SeriesRow { time_s, voltage_v, current_a, temperature_c })
+    let [time, _, volts, amps, celsius] = cells.as_slice() else {
+        return None;
+    };
+    let number = |cell: &str| {
+        if cell.is_empty() {
+            Some(f64::NAN)
+        } else {
+            cell.parse::<f64>().ok()
+        }
+    };
+    let (time_s, voltage_v, current_a, temperature_c) = (
+        number(time)?,
+        number(volts)?,
+        number(amps)?,
+        number(celsius)?,
+    );
+    Some(SeriesRow {
+        time_s,
+        voltage_v,
+        current_a,
+        temperature_c,
+    })
 }
 
 #[cfg(test)]
@@ -180,31 +257,60 @@ mod tests {
     use num_complex::Complex64;
 
     fn point(freq_hz: f64) -> ImpedancePoint {
-        ImpedancePoint { freq_hz, z_ohm: Complex64::new(0.01, -0.001 / freq_hz), covariance: Covariance2::ZERO, amplitude_a: 1.0 }
+        ImpedancePoint {
+            freq_hz,
+            z_ohm: Complex64::new(0.01, -0.001 / freq_hz),
+            covariance: Covariance2::ZERO,
+            amplitude_a: 1.0,
+        }
     }
 
     #[test]
     fn a_table_becomes_what_the_journal_says_of_it() {
         let folder = tempfile::tempdir().unwrap();
-        let recorder = Recorder::create(&folder.path().join("run"), Clock::start(TimeMode::Real)).unwrap();
+        let recorder =
+            Recorder::create(&folder.path().join("run"), Clock::start(TimeMode::Real)).unwrap();
         let points: Vec<ImpedancePoint> = [1.0, 2.0, 3.0].map(point).to_vec();
         let whole = |count: usize| {
             let name = format!("whole{count}.csv");
             let _ = fs::remove_file(recorder.path(&name));
-            points[..count].iter().for_each(|point| recorder.spectrum_point(&name, point).unwrap());
+            points[..count]
+                .iter()
+                .for_each(|point| recorder.spectrum_point(&name, point).unwrap());
             fs::read_to_string(recorder.path(&name)).unwrap_or_default()
         };
-        for (before, torn, known) in [(0, "", 2), (1, "", 2), (2, "", 2), (3, "", 2), (3, "", 0), (2, "4.0,0.0", 3), (0, "freq", 1)] {
+        for (before, torn, known) in [
+            (0, "", 2),
+            (1, "", 2),
+            (2, "", 2),
+            (3, "", 2),
+            (3, "", 0),
+            (2, "4.0,0.0", 3),
+            (0, "freq", 1),
+        ] {
             let name = format!("t{before}{known}{}.csv", torn.len());
             fs::write(recorder.path(&name), whole(before) + torn).unwrap();
             recorder.settle_spectrum(&name, &points[..known]).unwrap();
             let text = fs::read_to_string(recorder.path(&name)).unwrap();
-            let expected = if known == 0 { whole(3).lines().next().unwrap().to_owned() + "\n" } else { whole(known) };
-            assert_eq!(text, expected, "{before} rows and {torn:?}, the journal knows {known}");
+            let expected = if known == 0 {
+                whole(3).lines().next().unwrap().to_owned() + "\n"
+            } else {
+                whole(known)
+            };
+            assert_eq!(
+                text, expected,
+                "{before} rows and {torn:?}, the journal knows {known}"
+            );
         }
         fs::write(recorder.path("other.csv"), whole(2)).unwrap();
-        let message = recorder.settle_spectrum("other.csv", &[point(1.0), point(2.5)]).unwrap_err().to_string();
-        assert!(message.contains("other.csv: expected the point of the journal in row 2: "), "{message}");
+        let message = recorder
+            .settle_spectrum("other.csv", &[point(1.0), point(2.5)])
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("other.csv: expected the point of the journal in row 2: "),
+            "{message}"
+        );
     }
 
     #[test]
@@ -215,13 +321,26 @@ mod tests {
         let mut recorder = Recorder::create(&run, clock.clone()).unwrap();
         recorder.tap("load").unwrap();
         drop(recorder);
-        let growing = ["events.csv", "readings.csv", "log.txt", "transcripts/load.txt"];
+        let growing = [
+            "events.csv",
+            "readings.csv",
+            "log.txt",
+            "transcripts/load.txt",
+        ];
         for name in growing {
             let whole = fs::read_to_string(run.join(name)).unwrap_or_default() + "1.000,whole\n";
             fs::write(run.join(name), whole + "2.000,to").unwrap();
         }
-        let started = crate::journal::Line { number: 1, time_s: 0.0, entry: crate::story::test_started() };
-        let read = Read { lines: vec![started], whole_bytes: 0, torn: Vec::new() };
+        let started = crate::journal::Line {
+            number: 1,
+            time_s: 0.0,
+            entry: crate::story::test_started(),
+        };
+        let read = Read {
+            lines: vec![started],
+            whole_bytes: 0,
+            torn: Vec::new(),
+        };
         let story = Story::of(&read.lines).unwrap();
         drop(Recorder::reopen(&run, clock, (&read, &story)).unwrap());
         for name in growing {

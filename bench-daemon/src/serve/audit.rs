@@ -1,6 +1,7 @@
-//! Who did what, and when: one line of JSON each, appended and synced before the answer goes out. Each line carries a checksum over itself and the line
-//! before, so that a line that was taken out or altered shows; how many there are and the last checksum stand in a file beside it, so that an end that was
-//! cut off shows too.
+//! Who did what, and when: one line of JSON each, appended and synced before the answer goes out.
+//! Each line carries a checksum over itself and the line before, so that a line that was taken out
+//! or altered shows; how many there are and the last checksum stand in a file beside it, so that an
+//! end that was cut off shows too.
 
 use std::{
     fs::{File, OpenOptions},
@@ -26,17 +27,26 @@ const SERVER: &str = "server";
 /// Of so many altered lines the numbers are told.
 const NUMBERS: usize = 8;
 
-/// Gives a file to its account alone, and to its group for reading where that is wanted; one that everybody could write is refused: nobody knows what it says.
+/// Gives a file to its account alone, and to its group for reading where that is wanted; one that
+/// everybody could write is refused: nobody knows what it says.
 ///
 /// # Errors
 /// The system's.
 pub fn private(path: &Path, mode: u32) -> std::io::Result<()> {
     let found = std::fs::metadata(path)?.permissions().mode();
     if found & 0o002 != 0 {
-        let text = format!("{}: expected a file that not everybody may write, found mode {:04o}", path.display(), found & 0o7777);
+        let text = format!(
+            "{}: expected a file that not everybody may write, found mode {:04o}",
+            path.display(),
+            found & 0o7777
+        );
         return Err(std::io::Error::other(text));
     }
-    if found & 0o777 & !mode == 0 { Ok(()) } else { std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & found)) }
+    if found & 0o777 & !mode == 0 {
+        Ok(())
+    } else {
+        std::fs::set_permissions(path, std::fs::Permissions::from_mode(mode & found))
+    }
 }
 
 /// One deed.
@@ -64,8 +74,9 @@ struct Head {
     lines: usize,
     /// The checksum of the last.
     chain: String,
-    /// Checksum over the lines that are not as they were written, of which the trail has told; none without such lines. They stay as they are, and
-    /// telling them at each start would fill the trail.
+    /// Checksum over the lines that are not as they were written, of which the trail has told; none
+    /// without such lines. They stay as they are, and telling them at each start would fill the
+    /// trail.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     told: String,
 }
@@ -81,14 +92,23 @@ impl Audit {
     /// Goes on with the trail of a data folder.
     ///
     /// # Errors
-    /// The system's; a trail that was altered is told, in the log and in the trail itself, and gone on with.
+    /// The system's; a trail that was altered is told, in the log and in the trail itself, and gone
+    /// on with.
     pub fn open(data: &Path) -> std::io::Result<Self> {
         let path = data.join(FILE);
-        let mut file = OpenOptions::new().create(true).read(true).append(true).mode(MODE).open(&path)?;
+        let mut file = OpenOptions::new()
+            .create(true)
+            .read(true)
+            .append(true)
+            .mode(MODE)
+            .open(&path)?;
         private(&path, MODE)?;
         let (head, wrong) = check(&path)?;
         end_torn_line(&mut file)?;
-        let audit = Self { path, open: Mutex::new((file, head)) };
+        let audit = Self {
+            path,
+            open: Mutex::new((file, head)),
+        };
         for what in wrong {
             tracing::warn!("{}: {what}", audit.path.display());
             audit.write((SERVER, "-"), "look at the audit trail", &what)?;
@@ -100,18 +120,31 @@ impl Audit {
     ///
     /// # Errors
     /// The system's.
-    pub fn write(&self, (who, from): (&str, &str), what: &str, outcome: &str) -> std::io::Result<()> {
+    pub fn write(
+        &self,
+        (who, from): (&str, &str),
+        what: &str,
+        outcome: &str,
+    ) -> std::io::Result<()> {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         let text = |text: &str| text.chars().take(300).collect::<String>();
         let unix_s = (clock::unix_time_s() * 1.0e3).round() / 1.0e3;
-        let mut deed = Deed { unix_s, who: text(who), from: text(from), what: text(what), outcome: text(outcome), chain: String::new() };
+        let mut deed = Deed {
+            unix_s,
+            who: text(who),
+            from: text(from),
+            what: text(what),
+            outcome: text(outcome),
+            chain: String::new(),
+        };
         deed.chain = chain(&open.1.chain, &deed);
         let line = serde_json::to_string(&deed)?;
         writeln!(open.0, "{line}")?;
         open.0.sync_data()?;
         (open.1.lines, open.1.chain) = (open.1.lines + 1, deed.chain);
         let head = serde_json::to_string(&open.1)?;
-        write_private(&self.path.with_file_name(HEAD), head.as_bytes(), MODE).map_err(std::io::Error::other)
+        write_private(&self.path.with_file_name(HEAD), head.as_bytes(), MODE)
+            .map_err(std::io::Error::other)
     }
 
     /// The latest deeds, the latest last.
@@ -133,23 +166,37 @@ impl Audit {
 }
 
 fn chain(before: &str, deed: &Deed) -> String {
-    checksum(&format!("{before} {} {} {} {} {}", deed.unix_s, deed.who, deed.from, deed.what, deed.outcome))
+    checksum(&format!(
+        "{before} {} {} {} {} {}",
+        deed.unix_s, deed.who, deed.from, deed.what, deed.outcome
+    ))
 }
 
-/// The deed of a line. A server may have died within a letter of several bytes: what is no text must not keep the next one from starting.
+/// The deed of a line. A server may have died within a letter of several bytes: what is no text
+/// must not keep the next one from starting.
 fn read(line: &[u8]) -> Option<Deed> {
     serde_json::from_str(&String::from_utf8_lossy(line)).ok()
 }
 
-/// How far the trail went by the file beside it; none where there is no such file. A failure says what is wrong with the file.
+/// How far the trail went by the file beside it; none where there is no such file. A failure says
+/// what is wrong with the file.
 fn named(path: &Path) -> Result<Option<Head>, String> {
-    let wrong = |what: &str| format!("{HEAD} beside the audit trail cannot be {what}: whether the end of the trail is there is not known");
+    let wrong = |what: &str| {
+        format!(
+            "{HEAD} beside the audit trail cannot be {what}: whether the end of the trail is there \
+            is not known"
+        )
+    };
     let head = path.with_file_name(HEAD);
-    if std::fs::metadata(&head).is_ok_and(|meta| meta.is_file() && meta.permissions().mode() & 0o002 != 0) {
+    if std::fs::metadata(&head)
+        .is_ok_and(|meta| meta.is_file() && meta.permissions().mode() & 0o002 != 0)
+    {
         return Err(wrong("trusted (everybody may write it)"));
     }
     match std::fs::read(head) {
-        Ok(bytes) => serde_json::from_slice(&bytes).map(Some).map_err(|error| wrong(&format!("understood ({error})"))),
+        Ok(bytes) => serde_json::from_slice(&bytes)
+            .map(Some)
+            .map_err(|error| wrong(&format!("understood ({error})"))),
         Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
         Err(error) => Err(wrong(&format!("read ({error})"))),
     }
@@ -164,9 +211,17 @@ fn check(path: &Path) -> std::io::Result<(Head, Vec<String>)> {
         let line = line?;
         head.lines += 1;
         let deed = read(&line);
-        if deed.as_ref().is_none_or(|deed| chain(&head.chain, deed) != deed.chain) {
+        if deed
+            .as_ref()
+            .is_none_or(|deed| chain(&head.chain, deed) != deed.chain)
+        {
             wrong.push(head.lines);
-            head.told = checksum(&format!("{} {} {}", head.told, head.lines, String::from_utf8_lossy(&line)));
+            head.told = checksum(&format!(
+                "{} {} {}",
+                head.told,
+                head.lines,
+                String::from_utf8_lossy(&line)
+            ));
         }
         head.chain = deed.map_or(head.chain, |deed| deed.chain);
         met |= known.is_some_and(|known| (known.lines, &known.chain) == (head.lines, &head.chain));
@@ -177,13 +232,22 @@ fn check(path: &Path) -> std::io::Result<(Head, Vec<String>)> {
     match named {
         Err(what) => told.push(what),
         Ok(Some(known)) if known.lines > head.lines => {
-            told.push(format!("the audit trail had {} lines, found {}: its end was cut off", known.lines, head.lines));
+            told.push(format!(
+                "the audit trail had {} lines, found {}: its end was cut off",
+                known.lines, head.lines
+            ));
         }
         Ok(Some(known)) if known.lines > 0 && !met && told.is_empty() => {
-            told.push(format!("line {} of the audit trail is not the one that {HEAD} names", known.lines));
+            told.push(format!(
+                "line {} of the audit trail is not the one that {HEAD} names",
+                known.lines
+            ));
         }
         Ok(None) if head.lines > 0 => {
-            told.push(format!("expected {HEAD} beside the audit trail, found none: whether its end is there is not known"));
+            told.push(format!(
+                "expected {HEAD} beside the audit trail, found none: whether its end \
+            is there is not known"
+            ));
         }
         Ok(_) => {}
     }
@@ -194,9 +258,20 @@ fn altered(lines: &[usize]) -> String {
     if let [line] = lines {
         return format!("line {line} of the audit trail is not as it was written");
     }
-    let numbers: Vec<String> = lines.iter().take(NUMBERS).map(ToString::to_string).collect();
-    let more = if lines.len() > NUMBERS { format!(" and {} more", lines.len() - NUMBERS) } else { String::new() };
-    format!("lines {}{more} of the audit trail are not as they were written", numbers.join(", "))
+    let numbers: Vec<String> = lines
+        .iter()
+        .take(NUMBERS)
+        .map(ToString::to_string)
+        .collect();
+    let more = if lines.len() > NUMBERS {
+        format!(" and {} more", lines.len() - NUMBERS)
+    } else {
+        String::new()
+    };
+    format!(
+        "lines {}{more} of the audit trail are not as they were written",
+        numbers.join(", ")
+    )
 }
 
 /// What is left of a line that was being written when a server died stays a line of its own.
@@ -205,7 +280,11 @@ fn end_torn_line(file: &mut File) -> std::io::Result<()> {
     if file.seek(SeekFrom::End(-1)).is_ok() {
         file.read_exact(&mut last)?;
     }
-    if last == [b'\n'] { Ok(()) } else { writeln!(file) }
+    if last == [b'\n'] {
+        Ok(())
+    } else {
+        writeln!(file)
+    }
 }
 
 #[cfg(test)]
@@ -219,38 +298,75 @@ mod tests {
         for what in ["first", "second"] {
             let audit = Audit::open(folder.path()).unwrap();
             audit.write(("ann", "127.0.0.1"), what, "200").unwrap();
-            audit.write(("ann", "127.0.0.1"), &format!("{what} again"), "200").unwrap();
+            audit
+                .write(("ann", "127.0.0.1"), &format!("{what} again"), "200")
+                .unwrap();
         }
         let wrong = || check(&path).unwrap().1;
         assert_eq!(wrong(), [""; 0]);
         let latest = Audit::open(folder.path()).unwrap().latest(3).unwrap();
-        assert_eq!(latest.iter().map(|deed| deed.what.as_str()).collect::<Vec<_>>(), ["first again", "second", "second again"]);
+        assert_eq!(
+            latest
+                .iter()
+                .map(|deed| deed.what.as_str())
+                .collect::<Vec<_>>(),
+            ["first again", "second", "second again"]
+        );
         let text = std::fs::read_to_string(&path).unwrap();
         std::fs::write(&path, text.replacen("ann", "bob", 1)).unwrap();
-        assert_eq!(wrong(), ["line 1 of the audit trail is not as it was written"]);
+        assert_eq!(
+            wrong(),
+            ["line 1 of the audit trail is not as it was written"]
+        );
         let without = |lines: std::ops::Range<usize>| {
-            text.lines().enumerate().filter(|(index, _)| !lines.contains(index)).fold(String::new(), |all, (_, line)| all + line + "\n")
+            text.lines()
+                .enumerate()
+                .filter(|(index, _)| !lines.contains(index))
+                .fold(String::new(), |all, (_, line)| all + line + "\n")
         };
         std::fs::write(&path, without(1..2)).unwrap();
         let cut = "the audit trail had 4 lines, found 3: its end was cut off";
-        assert_eq!(wrong(), ["line 2 of the audit trail is not as it was written", cut]);
+        assert_eq!(
+            wrong(),
+            ["line 2 of the audit trail is not as it was written", cut]
+        );
         std::fs::write(&path, without(3..4)).unwrap();
         assert_eq!(wrong(), [cut]);
         // It is in the trail itself, once.
         drop(Audit::open(folder.path()).unwrap());
         let told = Audit::open(folder.path()).unwrap().latest(9).unwrap();
-        assert_eq!((told.len(), told[3].who.as_str(), told[3].outcome.as_str()), (4, "server", cut));
+        assert_eq!(
+            (told.len(), told[3].who.as_str(), told[3].outcome.as_str()),
+            (4, "server", cut)
+        );
         // A server died in the middle of a line, or between the line and the other file.
         std::fs::write(&path, format!("{text}{}", &text[..40])).unwrap();
-        std::fs::write(&head, format!("{{\"lines\":3,\"chain\":\"{}\"}}", latest[1].chain)).unwrap();
-        assert_eq!(wrong(), ["line 5 of the audit trail is not as it was written"]);
+        std::fs::write(
+            &head,
+            format!("{{\"lines\":3,\"chain\":\"{}\"}}", latest[1].chain),
+        )
+        .unwrap();
+        assert_eq!(
+            wrong(),
+            ["line 5 of the audit trail is not as it was written"]
+        );
         drop(Audit::open(folder.path()).unwrap());
         assert_eq!(wrong(), [""; 0]);
         std::fs::write(&path, &text).unwrap();
-        std::fs::write(&head, format!("{{\"lines\":3,\"chain\":\"{}\"}}", latest[1].chain)).unwrap();
+        std::fs::write(
+            &head,
+            format!("{{\"lines\":3,\"chain\":\"{}\"}}", latest[1].chain),
+        )
+        .unwrap();
         assert_eq!(wrong(), [""; 0]);
         std::fs::remove_file(&head).unwrap();
-        assert_eq!(wrong(), ["expected audit.head.json beside the audit trail, found none: whether its end is there is not known"]);
+        assert_eq!(
+            wrong(),
+            [
+                "expected audit.head.json beside the audit trail, found none: whether its end is \
+                there is not known"
+            ]
+        );
     }
 
     #[test]
@@ -264,28 +380,59 @@ mod tests {
         drop(audit);
         let told = || -> Vec<String> {
             let deeds = Audit::open(folder.path()).unwrap().latest(99).unwrap();
-            deeds.into_iter().filter(|deed| deed.who == SERVER).map(|deed| deed.outcome).collect()
+            deeds
+                .into_iter()
+                .filter(|deed| deed.who == SERVER)
+                .map(|deed| deed.outcome)
+                .collect()
         };
-        let alter = |from: &str, to: &str| std::fs::write(&path, std::fs::read_to_string(&path).unwrap().replacen(from, to, 1)).unwrap();
+        let alter = |from: &str, to: &str| {
+            std::fs::write(
+                &path,
+                std::fs::read_to_string(&path)
+                    .unwrap()
+                    .replacen(from, to, 1),
+            )
+            .unwrap()
+        };
         alter("first", "other");
         let first = "line 1 of the audit trail is not as it was written";
-        assert_eq!((told(), told(), told()), (vec![first.to_owned()], vec![first.to_owned()], vec![first.to_owned()]));
+        assert_eq!(
+            (told(), told(), told()),
+            (
+                vec![first.to_owned()],
+                vec![first.to_owned()],
+                vec![first.to_owned()]
+            )
+        );
         alter("second", "another");
         let both = "lines 1, 2 of the audit trail are not as they were written";
-        assert_eq!((told(), told()), (vec![first.to_owned(), both.to_owned()], vec![first.to_owned(), both.to_owned()]));
+        assert_eq!(
+            (told(), told()),
+            (
+                vec![first.to_owned(), both.to_owned()],
+                vec![first.to_owned(), both.to_owned()]
+            )
+        );
     }
 
     #[test]
     fn a_letter_torn_in_the_middle_does_not_keep_the_server_from_starting() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join(FILE);
-        Audit::open(folder.path()).unwrap().write(("ann", "127.0.0.1"), "first", "200").unwrap();
+        Audit::open(folder.path())
+            .unwrap()
+            .write(("ann", "127.0.0.1"), "first", "200")
+            .unwrap();
         let mut bytes = std::fs::read(&path).unwrap();
         bytes.extend(b"{\"who\":\"J\xc3");
         std::fs::write(&path, &bytes).unwrap();
         let deeds = Audit::open(folder.path()).unwrap().latest(9).unwrap();
         let told: Vec<&str> = deeds.iter().map(|deed| deed.outcome.as_str()).collect();
-        assert_eq!(told, ["200", "line 2 of the audit trail is not as it was written"]);
+        assert_eq!(
+            told,
+            ["200", "line 2 of the audit trail is not as it was written"]
+        );
         assert_eq!(check(&path).unwrap().1, [""; 0]);
     }
 
@@ -293,25 +440,53 @@ mod tests {
     fn a_head_that_everybody_may_write_is_told_and_written_anew() {
         let folder = tempfile::tempdir().unwrap();
         let head = folder.path().join(HEAD);
-        Audit::open(folder.path()).unwrap().write(("ann", "127.0.0.1"), "first", "200").unwrap();
+        Audit::open(folder.path())
+            .unwrap()
+            .write(("ann", "127.0.0.1"), "first", "200")
+            .unwrap();
         std::fs::set_permissions(&head, std::fs::Permissions::from_mode(0o666)).unwrap();
-        let told = Audit::open(folder.path()).unwrap().latest(1).unwrap().remove(0).outcome;
-        assert!(told.starts_with("audit.head.json beside the audit trail cannot be trusted (everybody may write it)"), "{told}");
-        assert_eq!(std::fs::metadata(&head).unwrap().permissions().mode() & 0o777 & !MODE, 0);
-        assert_eq!(Audit::open(folder.path()).unwrap().latest(9).unwrap().len(), 2);
+        let told = Audit::open(folder.path())
+            .unwrap()
+            .latest(1)
+            .unwrap()
+            .remove(0)
+            .outcome;
+        assert!(
+            told.starts_with(
+                "audit.head.json beside the audit trail cannot be trusted (everybody may write it)"
+            ),
+            "{told}"
+        );
+        assert_eq!(
+            std::fs::metadata(&head).unwrap().permissions().mode() & 0o777 & !MODE,
+            0
+        );
+        assert_eq!(
+            Audit::open(folder.path()).unwrap().latest(9).unwrap().len(),
+            2
+        );
     }
 
     #[test]
     fn a_damaged_head_is_told_like_a_missing_one() {
         let folder = tempfile::tempdir().unwrap();
         let (path, head) = (folder.path().join(FILE), folder.path().join(HEAD));
-        Audit::open(folder.path()).unwrap().write(("ann", "127.0.0.1"), "first", "200").unwrap();
+        Audit::open(folder.path())
+            .unwrap()
+            .write(("ann", "127.0.0.1"), "first", "200")
+            .unwrap();
         for damaged in [&b""[..], b"{\"lines\":", b"{}", b"\xff"] {
             std::fs::write(&head, damaged).unwrap();
             let deeds = Audit::open(folder.path()).unwrap().latest(1).unwrap();
             let told = &deeds[0].outcome;
-            assert!(told.starts_with("audit.head.json beside the audit trail cannot be understood ("), "{told}");
-            assert!(told.ends_with("): whether the end of the trail is there is not known"), "{told}");
+            assert!(
+                told.starts_with("audit.head.json beside the audit trail cannot be understood ("),
+                "{told}"
+            );
+            assert!(
+                told.ends_with("): whether the end of the trail is there is not known"),
+                "{told}"
+            );
             assert_eq!(check(&path).unwrap().1, [""; 0]);
         }
         // Who empties the trail and damages the file beside it is told of, too.
@@ -321,6 +496,10 @@ mod tests {
         std::fs::remove_file(&head).unwrap();
         std::fs::create_dir(&head).unwrap();
         let wrong = check(&path).unwrap().1;
-        assert!(wrong.len() == 1 && wrong[0].starts_with("audit.head.json beside the audit trail cannot be read ("), "{wrong:?}");
+        assert!(
+            wrong.len() == 1
+                && wrong[0].starts_with("audit.head.json beside the audit trail cannot be read ("),
+            "{wrong:?}"
+        );
     }
 }

@@ -30,7 +30,11 @@ pub struct Grown {
 impl Follow {
     /// From the beginning of a file that may not be there yet.
     pub fn new(path: PathBuf) -> Self {
-        Self { path, inode: 0, at: 0 }
+        Self {
+            path,
+            inode: 0,
+            at: 0,
+        }
     }
 
     /// What is new.
@@ -50,14 +54,23 @@ impl Follow {
         }
         self.inode = meta.ino();
         if meta.len() == self.at {
-            return Ok(Grown { anew, ..Grown::default() });
+            return Ok(Grown {
+                anew,
+                ..Grown::default()
+            });
         }
         file.seek(SeekFrom::Start(self.at))?;
         let mut bytes = Vec::new();
         file.take(AT_ONCE).read_to_end(&mut bytes)?;
-        let whole = bytes.iter().rposition(|byte| *byte == b'\n').map_or(0, |at| at + 1);
+        let whole = bytes
+            .iter()
+            .rposition(|byte| *byte == b'\n')
+            .map_or(0, |at| at + 1);
         self.at += whole as u64;
-        let lines = String::from_utf8_lossy(&bytes[..whole]).lines().map(str::to_owned).collect();
+        let lines = String::from_utf8_lossy(&bytes[..whole])
+            .lines()
+            .map(str::to_owned)
+            .collect();
         Ok(Grown { lines, anew })
     }
 }
@@ -72,15 +85,28 @@ mod tests {
         let path = folder.path().join("f");
         let mut follow = Follow::new(path.clone());
         assert_eq!(follow.look().unwrap(), Grown::default());
-        for (text, lines, anew) in
-            [("a\nb", vec!["a"], false), ("a\nbc\nd\n", vec!["bc", "d"], false), ("a\nbc\nd\n", vec![], false), ("x\n", vec!["x"], true)]
-        {
+        for (text, lines, anew) in [
+            ("a\nb", vec!["a"], false),
+            ("a\nbc\nd\n", vec!["bc", "d"], false),
+            ("a\nbc\nd\n", vec![], false),
+            ("x\n", vec!["x"], true),
+        ] {
             std::fs::write(&path, text).unwrap();
             let grown = follow.look().unwrap();
-            assert_eq!((grown.lines, grown.anew), (lines.into_iter().map(str::to_owned).collect(), anew), "{text:?}");
+            assert_eq!(
+                (grown.lines, grown.anew),
+                (lines.into_iter().map(str::to_owned).collect(), anew),
+                "{text:?}"
+            );
         }
         std::fs::write(folder.path().join("g"), "x\ny\n").unwrap();
         std::fs::rename(folder.path().join("g"), &path).unwrap();
-        assert_eq!(follow.look().unwrap(), Grown { lines: vec!["x".to_owned(), "y".to_owned()], anew: true });
+        assert_eq!(
+            follow.look().unwrap(),
+            Grown {
+                lines: vec!["x".to_owned(), "y".to_owned()],
+                anew: true
+            }
+        );
     }
 }

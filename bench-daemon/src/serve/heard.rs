@@ -1,5 +1,6 @@
-//! What an instrument was heard to say last, from the transcript that a run writes: when it answered, and whether its output is on. A run reads every
-//! switch back, so that the answer to such a question is what the instrument itself says.
+//! What an instrument was heard to say last, from the transcript that a run writes: when it
+//! answered, and whether its output is on. A run reads every switch back, so that the answer to
+//! such a question is what the instrument itself says.
 
 use std::{path::Path, str::FromStr};
 
@@ -27,7 +28,13 @@ impl Heard {
     /// The instrument of a role in a run folder.
     pub fn new(run: &Path, role: &str) -> Self {
         let follow = Follow::new(run.join("transcripts").join(format!("{role}.txt")));
-        Self { follow, asked: None, answered_s: None, output: None, remark: None }
+        Self {
+            follow,
+            asked: None,
+            answered_s: None,
+            output: None,
+            remark: None,
+        }
     }
 
     /// Reads on.
@@ -35,7 +42,9 @@ impl Heard {
         // What cannot be read says nothing; the run goes on all the same.
         for line in self.follow.look().unwrap_or_default().lines {
             // Without its end a line is a torn one.
-            let Ok(transcript) = Transcript::from_str(&format!("{line}\n")) else { continue };
+            let Ok(transcript) = Transcript::from_str(&format!("{line}\n")) else {
+                continue;
+            };
             for record in transcript.records {
                 let Payload::Text(text) = record.payload else {
                     self.answered_s = Some(record.time_s);
@@ -47,7 +56,8 @@ impl Heard {
                     Direction::Unsolicited => {}
                     Direction::Received => {
                         self.answered_s = Some(record.time_s);
-                        if let Some(on) = self.asked.take().and_then(|asked| output(&asked, &text)) {
+                        if let Some(on) = self.asked.take().and_then(|asked| output(&asked, &text))
+                        {
                             self.output = Some((on, record.time_s));
                         }
                     }
@@ -66,9 +76,22 @@ fn output(asked: &str, answer: &str) -> Option<bool> {
         return Some(bits & SPD_CHANNEL_1 != 0);
     }
     let header = asked.split_whitespace().next()?;
-    let leaf = header.strip_suffix('?')?.trim_end_matches(|c: char| c.is_ascii_digit());
-    let switch = ["OUTP", "OUTP:STAT", "OUTPUT", "OUTPUT:STATE", ":OUTP", "INP", "INP:STAT"];
-    let about = switch.iter().any(|end| leaf == *end || leaf.ends_with(&format!(":{end}"))) || header == "IN_MODE_05";
+    let leaf = header
+        .strip_suffix('?')?
+        .trim_end_matches(|c: char| c.is_ascii_digit());
+    let switch = [
+        "OUTP",
+        "OUTP:STAT",
+        "OUTPUT",
+        "OUTPUT:STATE",
+        ":OUTP",
+        "INP",
+        "INP:STAT",
+    ];
+    let about = switch
+        .iter()
+        .any(|end| leaf == *end || leaf.ends_with(&format!(":{end}")))
+        || header == "IN_MODE_05";
     let first = answer.split([' ', ',']).find(|word| !word.contains(':'))?;
     match first {
         "1" | "ON" if about => Some(true),
@@ -107,11 +130,15 @@ mod tests {
     fn the_last_answer_counts() {
         let folder = tempfile::tempdir().unwrap();
         std::fs::create_dir(folder.path().join("transcripts")).unwrap();
-        let text = "1.0 load > :INP?\n1.1 load < 1\n2.0 load > :MEAS:VOLT?\n2.5 load < 0\n3.0 load * dropped: no answer\n";
+        let text = "1.0 load > :INP?\n1.1 load < 1\n2.0 load > :MEAS:VOLT?\n2.5 load < 0\n\
+        3.0 load * dropped: no answer\n";
         std::fs::write(folder.path().join("transcripts/load.txt"), text).unwrap();
         let mut heard = Heard::new(folder.path(), "load");
         heard.look();
-        assert_eq!((heard.output, heard.answered_s), (Some((true, 1.1)), Some(2.5)));
+        assert_eq!(
+            (heard.output, heard.answered_s),
+            (Some((true, 1.1)), Some(2.5))
+        );
         assert_eq!(heard.remark, Some(("dropped: no answer".to_owned(), 3.0)));
     }
 }

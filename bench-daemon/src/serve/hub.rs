@@ -1,5 +1,6 @@
-//! What changes, for whoever listens. Events are kept once, for all listeners together; each reads at its own pace, and one that is too slow finds that
-//! it has missed some. Nothing here ever waits for a listener.
+//! What changes, for whoever listens. Events are kept once, for all listeners together; each reads
+//! at its own pace, and one that is too slow finds that it has missed some. Nothing here ever waits
+//! for a listener.
 
 use std::{
     collections::VecDeque,
@@ -52,16 +53,23 @@ struct Ring {
 impl Hub {
     /// No event yet. `epoch` tells numbers of this process from those of an earlier one.
     pub fn new(epoch: u64) -> Self {
-        Self { epoch, ring: Mutex::default(), wake: watch::Sender::new(0) }
+        Self {
+            epoch,
+            ring: Mutex::default(),
+            wake: watch::Sender::new(0),
+        }
     }
 
     /// Something changed.
     pub fn tell(&self, kind: &'static str, data: &impl Serialize) {
-        let Ok(data) = serde_json::to_string(data) else { return };
+        let Ok(data) = serde_json::to_string(data) else {
+            return;
+        };
         let mut ring = self.ring.lock().unwrap_or_else(PoisonError::into_inner);
         ring.latest += 1;
         let number = ring.latest;
-        ring.events.push_back(Arc::new(Event { number, kind, data }));
+        ring.events
+            .push_back(Arc::new(Event { number, kind, data }));
         if ring.events.len() > KEPT {
             ring.events.pop_front();
         }
@@ -71,26 +79,47 @@ impl Hub {
 
     /// Nothing comes any more.
     pub fn close(&self) {
-        self.ring.lock().unwrap_or_else(PoisonError::into_inner).closed = true;
+        self.ring
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .closed = true;
         self.wake.send_modify(|_| {});
     }
 
     /// Nothing comes any more.
     pub fn closed(&self) -> bool {
-        self.ring.lock().unwrap_or_else(PoisonError::into_inner).closed
+        self.ring
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .closed
     }
 
     /// Number of the latest event.
     pub fn latest(&self) -> u64 {
-        self.ring.lock().unwrap_or_else(PoisonError::into_inner).latest
+        self.ring
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .latest
     }
 
     /// Those after the event of this number.
     pub fn after(&self, number: u64) -> Told {
         let ring = self.ring.lock().unwrap_or_else(PoisonError::into_inner);
-        let oldest = ring.events.front().map_or(ring.latest + 1, |event| event.number);
+        let oldest = ring
+            .events
+            .front()
+            .map_or(ring.latest + 1, |event| event.number);
         let skip = usize::try_from((number + 1).saturating_sub(oldest)).unwrap_or(usize::MAX);
-        Told { events: ring.events.iter().skip(skip).take(AT_ONCE).cloned().collect(), lost: number + 1 < oldest }
+        Told {
+            events: ring
+                .events
+                .iter()
+                .skip(skip)
+                .take(AT_ONCE)
+                .cloned()
+                .collect(),
+            lost: number + 1 < oldest,
+        }
     }
 
     /// The name of an event that a listener may come back with.
@@ -101,7 +130,10 @@ impl Hub {
     /// The number behind such a name; none for one of another process, or of nobody.
     pub fn number(&self, id: &str) -> Option<u64> {
         let (epoch, number) = id.split_once('-')?;
-        let number = number.parse().ok().filter(|number| *number <= self.latest())?;
+        let number = number
+            .parse()
+            .ok()
+            .filter(|number| *number <= self.latest())?;
         (epoch.parse() == Ok(self.epoch)).then_some(number)
     }
 
@@ -122,13 +154,25 @@ mod tests {
             hub.tell("x", &number);
         }
         let told = hub.after(hub.number("7-8").unwrap());
-        assert_eq!((told.events.iter().map(|event| event.number).collect::<Vec<_>>(), told.lost), (vec![9, 10], false));
+        assert_eq!(
+            (
+                told.events
+                    .iter()
+                    .map(|event| event.number)
+                    .collect::<Vec<_>>(),
+                told.lost
+            ),
+            (vec![9, 10], false)
+        );
         assert_eq!(told.events[1].data, "9");
         for _ in 0..KEPT {
             hub.tell("x", &0);
         }
         let told = hub.after(8);
-        assert!(told.lost && told.events.len() == AT_ONCE && told.events[0].number == 11, "{told:?}");
+        assert!(
+            told.lost && told.events.len() == AT_ONCE && told.events[0].number == 11,
+            "{told:?}"
+        );
         assert_eq!(hub.after(hub.latest()).events.len(), 0);
     }
 

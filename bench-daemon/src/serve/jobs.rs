@@ -1,4 +1,5 @@
-//! What became of each run that was begun here: one small file each beside the run folders, written when it is begun and when it has ended.
+//! What became of each run that was begun here: one small file each beside the run folders, written
+//! when it is begun and when it has ended.
 
 use std::path::{Path, PathBuf};
 
@@ -50,9 +51,22 @@ pub fn read(data: &Path, run: &str) -> Option<Job> {
 
 /// All of them, the latest first.
 pub fn all(data: &Path) -> Vec<Job> {
-    let entries = std::fs::read_dir(data.join("jobs")).into_iter().flatten().flatten();
-    let read = |entry: std::fs::DirEntry| serde_json::from_str::<Job>(&std::fs::read_to_string(entry.path()).ok()?).ok();
-    let mut jobs: Vec<Job> = entries.filter(|entry| entry.path().extension().is_some_and(|end| end == "json")).filter_map(read).collect();
-    jobs.sort_by(|a, b| b.item.submitted_unix_s.total_cmp(&a.item.submitted_unix_s).then(b.item.id.cmp(&a.item.id)));
+    let entries = std::fs::read_dir(data.join("jobs"))
+        .into_iter()
+        .flatten()
+        .flatten();
+    let read = |entry: std::fs::DirEntry| {
+        serde_json::from_str::<Job>(&std::fs::read_to_string(entry.path()).ok()?).ok()
+    };
+    let mut jobs: Vec<Job> = entries
+        .filter(|entry| entry.path().extension().is_some_and(|end| end == "json"))
+        .filter_map(read)
+        .collect();
+    jobs.sort_by(|a, b| {
+        b.item
+            .submitted_unix_s
+            .total_cmp(&a.item.submitted_unix_s)
+            .then(b.item.id.cmp(&a.item.id))
+    });
     jobs
 }

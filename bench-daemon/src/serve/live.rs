@@ -24,8 +24,9 @@ pub struct Live {
     pub reading: Option<ReadingNow>,
     /// State of charge, where the cell's open-circuit voltage is known.
     pub soc: Option<Soc>,
-    /// What the reading may be by the limits of the cell, with the margin left. The step in work is judged by limits of its own within these, that of
-    /// current above all: it may trip while there is a margin here.
+    /// What the reading may be by the limits of the cell, with the margin left. The step in work is
+    /// judged by limits of its own within these, that of current above all: it may trip while there
+    /// is a margin here.
     pub limits: Vec<Limit>,
     /// The instruments.
     pub instruments: Vec<InstrumentNow>,
@@ -149,7 +150,8 @@ pub struct Limit {
     pub least: Option<f64>,
     /// Upper limit.
     pub greatest: f64,
-    /// Distance to the nearer of them; negative beyond it, none where nothing was read or the reading is not fresh. The step in work is judged tighter.
+    /// Distance to the nearer of them; negative beyond it, none where nothing was read or the
+    /// reading is not fresh. The step in work is judged tighter.
     pub margin: Option<f64>,
 }
 
@@ -166,11 +168,13 @@ pub struct InstrumentNow {
     pub identity: Option<String>,
     /// Whether that is the configured model.
     pub recognised: Option<bool>,
-    /// Whether its output is on, by its own word; none for an instrument without one or before it was asked.
+    /// Whether its output is on, by its own word; none for an instrument without one or before it
+    /// was asked.
     pub output: Option<bool>,
     /// Bench time of that word, s.
     pub output_s: Option<f64>,
-    /// Who has read it back as off after the run, where that was not the run itself: `guardian`, `stop`, or `safe`, which may also have been the next run.
+    /// Who has read it back as off after the run, where that was not the run itself: `guardian`,
+    /// `stop`, or `safe`, which may also have been the next run.
     pub output_by: Option<&'static str>,
     /// Bench time of its last answer, s.
     pub answered_s: Option<f64>,
@@ -200,8 +204,25 @@ pub struct TripNow {
 impl From<Latched> for TripNow {
     fn from(latched: Latched) -> Self {
         // The folder of the run is nobody's business beyond this machine.
-        let Latched { cause, quantity, value, unit, step, by, unix_s, .. } = latched;
-        Self { cause, quantity, value, unit, step, by, unix_s }
+        let Latched {
+            cause,
+            quantity,
+            value,
+            unit,
+            step,
+            by,
+            unix_s,
+            ..
+        } = latched;
+        Self {
+            cause,
+            quantity,
+            value,
+            unit,
+            step,
+            by,
+            unix_s,
+        }
     }
 }
 
@@ -218,7 +239,8 @@ pub struct StopReport {
     pub over: bool,
     /// Every output that can move charge was read back as off.
     pub verified: bool,
-    /// The bench is simulated within the run's process, and that process has ended: there is no output, and none was read back.
+    /// The bench is simulated within the run's process, and that process has ended: there is no
+    /// output, and none was read back.
     pub simulated: bool,
     /// What was done, in words, in order.
     pub steps: Vec<String>,
@@ -246,7 +268,8 @@ impl StopReport {
     }
 }
 
-/// What was read back of an instrument: as `eis-bench safe --json` and the guardian's report have it, with what follows from it.
+/// What was read back of an instrument: as `eis-bench safe --json` and the guardian's report have
+/// it, with what follows from it.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct OutputRead {
     /// What was found.
@@ -260,8 +283,16 @@ pub struct OutputRead {
 
 impl From<&Output> for OutputRead {
     fn from(output: &Output) -> Self {
-        let text = output.line().split_whitespace().collect::<Vec<_>>().join(" ");
-        Self { output: output.clone(), verified: output.verified(), text }
+        let text = output
+            .line()
+            .split_whitespace()
+            .collect::<Vec<_>>()
+            .join(" ");
+        Self {
+            output: output.clone(),
+            verified: output.verified(),
+            text,
+        }
     }
 }
 
@@ -271,17 +302,42 @@ pub fn limits(limits: &Limits, cell: bool, reading: &ReadingNow) -> Vec<Limit> {
     // An old reading leaves no margin: nobody knows how things are.
     let margin = |value: Option<f64>, least: Option<f64>, greatest: f64| {
         let value = value.filter(|_| reading.fresh)?;
-        Some(least.map_or(greatest - value, |least| (value - least).min(greatest - value)))
+        Some(least.map_or(greatest - value, |least| {
+            (value - least).min(greatest - value)
+        }))
     };
     let row = |quantity, unit, value: Option<f64>, least: f64, greatest: f64| {
         let least = Some(least).filter(|least| least.is_finite());
-        Limit { quantity, unit, value, least, greatest, margin: margin(value, least, greatest) }
+        Limit {
+            quantity,
+            unit,
+            value,
+            least,
+            greatest,
+            margin: margin(value, least, greatest),
+        }
     };
-    let voltage = if cell { "cell voltage" } else { "voltage across the control" };
+    let voltage = if cell {
+        "cell voltage"
+    } else {
+        "voltage across the control"
+    };
     vec![
         row(voltage, "V", reading.voltage_v, limits.min_v, limits.max_v),
-        row("current", "A", reading.current_a, -limits.discharge_a, limits.charge_a),
-        row("cell temperature", "°C", reading.temperature_c, limits.min_c, limits.max_c),
+        row(
+            "current",
+            "A",
+            reading.current_a,
+            -limits.discharge_a,
+            limits.charge_a,
+        ),
+        row(
+            "cell temperature",
+            "°C",
+            reading.temperature_c,
+            limits.min_c,
+            limits.max_c,
+        ),
     ]
 }
 
@@ -302,8 +358,18 @@ mod tests {
             ..Output::default()
         };
         let message = "3.00 A still flow through the load".to_owned();
-        let safe = SafeReport { bench: "demo".to_owned(), verified: false, message, outputs: vec![load], bath: None };
-        let mut stop = StopReport { bench: "demo".to_owned(), by: "ann".to_owned(), ..StopReport::default() };
+        let safe = SafeReport {
+            bench: "demo".to_owned(),
+            verified: false,
+            message,
+            outputs: vec![load],
+            bath: None,
+        };
+        let mut stop = StopReport {
+            bench: "demo".to_owned(),
+            by: "ann".to_owned(),
+            ..StopReport::default()
+        };
         stop.found(&safe);
         let json = serde_json::to_value(&stop).unwrap();
         assert_eq!(json["outputs"][0]["verified"], false);

@@ -1,19 +1,26 @@
-//! Who holds a lock, asked without touching it: trying to take it would now and then be in the way of the run that wants it.
+//! Who holds a lock, asked without touching it: trying to take it would now and then be in the way
+//! of the run that wants it.
 
 use std::{os::unix::fs::MetadataExt, path::Path};
 
-/// The process that holds an exclusive lock (flock) on a file, by the system's own list; none where nobody does.
+/// The process that holds an exclusive lock (flock) on a file, by the system's own list; none where
+/// nobody does.
 pub fn holder(path: &Path) -> Option<i32> {
     let inode = std::fs::metadata(path).ok()?.ino();
     holder_in(&std::fs::read_to_string("/proc/locks").ok()?, inode)
 }
 
-/// Lines are `1: FLOCK ADVISORY WRITE 22707 fe:00:10412823 0 EOF`; who waits has `->` behind the number.
+/// Lines are `1: FLOCK ADVISORY WRITE 22707 fe:00:10412823 0 EOF`; who waits has `->` behind the
+/// number.
 fn holder_in(locks: &str, inode: u64) -> Option<i32> {
     locks.lines().find_map(|line| {
         let words: Vec<&str> = line.split_whitespace().collect();
-        let [_, "FLOCK", _, "WRITE", pid, file, ..] = words.as_slice() else { return None };
-        (file.rsplit(':').next()?.parse() == Ok(inode)).then(|| pid.parse().ok()).flatten()
+        let [_, "FLOCK", _, "WRITE", pid, file, ..] = words.as_slice() else {
+            return None;
+        };
+        (file.rsplit(':').next()?.parse() == Ok(inode))
+            .then(|| pid.parse().ok())
+            .flatten()
     })
 }
 
@@ -23,8 +30,12 @@ mod tests {
 
     #[test]
     fn whoever_holds_a_lock_is_found_and_who_waits_is_not() {
-        let text = "1: POSIX  ADVISORY  WRITE 5 fe:00:7 0 EOF\n2: -> FLOCK  ADVISORY  WRITE 6 fe:00:7 0 EOF\n3: FLOCK  ADVISORY  WRITE 8 fe:00:7 0 EOF\n";
-        assert_eq!((holder_in(text, 7), holder_in(text, 9), holder_in("", 7)), (Some(8), None, None));
+        let text = "1: POSIX  ADVISORY  WRITE 5 fe:00:7 0 EOF\n\
+        2: -> FLOCK  ADVISORY  WRITE 6 fe:00:7 0 EOF\n3: FLOCK  ADVISORY  WRITE 8 fe:00:7 0 EOF\n";
+        assert_eq!(
+            (holder_in(text, 7), holder_in(text, 9), holder_in("", 7)),
+            (Some(8), None, None)
+        );
         let file = tempfile::NamedTempFile::new().unwrap();
         assert_eq!(holder(file.path()), None);
         file.as_file().lock().unwrap();

@@ -1,11 +1,14 @@
-//! The daemon: a queue of experiments, each of them run by a process of its own (`eis-bench run`), watched through its folder, and shown over HTTP.
+//! The daemon: a queue of experiments, each of them run by a process of its own (`eis-bench run`),
+//! watched through its folder, and shown over HTTP.
 //!
-//! A run does not know that it is served. It has its own guardian, journal and safe state, so that nothing that happens to the server – a crash, a
-//! kill, a client too many – reaches it; a server that is started anew finds it by its lock. What is wanted of a run goes the ways that a terminal has:
-//! wishes in its folder, SIGTERM, `eis-bench safe`.
+//! A run does not know that it is served. It has its own guardian, journal and safe state, so that
+//! nothing that happens to the server – a crash, a kill, a client too many – reaches it; a server
+//! that is started anew finds it by its lock. What is wanted of a run goes the ways that a terminal
+//! has: wishes in its folder, SIGTERM, `eis-bench safe`.
 //!
-//! In reading order: [`settings`], [`token`], [`audit`], [`hub`] (events), [`queue`], [`submission`], [`watch`] (a run folder, read as it grows),
-//! [`live`], [`proof`], [`supervisor`] (the one thread that begins and watches), [`stop`], [`http`].
+//! In reading order: [`settings`], [`token`], [`audit`], [`hub`] (events), [`queue`],
+//! [`submission`], [`watch`] (a run folder, read as it grows), [`live`], [`proof`], [`supervisor`]
+//! (the one thread that begins and watches), [`stop`], [`http`].
 
 pub mod audit;
 pub mod follow;
@@ -101,14 +104,29 @@ impl Server {
     /// A data folder that cannot be made, read or written; another server that uses it.
     pub fn open(settings: Settings) -> Result<Self, Failure> {
         let tokens = Tokens::of(&settings.data);
-        if !settings.listen.ip().is_loopback() && tokens.all().map_err(|error| Failure::Usage(error.to_string()))?.is_empty() {
+        if !settings.listen.ip().is_loopback()
+            && tokens
+                .all()
+                .map_err(|error| Failure::Usage(error.to_string()))?
+                .is_empty()
+        {
             return Err(Failure::Usage(format!(
-                "expected at least one token to listen beyond this machine (on {}), found none: `eis-bench token add` makes one",
+                "expected at least one token to listen beyond this machine (on {}), found none: \
+                `eis-bench token add` makes one",
                 settings.listen
             )));
         }
-        let queue = Queue::open(&settings.data).map_err(|error| Failure::Usage(error.to_string()))?;
-        let live = settings.benches.iter().map(|bench| (bench.name.clone(), Live { bench: bench.name.clone(), ..Live::default() }));
+        let queue =
+            Queue::open(&settings.data).map_err(|error| Failure::Usage(error.to_string()))?;
+        let live = settings.benches.iter().map(|bench| {
+            (
+                bench.name.clone(),
+                Live {
+                    bench: bench.name.clone(),
+                    ..Live::default()
+                },
+            )
+        });
         Ok(Self {
             hub: Hub::new((clock::unix_time_s() * 1.0e3) as u64),
             audit: Audit::open(&settings.data)?,
@@ -124,7 +142,8 @@ impl Server {
         })
     }
 
-    /// Whether everybody on this machine may do everything: it listens nowhere else, and there is no token at all.
+    /// Whether everybody on this machine may do everything: it listens nowhere else, and there is
+    /// no token at all.
     ///
     /// # Errors
     /// Tokens that cannot be read.
@@ -149,7 +168,9 @@ impl Server {
 
     /// What instruments said of themselves when they were asked last, by bench.
     pub fn identities(&self) -> MutexGuard<'_, BTreeMap<String, Vec<supervisor::Identity>>> {
-        self.identities.lock().unwrap_or_else(PoisonError::into_inner)
+        self.identities
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Folder of the runs.
@@ -172,19 +193,28 @@ pub fn serve(settings: Settings) -> Result<(), Failure> {
     for part in ["runs", "jobs", "submitted", "logs"] {
         std::fs::create_dir_all(settings.data.join(part))?;
     }
-    let folder = std::fs::File::options().create(true).append(true).open(settings.data.join("lock"))?;
+    let folder = std::fs::File::options()
+        .create(true)
+        .append(true)
+        .open(settings.data.join("lock"))?;
     if folder.try_lock().is_err() {
         return Err(Failure::Usage(format!(
             "{}: expected a data folder of its own, found one that another server uses",
             settings.data.display()
         )));
     }
-    // A connection is a file. Where the system grants more than it gives by itself, they are taken; where it does not, the longest silent go.
-    if let Err(error) = getrlimit(Resource::RLIMIT_NOFILE).and_then(|(_, most)| setrlimit(Resource::RLIMIT_NOFILE, most, most)) {
+    // A connection is a file. Where the system grants more than it gives by itself, they are taken;
+    // where it does not, the longest silent go.
+    if let Err(error) = getrlimit(Resource::RLIMIT_NOFILE)
+        .and_then(|(_, most)| setrlimit(Resource::RLIMIT_NOFILE, most, most))
+    {
         tracing::warn!("the limit of open files stays as it is: {error}");
     }
     // Requests, and the stop among them, do not wait for one that computes.
-    let runtime = tokio::runtime::Builder::new_multi_thread().worker_threads(2).enable_all().build()?;
+    let runtime = tokio::runtime::Builder::new_multi_thread()
+        .worker_threads(2)
+        .enable_all()
+        .build()?;
     let outcome = runtime.block_on(until_stopped(settings));
     runtime.shutdown_background();
     outcome

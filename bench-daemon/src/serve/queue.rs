@@ -1,5 +1,6 @@
-//! What is to be run, in which order, on which bench. On disk after each change before it counts, whole or not at all: a server that dies or is started
-//! anew knows what was asked of it and what was under way.
+//! What is to be run, in which order, on which bench. On disk after each change before it counts,
+//! whole or not at all: a server that dies or is started anew knows what was asked of it and what
+//! was under way.
 
 use std::{
     collections::BTreeMap,
@@ -126,9 +127,14 @@ impl Queue {
     /// A file that cannot be read or understood.
     pub fn open(data: &Path) -> Result<Self, QueueError> {
         let path = data.join(FILE);
-        let fail = |what, reason: String| QueueError::Io { path: path.clone(), what, reason };
+        let fail = |what, reason: String| QueueError::Io {
+            path: path.clone(),
+            what,
+            reason,
+        };
         let kept = match std::fs::read_to_string(&path) {
-            Ok(text) => serde_json::from_str(&text).map_err(|error| fail("cannot be understood", error.to_string()))?,
+            Ok(text) => serde_json::from_str(&text)
+                .map_err(|error| fail("cannot be understood", error.to_string()))?,
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => Kept::default(),
             Err(error) => return Err(fail("cannot be read", error.to_string())),
         };
@@ -147,7 +153,10 @@ impl Queue {
 
     /// What is in work on a bench.
     pub fn in_work(&self, bench: &str) -> Option<&Item> {
-        self.kept.items.iter().find(|item| item.bench == bench && item.process.is_some())
+        self.kept
+            .items
+            .iter()
+            .find(|item| item.bench == bench && item.process.is_some())
     }
 
     /// What comes next on a bench: nothing while something is in work there, or it is held.
@@ -167,7 +176,11 @@ impl Queue {
     ///
     /// # Errors
     /// A queue that is full or cannot be written: then nothing was changed.
-    pub fn submit(&mut self, wanted: &Wanted, run: impl FnOnce(u64) -> String) -> Result<Item, QueueError> {
+    pub fn submit(
+        &mut self,
+        wanted: &Wanted,
+        run: impl FnOnce(u64) -> String,
+    ) -> Result<Item, QueueError> {
         if self.kept.items.len() >= MOST {
             return Err(QueueError::Full);
         }
@@ -218,7 +231,10 @@ impl Queue {
                 return Err(QueueError::Twice(*id));
             }
         }
-        let place = |item: &Item| match (item.process.is_some(), ids.iter().position(|id| *id == item.id)) {
+        let place = |item: &Item| match (
+            item.process.is_some(),
+            ids.iter().position(|id| *id == item.id),
+        ) {
             (true, _) => 0,
             (false, Some(place)) => place + 1,
             (false, None) => usize::MAX,
@@ -231,7 +247,10 @@ impl Queue {
     /// # Errors
     /// A queue that cannot be written; it is held all the same as long as this process lives.
     pub fn hold(&mut self, bench: &str, why: &str) -> Result<(), QueueError> {
-        self.kept.held.entry(bench.to_owned()).or_insert_with(|| why.to_owned());
+        self.kept
+            .held
+            .entry(bench.to_owned())
+            .or_insert_with(|| why.to_owned());
         self.change(|_| {})
     }
 
@@ -265,15 +284,25 @@ impl Queue {
     }
 
     fn item(&self, id: u64) -> Result<&Item, QueueError> {
-        self.kept.items.iter().find(|item| item.id == id).ok_or(QueueError::Unknown(id))
+        self.kept
+            .items
+            .iter()
+            .find(|item| item.id == id)
+            .ok_or(QueueError::Unknown(id))
     }
 
     fn change(&mut self, change: impl FnOnce(&mut Kept)) -> Result<(), QueueError> {
         let mut kept = self.kept.clone();
         change(&mut kept);
-        let fail = |what, reason: String| QueueError::Io { path: self.path.clone(), what, reason };
-        let text = serde_json::to_string_pretty(&kept).map_err(|error| fail("cannot be put into JSON", error.to_string()))?;
-        write_atomically(&self.path, text.as_bytes()).map_err(|error| fail("cannot be written", error.to_string()))?;
+        let fail = |what, reason: String| QueueError::Io {
+            path: self.path.clone(),
+            what,
+            reason,
+        };
+        let text = serde_json::to_string_pretty(&kept)
+            .map_err(|error| fail("cannot be put into JSON", error.to_string()))?;
+        write_atomically(&self.path, text.as_bytes())
+            .map_err(|error| fail("cannot be written", error.to_string()))?;
         self.kept = kept;
         Ok(())
     }
@@ -285,11 +314,22 @@ mod tests {
 
     fn wanted(bench: &str) -> Wanted {
         let (kind, experiment, by) = (Kind::Run, "demo".to_owned(), "ann".to_owned());
-        Wanted { kind, experiment, bench: bench.to_owned(), seed: None, expected_s: 60.0, by, unix_s: 1.0 }
+        Wanted {
+            kind,
+            experiment,
+            bench: bench.to_owned(),
+            seed: None,
+            expected_s: 60.0,
+            by,
+            unix_s: 1.0,
+        }
     }
 
     fn submit(queue: &mut Queue, bench: &str) -> u64 {
-        queue.submit(&wanted(bench), |id| format!("demo-{id}")).unwrap().id
+        queue
+            .submit(&wanted(bench), |id| format!("demo-{id}"))
+            .unwrap()
+            .id
     }
 
     fn ids(queue: &Queue) -> Vec<u64> {
@@ -305,14 +345,35 @@ mod tests {
         }
         queue.reorder(&[4, 3]).unwrap();
         queue.hold("b", "to look at it").unwrap();
-        queue.begun(4, Process { pid: 7, started_unix_s: 2.0 }).unwrap();
+        queue
+            .begun(
+                4,
+                Process {
+                    pid: 7,
+                    started_unix_s: 2.0,
+                },
+            )
+            .unwrap();
         let mut again = Queue::open(folder.path()).unwrap();
         assert_eq!(again.kept, queue.kept);
-        assert_eq!((ids(&again), again.held("b")), (vec![4, 3, 1, 2], Some("to look at it")));
-        assert_eq!((again.next("a"), again.next("b"), again.in_work("a").unwrap().id), (None, None, 4));
+        assert_eq!(
+            (ids(&again), again.held("b")),
+            (vec![4, 3, 1, 2], Some("to look at it"))
+        );
+        assert_eq!(
+            (
+                again.next("a"),
+                again.next("b"),
+                again.in_work("a").unwrap().id
+            ),
+            (None, None, 4)
+        );
         again.done(4).unwrap();
         again.release("b").unwrap();
-        assert_eq!((again.next("a").unwrap().id, again.next("b").unwrap().id), (3, 2));
+        assert_eq!(
+            (again.next("a").unwrap().id, again.next("b").unwrap().id),
+            (3, 2)
+        );
         again.cancel(3).unwrap();
         // A number is never used again.
         assert_eq!((submit(&mut again, "a"), ids(&again)), (5, vec![1, 2, 5]));
@@ -325,14 +386,36 @@ mod tests {
         for _ in 0..2 {
             submit(&mut queue, "a");
         }
-        queue.begun(1, Process { pid: 7, started_unix_s: 2.0 }).unwrap();
+        queue
+            .begun(
+                1,
+                Process {
+                    pid: 7,
+                    started_unix_s: 2.0,
+                },
+            )
+            .unwrap();
         let before = queue.kept.clone();
         let message = |result: Result<(), QueueError>| result.unwrap_err().to_string();
-        assert_eq!(message(queue.reorder(&[2, 2])), "expected each number once, found 2 twice");
-        assert_eq!(message(queue.reorder(&[9])), "expected the number of a place in the queue, found 9");
-        assert_eq!(message(queue.cancel(1).map(drop)), "expected a place that waits, found 1, which is in work: stop it instead");
+        assert_eq!(
+            message(queue.reorder(&[2, 2])),
+            "expected each number once, found 2 twice"
+        );
+        assert_eq!(
+            message(queue.reorder(&[9])),
+            "expected the number of a place in the queue, found 9"
+        );
+        assert_eq!(
+            message(queue.cancel(1).map(drop)),
+            "expected a place that waits, found 1, which is in work: stop it instead"
+        );
         assert_eq!(queue.kept, before);
         std::fs::write(folder.path().join(FILE), "{").unwrap();
-        assert!(Queue::open(folder.path()).unwrap_err().to_string().contains("queue.json: the queue cannot be understood: "));
+        assert!(
+            Queue::open(folder.path())
+                .unwrap_err()
+                .to_string()
+                .contains("queue.json: the queue cannot be understood: ")
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! The file of a server: where it listens, what it serves, and how much it bears. Resolved once; every complaint names file, line and field.
+//! The file of a server: where it listens, what it serves, and how much it bears. Resolved once;
+//! every complaint names file, line and field.
 
 use std::{
     net::SocketAddr,
@@ -56,7 +57,8 @@ pub struct Settings {
     pub listen: SocketAddr,
     /// The only folder that it writes to: queue, runs, tokens, audit trail.
     pub data: PathBuf,
-    /// The folder below which experiments, cells and profiles are: `experiments/NAME.toml` in it can be submitted by name.
+    /// The folder below which experiments, cells and profiles are: `experiments/NAME.toml` in it
+    /// can be submitted by name.
     pub configs: PathBuf,
     /// The benches.
     pub benches: Vec<config::Bench>,
@@ -79,7 +81,8 @@ pub struct Limits {
     pub burst: f64,
     /// Connections at the same time.
     pub connections: usize,
-    /// So long a peer may take for the head of a request, for its body, or to take what it is sent, s.
+    /// So long a peer may take for the head of a request, for its body, or to take what it is sent,
+    /// s.
     pub patience_s: f64,
 }
 
@@ -92,22 +95,39 @@ impl Settings {
         let source = Source::read(path)?;
         let raw: Raw = source.parse()?;
         let listen: SocketAddr = raw.listen.parse().map_err(|_| {
-            source.complain("listen", format!("expected an address and a port, such as 127.0.0.1:7420, found {:?}", raw.listen))
+            source.complain(
+                "listen",
+                format!(
+                    "expected an address and a port, such as 127.0.0.1:7420, found {:?}",
+                    raw.listen
+                ),
+            )
         })?;
-        let tls = raw.tls.as_ref().map(|tls| (source.relative(&tls.certificate), source.relative(&tls.key)));
+        let tls = raw
+            .tls
+            .as_ref()
+            .map(|tls| (source.relative(&tls.certificate), source.relative(&tls.key)));
         if !listen.ip().is_loopback() && tls.is_none() {
-            let reason =
-                format!("expected a section [tls] with certificate and key to listen beyond this machine (on {listen}), found none");
+            let reason = format!(
+                "expected a section [tls] with certificate and key to listen beyond this machine \
+                (on {listen}), found none"
+            );
             return Err(source.complain("listen", reason));
         }
         let benches = benches(&source, &raw.benches)?;
         let configs = absolute(source.relative(&raw.configs));
         if !configs.is_dir() {
-            return Err(source.complain("configs", format!("expected a folder, found none at {}", configs.display())));
+            return Err(source.complain(
+                "configs",
+                format!("expected a folder, found none at {}", configs.display()),
+            ));
         }
         let within = |field: &str, value: f64, (least, greatest): (f64, f64)| {
             let reason = || format!("expected {least} to {greatest}, found {value}");
-            (least..=greatest).contains(&value).then_some(value).ok_or_else(|| source.complain(field, reason()))
+            (least..=greatest)
+                .contains(&value)
+                .then_some(value)
+                .ok_or_else(|| source.complain(field, reason()))
         };
         let limits = &raw.limits;
         Ok(Self {
@@ -117,13 +137,33 @@ impl Settings {
             benches,
             tls,
             limits: Limits {
-                body_bytes: within("limits.body_bytes", limits.body_bytes.unwrap_or(256 * 1024) as f64, (1024.0, 64.0e6))? as usize,
-                requests_per_s: within("limits.requests_per_s", limits.requests_per_s.unwrap_or(100.0), (0.1, 1.0e5))?,
+                body_bytes: within(
+                    "limits.body_bytes",
+                    limits.body_bytes.unwrap_or(256 * 1024) as f64,
+                    (1024.0, 64.0e6),
+                )? as usize,
+                requests_per_s: within(
+                    "limits.requests_per_s",
+                    limits.requests_per_s.unwrap_or(100.0),
+                    (0.1, 1.0e5),
+                )?,
                 burst: within("limits.burst", limits.burst.unwrap_or(400.0), (1.0, 1.0e6))?,
-                connections: within("limits.connections", limits.connections.unwrap_or(512) as f64, (4.0, 65_536.0))? as usize,
-                patience_s: within("limits.patience", limits.patience.map_or(10.0, |patience| patience.si), (0.1, 600.0))?,
+                connections: within(
+                    "limits.connections",
+                    limits.connections.unwrap_or(512) as f64,
+                    (4.0, 65_536.0),
+                )? as usize,
+                patience_s: within(
+                    "limits.patience",
+                    limits.patience.map_or(10.0, |patience| patience.si),
+                    (0.1, 600.0),
+                )?,
             },
-            stop_wait_s: within("stop.wait", raw.stop.wait.map_or(10.0, |wait| wait.si), (0.5, 600.0))?,
+            stop_wait_s: within(
+                "stop.wait",
+                raw.stop.wait.map_or(10.0, |wait| wait.si),
+                (0.5, 600.0),
+            )?,
         })
     }
 
@@ -137,12 +177,25 @@ fn benches(source: &Source, paths: &[String]) -> Result<Vec<config::Bench>, Conf
     let mut found: Vec<config::Bench> = Vec::new();
     for (index, path) in paths.iter().enumerate() {
         let field = format!("benches.{}", index + 1);
-        let (bench, _) = load_bench(&absolute(source.relative(path))).map_err(|error| source.complain(&field, error.to_string()))?;
+        let (bench, _) = load_bench(&absolute(source.relative(path)))
+            .map_err(|error| source.complain(&field, error.to_string()))?;
         if !plain(&bench.name) {
-            return Err(source.complain(&field, format!("expected a name of letters, digits, `-` and `_`, found {:?}", bench.name)));
+            return Err(source.complain(
+                &field,
+                format!(
+                    "expected a name of letters, digits, `-` and `_`, found {:?}",
+                    bench.name
+                ),
+            ));
         }
         if found.iter().any(|known| known.name == bench.name) {
-            return Err(source.complain(&field, format!("expected a bench of another name, found a second {:?}", bench.name)));
+            return Err(source.complain(
+                &field,
+                format!(
+                    "expected a bench of another name, found a second {:?}",
+                    bench.name
+                ),
+            ));
         }
         found.push(bench);
     }
@@ -159,5 +212,8 @@ fn absolute(path: PathBuf) -> PathBuf {
 
 /// A name that can be a part of a path without being anything else.
 pub fn plain(name: &str) -> bool {
-    (1..=80).contains(&name.len()) && name.chars().all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'))
+    (1..=80).contains(&name.len())
+        && name
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'))
 }

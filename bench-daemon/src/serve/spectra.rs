@@ -1,4 +1,5 @@
-//! Spectra and fits of a run folder, as the API shows them. A sweep in work shows the points that it has.
+//! Spectra and fits of a run folder, as the API shows them. A sweep in work shows the points that
+//! it has.
 
 use std::{collections::BTreeMap, os::unix::fs::MetadataExt, path::Path};
 
@@ -53,32 +54,60 @@ pub type Stamps = BTreeMap<String, (u64, i64, i64, u64)>;
 /// Which spectra a run folder has, and which state they are in: cheap to ask often.
 pub fn stamps(run: &Path) -> Stamps {
     let stamp = |file: &str| {
-        let meta = std::fs::symlink_metadata(run.join(file)).ok().filter(std::fs::Metadata::is_file)?;
-        Some((file.to_owned(), (meta.len(), meta.mtime(), meta.mtime_nsec(), meta.ino())))
+        let meta = std::fs::symlink_metadata(run.join(file))
+            .ok()
+            .filter(std::fs::Metadata::is_file)?;
+        Some((
+            file.to_owned(),
+            (meta.len(), meta.mtime(), meta.mtime_nsec(), meta.ino()),
+        ))
     };
     let below = |folder: &str| {
-        let entries = std::fs::read_dir(run.join(folder)).into_iter().flatten().flatten();
-        entries.filter_map(|entry| entry.file_name().into_string().ok()).collect::<Vec<_>>()
+        let entries = std::fs::read_dir(run.join(folder))
+            .into_iter()
+            .flatten()
+            .flatten();
+        entries
+            .filter_map(|entry| entry.file_name().into_string().ok())
+            .collect::<Vec<_>>()
     };
-    let root = below("").into_iter().filter(|name| name.starts_with("spectrum") || name.starts_with("raw_"));
-    let more = below("spectra").into_iter().map(|name| format!("spectra/{name}"));
-    let csv = |name: &String| name.ends_with(".csv") && !name.contains("/.") && !name.starts_with('.');
-    root.chain(more).filter(csv).filter_map(|file| stamp(&file)).collect()
+    let root = below("")
+        .into_iter()
+        .filter(|name| name.starts_with("spectrum") || name.starts_with("raw_"));
+    let more = below("spectra")
+        .into_iter()
+        .map(|name| format!("spectra/{name}"));
+    let csv =
+        |name: &String| name.ends_with(".csv") && !name.contains("/.") && !name.starts_with('.');
+    root.chain(more)
+        .filter(csv)
+        .filter_map(|file| stamp(&file))
+        .collect()
 }
 
 /// Reads one; nothing where it cannot be read now.
 pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
     beneath::open(run, file)?;
-    let mut points: Vec<Point> = read_spectrum_csv(&run.join(file)).ok()?.iter().map(Point::from).collect();
+    let mut points: Vec<Point> = read_spectrum_csv(&run.join(file))
+        .ok()?
+        .iter()
+        .map(Point::from)
+        .collect();
     points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
     let name = file.trim_end_matches(".csv").to_owned();
-    Some(Spectrum { corrected: !name.contains("raw_"), name, points })
+    Some(Spectrum {
+        corrected: !name.contains("raw_"),
+        name,
+        points,
+    })
 }
 
 /// Fitted models of a run folder, as their files hold them.
 pub fn fits(run: &Path) -> Vec<(String, serde_json::Value)> {
     let entries = std::fs::read_dir(run).into_iter().flatten().flatten();
-    let mut names: Vec<String> = entries.filter_map(|entry| entry.file_name().into_string().ok()).collect();
+    let mut names: Vec<String> = entries
+        .filter_map(|entry| entry.file_name().into_string().ok())
+        .collect();
     names.retain(|name| name.starts_with("model") && name.ends_with(".json"));
     names.sort();
     let read = |name: String| {

@@ -1,5 +1,7 @@
-//! The stop: whatever runs on a bench ends now, and what the outputs say afterwards is read back. Two ways lead there, one behind the other: the run is
-//! asked to end in safe state, as Ctrl-C asks it; then, whether it has or not, `eis-bench safe` switches off over connections of its own and reads back.
+//! The stop: whatever runs on a bench ends now, and what the outputs say afterwards is read back.
+//! Two ways lead there, one behind the other: the run is asked to end in safe state, as Ctrl-C asks
+//! it; then, whether it has or not, `eis-bench safe` switches off over connections of its own and
+//! reads back.
 
 use std::{path::PathBuf, process::Stdio, sync::Arc, time::Duration};
 
@@ -20,14 +22,20 @@ use crate::{
 
 /// `eis-bench safe` is waited for so long: it tries each instrument several times.
 const SAFE: Duration = Duration::from_secs(90);
-/// A run that was being begun when the stop came is ended in a second turn; nothing is begun behind the first.
+/// A run that was being begun when the stop came is ended in a second turn; nothing is begun behind
+/// the first.
 const TURNS: usize = 3;
 /// Time between two looks whether the run has ended, s.
 const LOOK_S: f64 = 0.1;
 
 /// Stops a bench. Whoever asks while it is being stopped gets the outcome of that.
 pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> StopReport {
-    let mut report = StopReport { bench: bench.name.clone(), by: by.to_owned(), unix_s: clock::unix_time_s(), ..StopReport::default() };
+    let mut report = StopReport {
+        bench: bench.name.clone(),
+        by: by.to_owned(),
+        unix_s: clock::unix_time_s(),
+        ..StopReport::default()
+    };
     let joined = {
         let mut stops = server.stops();
         let under_way = stops.get(&bench.name).is_some_and(|stop| !stop.over);
@@ -40,7 +48,8 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> Stop
         return outcome(server, &bench.name).await;
     }
     server.hub.tell("stop", &report);
-    // As long as the stop is not over nothing is begun, whatever the disk does; and from then on because the bench is held.
+    // As long as the stop is not over nothing is begun, whatever the disk does; and from then on
+    // because the bench is held.
     let mut gone = end_run(server, bench, &mut report).await;
     if let Err(error) = server.queue().hold(&bench.name, &report.held()) {
         tracing::error!("{error}");
@@ -54,7 +63,9 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> Stop
     }
     if report.verified && in_work(server, bench).is_some() {
         report.verified = false;
-        report.steps.push("a process runs the bench again: LOOK AT THE BENCH".to_owned());
+        report
+            .steps
+            .push("a process runs the bench again: LOOK AT THE BENCH".to_owned());
     }
     report.over = true;
     server.stops().insert(bench.name.clone(), report.clone());
@@ -63,12 +74,17 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> Stop
     report
 }
 
-/// Ends what came into work while the outputs were switched off; tells whether nothing runs any more.
+/// Ends what came into work while the outputs were switched off; tells whether nothing runs any
+/// more.
 async fn again(server: &Arc<Server>, bench: &config::Bench, report: &mut StopReport) -> bool {
     report.verified = false;
     report.outputs.clear();
     report.message.clear();
-    tell(server, report, "a run was being begun when the stop came: once more".to_owned());
+    tell(
+        server,
+        report,
+        "a run was being begun when the stop came: once more".to_owned(),
+    );
     let gone = end_run(server, bench, report).await;
     switch_off(server, bench, gone, report).await;
     gone
@@ -97,7 +113,12 @@ async fn end_run(server: &Server, bench: &config::Bench, report: &mut StopReport
     };
     // Before anything is written: a disk that hangs must not hold up the signal.
     let asked = kill(Pid::from_raw(pid), Signal::SIGTERM);
-    if let Err(error) = (Wishes { course: Course::Abort, ..Wishes::read(&folder) }).write(&folder) {
+    if let Err(error) = (Wishes {
+        course: Course::Abort,
+        ..Wishes::read(&folder)
+    })
+    .write(&folder)
+    {
         tracing::error!("{error}");
     }
     tell(
@@ -121,7 +142,14 @@ async fn end_run(server: &Server, bench: &config::Bench, report: &mut StopReport
         // There is nothing outside it that could stay on.
         let _ = kill(Pid::from_raw(pid), Signal::SIGKILL);
     }
-    tell(server, report, format!("process {pid} has not ended within {wait_s} s: it is killed, and the bench is switched off beside it"));
+    tell(
+        server,
+        report,
+        format!(
+            "process {pid} has not ended within {wait_s} s: it is killed, and the bench is \
+            switched off beside it"
+        ),
+    );
     false
 }
 
@@ -130,13 +158,16 @@ fn in_work(server: &Server, bench: &config::Bench) -> Option<(i32, PathBuf)> {
     let holder = || {
         let state = State::of(bench).ok().flatten()?;
         let pid = locks::holder(&state.path("lock"))?;
-        let known: Option<Holder> = std::fs::read_to_string(state.path("lock")).ok().and_then(|text| serde_json::from_str(&text).ok());
+        let known: Option<Holder> = std::fs::read_to_string(state.path("lock"))
+            .ok()
+            .and_then(|text| serde_json::from_str(&text).ok());
         Some((pid, known.map(|holder| holder.run).unwrap_or_default()))
     };
     let ours = || {
         let item = server.queue().in_work(&bench.name)?.clone();
         let folder = server.runs().join(&item.run);
-        let pid = locks::holder(&folder.join(JOURNAL)).or_else(|| item.process.map(|process| process.pid))?;
+        let pid = locks::holder(&folder.join(JOURNAL))
+            .or_else(|| item.process.map(|process| process.pid))?;
         // A process that has ended waits as a zombie until the supervisor has taken note of it.
         let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
         (!stat.rsplit(')').next()?.trim_start().starts_with('Z')).then_some((pid, folder))
@@ -147,28 +178,74 @@ fn in_work(server: &Server, bench: &config::Bench) -> Option<(i32, PathBuf)> {
 /// Switches off and reads back, over connections of its own.
 async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: &mut StopReport) {
     let mut command = tokio::process::Command::new(&server.program);
-    command.args(["safe", "--json"]).arg(&bench.path).stdin(Stdio::null()).kill_on_drop(true).env_remove("NOTIFY_SOCKET");
+    command
+        .args(["safe", "--json"])
+        .arg(&bench.path)
+        .stdin(Stdio::null())
+        .kill_on_drop(true)
+        .env_remove("NOTIFY_SOCKET");
     if !gone {
         command.arg("--kill");
     }
     let output = match server.clock.deadline(SAFE, command.output()).await {
         Ok(Ok(output)) => output,
-        Ok(Err(error)) => return tell(server, report, format!("`eis-bench safe` cannot be started: {error}: LOOK AT THE BENCH")),
-        Err(_) => return tell(server, report, "`eis-bench safe` did not come to an end: LOOK AT THE BENCH".to_owned()),
+        Ok(Err(error)) => {
+            return tell(
+                server,
+                report,
+                format!("`eis-bench safe` cannot be started: {error}: LOOK AT THE BENCH"),
+            );
+        }
+        Err(_) => {
+            return tell(
+                server,
+                report,
+                "`eis-bench safe` did not come to an end: LOOK AT THE BENCH".to_owned(),
+            );
+        }
     };
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     if bench.in_process() {
         report.simulated = output.status.success() && in_work(server, bench).is_none();
-        let ended = "nothing of this bench is outside the run's process, and none runs: no output was read back";
-        return tell(server, report, if report.simulated { ended } else { "the run's process has not ended" }.to_owned());
+        let ended = "nothing of this bench is outside the run's process, and none runs: no output \
+        was read back";
+        return tell(
+            server,
+            report,
+            if report.simulated {
+                ended
+            } else {
+                "the run's process has not ended"
+            }
+            .to_owned(),
+        );
     }
     // The last report counts: where the run ended late there are two.
-    let told = said.lines().rev().find_map(|line| serde_json::from_str::<SafeReport>(line).ok());
-    let words = told.as_ref().filter(|told| !told.verified).map(|told| format!("LOOK AT THE BENCH: {}", told.message));
+    let told = said
+        .lines()
+        .rev()
+        .find_map(|line| serde_json::from_str::<SafeReport>(line).ok());
+    let words = told
+        .as_ref()
+        .filter(|told| !told.verified)
+        .map(|told| format!("LOOK AT THE BENCH: {}", told.message));
     if let Some(told) = &told {
         report.found(told);
     }
-    report.verified = output.status.success() && told.is_some_and(|told| told.verified && !told.outputs.is_empty());
-    let last = String::from_utf8_lossy(&output.stderr).lines().last().unwrap_or_default().to_owned();
-    tell(server, report, if report.verified { "every output is off and was read back".to_owned() } else { words.unwrap_or(last) });
+    report.verified = output.status.success()
+        && told.is_some_and(|told| told.verified && !told.outputs.is_empty());
+    let last = String::from_utf8_lossy(&output.stderr)
+        .lines()
+        .last()
+        .unwrap_or_default()
+        .to_owned();
+    tell(
+        server,
+        report,
+        if report.verified {
+            "every output is off and was read back".to_owned()
+        } else {
+            words.unwrap_or(last)
+        },
+    );
 }

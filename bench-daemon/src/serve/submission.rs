@@ -1,5 +1,6 @@
-//! From what a peer asks for to a checked experiment, frozen: the files are read within the folder of the configuration only, the plan is checked, and
-//! what was checked is copied into the data folder, so that a file that is altered later does not alter what was submitted.
+//! From what a peer asks for to a checked experiment, frozen: the files are read within the folder
+//! of the configuration only, the plan is checked, and what was checked is copied into the data
+//! folder, so that a file that is altered later does not alter what was submitted.
 
 use std::{
     path::{Path, PathBuf},
@@ -47,9 +48,20 @@ pub struct Submission {
 
 /// Names of the experiments that can be submitted.
 pub fn experiments(settings: &Settings) -> Vec<String> {
-    let entries = std::fs::read_dir(settings.configs.join(EXPERIMENTS)).into_iter().flatten().flatten();
+    let entries = std::fs::read_dir(settings.configs.join(EXPERIMENTS))
+        .into_iter()
+        .flatten()
+        .flatten();
     let mut names: Vec<String> = entries
-        .filter_map(|entry| Some(entry.file_name().to_str()?.strip_suffix(".toml")?.to_owned()))
+        .filter_map(|entry| {
+            Some(
+                entry
+                    .file_name()
+                    .to_str()?
+                    .strip_suffix(".toml")?
+                    .to_owned(),
+            )
+        })
         .filter(|name| plain(name))
         .collect();
     names.sort();
@@ -62,34 +74,66 @@ fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
     if !plain(name) {
         return Err(unknown());
     }
-    let file = beneath::open(&settings.configs, &format!("{EXPERIMENTS}/{name}.toml")).ok_or_else(unknown)?;
+    let file = beneath::open(&settings.configs, &format!("{EXPERIMENTS}/{name}.toml"))
+        .ok_or_else(unknown)?;
     std::io::read_to_string(file).map_err(|error| Refused::Unfit(error.to_string()))
 }
 
 impl Submission {
-    /// An experiment by its name, or by its text, on a bench: on the one that it names where `bench` is none.
+    /// An experiment by its name, or by its text, on a bench: on the one that it names where
+    /// `bench` is none.
     ///
     /// # Errors
     /// Whatever keeps it from being run.
-    pub fn new(settings: &Settings, (name, text): (&str, Option<&str>), bench: Option<&str>) -> Result<Self, Refused> {
+    pub fn new(
+        settings: &Settings,
+        (name, text): (&str, Option<&str>),
+        bench: Option<&str>,
+    ) -> Result<Self, Refused> {
         let text = text.map_or_else(|| text_of(settings, name), |text| Ok(text.to_owned()))?;
-        let path = settings.configs.join(EXPERIMENTS).join(format!("{name}.toml"));
+        let path = settings
+            .configs
+            .join(EXPERIMENTS)
+            .join(format!("{name}.toml"));
         let bench = chosen(settings, &path, &text, bench)?;
-        let also = std::iter::once(bench.path.clone()).chain(bench.simulation.iter().map(|section| section.scenario.clone())).collect();
-        let fence = Arc::new(Fence { below: settings.configs.clone(), also });
+        let also = std::iter::once(bench.path.clone())
+            .chain(
+                bench
+                    .simulation
+                    .iter()
+                    .map(|section| section.scenario.clone()),
+            )
+            .collect();
+        let fence = Arc::new(Fence {
+            below: settings.configs.clone(),
+            also,
+        });
         let unfit = |error: &dyn std::fmt::Display| Refused::Unfit(error.to_string());
-        let experiment = resolve_experiment(Source::fenced(&path, text, &fence), Some(&bench.path)).map_err(|error| unfit(&error))?;
+        let experiment = resolve_experiment(Source::fenced(&path, text, &fence), Some(&bench.path))
+            .map_err(|error| unfit(&error))?;
         if experiment.name.len() > LONGEST_NAME {
-            return Err(Refused::Unfit(format!("expected a name of at most {LONGEST_NAME} letters, found {}", experiment.name.len())));
+            return Err(Refused::Unfit(format!(
+                "expected a name of at most {LONGEST_NAME} letters, found {}",
+                experiment.name.len()
+            )));
         }
-        let plan =
-            procedure::plan(&experiment).check(&experiment.cell.limits).map_err(|error| unfit(&format!("the plan is refused: {error}")))?;
-        if matches!(experiment.bench.instruments.jig, Some(Jig::Person)) && needs_a_person(&experiment) {
-            let text = "a person must change the fixture of this bench, and is asked on a terminal: run it there, with `eis-bench run`";
+        let plan = procedure::plan(&experiment)
+            .check(&experiment.cell.limits)
+            .map_err(|error| unfit(&format!("the plan is refused: {error}")))?;
+        if matches!(experiment.bench.instruments.jig, Some(Jig::Person))
+            && needs_a_person(&experiment)
+        {
+            let text = "a person must change the fixture of this bench, and is asked on a \
+            terminal: run it there, with `eis-bench run`";
             return Err(Refused::Unfit(text.to_owned()));
         }
         let (expected_s, longest_s) = (plan.plan().expected_s(), plan.plan().longest_s());
-        Ok(Self { experiment, expected_s, longest_s, fence })
+        Ok(Self {
+            experiment,
+            expected_s,
+            longest_s,
+            fence,
+        })
     }
 
     /// Copies what was checked into the data folder.
@@ -99,8 +143,12 @@ impl Submission {
     pub fn freeze(&self, folder: &Path) -> Result<(), Refused> {
         let kept = |error: &dyn std::fmt::Display| Refused::Kept(error.to_string());
         for source in &self.experiment.sources {
-            // The bench and its scenario stay where they are: its state is beside it, and the guardian reads the same file.
-            let name = self.fence.relative(source.path()).filter(|_| !self.fence.also.iter().any(|path| path == source.path()));
+            // The bench and its scenario stay where they are: its state is beside it, and the
+            // guardian reads the same file.
+            let name = self
+                .fence
+                .relative(source.path())
+                .filter(|_| !self.fence.also.iter().any(|path| path == source.path()));
             let Some(name) = name else { continue };
             let path = folder.join(name);
             if let Some(parent) = path.parent() {
@@ -115,28 +163,61 @@ impl Submission {
 /// The frozen experiment in such a folder.
 pub fn frozen(folder: &Path) -> Option<PathBuf> {
     let mut entries = std::fs::read_dir(folder.join(EXPERIMENTS)).ok()?.flatten();
-    entries.find(|entry| entry.path().extension().is_some_and(|end| end == "toml")).map(|entry| entry.path())
+    entries
+        .find(|entry| entry.path().extension().is_some_and(|end| end == "toml"))
+        .map(|entry| entry.path())
 }
 
 /// The bench of this name, or that which the experiment names, where it is one of the server's.
-fn chosen<'a>(settings: &'a Settings, path: &Path, text: &str, bench: Option<&str>) -> Result<&'a config::Bench, Refused> {
+fn chosen<'a>(
+    settings: &'a Settings,
+    path: &Path,
+    text: &str,
+    bench: Option<&str>,
+) -> Result<&'a config::Bench, Refused> {
     #[derive(serde::Deserialize)]
     struct Names {
         bench: String,
     }
-    let known = || settings.benches.iter().map(|bench| bench.name.as_str()).collect::<Vec<_>>().join(", ");
+    let known = || {
+        settings
+            .benches
+            .iter()
+            .map(|bench| bench.name.as_str())
+            .collect::<Vec<_>>()
+            .join(", ")
+    };
     if let Some(name) = bench {
-        return settings.bench(name).ok_or_else(|| Refused::Unfit(format!("bench: expected one of {}, found {name:?}", known())));
+        return settings.bench(name).ok_or_else(|| {
+            Refused::Unfit(format!(
+                "bench: expected one of {}, found {name:?}",
+                known()
+            ))
+        });
     }
-    let names: Names = toml::from_str(text).map_err(|error| Refused::Unfit(error.message().to_owned()))?;
-    let named = path.parent().unwrap_or(path).join(&names.bench).canonicalize().ok();
+    let names: Names =
+        toml::from_str(text).map_err(|error| Refused::Unfit(error.message().to_owned()))?;
+    let named = path
+        .parent()
+        .unwrap_or(path)
+        .join(&names.bench)
+        .canonicalize()
+        .ok();
     let same = |bench: &&config::Bench| named.is_some() && bench.path.canonicalize().ok() == named;
     let found = settings.benches.iter().find(same);
     found.ok_or_else(|| {
-        Refused::Unfit(format!("the experiment names a bench that is none of this server's ({}): say which with `bench`", known()))
+        Refused::Unfit(format!(
+            "the experiment names a bench that is none of this server's ({}): \
+        say which with `bench`",
+            known()
+        ))
     })
 }
 
 fn needs_a_person(experiment: &Experiment) -> bool {
-    experiment.fixture_check.is_some() || experiment.campaign.as_ref().is_some_and(|campaign| campaign.cells.len() > 1)
+    experiment.fixture_check.is_some()
+        || experiment
+            .campaign
+            .as_ref()
+            .is_some_and(|campaign| campaign.cells.len() > 1)
 }

@@ -1,4 +1,5 @@
-//! The one thread that begins runs, watches them, and tells what changed. It waits for no listener and no request.
+//! The one thread that begins runs, watches them, and tells what changed. It waits for no listener
+//! and no request.
 
 use std::{
     fs::File,
@@ -81,7 +82,12 @@ pub struct Answer {
 /// # Errors
 /// A system without threads; a state folder that cannot be written.
 pub fn start(server: &Arc<Server>) -> Result<Supervisor, Failure> {
-    let mut posts = server.settings.benches.iter().map(|bench| Post::new(server, bench)).collect::<Result<Vec<_>, _>>()?;
+    let mut posts = server
+        .settings
+        .benches
+        .iter()
+        .map(|bench| Post::new(server, bench))
+        .collect::<Result<Vec<_>, _>>()?;
     let (server, handle) = (server.clone(), tokio::runtime::Handle::current());
     let end = Arc::new(AtomicBool::new(false));
     let ended = end.clone();
@@ -92,7 +98,12 @@ pub fn start(server: &Arc<Server>) -> Result<Supervisor, Failure> {
             handle.block_on(server.clock.sleep_s(LOOK_S));
         }
     };
-    Ok(Supervisor { end, thread: std::thread::Builder::new().name("supervisor".to_owned()).spawn(work)? })
+    Ok(Supervisor {
+        end,
+        thread: std::thread::Builder::new()
+            .name("supervisor".to_owned())
+            .spawn(work)?,
+    })
 }
 
 impl Supervisor {
@@ -117,8 +128,15 @@ struct Post {
 
 impl Post {
     fn new(server: &Server, bench: &config::Bench) -> Result<Self, Failure> {
-        let last = jobs::all(&server.settings.data).into_iter().find(|job| job.item.bench == bench.name);
-        let watch = last.map(|job| (Some(job.item.run.clone()), Watch::new(&server.runs().join(&job.item.run))));
+        let last = jobs::all(&server.settings.data)
+            .into_iter()
+            .find(|job| job.item.bench == bench.name);
+        let watch = last.map(|job| {
+            (
+                Some(job.item.run.clone()),
+                Watch::new(&server.runs().join(&job.item.run)),
+            )
+        });
         Ok(Self {
             bench: bench.clone(),
             state: State::of(bench)?,
@@ -139,7 +157,9 @@ impl Post {
 
     /// Notices the end of the run in work.
     fn reap(&mut self, server: &Server) {
-        let Some(item) = server.queue().in_work(&self.bench.name).cloned() else { return };
+        let Some(item) = server.queue().in_work(&self.bench.name).cloned() else {
+            return;
+        };
         let code = match &mut self.child {
             Some((id, child)) if *id == item.id => match child.try_wait() {
                 Ok(Some(status)) => status.code(),
@@ -154,12 +174,25 @@ impl Post {
         watch.look();
         let word = last_word(&log_of(server, &item.run));
         let how = how_it_ended(watch.ended(), word);
-        let finished = watch.ended() == Some("finished") && code.is_none_or(|code| code == 0 || code == GATED);
-        self.over(server, &item, &Ended { code, finished, how, unix_s: clock::unix_time_s() });
+        let finished =
+            watch.ended() == Some("finished") && code.is_none_or(|code| code == 0 || code == GATED);
+        self.over(
+            server,
+            &item,
+            &Ended {
+                code,
+                finished,
+                how,
+                unix_s: clock::unix_time_s(),
+            },
+        );
     }
 
     fn over(&self, server: &Server, item: &Item, ended: &Ended) {
-        let job = Job { item: item.clone(), ended: Some(ended.clone()) };
+        let job = Job {
+            item: item.clone(),
+            ended: Some(ended.clone()),
+        };
         let kept = jobs::write(&server.settings.data, &job);
         // Whichever of the two is first: what ends under a stop is held by the stop.
         let why = match server.stops().get(&item.bench) {
@@ -167,10 +200,21 @@ impl Post {
             _ => format!("{} did not come to its end: {}", item.run, ended.how),
         };
         let mut queue = server.queue();
-        let held = if ended.finished { Ok(()) } else { queue.hold(&item.bench, &why) };
+        let held = if ended.finished {
+            Ok(())
+        } else {
+            queue.hold(&item.bench, &why)
+        };
         let done = queue.done(item.id);
         drop(queue);
-        for error in [kept.err(), held.err().map(|error| error.to_string()), done.err().map(|error| error.to_string())].iter().flatten() {
+        for error in [
+            kept.err(),
+            held.err().map(|error| error.to_string()),
+            done.err().map(|error| error.to_string()),
+        ]
+        .iter()
+        .flatten()
+        {
             tracing::error!("{error}");
         }
         server.hub.tell("run", &job);
@@ -184,7 +228,9 @@ impl Post {
             Some(stop) if !stop.over => return,
             stop => stop.map(|stop| stop.unix_s),
         };
-        let Some(item) = server.queue().next(&self.bench.name).cloned() else { return };
+        let Some(item) = server.queue().next(&self.bench.name).cloned() else {
+            return;
+        };
         if self.taken() {
             return;
         }
@@ -195,21 +241,39 @@ impl Post {
             self.begun(server, &item, (pid, last_stop));
             return;
         }
-        match command(server, &item, &self.bench).and_then(|mut command| command.spawn().map_err(|error| error.to_string())) {
+        match command(server, &item, &self.bench)
+            .and_then(|mut command| command.spawn().map_err(|error| error.to_string()))
+        {
             Ok(child) => {
                 let pid = i32::try_from(child.id()).unwrap_or(0);
                 self.child = Some((item.id, child));
                 self.begun(server, &item, (pid, last_stop));
             }
-            Err(how) => self.over(server, &item, &Ended { code: None, finished: false, how, unix_s: clock::unix_time_s() }),
+            Err(how) => self.over(
+                server,
+                &item,
+                &Ended {
+                    code: None,
+                    finished: false,
+                    how,
+                    unix_s: clock::unix_time_s(),
+                },
+            ),
         }
     }
 
-    /// Writes down that a place is in work. No lock is held from the look at the stops to here, so that a slow disk never holds up a stop: one that came in
-    /// between finds no process, or finds it late, and so the process is ended here.
+    /// Writes down that a place is in work. No lock is held from the look at the stops to here, so
+    /// that a slow disk never holds up a stop: one that came in between finds no process, or finds
+    /// it late, and so the process is ended here.
     fn begun(&self, server: &Server, item: &Item, (pid, last_stop): (i32, Option<f64>)) {
-        let process = Process { pid, started_unix_s: clock::unix_time_s() };
-        let item = Item { process: Some(process.clone()), ..item.clone() };
+        let process = Process {
+            pid,
+            started_unix_s: clock::unix_time_s(),
+        };
+        let item = Item {
+            process: Some(process.clone()),
+            ..item.clone()
+        };
         // From here on a stop finds it.
         let begun = server.queue().begun(item.id, process);
         let stopped = {
@@ -222,11 +286,18 @@ impl Post {
             stopped
         };
         if stopped && pid > 1 {
-            tracing::warn!("{}: process {pid} was begun while the bench was being stopped: it is ended", self.bench.name);
+            tracing::warn!(
+                "{}: process {pid} was begun while the bench was being stopped: it is ended",
+                self.bench.name
+            );
             let _ = kill(Pid::from_raw(pid), Signal::SIGTERM);
         }
         let job = Job { item, ended: None };
-        if let Some(error) = begun.err().map(|error| error.to_string()).or_else(|| jobs::write(&server.settings.data, &job).err()) {
+        if let Some(error) = begun
+            .err()
+            .map(|error| error.to_string())
+            .or_else(|| jobs::write(&server.settings.data, &job).err())
+        {
             tracing::error!("{error}");
         }
         server.hub.tell("run", &job);
@@ -235,9 +306,14 @@ impl Post {
 
     /// Latched, run by somebody else, or still looked after by the guardian of an earlier run.
     fn taken(&self) -> bool {
-        let Some(state) = &self.state else { return false };
+        let Some(state) = &self.state else {
+            return false;
+        };
         let latched = !matches!(state.latched(), Ok(None));
-        latched || ["lock", "guardian.lock"].iter().any(|name| locks::holder(&state.path(name)).is_some())
+        latched
+            || ["lock", "guardian.lock"]
+                .iter()
+                .any(|name| locks::holder(&state.path(name)).is_some())
     }
 
     /// Watches the run in work, whoever began it; tells whether it goes on.
@@ -247,13 +323,22 @@ impl Post {
         let other = || {
             let state = self.state.as_ref()?;
             locks::holder(&state.path("lock"))?;
-            let holder: Holder = serde_json::from_str(&std::fs::read_to_string(state.path("lock")).ok()?).ok()?;
-            let name = holder.run.strip_prefix(std::path::absolute(server.runs()).ok()?).ok().and_then(Path::to_str).map(str::to_owned);
+            let holder: Holder =
+                serde_json::from_str(&std::fs::read_to_string(state.path("lock")).ok()?).ok()?;
+            let name = holder
+                .run
+                .strip_prefix(std::path::absolute(server.runs()).ok()?)
+                .ok()
+                .and_then(Path::to_str)
+                .map(str::to_owned);
             Some((holder.run, name))
         };
         let found = ours.or_else(other);
         if let Some((folder, name)) = &found
-            && self.watch.as_ref().is_none_or(|(_, watch)| watch.folder() != folder)
+            && self
+                .watch
+                .as_ref()
+                .is_none_or(|(_, watch)| watch.folder() != folder)
         {
             self.watch = Some((name.clone(), Watch::new(folder)));
             self.stamps.clear();
@@ -265,9 +350,20 @@ impl Post {
                 self.manifest = identities(watch.folder());
             }
             let stamps = spectra::stamps(watch.folder());
-            for file in stamps.iter().filter(|(file, stamp)| self.stamps.get(*file) != Some(*stamp)).map(|(file, _)| file) {
+            for file in stamps
+                .iter()
+                .filter(|(file, stamp)| self.stamps.get(*file) != Some(*stamp))
+                .map(|(file, _)| file)
+            {
                 if let Some(spectrum) = spectra::read(watch.folder(), file) {
-                    server.hub.tell("spectrum", &Changed { bench: &self.bench.name, run: name.as_deref(), spectrum });
+                    server.hub.tell(
+                        "spectrum",
+                        &Changed {
+                            bench: &self.bench.name,
+                            run: name.as_deref(),
+                            spectrum,
+                        },
+                    );
                 }
             }
             self.stamps = stamps;
@@ -278,7 +374,9 @@ impl Post {
     fn tell(&mut self, server: &Server, going: bool) {
         let live = self.live(server, going);
         let now_s = server.clock.now_s();
-        let urgent = live.state != self.told.0.state || live.stop != self.told.0.stop || live.trip != self.told.0.trip;
+        let urgent = live.state != self.told.0.state
+            || live.stop != self.told.0.stop
+            || live.trip != self.told.0.trip;
         if live == self.told.0 || (!urgent && now_s - self.told.1 < TELL_S) {
             return;
         }
@@ -287,17 +385,25 @@ impl Post {
         self.told = (live, now_s);
     }
 
-    /// A run has ended of which nobody has verified that every output is off; where that cannot be read, nobody knows.
+    /// A run has ended of which nobody has verified that every output is off; where that cannot be
+    /// read, nobody knows.
     fn left_open(&self) -> bool {
-        !self.bench.in_process() && self.state.as_ref().is_none_or(|state| !matches!(state.open_run(), Ok(None)))
+        !self.bench.in_process()
+            && self
+                .state
+                .as_ref()
+                .is_none_or(|state| !matches!(state.open_run(), Ok(None)))
     }
 
     /// The last run's process has left without a word.
     fn died(&self) -> bool {
-        self.watch.as_ref().is_some_and(|(_, watch)| watch.ended().is_none() && watch.reading(false).is_some())
+        self.watch
+            .as_ref()
+            .is_some_and(|(_, watch)| watch.ended().is_none() && watch.reading(false).is_some())
     }
 
-    /// Who has read every output back as off since the last run, if anybody has; nobody where a run is in work.
+    /// Who has read every output back as off since the last run, if anybody has; nobody where a run
+    /// is in work.
     fn proof(&self, going: bool, stop: Option<&StopReport>) -> Option<Proof> {
         if going {
             return None;
@@ -309,15 +415,24 @@ impl Post {
         stop.and_then(Proof::of_stop).or_else(after)
     }
 
-    /// Whether nobody has taken the bench since a stop, from a terminal perhaps: what that has shown is then no longer so.
+    /// Whether nobody has taken the bench since a stop, from a terminal perhaps: what that has
+    /// shown is then no longer so.
     fn stands(&self, stop: &StopReport) -> bool {
-        let taken = self.state.as_ref().and_then(|state| std::fs::metadata(state.path("lock")).ok()?.modified().ok());
-        let taken_s = taken.and_then(|taken| taken.duration_since(std::time::UNIX_EPOCH).ok()).map_or(0.0, |since| since.as_secs_f64());
+        let taken = self
+            .state
+            .as_ref()
+            .and_then(|state| std::fs::metadata(state.path("lock")).ok()?.modified().ok());
+        let taken_s = taken
+            .and_then(|taken| taken.duration_since(std::time::UNIX_EPOCH).ok())
+            .map_or(0.0, |since| since.as_secs_f64());
         taken_s <= stop.unix_s
     }
 
     fn live(&self, server: &Server, going: bool) -> Live {
-        let trip = self.state.as_ref().and_then(|state| state.latched().ok().flatten());
+        let trip = self
+            .state
+            .as_ref()
+            .and_then(|state| state.latched().ok().flatten());
         let stop = server.stops().get(&self.bench.name).cloned();
         let last = stop.as_ref().filter(|stop| self.stands(stop));
         let proof = self.proof(going, last);
@@ -331,17 +446,28 @@ impl Post {
             (false, false) if unproven => BenchState::Unknown,
             (false, false) => BenchState::Idle,
         };
-        let reading = self.watch.as_ref().and_then(|(_, watch)| watch.reading(going));
-        let experiment = self.watch.as_ref().and_then(|(_, watch)| watch.experiment.as_ref());
+        let reading = self
+            .watch
+            .as_ref()
+            .and_then(|(_, watch)| watch.reading(going));
+        let experiment = self
+            .watch
+            .as_ref()
+            .and_then(|(_, watch)| watch.experiment.as_ref());
         let limits = match (experiment, &reading) {
-            (Some(experiment), Some(reading)) => live::limits(&experiment.cell.limits, reading.fixture == "cell", reading),
+            (Some(experiment), Some(reading)) => {
+                live::limits(&experiment.cell.limits, reading.fixture == "cell", reading)
+            }
             _ => Vec::new(),
         };
         Live {
             bench: self.bench.name.clone(),
             state,
             held: server.queue().held(&self.bench.name).map(str::to_owned),
-            run: self.watch.as_ref().map(|(name, watch)| watch.now(name.clone(), going)),
+            run: self
+                .watch
+                .as_ref()
+                .map(|(name, watch)| watch.now(name.clone(), going)),
             soc: self.watch.as_ref().and_then(|(_, watch)| watch.soc()),
             reading,
             limits,
@@ -352,20 +478,36 @@ impl Post {
         }
     }
 
-    fn instruments(&self, server: &Server, proof: Option<&Proof>, died: bool) -> Vec<InstrumentNow> {
-        let asked = server.identities().get(&self.bench.name).cloned().unwrap_or_default();
+    fn instruments(
+        &self,
+        server: &Server,
+        proof: Option<&Proof>,
+        died: bool,
+    ) -> Vec<InstrumentNow> {
+        let asked = server
+            .identities()
+            .get(&self.bench.name)
+            .cloned()
+            .unwrap_or_default();
         let watch = self.watch.as_ref().map(|(_, watch)| watch);
         let one = |(role, instrument): (&'static str, &config::Instrument)| {
-            let identity = asked.iter().chain(&self.manifest).find(|identity| identity.role == role);
+            let identity = asked
+                .iter()
+                .chain(&self.manifest)
+                .find(|identity| identity.role == role);
             let heard = watch.and_then(|watch| watch.heard.get(role));
             let answered_s = heard.and_then(|heard| heard.answered_s);
-            let remark =
-                heard.and_then(|heard| heard.remark.as_ref()).filter(|remark| answered_s.is_none_or(|answered| remark.1 > answered));
-            let trouble = remark.filter(|(text, _)| text.contains("dropped") || text.contains("cannot")).map(|(text, _)| text.clone());
+            let remark = heard
+                .and_then(|heard| heard.remark.as_ref())
+                .filter(|remark| answered_s.is_none_or(|answered| remark.1 > answered));
+            let trouble = remark
+                .filter(|(text, _)| text.contains("dropped") || text.contains("cannot"))
+                .map(|(text, _)| text.clone());
             let output = heard.and_then(|heard| heard.output);
             let proven = proof.filter(|proof| proof.covers(role));
             let unknown = died && proof.is_none() && output.is_some();
-            // Where nothing is left that could be read back, an instrument without an output has not got one.
+            // Where nothing is left that could be read back, an instrument without an output has
+            // not got one.
             let told_off = proven.is_some_and(|proof| proof.by.is_some() || output.is_some());
             InstrumentNow {
                 role: role.to_owned(),
@@ -373,19 +515,37 @@ impl Post {
                 address: instrument.address.to_string(),
                 identity: identity.map(|identity| identity.identity.raw.clone()),
                 recognised: identity.map(|identity| identity.recognised),
-                output: if told_off { Some(false) } else { output.filter(|_| !unknown).map(|(on, _)| on) },
-                output_s: output.filter(|_| proven.is_none()).map(|(_, time_s)| time_s),
+                output: if told_off {
+                    Some(false)
+                } else {
+                    output.filter(|_| !unknown).map(|(on, _)| on)
+                },
+                output_s: output
+                    .filter(|_| proven.is_none())
+                    .map(|(_, time_s)| time_s),
                 output_by: proven.and_then(|proof| proof.by),
                 answered_s,
-                trouble: if unknown { Some(self.after_death().to_owned()) } else { trouble.filter(|_| proven.is_none()) },
+                trouble: if unknown {
+                    Some(self.after_death().to_owned())
+                } else {
+                    trouble.filter(|_| proven.is_none())
+                },
             }
         };
-        self.bench.instruments.addressed().into_iter().map(one).collect()
+        self.bench
+            .instruments
+            .addressed()
+            .into_iter()
+            .map(one)
+            .collect()
     }
 
     /// What is known of an output whose run has died, as long as nobody has verified it.
     fn after_death(&self) -> &'static str {
-        let guarded = self.state.as_ref().is_some_and(|state| locks::holder(&state.path("guardian.lock")).is_some());
+        let guarded = self
+            .state
+            .as_ref()
+            .is_some_and(|state| locks::holder(&state.path("guardian.lock")).is_some());
         if guarded {
             "the run's process died: the guardian switches off"
         } else {
@@ -408,7 +568,9 @@ fn lives(folder: &Path, item: &Item) -> bool {
     if locks::holder(&journal).is_some() {
         return true;
     }
-    let Some(process) = &item.process else { return false };
+    let Some(process) = &item.process else {
+        return false;
+    };
     let young = clock::unix_time_s() - process.started_unix_s < BIRTH_S;
     !journal.exists() && young && process.pid > 1 && kill(Pid::from_raw(process.pid), None).is_ok()
 }
@@ -417,16 +579,27 @@ fn lives(folder: &Path, item: &Item) -> bool {
 fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Command, String> {
     let data = &server.settings.data;
     let path = data.join("logs").join(format!("{}.log", item.run));
-    let mut log =
-        File::options().create(true).append(true).mode(0o640).open(&path).map_err(|error| format!("{}: {error}", path.display()))?;
+    let mut log = File::options()
+        .create(true)
+        .append(true)
+        .mode(0o640)
+        .open(&path)
+        .map_err(|error| format!("{}: {error}", path.display()))?;
     private(&path, 0o640).map_err(|error| error.to_string())?;
     let mut command = Command::new(&server.program);
     match item.kind {
         Kind::Run => {
             let folder = data.join("submitted").join(&item.run);
-            let experiment =
-                submission::frozen(&folder).ok_or_else(|| format!("{}: expected the experiment, found none", folder.display()))?;
-            command.arg("run").arg(experiment).arg("--bench").arg(&bench.path).arg("--out").arg(server.runs().join(&item.run));
+            let experiment = submission::frozen(&folder).ok_or_else(|| {
+                format!("{}: expected the experiment, found none", folder.display())
+            })?;
+            command
+                .arg("run")
+                .arg(experiment)
+                .arg("--bench")
+                .arg(&bench.path)
+                .arg("--out")
+                .arg(server.runs().join(&item.run));
             if let Some(seed) = item.seed {
                 command.arg("--seed").arg(seed.to_string());
             }
@@ -437,33 +610,54 @@ fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Comman
         }
     }
     let errors = log.try_clone().map_err(|error| error.to_string())?;
-    command.stdin(Stdio::null()).stdout(log).stderr(errors).process_group(0).env_remove("NOTIFY_SOCKET").env_remove("WATCHDOG_USEC");
+    command
+        .stdin(Stdio::null())
+        .stdout(log)
+        .stderr(errors)
+        .process_group(0)
+        .env_remove("NOTIFY_SOCKET")
+        .env_remove("WATCHDOG_USEC");
     Ok(command)
 }
 
 /// What the processes of a run wrote.
 fn log_of(server: &Server, run: &str) -> String {
-    std::fs::read_to_string(server.settings.data.join("logs").join(format!("{run}.log"))).unwrap_or_default()
+    std::fs::read_to_string(server.settings.data.join("logs").join(format!("{run}.log")))
+        .unwrap_or_default()
 }
 
-/// What the last process of a run said last of why it ended; what those before it said is not its own.
+/// What the last process of a run said last of why it ended; what those before it said is not its
+/// own.
 fn last_word(log: &str) -> Option<String> {
-    log.lines().rev().take_while(|line| *line != RESUMED).find_map(|line| line.strip_prefix("eis-bench: ")).map(str::to_owned)
+    log.lines()
+        .rev()
+        .take_while(|line| *line != RESUMED)
+        .find_map(|line| line.strip_prefix("eis-bench: "))
+        .map(str::to_owned)
 }
 
-/// How a run ended, by its journal and by the last word of its process. One that is finished may have points that the quality gate has refused.
+/// How a run ended, by its journal and by the last word of its process. One that is finished may
+/// have points that the quality gate has refused.
 fn how_it_ended(ended: Option<&str>, word: Option<String>) -> String {
     let (ended, word) = match ended {
         Some("finished") => (ended, word.filter(|word| word.starts_with(GATE_REFUSED))),
         _ => (None, ended.map(str::to_owned).or(word)),
     };
-    word.or_else(|| ended.map(str::to_owned)).unwrap_or_else(|| "its process was killed or died".to_owned())
+    word.or_else(|| ended.map(str::to_owned))
+        .unwrap_or_else(|| "its process was killed or died".to_owned())
 }
 
 /// What the instruments of a run said of themselves.
 fn identities(run: &Path) -> Vec<Identity> {
-    let read = || serde_json::from_str::<serde_json::Value>(&std::fs::read_to_string(run.join("manifest.json")).ok()?).ok();
-    read().and_then(|manifest| serde_json::from_value(manifest["instruments"].clone()).ok()).unwrap_or_default()
+    let read = || {
+        serde_json::from_str::<serde_json::Value>(
+            &std::fs::read_to_string(run.join("manifest.json")).ok()?,
+        )
+        .ok()
+    };
+    read()
+        .and_then(|manifest| serde_json::from_value(manifest["instruments"].clone()).ok())
+        .unwrap_or_default()
 }
 
 #[cfg(test)]

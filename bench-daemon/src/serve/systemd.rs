@@ -1,4 +1,5 @@
-//! Words to systemd, over the datagram socket that it names in `NOTIFY_SOCKET` (sd_notify(3)): ready, alive, stopping. Without it nothing is said.
+//! Words to systemd, over the datagram socket that it names in `NOTIFY_SOCKET` (sd_notify(3)):
+//! ready, alive, stopping. Without it nothing is said.
 
 use std::os::{
     linux::net::SocketAddrExt,
@@ -23,10 +24,19 @@ impl Notify {
             };
             Some((UnixDatagram::unbound().ok()?, address.ok()?))
         });
-        let mine = std::env::var("WATCHDOG_PID").ok().is_none_or(|pid| pid == std::process::id().to_string());
-        let microseconds = std::env::var("WATCHDOG_USEC").ok().and_then(|text| text.parse::<f64>().ok());
+        let mine = std::env::var("WATCHDOG_PID")
+            .ok()
+            .is_none_or(|pid| pid == std::process::id().to_string());
+        let microseconds = std::env::var("WATCHDOG_USEC")
+            .ok()
+            .and_then(|text| text.parse::<f64>().ok());
         // Twice as often as it asks for.
-        Self { watchdog_s: microseconds.filter(|_| mine && to.is_some()).map(|microseconds| 0.5e-6 * microseconds), to }
+        Self {
+            watchdog_s: microseconds
+                .filter(|_| mine && to.is_some())
+                .map(|microseconds| 0.5e-6 * microseconds),
+            to,
+        }
     }
 
     /// Says something, such as `READY=1`. Nobody who does not listen is waited for.

@@ -1,5 +1,5 @@
-//! Who may do what. A token is 32 random bytes in hexadecimal, shown once; what is kept is its SHA-256 only: of that much chance nobody finds the
-//! original, so that no slow hash is needed.
+//! Who may do what. A token is 32 random bytes in hexadecimal, shown once; what is kept is its
+//! SHA-256 only: of that much chance nobody finds the original, so that no slow hash is needed.
 
 use std::{
     fs,
@@ -22,10 +22,23 @@ const PREFIX: &str = "eb_";
 const MODE: u32 = 0o600;
 
 /// What a token opens.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, clap::ValueEnum, utoipa::ToSchema)]
+#[derive(
+    Debug,
+    Clone,
+    Copy,
+    PartialEq,
+    Eq,
+    PartialOrd,
+    Ord,
+    Serialize,
+    Deserialize,
+    clap::ValueEnum,
+    utoipa::ToSchema,
+)]
 #[serde(rename_all = "kebab-case")]
 pub enum Scope {
-    /// To look. To stop no scope is needed: who sees that something goes wrong must be able to end it.
+    /// To look. To stop no scope is needed: who sees that something goes wrong must be able to end
+    /// it.
     Read,
     /// To cancel, reorder, hold and pause, and to ask the instruments who they are.
     Operate,
@@ -103,7 +116,10 @@ type Stamp = (u64, u32, u64, i64, i64);
 impl Tokens {
     /// Those of a data folder.
     pub fn of(data: &Path) -> Self {
-        Self { path: data.join(FILE), known: Mutex::default() }
+        Self {
+            path: data.join(FILE),
+            known: Mutex::default(),
+        }
     }
 
     /// All of them.
@@ -112,13 +128,23 @@ impl Tokens {
     /// A file that cannot be read or understood: then nobody is let in.
     pub fn all(&self) -> Result<Vec<Token>, TokenError> {
         let stamp = match fs::metadata(&self.path) {
-            Ok(meta) => Some((meta.ino(), meta.mode(), meta.len(), meta.mtime(), meta.mtime_nsec())),
+            Ok(meta) => Some((
+                meta.ino(),
+                meta.mode(),
+                meta.len(),
+                meta.mtime(),
+                meta.mtime_nsec(),
+            )),
             Err(error) if error.kind() == std::io::ErrorKind::NotFound => None,
             Err(error) => return Err(self.error("cannot be read", &error)),
         };
         let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
         if stamp != known.0 {
-            let tokens = if stamp.is_none() { Vec::new() } else { self.read()? };
+            let tokens = if stamp.is_none() {
+                Vec::new()
+            } else {
+                self.read()?
+            };
             *known = (stamp, tokens);
         }
         Ok(known.1.clone())
@@ -132,7 +158,10 @@ impl Tokens {
         let sha256 = hash::sha256(presented);
         // Every one is compared to its end: how long it takes tells nothing.
         let same = |token: &Token| bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes()));
-        Ok(self.all()?.into_iter().fold(None, |found, token| if same(&token) { Some(token) } else { found }))
+        Ok(self.all()?.into_iter().fold(
+            None,
+            |found, token| if same(&token) { Some(token) } else { found },
+        ))
     }
 
     /// Makes one and returns it: it is shown this once.
@@ -154,7 +183,12 @@ impl Tokens {
         let mut scopes = scopes.to_vec();
         scopes.sort();
         scopes.dedup();
-        tokens.push(Token { name: name.to_owned(), scopes, sha256: hash::sha256(&secret), made_unix_s: clock::unix_time_s() as u64 });
+        tokens.push(Token {
+            name: name.to_owned(),
+            scopes,
+            sha256: hash::sha256(&secret),
+            made_unix_s: clock::unix_time_s() as u64,
+        });
         self.write(&tokens)?;
         Ok(secret)
     }
@@ -174,28 +208,41 @@ impl Tokens {
         self.write(&tokens)
     }
 
-    /// Whoever changes the tokens is alone meanwhile: two at once would each write what the other has not seen.
+    /// Whoever changes the tokens is alone meanwhile: two at once would each write what the other
+    /// has not seen.
     fn alone(&self) -> Result<fs::File, TokenError> {
         let path = self.path.with_extension("lock");
-        let file = fs::File::options().create(true).append(true).mode(MODE).open(&path);
+        let file = fs::File::options()
+            .create(true)
+            .append(true)
+            .mode(MODE)
+            .open(&path);
         let file = file.map_err(|error| self.error("cannot be locked", &error))?;
-        file.lock().map_err(|error| self.error("cannot be locked", &error))?;
+        file.lock()
+            .map_err(|error| self.error("cannot be locked", &error))?;
         Ok(file)
     }
 
     fn read(&self) -> Result<Vec<Token>, TokenError> {
         private(&self.path, MODE).map_err(|error| self.error("are not to be trusted", &error))?;
-        let text = fs::read_to_string(&self.path).map_err(|error| self.error("cannot be read", &error))?;
+        let text =
+            fs::read_to_string(&self.path).map_err(|error| self.error("cannot be read", &error))?;
         serde_json::from_str(&text).map_err(|error| self.error("cannot be understood", &error))
     }
 
     fn write(&self, tokens: &[Token]) -> Result<(), TokenError> {
-        let text = serde_json::to_string_pretty(tokens).map_err(|error| self.error("cannot be put into JSON", &error))?;
-        write_private(&self.path, format!("{text}\n").as_bytes(), MODE).map_err(|error| self.error("cannot be written", &error))
+        let text = serde_json::to_string_pretty(tokens)
+            .map_err(|error| self.error("cannot be put into JSON", &error))?;
+        write_private(&self.path, format!("{text}\n").as_bytes(), MODE)
+            .map_err(|error| self.error("cannot be written", &error))
     }
 
     fn error(&self, what: &'static str, reason: &dyn std::fmt::Display) -> TokenError {
-        TokenError::Io { path: self.path.clone(), what, reason: reason.to_string() }
+        TokenError::Io {
+            path: self.path.clone(),
+            what,
+            reason: reason.to_string(),
+        }
     }
 }
 
@@ -210,28 +257,69 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let tokens = Tokens::of(folder.path());
         assert_eq!(tokens.all().unwrap(), []);
-        let secret = tokens.add("ann", &[Scope::Operate, Scope::Read, Scope::Read]).unwrap();
+        let secret = tokens
+            .add("ann", &[Scope::Operate, Scope::Read, Scope::Read])
+            .unwrap();
         let text = fs::read_to_string(folder.path().join(FILE)).unwrap();
-        assert!(secret.len() == 67 && !text.contains(&secret[PREFIX.len()..]) && text.contains(&hash::sha256(&secret)), "{text}");
-        assert_eq!(fs::metadata(folder.path().join(FILE)).unwrap().permissions().mode() & 0o777, 0o600);
+        assert!(
+            secret.len() == 67
+                && !text.contains(&secret[PREFIX.len()..])
+                && text.contains(&hash::sha256(&secret)),
+            "{text}"
+        );
+        assert_eq!(
+            fs::metadata(folder.path().join(FILE))
+                .unwrap()
+                .permissions()
+                .mode()
+                & 0o777,
+            0o600
+        );
         let whose = tokens.whose(&secret).unwrap().unwrap();
-        assert_eq!((whose.name.as_str(), whose.scopes.as_slice()), ("ann", &[Scope::Read, Scope::Operate][..]));
+        assert_eq!(
+            (whose.name.as_str(), whose.scopes.as_slice()),
+            ("ann", &[Scope::Read, Scope::Operate][..])
+        );
         for wrong in ["", "eb_", &secret[1..], &format!("{secret}0")] {
             assert_eq!(tokens.whose(wrong).unwrap(), None, "{wrong}");
         }
-        assert!(tokens.add("ann", &[]).unwrap_err().to_string().contains("revoke it first"));
-        assert!(tokens.add("a/b", &[]).unwrap_err().to_string().starts_with("expected a name of letters"));
+        assert!(
+            tokens
+                .add("ann", &[])
+                .unwrap_err()
+                .to_string()
+                .contains("revoke it first")
+        );
+        assert!(
+            tokens
+                .add("a/b", &[])
+                .unwrap_err()
+                .to_string()
+                .starts_with("expected a name of letters")
+        );
         // Another process takes it back.
         Tokens::of(folder.path()).revoke("ann").unwrap();
         assert_eq!(tokens.whose(&secret).unwrap(), None);
-        assert!(tokens.revoke("ann").unwrap_err().to_string().contains("which is none"));
+        assert!(
+            tokens
+                .revoke("ann")
+                .unwrap_err()
+                .to_string()
+                .contains("which is none")
+        );
     }
 
     #[test]
     fn tokens_that_cannot_be_understood_open_nothing() {
         let folder = tempfile::tempdir().unwrap();
         fs::write(folder.path().join(FILE), "[{}]").unwrap();
-        let message = Tokens::of(folder.path()).whose("x").unwrap_err().to_string();
-        assert!(message.contains("tokens.json: the tokens cannot be understood: "), "{message}");
+        let message = Tokens::of(folder.path())
+            .whose("x")
+            .unwrap_err()
+            .to_string();
+        assert!(
+            message.contains("tokens.json: the tokens cannot be understood: "),
+            "{message}"
+        );
     }
 }

@@ -1,5 +1,5 @@
-//! A run, watched from outside through its folder: the journal, the readings and the transcripts are read as they grow. The run knows nothing of it and
-//! never waits for it.
+//! A run, watched from outside through its folder: the journal, the readings and the transcripts
+//! are read as they grow. The run knows nothing of it and never waits for it.
 
 use std::{
     collections::BTreeMap,
@@ -103,7 +103,10 @@ impl Watch {
         self.inode = inode;
         // What cannot be read now is read at the next look.
         while let Some(lines) = grown(&mut self.journal) {
-            lines.iter().filter_map(|line| serde_json::from_str::<Line>(line).ok()).for_each(|line| self.entry(line));
+            lines
+                .iter()
+                .filter_map(|line| serde_json::from_str::<Line>(line).ok())
+                .for_each(|line| self.entry(line));
         }
         while let Some(lines) = grown(&mut self.readings) {
             lines.iter().for_each(|line| self.read(line));
@@ -127,17 +130,36 @@ impl Watch {
                 (self.time, self.name) = (started.time.clone(), started.experiment.clone());
                 self.experiment = begun_experiment(&self.folder, &started).ok();
                 self.plan = self.experiment.as_ref().map(procedure::plan);
-                let roles = self.experiment.iter().flat_map(|experiment| experiment.bench.instruments.addressed());
-                self.heard = roles.map(|(role, _)| (role, Heard::new(&self.folder, role))).collect();
+                let roles = self
+                    .experiment
+                    .iter()
+                    .flat_map(|experiment| experiment.bench.instruments.addressed());
+                self.heard = roles
+                    .map(|(role, _)| (role, Heard::new(&self.folder, role)))
+                    .collect();
             }
             Entry::Stage { stage } => {
                 *self.stages.entry(stage).or_default() = Stage::default();
                 self.begun.push((line.time_s, stage));
                 (self.at, self.last_text) = (Some((stage, 0, line.time_s)), String::new());
             }
-            Entry::Intent { stage, step, text, .. } => (self.at, self.last_text) = (Some((stage, step, line.time_s)), text),
-            Entry::Done { stage, step } => drop(self.stages.entry(stage).or_default().done.insert(step, false)),
-            Entry::Point(point) => drop(self.stages.entry(point.stage).or_default().done.insert(point.step, true)),
+            Entry::Intent {
+                stage, step, text, ..
+            } => (self.at, self.last_text) = (Some((stage, step, line.time_s)), text),
+            Entry::Done { stage, step } => drop(
+                self.stages
+                    .entry(stage)
+                    .or_default()
+                    .done
+                    .insert(step, false),
+            ),
+            Entry::Point(point) => drop(
+                self.stages
+                    .entry(point.stage)
+                    .or_default()
+                    .done
+                    .insert(point.step, true),
+            ),
             Entry::StageDone { stage } => self.stages.entry(stage).or_default().finished = true,
             Entry::Paused => self.paused = true,
             Entry::GoneOn => self.paused = false,
@@ -150,8 +172,16 @@ impl Watch {
     /// `time_s,phase,voltage_v,current_a,temperature_c`.
     fn read(&mut self, line: &str) {
         let mut cells = line.split(',');
-        let (Some(Ok(time_s)), Some(phase)) = (cells.next().map(str::parse::<f64>), cells.next()) else { return };
-        let mut number = || cells.next().and_then(|cell| cell.parse::<f64>().ok()).filter(|value| value.is_finite());
+        let (Some(Ok(time_s)), Some(phase)) = (cells.next().map(str::parse::<f64>), cells.next())
+        else {
+            return;
+        };
+        let mut number = || {
+            cells
+                .next()
+                .and_then(|cell| cell.parse::<f64>().ok())
+                .filter(|value| value.is_finite())
+        };
         let (voltage_v, current_a, temperature_c) = (number(), number(), number());
         let before = self.reading.take();
         let fixture = self.fixture_at(time_s).map_or("cell", fixture_name);
@@ -159,8 +189,11 @@ impl Watch {
         self.latest_s = self.latest_s.max(time_s);
         let kept_c = before.as_ref().and_then(|before| before.temperature_c);
         let (voltage_v, current_a) = match (voltage_v, current_a, &before) {
-            // Some readings are of the temperature only. What was read of another thing in the jig says nothing of this one.
-            (None, None, Some(before)) if before.fixture == fixture => (before.voltage_v, before.current_a),
+            // Some readings are of the temperature only. What was read of another thing in the jig
+            // says nothing of this one.
+            (None, None, Some(before)) if before.fixture == fixture => {
+                (before.voltage_v, before.current_a)
+            }
             _ => (voltage_v, current_a),
         };
         self.reading = Some(ReadingNow {
@@ -174,32 +207,54 @@ impl Watch {
         });
     }
 
-    /// The state of charge: from the voltage at rest, and from there on by the charge that was read. In a sweep no net charge flows, and its readings
-    /// are means over a part of a period.
-    fn count(&mut self, (time_s, phase): (f64, &str), (voltage_v, current_a): (Option<f64>, Option<f64>), before: Option<&ReadingNow>) {
-        let Some(experiment) = self.experiment.as_ref().filter(|_| self.fixture_at(time_s).is_none_or(|fixture| fixture == Fixture::Cell))
-        else {
+    /// The state of charge: from the voltage at rest, and from there on by the charge that was
+    /// read. In a sweep no net charge flows, and its readings are means over a part of a period.
+    fn count(
+        &mut self,
+        (time_s, phase): (f64, &str),
+        (voltage_v, current_a): (Option<f64>, Option<f64>),
+        before: Option<&ReadingNow>,
+    ) {
+        let Some(experiment) = self.experiment.as_ref().filter(|_| {
+            self.fixture_at(time_s)
+                .is_none_or(|fixture| fixture == Fixture::Cell)
+        }) else {
             return;
         };
-        let (Some(volts), Some(amps)) = (voltage_v, current_a) else { return };
+        let (Some(volts), Some(amps)) = (voltage_v, current_a) else {
+            return;
+        };
         let rests = matches!(phase, "rest" | "idle" | "paused") && amps.abs() < NO_CURRENT_A;
-        let found = experiment.cell.ocv.as_ref().filter(|_| rests).and_then(|curve| curve.soc_at(volts));
+        let found = experiment
+            .cell
+            .ocv
+            .as_ref()
+            .filter(|_| rests)
+            .and_then(|curve| curve.soc_at(volts));
         if let Some(share) = found {
-            self.soc = Some(Soc { share, counted_c: 0.0 });
+            self.soc = Some(Soc {
+                share,
+                counted_c: 0.0,
+            });
         } else if let (Some(soc), Some(before)) = (&mut self.soc, before)
             && phase != "sine"
             && before.phase == phase
         {
-            let moved_c = 0.5 * (amps + before.current_a.unwrap_or(amps)) * (time_s - before.time_s);
+            let moved_c =
+                0.5 * (amps + before.current_a.unwrap_or(amps)) * (time_s - before.time_s);
             soc.share += moved_c / experiment.cell.capacity_c;
             soc.counted_c += moved_c;
         }
     }
 
-    /// The last reading; `going` tells whether the run's process lives. One of an earlier process is not fresh.
+    /// The last reading; `going` tells whether the run's process lives. One of an earlier process
+    /// is not fresh.
     pub fn reading(&self, going: bool) -> Option<ReadingNow> {
         let reading = self.reading.clone()?;
-        Some(ReadingNow { fresh: going && reading.time_s >= self.process_s, ..reading })
+        Some(ReadingNow {
+            fresh: going && reading.time_s >= self.process_s,
+            ..reading
+        })
     }
 
     /// The state of charge, while the cell is in the jig.
@@ -207,9 +262,14 @@ impl Watch {
         self.soc
     }
 
-    /// What was in the jig at a bench time in s, as far as the stages tell: the journal is read before the readings, and may be ahead of them.
+    /// What was in the jig at a bench time in s, as far as the stages tell: the journal is read
+    /// before the readings, and may be ahead of them.
     fn fixture_at(&self, time_s: f64) -> Option<Fixture> {
-        let (_, stage) = self.begun.iter().rev().find(|(begun_s, _)| *begun_s <= time_s)?;
+        let (_, stage) = self
+            .begun
+            .iter()
+            .rev()
+            .find(|(begun_s, _)| *begun_s <= time_s)?;
         match self.plan.as_ref()?.stages.get(*stage)?.purpose {
             Purpose::Sweep(fixture, _) => Some(fixture),
             _ => Some(Fixture::Cell),
@@ -230,12 +290,23 @@ impl Watch {
     pub fn now(&self, run: Option<String>, going: bool) -> RunNow {
         let none = Plan { stages: Vec::new() };
         let plan = self.plan.as_ref().unwrap_or(&none);
-        let (stage_number, step_number) = self.at.map_or((0, 0), |(stage, step, _)| (stage + 1, step + 1));
+        let (stage_number, step_number) = self
+            .at
+            .map_or((0, 0), |(stage, step, _)| (stage + 1, step + 1));
         let stage = self.at.and_then(|(stage, ..)| plan.stages.get(stage));
         let steps = stage.map_or(&[][..], |stage| &stage.steps);
-        let sines = |steps: &[Step]| steps.iter().filter(|step| matches!(step, Step::Sine { .. })).count();
+        let sines = |steps: &[Step]| {
+            steps
+                .iter()
+                .filter(|step| matches!(step, Step::Sine { .. }))
+                .count()
+        };
         let point = self.at.and_then(|(_, step, _)| match steps.get(step) {
-            Some(Step::Sine { index, freq_hz, .. }) => Some(PointNow { number: index + 1, of: sines(steps), freq_hz: *freq_hz }),
+            Some(Step::Sine { index, freq_hz, .. }) => Some(PointNow {
+                number: index + 1,
+                of: sines(steps),
+                freq_hz: *freq_hz,
+            }),
             _ => None,
         });
         let (total_s, left_s) = self.left(plan);
@@ -251,10 +322,22 @@ impl Watch {
             step_number,
             steps: steps.len(),
             point,
-            points_done: self.stages.values().flat_map(|stage| stage.done.values()).filter(|point| **point).count(),
+            points_done: self
+                .stages
+                .values()
+                .flat_map(|stage| stage.done.values())
+                .filter(|point| **point)
+                .count(),
             points: plan.stages.iter().map(|stage| sines(&stage.steps)).sum(),
-            done: if total_s > 0.0 { 1.0 - left_s / total_s } else { 0.0 },
-            left_s: self.factor.filter(|_| going && total_s > 0.0).map(|factor| (left_s / factor).round()),
+            done: if total_s > 0.0 {
+                1.0 - left_s / total_s
+            } else {
+                0.0
+            },
+            left_s: self
+                .factor
+                .filter(|_| going && total_s > 0.0)
+                .map(|factor| (left_s / factor).round()),
             bench_time_s: self.latest_s,
             time: self.time.clone(),
             safe: self.safe,
@@ -272,7 +355,10 @@ impl Watch {
                 if known.is_some_and(|known| known.finished || known.done.contains_key(&index)) {
                     continue;
                 }
-                let spent_s = self.at.filter(|at| (at.0, at.1) == (number, index)).map_or(0.0, |(_, _, began_s)| self.latest_s - began_s);
+                let spent_s = self
+                    .at
+                    .filter(|at| (at.0, at.1) == (number, index))
+                    .map_or(0.0, |(_, _, began_s)| self.latest_s - began_s);
                 left_s += (expected_s - spent_s).max(0.0);
             }
         }
@@ -282,7 +368,10 @@ impl Watch {
 
 /// Whole lines that are new, where there are any.
 fn grown(file: &mut Follow) -> Option<Vec<String>> {
-    file.look().ok().map(|grown| grown.lines).filter(|lines| !lines.is_empty())
+    file.look()
+        .ok()
+        .map(|grown| grown.lines)
+        .filter(|lines| !lines.is_empty())
 }
 
 #[cfg(test)]
@@ -291,16 +380,28 @@ mod tests {
 
     /// The fake cell from 10 s on, the cell from 20 s on.
     fn changed() -> Watch {
-        let stage = |fixture, number| crate::plan::Stage { purpose: Purpose::Sweep(fixture, number), steps: Vec::new() };
-        let plan = Plan { stages: vec![stage(Fixture::FakeCell, 0), stage(Fixture::Cell, 1)] };
-        let mut watch = Watch { plan: Some(plan), ..Watch::new(Path::new("none")) };
+        let stage = |fixture, number| crate::plan::Stage {
+            purpose: Purpose::Sweep(fixture, number),
+            steps: Vec::new(),
+        };
+        let plan = Plan {
+            stages: vec![stage(Fixture::FakeCell, 0), stage(Fixture::Cell, 1)],
+        };
+        let mut watch = Watch {
+            plan: Some(plan),
+            ..Watch::new(Path::new("none"))
+        };
         tell(&mut watch, 10.0, Entry::Stage { stage: 0 });
         tell(&mut watch, 20.0, Entry::Stage { stage: 1 });
         watch
     }
 
     fn tell(watch: &mut Watch, time_s: f64, entry: Entry) {
-        watch.entry(Line { number: 1, time_s, entry });
+        watch.entry(Line {
+            number: 1,
+            time_s,
+            entry,
+        });
     }
 
     #[test]
@@ -309,20 +410,39 @@ mod tests {
         let mut read = |line: &str| {
             watch.read(line);
             let reading = watch.reading(true).unwrap();
-            (reading.fixture, reading.voltage_v, reading.current_a, reading.temperature_c)
+            (
+                reading.fixture,
+                reading.voltage_v,
+                reading.current_a,
+                reading.temperature_c,
+            )
         };
         let fake = || "fake_cell".to_owned();
         // The journal is ahead of the readings.
-        assert_eq!(read("18,sine,0.01,1.5,"), (fake(), Some(0.01), Some(1.5), None));
-        assert_eq!(read("19,sine,,,25.0"), (fake(), Some(0.01), Some(1.5), Some(25.0)));
-        assert_eq!(read("21,rest,,,25.1"), ("cell".to_owned(), None, None, Some(25.1)));
-        assert_eq!(read("22,rest,3.6,0,"), ("cell".to_owned(), Some(3.6), Some(0.0), Some(25.1)));
+        assert_eq!(
+            read("18,sine,0.01,1.5,"),
+            (fake(), Some(0.01), Some(1.5), None)
+        );
+        assert_eq!(
+            read("19,sine,,,25.0"),
+            (fake(), Some(0.01), Some(1.5), Some(25.0))
+        );
+        assert_eq!(
+            read("21,rest,,,25.1"),
+            ("cell".to_owned(), None, None, Some(25.1))
+        );
+        assert_eq!(
+            read("22,rest,3.6,0,"),
+            ("cell".to_owned(), Some(3.6), Some(0.0), Some(25.1))
+        );
     }
 
     #[test]
     fn an_end_after_safe_state_is_safe_and_another_process_makes_readings_old() {
         let mut watch = changed();
-        let ended = || Entry::Ended { how: "stopped".to_owned() };
+        let ended = || Entry::Ended {
+            how: "stopped".to_owned(),
+        };
         tell(&mut watch, 30.0, ended());
         assert!(!watch.now(None, false).safe, "nobody said that it is");
         tell(&mut watch, 31.0, Entry::Safe);
@@ -330,7 +450,13 @@ mod tests {
         assert!(watch.now(None, false).safe);
         watch.read("29,rest,3.6,0,25");
         assert!(watch.reading(true).unwrap().fresh && !watch.reading(false).unwrap().fresh);
-        tell(&mut watch, 40.0, Entry::Resumed { text: String::new() });
+        tell(
+            &mut watch,
+            40.0,
+            Entry::Resumed {
+                text: String::new(),
+            },
+        );
         assert!(!watch.reading(true).unwrap().fresh && !watch.now(None, true).safe);
         watch.read("41,rest,3.6,0,25");
         assert!(watch.reading(true).unwrap().fresh);

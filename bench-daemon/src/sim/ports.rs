@@ -36,7 +36,8 @@ impl Transport {
     ];
 }
 
-/// Puts mocks behind another transport than their addresses name: all of them (`TRANSPORT`), or one (`ROLE=TRANSPORT`).
+/// Puts mocks behind another transport than their addresses name: all of them (`TRANSPORT`), or one
+/// (`ROLE=TRANSPORT`).
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Over {
     /// Only this role.
@@ -49,12 +50,22 @@ impl FromStr for Over {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let (role, word) = text.split_once('=').map_or((None, text), |(role, word)| (Some(role.to_owned()), word));
-        let transport = Transport::WORDS.iter().find(|(known, _)| *known == word).map(|&(_, transport)| transport);
+        let (role, word) = text
+            .split_once('=')
+            .map_or((None, text), |(role, word)| (Some(role.to_owned()), word));
+        let transport = Transport::WORDS
+            .iter()
+            .find(|(known, _)| *known == word)
+            .map(|&(_, transport)| transport);
         let known = || Transport::WORDS.map(|(word, _)| word).join(", ");
         Ok(Self {
             role,
-            transport: transport.ok_or_else(|| format!("expected TRANSPORT or ROLE=TRANSPORT out of {}, found `{text}`", known()))?,
+            transport: transport.ok_or_else(|| {
+                format!(
+                    "expected TRANSPORT or ROLE=TRANSPORT out of {}, found `{text}`",
+                    known()
+                )
+            })?,
         })
     }
 }
@@ -63,47 +74,96 @@ const LOOPBACK: &str = "127.0.0.1";
 const GPIB_ADDRESS: u8 = 9;
 
 /// Serves on the loopback interface, wherever there is room.
-pub(super) async fn on_a_free_port(device: Box<dyn Device>, transport: Transport, clock: &Clock) -> io::Result<Address> {
+pub(super) async fn on_a_free_port(
+    device: Box<dyn Device>,
+    transport: Transport,
+    clock: &Clock,
+) -> io::Result<Address> {
     let (any, clock) = ((LOOPBACK, 0), clock.clone());
-    let socket = |port| Socket { host: LOOPBACK.to_owned(), port };
-    let vxi11 = |port| Address::Vxi11 { host: LOOPBACK.to_owned(), port, device: "inst0".to_owned() };
+    let socket = |port| Socket {
+        host: LOOPBACK.to_owned(),
+        port,
+    };
+    let vxi11 = |port| Address::Vxi11 {
+        host: LOOPBACK.to_owned(),
+        port,
+        device: "inst0".to_owned(),
+    };
     Ok(match transport {
         Transport::Tcp => Address::Tcp(socket(mock::serve_tcp(device, any, clock).await?.0.port())),
-        Transport::Vxi11 => vxi11(Vxi11Port::Fixed(mock::serve_vxi11(device, any, None, clock).await?.0.core.port())),
+        Transport::Vxi11 => vxi11(Vxi11Port::Fixed(
+            mock::serve_vxi11(device, any, None, clock)
+                .await?
+                .0
+                .core
+                .port(),
+        )),
         Transport::Vxi11Mapped => {
             let (ports, _task) = mock::serve_vxi11(device, any, Some(any), clock).await?;
-            vxi11(Vxi11Port::Mapped(ports.port_mapper.map_or(0, |mapper| mapper.port())))
+            vxi11(Vxi11Port::Mapped(
+                ports.port_mapper.map_or(0, |mapper| mapper.port()),
+            ))
         }
-        Transport::HiSlip => {
-            Address::HiSlip { socket: socket(mock::serve_hislip(device, any, clock).await?.0.port()), device: "hislip0".to_owned() }
-        }
+        Transport::HiSlip => Address::HiSlip {
+            socket: socket(mock::serve_hislip(device, any, clock).await?.0.port()),
+            device: "hislip0".to_owned(),
+        },
         Transport::Gpib => {
             let (bound, _task) = mock::serve_gpib(device, any, GPIB_ADDRESS, clock).await?;
-            Address::Gpib { adapter: Adapter::Tcp(socket(bound.port())), address: GPIB_ADDRESS }
+            Address::Gpib {
+                adapter: Adapter::Tcp(socket(bound.port())),
+                address: GPIB_ADDRESS,
+            }
         }
-        Transport::Serial => Address::Serial(SerialSettings::new(&mock::serve_pty(device, clock)?.0)),
+        Transport::Serial => {
+            Address::Serial(SerialSettings::new(&mock::serve_pty(device, clock)?.0))
+        }
     })
 }
 
 /// Serves where the address says; a serial port becomes a pseudo terminal with the same settings.
-pub(super) async fn at(device: Box<dyn Device>, address: &Address, clock: &Clock) -> io::Result<Address> {
+pub(super) async fn at(
+    device: Box<dyn Device>,
+    address: &Address,
+    clock: &Clock,
+) -> io::Result<Address> {
     let clock = clock.clone();
     let text = |host: &str, port: u16| format!("{host}:{port}");
     let mut address = address.clone();
     match &mut address {
         Address::Tcp(socket) => drop(mock::serve_tcp(device, socket.to_string(), clock).await?),
-        Address::Vxi11 { host, port: Vxi11Port::Fixed(port), .. } => drop(mock::serve_vxi11(device, text(host, *port), None, clock).await?),
-        Address::Vxi11 { host, port: Vxi11Port::Mapped(mapper), .. } => {
+        Address::Vxi11 {
+            host,
+            port: Vxi11Port::Fixed(port),
+            ..
+        } => drop(mock::serve_vxi11(device, text(host, *port), None, clock).await?),
+        Address::Vxi11 {
+            host,
+            port: Vxi11Port::Mapped(mapper),
+            ..
+        } => {
             drop(mock::serve_vxi11(device, text(host, 0), Some(text(host, *mapper)), clock).await?);
         }
-        Address::HiSlip { socket, .. } => drop(mock::serve_hislip(device, socket.to_string(), clock).await?),
-        Address::Gpib { adapter: Adapter::Tcp(socket), address } => {
+        Address::HiSlip { socket, .. } => {
+            drop(mock::serve_hislip(device, socket.to_string(), clock).await?)
+        }
+        Address::Gpib {
+            adapter: Adapter::Tcp(socket),
+            address,
+        } => {
             drop(mock::serve_gpib(device, socket.to_string(), *address, clock).await?);
         }
-        Address::Gpib { adapter: Adapter::Serial(settings), address } => settings.path = mock::serve_gpib_pty(device, *address, clock)?.0,
+        Address::Gpib {
+            adapter: Adapter::Serial(settings),
+            address,
+        } => settings.path = mock::serve_gpib_pty(device, *address, clock)?.0,
         Address::Serial(settings) => settings.path = mock::serve_pty(device, clock)?.0,
         Address::UsbTmc { path } => drop(mock::serve_usbtmc(device, Path::new(path), clock)?),
-        Address::Memory { .. } => return Err(io::Error::other("expected a port, found a name in this process")),
+        Address::Memory { .. } => {
+            return Err(io::Error::other(
+                "expected a port, found a name in this process",
+            ));
+        }
     }
     Ok(address)
 }

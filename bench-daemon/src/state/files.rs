@@ -45,7 +45,8 @@ pub struct OpenRun {
     pub(super) places: Vec<PathBuf>,
 }
 
-/// A run that died together with its guardian, and after which every output was read back as off by somebody else.
+/// A run that died together with its guardian, and after which every output was read back as off by
+/// somebody else.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Settled {
     /// Its folder.
@@ -70,18 +71,31 @@ pub(super) fn make(folder: &Path) -> Result<(), StateError> {
 }
 
 pub(super) fn open(path: &Path) -> Result<File, StateError> {
-    let opened = OpenOptions::new().create(true).truncate(false).read(true).write(true).open(path);
+    let opened = OpenOptions::new()
+        .create(true)
+        .truncate(false)
+        .read(true)
+        .write(true)
+        .open(path);
     opened.map_err(io(path, "cannot be written"))
 }
 
 pub(super) fn named_holder(path: &Path) -> Holder {
     let text = fs::read_to_string(path).unwrap_or_default();
-    let unknown = |_| Holder { pid: 0, began: None, run: PathBuf::new(), bench: "it".to_owned(), file: PathBuf::new() };
+    let unknown = |_| Holder {
+        pid: 0,
+        began: None,
+        run: PathBuf::new(),
+        bench: "it".to_owned(),
+        file: PathBuf::new(),
+    };
     serde_json::from_str(&text).unwrap_or_else(unknown)
 }
 
 /// A file of JSON; none where there is no file.
-pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<Option<Result<T, serde_json::Error>>, StateError> {
+pub(super) fn read<T: DeserializeOwned>(
+    path: &Path,
+) -> Result<Option<Result<T, serde_json::Error>>, StateError> {
     match fs::read_to_string(path) {
         Ok(text) => Ok(Some(serde_json::from_str(&text))),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(None),
@@ -90,16 +104,21 @@ pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<Option<Result<T, 
 }
 
 pub(super) fn json<T: Serialize>(path: &Path, value: &T) -> Result<(), StateError> {
-    let mut text = serde_json::to_string_pretty(value).map_err(|error| io(path, "cannot be put into JSON")(error.into()))?;
+    let mut text = serde_json::to_string_pretty(value)
+        .map_err(|error| io(path, "cannot be put into JSON")(error.into()))?;
     text.push('\n');
-    write_atomically(path, text.as_bytes()).map_err(|error| io(path, "cannot be written")(std::io::Error::other(with_causes(&error))))
+    write_atomically(path, text.as_bytes())
+        .map_err(|error| io(path, "cannot be written")(std::io::Error::other(with_causes(&error))))
 }
 
-/// Removes a file that may be gone already. Its name is gone from the disk only when its folder is written.
+/// Removes a file that may be gone already. Its name is gone from the disk only when its folder is
+/// written.
 pub(super) fn remove(folder: &Path, name: &str) -> Result<(), StateError> {
     let path = folder.join(name);
     match fs::remove_file(&path) {
-        Ok(()) => File::open(folder).and_then(|folder| folder.sync_all()).map_err(io(folder, "cannot be written")),
+        Ok(()) => File::open(folder)
+            .and_then(|folder| folder.sync_all())
+            .map_err(io(folder, "cannot be written")),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(()),
         Err(source) => Err(io(&path, "cannot be removed")(source)),
     }

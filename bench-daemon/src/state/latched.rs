@@ -38,7 +38,9 @@ impl std::fmt::Display for Latched {
         if let Some(step) = self.step.as_ref().filter(|step| !step.is_empty()) {
             write!(f, " in step \"{step}\"")?;
         }
-        self.run.as_ref().map_or(Ok(()), |run| write!(f, " of {}", run.display()))
+        self.run
+            .as_ref()
+            .map_or(Ok(()), |run| write!(f, " of {}", run.display()))
     }
 }
 
@@ -63,9 +65,22 @@ impl Latched {
     pub fn of_trip(by: &str, trip: &Trip) -> Self {
         let latched = Self::new(by, &format!("interlock: {trip}"));
         match trip {
-            Trip::Caused { trip, .. } => Self { cause: latched.cause, ..Self::of_trip(by, trip) },
-            Trip::Chiller { time_s, .. } => Self { bench_time_s: Some(*time_s), ..latched },
-            Trip::Limit { what, value, unit, least, greatest, time_s } => {
+            Trip::Caused { trip, .. } => Self {
+                cause: latched.cause,
+                ..Self::of_trip(by, trip)
+            },
+            Trip::Chiller { time_s, .. } => Self {
+                bench_time_s: Some(*time_s),
+                ..latched
+            },
+            Trip::Limit {
+                what,
+                value,
+                unit,
+                least,
+                greatest,
+                time_s,
+            } => {
                 let finite = |value: f64| Some(value).filter(|value| value.is_finite());
                 Self {
                     quantity: Some((*what).to_owned()),
@@ -82,6 +97,10 @@ impl Latched {
     /// The same in a run and a step.
     #[must_use]
     pub fn during(self, run: &Path, step: &str) -> Self {
-        Self { run: Some(run.to_owned()), step: Some(step.to_owned()), ..self }
+        Self {
+            run: Some(run.to_owned()),
+            step: Some(step.to_owned()),
+            ..self
+        }
     }
 }

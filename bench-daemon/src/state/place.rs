@@ -1,8 +1,10 @@
-//! Where the state of an instrument is kept: in a folder that follows from its address alone, whatever bench file names it. Two bench files that share
-//! an instrument share that folder, and with it lock and latch.
+//! Where the state of an instrument is kept: in a folder that follows from its address alone,
+//! whatever bench file names it. Two bench files that share an instrument share that folder, and
+//! with it lock and latch.
 //!
-//! Instruments behind one GPIB adapter share its folder: an adapter takes one connection. An instrument on the network is one, be it reached by VXI-11, HiSLIP or the raw socket that goes with them; one that is reached over LAN and over
-//! USB is two to this program.
+//! Instruments behind one GPIB adapter share its folder: an adapter takes one connection. An
+//! instrument on the network is one, be it reached by VXI-11, HiSLIP or the raw socket that goes
+//! with them; one that is reached over LAN and over USB is two to this program.
 
 use std::{
     fs,
@@ -15,29 +17,48 @@ use instruments::transport::{Adapter, Address, Socket, Vxi11Port};
 use super::StateError;
 use crate::{config, hash, loopback::is_loopback};
 
-/// Names the folder of all instruments; several accounts that run the same bench name one that all may write.
+/// Names the folder of all instruments; several accounts that run the same bench name one that all
+/// may write.
 pub const VARIABLE: &str = "EIS_BENCH_STATE";
 
 /// The folders of a bench's instruments, sorted, each once.
 ///
-/// Mocks on this machine are no more than their bench file says: their ports are given to others when they have ended, and so their folders lie
-/// with the rest of the bench's state.
+/// Mocks on this machine are no more than their bench file says: their ports are given to others
+/// when they have ended, and so their folders lie with the rest of the bench's state.
 ///
 /// # Errors
 /// [`StateError::Nowhere`].
 pub(super) fn places(bench: &config::Bench) -> Result<Vec<PathBuf>, StateError> {
-    let root = if bench.is_mocked() { bench.state_folder.clone() } else { root()? }.join("instruments");
+    let root = if bench.is_mocked() {
+        bench.state_folder.clone()
+    } else {
+        root()?
+    }
+    .join("instruments");
     let addressed = bench.instruments.addressed();
-    let mut places: Vec<PathBuf> =
-        addressed.iter().flat_map(|(_, instrument)| keys(&instrument.address)).map(|key| root.join(folder(&key))).collect();
+    let mut places: Vec<PathBuf> = addressed
+        .iter()
+        .flat_map(|(_, instrument)| keys(&instrument.address))
+        .map(|key| root.join(folder(&key)))
+        .collect();
     places.sort_unstable();
     places.dedup();
     Ok(places)
 }
 
 fn root() -> Result<PathBuf, StateError> {
-    let variable = |name: &str| std::env::var_os(name).filter(|value| !value.is_empty()).map(PathBuf::from);
-    let own = || Some(variable("XDG_STATE_HOME").or_else(|| Some(variable("HOME")?.join(".local/state")))?.join("eis-bench"));
+    let variable = |name: &str| {
+        std::env::var_os(name)
+            .filter(|value| !value.is_empty())
+            .map(PathBuf::from)
+    };
+    let own = || {
+        Some(
+            variable("XDG_STATE_HOME")
+                .or_else(|| Some(variable("HOME")?.join(".local/state")))?
+                .join("eis-bench"),
+        )
+    };
     variable(VARIABLE).or_else(own).ok_or(StateError::Nowhere)
 }
 
@@ -50,11 +71,13 @@ pub(crate) fn meet(one: &Address, other: &Address) -> bool {
     keys(other).iter().any(|key| known.contains(key))
 }
 
-/// What an address means: the name as it is typed, and what it stands for at present. One in common is enough.
+/// What an address means: the name as it is typed, and what it stands for at present. One in common
+/// is enough.
 fn keys(address: &Address) -> Vec<String> {
     match address {
         Address::Tcp(socket) => tcp(socket),
-        // A device that is reached by its name on the network is one instrument, at whichever port; a raw socket may be one of many of a port server.
+        // A device that is reached by its name on the network is one instrument, at whichever port;
+        // a raw socket may be one of many of a port server.
         Address::Vxi11 { host, port, .. } => {
             let port = match port {
                 Vxi11Port::Mapped(port) | Vxi11Port::Fixed(port) => *port,
@@ -64,7 +87,8 @@ fn keys(address: &Address) -> Vec<String> {
         Address::HiSlip { socket, .. } => named(&socket.host, socket.port),
         Address::Serial(settings) => file("serial", &settings.path),
         Address::UsbTmc { path } => file("usbtmc", path),
-        // It speaks to one address at a time, and to the one that was set last: whoever has one of its instruments has it whole.
+        // It speaks to one address at a time, and to the one that was set last: whoever has one of
+        // its instruments has it whole.
         Address::Gpib { adapter, .. } => match adapter {
             Adapter::Tcp(socket) => tcp(socket),
             Adapter::Serial(settings) => file("serial", &settings.path),
@@ -74,17 +98,26 @@ fn keys(address: &Address) -> Vec<String> {
 }
 
 fn tcp(Socket { host, port }: &Socket) -> Vec<String> {
-    hosts(host, *port).into_iter().map(|host| format!("tcp {host} {port}")).collect()
+    hosts(host, *port)
+        .into_iter()
+        .map(|host| format!("tcp {host} {port}"))
+        .collect()
 }
 
 /// Mocks share the loopback address, where the port is what tells them apart.
 fn named(host: &str, port: u16) -> Vec<String> {
     let hosts = hosts(host, port);
     if hosts.iter().any(|host| host == HERE) {
-        return tcp(&Socket { host: host.to_owned(), port });
+        return tcp(&Socket {
+            host: host.to_owned(),
+            port,
+        });
     }
-    let raw = hosts.iter().flat_map(|host| RAW_PORTS.map(|port| format!("tcp {host} {port}")));
-    raw.chain(hosts.iter().map(|host| format!("lan {host}"))).collect()
+    let raw = hosts
+        .iter()
+        .flat_map(|host| RAW_PORTS.map(|port| format!("tcp {host} {port}")));
+    raw.chain(hosts.iter().map(|host| format!("lan {host}")))
+        .collect()
 }
 
 const HERE: &str = "localhost";
@@ -94,23 +127,46 @@ fn hosts(host: &str, port: u16) -> Vec<String> {
     let host = host.trim_matches(['[', ']', '.']).to_ascii_lowercase();
     let found = match host.parse::<IpAddr>() {
         Ok(ip) => vec![ip],
-        Err(_) => (host.as_str(), port).to_socket_addrs().map_or_else(|_| Vec::new(), |found| found.map(|at| at.ip()).collect()),
+        Err(_) => (host.as_str(), port)
+            .to_socket_addrs()
+            .map_or_else(|_| Vec::new(), |found| found.map(|at| at.ip()).collect()),
     };
     let here = found.iter().copied().any(is_loopback);
-    let numbers = found.iter().map(|ip| if here { HERE.to_owned() } else { ip.to_canonical().to_string() });
+    let numbers = found.iter().map(|ip| {
+        if here {
+            HERE.to_owned()
+        } else {
+            ip.to_canonical().to_string()
+        }
+    });
     let name = host.parse::<IpAddr>().is_err().then(|| host.clone());
     numbers.chain(name).collect()
 }
 
-/// A name below /dev/serial stays when the cable is plugged in elsewhere, and stands for one that does not.
+/// A name below /dev/serial stays when the cable is plugged in elsewhere, and stands for one that
+/// does not.
 fn file(kind: &str, path: &str) -> Vec<String> {
-    let stands_for = fs::canonicalize(path).ok().map(|path| path.display().to_string());
-    std::iter::once(path.to_owned()).chain(stands_for).map(|path| format!("{kind} {path}")).collect()
+    let stands_for = fs::canonicalize(path)
+        .ok()
+        .map(|path| path.display().to_string());
+    std::iter::once(path.to_owned())
+        .chain(stands_for)
+        .map(|path| format!("{kind} {path}"))
+        .collect()
 }
 
 /// A name that a person recognises and that no other key has.
 fn folder(key: &str) -> String {
-    let plain: String = key.chars().map(|c| if c.is_ascii_alphanumeric() || matches!(c, '.' | '-') { c } else { '_' }).collect();
+    let plain: String = key
+        .chars()
+        .map(|c| {
+            if c.is_ascii_alphanumeric() || matches!(c, '.' | '-') {
+                c
+            } else {
+                '_'
+            }
+        })
+        .collect();
     format!("{plain}-{}", hash::sha256(key).get(..8).unwrap_or_default())
 }
 
@@ -134,12 +190,20 @@ mod tests {
             ("tcp://10.1.2.3:5025", "vxi11:10.1.2.3/inst0"),
             ("vxi11:10.1.2.3:4711/inst0", "vxi11:10.1.2.3/inst0"),
             ("hislip:10.1.2.3/hislip0", "vxi11:10.1.2.3/inst0"),
-            ("gpib:serial:/dev/ttyUSB0/6?baud=9600", "gpib:serial:/dev/ttyUSB0/6"),
+            (
+                "gpib:serial:/dev/ttyUSB0/6?baud=9600",
+                "gpib:serial:/dev/ttyUSB0/6",
+            ),
             ("gpib:tcp:10.1.2.3:1234/6", "gpib:tcp:10.1.2.3:1234/7"),
             ("gpib:tcp:localhost:1234/6", "gpib:tcp:127.0.0.1:1234/7"),
             ("gpib:serial:/dev/ttyUSB0/6", "gpib:serial:/dev/ttyUSB0/7"),
         ] {
-            assert!(meet(&one.parse().unwrap(), &other.parse().unwrap()), "{:?} {:?}", of(one), of(other));
+            assert!(
+                meet(&one.parse().unwrap(), &other.parse().unwrap()),
+                "{:?} {:?}",
+                of(one),
+                of(other)
+            );
         }
         for (one, other) in [
             ("tcp://10.1.2.3:5025", "tcp://10.1.2.3:5026"),
@@ -148,7 +212,10 @@ mod tests {
             ("vxi11:127.0.0.1:4711/inst0", "vxi11:127.0.0.1:4712/inst0"),
             ("gpib:tcp:10.1.2.3:1234/6", "gpib:tcp:10.1.2.4:1234/6"),
         ] {
-            assert!(!meet(&one.parse().unwrap(), &other.parse().unwrap()), "{one} {other}");
+            assert!(
+                !meet(&one.parse().unwrap(), &other.parse().unwrap()),
+                "{one} {other}"
+            );
         }
     }
 
@@ -159,6 +226,11 @@ mod tests {
         fs::write(&device, "").unwrap();
         std::os::unix::fs::symlink(&device, &link).unwrap();
         let key = |path: &std::path::Path| of(&format!("serial:{}", path.display()));
-        assert!(key(&link).iter().any(|name| key(&device).contains(name)), "{:?} {:?}", key(&link), key(&device));
+        assert!(
+            key(&link).iter().any(|name| key(&device).contains(name)),
+            "{:?} {:?}",
+            key(&link),
+            key(&device)
+        );
     }
 }

@@ -5,7 +5,8 @@ pub fn pid() -> i32 {
     nix::unistd::Pid::this().as_raw()
 }
 
-/// When a process began, in ticks since the machine did: a number that was given to another process tells another time. None for one that is gone.
+/// When a process began, in ticks since the machine did: a number that was given to another process
+/// tells another time. None for one that is gone.
 pub fn began(pid: i32) -> Option<u64> {
     field(pid, 19)?.parse().ok()
 }
@@ -18,13 +19,20 @@ pub fn is_stopped(pid: i32) -> bool {
 /// A field behind the name of the program, which is in parentheses and may hold anything.
 fn field(pid: i32, number: usize) -> Option<String> {
     let text = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
-    text.rsplit_once(')')?.1.split_whitespace().nth(number).map(str::to_owned)
+    text.rsplit_once(')')?
+        .1
+        .split_whitespace()
+        .nth(number)
+        .map(str::to_owned)
 }
 
 /// The person at the machine, by the name of their account.
 pub fn who() -> String {
     let uid = nix::unistd::Uid::current();
-    nix::unistd::User::from_uid(uid).ok().flatten().map_or_else(|| format!("uid {uid}"), |user| user.name)
+    nix::unistd::User::from_uid(uid)
+        .ok()
+        .flatten()
+        .map_or_else(|| format!("uid {uid}"), |user| user.name)
 }
 
 #[cfg(test)]

@@ -2,40 +2,80 @@ use super::*;
 use crate::interlock::Trip;
 
 fn state(folder: &Path) -> State {
-    State { folder: folder.to_owned(), bench: "b".to_owned(), file: "b.toml".into(), places: vec![folder.to_owned()] }
+    State {
+        folder: folder.to_owned(),
+        bench: "b".to_owned(),
+        file: "b.toml".into(),
+        places: vec![folder.to_owned()],
+    }
 }
 
 /// Benches with a folder of their own each, whose instruments have the folders of these names.
 fn sharing(root: &Path, benches: [(&str, &[&str]); 3]) -> [State; 3] {
     benches.map(|(name, instruments)| {
         let folder = root.join(name);
-        let mut places: Vec<PathBuf> = instruments.iter().map(|instrument| root.join(instrument)).chain([folder.clone()]).collect();
+        let mut places: Vec<PathBuf> = instruments
+            .iter()
+            .map(|instrument| root.join(instrument))
+            .chain([folder.clone()])
+            .collect();
         places.sort_unstable();
-        places.iter().for_each(|place| fs::create_dir_all(place).unwrap());
-        State { folder, bench: name.to_owned(), file: root.join(name).with_extension("toml"), places }
+        places
+            .iter()
+            .for_each(|place| fs::create_dir_all(place).unwrap());
+        State {
+            folder,
+            bench: name.to_owned(),
+            file: root.join(name).with_extension("toml"),
+            places,
+        }
     })
 }
 
 #[test]
 fn benches_that_share_an_instrument_exclude_each_other_and_see_each_others_latch() {
     let root = tempfile::tempdir().unwrap();
-    let [one, two, apart] = sharing(root.path(), [("one", &["scope", "load"]), ("two", &["load", "supply"]), ("apart", &["other"])]);
+    let [one, two, apart] = sharing(
+        root.path(),
+        [
+            ("one", &["scope", "load"]),
+            ("two", &["load", "supply"]),
+            ("apart", &["other"]),
+        ],
+    );
     let lock = one.lock(Path::new("runs/a")).unwrap();
-    let words = format!("process {} runs one ({}), which shares an instrument with two, for runs/a", pid(), one.file.display());
-    for refused in [two.lock(Path::new("runs/b")).unwrap_err(), two.refuse_busy().unwrap_err()] {
-        assert_eq!(refused.to_string(), format!("expected a bench that nobody runs: {words}"));
+    let words = format!(
+        "process {} runs one ({}), which shares an instrument with two, for runs/a",
+        pid(),
+        one.file.display()
+    );
+    for refused in [
+        two.lock(Path::new("runs/b")).unwrap_err(),
+        two.refuse_busy().unwrap_err(),
+    ] {
+        assert_eq!(
+            refused.to_string(),
+            format!("expected a bench that nobody runs: {words}")
+        );
     }
     apart.lock(Path::new("runs/c")).unwrap();
     drop(lock);
     // Who was refused half-way has let go of what it had.
     one.lock(Path::new("runs/a")).unwrap();
     let guardian = two.lock_guardian().unwrap();
-    assert!(guardian.is_some() && one.lock_guardian().unwrap().is_none() && apart.lock_guardian().unwrap().is_some());
+    assert!(
+        guardian.is_some()
+            && one.lock_guardian().unwrap().is_none()
+            && apart.lock_guardian().unwrap().is_some()
+    );
 
     let cause = Latched::new("daemon", "too warm");
     one.latch(&cause).unwrap();
     let refused = two.refuse_latched().unwrap_err().to_string();
-    let words = format!("two, for it shares an instrument with {}, which is latched: too warm. Look at ", one.file.display());
+    let words = format!(
+        "two, for it shares an instrument with {}, which is latched: too warm. Look at ",
+        one.file.display()
+    );
     assert!(refused.starts_with(&words), "{refused}");
     apart.refuse_latched().unwrap();
     // Whichever of them is cleared, the cause is gone for both.
@@ -47,20 +87,40 @@ fn benches_that_share_an_instrument_exclude_each_other_and_see_each_others_latch
 #[test]
 fn a_run_stays_open_for_all_that_share_an_instrument_until_it_is_settled() {
     let root = tempfile::tempdir().unwrap();
-    let [one, two, apart] = sharing(root.path(), [("one", &["scope", "load"]), ("two", &["load", "supply"]), ("apart", &["other"])]);
+    let [one, two, apart] = sharing(
+        root.path(),
+        [
+            ("one", &["scope", "load"]),
+            ("two", &["load", "supply"]),
+            ("apart", &["other"]),
+        ],
+    );
     one.begin(Path::new("runs/a")).unwrap();
     let open = two.open_run().unwrap().unwrap();
     assert_eq!(
-        (open.holder.run.as_path(), open.holder.file.as_path(), open.holder.lives()),
+        (
+            open.holder.run.as_path(),
+            open.holder.file.as_path(),
+            open.holder.lives()
+        ),
         (Path::new("runs/a"), one.file.as_path(), true)
     );
     assert!(apart.open_run().unwrap().is_none());
-    two.latch_with(&Latched::new("daemon", "left on"), &open).unwrap();
+    two.latch_with(&Latched::new("daemon", "left on"), &open)
+        .unwrap();
     two.settle(&open).unwrap();
     assert!(one.open_run().unwrap().is_none() && two.open_run().unwrap().is_none());
-    assert!(one.refuse_latched().unwrap_err().to_string().contains("left on"));
+    assert!(
+        one.refuse_latched()
+            .unwrap_err()
+            .to_string()
+            .contains("left on")
+    );
     fs::write(one.places[0].join(OPEN), "{").unwrap();
-    assert!(!one.open_run().unwrap().unwrap().holder.lives(), "what cannot be understood is an open run too");
+    assert!(
+        !one.open_run().unwrap().unwrap().holder.lives(),
+        "what cannot be understood is an open run too"
+    );
 }
 
 #[test]
@@ -69,10 +129,21 @@ fn a_torn_last_line_of_the_history_stays_a_line_of_its_own() {
     let state = state(folder.path());
     let line = serde_json::json!({ "what": "latched" });
     state.remember(&line).unwrap();
-    fs::write(state.path(HISTORY), fs::read_to_string(state.path(HISTORY)).unwrap() + "{\"what\":\"cle").unwrap();
+    fs::write(
+        state.path(HISTORY),
+        fs::read_to_string(state.path(HISTORY)).unwrap() + "{\"what\":\"cle",
+    )
+    .unwrap();
     state.remember(&line).unwrap();
     let text = fs::read_to_string(state.path(HISTORY)).unwrap();
-    assert_eq!(text.lines().collect::<Vec<_>>(), ["{\"what\":\"latched\"}", "{\"what\":\"cle", "{\"what\":\"latched\"}"]);
+    assert_eq!(
+        text.lines().collect::<Vec<_>>(),
+        [
+            "{\"what\":\"latched\"}",
+            "{\"what\":\"cle",
+            "{\"what\":\"latched\"}"
+        ]
+    );
 }
 
 #[test]
@@ -82,9 +153,18 @@ fn one_process_runs_a_bench_and_the_next_is_told_which() {
     assert_eq!(state.holder().unwrap(), None);
     let lock = state.lock(Path::new("runs/a")).unwrap();
     let holder = state.holder().unwrap().unwrap();
-    assert_eq!((holder.pid, holder.run.as_path(), holder.lives()), (pid(), Path::new("runs/a"), true));
+    assert_eq!(
+        (holder.pid, holder.run.as_path(), holder.lives()),
+        (pid(), Path::new("runs/a"), true)
+    );
     let refused = state.lock(Path::new("runs/b")).unwrap_err().to_string();
-    assert_eq!(refused, format!("expected a bench that nobody runs: process {} runs b for runs/a", pid()));
+    assert_eq!(
+        refused,
+        format!(
+            "expected a bench that nobody runs: process {} runs b for runs/a",
+            pid()
+        )
+    );
     drop(lock);
     state.lock(Path::new("runs/b")).unwrap();
 }
@@ -93,21 +173,35 @@ fn one_process_runs_a_bench_and_the_next_is_told_which() {
 fn the_first_cause_stays_until_a_person_clears_it_and_all_are_remembered() {
     let folder = tempfile::tempdir().unwrap();
     let state = state(folder.path());
-    let trip = Trip::Limit { what: "cell voltage", value: 4.3, unit: "V", least: 2.5, greatest: 4.2, time_s: 12.0 };
+    let trip = Trip::Limit {
+        what: "cell voltage",
+        value: 4.3,
+        unit: "V",
+        least: 2.5,
+        greatest: 4.2,
+        time_s: 12.0,
+    };
     let first = Latched::of_trip("daemon", &trip).during(Path::new("runs/a"), "charge");
     state.latch(&first).unwrap();
     state.latch(&Latched::new("guardian", "later")).unwrap();
     assert_eq!(state.latched().unwrap().as_ref(), Some(&first));
     let refused = state.refuse_latched().unwrap_err().to_string();
-    let words = "b is latched: interlock: cell voltage 4.3000 V left its limits (2.5 V to 4.2 V) at 12.0 s in step \"charge\" of runs/a. \
+    let words = "b is latched: interlock: cell voltage 4.3000 V left its limits (2.5 V to 4.2 V) \
+    at 12.0 s in step \"charge\" of runs/a. \
                  Look at the bench and the cell, then `eis-bench clear b.toml`";
     assert_eq!(refused, words);
     state.clear(&first, None).unwrap();
     state.refuse_latched().unwrap();
     let history = fs::read_to_string(state.path(HISTORY)).unwrap();
-    let whats: Vec<_> = history.lines().map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["what"].clone()).collect();
+    let whats: Vec<_> = history
+        .lines()
+        .map(|line| serde_json::from_str::<serde_json::Value>(line).unwrap()["what"].clone())
+        .collect();
     assert_eq!(whats, ["latched", "latched", "cleared"]);
-    assert!(history.contains(&format!("\"who\":\"{}\"", process::who())), "{history}");
+    assert!(
+        history.contains(&format!("\"who\":\"{}\"", process::who())),
+        "{history}"
+    );
 }
 
 #[test]
@@ -125,12 +219,22 @@ fn a_latch_that_cannot_be_understood_is_a_latch() {
     let folder = tempfile::tempdir().unwrap();
     let state = state(folder.path());
     fs::write(state.path(TRIP), "{\"cause\":").unwrap();
-    assert!(state.refuse_latched().unwrap_err().to_string().contains("cannot be understood"));
+    assert!(
+        state
+            .refuse_latched()
+            .unwrap_err()
+            .to_string()
+            .contains("cannot be understood")
+    );
 }
 
 #[test]
 fn a_folder_that_cannot_be_written_is_named() {
     let state = state(Path::new("/proc/no-such-folder"));
     let message = state.lock(Path::new("r")).unwrap_err().to_string();
-    assert!(message.starts_with("/proc/no-such-folder/lock: the state of the bench cannot be written: "), "{message}");
+    assert!(
+        message
+            .starts_with("/proc/no-such-folder/lock: the state of the bench cannot be written: "),
+        "{message}"
+    );
 }

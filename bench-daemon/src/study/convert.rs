@@ -2,7 +2,10 @@
 
 use analysis::{
     augmented::Between,
-    diagnosis::{BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord},
+    diagnosis::{
+        BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
+        TimeRecord,
+    },
     effects::Below,
     fit::{Bounds, FitOptions, Objective, fit_erm},
     ocv::OcvCurve,
@@ -51,7 +54,10 @@ pub fn run(run: &hidden::Run) -> Run {
         hidden::Fixture::FakeCell { ohm } => Fixture::FakeCell(ohm),
     };
     let data = match &run.data {
-        hidden::RunData::Eis { points, amplitude_a } => {
+        hidden::RunData::Eis {
+            points,
+            amplitude_a,
+        } => {
             let mut points: Vec<SweepPoint> = points
                 .iter()
                 .map(|(freq_hz, re, im)| SweepPoint {
@@ -62,9 +68,19 @@ pub fn run(run: &hidden::Run) -> Run {
                 })
                 .collect();
             points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
-            RunData::Eis(Sweep { bias_a: 0.0, below: Below::default(), elapsed_s: Vec::new(), points })
+            RunData::Eis(Sweep {
+                bias_a: 0.0,
+                below: Below::default(),
+                elapsed_s: Vec::new(),
+                points,
+            })
         }
-        hidden::RunData::Time { time_s, current_a, voltage_v, temperature_c } => {
+        hidden::RunData::Time {
+            time_s,
+            current_a,
+            voltage_v,
+            temperature_c,
+        } => {
             let series = TimeSeries {
                 name: run.name.clone(),
                 time_s: time_s.clone(),
@@ -85,7 +101,11 @@ pub fn run(run: &hidden::Run) -> Run {
     Run {
         name: run.name.clone(),
         fixture,
-        role: if run.held_out { Role::HeldOut } else { Role::Train },
+        role: if run.held_out {
+            Role::HeldOut
+        } else {
+            Role::Train
+        },
         repeat_group: run.repeat_group.clone(),
         order: run.order as u32,
         start_s: run.start_s,
@@ -95,20 +115,49 @@ pub fn run(run: &hidden::Run) -> Run {
     }
 }
 
-/// The model that a user would have: an ERM fitted to the training sweeps, with the curve of the cell's data sheet.
+/// The model that a user would have: an ERM fitted to the training sweeps, with the curve of the
+/// cell's data sheet.
 pub fn model(set: &DataSet, base: &hidden::TrueBase) -> anyhow::Result<BaseModel> {
     let (soc, ocv_v) = base.ocv.iter().copied().unzip();
     let ocv = OcvCurve::monotone(base.capacity_ah, soc, ocv_v)?;
-    let spectra: Vec<Spectrum> = set.runs.iter().filter(|r| r.role == Role::Train).filter_map(spectrum).collect();
-    let options = FitOptions { rc: base.branches.len(), objective: Objective::Complex, bounds: Bounds::for_spectra(&spectra), seed: 1 };
+    let spectra: Vec<Spectrum> = set
+        .runs
+        .iter()
+        .filter(|r| r.role == Role::Train)
+        .filter_map(spectrum)
+        .collect();
+    let options = FitOptions {
+        rc: base.branches.len(),
+        objective: Objective::Complex,
+        bounds: Bounds::for_spectra(&spectra),
+        seed: 1,
+    };
     let fit = fit_erm(&spectra, &options).context("fit of the training sweeps")?;
-    Ok(BaseModel { name: "model".to_owned(), erm: fit.erm, ocv })
+    Ok(BaseModel {
+        name: "model".to_owned(),
+        erm: fit.erm,
+        ocv,
+    })
 }
 
 fn spectrum(run: &Run) -> Option<Spectrum> {
-    let RunData::Eis(sweep) = &run.data else { return None };
-    let covariance = Covariance2 { re_re: f64::NAN, re_im: f64::NAN, im_im: f64::NAN };
-    let point =
-        |p: &SweepPoint| ImpedancePoint { freq_hz: p.freq_hz, z_ohm: p.z_ohm, covariance, amplitude_a: p.amplitude_a.unwrap_or(f64::NAN) };
-    Some(Spectrum { name: run.name.clone(), points: sweep.points.iter().map(point).collect(), ..Spectrum::default() })
+    let RunData::Eis(sweep) = &run.data else {
+        return None;
+    };
+    let covariance = Covariance2 {
+        re_re: f64::NAN,
+        re_im: f64::NAN,
+        im_im: f64::NAN,
+    };
+    let point = |p: &SweepPoint| ImpedancePoint {
+        freq_hz: p.freq_hz,
+        z_ohm: p.z_ohm,
+        covariance,
+        amplitude_a: p.amplitude_a.unwrap_or(f64::NAN),
+    };
+    Some(Spectrum {
+        name: run.name.clone(),
+        points: sweep.points.iter().map(point).collect(),
+        ..Spectrum::default()
+    })
 }

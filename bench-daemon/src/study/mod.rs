@@ -1,6 +1,8 @@
-//! The blind study of the discrepancy workflow: hidden effects from `fixtures`, diagnosed without labels, scored.
+//! The blind study of the discrepancy workflow: hidden effects from `fixtures`, diagnosed without
+//! labels, scored.
 //!
-//! The labels stay in [`trial`]; the diagnosis gets runs, the bench's history and a model, nothing else.
+//! The labels stay in [`trial`]; the diagnosis gets runs, the bench's history and a model, nothing
+//! else.
 
 pub mod convert;
 pub mod names;

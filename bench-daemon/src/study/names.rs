@@ -38,9 +38,16 @@ pub fn catalogue_name(kind: Kind) -> Option<&'static str> {
     })
 }
 
-/// The strength of the catalogue's effect (its first parameter, in its unit) that a hidden effect has; none for what is outside of the catalogue.
+/// The strength of the catalogue's effect (its first parameter, in its unit) that a hidden effect
+/// has; none for what is outside of the catalogue.
 pub fn true_strength(effect: &LabelledEffect) -> Option<f64> {
-    let of = |name: &str| effect.parameters.iter().find(|p| p.name == name).map(|p| p.value);
+    let of = |name: &str| {
+        effect
+            .parameters
+            .iter()
+            .find(|p| p.name == name)
+            .map(|p| p.value)
+    };
     let first = effect.parameters.first().map(|p| p.value)?;
     catalogue_name(effect.kind)?;
     Some(match effect.kind {

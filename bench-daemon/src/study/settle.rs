@@ -1,28 +1,51 @@
-//! Plays the recommended experiments of a diagnosis on the same hidden truth, one after the other, and diagnoses again after each.
+//! Plays the recommended experiments of a diagnosis on the same hidden truth, one after the other,
+//! and diagnoses again after each.
 
-use analysis::diagnosis::{BaseModel, BenchLimits, DataSet, DiagnosisOptions, Fixture, Outcome, Planned, PlannedRun, Verdict, gate};
+use analysis::diagnosis::{
+    BaseModel, BenchLimits, DataSet, DiagnosisOptions, Fixture, Outcome, Planned, PlannedRun,
+    Verdict, gate,
+};
 use fixtures::hidden::{self, Case, PlanKind, RunPlan, Spec, Trace};
 
 use super::convert;
 
-/// What a user would state of the simulated bench: the currents of its campaign, and ten times its highest frequency.
-const LIMITS: BenchLimits = BenchLimits { discharge_a: 100.0, charge_a: 40.0, highest_hz: 3000.0, shunt_ohm: None };
+/// What a user would state of the simulated bench: the currents of its campaign, and ten times its
+/// highest frequency.
+const LIMITS: BenchLimits = BenchLimits {
+    discharge_a: 100.0,
+    charge_a: 40.0,
+    highest_hz: 3000.0,
+    shunt_ohm: None,
+};
 
 /// The options of every diagnosis of the study.
 pub fn options() -> DiagnosisOptions {
-    DiagnosisOptions { limits: Some(LIMITS), ..DiagnosisOptions::default() }
+    DiagnosisOptions {
+        limits: Some(LIMITS),
+        ..DiagnosisOptions::default()
+    }
 }
 
-/// The diagnoses after each recommended experiment, until one is neither ambiguous nor unexplained, nothing is recommended, or `most` were played.
+/// The diagnoses after each recommended experiment, until one is neither ambiguous nor unexplained,
+/// nothing is recommended, or `most` were played.
 ///
 /// # Errors
 /// A set that cannot be used.
-pub fn settle(spec: &Spec, (set, most): (&DataSet, usize), model: &BaseModel, outcome: &Outcome) -> anyhow::Result<Vec<Outcome>> {
+pub fn settle(
+    spec: &Spec,
+    (set, most): (&DataSet, usize),
+    model: &BaseModel,
+    outcome: &Outcome,
+) -> anyhow::Result<Vec<Outcome>> {
     let mut more = set.clone();
     let mut after: Vec<Outcome> = Vec::new();
     while after.len() < most {
         let last = after.last().unwrap_or(outcome);
-        if !matches!(last.diagnosis.verdict, Verdict::Ambiguous | Verdict::Unexplained) || last.next_runs.is_empty() {
+        if !matches!(
+            last.diagnosis.verdict,
+            Verdict::Ambiguous | Verdict::Unexplained
+        ) || last.next_runs.is_empty()
+        {
             break;
         }
         measure(spec, &last.next_runs, &mut more);
@@ -36,7 +59,10 @@ pub fn settle(spec: &Spec, (set, most): (&DataSet, usize), model: &BaseModel, ou
 /// # Errors
 /// A set that cannot be used.
 pub fn placebo(spec: &Spec, runs: &[PlannedRun]) -> anyhow::Result<Outcome> {
-    let spec = Spec { hidden: Vec::new(), ..spec.clone() };
+    let spec = Spec {
+        hidden: Vec::new(),
+        ..spec.clone()
+    };
     let case = Case::new(&spec);
     let mut set = convert::data_set(&case);
     let model = convert::model(&set, &case.base)?;
@@ -47,7 +73,9 @@ pub fn placebo(spec: &Spec, runs: &[PlannedRun]) -> anyhow::Result<Outcome> {
 /// Adds planned runs, all their repeats measured, to a set.
 fn measure(spec: &Spec, runs: &[PlannedRun], set: &mut DataSet) {
     for run in runs {
-        set.runs.extend((0..run.repeat).map(|nth| convert::run(&hidden::follow_up(spec, &plan(run, nth)))));
+        set.runs.extend(
+            (0..run.repeat).map(|nth| convert::run(&hidden::follow_up(spec, &plan(run, nth)))),
+        );
     }
 }
 
@@ -61,9 +89,13 @@ fn plan(run: &PlannedRun, nth: usize) -> RunPlan {
     let kind = match &run.what {
         Planned::Trace(segments) => PlanKind::Time(Trace::of_segments(segments)),
         // Sweeps begin at the greatest frequency.
-        Planned::Eis { freq_hz, amplitude_a } => {
-            PlanKind::Eis { freq_hz: freq_hz.iter().rev().copied().collect(), amplitude_a: *amplitude_a }
-        }
+        Planned::Eis {
+            freq_hz,
+            amplitude_a,
+        } => PlanKind::Eis {
+            freq_hz: freq_hz.iter().rev().copied().collect(),
+            amplitude_a: *amplitude_a,
+        },
     };
     RunPlan {
         name: format!("{}_{}", run.name, run.order as usize + nth),

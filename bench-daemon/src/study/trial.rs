@@ -18,7 +18,8 @@ pub enum End {
     None,
     /// Exactly what was hidden.
     Right,
-    /// Ambiguous, and what was hidden is among the effects that it names; of what no catalogue has, that it may be something else.
+    /// Ambiguous, and what was hidden is among the effects that it names; of what no catalogue has,
+    /// that it may be something else.
     Twin,
     /// What was hidden and more.
     Extra,
@@ -59,7 +60,8 @@ pub struct Score {
     pub closed: Option<f64>,
     /// The strength of every effect that was rightly named, against its true value.
     pub parameters: Vec<ParameterScore>,
-    /// The most significant blocks of the base's residual: dimension, part, χ² against its expectation.
+    /// The most significant blocks of the base's residual: dimension, part, χ² against its
+    /// expectation.
     pub places: Vec<String>,
     /// The candidates of the first round: name, Lagrange score, penalised gain, why not.
     pub ranking: Vec<String>,
@@ -128,34 +130,53 @@ pub fn stratum_name(stratum: Stratum) -> &'static str {
     }
 }
 
-/// Plays one specification, with so many at most of the experiments that an ambiguous end recommends.
+/// Plays one specification, with so many at most of the experiments that an ambiguous end
+/// recommends.
 ///
 /// # Errors
 /// A data set that cannot be used although nothing was damaged, or a model that cannot be fitted.
 pub fn play(stratum: Stratum, spec: &Spec, follow_ups: usize) -> anyhow::Result<Score> {
     let case = Case::new(spec);
     let set = convert::data_set(&case);
-    let (outcome, model) =
-        match convert::model(&set, &case.base).and_then(|m| Ok((gate::diagnose_gated(&set, Vec::new(), &m, &options())?, m))) {
-            Ok(done) => done,
-            Err(e) if spec.corruption.is_some() => {
-                tracing::debug!("refused: {e:#}");
-                return Ok(score(stratum, &case, None, (None, None)));
-            }
-            Err(e) => return Err(e),
-        };
-    let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() { strength(spec, &case).ok() } else { None };
+    let (outcome, model) = match convert::model(&set, &case.base)
+        .and_then(|m| Ok((gate::diagnose_gated(&set, Vec::new(), &m, &options())?, m)))
+    {
+        Ok(done) => done,
+        Err(e) if spec.corruption.is_some() => {
+            tracing::debug!("refused: {e:#}");
+            return Ok(score(stratum, &case, None, (None, None)));
+        }
+        Err(e) => return Err(e),
+    };
+    let lambda = if spec.corruption.is_none() && !spec.hidden.is_empty() {
+        strength(spec, &case).ok()
+    } else {
+        None
+    };
     let closed = closed(&case, &set, &model, &outcome);
     let (mut asked, mut nothing) = (Vec::new(), None);
     if outcome.diagnosis.verdict == Verdict::Ambiguous {
         let after = settle(spec, (&set, follow_ups), &model, &outcome)?;
         let before = std::iter::once(&outcome).chain(&after);
-        asked.extend(before.zip(&after).filter_map(|(before, after)| recommended(&Truth::of(&case), before, after)));
+        asked.extend(
+            before
+                .zip(&after)
+                .filter_map(|(before, after)| recommended(&Truth::of(&case), before, after)),
+        );
         if !after.is_empty() {
-            nothing = Some(end(Some(placebo(spec, &outcome.next_runs)?.diagnosis.verdict), &Truth::default(), &[], &[]));
+            nothing = Some(end(
+                Some(placebo(spec, &outcome.next_runs)?.diagnosis.verdict),
+                &Truth::default(),
+                &[],
+                &[],
+            ));
         }
     }
-    Ok(Score { recommended: asked, placebo: nothing, ..score(stratum, &case, Some(&outcome), (lambda, closed)) })
+    Ok(Score {
+        recommended: asked,
+        placebo: nothing,
+        ..score(stratum, &case, Some(&outcome), (lambda, closed))
+    })
 }
 
 /// How the recommended run ends it.
@@ -169,10 +190,17 @@ fn recommended(truth: &Truth, before: &Outcome, after: &Outcome) -> Option<Recom
         duration_min: next.duration_min,
         settles: next.settles,
         settled: end(Some(d.verdict), truth, &named, &rivals),
-        named: d.effects.iter().map(|e| (e.name, e.evidence.lambda)).collect(),
+        named: d
+            .effects
+            .iter()
+            .map(|e| (e.name, e.evidence.lambda))
+            .collect(),
         rivals: d.rivals.iter().map(|r| (r.name, r.score_gap)).collect(),
         inseparable: d.inseparable.clone(),
-        notes: std::iter::once(&d.summary).chain(&d.notes).cloned().collect(),
+        notes: std::iter::once(&d.summary)
+            .chain(&d.notes)
+            .cloned()
+            .collect(),
     })
 }
 
@@ -196,8 +224,16 @@ struct Truth {
 
 impl Truth {
     fn of(case: &Case) -> Self {
-        let names: Vec<&'static str> = case.label.effects.iter().filter_map(|e| catalogue_name(e.kind)).collect();
-        Self { outside: names.len() < case.label.effects.len(), names }
+        let names: Vec<&'static str> = case
+            .label
+            .effects
+            .iter()
+            .filter_map(|e| catalogue_name(e.kind))
+            .collect();
+        Self {
+            outside: names.len() < case.label.effects.len(),
+            names,
+        }
     }
 }
 
@@ -206,18 +242,34 @@ fn sum_square(gaps: &[Gap], pick: fn(&Gap) -> f64) -> f64 {
 }
 
 /// (base² − augmented²)/(base² − oracle²) over the held-out records.
-fn closed(case: &Case, set: &analysis::diagnosis::DataSet, model: &analysis::diagnosis::BaseModel, outcome: &Outcome) -> Option<f64> {
+fn closed(
+    case: &Case,
+    set: &analysis::diagnosis::DataSet,
+    model: &analysis::diagnosis::BaseModel,
+    outcome: &Outcome,
+) -> Option<f64> {
     let Truth { names, outside } = Truth::of(case);
     if names.is_empty() || outside {
         return None;
     }
     let (_, best) = yardstick::oracle(set, model, &names).ok()?;
-    let (base, left) = (sum_square(&best, |g| g.base_mv), sum_square(&best, |g| g.augmented_mv));
+    let (base, left) = (
+        sum_square(&best, |g| g.base_mv),
+        sum_square(&best, |g| g.augmented_mv),
+    );
     let ours = sum_square(&outcome.diagnosis.gap, |g| g.augmented_mv);
     (base - left > 0.02 * base).then(|| (base - ours) / (base - left))
 }
 
-fn end(verdict: Option<Verdict>, Truth { names: truth, outside }: &Truth, named: &[&str], rivals: &[&str]) -> End {
+fn end(
+    verdict: Option<Verdict>,
+    Truth {
+        names: truth,
+        outside,
+    }: &Truth,
+    named: &[&str],
+    rivals: &[&str],
+) -> End {
     let among = |t: &&str| named.contains(t) || rivals.contains(t);
     let only_true = named.iter().all(|n| truth.contains(n));
     match verdict {
@@ -226,10 +278,18 @@ fn end(verdict: Option<Verdict>, Truth { names: truth, outside }: &Truth, named:
         Some(Verdict::Unexplained) => End::Unexplained,
         Some(Verdict::Explained) if only_true && named.len() == truth.len() => End::Right,
         Some(Verdict::Explained) if only_true => End::Part,
-        Some(Verdict::Explained) if truth.iter().all(|t| named.contains(t)) && !truth.is_empty() => End::Extra,
+        Some(Verdict::Explained)
+            if truth.iter().all(|t| named.contains(t)) && !truth.is_empty() =>
+        {
+            End::Extra
+        }
         Some(Verdict::Explained) => End::Wrong,
         Some(Verdict::Ambiguous) if !truth.is_empty() && truth.iter().all(&among) => End::Twin,
-        Some(Verdict::Ambiguous) if *outside && rivals.iter().any(|r| analysis::effects::find(r).is_none()) => End::Twin,
+        Some(Verdict::Ambiguous)
+            if *outside && rivals.iter().any(|r| analysis::effects::find(r).is_none()) =>
+        {
+            End::Twin
+        }
         Some(Verdict::Ambiguous) if truth.iter().any(among) => End::Part,
         Some(Verdict::Ambiguous) => End::Misled,
     }
@@ -238,49 +298,104 @@ fn end(verdict: Option<Verdict>, Truth { names: truth, outside }: &Truth, named:
 /// How the strength of a named effect compares with the truth.
 fn parameter(effect: &LabelledEffect, d: &Diagnosis) -> Option<ParameterScore> {
     let name = catalogue_name(effect.kind)?;
-    let fitted = d.effects.iter().find(|e| e.name == name)?.parameters.first()?;
+    let fitted = d
+        .effects
+        .iter()
+        .find(|e| e.name == name)?
+        .parameters
+        .first()?;
     let truth = true_strength(effect)?;
     let covered = fitted.interval.0 <= truth && truth <= fitted.interval.1;
-    Some(ParameterScore { name: format!("{name}.{}", fitted.name), truth, value: fitted.value, sigma: fitted.sigma, covered })
+    Some(ParameterScore {
+        name: format!("{name}.{}", fitted.name),
+        truth,
+        value: fitted.value,
+        sigma: fitted.sigma,
+        covered,
+    })
 }
 
 fn candidate(c: &Candidate) -> String {
-    format!("{}: Lagrange {:.1}, score {:.1}, {}", c.name, c.lagrange, c.score.unwrap_or(f64::NAN), c.refused_because)
+    format!(
+        "{}: Lagrange {:.1}, score {:.1}, {}",
+        c.name,
+        c.lagrange,
+        c.score.unwrap_or(f64::NAN),
+        c.refused_because
+    )
 }
 
 fn place(b: &Block) -> String {
-    format!("{}, {}: χ² {:.0} of {:.0}, mean {:.1} σ, p {:.1e}", b.dimension, b.part, b.chi2, b.expected_chi2, b.mean_z, b.p_value)
+    format!(
+        "{}, {}: χ² {:.0} of {:.0}, mean {:.1} σ, p {:.1e}",
+        b.dimension, b.part, b.chi2, b.expected_chi2, b.mean_z, b.p_value
+    )
 }
 
-fn score(stratum: Stratum, case: &Case, outcome: Option<&Outcome>, (lambda, closed): (Option<f64>, Option<f64>)) -> Score {
+fn score(
+    stratum: Stratum,
+    case: &Case,
+    outcome: Option<&Outcome>,
+    (lambda, closed): (Option<f64>, Option<f64>),
+) -> Score {
     let truth = Truth::of(case);
     let d = outcome.map(|o| &o.diagnosis);
-    let named: Vec<&'static str> = d.map_or(Vec::new(), |d| d.effects.iter().map(|e| e.name).collect());
-    let rivals: Vec<&'static str> = d.map_or(Vec::new(), |d| d.rivals.iter().map(|r| r.name).collect());
+    let named: Vec<&'static str> =
+        d.map_or(Vec::new(), |d| d.effects.iter().map(|e| e.name).collect());
+    let rivals: Vec<&'static str> =
+        d.map_or(Vec::new(), |d| d.rivals.iter().map(|r| r.name).collect());
     Score {
         stratum: stratum_name(stratum),
-        hidden: case.label.effects.iter().map(|e| e.kind.name()).chain(case.label.corruption.map(|c| c.name())).collect(),
+        hidden: case
+            .label
+            .effects
+            .iter()
+            .map(|e| e.kind.name())
+            .chain(case.label.corruption.map(|c| c.name()))
+            .collect(),
         strengths: case.label.effects.iter().map(|e| e.strength).collect(),
         lambda,
         end: end(d.map(|d| d.verdict), &truth, &named, &rivals),
         verdict: d.map_or(Verdict::Invalid, |d| d.verdict),
         named,
         rivals,
-        fit_z: d.map_or((f64::NAN, f64::NAN), |d| (d.quality.base_z, d.quality.augmented_z)),
+        fit_z: d.map_or((f64::NAN, f64::NAN), |d| {
+            (d.quality.base_z, d.quality.augmented_z)
+        }),
         closed,
-        parameters: case.label.effects.iter().filter_map(|e| parameter(e, d?)).collect(),
+        parameters: case
+            .label
+            .effects
+            .iter()
+            .filter_map(|e| parameter(e, d?))
+            .collect(),
         places: d.map_or(Vec::new(), |d| d.blocks.iter().take(5).map(place).collect()),
-        ranking: d.map_or(Vec::new(), |d| d.ranking.iter().take(6).map(candidate).collect()),
-        notes: d.map_or(Vec::new(), |d| std::iter::once(&d.summary).chain(&d.notes).cloned().collect()),
-        lambdas: d.map_or(Vec::new(), |d| d.effects.iter().map(|e| e.evidence.lambda).collect()),
-        gaps: d.map_or(Vec::new(), |d| d.rivals.iter().map(|r| (r.name, r.score_gap, r.discriminability)).collect()),
+        ranking: d.map_or(Vec::new(), |d| {
+            d.ranking.iter().take(6).map(candidate).collect()
+        }),
+        notes: d.map_or(Vec::new(), |d| {
+            std::iter::once(&d.summary)
+                .chain(&d.notes)
+                .cloned()
+                .collect()
+        }),
+        lambdas: d.map_or(Vec::new(), |d| {
+            d.effects.iter().map(|e| e.evidence.lambda).collect()
+        }),
+        gaps: d.map_or(Vec::new(), |d| {
+            d.rivals
+                .iter()
+                .map(|r| (r.name, r.score_gap, r.discriminability))
+                .collect()
+        }),
         inseparable: d.map_or(Vec::new(), |d| d.inseparable.clone()),
         recommended: Vec::new(),
         placebo: None,
     }
 }
 
-/// The strength of a kind at which λ is about as wanted, by a secant in logarithms: λ grows with some power of the strength.
+/// The strength of a kind at which λ is about as wanted, by a secant in logarithms: λ grows with
+/// some power of the strength.
 ///
 /// # Errors
 /// As [`strength`].
@@ -293,7 +408,9 @@ pub fn strength_for(seed: u64, kind: EffectKind, lambda: f64) -> anyhow::Result<
         if (met / lambda).ln().abs() < 0.15 {
             break;
         }
-        let power = before.map_or(2.0, |(s, l)| ((met / l).ln() / (at / s).ln()).clamp(0.5, 6.0));
+        let power = before.map_or(2.0, |(s, l)| {
+            ((met / l).ln() / (at / s).ln()).clamp(0.5, 6.0)
+        });
         before = Some((at, met));
         let next = (at * ((lambda / met).ln() / power).exp().clamp(1e-3, 20.0)).clamp(1e-7, 3.0);
         if (next / at).ln().abs() < 1e-3 {

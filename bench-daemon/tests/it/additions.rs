@@ -5,24 +5,49 @@ use std::{path::Path, process::Command};
 use serde_json::{Value, json};
 
 fn eis_bench(folder: &Path, arguments: &[&str]) -> (bool, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_eis-bench")).current_dir(folder).args(arguments).output().unwrap();
-    let text = if output.status.success() { output.stdout } else { output.stderr };
-    (output.status.success(), String::from_utf8_lossy(&text).into_owned())
+    let output = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .current_dir(folder)
+        .args(arguments)
+        .output()
+        .unwrap();
+    let text = if output.status.success() {
+        output.stdout
+    } else {
+        output.stderr
+    };
+    (
+        output.status.success(),
+        String::from_utf8_lossy(&text).into_owned(),
+    )
 }
 
-/// The thesis' 1-RC model with an OCV curve, once as it is and once with a warming cell and a current channel that reads too little.
+/// The thesis' 1-RC model with an OCV curve, once as it is and once with a warming cell and a
+/// current channel that reads too little.
 fn models() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let sweeps = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
-    let fit = ["fit", sweeps.to_str().unwrap(), "--pool", "--rc", "1", "--objective", "sum-abs", "--out", "."];
+    let sweeps =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let fit = [
+        "fit",
+        sweeps.to_str().unwrap(),
+        "--pool",
+        "--rc",
+        "1",
+        "--objective",
+        "sum-abs",
+        "--out",
+        ".",
+    ];
     let (fitted, text) = eis_bench(folder.path(), &fit);
     assert!(fitted, "{text}");
-    let mut model: Value = serde_json::from_str(&std::fs::read_to_string(folder.path().join("model_1rc.json")).unwrap()).unwrap();
+    let mut model: Value = serde_json::from_str(
+        &std::fs::read_to_string(folder.path().join("model_1rc.json")).unwrap(),
+    )
+    .unwrap();
     model["ocv"] = json!({ "capacity_ah": 4.5, "soc": [0.0, 1.0], "ocv_v": [3.0, 4.2], "slope_v": [1.2, 1.2] });
     std::fs::write(folder.path().join("plain.json"), model.to_string()).unwrap();
     let addition = |name: &str, title: &str, group: &str, parameters: Value| {
-        let evidence =
-            json!({ "text": "a test", "lambda": 100.0, "score": 90.0, "held_out_gap_before_v": null, "held_out_gap_after_v": null });
+        let evidence = json!({ "text": "a test", "lambda": 100.0, "score": 90.0, "held_out_gap_before_v": null, "held_out_gap_after_v": null });
         json!({ "name": name, "title": title, "group": group, "parameters": parameters, "evidence": evidence, "data_set": "d", "added_by": "a" })
     };
     let parameter = |name: &str, value: f64, unit: &str| json!({ "name": name, "value": value, "sigma": null, "unit": unit });
@@ -31,13 +56,25 @@ fn models() -> tempfile::TempDir {
         "lowest_hz": 0.1, "highest_hz": 300.0, "longest_s": 60.0, "shortest_s": 0.1, "greatest_a": 40.0, "widest_soc": 0.1, "soc": 0.5,
         "temperature_c": 25.0, "orders": 0.0, "span_s": 0.0
     });
-    let heat = json!([parameter("g_per_j", 2e-4, "1/J"), parameter("tau_s", 600.0, "s")]);
+    let heat = json!([
+        parameter("g_per_j", 2e-4, "1/J"),
+        parameter("tau_s", 600.0, "s")
+    ]);
     model["additions"] = json!([
         addition("self_heating", "Joule self-heating", "cell", heat),
-        addition("current_gain", "gain error", "bench", json!([parameter("gain", 0.02, "")])),
+        addition(
+            "current_gain",
+            "gain error",
+            "bench",
+            json!([parameter("gain", 0.02, "")])
+        ),
     ]);
     std::fs::write(folder.path().join("warm.json"), model.to_string()).unwrap();
-    std::fs::write(folder.path().join("pulse.csv"), "time_s,current_a\n0,30\n60,0\n61,0\n").unwrap();
+    std::fs::write(
+        folder.path().join("pulse.csv"),
+        "time_s,current_a\n0,30\n60,0\n61,0\n",
+    )
+    .unwrap();
     folder
 }
 
@@ -46,24 +83,66 @@ fn commands_honour_additions_or_say_that_they_do_not() {
     let folder = models();
     let run = |arguments: &[&str]| eis_bench(folder.path(), arguments);
     let lowest_v = |model: &str| {
-        let (done, text) = run(&["simulate", "--model", model, "--profile", "pulse.csv", "--soc", "0.6", "--json"]);
+        let (done, text) = run(&[
+            "simulate",
+            "--model",
+            model,
+            "--profile",
+            "pulse.csv",
+            "--soc",
+            "0.6",
+            "--json",
+        ]);
         assert!(done, "{text}");
         let found: Value = serde_json::from_str(&text).unwrap();
-        (found["min_ccv_v"].as_f64().unwrap(), found["notes"].to_string())
+        (
+            found["min_ccv_v"].as_f64().unwrap(),
+            found["notes"].to_string(),
+        )
     };
     let ((plain_v, _), (warm_v, notes)) = (lowest_v("plain.json"), lowest_v("warm.json"));
     assert!(warm_v > plain_v + 1e-3, "{warm_v} V against {plain_v} V");
-    assert!(notes.contains("additions to the fitted model: Joule self-heating"), "{notes}");
-    assert!(notes.contains("left out, because the bench did it and not the cell: gain error"), "{notes}");
-    let (done, text) = run(&["sop", "--model", "warm.json", "--soc", "0.5", "--duration-s", "5"]);
-    assert!(done && text.contains("additions to the fitted model"), "{text}");
+    assert!(
+        notes.contains("additions to the fitted model: Joule self-heating"),
+        "{notes}"
+    );
+    assert!(
+        notes.contains("left out, because the bench did it and not the cell: gain error"),
+        "{notes}"
+    );
+    let (done, text) = run(&[
+        "sop",
+        "--model",
+        "warm.json",
+        "--soc",
+        "0.5",
+        "--duration-s",
+        "5",
+    ]);
+    assert!(
+        done && text.contains("additions to the fitted model"),
+        "{text}"
+    );
     let refused: [(&[&str], &str); 2] = [
         (
             &["sop", "--model", "warm.json", "--ocv-v", "3.6"],
             "expected a state of charge on the model's OCV curve, met a model with self_heating",
         ),
         (
-            &["pack", "simulate", "--model", "warm.json", "--profile", "pulse.csv", "--series", "2", "--parallel", "2", "--soc", "0.6"],
+            &[
+                "pack",
+                "simulate",
+                "--model",
+                "warm.json",
+                "--profile",
+                "pulse.csv",
+                "--series",
+                "2",
+                "--parallel",
+                "2",
+                "--soc",
+                "0.6",
+            ],
             "--model: expected additions that linear branches stand for, found self_heating",
         ),
     ];
@@ -82,13 +161,44 @@ fn a_typed_model_holds_additions_as_a_model_file_does() {
     let typed = json!({ "r_ohm": erm["r_ohm"], "branches": erm["branches"], "ocv": ocv, "additions": additions, "facts": facts });
     std::fs::write(folder.path().join("typed.json"), typed.to_string()).unwrap();
     let lowest_v = |model: &str| {
-        let (done, text) = eis_bench(folder.path(), &["simulate", "--model", model, "--profile", "pulse.csv", "--soc", "0.6", "--json"]);
+        let (done, text) = eis_bench(
+            folder.path(),
+            &[
+                "simulate",
+                "--model",
+                model,
+                "--profile",
+                "pulse.csv",
+                "--soc",
+                "0.6",
+                "--json",
+            ],
+        );
         assert!(done, "{text}");
-        serde_json::from_str::<Value>(&text).unwrap()["min_ccv_v"].as_f64().unwrap()
+        serde_json::from_str::<Value>(&text).unwrap()["min_ccv_v"]
+            .as_f64()
+            .unwrap()
     };
     assert_eq!(lowest_v("typed.json"), lowest_v("warm.json"));
     let lacking = json!({ "r_ohm": erm["r_ohm"], "branches": erm["branches"], "additions": additions, "facts": facts });
     std::fs::write(folder.path().join("lacking.json"), lacking.to_string()).unwrap();
-    let (done, text) = eis_bench(folder.path(), &["simulate", "--model", "lacking.json", "--profile", "pulse.csv", "--ocv-v", "3.7"]);
-    assert!(!done && text.contains("additions: expected beside them ocv, the OCV curve of the model, met none"), "{text}");
+    let (done, text) = eis_bench(
+        folder.path(),
+        &[
+            "simulate",
+            "--model",
+            "lacking.json",
+            "--profile",
+            "pulse.csv",
+            "--ocv-v",
+            "3.7",
+        ],
+    );
+    assert!(
+        !done
+            && text.contains(
+                "additions: expected beside them ocv, the OCV curve of the model, met none"
+            ),
+        "{text}"
+    );
 }

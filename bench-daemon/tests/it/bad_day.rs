@@ -1,7 +1,9 @@
-//! Seeded faults around every instrument of a bench during a short sweep: whatever goes wrong, the run ends finished or with a named cause, the outputs are
-//! off, the cell was never harmed, and no wrong impedance passes without a remark.
+//! Seeded faults around every instrument of a bench during a short sweep: whatever goes wrong, the
+//! run ends finished or with a named cause, the outputs are off, the cell was never harmed, and no
+//! wrong impedance passes without a remark.
 //!
-//! `EIS_BENCH_BAD_DAYS=10000` plays so many schedules instead of continuous integration's share, `EIS_BENCH_BAD_DAYS=5000..10000` those of these seeds.
+//! `EIS_BENCH_BAD_DAYS=10000` plays so many schedules instead of continuous integration's share,
+//! `EIS_BENCH_BAD_DAYS=5000..10000` those of these seeds.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -11,7 +13,8 @@ use instruments::mock::{Fault, Happened, Schedule};
 
 use crate::support::{Files, truth};
 
-/// Longest that a short sweep may take with all its repetitions and attempts to switch off, bench s.
+/// Longest that a short sweep may take with all its repetitions and attempts to switch off, bench
+/// s.
 const BOUND_S: f64 = 3600.0;
 /// How far a point may be off the truth, Ω/Ω: the bench's own uncertainty is a thousandth.
 const OFF: f64 = 0.01;
@@ -21,7 +24,10 @@ const NOTHING_A: f64 = 0.1;
 
 /// What keeps a bench from being verified.
 fn lies_about_its_output(fault: Fault) -> bool {
-    matches!(fault, Fault::StuckOutput | Fault::FrozenMeter | Fault::Lagging)
+    matches!(
+        fault,
+        Fault::StuckOutput | Fault::FrozenMeter | Fault::Lagging
+    )
 }
 
 /// How one day ended.
@@ -36,7 +42,13 @@ struct Day {
 fn day(experiment: &Experiment, folder: &Path, seed: u64) -> Day {
     let mut experiment = experiment.clone();
     let faults = Fault::ALL.into_iter().chain(Fault::LIES).collect();
-    let schedule = Schedule { seed, per_message: 2e-3, most: 3, faults, ..Schedule::default() };
+    let schedule = Schedule {
+        seed,
+        per_message: 2e-3,
+        most: 3,
+        faults,
+        ..Schedule::default()
+    };
     if let Some(simulation) = &mut experiment.bench.simulation {
         simulation.faults = Some(schedule);
     }
@@ -50,13 +62,22 @@ fn day(experiment: &Experiment, folder: &Path, seed: u64) -> Day {
             let points = &finished.measured.spectrum.points;
             for (point, truth) in points.iter().zip(truth(simulation.world(), points)) {
                 let off = (point.z_ohm / truth - 1.0).norm();
-                if off > OFF && !finished.summary.contains(&format!("{:.4} Hz", point.freq_hz)) {
-                    wrong.push(format!("{} Hz off by {off:.4} without a remark", point.freq_hz));
+                if off > OFF
+                    && !finished
+                        .summary
+                        .contains(&format!("{:.4} Hz", point.freq_hz))
+                {
+                    wrong.push(format!(
+                        "{} Hz off by {off:.4} without a remark",
+                        point.freq_hz
+                    ));
                 }
             }
             ("finished", String::new())
         }
-        Err(failure) if failure.to_string().starts_with("LOOK AT THE BENCH: ") => ("unsafe", failure.to_string()),
+        Err(failure) if failure.to_string().starts_with("LOOK AT THE BENCH: ") => {
+            ("unsafe", failure.to_string())
+        }
         Err(failure) => ("stopped", failure.to_string()),
     };
     if ended == "stopped" && text.len() < 20 {
@@ -64,23 +85,41 @@ fn day(experiment: &Experiment, folder: &Path, seed: u64) -> Day {
     }
     let world = simulation.world().lock().unwrap();
     let left_a = world.truth_current_a();
-    let lies = simulation.happened().iter().any(|happened| lies_about_its_output(happened.fault));
+    let lies = simulation
+        .happened()
+        .iter()
+        .any(|happened| lies_about_its_output(happened.fault));
     // What somebody drives before the run has begun is not the run's: it has changed nothing.
     let refused = text.starts_with("expected every output off at the beginning")
-        && simulation.happened().iter().any(|happened| happened.fault == Fault::SecondClient);
-    // An output that does not go off, or a meter that stands still, cannot be verified: it carries nothing all the same.
+        && simulation
+            .happened()
+            .iter()
+            .any(|happened| happened.fault == Fault::SecondClient);
+    // An output that does not go off, or a meter that stands still, cannot be verified: it carries
+    // nothing all the same.
     if !refused && left_a.abs() > if lies { NOTHING_A } else { 0.0 } {
         wrong.push(format!("{left_a} A still flow"));
     }
     if ended == "unsafe" && !lies {
         wrong.push("not verified".to_owned());
     }
-    wrong.extend(world.witness().abuse.iter().map(|abuse| format!("the cell: {abuse:?}")));
+    wrong.extend(
+        world
+            .witness()
+            .abuse
+            .iter()
+            .map(|abuse| format!("the cell: {abuse:?}")),
+    );
     if session.now_s() > BOUND_S {
         wrong.push(format!("{} s", session.now_s()));
     }
     std::fs::remove_dir_all(&run).unwrap();
-    Day { ended, text, happened: simulation.happened(), wrong }
+    Day {
+        ended,
+        text,
+        happened: simulation.happened(),
+        wrong,
+    }
 }
 
 #[test]
@@ -102,14 +141,38 @@ fn every_bad_day_ends_finished_or_with_a_cause_in_safe_state() {
         for happened in &day.happened {
             *faults.entry(format!("{:?}", happened.fault)).or_default() += 1;
         }
-        let told = || day.happened.iter().map(|happened| format!("{:?} of {}: {}", happened.fault, happened.model, happened.message));
+        let told = || {
+            day.happened.iter().map(|happened| {
+                format!(
+                    "{:?} of {}: {}",
+                    happened.fault, happened.model, happened.message
+                )
+            })
+        };
         if !day.wrong.is_empty() {
-            wrong.push(format!("seed {seed}, {}: {:?} {} after {:?}", day.ended, day.wrong, day.text, told().collect::<Vec<_>>()));
+            wrong.push(format!(
+                "seed {seed}, {}: {:?} {} after {:?}",
+                day.ended,
+                day.wrong,
+                day.text,
+                told().collect::<Vec<_>>()
+            ));
         }
     }
-    println!("bad days, seeds {first} to {}: {ends:?}; faults {faults:?}", end - 1);
-    assert!(wrong.is_empty(), "{} of {days}:\n{}", wrong.len(), wrong.join("\n"));
-    assert!(faults.values().sum::<usize>() > usize::try_from(days).unwrap() / 2, "{faults:?}");
+    println!(
+        "bad days, seeds {first} to {}: {ends:?}; faults {faults:?}",
+        end - 1
+    );
+    assert!(
+        wrong.is_empty(),
+        "{} of {days}:\n{}",
+        wrong.len(),
+        wrong.join("\n")
+    );
+    assert!(
+        faults.values().sum::<usize>() > usize::try_from(days).unwrap() / 2,
+        "{faults:?}"
+    );
 }
 
 /// Readings that verify that the load is off: two, of voltage and current.
@@ -120,7 +183,8 @@ fn messages_to_the_load(experiment: &Experiment, folder: &Path) -> Vec<Happened>
     with_second_client(experiment, folder, usize::MAX, (usize::MAX, 0.0)).1
 }
 
-/// Runs with a second client at the load that does `variant` from a bench time on, at most so often.
+/// Runs with a second client at the load that does `variant` from a bench time on, at most so
+/// often.
 fn with_second_client(
     experiment: &Experiment,
     folder: &Path,
@@ -145,7 +209,15 @@ fn with_second_client(
     let _ = session.run(&experiment, folder);
     std::fs::remove_dir_all(folder).unwrap();
     let simulation = session.simulation().unwrap();
-    let abuse = simulation.world().lock().unwrap().witness().abuse.iter().map(|abuse| abuse.kind).collect();
+    let abuse = simulation
+        .world()
+        .lock()
+        .unwrap()
+        .witness()
+        .abuse
+        .iter()
+        .map(|abuse| abuse.kind)
+        .collect();
     (abuse, simulation.happened())
 }
 
@@ -154,10 +226,21 @@ fn a_load_switched_on_by_another_client_is_off_again_before_anything_is_mounted(
     let files = Files::short(2);
     let experiment = files.load();
     let all = messages_to_the_load(&experiment, &files.path("all"));
-    let verified = all.iter().enumerate().filter(|(_, happened)| happened.message == ":INP?").map(|(at, _)| at);
-    let readings: Vec<f64> = verified.flat_map(|at| all.iter().skip(at + 1).take(VERIFYING)).map(|happened| happened.time_s).collect();
-    let abuse = |from_s: &f64| with_second_client(&experiment, &files.path("run"), 1, (1, *from_s)).0;
-    let live: Vec<_> = readings.iter().filter(|from_s| abuse(from_s).contains(&AbuseKind::LiveMount)).collect();
+    let verified = all
+        .iter()
+        .enumerate()
+        .filter(|(_, happened)| happened.message == ":INP?")
+        .map(|(at, _)| at);
+    let readings: Vec<f64> = verified
+        .flat_map(|at| all.iter().skip(at + 1).take(VERIFYING))
+        .map(|happened| happened.time_s)
+        .collect();
+    let abuse =
+        |from_s: &f64| with_second_client(&experiment, &files.path("run"), 1, (1, *from_s)).0;
+    let live: Vec<_> = readings
+        .iter()
+        .filter(|from_s| abuse(from_s).contains(&AbuseKind::LiveMount))
+        .collect();
     assert!(readings.len() >= 3 * VERIFYING, "{readings:?}");
     assert!(live.is_empty(), "{live:?}");
 }

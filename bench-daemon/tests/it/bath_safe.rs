@@ -1,4 +1,5 @@
-//! Real processes on real ports: what becomes of a bath, with relays or with a loop of its own, when a daemon dies and when a person switches off.
+//! Real processes on real ports: what becomes of a bath, with relays or with a loop of its own,
+//! when a daemon dies and when a person switches off.
 
 use std::{
     fs,
@@ -27,8 +28,12 @@ fn relays() -> Files {
 /// Tells a Julabo something from another client, and reads its set-point.
 fn tell_bath(ports: &Ports, messages: &str) -> String {
     let mut stream = TcpStream::connect(ports.address("chiller")).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    stream.write_all(format!("{messages}IN_SP_00\r").as_bytes()).unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
+    stream
+        .write_all(format!("{messages}IN_SP_00\r").as_bytes())
+        .unwrap();
     let (mut answer, mut byte) = (Vec::new(), [0_u8]);
     while byte[0] != b'\n' {
         assert_eq!(stream.read(&mut byte).unwrap(), 1);
@@ -44,12 +49,24 @@ fn the_guardian_opens_the_relays_of_a_daemon_that_was_killed_while_it_heated() {
     let run = files.path("killed");
     let mut child = start(&files, &run, &[]);
     // The bath is 3 K too cold: full power, 20 s at a time.
-    poll("a pulse", || fs::read_to_string(run.join("transcripts/chiller.txt")).unwrap_or_default().contains("< OK HEAT").then_some(()));
+    poll("a pulse", || {
+        fs::read_to_string(run.join("transcripts/chiller.txt"))
+            .unwrap_or_default()
+            .contains("< OK HEAT")
+            .then_some(())
+    });
     child.0.kill().unwrap();
     let report = report(&files, "verified");
     assert_eq!(ports.ask("chiller", "STATE"), "OFF", "{report}");
-    assert!(report["took_s"].as_f64().unwrap() < 5.0 && report["attempts"] == 1, "{report}");
-    assert!(fs::read_to_string(state(&files, "guardian_chiller.txt")).unwrap().contains("< OK OFF"));
+    assert!(
+        report["took_s"].as_f64().unwrap() < 5.0 && report["attempts"] == 1,
+        "{report}"
+    );
+    assert!(
+        fs::read_to_string(state(&files, "guardian_chiller.txt"))
+            .unwrap()
+            .contains("< OK OFF")
+    );
     ports.assert_outputs_off();
 }
 
@@ -60,17 +77,28 @@ fn safe_opens_the_relays_and_says_where_it_does_not_reach_them() {
     assert!(ports.ask("chiller", "HEAT 60").starts_with("OK HEAT"));
     let safe = on_bench(&files, &["safe"]);
     safe.expect_code(0);
-    assert!(safe.stdout.lines().any(|line| line.starts_with("chiller") && line.contains("off, read back")), "{}", safe.stdout);
+    assert!(
+        safe.stdout
+            .lines()
+            .any(|line| line.starts_with("chiller") && line.contains("off, read back")),
+        "{}",
+        safe.stdout
+    );
     assert_eq!(ports.ask("chiller", "STATE"), "OFF");
     // Nobody listens there: what moves charge is verified all the same.
     let reached = ports.address("chiller").to_owned();
     files.write(BENCH, &files.text(BENCH).replace(&reached, "127.0.0.1:1"));
     let safe = on_bench(&files, &["safe", "--json"]);
     safe.expect_code(6);
-    let words = "the relays of the bath (relay-thermostat) are not known to be open and it was not reached; a pulse ends by itself within a minute: PULL \
+    let words = "the relays of the bath (relay-thermostat) are not known to be open and it was not \
+    reached; a pulse ends by itself within a minute: PULL \
                  THE PLUGS OF HEATER AND COOLER";
     let told: serde_json::Value = serde_json::from_str(&safe.stdout).unwrap();
-    assert_eq!((&told["message"], &told["verified"]), (&words.into(), &false.into()), "{told}");
+    assert_eq!(
+        (&told["message"], &told["verified"]),
+        (&words.into(), &false.into()),
+        "{told}"
+    );
     for output in told["outputs"].as_array().unwrap() {
         assert_eq!(output["off"], output["role"] != "chiller", "{told}");
     }
@@ -81,23 +109,36 @@ fn safe_opens_the_relays_and_says_where_it_does_not_reach_them() {
 fn safe_leaves_a_bath_alone_that_the_cell_bears_and_stops_one_that_it_does_not() {
     let files = Files::demo();
     let ports = Ports::serve(&files, 10.0, 1);
-    assert_eq!(tell_bath(&ports, "OUT_SP_00 70.00\rOUT_MODE_05 1\r"), "70.00");
+    assert_eq!(
+        tell_bath(&ports, "OUT_SP_00 70.00\rOUT_MODE_05 1\r"),
+        "70.00"
+    );
     // What the cell bears is not known: nobody has run this bench.
     let safe = on_bench(&files, &["safe"]);
     safe.expect_code(0);
-    assert!(safe.stdout.ends_with("the bath (julabo) goes on and holds 70 °C\n"), "{}", safe.stdout);
+    assert!(
+        safe.stdout
+            .ends_with("the bath (julabo) goes on and holds 70 °C\n"),
+        "{}",
+        safe.stdout
+    );
     fs::write(state(&files, "guardian.json"), "{\"cell_c\": [0.0, 45.0]}").unwrap();
     let safe = on_bench(&files, &["safe"]);
     safe.expect_code(0);
     assert!(
-        safe.stdout.ends_with("the bath was stopped, for its set-point is 70 °C, and the cell bears 0 °C to 45 °C\n"),
+        safe.stdout.ends_with(
+            "the bath was stopped, for its set-point is 70 °C, and the cell bears 0 °C to 45 °C\n"
+        ),
         "{}",
         safe.stdout
     );
     let safe = on_bench(&files, &["safe", "--json"]);
     safe.expect_code(0);
     let told: serde_json::Value = serde_json::from_str(&safe.stdout).unwrap();
-    assert_eq!(told["bath"]["words"], "the bath (julabo) stands still; its set-point is 70 °C", "{told}");
+    assert_eq!(
+        told["bath"]["words"], "the bath (julabo) stands still; its set-point is 70 °C",
+        "{told}"
+    );
 }
 
 #[test]
@@ -108,8 +149,15 @@ fn the_guardian_stops_a_bath_only_where_it_is_no_longer_set_as_the_run_has_set_i
         let run = files.path("killed");
         let mut child = start(&files, &run, &[]);
         report(&files, "watching");
-        poll("a bath that was started", || (json(&state(&files, "guardian.json"))["bath_c"] == 25.0).then_some(()));
-        let guardian = i32::try_from(json(&state(&files, "guardian.json"))["pid"].as_i64().unwrap()).unwrap();
+        poll("a bath that was started", || {
+            (json(&state(&files, "guardian.json"))["bath_c"] == 25.0).then_some(())
+        });
+        let guardian = i32::try_from(
+            json(&state(&files, "guardian.json"))["pid"]
+                .as_i64()
+                .unwrap(),
+        )
+        .unwrap();
         // It stands still until another client has been at the bath.
         signal(guardian, Signal::SIGSTOP);
         signal(pid(&child), Signal::SIGKILL);
@@ -118,9 +166,21 @@ fn the_guardian_stops_a_bath_only_where_it_is_no_longer_set_as_the_run_has_set_i
         signal(guardian, Signal::SIGCONT);
         let report = report(&files, "verified");
         let stopped = "the bath was stopped, for its set-point is 70 °C, this run set 25 °C";
-        assert_eq!(report["bath_ended"], if other.is_empty() { serde_json::Value::Null } else { stopped.into() }, "{report}");
+        assert_eq!(
+            report["bath_ended"],
+            if other.is_empty() {
+                serde_json::Value::Null
+            } else {
+                stopped.into()
+            },
+            "{report}"
+        );
         let safe = on_bench(&files, &["safe"]);
-        let words = if other.is_empty() { "goes on and holds 25 °C" } else { "stands still; its set-point is 70 °C" };
+        let words = if other.is_empty() {
+            "goes on and holds 25 °C"
+        } else {
+            "stands still; its set-point is 70 °C"
+        };
         assert!(safe.stdout.contains(words), "{}", safe.stdout);
     }
 }

@@ -22,17 +22,31 @@ fn a_real_file_of_another_program_goes_through_every_format() {
     let folder = tempfile::tempdir().unwrap();
     let out = |name: &str| folder.path().join(name).display().to_string();
     let source = fixture("spectra/vendors/gamry.DTA");
-    let numbers =
-        |path: &str| read_spectra(&PathBuf::from(path)).unwrap().remove(0).points.iter().map(|p| (p.freq_hz, p.z_ohm)).collect::<Vec<_>>();
+    let numbers = |path: &str| {
+        read_spectra(&PathBuf::from(path))
+            .unwrap()
+            .remove(0)
+            .points
+            .iter()
+            .map(|p| (p.freq_hz, p.z_ohm))
+            .collect::<Vec<_>>()
+    };
     let expected = numbers(&source);
-    for (to, file) in
-        [("csv", "gamry.csv"), ("impedance-py", "gamry.csv"), ("gamry", "gamry.DTA"), ("biologic", "gamry.mpt"), ("zview", "gamry.z")]
-    {
+    for (to, file) in [
+        ("csv", "gamry.csv"),
+        ("impedance-py", "gamry.csv"),
+        ("gamry", "gamry.DTA"),
+        ("biologic", "gamry.mpt"),
+        ("zview", "gamry.z"),
+    ] {
         let (code, said) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
         assert_eq!(code, 0, "{said}");
         assert_eq!(numbers(&format!("{}/{file}", out(to))), expected, "{to}");
         let (code, said) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
-        assert!(code == 2 && said.contains("expected no such file, found one"), "{said}");
+        assert!(
+            code == 2 && said.contains("expected no such file, found one"),
+            "{said}"
+        );
     }
     // Whatever reads a spectrum takes them.
     let (code, said) = eis_bench(&["fit", &source, "--rc", "1", "--json"]);
@@ -43,16 +57,53 @@ fn a_real_file_of_another_program_goes_through_every_format() {
 fn a_model_is_written_for_others_only_with_its_voltage() {
     let folder = tempfile::tempdir().unwrap();
     let out = |name: &str| folder.path().join(name).display().to_string();
-    let (code, said) = eis_bench(&["fit", &fixture("spectra/vendors/autolab.txt"), "--rc", "1", "--out", &out("fit")]);
+    let (code, said) = eis_bench(&[
+        "fit",
+        &fixture("spectra/vendors/autolab.txt"),
+        "--rc",
+        "1",
+        "--out",
+        &out("fit"),
+    ]);
     assert_eq!(code, 0, "{said}");
-    let model =
-        fs::read_dir(out("fit")).unwrap().flatten().map(|e| e.path()).find(|p| p.to_string_lossy().ends_with("model_1rc.json")).unwrap();
+    let model = fs::read_dir(out("fit"))
+        .unwrap()
+        .flatten()
+        .map(|e| e.path())
+        .find(|p| p.to_string_lossy().ends_with("model_1rc.json"))
+        .unwrap();
     let model = model.display().to_string();
     let (code, said) = eis_bench(&["convert", &model, "--to", "c", "--out", &out("c")]);
-    assert!(code == 2 && said.contains("expected an open-circuit voltage over the state of charge, met none"), "{said}");
-    for (to, ending) in [("c", "model_1rc.h"), ("pybamm", "model_1rc_pybamm.py"), ("casadi", "model_1rc_casadi.py")] {
-        let (code, said) = eis_bench(&["convert", &model, "--to", to, "--out", &out(to), "--ocv-v", "3.7", "--capacity-ah", "4.5"]);
-        assert!(code == 0 && fs::read_to_string(format!("{}/{ending}", out(to))).unwrap().contains("16200") | (to == "pybamm"), "{said}");
+    assert!(
+        code == 2
+            && said.contains("expected an open-circuit voltage over the state of charge, met none"),
+        "{said}"
+    );
+    for (to, ending) in [
+        ("c", "model_1rc.h"),
+        ("pybamm", "model_1rc_pybamm.py"),
+        ("casadi", "model_1rc_casadi.py"),
+    ] {
+        let (code, said) = eis_bench(&[
+            "convert",
+            &model,
+            "--to",
+            to,
+            "--out",
+            &out(to),
+            "--ocv-v",
+            "3.7",
+            "--capacity-ah",
+            "4.5",
+        ]);
+        assert!(
+            code == 0
+                && fs::read_to_string(format!("{}/{ending}", out(to)))
+                    .unwrap()
+                    .contains("16200")
+                    | (to == "pybamm"),
+            "{said}"
+        );
     }
 }
 
@@ -60,38 +111,78 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
 fn exported_captures_give_the_impedance_that_is_in_them() {
     let folder = tempfile::tempdir().unwrap();
     let (interval_s, r_ohm) = (1.0e-4, 0.01);
-    // 15 mΩ − j5 mΩ through a shunt of 10 mΩ at 2 A, an offset on each channel, one file per frequency.
+    // 15 mΩ − j5 mΩ through a shunt of 10 mΩ at 2 A, an offset on each channel, one file per
+    // frequency.
     let z = Complex64::new(0.015, -0.005);
-    let mut description = "name = \"a cell\"\n[current]\nplus = 2\nminus = 1\nshunt = \"10 mΩ\"\n[voltage]\nplus = 3\n".to_owned();
+    let mut description = "name = \"a cell\"\n[current]\nplus = 2\nminus = 1\nshunt = \"10 mΩ\"\n\
+    [voltage]\nplus = 3\n"
+        .to_owned();
     for freq_hz in [10.0, 100.0] {
         let mut text =
-            "Record Length,Analog:4000\nSample Interval,Analog:1.0E-04\nSource,CH1,CH2,CH3\nSecond,Value,Value,Value\n".to_owned();
+            "Record Length,Analog:4000\nSample Interval,Analog:1.0E-04\nSource,CH1,CH2,CH3\n\
+            Second,Value,Value,Value\n"
+                .to_owned();
         for k in 0..4000 {
             let t = interval_s * f64::from(k);
             let wave = |p: Complex64| (p * Complex64::cis(std::f64::consts::TAU * freq_hz * t)).re;
             let noise = 1.0e-6 * ((f64::from(k) * 0.618_034).fract() - 0.5);
             let current = Complex64::from(2.0);
-            writeln!(text, "{t:e},{:e},{:e},{:e}", 0.1 + noise, 0.1 + wave(current * r_ohm) - noise, 3.7 + wave(current * z) + noise)
-                .unwrap();
+            writeln!(
+                text,
+                "{t:e},{:e},{:e},{:e}",
+                0.1 + noise,
+                0.1 + wave(current * r_ohm) - noise,
+                3.7 + wave(current * z) + noise
+            )
+            .unwrap();
         }
         fs::write(folder.path().join(format!("{freq_hz}.csv")), text).unwrap();
-        write!(description, "[[capture]]\nfrequency = \"{freq_hz} Hz\"\nfiles = [\"{freq_hz}.csv\"]\n").unwrap();
+        write!(
+            description,
+            "[[capture]]\nfrequency = \"{freq_hz} Hz\"\nfiles = [\"{freq_hz}.csv\"]\n"
+        )
+        .unwrap();
     }
     let toml = folder.path().join("capture.toml");
     fs::write(&toml, &description).unwrap();
     let out = folder.path().join("out").display().to_string();
     let (code, said) = eis_bench(&["replay", &toml.display().to_string(), "--out", &out]);
-    assert!(code == 0 && said.contains("2 captures of a cell"), "{code} {said}");
+    assert!(
+        code == 0 && said.contains("2 captures of a cell"),
+        "{code} {said}"
+    );
     let points = dataset::read_spectrum_csv(&PathBuf::from(out).join("spectrum.csv")).unwrap();
     for (point, freq_hz) in points.iter().zip([10.0, 100.0]) {
-        assert!((point.z_ohm - z).norm() < 2.0e-7 && (point.freq_hz / freq_hz - 1.0).abs() < 1.0e-6, "{point:?}");
-        assert!((point.amplitude_a - 2.0).abs() < 1.0e-4 && point.magnitude_sigma_ohm() < 1.0e-6, "{point:?}");
+        assert!(
+            (point.z_ohm - z).norm() < 2.0e-7 && (point.freq_hz / freq_hz - 1.0).abs() < 1.0e-6,
+            "{point:?}"
+        );
+        assert!(
+            (point.amplitude_a - 2.0).abs() < 1.0e-4 && point.magnitude_sigma_ohm() < 1.0e-6,
+            "{point:?}"
+        );
     }
     for (from, to, expected) in [
-        ("shunt = \"10 mΩ\"", "", "current: expected either `shunt` or `amps_per_volt`, and no `gain`"),
-        ("plus = 3", "plus = 4", "capture.1: expected a channel 4, found 3 in the files"),
-        ("files = [\"10.csv\"]", "files = [\"none.csv\"]", "capture.1: "),
-        ("plus = 3", "plus = 0", "voltage: expected two channels that differ, counted from 1"),
+        (
+            "shunt = \"10 mΩ\"",
+            "",
+            "current: expected either `shunt` or `amps_per_volt`, and no `gain`",
+        ),
+        (
+            "plus = 3",
+            "plus = 4",
+            "capture.1: expected a channel 4, found 3 in the files",
+        ),
+        (
+            "files = [\"10.csv\"]",
+            "files = [\"none.csv\"]",
+            "capture.1: ",
+        ),
+        (
+            "plus = 3",
+            "plus = 0",
+            "voltage: expected two channels that differ, counted from 1",
+        ),
     ] {
         fs::write(&toml, description.replacen(from, to, 1)).unwrap();
         let (code, said) = eis_bench(&["replay", &toml.display().to_string()]);
@@ -103,45 +194,83 @@ fn exported_captures_give_the_impedance_that_is_in_them() {
 fn several_sweeps_of_a_file_are_told_and_never_made_one() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("three.mpt");
-    let mut text = "EC-Lab ASCII FILE\nNb header lines : 3\nfreq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\tcycle number\n".to_owned();
+    let mut text =
+        "EC-Lab ASCII FILE\nNb header lines : 3\nfreq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\tcycle number\n"
+            .to_owned();
     for sweep in 0..3 {
         for k in 0..29 {
             let freq_hz = 1.0e4 * 10f64.powf(-f64::from(k) / 7.0);
-            let z = Complex64::new(0.02, 0.0) + Complex64::new(0.01, 0.0) / Complex64::new(1.0, freq_hz / (50.0 + f64::from(sweep)));
+            let z = Complex64::new(0.02, 0.0)
+                + Complex64::new(0.01, 0.0)
+                    / Complex64::new(1.0, freq_hz / (50.0 + f64::from(sweep)));
             writeln!(text, "{freq_hz}\t{}\t{}\t0", z.re, -z.im).unwrap();
         }
     }
     fs::write(&file, text).unwrap();
     let file = file.display().to_string();
-    let told = "three.mpt: 3 spectra, told apart where the frequency starts again (line 33 and 1 more): \
-                three.mpt#loop1 (29 points), three.mpt#loop2 (29 points), three.mpt#loop3 (29 points)";
+    let told = "three.mpt: 3 spectra, told apart where the frequency starts again (line 33 and 1 \
+    more): \
+                three.mpt#loop1 (29 points), three.mpt#loop2 (29 points), three.mpt#loop3 (29 \
+                points)";
     let (code, said) = eis_bench(&["fit", &file, "--rc", "1"]);
-    assert!(code == 0 && said.contains(told) && said.contains("three.mpt#loop3: 1 spectrum, 29 points"), "{code} {said}");
+    assert!(
+        code == 0 && said.contains(told) && said.contains("three.mpt#loop3: 1 spectrum, 29 points"),
+        "{code} {said}"
+    );
     let (code, said) = eis_bench(&["kk", &file]);
     assert!(code == 0 && said.contains(told), "{code} {said}");
     let out = folder.path().join("out");
-    let (code, said) = eis_bench(&["convert", &file, "--to", "csv", "--out", &out.display().to_string()]);
-    assert!(code == 0 && said.contains(told) && out.join("three.mpt#loop2.csv").exists(), "{code} {said}");
+    let (code, said) = eis_bench(&[
+        "convert",
+        &file,
+        "--to",
+        "csv",
+        "--out",
+        &out.display().to_string(),
+    ]);
+    assert!(
+        code == 0 && said.contains(told) && out.join("three.mpt#loop2.csv").exists(),
+        "{code} {said}"
+    );
 }
 
 #[test]
 fn two_curves_of_one_measurement_are_told_and_not_pooled() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("drift.dta");
-    let mut text = "EXPLAIN\nZCURVE\tTABLE\n\tPt\tFreq\tZreal\tZimag\tZrealDrCor\tZimagDrCor\n\t#\tHz\tohm\tohm\tohm\tohm\n".to_owned();
+    let mut text = "EXPLAIN\n\
+    ZCURVE\tTABLE\n\tPt\tFreq\tZreal\tZimag\tZrealDrCor\tZimagDrCor\n\t#\tHz\tohm\tohm\tohm\tohm\n"
+        .to_owned();
     for k in 0..20 {
         let freq_hz = 1.0e4 * 10f64.powf(-f64::from(k) / 5.0);
-        let z = Complex64::new(0.02, 0.0) + Complex64::new(0.01, 0.0) / Complex64::new(1.0, freq_hz / 50.0);
-        writeln!(text, "\t{k}\t{freq_hz}\t{}\t{}\t{}\t{}", z.re, z.im, 1.01 * z.re, 1.01 * z.im).unwrap();
+        let z = Complex64::new(0.02, 0.0)
+            + Complex64::new(0.01, 0.0) / Complex64::new(1.0, freq_hz / 50.0);
+        writeln!(
+            text,
+            "\t{k}\t{freq_hz}\t{}\t{}\t{}\t{}",
+            z.re,
+            z.im,
+            1.01 * z.re,
+            1.01 * z.im
+        )
+        .unwrap();
     }
     fs::write(&file, text).unwrap();
     let file = file.display().to_string();
     let (code, said) = eis_bench(&["fit", &file, "--rc", "1"]);
     let told = "two curves of one measurement, with and without correction of its drift";
-    assert!(code == 0 && said.contains(told) && said.contains("drift.dta#uncorrected: 1 spectrum, 20 points"), "{code} {said}");
+    assert!(
+        code == 0
+            && said.contains(told)
+            && said.contains("drift.dta#uncorrected: 1 spectrum, 20 points"),
+        "{code} {said}"
+    );
     let (code, said) = eis_bench(&["fit", &file, "--rc", "1", "--pool"]);
     assert!(
-        code == 2 && said.contains("expected each measurement once, met curves of the same: drift.dta#drift-corrected"),
+        code == 2
+            && said.contains(
+                "expected each measurement once, met curves of the same: drift.dta#drift-corrected"
+            ),
         "{code} {said}"
     );
 }

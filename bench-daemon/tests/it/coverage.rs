@@ -1,4 +1,5 @@
-//! A share of the coverage gate (`benches/coverage`): few seeds, which refute what is wrong by a factor, not by a tenth.
+//! A share of the coverage gate (`benches/coverage`): few seeds, which refute what is wrong by a
+//! factor, not by a tenth.
 
 #[path = "../../benches/coverage/played.rs"]
 mod played;
@@ -13,8 +14,20 @@ use std::path::Path;
 fn six_seeds_refute_no_interval_of_the_demo_with_a_harness_of_their_own() {
     let seeds: Vec<u64> = (80_001..80_007).collect();
     let configs = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs"));
-    let tally = played::play(&played::Played { configs, name: "demo", drawn: true }, &seeds).unwrap();
-    assert!(tally.rows().any(|(name, deviations)| name == "DC resistance" && deviations.len() == seeds.len()));
+    let tally = played::play(
+        &played::Played {
+            configs,
+            name: "demo",
+            drawn: true,
+        },
+        &seeds,
+    )
+    .unwrap();
+    assert!(
+        tally
+            .rows()
+            .any(|(name, deviations)| name == "DC resistance" && deviations.len() == seeds.len())
+    );
     assert_eq!(tally.refuted(), [""; 0], "{}", tally.table("demo"));
 }
 
@@ -22,6 +35,10 @@ fn six_seeds_refute_no_interval_of_the_demo_with_a_harness_of_their_own() {
 fn twenty_seeds_refute_no_interval_of_joint_fits() {
     let seeds: Vec<u64> = (80_001..80_021).collect();
     let tally = synthetic::play(&seeds);
-    assert!(tally.rows().any(|(name, deviations)| name == "DC resistance" && deviations.len() == seeds.len()));
+    assert!(
+        tally
+            .rows()
+            .any(|(name, deviations)| name == "DC resistance" && deviations.len() == seeds.len())
+    );
     assert_eq!(tally.refuted(), [""; 0], "{}", tally.table("joint"));
 }

@@ -1,5 +1,6 @@
-//! The crash drill: a short campaign is killed (SIGKILL) at its exchanges with the instruments and at its writes to the journal, over real sockets, and goes
-//! on each time. `EIS_BENCH_CRASHES=all` takes every point; else a share of them, spread over all by a seed.
+//! The crash drill: a short campaign is killed (SIGKILL) at its exchanges with the instruments and
+//! at its writes to the journal, over real sockets, and goes on each time. `EIS_BENCH_CRASHES=all`
+//! takes every point; else a share of them, spread over all by a seed.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -31,20 +32,28 @@ const JOURNAL: usize = 4;
 const TWICE: usize = 3;
 /// Crashes at a time; they mostly wait.
 const AT_ONCE: usize = 6;
-/// One of so many kills may be excused by the same text; one may in any drill. A forgotten frame says nothing of the current, and is met in two of eighteen
-/// kills on a busy machine; the other texts are what a fault of the program would say, too.
+/// One of so many kills may be excused by the same text; one may in any drill. A forgotten frame
+/// says nothing of the current, and is met in two of eighteen kills on a busy machine; the other
+/// texts are what a fault of the program would say, too.
 const EXCUSED: [usize; 3] = [3, 10, 10];
 /// A correct program fails by chance once in so many drills.
 const BY_CHANCE: f64 = 0.01;
 
-/// How far a point may be from that of the run that was not disturbed, in standard deviations of the difference: so far that among so many comparisons
-/// noise alone goes beyond it with a chance of [`BY_CHANCE`] at most. The union bound over Mills' bound of the normal tail, 2φ(b)/b.
+/// How far a point may be from that of the run that was not disturbed, in standard deviations of
+/// the difference: so far that among so many comparisons noise alone goes beyond it with a chance
+/// of [`BY_CHANCE`] at most. The union bound over Mills' bound of the normal tail, 2φ(b)/b.
 pub(crate) fn bound(comparisons: usize) -> f64 {
-    let chance = |b: f64| comparisons as f64 * 2.0 * (-0.5 * b * b).exp() / (b * std::f64::consts::TAU.sqrt());
+    let chance = |b: f64| {
+        comparisons as f64 * 2.0 * (-0.5 * b * b).exp() / (b * std::f64::consts::TAU.sqrt())
+    };
     let (mut low, mut high) = (1.0, 10.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        if chance(middle) > BY_CHANCE { low = middle } else { high = middle }
+        if chance(middle) > BY_CHANCE {
+            low = middle
+        } else {
+            high = middle
+        }
     }
     high
 }
@@ -52,11 +61,16 @@ pub(crate) fn bound(comparisons: usize) -> f64 {
 #[test]
 fn the_bound_grows_with_the_comparisons_as_the_normal_tail_says() {
     // Twice the normal tail beyond 4 is 6.3e-5, beyond 5 it is 5.7e-7.
-    assert!((3.9..4.1).contains(&bound(158)) && (4.95..5.05).contains(&bound(17_450)), "{} {}", bound(158), bound(17_450));
+    assert!(
+        (3.9..4.1).contains(&bound(158)) && (4.95..5.05).contains(&bound(17_450)),
+        "{} {}",
+        bound(158),
+        bound(17_450)
+    );
 }
 
-/// A step that moves a charge which is not known when it dies in the middle. So small a current that a step which comes late, at fifty times the pace, is
-/// no disobedience.
+/// A step that moves a charge which is not known when it dies in the middle. So small a current
+/// that a step which comes late, at fifty times the pace, is no disobedience.
 const TRACE: &str = r#"
 [[traces]]
 name = "pulse"
@@ -70,19 +84,37 @@ segments = [{ current = "-0.25 A", duration = "2 s" }, { current = "0 A", durati
 fn files() -> Files {
     Files::brief(2)
         .without(EXPERIMENT, "fixture_check")
-        .edit(EXPERIMENT, "discharge_until = \"3.52 V\"", "discharge_until = \"3.665 V\"")
-        .edit(EXPERIMENT, "charge_until = \"3.80 V\"", "charge_until = \"3.87 V\"")
+        .edit(
+            EXPERIMENT,
+            "discharge_until = \"3.52 V\"",
+            "discharge_until = \"3.665 V\"",
+        )
+        .edit(
+            EXPERIMENT,
+            "charge_until = \"3.80 V\"",
+            "charge_until = \"3.87 V\"",
+        )
         .edit(EXPERIMENT, "rest_min = \"5 min\"", "rest_min = \"10 s\"")
-        .edit(EXPERIMENT, "rest_slope = \"0.2 mV/min\"", "rest_slope = \"50 mV/min\"")
+        .edit(
+            EXPERIMENT,
+            "rest_slope = \"0.2 mV/min\"",
+            "rest_slope = \"50 mV/min\"",
+        )
         .append(EXPERIMENT, TRACE)
-        .append(EXPERIMENT, "[campaign]\nrepeats = 1\ncells = [{ name = \"A\" }, { name = \"B\" }]")
+        .append(
+            EXPERIMENT,
+            "[campaign]\nrepeats = 1\ncells = [{ name = \"A\" }, { name = \"B\" }]",
+        )
         .append(SCENARIO, "[specimens]\ncount = 2\nsoc = 0.001")
 }
 
 /// The points at which a run can die: exchanges, writes.
 fn points(run: &Path) -> (usize, usize) {
     let lines = |path: PathBuf| fs::read_to_string(path).unwrap().lines().count();
-    let exchanges = files_below(&run.join("transcripts")).into_iter().map(|name| lines(run.join("transcripts").join(name))).sum();
+    let exchanges = files_below(&run.join("transcripts"))
+        .into_iter()
+        .map(|name| lines(run.join("transcripts").join(name)))
+        .sum();
     (exchanges, 2 * lines(run.join("journal.jsonl")))
 }
 
@@ -91,42 +123,66 @@ fn chosen((exchanges, writes): (usize, usize)) -> Vec<String> {
     let asked = std::env::var("EIS_BENCH_CRASHES").unwrap_or_default();
     if asked == "all" {
         let all = (1..=exchanges).map(|number| format!("exchange:{number}"));
-        return all.chain((1..=writes).map(|number| format!("journal:{number}"))).collect();
+        return all
+            .chain((1..=writes).map(|number| format!("journal:{number}")))
+            .collect();
     }
     let share: usize = asked.parse().unwrap_or(SHARE);
     let spread = |kind: &str, points: usize, share: usize| {
         let width = points / share;
-        let at = |index: usize| 1 + index * points / share + (index.wrapping_mul(7919) + 13) % width;
-        (0..share).map(|index| format!("{kind}:{}", at(index))).collect::<Vec<_>>()
+        let at =
+            |index: usize| 1 + index * points / share + (index.wrapping_mul(7919) + 13) % width;
+        (0..share)
+            .map(|index| format!("{kind}:{}", at(index)))
+            .collect::<Vec<_>>()
     };
     let journal = (share / JOURNAL).min(writes);
-    [spread("exchange", exchanges, (share - journal).min(exchanges)), spread("journal", writes, journal)].concat()
+    [
+        spread("exchange", exchanges, (share - journal).min(exchanges)),
+        spread("journal", writes, journal),
+    ]
+    .concat()
 }
 
 /// Whole lines of the tables of a run.
 pub(crate) fn rows(run: &Path) -> BTreeMap<PathBuf, String> {
-    let table = |name: &PathBuf| name.extension().is_some_and(|extension| extension == "csv") && !name.starts_with("config");
+    let table = |name: &PathBuf| {
+        name.extension().is_some_and(|extension| extension == "csv") && !name.starts_with("config")
+    };
     let whole = |name: PathBuf| {
         let text = fs::read_to_string(run.join(&name)).unwrap();
         let end = text.rfind('\n').map_or(0, |at| at + 1);
         (name, text[..end].to_owned())
     };
-    files_below(run).into_iter().filter(table).map(whole).collect()
+    files_below(run)
+        .into_iter()
+        .filter(table)
+        .map(whole)
+        .collect()
 }
 
 /// The sweeps as read: what is uncertain of them is their noise alone.
 fn spectra(run: &Path) -> Vec<ImpedancePoint> {
-    ["cell", "cell_2"].into_iter().flat_map(|name| spectrum(run, name)).collect()
+    ["cell", "cell_2"]
+        .into_iter()
+        .flat_map(|name| spectrum(run, name))
+        .collect()
 }
 
 pub(crate) fn spectrum(run: &Path, name: &str) -> Vec<ImpedancePoint> {
     read_spectrum_csv(&run.join(format!("raw_{name}.csv"))).unwrap()
 }
 
-/// What a run says on a machine that is too slow for the pace: a simulated scope forgets a frame that is not fetched in time; a wave that is not taken away in
-/// time begins again, and one whose last message was late is not where it is looked for. It has ended in safe state, and goes on like any other. A fault of
-/// the program may say the same, so that [`every`] bounds how often each is heard.
-const TOO_SLOW: [&str; 3] = ["no frame was completed since the scope was armed", ": it began again", "trace jump: expected 0 A, measured "];
+/// What a run says on a machine that is too slow for the pace: a simulated scope forgets a frame
+/// that is not fetched in time; a wave that is not taken away in time begins again, and one whose
+/// last message was late is not where it is looked for. It has ended in safe state, and goes on
+/// like any other. A fault of the program may say the same, so that [`every`] bounds how often each
+/// is heard.
+const TOO_SLOW: [&str; 3] = [
+    "no frame was completed since the scope was armed",
+    ": it began again",
+    "trace jump: expected 0 A, measured ",
+];
 
 /// What became of one kill.
 #[derive(Debug, Default)]
@@ -143,7 +199,8 @@ impl Fate {
     #[track_caller]
     pub(crate) fn excuse(&mut self, text: &str, drill: &str) {
         let excuse = TOO_SLOW.into_iter().find(|slow| text.contains(slow));
-        self.excuses.insert(excuse.unwrap_or_else(|| panic!("{drill}: {text}")));
+        self.excuses
+            .insert(excuse.unwrap_or_else(|| panic!("{drill}: {text}")));
     }
 }
 
@@ -188,18 +245,31 @@ pub(crate) fn distance(found: &[ImpedancePoint], reference: &[ImpedancePoint]) -
     found.iter().zip(reference).map(one).fold(0.0, f64::max)
 }
 
-/// Every trace is there once; and one that died in the middle was played again only after the charge of the cell had been brought back.
+/// Every trace is there once; and one that died in the middle was played again only after the
+/// charge of the cell had been brought back.
 #[track_caller]
 fn assert_charge_is_known(run: &Path, drill: &str) {
     let index = crate::support::json(&run.join("traces.json"));
-    let traces: Vec<&str> = index["traces"].as_array().unwrap().iter().map(|trace| trace["file"].as_str().unwrap()).collect();
-    assert_eq!(traces, ["series_pulse_1.bdf.csv", "series_pulse_2.bdf.csv"], "{drill}");
+    let traces: Vec<&str> = index["traces"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|trace| trace["file"].as_str().unwrap())
+        .collect();
+    assert_eq!(
+        traces,
+        ["series_pulse_1.bdf.csv", "series_pulse_2.bdf.csv"],
+        "{drill}"
+    );
     assert!(traces.iter().all(|file| run.join(file).exists()), "{drill}");
     let (mut moved, mut played) = (false, BTreeMap::new());
     for line in bench_daemon::journal::read(run).unwrap().lines {
         match line.entry {
             Entry::Intent { text, .. } if text.starts_with("trace pulse") => {
-                assert!(!moved, "{drill}: {text} was begun although nobody knew what had been moved before");
+                assert!(
+                    !moved,
+                    "{drill}: {text} was begun although nobody knew what had been moved before"
+                );
                 (moved, *played.entry(text).or_insert(0)) = (true, 1);
             }
             Entry::Done { .. } => moved = false,
@@ -211,12 +281,16 @@ fn assert_charge_is_known(run: &Path, drill: &str) {
     assert_eq!(played.len(), 2, "{drill}: {played:?}");
 }
 
-/// What the guardian did after the death; it must have switched everything off and read it back. How long it took is in bench seconds, of which so many pass
-/// in one that the machine's own pace shows: `guardian` asserts the bound of five seconds in real time.
+/// What the guardian did after the death; it must have switched everything off and read it back.
+/// How long it took is in bench seconds, of which so many pass in one that the machine's own pace
+/// shows: `guardian` asserts the bound of five seconds in real time.
 pub(crate) fn guarded(files: &Files, drill: &str) -> String {
-    let Ok(_) = fs::read(state(files, "guardian.json")) else { return "no guardian yet".to_owned() };
+    let Ok(_) = fs::read(state(files, "guardian.json")) else {
+        return "no guardian yet".to_owned();
+    };
     let report = poll("the guardian's end", || {
-        let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(state(files, "guardian.json")).ok()?).ok()?;
+        let report: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(state(files, "guardian.json")).ok()?).ok()?;
         (report["status"] == "verified" || report["status"] == "dismissed").then_some(report)
     });
     if report["status"] == "dismissed" {
@@ -240,23 +314,48 @@ fn whole(files: &Files, out: &str, drill: &str, fate: &mut Fate) {
 }
 
 /// One crash, or two of one run, and what became of it, as a row of the table.
-fn crash((index, drill): (usize, &str), fate: &mut Fate, (reference, agrees): (&[ImpedancePoint], f64)) -> String {
+fn crash(
+    (index, drill): (usize, &str),
+    fate: &mut Fate,
+    (reference, agrees): (&[ImpedancePoint], f64),
+) -> String {
     let files = files();
     let ports = Ports::serve(&files, FACTOR, 1);
     let run = files.path("run");
     let experiment = files.experiment();
-    if !dies(command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]), drill, fate) {
+    if !dies(
+        command(&[
+            "run".as_ref(),
+            experiment.as_os_str(),
+            "--out".as_ref(),
+            run.as_os_str(),
+        ]),
+        drill,
+        fate,
+    ) {
         return format!("{drill:<14} not reached");
     }
     let current_a = ports.world.lock().unwrap().truth_current_a();
     let guarded = guarded(&files, drill);
-    assert_eq!(ports.world.lock().unwrap().truth_current_a(), 0.0, "{drill}: {guarded}");
+    assert_eq!(
+        ports.world.lock().unwrap().truth_current_a(),
+        0.0,
+        "{drill}: {guarded}"
+    );
     let before = rows(&run);
-    let told = |text: &str| fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default().contains(text);
+    let told = |text: &str| {
+        fs::read_to_string(run.join("journal.jsonl"))
+            .unwrap_or_default()
+            .contains(text)
+    };
     if !told("\"started\"") {
         let refused = resume(&run, &[]);
         refused.expect_code(2);
-        assert!(refused.message().contains("nothing was done yet"), "{drill}: {}", refused.message());
+        assert!(
+            refused.message().contains("nothing was done yet"),
+            "{drill}: {}",
+            refused.message()
+        );
         whole(&files, "again", drill, fate);
         return format!(
             "{drill:<14} nothing was done yet, run from the beginning, {:.1} σ",
@@ -267,7 +366,8 @@ fn crash((index, drill): (usize, &str), fate: &mut Fate, (reference, agrees): (&
     if !told("{\"ended\":{\"how\":\"finished\"}}") {
         became = "went on";
         let again = command(&["resume".as_ref(), run.as_os_str()]);
-        let twice = index % TWICE == 0 && dies(again, &format!("exchange:{}", 60 + 17 * index % 400), fate);
+        let twice =
+            index % TWICE == 0 && dies(again, &format!("exchange:{}", 60 + 17 * index % 400), fate);
         if twice {
             became = "died again, went on";
         }
@@ -276,19 +376,31 @@ fn crash((index, drill): (usize, &str), fate: &mut Fate, (reference, agrees): (&
         }
         let after = rows(&run);
         for (name, rows) in &before {
-            assert!(after[name].starts_with(rows.as_str()), "{drill}: rows of {} were lost or changed", name.display());
+            assert!(
+                after[name].starts_with(rows.as_str()),
+                "{drill}: rows of {} were lost or changed",
+                name.display()
+            );
         }
     }
-    let points = before.iter().filter(|(name, _)| name.starts_with("spectra")).map(|(_, text)| text.lines().count() - 1).sum::<usize>();
+    let points = before
+        .iter()
+        .filter(|(name, _)| name.starts_with("spectra"))
+        .map(|(_, text)| text.lines().count() - 1)
+        .sum::<usize>();
     let sigmas = distance(&spectra(&run), reference);
-    assert!(sigmas < agrees, "{drill}: {sigmas} standard deviations, {agrees} at most");
+    assert!(
+        sigmas < agrees,
+        "{drill}: {sigmas} standard deviations, {agrees} at most"
+    );
     assert_charge_is_known(&run, drill);
     ports.assert_outputs_off();
     let witness = ports.world.lock().unwrap().witness();
     assert_eq!(witness.abuse, [], "{drill}: the cell left its envelope");
     let (least_v, greatest_v) = (witness.least_v, witness.greatest_v);
     format!(
-        "{drill:<14} {current_a:>7.3} A | {guarded:<15} | {points} points kept | {became:<20} | {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V"
+        "{drill:<14} {current_a:>7.3} A | {guarded:<15} | {points} points kept | {became:<20} | \
+        {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V"
     )
 }
 
@@ -302,34 +414,63 @@ fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     let reference = spectra(&files.path("whole"));
     let all = points(&files.path("whole"));
     let mut kills = chosen(all);
-    // Whatever the share: before the first pulse flows, and when it has flowed and nobody has written that down.
+    // Whatever the share: before the first pulse flows, and when it has flowed and nobody has
+    // written that down.
     let journal = fs::read_to_string(files.path("whole/journal.jsonl")).unwrap();
-    let pulse = 1 + journal.lines().position(|line| line.contains("\"text\":\"trace pulse")).unwrap();
-    kills.extend([format!("journal:{}", 2 * pulse), format!("journal:{}", 2 * pulse + 1)]);
+    let pulse = 1 + journal
+        .lines()
+        .position(|line| line.contains("\"text\":\"trace pulse"))
+        .unwrap();
+    kills.extend([
+        format!("journal:{}", 2 * pulse),
+        format!("journal:{}", 2 * pulse + 1),
+    ]);
     // Real and imaginary part of every point of every run.
     let agrees = bound(2 * reference.len() * kills.len());
-    let head = format!("bound {agrees:.2} σ; {} of {} exchanges and {} ends of writes to the journal", kills.len(), all.0, all.1);
-    every(&kills, ("kills.txt", &head), |index, drill, fate| crash((index, drill), fate, (&reference, agrees)));
-    assert!(all.0 + all.1 >= 2000, "expected at least 2000 points to die at, found {all:?}");
+    let head = format!(
+        "bound {agrees:.2} σ; {} of {} exchanges and {} ends of writes to the journal",
+        kills.len(),
+        all.0,
+        all.1
+    );
+    every(&kills, ("kills.txt", &head), |index, drill, fate| {
+        crash((index, drill), fate, (&reference, agrees))
+    });
+    assert!(
+        all.0 + all.1 >= 2000,
+        "expected at least 2000 points to die at, found {all:?}"
+    );
 }
 
-/// Plays every kill, some at a time, and prints the table, which is also beside the test's binary, as it grows: a drill of hours tells what it has seen when
-/// it is ended, too. A drill in which hardly anything died has shown nothing, and one that excuses a text again and again looks away from a fault.
-pub(crate) fn every(kills: &[String], (name, head): (&str, &str), crash: impl Fn(usize, &str, &mut Fate) -> String + Sync) -> Vec<Fate> {
+/// Plays every kill, some at a time, and prints the table, which is also beside the test's binary,
+/// as it grows: a drill of hours tells what it has seen when it is ended, too. A drill in which
+/// hardly anything died has shown nothing, and one that excuses a text again and again looks away
+/// from a fault.
+pub(crate) fn every(
+    kills: &[String],
+    (name, head): (&str, &str),
+    crash: impl Fn(usize, &str, &mut Fate) -> String + Sync,
+) -> Vec<Fate> {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     fs::write(&path, format!("{head}\n")).unwrap();
     let (next, table) = (AtomicUsize::new(0), Mutex::new(BTreeMap::new()));
     std::thread::scope(|scope| {
         for _ in 0..AT_ONCE {
             scope.spawn(|| {
-                while let Some((index, drill)) = Some(next.fetch_add(1, Ordering::Relaxed)).and_then(|at| Some((at, kills.get(at)?))) {
+                while let Some((index, drill)) = Some(next.fetch_add(1, Ordering::Relaxed))
+                    .and_then(|at| Some((at, kills.get(at)?)))
+                {
                     let mut fate = Fate::default();
                     let mut row = crash(index, drill, &mut fate);
                     for excuse in &fate.excuses {
                         row += &format!(" | too slow: {}", excuse.trim_matches([' ', ':']));
                     }
                     let mut table = table.lock().unwrap();
-                    writeln!(fs::OpenOptions::new().append(true).open(&path).unwrap(), "{row}").unwrap();
+                    writeln!(
+                        fs::OpenOptions::new().append(true).open(&path).unwrap(),
+                        "{row}"
+                    )
+                    .unwrap();
                     table.insert(index, (row, fate));
                 }
             });
@@ -338,15 +479,29 @@ pub(crate) fn every(kills: &[String], (name, head): (&str, &str), crash: impl Fn
     let table = table.into_inner().unwrap();
     assert_eq!(table.len(), kills.len());
     let (rows, fates): (Vec<String>, Vec<Fate>) = table.into_values().unzip();
-    std::io::stderr().write_all(format!("{head}\n{}\n", rows.join("\n")).as_bytes()).unwrap();
+    std::io::stderr()
+        .write_all(format!("{head}\n{}\n", rows.join("\n")).as_bytes())
+        .unwrap();
     // The last exchanges of the undisturbed run need not be reached.
     let died = fates.iter().filter(|fate| fate.died).count();
-    assert!(2 * died >= kills.len(), "{died} of {} kills were reached, expected half of them at least", kills.len());
+    assert!(
+        2 * died >= kills.len(),
+        "{died} of {} kills were reached, expected half of them at least",
+        kills.len()
+    );
     for (slow, of) in TOO_SLOW.into_iter().zip(EXCUSED) {
-        let excused = kills.iter().zip(&fates).filter(|(_, fate)| fate.excuses.contains(slow));
+        let excused = kills
+            .iter()
+            .zip(&fates)
+            .filter(|(_, fate)| fate.excuses.contains(slow));
         let excused: Vec<&str> = excused.map(|(drill, _)| drill.as_str()).collect();
         let most = (kills.len() / of).max(1);
-        assert!(excused.len() <= most, "{slow:?} of more than {most} of {} kills: {}", kills.len(), excused.join(", "));
+        assert!(
+            excused.len() <= most,
+            "{slow:?} of more than {most} of {} kills: {}",
+            kills.len(),
+            excused.join(", ")
+        );
     }
     fates
 }

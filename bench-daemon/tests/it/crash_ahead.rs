@@ -1,6 +1,7 @@
-//! The second crash drill: points that overlap, and a trace that is one wave in the generator's memory. The process dies where the generator is ahead of the
-//! journal's points, and before, in and behind the wave. Nothing brings the charge of the cell back by itself here, so that a wave whose outcome nobody knows
-//! is refused until a person has said so.
+//! The second crash drill: points that overlap, and a trace that is one wave in the generator's
+//! memory. The process dies where the generator is ahead of the journal's points, and before, in
+//! and behind the wave. Nothing brings the charge of the cell back by itself here, so that a wave
+//! whose outcome nobody knows is refused until a person has said so.
 //!
 //! `EIS_BENCH_CRASHES` as in the first one: `all`, or how many.
 
@@ -40,7 +41,11 @@ fn files() -> Files {
     Files::short(4)
         .without(EXPERIMENT, "fixture_check")
         .edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"10 Hz\"")
-        .edit(EXPERIMENT, "extra_wait = \"1 s\"", "extra_wait = \"1 s\"\noverlap = true")
+        .edit(
+            EXPERIMENT,
+            "extra_wait = \"1 s\"",
+            "extra_wait = \"1 s\"\noverlap = true",
+        )
         .append(EXPERIMENT, WAVE)
 }
 
@@ -51,24 +56,43 @@ struct Points {
     wave: Vec<String>,
 }
 
-/// Numbers of the lines of all transcripts together, and of the journal's writes, that lie between the first point's intent and the end of the wave.
+/// Numbers of the lines of all transcripts together, and of the journal's writes, that lie between
+/// the first point's intent and the end of the wave.
 fn points(run: &Path) -> Points {
     let lines = journal::read(run).unwrap().lines;
-    let of =
-        |text: &str| lines.iter().position(|line| matches!(&line.entry, Entry::Intent { text: met, .. } if met.starts_with(text))).unwrap();
+    let of = |text: &str| {
+        lines.iter().position(|line| matches!(&line.entry, Entry::Intent { text: met, .. } if met.starts_with(text))).unwrap()
+    };
     let (first, wave) = (of("point"), of("trace jump"));
-    let end = wave + lines[wave..].iter().position(|line| matches!(line.entry, Entry::Done { .. })).unwrap();
+    let end = wave
+        + lines[wave..]
+            .iter()
+            .position(|line| matches!(line.entry, Entry::Done { .. }))
+            .unwrap();
     let names = files_below(&run.join("transcripts"));
-    let roles = names.iter().map(|name| name.file_stem().unwrap().to_str().unwrap());
-    let mut times: Vec<f64> = roles.flat_map(|role| transcript(run, role).records).map(|record| record.time_s).collect();
+    let roles = names
+        .iter()
+        .map(|name| name.file_stem().unwrap().to_str().unwrap());
+    let mut times: Vec<f64> = roles
+        .flat_map(|role| transcript(run, role).records)
+        .map(|record| record.time_s)
+        .collect();
     times.sort_by(f64::total_cmp);
     let between = |from_s: f64, to_s: f64| -> Vec<usize> {
-        (1..).zip(&times).filter(|(_, time_s)| (from_s..=to_s).contains(*time_s)).map(|(number, _)| number).collect()
+        (1..)
+            .zip(&times)
+            .filter(|(_, time_s)| (from_s..=to_s).contains(*time_s))
+            .map(|(number, _)| number)
+            .collect()
     };
     let (loaded_s, away_s) = wave_s(&transcript(run, "generator").records, lines[wave].time_s);
     let playing = between(loaded_s, away_s);
-    assert!(!playing.is_empty(), "no exchange between {loaded_s} s and {away_s} s");
-    // Where the first two fall varies with the polls before them. At the third the wave is in the index, and the journal does not say that it is done.
+    assert!(
+        !playing.is_empty(),
+        "no exchange between {loaded_s} s and {away_s} s"
+    );
+    // Where the first two fall varies with the polls before them. At the third the wave is in the
+    // index, and the journal does not say that it is done.
     let exchange = |third: usize| format!("exchange:{}", playing[third * playing.len() / 3]);
     Points {
         exchanges: between(lines[first].time_s, lines[end].time_s),
@@ -78,36 +102,66 @@ fn points(run: &Path) -> Points {
     }
 }
 
-/// When a wave went into the generator after an instant, and when the least sine took its place, bench s.
+/// When a wave went into the generator after an instant, and when the least sine took its place,
+/// bench s.
 fn wave_s(generator: &[Record], from_s: f64) -> (f64, f64) {
     let sent_s = |text: &str, from_s: f64| {
         let said = |record: &Record| match &record.payload {
             Payload::Text(said) => said.contains(text),
             Payload::Block(block) => block.prefix.contains(text),
         };
-        let mut after = generator.iter().filter(|record| record.direction == Direction::Sent && record.time_s > from_s);
-        after.find(|record| said(record)).unwrap_or_else(|| panic!("{text:?} was not sent after {from_s} s")).time_s
+        let mut after = generator
+            .iter()
+            .filter(|record| record.direction == Direction::Sent && record.time_s > from_s);
+        after
+            .find(|record| said(record))
+            .unwrap_or_else(|| panic!("{text:?} was not sent after {from_s} s"))
+            .time_s
     };
     let loaded_s = sent_s(":WVDT ", from_s);
     (loaded_s, sent_s("WVTP,SINE", sent_s("WVTP,ARB", loaded_s)))
 }
 
 /// Every point, or a share spread over them; some of the wave's in any case.
-fn chosen(Points { exchanges, writes, wave }: &Points) -> Vec<String> {
+fn chosen(
+    Points {
+        exchanges,
+        writes,
+        wave,
+    }: &Points,
+) -> Vec<String> {
     let asked = std::env::var("EIS_BENCH_CRASHES").unwrap_or_default();
-    let share: usize = if asked == "all" { usize::MAX } else { asked.parse().unwrap_or(SHARE) };
+    let share: usize = if asked == "all" {
+        usize::MAX
+    } else {
+        asked.parse().unwrap_or(SHARE)
+    };
     let spread = |kind: &str, points: &[usize], share: usize| {
         let share = share.clamp(1, points.len());
-        (0..share).map(|index| format!("{kind}:{}", points[(2 * index + 1) * points.len() / (2 * share)])).collect::<Vec<_>>()
+        (0..share)
+            .map(|index| {
+                format!(
+                    "{kind}:{}",
+                    points[(2 * index + 1) * points.len() / (2 * share)]
+                )
+            })
+            .collect::<Vec<_>>()
     };
     let journal = share / JOURNAL;
-    [spread("exchange", exchanges, share - journal), spread("journal", writes, journal), wave.clone()].concat()
+    [
+        spread("exchange", exchanges, share - journal),
+        spread("journal", writes, journal),
+        wave.clone(),
+    ]
+    .concat()
 }
 
 /// What the run was in when it died.
 fn phase(run: &Path) -> &'static str {
     let lines = journal::read(run).unwrap().lines;
-    let began = lines.iter().rposition(|line| matches!(&line.entry, Entry::Intent { text, .. } if text.starts_with("trace jump")));
+    let began = lines.iter().rposition(
+        |line| matches!(&line.entry, Entry::Intent { text, .. } if text.starts_with("trace jump")),
+    );
     let (Some(began), generator) = (began, sent(run, "generator")) else {
         let (mut intents, mut done) = (0, 0);
         for line in &lines {
@@ -117,18 +171,39 @@ fn phase(run: &Path) -> &'static str {
                 _ => {}
             }
         }
-        return if intents > done + 1 { "overlapped point" } else { "point" };
+        return if intents > done + 1 {
+            "overlapped point"
+        } else {
+            "point"
+        };
     };
-    if lines[began..].iter().any(|line| matches!(line.entry, Entry::Done { .. })) {
+    if lines[began..]
+        .iter()
+        .any(|line| matches!(line.entry, Entry::Done { .. }))
+    {
         return "wave is done";
     }
-    let Some(loaded) = generator.iter().rposition(|message| message.contains(":WVDT ")) else { return "before the wave" };
-    let played = generator[loaded..].iter().position(|message| message.contains("WVTP,ARB"));
+    let Some(loaded) = generator
+        .iter()
+        .rposition(|message| message.contains(":WVDT "))
+    else {
+        return "before the wave";
+    };
+    let played = generator[loaded..]
+        .iter()
+        .position(|message| message.contains("WVTP,ARB"));
     let read_back = transcript(run, "generator").records.iter().any(|record| {
-        record.direction == Direction::Received && matches!(&record.payload, Payload::Text(text) if text.contains("WVTP,ARB"))
+        record.direction == Direction::Received
+            && matches!(&record.payload, Payload::Text(text) if text.contains("WVTP,ARB"))
     });
     match played {
-        Some(at) if generator[loaded + at..].iter().any(|message| message.contains("WVTP,SINE")) => "wave: end",
+        Some(at)
+            if generator[loaded + at..]
+                .iter()
+                .any(|message| message.contains("WVTP,SINE")) =>
+        {
+            "wave: end"
+        }
         Some(_) if read_back => "wave: play",
         _ => "wave: upload",
     }
@@ -149,10 +224,13 @@ fn unknown(run: &Path) -> bool {
 }
 
 fn ended(run: &Path) -> bool {
-    fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default().contains("{\"ended\":{\"how\":\"finished\"}}")
+    fs::read_to_string(run.join("journal.jsonl"))
+        .unwrap_or_default()
+        .contains("{\"ended\":{\"how\":\"finished\"}}")
 }
 
-/// Goes on until the run is finished; how often a person had to say that the wave may be played from its beginning.
+/// Goes on until the run is finished; how often a person had to say that the wave may be played
+/// from its beginning.
 #[track_caller]
 fn finish(run: &Path, drill: &str, fate: &mut Fate) -> usize {
     let mut asked = 0;
@@ -160,10 +238,18 @@ fn finish(run: &Path, drill: &str, fate: &mut Fate) -> usize {
         if unknown(run) {
             let refused = resume(run, &[]);
             refused.expect_code(2);
-            assert!(refused.message().contains("(trace jump, repeat 1: ") && refused.message().contains("--accept-charge"), "{drill}");
+            assert!(
+                refused.message().contains("(trace jump, repeat 1: ")
+                    && refused.message().contains("--accept-charge"),
+                "{drill}"
+            );
             asked += 1;
         }
-        let more: &[&str] = if unknown(run) { &["--accept-charge"] } else { &[] };
+        let more: &[&str] = if unknown(run) {
+            &["--accept-charge"]
+        } else {
+            &[]
+        };
         let ended = resume(run, more);
         if ended.code == Some(0) {
             return asked;
@@ -179,38 +265,85 @@ fn crash(drill: &str, fate: &mut Fate, (reference, agrees): (&[ImpedancePoint], 
     let ports = Ports::serve(&files, FACTOR, 1);
     let run = files.path("run");
     let experiment = files.experiment();
-    let died = dies(command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]), drill, fate);
+    let died = dies(
+        command(&[
+            "run".as_ref(),
+            experiment.as_os_str(),
+            "--out".as_ref(),
+            run.as_os_str(),
+        ]),
+        drill,
+        fate,
+    );
     if !died && ended(&run) {
         return format!("{drill:<13} not reached");
     }
     let current_a = ports.world.lock().unwrap().truth_current_a();
     let (phase, before) = (phase(&run), rows(&run));
     fate.phase = phase;
-    let guarded = if died { guarded(&files, drill) } else { "ended: too slow".to_owned() };
-    assert_eq!(ports.world.lock().unwrap().truth_current_a(), 0.0, "{drill}: {guarded}");
-    let asked = if ended(&run) { 0 } else { finish(&run, drill, fate) };
+    let guarded = if died {
+        guarded(&files, drill)
+    } else {
+        "ended: too slow".to_owned()
+    };
+    assert_eq!(
+        ports.world.lock().unwrap().truth_current_a(),
+        0.0,
+        "{drill}: {guarded}"
+    );
+    let asked = if ended(&run) {
+        0
+    } else {
+        finish(&run, drill, fate)
+    };
     for (name, rows) in &before {
-        assert!(fs::read_to_string(run.join(name)).unwrap().starts_with(rows.as_str()), "{drill}: rows of {} were lost", name.display());
+        assert!(
+            fs::read_to_string(run.join(name))
+                .unwrap()
+                .starts_with(rows.as_str()),
+            "{drill}: rows of {} were lost",
+            name.display()
+        );
     }
     // The wave has been begun once, and once more for each time that a person said so.
     let begun = journal::read(&run).unwrap().lines;
     let begun = begun.iter().filter(|line| matches!(&line.entry, Entry::Intent { text, .. } if text.starts_with("trace jump"))).count();
-    assert_eq!(begun, 1 + asked, "{drill}: a wave was played again although nobody knew what it had moved");
-    assert_eq!(json(&run.join("traces.json"))["traces"].as_array().unwrap().len(), 1, "{drill}");
+    assert_eq!(
+        begun,
+        1 + asked,
+        "{drill}: a wave was played again although nobody knew what it had moved"
+    );
+    assert_eq!(
+        json(&run.join("traces.json"))["traces"]
+            .as_array()
+            .unwrap()
+            .len(),
+        1,
+        "{drill}"
+    );
     let sigmas = distance(&spectrum(&run, "cell"), reference);
-    assert!(sigmas < agrees, "{drill}: {sigmas} standard deviations, {agrees} at most");
+    assert!(
+        sigmas < agrees,
+        "{drill}: {sigmas} standard deviations, {agrees} at most"
+    );
     ports.assert_outputs_off();
     let witness = ports.world.lock().unwrap().witness();
     assert_eq!(witness.abuse, [], "{drill}: the cell left its envelope");
-    let played = if asked > 0 { "refused, accepted" } else { "went on" };
+    let played = if asked > 0 {
+        "refused, accepted"
+    } else {
+        "went on"
+    };
     let (least_v, greatest_v) = (witness.least_v, witness.greatest_v);
     format!(
-        "{drill:<13} {phase:<16} {current_a:>7.3} A | {guarded:<15} | {played:<17} | {sigmas:.1} σ | cell {least_v:.3} V to {greatest_v:.3} V"
+        "{drill:<13} {phase:<16} {current_a:>7.3} A | {guarded:<15} | {played:<17} | {sigmas:.1} σ \
+        | cell {least_v:.3} V to {greatest_v:.3} V"
     )
 }
 
 #[test]
-fn overlapped_points_and_a_wave_that_are_killed_anywhere_lose_nothing_and_move_no_unknown_charge_again() {
+fn overlapped_points_and_a_wave_that_are_killed_anywhere_lose_nothing_and_move_no_unknown_charge_again()
+ {
     let files = files();
     let ports = Ports::serve(&files, FACTOR, 1);
     let whole = files.path("whole");
@@ -232,8 +365,17 @@ fn overlapped_points_and_a_wave_that_are_killed_anywhere_lose_nothing_and_move_n
         all.exchanges.len(),
         all.writes.len()
     );
-    let fates = every(&kills, ("kills_ahead.txt", &head), |_, drill, fate| crash(drill, fate, (&reference, agrees)));
-    let phases: Vec<&str> = fates.iter().filter(|fate| fate.died).map(|fate| fate.phase).collect();
+    let fates = every(&kills, ("kills_ahead.txt", &head), |_, drill, fate| {
+        crash(drill, fate, (&reference, agrees))
+    });
+    let phases: Vec<&str> = fates
+        .iter()
+        .filter(|fate| fate.died)
+        .map(|fate| fate.phase)
+        .collect();
     // As `phase` names them: its upload, its play, its end, or behind it.
-    assert!(phases.iter().any(|phase| phase.starts_with("wave")), "expected a death in the wave, found {phases:?}");
+    assert!(
+        phases.iter().any(|phase| phase.starts_with("wave")),
+        "expected a death in the wave, found {phases:?}"
+    );
 }

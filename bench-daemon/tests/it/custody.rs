@@ -1,4 +1,5 @@
-//! Real processes on real ports: whose a bench is, what is left when nobody is there any more, and what is heard from another terminal.
+//! Real processes on real ports: whose a bench is, what is left when nobody is there any more, and
+//! what is heard from another terminal.
 
 use std::{ffi::OsStr, fs, path::PathBuf};
 
@@ -24,7 +25,8 @@ fn kill_both(files: &Files, child: &mut Running) {
 }
 
 #[test]
-fn where_both_processes_died_under_current_the_next_start_says_what_it_finds_switches_off_and_latches() {
+fn where_both_processes_died_under_current_the_next_start_says_what_it_finds_switches_off_and_latches()
+ {
     let files = Files::short(6);
     let ports = Ports::serve(&files, FACTOR, 1);
     let run = files.path("killed");
@@ -36,12 +38,24 @@ fn where_both_processes_died_under_current_the_next_start_says_what_it_finds_swi
     for command in ["pause", "abort", "go-on"] {
         let unheard = program(&[command.as_ref(), run.as_os_str()]);
         unheard.expect_code(2);
-        for text in
-            ["nobody listens: the process of this run is gone, at ", "nobody has verified yet that its bench is off: `eis-bench safe "]
-        {
-            assert!(unheard.message().contains(text), "{command}: {}", unheard.message());
+        for text in [
+            "nobody listens: the process of this run is gone, at ",
+            "nobody has verified yet that its bench is off: `eis-bench safe ",
+        ] {
+            assert!(
+                unheard.message().contains(text),
+                "{command}: {}",
+                unheard.message()
+            );
         }
-        assert!(unheard.message().ends_with(&format!("`eis-bench resume {}` goes on with it", run.display())), "{}", unheard.message());
+        assert!(
+            unheard.message().ends_with(&format!(
+                "`eis-bench resume {}` goes on with it",
+                run.display()
+            )),
+            "{}",
+            unheard.message()
+        );
         assert!(!run.join("wishes.json").exists());
     }
 
@@ -49,11 +63,18 @@ fn where_both_processes_died_under_current_the_next_start_says_what_it_finds_swi
     latched.expect_code(7);
     for text in [
         format!("process {} on ", pid(&child)),
-        "died, and so did its guardian: nobody has switched off after it; found supply4q ON, ".to_owned(),
+        "died, and so did its guardian: nobody has switched off after it; found supply4q ON, "
+            .to_owned(),
         "found load off, ".to_owned(),
-        "now every output is off and read back: a current that nobody watched may have flowed in step \"point ".to_owned(),
+        "now every output is off and read back: a current that nobody watched may have flowed in \
+        step \"point "
+            .to_owned(),
     ] {
-        assert!(latched.message().contains(&text), "{text}: {}", latched.message());
+        assert!(
+            latched.message().contains(&text),
+            "{text}: {}",
+            latched.message()
+        );
     }
     assert!(!files.path("again").exists());
     ports.assert_outputs_off();
@@ -74,7 +95,8 @@ fn who_switches_off_after_both_died_settles_what_they_left_and_somebody_has_to_l
     kill_both(&files, &mut child);
     let safe = program(&["safe".as_ref(), files.path(BENCH).as_os_str()]);
     safe.expect_code(0);
-    let words = "and so did its guardian: nobody has switched off after it; now every output is off and read back: a current that nobody watched may have flowed";
+    let words = "and so did its guardian: nobody has switched off after it; now every output is \
+    off and read back: a current that nobody watched may have flowed";
     assert!(safe.stderr.contains(words), "{}", safe.stderr);
     ports.assert_outputs_off();
     assert!(!state(&files, "open.json").exists());
@@ -100,13 +122,23 @@ fn where_both_processes_died_while_nothing_was_on_it_is_said_and_nobody_has_to_l
     kill_both(&files, &mut child);
     let resumed = resume(&run, &[]);
     resumed.expect_code(0);
-    assert!(resumed.stderr.contains("nobody has switched off after it; found supply4q off, "), "{}", resumed.stderr);
+    assert!(
+        resumed
+            .stderr
+            .contains("nobody has switched off after it; found supply4q off, "),
+        "{}",
+        resumed.stderr
+    );
     assert!(!state(&files, "trip.json").exists() && !state(&files, "open.json").exists());
     ports.assert_outputs_off();
 }
 
 fn told(run: &std::path::Path, text: &str) {
-    poll(text, || fs::read_to_string(run.join("journal.jsonl")).ok().filter(|journal| journal.contains(text)));
+    poll(text, || {
+        fs::read_to_string(run.join("journal.jsonl"))
+            .ok()
+            .filter(|journal| journal.contains(text))
+    });
 }
 
 #[test]
@@ -118,9 +150,22 @@ fn a_bench_is_switched_off_beside_a_daemon_that_ends_on_request() {
     wait_for_points(&mut child, &run, ("raw_shunt.csv", 2));
     let safe = on_bench(&files, &["safe"]);
     safe.expect_code(0);
-    assert!(safe.stderr.contains(&format!("process {} was asked to end its run and to switch off", pid(&child))), "{}", safe.stderr);
+    assert!(
+        safe.stderr.contains(&format!(
+            "process {} was asked to end its run and to switch off",
+            pid(&child)
+        )),
+        "{}",
+        safe.stderr
+    );
     for role in ["supply4q", "generator", "load", "supply"] {
-        assert!(safe.stdout.lines().any(|line| line.starts_with(role) && line.contains("off, read back")), "{}", safe.stdout);
+        assert!(
+            safe.stdout
+                .lines()
+                .any(|line| line.starts_with(role) && line.contains("off, read back")),
+            "{}",
+            safe.stdout
+        );
     }
     assert_eq!(end(child).0, Some(130));
     ports.assert_outputs_off();
@@ -131,14 +176,26 @@ fn a_bench_is_switched_off_beside_a_daemon_that_ends_on_request() {
 #[test]
 fn a_load_that_draws_during_a_pause_trips() {
     paused(
-        Action::Load(LoadState { input_on: true, current_a: 1.0, min_voltage_v: 0.0, power_w: None }),
+        Action::Load(LoadState {
+            input_on: true,
+            current_a: 1.0,
+            min_voltage_v: 0.0,
+            power_w: None,
+        }),
         "interlock: current of the load ",
     );
 }
 
 #[test]
 fn a_charger_that_feeds_during_a_pause_trips() {
-    paused(Action::Supply(SupplyState { output_on: true, voltage_v: 4.2, current_a: 1.0 }), "interlock: current of the charger ");
+    paused(
+        Action::Supply(SupplyState {
+            output_on: true,
+            voltage_v: 4.2,
+            current_a: 1.0,
+        }),
+        "interlock: current of the charger ",
+    );
 }
 
 /// Somebody's hand at the panel of an instrument while a run is paused.
@@ -159,7 +216,8 @@ fn paused(hand: Action, trip: &str) {
     assert!(state(&files, "trip.json").exists());
 }
 
-/// A bench that is not simulated as far as the program knows, and where its instruments' state is kept.
+/// A bench that is not simulated as far as the program knows, and where its instruments' state is
+/// kept.
 struct Metal {
     files: Files,
     ports: Ports,
@@ -167,7 +225,11 @@ struct Metal {
 
 impl Metal {
     fn new() -> Self {
-        let files = Files::short(2).without(EXPERIMENT, "fixture_check").edit(BENCH, "command_trim = 1.0", "command_trim = 8.0");
+        let files = Files::short(2).without(EXPERIMENT, "fixture_check").edit(
+            BENCH,
+            "command_trim = 1.0",
+            "command_trim = 8.0",
+        );
         let files = files.append(BENCH, "[guardian]\nlease = \"300 s\"");
         let ports = Ports::serve(&files, 1.0, 1);
         let files = files.without(BENCH, "simulation");
@@ -178,7 +240,11 @@ impl Metal {
     fn copy(&self, name: &str) -> PathBuf {
         let path = self.files.path("elsewhere").join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
-        let text = self.files.text(BENCH).replace("name = \"demo\"", "name = \"other\"").replace("tcp://127.0.0.1:", "tcp://localhost:");
+        let text = self
+            .files
+            .text(BENCH)
+            .replace("name = \"demo\"", "name = \"other\"")
+            .replace("tcp://127.0.0.1:", "tcp://localhost:");
         fs::write(&path, text).unwrap();
         path
     }
@@ -192,7 +258,11 @@ impl Metal {
     fn program(&self, arguments: &[&OsStr]) -> Ended {
         let output = self.command(arguments).output().unwrap();
         let text = |bytes| String::from_utf8(bytes).unwrap();
-        Ended { code: output.status.code(), stdout: text(output.stdout), stderr: text(output.stderr) }
+        Ended {
+            code: output.status.code(),
+            stdout: text(output.stdout),
+            stderr: text(output.stderr),
+        }
     }
 }
 
@@ -200,18 +270,36 @@ impl Metal {
 fn lock_and_latch_belong_to_the_instruments_whatever_the_bench_file_is_called() {
     let metal = Metal::new();
     let experiment = metal.files.experiment();
-    let (out, again, copy) = (metal.files.path("run"), metal.files.path("again"), metal.copy("renamed.toml"));
+    let (out, again, copy) = (
+        metal.files.path("run"),
+        metal.files.path("again"),
+        metal.copy("renamed.toml"),
+    );
     let run = ["run".as_ref(), experiment.as_os_str(), "--out".as_ref()];
-    let mut child = Running(metal.command(&[&run[..], &[out.as_os_str()]].concat()).spawn().unwrap());
-    poll("the guardian", || state(&metal.files, "open.json").exists().then_some(()));
-    let other = [&run[..], &[again.as_os_str(), "--bench".as_ref(), copy.as_os_str()]].concat();
+    let mut child = Running(
+        metal
+            .command(&[&run[..], &[out.as_os_str()]].concat())
+            .spawn()
+            .unwrap(),
+    );
+    poll("the guardian", || {
+        state(&metal.files, "open.json").exists().then_some(())
+    });
+    let other = [
+        &run[..],
+        &[again.as_os_str(), "--bench".as_ref(), copy.as_os_str()],
+    ]
+    .concat();
     // Held for as long as the other one asks.
     signal(pid(&child), Signal::SIGSTOP);
     let busy = metal.program(&other);
     signal(pid(&child), Signal::SIGCONT);
     busy.expect_code(8);
-    let words =
-        format!("process {} runs demo ({}), which shares an instrument with other, for ", pid(&child), metal.files.path(BENCH).display());
+    let words = format!(
+        "process {} runs demo ({}), which shares an instrument with other, for ",
+        pid(&child),
+        metal.files.path(BENCH).display()
+    );
     assert!(busy.message().contains(&words), "{}", busy.message());
     // Eight times the command.
     assert_eq!(child.0.wait().unwrap().code(), Some(5));
@@ -219,22 +307,55 @@ fn lock_and_latch_belong_to_the_instruments_whatever_the_bench_file_is_called() 
 
     let latched = metal.program(&other);
     latched.expect_code(7);
-    let words = format!("other, for it shares an instrument with {}, which is latched: interlock: ", metal.files.path(BENCH).display());
-    assert!(latched.message().starts_with(&words), "{}", latched.message());
+    let words = format!(
+        "other, for it shares an instrument with {}, which is latched: interlock: ",
+        metal.files.path(BENCH).display()
+    );
+    assert!(
+        latched.message().starts_with(&words),
+        "{}",
+        latched.message()
+    );
     assert!(!again.exists());
     // One instrument in common is enough, and whoever clears it clears it for all.
     let logger = metal.files.text(BENCH);
-    let logger = logger.lines().skip_while(|line| *line != "[instruments.logger]").take_while(|line| !line.is_empty());
-    let wiring: String = metal.files.text(BENCH).split_once("[wiring]").unwrap().1.to_owned();
-    let text = format!("name = \"logger\"\n{}\n[wiring]{wiring}", logger.collect::<Vec<_>>().join("\n"));
+    let logger = logger
+        .lines()
+        .skip_while(|line| *line != "[instruments.logger]")
+        .take_while(|line| !line.is_empty());
+    let wiring: String = metal
+        .files
+        .text(BENCH)
+        .split_once("[wiring]")
+        .unwrap()
+        .1
+        .to_owned();
+    let text = format!(
+        "name = \"logger\"\n{}\n[wiring]{wiring}",
+        logger.collect::<Vec<_>>().join("\n")
+    );
     let sharing = metal.files.path("elsewhere/logger.toml");
     fs::write(&sharing, text).unwrap();
     let cleared = metal.program(&["clear".as_ref(), sharing.as_os_str(), "--yes".as_ref()]);
     cleared.expect_code(0);
-    assert!(cleared.stdout.starts_with("logger is latched by the daemon: interlock: "), "{}", cleared.stdout);
-    assert_eq!(metal.program(&["clear".as_ref(), copy.as_os_str()]).stdout, "other is not latched\n");
+    assert!(
+        cleared
+            .stdout
+            .starts_with("logger is latched by the daemon: interlock: "),
+        "{}",
+        cleared.stdout
+    );
+    assert_eq!(
+        metal.program(&["clear".as_ref(), copy.as_os_str()]).stdout,
+        "other is not latched\n"
+    );
     let original = metal.files.path(BENCH);
-    assert_eq!(metal.program(&["clear".as_ref(), original.as_os_str()]).stdout, "demo is not latched\n");
+    assert_eq!(
+        metal
+            .program(&["clear".as_ref(), original.as_os_str()])
+            .stdout,
+        "demo is not latched\n"
+    );
     metal.ports.assert_outputs_off();
 }
 
@@ -244,8 +365,19 @@ fn simulated_benches_stay_apart_whatever_ports_they_have() {
     let ports = Ports::serve(&files, FACTOR, 1);
     files.run("run").expect_code(5);
     let copy = files.path("benches/copy.toml");
-    fs::write(&copy, files.text(BENCH).replace("name = \"demo\"", "name = \"copy\"")).unwrap();
-    assert_eq!(program(&["clear".as_ref(), copy.as_os_str()]).expect_code(0).stdout, "copy is not latched\n");
+    fs::write(
+        &copy,
+        files
+            .text(BENCH)
+            .replace("name = \"demo\"", "name = \"copy\""),
+    )
+    .unwrap();
+    assert_eq!(
+        program(&["clear".as_ref(), copy.as_os_str()])
+            .expect_code(0)
+            .stdout,
+        "copy is not latched\n"
+    );
     on_bench(&files, &["clear"]).expect_code(2);
     ports.assert_outputs_off();
 }

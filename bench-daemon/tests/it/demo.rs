@@ -1,4 +1,5 @@
-//! The demo: its folder is complete, its numbers agree with the simulated truth within what they claim, and the same seed gives the same bytes.
+//! The demo: its folder is complete, its numbers agree with the simulated truth within what they
+//! claim, and the same seed gives the same bytes.
 
 use std::{
     collections::BTreeMap,
@@ -20,7 +21,16 @@ use instruments::transcript::Direction;
 
 use crate::support::{demo, files_below, json, program, sent, transcript, truth};
 
-const ROLES: [&str; 8] = ["supply4q", "generator", "scope", "load", "supply", "chiller", "logger", "jig"];
+const ROLES: [&str; 8] = [
+    "supply4q",
+    "generator",
+    "scope",
+    "load",
+    "supply",
+    "chiller",
+    "logger",
+    "jig",
+];
 const FIXTURES: [&str; 3] = ["shunt", "fake_cell", "cell"];
 const POINTS: usize = 20;
 const RECORD_POINTS: usize = 10_000;
@@ -29,12 +39,18 @@ const SHUNT_OHM: f64 = 9.96e-3;
 /// The demo as another process would run it.
 fn run_program(out: &Path, more: &[&str]) {
     let experiment = demo();
-    let mut arguments = vec!["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), out.as_os_str()];
+    let mut arguments = vec![
+        "run".as_ref(),
+        experiment.as_os_str(),
+        "--out".as_ref(),
+        out.as_os_str(),
+    ];
     arguments.extend(more.iter().map(std::ffi::OsStr::new));
     program(&arguments).expect_code(0);
 }
 
-/// The demo in this process, where its truth can be seen; one fit, for the fits are not what is looked at.
+/// The demo in this process, where its truth can be seen; one fit, for the fits are not what is
+/// looked at.
 fn run_here(seed: u64) -> (Finished, tempfile::TempDir) {
     let mut experiment = load_experiment(&demo(), None).unwrap();
     experiment.seed = seed;
@@ -60,10 +76,22 @@ fn the_run_folder_is_complete_and_everything_in_it_is_readable() {
     for role in ROLES {
         let found = transcript(&run, role);
         assert!(found.torn.is_none(), "{role}");
-        let count = |direction: Direction| found.records.iter().filter(|record| record.direction == direction).count();
-        assert!(count(Direction::Sent) > 0 && count(Direction::Received) > 0, "{role}");
+        let count = |direction: Direction| {
+            found
+                .records
+                .iter()
+                .filter(|record| record.direction == direction)
+                .count()
+        };
+        assert!(
+            count(Direction::Sent) > 0 && count(Direction::Received) > 0,
+            "{role}"
+        );
         assert_eq!(count(Direction::Unsolicited), 0, "{role}");
-        assert!(found.records.is_sorted_by(|a, b| a.time_s <= b.time_s), "{role}");
+        assert!(
+            found.records.is_sorted_by(|a, b| a.time_s <= b.time_s),
+            "{role}"
+        );
     }
     // What was configured is kept as it was typed.
     for (kept, typed) in [
@@ -74,7 +102,12 @@ fn the_run_folder_is_complete_and_everything_in_it_is_readable() {
     ] {
         let typed = crate::configuration::configs().join(format!("{typed}.toml"));
         let kept = run.join("config").join(format!("{kept}.toml"));
-        assert_eq!(fs::read(&kept).unwrap(), fs::read(typed).unwrap(), "{}", kept.display());
+        assert_eq!(
+            fs::read(&kept).unwrap(),
+            fs::read(typed).unwrap(),
+            "{}",
+            kept.display()
+        );
     }
 }
 
@@ -83,14 +116,34 @@ fn assert_spectra(run: &Path) {
         let table = read_spectrum_csv(&run.join(format!("{name}.csv"))).unwrap();
         assert_eq!(table.len(), POINTS, "{name}");
         assert!(table.is_sorted_by(|a, b| a.freq_hz < b.freq_hz), "{name}");
-        assert!((table[0].freq_hz, table[POINTS - 1].freq_hz) == (0.1, 300.0), "{name}");
-        assert!(table.iter().all(|point| point.covariance.is_valid() && point.covariance.re_re > 0.0), "{name}");
-        assert!(table.iter().all(|point| (point.amplitude_a - 1.0).abs() < 0.05), "{name}: about 1 A was asked for");
+        assert!(
+            (table[0].freq_hz, table[POINTS - 1].freq_hz) == (0.1, 300.0),
+            "{name}"
+        );
+        assert!(
+            table
+                .iter()
+                .all(|point| point.covariance.is_valid() && point.covariance.re_re > 0.0),
+            "{name}"
+        );
+        assert!(
+            table
+                .iter()
+                .all(|point| (point.amplitude_a - 1.0).abs() < 0.05),
+            "{name}: about 1 A was asked for"
+        );
         let columns = read_spectrum_parquet(&run.join(format!("{name}.parquet"))).unwrap();
         assert_eq!(columns.len(), table.len(), "{name}");
         for (row, column) in table.iter().zip(&columns) {
-            assert_eq!((row.freq_hz, row.z_ohm, row.amplitude_a), (column.freq_hz, column.z_ohm, column.amplitude_a), "{name}");
-            assert!((row.covariance.re_re / column.covariance.re_re - 1.0).abs() < 1.0e-12, "{name}");
+            assert_eq!(
+                (row.freq_hz, row.z_ohm, row.amplitude_a),
+                (column.freq_hz, column.z_ohm, column.amplitude_a),
+                "{name}"
+            );
+            assert!(
+                (row.covariance.re_re / column.covariance.re_re - 1.0).abs() < 1.0e-12,
+                "{name}"
+            );
             assert_eq!(row.covariance.re_im, column.covariance.re_im, "{name}");
         }
     }
@@ -101,18 +154,43 @@ fn assert_captures(run: &Path) {
     for fixture in FIXTURES {
         let folder = run.join("captures").join(fixture);
         // A point that was ranged again has more than one capture; its name says so.
-        let files: Vec<PathBuf> = files_below(&folder).into_iter().filter(|name| !name.to_string_lossy().contains("_again")).collect();
+        let files: Vec<PathBuf> = files_below(&folder)
+            .into_iter()
+            .filter(|name| !name.to_string_lossy().contains("_again"))
+            .collect();
         assert_eq!(files.len(), POINTS, "{fixture}");
         for (file, point) in files.iter().zip(&spectrum) {
             let capture = read_capture(&folder.join(file)).unwrap();
-            assert!(capture.meta.label.starts_with(&format!("{fixture} point ")), "{}", capture.meta.label);
-            assert_eq!(capture.meta.freq_hz, point.freq_hz, "{fixture} {}", file.display());
-            assert_eq!(capture.codes.each_ref().map(Vec::len), [RECORD_POINTS; 4], "{fixture} {}", file.display());
+            assert!(
+                capture.meta.label.starts_with(&format!("{fixture} point ")),
+                "{}",
+                capture.meta.label
+            );
+            assert_eq!(
+                capture.meta.freq_hz,
+                point.freq_hz,
+                "{fixture} {}",
+                file.display()
+            );
+            assert_eq!(
+                capture.codes.each_ref().map(Vec::len),
+                [RECORD_POINTS; 4],
+                "{fixture} {}",
+                file.display()
+            );
             let periods = capture.meta.interval_s * RECORD_POINTS as f64 * point.freq_hz;
             // The scope tells its sample interval in single precision.
-            assert!(periods >= 4.999, "{fixture} {}: {periods} periods", file.display());
+            assert!(
+                periods >= 4.999,
+                "{fixture} {}: {periods} periods",
+                file.display()
+            );
             for codes in &capture.codes {
-                assert!(codes.iter().min() < codes.iter().max(), "{fixture} {}: a channel saw nothing", file.display());
+                assert!(
+                    codes.iter().min() < codes.iter().max(),
+                    "{fixture} {}: a channel saw nothing",
+                    file.display()
+                );
             }
         }
     }
@@ -130,55 +208,117 @@ fn assert_models(run: &Path) {
     }
 }
 
-/// The budget is that of the spectrum: its totals are the spectrum's standard deviations, and its parts add up to them in squares.
+/// The budget is that of the spectrum: its totals are the spectrum's standard deviations, and its
+/// parts add up to them in squares.
 fn assert_budget(run: &Path) {
     let spectrum = read_spectrum_csv(&run.join("spectrum.csv")).unwrap();
     let text = fs::read_to_string(run.join("budget.csv")).unwrap();
     let (header, rows) = text.split_once('\n').unwrap();
     let names: Vec<&str> = header.split(',').collect();
-    for name in ["noise", "quantisation", "drift", "shunt", "gain", "skew", "mutual_inductance", "fake_cell", "control_noise"] {
-        assert!(names.contains(&format!("{name}_pct").as_str()) && names.contains(&format!("{name}_deg").as_str()), "{name}: {header}");
+    for name in [
+        "noise",
+        "quantisation",
+        "drift",
+        "shunt",
+        "gain",
+        "skew",
+        "mutual_inductance",
+        "fake_cell",
+        "control_noise",
+    ] {
+        assert!(
+            names.contains(&format!("{name}_pct").as_str())
+                && names.contains(&format!("{name}_deg").as_str()),
+            "{name}: {header}"
+        );
     }
     for (row, point) in rows.lines().zip(&spectrum) {
         let cells: Vec<f64> = row.split(',').map(|cell| cell.parse().unwrap()).collect();
         let column = |name: &str| cells[names.iter().position(|met| *met == name).unwrap()];
         assert_eq!(column("freq_hz"), point.freq_hz);
-        for (unit, stated) in
-            [("_pct", 100.0 * point.magnitude_sigma_ohm() / point.magnitude_ohm()), ("_deg", point.phase_sigma_rad().to_degrees())]
-        {
-            assert!((column(&format!("total{unit}")) / stated - 1.0).abs() < 1.0e-3, "{row}");
-            let parts = names
-                .iter()
-                .filter(|name| name.ends_with(unit) && !["correction", "total", "phase"].iter().any(|sum| name.starts_with(sum)));
+        for (unit, stated) in [
+            (
+                "_pct",
+                100.0 * point.magnitude_sigma_ohm() / point.magnitude_ohm(),
+            ),
+            ("_deg", point.phase_sigma_rad().to_degrees()),
+        ] {
+            assert!(
+                (column(&format!("total{unit}")) / stated - 1.0).abs() < 1.0e-3,
+                "{row}"
+            );
+            let parts = names.iter().filter(|name| {
+                name.ends_with(unit)
+                    && !["correction", "total", "phase"]
+                        .iter()
+                        .any(|sum| name.starts_with(sum))
+            });
             let squares: f64 = parts.map(|name| column(name).powi(2)).sum();
             assert!((squares.sqrt() / stated - 1.0).abs() < 1.0e-3, "{row}");
         }
     }
     assert_eq!(rows.lines().count(), POINTS);
-    assert_eq!(json(&run.join("budget.json"))["points"].as_array().unwrap().len(), POINTS);
+    assert_eq!(
+        json(&run.join("budget.json"))["points"]
+            .as_array()
+            .unwrap()
+            .len(),
+        POINTS
+    );
 }
 
 fn assert_controls(run: &Path) {
-    let correction: Correction = serde_json::from_value(json(&run.join("correction.json"))).unwrap();
-    assert!(correction.parameters().iter().all(|parameter| parameter.value.is_finite() && parameter.sigma > 0.0));
+    let correction: Correction =
+        serde_json::from_value(json(&run.join("correction.json"))).unwrap();
+    assert!(
+        correction
+            .parameters()
+            .iter()
+            .all(|parameter| parameter.value.is_finite() && parameter.sigma > 0.0)
+    );
     let controls = json(&run.join("controls.json"));
-    let names: Vec<&str> = controls.as_array().unwrap().iter().map(|control| control["control"].as_str().unwrap()).collect();
+    let names: Vec<&str> = controls
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|control| control["control"].as_str().unwrap())
+        .collect();
     assert_eq!(names, ["shunt", "fake_cell"]);
-    assert!(controls[0]["raw"]["passed"].as_bool().unwrap() && controls[1]["corrected"]["passed"].as_bool().unwrap());
+    assert!(
+        controls[0]["raw"]["passed"].as_bool().unwrap()
+            && controls[1]["corrected"]["passed"].as_bool().unwrap()
+    );
 }
 
 fn assert_manifest(run: &Path) {
     let manifest = json(&run.join("manifest.json"));
     assert_eq!(manifest["program"], "eis-bench");
     assert_eq!(manifest["version"], env!("CARGO_PKG_VERSION"));
-    assert_eq!((&manifest["seed"], &manifest["time"]), (&1.into(), &"virtual".into()));
+    assert_eq!(
+        (&manifest["seed"], &manifest["time"]),
+        (&1.into(), &"virtual".into())
+    );
     assert_eq!(manifest["status"], "finished");
-    assert!(manifest["bench_time_s"].as_f64().unwrap() > 3000.0, "about an hour of bench time: {}", manifest["bench_time_s"]);
+    assert!(
+        manifest["bench_time_s"].as_f64().unwrap() > 3000.0,
+        "about an hour of bench time: {}",
+        manifest["bench_time_s"]
+    );
     let hash = manifest["config_sha256"].as_str().unwrap();
-    assert!(hash.len() == 64 && hash.bytes().all(|byte| byte.is_ascii_hexdigit()), "{hash}");
-    assert_eq!(manifest["files"].as_object().unwrap().len(), 4, "experiment, bench, cell, scenario");
+    assert!(
+        hash.len() == 64 && hash.bytes().all(|byte| byte.is_ascii_hexdigit()),
+        "{hash}"
+    );
+    assert_eq!(
+        manifest["files"].as_object().unwrap().len(),
+        4,
+        "experiment, bench, cell, scenario"
+    );
     let instruments = manifest["instruments"].as_array().unwrap();
-    let roles: Vec<&str> = instruments.iter().map(|instrument| instrument["role"].as_str().unwrap()).collect();
+    let roles: Vec<&str> = instruments
+        .iter()
+        .map(|instrument| instrument["role"].as_str().unwrap())
+        .collect();
     assert_eq!(roles, ROLES);
     for instrument in instruments {
         assert_eq!(instrument["recognised"], true);
@@ -191,35 +331,67 @@ fn assert_tables(run: &Path) {
         let text = fs::read_to_string(run.join(name)).unwrap();
         let (first, rows) = text.split_once('\n').unwrap();
         assert_eq!(first, header);
-        rows.lines().map(|row| row.split(',').next().unwrap().parse().unwrap()).collect()
+        rows.lines()
+            .map(|row| row.split(',').next().unwrap().parse().unwrap())
+            .collect()
     };
     let events = times("events.csv", "time_s,kind,event");
-    let readings = times("readings.csv", "time_s,phase,voltage_v,current_a,temperature_c");
+    let readings = times(
+        "readings.csv",
+        "time_s,phase,voltage_v,current_a,temperature_c",
+    );
     assert!(events.is_sorted() && readings.is_sorted());
-    assert!(events.len() > 3 * POINTS && readings.len() > 1000, "{} events, {} readings", events.len(), readings.len());
+    assert!(
+        events.len() > 3 * POINTS && readings.len() > 1000,
+        "{} events, {} readings",
+        events.len(),
+        readings.len()
+    );
     let text = fs::read_to_string(run.join("events.csv")).unwrap();
-    let stages =
-        ["\"fixture check: shunt\"", "\"fixture check: fake cell\"", "\"temperature\"", "\"SOC reset\"", "\"EIS sweep of the cell\""];
+    let stages = [
+        "\"fixture check: shunt\"",
+        "\"fixture check: fake cell\"",
+        "\"temperature\"",
+        "\"SOC reset\"",
+        "\"EIS sweep of the cell\"",
+    ];
     let found: Vec<Option<usize>> = stages.iter().map(|stage| text.find(stage)).collect();
-    assert!(found.iter().all(Option::is_some) && found.is_sorted(), "the controls before the cell, then as in the thesis: {found:?}");
+    assert!(
+        found.iter().all(Option::is_some) && found.is_sorted(),
+        "the controls before the cell, then as in the thesis: {found:?}"
+    );
     let log = fs::read_to_string(run.join("log.txt")).unwrap();
     assert!(log.contains("INFO stage: EIS sweep of the cell"), "{log}");
 }
 
-/// The report shows itself without any other file, and each plot is there for the screen and for print.
+/// The report shows itself without any other file, and each plot is there for the screen and for
+/// print.
 fn assert_report(run: &Path) {
     let report = fs::read_to_string(run.join("report.html")).unwrap();
     assert!(report.starts_with("<!DOCTYPE html>") && report.trim_end().ends_with("</html>"));
     for reference in ["src=\"http", "href=\"http", "<script src", "@import"] {
-        assert!(!report.contains(reference), "the report needs something else: {reference}");
+        assert!(
+            !report.contains(reference),
+            "the report needs something else: {reference}"
+        );
     }
     assert!(report.matches("<svg").count() >= 3 && report.contains("Molicel P45B"));
     let orders = (1..=4).map(|rc| format!("nyquist_fit_{rc}rc"));
-    for name in ["nyquist", "bode", "budget", "nyquist_controls"].map(str::to_owned).into_iter().chain(orders) {
+    for name in ["nyquist", "bode", "budget", "nyquist_controls"]
+        .map(str::to_owned)
+        .into_iter()
+        .chain(orders)
+    {
         let svg = fs::read_to_string(run.join(format!("plots/{name}.svg"))).unwrap();
-        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"), "{name}");
+        assert!(
+            svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"),
+            "{name}"
+        );
         let png = fs::read(run.join(format!("plots/{name}.png"))).unwrap();
-        assert!(png.starts_with(b"\x89PNG\r\n") && png.ends_with(b"IEND\xaeB`\x82"), "{name}");
+        assert!(
+            png.starts_with(b"\x89PNG\r\n") && png.ends_with(b"IEND\xaeB`\x82"),
+            "{name}"
+        );
     }
 }
 
@@ -234,13 +406,32 @@ fn one_seed_gives_the_same_bytes_and_another_seed_does_not() {
     });
     let [first, second, other] = runs.map(|run| {
         let files = files_below(&run);
-        files.into_iter().map(|name| (name.clone(), fs::read(run.join(name)).unwrap())).collect::<BTreeMap<_, _>>()
+        files
+            .into_iter()
+            .map(|name| (name.clone(), fs::read(run.join(name)).unwrap()))
+            .collect::<BTreeMap<_, _>>()
     });
     assert!(first.len() > 60 + ROLES.len(), "{:?}", first.keys());
-    assert_eq!(first.keys().collect::<Vec<_>>(), second.keys().collect::<Vec<_>>());
-    let differing: Vec<&PathBuf> = first.iter().filter(|(name, bytes)| second[*name] != **bytes).map(|(name, _)| name).collect();
-    assert!(differing.is_empty(), "one seed, two contents: {differing:?}");
-    for name in ["spectrum.csv", "raw_shunt.csv", "captures/cell/point01_0.100000Hz.parquet", "readings.csv", "model_4rc.json"] {
+    assert_eq!(
+        first.keys().collect::<Vec<_>>(),
+        second.keys().collect::<Vec<_>>()
+    );
+    let differing: Vec<&PathBuf> = first
+        .iter()
+        .filter(|(name, bytes)| second[*name] != **bytes)
+        .map(|(name, _)| name)
+        .collect();
+    assert!(
+        differing.is_empty(),
+        "one seed, two contents: {differing:?}"
+    );
+    for name in [
+        "spectrum.csv",
+        "raw_shunt.csv",
+        "captures/cell/point01_0.100000Hz.parquet",
+        "readings.csv",
+        "model_4rc.json",
+    ] {
         assert_ne!(first[Path::new(name)], other[Path::new(name)], "{name}");
     }
 }
@@ -251,7 +442,8 @@ struct Accuracy {
     /// Largest errors.
     magnitude_rel: f64,
     phase_deg: f64,
-    /// Parts of the impedance (Re and Im of each point) within two standard deviations of the truth.
+    /// Parts of the impedance (Re and Im of each point) within two standard deviations of the
+    /// truth.
     covered: usize,
 }
 
@@ -260,13 +452,20 @@ fn accuracy(seed: u64) -> Accuracy {
     let points = &finished.measured.spectrum.points;
     assert_eq!(points.len(), POINTS);
     let truth = truth(finished.simulation.unwrap().world(), points);
-    let mut accuracy = Accuracy { magnitude_rel: 0.0, phase_deg: 0.0, covered: 0 };
+    let mut accuracy = Accuracy {
+        magnitude_rel: 0.0,
+        phase_deg: 0.0,
+        covered: 0,
+    };
     for (point, true_ohm) in points.iter().zip(truth) {
         let ratio = point.z_ohm / true_ohm;
         accuracy.magnitude_rel = accuracy.magnitude_rel.max((ratio.norm() - 1.0).abs());
         accuracy.phase_deg = accuracy.phase_deg.max(ratio.arg().to_degrees().abs());
         let error = point.z_ohm - true_ohm;
-        for (error, variance) in [(error.re, point.covariance.re_re), (error.im, point.covariance.im_im)] {
+        for (error, variance) in [
+            (error.re, point.covariance.re_re),
+            (error.im, point.covariance.im_im),
+        ] {
             accuracy.covered += usize::from(error.abs() <= 2.0 * variance.sqrt());
         }
     }
@@ -276,16 +475,26 @@ fn accuracy(seed: u64) -> Accuracy {
 #[test]
 fn the_spectrum_agrees_with_the_truth_and_its_uncertainty_is_honest() {
     let found: Vec<Accuracy> = std::thread::scope(|scope| {
-        let halves = [1..=5_u64, 6..=10].map(|seeds| scope.spawn(|| seeds.map(accuracy).collect::<Vec<_>>()));
-        halves.into_iter().flat_map(|half| half.join().unwrap()).collect()
+        let halves = [1..=5_u64, 6..=10]
+            .map(|seeds| scope.spawn(|| seeds.map(accuracy).collect::<Vec<_>>()));
+        halves
+            .into_iter()
+            .flat_map(|half| half.join().unwrap())
+            .collect()
     });
     for seed in &found {
-        assert!(seed.magnitude_rel <= 3.0e-3 && seed.phase_deg <= 0.3, "the seeds from 1 on: {found:#?}");
+        assert!(
+            seed.magnitude_rel <= 3.0e-3 && seed.phase_deg <= 0.3,
+            "the seeds from 1 on: {found:#?}"
+        );
     }
     let parts = found.len() * POINTS * 2;
     let covered = found.iter().map(|seed| seed.covered).sum::<usize>() as f64 / parts as f64;
-    eprintln!("parts of the impedance within two standard deviations: {covered}; by seed: {found:.3?}");
-    // Two standard deviations hold 95 %. The errors of one seed's correction are common to its points, so that ten seeds scatter around that.
+    eprintln!(
+        "parts of the impedance within two standard deviations: {covered}; by seed: {found:.3?}"
+    );
+    // Two standard deviations hold 95 %. The errors of one seed's correction are common to its
+    // points, so that ten seeds scatter around that.
     assert!((0.90..=0.99).contains(&covered), "{covered}: {found:#?}");
 }
 
@@ -295,17 +504,37 @@ fn the_uncorrected_shunt_reads_too_much_and_its_phase_rises() {
     let points = read_spectrum_csv(&folder.path().join("run/raw_shunt.csv")).unwrap();
     for point in &points {
         let milliohm = 1.0e3 * point.magnitude_ohm();
-        assert!((milliohm - 10.15).abs() <= 0.05, "{milliohm} mΩ at {} Hz", point.freq_hz);
+        assert!(
+            (milliohm - 10.15).abs() <= 0.05,
+            "{milliohm} mΩ at {} Hz",
+            point.freq_hz
+        );
     }
     let phase_deg = |freq_hz: f64| {
-        let near = |a: &&ImpedancePoint, b: &&ImpedancePoint| (a.freq_hz / freq_hz).ln().abs().total_cmp(&(b.freq_hz / freq_hz).ln().abs());
+        let near = |a: &&ImpedancePoint, b: &&ImpedancePoint| {
+            (a.freq_hz / freq_hz)
+                .ln()
+                .abs()
+                .total_cmp(&(b.freq_hz / freq_hz).ln().abs())
+        };
         points.iter().min_by(near).unwrap().phase_rad().to_degrees()
     };
     // The pick-up M of the moved probes adds ωM to R.
-    let harness = finished.simulation.unwrap().world().lock().unwrap().truth_harness();
-    let pickup_deg = (std::f64::consts::TAU * 300.0 * harness.shunt_pickup_h / SHUNT_OHM).atan().to_degrees();
+    let harness = finished
+        .simulation
+        .unwrap()
+        .world()
+        .lock()
+        .unwrap()
+        .truth_harness();
+    let pickup_deg = (std::f64::consts::TAU * 300.0 * harness.shunt_pickup_h / SHUNT_OHM)
+        .atan()
+        .to_degrees();
     let excess_deg = phase_deg(300.0) - phase_deg(1.0);
-    assert!((excess_deg - pickup_deg).abs() < 0.2, "{excess_deg}°, of which the pick-up explains {pickup_deg}°");
+    assert!(
+        (excess_deg - pickup_deg).abs() < 0.2,
+        "{excess_deg}°, of which the pick-up explains {pickup_deg}°"
+    );
     assert!(excess_deg > 0.5, "{excess_deg}°");
 }
 
@@ -314,11 +543,24 @@ fn the_cell_testifies_that_it_was_treated_well() {
     let (finished, folder) = run_here(1);
     let world = finished.simulation.unwrap().world().lock().unwrap().clone();
     let witness = world.witness();
-    assert_eq!((witness.abuse_count, witness.abuse.as_slice()), (0, &[][..]));
-    assert!(witness.least_v > 3.4 && witness.greatest_v < 3.95, "{witness:?}");
+    assert_eq!(
+        (witness.abuse_count, witness.abuse.as_slice()),
+        (0, &[][..])
+    );
+    assert!(
+        witness.least_v > 3.4 && witness.greatest_v < 3.95,
+        "{witness:?}"
+    );
     // 5 A down, 3 A up, 1 A of sinusoid; meters and gains are off by a few parts in a thousand.
-    assert!((witness.greatest_discharge_a - 5.0).abs() < 0.05 && (witness.greatest_charge_a - 3.0).abs() < 0.05, "{witness:?}");
-    assert!(witness.greatest_c > 22.0 && witness.greatest_c < 27.0, "{witness:?}");
+    assert!(
+        (witness.greatest_discharge_a - 5.0).abs() < 0.05
+            && (witness.greatest_charge_a - 3.0).abs() < 0.05,
+        "{witness:?}"
+    );
+    assert!(
+        witness.greatest_c > 22.0 && witness.greatest_c < 27.0,
+        "{witness:?}"
+    );
     // What the run wrote down is what the cell has felt: one reading a second while charge flows.
     let readings = fs::read_to_string(folder.path().join("run/readings.csv")).unwrap();
     let direct_c: f64 = readings
@@ -329,29 +571,58 @@ fn the_cell_testifies_that_it_was_treated_well() {
         .sum();
     let sine_c = witness.throughput_c - direct_c;
     assert!(direct_c > 1000.0, "a reset moves charge: {direct_c} C");
-    assert!((100.0..1000.0).contains(&sine_c), "{direct_c} C while resetting, {sine_c} C in the sweep of the cell");
+    assert!(
+        (100.0..1000.0).contains(&sine_c),
+        "{direct_c} C while resetting, {sine_c} C in the sweep of the cell"
+    );
     let gained_c = (world.truth_soc() - 0.6) * 4.5 * 3600.0;
-    assert!((witness.net_charge_c - gained_c).abs() < 1.0, "{} C, {gained_c} C", witness.net_charge_c);
+    assert!(
+        (witness.net_charge_c - gained_c).abs() < 1.0,
+        "{} C, {gained_c} C",
+        witness.net_charge_c
+    );
     // Thesis 3.3.1: about 3.72 V.
-    assert!((world.truth_cell_v() - 3.72).abs() < 0.02, "{} V", world.truth_cell_v());
+    assert!(
+        (world.truth_cell_v() - 3.72).abs() < 0.02,
+        "{} V",
+        world.truth_cell_v()
+    );
     assert_eq!(world.truth_current_a(), 0.0);
     assert_last_word_off(&folder.path().join("run"));
 }
 
-/// The last that each instrument said of its output is that it is off, and nothing was sent afterwards that could change that.
+/// The last that each instrument said of its output is that it is off, and nothing was sent
+/// afterwards that could change that.
 fn assert_last_word_off(run: &Path) {
-    for (role, question, off, on) in
-        [("supply4q", "OUTP?", "0", "OUTP ON"), ("generator", "C1:OUTP?", "C1:OUTP OFF", "C1:OUTP ON"), ("load", ":INP?", "0", ":INP ON")]
-    {
+    for (role, question, off, on) in [
+        ("supply4q", "OUTP?", "0", "OUTP ON"),
+        ("generator", "C1:OUTP?", "C1:OUTP OFF", "C1:OUTP ON"),
+        ("load", ":INP?", "0", ":INP ON"),
+    ] {
         let records = transcript(run, role).records;
         let text = |index: usize| match &records[index].payload {
             instruments::transcript::Payload::Text(text) => text.clone(),
             instruments::transcript::Payload::Block(block) => block.prefix.clone(),
         };
-        let asked = (0..records.len()).rev().find(|&index| text(index) == question).unwrap();
-        assert!(text(asked + 1).starts_with(off), "{role}: {}", text(asked + 1));
+        let asked = (0..records.len())
+            .rev()
+            .find(|&index| text(index) == question)
+            .unwrap();
+        assert!(
+            text(asked + 1).starts_with(off),
+            "{role}: {}",
+            text(asked + 1)
+        );
         let last_on = (0..records.len()).rev().find(|&index| text(index) == on);
-        assert!(last_on.is_some_and(|index| index < asked), "{role} was on once and was asked after that");
+        assert!(
+            last_on.is_some_and(|index| index < asked),
+            "{role} was on once and was asked after that"
+        );
     }
-    assert!(sent(run, "supply").iter().rev().any(|message| message == "OUTP CH1,OFF"));
+    assert!(
+        sent(run, "supply")
+            .iter()
+            .rev()
+            .any(|message| message == "OUTP CH1,OFF")
+    );
 }

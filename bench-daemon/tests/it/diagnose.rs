@@ -14,7 +14,10 @@ use bench_daemon::dataset::read_dataset;
 use fixtures::hidden::{Case, Corruption, Spec};
 
 fn eis_bench(args: &[&Path]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench")).args(args).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .args(args)
+        .output()
+        .unwrap()
 }
 
 /// A campaign in `data`, a model of its first sweep beside it.
@@ -22,13 +25,32 @@ pub(crate) fn campaign(folder: &Path, spec: &Spec) {
     let case = Case::new(spec);
     case.write(&folder.join("data")).unwrap();
     let set = read_dataset(&folder.join("data")).unwrap().set;
-    let sweep = set.runs.iter().find(|run| run.repeat_group == "eis").unwrap();
-    let file = std::fs::read_dir(folder.join("data")).unwrap().map(|entry| entry.unwrap().path());
-    let file = file.filter(|path| path.to_string_lossy().contains(&sweep.name)).min().unwrap();
+    let sweep = set
+        .runs
+        .iter()
+        .find(|run| run.repeat_group == "eis")
+        .unwrap();
+    let file = std::fs::read_dir(folder.join("data"))
+        .unwrap()
+        .map(|entry| entry.unwrap().path());
+    let file = file
+        .filter(|path| path.to_string_lossy().contains(&sweep.name))
+        .min()
+        .unwrap();
     let spectra = read_spectra(&file).unwrap();
-    let options = FitOptions { rc: 3, objective: Objective::Complex, bounds: Bounds::for_spectra(&spectra), seed: 1 };
+    let options = FitOptions {
+        rc: 3,
+        objective: Objective::Complex,
+        bounds: Bounds::for_spectra(&spectra),
+        seed: 1,
+    };
     let (soc, ocv_v) = case.base.ocv.iter().copied().unzip();
-    let mut model = ModelFile::new("cell", fit_erm(&spectra, &options).unwrap(), Vec::new(), None);
+    let mut model = ModelFile::new(
+        "cell",
+        fit_erm(&spectra, &options).unwrap(),
+        Vec::new(),
+        None,
+    );
     std::fs::write(folder.join("bare.json"), model.to_json().unwrap()).unwrap();
     model.ocv = Some(OcvCurve::monotone(case.base.capacity_ah, soc, ocv_v).unwrap());
     std::fs::write(folder.join("model.json"), model.to_json().unwrap()).unwrap();
@@ -36,22 +58,44 @@ pub(crate) fn campaign(folder: &Path, spec: &Spec) {
 
 fn diagnose(folder: &Path, model: &str) -> Output {
     let [data, model, out] = ["data", model, "out"].map(|name| folder.join(name));
-    eis_bench(&[Path::new("diagnose"), &data, Path::new("--model"), &model, Path::new("--out"), &out, Path::new("--json")])
+    eis_bench(&[
+        Path::new("diagnose"),
+        &data,
+        Path::new("--model"),
+        &model,
+        Path::new("--out"),
+        &out,
+        Path::new("--json"),
+    ])
 }
 
 #[test]
 fn damaged_data_are_a_verdict_with_an_exit_code_of_its_own() {
-    for (kind, text) in
-        [(Corruption::VoltageMillivolts, "mV for V?"), (Corruption::TimeBackwards, "its times go back"), (Corruption::Truncated, "")]
-    {
+    for (kind, text) in [
+        (Corruption::VoltageMillivolts, "mV for V?"),
+        (Corruption::TimeBackwards, "its times go back"),
+        (Corruption::Truncated, ""),
+    ] {
         let folder = tempfile::tempdir().unwrap();
-        campaign(folder.path(), &Spec { corruption: Some(kind), ..Spec::null(1) });
+        campaign(
+            folder.path(),
+            &Spec {
+                corruption: Some(kind),
+                ..Spec::null(1)
+            },
+        );
         let output = diagnose(folder.path(), "model.json");
         assert_eq!(output.status.code(), Some(12), "{output:?}");
         let printed: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         let summary = printed["summary"].as_str().unwrap();
-        assert!(printed["verdict"] == "invalid" && summary.contains(text), "{summary}");
-        assert_eq!(crate::support::json(&folder.path().join("out/diagnosis.json")), printed);
+        assert!(
+            printed["verdict"] == "invalid" && summary.contains(text),
+            "{summary}"
+        );
+        assert_eq!(
+            crate::support::json(&folder.path().join("out/diagnosis.json")),
+            printed
+        );
     }
 }
 
@@ -62,22 +106,46 @@ fn what_is_missing_is_told_and_ends_with_2() {
     let refused = |model: &str, text: &str| {
         let output = diagnose(folder.path(), model);
         let error = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(output.status.code() == Some(2) && error.contains(text), "{error}");
+        assert!(
+            output.status.code() == Some(2) && error.contains(text),
+            "{error}"
+        );
     };
-    refused("bare.json", "expected an OCV curve in it, found none; give one with --ocv");
+    refused(
+        "bare.json",
+        "expected an OCV curve in it, found none; give one with --ocv",
+    );
     refused("none.json", "--model ");
-    std::fs::write(folder.path().join("data/dataset.toml"), "name = \"d\"\nruns = []\n").unwrap();
-    refused("model.json", "dataset.toml:2: runs: expected at least one [[runs]], found none");
+    std::fs::write(
+        folder.path().join("data/dataset.toml"),
+        "name = \"d\"\nruns = []\n",
+    )
+    .unwrap();
+    refused(
+        "model.json",
+        "dataset.toml:2: runs: expected at least one [[runs]], found none",
+    );
 }
 
 #[test]
 fn the_catalogue_is_printed() {
     let text = String::from_utf8(eis_bench(&[Path::new("effects")]).stdout).unwrap();
-    assert!(analysis::effects::catalogue().iter().all(|e| text.contains(e.card().name)), "{text}");
-    assert!(text.contains("additional relaxation") && text.contains("dv/dt = (R·i − v)/τ"), "{text}");
+    assert!(
+        analysis::effects::catalogue()
+            .iter()
+            .all(|e| text.contains(e.card().name)),
+        "{text}"
+    );
+    assert!(
+        text.contains("additional relaxation") && text.contains("dv/dt = (R·i − v)/τ"),
+        "{text}"
+    );
     let json = eis_bench(&[Path::new("effects"), Path::new("--json")]).stdout;
     let cards: serde_json::Value = serde_json::from_slice(&json).unwrap();
-    assert_eq!(cards["effects"].as_array().unwrap().len(), analysis::effects::catalogue().len());
+    assert_eq!(
+        cards["effects"].as_array().unwrap().len(),
+        analysis::effects::catalogue().len()
+    );
 }
 
 #[test]
@@ -86,13 +154,31 @@ fn the_curve_of_a_run_folder_is_that_of_its_cell() {
     files.run("run").expect_code(0);
     let (run, out) = (files.path("run"), files.path("out"));
     let model = run.join("model_1rc.json");
-    let output = eis_bench(&[Path::new("diagnose"), &run, Path::new("--model"), &model, Path::new("--out"), &out]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    assert!(files.text("out/diagnosis.html").contains("eis-bench diagnose "));
+    let output = eis_bench(&[
+        Path::new("diagnose"),
+        &run,
+        Path::new("--model"),
+        &model,
+        Path::new("--out"),
+        &out,
+    ]);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    assert!(
+        files
+            .text("out/diagnosis.html")
+            .contains("eis-bench diagnose ")
+    );
     let page = files.text("run/report.html");
-    for text in
-        ["none: the bench ran in virtual time", "cell at rest before its records", " --seed 1", "config/experiments_demo.toml, SHA-256 "]
-    {
+    for text in [
+        "none: the bench ran in virtual time",
+        "cell at rest before its records",
+        " --seed 1",
+        "config/experiments_demo.toml, SHA-256 ",
+    ] {
         assert!(page.contains(text), "{text}");
     }
 }

@@ -8,12 +8,19 @@ use std::{
 use serde_json::Value;
 
 fn eis_bench(arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench")).args(arguments).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .args(arguments)
+        .output()
+        .unwrap()
 }
 
 fn fits(arguments: &[&str]) -> Vec<Value> {
     let output = eis_bench(arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
     report["fits"].as_array().unwrap().clone()
 }
@@ -23,33 +30,71 @@ fn thesis_sweeps() -> PathBuf {
 }
 
 fn number(value: &Value, key: &str) -> f64 {
-    value[key].as_f64().unwrap_or_else(|| panic!("no number {key} in {value}"))
+    value[key]
+        .as_f64()
+        .unwrap_or_else(|| panic!("no number {key} in {value}"))
 }
 
 /// R, then (R, C) of each branch by rising time constant.
 fn parameters(fit: &Value) -> Vec<f64> {
-    let mut branches: Vec<(f64, f64)> =
-        fit["branches"].as_array().unwrap().iter().map(|branch| (number(branch, "r_ohm"), number(branch, "c_f"))).collect();
+    let mut branches: Vec<(f64, f64)> = fit["branches"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|branch| (number(branch, "r_ohm"), number(branch, "c_f")))
+        .collect();
     branches.sort_by(|a, b| (a.0 * a.1).total_cmp(&(b.0 * b.1)));
-    std::iter::once(number(fit, "r_ohm")).chain(branches.into_iter().flat_map(|(r, c)| [r, c])).collect()
+    std::iter::once(number(fit, "r_ohm"))
+        .chain(branches.into_iter().flat_map(|(r, c)| [r, c]))
+        .collect()
 }
 
 #[test]
 fn the_pooled_sweeps_of_the_thesis_give_its_appendix_a() {
     let sweeps = thesis_sweeps();
-    let found = fits(&["fit", sweeps.to_str().unwrap(), "--pool", "--rc", "2,3,4", "--objective", "sum-abs", "--json"]);
+    let found = fits(&[
+        "fit",
+        sweeps.to_str().unwrap(),
+        "--pool",
+        "--rc",
+        "2,3,4",
+        "--objective",
+        "sum-abs",
+        "--json",
+    ]);
     assert_eq!(found.len(), 3);
-    for (fit, (rc, objective, tolerance)) in found.iter().zip([(2, 0.072_555, 1.0e-3), (3, 0.046_394, 2.5e-3), (4, 0.033_027, 5.0e-3)]) {
+    for (fit, (rc, objective, tolerance)) in found.iter().zip([
+        (2, 0.072_555, 1.0e-3),
+        (3, 0.046_394, 2.5e-3),
+        (4, 0.033_027, 5.0e-3),
+    ]) {
         assert_eq!(number(fit, "rc"), f64::from(rc));
-        assert!((number(fit, "objective") - objective).abs() < 1.0e-4, "{rc} RC: {}", number(fit, "objective"));
+        assert!(
+            (number(fit, "objective") - objective).abs() < 1.0e-4,
+            "{rc} RC: {}",
+            number(fit, "objective")
+        );
         let appendix = &fixtures::data::appendix_a()[usize::try_from(rc).unwrap() - 1];
         let mut branches: Vec<_> = appendix.branches.iter().collect();
         branches.sort_by(|a, b| (a.r_ohm * a.c_f).total_cmp(&(b.r_ohm * b.c_f)));
-        let expected = std::iter::once(appendix.r_ohm).chain(branches.iter().flat_map(|branch| [branch.r_ohm, branch.c_f]));
+        let expected = std::iter::once(appendix.r_ohm).chain(
+            branches
+                .iter()
+                .flat_map(|branch| [branch.r_ohm, branch.c_f]),
+        );
         for (met, expected) in parameters(fit).into_iter().zip(expected) {
-            assert!((met / expected - 1.0).abs() < tolerance, "{rc} RC: {met}, appendix A {expected}");
+            assert!(
+                (met / expected - 1.0).abs() < tolerance,
+                "{rc} RC: {met}, appendix A {expected}"
+            );
         }
-        let dc: f64 = number(fit, "r_ohm") + fit["branches"].as_array().unwrap().iter().map(|branch| number(branch, "r_ohm")).sum::<f64>();
+        let dc: f64 = number(fit, "r_ohm")
+            + fit["branches"]
+                .as_array()
+                .unwrap()
+                .iter()
+                .map(|branch| number(branch, "r_ohm"))
+                .sum::<f64>();
         assert!((number(fit, "dc_resistance_ohm") / dc - 1.0).abs() < 1.0e-12);
     }
 }
@@ -57,8 +102,21 @@ fn the_pooled_sweeps_of_the_thesis_give_its_appendix_a() {
 #[test]
 fn one_rc_finds_the_global_optimum_below_the_one_of_the_thesis() {
     let sweeps = thesis_sweeps();
-    let found = fits(&["fit", sweeps.to_str().unwrap(), "--pool", "--rc", "1", "--objective", "sum-abs", "--json"]);
-    assert!((number(&found[0], "objective") - 0.1932).abs() < 1.0e-4, "{}", found[0]);
+    let found = fits(&[
+        "fit",
+        sweeps.to_str().unwrap(),
+        "--pool",
+        "--rc",
+        "1",
+        "--objective",
+        "sum-abs",
+        "--json",
+    ]);
+    assert!(
+        (number(&found[0], "objective") - 0.1932).abs() < 1.0e-4,
+        "{}",
+        found[0]
+    );
 }
 
 /// A small spectrum of 10 mΩ with 5 mΩ ∥ 2 F, in the three forms.
@@ -94,7 +152,10 @@ fn every_form_of_a_spectrum_gives_its_circuit_under_every_objective() {
         assert_eq!(found.len(), 3);
         for fit in &found {
             for (met, expected) in parameters(fit).into_iter().zip([0.010, 0.005, 2.0]) {
-                assert!((met / expected - 1.0).abs() < 1.0e-4, "{objective}: {met}, expected {expected}");
+                assert!(
+                    (met / expected - 1.0).abs() < 1.0e-4,
+                    "{objective}: {met}, expected {expected}"
+                );
             }
         }
     }
@@ -108,12 +169,22 @@ fn an_impedance_of_another_size_is_fitted_too() {
     for k in 0..30 {
         let freq_hz = 0.1 * 10.0_f64.powf(f64::from(k) / 6.0);
         let x = std::f64::consts::TAU * freq_hz * 50.0 * 100.0e-6;
-        text += &format!("{freq_hz},{},{}\n", 10.0 + 50.0 / (1.0 + x * x), -50.0 * x / (1.0 + x * x));
+        text += &format!(
+            "{freq_hz},{},{}\n",
+            10.0 + 50.0 / (1.0 + x * x),
+            -50.0 * x / (1.0 + x * x)
+        );
     }
     std::fs::write(&file, text).unwrap();
     let found = fits(&["fit", file.to_str().unwrap(), "--rc", "1", "--json"]);
-    for (met, expected) in parameters(&found[0]).into_iter().zip([10.0, 50.0, 100.0e-6]) {
-        assert!((met / expected - 1.0).abs() < 1.0e-6, "{met}, expected {expected}");
+    for (met, expected) in parameters(&found[0])
+        .into_iter()
+        .zip([10.0, 50.0, 100.0e-6])
+    {
+        assert!(
+            (met / expected - 1.0).abs() < 1.0e-6,
+            "{met}, expected {expected}"
+        );
     }
 }
 
@@ -122,14 +193,33 @@ fn a_folder_of_models_plots_and_a_report_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("out");
     let sweeps = thesis_sweeps();
-    let output =
-        eis_bench(&["fit", sweeps.to_str().unwrap(), "--pool", "--rc", "2", "--objective", "sum-abs", "--out", out.to_str().unwrap()]);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let model: Value = serde_json::from_slice(&std::fs::read(out.join("model_2rc.json")).unwrap()).unwrap();
+    let output = eis_bench(&[
+        "fit",
+        sweeps.to_str().unwrap(),
+        "--pool",
+        "--rc",
+        "2",
+        "--objective",
+        "sum-abs",
+        "--out",
+        out.to_str().unwrap(),
+    ]);
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let model: Value =
+        serde_json::from_slice(&std::fs::read(out.join("model_2rc.json")).unwrap()).unwrap();
     assert_eq!(number(&model, "rc"), 2.0);
     let cell = number(&model["fit"]["erm"], "r_ohm");
     assert!((number(&model["pack"]["erm"], "r_ohm") / cell - 16.0 / 3.0).abs() < 1.0e-12);
-    for name in ["nyquist-sweeps", "nyquist-controls", "nyquist-fit-2rc", "bode"] {
+    for name in [
+        "nyquist-sweeps",
+        "nyquist-controls",
+        "nyquist-fit-2rc",
+        "bode",
+    ] {
         let svg = std::fs::read_to_string(out.join(format!("{name}.svg"))).unwrap();
         assert!(svg.starts_with("<svg") && svg.contains("</svg>"), "{name}");
         let png = std::fs::read(out.join(format!("{name}.png"))).unwrap();
@@ -138,7 +228,10 @@ fn a_folder_of_models_plots_and_a_report_is_written() {
     let html = std::fs::read_to_string(out.join("report.html")).unwrap();
     assert!(html.contains("<svg") && html.contains("0.072555"));
     for loading in ["<script", "src=", "@import", "url(http", "<link"] {
-        assert!(!html.contains(loading), "the report must open by itself: {loading}");
+        assert!(
+            !html.contains(loading),
+            "the report must open by itself: {loading}"
+        );
     }
 }
 
@@ -146,14 +239,21 @@ fn a_folder_of_models_plots_and_a_report_is_written() {
 fn bad_input_is_refused_with_exit_code_2_and_a_reason() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("broken.csv");
-    std::fs::write(&file, "freq_hz,z_re_ohm,z_im_ohm\n0.1,0.01,-0.001\n0.2,x,-0.001\n").unwrap();
+    std::fs::write(
+        &file,
+        "freq_hz,z_re_ohm,z_im_ohm\n0.1,0.01,-0.001\n0.2,x,-0.001\n",
+    )
+    .unwrap();
     let broken = file.to_str().unwrap();
     let sweeps = thesis_sweeps();
     let good = sweeps.to_str().unwrap();
     for (arguments, reason) in [
         (vec!["fit", broken], "broken.csv"),
         (vec!["fit", "/nonexistent.csv"], "/nonexistent.csv"),
-        (vec!["fit", good, "--rc", "0"], "--rc: expected `all` or different numbers from 1 to 8"),
+        (
+            vec!["fit", good, "--rc", "0"],
+            "--rc: expected `all` or different numbers from 1 to 8",
+        ),
         (vec!["fit", good, "--objective", "best"], "--objective: "),
     ] {
         let output = eis_bench(&arguments);
@@ -162,5 +262,8 @@ fn bad_input_is_refused_with_exit_code_2_and_a_reason() {
         assert!(message.contains(reason), "{message}");
     }
     let message = String::from_utf8_lossy(&eis_bench(&["fit", broken]).stderr).into_owned();
-    assert!(message.contains("line 3") || message.contains(":3"), "{message}");
+    assert!(
+        message.contains("line 3") || message.contains(":3"),
+        "{message}"
+    );
 }

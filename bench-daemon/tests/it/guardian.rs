@@ -1,4 +1,5 @@
-//! Real processes on real ports: a daemon that dies, hangs or loses an instrument; what its guardian does, and what a person has to do afterwards.
+//! Real processes on real ports: a daemon that dies, hangs or loses an instrument; what its
+//! guardian does, and what a person has to do afterwards.
 
 use std::{
     fs,
@@ -33,7 +34,8 @@ pub(crate) fn state(files: &Files, name: &str) -> PathBuf {
 /// The guardian's report as soon as it has this status.
 pub(crate) fn report(files: &Files, status: &str) -> serde_json::Value {
     poll(&format!("a guardian's report of {status:?}"), || {
-        let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(state(files, "guardian.json")).ok()?).ok()?;
+        let report: serde_json::Value =
+            serde_json::from_str(&fs::read_to_string(state(files, "guardian.json")).ok()?).ok()?;
         (report["status"] == status).then_some(report)
     })
 }
@@ -41,7 +43,12 @@ pub(crate) fn report(files: &Files, status: &str) -> serde_json::Value {
 /// What an instrument measured after the guardian had switched it off, A.
 pub(crate) fn amps(report: &serde_json::Value, role: &str) -> f64 {
     let outputs = report["outputs"].as_array().unwrap();
-    outputs.iter().find(|output| output["role"] == role).unwrap()["amps"].as_f64().unwrap()
+    outputs
+        .iter()
+        .find(|output| output["role"] == role)
+        .unwrap()["amps"]
+        .as_f64()
+        .unwrap()
 }
 
 pub(crate) fn signal(process: i32, signal: Signal) {
@@ -55,8 +62,12 @@ pub(crate) fn pid(child: &Running) -> i32 {
 /// A command on the bench file.
 pub(crate) fn on_bench(files: &Files, words: &[&str]) -> Ended {
     let bench = files.path(BENCH);
-    let arguments: Vec<&std::ffi::OsStr> =
-        words[..1].iter().map(AsRef::as_ref).chain([bench.as_os_str()]).chain(words[1..].iter().map(AsRef::as_ref)).collect();
+    let arguments: Vec<&std::ffi::OsStr> = words[..1]
+        .iter()
+        .map(AsRef::as_ref)
+        .chain([bench.as_os_str()])
+        .chain(words[1..].iter().map(AsRef::as_ref))
+        .collect();
     program(&arguments)
 }
 
@@ -72,8 +83,14 @@ fn a_daemon_that_is_killed_leaves_a_bench_that_is_off_within_five_seconds() {
     child.0.kill().unwrap();
     let report = report(&files, "verified");
     let took_s = report["took_s"].as_f64().unwrap();
-    assert!(took_s < 5.0 && report["attempts"] == 1 && report["cause"] == "the daemon died", "{report}");
-    assert!(report["step"].as_str().unwrap().starts_with("point"), "{report}");
+    assert!(
+        took_s < 5.0 && report["attempts"] == 1 && report["cause"] == "the daemon died",
+        "{report}"
+    );
+    assert!(
+        report["step"].as_str().unwrap().starts_with("point"),
+        "{report}"
+    );
     for role in ["supply4q", "load", "supply"] {
         assert!(amps(&report, role).abs() < 0.1, "{report}");
     }
@@ -85,8 +102,14 @@ fn a_daemon_that_is_killed_leaves_a_bench_that_is_off_within_five_seconds() {
 
 #[test]
 fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
-    for (generator, ends) in [("bursts", true), ("bursts, but not this instrument", false), ("no bursts", false)] {
-        let mut files = Files::short(6).edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"2 Hz\"").without(EXPERIMENT, "fixture_check");
+    for (generator, ends) in [
+        ("bursts", true),
+        ("bursts, but not this instrument", false),
+        ("no bursts", false),
+    ] {
+        let mut files = Files::short(6)
+            .edit(EXPERIMENT, "start = \"100 Hz\"", "start = \"2 Hz\"")
+            .without(EXPERIMENT, "fixture_check");
         if generator == "no bursts" {
             files = files.edit(BENCH, "[wiring]", "[wiring]\nbursts = false");
         } else if !ends {
@@ -97,23 +120,51 @@ fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
         let mut child = start(&files, &run, &[]);
         let flows = || ports.world.lock().unwrap().truth_current_a().abs() > 0.3;
         let watching = report(&files, "watching");
-        let both = [i32::try_from(watching["pid"].as_i64().unwrap()).unwrap(), pid(&child)];
-        // Both stand still before it is asked whether a current flows: on a slow machine a point may end between the two.
+        let both = [
+            i32::try_from(watching["pid"].as_i64().unwrap()).unwrap(),
+            pid(&child),
+        ];
+        // Both stand still before it is asked whether a current flows: on a slow machine a point
+        // may end between the two.
         poll("a current that neither can end", || {
             poll("a current", || flows().then_some(()));
-            both.into_iter().for_each(|process| signal(process, Signal::SIGSTOP));
+            both.into_iter()
+                .for_each(|process| signal(process, Signal::SIGSTOP));
             let caught = flows();
-            both.into_iter().for_each(|process| signal(process, if caught { Signal::SIGKILL } else { Signal::SIGCONT }));
+            both.into_iter().for_each(|process| {
+                signal(
+                    process,
+                    if caught {
+                        Signal::SIGKILL
+                    } else {
+                        Signal::SIGCONT
+                    },
+                )
+            });
             caught.then_some(())
         });
         let _ = child.0.wait();
         // 60 s of the bench: more than any burst of this sweep.
         let killed_s = unix_time_s();
-        poll("the time that a burst takes", || (unix_time_s() > killed_s + 60.0 / FACTOR).then_some(()));
-        let silent = (0..30).all(|_| ports.ask("supply4q", "MEAS:CURR?").trim().parse::<f64>().unwrap().abs() < 0.1);
+        poll("the time that a burst takes", || {
+            (unix_time_s() > killed_s + 60.0 / FACTOR).then_some(())
+        });
+        let silent = (0..30).all(|_| {
+            ports
+                .ask("supply4q", "MEAS:CURR?")
+                .trim()
+                .parse::<f64>()
+                .unwrap()
+                .abs()
+                < 0.1
+        });
         assert_eq!(silent, ends, "{generator}");
         let events = fs::read_to_string(run.join("events.csv")).unwrap();
-        assert_eq!(events.contains("generator: takes no bursts"), generator == "bursts, but not this instrument", "{events}");
+        assert_eq!(
+            events.contains("generator: takes no bursts"),
+            generator == "bursts, but not this instrument",
+            "{events}"
+        );
         on_bench(&files, &["safe"]).expect_code(0);
         ports.assert_outputs_off();
     }
@@ -121,20 +172,32 @@ fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
 
 #[test]
 fn a_run_that_waits_to_go_on_by_itself_is_ended_by_safe_and_holds_its_bench_meanwhile() {
-    let faults = "[simulation.faults]\nseed = 1\nper_message = 1.0\nmost = 1\nkinds = [\"reset\"]\nrole = \"scope\"\nfrom = \"6 s\"";
-    let files = Files::short(6).without(EXPERIMENT, "fixture_check").append(BENCH, faults);
+    let faults = "[simulation.faults]\nseed = 1\nper_message = 1.0\nmost = 1\n\
+    kinds = [\"reset\"]\nrole = \"scope\"\nfrom = \"6 s\"";
+    let files = Files::short(6)
+        .without(EXPERIMENT, "fixture_check")
+        .append(BENCH, faults);
     let ports = Ports::serve(&files, 1.0, 1);
     let run = files.path("run");
     let child = start(&files, &run, &[]);
     let journal = || fs::read_to_string(run.join("journal.jsonl")).unwrap_or_default();
-    poll("the end of the first part", || journal().contains("ended early").then_some(()));
+    poll("the end of the first part", || {
+        journal().contains("ended early").then_some(())
+    });
     let second = files.run("second");
     second.expect_code(8);
     let safe = on_bench(&files, &["safe"]);
     safe.expect_code(0);
-    assert!(safe.stderr.contains("was asked to end its run"), "{}", safe.stderr);
+    assert!(
+        safe.stderr.contains("was asked to end its run"),
+        "{}",
+        safe.stderr
+    );
     let (code, said) = end(child);
-    assert!(code == Some(3) && said.contains("going on by itself in 5 s"), "{code:?}: {said}");
+    assert!(
+        code == Some(3) && said.contains("going on by itself in 5 s"),
+        "{code:?}: {said}"
+    );
     assert!(!journal().contains("the run goes on"), "{}", journal());
     ports.assert_outputs_off();
     files.run("again").expect_code(0);
@@ -149,9 +212,15 @@ fn a_daemon_that_is_stopped_loses_its_lease_and_its_life() {
     wait_for_points(&mut child, &run, ("spectrum.csv", 2));
     signal(pid(&child), Signal::SIGSTOP);
     let report = report(&files, "verified");
-    assert!(report["cause"] == "the daemon hung or was stopped" && report["verified"] == true, "{report}");
+    assert!(
+        report["cause"] == "the daemon hung or was stopped" && report["verified"] == true,
+        "{report}"
+    );
     let status = child.0.wait().unwrap();
-    assert_eq!(std::os::unix::process::ExitStatusExt::signal(&status), Some(9));
+    assert_eq!(
+        std::os::unix::process::ExitStatusExt::signal(&status),
+        Some(9)
+    );
     ports.assert_outputs_off();
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
     files.run("again").expect_code(0);
@@ -166,7 +235,11 @@ fn a_bench_is_run_by_one_daemon_and_switched_off_beside_one_that_hangs() {
     wait_for_points(&mut child, &run, ("spectrum.csv", 2));
     let second = files.run("second");
     second.expect_code(8);
-    let words = format!("expected a bench that nobody runs: process {} runs demo for {}", pid(&child), run.display());
+    let words = format!(
+        "expected a bench that nobody runs: process {} runs demo for {}",
+        pid(&child),
+        run.display()
+    );
     assert_eq!(second.message(), words);
     assert!(!files.path("second").exists());
 
@@ -174,9 +247,23 @@ fn a_bench_is_run_by_one_daemon_and_switched_off_beside_one_that_hangs() {
     assert!(ports.world.lock().unwrap().witness().throughput_c > 0.0);
     let safe = on_bench(&files, &["safe", "--kill"]);
     safe.expect_code(0);
-    assert!(safe.stderr.contains(&format!("process {} runs this bench for {}", pid(&child), run.display())), "{}", safe.stderr);
+    assert!(
+        safe.stderr.contains(&format!(
+            "process {} runs this bench for {}",
+            pid(&child),
+            run.display()
+        )),
+        "{}",
+        safe.stderr
+    );
     for role in ["supply4q", "generator", "load", "supply"] {
-        assert!(safe.stdout.lines().any(|line| line.starts_with(role) && line.contains("off, read back")), "{}", safe.stdout);
+        assert!(
+            safe.stdout
+                .lines()
+                .any(|line| line.starts_with(role) && line.contains("off, read back")),
+            "{}",
+            safe.stdout
+        );
     }
     report(&files, "verified");
     ports.assert_outputs_off();
@@ -192,10 +279,16 @@ fn a_guardian_that_dies_ends_the_run_in_safe_state() {
     let run = files.path("alone");
     let mut child = start(&files, &run, &[]);
     wait_for_points(&mut child, &run, ("raw_shunt.csv", 2));
-    signal(i32::try_from(report(&files, "watching")["pid"].as_i64().unwrap()).unwrap(), Signal::SIGKILL);
+    signal(
+        i32::try_from(report(&files, "watching")["pid"].as_i64().unwrap()).unwrap(),
+        Signal::SIGKILL,
+    );
     let (code, text) = end(child);
     assert_eq!(code, Some(9), "{text}");
-    assert!(text.contains("the guardian ended or stopped while it was needed: its process has ended"), "{text}");
+    assert!(
+        text.contains("the guardian ended or stopped while it was needed: its process has ended"),
+        "{text}"
+    );
     ports.assert_outputs_off();
     assert!(!state(&files, "trip.json").exists());
 }
@@ -208,26 +301,66 @@ fn a_trip_latches_until_a_person_clears_it() {
     let tripped = files.run("run");
     tripped.expect_code(5);
     let trip = json(&state(&files, "trip.json"));
-    assert_eq!((&trip["by"], &trip["quantity"], &trip["unit"]), (&"daemon".into(), &"cell current".into(), &"A".into()), "{trip}");
-    assert!(trip["step"].as_str().unwrap().starts_with("point  1") && trip["run"] == files.path("run").display().to_string(), "{trip}");
+    assert_eq!(
+        (&trip["by"], &trip["quantity"], &trip["unit"]),
+        (&"daemon".into(), &"cell current".into(), &"A".into()),
+        "{trip}"
+    );
+    assert!(
+        trip["step"].as_str().unwrap().starts_with("point  1")
+            && trip["run"] == files.path("run").display().to_string(),
+        "{trip}"
+    );
 
-    files.write(BENCH, &files.text(BENCH).replace("command_trim = 8.0", "command_trim = 1.0"));
+    files.write(
+        BENCH,
+        &files
+            .text(BENCH)
+            .replace("command_trim = 8.0", "command_trim = 1.0"),
+    );
     let refused = files.run("again");
     refused.expect_code(7);
     let cause = tripped.message();
-    assert!(refused.message().starts_with(&format!("demo is latched: {cause} in step \"point  1")), "{}", refused.message());
-    assert!(refused.message().contains("`eis-bench clear ") && refused.message().ends_with("/benches/demo.toml`"), "{}", refused.message());
+    assert!(
+        refused
+            .message()
+            .starts_with(&format!("demo is latched: {cause} in step \"point  1")),
+        "{}",
+        refused.message()
+    );
+    assert!(
+        refused.message().contains("`eis-bench clear ")
+            && refused.message().ends_with("/benches/demo.toml`"),
+        "{}",
+        refused.message()
+    );
     assert!(!files.path("again").exists());
 
     let shown = on_bench(&files, &["clear"]);
     shown.expect_code(2);
-    assert!(shown.stdout.starts_with(&format!("demo is latched by the daemon: {cause}")), "{}", shown.stdout);
+    assert!(
+        shown
+            .stdout
+            .starts_with(&format!("demo is latched by the daemon: {cause}")),
+        "{}",
+        shown.stdout
+    );
     files.run("again").expect_code(7);
     on_bench(&files, &["clear", "--yes"]).expect_code(0);
-    assert_eq!(on_bench(&files, &["clear"]).expect_code(0).stdout, "demo is not latched\n");
+    assert_eq!(
+        on_bench(&files, &["clear"]).expect_code(0).stdout,
+        "demo is not latched\n"
+    );
     files.run("again").expect_code(0);
     let history = fs::read_to_string(state(&files, "trips.jsonl")).unwrap();
-    assert_eq!((history.matches("\"what\":\"latched\"").count(), history.matches("\"what\":\"cleared\"").count()), (1, 1), "{history}");
+    assert_eq!(
+        (
+            history.matches("\"what\":\"latched\"").count(),
+            history.matches("\"what\":\"cleared\"").count()
+        ),
+        (1, 1),
+        "{history}"
+    );
     ports.assert_outputs_off();
 }
 
@@ -235,43 +368,86 @@ fn a_trip_latches_until_a_person_clears_it() {
 fn a_bench_in_this_process_leaves_nothing_behind() {
     let files = Files::short(2);
     files.run("run").expect_code(0);
-    assert!(!files_below(&files.path("benches")).iter().any(|file| file.starts_with(".eis-bench")));
+    assert!(
+        !files_below(&files.path("benches"))
+            .iter()
+            .any(|file| file.starts_with(".eis-bench"))
+    );
     for words in [&["safe"][..], &["clear"]] {
-        assert!(on_bench(&files, words).expect_code(0).stdout.starts_with("demo is simulated in the process that runs it"));
+        assert!(
+            on_bench(&files, words)
+                .expect_code(0)
+                .stdout
+                .starts_with("demo is simulated in the process that runs it")
+        );
     }
-    let said = on_bench(&files, &["safe", "--json"]).expect_code(0).stdout.clone();
+    let said = on_bench(&files, &["safe", "--json"])
+        .expect_code(0)
+        .stdout
+        .clone();
     let report: serde_json::Value = serde_json::from_str(said.trim()).unwrap();
-    assert!(report["verified"] == false && report["simulated"] == true, "nothing was read back: {report}");
+    assert!(
+        report["verified"] == false && report["simulated"] == true,
+        "nothing was read back: {report}"
+    );
 }
 
 #[test]
 fn a_state_folder_that_cannot_be_written_is_refused_before_anything_is_touched() {
-    let files = Files::short(2).edit(BENCH, "name = \"demo\"", "name = \"demo\"\nstate_folder = \"/proc/eis-bench\"");
+    let files = Files::short(2).edit(
+        BENCH,
+        "name = \"demo\"",
+        "name = \"demo\"\nstate_folder = \"/proc/eis-bench\"",
+    );
     let ports = Ports::serve(&files, FACTOR, 1);
     let ended = files.run("run");
     ended.expect_code(2);
     assert!(
-        ended.message().starts_with("/proc/eis-bench: the state of the bench has no folder, and none can be made: "),
+        ended.message().starts_with(
+            "/proc/eis-bench: the state of the bench has no folder, and none can be made: "
+        ),
         "{}",
         ended.message()
     );
     assert!(!files.path("run").exists());
-    // Who runs it cannot be known then: it is switched off all the same, and that is not said to last.
+    // Who runs it cannot be known then: it is switched off all the same, and that is not said to
+    // last.
     let safe = on_bench(&files, &["safe"]);
     safe.expect_code(6);
-    assert!(safe.stdout.lines().any(|line| line.starts_with("supply4q") && line.contains("off, read back")), "{}", safe.stdout);
-    assert!(safe.message().contains("everything was off, but whether a process runs the bench is not known"), "{}", safe.message());
+    assert!(
+        safe.stdout
+            .lines()
+            .any(|line| line.starts_with("supply4q") && line.contains("off, read back")),
+        "{}",
+        safe.stdout
+    );
+    assert!(
+        safe.message()
+            .contains("everything was off, but whether a process runs the bench is not known"),
+        "{}",
+        safe.message()
+    );
     ports.assert_outputs_off();
 }
 
 #[test]
-fn with_the_network_to_the_supply_cut_the_generator_ends_the_current_and_the_guardian_goes_on_until_it_is_back() {
-    lose("supply4q", "the bipolar supply (kepco-bop-mg)", ["the generator (", "the load (", "the charger ("]);
+fn with_the_network_to_the_supply_cut_the_generator_ends_the_current_and_the_guardian_goes_on_until_it_is_back()
+ {
+    lose(
+        "supply4q",
+        "the bipolar supply (kepco-bop-mg)",
+        ["the generator (", "the load (", "the charger ("],
+    );
 }
 
 #[test]
-fn with_the_network_to_the_generator_cut_the_supply_ends_the_current_and_the_guardian_goes_on_until_it_is_back() {
-    lose("generator", "the generator (siglent-sdg1000x)", ["the bipolar supply (", "the load (", "the charger ("]);
+fn with_the_network_to_the_generator_cut_the_supply_ends_the_current_and_the_guardian_goes_on_until_it_is_back()
+ {
+    lose(
+        "generator",
+        "the generator (siglent-sdg1000x)",
+        ["the bipolar supply (", "the load (", "the charger ("],
+    );
 }
 
 /// Loses one instrument in the middle of a sweep; the others are reached.
@@ -286,8 +462,15 @@ fn lose(role: &str, lost: &str, reached: [&str; 3]) {
     let (code, text) = end(child);
     assert_eq!(code, Some(6), "{text}");
     // What cannot be verified is named, and what was reached is not.
-    let said = text.lines().rev().find_map(|line| line.strip_prefix("eis-bench: LOOK AT THE BENCH: ")).unwrap();
-    assert!(said.contains(lost) && !said.contains("safe state"), "{said}");
+    let said = text
+        .lines()
+        .rev()
+        .find_map(|line| line.strip_prefix("eis-bench: LOOK AT THE BENCH: "))
+        .unwrap();
+    assert!(
+        said.contains(lost) && !said.contains("safe state"),
+        "{said}"
+    );
     for role in reached {
         assert!(!said.contains(role), "{role}: {said}");
     }
@@ -304,7 +487,8 @@ fn lose(role: &str, lost: &str, reached: [&str; 3]) {
     files.run("again").expect_code(0);
 }
 
-/// A cable between everybody and one instrument, which can be cut: what is on its way is lost, and no new connection comes up.
+/// A cable between everybody and one instrument, which can be cut: what is on its way is lost, and
+/// no new connection comes up.
 struct Cable {
     cut: Arc<AtomicBool>,
 }
@@ -354,8 +538,12 @@ fn a_guardian_that_can_write_nothing_switches_off_all_the_same() {
     fs::create_dir(state(&files, "guardian.json")).unwrap();
     child.0.kill().unwrap();
     child.0.wait().unwrap();
-    poll("outputs off", || (ports.world.lock().unwrap().truth_current_a() == 0.0).then_some(()));
-    poll("output off", || (ports.ask("supply4q", "OUTP?") == "0").then_some(()));
+    poll("outputs off", || {
+        (ports.world.lock().unwrap().truth_current_a() == 0.0).then_some(())
+    });
+    poll("output off", || {
+        (ports.ask("supply4q", "OUTP?") == "0").then_some(())
+    });
 }
 
 #[test]
@@ -371,6 +559,12 @@ fn a_bench_file_that_is_another_one_by_now_guards_nothing() {
     files.write(BENCH, &format!("{}\n# Another one.\n", files.text(BENCH)));
     let refused = program(&["resume".as_ref(), run.as_os_str()]);
     refused.expect_code(3);
-    assert!(refused.message().contains("expected the bench file that the run began with, found another text"), "{}", refused.message());
+    assert!(
+        refused
+            .message()
+            .contains("expected the bench file that the run began with, found another text"),
+        "{}",
+        refused.message()
+    );
     ports.assert_outputs_off();
 }

@@ -8,7 +8,8 @@ use std::{
 
 use crate::support::{BENCH, Files, Ports, program};
 
-/// Stands between a client and an instrument and writes down every byte that goes to the instrument.
+/// Stands between a client and an instrument and writes down every byte that goes to the
+/// instrument.
 struct Recorder {
     sent: Arc<Mutex<Vec<u8>>>,
 }
@@ -21,7 +22,8 @@ impl Recorder {
         std::thread::spawn(move || {
             for mut client in listener.incoming().map_while(Result::ok) {
                 let mut far = TcpStream::connect(&instrument).unwrap();
-                let (mut back, mut answers) = (client.try_clone().unwrap(), far.try_clone().unwrap());
+                let (mut back, mut answers) =
+                    (client.try_clone().unwrap(), far.try_clone().unwrap());
                 std::thread::spawn(move || std::io::copy(&mut answers, &mut back));
                 let mut bytes = [0_u8; 4096];
                 while let Ok(count @ 1..) = client.read(&mut bytes) {
@@ -36,18 +38,32 @@ impl Recorder {
 
     fn messages(&self) -> Vec<String> {
         let text = String::from_utf8(self.sent.lock().unwrap().clone()).unwrap();
-        text.split(['\r', '\n']).filter(|line| !line.is_empty()).map(str::to_owned).collect()
+        text.split(['\r', '\n'])
+            .filter(|line| !line.is_empty())
+            .map(str::to_owned)
+            .collect()
     }
 }
 
 #[test]
 fn nothing_but_questions_goes_to_any_instrument() {
-    for (from, to) in
-        [("", ""), ("siglent-sds800x-hd", "rigol-dho800"), ("siglent-sdg1000x", "keysight-33500b"), ("siglent-sdl1000x", "rigol-dl3000")]
-    {
+    for (from, to) in [
+        ("", ""),
+        ("siglent-sds800x-hd", "rigol-dho800"),
+        ("siglent-sdg1000x", "keysight-33500b"),
+        ("siglent-sdl1000x", "rigol-dl3000"),
+    ] {
         let files = Files::demo().edit(BENCH, from, to);
         let _ports = Ports::serve(&files, 1.0, 1);
-        let roles = ["supply4q", "generator", "scope", "load", "supply", "logger", "chiller"];
+        let roles = [
+            "supply4q",
+            "generator",
+            "scope",
+            "load",
+            "supply",
+            "logger",
+            "chiller",
+        ];
         let recorders = roles.map(|role| Recorder::before(&files, role));
         let bench = files.path(BENCH);
         program(&["identify".as_ref(), bench.as_os_str()]).expect_code(0);
@@ -55,8 +71,14 @@ fn nothing_but_questions_goes_to_any_instrument() {
             let messages = recorder.messages();
             assert!(!messages.is_empty(), "{role}");
             for message in messages {
-                let julabo = message == "VERSION" || message == "STATUS" || message.starts_with("IN_");
-                assert!(message.ends_with('?') || message.contains("? ") || (*role == "chiller" && julabo), "{role}: {message:?}");
+                let julabo =
+                    message == "VERSION" || message == "STATUS" || message.starts_with("IN_");
+                assert!(
+                    message.ends_with('?')
+                        || message.contains("? ")
+                        || (*role == "chiller" && julabo),
+                    "{role}: {message:?}"
+                );
             }
         }
     }
@@ -67,18 +89,69 @@ fn an_address_alone_is_enough_and_one_that_is_silent_does_not_hide_the_others() 
     let files = Files::demo();
     let _ports = Ports::serve(&files, 1.0, 1);
     let (bench, _) = bench_daemon::config::load_bench(&files.path(BENCH)).unwrap();
-    let address = |role: &str| bench.instruments.addressed().iter().find(|(name, _)| *name == role).unwrap().1.address.to_string();
+    let address = |role: &str| {
+        bench
+            .instruments
+            .addressed()
+            .iter()
+            .find(|(name, _)| *name == role)
+            .unwrap()
+            .1
+            .address
+            .to_string()
+    };
     let (scope, chiller) = (address("scope"), address("chiller"));
-    let nobody = format!("tcp://{}", TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap());
-    let asked = program(&["identify".as_ref(), nobody.as_ref(), scope.as_ref(), chiller.as_ref(), "--json".as_ref()]);
+    let nobody = format!(
+        "tcp://{}",
+        TcpListener::bind("127.0.0.1:0")
+            .unwrap()
+            .local_addr()
+            .unwrap()
+    );
+    let asked = program(&[
+        "identify".as_ref(),
+        nobody.as_ref(),
+        scope.as_ref(),
+        chiller.as_ref(),
+        "--json".as_ref(),
+    ]);
     asked.expect_code(3);
     let found: serde_json::Value = serde_json::from_str(&asked.stdout).unwrap();
-    assert!(found[0]["failure"].as_str().unwrap().contains("refused"), "{found:#}");
-    assert!(found[1]["model"] == "siglent-sds800x-hd" && found[1]["role"] == "scope" && found[1]["recognised"] == true, "{found:#}");
-    assert_eq!(found[1]["capabilities"]["half_range_div"].as_f64().map(|div| (10.0 * div).round()), Some(43.0));
-    assert!(found[1]["programmed"].as_array().unwrap().len() > 10 && found[1]["health"] == serde_json::json!([]), "{found:#}");
-    assert!(found[2]["model"] == "julabo" && found[2]["identity"]["raw"].as_str().unwrap().starts_with("JULABO"), "{found:#}");
-    assert_eq!(asked.message(), format!("1 of 3 instruments did not answer, or are not the model that was expected: {nobody}"));
+    assert!(
+        found[0]["failure"].as_str().unwrap().contains("refused"),
+        "{found:#}"
+    );
+    assert!(
+        found[1]["model"] == "siglent-sds800x-hd"
+            && found[1]["role"] == "scope"
+            && found[1]["recognised"] == true,
+        "{found:#}"
+    );
+    assert_eq!(
+        found[1]["capabilities"]["half_range_div"]
+            .as_f64()
+            .map(|div| (10.0 * div).round()),
+        Some(43.0)
+    );
+    assert!(
+        found[1]["programmed"].as_array().unwrap().len() > 10
+            && found[1]["health"] == serde_json::json!([]),
+        "{found:#}"
+    );
+    assert!(
+        found[2]["model"] == "julabo"
+            && found[2]["identity"]["raw"]
+                .as_str()
+                .unwrap()
+                .starts_with("JULABO"),
+        "{found:#}"
+    );
+    assert_eq!(
+        asked.message(),
+        format!(
+            "1 of 3 instruments did not answer, or are not the model that was expected: {nobody}"
+        )
+    );
 }
 
 #[test]
@@ -90,7 +163,11 @@ fn an_unknown_model_is_told_how_it_could_be_forced_and_the_line_does_it() {
             std::thread::spawn(move || {
                 let mut writer = client.try_clone().unwrap();
                 for line in BufReader::new(client).lines().map_while(Result::ok) {
-                    let answer: &[u8] = if line == "*IDN?" { b"SIGLENT,SDX9000,1,1.0\n" } else { b"0\n" };
+                    let answer: &[u8] = if line == "*IDN?" {
+                        b"SIGLENT,SDX9000,1,1.0\n"
+                    } else {
+                        b"0\n"
+                    };
                     if writer.write_all(answer).is_err() {
                         break;
                     }
@@ -100,8 +177,16 @@ fn an_unknown_model_is_told_how_it_could_be_forced_and_the_line_does_it() {
     });
     let asked = program(&["identify".as_ref(), address.as_ref()]);
     asked.expect_code(3);
-    let line = asked.stdout.lines().find_map(|line| line.split_once("could be tried as  instruments.scope = ")).unwrap().1;
-    let expected = format!("{{ model = \"siglent-sds800x-hd\", address = \"{address}\", accept = \"SIGLENT,SDX9000\" }}");
+    let line = asked
+        .stdout
+        .lines()
+        .find_map(|line| line.split_once("could be tried as  instruments.scope = "))
+        .unwrap()
+        .1;
+    let expected = format!(
+        "{{ model = \"siglent-sds800x-hd\", address = \"{address}\", accept = \"SIGLENT,SDX9000\" \
+        }}"
+    );
     assert_eq!(line, expected, "{}", asked.stdout);
     let files = Files::demo().without(BENCH, "simulation");
     let mut text = String::new();
@@ -109,12 +194,25 @@ fn an_unknown_model_is_told_how_it_could_be_forced_and_the_line_does_it() {
         text.push_str(line);
         text.push('\n');
     }
-    files.write(BENCH, &format!("name = \"forced\"\n{}", &text[text.find("[wiring]").unwrap()..]));
-    files.write(BENCH, &format!("{}\n[instruments]\nscope = {line}\n", files.text(BENCH)));
+    files.write(
+        BENCH,
+        &format!(
+            "name = \"forced\"\n{}",
+            &text[text.find("[wiring]").unwrap()..]
+        ),
+    );
+    files.write(
+        BENCH,
+        &format!("{}\n[instruments]\nscope = {line}\n", files.text(BENCH)),
+    );
     let bench = files.path(BENCH);
     let forced = program(&["identify".as_ref(), bench.as_os_str()]);
     forced.expect_code(0);
-    assert!(forced.stdout.contains("SIGLENT,SDX9000,1,1.0  [ok]"), "{}", forced.stdout);
+    assert!(
+        forced.stdout.contains("SIGLENT,SDX9000,1,1.0  [ok]"),
+        "{}",
+        forced.stdout
+    );
 }
 
 #[test]
@@ -127,12 +225,23 @@ fn nobody_is_asked_on_a_bench_that_somebody_runs() {
     let run = files.path("run");
     let lock = state.lock(&run).unwrap();
     let (bench, out) = (files.path(BENCH), files.path("report"));
-    let words: [&[&std::ffi::OsStr]; 2] =
-        [&["identify".as_ref(), bench.as_os_str()], &["doctor".as_ref(), bench.as_os_str(), "--out".as_ref(), out.as_os_str()]];
+    let words: [&[&std::ffi::OsStr]; 2] = [
+        &["identify".as_ref(), bench.as_os_str()],
+        &[
+            "doctor".as_ref(),
+            bench.as_os_str(),
+            "--out".as_ref(),
+            out.as_os_str(),
+        ],
+    ];
     for words in words {
         let refused = program(words);
         refused.expect_code(8);
-        let expected = format!("expected a bench that nobody runs: process {} runs demo for {}", std::process::id(), run.display());
+        let expected = format!(
+            "expected a bench that nobody runs: process {} runs demo for {}",
+            std::process::id(),
+            run.display()
+        );
         assert_eq!(refused.message(), expected);
         assert!(recorder.messages().is_empty() && !out.exists());
     }

@@ -1,10 +1,13 @@
-//! A run that is killed in the middle: what it had finished is on disk, its guardian switches off, and the next run can use the bench.
+//! A run that is killed in the middle: what it had finished is on disk, its guardian switches off,
+//! and the next run can use the bench.
 
 use std::{fs, path::Path};
 
 use analysis::dataset::{read_capture, read_spectrum_csv};
 
-use crate::support::{BENCH, Files, MockProcess, Ports, Running, command, files_below, poll, transcript};
+use crate::support::{
+    BENCH, Files, MockProcess, Ports, Running, command, files_below, poll, transcript,
+};
 
 const FACTOR: f64 = 10.0;
 
@@ -17,16 +20,29 @@ fn every_finished_point_survives_a_kill_and_the_bench_can_be_used_again() {
         kill_after(&files, &run, (watched, count));
         // Whoever was killed switched nothing off; the guardian did.
         let report = crate::guardian::report(&files, "verified");
-        assert_eq!((&report["cause"], &report["verified"]), (&"the daemon died".into(), &serde_json::json!(true)), "{report}");
+        assert_eq!(
+            (&report["cause"], &report["verified"]),
+            (&"the daemon died".into(), &serde_json::json!(true)),
+            "{report}"
+        );
         ports.assert_outputs_off();
         assert_readable(&run, watched, count);
 
         let again = files.run("again");
         again.expect_code(0);
-        assert_eq!(read_spectrum_csv(&files.path("again/spectrum.csv")).unwrap().len(), 6);
+        assert_eq!(
+            read_spectrum_csv(&files.path("again/spectrum.csv"))
+                .unwrap()
+                .len(),
+            6
+        );
         ports.assert_outputs_off();
         let witness = ports.world.lock().unwrap().witness();
-        assert_eq!(witness.abuse, [], "the output must be off before anything is clamped");
+        assert_eq!(
+            witness.abuse,
+            [],
+            "the output must be off before anything is clamped"
+        );
     }
 }
 
@@ -36,10 +52,14 @@ fn kill_after(files: &Files, run: &Path, (watched, count): (&str, usize)) {
     wait_for_points(&mut child, run, (watched, count));
     child.0.kill().unwrap();
     let status = child.0.wait().unwrap();
-    assert_eq!(std::os::unix::process::ExitStatusExt::signal(&status), Some(9));
+    assert_eq!(
+        std::os::unix::process::ExitStatusExt::signal(&status),
+        Some(9)
+    );
 }
 
-/// Every row and every capture that is there is whole, no point lacks its capture, and the manifest does not claim an end.
+/// Every row and every capture that is there is whole, no point lacks its capture, and the manifest
+/// does not claim an end.
 fn assert_readable(run: &Path, watched: &str, count: usize) {
     for fixture in ["shunt", "fake_cell", "cell"] {
         let table = run.join(format!("raw_{fixture}.csv"));
@@ -51,12 +71,21 @@ fn assert_readable(run: &Path, watched: &str, count: usize) {
         let captures: Vec<_> = files_below(&folder)
             .into_iter()
             // A file that was being written has not got its name yet.
-            .filter(|name| name.extension().is_some_and(|extension| extension == "parquet"))
-            .map(|name| read_capture(&folder.join(&name)).unwrap_or_else(|error| panic!("{}: {error}", name.display())))
+            .filter(|name| {
+                name.extension()
+                    .is_some_and(|extension| extension == "parquet")
+            })
+            .map(|name| {
+                read_capture(&folder.join(&name))
+                    .unwrap_or_else(|error| panic!("{}: {error}", name.display()))
+            })
             .collect();
         for row in &rows {
-            let capture = captures.iter().find(|capture| capture.meta.freq_hz == row.freq_hz);
-            let capture = capture.unwrap_or_else(|| panic!("{fixture}: no capture of {} Hz", row.freq_hz));
+            let capture = captures
+                .iter()
+                .find(|capture| capture.meta.freq_hz == row.freq_hz);
+            let capture =
+                capture.unwrap_or_else(|| panic!("{fixture}: no capture of {} Hz", row.freq_hz));
             assert!(capture.codes.iter().all(|codes| codes.len() == 10_000));
         }
     }
@@ -71,8 +100,14 @@ fn assert_readable(run: &Path, watched: &str, count: usize) {
 /// Waits until so many points are in a table of a run that is still going on.
 pub(crate) fn wait_for_points(child: &mut Running, run: &Path, (watched, count): (&str, usize)) {
     poll(watched, || {
-        assert!(child.0.try_wait().unwrap().is_none(), "the run ended before it was disturbed");
-        let lines = fs::read_to_string(run.join(watched)).ok()?.matches('\n').count();
+        assert!(
+            child.0.try_wait().unwrap().is_none(),
+            "the run ended before it was disturbed"
+        );
+        let lines = fs::read_to_string(run.join(watched))
+            .ok()?
+            .matches('\n')
+            .count();
         (lines > count).then_some(())
     });
 }
@@ -80,7 +115,12 @@ pub(crate) fn wait_for_points(child: &mut Running, run: &Path, (watched, count):
 /// Starts a run of the experiment.
 pub(crate) fn start(files: &Files, run: &Path, more: &[&std::ffi::OsStr]) -> Running {
     let experiment = files.experiment();
-    let mut arguments = vec!["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()];
+    let mut arguments = vec![
+        "run".as_ref(),
+        experiment.as_os_str(),
+        "--out".as_ref(),
+        run.as_os_str(),
+    ];
     arguments.extend(more);
     Running(command(&arguments).spawn().unwrap())
 }
@@ -110,7 +150,13 @@ fn ctrl_c_ends_in_safe_state_and_keeps_what_was_measured() {
     );
     assert!(read_spectrum_csv(&run.join("spectrum.csv")).unwrap().len() >= 2);
     let status = crate::support::json(&run.join("manifest.json"))["status"].clone();
-    assert!(status.as_str().unwrap().starts_with("ended early: stopped on request"), "{status}");
+    assert!(
+        status
+            .as_str()
+            .unwrap()
+            .starts_with("ended early: stopped on request"),
+        "{status}"
+    );
     ports.assert_outputs_off();
     assert_eq!(ports.world.lock().unwrap().witness().abuse, []);
 }
@@ -126,8 +172,16 @@ fn instruments_that_vanish_while_they_are_on_are_not_reported_as_safe() {
     drop(mock);
     let (code, text) = end(child);
     assert_eq!(code, Some(6), "{text}");
-    assert!(text.contains("LOOK AT THE BENCH: whether a current flows is not known: "), "{text}");
-    for role in ["bipolar supply (kepco-bop-mg)", "generator (siglent-sdg1000x)", "load (siglent-sdl1000x)", "charger (siglent-spd3303x)"] {
+    assert!(
+        text.contains("LOOK AT THE BENCH: whether a current flows is not known: "),
+        "{text}"
+    );
+    for role in [
+        "bipolar supply (kepco-bop-mg)",
+        "generator (siglent-sdg1000x)",
+        "load (siglent-sdl1000x)",
+        "charger (siglent-spd3303x)",
+    ] {
         assert!(text.contains(role), "{role}: {text}");
     }
     assert!(read_spectrum_csv(&run.join("raw_shunt.csv")).unwrap().len() >= 2);

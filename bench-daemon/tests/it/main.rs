@@ -1,5 +1,10 @@
 //! Integration tests of the daemon: one binary.
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "helpers of tests may end a test")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "helpers of tests may end a test"
+)]
 
 mod accuracy;
 mod additions;

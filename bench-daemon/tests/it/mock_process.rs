@@ -1,4 +1,5 @@
-//! The same experiment on simulated instruments in another process: nothing changes but the addresses.
+//! The same experiment on simulated instruments in another process: nothing changes but the
+//! addresses.
 
 use std::fs;
 
@@ -7,7 +8,8 @@ use bench_daemon::command::run::run_experiment;
 
 use crate::support::{BENCH, EXPERIMENT, Files, MockProcess, program, sent, transcript, truth};
 
-/// Times real time. A stall of the machine by a whole second is then twenty of the bench's, which nothing minds.
+/// Times real time. A stall of the machine by a whole second is then twenty of the bench's, which
+/// nothing minds.
 const TIME: &str = "scaled:20";
 const SEED: u64 = 1;
 
@@ -25,20 +27,41 @@ fn files() -> Files {
 /// Runs the experiment in this process and on the mocks of another, and compares.
 fn compare(files: Files, over: &[&str], expected_addresses: &[(&str, &str)]) {
     let here = run_experiment(&files.load(), &files.path("here")).unwrap();
-    let truth = truth(here.simulation.unwrap().world(), &here.measured.spectrum.points);
+    let truth = truth(
+        here.simulation.unwrap().world(),
+        &here.measured.spectrum.points,
+    );
 
-    let files = files.edit(BENCH, "\"memory:chiller\"", "\"serial:/dev/ttyUSB0?baud=4800&parity=even&data=7&stop=1&flow=rtscts\"");
+    let files = files.edit(
+        BENCH,
+        "\"memory:chiller\"",
+        "\"serial:/dev/ttyUSB0?baud=4800&parity=even&data=7&stop=1&flow=rtscts\"",
+    );
     let written = files.path("benches/served.toml");
     let mock = MockProcess::start_over(&files.path(BENCH), &written, (TIME, SEED), over);
     assert_eq!(mock.line["time"], TIME);
     for (role, form) in expected_addresses {
-        assert!(mock.address(role).starts_with(form), "{}", mock.address(role));
+        assert!(
+            mock.address(role).starts_with(form),
+            "{}",
+            mock.address(role)
+        );
     }
     let chiller = mock.address("chiller");
-    assert!(chiller.starts_with("serial:/dev/pts/") && chiller.contains("baud=4800&parity=even"), "{chiller}");
+    assert!(
+        chiller.starts_with("serial:/dev/pts/") && chiller.contains("baud=4800&parity=even"),
+        "{chiller}"
+    );
     let there = files.path("there");
     let experiment = files.experiment();
-    let arguments = ["run".as_ref(), experiment.as_os_str(), "--bench".as_ref(), written.as_os_str(), "--out".as_ref(), there.as_os_str()];
+    let arguments = [
+        "run".as_ref(),
+        experiment.as_os_str(),
+        "--bench".as_ref(),
+        written.as_os_str(),
+        "--out".as_ref(),
+        there.as_os_str(),
+    ];
     program(&arguments).expect_code(0);
 
     let found = read_spectrum_csv(&there.join("spectrum.csv")).unwrap();
@@ -51,19 +74,43 @@ fn compare(files: Files, over: &[&str], expected_addresses: &[(&str, &str)]) {
         let (re, im) = (found.covariance.re_re, found.covariance.im_im);
         let sigma_re = sigma(re, expected.covariance.re_re);
         let sigma_im = sigma(im, expected.covariance.im_im);
-        assert!(error.re.abs() < 5.0 * sigma_re && error.im.abs() < 5.0 * sigma_im, "{} Hz: {found:?}, {expected:?}", found.freq_hz);
-        assert!(off.re.abs() < 5.0 * re.sqrt() && off.im.abs() < 5.0 * im.sqrt(), "{} Hz: {found:?}, {true_ohm}", found.freq_hz);
+        assert!(
+            error.re.abs() < 5.0 * sigma_re && error.im.abs() < 5.0 * sigma_im,
+            "{} Hz: {found:?}, {expected:?}",
+            found.freq_hz
+        );
+        assert!(
+            off.re.abs() < 5.0 * re.sqrt() && off.im.abs() < 5.0 * im.sqrt(),
+            "{} Hz: {found:?}, {true_ohm}",
+            found.freq_hz
+        );
         // An uncertainty that is large enough proves everything.
-        assert!(re.sqrt().max(im.sqrt()) < 0.005 * true_ohm.norm(), "{found:?}");
+        assert!(
+            re.sqrt().max(im.sqrt()) < 0.005 * true_ohm.norm(),
+            "{found:?}"
+        );
     }
-    for role in ["supply4q", "generator", "scope", "load", "supply", "chiller", "logger", "jig"] {
+    for role in [
+        "supply4q",
+        "generator",
+        "scope",
+        "load",
+        "supply",
+        "chiller",
+        "logger",
+        "jig",
+    ] {
         let records = transcript(&there, role).records;
         let first = records[0].to_string();
         let address = mock.address(role);
         assert!(first.contains(&address), "{first}: expected {address}");
         assert!(!sent(&there, role).is_empty(), "{role}");
     }
-    assert!(sent(&there, "chiller").contains(&"OUT_SP_00 22.00".to_owned()), "{:?}", sent(&there, "chiller"));
+    assert!(
+        sent(&there, "chiller").contains(&"OUT_SP_00 22.00".to_owned()),
+        "{:?}",
+        sent(&there, "chiller")
+    );
 }
 
 #[test]
@@ -73,7 +120,14 @@ fn only_the_addresses_change_from_this_process_to_another() {
 
 #[test]
 fn a_bench_whose_instruments_are_on_as_many_transports_measures_the_same() {
-    let over = ["supply4q=vxi11", "generator=gpib", "scope=hislip", "load=vxi11-mapped", "supply=hislip", "logger=vxi11"];
+    let over = [
+        "supply4q=vxi11",
+        "generator=gpib",
+        "scope=hislip",
+        "load=vxi11-mapped",
+        "supply=hislip",
+        "logger=vxi11",
+    ];
     let forms = [
         ("supply4q", "vxi11:127.0.0.1:"),
         ("generator", "gpib:tcp:127.0.0.1:"),
@@ -91,10 +145,22 @@ fn another_transport_is_for_a_role_of_the_bench_and_is_one_that_there_is() {
     let files = Files::short(2);
     let bench = files.path(BENCH);
     for (over, expected) in [
-        ("printer=tcp", "--over: expected a role of this bench (supply4q, generator, "),
-        ("scope=usb", "expected TRANSPORT or ROLE=TRANSPORT out of tcp, vxi11, vxi11-mapped, hislip, gpib, serial, found `scope=usb`"),
+        (
+            "printer=tcp",
+            "--over: expected a role of this bench (supply4q, generator, ",
+        ),
+        (
+            "scope=usb",
+            "expected TRANSPORT or ROLE=TRANSPORT out of tcp, vxi11, vxi11-mapped, hislip, gpib, \
+            serial, found `scope=usb`",
+        ),
     ] {
-        let ended = program(&["mock".as_ref(), bench.as_os_str(), "--over".as_ref(), over.as_ref()]);
+        let ended = program(&[
+            "mock".as_ref(),
+            bench.as_os_str(),
+            "--over".as_ref(),
+            over.as_ref(),
+        ]);
         ended.expect_code(2);
         assert!(ended.stderr.contains(expected), "{}", ended.stderr);
     }
@@ -103,33 +169,77 @@ fn another_transport_is_for_a_role_of_the_bench_and_is_one_that_there_is() {
 #[test]
 fn a_wrong_model_at_an_address_is_named_and_only_asked_who_it_is() {
     for (role, other, expected, found) in [
-        ("generator", "scope", "generator: expected a siglent-sdg1000x, found \"Siglent Technologies,SDS", "SDS"),
-        ("load", "supply4q", "supply4q: expected a kepco-bop-mg, found \"Siglent Technologies,SDL", "SDL"),
+        (
+            "generator",
+            "scope",
+            "generator: expected a siglent-sdg1000x, found \"Siglent Technologies,SDS",
+            "SDS",
+        ),
+        (
+            "load",
+            "supply4q",
+            "supply4q: expected a kepco-bop-mg, found \"Siglent Technologies,SDL",
+            "SDL",
+        ),
     ] {
         let files = Files::short(2);
         let written = files.path("benches/served.toml");
         let mock = MockProcess::start(&files.path(BENCH), &written, (TIME, SEED));
         let text = fs::read_to_string(&written).unwrap();
         let (here, there) = (mock.address(role), mock.address(other));
-        let swapped = text.replace(&here, "elsewhere").replace(&there, &here).replace("elsewhere", &there);
+        let swapped = text
+            .replace(&here, "elsewhere")
+            .replace(&there, &here)
+            .replace("elsewhere", &there);
         assert_ne!(swapped, text);
         fs::write(&written, swapped).unwrap();
         let (experiment, out) = (files.experiment(), files.path("run"));
-        let arguments =
-            ["run".as_ref(), experiment.as_os_str(), "--bench".as_ref(), written.as_os_str(), "--out".as_ref(), out.as_os_str()];
+        let arguments = [
+            "run".as_ref(),
+            experiment.as_os_str(),
+            "--bench".as_ref(),
+            written.as_os_str(),
+            "--out".as_ref(),
+            out.as_os_str(),
+        ];
         let ended = program(&arguments);
         ended.expect_code(3);
         let message = ended.message();
-        assert!(message.starts_with(expected) && message.contains(found) && message.contains("bench file"), "{message}");
+        assert!(
+            message.starts_with(expected)
+                && message.contains(found)
+                && message.contains("bench file"),
+            "{message}"
+        );
         assert!(message.contains("at tcp://127.0.0.1:"), "{message}");
-        for asked in ["supply4q", "generator", "scope", "load", "supply", "chiller", "logger", "jig"] {
+        for asked in [
+            "supply4q",
+            "generator",
+            "scope",
+            "load",
+            "supply",
+            "chiller",
+            "logger",
+            "jig",
+        ] {
             for message in sent(&out, asked) {
-                assert!(["*IDN?", "VERSION"].contains(&message.as_str()), "{asked} was sent {message:?}");
+                assert!(
+                    ["*IDN?", "VERSION"].contains(&message.as_str()),
+                    "{asked} was sent {message:?}"
+                );
             }
         }
         let identified = program(&["identify".as_ref(), written.as_os_str()]);
         identified.expect_code(3);
-        assert_eq!(identified.stdout.matches("NOT THE CONFIGURED MODEL").count(), 2, "{}", identified.stdout);
+        assert_eq!(
+            identified
+                .stdout
+                .matches("NOT THE CONFIGURED MODEL")
+                .count(),
+            2,
+            "{}",
+            identified.stdout
+        );
     }
 }
 
@@ -138,8 +248,19 @@ fn mocks_do_not_write_over_the_bench_file_that_they_are_of() {
     let files = Files::short(2);
     let bench = files.path(BENCH);
     let before = fs::read(&bench).unwrap();
-    let ended = program(&["mock".as_ref(), bench.as_os_str(), "--write-bench".as_ref(), bench.as_os_str()]);
+    let ended = program(&[
+        "mock".as_ref(),
+        bench.as_os_str(),
+        "--write-bench".as_ref(),
+        bench.as_os_str(),
+    ]);
     ended.expect_code(2);
-    assert!(ended.message().contains("expected another file than the bench file itself, which would be lost"), "{}", ended.message());
+    assert!(
+        ended
+            .message()
+            .contains("expected another file than the bench file itself, which would be lost"),
+        "{}",
+        ended.message()
+    );
     assert_eq!(fs::read(&bench).unwrap(), before);
 }

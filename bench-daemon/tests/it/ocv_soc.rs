@@ -9,13 +9,23 @@ use bench_daemon::{
 use crate::support::{EXPERIMENT, Files, Ports, json, poll, program};
 
 fn experiment() -> Experiment {
-    load_experiment(&crate::configuration::configs().join("experiments/ocv.toml"), None).unwrap()
+    load_experiment(
+        &crate::configuration::configs().join("experiments/ocv.toml"),
+        None,
+    )
+    .unwrap()
 }
 
 /// The curve of a run and its greatest distance from the truth over 5 % to 95 %, V.
 fn worst_v(finished: &Finished, folder: &std::path::Path) -> (OcvCurve, f64) {
     let curve: OcvCurve = serde_json::from_value(json(&folder.join("ocv.json"))).unwrap();
-    let world = finished.simulation.as_ref().unwrap().world().lock().unwrap();
+    let world = finished
+        .simulation
+        .as_ref()
+        .unwrap()
+        .world()
+        .lock()
+        .unwrap();
     let off = |k: i32| {
         let soc = f64::from(k) / 100.0;
         // The inverse of the true curve tells the same without a door to the true curve itself.
@@ -33,12 +43,22 @@ fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_r
     let finished = run_experiment(&experiment(), &run).unwrap();
     let (curve, worst) = worst_v(&finished, &run);
     assert!(worst < 2.0e-3, "off by {worst} V: {}", finished.summary);
-    assert!((curve.capacity_ah / 4.5 - 1.0).abs() < 2.0e-3, "{}", curve.capacity_ah);
+    assert!(
+        (curve.capacity_ah / 4.5 - 1.0).abs() < 2.0e-3,
+        "{}",
+        curve.capacity_ah
+    );
     // The cell's 13.8 mΩ and the wire that the load's terminals see, within the spread of the wire.
     let found = json(&run.join("ocv_found.json"));
     let dcir_ohm = found["extraction"]["dcir_ohm"].as_f64().unwrap();
     assert!((0.0250..0.0265).contains(&dcir_ohm), "{dcir_ohm}");
-    assert_eq!((found["interruptions"].as_array().unwrap().len(), found["monotone"].as_bool()), (10, Some(true)));
+    assert_eq!(
+        (
+            found["interruptions"].as_array().unwrap().len(),
+            found["monotone"].as_bool()
+        ),
+        (10, Some(true))
+    );
     let report = std::fs::read_to_string(run.join("report.html")).unwrap();
     assert!(report.contains("<svg") && report.contains("Interruptions of the discharge"));
     assert!(run.join("plots/ocv.svg").exists() && !run.join("ocv.svg").exists());
@@ -48,7 +68,14 @@ fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_r
     let down = read_legs_csv(&run.join("ocv_discharge.bdf.csv")).unwrap();
     let drawn_c = -down.last().unwrap().charge_c;
     assert!((drawn_c / 16_200.0 - 1.0).abs() < 5.0e-3, "{drawn_c} C");
-    let witness = finished.simulation.as_ref().unwrap().world().lock().unwrap().witness();
+    let witness = finished
+        .simulation
+        .as_ref()
+        .unwrap()
+        .world()
+        .lock()
+        .unwrap()
+        .witness();
     assert_eq!(witness.abuse_count, 0, "{witness:?}");
 }
 
@@ -63,16 +90,33 @@ fn the_data_sheets_resistance_leaves_what_it_misses() {
     let (_, worst) = worst_v(&finished, &run);
     // 26 mΩ less 15 mΩ at 1 A.
     assert!((0.008..0.016).contains(&worst), "off by {worst} V");
-    assert!(finished.summary.contains("OCV: compensated by 15.00 mΩ; 1 interruptions show"), "{}", finished.summary);
-    assert!(finished.summary.contains("note: OCV: ocv_soc.dcir is 15.00 mΩ, and 1 interruptions show "), "{}", finished.summary);
+    assert!(
+        finished
+            .summary
+            .contains("OCV: compensated by 15.00 mΩ; 1 interruptions show"),
+        "{}",
+        finished.summary
+    );
+    assert!(
+        finished
+            .summary
+            .contains("note: OCV: ocv_soc.dcir is 15.00 mΩ, and 1 interruptions show "),
+        "{}",
+        finished.summary
+    );
 }
 
 #[test]
 fn an_abort_within_a_leg_of_hours_is_heeded_within_seconds() {
     let files = Files::demo();
     let text = files.text(EXPERIMENT);
-    let ocv = std::fs::read_to_string(crate::configuration::configs().join("experiments/ocv.toml")).unwrap();
-    let head = text.lines().take_while(|line| !line.starts_with('[')).collect::<Vec<_>>().join("\n");
+    let ocv = std::fs::read_to_string(crate::configuration::configs().join("experiments/ocv.toml"))
+        .unwrap();
+    let head = text
+        .lines()
+        .take_while(|line| !line.starts_with('['))
+        .collect::<Vec<_>>()
+        .join("\n");
     let section = &ocv[ocv.find("[ocv_soc]").unwrap()..];
     files.write(EXPERIMENT, &format!("{head}\n{section}"));
     let ports = Ports::serve(&files, 20.0, 1);
@@ -80,7 +124,10 @@ fn an_abort_within_a_leg_of_hours_is_heeded_within_seconds() {
     let mut child = crate::kill::start(&files, &run, &[]);
     poll("a leg", || {
         assert!(child.0.try_wait().unwrap().is_none());
-        std::fs::read_to_string(run.join("events.csv")).ok().filter(|events| events.contains("into ocv_")).map(|_| ())
+        std::fs::read_to_string(run.join("events.csv"))
+            .ok()
+            .filter(|events| events.contains("into ocv_"))
+            .map(|_| ())
     });
     program(&["abort".as_ref(), run.as_os_str()]).expect_code(0);
     let (code, text) = crate::kill::end(child);

@@ -1,4 +1,5 @@
-//! A sweep whose points overlap: the same impedances, hardly more time than physics asks for, and a journal that is ahead of the instruments all the same.
+//! A sweep whose points overlap: the same impedances, hardly more time than physics asks for, and a
+//! journal that is ahead of the instruments all the same.
 
 use std::{fs, path::Path};
 
@@ -19,8 +20,15 @@ fn journal(run: &Path) -> Vec<(f64, u64, What)> {
     for line in text.lines() {
         let line: serde_json::Value = serde_json::from_str(line).unwrap();
         let (time_s, entry) = (line["time_s"].as_f64().unwrap(), &line["entry"]);
-        if entry["intent"]["text"].as_str().is_some_and(|text| text.starts_with("point")) {
-            found.push((time_s, entry["intent"]["step"].as_u64().unwrap(), What::Intent));
+        if entry["intent"]["text"]
+            .as_str()
+            .is_some_and(|text| text.starts_with("point"))
+        {
+            found.push((
+                time_s,
+                entry["intent"]["step"].as_u64().unwrap(),
+                What::Intent,
+            ));
         } else if let Some(step) = entry["point"]["step"].as_u64() {
             found.push((time_s, step, What::Point));
         }
@@ -35,7 +43,11 @@ fn overlapping(points: usize) -> Files {
         .without(EXPERIMENT, "soc_reset")
         .edit(EXPERIMENT, "start = \"0.1 Hz\"", "start = \"10 Hz\"")
         .edit(EXPERIMENT, "points = 20", &format!("points = {points}"))
-        .edit(EXPERIMENT, "extra_wait = \"1 s\"", "extra_wait = \"1 s\"\noverlap = true")
+        .edit(
+            EXPERIMENT,
+            "extra_wait = \"1 s\"",
+            "extra_wait = \"1 s\"\noverlap = true",
+        )
         .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
 }
 
@@ -48,10 +60,18 @@ fn a_sweep_takes_little_more_than_its_periods_and_every_step_is_in_the_journal_f
     let world = finished.simulation.as_ref().unwrap().world();
     for (point, truth) in points.iter().zip(truth(world, points)) {
         // Without controls the gains of the probes are in it.
-        assert!((point.z_ohm / truth - 1.0).norm() < 0.1, "{:.3} Hz: {} and {truth}", point.freq_hz, point.z_ohm);
+        assert!(
+            (point.z_ohm / truth - 1.0).norm() < 0.1,
+            "{:.3} Hz: {} and {truth}",
+            point.freq_hz,
+            point.z_ohm
+        );
     }
     let entries = journal(&run);
-    let order: Vec<(u64, What)> = entries.iter().map(|(_, step, what)| (*step, *what)).collect();
+    let order: Vec<(u64, What)> = entries
+        .iter()
+        .map(|(_, step, what)| (*step, *what))
+        .collect();
     let first = order[0].0;
     let mut expected = vec![(first, What::Intent)];
     for step in first..first + 20 {
@@ -59,30 +79,58 @@ fn a_sweep_takes_little_more_than_its_periods_and_every_step_is_in_the_journal_f
         expected.push((step, What::Point));
     }
     assert_eq!(order, expected);
-    // In virtual time nothing takes time but what is waited for: gaps between messages, and physics. A burst is four messages, 10 ms apart.
+    // In virtual time nothing takes time but what is waited for: gaps between messages, and
+    // physics. A burst is four messages, 10 ms apart.
     let bursts_s = 0.04 * points.len() as f64;
     let least_s: f64 = points.iter().map(|point| 11.0 / point.freq_hz + 1.0).sum();
     let took_s = entries.last().unwrap().0 - entries[0].0;
-    assert!(took_s > least_s && took_s < 1.03 * least_s + bursts_s, "{took_s} s, at least {least_s} s");
+    assert!(
+        took_s > least_s && took_s < 1.03 * least_s + bursts_s,
+        "{took_s} s, at least {least_s} s"
+    );
 }
 
 #[test]
 fn a_record_that_is_taken_again_brings_the_generator_back() {
     let scales = "scale_per_ampere = [\"20 mV\", \"20 mV\", \"40 mV\", \"80 mV\"]";
-    let files = overlapping(3).edit(BENCH, scales, "scale_per_ampere = [\"2 mV\", \"20 mV\", \"40 mV\", \"6 mV\"]");
+    let files = overlapping(3).edit(
+        BENCH,
+        scales,
+        "scale_per_ampere = [\"2 mV\", \"20 mV\", \"40 mV\", \"6 mV\"]",
+    );
     let run = files.path("run");
     let finished = run_experiment(&files.load(), &run).unwrap();
-    assert!(finished.summary.contains("measured again: channel 1 clipped"), "{}", finished.summary);
+    assert!(
+        finished
+            .summary
+            .contains("measured again: channel 1 clipped"),
+        "{}",
+        finished.summary
+    );
     let freqs: Vec<String> = sent(&run, "generator")
         .into_iter()
-        .filter_map(|message| message.split(',').skip_while(|word| *word != "FRQ").nth(1).map(str::to_owned))
-        .filter(|freq| freq.parse::<f64>().is_ok_and(|freq_hz| (9.0..301.0).contains(&freq_hz)))
+        .filter_map(|message| {
+            message
+                .split(',')
+                .skip_while(|word| *word != "FRQ")
+                .nth(1)
+                .map(str::to_owned)
+        })
+        .filter(|freq| {
+            freq.parse::<f64>()
+                .is_ok_and(|freq_hz| (9.0..301.0).contains(&freq_hz))
+        })
         .collect();
     let first_back = freqs.iter().skip(2).position(|freq| *freq == freqs[0]);
     assert!(first_back.is_some(), "{freqs:?}");
     let points = &finished.measured.spectrum.points;
     let world = finished.simulation.as_ref().unwrap().world();
     for (point, truth) in points.iter().zip(truth(world, points)) {
-        assert!((point.z_ohm / truth - 1.0).norm() < 0.1, "{:.3} Hz: {} and {truth}", point.freq_hz, point.z_ohm);
+        assert!(
+            (point.z_ohm / truth - 1.0).norm() < 0.1,
+            "{:.3} Hz: {} and {truth}",
+            point.freq_hz,
+            point.z_ohm
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! A channel that clips or wastes its range is ranged again and the point measured again; the offset limits of the scope are respected.
+//! A channel that clips or wastes its range is ranged again and the point measured again; the
+//! offset limits of the scope are respected.
 
 use std::fs;
 
@@ -8,7 +9,8 @@ use crate::support::{BENCH, Files, sent, truth};
 
 const SCALES: &str = "scale_per_ampere = [\"20 mV\", \"20 mV\", \"40 mV\", \"80 mV\"]";
 
-/// Runs with other first scales; checks the impedance, and returns the notes and the names of the cell's captures.
+/// Runs with other first scales; checks the impedance, and returns the notes and the names of the
+/// cell's captures.
 fn run_with(scales: &str) -> (String, Vec<String>, Files) {
     let files = Files::short(2).edit(BENCH, SCALES, scales);
     let run = files.path("run");
@@ -19,8 +21,10 @@ fn run_with(scales: &str) -> (String, Vec<String>, Files) {
         let off = (point.z_ohm / truth - 1.0).norm();
         assert!(off < 0.01, "{scales}: {:.3} Hz off by {off}", point.freq_hz);
     }
-    let mut captures: Vec<String> =
-        fs::read_dir(run.join("captures/cell")).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    let mut captures: Vec<String> = fs::read_dir(run.join("captures/cell"))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().into_string().unwrap())
+        .collect();
     captures.sort();
     (finished.summary, captures, files)
 }
@@ -34,17 +38,44 @@ fn well_chosen_scales_are_kept() {
 
 #[test]
 fn clipping_is_ranged_away_and_every_attempt_is_kept() {
-    let (summary, captures, _) = run_with("scale_per_ampere = [\"2 mV\", \"20 mV\", \"40 mV\", \"6 mV\"]");
-    assert!(summary.contains("measured again: channel 1 clipped at 0.002 V/div; channel 4 clipped at 0.006 V/div"), "{summary}");
-    assert!(captures.iter().any(|name| name.ends_with("_again1.parquet")), "{captures:?}");
-    assert!(captures.iter().filter(|name| !name.contains("again")).count() == 2, "{captures:?}");
+    let (summary, captures, _) =
+        run_with("scale_per_ampere = [\"2 mV\", \"20 mV\", \"40 mV\", \"6 mV\"]");
+    assert!(
+        summary.contains(
+            "measured again: channel 1 clipped at 0.002 V/div; channel 4 clipped at 0.006 V/div"
+        ),
+        "{summary}"
+    );
+    assert!(
+        captures
+            .iter()
+            .any(|name| name.ends_with("_again1.parquet")),
+        "{captures:?}"
+    );
+    assert!(
+        captures
+            .iter()
+            .filter(|name| !name.contains("again"))
+            .count()
+            == 2,
+        "{captures:?}"
+    );
 }
 
 #[test]
 fn a_signal_that_is_small_in_its_range_is_ranged_up() {
-    let (summary, captures, _) = run_with("scale_per_ampere = [\"20 mV\", \"500 mV\", \"40 mV\", \"2 V\"]");
-    assert!(summary.contains("channel 2 small at 0.5 V/div; channel 4 small at 2 V/div"), "{summary}");
-    assert!(captures.iter().any(|name| name.ends_with("_again1.parquet")), "{captures:?}");
+    let (summary, captures, _) =
+        run_with("scale_per_ampere = [\"20 mV\", \"500 mV\", \"40 mV\", \"2 V\"]");
+    assert!(
+        summary.contains("channel 2 small at 0.5 V/div; channel 4 small at 2 V/div"),
+        "{summary}"
+    );
+    assert!(
+        captures
+            .iter()
+            .any(|name| name.ends_with("_again1.parquet")),
+        "{captures:?}"
+    );
 }
 
 #[test]
@@ -58,7 +89,10 @@ fn no_offset_is_asked_for_that_the_scale_does_not_allow() {
         }
         if let Some(offset) = message.strip_prefix(":CHANnel4:OFFSet ") {
             let limit_v = if scale_v <= 0.005 { 1.6 } else { 4.0 };
-            assert!(offset.parse::<f64>().unwrap().abs() <= limit_v, "{offset} at {scale_v} V/div");
+            assert!(
+                offset.parse::<f64>().unwrap().abs() <= limit_v,
+                "{offset} at {scale_v} V/div"
+            );
         }
     }
     assert!(scale_v > 0.005, "{scale_v}");

@@ -11,7 +11,11 @@ use bench_daemon::sums;
 use crate::support::{Files, files_below, program};
 
 fn eis_bench(arguments: &[&str], folder: &Path) -> (i32, String) {
-    let arguments: Vec<&std::ffi::OsStr> = arguments.iter().map(AsRef::as_ref).chain([folder.as_os_str()]).collect();
+    let arguments: Vec<&std::ffi::OsStr> = arguments
+        .iter()
+        .map(AsRef::as_ref)
+        .chain([folder.as_os_str()])
+        .collect();
     let ended = program(&arguments);
     (ended.code.unwrap(), ended.stdout + &ended.stderr)
 }
@@ -27,18 +31,37 @@ fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
     let files = Files::short(5);
     let run = small_run(&files);
     let (code, text) = eis_bench(&["verify"], &run);
-    assert!(code == 0 && text.contains("all as they were") && text.contains("every number as stored"), "{code} {text}");
+    assert!(
+        code == 0 && text.contains("all as they were") && text.contains("every number as stored"),
+        "{code} {text}"
+    );
     let out = files.path("again");
     let (code, text) = eis_bench(&["replay", "--out", out.to_str().unwrap()], &run);
     assert_eq!(code, 0, "{text}");
-    assert!(text.contains("bit by bit: 15 of 15") && text.contains("spectra bit-identical: 1 of 1"), "{text}");
-    for name in ["spectrum.csv", "raw_shunt.csv", "correction.json", "model_1rc.json", "report.html"] {
-        assert_eq!(fs::read(run.join(name)).unwrap(), fs::read(out.join(name)).unwrap(), "{name}");
+    assert!(
+        text.contains("bit by bit: 15 of 15") && text.contains("spectra bit-identical: 1 of 1"),
+        "{text}"
+    );
+    for name in [
+        "spectrum.csv",
+        "raw_shunt.csv",
+        "correction.json",
+        "model_1rc.json",
+        "report.html",
+    ] {
+        assert_eq!(
+            fs::read(run.join(name)).unwrap(),
+            fs::read(out.join(name)).unwrap(),
+            "{name}"
+        );
     }
     assert!(!out.join("journal.jsonl").exists() && !out.join("captures").exists());
     // Never over what is there.
     let (code, text) = eis_bench(&["replay", "--out", out.to_str().unwrap()], &run);
-    assert!(code == 2 && text.contains("expected a new or empty folder"), "{code} {text}");
+    assert!(
+        code == 2 && text.contains("expected a new or empty folder"),
+        "{code} {text}"
+    );
 
     let names = files_below(&run);
     assert!(names.len() > 40, "{}", names.len());
@@ -46,13 +69,23 @@ fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
     for path in names.iter().map(|name| run.join(name)) {
         let bytes = fs::read(&path).unwrap();
         for _ in 0..3 {
-            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             // A file without a byte, as a log of which nothing was worth a line, gets one.
-            let mut flipped = if bytes.is_empty() { vec![0] } else { bytes.clone() };
+            let mut flipped = if bytes.is_empty() {
+                vec![0]
+            } else {
+                bytes.clone()
+            };
             let bit = (state >> 17) as usize % (8 * flipped.len());
             flipped[bit / 8] ^= 1 << (bit % 8);
             fs::write(&path, &flipped).unwrap();
-            assert!(!sums::check(&run).unwrap().1.is_empty(), "{}, bit {bit}", path.display());
+            assert!(
+                !sums::check(&run).unwrap().1.is_empty(),
+                "{}, bit {bit}",
+                path.display()
+            );
         }
         fs::write(&path, &bytes).unwrap();
     }
@@ -68,96 +101,195 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
     let text = fs::read_to_string(&path).unwrap();
     let points = dataset::read_spectrum_csv(&path).unwrap();
     let number = format!("{:?}", points[2].z_ohm.re);
-    fs::write(&path, text.replacen(&number, &format!("{:?}", points[2].z_ohm.re * 1.001), 1)).unwrap();
+    fs::write(
+        &path,
+        text.replacen(&number, &format!("{:?}", points[2].z_ohm.re * 1.001), 1),
+    )
+    .unwrap();
     sums::write(&run).unwrap();
     let (code, said) = eis_bench(&["verify"], &run);
     assert_eq!(code, 10, "{said}");
     assert!(
-        said.contains(&format!("spectrum.csv: line 4, z_re_ohm: stored {:?}, recomputed {number}", points[2].z_ohm.re * 1.001)),
+        said.contains(&format!(
+            "spectrum.csv: line 4, z_re_ohm: stored {:?}, recomputed {number}",
+            points[2].z_ohm.re * 1.001
+        )),
         "{said}"
     );
     let (code, said) = eis_bench(&["replay"], &run);
     assert_eq!(code, 0, "{said}");
-    assert!(said.contains("spectrum.csv: changed; 5 points stored, 5 now; |ΔZ|/σ at most "), "{said}");
+    assert!(
+        said.contains("spectrum.csv: changed; 5 points stored, 5 now; |ΔZ|/σ at most "),
+        "{said}"
+    );
     fs::write(&path, &text).unwrap();
 
     // Another capture: what the journal and the tables say does not follow from it any more.
-    let captures: Vec<PathBuf> = files_below(&run.join("captures/cell")).iter().map(|name| run.join("captures/cell").join(name)).collect();
+    let captures: Vec<PathBuf> = files_below(&run.join("captures/cell"))
+        .iter()
+        .map(|name| run.join("captures/cell").join(name))
+        .collect();
     let mut capture = dataset::read_capture(&captures[0]).unwrap();
     capture.meta.channels[3].scale.volts_per_code *= 1.01;
     dataset::write_capture(&captures[0], &capture).unwrap();
     sums::write(&run).unwrap();
     let (code, said) = eis_bench(&["verify"], &run);
-    assert!(code == 10 && said.contains("the journal's point at 100 Hz differs from what this capture gives"), "{code} {said}");
-    assert!(said.contains("spectrum.csv: line 2, z_re_ohm: stored ") && said.contains("model_1rc.json: "), "{said}");
+    assert!(
+        code == 10
+            && said.contains("the journal's point at 100 Hz differs from what this capture gives"),
+        "{code} {said}"
+    );
+    assert!(
+        said.contains("spectrum.csv: line 2, z_re_ohm: stored ")
+            && said.contains("model_1rc.json: "),
+        "{said}"
+    );
     let (_, said) = eis_bench(&["replay"], &run);
-    assert!(said.contains("bit by bit: 14 of 15") && said.contains("spectra bit-identical: 0 of 1"), "{said}");
+    assert!(
+        said.contains("bit by bit: 14 of 15") && said.contains("spectra bit-identical: 0 of 1"),
+        "{said}"
+    );
 }
 
 #[test]
 fn a_folder_without_a_run_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let (code, said) = eis_bench(&["replay"], folder.path());
-    assert!(code == 2 && said.contains("expected a run folder, or a folder of them, found no journal.jsonl in or below it"), "{said}");
+    assert!(
+        code == 2
+            && said.contains(
+                "expected a run folder, or a folder of them, found no journal.jsonl in or below it"
+            ),
+        "{said}"
+    );
 }
 
 #[test]
-fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_against_their_captures() {
+fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_against_their_captures()
+ {
     let files = Files::short(5);
     let (run, experiment) = (files.path("run"), files.experiment());
-    let mut command = crate::support::command(&["run".as_ref(), experiment.as_os_str(), "--out".as_ref(), run.as_os_str()]);
-    assert!(!command.env("EIS_BENCH_DRILL", "full:captures/cell:3").output().unwrap().status.success());
+    let mut command = crate::support::command(&[
+        "run".as_ref(),
+        experiment.as_os_str(),
+        "--out".as_ref(),
+        run.as_os_str(),
+    ]);
+    assert!(
+        !command
+            .env("EIS_BENCH_DRILL", "full:captures/cell:3")
+            .output()
+            .unwrap()
+            .status
+            .success()
+    );
     let (code, said) = eis_bench(&["verify"], &run);
     assert_eq!(code, 0, "{said}");
-    for text in
-        ["the run was stopped (ended early: ", "no report, no SHA256SUMS", "12 points recomputed from captures: all as in the journal"]
-    {
+    for text in [
+        "the run was stopped (ended early: ",
+        "no report, no SHA256SUMS",
+        "12 points recomputed from captures: all as in the journal",
+    ] {
         assert!(said.contains(text), "{text}: {said}");
     }
     let (code, said) = eis_bench(&["replay"], &run);
     assert_eq!(code, 0, "{said}");
-    assert!(said.contains("bit by bit: 12 of 12") && said.contains("2 points are of sweeps that were not finished"), "{said}");
+    assert!(
+        said.contains("bit by bit: 12 of 12")
+            && said.contains("2 points are of sweeps that were not finished"),
+        "{said}"
+    );
 }
 
 #[test]
-fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_verified_from_elsewhere() {
-    let trace = "[[traces]]\nname = \"jump\"\nrest_first = \"20 s\"\nstart_voltage = [\"3.77 V\", \"3.83 V\"]\nresistance_max = \"30 mΩ\"\n\
-                 through = \"load_and_supply\"\nsegments = [{ current = \"-6 A\", duration = \"5 s\" }, { current = \"0 A\", duration = \"5 s\" }]\n";
+fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_verified_from_elsewhere()
+ {
+    let trace = "[[traces]]\nname = \"jump\"\nrest_first = \"20 s\"\n\
+    start_voltage = [\"3.77 V\", \"3.83 V\"]\nresistance_max = \"30 mΩ\"\n\
+                 through = \"load_and_supply\"\n\
+                 segments = [{ current = \"-6 A\", duration = \"5 s\" }, { current = \"0 A\", \
+                 duration = \"5 s\" }]\n";
     let files = Files::short(2).append(crate::support::EXPERIMENT, trace);
     let experiment = files.experiment();
     let (folder, run) = (experiment.parent().unwrap(), files.path("run"));
     let name = experiment.file_name().unwrap();
-    let mut command = crate::support::command(&["run".as_ref(), name, "--out".as_ref(), run.as_os_str()]);
+    let mut command =
+        crate::support::command(&["run".as_ref(), name, "--out".as_ref(), run.as_os_str()]);
     let output = command.current_dir(folder).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let (code, said) = eis_bench(&["verify"], &run);
-    assert!(code == 0 && said.contains("every number as stored"), "{code} {said}");
-    assert!(said.contains("series_jump_1.bdf.csv: its rows are what meters said"), "{said}");
+    assert!(
+        code == 0 && said.contains("every number as stored"),
+        "{code} {said}"
+    );
+    assert!(
+        said.contains("series_jump_1.bdf.csv: its rows are what meters said"),
+        "{said}"
+    );
 }
 
 #[test]
-fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_follow_from_them_is_named() {
-    let traces = "[[traces]]\nname = \"steps\"\nrest_first = \"20 s\"\nstart_voltage = [\"3.77 V\", \"3.83 V\"]\nresistance_max = \"30 mΩ\"\n\
-                  segments = [{ current = \"-5 A\", duration = \"3 s\" }, { current = \"0 A\", duration = \"6 s\" }]\n\n\
-                  [[traces]]\nname = \"wave\"\nrest_first = \"20 s\"\nstart_voltage = [\"3.77 V\", \"3.83 V\"]\nresistance_max = \"30 mΩ\"\n\
-                  through = \"wave\"\nsegments = [{ current = \"-5 A\", duration = \"0.1 s\" }, { current = \"3 A\", duration = \"0.2 s\" }, \
+fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_follow_from_them_is_named()
+ {
+    let traces = "[[traces]]\nname = \"steps\"\nrest_first = \"20 s\"\n\
+    start_voltage = [\"3.77 V\", \"3.83 V\"]\nresistance_max = \"30 mΩ\"\n\
+                  segments = [{ current = \"-5 A\", duration = \"3 s\" }, { current = \"0 A\", \
+                  duration = \"6 s\" }]\n\n\
+                  [[traces]]\nname = \"wave\"\nrest_first = \"20 s\"\n\
+                  start_voltage = [\"3.77 V\", \"3.83 V\"]\nresistance_max = \"30 mΩ\"\n\
+                  through = \"wave\"\nsegments = [{ current = \"-5 A\", duration = \"0.1 s\" }, { \
+                  current = \"3 A\", duration = \"0.2 s\" }, \
                   { current = \"0 A\", duration = \"0.5 s\" }]\n\n\
-                  [multisine]\npeak = \"2 A\"\n\n[[multisine.bands]]\nbase = \"5 Hz\"\nstart = \"15 Hz\"\nstop = \"300 Hz\"\nlines = 8\n\
+                  [multisine]\npeak = \"2 A\"\n\n[[multisine.bands]]\nbase = \"5 Hz\"\n\
+                  start = \"15 Hz\"\nstop = \"300 Hz\"\nlines = 8\n\
                   periods = 10\nsettle = \"5 s\"\n";
     let files = Files::short(2).append(crate::support::EXPERIMENT, traces);
     let run = small_run(&files);
     let (code, said) = eis_bench(&["verify"], &run);
-    assert!(code == 0 && said.contains("every number as stored"), "{code} {said}");
-    assert!(said.contains("6 points, 8 lines of multisines, ") && said.contains(" rows of traces, "), "{said}");
+    assert!(
+        code == 0 && said.contains("every number as stored"),
+        "{code} {said}"
+    );
+    assert!(
+        said.contains("6 points, 8 lines of multisines, ") && said.contains(" rows of traces, "),
+        "{said}"
+    );
     assert!(!said.contains("held against its hash"), "{said}");
     let (code, said) = eis_bench(&["replay"], &run);
-    assert!(code == 0 && said.contains("spectra bit-identical: 2 of 2") && said.contains("traces bit-identical: 2 of 2"), "{code} {said}");
+    assert!(
+        code == 0
+            && said.contains("spectra bit-identical: 2 of 2")
+            && said.contains("traces bit-identical: 2 of 2"),
+        "{code} {said}"
+    );
 
     // A capture of each that says something else, and hashes that fit it.
     for (capture, told) in [
-        ("multisine_1/band1", ["multisine.csv: line 2, z_re_ohm: stored ", "multisine.json: lines[0].even: stored "]),
-        ("trace_steps_1/frame001", ["series_steps_1.bdf.csv: line ", "traces.json: traces[0].sample_sigma_v: stored "]),
-        ("trace_wave_1/wave", ["series_wave_1.bdf.csv: line ", "traces.json: traces[1].sample_sigma_v: stored "]),
+        (
+            "multisine_1/band1",
+            [
+                "multisine.csv: line 2, z_re_ohm: stored ",
+                "multisine.json: lines[0].even: stored ",
+            ],
+        ),
+        (
+            "trace_steps_1/frame001",
+            [
+                "series_steps_1.bdf.csv: line ",
+                "traces.json: traces[0].sample_sigma_v: stored ",
+            ],
+        ),
+        (
+            "trace_wave_1/wave",
+            [
+                "series_wave_1.bdf.csv: line ",
+                "traces.json: traces[1].sample_sigma_v: stored ",
+            ],
+        ),
     ] {
         let path = run.join(format!("captures/{capture}.parquet"));
         let was = fs::read(&path).unwrap();
@@ -166,7 +298,10 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
         dataset::write_capture(&path, &altered).unwrap();
         sums::write(&run).unwrap();
         let (code, said) = eis_bench(&["verify"], &run);
-        assert!(code == 10 && told.iter().all(|told| said.contains(told)), "{capture}: {code} {said}");
+        assert!(
+            code == 10 && told.iter().all(|told| said.contains(told)),
+            "{capture}: {code} {said}"
+        );
         fs::write(&path, was).unwrap();
     }
 }

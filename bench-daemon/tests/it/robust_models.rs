@@ -1,5 +1,5 @@
-//! Strange loads and records in the commands that use a model: power that cannot be had, pulses that nobody saw, a slow discharge within a longer
-//! record, packs of cells with names.
+//! Strange loads and records in the commands that use a model: power that cannot be had, pulses
+//! that nobody saw, a slow discharge within a longer record, packs of cells with names.
 
 use std::{
     path::Path,
@@ -9,12 +9,20 @@ use std::{
 use serde_json::Value;
 
 fn eis_bench(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench")).current_dir(folder).args(arguments).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .current_dir(folder)
+        .args(arguments)
+        .output()
+        .unwrap()
 }
 
 fn told(folder: &Path, arguments: &[&str]) -> String {
     let output = eis_bench(folder, arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     String::from_utf8(output.stdout).unwrap()
 }
 
@@ -31,10 +39,25 @@ fn json(text: &str) -> Value {
 /// The thesis' 4-RC model as `model.json` in a folder of its own.
 fn fitted() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let sweeps = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
-    let fit = ["fit", sweeps.to_str().unwrap(), "--pool", "--rc", "4", "--objective", "sum-abs", "--out", "p45b"];
+    let sweeps =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let fit = [
+        "fit",
+        sweeps.to_str().unwrap(),
+        "--pool",
+        "--rc",
+        "4",
+        "--objective",
+        "sum-abs",
+        "--out",
+        "p45b",
+    ];
     assert!(eis_bench(folder.path(), &fit).status.success());
-    std::fs::rename(folder.path().join("p45b/model_4rc.json"), folder.path().join("model.json")).unwrap();
+    std::fs::rename(
+        folder.path().join("p45b/model_4rc.json"),
+        folder.path().join("model.json"),
+    )
+    .unwrap();
     folder
 }
 
@@ -44,47 +67,119 @@ fn the_tangent_ends_where_no_voltage_is_left_and_says_when() {
     // 400 W can be had at once (3.72²/(4·6.43 mΩ) = 538 W), but not for long.
     std::fs::write(folder.path().join("long.txt"), "0 400\n60 400\n").unwrap();
     for more in [vec![], vec!["--method", "thesis"]] {
-        let base = ["simulate", "--model", "model.json", "--profile", "long.txt", "--ocv-v", "3.72", "--beyond", "extrapolate", "--json"];
+        let base = [
+            "simulate",
+            "--model",
+            "model.json",
+            "--profile",
+            "long.txt",
+            "--ocv-v",
+            "3.72",
+            "--beyond",
+            "extrapolate",
+            "--json",
+        ];
         let output = eis_bench(folder.path(), &[&base[..], &more].concat());
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(
+            output.status.success(),
+            "{}",
+            String::from_utf8_lossy(&output.stderr)
+        );
         let found = json(&String::from_utf8(output.stdout).unwrap());
-        let number = |key: &str| found[key].as_f64().unwrap_or_else(|| panic!("{key} in {found}"));
-        assert!(number("min_ccv_v") >= 0.0 && number("max_ccv_v") < 3.72, "{more:?}: {found}");
-        assert!(number("peak_current_a") < 3.72 / 0.00643, "{more:?}: no more than a short circuit: {found}");
+        let number = |key: &str| {
+            found[key]
+                .as_f64()
+                .unwrap_or_else(|| panic!("{key} in {found}"))
+        };
+        assert!(
+            number("min_ccv_v") >= 0.0 && number("max_ccv_v") < 3.72,
+            "{more:?}: {found}"
+        );
+        assert!(
+            number("peak_current_a") < 3.72 / 0.00643,
+            "{more:?}: no more than a short circuit: {found}"
+        );
         let end = &found["tangent_end"];
-        let time_s = end["time_s"].as_f64().unwrap_or_else(|| panic!("{more:?}: {found}"));
-        assert!(time_s > found["first_infeasible"]["time_s"].as_f64().unwrap() && time_s < 60.0, "{found}");
-        assert!((number("simulated_s") - time_s).abs() < 0.05, "{more:?}: the run ends there: {found}");
+        let time_s = end["time_s"]
+            .as_f64()
+            .unwrap_or_else(|| panic!("{more:?}: {found}"));
+        assert!(
+            time_s > found["first_infeasible"]["time_s"].as_f64().unwrap() && time_s < 60.0,
+            "{found}"
+        );
+        assert!(
+            (number("simulated_s") - time_s).abs() < 0.05,
+            "{more:?}: the run ends there: {found}"
+        );
         let most_w = end["available_w"].as_f64().unwrap();
         // The tangent at 0.95 P* meets 0 V at (1 + √0.05)² = 1.497 P*.
-        assert!((250.0..270.0).contains(&most_w) && end["power_w"] == 400.0, "{end}");
-        let note = found["notes"].as_array().unwrap().iter().filter_map(Value::as_str).find(|note| note.contains("the tangent"));
+        assert!(
+            (250.0..270.0).contains(&most_w) && end["power_w"] == 400.0,
+            "{end}"
+        );
+        let note = found["notes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .filter_map(Value::as_str)
+            .find(|note| note.contains("the tangent"));
         let note = note.unwrap_or_else(|| panic!("{found}"));
-        assert!(note.contains("400.0 W were asked for") && note.contains("singular as E → 0"), "{note}");
+        assert!(
+            note.contains("400.0 W were asked for") && note.contains("singular as E → 0"),
+            "{note}"
+        );
     }
     // More than the tangent can answer from the first instant on.
     std::fs::write(folder.path().join("jump.txt"), "0 100\n1 2000\n2 0\n").unwrap();
     let found = json(&told(
         folder.path(),
-        &["simulate", "--model", "model.json", "--profile", "jump.txt", "--ocv-v", "3.72", "--beyond", "extrapolate", "--json"],
+        &[
+            "simulate",
+            "--model",
+            "model.json",
+            "--profile",
+            "jump.txt",
+            "--ocv-v",
+            "3.72",
+            "--beyond",
+            "extrapolate",
+            "--json",
+        ],
     ));
-    assert!((found["tangent_end"]["time_s"].as_f64().unwrap() - 1.0).abs() < 1e-6, "{found}");
-    assert!(found["min_ccv_v"].as_f64().unwrap() > 1.5 && found["feasible"] == false, "{found}");
+    assert!(
+        (found["tangent_end"]["time_s"].as_f64().unwrap() - 1.0).abs() < 1e-6,
+        "{found}"
+    );
+    assert!(
+        found["min_ccv_v"].as_f64().unwrap() > 1.5 && found["feasible"] == false,
+        "{found}"
+    );
 }
 
-/// A cell of 10 Ah, OCV 3 V + SOC · 1 V, 10 mΩ and one branch of 5 mΩ and 8 s, at 1 A with 3 A for a time every 4000 s; sampled every so often.
+/// A cell of 10 Ah, OCV 3 V + SOC · 1 V, 10 mΩ and one branch of 5 mΩ and 8 s, at 1 A with 3 A for
+/// a time every 4000 s; sampled every so often.
 fn pulsed(folder: &Path, name: &str, (sampling_s, length_s): (f64, f64)) -> String {
     let mut text = "Test Time / s,Current / A,Voltage / V\n".to_owned();
     let (mut v, mut drawn, mut noise) = (0.005, 0.0, 0u64);
     let mut due = 0.0;
     for k in 0..144_000u32 {
         let t = 0.2 * f64::from(k);
-        let i = if t % 4000.0 >= 4000.0 - 200.0 && t % 4000.0 < 4000.0 - 200.0 + length_s { 3.0 } else { 1.0 };
+        let i = if t % 4000.0 >= 4000.0 - 200.0 && t % 4000.0 < 4000.0 - 200.0 + length_s {
+            3.0
+        } else {
+            1.0
+        };
         if t >= due - 1e-6 {
             due += sampling_s;
-            noise = noise.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            noise = noise
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1_442_695_040_888_963_407);
             let jitter = 1e-4 * ((noise >> 40) as f64 / 16_777_216.0 - 0.5);
-            text.push_str(&format!("{t:.1},{},{:.6}\n", -i, 4.0 - drawn / 36_000.0 - i * 0.01 - v + jitter));
+            text.push_str(&format!(
+                "{t:.1},{},{:.6}\n",
+                -i,
+                4.0 - drawn / 36_000.0 - i * 0.01 - v + jitter
+            ));
         }
         v = 0.005 * i + (v - 0.005 * i) * (-0.2f64 / 8.0).exp();
         drawn += 0.2 * i;
@@ -99,8 +194,12 @@ fn spectra(folder: &Path) -> Vec<String> {
         for k in 0..16 {
             let freq_hz = 0.05 * 2f64.powi(k);
             let wt = std::f64::consts::TAU * freq_hz * 8.0;
-            let shift = 1.0 + 0.001 * f64::from((repeat * 7 + u32::try_from(k).unwrap() * 5) % 11) / 11.0;
-            let (re, im) = (0.01 + 0.005 / (1.0 + wt * wt), -0.005 * wt / (1.0 + wt * wt));
+            let shift =
+                1.0 + 0.001 * f64::from((repeat * 7 + u32::try_from(k).unwrap() * 5) % 11) / 11.0;
+            let (re, im) = (
+                0.01 + 0.005 / (1.0 + wt * wt),
+                -0.005 * wt / (1.0 + wt * wt),
+            );
             text.push_str(&format!("{freq_hz},{},{}\n", re * shift, im * shift));
         }
         let name = format!("cell0_{repeat}.csv");
@@ -111,25 +210,59 @@ fn spectra(folder: &Path) -> Vec<String> {
 }
 
 fn joint(series: &str, rc: &str, spectra: &[String]) -> Vec<String> {
-    let base = ["joint", "--series", series, "--ocv-from", "slow.csv", "--rc", rc, "--at-v", "3.5", "--within-v", "0.45", "--spectra"];
-    base.into_iter().map(str::to_owned).chain(spectra.iter().cloned()).collect()
+    let base = [
+        "joint",
+        "--series",
+        series,
+        "--ocv-from",
+        "slow.csv",
+        "--rc",
+        rc,
+        "--at-v",
+        "3.5",
+        "--within-v",
+        "0.45",
+        "--spectra",
+    ];
+    base.into_iter()
+        .map(str::to_owned)
+        .chain(spectra.iter().cloned())
+        .collect()
 }
 
 #[test]
 fn a_record_that_saw_no_edge_has_no_pulses() {
     let folder = tempfile::tempdir().unwrap();
     pulsed(folder.path(), "slow.csv", (10.0, 0.0));
-    let (coarse, fine) = (pulsed(folder.path(), "coarse.csv", (10.0, 40.0)), pulsed(folder.path(), "fine.csv", (0.2, 40.0)));
+    let (coarse, fine) = (
+        pulsed(folder.path(), "coarse.csv", (10.0, 40.0)),
+        pulsed(folder.path(), "fine.csv", (0.2, 40.0)),
+    );
     let spectra = spectra(folder.path());
     let arguments = |series: &str, rc: &str| -> Vec<String> { joint(series, rc, &spectra) };
-    let run = |arguments: &[String]| eis_bench(folder.path(), &arguments.iter().map(String::as_str).collect::<Vec<_>>());
+    let run = |arguments: &[String]| {
+        eis_bench(
+            folder.path(),
+            &arguments.iter().map(String::as_str).collect::<Vec<_>>(),
+        )
+    };
     let refused = run(&arguments(&coarse, "1"));
     let said = String::from_utf8_lossy(&refused.stderr);
-    assert_eq!(refused.status.code(), Some(2), "{said}\n{}", String::from_utf8_lossy(&refused.stdout));
-    let expected = "coarse.csv: expected samples at most 1 s apart around the edges of a pulse, met 10 s at its 7 steps of the current";
+    assert_eq!(
+        refused.status.code(),
+        Some(2),
+        "{said}\n{}",
+        String::from_utf8_lossy(&refused.stdout)
+    );
+    let expected = "coarse.csv: expected samples at most 1 s apart around the edges of a pulse, \
+    met 10 s at its 7 steps of the current";
     assert!(said.contains(expected), "{said}");
     let taken = run(&arguments(&fine, "1"));
-    assert!(taken.status.success(), "{}", String::from_utf8_lossy(&taken.stderr));
+    assert!(
+        taken.status.success(),
+        "{}",
+        String::from_utf8_lossy(&taken.stderr)
+    );
 }
 
 #[test]
@@ -139,24 +272,42 @@ fn an_order_that_the_data_do_not_bear_is_never_silent() {
     let fine = pulsed(folder.path(), "fine.csv", (0.2, 40.0));
     let mut arguments = joint(&fine, "3", &spectra(folder.path()));
     arguments.push("--json".to_owned());
-    let study = json(&told(folder.path(), &arguments.iter().map(String::as_str).collect::<Vec<_>>()));
+    let study = json(&told(
+        folder.path(),
+        &arguments.iter().map(String::as_str).collect::<Vec<_>>(),
+    ));
     // The cell has one branch.
     let joint = &study["orders"][0]["joint"];
-    let not_borne: Vec<&str> = joint["not_borne"].as_array().unwrap().iter().filter_map(Value::as_str).collect();
+    let not_borne: Vec<&str> = joint["not_borne"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter_map(Value::as_str)
+        .collect();
     let value = |branch: &Value, key: &str| branch[key].as_f64().unwrap();
-    let branches: Vec<(f64, f64)> =
-        joint["erm"]["branches"].as_array().unwrap().iter().map(|b| (value(b, "r_ohm"), value(b, "r_ohm") * value(b, "c_f"))).collect();
+    let branches: Vec<(f64, f64)> = joint["erm"]["branches"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|b| (value(b, "r_ohm"), value(b, "r_ohm") * value(b, "c_f")))
+        .collect();
     let same = branches.windows(2).any(|pair| pair[1].1 < 1.02 * pair[0].1);
-    let held = branches.iter().any(|(r_ohm, _)| *r_ohm > 0.1 / 1.02 || *r_ohm < 1.02e-6);
+    let held = branches
+        .iter()
+        .any(|(r_ohm, _)| *r_ohm > 0.1 / 1.02 || *r_ohm < 1.02e-6);
     assert!(!(same || held) || !not_borne.is_empty(), "{joint}");
     let warnings = study["warnings"].to_string();
-    assert!(not_borne.iter().all(|words| warnings.contains(words)), "{not_borne:?} {warnings}");
+    assert!(
+        not_borne.iter().all(|words| warnings.contains(words)),
+        "{not_borne:?} {warnings}"
+    );
 }
 
 #[test]
 fn a_slow_discharge_is_chosen_from_a_longer_record() {
     let folder = tempfile::tempdir().unwrap();
-    // Two discharges of a cell of 1 Ah, OCV 3 V + SOC · 1 V: 2 h at 0.25 A after 3 h at 0.3 A and a rest.
+    // Two discharges of a cell of 1 Ah, OCV 3 V + SOC · 1 V: 2 h at 0.25 A after 3 h at 0.3 A and a
+    // rest.
     let mut text = "Test Time / s,Current / A,Voltage / V\n".to_owned();
     for k in 0..1800u32 {
         let t = 10.0 * f64::from(k);
@@ -165,23 +316,56 @@ fn a_slow_discharge_is_chosen_from_a_longer_record() {
             t if t < 10_800.0 => (0.0, 0.0),
             t => (0.25, 0.25 * (t - 10_800.0)),
         };
-        text.push_str(&format!("{t},{},{:.6}\n", -i, 4.0 - drawn / 3600.0 - 0.01 * i));
+        text.push_str(&format!(
+            "{t},{},{:.6}\n",
+            -i,
+            4.0 - drawn / 3600.0 - 0.01 * i
+        ));
     }
     std::fs::write(folder.path().join("long.csv"), text).unwrap();
-    let base = ["ocv", "long.csv", "--json", "--dcir-ohm", "0.01", "--low-v", "2.5", "--high-v", "4.0"];
+    let base = [
+        "ocv",
+        "long.csv",
+        "--json",
+        "--dcir-ohm",
+        "0.01",
+        "--low-v",
+        "2.5",
+        "--high-v",
+        "4.0",
+    ];
     let found = |more: &[&str]| json(&told(folder.path(), &[&base[..], more].concat()));
     let number = |value: &Value, key: &str| value[key].as_f64().unwrap();
     // Alone, the one with the most charge is taken.
     assert!((number(&found(&[]), "current_a") - 0.3).abs() < 1e-6);
     let chosen = found(&["--from", "3 h", "--to", "5h"]);
-    assert!((number(&chosen, "current_a") - 0.25).abs() < 1e-6 && (number(&chosen, "capacity_ah") - 0.499).abs() < 2e-3, "{chosen}");
+    assert!(
+        (number(&chosen, "current_a") - 0.25).abs() < 1e-6
+            && (number(&chosen, "capacity_ah") - 0.499).abs() < 2e-3,
+        "{chosen}"
+    );
     let half = found(&["--from", "3.5 h"]);
-    assert!((number(&half, "capacity_ah") - 0.374).abs() < 2e-3, "{half}");
+    assert!(
+        (number(&half, "capacity_ah") - 0.374).abs() < 2e-3,
+        "{half}"
+    );
     let refused = |more: &[&str]| refusal(folder.path(), &[&base[..], more].concat());
     let said = refused(&["--from", "6 h"]);
-    assert!(said.contains("long.csv: expected at least 2 samples from 21600 s on, found 0: its times go from 0 s to 17990 s"), "{said}");
-    assert!(refused(&["--from", "3"]).contains("expected a duration with its unit, such as \"30 min\", found \"3\""));
-    assert!(refused(&["--from", "3 h", "--to", "2 h"]).contains("--from, --to: expected a window that ends after it begins"));
+    assert!(
+        said.contains(
+            "long.csv: expected at least 2 samples from 21600 s on, found 0: its \
+    times go from 0 s to 17990 s"
+        ),
+        "{said}"
+    );
+    assert!(
+        refused(&["--from", "3"])
+            .contains("expected a duration with its unit, such as \"30 min\", found \"3\"")
+    );
+    assert!(
+        refused(&["--from", "3 h", "--to", "2 h"])
+            .contains("--from, --to: expected a window that ends after it begins")
+    );
 }
 
 const PACK: [&str; 14] = [
@@ -205,7 +389,9 @@ const PACK: [&str; 14] = [
 fn outcome(text: &str) -> Value {
     let mut report = json(text);
     let fields = report.as_object_mut().unwrap();
-    ["seed", "spread", "cells", "means"].iter().for_each(|name| drop(fields.remove(*name)));
+    ["seed", "spread", "cells", "means"]
+        .iter()
+        .for_each(|name| drop(fields.remove(*name)));
     report
 }
 
@@ -214,16 +400,35 @@ fn drawn_cells_are_exported_and_give_the_same_packs_again() {
     let folder = fitted();
     std::fs::write(folder.path().join("pulse.csv"), "0 300\n2 0\n3 0\n").unwrap();
     let run = |more: &[&str]| told(folder.path(), &[&PACK[..], &["--json"], more].concat());
-    let drawn = run(&["--draws", "7", "--seed", "3", "--sigma-rk", "0.02", "--export-cells", "cells.csv"]);
+    let drawn = run(&[
+        "--draws",
+        "7",
+        "--seed",
+        "3",
+        "--sigma-rk",
+        "0.02",
+        "--export-cells",
+        "cells.csv",
+    ]);
     let table = std::fs::read_to_string(folder.path().join("cells.csv")).unwrap();
-    assert!(table.starts_with("draw,group,place,name,r,r1,c1,r2,c2,r3,c3,r4,c4,capacity,soc\n1,1,1,"), "{table}");
-    assert_eq!(table.lines().count(), 1 + 7 * 6, "one row for each cell of each draw");
+    assert!(
+        table.starts_with("draw,group,place,name,r,r1,c1,r2,c2,r3,c3,r4,c4,capacity,soc\n1,1,1,"),
+        "{table}"
+    );
+    assert_eq!(
+        table.lines().count(),
+        1 + 7 * 6,
+        "one row for each cell of each draw"
+    );
     let again = run(&["--cells", "cells.csv"]);
     assert_eq!(outcome(&drawn), outcome(&again));
     assert_eq!(json(&again)["cells"], "cells.csv");
     // The table of a table is the table.
     run(&["--cells", "cells.csv", "--export-cells", "again.csv"]);
-    assert_eq!(table, std::fs::read_to_string(folder.path().join("again.csv")).unwrap());
+    assert_eq!(
+        table,
+        std::fs::read_to_string(folder.path().join("again.csv")).unwrap()
+    );
 }
 
 #[test]
@@ -236,27 +441,67 @@ fn cells_with_names_stand_where_they_are_put_and_the_mean_is_told() {
         rows += &format!("{},{},{name},{r},\n", k / 3 + 1, k % 3 + 1);
     }
     std::fs::write(folder.path().join("named.csv"), &rows).unwrap();
-    let text = told(folder.path(), &[&PACK[..], &["--cells", "named.csv"]].concat());
+    let text = told(
+        folder.path(),
+        &[&PACK[..], &["--cells", "named.csv"]].concat(),
+    );
     assert!(text.contains("in group 2"), "{text}");
-    assert!(text.contains("identical: a pack of 6 cells as --model has them"), "{text}");
-    assert!(text.contains("part of the mean: over the current of the pack divided by its 3 cells in parallel"), "{text}");
-    assert!(text.contains("mean over the table's cells: r 1.05000"), "{text}");
+    assert!(
+        text.contains("identical: a pack of 6 cells as --model has them"),
+        "{text}"
+    );
+    assert!(
+        text.contains(
+            "part of the mean: over the current of the pack divided by its 3 cells in parallel"
+        ),
+        "{text}"
+    );
+    assert!(
+        text.contains("mean over the table's cells: r 1.05000"),
+        "{text}"
+    );
     assert!(text.contains("its cells: B1, B2, weak"), "{text}");
     // A cell may have a model of its own.
-    let models = rows.replace("name,r,", "name,model,r,").replace(",weak,1.3,", ",weak,model.json,1.3,").replace("A1,,", "A1,,,");
-    let models = models.replace("A2,,", "A2,,,").replace("A3,,", "A3,,,").replace("B1,,", "B1,,,").replace("B2,,", "B2,,,");
+    let models = rows
+        .replace("name,r,", "name,model,r,")
+        .replace(",weak,1.3,", ",weak,model.json,1.3,")
+        .replace("A1,,", "A1,,,");
+    let models = models
+        .replace("A2,,", "A2,,,")
+        .replace("A3,,", "A3,,,")
+        .replace("B1,,", "B1,,,")
+        .replace("B2,,", "B2,,,");
     std::fs::write(folder.path().join("models.csv"), models).unwrap();
-    let run = |table: &str| outcome(&told(folder.path(), &[&PACK[..], &["--json", "--cells", table]].concat()));
+    let run = |table: &str| {
+        outcome(&told(
+            folder.path(),
+            &[&PACK[..], &["--json", "--cells", table]].concat(),
+        ))
+    };
     assert_eq!(run("named.csv"), run("models.csv"));
     let refused = |text: &str| {
         std::fs::write(folder.path().join("bad.csv"), text).unwrap();
-        refusal(folder.path(), &[&PACK[..], &["--cells", "bad.csv"]].concat())
+        refusal(
+            folder.path(),
+            &[&PACK[..], &["--cells", "bad.csv"]].concat(),
+        )
     };
     assert!(
-        refused(&rows.replace("2,3,weak", "2,2,weak")).contains("bad.csv, line 7: expected each place once, found group 2, place 2 again")
+        refused(&rows.replace("2,3,weak", "2,2,weak"))
+            .contains("bad.csv, line 7: expected each place once, found group 2, place 2 again")
     );
-    assert!(refused(&rows.replace("1.3", "-1")).contains("bad.csv, line 7, r: expected a factor above 0, or nothing for 1, found \"-1\""));
-    assert!(refused(&rows.replace("2,3,weak", "3,1,weak")).contains("bad.csv, line 7, group: expected a number from 1 to 2, found \"3\""));
+    assert!(
+        refused(&rows.replace("1.3", "-1")).contains(
+            "bad.csv, line 7, r: expected a factor above 0, or nothing for 1, found \"-1\""
+        )
+    );
+    assert!(
+        refused(&rows.replace("2,3,weak", "3,1,weak"))
+            .contains("bad.csv, line 7, group: expected a number from 1 to 2, found \"3\"")
+    );
     let short = rows.lines().take(6).collect::<Vec<_>>().join("\n");
-    assert!(refused(&short).contains("bad.csv: expected 6 cells for 2S3P, found 5: group 2, place 3 is empty"));
+    assert!(
+        refused(&short)
+            .contains("bad.csv: expected 6 cells for 2S3P, found 5: group 2, place 3 is empty")
+    );
 }

@@ -1,5 +1,6 @@
-//! Each interlock alone saves the cell: a fault of the simulated bench that no other interlock sees ends in a trip, and the cell's own witness tells of
-//! no harm. With that one interlock widened, or blind, the same fault harms the cell.
+//! Each interlock alone saves the cell: a fault of the simulated bench that no other interlock sees
+//! ends in a trip, and the cell's own witness tells of no harm. With that one interlock widened, or
+//! blind, the same fault harms the cell.
 
 use bench_daemon::command::run::Session;
 use fixtures::{Witness, witness::AbuseKind};
@@ -27,8 +28,17 @@ fn reset() -> Files {
 fn lived(files: &Files) -> (String, Witness) {
     let experiment = files.load();
     let mut session = Session::new(&experiment.bench).unwrap();
-    let ended = session.run(&experiment, &files.path("run")).err().map_or_else(|| "finished".to_owned(), |failure| failure.to_string());
-    let witness = session.simulation().unwrap().world().lock().unwrap().witness();
+    let ended = session
+        .run(&experiment, &files.path("run"))
+        .err()
+        .map_or_else(|| "finished".to_owned(), |failure| failure.to_string());
+    let witness = session
+        .simulation()
+        .unwrap()
+        .world()
+        .lock()
+        .unwrap()
+        .witness();
     (ended, witness)
 }
 
@@ -38,7 +48,8 @@ struct Case {
     faults: &'static str,
     /// Changes of `[interlock]` in both runs.
     common: &'static [(&'static str, &'static str)],
-    /// Changes that leave the interlock as it is, and those that take it away: the file, what is replaced, what by.
+    /// Changes that leave the interlock as it is, and those that take it away: the file, what is
+    /// replaced, what by.
     with: &'static [(&'static str, &'static str, &'static str)],
     without: &'static [(&'static str, &'static str, &'static str)],
     trip: &'static str,
@@ -48,18 +59,35 @@ struct Case {
 impl Case {
     fn run(&self, changes: &[(&str, &str, &str)]) -> (String, Witness) {
         // What would be refused as too wide is what the interlock is to be proven by.
-        let files = (self.files)().without(CELL, "absolute").append(SCENARIO, self.faults);
-        let files = self.common.iter().fold(files, |files, (from, to)| files.edit(CELL, from, to));
-        lived(&changes.iter().fold(files, |files, (file, from, to)| files.edit(file, from, to)))
+        let files = (self.files)()
+            .without(CELL, "absolute")
+            .append(SCENARIO, self.faults);
+        let files = self
+            .common
+            .iter()
+            .fold(files, |files, (from, to)| files.edit(CELL, from, to));
+        lived(
+            &changes
+                .iter()
+                .fold(files, |files, (file, from, to)| files.edit(file, from, to)),
+        )
     }
 
     fn prove(&self) {
         let (ended, witness) = self.run(self.with);
         // Where an ammeter has stopped, nobody can verify afterwards that nothing flows.
-        assert!(ended.contains(&format!("interlock: {}", self.trip)), "expected {:?}: {ended}", self.trip);
+        assert!(
+            ended.contains(&format!("interlock: {}", self.trip)),
+            "expected {:?}: {ended}",
+            self.trip
+        );
         assert_eq!(witness.abuse, [], "{ended}: {witness:?}");
         let (ended, witness) = self.run(self.without);
-        assert!(witness.abuse.iter().any(|abuse| abuse.kind == self.harm), "{}: {ended}: {witness:?}", self.trip);
+        assert!(
+            witness.abuse.iter().any(|abuse| abuse.kind == self.harm),
+            "{}: {ended}: {witness:?}",
+            self.trip
+        );
     }
 }
 
@@ -74,9 +102,18 @@ fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_charges() {
     let case = Case {
         files: || sweep(20),
         faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
-        common: &[("charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\"")],
-        with: &[NEARLY_FULL, (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.15 V\"")],
-        without: &[NEARLY_FULL, (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.9 V\"")],
+        common: &[(
+            "charge_drift_max = \"0.5 %\"",
+            "charge_drift_max = \"1000 %\"",
+        )],
+        with: &[
+            NEARLY_FULL,
+            (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.15 V\""),
+        ],
+        without: &[
+            NEARLY_FULL,
+            (CELL, "voltage_max = \"4.2 V\"", "voltage_max = \"4.9 V\""),
+        ],
         trip: "cell voltage 4.15",
         harm: AbuseKind::OverVoltage,
     };
@@ -87,10 +124,21 @@ fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_charges() {
 fn only_the_charge_balance_saves_a_cell_whose_voltmeter_has_stopped() {
     let case = Case {
         files: || sweep(20),
-        faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
-        common: &[("frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\""), BLIND],
+        faults: "[faults]\nvoltmeter_freezes_s = 55.0\n\
+        bipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
+        common: &[
+            ("frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\""),
+            BLIND,
+        ],
         with: &[NEARLY_FULL],
-        without: &[NEARLY_FULL, (CELL, "charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\"")],
+        without: &[
+            NEARLY_FULL,
+            (
+                CELL,
+                "charge_drift_max = \"0.5 %\"",
+                "charge_drift_max = \"1000 %\"",
+            ),
+        ],
         trip: "net charge of the step 8",
         harm: AbuseKind::OverVoltage,
     };
@@ -106,7 +154,11 @@ fn only_the_look_at_frozen_values_saves_a_cell_that_is_discharged_by_a_blind_loa
         with: &[],
         // Nor does any noise show.
         without: &[
-            (CELL, "frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\""),
+            (
+                CELL,
+                "frozen_charge = \"1 %\"",
+                "frozen_charge = \"1000 %\"",
+            ),
             (SCENARIO, "[faults]", "[meters]\nnoise_v = 0.0\n[faults]"),
         ],
         trip: "charge while the cell voltage stood still 16",
@@ -123,7 +175,10 @@ fn only_the_current_limit_saves_a_cell_from_a_supply_that_runs_away() {
         common: &[BLIND],
         with: &[WEAK],
         // Nobody sees the current.
-        without: &[WEAK, (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 3.0")],
+        without: &[
+            WEAK,
+            (SCENARIO, "[faults]", "[faults]\nammeter_freezes_s = 3.0"),
+        ],
         trip: "cell current 1.",
         harm: AbuseKind::OverCharge,
     };
@@ -134,10 +189,19 @@ fn only_the_current_limit_saves_a_cell_from_a_supply_that_runs_away() {
 fn only_the_temperature_limit_saves_a_cell_that_grows_warm_slowly() {
     let case = Case {
         files: || sweep(6),
-        faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\nheater = { from_s = 60.0, watts = 5.0 }",
+        faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\n\
+        heater = { from_s = 60.0, watts = 5.0 }",
         common: &[],
-        with: &[(CELL, "temperature_max = \"60 °C\"", "temperature_max = \"45 °C\"")],
-        without: &[(CELL, "temperature_max = \"60 °C\"", "temperature_max = \"200 °C\"")],
+        with: &[(
+            CELL,
+            "temperature_max = \"60 °C\"",
+            "temperature_max = \"45 °C\"",
+        )],
+        without: &[(
+            CELL,
+            "temperature_max = \"60 °C\"",
+            "temperature_max = \"200 °C\"",
+        )],
         trip: "cell temperature 45.",
         harm: AbuseKind::OverTemperature,
     };
@@ -148,7 +212,8 @@ fn only_the_temperature_limit_saves_a_cell_that_grows_warm_slowly() {
 fn only_the_rate_of_the_temperature_saves_a_cell_whose_thermometer_has_come_off() {
     let case = Case {
         files: || sweep(6),
-        faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\nheater = { from_s = 60.0, watts = 10.0 }\nthermometer_ceiling_c = 45.0",
+        faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\n\
+        heater = { from_s = 60.0, watts = 10.0 }\nthermometer_ceiling_c = 45.0",
         common: &[],
         with: &[],
         without: &[(CELL, "\"5 K/min\"", "\"600 K/min\"")],
@@ -162,7 +227,8 @@ fn only_the_rate_of_the_temperature_saves_a_cell_whose_thermometer_has_come_off(
 fn only_the_age_of_the_readings_saves_a_cell_whose_instruments_become_slow() {
     let case = Case {
         files: || sweep(2),
-        faults: "[faults]\nslow_answers = { from_s = 60.0, late_s = 1.5 }\nbipolar_drifts = { from_s = 100.0, a_per_s = 1.0, greatest_a = 12.0 }",
+        faults: "[faults]\nslow_answers = { from_s = 60.0, late_s = 1.5 }\n\
+        bipolar_drifts = { from_s = 100.0, a_per_s = 1.0, greatest_a = 12.0 }",
         common: &[],
         with: &[WEAK, (CELL, "\"15 s\"", "\"3 s\"")],
         without: &[WEAK, (CELL, "\"15 s\"", "\"60 s\"")],
@@ -177,18 +243,30 @@ fn only_the_chillers_own_word_saves_a_cell_that_is_no_longer_cooled() {
     let tempered = || {
         Files::demo()
             .without(EXPERIMENT, "fixture_check")
-            .edit(EXPERIMENT, "discharge_current = \"5 A\"", "discharge_current = \"10 A\"")
-            .edit(EXPERIMENT, "discharge_until = \"3.52 V\"", "discharge_until = \"3.00 V\"")
+            .edit(
+                EXPERIMENT,
+                "discharge_current = \"5 A\"",
+                "discharge_current = \"10 A\"",
+            )
+            .edit(
+                EXPERIMENT,
+                "discharge_until = \"3.52 V\"",
+                "discharge_until = \"3.00 V\"",
+            )
             .edit(EXPERIMENT, "start = \"0.1 Hz\"", "start = \"100 Hz\"")
             .edit(EXPERIMENT, "points = 20", "points = 2")
             .edit(EXPERIMENT, "rc = [1, 2, 3, 4]", "rc = [1]")
     };
     let case = Case {
         files: tempered,
-        faults: "[faults]\nthermometer_ceiling_c = 29.0\nchiller_stops = { from_s = 700.0, block_k_per_w = 50.0 }",
+        faults: "[faults]\nthermometer_ceiling_c = 29.0\n\
+        chiller_stops = { from_s = 700.0, block_k_per_w = 50.0 }",
         common: &[("frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\"")],
         with: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0")],
-        without: &[(SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0"), (SCENARIO, "50.0 }", "50.0, silent = true }")],
+        without: &[
+            (SCENARIO, "[cell]", "[cell]\ngreatest_c = 30.0"),
+            (SCENARIO, "50.0 }", "50.0, silent = true }"),
+        ],
         trip: "chiller: expected it to run without an alarm, found `-01 LOW LEVEL ALARM`",
         harm: AbuseKind::OverTemperature,
     };
@@ -200,9 +278,18 @@ fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_discharges() {
     let case = Case {
         files: || sweep(20),
         faults: "[faults]\nbipolar_drifts = { from_s = 60.0, a_per_s = -0.05, greatest_a = 0.15 }",
-        common: &[("charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\"")],
-        with: &[NEARLY_EMPTY, (CELL, "voltage_min = \"2.5 V\"", "voltage_min = \"2.6 V\"")],
-        without: &[NEARLY_EMPTY, (CELL, "voltage_min = \"2.5 V\"", "voltage_min = \"0.5 V\"")],
+        common: &[(
+            "charge_drift_max = \"0.5 %\"",
+            "charge_drift_max = \"1000 %\"",
+        )],
+        with: &[
+            NEARLY_EMPTY,
+            (CELL, "voltage_min = \"2.5 V\"", "voltage_min = \"2.6 V\""),
+        ],
+        without: &[
+            NEARLY_EMPTY,
+            (CELL, "voltage_min = \"2.5 V\"", "voltage_min = \"0.5 V\""),
+        ],
         trip: "cell voltage 2.5",
         harm: AbuseKind::UnderVoltage,
     };
@@ -213,7 +300,8 @@ fn only_the_voltage_limit_saves_a_cell_that_a_drifting_supply_discharges() {
 fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_ammeter_has_stopped() {
     let case = Case {
         files: || sweep(2),
-        faults: "[faults]\nammeter_freezes_s = 3.0\nbipolar_drifts = { from_s = 100.0, a_per_s = 0.05, greatest_a = 12.0 }",
+        faults: "[faults]\nammeter_freezes_s = 3.0\n\
+        bipolar_drifts = { from_s = 100.0, a_per_s = 0.05, greatest_a = 12.0 }",
         common: &[],
         with: &[WEAK],
         without: &[WEAK, (CELL, BLIND.0, BLIND.1)],
@@ -227,9 +315,13 @@ fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_ammeter_has_stop
 fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_voltmeter_has_stopped() {
     let case = Case {
         files: || sweep(20),
-        faults: "[faults]\nvoltmeter_freezes_s = 55.0\nbipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
+        faults: "[faults]\nvoltmeter_freezes_s = 55.0\n\
+        bipolar_drifts = { from_s = 60.0, a_per_s = 0.05, greatest_a = 0.15 }",
         common: &[
-            ("charge_drift_max = \"0.5 %\"", "charge_drift_max = \"1000 %\""),
+            (
+                "charge_drift_max = \"0.5 %\"",
+                "charge_drift_max = \"1000 %\"",
+            ),
             ("frozen_charge = \"1 %\"", "frozen_charge = \"1000 %\""),
         ],
         with: &[NEARLY_FULL],
@@ -244,10 +336,22 @@ fn only_the_look_at_frozen_values_saves_a_cell_in_a_sweep_whose_voltmeter_has_st
 fn only_the_age_of_the_temperature_saves_a_cell_that_nobody_feels() {
     let case = Case {
         files: || sweep(2),
-        faults: "[faults]\nslow_answers = { from_s = 60.0, late_s = 1.9 }\nheater = { from_s = 61.0, watts = 60.0 }",
-        common: &[("\"5 K/min\"", "\"600 K/min\""), ("reading_age_max = \"15 s\"", "reading_age_max = \"600 s\"")],
-        with: &[(CELL, "temperature_age_max = \"60 s\"", "temperature_age_max = \"10 s\"")],
-        without: &[(CELL, "temperature_age_max = \"60 s\"", "temperature_age_max = \"3600 s\"")],
+        faults: "[faults]\nslow_answers = { from_s = 60.0, late_s = 1.9 }\n\
+        heater = { from_s = 61.0, watts = 60.0 }",
+        common: &[
+            ("\"5 K/min\"", "\"600 K/min\""),
+            ("reading_age_max = \"15 s\"", "reading_age_max = \"600 s\""),
+        ],
+        with: &[(
+            CELL,
+            "temperature_age_max = \"60 s\"",
+            "temperature_age_max = \"10 s\"",
+        )],
+        without: &[(
+            CELL,
+            "temperature_age_max = \"60 s\"",
+            "temperature_age_max = \"3600 s\"",
+        )],
         trip: "time without a cell temperature ",
         harm: AbuseKind::OverTemperature,
     };
@@ -258,11 +362,16 @@ fn only_the_age_of_the_temperature_saves_a_cell_that_nobody_feels() {
 fn only_a_missing_reading_tells_of_a_thermometer_that_has_come_off_altogether() {
     let case = Case {
         files: || sweep(6),
-        faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\nheater = { from_s = 60.0, watts = 10.0 }\nthermometer_opens_s = 65.0",
+        faults: "[thermal]\nblock_k_per_w = 50.0\n[faults]\n\
+        heater = { from_s = 60.0, watts = 10.0 }\nthermometer_opens_s = 65.0",
         common: &[("\"5 K/min\"", "\"600 K/min\"")],
         with: &[],
         // It still hangs on the bath, which is no warmer than it should be.
-        without: &[(SCENARIO, "thermometer_opens_s = 65.0", "thermometer_ceiling_c = 26.0")],
+        without: &[(
+            SCENARIO,
+            "thermometer_opens_s = 65.0",
+            "thermometer_ceiling_c = 26.0",
+        )],
         trip: "cell temperature cannot be read: its meter gives no number",
         harm: AbuseKind::OverTemperature,
     };

@@ -1,5 +1,6 @@
-//! 200 listeners and 50 requests per second for two minutes while a sweep runs in real time: what it costs the sweep, and when the listeners hear of it.
-//! `cargo test -p bench-daemon --test it -- --ignored --nocapture serve_load`.
+//! 200 listeners and 50 requests per second for two minutes while a sweep runs in real time: what
+//! it costs the sweep, and when the listeners hear of it. `cargo test -p bench-daemon --test
+//! it -- --ignored --nocapture serve_load`.
 
 use std::{
     sync::{
@@ -43,7 +44,9 @@ fn lateness(files: &Files, run: &str) -> (Vec<f64>, f64) {
     for line in &lines {
         match &line.entry {
             Entry::Intent { text, .. } => {
-                let wait = text.split_once("wait ").and_then(|(_, wait)| wait.trim_end_matches(" s").parse::<f64>().ok());
+                let wait = text
+                    .split_once("wait ")
+                    .and_then(|(_, wait)| wait.trim_end_matches(" s").parse::<f64>().ok());
                 begun = line.time_s + wait.unwrap_or(0.0);
             }
             Entry::Point(_) => late.push(line.time_s - begun),
@@ -51,10 +54,17 @@ fn lateness(files: &Files, run: &str) -> (Vec<f64>, f64) {
         }
     }
     let text = std::fs::read_to_string(folder.join("readings.csv")).unwrap();
-    let sines: Vec<f64> =
-        text.lines().filter(|line| line.contains(",sine,")).map(|line| line.split(',').next().unwrap().parse().unwrap()).collect();
+    let sines: Vec<f64> = text
+        .lines()
+        .filter(|line| line.contains(",sine,"))
+        .map(|line| line.split(',').next().unwrap().parse().unwrap())
+        .collect();
     // Between two sweeps nothing is read as a sine.
-    let gap = sines.windows(2).map(|pair| pair[1] - pair[0]).filter(|gap| *gap < READING_AGE_S).fold(0.0, f64::max);
+    let gap = sines
+        .windows(2)
+        .map(|pair| pair[1] - pair[0])
+        .filter(|gap| *gap < READING_AGE_S)
+        .fold(0.0, f64::max);
     (late, gap)
 }
 
@@ -82,8 +92,15 @@ fn two_hundred_listeners_and_fifty_requests_per_second_cost_a_sweep_nothing() {
                     let mut mine = Vec::new();
                     for (_, kind, data) in served.listen("") {
                         if kind == "spectrum" {
-                            let name = data["spectrum"]["name"].as_str().unwrap_or_default().to_owned();
-                            mine.push((name, data["spectrum"]["points"].as_array().map_or(0, Vec::len), unix_time_s()));
+                            let name = data["spectrum"]["name"]
+                                .as_str()
+                                .unwrap_or_default()
+                                .to_owned();
+                            mine.push((
+                                name,
+                                data["spectrum"]["points"].as_array().map_or(0, Vec::len),
+                                unix_time_s(),
+                            ));
                         }
                         if kind == "lost" || (kind == "run" && !data["ended"].is_null()) {
                             break;
@@ -96,8 +113,14 @@ fn two_hundred_listeners_and_fifty_requests_per_second_cost_a_sweep_nothing() {
                 let (served, over, run) = (&served, &over, &run);
                 let (asked, failed, answers) = (&asked, &failed, &answers);
                 scope.spawn(move || {
-                    let paths = ["/benches", "/queue", "/runs", &format!("/runs/{run}"), &format!("/runs/{run}/spectra")]
-                        .map(|path| format!("/api/v1{path}"));
+                    let paths = [
+                        "/benches",
+                        "/queue",
+                        "/runs",
+                        &format!("/runs/{run}"),
+                        &format!("/runs/{run}/spectra"),
+                    ]
+                    .map(|path| format!("/api/v1{path}"));
                     let every_s = 10.0 / REQUESTS_PER_S as f64;
                     for turn in 0.. {
                         let due_s = began_s + every_s * (f64::from(turn) + 0.1 * f64::from(number));
@@ -106,7 +129,8 @@ fn two_hundred_listeners_and_fifty_requests_per_second_cost_a_sweep_nothing() {
                         }
                         sleep(due_s - unix_time_s());
                         let sent_s = unix_time_s();
-                        let answer = served.ask("GET", &paths[turn as usize % paths.len()], ("", ""));
+                        let answer =
+                            served.ask("GET", &paths[turn as usize % paths.len()], ("", ""));
                         answers.lock().unwrap().push(unix_time_s() - sent_s);
                         asked.fetch_add(1, Ordering::Relaxed);
                         failed.fetch_add(u64::from(answer.status != 200), Ordering::Relaxed);
@@ -125,7 +149,8 @@ fn two_hundred_listeners_and_fifty_requests_per_second_cost_a_sweep_nothing() {
         let (mut late, gap_s) = lateness(&files, &run);
         late.sort_by(f64::total_cmp);
         println!(
-            "load {loaded}: {} points in {took_s:.1} s; beyond the planned wait a point took {:.2} s in the middle, {:.2} s at most (tolerance {TOLERANCE_S} s); \
+            "load {loaded}: {} points in {took_s:.1} s; beyond the planned wait a point took {:.2} \
+            s in the middle, {:.2} s at most (tolerance {TOLERANCE_S} s); \
              longest time between two readings while current flowed {gap_s:.2} s",
             late.len(),
             quantile(&late, 0.5),
@@ -141,23 +166,37 @@ fn two_hundred_listeners_and_fifty_requests_per_second_cost_a_sweep_nothing() {
                 (&files, &run),
             );
             let metrics = served.ask("GET", "/metrics", ("", "")).text();
-            println!("{}", metrics.lines().filter(|line| line.contains("lagged_total") && !line.starts_with('#')).collect::<String>());
+            println!(
+                "{}",
+                metrics
+                    .lines()
+                    .filter(|line| line.contains("lagged_total") && !line.starts_with('#'))
+                    .collect::<String>()
+            );
         }
     }
 }
 
 type Heard = Vec<(String, usize, f64)>;
 
-fn report((asked, failed): (u64, u64), answers: &mut [f64], heard: &[Heard], (files, run): (&Files, &str)) {
+fn report(
+    (asked, failed): (u64, u64),
+    answers: &mut [f64],
+    heard: &[Heard],
+    (files, run): (&Files, &str),
+) {
     answers.sort_by(f64::total_cmp);
     println!(
-        "{asked} requests, {failed} failed; answered within {:.1} ms in the middle, {:.1} ms at 99 %, {:.1} ms at most",
+        "{asked} requests, {failed} failed; answered within {:.1} ms in the middle, {:.1} ms at 99 \
+        %, {:.1} ms at most",
         1e3 * quantile(answers, 0.5),
         1e3 * quantile(answers, 0.99),
         1e3 * quantile(answers, 1.0)
     );
     let folder = files.path("data/runs").join(run);
-    let start_s = json(&folder.join("manifest.json"))["started_unix_s"].as_f64().unwrap();
+    let start_s = json(&folder.join("manifest.json"))["started_unix_s"]
+        .as_f64()
+        .unwrap();
     let mut done: Vec<f64> = Vec::new();
     let mut cell = 0;
     for line in read(&folder).unwrap().lines {
@@ -173,18 +212,23 @@ fn report((asked, failed): (u64, u64), answers: &mut [f64], heard: &[Heard], (fi
         .iter()
         .flat_map(|mine| {
             done.iter().enumerate().map(move |(index, done_s)| {
-                let first = mine.iter().find(|(name, points, _)| name == "raw_cell" && *points > index);
+                let first = mine
+                    .iter()
+                    .find(|(name, points, _)| name == "raw_cell" && *points > index);
                 first.map_or(f64::INFINITY, |(_, _, heard_s)| heard_s - done_s)
             })
         })
         .collect();
     delays.sort_by(f64::total_cmp);
     println!(
-        "{} listeners heard {cell} points of the cell's sweep each; after {:.2} s in the middle, {:.2} s at 99 %, {:.2} s at most",
+        "{} listeners heard {cell} points of the cell's sweep each; after {:.2} s in the middle, \
+        {:.2} s at 99 %, {:.2} s at most",
         heard.len(),
         quantile(&delays, 0.5),
         quantile(&delays, 0.99),
         quantile(&delays, 1.0)
     );
-    assert!(failed == 0 && heard.len() == LISTENERS && delays.iter().all(|delay| delay.is_finite()));
+    assert!(
+        failed == 0 && heard.len() == LISTENERS && delays.iter().all(|delay| delay.is_finite())
+    );
 }

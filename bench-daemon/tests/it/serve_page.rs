@@ -1,5 +1,5 @@
-//! The page in a real browser: Chromium with its driver, headless. Where they are absent the tests pass and say so. Pictures of each state go to
-//! `target/tmp/page`.
+//! The page in a real browser: Chromium with its driver, headless. Where they are absent the tests
+//! pass and say so. Pictures of each state go to `target/tmp/page`.
 
 use std::{
     fs,
@@ -32,16 +32,28 @@ struct Browser {
 impl Browser {
     /// None where there is no driver on this machine.
     fn start(dark: bool) -> Option<Self> {
-        let driver = Command::new("chromedriver").arg("--port=0").stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn();
+        let driver = Command::new("chromedriver")
+            .arg("--port=0")
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::null())
+            .spawn();
         let Ok(driver) = driver else {
-            eprintln!("SKIPPED: no chromedriver on this machine; Debian has it in the package chromium-driver");
+            eprintln!(
+                "SKIPPED: no chromedriver on this machine; Debian has it in the package \
+                chromium-driver"
+            );
             return None;
         };
         let mut process = Running(driver);
-        let lines = BufReader::new(process.0.stdout.as_mut().unwrap()).lines().map_while(Result::ok);
+        let lines = BufReader::new(process.0.stdout.as_mut().unwrap())
+            .lines()
+            .map_while(Result::ok);
         // It first says that it was asked for port 0.
-        let port =
-            |line: String| line.split_once("successfully on port ").and_then(|(_, port)| port.trim_end_matches('.').parse::<u16>().ok());
+        let port = |line: String| {
+            line.split_once("successfully on port ")
+                .and_then(|(_, port)| port.trim_end_matches('.').parse::<u16>().ok())
+        };
         let driver = format!("127.0.0.1:{}", lines.filter_map(port).next()?);
         let profile = tempfile::tempdir().unwrap();
         let arguments = [
@@ -55,22 +67,42 @@ impl Browser {
             "--disable-sync",
             "--disable-dev-shm-usage",
             "--hide-scrollbars",
-            if dark { "--blink-settings=preferredColorScheme=0" } else { "--blink-settings=preferredColorScheme=1" },
+            if dark {
+                "--blink-settings=preferredColorScheme=0"
+            } else {
+                "--blink-settings=preferredColorScheme=1"
+            },
             &format!("--user-data-dir={}", profile.path().display()),
         ];
         let wanted = json!({ "capabilities": { "alwaysMatch": { "goog:chromeOptions": { "args": arguments } } } });
         let answer = exchange(&driver, "POST", "/session", &wanted.to_string());
         if answer.status != 200 {
-            eprintln!("SKIPPED: chromedriver cannot start a browser: {}", answer.text());
+            eprintln!(
+                "SKIPPED: chromedriver cannot start a browser: {}",
+                answer.text()
+            );
             return None;
         }
-        let session = format!("/session/{}", answer.json()["value"]["sessionId"].as_str().unwrap());
-        Some(Self { driver, session, _process: process, _profile: profile })
+        let session = format!(
+            "/session/{}",
+            answer.json()["value"]["sessionId"].as_str().unwrap()
+        );
+        Some(Self {
+            driver,
+            session,
+            _process: process,
+            _profile: profile,
+        })
     }
 
     #[track_caller]
     fn say(&self, path: &str, body: &Value) -> Value {
-        let answer = exchange(&self.driver, "POST", &format!("{}{path}", self.session), &body.to_string());
+        let answer = exchange(
+            &self.driver,
+            "POST",
+            &format!("{}{path}", self.session),
+            &body.to_string(),
+        );
         assert_eq!(answer.status, 200, "{path}: {}", answer.text());
         answer.json()["value"].take()
     }
@@ -90,25 +122,41 @@ impl Browser {
 
     /// The text of an element that is shown.
     fn text(&self, css: &str) -> String {
-        let script = format!("const e = document.querySelector({css:?}); return e && e.offsetParent !== null ? e.innerText : \"\"");
+        let script = format!(
+            "const e = document.querySelector({css:?}); return e && e.offsetParent !== null ? \
+            e.innerText : \"\""
+        );
         self.script(&script).as_str().unwrap_or_default().to_owned()
     }
 
     #[track_caller]
     fn element(&self, css: &str) -> String {
-        let found = self.say("/element", &json!({ "using": "css selector", "value": css }));
+        let found = self.say(
+            "/element",
+            &json!({ "using": "css selector", "value": css }),
+        );
         format!("/element/{}", found[ELEMENT].as_str().unwrap())
     }
 
-    /// Clicks as a person does, who sees what is there now: where it was drawn anew since it was found, it is looked for again.
+    /// Clicks as a person does, who sees what is there now: where it was drawn anew since it was
+    /// found, it is looked for again.
     #[track_caller]
     fn click(&self, css: &str) {
         for _ in 0..50 {
-            let answer = exchange(&self.driver, "POST", &format!("{}{}/click", self.session, self.element(css)), "{}");
+            let answer = exchange(
+                &self.driver,
+                "POST",
+                &format!("{}{}/click", self.session, self.element(css)),
+                "{}",
+            );
             if answer.status == 200 {
                 return;
             }
-            assert!(answer.text().contains("stale element reference"), "{css}: {}", answer.text());
+            assert!(
+                answer.text().contains("stale element reference"),
+                "{css}: {}",
+                answer.text()
+            );
             poll_once();
         }
         panic!("{css}: drawn anew at each click");
@@ -116,7 +164,10 @@ impl Browser {
 
     #[track_caller]
     fn keys(&self, css: &str, keys: &str) {
-        self.say(&format!("{}/value", self.element(css)), &json!({ "text": keys }));
+        self.say(
+            &format!("{}/value", self.element(css)),
+            &json!({ "text": keys }),
+        );
     }
 
     #[track_caller]
@@ -135,7 +186,9 @@ impl Browser {
 
     /// Marks in the Nyquist plot.
     fn marks(&self) -> u64 {
-        self.script("return document.querySelectorAll('#nyquist .mark').length").as_u64().unwrap()
+        self.script("return document.querySelectorAll('#nyquist .mark').length")
+            .as_u64()
+            .unwrap()
     }
 
     /// The whole page at one size, and that nothing sticks out at its side.
@@ -143,15 +196,26 @@ impl Browser {
         let folder = PathBuf::from(env!("CARGO_TARGET_TMPDIR")).join("page");
         fs::create_dir_all(&folder).unwrap();
         self.size(size);
-        let height = self.script("return document.documentElement.scrollHeight").as_u64().unwrap();
+        let height = self
+            .script("return document.documentElement.scrollHeight")
+            .as_u64()
+            .unwrap();
         self.size((size.0, u32::try_from(height).unwrap().clamp(size.1, 5000)));
         self.script("window.scrollTo(0, 0)");
-        let answer = exchange(&self.driver, "GET", &format!("{}/screenshot", self.session), "");
+        let answer = exchange(
+            &self.driver,
+            "GET",
+            &format!("{}/screenshot", self.session),
+            "",
+        );
         let bytes = base64(answer.json()["value"].as_str().unwrap());
         let kind = if size == PHONE { "phone" } else { "desktop" };
         fs::write(folder.join(format!("{name}-{kind}.png")), bytes).unwrap();
         let wide = self.script("return [document.documentElement.scrollWidth, window.innerWidth]");
-        assert!(wide[0].as_u64() <= wide[1].as_u64(), "{name} at {size:?}: {wide}");
+        assert!(
+            wide[0].as_u64() <= wide[1].as_u64(),
+            "{name} at {size:?}: {wide}"
+        );
         self.size(size);
     }
 
@@ -190,12 +254,20 @@ fn base64(text: &str) -> Vec<u8> {
 
 fn poll_once() {
     let mut first = true;
-    poll("a moment", || if std::mem::replace(&mut first, false) { None } else { Some(()) });
+    poll("a moment", || {
+        if std::mem::replace(&mut first, false) {
+            None
+        } else {
+            Some(())
+        }
+    });
 }
 
 #[test]
 fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
-    let Some(browser) = Browser::start(false) else { return };
+    let Some(browser) = Browser::start(false) else {
+        return;
+    };
     let files = Files::short(12);
     let ports = Ports::serve(&files, 10.0, 1);
     config(&files, "");
@@ -214,15 +286,30 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.wait("#legend", "spectrum (4 points");
     assert!(browser.marks() >= few.min(4), "{few}, {}", browser.marks());
     for words in ["EIS sweep of the cell", "of 12,", "about"] {
-        assert!(browser.text("#runbody").contains(words), "{words}: {}", browser.text("#runbody"));
+        assert!(
+            browser.text("#runbody").contains(words),
+            "{words}: {}",
+            browser.text("#runbody")
+        );
     }
-    assert!(browser.text("#instrumentrows").contains("● ON"), "{}", browser.text("#instrumentrows"));
-    assert!(browser.text("#limits").contains("V left to the "), "{}", browser.text("#limits"));
+    assert!(
+        browser.text("#instrumentrows").contains("● ON"),
+        "{}",
+        browser.text("#instrumentrows")
+    );
+    assert!(
+        browser.text("#limits").contains("V left to the "),
+        "{}",
+        browser.text("#limits")
+    );
     browser.pictures("running");
     // The first run comes to its end, the second is stopped.
     browser.wait("#runs", "✓ finished");
     browser.wait("#reading", "old reading");
-    assert_eq!(browser.script("return document.querySelector('#reading').className"), "figures old");
+    assert_eq!(
+        browser.script("return document.querySelector('#reading').className"),
+        "figures old"
+    );
     browser.pictures("finished");
     browser.click("#submit button[type=submit]");
     browser.wait("#legend", "fake cell (2 points");
@@ -239,7 +326,10 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.pictures("stopped");
     // On a phone what can be done about a run is within the window.
     browser.size(PHONE);
-    let right = browser.script("return document.querySelector('#runs tr:last-child td:last-child button').getBoundingClientRect().right");
+    let right = browser.script(
+        "return document.querySelector('#runs tr:last-child td:last-child \
+    button').getBoundingClientRect().right",
+    );
     assert!(right.as_f64().unwrap() <= f64::from(PHONE.0), "{right}");
     browser.size(DESKTOP);
     // Two runs over each other.
@@ -266,14 +356,17 @@ const STOP_AND_WAIT: &str = "
     const since = performance.now();
     document.querySelector('#stopped').replaceChildren();
     document.querySelector('#stop').click();
-    const look = () => document.querySelector('#stopped').innerText.includes('every output is off, read back')
+    const look = () => document.querySelector('#stopped').innerText.includes('every output is off, \
+read back')
         ? done(performance.now() - since) : setTimeout(look, 5);
     look();
 ";
 
 #[test]
 fn the_button_in_the_tenth_tab_is_heard_as_soon_as_in_the_first() {
-    let Some(browser) = Browser::start(false) else { return };
+    let Some(browser) = Browser::start(false) else {
+        return;
+    };
     let open = |served: &Served| {
         for tab in 0..10 {
             if tab > 0 {
@@ -286,7 +379,10 @@ fn the_button_in_the_tenth_tab_is_heard_as_soon_as_in_the_first() {
     };
     stop_beside_load("in the tenth tab of a browser", open, |_| {
         browser.wait("#state", "Running");
-        let took = browser.say("/execute/async", &json!({ "script": STOP_AND_WAIT, "args": [] }));
+        let took = browser.say(
+            "/execute/async",
+            &json!({ "script": STOP_AND_WAIT, "args": [] }),
+        );
         1e-3 * took.as_f64().unwrap()
     });
 }
@@ -297,14 +393,17 @@ const RUNNING: &str = "
     const done = arguments[3];
     import('/bench.js').then(({ drawNow }) => {
         const instruments = Object.entries(outputs).map(([role, output]) => ({ role, output }));
-        drawNow({ state: 'running', instruments, reading: { fixture: 'cell', current_a, fresh }, soc: null, limits: [] });
+        drawNow({ state: 'running', instruments, reading: { fixture: 'cell', current_a, fresh }, \
+soc: null, limits: [] });
         done(document.querySelector('#state').textContent);
     });
 ";
 
 #[test]
 fn what_the_page_says_of_a_current_follows_from_outputs_through_which_one_can_flow() {
-    let Some(browser) = Browser::start(false) else { return };
+    let Some(browser) = Browser::start(false) else {
+        return;
+    };
     let files = Files::short(2);
     config(&files, "");
     let served = Served::start(&files);
@@ -317,22 +416,57 @@ fn what_the_page_says_of_a_current_follows_from_outputs_through_which_one_can_fl
         outputs
     };
     for (outputs, current_a, fresh, words) in [
-        (off.clone(), json!(0.02), true, "▶ Running: every output is off"),
-        (with("load", json!(true)), json!(0.02), true, "▶ Running: current may flow"),
-        (with("load", json!(null)), json!(0.02), true, "▶ Running: current may flow"),
-        (off.clone(), json!(-3.0), true, "▲ Running: 3.00 A flow, though every output says that it is off"),
-        (off.clone(), json!(0.02), false, "▶ Running: every output says that it is off, no current was read yet"),
-        (off.clone(), json!(null), true, "▶ Running: every output says that it is off, no current was read yet"),
+        (
+            off.clone(),
+            json!(0.02),
+            true,
+            "▶ Running: every output is off",
+        ),
+        (
+            with("load", json!(true)),
+            json!(0.02),
+            true,
+            "▶ Running: current may flow",
+        ),
+        (
+            with("load", json!(null)),
+            json!(0.02),
+            true,
+            "▶ Running: current may flow",
+        ),
+        (
+            off.clone(),
+            json!(-3.0),
+            true,
+            "▲ Running: 3.00 A flow, though every output says that it is off",
+        ),
+        (
+            off.clone(),
+            json!(0.02),
+            false,
+            "▶ Running: every output says that it is off, no current was read yet",
+        ),
+        (
+            off.clone(),
+            json!(null),
+            true,
+            "▶ Running: every output says that it is off, no current was read yet",
+        ),
     ] {
-        let said = browser.say("/execute/async", &json!({ "script": RUNNING, "args": [outputs, current_a, fresh] }));
+        let said = browser.say(
+            "/execute/async",
+            &json!({ "script": RUNNING, "args": [outputs, current_a, fresh] }),
+        );
         assert_eq!(said, words, "{outputs}, {current_a} A, fresh: {fresh}");
     }
 }
 
-/// Time passes faster for the page: its timers end so much sooner, and its clock goes so much faster.
+/// Time passes faster for the page: its timers end so much sooner, and its clock goes so much
+/// faster.
 const HURRY: &str = "
     const factor = 8;
-    const [once, often, now, began] = [window.setTimeout.bind(window), window.setInterval.bind(window), Date.now.bind(Date), Date.now()];
+    const [once, often, now, began] = [window.setTimeout.bind(window), \
+window.setInterval.bind(window), Date.now.bind(Date), Date.now()];
     window.setTimeout = (work, ms, ...more) => once(work, (ms || 0) / factor, ...more);
     window.setInterval = (work, ms, ...more) => often(work, (ms || 0) / factor, ...more);
     Date.now = () => began + factor * (now() - began);
@@ -340,7 +474,9 @@ const HURRY: &str = "
 
 #[test]
 fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
-    let Some(browser) = Browser::start(false) else { return };
+    let Some(browser) = Browser::start(false) else {
+        return;
+    };
     let files = Files::short(2);
     config(&files, "[limits]\nrequests_per_s = 1000\nburst = 4000");
     let served = Served::start(&files);
@@ -354,10 +490,15 @@ fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
         browser.wait("#link", "connected");
     }
     let listeners = || {
-        // Whatever happens is heard, so that nobody takes the time between two words of the server for silence.
+        // Whatever happens is heard, so that nobody takes the time between two words of the server
+        // for silence.
         served.post("/benches/demo/hold", "").expect(200);
         let text = served.ask("GET", "/metrics", ("", "")).expect(200).text();
-        let row = text.lines().find(|line| line.starts_with("eis_bench_event_listeners ")).unwrap().to_owned();
+        let row = text
+            .lines()
+            .find(|line| line.starts_with("eis_bench_event_listeners "))
+            .unwrap()
+            .to_owned();
         row.rsplit_once(' ').unwrap().1.parse::<f64>().unwrap() as usize
     };
     assert_eq!(listeners(), 1);
@@ -373,7 +514,11 @@ fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
     while instruments::clock::unix_time_s() - since_s < 8.0 {
         let found = listeners();
         // Those that were given up are known to be gone only with the next word.
-        most = if instruments::clock::unix_time_s() - since_s < 3.0 { 0 } else { most.max(found) };
+        most = if instruments::clock::unix_time_s() - since_s < 3.0 {
+            0
+        } else {
+            most.max(found)
+        };
         poll_once();
     }
     browser.wait("#link", "connected");
@@ -382,8 +527,14 @@ fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
 
 #[test]
 fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
-    let Some(browser) = Browser::start(true) else { return };
-    let files = Files::short(4).edit(crate::support::CELL, "temperature_max = \"60 °C\"", "temperature_max = \"20 °C\"");
+    let Some(browser) = Browser::start(true) else {
+        return;
+    };
+    let files = Files::short(4).edit(
+        crate::support::CELL,
+        "temperature_max = \"60 °C\"",
+        "temperature_max = \"20 °C\"",
+    );
     let _ports = Ports::serve(&files, 10.0, 1);
     config(&files, "");
     let all = token(&files, "ann", "read,operate,energise,clear-trip");
@@ -406,7 +557,11 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.wait("#login", "Token");
     browser.keys("#token", &format!("{look}\u{e007}"));
     browser.wait("#state", "Idle");
-    assert_eq!(browser.text("#submit"), "", "who may only look is not offered to submit");
+    assert_eq!(
+        browser.text("#submit"),
+        "",
+        "who may only look is not offered to submit"
+    );
     assert_ne!(browser.text("#stop"), "", "everybody may stop");
     browser.click("#leave");
     browser.wait("#login", "Token");

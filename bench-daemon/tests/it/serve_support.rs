@@ -1,4 +1,5 @@
-//! A server as a process, and a client that speaks HTTP byte by byte, so that it can also speak it badly.
+//! A server as a process, and a client that speaks HTTP byte by byte, so that it can also speak it
+//! badly.
 
 use std::{
     fs,
@@ -27,7 +28,8 @@ pub(crate) struct Answer {
 
 impl Answer {
     pub(crate) fn json(&self) -> serde_json::Value {
-        serde_json::from_slice(&self.body).unwrap_or_else(|error| panic!("{error}: {}", self.text()))
+        serde_json::from_slice(&self.body)
+            .unwrap_or_else(|error| panic!("{error}: {}", self.text()))
     }
 
     pub(crate) fn text(&self) -> String {
@@ -43,7 +45,10 @@ impl Answer {
 
 /// Writes a server's file beside altered copies of the demo's, with more sections behind it.
 pub(crate) fn config(files: &Files, more: &str) -> PathBuf {
-    let text = format!("listen = \"127.0.0.1:0\"\ndata = \"data\"\nconfigs = \".\"\nbenches = [\"benches/demo.toml\"]\n{more}\n");
+    let text = format!(
+        "listen = \"127.0.0.1:0\"\ndata = \"data\"\nconfigs = \".\"\n\
+        benches = [\"benches/demo.toml\"]\n{more}\n"
+    );
     files.write("serve.toml", &text);
     files.path("serve.toml")
 }
@@ -51,7 +56,14 @@ pub(crate) fn config(files: &Files, more: &str) -> PathBuf {
 /// Makes a token.
 pub(crate) fn token(files: &Files, name: &str, scope: &str) -> String {
     let config = files.path("serve.toml");
-    let arguments = ["token".as_ref(), "add".as_ref(), config.as_os_str(), name.as_ref(), "--scope".as_ref(), scope.as_ref()];
+    let arguments = [
+        "token".as_ref(),
+        "add".as_ref(),
+        config.as_os_str(),
+        name.as_ref(),
+        "--scope".as_ref(),
+        scope.as_ref(),
+    ];
     program(&arguments).expect_code(0).stdout.trim().to_owned()
 }
 
@@ -72,7 +84,13 @@ impl Served {
     pub(crate) fn start_after(files: &Files, words: &str) -> Self {
         let mut command = Command::new("sh");
         command
-            .args(["-c", &format!("{words}; exec \"$@\""), "sh", env!("CARGO_BIN_EXE_eis-bench"), "serve"])
+            .args([
+                "-c",
+                &format!("{words}; exec \"$@\""),
+                "sh",
+                env!("CARGO_BIN_EXE_eis-bench"),
+                "serve",
+            ])
             .arg(files.path("serve.toml"));
         command.stdin(Stdio::null()).stdout(Stdio::piped());
         Self::start_by(command)
@@ -82,8 +100,15 @@ impl Served {
         command.stderr(Stdio::inherit());
         let mut process = Running(command.spawn().unwrap());
         let mut line = String::new();
-        BufReader::new(process.0.stdout.as_mut().unwrap()).read_line(&mut line).unwrap();
-        let address = line.trim().rsplit_once("//").unwrap_or_else(|| panic!("the server said {line:?}")).1.to_owned();
+        BufReader::new(process.0.stdout.as_mut().unwrap())
+            .read_line(&mut line)
+            .unwrap();
+        let address = line
+            .trim()
+            .rsplit_once("//")
+            .unwrap_or_else(|| panic!("the server said {line:?}"))
+            .1
+            .to_owned();
         Self { process, address }
     }
 
@@ -93,7 +118,9 @@ impl Served {
 
     pub(crate) fn connect(&self) -> TcpStream {
         let stream = TcpStream::connect(&self.address).unwrap();
-        stream.set_read_timeout(Some(Duration::from_secs(120))).unwrap();
+        stream
+            .set_read_timeout(Some(Duration::from_secs(120)))
+            .unwrap();
         stream
     }
 
@@ -106,18 +133,29 @@ impl Served {
     }
 
     pub(crate) fn ask(&self, method: &str, path: &str, (token, body): (&str, &str)) -> Answer {
-        let token = if token.is_empty() { String::new() } else { format!("Authorization: Bearer {token}\r\n") };
-        let kind = if body.is_empty() { String::new() } else { "Content-Type: application/json\r\n".to_owned() };
+        let token = if token.is_empty() {
+            String::new()
+        } else {
+            format!("Authorization: Bearer {token}\r\n")
+        };
+        let kind = if body.is_empty() {
+            String::new()
+        } else {
+            "Content-Type: application/json\r\n".to_owned()
+        };
         let length = body.len();
         let head = format!(
-            "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n{token}{kind}Content-Length: {length}\r\n\r\n",
+            "{method} {path} HTTP/1.1\r\nHost: {}\r\nConnection: close\r\n\
+            {token}{kind}Content-Length: {length}\r\n\r\n",
             self.address
         );
         self.raw(format!("{head}{body}").as_bytes())
     }
 
     pub(crate) fn get(&self, path: &str) -> serde_json::Value {
-        self.ask("GET", &format!("/api/v1{path}"), ("", "")).expect(200).json()
+        self.ask("GET", &format!("/api/v1{path}"), ("", ""))
+            .expect(200)
+            .json()
     }
 
     pub(crate) fn post(&self, path: &str, body: &str) -> Answer {
@@ -128,7 +166,11 @@ impl Served {
     pub(crate) fn ended(&self, run: &str) -> serde_json::Value {
         poll(&format!("the end of {run}"), || {
             let jobs = self.get("/runs");
-            let job = jobs.as_array().unwrap().iter().find(|job| job["item"]["run"] == run)?;
+            let job = jobs
+                .as_array()
+                .unwrap()
+                .iter()
+                .find(|job| job["item"]["run"] == run)?;
             Some(job["ended"].clone()).filter(|ended| !ended.is_null())
         })
     }
@@ -144,7 +186,12 @@ impl Served {
     /// A listener to the events.
     pub(crate) fn listen(&self, more: &str) -> Events {
         let mut stream = self.connect();
-        write!(stream, "GET /api/v1/events HTTP/1.1\r\nHost: {}\r\n{more}\r\n", self.address).unwrap();
+        write!(
+            stream,
+            "GET /api/v1/events HTTP/1.1\r\nHost: {}\r\n{more}\r\n",
+            self.address
+        )
+        .unwrap();
         let mut reader = BufReader::new(stream);
         let mut head = String::new();
         while !head.ends_with("\r\n\r\n") {
@@ -189,7 +236,10 @@ fn read(mut stream: TcpStream) -> Answer {
     while let Ok(read @ 1..) = stream.read(&mut part) {
         bytes.extend(&part[..read]);
         let known = answer(&bytes);
-        let length = known.head.split_once("content-length:").and_then(|(_, rest)| rest.lines().next()?.trim().parse::<usize>().ok());
+        let length = known
+            .head
+            .split_once("content-length:")
+            .and_then(|(_, rest)| rest.lines().next()?.trim().parse::<usize>().ok());
         if known.status != 0 && length.is_some_and(|length| known.body.len() >= length) {
             break;
         }
@@ -200,22 +250,35 @@ fn read(mut stream: TcpStream) -> Answer {
 /// One question and its answer over a connection of its own.
 pub(crate) fn exchange(address: &str, method: &str, path: &str, body: &str) -> Answer {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(30))).unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_secs(30)))
+        .unwrap();
     let length = body.len();
     let head = format!(
-        "{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\nContent-Type: application/json\r\nContent-Length: {length}\r\n\r\n"
+        "{method} {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n\
+        Content-Type: application/json\r\nContent-Length: {length}\r\n\r\n"
     );
-    stream.write_all(format!("{head}{body}").as_bytes()).unwrap();
+    stream
+        .write_all(format!("{head}{body}").as_bytes())
+        .unwrap();
     read(stream)
 }
 
 /// Takes an answer apart.
 pub(crate) fn answer(bytes: &[u8]) -> Answer {
     let Some(end) = bytes.windows(4).position(|window| window == b"\r\n\r\n") else {
-        return Answer { status: 0, head: String::from_utf8_lossy(bytes).into_owned(), body: Vec::new() };
+        return Answer {
+            status: 0,
+            head: String::from_utf8_lossy(bytes).into_owned(),
+            body: Vec::new(),
+        };
     };
     let head = String::from_utf8_lossy(&bytes[..end]).to_lowercase();
-    let status = head.split_whitespace().nth(1).and_then(|status| status.parse().ok()).unwrap_or(0);
+    let status = head
+        .split_whitespace()
+        .nth(1)
+        .and_then(|status| status.parse().ok())
+        .unwrap_or(0);
     let mut body = bytes[end + 4..].to_vec();
     if head.contains("transfer-encoding: chunked") {
         body = unchunked(&body);
@@ -226,7 +289,8 @@ pub(crate) fn answer(bytes: &[u8]) -> Answer {
 fn unchunked(mut bytes: &[u8]) -> Vec<u8> {
     let mut whole = Vec::new();
     while let Some(end) = bytes.windows(2).position(|window| window == b"\r\n") {
-        let length = usize::from_str_radix(String::from_utf8_lossy(&bytes[..end]).trim(), 16).unwrap_or(0);
+        let length =
+            usize::from_str_radix(String::from_utf8_lossy(&bytes[..end]).trim(), 16).unwrap_or(0);
         if length == 0 || bytes.len() < end + 2 + length {
             break;
         }
@@ -238,10 +302,14 @@ fn unchunked(mut bytes: &[u8]) -> Vec<u8> {
 
 /// What a run of this server was submitted as.
 pub(crate) fn submit(served: &Served, body: &str) -> String {
-    served.post("/queue", body).expect(201).json()["run"].as_str().unwrap().to_owned()
+    served.post("/queue", body).expect(201).json()["run"]
+        .as_str()
+        .unwrap()
+        .to_owned()
 }
 
 /// The text of a file in the server's data folder.
 pub(crate) fn data(files: &Files, name: &str) -> String {
-    fs::read_to_string(files.path("data").join(name)).unwrap_or_else(|error| panic!("{name}: {error}"))
+    fs::read_to_string(files.path("data").join(name))
+        .unwrap_or_else(|error| panic!("{name}: {error}"))
 }

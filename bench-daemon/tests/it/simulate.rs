@@ -1,4 +1,5 @@
-//! `eis-bench simulate` on a model of the thesis' sweeps: names of the fields, the table over the robot's profiles, what is refused.
+//! `eis-bench simulate` on a model of the thesis' sweeps: names of the fields, the table over the
+//! robot's profiles, what is refused.
 
 use std::{
     path::{Path, PathBuf},
@@ -8,24 +9,45 @@ use std::{
 use serde_json::Value;
 
 fn eis_bench(folder: &Path, arguments: &[&str]) -> Output {
-    Command::new(env!("CARGO_BIN_EXE_eis-bench")).current_dir(folder).args(arguments).output().unwrap()
+    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .current_dir(folder)
+        .args(arguments)
+        .output()
+        .unwrap()
 }
 
 fn json(folder: &Path, arguments: &[&str]) -> Value {
     let output = eis_bench(folder, arguments);
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     serde_json::from_slice(&output.stdout).unwrap()
 }
 
 fn number(value: &Value, key: &str) -> f64 {
-    value[key].as_f64().unwrap_or_else(|| panic!("no number {key} in {value}"))
+    value[key]
+        .as_f64()
+        .unwrap_or_else(|| panic!("no number {key} in {value}"))
 }
 
 /// The thesis' 4-RC model in a folder of its own.
 fn fitted() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let sweeps = Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
-    let fit = ["fit", sweeps.to_str().unwrap(), "--pool", "--rc", "4", "--objective", "sum-abs", "--out", "p45b"];
+    let sweeps =
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../fixtures/data/spectra/p45b_thesis.csv");
+    let fit = [
+        "fit",
+        sweeps.to_str().unwrap(),
+        "--pool",
+        "--rc",
+        "4",
+        "--objective",
+        "sum-abs",
+        "--out",
+        "p45b",
+    ];
     assert!(eis_bench(folder.path(), &fit).status.success());
     folder
 }
@@ -40,16 +62,48 @@ fn robot_profiles() -> Option<PathBuf> {
 #[test]
 fn a_pulse_on_the_pack_has_the_fixed_fields_and_the_voltage_of_its_resistances() {
     let folder = fitted();
-    std::fs::write(folder.path().join("pulse.csv"), "time_s,current_a\n0,30\n100,0\n101,0\n").unwrap();
-    let base =
-        ["simulate", "--model", "p45b/model_4rc.json", "--profile", "pulse.csv", "--series", "16", "--parallel", "3", "--ocv-v", "3.72"];
-    let found = json(folder.path(), &[&base[..], &["--interconnect-ohm", "0.01", "--json"]].concat());
-    // 10 A per cell for 20 of the longest time constants: the whole DC resistance of appendix A, 13.78 mΩ.
+    std::fs::write(
+        folder.path().join("pulse.csv"),
+        "time_s,current_a\n0,30\n100,0\n101,0\n",
+    )
+    .unwrap();
+    let base = [
+        "simulate",
+        "--model",
+        "p45b/model_4rc.json",
+        "--profile",
+        "pulse.csv",
+        "--series",
+        "16",
+        "--parallel",
+        "3",
+        "--ocv-v",
+        "3.72",
+    ];
+    let found = json(
+        folder.path(),
+        &[&base[..], &["--interconnect-ohm", "0.01", "--json"]].concat(),
+    );
+    // 10 A per cell for 20 of the longest time constants: the whole DC resistance of appendix
+    // A, 13.78 mΩ.
     let cell_v = 3.72 - 10.0 * 0.013_78;
-    assert!((number(&found, "min_ccv_v") - (16.0 * cell_v - 0.3)).abs() < 0.02, "{found}");
-    assert!((number(&found, "margin_low_v") - (cell_v - 2.5)).abs() < 1e-3, "{found}");
-    assert!((number(&found, "max_ccv_v") - 16.0 * 3.72).abs() < 1.5 && number(&found, "margin_high_v") > 0.47, "{found}");
-    assert!((number(&found, "charge_c") - 3000.0).abs() < 1e-6 && number(&found, "energy_j") > 3000.0 * 16.0 * cell_v - 1e3);
+    assert!(
+        (number(&found, "min_ccv_v") - (16.0 * cell_v - 0.3)).abs() < 0.02,
+        "{found}"
+    );
+    assert!(
+        (number(&found, "margin_low_v") - (cell_v - 2.5)).abs() < 1e-3,
+        "{found}"
+    );
+    assert!(
+        (number(&found, "max_ccv_v") - 16.0 * 3.72).abs() < 1.5
+            && number(&found, "margin_high_v") > 0.47,
+        "{found}"
+    );
+    assert!(
+        (number(&found, "charge_c") - 3000.0).abs() < 1e-6
+            && number(&found, "energy_j") > 3000.0 * 16.0 * cell_v - 1e3
+    );
     assert_eq!(found["feasible"], Value::Bool(true));
     assert_eq!(found["trace"], "pulse.trace.parquet");
     assert!(folder.path().join("pulse.trace.parquet").is_file());
@@ -58,16 +112,40 @@ fn a_pulse_on_the_pack_has_the_fixed_fields_and_the_voltage_of_its_resistances()
 #[test]
 fn too_much_power_is_a_result_and_the_tangent_goes_on() {
     let folder = fitted();
-    std::fs::write(folder.path().join("jump.txt"), "0 100\n0.5 600\n0.5005 100\n1 0\n").unwrap();
-    let base = ["simulate", "--model", "p45b/model_4rc.json", "--profile", "jump.txt", "--ocv-v", "3.72", "--json"];
+    std::fs::write(
+        folder.path().join("jump.txt"),
+        "0 100\n0.5 600\n0.5005 100\n1 0\n",
+    )
+    .unwrap();
+    let base = [
+        "simulate",
+        "--model",
+        "p45b/model_4rc.json",
+        "--profile",
+        "jump.txt",
+        "--ocv-v",
+        "3.72",
+        "--json",
+    ];
     let stopped = json(folder.path(), &base);
     assert_eq!(stopped["feasible"], Value::Bool(false));
     let first = &stopped["first_infeasible"];
-    assert!((number(first, "time_s") - 0.5).abs() < 1e-9 && number(first, "power_w") == 600.0, "{first}");
+    assert!(
+        (number(first, "time_s") - 0.5).abs() < 1e-9 && number(first, "power_w") == 600.0,
+        "{first}"
+    );
     // At most 3.72²/(4·6.43 mΩ) = 538 W, less by what the branches hold back.
-    assert!((480.0..538.0).contains(&number(first, "available_w")), "{first}");
-    let on = json(folder.path(), &[&base[..], &["--beyond", "extrapolate", "--out", "plots"]].concat());
-    assert!((number(&on, "simulated_s") - 1.0).abs() < 1e-9 && on["feasible"] == Value::Bool(false));
+    assert!(
+        (480.0..538.0).contains(&number(first, "available_w")),
+        "{first}"
+    );
+    let on = json(
+        folder.path(),
+        &[&base[..], &["--beyond", "extrapolate", "--out", "plots"]].concat(),
+    );
+    assert!(
+        (number(&on, "simulated_s") - 1.0).abs() < 1e-9 && on["feasible"] == Value::Bool(false)
+    );
     for file in ["trace.parquet", "simulation.png", "simulation.svg"] {
         assert!(folder.path().join("plots").join(file).is_file(), "{file}");
     }
@@ -80,10 +158,23 @@ fn the_robot_profiles_run_and_the_transient_model_frees_power() {
         return;
     };
     let folder = fitted();
-    let paths = ["spin_jump", "lateral_jump", "2.0m_gap", "walking"].map(|name| profiles.join(format!("{name}.txt")));
-    let mut arguments =
-        vec!["simulate", "--model", "p45b/model_4rc.json", "--series", "16", "--parallel", "3", "--ocv-v", "3.72", "--json"];
-    paths.iter().for_each(|path| arguments.extend(["--profile", path.to_str().unwrap()]));
+    let paths = ["spin_jump", "lateral_jump", "2.0m_gap", "walking"]
+        .map(|name| profiles.join(format!("{name}.txt")));
+    let mut arguments = vec![
+        "simulate",
+        "--model",
+        "p45b/model_4rc.json",
+        "--series",
+        "16",
+        "--parallel",
+        "3",
+        "--ocv-v",
+        "3.72",
+        "--json",
+    ];
+    paths
+        .iter()
+        .for_each(|path| arguments.extend(["--profile", path.to_str().unwrap()]));
     let found = json(folder.path(), &arguments);
     let list = found.as_array().unwrap();
     assert_eq!(list.len(), 4);
@@ -91,15 +182,28 @@ fn the_robot_profiles_run_and_the_transient_model_frees_power() {
         let rows: Vec<(f64, f64)> = std::fs::read_to_string(path)
             .unwrap()
             .lines()
-            .map(|line| line.split_whitespace().map(|f| f.parse::<f64>().unwrap()).collect::<Vec<_>>())
+            .map(|line| {
+                line.split_whitespace()
+                    .map(|f| f.parse::<f64>().unwrap())
+                    .collect::<Vec<_>>()
+            })
             .filter(|row| row.len() == 2)
             .map(|row| (row[0], row[1]))
             .collect();
         let asked: f64 = rows.windows(2).map(|w| (w[1].0 - w[0].0) * w[0].1).sum();
-        assert!((number(case, "energy_j") - asked).abs() < 1e-4 * asked, "{case}");
+        assert!(
+            (number(case, "energy_j") - asked).abs() < 1e-4 * asked,
+            "{case}"
+        );
         // Simple IR by hand: 59.52 V behind 73.46 mΩ reach 40 V at 10.63 kW.
-        assert!((number(&case["simple_ir"], "largest_peak_power_w") - 10_629.0).abs() < 15.0, "{case}");
-        assert!(number(case, "freed_peak_power_w") > 5_000.0 && number(case, "min_ccv_v") > 50.0, "{case}");
+        assert!(
+            (number(&case["simple_ir"], "largest_peak_power_w") - 10_629.0).abs() < 15.0,
+            "{case}"
+        );
+        assert!(
+            number(case, "freed_peak_power_w") > 5_000.0 && number(case, "min_ccv_v") > 50.0,
+            "{case}"
+        );
     }
 }
 
@@ -109,40 +213,90 @@ fn says_what_is_missing() {
     std::fs::write(folder.path().join("ok.csv"), "0,1\n1,2\n").unwrap();
     std::fs::write(folder.path().join("bad.csv"), "0,1\n1,x\n").unwrap();
     let run = |more: &[&str]| {
-        let output = eis_bench(folder.path(), &[&["simulate", "--model", "p45b/model_4rc.json"], more].concat());
+        let output = eis_bench(
+            folder.path(),
+            &[&["simulate", "--model", "p45b/model_4rc.json"], more].concat(),
+        );
         assert_eq!(output.status.code(), Some(2));
         String::from_utf8_lossy(&output.stderr).into_owned()
     };
     let text = run(&["--profile", "ok.csv", "--soc", "0.5"]);
-    assert!(text.contains("--soc: expected a model with an OCV curve, p45b/model_4rc.json has none; give --ocv-v instead"), "{text}");
+    assert!(
+        text.contains(
+            "--soc: expected a model with an OCV curve, p45b/model_4rc.json has \
+    none; give --ocv-v instead"
+        ),
+        "{text}"
+    );
     let text = run(&["--profile", "bad.csv", "--ocv-v", "3.7"]);
-    assert!(text.contains("bad.csv, line 2: expected a finite demand, met \"x\""), "{text}");
+    assert!(
+        text.contains("bad.csv, line 2: expected a finite demand, met \"x\""),
+        "{text}"
+    );
     let text = run(&["--profile", "ok.csv", "--ocv-v", "3.7", "--series", "0"]);
-    assert!(text.contains("pack: expected at least 1 cell in series and 1 in parallel, met 0S1P"), "{text}");
+    assert!(
+        text.contains("pack: expected at least 1 cell in series and 1 in parallel, met 0S1P"),
+        "{text}"
+    );
     let text = run(&["--profile", "ok.csv"]);
-    assert!(text.contains("expected --soc or --ocv-v, found neither"), "{text}");
+    assert!(
+        text.contains("expected --soc or --ocv-v, found neither"),
+        "{text}"
+    );
 }
 
 #[test]
 fn the_last_row_is_no_peak_and_charging_has_one_and_the_thesis_method_runs() {
     let folder = fitted();
     std::fs::write(folder.path().join("last.csv"), "0,100\n1,500\n").unwrap();
-    std::fs::write(folder.path().join("charge.csv"), "time_s,charge_power_w\n0,20\n1,0\n").unwrap();
-    std::fs::write(folder.path().join("steps.csv"), "0,100\n0.002,50\n0.004,100\n0.006,0\n").unwrap();
+    std::fs::write(
+        folder.path().join("charge.csv"),
+        "time_s,charge_power_w\n0,20\n1,0\n",
+    )
+    .unwrap();
+    std::fs::write(
+        folder.path().join("steps.csv"),
+        "0,100\n0.002,50\n0.004,100\n0.006,0\n",
+    )
+    .unwrap();
     let run = |profile: &str, more: &[&str]| {
-        let base = ["simulate", "--model", "p45b/model_4rc.json", "--profile", profile, "--ocv-v", "3.72", "--json"];
+        let base = [
+            "simulate",
+            "--model",
+            "p45b/model_4rc.json",
+            "--profile",
+            profile,
+            "--ocv-v",
+            "3.72",
+            "--json",
+        ];
         eis_bench(folder.path(), &[&base[..], more].concat())
     };
-    let found = |profile: &str| -> Value { serde_json::from_slice(&run(profile, &[]).stdout).unwrap() };
-    // The DC resistance of 13.78 mΩ holds 2.5 V at 2.5·1.22/0.013 78 = 221 W and 4.2 V at −4.2·0.48/0.013 78 = −146 W.
+    let found =
+        |profile: &str| -> Value { serde_json::from_slice(&run(profile, &[]).stdout).unwrap() };
+    // The DC resistance of 13.78 mΩ holds 2.5 V at 2.5·1.22/0.013 78 = 221 W and 4.2 V at
+    // −4.2·0.48/0.013 78 = −146 W.
     let last = found("last.csv");
-    assert!((number(&last["simple_ir"], "largest_peak_power_w") - 221.3).abs() < 1.0, "{last}");
+    assert!(
+        (number(&last["simple_ir"], "largest_peak_power_w") - 221.3).abs() < 1.0,
+        "{last}"
+    );
     assert!(number(&last, "largest_peak_power_w") < 400.0, "{last}");
     let charge = found("charge.csv");
-    assert!((number(&charge["simple_ir"], "largest_peak_power_w") + 146.3).abs() < 1.0, "{charge}");
-    assert!(number(&charge, "freed_peak_power_w") > 0.0 && number(&charge, "lowest_power_w") < -19.0, "{charge}");
+    assert!(
+        (number(&charge["simple_ir"], "largest_peak_power_w") + 146.3).abs() < 1.0,
+        "{charge}"
+    );
+    assert!(
+        number(&charge, "freed_peak_power_w") > 0.0 && number(&charge, "lowest_power_w") < -19.0,
+        "{charge}"
+    );
     assert!(run("steps.csv", &["--method", "thesis"]).status.success());
     let refused = run("steps.csv", &["--method", "thesis", "--step-s", "0.002"]);
     let text = String::from_utf8_lossy(&refused.stderr).into_owned();
-    assert!(refused.status.code() == Some(2) && text.contains("--step-s: explicit Euler: expected steps below 1.66"), "{text}");
+    assert!(
+        refused.status.code() == Some(2)
+            && text.contains("--step-s: explicit Euler: expected steps below 1.66"),
+        "{text}"
+    );
 }

@@ -1,5 +1,5 @@
-//! What several tests need: altered copies of the demo's files, the program as a process, and simulated instruments on real ports whose world the
-//! test can look into.
+//! What several tests need: altered copies of the demo's files, the program as a process, and
+//! simulated instruments on real ports whose world the test can look into.
 
 use std::{
     fs,
@@ -69,14 +69,26 @@ impl Files {
         fs::read_to_string(self.path(name)).unwrap()
     }
 
-    /// Puts a listener before an instrument on a TCP port: its address from now on; and where the instrument is.
+    /// Puts a listener before an instrument on a TCP port: its address from now on; and where the
+    /// instrument is.
     pub(crate) fn stand_before(&self, role: &str) -> (String, TcpListener) {
         let (bench, _) = load_bench(&self.path(BENCH)).unwrap();
         let addressed = bench.instruments.addressed();
-        let address = addressed.iter().find(|(name, _)| *name == role).unwrap().1.address.to_string();
+        let address = addressed
+            .iter()
+            .find(|(name, _)| *name == role)
+            .unwrap()
+            .1
+            .address
+            .to_string();
         let instrument = address.strip_prefix("tcp://").unwrap().to_owned();
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        self.write(BENCH, &self.text(BENCH).replace(&instrument, &listener.local_addr().unwrap().to_string()));
+        self.write(
+            BENCH,
+            &self
+                .text(BENCH)
+                .replace(&instrument, &listener.local_addr().unwrap().to_string()),
+        );
         (instrument, listener)
     }
 
@@ -104,7 +116,8 @@ impl Files {
         let mut found = false;
         for line in self.text(name).lines() {
             if line.starts_with('[') {
-                inside = line == format!("[{section}]") || line.starts_with(&format!("[{section}."));
+                inside =
+                    line == format!("[{section}]") || line.starts_with(&format!("[{section}."));
                 found |= inside;
             }
             if !inside {
@@ -127,7 +140,12 @@ impl Files {
 
     /// Runs the experiment as another process into a folder beside the files.
     pub(crate) fn run(&self, out: &str) -> Ended {
-        program(&["run".as_ref(), self.experiment().as_os_str(), "--out".as_ref(), self.path(out).as_os_str()])
+        program(&[
+            "run".as_ref(),
+            self.experiment().as_os_str(),
+            "--out".as_ref(),
+            self.path(out).as_os_str(),
+        ])
     }
 
     pub(crate) fn load(&self) -> Experiment {
@@ -145,7 +163,11 @@ pub(crate) struct Ended {
 /// A command of the program, with nobody at the terminal.
 pub(crate) fn command(arguments: &[&std::ffi::OsStr]) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_eis-bench"));
-    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    command
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped());
     command
 }
 
@@ -161,13 +183,23 @@ pub(crate) fn program(arguments: &[&std::ffi::OsStr]) -> Ended {
 impl Ended {
     #[track_caller]
     pub(crate) fn expect_code(&self, code: i32) -> &Self {
-        assert_eq!(self.code, Some(code), "standard output:\n{}\nstandard error:\n{}", self.stdout, self.stderr);
+        assert_eq!(
+            self.code,
+            Some(code),
+            "standard output:\n{}\nstandard error:\n{}",
+            self.stdout,
+            self.stderr
+        );
         self
     }
 
     /// The message behind `eis-bench:`.
     pub(crate) fn message(&self) -> &str {
-        self.stderr.lines().rev().find_map(|line| line.strip_prefix("eis-bench: ")).unwrap_or_default()
+        self.stderr
+            .lines()
+            .rev()
+            .find_map(|line| line.strip_prefix("eis-bench: "))
+            .unwrap_or_default()
     }
 }
 
@@ -195,7 +227,12 @@ impl MockProcess {
     }
 
     /// The same with instruments behind other transports than their addresses name.
-    pub(crate) fn start_over(bench: &Path, written: &Path, (time, seed): (&str, u64), over: &[&str]) -> Self {
+    pub(crate) fn start_over(
+        bench: &Path,
+        written: &Path,
+        (time, seed): (&str, u64),
+        over: &[&str],
+    ) -> Self {
         let (bench, written, seed) = (bench.as_os_str(), written.as_os_str(), seed.to_string());
         let mut command = command(&[
             "mock".as_ref(),
@@ -213,8 +250,13 @@ impl MockProcess {
         }
         let mut process = Running(command.stderr(Stdio::inherit()).spawn().unwrap());
         let mut text = String::new();
-        BufReader::new(process.0.stdout.as_mut().unwrap()).read_line(&mut text).unwrap();
-        Self { _process: process, line: serde_json::from_str(&text).unwrap() }
+        BufReader::new(process.0.stdout.as_mut().unwrap())
+            .read_line(&mut text)
+            .unwrap();
+        Self {
+            _process: process,
+            line: serde_json::from_str(&text).unwrap(),
+        }
     }
 
     pub(crate) fn address(&self, role: &str) -> String {
@@ -222,8 +264,8 @@ impl MockProcess {
     }
 }
 
-/// The simulated instruments of a bench on real ports, served by a thread of this process, so that a test sees what truly happens to the cell while
-/// the program under test knows only addresses.
+/// The simulated instruments of a bench on real ports, served by a thread of this process, so that
+/// a test sees what truly happens to the cell while the program under test knows only addresses.
 pub(crate) struct Ports {
     pub(crate) world: Arc<Mutex<SimulatedBench>>,
     addresses: Vec<(&'static str, String)>,
@@ -232,48 +274,85 @@ pub(crate) struct Ports {
 }
 
 impl Ports {
-    /// Serves the bench of `files` at a multiple of real time and writes the addresses into the bench file.
+    /// Serves the bench of `files` at a multiple of real time and writes the addresses into the
+    /// bench file.
     pub(crate) fn serve(files: &Files, factor: f64, seed: u64) -> Self {
         let (bench, _) = load_bench(&files.path(BENCH)).unwrap();
         let mode = TimeMode::Scaled(factor);
-        let quirks = bench.simulation.as_ref().map(|simulation| simulation.quirks.clone()).unwrap_or_default();
-        let faults = bench.simulation.as_ref().and_then(|simulation| simulation.faults.clone());
-        let simulation = Simulation::new(&files.path(SCENARIO), seed).unwrap().with_quirks(quirks).with_faults(faults);
+        let quirks = bench
+            .simulation
+            .as_ref()
+            .map(|simulation| simulation.quirks.clone())
+            .unwrap_or_default();
+        let faults = bench
+            .simulation
+            .as_ref()
+            .and_then(|simulation| simulation.faults.clone());
+        let simulation = Simulation::new(&files.path(SCENARIO), seed)
+            .unwrap()
+            .with_quirks(quirks)
+            .with_faults(faults);
         let world = simulation.world().clone();
         let (stop, stopped) = tokio::sync::oneshot::channel();
         let (tell, told) = mpsc::channel();
         let thread = std::thread::spawn(move || {
             Clock::runtime(mode).unwrap().block_on(async {
                 let clock = Clock::start(mode);
-                let served = simulation.serve_on_ports(&bench, &[], &clock).await.unwrap();
-                tell.send(served.into_iter().map(|mock| (mock.role, mock.address)).collect()).unwrap();
+                let served = simulation
+                    .serve_on_ports(&bench, &[], &clock)
+                    .await
+                    .unwrap();
+                tell.send(
+                    served
+                        .into_iter()
+                        .map(|mock| (mock.role, mock.address))
+                        .collect(),
+                )
+                .unwrap();
                 let _ = stopped.await;
             });
         });
         let addresses: Vec<(&'static str, String)> = told.recv().unwrap();
-        let mut text = files.text(BENCH).replace("[simulation]", &format!("[simulation]\ntime = \"{mode}\""));
+        let mut text = files
+            .text(BENCH)
+            .replace("[simulation]", &format!("[simulation]\ntime = \"{mode}\""));
         for (role, address) in &addresses {
             text = text.replace(&format!("\"memory:{role}\""), &format!("{address:?}"));
         }
         files.write(BENCH, &text);
-        Self { world, addresses, stop: Some(stop), thread: Some(thread) }
+        Self {
+            world,
+            addresses,
+            stop: Some(stop),
+            thread: Some(thread),
+        }
     }
 
-    /// Asks an instrument one question over a connection of its own; instruments take one client at a time, so that nobody else may be connected.
+    /// Asks an instrument one question over a connection of its own; instruments take one client at
+    /// a time, so that nobody else may be connected.
     pub(crate) fn ask(&self, role: &str, question: &str) -> String {
         ask(self.address(role), question)
     }
 
     /// Host and port of an instrument.
     pub(crate) fn address(&self, role: &str) -> &str {
-        self.addresses.iter().find(|(name, _)| *name == role).unwrap().1.strip_prefix("tcp://").unwrap()
+        self.addresses
+            .iter()
+            .find(|(name, _)| *name == role)
+            .unwrap()
+            .1
+            .strip_prefix("tcp://")
+            .unwrap()
     }
 
     /// Every output that can move charge says that it is off.
     #[track_caller]
     pub(crate) fn assert_outputs_off(&self) {
         assert_eq!(self.ask("supply4q", "OUTP?"), "0");
-        assert!(self.ask("generator", "C1:OUTP?").starts_with("C1:OUTP OFF,"));
+        assert!(
+            self.ask("generator", "C1:OUTP?")
+                .starts_with("C1:OUTP OFF,")
+        );
         assert_eq!(self.ask("load", ":INP?"), "0");
         let status = self.ask("supply", "SYST:STAT?");
         let bits = u32::from_str_radix(status.trim_start_matches("0x"), 16).unwrap();
@@ -296,12 +375,20 @@ impl Drop for Ports {
 /// One question over a fresh connection.
 pub(crate) fn ask(address: &str, question: &str) -> String {
     let mut stream = TcpStream::connect(address).unwrap();
-    stream.set_read_timeout(Some(Duration::from_secs(20))).unwrap();
-    stream.write_all(format!("{question}\n").as_bytes()).unwrap();
+    stream
+        .set_read_timeout(Some(Duration::from_secs(20)))
+        .unwrap();
+    stream
+        .write_all(format!("{question}\n").as_bytes())
+        .unwrap();
     let mut answer = Vec::new();
     let mut byte = [0_u8];
     while byte[0] != b'\n' {
-        assert_eq!(stream.read(&mut byte).unwrap(), 1, "{address} closed the connection instead of answering {question}");
+        assert_eq!(
+            stream.read(&mut byte).unwrap(),
+            1,
+            "{address} closed the connection instead of answering {question}"
+        );
         answer.push(byte[0]);
     }
     String::from_utf8(answer).unwrap().trim().to_owned()
@@ -318,21 +405,31 @@ pub(crate) fn poll<T>(what: &str, mut question: impl FnMut() -> Option<T>) -> T 
     panic!("{what}: not within a minute");
 }
 
-#[expect(clippy::disallowed_methods, reason = "another process is waited for, which knows no bench time")]
+#[expect(
+    clippy::disallowed_methods,
+    reason = "another process is waited for, which knows no bench time"
+)]
 fn nap() {
     std::thread::sleep(Duration::from_millis(20));
 }
 
 /// The impedance of the true cell at the present moment.
-pub(crate) fn truth(world: &Mutex<SimulatedBench>, points: &[ImpedancePoint]) -> Vec<num_complex::Complex64> {
+pub(crate) fn truth(
+    world: &Mutex<SimulatedBench>,
+    points: &[ImpedancePoint],
+) -> Vec<num_complex::Complex64> {
     let world = world.lock().unwrap();
-    points.iter().map(|point| world.truth_impedance(Fixture::Cell, point.freq_hz)).collect()
+    points
+        .iter()
+        .map(|point| world.truth_impedance(Fixture::Cell, point.freq_hz))
+        .collect()
 }
 
 /// The transcript of one instrument of a run.
 pub(crate) fn transcript(run: &Path, role: &str) -> Transcript {
     let path = run.join("transcripts").join(format!("{role}.txt"));
-    let text = fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
+    let text =
+        fs::read_to_string(&path).unwrap_or_else(|error| panic!("{}: {error}", path.display()));
     Transcript::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
@@ -351,7 +448,8 @@ pub(crate) fn sent(run: &Path, role: &str) -> Vec<String> {
 
 /// The JSON of a run's file.
 pub(crate) fn json(path: &Path) -> serde_json::Value {
-    serde_json::from_str(&fs::read_to_string(path).unwrap()).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
+    serde_json::from_str(&fs::read_to_string(path).unwrap())
+        .unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
 /// Every file below a folder, relative to it, sorted.

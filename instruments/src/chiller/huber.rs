@@ -1,5 +1,7 @@
-//! Huber Pilot ONE, Unistat: the PB commands. `{M` and two hexadecimal digits of a register, then four of a value or `****` to read; every command is
-//! answered by `{S`, the register and its value after limiting. Values are hundredths of a degree in two's complement. What is malformed is not answered.
+//! Huber Pilot ONE, Unistat: the PB commands. `{M` and two hexadecimal digits of a register, then
+//! four of a value or `****` to read; every command is answered by `{S`, the register and its value
+//! after limiting. Values are hundredths of a degree in two's complement. What is malformed is not
+//! answered.
 
 use super::{Dialect, HARMLESS_C, Status};
 use crate::{
@@ -20,7 +22,8 @@ const CONTROL: u8 = 0x14;
 const NOT_AVAILABLE: u16 = 0x7fff;
 /// What a bath without a sensor shows, in hundredths of a degree.
 const NO_SENSOR: i16 = -15_100;
-/// Bits of the status word: temperature control, error, and the one that is clear right after a restart.
+/// Bits of the status word: temperature control, error, and the one that is clear right after a
+/// restart.
 const CONTROLLING: u16 = 1;
 const ERROR: u16 = 1 << 8;
 const UP: u16 = 1 << 14;
@@ -29,8 +32,19 @@ pub(super) struct Huber;
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting { question: "{M00****", name: "set-point", says: Says::Hundredths("°C") },
-    Setting::state("{M14****", "control", Says::States(&[(Shows::Text("{S140001"), "on"), (Shows::Text("{S140000"), "off")])),
+    Setting {
+        question: "{M00****",
+        name: "set-point",
+        says: Says::Hundredths("°C"),
+    },
+    Setting::state(
+        "{M14****",
+        "control",
+        Says::States(&[
+            (Shows::Text("{S140001"), "on"),
+            (Shows::Text("{S140000"), "off"),
+        ]),
+    ),
 ];
 
 impl Model for Huber {
@@ -39,10 +53,17 @@ impl Model for Huber {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { grammar: Grammar::Plain, terminator: Terminator::CrLf, min_gap: ms(20), error_query: None, ..LinkProfile::scpi() }
+        LinkProfile {
+            grammar: Grammar::Plain,
+            terminator: Terminator::CrLf,
+            min_gap: ms(20),
+            error_query: None,
+            ..LinkProfile::scpi()
+        }
     }
 
-    /// There is no name to ask for: the set-point's register tells the dialect, and nothing else does.
+    /// There is no name to ask for: the set-point's register tells the dialect, and nothing else
+    /// does.
     fn identity_query(&self) -> &'static str {
         "{M00****"
     }
@@ -58,24 +79,40 @@ impl Model for Huber {
 
 /// Register and value of an answer.
 fn register(answer: &str) -> Option<(u8, u16)> {
-    let digits = answer.trim().strip_prefix("{S").filter(|digits| digits.len() == 6 && digits.is_ascii())?;
+    let digits = answer
+        .trim()
+        .strip_prefix("{S")
+        .filter(|digits| digits.len() == 6 && digits.is_ascii())?;
     let address = u8::from_str_radix(&digits[..2], 16).ok()?;
-    u16::from_str_radix(&digits[2..], 16).ok().map(|value| (address, value))
+    u16::from_str_radix(&digits[2..], 16)
+        .ok()
+        .map(|value| (address, value))
 }
 
-/// A command that writes a register; the answer must carry the very value, for a limited one is not what was asked for.
+/// A command that writes a register; the answer must carry the very value, for a limited one is not
+/// what was asked for.
 fn write(address: u8, value: u16) -> Exchange {
     let tail = format!("{address:02X}{value:04X}");
     let shows = || Expect::Contains(format!("{{S{tail}"));
     let read_back = Some((format!("{{M{address:02X}****"), shows()));
-    Exchange::Ask { message: format!("{{M{tail}"), expect: shows(), read_back }
+    Exchange::Ask {
+        message: format!("{{M{tail}"),
+        expect: shows(),
+        read_back,
+    }
 }
 
 /// Hundredths of a degree in two's complement.
 fn centidegrees(celsius: f64) -> Option<u16> {
     let hundredths = (celsius * 100.0).round();
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the range")]
-    (-15_100.0..=32_000.0).contains(&hundredths).then_some(hundredths as i16 as u16)
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "within the range"
+    )]
+    (-15_100.0..=32_000.0)
+        .contains(&hundredths)
+        .then_some(hundredths as i16 as u16)
 }
 
 impl Dialect for Huber {
@@ -84,18 +121,25 @@ impl Dialect for Huber {
     }
 
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange> {
-        let Some(Celsius(celsius)) = setpoint else { return vec![write(CONTROL, 0)] };
+        let Some(Celsius(celsius)) = setpoint else {
+            return vec![write(CONTROL, 0)];
+        };
         match centidegrees(celsius) {
             Some(value) => vec![write(SETPOINT, value), write(CONTROL, 1)],
             None => vec![Exchange::Refuse {
                 message: "{M00".to_owned(),
-                reason: format!("expected a set-point within -151 °C to 320 °C, found {celsius} °C"),
+                reason: format!(
+                    "expected a set-point within -151 °C to 320 °C, found {celsius} °C"
+                ),
             }],
         }
     }
 
     fn zero(&self) -> Vec<Way> {
-        vec![Way { name: "a set-point of 20 °C", script: self.run(Some(HARMLESS_C)) }]
+        vec![Way {
+            name: "a set-point of 20 °C",
+            script: self.run(Some(HARMLESS_C)),
+        }]
     }
 
     fn setpoint(&self) -> Option<&'static str> {
@@ -109,13 +153,16 @@ impl Dialect for Huber {
     fn celsius(&self, answer: &str) -> Option<f64> {
         let (_, value) = register(answer)?;
         let hundredths = value.cast_signed();
-        // The protocol has values beyond 327 °C wrap around below absolute sense; no cell is that hot, so that neither is believed.
+        // The protocol has values beyond 327 °C wrap around below absolute sense; no cell is that
+        // hot, so that neither is believed.
         (value != NOT_AVAILABLE && hundredths > NO_SENSOR).then(|| f64::from(hundredths) / 100.0)
     }
 
     fn status(&self, answer: &str) -> Status {
         let raw = answer.trim().to_owned();
-        let word = register(&raw).map(|(_, value)| value).filter(|value| *value != NOT_AVAILABLE);
+        let word = register(&raw)
+            .map(|(_, value)| value)
+            .filter(|value| *value != NOT_AVAILABLE);
         let alarm = match word {
             None => Some(format!("an answer that is no status word: {raw}")),
             Some(word) if word & ERROR != 0 => Some(format!("error, status word {word:#06x}")),
@@ -123,7 +170,12 @@ impl Dialect for Huber {
         };
         // Right after a restart it may control towards a set-point that is not ours.
         let running = word.is_some_and(|word| word & CONTROLLING != 0 && word & UP != 0);
-        Status { running, remote: true, alarm, raw }
+        Status {
+            running,
+            remote: true,
+            alarm,
+            raw,
+        }
     }
 }
 
@@ -162,7 +214,11 @@ mod tests {
             ("nonsense", false, true),
         ] {
             let status = HUBER.status(answer);
-            assert_eq!((status.running, status.alarm.is_some()), (running, alarm), "{answer}");
+            assert_eq!(
+                (status.running, status.alarm.is_some()),
+                (running, alarm),
+                "{answer}"
+            );
         }
     }
 }

@@ -1,4 +1,5 @@
-//! Julabo CF/F/FL/MS: `IN_`/`OUT_` commands ended by CR, answers by CR LF; writes are never answered, and ignored in manual mode.
+//! Julabo CF/F/FL/MS: `IN_`/`OUT_` commands ended by CR, answers by CR LF; writes are never
+//! answered, and ignored in manual mode.
 
 use super::{Dialect, HARMLESS_C, Status};
 use crate::{
@@ -18,7 +19,14 @@ pub(super) struct Julabo;
 const SETTINGS: &[Setting] = &[
     Setting::number("IN_SP_00", "set-point", "°C"),
     Setting::state("IN_MODE_05", "control", ON_OFF),
-    Setting::state("IN_MODE_04", "sensor", Says::States(&[(Shows::Word("0"), "its own"), (Shows::Word("1"), "an external one")])),
+    Setting::state(
+        "IN_MODE_04",
+        "sensor",
+        Says::States(&[
+            (Shows::Word("0"), "its own"),
+            (Shows::Word("1"), "an external one"),
+        ]),
+    ),
 ];
 
 impl Model for Julabo {
@@ -27,7 +35,8 @@ impl Model for Julabo {
     }
 
     fn profile(&self) -> LinkProfile {
-        // The manual asks for 250 ms after a command and 10 ms after a query; what comes a little early on the way there is lost without a word.
+        // The manual asks for 250 ms after a command and 10 ms after a query; what comes a little
+        // early on the way there is lost without a word.
         LinkProfile {
             grammar: Grammar::Plain,
             terminator: Terminator::Cr,
@@ -60,10 +69,16 @@ impl Dialect for Julabo {
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange> {
         match setpoint {
             Some(Celsius(celsius)) => vec![
-                // Internal control, on the first set-point: with another one chosen the bath would follow that.
+                // Internal control, on the first set-point: with another one chosen the bath would
+                // follow that.
                 Exchange::word("OUT_MODE_04 0", "IN_MODE_04", &["0"]),
                 Exchange::send("OUT_MODE_01 0"),
-                Exchange::number(format!("OUT_SP_00 {celsius:.2}"), "IN_SP_00", celsius, 0.006),
+                Exchange::number(
+                    format!("OUT_SP_00 {celsius:.2}"),
+                    "IN_SP_00",
+                    celsius,
+                    0.006,
+                ),
                 Exchange::word("OUT_MODE_05 1", "IN_MODE_05", &["1"]),
             ],
             None => vec![Exchange::word("OUT_MODE_05 0", "IN_MODE_05", &["0"])],
@@ -71,7 +86,10 @@ impl Dialect for Julabo {
     }
 
     fn zero(&self) -> Vec<Way> {
-        vec![Way { name: "a set-point of 20 °C", script: self.run(Some(HARMLESS_C)) }]
+        vec![Way {
+            name: "a set-point of 20 °C",
+            script: self.run(Some(HARMLESS_C)),
+        }]
     }
 
     fn setpoint(&self) -> Option<&'static str> {
@@ -90,12 +108,21 @@ impl Dialect for Julabo {
 
     fn status(&self, answer: &str) -> Status {
         let raw = answer.trim().to_owned();
-        let code = raw.split_whitespace().next().and_then(|code| code.parse::<i32>().ok());
+        let code = raw
+            .split_whitespace()
+            .next()
+            .and_then(|code| code.parse::<i32>().ok());
         let warning_only = raw.to_ascii_uppercase().contains("WARNING");
         // −08…−11 complain of the last command; they say nothing of the bath.
         // What cannot be read is no good news.
-        let alarm = code.is_none_or(|code| code < 0 && !(-11..=-8).contains(&code)) && !(warning_only && code.is_some());
-        Status { running: matches!(code, Some(1 | 3)), remote: !matches!(code, Some(0 | 1)), alarm: alarm.then(|| raw.clone()), raw }
+        let alarm = code.is_none_or(|code| code < 0 && !(-11..=-8).contains(&code))
+            && !(warning_only && code.is_some());
+        Status {
+            running: matches!(code, Some(1 | 3)),
+            remote: !matches!(code, Some(0 | 1)),
+            alarm: alarm.then(|| raw.clone()),
+            raw,
+        }
     }
 }
 
@@ -116,10 +143,19 @@ mod tests {
             ("-20 WARNING: CLEAN CONDENSOR", false, true, false),
             ("", false, true, true),
             ("23.50", false, true, true),
-            ("-09 COMMAND NOT ALLOWED IN CURRENT OPERATING MODE", false, true, false),
+            (
+                "-09 COMMAND NOT ALLOWED IN CURRENT OPERATING MODE",
+                false,
+                true,
+                false,
+            ),
         ] {
             let status = JULABO.status(answer);
-            assert_eq!((status.running, status.remote, status.alarm.is_some()), (running, remote, alarm), "{answer}");
+            assert_eq!(
+                (status.running, status.remote, status.alarm.is_some()),
+                (running, remote, alarm),
+                "{answer}"
+            );
         }
     }
 }

@@ -30,7 +30,8 @@ pub trait Dialect: Model {
     fn range(&self) -> (Celsius, Celsius);
     /// Set-point, then start; or stop.
     fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange>;
-    /// Where the daemon closes the loop: heats for so many seconds, cools for a negative number of them, lets both be for zero. The pulse ends by itself.
+    /// Where the daemon closes the loop: heats for so many seconds, cools for a negative number of
+    /// them, lets both be for zero. The pulse ends by itself.
     fn pulse(&self, _seconds: f64) -> Option<Vec<Exchange>> {
         None
     }
@@ -44,11 +45,13 @@ pub trait Dialect: Model {
     }
     /// Reads a status answer.
     fn status(&self, answer: &str) -> Status;
-    /// The question for its set-point, which is answered as a temperature is; none of a bath that has none.
+    /// The question for its set-point, which is answered as a temperature is; none of a bath that
+    /// has none.
     fn setpoint(&self) -> Option<&'static str> {
         None
     }
-    /// The question whether it runs, and the answer that means yes, where its status leaves that open.
+    /// The question whether it runs, and the answer that means yes, where its status leaves that
+    /// open.
     fn asks_whether_it_runs(&self, _answer: &str) -> Option<(&'static str, Expect)> {
         None
     }
@@ -76,17 +79,26 @@ impl Instrument<dyn Dialect> {
     pub async fn status(&mut self) -> Result<Status, LinkError> {
         let answer = self.link.query(self.dialect.queries()[1]).await?;
         let status = self.dialect.status(&answer);
-        match self.dialect.asks_whether_it_runs(&answer).filter(|_| status.alarm.is_none()) {
+        match self
+            .dialect
+            .asks_whether_it_runs(&answer)
+            .filter(|_| status.alarm.is_none())
+        {
             Some((query, yes)) => {
                 let running = yes.judge(&self.link.query(query).await?).is_ok();
                 // What it does in remote mode it was told to.
-                Ok(Status { running, remote: true, ..status })
+                Ok(Status {
+                    running,
+                    remote: true,
+                    ..status
+                })
             }
             None => Ok(status),
         }
     }
 
-    /// Sets the temperature and starts, where it has a set-point; read back, for some ignore commands silently while in manual mode.
+    /// Sets the temperature and starts, where it has a set-point; read back, for some ignore
+    /// commands silently while in manual mode.
     ///
     /// # Errors
     /// The link's; manual mode; an alarm.
@@ -94,11 +106,20 @@ impl Instrument<dyn Dialect> {
         let status = self.status().await?;
         self.require_remote(&status)?;
         if let Some(alarm) = &status.alarm {
-            return Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], alarm, "no alarm"));
+            return Err(LinkError::unexpected(
+                self.link.name(),
+                self.dialect.queries()[1],
+                alarm,
+                "no alarm",
+            ));
         }
         let script = self.dialect.run(Some(setpoint));
         // Where the daemon closes the loop, it changes what the relays are told all the time.
-        if self.is_regulated() { play(&mut self.link, &script).await } else { self.tell(&script).await }
+        if self.is_regulated() {
+            play(&mut self.link, &script).await
+        } else {
+            self.tell(&script).await
+        }
     }
 
     /// The loop is the daemon's to close, by [`Self::pulse`].
@@ -109,7 +130,8 @@ impl Instrument<dyn Dialect> {
     /// Heats, or cools, for so long; read back.
     ///
     /// # Errors
-    /// The link's; a relay that does not do it; nothing is sent to a chiller that closes its loop itself.
+    /// The link's; a relay that does not do it; nothing is sent to a chiller that closes its loop
+    /// itself.
     pub async fn pulse(&mut self, seconds: f64) -> Result<(), LinkError> {
         match self.dialect.pulse(seconds) {
             Some(script) => play(&mut self.link, &script).await,
@@ -141,7 +163,12 @@ impl Instrument<dyn Dialect> {
             return Ok(());
         }
         let expected = "remote mode (set it on the panel: in manual mode commands are ignored)";
-        Err(LinkError::unexpected(self.link.name(), self.dialect.queries()[1], &status.raw, expected))
+        Err(LinkError::unexpected(
+            self.link.name(),
+            self.dialect.queries()[1],
+            &status.raw,
+            expected,
+        ))
     }
 
     /// Asks whether it stands still, or its relays are open, and changes nothing.
@@ -154,7 +181,11 @@ impl Instrument<dyn Dialect> {
 
     /// It was started at this set-point by another process: what must still be so. Sends nothing.
     pub fn was_left_at(&mut self, setpoint: Celsius) {
-        self.told = if self.is_regulated() { Told::default() } else { Told::of(&self.dialect.run(Some(setpoint))) };
+        self.told = if self.is_regulated() {
+            Told::default()
+        } else {
+            Told::of(&self.dialect.run(Some(setpoint)))
+        };
     }
 
     /// Its set-point; none of a bath whose loop is closed elsewhere.
@@ -178,7 +209,12 @@ impl Instrument<dyn Dialect> {
 
     async fn celsius(&mut self, query: &str) -> Result<Celsius, LinkError> {
         let answer = self.link.query(query).await?;
-        let celsius = self.dialect.celsius(&answer).filter(|celsius| celsius.is_finite());
-        celsius.map(Celsius).ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a temperature"))
+        let celsius = self
+            .dialect
+            .celsius(&answer)
+            .filter(|celsius| celsius.is_finite());
+        celsius
+            .map(Celsius)
+            .ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a temperature"))
     }
 }

@@ -1,4 +1,5 @@
-//! Keysight (Agilent) 33500B: a command tree for each channel, an error queue that tells what was adjusted, an output load that changes every volt.
+//! Keysight (Agilent) 33500B: a command tree for each channel, an error queue that tells what was
+//! adjusted, an output load that changes every volt.
 
 use super::{Capabilities, DELAY_TOLERANCE_S, Dialect, PHASE_TOLERANCE_DEG, QUIET_VPP, Sine, Wave};
 use crate::{
@@ -19,7 +20,8 @@ const QUIET_FREQ: Hertz = Hertz(1000.0);
 const FREQ_DIGITS: f64 = 1.0e-6;
 /// Amplitudes have four digits; wider, and the least amplitude would pass for half of it.
 const AMPLITUDE_STEP_V: f64 = 2.5e-4;
-/// Most points of a wave that are sent: a million fit into the memory, but as text they take seven bytes each.
+/// Most points of a wave that are sent: a million fit into the memory, but as text they take seven
+/// bytes each.
 const WAVE_POINTS: usize = 65_536;
 /// Fewest points of a wave.
 const WAVE_FEWEST: usize = 8;
@@ -34,7 +36,11 @@ pub(super) struct Keysight;
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
     Setting::state("OUTP#?", "output", ON_OFF),
-    Setting::state("OUTP#:LOAD?", "assumed load", Says::States(&[(Shows::Text("E+37"), "an open circuit")])),
+    Setting::state(
+        "OUTP#:LOAD?",
+        "assumed load",
+        Says::States(&[(Shows::Text("E+37"), "an open circuit")]),
+    ),
     Setting::state(
         "OUTP#:POL?",
         "polarity",
@@ -48,7 +54,11 @@ const SETTINGS: &[Setting] = &[
     Setting::state(
         "SOUR#:VOLT:UNIT?",
         "unit of the amplitude",
-        Says::States(&[(Shows::Word("VPP"), "volts peak to peak"), (Shows::Word("VRMS"), "effective volts"), (Shows::Word("DBM"), "dBm")]),
+        Says::States(&[
+            (Shows::Word("VPP"), "volts peak to peak"),
+            (Shows::Word("VRMS"), "effective volts"),
+            (Shows::Word("DBM"), "dBm"),
+        ]),
     ),
     Setting::state(
         "SOUR#:FUNC?",
@@ -72,13 +82,21 @@ const SETTINGS: &[Setting] = &[
     Setting::state(
         "SOUR#:FUNC:ARB:FILT?",
         "filter of the loaded wave",
-        Says::States(&[(Shows::Word("OFF"), "off"), (Shows::Word("NORM"), "normal"), (Shows::Word("STEP"), "that for steps")]),
+        Says::States(&[
+            (Shows::Word("OFF"), "off"),
+            (Shows::Word("NORM"), "normal"),
+            (Shows::Word("STEP"), "that for steps"),
+        ]),
     ),
     Setting::state("SOUR#:BURS:STAT?", "burst", ON_OFF),
     Setting::state(
         "SOUR#:BURS:MODE?",
         "end of a burst",
-        Says::States(&[(Shows::Word("TRIG"), "counted"), (Shows::Word("TRIGGERED"), "counted"), (Shows::Word("GAT"), "that of a gate")]),
+        Says::States(&[
+            (Shows::Word("TRIG"), "counted"),
+            (Shows::Word("TRIGGERED"), "counted"),
+            (Shows::Word("GAT"), "that of a gate"),
+        ]),
     ),
     Setting::state(
         "TRIG#:SOUR?",
@@ -101,7 +119,10 @@ impl Model for Keysight {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(2), ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(2),
+            ..LinkProfile::scpi()
+        }
     }
 
     fn settings(&self) -> &'static [Setting] {
@@ -112,7 +133,9 @@ impl Model for Keysight {
         let maker = identity.maker.to_ascii_lowercase();
         // 33509B to 33522B, and the 33600A with the same tree.
         let model = identity.model.starts_with("335") || identity.model.starts_with("336");
-        (maker.starts_with("keysight") || maker.starts_with("agilent")) && model && identity.model.len() >= 6
+        (maker.starts_with("keysight") || maker.starts_with("agilent"))
+            && model
+            && identity.model.len() >= 6
     }
 }
 
@@ -120,7 +143,10 @@ fn number(message: String, header: &str, value: f64, tolerance: f64) -> Exchange
     if value.is_finite() {
         return Exchange::number(message, format!("{header}?"), value, tolerance);
     }
-    Exchange::Refuse { message: header.to_owned(), reason: format!("expected a finite number to send, found {value}") }
+    Exchange::Refuse {
+        message: header.to_owned(),
+        reason: format!("expected a finite number to send, found {value}"),
+    }
 }
 
 impl Dialect for Keysight {
@@ -135,31 +161,62 @@ impl Dialect for Keysight {
 
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange> {
         let switch = Exchange::switch(&format!("OUTP{channel}"), on);
-        // With 50 Ω set, an open analog input would see twice the volts that were asked for; inverted, it would charge instead of discharge.
+        // With 50 Ω set, an open analog input would see twice the volts that were asked for;
+        // inverted, it would charge instead of discharge.
         let load = Exchange::Set {
             message: format!("OUTP{channel}:LOAD INF"),
             read_back: format!("OUTP{channel}:LOAD?"),
             // An open circuit is answered as 9.9E+37 Ω.
             expect: Expect::Contains("E+37".to_owned()),
         };
-        let polarity = Exchange::word(format!("OUTP{channel}:POL NORM"), format!("OUTP{channel}:POL?"), &["NORM", "NORMAL"]);
-        if on { vec![load, polarity, switch] } else { vec![switch, load] }
+        let polarity = Exchange::word(
+            format!("OUTP{channel}:POL NORM"),
+            format!("OUTP{channel}:POL?"),
+            &["NORM", "NORMAL"],
+        );
+        if on {
+            vec![load, polarity, switch]
+        } else {
+            vec![switch, load]
+        }
     }
 
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange> {
         let source = format!("SOUR{channel}");
-        let (freq_hz, peak_to_peak_v, offset_v) = (sine.freq.value(), 2.0 * sine.amplitude.value(), sine.offset.value());
+        let (freq_hz, peak_to_peak_v, offset_v) = (
+            sine.freq.value(),
+            2.0 * sine.amplitude.value(),
+            sine.offset.value(),
+        );
         vec![
-            Exchange::word(format!("{source}:VOLT:UNIT VPP"), format!("{source}:VOLT:UNIT?"), &["VPP"]),
-            Exchange::word(format!("{source}:FUNC SIN"), format!("{source}:FUNC?"), &["SIN", "SINUSOID"]),
-            number(format!("{source}:FREQ {freq_hz:.6}"), &format!("{source}:FREQ"), freq_hz, FREQ_DIGITS * freq_hz + 1.0e-6),
+            Exchange::word(
+                format!("{source}:VOLT:UNIT VPP"),
+                format!("{source}:VOLT:UNIT?"),
+                &["VPP"],
+            ),
+            Exchange::word(
+                format!("{source}:FUNC SIN"),
+                format!("{source}:FUNC?"),
+                &["SIN", "SINUSOID"],
+            ),
+            number(
+                format!("{source}:FREQ {freq_hz:.6}"),
+                &format!("{source}:FREQ"),
+                freq_hz,
+                FREQ_DIGITS * freq_hz + 1.0e-6,
+            ),
             number(
                 format!("{source}:VOLT {peak_to_peak_v:.4}"),
                 &format!("{source}:VOLT"),
                 peak_to_peak_v,
                 1.0e-3 * peak_to_peak_v.abs() + AMPLITUDE_STEP_V,
             ),
-            number(format!("{source}:VOLT:OFFS {offset_v:.4}"), &format!("{source}:VOLT:OFFS"), offset_v, OFFSET_TOLERANCE_V),
+            number(
+                format!("{source}:VOLT:OFFS {offset_v:.4}"),
+                &format!("{source}:VOLT:OFFS"),
+                offset_v,
+                OFFSET_TOLERANCE_V,
+            ),
         ]
     }
 
@@ -167,19 +224,33 @@ impl Dialect for Keysight {
         Some(WAVE_POINTS)
     }
 
-    /// Converter values as text, so that no byte of them can end the message. Assumed: ± full scale of the converter is ± half the amplitude, and a wave that is
-    /// chosen begins with its first point.
+    /// Converter values as text, so that no byte of them can end the message. Assumed: ± full scale
+    /// of the converter is ± half the amplitude, and a wave that is chosen begins with its first
+    /// point.
     fn wave(&self, channel: u8, wave: &Wave) -> Vec<Exchange> {
         let source = format!("SOUR{channel}");
         let (count, name) = (wave.steps.len(), &wave.name);
-        if !(WAVE_FEWEST..=WAVE_POINTS).contains(&count) || wave.steps.iter().any(|step| !step.is_finite()) {
-            let reason = format!("expected {WAVE_FEWEST} to {WAVE_POINTS} finite steps, found {count}");
-            return vec![Exchange::Refuse { message: format!("{source}:DATA:ARB:DAC"), reason }];
+        if !(WAVE_FEWEST..=WAVE_POINTS).contains(&count)
+            || wave.steps.iter().any(|step| !step.is_finite())
+        {
+            let reason =
+                format!("expected {WAVE_FEWEST} to {WAVE_POINTS} finite steps, found {count}");
+            return vec![Exchange::Refuse {
+                message: format!("{source}:DATA:ARB:DAC"),
+                reason,
+            }];
         }
-        let (rate_hz, peak_to_peak_v, offset_v) = (wave.freq.value() * count as f64, 2.0 * wave.amplitude.value(), wave.offset.value());
+        let (rate_hz, peak_to_peak_v, offset_v) = (
+            wave.freq.value() * count as f64,
+            2.0 * wave.amplitude.value(),
+            wave.offset.value(),
+        );
         let mut data = format!("{source}:DATA:ARB:DAC {name}");
         for step in &wave.steps {
-            data.push_str(&format!(",{}", (step.clamp(-1.0, 1.0) * WAVE_FULL_SCALE).round() as i16));
+            data.push_str(&format!(
+                ",{}",
+                (step.clamp(-1.0, 1.0) * WAVE_FULL_SCALE).round() as i16
+            ));
         }
         let tolerance_v = 1.0e-3 * peak_to_peak_v.abs() + AMPLITUDE_STEP_V;
         let [unit, least] = still(&source);
@@ -196,17 +267,35 @@ impl Dialect for Keysight {
                 expect: Expect::Contains(name.clone()),
             },
             // A step is held until the next, not smoothed.
-            Exchange::word(format!("{source}:FUNC:ARB:FILT OFF"), format!("{source}:FUNC:ARB:FILT?"), &["OFF"]),
+            Exchange::word(
+                format!("{source}:FUNC:ARB:FILT OFF"),
+                format!("{source}:FUNC:ARB:FILT?"),
+                &["OFF"],
+            ),
             number(
                 format!("{source}:FUNC:ARB:SRAT {rate_hz:.6}"),
                 &format!("{source}:FUNC:ARB:SRAT"),
                 rate_hz,
                 FREQ_DIGITS * rate_hz + 1.0e-6,
             ),
-            number(format!("{source}:VOLT:OFFS {offset_v:.4}"), &format!("{source}:VOLT:OFFS"), offset_v, OFFSET_TOLERANCE_V),
+            number(
+                format!("{source}:VOLT:OFFS {offset_v:.4}"),
+                &format!("{source}:VOLT:OFFS"),
+                offset_v,
+                OFFSET_TOLERANCE_V,
+            ),
             // The function before the amplitude: else a sine would have it.
-            Exchange::word(format!("{source}:FUNC ARB"), format!("{source}:FUNC?"), &["ARB"]),
-            number(format!("{source}:VOLT {peak_to_peak_v:.4}"), &format!("{source}:VOLT"), peak_to_peak_v, tolerance_v),
+            Exchange::word(
+                format!("{source}:FUNC ARB"),
+                format!("{source}:FUNC?"),
+                &["ARB"],
+            ),
+            number(
+                format!("{source}:VOLT {peak_to_peak_v:.4}"),
+                &format!("{source}:VOLT"),
+                peak_to_peak_v,
+                tolerance_v,
+            ),
         ]
     }
 
@@ -214,18 +303,44 @@ impl Dialect for Keysight {
         Some(BURST_PERIODS)
     }
 
-    /// Assumed: a burst that still plays ends where bursts are switched off, and the signal begins at phase zero with its trigger.
+    /// Assumed: a burst that still plays ends where bursts are switched off, and the signal begins
+    /// at phase zero with its trigger.
     fn burst(&self, channel: u8, periods: Option<u32>) -> Vec<Exchange> {
         let source = format!("SOUR{channel}:BURS");
         let state = |on| Exchange::switch(&format!("{source}:STAT"), on);
-        let Some(periods) = periods else { return vec![state(false)] };
+        let Some(periods) = periods else {
+            return vec![state(false)];
+        };
         vec![
-            Exchange::word(format!("{source}:MODE TRIG"), format!("{source}:MODE?"), &["TRIG", "TRIGGERED"]),
-            Exchange::word(format!("TRIG{channel}:SOUR BUS"), format!("TRIG{channel}:SOUR?"), &["BUS"]),
-            number(format!("{source}:NCYC {periods}"), &format!("{source}:NCYC"), f64::from(periods), 0.5),
+            Exchange::word(
+                format!("{source}:MODE TRIG"),
+                format!("{source}:MODE?"),
+                &["TRIG", "TRIGGERED"],
+            ),
+            Exchange::word(
+                format!("TRIG{channel}:SOUR BUS"),
+                format!("TRIG{channel}:SOUR?"),
+                &["BUS"],
+            ),
+            number(
+                format!("{source}:NCYC {periods}"),
+                &format!("{source}:NCYC"),
+                f64::from(periods),
+                0.5,
+            ),
             // A burst that begins elsewhere leaves another level behind it than the offset.
-            number(format!("{source}:PHAS 0"), &format!("{source}:PHAS"), 0.0, PHASE_TOLERANCE_DEG),
-            number(format!("TRIG{channel}:DEL 0"), &format!("TRIG{channel}:DEL"), 0.0, DELAY_TOLERANCE_S),
+            number(
+                format!("{source}:PHAS 0"),
+                &format!("{source}:PHAS"),
+                0.0,
+                PHASE_TOLERANCE_DEG,
+            ),
+            number(
+                format!("TRIG{channel}:DEL 0"),
+                &format!("TRIG{channel}:DEL"),
+                0.0,
+                DELAY_TOLERANCE_S,
+            ),
             Exchange::send(format!("{source}:STAT OFF")),
             state(true),
             Exchange::send(format!("TRIG{channel}")),
@@ -236,7 +351,14 @@ impl Dialect for Keysight {
         let source = format!("SOUR{channel}");
         // The amplitude before the function: else a sine would have that of the wave before it.
         let mut script = still(&source).to_vec();
-        let sine = self.sine(channel, &Sine { freq: QUIET_FREQ, amplitude: MIN_AMPLITUDE, offset });
+        let sine = self.sine(
+            channel,
+            &Sine {
+                freq: QUIET_FREQ,
+                amplitude: MIN_AMPLITUDE,
+                offset,
+            },
+        );
         let amplitude = format!("{source}:VOLT?");
         // Its amplitude is as small as it gets already.
         script.extend(sine.into_iter().filter(|exchange| !matches!(exchange, Exchange::Set { read_back, .. } if *read_back == amplitude)));
@@ -246,7 +368,10 @@ impl Dialect for Keysight {
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange> {
         let mut script = self.direct(channel, offset);
         let modifiers = ["BURS", "SWE", "AM", "FM"];
-        script.extend(modifiers.map(|modifier| Exchange::switch(&format!("SOUR{channel}:{modifier}:STAT"), false)));
+        script
+            .extend(modifiers.map(|modifier| {
+                Exchange::switch(&format!("SOUR{channel}:{modifier}:STAT"), false)
+            }));
         script
     }
 }
@@ -255,11 +380,18 @@ impl Dialect for Keysight {
 fn still(source: &str) -> [Exchange; 2] {
     let least_v = 2.0 * MIN_AMPLITUDE.value();
     [
-        Exchange::word(format!("{source}:VOLT:UNIT VPP"), format!("{source}:VOLT:UNIT?"), &["VPP"]),
+        Exchange::word(
+            format!("{source}:VOLT:UNIT VPP"),
+            format!("{source}:VOLT:UNIT?"),
+            &["VPP"],
+        ),
         Exchange::Set {
             message: format!("{source}:VOLT {least_v:.4}"),
             read_back: format!("{source}:VOLT?"),
-            expect: Expect::Number { value: 0.5 * QUIET_VPP, tolerance: 0.5 * QUIET_VPP },
+            expect: Expect::Number {
+                value: 0.5 * QUIET_VPP,
+                tolerance: 0.5 * QUIET_VPP,
+            },
         },
     ]
 }

@@ -10,11 +10,14 @@ use crate::{
     units::{Hertz, Volts},
 };
 
-/// The least sine of a model may be this much, V peak to peak: 20 mA of a supply of ±20 A at ±10 V, a fifth of what a meter may show where nothing flows.
+/// The least sine of a model may be this much, V peak to peak: 20 mA of a supply of ±20 A at ±10 V,
+/// a fifth of what a meter may show where nothing flows.
 const QUIET_VPP: f64 = 0.02;
-/// A burst may begin so far from phase zero, degrees: behind it stays the level at which it began, here a thousandth of the amplitude.
+/// A burst may begin so far from phase zero, degrees: behind it stays the level at which it began,
+/// here a thousandth of the amplitude.
 const PHASE_TOLERANCE_DEG: f64 = 0.05;
-/// A burst may begin so much later than its trigger, s: the least that models can is below a microsecond.
+/// A burst may begin so much later than its trigger, s: the least that models can is below a
+/// microsecond.
 const DELAY_TOLERANCE_S: f64 = 1.0e-3;
 
 /// A sine with an offset.
@@ -33,7 +36,8 @@ pub struct Sine {
 pub struct Wave {
     /// Its name in the instrument: a letter, then letters and digits.
     pub name: String,
-    /// One period in equal steps, −1 … 1 of the amplitude; a power of two, at most what the model holds.
+    /// One period in equal steps, −1 … 1 of the amplitude; a power of two, at most what the model
+    /// holds.
     pub steps: Vec<f64>,
     /// Periods per second.
     pub freq: Hertz,
@@ -44,18 +48,33 @@ pub struct Wave {
 }
 
 impl Wave {
-    /// A wave whose name ends in a digest of its shape: an instrument that plays a wave of that name plays this shape, not one that was loaded before it. `kind`
-    /// has at most four letters, for names of twelve characters are all that a 33500B takes. Names are not used again for another shape, although no command is
-    /// known by which an SDG forgets one: were the upload lost, the old shape would play under the new amplitude.
-    pub fn named(kind: &str, steps: Vec<f64>, freq: Hertz, (amplitude, offset): (Volts, Volts)) -> Self {
-        Self { name: format!("{kind}{:08x}", digest(&steps)), steps, freq, amplitude, offset }
+    /// A wave whose name ends in a digest of its shape: an instrument that plays a wave of that
+    /// name plays this shape, not one that was loaded before it. `kind` has at most four letters,
+    /// for names of twelve characters are all that a 33500B takes. Names are not used again for
+    /// another shape, although no command is known by which an SDG forgets one: were the upload
+    /// lost, the old shape would play under the new amplitude.
+    pub fn named(
+        kind: &str,
+        steps: Vec<f64>,
+        freq: Hertz,
+        (amplitude, offset): (Volts, Volts),
+    ) -> Self {
+        Self {
+            name: format!("{kind}{:08x}", digest(&steps)),
+            steps,
+            freq,
+            amplitude,
+            offset,
+        }
     }
 }
 
 /// FNV-1a of the numbers' bits.
 fn digest(steps: &[f64]) -> u32 {
     let bytes = steps.iter().flat_map(|step| step.to_bits().to_le_bytes());
-    bytes.fold(0x811c_9dc5, |digest, byte| (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+    bytes.fold(0x811c_9dc5, |digest, byte| {
+        (digest ^ u32::from(byte)).wrapping_mul(0x0100_0193)
+    })
 }
 
 /// What a model can do.
@@ -63,7 +82,8 @@ fn digest(steps: &[f64]) -> u32 {
 pub struct Capabilities {
     /// Lowest and highest frequency of a sine.
     pub freq_range: (Hertz, Hertz),
-    /// Least amplitude (zero to peak) of a sine into an open circuit: below it the instrument clamps silently.
+    /// Least amplitude (zero to peak) of a sine into an open circuit: below it the instrument
+    /// clamps silently.
     pub min_amplitude: Volts,
     /// Greatest |offset| + amplitude into an open circuit.
     pub max_peak: Volts,
@@ -75,7 +95,8 @@ pub struct Capabilities {
 pub trait Dialect: Model {
     /// What it can do.
     fn capabilities(&self) -> Capabilities;
-    /// Output off (with an open-circuit load setting, so that the volts are true), or on; on is refused where the volts would not be true.
+    /// Output off (with an open-circuit load setting, so that the volts are true), or on; on is
+    /// refused where the volts would not be true.
     fn output(&self, channel: u8, on: bool) -> Vec<Exchange>;
     /// A sine; the output stays as it is.
     fn sine(&self, channel: u8, sine: &Sine) -> Vec<Exchange>;
@@ -95,15 +116,25 @@ pub trait Dialect: Model {
     fn most_periods(&self) -> Option<u32> {
         None
     }
-    /// From now on so many periods of what is set, then the offset without a further message; without a number no end. The output stays as it is.
+    /// From now on so many periods of what is set, then the offset without a further message;
+    /// without a number no end. The output stays as it is.
     fn burst(&self, channel: u8, periods: Option<u32>) -> Vec<Exchange> {
-        let (message, reason) = (format!("burst on channel {channel}"), "expected a model that has bursts".to_owned());
-        if periods.is_some() { vec![Exchange::Refuse { message, reason }] } else { Vec::new() }
+        let (message, reason) = (
+            format!("burst on channel {channel}"),
+            "expected a model that has bursts".to_owned(),
+        );
+        if periods.is_some() {
+            vec![Exchange::Refuse { message, reason }]
+        } else {
+            Vec::new()
+        }
     }
-    /// The least sine around an offset, as near to a direct current as it comes; the output and the rest stay as they are. A unit whose least amplitude is greater
-    /// than its manual says is not refused for that, up to 20 mVpp.
+    /// The least sine around an offset, as near to a direct current as it comes; the output and the
+    /// rest stay as they are. A unit whose least amplitude is greater than its manual says is not
+    /// refused for that, up to 20 mVpp.
     fn direct(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
-    /// The least sine around an offset, everything else that could move the output off; the output stays as it is.
+    /// The least sine around an offset, everything else that could move the output off; the output
+    /// stays as it is.
     fn quiet(&self, channel: u8, offset: Volts) -> Vec<Exchange>;
 }
 
@@ -119,7 +150,8 @@ impl Instrument<dyn Dialect> {
         self.dialect.capabilities()
     }
 
-    /// Sets the sine and reads it back: this family clamps silently. For true volts [`Self::output`] must have been off before.
+    /// Sets the sine and reads it back: this family clamps silently. For true volts
+    /// [`Self::output`] must have been off before.
     ///
     /// # Errors
     /// The link's; a read-back that differs.
@@ -127,7 +159,8 @@ impl Instrument<dyn Dialect> {
         let script = self.dialect.sine(self.output_channel(), sine);
         self.forget_signal();
         match self.tell(&script).await {
-            // The amplitude is clamped by the offset that it finds and the other way round; once more, and each finds the new one.
+            // The amplitude is clamped by the offset that it finds and the other way round; once
+            // more, and each finds the new one.
             Err(LinkError::ReadBack { .. }) => self.tell(&script).await,
             outcome => outcome,
         }
@@ -138,7 +171,8 @@ impl Instrument<dyn Dialect> {
         self.dialect.wave_steps()
     }
 
-    /// Loads a wave, plays it and reads back what can be read back: its name, its frequency, its amplitude, not its shape.
+    /// Loads a wave, plays it and reads back what can be read back: its name, its frequency, its
+    /// amplitude, not its shape.
     ///
     /// # Errors
     /// As [`Self::sine`].
@@ -153,7 +187,8 @@ impl Instrument<dyn Dialect> {
         self.dialect.most_periods()
     }
 
-    /// Begins so many periods of what was set, after which the output stays at its offset whether or not anybody says more; without a number, no end.
+    /// Begins so many periods of what was set, after which the output stays at its offset whether
+    /// or not anybody says more; without a number, no end.
     ///
     /// # Errors
     /// As [`Self::sine`].
@@ -162,7 +197,8 @@ impl Instrument<dyn Dialect> {
         self.tell(&script).await
     }
 
-    /// As near to a steady offset as the instrument comes: its least sine, never another waveform that could bring an old amplitude back.
+    /// As near to a steady offset as the instrument comes: its least sine, never another waveform
+    /// that could bring an old amplitude back.
     ///
     /// # Errors
     /// As [`Self::sine`].
@@ -172,7 +208,8 @@ impl Instrument<dyn Dialect> {
         play_all(&mut self.link, &script).await
     }
 
-    /// A steady offset, as near as the instrument comes to it, that is the command of a direct current: its least sine around it, read back.
+    /// A steady offset, as near as the instrument comes to it, that is the command of a direct
+    /// current: its least sine around it, read back.
     ///
     /// # Errors
     /// As [`Self::sine`].
@@ -219,7 +256,10 @@ impl Instrument<dyn Dialect> {
 
     /// The first of the channels in use; 1 where none was named.
     fn output_channel(&self) -> u8 {
-        self.channels.first().and_then(|channel| u8::try_from(*channel).ok()).unwrap_or(1)
+        self.channels
+            .first()
+            .and_then(|channel| u8::try_from(*channel).ok())
+            .unwrap_or(1)
     }
 }
 
@@ -229,10 +269,18 @@ mod tests {
 
     #[test]
     fn each_shape_has_a_name_of_its_own_that_every_model_takes() {
-        let name = |steps: &[f64]| Wave::named("eis", steps.to_vec(), Hertz(1.0), (Volts(1.0), Volts(0.0))).name;
+        let name = |steps: &[f64]| {
+            Wave::named("eis", steps.to_vec(), Hertz(1.0), (Volts(1.0), Volts(0.0))).name
+        };
         assert_eq!(name(&[0.0, 1.0]), name(&[0.0, 1.0]));
-        let names: std::collections::BTreeSet<String> = (0..1000).map(|shape| name(&[0.0, 1.0 / f64::from(shape + 1)])).collect();
+        let names: std::collections::BTreeSet<String> = (0..1000)
+            .map(|shape| name(&[0.0, 1.0 / f64::from(shape + 1)]))
+            .collect();
         assert_eq!(names.len(), 1000);
-        assert!(names.iter().all(|name| name.len() <= 12 && name.chars().all(|letter| letter.is_ascii_alphanumeric())), "{names:?}");
+        assert!(
+            names.iter().all(|name| name.len() <= 12
+                && name.chars().all(|letter| letter.is_ascii_alphanumeric())),
+            "{names:?}"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! What changes the thing in the jig when no person does: on the simulated bench a small device of its own, later a relay.
+//! What changes the thing in the jig when no person does: on the simulated bench a small device of
+//! its own, later a relay.
 
 use crate::{
     exchange::{Exchange, Identity, play},
@@ -18,7 +19,10 @@ pub struct Jig {
 impl Jig {
     /// Pace and deadlines of its link.
     pub fn profile() -> LinkProfile {
-        LinkProfile { min_gap: ms(1), ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(1),
+            ..LinkProfile::scpi()
+        }
     }
 
     /// Puts the jig on a link. Sends nothing.
@@ -48,7 +52,8 @@ impl Jig {
         play(&mut self.link, &[script]).await
     }
 
-    /// Puts another of the cells under test into the jig's place for them, by its number from 1; every output must be off.
+    /// Puts another of the cells under test into the jig's place for them, by its number from 1;
+    /// every output must be off.
     ///
     /// # Errors
     /// The link's; a jig that holds another one afterwards.

@@ -39,16 +39,30 @@ pub(super) struct Connection {
 
 impl Connection {
     pub(super) fn new(channel: Channel, options: DecoderOptions) -> Self {
-        let options = DecoderOptions { has_end_flag: channel.carries_end(), ..options };
-        let chunk = if channel.carries_end() { Vec::new() } else { vec![0; CHUNK] };
-        Self { channel, decoder: ResponseDecoder::new(options), chunk, has_answered: false, ended: true }
+        let options = DecoderOptions {
+            has_end_flag: channel.carries_end(),
+            ..options
+        };
+        let chunk = if channel.carries_end() {
+            Vec::new()
+        } else {
+            vec![0; CHUNK]
+        };
+        Self {
+            channel,
+            decoder: ResponseDecoder::new(options),
+            chunk,
+            has_answered: false,
+            ended: true,
+        }
     }
 
     pub(super) fn is_serial(&self) -> bool {
         matches!(self.channel, Channel::Stream(Stream::Serial(_)))
     }
 
-    /// The instrument can be made to forget what it was asked, and what was asked on this connection can be told from what will be.
+    /// The instrument can be made to forget what it was asked, and what was asked on this
+    /// connection can be told from what will be.
     pub(super) fn can_be_cleared(&self) -> bool {
         self.channel.carries_end()
     }
@@ -59,12 +73,17 @@ impl Connection {
     }
 
     /// Waits for one complete answer, for which the caller has so much patience.
-    pub(super) async fn read(&mut self, expect: Expect, patience: Duration) -> Result<Response, Broken> {
+    pub(super) async fn read(
+        &mut self,
+        expect: Expect,
+        patience: Duration,
+    ) -> Result<Response, Broken> {
         self.ended = false;
         loop {
             if let Some(answer) = self.decoder.pull(expect).map_err(Broken::Garbage)? {
                 self.has_answered = true;
-                // An instrument takes the next message for an interruption while the end of its answer, such as a second NL, has not been fetched.
+                // An instrument takes the next message for an interruption while the end of its
+                // answer, such as a second NL, has not been fetched.
                 while self.channel.insists_on_end() && !self.ended {
                     self.read_more(patience).await?;
                 }
@@ -81,7 +100,8 @@ impl Connection {
             if count == 0 {
                 return Err(Broken::Closed);
             }
-            self.decoder.push(self.chunk.get(..count).unwrap_or_default());
+            self.decoder
+                .push(self.chunk.get(..count).unwrap_or_default());
         } else {
             let arrival = self.channel.receive(patience).await.map_err(broken)?;
             self.decoder.push(&arrival.bytes);
@@ -93,7 +113,8 @@ impl Connection {
         Ok(())
     }
 
-    /// Device clear. Afterwards nothing that was asked before is answered, as far as the transport can tell.
+    /// Device clear. Afterwards nothing that was asked before is answered, as far as the transport
+    /// can tell.
     pub(super) async fn clear(&mut self) -> Result<(), Broken> {
         self.decoder.clear();
         self.channel.clear().await.map_err(broken)
@@ -104,7 +125,8 @@ impl Connection {
         self.channel.status_byte().await.map_err(broken)
     }
 
-    /// Waits for the next message, whatever it is, on a channel that carries ends; keeps the start of a long one.
+    /// Waits for the next message, whatever it is, on a channel that carries ends; keeps the start
+    /// of a long one.
     pub(super) async fn read_whole(&mut self, patience: Duration) -> Result<Vec<u8>, Broken> {
         let mut message = Vec::new();
         loop {
@@ -117,21 +139,26 @@ impl Connection {
         }
     }
 
-    /// Takes out what arrived without being asked for, line ends left out, and does not wait for more.
+    /// Takes out what arrived without being asked for, line ends left out, and does not wait for
+    /// more.
     pub(super) async fn drain(&mut self) -> Result<Vec<u8>, Broken> {
         if self.channel.carries_end() {
             return Ok(self.decoder.take_rest());
         }
-        // Lets the runtime look at its sockets; without it, bytes that are there already would not be seen.
+        // Lets the runtime look at its sockets; without it, bytes that are there already would not
+        // be seen.
         tokio::task::yield_now().await;
         let mut unasked = self.decoder.take_rest();
         let mut total = unasked.len();
         loop {
-            let Some(count) = self.read_at_once().await.map_err(broken)? else { return Ok(unasked) };
+            let Some(count) = self.read_at_once().await.map_err(broken)? else {
+                return Ok(unasked);
+            };
             if count == 0 {
                 return Err(Broken::Closed);
             }
-            self.decoder.push(self.chunk.get(..count).unwrap_or_default());
+            self.decoder
+                .push(self.chunk.get(..count).unwrap_or_default());
             unasked.extend(self.decoder.take_rest());
             total += count;
             if total > MAX_UNASKED {
@@ -142,7 +169,9 @@ impl Connection {
 
     /// What can be read without waiting; `None` if nothing can.
     async fn read_at_once(&mut self) -> io::Result<Option<usize>> {
-        let Channel::Stream(stream) = &mut self.channel else { return Ok(None) };
+        let Channel::Stream(stream) = &mut self.channel else {
+            return Ok(None);
+        };
         poll_fn(|cx| {
             let mut buffer = ReadBuf::new(&mut self.chunk);
             Poll::Ready(match Pin::new(&mut *stream).poll_read(cx, &mut buffer) {
@@ -157,9 +186,10 @@ impl Connection {
 /// A pulled plug shows as an error on some systems and as the end of the stream on others.
 fn broken(error: io::Error) -> Broken {
     match error.kind() {
-        io::ErrorKind::BrokenPipe | io::ErrorKind::ConnectionReset | io::ErrorKind::ConnectionAborted | io::ErrorKind::UnexpectedEof => {
-            Broken::Closed
-        }
+        io::ErrorKind::BrokenPipe
+        | io::ErrorKind::ConnectionReset
+        | io::ErrorKind::ConnectionAborted
+        | io::ErrorKind::UnexpectedEof => Broken::Closed,
         _ => Broken::Io(error),
     }
 }

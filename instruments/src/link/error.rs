@@ -10,7 +10,8 @@ use crate::{
     transport::{Address, TransportError},
 };
 
-/// An exchange that failed; every text names the instrument, the message and the deadline where there is one.
+/// An exchange that failed; every text names the instrument, the message and the deadline where
+/// there is one.
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// The address could not be opened.
@@ -58,7 +59,8 @@ pub enum LinkError {
         /// The message, escaped.
         message: String,
     },
-    /// The message is no message of the instrument's language, or does not fit what is to be done with it; nothing was sent.
+    /// The message is no message of the instrument's language, or does not fit what is to be done
+    /// with it; nothing was sent.
     #[error("{link}: `{message}`: {reason}; nothing was sent")]
     Malformed {
         /// The instrument.
@@ -68,8 +70,12 @@ pub enum LinkError {
         /// What was expected and what was found.
         reason: String,
     },
-    /// The message holds a command that must never be sent with a cell in the jig; nothing was sent.
-    #[error("{link}: `{message}` holds {header}, which is never sent to an instrument of this bench; nothing was sent")]
+    /// The message holds a command that must never be sent with a cell in the jig; nothing was
+    /// sent.
+    #[error(
+        "{link}: `{message}` holds {header}, which is never sent to an instrument of this bench; \
+        nothing was sent"
+    )]
     Forbidden {
         /// The instrument.
         link: String,
@@ -217,18 +223,28 @@ impl LinkError {
         )
     }
 
-    /// It may be over when the instrument is asked again on a new connection: what was lost, late or garbled on the way, or was left in a queue. A setting that an
-    /// instrument does not take, and a message that is none, stay what they are.
+    /// It may be over when the instrument is asked again on a new connection: what was lost, late
+    /// or garbled on the way, or was left in a queue. A setting that an instrument does not take,
+    /// and a message that is none, stay what they are.
     pub fn may_pass(&self) -> bool {
         !matches!(
             self,
-            Self::VirtualTime { .. } | Self::Unsendable { .. } | Self::Malformed { .. } | Self::Forbidden { .. } | Self::ReadBack { .. }
+            Self::VirtualTime { .. }
+                | Self::Unsendable { .. }
+                | Self::Malformed { .. }
+                | Self::Forbidden { .. }
+                | Self::ReadBack { .. }
         )
     }
 
     /// An answer that a driver cannot use.
     pub fn unexpected(link: &str, asked: &str, answered: &str, expected: &str) -> Self {
         let (link, asked) = (link.to_owned(), asked.to_owned());
-        Self::Unexpected { link, asked, answered: answered.trim().to_owned(), expected: expected.to_owned() }
+        Self::Unexpected {
+            link,
+            asked,
+            answered: answered.trim().to_owned(),
+            expected: expected.to_owned(),
+        }
     }
 }

@@ -1,5 +1,6 @@
-//! What a link refuses to send, whoever asks for it: messages that are no messages, questions whose answer nobody would read, and commands that must
-//! never reach an instrument with a cell in the jig.
+//! What a link refuses to send, whoever asks for it: messages that are no messages, questions whose
+//! answer nobody would read, and commands that must never reach an instrument with a cell in the
+//! jig.
 
 use crate::scpi::{header::Pattern, message::parse_program};
 
@@ -12,8 +13,8 @@ pub enum Grammar {
     Plain,
 }
 
-/// Commands that no procedure needs and that harm: `*RST` may leave the output of a supply on or shorted, the self-tests of a Kepco drive its output to
-/// full scale.
+/// Commands that no procedure needs and that harm: `*RST` may leave the output of a supply on or
+/// shorted, the self-tests of a Kepco drive its output to full scale.
 pub const NEVER_SENT: &[&str] = &["*RST", "*TST?", "DIAGnostic:TST?", "DIAGnostic:TST"];
 
 /// Why a message is not sent.
@@ -26,21 +27,33 @@ pub(super) enum Refusal {
 }
 
 /// Judges a message before it is sent; `answered` says that an answer will be waited for.
-pub(super) fn judge(grammar: Grammar, never_sent: &'static [&'static str], message: &str, answered: bool) -> Result<(), Refusal> {
+pub(super) fn judge(
+    grammar: Grammar,
+    never_sent: &'static [&'static str],
+    message: &str,
+    answered: bool,
+) -> Result<(), Refusal> {
     if grammar == Grammar::Plain {
         return Ok(());
     }
-    let units = parse_program(message.as_bytes()).map_err(|error| Refusal::Malformed(error.to_string()))?;
+    let units =
+        parse_program(message.as_bytes()).map_err(|error| Refusal::Malformed(error.to_string()))?;
     for unit in &units {
         let header = unit.full_header();
-        let forbidden = |pattern: &&str| Pattern::parse(pattern).is_ok_and(|pattern| pattern.matches(&header).is_some());
+        let forbidden = |pattern: &&str| {
+            Pattern::parse(pattern).is_ok_and(|pattern| pattern.matches(&header).is_some())
+        };
         if let Some(pattern) = never_sent.iter().find(|pattern| forbidden(pattern)) {
             return Err(Refusal::Forbidden(pattern));
         }
     }
     match (units.iter().any(|unit| unit.query), answered) {
-        (true, false) => Err(Refusal::Malformed("expected a command, found a question whose answer nobody would read".to_owned())),
-        (false, true) => Err(Refusal::Malformed("expected a question, found a command that has no answer".to_owned())),
+        (true, false) => Err(Refusal::Malformed(
+            "expected a command, found a question whose answer nobody would read".to_owned(),
+        )),
+        (false, true) => Err(Refusal::Malformed(
+            "expected a question, found a command that has no answer".to_owned(),
+        )),
         _ => Ok(()),
     }
 }
@@ -51,12 +64,30 @@ mod tests {
 
     #[test]
     fn harmful_commands_are_recognised_in_every_form_and_place() {
-        for message in ["*RST", "*rst", "*TST?", "DIAG:TST?", ":diagnostic:tst?", "CURR 0;*RST", "OUTP OFF;:DIAG:TST?"] {
+        for message in [
+            "*RST",
+            "*rst",
+            "*TST?",
+            "DIAG:TST?",
+            ":diagnostic:tst?",
+            "CURR 0;*RST",
+            "OUTP OFF;:DIAG:TST?",
+        ] {
             let answered = message.ends_with('?');
-            assert!(matches!(judge(Grammar::Scpi, NEVER_SENT, message, answered), Err(Refusal::Forbidden(_))), "{message}");
+            assert!(
+                matches!(
+                    judge(Grammar::Scpi, NEVER_SENT, message, answered),
+                    Err(Refusal::Forbidden(_))
+                ),
+                "{message}"
+            );
         }
         for message in ["*RCL 1", "CURR:PROT 3", "DIAG:TSTX"] {
-            assert_eq!(judge(Grammar::Scpi, NEVER_SENT, message, false), Ok(()), "{message}");
+            assert_eq!(
+                judge(Grammar::Scpi, NEVER_SENT, message, false),
+                Ok(()),
+                "{message}"
+            );
         }
     }
 
@@ -65,9 +96,17 @@ mod tests {
         for (message, answered, expected) in [
             ("CURR?", true, None),
             ("CURR 1", false, None),
-            ("CURR?", false, Some("a question whose answer nobody would read")),
+            (
+                "CURR?",
+                false,
+                Some("a question whose answer nobody would read"),
+            ),
             ("CURR 1", true, Some("a command that has no answer")),
-            ("CURR 1,", false, Some("expected an argument on both sides of every comma")),
+            (
+                "CURR 1,",
+                false,
+                Some("expected an argument on both sides of every comma"),
+            ),
         ] {
             let reason = match judge(Grammar::Scpi, NEVER_SENT, message, answered) {
                 Ok(()) => None,

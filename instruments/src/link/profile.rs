@@ -10,14 +10,16 @@ use crate::{
     transport::{Address, MemoryHub},
 };
 
-/// The manners of one dialect. Gaps count bench time, deadlines count time on the wire ([`Clock::deadline`]).
+/// The manners of one dialect. Gaps count bench time, deadlines count time on the wire
+/// ([`Clock::deadline`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LinkProfile {
     /// The language: what every message must be before it is sent.
     pub grammar: Grammar,
     /// Commands that are refused, in manual notation.
     pub never_sent: &'static [&'static str],
-    /// Written behind every message. Answers end with NL, or with CR too where this is [`Terminator::Cr`].
+    /// Written behind every message. Answers end with NL, or with CR too where this is
+    /// [`Terminator::Cr`].
     pub terminator: Terminator,
     /// Least time between the end of one exchange and the next message.
     pub min_gap: Duration,
@@ -29,7 +31,8 @@ pub struct LinkProfile {
     pub timeout: Duration,
     /// Deadline for a whole block.
     pub block_timeout: Duration,
-    /// How long a serial line must be silent after it was opened, since a serial port cannot tell an answer to a question from before.
+    /// How long a serial line must be silent after it was opened, since a serial port cannot tell
+    /// an answer to a question from before.
     pub quiet: Duration,
     /// Asked after every write; `None` where the instrument has no error queue.
     pub error_query: Option<&'static str>,
@@ -42,7 +45,8 @@ pub struct LinkProfile {
 }
 
 impl LinkProfile {
-    /// An instrument with a SCPI error queue on a raw socket: NL, no gaps, 10 s for the first answer, 2 s for later ones, 30 s for a block.
+    /// An instrument with a SCPI error queue on a raw socket: NL, no gaps, 10 s for the first
+    /// answer, 2 s for later ones, 30 s for a block.
     pub const fn scpi() -> Self {
         Self {
             grammar: Grammar::Scpi,

@@ -1,8 +1,9 @@
-//! How a link gets back into step with its instrument where the transport can do more than drop the connection: device clear, then a question whose answer
-//! nothing else could be.
+//! How a link gets back into step with its instrument where the transport can do more than drop the
+//! connection: device clear, then a question whose answer nothing else could be.
 //!
-//! A device clear leaves settings alone (IEEE 488.2, clause 5.8). An instrument that does not obey it, and a transport that has none, still answer in
-//! order: what comes before the answer to the question that was just asked belongs to questions from before, and is thrown away.
+//! A device clear leaves settings alone (IEEE 488.2, clause 5.8). An instrument that does not obey
+//! it, and a transport that has none, still answer in order: what comes before the answer to the
+//! question that was just asked belongs to questions from before, and is thrown away.
 
 use super::{Connection, Link, LinkError};
 use crate::{
@@ -17,7 +18,8 @@ const MOST_STALE: usize = 4;
 /// Bit of the status byte: an answer is waiting (IEEE 488.2, clause 11.2.1.2).
 const MESSAGE_AVAILABLE: u8 = 0x10;
 const IDENTITY: &str = "*IDN?";
-/// Where the identity was asked in vain and there is no error queue: a question that is answered by `1`.
+/// Where the identity was asked in vain and there is no error queue: a question that is answered by
+/// `1`.
 const COMPLETION: &str = "*OPC?";
 
 impl Link {
@@ -28,7 +30,9 @@ impl Link {
             self.ask_something_else(&mut connection).await?;
         }
         if self.has_answer_waiting(&mut connection).await? {
-            return Err(self.not_cleared("no answer waiting", "one that nobody asked for".to_owned()));
+            return Err(
+                self.not_cleared("no answer waiting", "one that nobody asked for".to_owned())
+            );
         }
         self.connection = Some(connection);
         self.remark("in step again after a device clear");
@@ -38,8 +42,12 @@ impl Link {
         Ok(())
     }
 
-    /// What an earlier client left unread must not be the answer to the first question. Touches the instrument only if there is something.
-    pub(super) async fn leave_nothing_behind(&self, connection: &mut Connection) -> Result<(), LinkError> {
+    /// What an earlier client left unread must not be the answer to the first question. Touches the
+    /// instrument only if there is something.
+    pub(super) async fn leave_nothing_behind(
+        &self,
+        connection: &mut Connection,
+    ) -> Result<(), LinkError> {
         match connection.can_be_cleared() && self.has_answer_waiting(connection).await? {
             true => self.clear(connection).await,
             false => Ok(()),
@@ -50,28 +58,50 @@ impl Link {
         let deadline = self.options.profile.first_timeout;
         let cleared = self.clock().deadline(deadline, connection.clear()).await;
         let late = |_| self.not_cleared("an acknowledgement", format!("none within {deadline:?}"));
-        cleared.map_err(late)?.map_err(|broken| self.error(broken, "device clear"))
+        cleared
+            .map_err(late)?
+            .map_err(|broken| self.error(broken, "device clear"))
     }
 
     async fn has_answer_waiting(&self, connection: &mut Connection) -> Result<bool, LinkError> {
         let deadline = self.options.profile.first_timeout;
-        let polled = self.clock().deadline(deadline, connection.status_byte()).await;
+        let polled = self
+            .clock()
+            .deadline(deadline, connection.status_byte())
+            .await;
         let late = |_| self.not_cleared("a status byte", format!("none within {deadline:?}"));
-        let byte = polled.map_err(late)?.map_err(|broken| self.error(broken, "status byte"))?;
+        let byte = polled
+            .map_err(late)?
+            .map_err(|broken| self.error(broken, "status byte"))?;
         Ok(byte.is_some_and(|byte| byte & MESSAGE_AVAILABLE != 0))
     }
 
-    /// Asks for something that cannot be taken for the answer to the question that failed, and waits until it comes.
+    /// Asks for something that cannot be taken for the answer to the question that failed, and
+    /// waits until it comes.
     async fn ask_something_else(&mut self, connection: &mut Connection) -> Result<(), LinkError> {
         let profile = self.options.profile;
         let in_vain = self.asked.to_ascii_uppercase().contains(IDENTITY);
-        let question = if in_vain { profile.error_query.unwrap_or(COMPLETION) } else { IDENTITY };
+        let question = if in_vain {
+            profile.error_query.unwrap_or(COMPLETION)
+        } else {
+            IDENTITY
+        };
         self.hand_over(connection, question).await?;
         let clock: Clock = self.clock().clone();
         let mut found = String::new();
         for _ in 0..=MOST_STALE {
-            let timed_out = |_| LinkError::Timeout { link: self.link(), message: question.to_owned(), deadline: profile.first_timeout };
-            let read = clock.deadline(profile.first_timeout, connection.read_whole(profile.first_timeout)).await.map_err(timed_out)?;
+            let timed_out = |_| LinkError::Timeout {
+                link: self.link(),
+                message: question.to_owned(),
+                deadline: profile.first_timeout,
+            };
+            let read = clock
+                .deadline(
+                    profile.first_timeout,
+                    connection.read_whole(profile.first_timeout),
+                )
+                .await
+                .map_err(timed_out)?;
             let message = read.map_err(|broken| self.error(broken, question))?;
             let text = text_of(&message).trim().to_owned();
             let fits = match question {
@@ -79,7 +109,11 @@ impl Link {
                 COMPLETION => text == "1",
                 _ => status::parse_error(&text).is_ok(),
             };
-            let direction = if fits { Direction::Received } else { Direction::Unsolicited };
+            let direction = if fits {
+                Direction::Received
+            } else {
+                Direction::Unsolicited
+            };
             self.record(direction, Payload::Text(excerpt(&message)));
             if fits {
                 return Ok(());
@@ -97,16 +131,25 @@ impl Link {
     }
 
     fn not_cleared(&self, expected: &str, found: String) -> LinkError {
-        LinkError::NotCleared { link: self.link(), expected: expected.to_owned(), found }
+        LinkError::NotCleared {
+            link: self.link(),
+            expected: expected.to_owned(),
+            found,
+        }
     }
 }
 
-/// Whether a text may be an identity (IEEE 488.2, clause 10.14: fields with commas between them, the maker first), and not the late list that answers
-/// `asked`. A maker's name may have a blank in it; the header of an answer has colons, or is that of the question.
+/// Whether a text may be an identity (IEEE 488.2, clause 10.14: fields with commas between them,
+/// the maker first), and not the late list that answers `asked`. A maker's name may have a blank in
+/// it; the header of an answer has colons, or is that of the question.
 fn looks_like_identity(text: &str, asked: &str) -> bool {
     let maker = text.split(',').next().unwrap_or_default();
     let word = maker.split_whitespace().next().unwrap_or_default();
-    let header = asked.split_whitespace().next().unwrap_or_default().trim_end_matches('?');
+    let header = asked
+        .split_whitespace()
+        .next()
+        .unwrap_or_default()
+        .trim_end_matches('?');
     text.matches(',').count() >= 2
         && text.starts_with(|first: char| first.is_ascii_alphabetic())
         && !maker.contains([':', '?'])
@@ -120,7 +163,11 @@ mod tests {
     #[test]
     fn a_late_list_is_no_identity() {
         for (text, asked, fits) in [
-            ("Siglent Technologies,SDG1032X,SDG1XCAQ1R0001,1.01.01.33R1B6", "C1:BSWV?", true),
+            (
+                "Siglent Technologies,SDG1032X,SDG1XCAQ1R0001,1.01.01.33R1B6",
+                "C1:BSWV?",
+                true,
+            ),
             ("HEWLETT-PACKARD,34970A,0,13-2-2", "ROUT:SCAN?", true),
             ("C1:BSWV WVTP,SINE,FRQ,1000HZ,AMP,4V", "C1:BSWV?", false),
             // Late by more than one question.

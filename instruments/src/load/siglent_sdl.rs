@@ -1,4 +1,5 @@
-//! Siglent SDL1000X: no error queue, so every setting is read back. The set words and the answers of `FUNC` differ.
+//! Siglent SDL1000X: no error queue, so every setting is read back. The set words and the answers
+//! of `FUNC` differ.
 
 use super::{Capabilities, Dialect, Discharge, Draw};
 use crate::{
@@ -49,7 +50,11 @@ impl Model for Sdl {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(10),
+            error_query: None,
+            ..LinkProfile::scpi()
+        }
     }
 
     fn settings(&self) -> &'static [Setting] {
@@ -64,18 +69,30 @@ impl Model for Sdl {
 impl Dialect for Sdl {
     fn capabilities(&self) -> Capabilities {
         // `VOLT:LEV:ON` with the latch off.
-        Capabilities { max_current: MAX_CURRENT, max_power_w: 200.0, unattended: Unattended::StopsBelow }
+        Capabilities {
+            max_current: MAX_CURRENT,
+            max_power_w: 200.0,
+            unattended: Unattended::StopsBelow,
+        }
     }
 
     fn input(&self, on: bool) -> Vec<Exchange> {
-        if on { vec![Exchange::word(":INP ON", ":INP?", &["1", "ON"])] } else { vec![Exchange::word(":INP OFF", ":INP?", &["0", "OFF"])] }
+        if on {
+            vec![Exchange::word(":INP ON", ":INP?", &["1", "ON"])]
+        } else {
+            vec![Exchange::word(":INP OFF", ":INP?", &["0", "OFF"])]
+        }
     }
 
     fn zero(&self) -> Vec<Way> {
         vec![
             Way {
                 name: "its set-points at 0",
-                script: [self.level(Draw::Current(Amps(0.0))), self.level(Draw::Power(Watts(0.0)))].concat(),
+                script: [
+                    self.level(Draw::Current(Amps(0.0))),
+                    self.level(Draw::Power(Watts(0.0))),
+                ]
+                .concat(),
             },
             // It sinks only what lies above this voltage: no cell does.
             Way {
@@ -90,8 +107,16 @@ impl Dialect for Sdl {
 
     fn bounds(&self) -> &'static [Bound] {
         &[
-            Bound { query: ":CURR:PROT:LEV?", words: "it trips above", unit: "A" },
-            Bound { query: ":VOLT:LEV:ON?", words: "it stops below", unit: "V" },
+            Bound {
+                query: ":CURR:PROT:LEV?",
+                words: "it trips above",
+                unit: "A",
+            },
+            Bound {
+                query: ":VOLT:LEV:ON?",
+                words: "it stops below",
+                unit: "V",
+            },
         ]
     }
 
@@ -100,10 +125,19 @@ impl Dialect for Sdl {
         let mut script = match discharge.draw {
             Draw::Current(current) => {
                 // The 5 A range is the finer one; any greater value selects 30 A.
-                let (range, range_value) = if current.value() <= 5.0 { ("5", 5.0) } else { ("30", 30.0) };
+                let (range, range_value) = if current.value() <= 5.0 {
+                    ("5", 5.0)
+                } else {
+                    ("30", 30.0)
+                };
                 vec![
                     Exchange::word(":FUNC CURRent", ":FUNC?", &["CURRENT"]),
-                    Exchange::number(format!(":CURR:IRANG {range}"), ":CURR:IRANG?", range_value, 0.1),
+                    Exchange::number(
+                        format!(":CURR:IRANG {range}"),
+                        ":CURR:IRANG?",
+                        range_value,
+                        0.1,
+                    ),
                     // Above 36 V there is no cell, and the coarse range reads ten times worse.
                     Exchange::number(":CURR:VRANG 36", ":CURR:VRANG?", 36.0, 0.1),
                 ]
@@ -115,29 +149,44 @@ impl Dialect for Sdl {
             ],
         };
         script.extend(self.level(discharge.draw));
-        // With the latch off the input opens by itself when the cell falls below this voltage: a second guard beside the daemon.
+        // With the latch off the input opens by itself when the cell falls below this voltage: a
+        // second guard beside the daemon.
         script.push(Exchange::switch(":VOLT:LATC", false));
         script.push(Exchange::fixed(":VOLT:LEV:ON", stop, (3, 5.0e-3)));
-        // And a third one above the current that is asked for; that of an earlier discharge must not cut off a power.
+        // And a third one above the current that is asked for; that of an earlier discharge must
+        // not cut off a power.
         let protection = match discharge.draw {
-            Draw::Current(current) => (100.0 * (PROTECTION.0 * current.value() + PROTECTION.1)).round() / 100.0,
+            Draw::Current(current) => {
+                (100.0 * (PROTECTION.0 * current.value() + PROTECTION.1)).round() / 100.0
+            }
             Draw::Power(_) => MAX_CURRENT.value(),
         };
-        script.push(Exchange::fixed(":CURR:PROT:LEV", protection.min(MAX_CURRENT.value()), (4, 5.0e-3)));
+        script.push(Exchange::fixed(
+            ":CURR:PROT:LEV",
+            protection.min(MAX_CURRENT.value()),
+            (4, 5.0e-3),
+        ));
         script.push(Exchange::switch(":CURR:PROT:STAT", true));
         script
     }
 
     fn level(&self, draw: Draw) -> Vec<Exchange> {
         vec![match draw {
-            Draw::Current(current) => Exchange::fixed(":CURR:LEV:IMM", current.value(), (4, 2.0e-3)),
+            Draw::Current(current) => {
+                Exchange::fixed(":CURR:LEV:IMM", current.value(), (4, 2.0e-3))
+            }
             Draw::Power(power) => Exchange::fixed(":POW:LEV:IMM", power.value(), (3, 1.0e-2)),
         }]
     }
 
     fn watch(&self) -> Vec<Exchange> {
         // Above 36 V there is no cell, and the coarse range reads ten times worse.
-        vec![Exchange::number(":CURR:VRANG 36", ":CURR:VRANG?", 36.0, 0.1)]
+        vec![Exchange::number(
+            ":CURR:VRANG 36",
+            ":CURR:VRANG?",
+            36.0,
+            0.1,
+        )]
     }
 
     fn measure(&self) -> [&'static str; 2] {

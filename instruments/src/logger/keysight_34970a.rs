@@ -19,11 +19,17 @@ impl Model for Keysight34970a {
 
     fn profile(&self) -> LinkProfile {
         // A scan of thermocouples takes some 100 ms a channel.
-        LinkProfile { min_gap: ms(5), timeout: ms(10_000), ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(5),
+            timeout: ms(10_000),
+            ..LinkProfile::scpi()
+        }
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
-        ["34970A", "34972A", "DAQ970A"].iter().any(|model| identity.model.starts_with(model))
+        ["34970A", "34972A", "DAQ970A"]
+            .iter()
+            .any(|model| identity.model.starts_with(model))
     }
 }
 
@@ -31,7 +37,9 @@ impl Dialect for Keysight34970a {
     fn configure(&self, channels: &[u16]) -> Vec<Exchange> {
         let list: Vec<u32> = channels.iter().copied().map(u32::from).collect();
         vec![
-            Exchange::command("CONF:TEMP", |command| command.word("TC").word("K").channels(&list)),
+            Exchange::command("CONF:TEMP", |command| {
+                command.word("TC").word("K").channels(&list)
+            }),
             Exchange::command("UNIT:TEMP", |command| command.word("C").channels(&list)),
             Exchange::command("ROUT:SCAN", |command| command.channels(&list)),
             Exchange::send("TRIG:SOUR IMM"),

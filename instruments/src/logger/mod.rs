@@ -13,7 +13,8 @@ use crate::{
 
 /// One model's language.
 pub trait Dialect: Model {
-    /// Whether there is such a channel; one that takes any number has a card whose slots are not known from here.
+    /// Whether there is such a channel; one that takes any number has a card whose slots are not
+    /// known from here.
     fn has_channel(&self, _channel: u16) -> bool {
         true
     }
@@ -46,19 +47,34 @@ impl Instrument<dyn Dialect> {
     /// The link's; an answer with another number of readings than channels.
     pub async fn scan(&mut self) -> Result<Vec<Option<Celsius>>, LinkError> {
         let answer = self.link.query(self.dialect.scan()).await?;
-        let readings: Result<Vec<f64>, _> = parse_response(&answer).iter().map(Field::as_f64).collect();
+        let readings: Result<Vec<f64>, _> =
+            parse_response(&answer).iter().map(Field::as_f64).collect();
         match readings {
             // An open thermocouple is answered as 9.9E37, which the codec reads as infinite.
             Ok(readings) if readings.len() == self.ascending().len() => {
                 // A scan list is answered by rising channel, whatever its order was.
                 let order = self.ascending();
-                let of = |channel: &u16| order.iter().position(|other| other == channel).and_then(|index| readings.get(index).copied());
-                let celsius = |channel| of(channel).filter(|reading: &f64| reading.is_finite()).map(Celsius);
+                let of = |channel: &u16| {
+                    order
+                        .iter()
+                        .position(|other| other == channel)
+                        .and_then(|index| readings.get(index).copied())
+                };
+                let celsius = |channel| {
+                    of(channel)
+                        .filter(|reading: &f64| reading.is_finite())
+                        .map(Celsius)
+                };
                 Ok(self.channels.iter().map(celsius).collect())
             }
             _ => {
                 let expected = format!("{} readings", self.ascending().len());
-                Err(LinkError::unexpected(self.link.name(), self.dialect.scan(), &answer, &expected))
+                Err(LinkError::unexpected(
+                    self.link.name(),
+                    self.dialect.scan(),
+                    &answer,
+                    &expected,
+                ))
             }
         }
     }

@@ -18,12 +18,18 @@ impl Model for SiglentSdm {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(10), timeout: ms(5_000), ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(10),
+            timeout: ms(5_000),
+            ..LinkProfile::scpi()
+        }
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
         identity.maker.to_ascii_uppercase().starts_with("SIGLENT")
-            && ["SDM3065X", "SDM3055"].iter().any(|model| identity.model.starts_with(model))
+            && ["SDM3065X", "SDM3055"]
+                .iter()
+                .any(|model| identity.model.starts_with(model))
     }
 }
 

@@ -1,7 +1,9 @@
-//! When a simulated oscilloscope takes a frame: armed, triggered, stopped. What the models have in common.
+//! When a simulated oscilloscope takes a frame: armed, triggered, stopped. What the models have in
+//! common.
 //!
-//! Nothing happens between two messages. What the instrument would have done meanwhile is found out when the next message comes: the frame of a
-//! running acquisition is the newest one that lies wholly between its start and now.
+//! Nothing happens between two messages. What the instrument would have done meanwhile is found out
+//! when the next message comes: the frame of a running acquisition is the newest one that lies
+//! wholly between its start and now.
 
 use super::{
     plant::{HISTORY_S, TriggerSearch},
@@ -95,7 +97,11 @@ impl<P: Copy> Acquisition<P> {
 
     /// As after power-on, but numbers go on: no two frames of one run share the noise.
     pub(super) fn reset(&mut self, now_s: f64) {
-        *self = Self { count: self.count, reported: self.count, ..Self::power_on(self.stop_delay_s) };
+        *self = Self {
+            count: self.count,
+            reported: self.count,
+            ..Self::power_on(self.stop_delay_s)
+        };
         self.restart(now_s);
     }
 
@@ -145,13 +151,18 @@ impl<P: Copy> Acquisition<P> {
 
     /// Whether there is a frame that this has not told of before.
     pub(super) fn take_new(&mut self) -> bool {
-        let number = self.frame.as_ref().map_or(self.reported, |frame| frame.number);
+        let number = self
+            .frame
+            .as_ref()
+            .map_or(self.reported, |frame| frame.number);
         std::mem::replace(&mut self.reported, number) != number
     }
 
-    /// The newest frame, unless it is so old that the world has forgotten it, which an instrument would not: treated as none rather than made up.
+    /// The newest frame, unless it is so old that the world has forgotten it, which an instrument
+    /// would not: treated as none rather than made up.
     pub(super) fn remembered(&self, now_s: f64) -> Option<Frame<P>> {
-        self.frame.filter(|frame| now_s - frame.start_s <= HISTORY_S)
+        self.frame
+            .filter(|frame| now_s - frame.start_s <= HISTORY_S)
     }
 
     /// Catches up with what has happened since the last message.
@@ -160,14 +171,17 @@ impl<P: Copy> Acquisition<P> {
         if !self.running {
             return;
         }
-        // The trigger itself is looked for only once the acquisition runs, even when the screen begins later.
+        // The trigger itself is looked for only once the acquisition runs, even when the screen
+        // begins later.
         let from_s = self.since_s + (-view.start_after_trigger_s).max(0.0);
         let to_s = (world.now_s - view.start_after_trigger_s - view.span_s).min(world.now_s);
         if to_s < from_s {
             return;
         }
         let found = self.search_trigger(world, view, (from_s, to_s));
-        let forced = self.forced_s.take_if(|forced_s| (from_s..=to_s).contains(forced_s));
+        let forced = self
+            .forced_s
+            .take_if(|forced_s| (from_s..=to_s).contains(forced_s));
         let trigger_s = match (found, forced) {
             (Some(found), Some(forced)) => Some(found.max(forced)),
             (found, forced) => found.or(forced),
@@ -183,14 +197,27 @@ impl<P: Copy> Acquisition<P> {
     }
 
     fn take(&mut self, start_s: f64, panel: P) {
-        if self.frame.as_ref().is_none_or(|frame| frame.start_s.to_bits() != start_s.to_bits()) {
+        if self
+            .frame
+            .as_ref()
+            .is_none_or(|frame| frame.start_s.to_bits() != start_s.to_bits())
+        {
             self.count += 1;
-            self.frame = Some(Frame { start_s, panel, number: self.count });
+            self.frame = Some(Frame {
+                start_s,
+                panel,
+                number: self.count,
+            });
         }
     }
 
     /// The trigger that makes the next frame, if there was one since the last search.
-    fn search_trigger(&mut self, world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Option<f64> {
+    fn search_trigger(
+        &mut self,
+        world: &World,
+        view: &View,
+        (from_s, to_s): (f64, f64),
+    ) -> Option<f64> {
         let remembered_s = world.now_s - HISTORY_S - view.start_after_trigger_s;
         let from_s = from_s.max(self.searched_s).max(remembered_s);
         if to_s < from_s {
@@ -208,15 +235,25 @@ impl<P: Copy> Acquisition<P> {
 fn newest_trigger(world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Option<f64> {
     let edge = view.trigger?;
     let find = |rising| {
-        let search = TriggerSearch { channel: edge.channel, level_v: edge.level_v, rising, from_s, to_s };
+        let search = TriggerSearch {
+            channel: edge.channel,
+            level_v: edge.level_v,
+            rising,
+            from_s,
+            to_s,
+        };
         world.plant().find_trigger(world.now_s, &search)
     };
     let rising = if edge.rising { find(true) } else { None };
     let falling = if edge.falling { find(false) } else { None };
-    [rising, falling].into_iter().flatten().max_by(f64::total_cmp)
+    [rising, falling]
+        .into_iter()
+        .flatten()
+        .max_by(f64::total_cmp)
 }
 
-/// The first trigger of a span: widens the search until there is one, then goes back from it as long as there are earlier ones.
+/// The first trigger of a span: widens the search until there is one, then goes back from it as
+/// long as there are earlier ones.
 fn first_trigger(world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Option<f64> {
     let mut width_s = view.span_s;
     let mut first_s = loop {
@@ -232,7 +269,11 @@ fn first_trigger(world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Opti
     for _ in 0..MAX_STEPS_BACK {
         // A little earlier than the one just found, so as not to find it again.
         let end_s = first_s - 1e-7 * view.span_s;
-        let earlier_s = if end_s > from_s { newest_trigger(world, view, (from_s, end_s)) } else { None };
+        let earlier_s = if end_s > from_s {
+            newest_trigger(world, view, (from_s, end_s))
+        } else {
+            None
+        };
         let Some(earlier_s) = earlier_s else { break };
         first_s = earlier_s;
     }

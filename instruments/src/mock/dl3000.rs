@@ -1,8 +1,11 @@
-//! Rigol DL3021 electronic load. The function is set as `CURR` and answered as `CC`; an error queue; two line ends behind a measurement.
+//! Rigol DL3021 electronic load. The function is set as `CURR` and answered as `CC`; an error
+//! queue; two line ends behind a measurement.
 //!
-//! Only constant current and constant power draw from the cell; the other functions and regulation modes can be chosen and read back, but draw nothing. `[:SOURce]` is
-//! optional. Assumed: out-of-range values are refused with −222; below `VON`, the "starting voltage", the input sinks nothing, whatever the function and
-//! also when it has already begun; `ILIM` bounds the current and does not switch off; both limits stand at their ends when it is switched on.
+//! Only constant current and constant power draw from the cell; the other functions and regulation
+//! modes can be chosen and read back, but draw nothing. `[:SOURce]` is optional. Assumed:
+//! out-of-range values are refused with −222; below `VON`, the "starting voltage", the input sinks
+//! nothing, whatever the function and also when it has already begun; `ILIM` bounds the current and
+//! does not switch off; both limits stand at their ends when it is switched on.
 
 use scpi::{
     Branch, Leaf, Root,
@@ -13,13 +16,21 @@ use scpi::{
 use super::{
     Device, MockOptions,
     plant::{Action, LoadState, Meter, SharedPlant},
-    tree::{Answer, Arguments, Fallible, HasStatus, Span, Status, bit, both, common, exchange, fail, get, set, text},
+    tree::{
+        Answer, Arguments, Fallible, HasStatus, Span, Status, bit, both, common, exchange, fail,
+        get, set, text,
+    },
     world::World,
 };
 use crate::scpi::decode::Terminator;
 
 const QUEUE_DEPTH: usize = 20;
-const FUNCTIONS: [(&str, &str); 4] = [("CURRent", "CC"), ("VOLTage", "CV"), ("RESistance", "CR"), ("POWer", "CP")];
+const FUNCTIONS: [(&str, &str); 4] = [
+    ("CURRent", "CC"),
+    ("VOLTage", "CV"),
+    ("RESistance", "CR"),
+    ("POWer", "CP"),
+];
 const MODES: [&str; 6] = ["FIXed", "LIST", "WAVe", "BATTery", "OCP", "OPP"];
 const MAX_AMPS: f64 = 40.0;
 const MAX_VOLTS: f64 = 150.0;
@@ -78,7 +89,10 @@ pub(super) struct Dl3000 {
 
 impl Dl3000 {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        let (status, serial_number) = (Status::new(QUEUE_DEPTH).quirky(&options.quirks), options.serial_number.clone());
+        let (status, serial_number) = (
+            Status::new(QUEUE_DEPTH).quirky(&options.quirks),
+            options.serial_number.clone(),
+        );
         let load = Self {
             world: World::new(plant, options.since_s),
             status,
@@ -96,14 +110,30 @@ impl Dl3000 {
         let draws = settings.function == 0 && settings.mode == 0;
         self.world.act(Action::Load(LoadState {
             input_on: settings.input_on,
-            current_a: if draws { settings.amps.min(settings.amps_limit) } else { 0.0 },
+            current_a: if draws {
+                settings.amps.min(settings.amps_limit)
+            } else {
+                0.0
+            },
             power_w: (settings.function == 3 && settings.mode == 0).then_some(settings.watts),
             min_voltage_v: settings.start_volts,
         }));
     }
 
-    fn set_number(&mut self, arguments: &mut Arguments, (unit, max): (&str, f64), field: fn(&mut Settings) -> &mut f64) -> Fallible {
-        let value = arguments.number_in(unit, Span { min: 0.0, max, default: 0.0 })?;
+    fn set_number(
+        &mut self,
+        arguments: &mut Arguments,
+        (unit, max): (&str, f64),
+        field: fn(&mut Settings) -> &mut f64,
+    ) -> Fallible {
+        let value = arguments.number_in(
+            unit,
+            Span {
+                min: 0.0,
+                max,
+                default: 0.0,
+            },
+        )?;
         *field(&mut self.settings) = self.status.bounded(value, (0.0, max))?;
         self.act();
         Ok(())
@@ -121,7 +151,14 @@ impl Dl3000 {
         (unit, low, high): (&str, f64, f64),
         field: fn(&mut Settings) -> &mut f64,
     ) -> Fallible {
-        let value = arguments.number_in(unit, Span { min: low, max: high, default: high })?;
+        let value = arguments.number_in(
+            unit,
+            Span {
+                min: low,
+                max: high,
+                default: high,
+            },
+        )?;
         if self.settings.input_on {
             return fail(ErrorCode::SettingsConflict);
         }
@@ -133,12 +170,19 @@ impl Dl3000 {
 
     fn function(&self) -> &'static str {
         let (word, answer) = FUNCTIONS[self.settings.function];
-        if self.function_word { answer } else { word.trim_end_matches(char::is_lowercase) }
+        if self.function_word {
+            answer
+        } else {
+            word.trim_end_matches(char::is_lowercase)
+        }
     }
 
     fn set_function(&mut self, arguments: &mut Arguments) -> Fallible {
         let word = arguments.word(&FUNCTIONS.map(|(word, _)| word))?;
-        self.settings.function = FUNCTIONS.iter().position(|(known, _)| *known == word).unwrap_or(0);
+        self.settings.function = FUNCTIONS
+            .iter()
+            .position(|(known, _)| *known == word)
+            .unwrap_or(0);
         self.act();
         Ok(())
     }
@@ -162,7 +206,10 @@ impl Dl3000 {
     }
 
     fn measure(&self, show: fn(f64, f64) -> f64) -> Fallible<Answer> {
-        decimals(show(self.world.read(Meter::LoadVolts), self.world.read(Meter::LoadAmps)))
+        decimals(show(
+            self.world.read(Meter::LoadVolts),
+            self.world.read(Meter::LoadAmps),
+        ))
     }
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
@@ -179,7 +226,9 @@ fn decimals(value: f64) -> Fallible<Answer> {
 macro_rules! number {
     ($unit:literal, $max:expr, $field:ident) => {
         &both(
-            |load: &mut Dl3000, arguments| load.set_number(arguments, ($unit, $max), |settings| &mut settings.$field),
+            |load: &mut Dl3000, arguments| {
+                load.set_number(arguments, ($unit, $max), |settings| &mut settings.$field)
+            },
             |load, _| decimals(load.settings.$field),
         )
     };
@@ -217,9 +266,9 @@ const CURRENT: Node<'static, Dl3000> = Branch! {b"CURRent";
     )},
     Leaf! {b"ILIMt" => number!("A", MAX_AMPS_LIMIT, amps_limit)}
 };
-const VOLTAGE: Node<'static, Dl3000> =
-    Branch! {b"VOLTage"; level!(number!("V", MAX_VOLTS, volts)), range!("V", 15.0, MAX_VOLTS, voltage_range)};
-const RESISTANCE: Node<'static, Dl3000> = Branch! {b"RESistance"; level!(number!("OHM", 15_000.0, ohms))};
+const VOLTAGE: Node<'static, Dl3000> = Branch! {b"VOLTage"; level!(number!("V", MAX_VOLTS, volts)), range!("V", 15.0, MAX_VOLTS, voltage_range)};
+const RESISTANCE: Node<'static, Dl3000> =
+    Branch! {b"RESistance"; level!(number!("OHM", 15_000.0, ohms))};
 const POWER: Node<'static, Dl3000> = Branch! {b"POWer"; level!(number!("W", 200.0, watts))};
 const FUNCTION: Node<'static, Dl3000> = Branch! {
     b"FUNCtion" => &both(Dl3000::set_function, |load, _| text(load.function()));
@@ -229,7 +278,8 @@ const INPUT: Node<'static, Dl3000> = Branch! {
     b"INPut" => &both(Dl3000::set_input, |load, _| bit(load.settings.input_on));
     Leaf! {b"STATe" => &both(Dl3000::set_input, |load, _| bit(load.settings.input_on))}
 };
-const SENSE: Node<'static, Dl3000> = Leaf! {b"SENSe" => &both(Dl3000::set_sense, |load, _| bit(load.settings.sense))};
+const SENSE: Node<'static, Dl3000> =
+    Leaf! {b"SENSe" => &both(Dl3000::set_sense, |load, _| bit(load.settings.sense))};
 
 const TREE: Node<'static, Dl3000> = Root! {
     Leaf! {b"*IDN" => &get(|load: &mut Dl3000, _| text(format!("RIGOL TECHNOLOGIES,DL3021,{},00.01.05.00.01", load.serial_number)))},
@@ -268,7 +318,9 @@ impl Device for Dl3000 {
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.world.now_s = now_s;
         let mut reply = exchange(&TREE, self, message);
-        let measured = message.windows(4).any(|word| word.eq_ignore_ascii_case(b"MEAS"));
+        let measured = message
+            .windows(4)
+            .any(|word| word.eq_ignore_ascii_case(b"MEAS"));
         if measured && self.measured_end && !reply.is_empty() {
             reply.push(b'\n');
         }

@@ -1,7 +1,9 @@
-//! Rigol DP832A three-channel supply: the channel is a keyword in the arguments, switches answer `ON` and `OFF`, an error queue.
+//! Rigol DP832A three-channel supply: the channel is a keyword in the arguments, switches answer
+//! `ON` and `OFF`, an error queue.
 //!
-//! Only channel 1 is wired to the bench; the others are open circuits. Assumed: the protections are looked at when the supply is next spoken to, and
-//! the answers of `VAL?` and of the set-points have three decimals, as `APPLy?` has.
+//! Only channel 1 is wired to the bench; the others are open circuits. Assumed: the protections are
+//! looked at when the supply is next spoken to, and the answers of `VAL?` and of the set-points
+//! have three decimals, as `APPLy?` has.
 
 use scpi::{
     Branch, Leaf, Root,
@@ -45,9 +47,17 @@ struct Channel {
 
 impl Channel {
     fn new(index: usize) -> Self {
-        let idle = |level| Protection { on: false, level, tripped: false };
+        let idle = |level| Protection {
+            on: false,
+            level,
+            tripped: false,
+        };
         Self {
-            state: SupplyState { output_on: false, voltage_v: 0.0, current_a: 1.0 },
+            state: SupplyState {
+                output_on: false,
+                voltage_v: 0.0,
+                current_a: 1.0,
+            },
             over_voltage: idle(MAX_OVER_VOLTS[index]),
             over_current: idle(MAX_OVER_AMPS[index]),
         }
@@ -86,11 +96,21 @@ impl Dp832 {
             return Ok(self.selected);
         }
         let name = arguments.word(&NAMES)?;
-        NAMES.iter().position(|known| *known == name).ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue))
+        NAMES
+            .iter()
+            .position(|known| *known == name)
+            .ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue))
     }
 
     fn number(&self, arguments: &mut Arguments, unit: &str, max: f64) -> Fallible<f64> {
-        let value = arguments.number_in(unit, Span { min: 0.0, max, default: 0.0 })?;
+        let value = arguments.number_in(
+            unit,
+            Span {
+                min: 0.0,
+                max,
+                default: 0.0,
+            },
+        )?;
         self.status.bounded(value, (0.0, max))
     }
 
@@ -121,14 +141,18 @@ impl Dp832 {
     fn applied(&mut self, arguments: &mut Arguments) -> Fallible<Answer> {
         let index = self.channel(arguments)?;
         let state = self.channels[index].state;
-        text(format!("{}:{},{:.3},{:.3}", NAMES[index], RANGES[index], state.voltage_v, state.current_a))
+        text(format!(
+            "{}:{},{:.3},{:.3}",
+            NAMES[index], RANGES[index], state.voltage_v, state.current_a
+        ))
     }
 
     fn set_output(&mut self, arguments: &mut Arguments) -> Fallible {
         let index = self.channel(arguments)?;
         let on = arguments.switch()?;
         let channel = &mut self.channels[index];
-        channel.state.output_on = on && !channel.over_voltage.tripped && !channel.over_current.tripped;
+        channel.state.output_on =
+            on && !channel.over_voltage.tripped && !channel.over_current.tripped;
         self.act();
         Ok(())
     }
@@ -138,13 +162,21 @@ impl Dp832 {
         switch(self.channels[index].state.output_on)
     }
 
-    fn set_protection(&mut self, arguments: &mut Arguments, of: fn(&mut Channel) -> &mut Protection) -> Fallible {
+    fn set_protection(
+        &mut self,
+        arguments: &mut Arguments,
+        of: fn(&mut Channel) -> &mut Protection,
+    ) -> Fallible {
         let index = self.channel(arguments)?;
         of(&mut self.channels[index]).on = arguments.switch()?;
         Ok(())
     }
 
-    fn protection(&mut self, arguments: &mut Arguments, of: fn(&mut Channel) -> &mut Protection) -> Fallible<Answer> {
+    fn protection(
+        &mut self,
+        arguments: &mut Arguments,
+        of: fn(&mut Channel) -> &mut Protection,
+    ) -> Fallible<Answer> {
         let index = self.channel(arguments)?;
         switch(of(&mut self.channels[index]).on)
     }
@@ -159,17 +191,33 @@ impl Dp832 {
         Ok(())
     }
 
-    fn level(&mut self, arguments: &mut Arguments, of: fn(&mut Channel) -> &mut Protection) -> Fallible<Answer> {
+    fn level(
+        &mut self,
+        arguments: &mut Arguments,
+        of: fn(&mut Channel) -> &mut Protection,
+    ) -> Fallible<Answer> {
         let index = self.channel(arguments)?;
         text(format!("{:.3}", of(&mut self.channels[index]).level))
     }
 
-    fn tripped(&mut self, arguments: &mut Arguments, of: fn(&mut Channel) -> &mut Protection) -> Fallible<Answer> {
+    fn tripped(
+        &mut self,
+        arguments: &mut Arguments,
+        of: fn(&mut Channel) -> &mut Protection,
+    ) -> Fallible<Answer> {
         let index = self.channel(arguments)?;
-        text(if of(&mut self.channels[index]).tripped { "YES" } else { "NO" })
+        text(if of(&mut self.channels[index]).tripped {
+            "YES"
+        } else {
+            "NO"
+        })
     }
 
-    fn clear(&mut self, arguments: &mut Arguments, of: fn(&mut Channel) -> &mut Protection) -> Fallible {
+    fn clear(
+        &mut self,
+        arguments: &mut Arguments,
+        of: fn(&mut Channel) -> &mut Protection,
+    ) -> Fallible {
         let index = self.channel(arguments)?;
         of(&mut self.channels[index]).tripped = false;
         Ok(())
@@ -177,13 +225,22 @@ impl Dp832 {
 
     fn reading(&self, index: usize) -> (f64, f64) {
         match index {
-            0 => (self.world.read(Meter::SupplyVolts), self.world.read(Meter::SupplyAmps)),
-            _ if self.channels[index].state.output_on => (self.channels[index].state.voltage_v, 0.0),
+            0 => (
+                self.world.read(Meter::SupplyVolts),
+                self.world.read(Meter::SupplyAmps),
+            ),
+            _ if self.channels[index].state.output_on => {
+                (self.channels[index].state.voltage_v, 0.0)
+            }
             _ => (0.0, 0.0),
         }
     }
 
-    fn measure(&mut self, arguments: &mut Arguments, show: fn((f64, f64)) -> String) -> Fallible<Answer> {
+    fn measure(
+        &mut self,
+        arguments: &mut Arguments,
+        show: fn((f64, f64)) -> String,
+    ) -> Fallible<Answer> {
         let index = self.channel(arguments)?;
         text(show(self.reading(index)))
     }
@@ -191,7 +248,13 @@ impl Dp832 {
     fn mode(&mut self, arguments: &mut Arguments) -> Fallible<Answer> {
         let index = self.channel(arguments)?;
         let state = self.channels[index].state;
-        text(if state.output_on && self.reading(index).1 >= state.current_a - CC_MARGIN_A { "CC" } else { "CV" })
+        text(
+            if state.output_on && self.reading(index).1 >= state.current_a - CC_MARGIN_A {
+                "CC"
+            } else {
+                "CV"
+            },
+        )
     }
 
     fn protect(&mut self) {
@@ -200,8 +263,10 @@ impl Dp832 {
         if !channel.state.output_on {
             return;
         }
-        channel.over_voltage.tripped |= channel.over_voltage.on && volts > channel.over_voltage.level;
-        channel.over_current.tripped |= channel.over_current.on && amps > channel.over_current.level;
+        channel.over_voltage.tripped |=
+            channel.over_voltage.on && volts > channel.over_voltage.level;
+        channel.over_current.tripped |=
+            channel.over_current.on && amps > channel.over_current.level;
         if channel.over_voltage.tripped || channel.over_current.tripped {
             channel.state.output_on = false;
             self.act();

@@ -1,7 +1,8 @@
-//! Keysight E36312A three-channel supply: channel lists, an error queue, protections that latch until they are cleared.
+//! Keysight E36312A three-channel supply: channel lists, an error queue, protections that latch
+//! until they are cleared.
 //!
-//! Only channel 1 is wired to the bench; the others are open circuits. Assumed: the protections are looked at when the supply is next spoken to;
-//! their delays are not simulated.
+//! Only channel 1 is wired to the bench; the others are open circuits. Assumed: the protections are
+//! looked at when the supply is next spoken to; their delays are not simulated.
 
 use scpi::{
     Branch, Leaf, Root,
@@ -40,7 +41,11 @@ struct Channel {
 impl Channel {
     fn new(index: usize) -> Self {
         Self {
-            state: SupplyState { output_on: false, voltage_v: 0.0, current_a: MAX_AMPS[index] },
+            state: SupplyState {
+                output_on: false,
+                voltage_v: 0.0,
+                current_a: MAX_AMPS[index],
+            },
             protection_v: MAX_PROTECTION_V[index],
             protects_current: false,
             external_sense: false,
@@ -82,8 +87,16 @@ impl Keysight {
             return Ok(vec![self.selected]);
         }
         let listed = arguments.channels()?;
-        let index = |channel: &u16| usize::from(*channel).checked_sub(1).filter(|index| *index < CHANNELS);
-        listed.iter().map(index).collect::<Option<_>>().ok_or_else(|| Error::new(ErrorCode::DataOutOfRange))
+        let index = |channel: &u16| {
+            usize::from(*channel)
+                .checked_sub(1)
+                .filter(|index| *index < CHANNELS)
+        };
+        listed
+            .iter()
+            .map(index)
+            .collect::<Option<_>>()
+            .ok_or_else(|| Error::new(ErrorCode::DataOutOfRange))
     }
 
     fn set_number(
@@ -93,16 +106,31 @@ impl Keysight {
         (max, field): ([f64; CHANNELS], fn(&mut Channel) -> &mut f64),
     ) -> Fallible {
         // The keyword MAX depends on the channel, which comes behind it.
-        let value = arguments.number_in(unit, Span { min: 0.0, max: f64::INFINITY, default: 0.0 })?;
+        let value = arguments.number_in(
+            unit,
+            Span {
+                min: 0.0,
+                max: f64::INFINITY,
+                default: 0.0,
+            },
+        )?;
         for index in self.list(arguments)? {
-            let value = if value == f64::INFINITY { max[index] } else { value };
+            let value = if value == f64::INFINITY {
+                max[index]
+            } else {
+                value
+            };
             *field(&mut self.channels[index]) = self.status.bounded(value, (0.0, max[index]))?;
         }
         self.act();
         Ok(())
     }
 
-    fn set_switch(&mut self, arguments: &mut Arguments, field: fn(&mut Channel) -> &mut bool) -> Fallible {
+    fn set_switch(
+        &mut self,
+        arguments: &mut Arguments,
+        field: fn(&mut Channel) -> &mut bool,
+    ) -> Fallible {
         let on = arguments.switch()?;
         for index in self.list(arguments)? {
             *field(&mut self.channels[index]) = on;
@@ -132,7 +160,10 @@ impl Keysight {
 
     fn clear(&mut self, arguments: &mut Arguments) -> Fallible {
         for index in self.list(arguments)? {
-            (self.channels[index].over_voltage, self.channels[index].over_current) = (false, false);
+            (
+                self.channels[index].over_voltage,
+                self.channels[index].over_current,
+            ) = (false, false);
         }
         Ok(())
     }
@@ -143,15 +174,28 @@ impl Keysight {
     }
 
     /// One field for each channel of the list.
-    fn each(&self, arguments: &mut Arguments, field: impl Fn(usize, &Channel) -> String) -> Fallible<Answer> {
-        let fields: Vec<String> = self.list(arguments)?.into_iter().map(|index| field(index, &self.channels[index])).collect();
+    fn each(
+        &self,
+        arguments: &mut Arguments,
+        field: impl Fn(usize, &Channel) -> String,
+    ) -> Fallible<Answer> {
+        let fields: Vec<String> = self
+            .list(arguments)?
+            .into_iter()
+            .map(|index| field(index, &self.channels[index]))
+            .collect();
         text(fields.join(","))
     }
 
     fn reading(&self, index: usize) -> (f64, f64) {
         match index {
-            0 => (self.world.read(Meter::SupplyVolts), self.world.read(Meter::SupplyAmps)),
-            _ if self.channels[index].state.output_on => (self.channels[index].state.voltage_v, 0.0),
+            0 => (
+                self.world.read(Meter::SupplyVolts),
+                self.world.read(Meter::SupplyAmps),
+            ),
+            _ if self.channels[index].state.output_on => {
+                (self.channels[index].state.voltage_v, 0.0)
+            }
             _ => (0.0, 0.0),
         }
     }
@@ -162,7 +206,10 @@ impl Keysight {
     }
 
     fn protect(&mut self) {
-        let (over_voltage, limited) = (self.reading(0).0 > self.channels[0].protection_v, self.limited(0));
+        let (over_voltage, limited) = (
+            self.reading(0).0 > self.channels[0].protection_v,
+            self.limited(0),
+        );
         let channel = &mut self.channels[0];
         if !channel.state.output_on {
             return;
@@ -177,11 +224,13 @@ impl Keysight {
 
     /// Bits 0 and 1: 01 constant current, 10 constant voltage, 00 off.
     fn condition(&self, index: usize) -> Fallible<Answer> {
-        text(match (self.channels[index].state.output_on, self.limited(index)) {
-            (false, _) => "0",
-            (true, true) => "1",
-            (true, false) => "2",
-        })
+        text(
+            match (self.channels[index].state.output_on, self.limited(index)) {
+                (false, _) => "0",
+                (true, true) => "1",
+                (true, false) => "2",
+            },
+        )
     }
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
@@ -206,7 +255,9 @@ macro_rules! number {
 
 macro_rules! tripped {
     ($field:ident) => {
-        &get(|supply: &mut Keysight, arguments| supply.each(arguments, |_, channel| bit(channel.$field)))
+        &get(|supply: &mut Keysight, arguments| {
+            supply.each(arguments, |_, channel| bit(channel.$field))
+        })
     };
 }
 
@@ -231,7 +282,8 @@ const CURRENT: Node<'static, Keysight> = Branch! {
 };
 
 const TREE: Node<'static, Keysight> = Root! {
-    Leaf! {b"*IDN" => &get(|supply: &mut Keysight, _| text(format!("Keysight Technologies,E36312A,{},1.0.3-1.0.0-1.02", supply.serial_number)))},
+    Leaf! {b"*IDN" => &get(|supply: &mut Keysight, _| text(format!("Keysight \
+    Technologies,E36312A,{},1.0.3-1.0.0-1.02", supply.serial_number)))},
     Leaf! {b"*RST" => &set(Keysight::reset)},
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},

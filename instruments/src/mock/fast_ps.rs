@@ -1,9 +1,11 @@
-//! CAENels FAST-PS 2020-400 on its `#` protocol: not SCPI. A command ends with CR, an answer with CR LF; every write is confirmed by `#AK` or refused by
-//! `#NAK:nn`.
+//! CAENels FAST-PS 2020-400 on its `#` protocol: not SCPI. A command ends with CR, an answer with
+//! CR LF; every write is confirmed by `#AK` or refused by `#NAK:nn`.
 //!
-//! Simulated are switching, both loops, set-points, the analog input and readings. Assumed, for want of a source: bit 1 of the status word is a fault and
-//! the bit above 26 stands always; a change of the update mode is taken whether the output is on or not; the set-point is zero when it is switched on; its
-//! own limits bound set-points and not the analog input; the output is open when off.
+//! Simulated are switching, both loops, set-points, the analog input and readings. Assumed, for
+//! want of a source: bit 1 of the status word is a fault and the bit above 26 stands always; a
+//! change of the update mode is taken whether the output is on or not; the set-point is zero when
+//! it is switched on; its own limits bound set-points and not the analog input; the output is open
+//! when off.
 
 use super::{
     Device, MockOptions,
@@ -36,7 +38,15 @@ pub(super) struct FastPs {
 impl FastPs {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let (world, quirks) = (World::new(plant, options.since_s), options.quirks.clone());
-        let supply = Self { world, quirks, on: false, current_loop: true, mode: "NORMAL", setpoint: 0.0, slew: 20.0 };
+        let supply = Self {
+            world,
+            quirks,
+            on: false,
+            current_loop: true,
+            mode: "NORMAL",
+            setpoint: 0.0,
+            slew: 20.0,
+        };
         supply.act();
         supply
     }
@@ -53,7 +63,10 @@ impl FastPs {
     }
 
     fn limits(&self) -> (f64, f64) {
-        (self.quirks.number("own_volts"), self.quirks.number("own_amps"))
+        (
+            self.quirks.number("own_volts"),
+            self.quirks.number("own_amps"),
+        )
     }
 
     fn switch(&mut self, on: bool) -> Result<(), Nak> {
@@ -95,9 +108,17 @@ impl FastPs {
     }
 
     fn set(&mut self, current: bool, argument: &str) -> Result<(), Nak> {
-        let value: f64 = argument.parse().ok().filter(|value: &f64| value.is_finite()).ok_or(12)?;
+        let value: f64 = argument
+            .parse()
+            .ok()
+            .filter(|value: &f64| value.is_finite())
+            .ok_or(12)?;
         let (volts, amps) = self.limits();
-        let (rated, own) = if current { (RATED.1, amps) } else { (RATED.0, volts) };
+        let (rated, own) = if current {
+            (RATED.1, amps)
+        } else {
+            (RATED.0, volts)
+        };
         match () {
             () if !self.on => Err(13),
             () if self.mode != "NORMAL" => Err(21),
@@ -125,7 +146,10 @@ impl FastPs {
         let (volts, amps) = self.limits();
         Some(match command {
             "VER" => "FAST-PS 2020-400:1.5.9".to_owned(),
-            "MST" => format!("{:08X}", PRESENT | u32::from(self.on) | u32::from(self.quirks.is("fault")) << 1),
+            "MST" => format!(
+                "{:08X}",
+                PRESENT | u32::from(self.on) | u32::from(self.quirks.is("fault")) << 1
+            ),
             "MRI" => format!("{:+.5}", self.world.read(Meter::BipolarAmps)),
             "MRV" => format!("{:+.5}", self.world.read(Meter::BipolarVolts)),
             "MRT" => "30.00".to_owned(),
@@ -165,7 +189,13 @@ impl Device for FastPs {
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.world.now_s = now_s;
-        let command = String::from_utf8_lossy(message.trim_ascii().get(..LONGEST_COMMAND).unwrap_or(message.trim_ascii())).into_owned();
+        let command = String::from_utf8_lossy(
+            message
+                .trim_ascii()
+                .get(..LONGEST_COMMAND)
+                .unwrap_or(message.trim_ascii()),
+        )
+        .into_owned();
         if let Some(value) = self.read(&command) {
             return format!("#{}:{value}\r\n", command.trim_end_matches(":?")).into_bytes();
         }

@@ -1,9 +1,12 @@
-//! What goes wrong between an instrument and its client on a bad day, seeded: messages and answers that get lost, come late, in pieces, twice, garbled or
-//! half; connections that stall or break; an error queue that runs over, a power cut, an output that a protection or a hand at the panel switches off. And
-//! instruments that lie from some message on: an output that stays on, settings that somebody else changes, a meter that stands still, answers that lag.
+//! What goes wrong between an instrument and its client on a bad day, seeded: messages and answers
+//! that get lost, come late, in pieces, twice, garbled or half; connections that stall or break; an
+//! error queue that runs over, a power cut, an output that a protection or a hand at the panel
+//! switches off. And instruments that lie from some message on: an output that stays on, settings
+//! that somebody else changes, a meter that stands still, answers that lag.
 //!
-//! The faults lie around any device: it does not know of them, and neither does its client. Which one comes when follows from the seed and the number of
-//! the message alone, so that a schedule can be played again.
+//! The faults lie around any device: it does not know of them, and neither does its client. Which
+//! one comes when follows from the seed and the number of the message alone, so that a schedule can
+//! be played again.
 
 use std::{
     collections::BTreeMap,
@@ -82,8 +85,14 @@ impl Fault {
     ];
 
     /// Those of an instrument that lies.
-    pub const LIES: [Self; 6] =
-        [Self::StuckOutput, Self::SecondClient, Self::FrozenMeter, Self::Lagging, Self::ShortBlock, Self::OffsetDrift];
+    pub const LIES: [Self; 6] = [
+        Self::StuckOutput,
+        Self::SecondClient,
+        Self::FrozenMeter,
+        Self::Lagging,
+        Self::ShortBlock,
+        Self::OffsetDrift,
+    ];
 }
 
 /// How much goes wrong.
@@ -130,7 +139,16 @@ impl PartialEq for Mended {
 
 impl Default for Schedule {
     fn default() -> Self {
-        Self { seed: 0, per_message: 0.0, most: 0, faults: Vec::new(), role: None, from_s: 0.0, variant: None, mended: Mended::default() }
+        Self {
+            seed: 0,
+            per_message: 0.0,
+            most: 0,
+            faults: Vec::new(),
+            role: None,
+            from_s: 0.0,
+            variant: None,
+            mended: Mended::default(),
+        }
     }
 }
 
@@ -198,15 +216,27 @@ pub fn make_troubled(
 ) -> Result<Box<dyn Device>, MakeError> {
     let (device, known) = (make(key, plant.clone(), options)?, model(key)?);
     let schedule = match &schedule.role {
-        Some(role) if role != known.role => Schedule { most: 0, ..schedule.clone() },
+        Some(role) if role != known.role => Schedule {
+            most: 0,
+            ..schedule.clone()
+        },
         _ => schedule.clone(),
     };
-    // Each model's own sequence, and another one when it is made again after something has happened.
+    // Each model's own sequence, and another one when it is made again after something has
+    // happened.
     let (before, happened) = {
         let log = log.lock().unwrap_or_else(PoisonError::into_inner);
-        (log.len() as u64, log.iter().filter(|happened| happened.model == known.key).count())
+        (
+            log.len() as u64,
+            log.iter()
+                .filter(|happened| happened.model == known.key)
+                .count(),
+        )
     };
-    let random = key.bytes().fold(mix(before) ^ schedule.seed ^ 0x9e37_79b9_7f4a_7c15, |state, byte| mix(state ^ u64::from(byte)));
+    let random = key.bytes().fold(
+        mix(before) ^ schedule.seed ^ 0x9e37_79b9_7f4a_7c15,
+        |state, byte| mix(state ^ u64::from(byte)),
+    );
     Ok(Box::new(Troubled {
         device,
         plant,
@@ -256,7 +286,10 @@ impl Troubled {
     }
 
     fn power_cycle(&mut self, now_s: f64) {
-        let options = MockOptions { since_s: now_s, ..self.options.clone() };
+        let options = MockOptions {
+            since_s: now_s,
+            ..self.options.clone()
+        };
         if let Ok(device) = make(self.known.key, self.plant.clone(), &options) {
             self.device = device;
         }
@@ -266,30 +299,53 @@ impl Troubled {
 /// A message that switches an output off, in any of the dialects.
 fn switches_off(message: &[u8]) -> bool {
     let text = String::from_utf8_lossy(message).to_ascii_uppercase();
-    let output = ["OUTP", "INP", "MOFF"].iter().any(|word| text.contains(word));
-    let other = ["MODE", "PROT", "OVP", "OCP", "TRACK", "LOAD", "?"].iter().any(|word| text.contains(word));
+    let output = ["OUTP", "INP", "MOFF"]
+        .iter()
+        .any(|word| text.contains(word));
+    let other = ["MODE", "PROT", "OVP", "OCP", "TRACK", "LOAD", "?"]
+        .iter()
+        .any(|word| text.contains(word));
     output && !other && (text.contains("OFF") || text.ends_with('0'))
 }
 
 /// A question for a measurement, in any of the dialects.
 fn measures(message: &[u8]) -> bool {
     let text = String::from_utf8_lossy(message).to_ascii_uppercase();
-    ["MEAS", "MRV", "MRI", "READ?", "FETC", "IN_PV", "{M01", "TEMP"].iter().any(|word| text.contains(word))
+    [
+        "MEAS", "MRV", "MRI", "READ?", "FETC", "IN_PV", "{M01", "TEMP",
+    ]
+    .iter()
+    .any(|word| text.contains(word))
 }
 
 /// A definite block without its last third, as one that is whole.
 fn short(reply: Vec<u8>) -> Vec<u8> {
-    let Some(at) = reply.iter().position(|byte| *byte == b'#') else { return reply };
-    let digits = reply.get(at + 1).filter(|digit| digit.is_ascii_digit()).map_or(0, |digit| usize::from(digit - b'0'));
-    let length = reply.get(at + 2..at + 2 + digits).and_then(|text| std::str::from_utf8(text).ok()?.parse::<usize>().ok());
-    let Some((length, start)) = length.map(|length| (length, at + 2 + digits)).filter(|(length, start)| reply.len() >= start + length)
+    let Some(at) = reply.iter().position(|byte| *byte == b'#') else {
+        return reply;
+    };
+    let digits = reply
+        .get(at + 1)
+        .filter(|digit| digit.is_ascii_digit())
+        .map_or(0, |digit| usize::from(digit - b'0'));
+    let length = reply
+        .get(at + 2..at + 2 + digits)
+        .and_then(|text| std::str::from_utf8(text).ok()?.parse::<usize>().ok());
+    let Some((length, start)) = length
+        .map(|length| (length, at + 2 + digits))
+        .filter(|(length, start)| reply.len() >= start + length)
     else {
         return reply;
     };
     // Whole words of two bytes.
     let kept = 2 * (length / 3);
     let head = format!("#{digits}{kept:0digits$}");
-    [&reply[..at], head.as_bytes(), &reply[start..start + kept], &reply[start + length..]].concat()
+    [
+        &reply[..at],
+        head.as_bytes(),
+        &reply[start..start + kept],
+        &reply[start + length..],
+    ]
+    .concat()
 }
 
 impl Device for Troubled {
@@ -303,7 +359,11 @@ impl Device for Troubled {
         }
         if self.lies.stuck && switches_off(message) {
             // It says that it has done so where it answers every command.
-            return if message.starts_with(b"MOFF") { b"#AK\r\n".to_vec() } else { Vec::new() };
+            return if message.starts_with(b"MOFF") {
+                b"#AK\r\n".to_vec()
+            } else {
+                Vec::new()
+            };
         }
         let mut reply = self.device.handle(now_s, message);
         if let Some(frozen) = self.lies.frozen.as_mut().filter(|_| measures(message)) {
@@ -343,17 +403,29 @@ impl Device for Troubled {
         if !may || self.schedule.faults.is_empty() {
             return None;
         }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "an index")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            clippy::cast_precision_loss,
+            reason = "an index"
+        )]
         let index = (which * self.schedule.faults.len() as f64) as usize;
-        let fault = *self.schedule.faults.get(index).filter(|fault| self.can(**fault))?;
+        let fault = *self
+            .schedule
+            .faults
+            .get(index)
+            .filter(|fault| self.can(**fault))?;
         self.happened += 1;
         let text = String::from_utf8_lossy(message).into_owned();
-        self.log.lock().unwrap_or_else(PoisonError::into_inner).push(Happened {
-            time_s: now_s,
-            model: self.known.key,
-            fault,
-            message: text,
-        });
+        self.log
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(Happened {
+                time_s: now_s,
+                model: self.known.key,
+                fault,
+                message: text,
+            });
         match fault {
             Fault::Overflow => self.overflow(now_s),
             Fault::OutputOff => {
@@ -370,10 +442,22 @@ impl Device for Troubled {
             Fault::FrozenMeter => self.lies.frozen = Some(BTreeMap::new()),
             // The answer to the message in hand is the last right one.
             Fault::Lagging => self.lies.lagging = Some(self.device.handle(now_s, message)),
-            Fault::OffsetDrift => self.plant.lock().unwrap_or_else(PoisonError::into_inner).drift(now_s, DRIFT),
+            Fault::OffsetDrift => self
+                .plant
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .drift(now_s, DRIFT),
             Fault::SecondClient => {
-                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "an index")]
-                let which = self.schedule.variant.unwrap_or((share * self.known.meddling.len() as f64) as usize);
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    clippy::cast_precision_loss,
+                    reason = "an index"
+                )]
+                let which = self
+                    .schedule
+                    .variant
+                    .unwrap_or((share * self.known.meddling.len() as f64) as usize);
                 for meddled in self.known.meddling.get(which).copied().unwrap_or_default() {
                     self.device.handle(now_s, meddled.as_bytes());
                 }
@@ -390,17 +474,37 @@ mod tests {
 
     #[test]
     fn the_messages_that_switch_off_are_known_in_every_dialect() {
-        for known in super::super::MODELS.iter().filter(|known| !matches!(known.role, "chiller")) {
-            assert!(known.panel_off.is_none_or(|off| switches_off(off.as_bytes())), "{}", known.key);
+        for known in super::super::MODELS
+            .iter()
+            .filter(|known| !matches!(known.role, "chiller"))
+        {
+            assert!(
+                known
+                    .panel_off
+                    .is_none_or(|off| switches_off(off.as_bytes())),
+                "{}",
+                known.key
+            );
         }
-        for other in ["OUTP ON", "OUTP?", "OUTP:MODE BATTERY", ":OUTP:OCP CH1,OFF", "C1:OUTP LOAD,HZ", "CURR 0", ":CURR:PROT:STAT OFF"] {
+        for other in [
+            "OUTP ON",
+            "OUTP?",
+            "OUTP:MODE BATTERY",
+            ":OUTP:OCP CH1,OFF",
+            "C1:OUTP LOAD,HZ",
+            "CURR 0",
+            ":CURR:PROT:STAT OFF",
+        ] {
             assert!(!switches_off(other.as_bytes()), "{other}");
         }
     }
 
     #[test]
     fn a_short_block_is_whole_by_its_own_head() {
-        assert_eq!(short(b"C1:WF ALL,#209abcdefghi\n\n".to_vec()), b"C1:WF ALL,#206abcdef\n\n");
+        assert_eq!(
+            short(b"C1:WF ALL,#209abcdefghi\n\n".to_vec()),
+            b"C1:WF ALL,#206abcdef\n\n"
+        );
         assert_eq!(short(b"1.5\n".to_vec()), b"1.5\n");
         assert_eq!(short(b"#9".to_vec()), b"#9");
     }

@@ -1,10 +1,14 @@
-//! Keysight (Agilent) 33500B function generator: a command tree for each channel, numbers answered with sixteen digits, an error queue that tells what
-//! was adjusted.
+//! Keysight (Agilent) 33500B function generator: a command tree for each channel, numbers answered
+//! with sixteen digits, an error queue that tells what was adjusted.
 //!
-//! Voltages are kept as the open-circuit voltage behind 50 Ω; `OUTPut:LOAD` only changes how they are reported and understood. Only channel 1 is wired to
-//! the bench, and only a sine, a constant voltage and loaded waves are simulated, for ever or in triggered bursts of so many periods. Sweep and modulation are
-//! off and stay off. Assumed: an amplitude or offset that leaves the range is adjusted to it with −221; the phase starts anew when the frequency, the sample rate, the phase, the function or the output
-//! changes; a wave is held from point to point whatever its filter, and ±32767 of the converter is ± half the amplitude. Waves are taken as text, not as blocks.
+//! Voltages are kept as the open-circuit voltage behind 50 Ω; `OUTPut:LOAD` only changes how they
+//! are reported and understood. Only channel 1 is wired to the bench, and only a sine, a constant
+//! voltage and loaded waves are simulated, for ever or in triggered bursts of so many periods.
+//! Sweep and modulation are off and stay off. Assumed: an amplitude or offset that leaves the range
+//! is adjusted to it with −221; the phase starts anew when the frequency, the sample rate, the
+//! phase, the function or the output changes; a wave is held from point to point whatever its
+//! filter, and ±32767 of the converter is ± half the amplitude. Waves are taken as text, not as
+//! blocks.
 
 mod tree;
 mod waves;
@@ -16,7 +20,9 @@ use scpi::error::{Error, ErrorCode};
 use super::{
     Device, MockOptions,
     plant::{Action, GeneratorState, SharedPlant},
-    tree::{Answer, Argument, Arguments, Fallible, HasStatus, Span, Status, exchange, fail, to_number},
+    tree::{
+        Answer, Argument, Arguments, Fallible, HasStatus, Span, Status, exchange, fail, to_number,
+    },
     world::World,
 };
 use crate::scpi::decode::Terminator;
@@ -93,7 +99,14 @@ impl Default for Channel {
             load_ohm: SOURCE_OHM,
             inverted: false,
             since_s: 0.0,
-            burst: Burst { on: false, source: "IMMediate", periods: 1, start_deg: 0.0, delay_s: 0.0, fired: false },
+            burst: Burst {
+                on: false,
+                source: "IMMediate",
+                periods: 1,
+                start_deg: 0.0,
+                delay_s: 0.0,
+                fired: false,
+            },
         }
     }
 }
@@ -101,10 +114,15 @@ impl Default for Channel {
 impl Channel {
     /// What part of the open-circuit voltage stands at the assumed load.
     fn divider(&self) -> f64 {
-        if self.load_ohm.is_finite() { self.load_ohm / (self.load_ohm + SOURCE_OHM) } else { 1.0 }
+        if self.load_ohm.is_finite() {
+            self.load_ohm / (self.load_ohm + SOURCE_OHM)
+        } else {
+            1.0
+        }
     }
 
-    /// Brings amplitude and offset into the range, the one that was not asked for last; tells whether something had to give.
+    /// Brings amplitude and offset into the range, the one that was not asked for last; tells
+    /// whether something had to give.
     fn settle(&mut self, amplitude_counts: bool) -> bool {
         let old = (self.amplitude_vpp, self.offset_v);
         self.amplitude_vpp = self.amplitude_vpp.clamp(MIN_VPP, 2.0 * MAX_VOLTS);
@@ -121,7 +139,13 @@ impl Channel {
 
     fn restarts_from(&self, old: &Self) -> bool {
         let key = |channel: &Self| {
-            let signal = (channel.constant, channel.arbitrary, channel.rate_hz, channel.freq_hz, channel.phase_deg);
+            let signal = (
+                channel.constant,
+                channel.arbitrary,
+                channel.rate_hz,
+                channel.freq_hz,
+                channel.phase_deg,
+            );
             (signal, channel.output_on, channel.burst.on)
         };
         key(self) != key(old)
@@ -129,7 +153,11 @@ impl Channel {
 
     /// Periods per second; `points`: those of the chosen wave.
     fn played_hz(&self, points: usize) -> f64 {
-        if self.arbitrary { self.rate_hz / points.max(1) as f64 } else { self.freq_hz }
+        if self.arbitrary {
+            self.rate_hz / points.max(1) as f64
+        } else {
+            self.freq_hz
+        }
     }
 
     /// `points`: those of the chosen wave.
@@ -137,17 +165,38 @@ impl Channel {
         if !self.output_on {
             return GeneratorState::default();
         }
-        let offset_v = if self.inverted { -self.offset_v } else { self.offset_v };
+        let offset_v = if self.inverted {
+            -self.offset_v
+        } else {
+            self.offset_v
+        };
         if self.constant {
-            return GeneratorState { offset_v, ..GeneratorState::default() };
+            return GeneratorState {
+                offset_v,
+                ..GeneratorState::default()
+            };
         }
-        let turned = if self.inverted { std::f64::consts::PI } else { 0.0 };
+        let turned = if self.inverted {
+            std::f64::consts::PI
+        } else {
+            0.0
+        };
         GeneratorState {
             offset_v,
             amplitude_v: self.amplitude_vpp / 2.0,
             freq_hz: self.played_hz(points),
-            periods: self.burst.on.then_some(if self.burst.fired { self.burst.periods } else { 0 }),
-            phase_rad: if self.burst.on { self.burst.start_deg } else { self.phase_deg }.to_radians() + turned,
+            periods: self.burst.on.then_some(if self.burst.fired {
+                self.burst.periods
+            } else {
+                0
+            }),
+            phase_rad: if self.burst.on {
+                self.burst.start_deg
+            } else {
+                self.phase_deg
+            }
+            .to_radians()
+                + turned,
             since_s: self.since_s,
         }
     }
@@ -168,7 +217,10 @@ pub(super) struct Keysight {
 
 impl Keysight {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        let (status, serial_number) = (Status::new(QUEUE_DEPTH).quirky(&options.quirks), options.serial_number.clone());
+        let (status, serial_number) = (
+            Status::new(QUEUE_DEPTH).quirky(&options.quirks),
+            options.serial_number.clone(),
+        );
         let generator = Self {
             world: World::new(plant, options.since_s),
             status,
@@ -184,12 +236,15 @@ impl Keysight {
 
     fn act(&self) {
         let points = self.wave(0).map_or(0, |wave| wave.len());
-        self.world.act(Action::Generator(self.channels[0].state(points)));
+        self.world
+            .act(Action::Generator(self.channels[0].state(points)));
     }
 
     /// The wave that a channel has chosen.
     fn wave(&self, index: usize) -> Option<&Arc<[f64]>> {
-        self.chosen[index].as_ref().and_then(|name| self.waves[index].get(name))
+        self.chosen[index]
+            .as_ref()
+            .and_then(|name| self.waves[index].get(name))
     }
 
     /// Tells the world the shape of channel 1.
@@ -217,20 +272,36 @@ impl Keysight {
         if function == "ARB" && self.wave(index).is_none() {
             return fail(ErrorCode::SettingsConflict);
         }
-        self.change(index, |channel| (channel.constant, channel.arbitrary) = (function == "DC", function == "ARB"));
+        self.change(index, |channel| {
+            (channel.constant, channel.arbitrary) = (function == "DC", function == "ARB")
+        });
         Ok(())
     }
 
     fn set_frequency(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let (min, max) = FREQ_RANGE_HZ;
-        let freq_hz = arguments.number_in("HZ", Span { min, max, default: 1000.0 })?;
+        let freq_hz = arguments.number_in(
+            "HZ",
+            Span {
+                min,
+                max,
+                default: 1000.0,
+            },
+        )?;
         let freq_hz = self.status.bounded(freq_hz, FREQ_RANGE_HZ)?;
-        self.change(index, |channel| channel.freq_hz = (freq_hz * 1e6).round() / 1e6);
+        self.change(index, |channel| {
+            channel.freq_hz = (freq_hz * 1e6).round() / 1e6
+        });
         Ok(())
     }
 
     /// Takes a voltage at the load and settles the other one.
-    fn set_volts(&mut self, index: usize, (volts, unit): (f64, fn(&mut Channel) -> &mut f64), amplitude: bool) -> Fallible {
+    fn set_volts(
+        &mut self,
+        index: usize,
+        (volts, unit): (f64, fn(&mut Channel) -> &mut f64),
+        amplitude: bool,
+    ) -> Fallible {
         if !volts.is_finite() {
             return fail(ErrorCode::DataOutOfRange);
         }
@@ -240,7 +311,11 @@ impl Keysight {
             *unit(channel) = (open * 1e4).round() / 1e4;
             adjusted = channel.settle(amplitude);
         });
-        if adjusted && !self.status.clamps() { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
+        if adjusted && !self.status.clamps() {
+            fail(ErrorCode::SettingsConflict)
+        } else {
+            Ok(())
+        }
     }
 
     fn set_amplitude(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
@@ -262,7 +337,9 @@ impl Keysight {
 
     /// `APPLy:SINusoid [freq[,amplitude[,offset]]]`, which also switches the output on.
     fn apply(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        self.change(index, |channel| (channel.constant, channel.arbitrary) = (false, false));
+        self.change(index, |channel| {
+            (channel.constant, channel.arbitrary) = (false, false)
+        });
         if !arguments.is_empty() {
             self.set_frequency(index, arguments)?;
         }
@@ -284,11 +361,21 @@ impl Keysight {
 
     fn set_load(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let ohms = match arguments.next() {
-            Some(Argument::Word(word)) if ["INF", "INFINITY"].iter().any(|name| word.eq_ignore_ascii_case(name)) => f64::INFINITY,
+            Some(Argument::Word(word))
+                if ["INF", "INFINITY"]
+                    .iter()
+                    .any(|name| word.eq_ignore_ascii_case(name)) =>
+            {
+                f64::INFINITY
+            }
             Some(other) => to_number(&other, "OHM")?,
             None => return fail(ErrorCode::MissingParameter),
         };
-        let ohms = if ohms == f64::INFINITY { ohms } else { self.status.bounded(ohms, (1.0, 10e3))? };
+        let ohms = if ohms == f64::INFINITY {
+            ohms
+        } else {
+            self.status.bounded(ohms, (1.0, 10e3))?
+        };
         self.change(index, |channel| channel.load_ohm = ohms);
         Ok(())
     }
@@ -304,18 +391,35 @@ impl Keysight {
         if on && !self.bursts {
             return fail(ErrorCode::SettingsConflict);
         }
-        self.change(index, |channel| channel.burst = Burst { on, fired: channel.burst.fired && on, ..channel.burst });
+        self.change(index, |channel| {
+            channel.burst = Burst {
+                on,
+                fired: channel.burst.fired && on,
+                ..channel.burst
+            }
+        });
         Ok(())
     }
 
     /// Only counted bursts are simulated.
     fn set_burst_mode(&mut self, _: usize, arguments: &mut Arguments) -> Fallible {
-        if arguments.word(&["TRIGgered", "GATed"])? == "GATed" { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
+        if arguments.word(&["TRIGgered", "GATed"])? == "GATed" {
+            fail(ErrorCode::SettingsConflict)
+        } else {
+            Ok(())
+        }
     }
 
     fn set_burst_periods(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let (min, max) = PERIODS;
-        let periods = arguments.number_in("", Span { min, max, default: min })?;
+        let periods = arguments.number_in(
+            "",
+            Span {
+                min,
+                max,
+                default: min,
+            },
+        )?;
         let periods = self.status.bounded(periods, PERIODS)?;
         self.change(index, |channel| channel.burst.periods = periods as u32);
         Ok(())
@@ -323,7 +427,14 @@ impl Keysight {
 
     fn set_burst_phase(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let (min, max) = PHASES_DEG;
-        let degrees = arguments.number_in("DEG", Span { min, max, default: 0.0 })?;
+        let degrees = arguments.number_in(
+            "DEG",
+            Span {
+                min,
+                max,
+                default: 0.0,
+            },
+        )?;
         let start_deg = self.status.bounded(degrees, PHASES_DEG)?;
         self.change(index, |channel| channel.burst.start_deg = start_deg);
         Ok(())
@@ -331,7 +442,14 @@ impl Keysight {
 
     fn set_trigger_delay(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let (min, max) = DELAYS_S;
-        let seconds = arguments.number_in("S", Span { min, max, default: min })?;
+        let seconds = arguments.number_in(
+            "S",
+            Span {
+                min,
+                max,
+                default: min,
+            },
+        )?;
         let delay_s = self.status.bounded(seconds, DELAYS_S)?;
         self.change(index, |channel| channel.burst.delay_s = delay_s);
         Ok(())
@@ -347,11 +465,14 @@ impl Keysight {
     fn trigger(&mut self, index: usize, _: &mut Arguments) -> Fallible {
         let (channel, now_s) = (self.channels[index], self.world.now_s);
         let played_hz = channel.played_hz(self.wave(index).map_or(0, |wave| wave.len()));
-        let plays = channel.burst.fired && now_s - channel.since_s < f64::from(channel.burst.periods) / played_hz;
+        let plays = channel.burst.fired
+            && now_s - channel.since_s < f64::from(channel.burst.periods) / played_hz;
         if !channel.burst.on || plays {
             return fail(ErrorCode::TriggerIgnored);
         }
-        self.change(index, |channel| (channel.burst.fired, channel.since_s) = (true, now_s + channel.burst.delay_s));
+        self.change(index, |channel| {
+            (channel.burst.fired, channel.since_s) = (true, now_s + channel.burst.delay_s)
+        });
         Ok(())
     }
 
@@ -369,7 +490,10 @@ impl Keysight {
     }
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
-        self.channels = [Channel { since_s: self.world.now_s, ..Channel::default() }; 2];
+        self.channels = [Channel {
+            since_s: self.world.now_s,
+            ..Channel::default()
+        }; 2];
         self.waves = Default::default();
         self.chosen = [None, None];
         self.reshape();
@@ -386,7 +510,8 @@ impl HasStatus for Keysight {
 
 impl scpi::Device for Keysight {
     fn handle_error(&mut self, error: Error) {
-        self.status.push(Error::custom(error.get_code(), error.get_message()));
+        self.status
+            .push(Error::custom(error.get_code(), error.get_message()));
     }
 }
 

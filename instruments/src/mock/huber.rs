@@ -1,8 +1,10 @@
-//! Huber Pilot ONE with PB commands over TCP: not SCPI. Eight characters and CR LF; every command that is well formed is answered with the register's
-//! value after limiting, anything else with silence.
+//! Huber Pilot ONE with PB commands over TCP: not SCPI. Eight characters and CR LF; every command
+//! that is well formed is answered with the register's value after limiting, anything else with
+//! silence.
 //!
-//! Simulated are the registers that a bench needs; another one answers `7FFF`, as what the unit does not have. Remote settings are lost at power-down.
-//! Assumed: a write to a register that can only be read is answered with its value.
+//! Simulated are the registers that a bench needs; another one answers `7FFF`, as what the unit
+//! does not have. Remote settings are lost at power-down. Assumed: a write to a register that can
+//! only be read is answered with its value.
 
 use super::{
     Device, MockOptions,
@@ -43,7 +45,10 @@ impl Huber {
 
     fn act(&self) {
         let setpoint_c = f64::from(self.setpoint) / 100.0;
-        self.world.act(Action::Chiller(ChillerState { running: self.controlling, setpoint_c }));
+        self.world.act(Action::Chiller(ChillerState {
+            running: self.controlling,
+            setpoint_c,
+        }));
     }
 
     /// The pump stands still.
@@ -72,7 +77,11 @@ impl Huber {
             0x05 => u16::from(self.stopped()),
             0x06 => 0,
             0x0a if self.stopped() => ERROR | u16::from(!self.restarted) << 14,
-            0x0a => u16::from(self.controlling) | u16::from(self.controlling) << 1 | u16::from(!self.restarted) << 14,
+            0x0a => {
+                u16::from(self.controlling)
+                    | u16::from(self.controlling) << 1
+                    | u16::from(!self.restarted) << 14
+            }
             0x14 | 0x16 => u16::from(self.controlling),
             0x30 => SETPOINTS.0.cast_unsigned(),
             0x31 => SETPOINTS.1.cast_unsigned(),
@@ -89,7 +98,9 @@ fn hundredths(celsius: f64) -> u16 {
 /// Register and, where it is a write, the value.
 fn command(message: &[u8]) -> Option<(u8, Option<u16>)> {
     let text = std::str::from_utf8(message).ok()?.trim();
-    let digits = text.strip_prefix("{M").filter(|digits| digits.len() == 6 && digits.is_ascii())?;
+    let digits = text
+        .strip_prefix("{M")
+        .filter(|digits| digits.len() == 6 && digits.is_ascii())?;
     let address = u8::from_str_radix(&digits[..2], 16).ok()?;
     match &digits[2..] {
         "****" => Some((address, None)),
@@ -104,7 +115,9 @@ impl Device for Huber {
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.world.now_s = now_s;
-        let Some((address, value)) = command(message) else { return Vec::new() };
+        let Some((address, value)) = command(message) else {
+            return Vec::new();
+        };
         if let Some(value) = value {
             self.write(address, value);
         }

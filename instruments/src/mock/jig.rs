@@ -1,6 +1,8 @@
 //! The hands of a person, as an instrument: clamps another fixture into the simulated jig.
 //!
-//! `JIG:MOUNt CELL|SHUNT|FAKE|BAR`, `JIG:MOUNt?`, `JIG:CELL number` (which of the cells under test, from 1), `JIG:CELL?`, `*IDN?`, `SYSTem:ERRor?`. No such instrument exists; a real bench asks its operator instead.
+//! `JIG:MOUNt CELL|SHUNT|FAKE|BAR`, `JIG:MOUNt?`, `JIG:CELL number` (which of the cells under test,
+//! from 1), `JIG:CELL?`, `*IDN?`, `SYSTem:ERRor?`. No such instrument exists; a real bench asks its
+//! operator instead.
 
 use scpi::{
     Branch, Leaf, Root,
@@ -27,7 +29,11 @@ pub(super) struct Jig {
 
 impl Jig {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
-        Self { world: World::new(plant, options.since_s), status: Status::new(QUEUE_DEPTH), serial_number: options.serial_number.clone() }
+        Self {
+            world: World::new(plant, options.since_s),
+            status: Status::new(QUEUE_DEPTH),
+            serial_number: options.serial_number.clone(),
+        }
     }
 
     fn mount(&mut self, arguments: &mut Arguments) -> Fallible {

@@ -1,8 +1,10 @@
-//! Julabo circulator on its serial line: not SCPI. A command ends with CR, an answer with CR LF, a write has no answer at all.
+//! Julabo circulator on its serial line: not SCPI. A command ends with CR, an answer with CR LF, a
+//! write has no answer at all.
 //!
-//! In local (manual) mode `OUT_` commands are ignored without a word; whether the unit is in remote mode is chosen at its panel, here with
-//! the quirk `local`. `STATUS` reports the mode, or what was wrong with the last command, as a negative number. Assumed: that message goes
-//! with the next command that is in order; the working range is that of a CF31.
+//! In local (manual) mode `OUT_` commands are ignored without a word; whether the unit is in remote
+//! mode is chosen at its panel, here with the quirk `local`. `STATUS` reports the mode, or what was
+//! wrong with the last command, as a negative number. Assumed: that message goes with the next
+//! command that is in order; the working range is that of a CF31.
 
 use super::{
     Device, MockOptions,
@@ -41,7 +43,10 @@ impl Julabo {
             world: World::new(plant, options.since_s),
             remote: !options.quirks.is("local"),
             strict_pacing: options.quirks.is("strict_pacing"),
-            state: ChillerState { running: false, setpoint_c: 25.0 },
+            state: ChillerState {
+                running: false,
+                setpoint_c: 25.0,
+            },
             external: false,
             message: None,
             busy_until_s: f64::NEG_INFINITY,
@@ -58,12 +63,13 @@ impl Julabo {
         if self.world.plant().chiller_alarm(self.world.now_s) {
             return LOW_LEVEL;
         }
-        self.message.unwrap_or(match (self.remote, self.state.running) {
-            (false, false) => "00 MANUAL STOP",
-            (false, true) => "01 MANUAL START",
-            (true, false) => "02 REMOTE STOP",
-            (true, true) => "03 REMOTE START",
-        })
+        self.message
+            .unwrap_or(match (self.remote, self.state.running) {
+                (false, false) => "00 MANUAL STOP",
+                (false, true) => "01 MANUAL START",
+                (true, false) => "02 REMOTE STOP",
+                (true, true) => "03 REMOTE START",
+            })
     }
 
     fn read(&mut self, command: &str) -> Option<String> {
@@ -85,14 +91,18 @@ impl Julabo {
     }
 
     fn write(&mut self, command: &str) {
-        let (name, value) = command.split_once(' ').map_or((command, ""), |(name, value)| (name, value.trim()));
+        let (name, value) = command
+            .split_once(' ')
+            .map_or((command, ""), |(name, value)| (name, value.trim()));
         self.message = None;
         self.busy_until_s = self.world.now_s + PAUSE_AFTER_WRITE_S;
         match (name, value) {
             ("OUT_SP_00", value) => match value.parse::<f64>() {
                 Ok(celsius) if celsius < SETPOINT_RANGE_C.0 => self.message = Some(TOO_SMALL),
                 Ok(celsius) if celsius > SETPOINT_RANGE_C.1 => self.message = Some(TOO_LARGE),
-                Ok(celsius) if celsius.is_finite() => self.state.setpoint_c = (celsius * 100.0).round() / 100.0,
+                Ok(celsius) if celsius.is_finite() => {
+                    self.state.setpoint_c = (celsius * 100.0).round() / 100.0
+                }
                 _ => self.message = Some(INVALID_COMMAND),
             },
             ("OUT_MODE_05", "0" | "1") => self.state.running = value == "1",

@@ -1,7 +1,9 @@
-//! What makes a SCPI device of a command tree: the time of the message goes to the world, the message through the tree, errors into the queue.
+//! What makes a SCPI device of a command tree: the time of the message goes to the world, the
+//! message through the tree, errors into the queue.
 
-/// Implements what every SCPI mock repeats. `$type` has the fields `world` and `status`, `$tree` is its command tree. With `coded`, errors are queued by
-/// their number and text alone, without the detail that the parser adds; `before` names a method that is called before each message.
+/// Implements what every SCPI mock repeats. `$type` has the fields `world` and `status`, `$tree` is
+/// its command tree. With `coded`, errors are queued by their number and text alone, without the
+/// detail that the parser adds; `before` names a method that is called before each message.
 macro_rules! scpi_device {
     ($type:ty, $tree:expr $(, before $before:ident)?) => {
         $crate::mock::machine::scpi_device!(@ $type, $tree, |error| error $(, $before)?);

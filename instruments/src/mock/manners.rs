@@ -1,4 +1,5 @@
-//! The quirks that need no knowledge of the model: what the wire does to messages and answers, and the form of blocks and numbers.
+//! The quirks that need no knowledge of the model: what the wire does to messages and answers, and
+//! the form of blocks and numbers.
 
 use super::{Device, Trouble, plant::SharedPlant, quirks::Quirks};
 use crate::scpi::decode::Terminator;
@@ -21,7 +22,14 @@ pub(super) struct Mannered {
 
 impl Mannered {
     pub(super) fn new(device: Box<dyn Device>, plant: SharedPlant, quirks: Quirks) -> Self {
-        Self { device, plant, quirks, heard_s: f64::NEG_INFINITY, fresh: true, first_s: 0.0 }
+        Self {
+            device,
+            plant,
+            quirks,
+            heard_s: f64::NEG_INFINITY,
+            fresh: true,
+            first_s: 0.0,
+        }
     }
 
     /// The form of a block, or the digits of numbers.
@@ -30,8 +38,16 @@ impl Mannered {
             while reply.last() == Some(&b'\n') && ends_behind_block(&reply) {
                 reply.pop();
             }
-            reply.extend_from_slice(if self.quirks.is("double_end") { b"\n\n" } else { b"\n" });
-            return if self.quirks.is("block_prefix") { [PREFIX, &reply].concat() } else { reply };
+            reply.extend_from_slice(if self.quirks.is("double_end") {
+                b"\n\n"
+            } else {
+                b"\n"
+            });
+            return if self.quirks.is("block_prefix") {
+                [PREFIX, &reply].concat()
+            } else {
+                reply
+            };
         }
         match self.quirks.count("digits") {
             0 => reply,
@@ -42,24 +58,46 @@ impl Mannered {
 
 /// There is a byte behind the payload of the block.
 fn ends_behind_block(reply: &[u8]) -> bool {
-    let digits = reply.get(1).map_or(0, |digit| usize::from(digit.saturating_sub(b'0')));
-    let length = reply.get(2..2 + digits).and_then(|length| std::str::from_utf8(length).ok()?.parse::<usize>().ok());
+    let digits = reply
+        .get(1)
+        .map_or(0, |digit| usize::from(digit.saturating_sub(b'0')));
+    let length = reply
+        .get(2..2 + digits)
+        .and_then(|length| std::str::from_utf8(length).ok()?.parse::<usize>().ok());
     length.is_some_and(|length| reply.len() > 2 + digits + length)
 }
 
-/// An answer that is one number, with so many significant digits. Lists, such as the scaling of a waveform, are not read-backs and stay exact.
+/// An answer that is one number, with so many significant digits. Lists, such as the scaling of a
+/// waveform, are not read-backs and stay exact.
 fn rounded(reply: &[u8], digits: usize) -> Vec<u8> {
-    let Ok(text) = std::str::from_utf8(reply) else { return reply.to_vec() };
+    let Ok(text) = std::str::from_utf8(reply) else {
+        return reply.to_vec();
+    };
     let body = text.trim_end();
-    [round(body, digits).as_bytes(), &text.as_bytes()[body.len()..]].concat()
+    [
+        round(body, digits).as_bytes(),
+        &text.as_bytes()[body.len()..],
+    ]
+    .concat()
 }
 
 /// A number in the form that it had; anything else as it is.
 fn round(field: &str, digits: usize) -> String {
-    let number = field.parse::<f64>().ok().filter(|number| number.is_finite() && field.contains(['.', 'E', 'e']));
-    let Some(number) = number else { return field.to_owned() };
-    let short: f64 = format!("{number:.*e}", digits.max(1) - 1).parse().unwrap_or(number);
-    if field.contains(['E', 'e']) { format!("{short:E}") } else { short.to_string() }
+    let number = field
+        .parse::<f64>()
+        .ok()
+        .filter(|number| number.is_finite() && field.contains(['.', 'E', 'e']));
+    let Some(number) = number else {
+        return field.to_owned();
+    };
+    let short: f64 = format!("{number:.*e}", digits.max(1) - 1)
+        .parse()
+        .unwrap_or(number);
+    if field.contains(['E', 'e']) {
+        format!("{short:E}")
+    } else {
+        short.to_string()
+    }
 }
 
 impl Device for Mannered {
@@ -80,8 +118,16 @@ impl Device for Mannered {
         let reply = self.device.handle(now_s, message);
         let reply = self.dressed(reply);
         let first = !reply.is_empty() && std::mem::take(&mut self.fresh);
-        self.first_s = if first { self.quirks.number("first_answer") } else { 0.0 };
-        if self.quirks.is("echo") { [message, b"\r\n", &reply].concat() } else { reply }
+        self.first_s = if first {
+            self.quirks.number("first_answer")
+        } else {
+            0.0
+        };
+        if self.quirks.is("echo") {
+            [message, b"\r\n", &reply].concat()
+        } else {
+            reply
+        }
     }
 
     fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
@@ -89,7 +135,11 @@ impl Device for Mannered {
     }
 
     fn late_s(&self, now_s: f64) -> f64 {
-        self.plant.lock().unwrap_or_else(std::sync::PoisonError::into_inner).late_s(now_s) + self.first_s
+        self.plant
+            .lock()
+            .unwrap_or_else(std::sync::PoisonError::into_inner)
+            .late_s(now_s)
+            + self.first_s
     }
 
     fn end_late_s(&self) -> f64 {
@@ -111,11 +161,17 @@ mod tests {
             ("+1.23456789E+00\n", "1.23E0\n"),
             ("4.2345\n", "4.23\n"),
             ("4.200,1.2345\n", "4.200,1.2345\n"),
-            ("Siglent Technologies,SPD3303X,SIM,1.01.01.02.07R2,V3.0\n", "Siglent Technologies,SPD3303X,SIM,1.01.01.02.07R2,V3.0\n"),
+            (
+                "Siglent Technologies,SPD3303X,SIM,1.01.01.02.07R2,V3.0\n",
+                "Siglent Technologies,SPD3303X,SIM,1.01.01.02.07R2,V3.0\n",
+            ),
             ("1\n", "1\n"),
             ("\r\n", "\r\n"),
         ] {
-            assert_eq!(String::from_utf8(rounded(answer.as_bytes(), 3)).unwrap(), three);
+            assert_eq!(
+                String::from_utf8(rounded(answer.as_bytes(), 3)).unwrap(),
+                three
+            );
         }
     }
 

@@ -1,8 +1,10 @@
-//! Instruments that speak their own dialect and look at one simulated world: what the bench is tested against, on real ports or in process.
+//! Instruments that speak their own dialect and look at one simulated world: what the bench is
+//! tested against, on real ports or in process.
 //!
-//! Each file holds one model's command table, written from the model's documentation and never from a driver of this crate, so that a shared
-//! mistake cannot cancel. An unknown header gets what the model does with it: an entry in the error queue, or silence; never a guess.
-//! Knows no physics: the world is behind [`plant::Plant`].
+//! Each file holds one model's command table, written from the model's documentation and never from
+//! a driver of this crate, so that a shared mistake cannot cancel. An unknown header gets what the
+//! model does with it: an entry in the error queue, or silence; never a guess. Knows no physics:
+//! the world is behind [`plant::Plant`].
 
 mod faults;
 pub mod plant;
@@ -39,7 +41,8 @@ use plant::SharedPlant;
 use quirks::{Quirk, QuirkError, Quirks, Value};
 pub use replay::{Divergence, Outcome, Replay};
 pub use serve::{
-    Vxi11Ports, serve, serve_gpib, serve_gpib_pty, serve_hislip, serve_memory, serve_pty, serve_tcp, serve_usbtmc, serve_vxi11,
+    Vxi11Ports, serve, serve_gpib, serve_gpib_pty, serve_hislip, serve_memory, serve_pty,
+    serve_tcp, serve_usbtmc, serve_vxi11,
 };
 
 use crate::scpi::decode::Terminator;
@@ -49,11 +52,13 @@ pub trait Device: Send {
     /// What ends a message to the instrument.
     fn terminator(&self) -> Terminator;
 
-    /// Handles one message (without its terminator) at bench time `now_s` and gives the whole reply, terminators included; nothing for silence.
-    /// Times never decrease from one call to the next.
+    /// Handles one message (without its terminator) at bench time `now_s` and gives the whole
+    /// reply, terminators included; nothing for silence. Times never decrease from one call to the
+    /// next.
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8>;
 
-    /// What goes wrong on the wire with the message that is about to be handled; nothing with a sound instrument.
+    /// What goes wrong on the wire with the message that is about to be handled; nothing with a
+    /// sound instrument.
     fn trouble(&mut self, _now_s: f64, _message: &[u8]) -> Option<Trouble> {
         None
     }
@@ -92,13 +97,20 @@ pub struct MockOptions {
 impl MockOptions {
     /// The usual one but for one quirk.
     pub fn quirk(name: &str, value: impl Into<Value>) -> Self {
-        Self { quirks: Quirks::default().with(name, value), ..Self::default() }
+        Self {
+            quirks: Quirks::default().with(name, value),
+            ..Self::default()
+        }
     }
 }
 
 impl Default for MockOptions {
     fn default() -> Self {
-        Self { serial_number: "SIM00001".to_owned(), quirks: Quirks::default(), since_s: 0.0 }
+        Self {
+            serial_number: "SIM00001".to_owned(),
+            quirks: Quirks::default(),
+            since_s: 0.0,
+        }
     }
 }
 
@@ -123,7 +135,9 @@ pub struct Model {
 impl Model {
     /// Every switch that it has.
     pub fn quirks(&self) -> impl Iterator<Item = &'static Quirk> + use<> {
-        std::iter::once(quirks::COMMON).chain(self.own_quirks.iter().copied()).flatten()
+        std::iter::once(quirks::COMMON)
+            .chain(self.own_quirks.iter().copied())
+            .flatten()
     }
 }
 
@@ -134,9 +148,15 @@ pub const MODELS: &[Model] = &[
         role: "supply4q",
         description: "Kepco BOP 1KW 50-20MG: ±50 V ±20 A, analog input selected by command",
         panel_off: Some("OUTP OFF"),
-        meddling: &[&["CURR:MODE FIX", "CURR 1.9"], &["CURR:LIM 20"], &["OUTP OFF"]],
+        meddling: &[
+            &["CURR:MODE FIX", "CURR 1.9"],
+            &["CURR:LIM 20"],
+            &["OUTP OFF"],
+        ],
         own_quirks: &[quirks::KEPCO_MG, quirks::QUEUE, quirks::REFUSES],
-        make: |plant, options| Box::new(kepco::Kepco::new(kepco::Family::Switching, plant, options)),
+        make: |plant, options| {
+            Box::new(kepco::Kepco::new(kepco::Family::Switching, plant, options))
+        },
     },
     Model {
         key: "kepco-bop-linear",
@@ -146,7 +166,13 @@ pub const MODELS: &[Model] = &[
         meddling: &[&["OUTP OFF"], &["VOLT 20"]],
         own_quirks: &[quirks::KEPCO_LINEAR, quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| {
-            Box::new(kepco::Kepco::new(kepco::Family::Linear { analog_wired: options.quirks.is("analog_wired") }, plant, options))
+            Box::new(kepco::Kepco::new(
+                kepco::Family::Linear {
+                    analog_wired: options.quirks.is("analog_wired"),
+                },
+                plant,
+                options,
+            ))
         },
     },
     Model {
@@ -179,7 +205,11 @@ pub const MODELS: &[Model] = &[
         role: "scope",
         description: "Siglent SDS824X HD: four channels, 12 bits",
         panel_off: None,
-        meddling: &[&[":CHANnel2:SCALe 2"], &[":TIMebase:SCALe 1E-3"], &[":TRIGger:RUN"]],
+        meddling: &[
+            &[":CHANnel2:SCALe 2"],
+            &[":TIMebase:SCALe 1E-3"],
+            &[":TRIGger:RUN"],
+        ],
         own_quirks: &[quirks::SDS, quirks::DOUBLE_BLOCKS, quirks::QUEUE],
         make: |plant, options| Box::new(scope::Scope::new(plant, options)),
     },
@@ -188,7 +218,11 @@ pub const MODELS: &[Model] = &[
         role: "scope",
         description: "Rigol DHO824: four channels, 12 bits",
         panel_off: None,
-        meddling: &[&[":CHANnel2:SCALe 2"], &[":TIMebase:MAIN:SCALe 1E-3"], &[":RUN"]],
+        meddling: &[
+            &[":CHANnel2:SCALe 2"],
+            &[":TIMebase:MAIN:SCALe 1E-3"],
+            &[":RUN"],
+        ],
         own_quirks: &[quirks::DHO, quirks::BLOCKS],
         make: |plant, options| Box::new(dho::Dho::new(plant, options)),
     },
@@ -197,7 +231,11 @@ pub const MODELS: &[Model] = &[
         role: "load",
         description: "Siglent SDL1020X-E: constant current to 30 A",
         panel_off: Some(":INP OFF"),
-        meddling: &[&[":CURR:LEV:IMM 5"], &[":CURR:LEV:IMM 2", ":INP ON"], &[":INP OFF"]],
+        meddling: &[
+            &[":CURR:LEV:IMM 5"],
+            &[":CURR:LEV:IMM 2", ":INP ON"],
+            &[":INP OFF"],
+        ],
         own_quirks: &[quirks::SDL, quirks::CLAMPS],
         make: |plant, options| Box::new(sdl::Sdl::new(plant, options)),
     },
@@ -206,7 +244,11 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Siglent SPD3303X: 32 V 3.2 A on channel 1",
         panel_off: Some("OUTP CH1,OFF"),
-        meddling: &[&["CH1:CURR 3"], &["CH1:VOLT 5", "CH1:CURR 1", "OUTP CH1,ON"], &["OUTP CH1,OFF"]],
+        meddling: &[
+            &["CH1:CURR 3"],
+            &["CH1:VOLT 5", "CH1:CURR 1", "OUTP CH1,ON"],
+            &["OUTP CH1,OFF"],
+        ],
         own_quirks: &[quirks::QUEUE, quirks::CLAMPS],
         make: |plant, options| Box::new(spd::Spd::new(plant, options)),
     },
@@ -231,7 +273,11 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Keysight E36312A: 6 V 5 A on channel 1",
         panel_off: Some("OUTP OFF,(@1)"),
-        meddling: &[&["CURR 3,(@1)"], &["VOLT 5,(@1)", "CURR 1,(@1)", "OUTP ON,(@1)"], &["OUTP OFF,(@1)"]],
+        meddling: &[
+            &["CURR 3,(@1)"],
+            &["VOLT 5,(@1)", "CURR 1,(@1)", "OUTP ON,(@1)"],
+            &["OUTP OFF,(@1)"],
+        ],
         own_quirks: &[quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| Box::new(e36312a::Keysight::new(plant, options)),
     },
@@ -240,7 +286,11 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Rigol DP832: 30 V 3 A on channel 1",
         panel_off: Some(":OUTP CH1,OFF"),
-        meddling: &[&[":SOUR1:CURR 3"], &[":SOUR1:VOLT 5", ":SOUR1:CURR 1", ":OUTP CH1,ON"], &[":OUTP CH1,OFF"]],
+        meddling: &[
+            &[":SOUR1:CURR 3"],
+            &[":SOUR1:VOLT 5", ":SOUR1:CURR 1", ":OUTP CH1,ON"],
+            &[":OUTP CH1,OFF"],
+        ],
         own_quirks: &[quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| Box::new(dp832::Dp832::new(plant, options)),
     },
@@ -249,7 +299,11 @@ pub const MODELS: &[Model] = &[
         role: "load",
         description: "Rigol DL3021: constant current to 40 A",
         panel_off: Some(":INP OFF"),
-        meddling: &[&[":SOUR:CURR:LEV:IMM 5"], &[":SOUR:CURR:LEV:IMM 2", ":SOUR:INP:STAT ON"], &[":SOUR:INP:STAT OFF"]],
+        meddling: &[
+            &[":SOUR:CURR:LEV:IMM 5"],
+            &[":SOUR:CURR:LEV:IMM 2", ":SOUR:INP:STAT ON"],
+            &[":SOUR:INP:STAT OFF"],
+        ],
         own_quirks: &[quirks::DL3000, quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| Box::new(dl3000::Dl3000::new(plant, options)),
     },
@@ -313,7 +367,10 @@ pub const MODELS: &[Model] = &[
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MakeError {
     /// A model key that is not in [`MODELS`].
-    #[error("expected a model that can be simulated ({}), found `{found}`", known_models())]
+    #[error(
+        "expected a model that can be simulated ({}), found `{found}`",
+        known_models()
+    )]
     Unknown {
         /// The key asked for.
         found: String,
@@ -324,7 +381,11 @@ pub enum MakeError {
 }
 
 fn known_models() -> String {
-    MODELS.iter().map(|model| model.key).collect::<Vec<_>>().join(", ")
+    MODELS
+        .iter()
+        .map(|model| model.key)
+        .collect::<Vec<_>>()
+        .join(", ")
 }
 
 /// The model of this key.
@@ -332,7 +393,12 @@ fn known_models() -> String {
 /// # Errors
 /// [`MakeError::Unknown`].
 pub fn model(key: &str) -> Result<&'static Model, MakeError> {
-    MODELS.iter().find(|candidate| candidate.key == key).ok_or_else(|| MakeError::Unknown { found: key.to_owned() })
+    MODELS
+        .iter()
+        .find(|candidate| candidate.key == key)
+        .ok_or_else(|| MakeError::Unknown {
+            found: key.to_owned(),
+        })
 }
 
 /// What quirks a model has when it is told some of them, the others as usual.
@@ -340,17 +406,30 @@ pub fn model(key: &str) -> Result<&'static Model, MakeError> {
 /// # Errors
 /// One that it does not have, or not so.
 pub fn check_quirks(key: &str, told: &Quirks) -> Result<Quirks, MakeError> {
-    let known: Vec<&'static [Quirk]> = std::iter::once(quirks::COMMON).chain(model(key)?.own_quirks.iter().copied()).collect();
+    let known: Vec<&'static [Quirk]> = std::iter::once(quirks::COMMON)
+        .chain(model(key)?.own_quirks.iter().copied())
+        .collect();
     Ok(Quirks::of(&known, told)?)
 }
 
-/// Makes one simulated instrument and connects it to the world, which learns the state at switch-on as of bench time zero: all instruments of a
-/// bench are made before the first of them is served.
+/// Makes one simulated instrument and connects it to the world, which learns the state at switch-on
+/// as of bench time zero: all instruments of a bench are made before the first of them is served.
 ///
 /// # Errors
 /// When no model has this key, or it does not have one of the quirks.
-pub fn make(key: &str, plant: SharedPlant, options: &MockOptions) -> Result<Box<dyn Device>, MakeError> {
-    let options = MockOptions { quirks: check_quirks(key, &options.quirks)?, ..options.clone() };
+pub fn make(
+    key: &str,
+    plant: SharedPlant,
+    options: &MockOptions,
+) -> Result<Box<dyn Device>, MakeError> {
+    let options = MockOptions {
+        quirks: check_quirks(key, &options.quirks)?,
+        ..options.clone()
+    };
     let device = (model(key)?.make)(plant.clone(), &options);
-    Ok(Box::new(manners::Mannered::new(device, plant, options.quirks)))
+    Ok(Box::new(manners::Mannered::new(
+        device,
+        plant,
+        options.quirks,
+    )))
 }

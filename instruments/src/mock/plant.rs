@@ -1,22 +1,26 @@
-//! The simulated world, as the mocks see it. Every mock of a bench looks at one shared [`Plant`]; what one does to it, the others see.
+//! The simulated world, as the mocks see it. Every mock of a bench looks at one shared [`Plant`];
+//! what one does to it, the others see.
 //!
 //! Knows no SCPI and no physics: it is only the seam between the two. `fixtures` implements it.
 //!
-//! Times are bench seconds ([`crate::clock::Clock::now_s`]); calls come with times that never decrease. Currents into the cell are positive
-//! (charge), as the thesis' bench measures them.
+//! Times are bench seconds ([`crate::clock::Clock::now_s`]); calls come with times that never
+//! decrease. Currents into the cell are positive (charge), as the thesis' bench measures them.
 
 use std::sync::{Arc, Mutex};
 
-/// The world shared by the mocks of one bench. Locked only within one command, never across an await.
+/// The world shared by the mocks of one bench. Locked only within one command, never across an
+/// await.
 pub type SharedPlant = Arc<Mutex<dyn Plant>>;
 
 /// One coupled simulated bench.
 pub trait Plant: Send {
-    /// Tells the world what an instrument does to it from `t_s` on, until told otherwise. Idempotent: an action carries the whole state.
+    /// Tells the world what an instrument does to it from `t_s` on, until told otherwise.
+    /// Idempotent: an action carries the whole state.
     fn act(&mut self, t_s: f64, action: Action);
 
-    /// Gives the signal of generator channel 1 another shape than a sine from `t_s` on: one period in equal steps, −1 … 1 of the amplitude, each held until the
-    /// next. `None` gives the sine back. A world that knows no shapes ignores it.
+    /// Gives the signal of generator channel 1 another shape than a sine from `t_s` on: one period
+    /// in equal steps, −1 … 1 of the amplitude, each held until the next. `None` gives the sine
+    /// back. A world that knows no shapes ignores it.
     fn shape(&mut self, t_s: f64, steps: Option<Arc<[f64]>>) {
         let _ = (t_s, steps);
     }
@@ -24,11 +28,13 @@ pub trait Plant: Send {
     /// What the named meter shows at `t_s`, its own error and noise included.
     fn read(&mut self, t_s: f64, meter: Meter) -> f64;
 
-    /// The latest instant in `search.from_s ..= search.to_s` at which the probe of `search.channel` crosses `search.level_v` in the asked
-    /// direction, or `None`. `t_s` is now; `to_s` never lies after it.
+    /// The latest instant in `search.from_s ..= search.to_s` at which the probe of `search.channel`
+    /// crosses `search.level_v` in the asked direction, or `None`. `t_s` is now; `to_s` never lies
+    /// after it.
     fn find_trigger(&mut self, t_s: f64, search: &TriggerSearch) -> Option<f64>;
 
-    /// Digitises one channel over a span that lies wholly in the past, at most `HISTORY_S` ago. The same request gives the same codes again.
+    /// Digitises one channel over a span that lies wholly in the past, at most `HISTORY_S` ago. The
+    /// same request gives the same codes again.
     fn digitise(&mut self, t_s: f64, request: &DigitiseRequest) -> Vec<i16>;
 
     /// Clamps something else into the jig, as the hands of a person would.
@@ -37,7 +43,8 @@ pub trait Plant: Send {
     /// What is in the jig.
     fn mounted(&self) -> Fixture;
 
-    /// Takes another of the cells under test, by its number from 1, as that which `Fixture::Cell` means. Says whether there is such a cell.
+    /// Takes another of the cells under test, by its number from 1, as that which `Fixture::Cell`
+    /// means. Says whether there is such a cell.
     fn insert(&mut self, _t_s: f64, number: usize) -> bool {
         number == 1
     }
@@ -52,7 +59,8 @@ pub trait Plant: Send {
         false
     }
 
-    /// From now on the zero error of the bipolar supply grows by so much, A/s, up to so much, A. A world without one ignores it.
+    /// From now on the zero error of the bipolar supply grows by so much, A/s, up to so much, A. A
+    /// world without one ignores it.
     fn drift(&mut self, _t_s: f64, (_rate, _greatest): (f64, f64)) {}
 
     /// How late every answer of every instrument is at `t_s`, s.
@@ -67,11 +75,13 @@ pub trait Plant: Send {
 pub enum Fixture {
     /// The cell under test, voltage probes on the Kelvin contacts of the jig.
     Cell,
-    /// The voltage probes are on the current shunt: a control impedance. The copper fake cell closes the loop in the jig.
+    /// The voltage probes are on the current shunt: a control impedance. The copper fake cell
+    /// closes the loop in the jig.
     Shunt,
     /// The copper fake cell in the jig, voltage probes on its Kelvin contacts.
     FakeCell,
-    /// A short bar in the jig, voltage probes on its Kelvin contacts: a control impedance of next to nothing.
+    /// A short bar in the jig, voltage probes on its Kelvin contacts: a control impedance of next
+    /// to nothing.
     Short,
 }
 
@@ -120,10 +130,11 @@ pub struct BipolarState {
     pub analog_input: bool,
     /// Digital set-point of the main channel, A or V; not used while `analog_input`.
     pub setpoint: f64,
-    /// Limit of the other channel: compliance voltage in current mode, V; current in voltage mode, A. A magnitude.
+    /// Limit of the other channel: compliance voltage in current mode, V; current in voltage mode,
+    /// A. A magnitude.
     pub limit: f64,
-    /// With the output off, the terminals are high-impedance (`BATTERY`, `RESISTIVE`) instead of held at zero volts (`ACTIVE`, which shorts a cell
-    /// through the supply).
+    /// With the output off, the terminals are high-impedance (`BATTERY`, `RESISTIVE`) instead of
+    /// held at zero volts (`ACTIVE`, which shorts a cell through the supply).
     pub off_is_open: bool,
 }
 
@@ -207,7 +218,8 @@ pub struct TriggerSearch {
     pub to_s: f64,
 }
 
-/// A span of one channel to be digitised by a linear ADC: code = (V + `offset_v`) · `codes_per_volt`, rounded, clipped to the code range.
+/// A span of one channel to be digitised by a linear ADC: code = (V + `offset_v`) ·
+/// `codes_per_volt`, rounded, clipped to the code range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DigitiseRequest {
     /// Scope channel 1…4.
@@ -236,5 +248,6 @@ pub struct DigitiseRequest {
     pub acquisition: u64,
 }
 
-/// How long a plant must remember waveforms, s: ten divisions of the slowest time base in use (20 s/div) and as much again.
+/// How long a plant must remember waveforms, s: ten divisions of the slowest time base in use (20
+/// s/div) and as much again.
 pub const HISTORY_S: f64 = 400.0;

@@ -1,6 +1,8 @@
-//! What differs between two instruments of one model, or between the model and its manual: named switches, each with the model's own way as its default.
+//! What differs between two instruments of one model, or between the model and its manual: named
+//! switches, each with the model's own way as its default.
 //!
-//! The switches that every model has, and those of the transfer of blocks and of the error queue, are worked by one piece each; the others by the model.
+//! The switches that every model has, and those of the transfer of blocks and of the error queue,
+//! are worked by one piece each; the others by the model.
 
 use std::{collections::BTreeMap, fmt};
 
@@ -58,93 +60,295 @@ const fn quirk(name: &'static str, about: &'static str, kind: Kind) -> Quirk {
 
 /// What the wire or a box before the instrument may do to any of them.
 pub(super) const COMMON: &[Quirk] = &[
-    quirk("echo", "every message is sent back before it is answered", Kind::Switch(false)),
-    quirk("min_gap", "a message that comes so soon after the last one is lost, s", Kind::Number(0.0, (0.0, 10.0))),
-    quirk("first_answer", "the first answer on a connection comes so late, s", Kind::Number(0.0, (0.0, 60.0))),
-    quirk("late_end", "the last byte of an answer comes so much later, s", Kind::Number(0.0, (0.0, 10.0))),
-    quirk("digits", "an answer of one number has so many significant digits; 0: as the model prints it", Kind::Number(0.0, (0.0, 12.0))),
-    quirk("second_client", "one who connects while another is served waits, or is refused", Kind::Word(&["starve", "refuse"])),
+    quirk(
+        "echo",
+        "every message is sent back before it is answered",
+        Kind::Switch(false),
+    ),
+    quirk(
+        "min_gap",
+        "a message that comes so soon after the last one is lost, s",
+        Kind::Number(0.0, (0.0, 10.0)),
+    ),
+    quirk(
+        "first_answer",
+        "the first answer on a connection comes so late, s",
+        Kind::Number(0.0, (0.0, 60.0)),
+    ),
+    quirk(
+        "late_end",
+        "the last byte of an answer comes so much later, s",
+        Kind::Number(0.0, (0.0, 10.0)),
+    ),
+    quirk(
+        "digits",
+        "an answer of one number has so many significant digits; 0: as the model prints it",
+        Kind::Number(0.0, (0.0, 12.0)),
+    ),
+    quirk(
+        "second_client",
+        "one who connects while another is served waits, or is refused",
+        Kind::Word(&["starve", "refuse"]),
+    ),
 ];
 /// Of models that send blocks with one line end.
-pub(super) const BLOCKS: &[Quirk] = &[quirk("double_end", "two line ends behind a block", Kind::Switch(false)), PREFIX];
+pub(super) const BLOCKS: &[Quirk] = &[
+    quirk(
+        "double_end",
+        "two line ends behind a block",
+        Kind::Switch(false),
+    ),
+    PREFIX,
+];
 /// Of models that send blocks with two line ends.
-pub(super) const DOUBLE_BLOCKS: &[Quirk] = &[quirk("double_end", "two line ends behind a block", Kind::Switch(true)), PREFIX];
-const PREFIX: Quirk = quirk("block_prefix", "a text before the `#` of a block", Kind::Switch(false));
+pub(super) const DOUBLE_BLOCKS: &[Quirk] = &[
+    quirk(
+        "double_end",
+        "two line ends behind a block",
+        Kind::Switch(true),
+    ),
+    PREFIX,
+];
+const PREFIX: Quirk = quirk(
+    "block_prefix",
+    "a text before the `#` of a block",
+    Kind::Switch(false),
+);
 /// Of models with an error queue.
-pub(super) const QUEUE: &[Quirk] = &[quirk("unknown", "what an unknown header gets", Kind::Word(&["error", "silence"]))];
+pub(super) const QUEUE: &[Quirk] = &[quirk(
+    "unknown",
+    "what an unknown header gets",
+    Kind::Word(&["error", "silence"]),
+)];
 /// Of models that refuse what is out of range.
-pub(super) const REFUSES: &[Quirk] = &[quirk("clamps", "what is out of range is limited without a word", Kind::Switch(false))];
+pub(super) const REFUSES: &[Quirk] = &[quirk(
+    "clamps",
+    "what is out of range is limited without a word",
+    Kind::Switch(false),
+)];
 /// Of models that limit what is out of range.
-pub(super) const CLAMPS: &[Quirk] = &[quirk("clamps", "what is out of range is limited without a word", Kind::Switch(true))];
+pub(super) const CLAMPS: &[Quirk] = &[quirk(
+    "clamps",
+    "what is out of range is limited without a word",
+    Kind::Switch(true),
+)];
 
 /// Of models whose function is answered otherwise than it is set.
-const FUNCTION: Quirk = quirk("function_word", "the function is answered by another word than sets it", Kind::Switch(true));
-pub(super) const KEPCO_MG: &[Quirk] =
-    &[quirk("off_active", "its output, when off, is held at zero volts until it is told otherwise", Kind::Switch(false)), FUNCTION];
-pub(super) const KEPCO_LINEAR: &[Quirk] =
-    &[quirk("analog_wired", "the analog input is wired up and commands the output whenever that is on", Kind::Switch(true)), FUNCTION];
-const BURSTS: Quirk = quirk("bursts", "it plays bursts of so many periods", Kind::Switch(true));
+const FUNCTION: Quirk = quirk(
+    "function_word",
+    "the function is answered by another word than sets it",
+    Kind::Switch(true),
+);
+pub(super) const KEPCO_MG: &[Quirk] = &[
+    quirk(
+        "off_active",
+        "its output, when off, is held at zero volts until it is told otherwise",
+        Kind::Switch(false),
+    ),
+    FUNCTION,
+];
+pub(super) const KEPCO_LINEAR: &[Quirk] = &[
+    quirk(
+        "analog_wired",
+        "the analog input is wired up and commands the output whenever that is on",
+        Kind::Switch(true),
+    ),
+    FUNCTION,
+];
+const BURSTS: Quirk = quirk(
+    "bursts",
+    "it plays bursts of so many periods",
+    Kind::Switch(true),
+);
 pub(super) const B33500: &[Quirk] = &[BURSTS];
 pub(super) const SDG: &[Quirk] = &[
     BURSTS,
-    quirk("least_amplitude", "its least amplitude into an open circuit, V peak to peak", Kind::Number(2e-3, (2e-3, 2e-2))),
-    quirk("header", "answers begin with the header of the question", Kind::Switch(true)),
-    quirk("units", "numbers in answers have their units behind them", Kind::Switch(true)),
-    quirk("errors", "what `SYST:ERR?` gets where nothing is queued", Kind::Word(&["text", "signed", "silence"])),
+    quirk(
+        "least_amplitude",
+        "its least amplitude into an open circuit, V peak to peak",
+        Kind::Number(2e-3, (2e-3, 2e-2)),
+    ),
+    quirk(
+        "header",
+        "answers begin with the header of the question",
+        Kind::Switch(true),
+    ),
+    quirk(
+        "units",
+        "numbers in answers have their units behind them",
+        Kind::Switch(true),
+    ),
+    quirk(
+        "errors",
+        "what `SYST:ERR?` gets where nothing is queued",
+        Kind::Word(&["text", "signed", "silence"]),
+    ),
 ];
-pub(super) const SDL: &[Quirk] =
-    &[FUNCTION, quirk("unknown", "what an unknown question gets: nothing, or `**ERROR**`", Kind::Word(&["silence", "stars"]))];
+pub(super) const SDL: &[Quirk] = &[
+    FUNCTION,
+    quirk(
+        "unknown",
+        "what an unknown question gets: nothing, or `**ERROR**`",
+        Kind::Word(&["silence", "stars"]),
+    ),
+];
 pub(super) const FAST_PS: &[Quirk] = &[
     quirk("local", "it takes no command: NAK 15", Kind::Switch(false)),
-    quirk("fault", "a fault is latched: NAK 08 to MON", Kind::Switch(false)),
-    quirk("no_analog_input", "it lacks the option: NAK 24", Kind::Switch(false)),
-    quirk("own_volts", "what MLIMITS says of the voltage, V", Kind::Number(20.0, (0.0, 20.0))),
-    quirk("own_amps", "what MLIMITS says of the current, A", Kind::Number(20.0, (0.0, 20.0))),
+    quirk(
+        "fault",
+        "a fault is latched: NAK 08 to MON",
+        Kind::Switch(false),
+    ),
+    quirk(
+        "no_analog_input",
+        "it lacks the option: NAK 24",
+        Kind::Switch(false),
+    ),
+    quirk(
+        "own_volts",
+        "what MLIMITS says of the voltage, V",
+        Kind::Number(20.0, (0.0, 20.0)),
+    ),
+    quirk(
+        "own_amps",
+        "what MLIMITS says of the current, A",
+        Kind::Number(20.0, (0.0, 20.0)),
+    ),
 ];
-const PAGE: Quirk = quirk("page_points", "points in one page of a waveform", Kind::Number(10_000_000.0, (1.0, 10_000_000.0)));
-const STICKY: Quirk = quirk("sticky_transfer", "how waveforms are sent stays from one client to the next", Kind::Switch(true));
-const STOP: Quirk = quirk("stop_delay", "it goes on for so long after it was told to stop, s", Kind::Number(0.0, (0.0, 60.0)));
-const BUSY: Quirk = quirk("busy_opc", "`*OPC?` is not answered while it acquires; else it says nothing of that", Kind::Switch(false));
-const UNIT: Quirk = quirk("unit_after_probe", "another probe factor makes amperes of the volts", Kind::Switch(false));
+const PAGE: Quirk = quirk(
+    "page_points",
+    "points in one page of a waveform",
+    Kind::Number(10_000_000.0, (1.0, 10_000_000.0)),
+);
+const STICKY: Quirk = quirk(
+    "sticky_transfer",
+    "how waveforms are sent stays from one client to the next",
+    Kind::Switch(true),
+);
+const STOP: Quirk = quirk(
+    "stop_delay",
+    "it goes on for so long after it was told to stop, s",
+    Kind::Number(0.0, (0.0, 60.0)),
+);
+const BUSY: Quirk = quirk(
+    "busy_opc",
+    "`*OPC?` is not answered while it acquires; else it says nothing of that",
+    Kind::Switch(false),
+);
+const UNIT: Quirk = quirk(
+    "unit_after_probe",
+    "another probe factor makes amperes of the volts",
+    Kind::Switch(false),
+);
 pub(super) const SDS: &[Quirk] = &[
     PAGE,
-    quirk("announced_points", "points that it announces for a page; 0: as many as it sends", Kind::Number(0.0, (0.0, 10_000_000.0))),
-    quirk("zeroed_descriptor", "a descriptor of zeros before the first frame; else it does not answer", Kind::Switch(true)),
+    quirk(
+        "announced_points",
+        "points that it announces for a page; 0: as many as it sends",
+        Kind::Number(0.0, (0.0, 10_000_000.0)),
+    ),
+    quirk(
+        "zeroed_descriptor",
+        "a descriptor of zeros before the first frame; else it does not answer",
+        Kind::Switch(true),
+    ),
     STICKY,
     STOP,
     BUSY,
     UNIT,
 ];
-pub(super) const DHO: &[Quirk] =
-    &[PAGE, STICKY, STOP, BUSY, UNIT, quirk("flash", "the status shows `TD` only for a moment", Kind::Switch(true))];
-pub(super) const DL3000: &[Quirk] = &[quirk("measured_end", "two line ends behind a measurement", Kind::Switch(true)), FUNCTION];
+pub(super) const DHO: &[Quirk] = &[
+    PAGE,
+    STICKY,
+    STOP,
+    BUSY,
+    UNIT,
+    quirk(
+        "flash",
+        "the status shows `TD` only for a moment",
+        Kind::Switch(true),
+    ),
+];
+pub(super) const DL3000: &[Quirk] = &[
+    quirk(
+        "measured_end",
+        "two line ends behind a measurement",
+        Kind::Switch(true),
+    ),
+    FUNCTION,
+];
 pub(super) const JULABO: &[Quirk] = &[
-    quirk("local", "left in manual mode at its panel: it obeys no command", Kind::Switch(false)),
-    quirk("strict_pacing", "a command that comes too soon after a write is lost", Kind::Switch(false)),
+    quirk(
+        "local",
+        "left in manual mode at its panel: it obeys no command",
+        Kind::Switch(false),
+    ),
+    quirk(
+        "strict_pacing",
+        "a command that comes too soon after a write is lost",
+        Kind::Switch(false),
+    ),
 ];
-pub(super) const HUBER: &[Quirk] = &[quirk("bath_sensor", "what its bath shows", Kind::Word(&["present", "absent", "unknown"]))];
+pub(super) const HUBER: &[Quirk] = &[quirk(
+    "bath_sensor",
+    "what its bath shows",
+    Kind::Word(&["present", "absent", "unknown"]),
+)];
 pub(super) const SDM: &[Quirk] = &[
-    quirk("unit", "unit of temperatures that an earlier client left", Kind::Word(&["C", "F", "K"])),
-    quirk("open_thermocouple", "nothing is connected", Kind::Switch(false)),
+    quirk(
+        "unit",
+        "unit of temperatures that an earlier client left",
+        Kind::Word(&["C", "F", "K"]),
+    ),
+    quirk(
+        "open_thermocouple",
+        "nothing is connected",
+        Kind::Switch(false),
+    ),
 ];
-pub(super) const SCANNER: &[Quirk] = &[quirk("open_thermocouple", "nothing is connected", Kind::Switch(false))];
+pub(super) const SCANNER: &[Quirk] = &[quirk(
+    "open_thermocouple",
+    "nothing is connected",
+    Kind::Switch(false),
+)];
 pub(super) const RELAYS: &[Quirk] = &[
-    quirk("sensor", "what becomes of a conversion", Kind::Word(&["sound", "crc", "power_on", "stuck", "absent"])),
-    quirk("relay", "what the relays do", Kind::Word(&["sound", "refused", "welded"])),
+    quirk(
+        "sensor",
+        "what becomes of a conversion",
+        Kind::Word(&["sound", "crc", "power_on", "stuck", "absent"]),
+    ),
+    quirk(
+        "relay",
+        "what the relays do",
+        Kind::Word(&["sound", "refused", "welded"]),
+    ),
 ];
 
 impl Quirks {
     /// The switches of a model as they are told, the others as its own way is.
     pub(super) fn of(known: &[&'static [Quirk]], told: &Self) -> Result<Self, QuirkError> {
         let all = || known.iter().copied().flatten();
-        let mut quirks: BTreeMap<String, Value> = all().map(|quirk| (quirk.name.to_owned(), quirk.kind.usual())).collect();
+        let mut quirks: BTreeMap<String, Value> = all()
+            .map(|quirk| (quirk.name.to_owned(), quirk.kind.usual()))
+            .collect();
         for (name, value) in &told.0 {
             let Some(quirk) = all().find(|quirk| quirk.name == name) else {
-                let expected = format!("one of {}", all().map(|quirk| quirk.name).collect::<Vec<_>>().join(", "));
-                return Err(QuirkError { name: name.clone(), expected, found: format!("`{name}`") });
+                let expected = format!(
+                    "one of {}",
+                    all().map(|quirk| quirk.name).collect::<Vec<_>>().join(", ")
+                );
+                return Err(QuirkError {
+                    name: name.clone(),
+                    expected,
+                    found: format!("`{name}`"),
+                });
             };
             if !quirk.kind.takes(value) {
-                return Err(QuirkError { name: name.clone(), expected: quirk.kind.to_string(), found: value.to_string() });
+                return Err(QuirkError {
+                    name: name.clone(),
+                    expected: quirk.kind.to_string(),
+                    found: value.to_string(),
+                });
             }
             quirks.insert(name.clone(), value.clone());
         }
@@ -165,18 +369,30 @@ impl Quirks {
 
     /// A number; 0 where the model has none.
     pub(super) fn number(&self, name: &str) -> f64 {
-        if let Some(Value::Number(number)) = self.0.get(name) { *number } else { 0.0 }
+        if let Some(Value::Number(number)) = self.0.get(name) {
+            *number
+        } else {
+            0.0
+        }
     }
 
     /// A number of things.
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "of a bounded kind")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "of a bounded kind"
+    )]
     pub(super) fn count(&self, name: &str) -> usize {
         self.number(name).max(0.0) as usize
     }
 
     /// A word; empty where the model has none.
     pub(super) fn word(&self, name: &str) -> &str {
-        if let Some(Value::Word(word)) = self.0.get(name) { word } else { "" }
+        if let Some(Value::Word(word)) = self.0.get(name) {
+            word
+        } else {
+            ""
+        }
     }
 }
 
@@ -198,7 +414,9 @@ impl Kind {
     fn takes(self, value: &Value) -> bool {
         match (self, value) {
             (Self::Switch(_), Value::Switch(_)) => true,
-            (Self::Number(_, (least, greatest)), Value::Number(number)) => (least..=greatest).contains(number),
+            (Self::Number(_, (least, greatest)), Value::Number(number)) => {
+                (least..=greatest).contains(number)
+            }
             (Self::Word(words), Value::Word(word)) => words.contains(&word.as_str()),
             _ => false,
         }
@@ -211,7 +429,11 @@ impl Kind {
             Self::Number(usual, (least, greatest)) => {
                 // Of a wide span its geometric middle too.
                 let middle = (least.max(1e-3) * greatest).sqrt();
-                [least, middle, greatest].into_iter().filter(|number| *number != usual).map(Value::from).collect()
+                [least, middle, greatest]
+                    .into_iter()
+                    .filter(|number| *number != usual)
+                    .map(Value::from)
+                    .collect()
             }
             Self::Word(words) => words.iter().skip(1).map(|word| (*word).into()).collect(),
         }

@@ -1,8 +1,10 @@
-//! A serial board with a DS18B20 in a bath and two relays, for a heater and a cooler. Its protocol is this project's own (`docs/thermostat.md`), the sensor's
-//! answer that of the Linux kernel's `w1_slave`.
+//! A serial board with a DS18B20 in a bath and two relays, for a heater and a cooler. Its protocol
+//! is this project's own (`docs/thermostat.md`), the sensor's answer that of the Linux kernel's
+//! `w1_slave`.
 //!
-//! A relay is switched on for a time, at most a minute, and drops by itself: nothing stays on because nobody speaks any more. Assumed: the sensor follows
-//! the bath at once, and its conversion is fresh with every question.
+//! A relay is switched on for a time, at most a minute, and drops by itself: nothing stays on
+//! because nobody speaks any more. Assumed: the sensor follows the bath at once, and its conversion
+//! is fresh with every question.
 
 use super::{
     Device, MockOptions,
@@ -29,7 +31,12 @@ pub(super) struct RelayBoard {
 impl RelayBoard {
     pub(super) fn new(plant: SharedPlant, options: &MockOptions) -> Self {
         let world = World::new(plant, options.since_s);
-        let board = Self { world, quirks: options.quirks.clone(), bath: BathState::default(), first: None };
+        let board = Self {
+            world,
+            quirks: options.quirks.clone(),
+            bath: BathState::default(),
+            first: None,
+        };
         board.world.act(Action::Bath(board.bath));
         board
     }
@@ -48,16 +55,26 @@ impl RelayBoard {
     }
 
     fn switch(&mut self, power: f64, seconds: &str) -> String {
-        let Some(seconds) = seconds.parse().ok().filter(|seconds: &f64| (0.0..=LONGEST_S).contains(seconds)) else {
+        let Some(seconds) = seconds
+            .parse()
+            .ok()
+            .filter(|seconds: &f64| (0.0..=LONGEST_S).contains(seconds))
+        else {
             return format!("ERR expected 0 to {LONGEST_S} seconds");
         };
         match self.quirks.word("relay") {
             "refused" => return "ERR relay".to_owned(),
             // It conducts for good, whatever the board believes.
-            "welded" => self.world.act(Action::Bath(BathState { power: 1.0, until_s: f64::MAX })),
+            "welded" => self.world.act(Action::Bath(BathState {
+                power: 1.0,
+                until_s: f64::MAX,
+            })),
             _ => {}
         }
-        self.bath = BathState { power: if seconds > 0.0 { power } else { 0.0 }, until_s: self.world.now_s + seconds };
+        self.bath = BathState {
+            power: if seconds > 0.0 { power } else { 0.0 },
+            until_s: self.world.now_s + seconds,
+        };
         if self.quirks.word("relay") != "welded" {
             self.world.act(Action::Bath(self.bath));
         }
@@ -81,16 +98,27 @@ impl RelayBoard {
             bytes[0] ^= 0x20;
         }
         let fits = crc(&bytes[..8]) == bytes[8];
-        let hex = bytes.iter().map(|byte| format!("{byte:02x}")).collect::<Vec<_>>().join(" ");
+        let hex = bytes
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect::<Vec<_>>()
+            .join(" ");
         let millidegrees = i32::from(i16::from_le_bytes([bytes[0], bytes[1]])) * 1000 / 16;
-        format!("{hex} : crc={:02x} {} {hex} t={millidegrees}", bytes[8], if fits { "YES" } else { "NO" })
+        format!(
+            "{hex} : crc={:02x} {} {hex} t={millidegrees}",
+            bytes[8],
+            if fits { "YES" } else { "NO" }
+        )
     }
 }
 
 /// The sum of the 1-Wire bus: x⁸ + x⁵ + x⁴ + 1, least bit first.
 fn crc(bytes: &[u8]) -> u8 {
     let mut sum = 0_u8;
-    for bit in bytes.iter().flat_map(|byte| (0..8).map(move |place| byte >> place & 1)) {
+    for bit in bytes
+        .iter()
+        .flat_map(|byte| (0..8).map(move |place| byte >> place & 1))
+    {
         let out = (sum & 1) ^ bit;
         sum >>= 1;
         if out == 1 {

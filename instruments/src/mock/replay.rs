@@ -1,4 +1,5 @@
-//! A recorded conversation as a device: it answers what was answered then, as long as it is asked what was asked then, and stops at the first difference.
+//! A recorded conversation as a device: it answers what was answered then, as long as it is asked
+//! what was asked then, and stops at the first difference.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -30,7 +31,10 @@ pub enum Divergence {
         met: String,
     },
     /// The record has only length and hash of a block.
-    #[error("message {number}: `{sent}`: expected the bytes of the answer in the record, found only their length")]
+    #[error(
+        "message {number}: `{sent}`: expected the bytes of the answer in the record, found only \
+        their length"
+    )]
     Unknown {
         /// Number of the message, from 1.
         number: usize,
@@ -51,7 +55,11 @@ impl Outcome {
 
     /// The first difference.
     pub fn divergence(&self) -> Option<Divergence> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).1.clone()
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .1
+            .clone()
     }
 }
 
@@ -66,7 +74,9 @@ impl Turn {
     fn is(&self, message: &[u8]) -> bool {
         match &self.sent {
             Payload::Text(text) => text.as_bytes() == message,
-            Payload::Block(block) => message.strip_prefix(block.prefix.as_bytes()).is_some_and(|data| block.describes(data)),
+            Payload::Block(block) => message
+                .strip_prefix(block.prefix.as_bytes())
+                .is_some_and(|data| block.describes(data)),
         }
     }
 
@@ -86,22 +96,43 @@ pub struct Replay {
 }
 
 impl Replay {
-    /// The conversation over one link of a transcript, and how it will have gone. `terminator` is that of the dialect.
+    /// The conversation over one link of a transcript, and how it will have gone. `terminator` is
+    /// that of the dialect.
     pub fn new(transcript: &Transcript, link: &str, terminator: Terminator) -> (Self, Outcome) {
         let mut turns: Vec<Turn> = Vec::new();
-        for Record { direction, payload, .. } in transcript.records.iter().filter(|record| record.link == link) {
+        for Record {
+            direction, payload, ..
+        } in transcript
+            .records
+            .iter()
+            .filter(|record| record.link == link)
+        {
             match (direction, payload) {
-                (Direction::Sent, sent) => turns.push(Turn { sent: sent.clone(), reply: Some(Vec::new()) }),
+                (Direction::Sent, sent) => turns.push(Turn {
+                    sent: sent.clone(),
+                    reply: Some(Vec::new()),
+                }),
                 (Direction::Received | Direction::Unsolicited, payload) => {
                     if let Some(turn) = turns.last_mut() {
-                        turn.reply = turn.reply.take().zip(bytes(payload, terminator)).map(|(reply, more)| [reply, more].concat());
+                        turn.reply = turn
+                            .reply
+                            .take()
+                            .zip(bytes(payload, terminator))
+                            .map(|(reply, more)| [reply, more].concat());
                     }
                 }
                 (Direction::Remark, _) => {}
             }
         }
         let outcome = Outcome::default();
-        (Self { turns, terminator, outcome: outcome.clone() }, outcome)
+        (
+            Self {
+                turns,
+                terminator,
+                outcome: outcome.clone(),
+            },
+            outcome,
+        )
     }
 
     /// The messages of the record, in order.
@@ -111,23 +142,40 @@ impl Replay {
 
     fn follow(&self, (number, message): (usize, &[u8])) -> Result<Vec<u8>, Divergence> {
         let met = || excerpt(message);
-        let Some(turn) = self.turns.get(number - 1) else { return Err(Divergence::Beyond { number, met: met() }) };
+        let Some(turn) = self.turns.get(number - 1) else {
+            return Err(Divergence::Beyond { number, met: met() });
+        };
         if !turn.is(message) {
-            return Err(Divergence::Other { number, expected: turn.text(), met: met() });
+            return Err(Divergence::Other {
+                number,
+                expected: turn.text(),
+                met: met(),
+            });
         }
-        turn.reply.clone().ok_or_else(|| Divergence::Unknown { number, sent: met() })
+        turn.reply.clone().ok_or_else(|| Divergence::Unknown {
+            number,
+            sent: met(),
+        })
     }
 }
 
-/// What went over the wire, its end included; nothing for a block of which only the length is known.
+/// What went over the wire, its end included; nothing for a block of which only the length is
+/// known.
 fn bytes(payload: &Payload, terminator: Terminator) -> Option<Vec<u8>> {
-    let end: &[u8] = if terminator == Terminator::Lf { b"\n" } else { b"\r\n" };
+    let end: &[u8] = if terminator == Terminator::Lf {
+        b"\n"
+    } else {
+        b"\r\n"
+    };
     match payload {
         Payload::Text(text) => Some([text.as_bytes(), end].concat()),
         Payload::Block(block) => {
             let length = block.len.to_string();
             let head = format!("{}#{}{length}", block.prefix, length.len());
-            block.bytes.as_ref().map(|bytes| [head.as_bytes(), bytes, b"\n"].concat())
+            block
+                .bytes
+                .as_ref()
+                .map(|bytes| [head.as_bytes(), bytes, b"\n"].concat())
         }
     }
 }
@@ -138,7 +186,11 @@ impl Device for Replay {
     }
 
     fn handle(&mut self, _: f64, message: &[u8]) -> Vec<u8> {
-        let mut outcome = self.outcome.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut outcome = self
+            .outcome
+            .0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         if outcome.1.is_some() {
             return Vec::new();
         }

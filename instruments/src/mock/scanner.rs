@@ -1,8 +1,10 @@
-//! Keysight 34970A data logger with one multiplexer card in slot 100: thermocouples on channels 101 (surface of the cell), 102 (ambient air) and
-//! 103 (bath); the other channels of the card, to 120, are open and read +9.9E37.
+//! Keysight 34970A data logger with one multiplexer card in slot 100: thermocouples on channels 101
+//! (surface of the cell), 102 (ambient air) and 103 (bath); the other channels of the card, to 120,
+//! are open and read +9.9E37.
 //!
-//! Not simulated: timed scans (`TRIG:SOUR TIM` and the count are kept, a scan is taken at once), time stamps, alarms, other functions than
-//! temperature: a channel that was not configured shows the thermocouple's direct voltage, about 41 µV/K.
+//! Not simulated: timed scans (`TRIG:SOUR TIM` and the count are kept, a scan is taken at once),
+//! time stamps, alarms, other functions than temperature: a channel that was not configured shows
+//! the thermocouple's direct voltage, about 41 µV/K.
 
 use scpi::{Branch, Leaf, Root, error::ErrorCode, tree::Node};
 
@@ -76,7 +78,11 @@ impl Scanner {
 
     fn list(arguments: &mut Arguments) -> Fallible<Vec<u16>> {
         let channels = arguments.channels()?;
-        if channels.iter().all(|channel| CHANNELS.contains(channel)) { Ok(channels) } else { fail(ErrorCode::DataOutOfRange) }
+        if channels.iter().all(|channel| CHANNELS.contains(channel)) {
+            Ok(channels)
+        } else {
+            fail(ErrorCode::DataOutOfRange)
+        }
     }
 
     fn configure_temperature(&mut self, arguments: &mut Arguments) -> Fallible {
@@ -89,9 +95,13 @@ impl Scanner {
             }
         }
         let channels = Self::list(arguments)?;
-        self.settings
-            .temperature
-            .extend(channels.iter().filter(|channel| !self.settings.temperature.contains(channel)).copied().collect::<Vec<_>>());
+        self.settings.temperature.extend(
+            channels
+                .iter()
+                .filter(|channel| !self.settings.temperature.contains(channel))
+                .copied()
+                .collect::<Vec<_>>(),
+        );
         self.settings.scan = channels;
         self.readings.clear();
         Ok(())
@@ -130,7 +140,9 @@ impl Scanner {
             return OVERLOAD;
         }
         match self.settings.unit {
-            _ if !self.settings.temperature.contains(&channel) => (celsius - JUNCTION_C) * VOLTS_PER_KELVIN,
+            _ if !self.settings.temperature.contains(&channel) => {
+                (celsius - JUNCTION_C) * VOLTS_PER_KELVIN
+            }
             "F" => celsius * 1.8 + 32.0,
             "K" => celsius + 273.15,
             _ => celsius,
@@ -154,14 +166,21 @@ impl Scanner {
     }
 
     fn format(&self, readings: &[(u16, f64)]) -> String {
-        let entries: Vec<String> = readings.iter().map(|(channel, value)| self.format_one(*channel, *value)).collect();
+        let entries: Vec<String> = readings
+            .iter()
+            .map(|(channel, value)| self.format_one(*channel, *value))
+            .collect();
         entries.join(",")
     }
 
     fn format_one(&self, channel: u16, value: f64) -> String {
         let mut entry = signed_nr3(value);
         if self.settings.with_unit {
-            entry += if self.settings.temperature.contains(&channel) { [" C", " F", " K"][unit_index(self.settings.unit)] } else { " VDC" };
+            entry += if self.settings.temperature.contains(&channel) {
+                [" C", " F", " K"][unit_index(self.settings.unit)]
+            } else {
+                " VDC"
+            };
         }
         if self.settings.with_channel {
             entry += &format!(",{channel}");
@@ -183,8 +202,15 @@ impl Scanner {
 
     /// `R? n`: takes readings out of the memory, oldest first, as a block.
     fn remove(&mut self, arguments: &mut Arguments) -> Fallible<Answer> {
-        let wanted = if arguments.is_empty() { usize::MAX } else { count(arguments, MEMORY)? };
-        let taken: Vec<_> = self.readings.drain(..wanted.min(self.readings.len())).collect();
+        let wanted = if arguments.is_empty() {
+            usize::MAX
+        } else {
+            count(arguments, MEMORY)?
+        };
+        let taken: Vec<_> = self
+            .readings
+            .drain(..wanted.min(self.readings.len()))
+            .collect();
         text(block(&self.format(&taken)))
     }
 
@@ -237,7 +263,11 @@ fn count(arguments: &mut Arguments, most: usize) -> Fallible<usize> {
     if !(1.0..=most as f64).contains(&value) {
         return fail(ErrorCode::DataOutOfRange);
     }
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked above")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "checked above"
+    )]
     Ok(value as usize)
 }
 
@@ -249,7 +279,11 @@ fn block(payload: &str) -> String {
 
 /// What this mock cannot add to its readings can only be left off.
 fn only_off(_: &mut Scanner, arguments: &mut Arguments) -> Fallible {
-    if arguments.switch()? { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
+    if arguments.switch()? {
+        fail(ErrorCode::SettingsConflict)
+    } else {
+        Ok(())
+    }
 }
 
 const TREE: Node<'static, Scanner> = Root! {

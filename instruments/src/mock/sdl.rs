@@ -1,9 +1,10 @@
-//! Siglent SDL1000X DC electronic load. `[:SOURce]` is optional; there is no error queue, so that a refused command leaves no trace but its
-//! read-back, and an unknown query is met with silence.
+//! Siglent SDL1000X DC electronic load. `[:SOURce]` is optional; there is no error queue, so that a
+//! refused command leaves no trace but its read-back, and an unknown query is met with silence.
 //!
-//! Only constant current and constant power draw from the cell; the other functions can be chosen and read back, but their input draws nothing. Transient, battery,
-//! list and program modes are absent. Assumed: out-of-range values are clamped; over-current protection acts when its delay has passed and the load
-//! is next spoken to.
+//! Only constant current and constant power draw from the cell; the other functions can be chosen
+//! and read back, but their input draws nothing. Transient, battery, list and program modes are
+//! absent. Assumed: out-of-range values are clamped; over-current protection acts when its delay
+//! has passed and the load is next spoken to.
 
 use scpi::{
     Branch, Leaf, Root,
@@ -23,7 +24,8 @@ use crate::scpi::decode::Terminator;
 const MAX_AMPS: f64 = 30.0;
 const MAX_VOLTS: f64 = 150.0;
 const FUNCTIONS: [&str; 5] = ["CURRent", "VOLTage", "POWer", "RESistance", "LED"];
-/// Greatest level of constant current, voltage, power and resistance, in the order of [`FUNCTIONS`].
+/// Greatest level of constant current, voltage, power and resistance, in the order of
+/// [`FUNCTIONS`].
 const MAX_LEVELS: [f64; 4] = [MAX_AMPS, MAX_VOLTS, 200.0, 10e3];
 const UNITS: [&str; 4] = ["A", "V", "W", "OHM"];
 
@@ -97,13 +99,25 @@ impl Sdl {
             input_on: settings.input_on,
             current_a: if draws { settings.levels[0] } else { 0.0 },
             power_w: (settings.function == "POWer").then_some(settings.levels[2]),
-            min_voltage_v: if settings.started { 0.0 } else { settings.start_volts },
+            min_voltage_v: if settings.started {
+                0.0
+            } else {
+                settings.start_volts
+            },
         }));
     }
 
     fn span(&self, index: usize) -> Span {
-        let max = if index == 0 { self.settings.current_ranges[0] } else { MAX_LEVELS[index] };
-        Span { min: 0.0, max, default: Settings::default().levels[index] }
+        let max = if index == 0 {
+            self.settings.current_ranges[0]
+        } else {
+            MAX_LEVELS[index]
+        };
+        Span {
+            min: 0.0,
+            max,
+            default: Settings::default().levels[index],
+        }
     }
 
     fn set_level(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
@@ -114,9 +128,22 @@ impl Sdl {
         Ok(())
     }
 
-    /// The range in which `value` lies: above the lower one the upper one is taken. Only with the input off.
-    fn choose_range(&self, arguments: &mut Arguments, unit: &str, ranges: (f64, f64)) -> Fallible<Option<f64>> {
-        let value = arguments.number_in(unit, Span { min: ranges.0, max: ranges.1, default: ranges.1 })?;
+    /// The range in which `value` lies: above the lower one the upper one is taken. Only with the
+    /// input off.
+    fn choose_range(
+        &self,
+        arguments: &mut Arguments,
+        unit: &str,
+        ranges: (f64, f64),
+    ) -> Fallible<Option<f64>> {
+        let value = arguments.number_in(
+            unit,
+            Span {
+                min: ranges.0,
+                max: ranges.1,
+                default: ranges.1,
+            },
+        )?;
         Ok((!self.settings.input_on).then_some(if value > ranges.0 { ranges.1 } else { ranges.0 }))
     }
 
@@ -142,7 +169,8 @@ impl Sdl {
         let on = arguments.switch()?;
         if on && !self.settings.input_on {
             self.settings.on_since_s = self.world.now_s;
-            self.settings.started = self.settings.latched && self.world.read(Meter::LoadVolts) >= self.settings.start_volts;
+            self.settings.started = self.settings.latched
+                && self.world.read(Meter::LoadVolts) >= self.settings.start_volts;
         }
         self.settings.input_on = on;
         self.settings.started &= on;
@@ -157,7 +185,14 @@ impl Sdl {
     }
 
     fn set_start_volts(&mut self, arguments: &mut Arguments) -> Fallible {
-        let volts = arguments.number_in("V", Span { min: 0.0, max: MAX_VOLTS, default: 0.0 })?;
+        let volts = arguments.number_in(
+            "V",
+            Span {
+                min: 0.0,
+                max: MAX_VOLTS,
+                default: 0.0,
+            },
+        )?;
         self.settings.start_volts = self.bounded(volts, (0.0, MAX_VOLTS))?;
         self.act();
         Ok(())
@@ -172,7 +207,14 @@ impl Sdl {
 
     /// A plain setting between zero and `max`.
     fn clamped(&self, arguments: &mut Arguments, unit: &str, max: f64) -> Fallible<f64> {
-        let value = arguments.number_in(unit, Span { min: 0.0, max, default: max })?;
+        let value = arguments.number_in(
+            unit,
+            Span {
+                min: 0.0,
+                max,
+                default: max,
+            },
+        )?;
         self.bounded(value, (0.0, max))
     }
 
@@ -198,8 +240,13 @@ impl Sdl {
     /// Switches off after an over-current that has lasted longer than the protection's delay.
     fn protect(&mut self) {
         let settings = &mut self.settings;
-        let over = settings.protection_on && settings.function == "CURRent" && settings.levels[0] > settings.protection_amps;
-        if over && settings.input_on && self.world.now_s - settings.on_since_s >= settings.protection_delay_s {
+        let over = settings.protection_on
+            && settings.function == "CURRent"
+            && settings.levels[0] > settings.protection_amps;
+        if over
+            && settings.input_on
+            && self.world.now_s - settings.on_since_s >= settings.protection_delay_s
+        {
             settings.input_on = false;
             settings.started = false;
             self.act();
@@ -241,7 +288,12 @@ macro_rules! level {
     ($index:literal) => {
         &both(
             |sdl: &mut Sdl, arguments| sdl.set_level($index, arguments),
-            |sdl, arguments| text(fixed(arguments.value_or_named(sdl.settings.levels[$index], sdl.span($index))?)),
+            |sdl, arguments| {
+                text(fixed(arguments.value_or_named(
+                    sdl.settings.levels[$index],
+                    sdl.span($index),
+                )?))
+            },
         )
     };
 }
@@ -344,6 +396,10 @@ impl Device for Sdl {
         self.lost = false;
         let reply = exchange(&TREE, self, message);
         let stars = self.lost && message.contains(&b'?') && self.quirks.word("unknown") == "stars";
-        if stars { b"**ERROR**\n".to_vec() } else { reply }
+        if stars {
+            b"**ERROR**\n".to_vec()
+        } else {
+            reply
+        }
     }
 }

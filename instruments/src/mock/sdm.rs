@@ -1,7 +1,9 @@
 //! Siglent SDM3065X multimeter: one input, here with a type K thermocouple on the cell's surface.
 //!
-//! Only temperatures come from the bench; the direct voltage of the thermocouple is shown in the other function. Assumed, for want of a source: out-of-range
-//! values are refused by -222; the unit of temperatures survives another configuration; an open thermocouple reads 9.9E37; the version in the identity.
+//! Only temperatures come from the bench; the direct voltage of the thermocouple is shown in the
+//! other function. Assumed, for want of a source: out-of-range values are refused by -222; the unit
+//! of temperatures survives another configuration; an open thermocouple reads 9.9E37; the version
+//! in the identity.
 
 use scpi::{Branch, Leaf, Root, error::ErrorCode, tree::Node};
 
@@ -43,7 +45,10 @@ impl Sdm {
             status: Status::new(QUEUE_DEPTH).quirky(&options.quirks),
             serial_number: options.serial_number.clone(),
             temperature: false,
-            unit: ["F", "K"].into_iter().find(|unit| *unit == options.quirks.word("unit")).unwrap_or("C"),
+            unit: ["F", "K"]
+                .into_iter()
+                .find(|unit| *unit == options.quirks.word("unit"))
+                .unwrap_or("C"),
             samples: 1,
             source: "IMM",
             readings: Vec::new(),
@@ -56,7 +61,9 @@ impl Sdm {
         let kind = if sensor == "RTD" {
             &["PT100", "PT1000"][..]
         } else {
-            &["BITS90", "EITS90", "JITS90", "KITS90", "NITS90", "RITS90", "SITS90", "TITS90"]
+            &[
+                "BITS90", "EITS90", "JITS90", "KITS90", "NITS90", "RITS90", "SITS90", "TITS90",
+            ]
         };
         // Another sensor than the one that is connected shows nothing of use.
         self.temperature = arguments.word(kind)? == "KITS90";
@@ -76,12 +83,22 @@ impl Sdm {
     }
 
     fn function(&mut self, _: &mut Arguments) -> Fallible<Answer> {
-        text(if self.temperature { "\"TEMP THER,KITS90\"" } else { "\"VOLT:DC\"" })
+        text(if self.temperature {
+            "\"TEMP THER,KITS90\""
+        } else {
+            "\"VOLT:DC\""
+        })
     }
 
     fn set_samples(&mut self, arguments: &mut Arguments) -> Fallible {
-        let samples = self.status.bounded(arguments.number("")?.round(), (1.0, MEMORY))?;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the range")]
+        let samples = self
+            .status
+            .bounded(arguments.number("")?.round(), (1.0, MEMORY))?;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "within the range"
+        )]
         let samples = samples as usize;
         self.samples = samples;
         Ok(())
@@ -124,7 +141,13 @@ impl Sdm {
         if self.readings.is_empty() {
             return fail(ErrorCode::DataCorruptOrStale);
         }
-        text(self.readings.iter().map(|reading| signed_nr3(*reading)).collect::<Vec<_>>().join(","))
+        text(
+            self.readings
+                .iter()
+                .map(|reading| signed_nr3(*reading))
+                .collect::<Vec<_>>()
+                .join(","),
+        )
     }
 
     fn read(&mut self, arguments: &mut Arguments) -> Fallible<Answer> {

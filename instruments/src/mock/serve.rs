@@ -1,9 +1,10 @@
-//! Puts a simulated instrument on a port: in process, TCP, a pseudo terminal, VXI-11, HiSLIP, a GPIB adapter, or in the place of a USBTMC device.
+//! Puts a simulated instrument on a port: in process, TCP, a pseudo terminal, VXI-11, HiSLIP, a
+//! GPIB adapter, or in the place of a USBTMC device.
 //!
-//! One client at a time, as the instruments have it: on a stream the next one waits until the first has gone, or is refused where a quirk says so,
-//! elsewhere it is refused. The instrument
-//! keeps its settings from one client to the next. Everything runs on the caller's runtime, without threads, so that in virtual time in-process
-//! streams stay exact.
+//! One client at a time, as the instruments have it: on a stream the next one waits until the first
+//! has gone, or is refused where a quirk says so, elsewhere it is refused. The instrument keeps its
+//! settings from one client to the next. Everything runs on the caller's runtime, without threads,
+//! so that in virtual time in-process streams stay exact.
 
 mod answer;
 mod backplane;
@@ -42,13 +43,19 @@ const READ_BYTES: usize = 4096;
 ///
 /// # Errors
 /// What the transport says when reading or writing fails.
-pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWrite + Unpin + Send, clock: &Clock) -> io::Result<()> {
+pub async fn serve(
+    device: &mut dyn Device,
+    mut stream: impl AsyncRead + AsyncWrite + Unpin + Send,
+    clock: &Clock,
+) -> io::Result<()> {
     let mut framer = ProgramFramer::new(device.terminator(), LONGEST_MESSAGE);
     device.connected(clock.now_s());
     let mut buffer = [0_u8; READ_BYTES];
     loop {
         let count = stream.read(&mut buffer).await?;
-        let Some(bytes) = buffer.get(..count).filter(|bytes| !bytes.is_empty()) else { return Ok(()) };
+        let Some(bytes) = buffer.get(..count).filter(|bytes| !bytes.is_empty()) else {
+            return Ok(());
+        };
         framer.push(bytes);
         while let Some(message) = framer.pull() {
             let message = match message {
@@ -77,11 +84,17 @@ pub async fn serve(device: &mut dyn Device, mut stream: impl AsyncRead + AsyncWr
     }
 }
 
-/// Serves under `name` inside this process until the task is aborted or the hub is gone. The name is taken when this returns.
+/// Serves under `name` inside this process until the task is aborted or the hub is gone. The name
+/// is taken when this returns.
 ///
 /// # Errors
 /// [`TransportError`] when the name is taken already.
-pub fn serve_memory(device: Box<dyn Device>, hub: &MemoryHub, name: &str, clock: Clock) -> Result<JoinHandle<()>, TransportError> {
+pub fn serve_memory(
+    device: Box<dyn Device>,
+    hub: &MemoryHub,
+    name: &str,
+    clock: Clock,
+) -> Result<JoinHandle<()>, TransportError> {
     let listener = hub.listen(name)?;
     Ok(tokio::spawn(accept_memory(device, listener, clock)))
 }
@@ -102,11 +115,16 @@ async fn accept_memory(mut device: Box<dyn Device>, mut listener: MemoryListener
     }
 }
 
-/// Serves on a TCP port until the task is aborted; gives the address really bound, so that port 0 can be asked for.
+/// Serves on a TCP port until the task is aborted; gives the address really bound, so that port 0
+/// can be asked for.
 ///
 /// # Errors
 /// What the operating system says when the address cannot be bound.
-pub async fn serve_tcp(device: Box<dyn Device>, address: impl ToSocketAddrs, clock: Clock) -> io::Result<(SocketAddr, JoinHandle<()>)> {
+pub async fn serve_tcp(
+    device: Box<dyn Device>,
+    address: impl ToSocketAddrs,
+    clock: Clock,
+) -> io::Result<(SocketAddr, JoinHandle<()>)> {
     let listener = TcpListener::bind(address).await?;
     let bound = listener.local_addr()?;
     Ok((bound, tokio::spawn(accept_tcp(device, listener, clock))))
@@ -133,7 +151,11 @@ async fn accept_tcp(mut device: Box<dyn Device>, listener: TcpListener, clock: C
 async fn accept(listener: &TcpListener, clock: &Clock) -> TcpStream {
     loop {
         // Every answer is one small packet that somebody waits for.
-        match listener.accept().await.and_then(|(stream, _)| stream.set_nodelay(true).map(|()| stream)) {
+        match listener
+            .accept()
+            .await
+            .and_then(|(stream, _)| stream.set_nodelay(true).map(|()| stream))
+        {
             Ok(stream) => return stream,
             // Such as too many open files: the next attempt may succeed, and must not spin.
             Err(error) => {
@@ -162,14 +184,19 @@ async fn accept_all<F: Future<Output = io::Result<()>> + Send + 'static>(
     }
 }
 
-/// Serves on a new pseudo terminal until the task is aborted; gives the path that a client opens like a serial port.
+/// Serves on a new pseudo terminal until the task is aborted; gives the path that a client opens
+/// like a serial port.
 ///
 /// # Errors
 /// What the operating system says when it has no pseudo terminal left.
-pub fn serve_pty(mut device: Box<dyn Device>, clock: Clock) -> io::Result<(String, JoinHandle<()>)> {
+pub fn serve_pty(
+    mut device: Box<dyn Device>,
+    clock: Clock,
+) -> io::Result<(String, JoinHandle<()>)> {
     let pty = Pty::open()?;
     let path = pty.path().to_owned();
-    // The terminal outlives its clients: a serial line does not tell the instrument that somebody has gone.
+    // The terminal outlives its clients: a serial line does not tell the instrument that somebody
+    // has gone.
     let task = tokio::spawn(async move { finish(serve(device.as_mut(), pty, &clock).await) });
     Ok((path, task))
 }

@@ -1,7 +1,9 @@
-//! Siglent SPD3303X three-channel supply. Its output can be switched but not asked for: the state is a bit of `SYST:STAT?`.
+//! Siglent SPD3303X three-channel supply. Its output can be switched but not asked for: the state
+//! is a bit of `SYST:STAT?`.
 //!
-//! Only channel 1 is wired to the bench; channel 2 is an open circuit, channel 3 can only be switched. Assumed: out-of-range values are clamped,
-//! and the error answer has the form of its `0  No Error` with the numbers of the standard.
+//! Only channel 1 is wired to the bench; channel 2 is an open circuit, channel 3 can only be
+//! switched. Assumed: out-of-range values are clamped, and the error answer has the form of its `0
+//! No Error` with the numbers of the standard.
 
 use scpi::{Branch, Leaf, Root, error::ErrorCode, tree::Node};
 
@@ -13,8 +15,16 @@ use super::{
     world::World,
 };
 
-const VOLT_SPAN: Span = Span { min: 0.0, max: 32.0, default: 0.0 };
-const AMP_SPAN: Span = Span { min: 0.0, max: 3.2, default: 0.0 };
+const VOLT_SPAN: Span = Span {
+    min: 0.0,
+    max: 32.0,
+    default: 0.0,
+};
+const AMP_SPAN: Span = Span {
+    min: 0.0,
+    max: 3.2,
+    default: 0.0,
+};
 const QUEUE_DEPTH: usize = 10;
 /// How near to its limit the current counts as limited, A.
 const CC_MARGIN_A: f64 = 5e-3;
@@ -68,13 +78,19 @@ impl Spd {
     }
 
     fn set_volts(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        self.channels[index].voltage_v = self.status.bounded(arguments.number_in("V", VOLT_SPAN)?, (VOLT_SPAN.min, VOLT_SPAN.max))?;
+        self.channels[index].voltage_v = self.status.bounded(
+            arguments.number_in("V", VOLT_SPAN)?,
+            (VOLT_SPAN.min, VOLT_SPAN.max),
+        )?;
         self.act();
         Ok(())
     }
 
     fn set_amps(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        self.channels[index].current_a = self.status.bounded(arguments.number_in("A", AMP_SPAN)?, (AMP_SPAN.min, AMP_SPAN.max))?;
+        self.channels[index].current_a = self.status.bounded(
+            arguments.number_in("A", AMP_SPAN)?,
+            (AMP_SPAN.min, AMP_SPAN.max),
+        )?;
         self.act();
         Ok(())
     }
@@ -105,7 +121,10 @@ impl Spd {
 
     fn reading(&self, index: usize) -> (f64, f64) {
         match index {
-            0 => (self.world.read(Meter::SupplyVolts), self.world.read(Meter::SupplyAmps)),
+            0 => (
+                self.world.read(Meter::SupplyVolts),
+                self.world.read(Meter::SupplyAmps),
+            ),
             _ if self.channels[1].output_on => (self.channels[1].voltage_v, 0.0),
             _ => (0.0, 0.0),
         }
@@ -127,7 +146,8 @@ impl Spd {
         fixed(volts * amps)
     }
 
-    /// The hexadecimal status word: constant current in bits 0 and 1, tracking in 2 and 3, outputs in 4 and 5.
+    /// The hexadecimal status word: constant current in bits 0 and 1, tracking in 2 and 3, outputs
+    /// in 4 and 5.
     fn state(&mut self, _: &mut Arguments) -> Fallible<Answer> {
         let mut word = match self.tracking {
             0 => 0b01 << 2,
@@ -135,7 +155,8 @@ impl Spd {
             _ => 0b10 << 2,
         };
         for (index, channel) in self.channels.iter().enumerate() {
-            let limited = self.reading(index).1 >= channel.current_a - CC_MARGIN_A && channel.current_a > 0.0;
+            let limited =
+                self.reading(index).1 >= channel.current_a - CC_MARGIN_A && channel.current_a > 0.0;
             if channel.output_on {
                 word |= 1 << (4 + index);
             }
@@ -149,7 +170,13 @@ impl Spd {
     fn error(&mut self, _: &mut Arguments) -> Fallible<Answer> {
         text(self.status.pop().map_or_else(
             || "0  No Error".to_owned(),
-            |error| format!("{}  {}", error.get_code(), String::from_utf8_lossy(error.get_message())),
+            |error| {
+                format!(
+                    "{}  {}",
+                    error.get_code(),
+                    String::from_utf8_lossy(error.get_message())
+                )
+            },
         ))
     }
 

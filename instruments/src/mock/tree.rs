@@ -1,8 +1,11 @@
-//! What the SCPI mocks share: handlers, arguments, the error queue and the common commands, on the device side of the `scpi` crate.
+//! What the SCPI mocks share: handlers, arguments, the error queue and the common commands, on the
+//! device side of the `scpi` crate.
 //!
-//! The crate tokenises a message, walks the tree and hands over the parameters. Its rough edges are dealt with here: a leading blank is cut
-//! off, a reply that an error left half written is dropped, `*OPC` sets its event bit without an entry in the error queue, `*CLS` empties
-//! that queue. Numbers are formatted by the instruments themselves ([`super::number`]), for the crate prints the shortest form.
+//! The crate tokenises a message, walks the tree and hands over the parameters. Its rough edges are
+//! dealt with here: a leading blank is cut off, a reply that an error left half written is dropped,
+//! `*OPC` sets its event bit without an entry in the error queue, `*CLS` empties that queue.
+//! Numbers are formatted by the instruments themselves ([`super::number`]), for the crate prints
+//! the shortest form.
 
 mod argument;
 
@@ -28,7 +31,11 @@ pub(super) type Fallible<T = ()> = Result<T, Error>;
 pub(super) type Answer = Vec<u8>;
 
 /// Runs one message on a device. An error anywhere in the message silences the whole reply.
-pub(super) fn exchange<D: ScpiDevice>(tree: &Node<'_, D>, device: &mut D, message: &[u8]) -> Vec<u8> {
+pub(super) fn exchange<D: ScpiDevice>(
+    tree: &Node<'_, D>,
+    device: &mut D,
+    message: &[u8],
+) -> Vec<u8> {
     let message = message.trim_ascii();
     let mut reply = Vec::new();
     match tree.run(message, device, &mut Context::new(), &mut reply) {
@@ -45,21 +52,36 @@ pub(super) struct Verb<D> {
 
 /// A header that is only a command.
 pub(super) const fn set<D>(set: fn(&mut D, &mut Arguments) -> Fallible) -> Verb<D> {
-    Verb { set: Some(set), get: None }
+    Verb {
+        set: Some(set),
+        get: None,
+    }
 }
 
 /// A header that is only a query.
 pub(super) const fn get<D>(get: fn(&mut D, &mut Arguments) -> Fallible<Answer>) -> Verb<D> {
-    Verb { set: None, get: Some(get) }
+    Verb {
+        set: None,
+        get: Some(get),
+    }
 }
 
 /// A header that is both.
-pub(super) const fn both<D>(set: fn(&mut D, &mut Arguments) -> Fallible, get: fn(&mut D, &mut Arguments) -> Fallible<Answer>) -> Verb<D> {
-    Verb { set: Some(set), get: Some(get) }
+pub(super) const fn both<D>(
+    set: fn(&mut D, &mut Arguments) -> Fallible,
+    get: fn(&mut D, &mut Arguments) -> Fallible<Answer>,
+) -> Verb<D> {
+    Verb {
+        set: Some(set),
+        get: Some(get),
+    }
 }
 
 /// A text answer.
-#[expect(clippy::unnecessary_wraps, reason = "the last expression of a query handler")]
+#[expect(
+    clippy::unnecessary_wraps,
+    reason = "the last expression of a query handler"
+)]
 pub(super) fn text(answer: impl Into<String>) -> Fallible<Answer> {
     Ok(answer.into().into_bytes())
 }
@@ -74,19 +96,30 @@ pub(super) fn fail<T>(code: ErrorCode) -> Fallible<T> {
     Err(Error::new(code))
 }
 
-/// Marks the failure of a known header in the form that it does not have, which some firmware tells apart from an unknown header.
+/// Marks the failure of a known header in the form that it does not have, which some firmware tells
+/// apart from an unknown header.
 pub(super) const WRONG_FORM: &[u8] = b"wrong form";
 
 impl<D: ScpiDevice> Command<D> for Verb<D> {
     fn event(&self, device: &mut D, _context: &mut Context, params: Parameters) -> Fallible {
-        let Some(set) = self.set else { return Err(Error::new(ErrorCode::UndefinedHeader).extended(WRONG_FORM)) };
+        let Some(set) = self.set else {
+            return Err(Error::new(ErrorCode::UndefinedHeader).extended(WRONG_FORM));
+        };
         let mut arguments = Arguments::read(params)?;
         set(device, &mut arguments)?;
         arguments.end()
     }
 
-    fn query(&self, device: &mut D, _context: &mut Context, params: Parameters, mut response: ResponseUnit) -> Fallible {
-        let Some(get) = self.get else { return Err(Error::new(ErrorCode::UndefinedHeader).extended(WRONG_FORM)) };
+    fn query(
+        &self,
+        device: &mut D,
+        _context: &mut Context,
+        params: Parameters,
+        mut response: ResponseUnit,
+    ) -> Fallible {
+        let Some(get) = self.get else {
+            return Err(Error::new(ErrorCode::UndefinedHeader).extended(WRONG_FORM));
+        };
         let mut arguments = Arguments::read(params)?;
         let answer = get(device, &mut arguments)?;
         arguments.end()?;
@@ -125,12 +158,24 @@ pub(super) trait HasStatus: ScpiDevice {
 impl Status {
     /// An empty queue for `depth` errors, as after power-on.
     pub(super) fn new(depth: usize) -> Self {
-        Self { depth, errors: VecDeque::new(), esr: 0x80, ese: 0, sre: 0, clamps: false, silent: false }
+        Self {
+            depth,
+            errors: VecDeque::new(),
+            esr: 0x80,
+            ese: 0,
+            sre: 0,
+            clamps: false,
+            silent: false,
+        }
     }
 
     /// The same with what its quirks say of errors.
     pub(super) fn quirky(self, quirks: &Quirks) -> Self {
-        Self { clamps: quirks.is("clamps"), silent: quirks.word("unknown") == "silence", ..self }
+        Self {
+            clamps: quirks.is("clamps"),
+            silent: quirks.word("unknown") == "silence",
+            ..self
+        }
     }
 
     /// What is out of range is limited without a word.
@@ -223,19 +268,40 @@ pub(super) mod common {
     pub(crate) fn stb_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
         let status = device.status();
         let queue = if status.errors.is_empty() { 0 } else { 0x04 };
-        let events = if status.esr & status.ese == 0 { 0 } else { 0x20 };
-        let summary = if (queue | events) & status.sre == 0 { 0 } else { 0x40 };
+        let events = if status.esr & status.ese == 0 {
+            0
+        } else {
+            0x20
+        };
+        let summary = if (queue | events) & status.sre == 0 {
+            0
+        } else {
+            0x40
+        };
         text((queue | events | summary).to_string())
     }
 
     /// `SYSTem:ERRor[:NEXT]?` in the standard form.
     pub(crate) fn error_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
-        text(device.status().pop().map_or_else(|| "0,\"No error\"".to_owned(), |error| error.to_string()))
+        text(
+            device
+                .status()
+                .pop()
+                .map_or_else(|| "0,\"No error\"".to_owned(), |error| error.to_string()),
+        )
     }
 
     /// The same as Keysight writes an empty queue.
-    pub(crate) fn signed_error_query<D: HasStatus>(device: &mut D, _: &mut Arguments) -> Fallible<Answer> {
-        text(device.status().pop().map_or_else(|| "+0,\"No error\"".to_owned(), |error| error.to_string()))
+    pub(crate) fn signed_error_query<D: HasStatus>(
+        device: &mut D,
+        _: &mut Arguments,
+    ) -> Fallible<Answer> {
+        text(
+            device
+                .status()
+                .pop()
+                .map_or_else(|| "+0,\"No error\"".to_owned(), |error| error.to_string()),
+        )
     }
 
     fn byte(arguments: &mut Arguments) -> Fallible<u8> {
@@ -243,7 +309,11 @@ pub(super) mod common {
         if !(0.0..=255.0).contains(&value) {
             return fail(ErrorCode::DataOutOfRange);
         }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked above")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "checked above"
+        )]
         Ok(value as u8)
     }
 }

@@ -16,10 +16,12 @@ pub struct Chosen {
 }
 
 impl Instrument<dyn Dialect> {
-    /// Downloads one channel of the stopped frame, at most about `points` of its points, evenly spread.
+    /// Downloads one channel of the stopped frame, at most about `points` of its points, evenly
+    /// spread.
     ///
     /// # Errors
-    /// The link's; a descriptor that cannot be read (zeroed where no frame was ever completed); a page that is empty.
+    /// The link's; a descriptor that cannot be read (zeroed where no frame was ever completed); a
+    /// page that is empty.
     pub async fn download(&mut self, channel: u8, points: u64) -> Result<Waveform, LinkError> {
         let in_memory = self.points_in_memory().await?;
         let stride = stride_of(in_memory, points);
@@ -29,17 +31,24 @@ impl Instrument<dyn Dialect> {
                 return Ok(waveform);
             }
         }
-        // Whether the start of a second page counts points of the record or those left by the stride is written nowhere: what the scope thins out
-        // must fit one page, the rest is thinned out here. How long a page is shows when it comes; some are shorter than announced.
+        // Whether the start of a second page counts points of the record or those left by the
+        // stride is written nowhere: what the scope thins out must fit one page, the rest is
+        // thinned out here. How long a page is shows when it comes; some are shorter than
+        // announced.
         let mut whole = self.transfer(channel, (1, in_memory)).await?;
-        whole.codes = whole.codes.into_iter().step_by(usize::try_from(stride).unwrap_or(usize::MAX)).collect();
+        whole.codes = whole
+            .codes
+            .into_iter()
+            .step_by(usize::try_from(stride).unwrap_or(usize::MAX))
+            .collect();
         whole.interval_s *= stride as f64;
         whole.thinned_here = stride > 1;
         Ok(whole)
     }
 
-    /// Says which channel will be downloaded, while the scope still acquires, so that nothing but the samples is left to be asked for when it has stopped. Nothing
-    /// is chosen on a model that takes such settings only when it has stopped, or does not show that it took them.
+    /// Says which channel will be downloaded, while the scope still acquires, so that nothing but
+    /// the samples is left to be asked for when it has stopped. Nothing is chosen on a model that
+    /// takes such settings only when it has stopped, or does not show that it took them.
     ///
     /// # Errors
     /// The link's.
@@ -57,34 +66,63 @@ impl Instrument<dyn Dialect> {
     async fn try_choose(&mut self, channel: u8, points: u64) -> Result<Chosen, LinkError> {
         let in_memory = self.points_in_memory().await?;
         let stride = stride_of(in_memory, points);
-        play(&mut self.link, &self.dialect.script(&Intent::Transfer { channel, stride })).await?;
-        Ok(Chosen { channel, stride, in_memory })
+        play(
+            &mut self.link,
+            &self.dialect.script(&Intent::Transfer { channel, stride }),
+        )
+        .await?;
+        Ok(Chosen {
+            channel,
+            stride,
+            in_memory,
+        })
     }
 
-    /// Downloads what was chosen before the scope stopped; from the beginning where the frame is not as long as it was to be, or more than a page.
+    /// Downloads what was chosen before the scope stopped; from the beginning where the frame is
+    /// not as long as it was to be, or more than a page.
     ///
     /// # Errors
     /// As [`Self::download`].
-    pub async fn download_chosen(&mut self, chosen: Chosen, points: u64) -> Result<Waveform, LinkError> {
-        let Chosen { channel, stride, in_memory } = chosen;
+    pub async fn download_chosen(
+        &mut self,
+        chosen: Chosen,
+        points: u64,
+    ) -> Result<Waveform, LinkError> {
+        let Chosen {
+            channel,
+            stride,
+            in_memory,
+        } = chosen;
         let waveform = self.chosen(channel, (stride, in_memory), &[]).await?;
         let whole = waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride);
         let as_chosen = stride_of(waveform.preamble.points, points) == stride && whole;
-        if as_chosen { Ok(waveform) } else { self.download(channel, points).await }
+        if as_chosen {
+            Ok(waveform)
+        } else {
+            self.download(channel, points).await
+        }
     }
 
     async fn points_in_memory(&mut self) -> Result<u64, LinkError> {
         let question = self.dialect.queries().points;
         let answer = self.link.query(question).await?;
         let in_memory = leading_number(&answer).filter(|count| *count >= 1.0);
-        in_memory.map(|count| count as u64).ok_or_else(|| LinkError::unexpected(self.link.name(), question, &answer, "a number of points"))
+        in_memory.map(|count| count as u64).ok_or_else(|| {
+            LinkError::unexpected(self.link.name(), question, &answer, "a number of points")
+        })
     }
 
-    /// Downloads another channel of the frame of which `before` was downloaded just now with as many points: what both have in common is not sent again.
+    /// Downloads another channel of the frame of which `before` was downloaded just now with as
+    /// many points: what both have in common is not sent again.
     ///
     /// # Errors
     /// As [`Self::download`].
-    pub async fn download_beside(&mut self, channel: u8, points: u64, before: &Waveform) -> Result<Waveform, LinkError> {
+    pub async fn download_beside(
+        &mut self,
+        channel: u8,
+        points: u64,
+        before: &Waveform,
+    ) -> Result<Waveform, LinkError> {
         let in_memory = before.preamble.points;
         let stride = stride_of(in_memory, points);
         let whole = before.codes.len() as u64 >= in_memory.div_ceil(stride);
@@ -94,18 +132,32 @@ impl Instrument<dyn Dialect> {
         }
         let script = self.dialect.beside(channel, stride);
         let waveform = self.chosen(channel, (stride, in_memory), &script).await?;
-        // A page that was too short for the channel before, which was thinned out here then, is too short for this one.
+        // A page that was too short for the channel before, which was thinned out here then, is too
+        // short for this one.
         let whole = waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride);
-        if whole { Ok(waveform) } else { self.download(channel, points).await }
+        if whole {
+            Ok(waveform)
+        } else {
+            self.download(channel, points).await
+        }
     }
 
     /// Downloads one channel with a stride; with a stride above 1, one page of it.
-    async fn transfer(&mut self, channel: u8, (stride, in_memory): (u64, u64)) -> Result<Waveform, LinkError> {
+    async fn transfer(
+        &mut self,
+        channel: u8,
+        (stride, in_memory): (u64, u64),
+    ) -> Result<Waveform, LinkError> {
         let script = self.dialect.script(&Intent::Transfer { channel, stride });
         self.chosen(channel, (stride, in_memory), &script).await
     }
 
-    async fn chosen(&mut self, channel: u8, (stride, in_memory): (u64, u64), script: &[Exchange]) -> Result<Waveform, LinkError> {
+    async fn chosen(
+        &mut self,
+        channel: u8,
+        (stride, in_memory): (u64, u64),
+        script: &[Exchange],
+    ) -> Result<Waveform, LinkError> {
         play(&mut self.link, script).await?;
         let preamble = self.preamble(in_memory).await?;
         let total = preamble.points.div_ceil(stride);
@@ -119,10 +171,17 @@ impl Instrument<dyn Dialect> {
             codes.extend(self.page(start, total).await?);
         }
         codes.truncate(usize::try_from(total).unwrap_or(usize::MAX));
-        Ok(Waveform { channel, codes, preamble, interval_s: preamble.interval_s * stride as f64, thinned_here: false })
+        Ok(Waveform {
+            channel,
+            codes,
+            preamble,
+            interval_s: preamble.interval_s * stride as f64,
+            thinned_here: false,
+        })
     }
 
-    /// The descriptor of the chosen channel; where it does not tell the points, the record has those of the memory.
+    /// The descriptor of the chosen channel; where it does not tell the points, the record has
+    /// those of the memory.
     async fn preamble(&mut self, in_memory: u64) -> Result<Preamble, LinkError> {
         let query = self.dialect.queries().preamble;
         let (bytes, met) = if self.dialect.preamble_is_text() {
@@ -133,23 +192,40 @@ impl Instrument<dyn Dialect> {
             let met = format!("{} bytes", block.len());
             (block, met)
         };
-        let preamble = self.dialect.preamble(&bytes).map_err(|expected| LinkError::unexpected(self.link.name(), query, &met, &expected))?;
+        let preamble = self
+            .dialect
+            .preamble(&bytes)
+            .map_err(|expected| LinkError::unexpected(self.link.name(), query, &met, &expected))?;
         if preamble.points > 0 {
             return Ok(preamble);
         }
         let delay_s = preamble.delay_s + 0.5 * in_memory as f64 * preamble.interval_s;
-        Ok(Preamble { points: in_memory, delay_s, ..preamble })
+        Ok(Preamble {
+            points: in_memory,
+            delay_s,
+            ..preamble
+        })
     }
 
     async fn page(&mut self, start: u64, total: u64) -> Result<Vec<i16>, LinkError> {
         let query = self.dialect.queries().data;
         let block = self.link.query_block(query).await?;
         let unexpected = |expected: &str| {
-            let met = format!("a page of {} bytes after {start} of {total} points", block.len());
+            let met = format!(
+                "a page of {} bytes after {start} of {total} points",
+                block.len()
+            );
             LinkError::unexpected(self.link.name(), query, &met, expected)
         };
-        let codes = self.dialect.codes(&block).map_err(|expected| unexpected(&expected))?;
-        if codes.is_empty() { Err(unexpected("samples")) } else { Ok(codes) }
+        let codes = self
+            .dialect
+            .codes(&block)
+            .map_err(|expected| unexpected(&expected))?;
+        if codes.is_empty() {
+            Err(unexpected("samples"))
+        } else {
+            Ok(codes)
+        }
     }
 }
 

@@ -1,7 +1,8 @@
 //! The oscilloscope that digitises the four probe channels.
 //!
-//! Nothing of an earlier session is trusted: transfer start, stride, width and format survive disconnects on these instruments, so every download
-//! sets them again, and takes its scaling from the same acquisition.
+//! Nothing of an earlier session is trusted: transfer start, stride, width and format survive
+//! disconnects on these instruments, so every download sets them again, and takes its scaling from
+//! the same acquisition.
 
 mod download;
 mod rigol_dho;
@@ -49,7 +50,8 @@ pub struct Capabilities {
     pub horizontal_div: f64,
     /// Slowest time per division.
     pub max_time_per_div: Seconds,
-    /// It can send every n-th point by itself; else all are fetched and thinned out here, and every page is asked for by its ends.
+    /// It can send every n-th point by itself; else all are fetched and thinned out here, and every
+    /// page is asked for by its ends.
     pub thins_out: bool,
 }
 
@@ -63,7 +65,8 @@ impl Capabilities {
             .map_or(Volts(0.0), |(_, limit)| *limit)
     }
 
-    /// The least vertical scale, not below `wanted`, at which `offset` is allowed; the coarsest when none allows it.
+    /// The least vertical scale, not below `wanted`, at which `offset` is allowed; the coarsest
+    /// when none allows it.
     pub fn scale_for_offset(&self, wanted: Volts, offset: Volts) -> Volts {
         let (least, greatest) = self.per_div;
         let wanted = wanted.value().clamp(least.value(), greatest.value());
@@ -77,11 +80,15 @@ impl Capabilities {
             .map_or(greatest, |pair| Volts(pair[0].0.value() * 1.03))
     }
 
-    /// The fastest time per division of the 1–2–5 series whose screen is at least as long as `span`.
+    /// The fastest time per division of the 1–2–5 series whose screen is at least as long as
+    /// `span`.
     pub fn time_per_div(&self, span: Seconds) -> Seconds {
         let least = span.value() / self.horizontal_div;
         let decade = 10.0_f64.powf(least.log10().floor());
-        let step = [1.0, 2.0, 5.0, 10.0].into_iter().find(|step| step * decade >= least * (1.0 - 1.0e-9)).unwrap_or(10.0);
+        let step = [1.0, 2.0, 5.0, 10.0]
+            .into_iter()
+            .find(|step| step * decade >= least * (1.0 - 1.0e-9))
+            .unwrap_or(10.0);
         Seconds((step * decade).min(self.max_time_per_div.value()))
     }
 }
@@ -102,7 +109,8 @@ pub enum Intent {
     Trigger(Trigger),
     /// Arm for repeated triggers.
     Arm,
-    /// Record without a trigger: from a screen that holds half a second on, a stop keeps what the screen held just then.
+    /// Record without a trigger: from a screen that holds half a second on, a stop keeps what the
+    /// screen held just then.
     Roll,
     /// Keep the newest complete frame.
     Stop,
@@ -178,15 +186,24 @@ pub struct Waveform {
 impl Waveform {
     /// Share of samples at an end of the ADC's range.
     pub fn clipped_share(&self) -> f64 {
-        let clipped = self.codes.iter().filter(|&&code| code <= self.preamble.code_min || code >= self.preamble.code_max).count();
+        let clipped = self
+            .codes
+            .iter()
+            .filter(|&&code| code <= self.preamble.code_min || code >= self.preamble.code_max)
+            .count();
         clipped as f64 / self.codes.len().max(1) as f64
     }
 
     /// Least and greatest sample, V.
     pub fn extremes_v(&self) -> (f64, f64) {
-        let (least, greatest) =
-            self.codes.iter().fold((i16::MAX, i16::MIN), |(least, greatest), &code| (least.min(code), greatest.max(code)));
-        let volts = |code: i16| f64::from(code) * self.preamble.volts_per_code - self.preamble.offset_v;
+        let (least, greatest) = self
+            .codes
+            .iter()
+            .fold((i16::MAX, i16::MIN), |(least, greatest), &code| {
+                (least.min(code), greatest.max(code))
+            });
+        let volts =
+            |code: i16| f64::from(code) * self.preamble.volts_per_code - self.preamble.offset_v;
         (volts(least), volts(greatest))
     }
 }
@@ -197,7 +214,8 @@ pub trait Dialect: Model {
     fn capabilities(&self) -> Capabilities;
     /// The texts for an intent.
     fn script(&self, intent: &Intent) -> Vec<Exchange>;
-    /// The texts that choose another channel of the same frame, where everything else of an [`Intent::Transfer`] was sent just before.
+    /// The texts that choose another channel of the same frame, where everything else of an
+    /// [`Intent::Transfer`] was sent just before.
     fn beside(&self, channel: u8, stride: u64) -> Vec<Exchange> {
         self.script(&Intent::Transfer { channel, stride })
     }
@@ -207,7 +225,8 @@ pub trait Dialect: Model {
     fn preamble_is_text(&self) -> bool {
         false
     }
-    /// Reads a descriptor; where it does not tell how many points the record has, none, and the delay of the first.
+    /// Reads a descriptor; where it does not tell how many points the record has, none, and the
+    /// delay of the first.
     ///
     /// # Errors
     /// What was expected of the descriptor.
@@ -259,7 +278,12 @@ impl Instrument<dyn Dialect> {
             }
             self.link.clock().clone().sleep_s(POLL_S).await;
         }
-        Err(LinkError::unexpected(self.link.name(), queries.status, &answer, "the stopped state within 5 s"))
+        Err(LinkError::unexpected(
+            self.link.name(),
+            queries.status,
+            &answer,
+            "the stopped state within 5 s",
+        ))
     }
 }
 
@@ -270,17 +294,33 @@ mod tests {
     #[test]
     fn the_time_base_holds_the_span_in_one_two_five_steps() {
         let scope = siglent_sds::SDS800X_HD.capabilities();
-        for (span_s, expected) in [(50.0, 5.0), (50.1, 10.0), (5.0 / 300.0, 2.0e-3), (1.0, 0.1), (0.0101, 2.0e-3), (10_000.0, 1000.0)] {
+        for (span_s, expected) in [
+            (50.0, 5.0),
+            (50.1, 10.0),
+            (5.0 / 300.0, 2.0e-3),
+            (1.0, 0.1),
+            (0.0101, 2.0e-3),
+            (10_000.0, 1000.0),
+        ] {
             let met = scope.time_per_div(Seconds(span_s)).value();
-            assert!((met - expected).abs() < 1.0e-9 * expected, "{span_s} s: {met} s/div, expected {expected}");
+            assert!(
+                (met - expected).abs() < 1.0e-9 * expected,
+                "{span_s} s: {met} s/div, expected {expected}"
+            );
         }
     }
 
     #[test]
     fn an_offset_beyond_the_limit_of_a_fine_scale_asks_for_a_coarser_one() {
         let scope = siglent_sds::SDS800X_HD.capabilities();
-        assert_eq!(scope.scale_for_offset(Volts(0.08), Volts(-3.8)), Volts(0.08));
+        assert_eq!(
+            scope.scale_for_offset(Volts(0.08), Volts(-3.8)),
+            Volts(0.08)
+        );
         let coarser = scope.scale_for_offset(Volts(0.004), Volts(-3.8));
-        assert!(coarser.value() > 0.005 && scope.offset_limit(coarser).value() >= 3.8, "{coarser}");
+        assert!(
+            coarser.value() > 0.005 && scope.offset_limit(coarser).value() >= 3.8,
+            "{coarser}"
+        );
     }
 }

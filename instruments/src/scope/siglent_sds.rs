@@ -1,4 +1,5 @@
-//! Siglent SDS800X HD (and 1000X HD, 2000X HD): binary 346-byte descriptor, signed left-justified codes, zero-based paging.
+//! Siglent SDS800X HD (and 1000X HD, 2000X HD): binary 346-byte descriptor, signed left-justified
+//! codes, zero-based paging.
 //!
 //! Read-backs show three digits until `:FORMat:DATA` is set, so that comes first wherever numbers
 //! are read back. The final `0A 0A` after a block is the link's business.
@@ -20,8 +21,9 @@ const DESCRIPTOR_BYTES: usize = 346;
 const CODE_MAX: i16 = 2047 * 16;
 /// From one 12-bit sample's code to the next.
 const CODE_STEP: u16 = 16;
-/// Greatest |offset| by scale at the 1× probe. Data sheet of the 2000X HD family, taken for this one: check it on the first real unit; a wrong
-/// entry shows as a read-back error, never as a wrong voltage.
+/// Greatest |offset| by scale at the 1× probe. Data sheet of the 2000X HD family, taken for this
+/// one: check it on the first real unit; a wrong entry shows as a read-back error, never as a wrong
+/// voltage.
 const OFFSET_LIMITS: &[(Volts, Volts)] = &[
     (Volts(5.0e-3), Volts(1.6)),
     (Volts(10.0e-3), Volts(4.0)),
@@ -40,11 +42,17 @@ impl Model for Sds {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(10), error_query: None, ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(10),
+            error_query: None,
+            ..LinkProfile::scpi()
+        }
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.starts_with("Siglent") && identity.model.starts_with("SDS") && identity.model.ends_with("HD")
+        identity.maker.starts_with("Siglent")
+            && identity.model.starts_with("SDS")
+            && identity.model.ends_with("HD")
     }
 }
 
@@ -64,41 +72,101 @@ impl Dialect for Sds {
         match intent {
             Intent::Session { memory_points } => session(*memory_points),
             Intent::Vertical(vertical) => {
-                let (n, scale, offset) = (vertical.channel, vertical.per_div.value(), vertical.offset.value());
+                let (n, scale, offset) = (
+                    vertical.channel,
+                    vertical.per_div.value(),
+                    vertical.offset.value(),
+                );
                 vec![
                     digits(),
-                    Exchange::word(format!(":CHANnel{n}:SWITch ON"), format!(":CHANnel{n}:SWITch?"), &["ON"]),
-                    Exchange::word(format!(":CHANnel{n}:COUPling DC"), format!(":CHANnel{n}:COUPling?"), &["DC"]),
-                    Exchange::word(format!(":CHANnel{n}:BWLimit 20M"), format!(":CHANnel{n}:BWLimit?"), &["20M"]),
-                    Exchange::number(format!(":CHANnel{n}:PROBe VALue,1.00E+00"), format!(":CHANnel{n}:PROBe?"), 1.0, 1.0e-6),
-                    Exchange::number(format!(":CHANnel{n}:SCALe {scale:.5E}"), format!(":CHANnel{n}:SCALe?"), scale, 0.02 * scale),
-                    // The limit of the offset depends on the scale, so the scale comes first.
-                    // Where exactly it went stands in the descriptor; here only a clamped one must show.
-                    Exchange::number(format!(":CHANnel{n}:OFFSet {offset:.5E}"), format!(":CHANnel{n}:OFFSet?"), offset, 0.25 * scale),
+                    Exchange::word(
+                        format!(":CHANnel{n}:SWITch ON"),
+                        format!(":CHANnel{n}:SWITch?"),
+                        &["ON"],
+                    ),
+                    Exchange::word(
+                        format!(":CHANnel{n}:COUPling DC"),
+                        format!(":CHANnel{n}:COUPling?"),
+                        &["DC"],
+                    ),
+                    Exchange::word(
+                        format!(":CHANnel{n}:BWLimit 20M"),
+                        format!(":CHANnel{n}:BWLimit?"),
+                        &["20M"],
+                    ),
+                    Exchange::number(
+                        format!(":CHANnel{n}:PROBe VALue,1.00E+00"),
+                        format!(":CHANnel{n}:PROBe?"),
+                        1.0,
+                        1.0e-6,
+                    ),
+                    Exchange::number(
+                        format!(":CHANnel{n}:SCALe {scale:.5E}"),
+                        format!(":CHANnel{n}:SCALe?"),
+                        scale,
+                        0.02 * scale,
+                    ),
+                    // The limit of the offset depends on the scale, so the scale comes first. Where
+                    // exactly it went stands in the descriptor; here only a clamped one must show.
+                    Exchange::number(
+                        format!(":CHANnel{n}:OFFSet {offset:.5E}"),
+                        format!(":CHANnel{n}:OFFSet?"),
+                        offset,
+                        0.25 * scale,
+                    ),
                 ]
             }
             Intent::Timebase(per_div) => {
                 let per_div = per_div.value();
                 vec![
-                    Exchange::number(format!(":TIMebase:SCALe {per_div:.2E}"), ":TIMebase:SCALe?", per_div, 1.0e-3 * per_div),
-                    Exchange::word(":TIMebase:REFerence DELay", ":TIMebase:REFerence?", &["DELay", "DEL"]),
-                    Exchange::number(":TIMebase:REFerence:POSition 50", ":TIMebase:REFerence:POSition?", 50.0, 0.5),
-                    Exchange::number(":TIMebase:DELay 0.00E+00", ":TIMebase:DELay?", 0.0, 1.0e-3 * per_div),
+                    Exchange::number(
+                        format!(":TIMebase:SCALe {per_div:.2E}"),
+                        ":TIMebase:SCALe?",
+                        per_div,
+                        1.0e-3 * per_div,
+                    ),
+                    Exchange::word(
+                        ":TIMebase:REFerence DELay",
+                        ":TIMebase:REFerence?",
+                        &["DELay", "DEL"],
+                    ),
+                    Exchange::number(
+                        ":TIMebase:REFerence:POSition 50",
+                        ":TIMebase:REFerence:POSition?",
+                        50.0,
+                        0.5,
+                    ),
+                    Exchange::number(
+                        ":TIMebase:DELay 0.00E+00",
+                        ":TIMebase:DELay?",
+                        0.0,
+                        1.0e-3 * per_div,
+                    ),
                 ]
             }
             Intent::Trigger(trigger) => {
                 vec![
                     Exchange::word(":TRIGger:TYPE EDGE", ":TRIGger:TYPE?", &["EDGE"]),
                     source(":TRIGger:EDGE:SOURce", trigger.channel),
-                    Exchange::word(":TRIGger:EDGE:SLOPe RISing", ":TRIGger:EDGE:SLOPe?", &["RISing"]),
+                    Exchange::word(
+                        ":TRIGger:EDGE:SLOPe RISing",
+                        ":TRIGger:EDGE:SLOPe?",
+                        &["RISing"],
+                    ),
                     Exchange::send(format!(":TRIGger:EDGE:LEVel {:.5E}", trigger.level.value())),
                 ]
             }
             Intent::Arm => {
-                vec![Exchange::word(":TRIGger:MODE NORMal", ":TRIGger:MODE?", &["NORMal"]), Exchange::send(":TRIGger:RUN")]
+                vec![
+                    Exchange::word(":TRIGger:MODE NORMal", ":TRIGger:MODE?", &["NORMal"]),
+                    Exchange::send(":TRIGger:RUN"),
+                ]
             }
             Intent::Roll => {
-                vec![Exchange::word(":TRIGger:MODE AUTO", ":TRIGger:MODE?", &["AUTO"]), Exchange::send(":TRIGger:RUN")]
+                vec![
+                    Exchange::word(":TRIGger:MODE AUTO", ":TRIGger:MODE?", &["AUTO"]),
+                    Exchange::send(":TRIGger:RUN"),
+                ]
             }
             Intent::Stop => vec![Exchange::send(":TRIGger:STOP")],
             Intent::Transfer { channel, stride } => vec![
@@ -107,7 +175,12 @@ impl Dialect for Sds {
                 source(":WAVeform:SOURce", *channel),
                 start(0),
                 Exchange::send(":WAVeform:POINt 0"),
-                Exchange::number(format!(":WAVeform:INTerval {stride}"), ":WAVeform:INTerval?", *stride as f64, 0.5),
+                Exchange::number(
+                    format!(":WAVeform:INTerval {stride}"),
+                    ":WAVeform:INTerval?",
+                    *stride as f64,
+                    0.5,
+                ),
                 Exchange::word(":WAVeform:WIDTh WORD", ":WAVeform:WIDTh?", &["WORD"]),
                 Exchange::word(":WAVeform:BYTeorder LSB", ":WAVeform:BYTeorder?", &["LSB"]),
             ],
@@ -118,7 +191,11 @@ impl Dialect for Sds {
     fn beside(&self, channel: u8, stride: u64) -> Vec<Exchange> {
         let chosen = source(":WAVeform:SOURce", channel);
         // Only a record of several pages has moved the start.
-        if stride > 1 { vec![chosen] } else { vec![chosen, start(0)] }
+        if stride > 1 {
+            vec![chosen]
+        } else {
+            vec![chosen, start(0)]
+        }
     }
 
     fn queries(&self) -> Queries {
@@ -137,8 +214,16 @@ impl Dialect for Sds {
         let codes_per_div = f64::from(descriptor.f32(164));
         let points = u64::try_from(descriptor.i32(116)).unwrap_or(0);
         let interval_s = f64::from(descriptor.f32(176));
-        if points == 0 || ![volts_per_div, codes_per_div, interval_s].iter().all(|scale| *scale > 0.0 && scale.is_finite()) {
-            return Err("a descriptor with points and scales: no frame was completed since the scope was armed".to_owned());
+        if points == 0
+            || ![volts_per_div, codes_per_div, interval_s]
+                .iter()
+                .all(|scale| *scale > 0.0 && scale.is_finite())
+        {
+            return Err(
+                "a descriptor with points and scales: no frame was completed since the \
+            scope was armed"
+                    .to_owned(),
+            );
         }
         if descriptor.i16(32) != 1 || descriptor.i16(34) != 0 {
             return Err("16-bit samples with the low byte first".to_owned());
@@ -173,11 +258,20 @@ fn digits() -> Exchange {
 
 fn source(header: &str, channel: u8) -> Exchange {
     let name = format!("C{channel}");
-    Exchange::Set { message: format!("{header} {name}"), read_back: format!("{header}?"), expect: Expect::Contains(name) }
+    Exchange::Set {
+        message: format!("{header} {name}"),
+        read_back: format!("{header}?"),
+        expect: Expect::Contains(name),
+    }
 }
 
 fn start(first: u64) -> Exchange {
-    Exchange::number(format!(":WAVeform:STARt {first}"), ":WAVeform:STARt?", first as f64, 0.5)
+    Exchange::number(
+        format!(":WAVeform:STARt {first}"),
+        ":WAVeform:STARt?",
+        first as f64,
+        0.5,
+    )
 }
 
 fn session(memory_points: u64) -> Vec<Exchange> {
@@ -208,13 +302,20 @@ impl<'a> Descriptor<'a> {
             return Err(format!("a descriptor of at least {DESCRIPTOR_BYTES} bytes"));
         }
         if !block.starts_with(b"WAVEDESC") {
-            return Err("a descriptor that starts with WAVEDESC: no frame was completed since the scope was armed".to_owned());
+            return Err(
+                "a descriptor that starts with WAVEDESC: no frame was completed since the \
+            scope was armed"
+                    .to_owned(),
+            );
         }
         Ok(Self(block))
     }
 
     fn bytes<const N: usize>(&self, offset: usize) -> [u8; N] {
-        self.0.get(offset..offset + N).and_then(|slice| slice.try_into().ok()).unwrap_or([0; N])
+        self.0
+            .get(offset..offset + N)
+            .and_then(|slice| slice.try_into().ok())
+            .unwrap_or([0; N])
     }
 
     fn i16(&self, offset: usize) -> i16 {

@@ -1,5 +1,6 @@
-//! Arbitrary blocks (IEEE 488.2 clauses 7.7.6 and 8.7.9, 8.7.10): `#` d n…n payload, where d is the number of digits and n…n the payload's length
-//! in bytes; `#0` payload for a block whose length is not known beforehand. This module reads and writes the header; what ends the payload is the
+//! Arbitrary blocks (IEEE 488.2 clauses 7.7.6 and 8.7.9, 8.7.10): `#` d n…n payload, where d is the
+//! number of digits and n…n the payload's length in bytes; `#0` payload for a block whose length is
+//! not known beforehand. This module reads and writes the header; what ends the payload is the
 //! business of [`super::decode`].
 
 /// The header of a block, as far as it has arrived.
@@ -35,14 +36,20 @@ pub fn parse_header(bytes: &[u8]) -> BlockHeader {
                 return BlockHeader::Incomplete;
             }
             // At most nine digits, so that the sum stays far from overflow.
-            let payload_len = digits.iter().fold(0_usize, |sum, digit| sum * 10 + usize::from(digit - b'0'));
-            BlockHeader::Definite { header_len: 2 + wanted, payload_len }
+            let payload_len = digits
+                .iter()
+                .fold(0_usize, |sum, digit| sum * 10 + usize::from(digit - b'0'));
+            BlockHeader::Definite {
+                header_len: 2 + wanted,
+                payload_len,
+            }
         }
         _ => BlockHeader::Invalid,
     }
 }
 
-/// Writes `payload` as a definite block, with as few digits as needed. `None` when it is longer than the 999 999 999 bytes that nine digits can say.
+/// Writes `payload` as a definite block, with as few digits as needed. `None` when it is longer
+/// than the 999 999 999 bytes that nine digits can say.
 pub fn encode_definite(payload: &[u8]) -> Option<Vec<u8>> {
     let length = payload.len().to_string();
     if length.len() > 9 {
@@ -64,9 +71,27 @@ mod tests {
             (b"#", BlockHeader::Incomplete),
             (b"#2", BlockHeader::Incomplete),
             (b"#21", BlockHeader::Incomplete),
-            (b"#210", BlockHeader::Definite { header_len: 4, payload_len: 10 }),
-            (b"#9000000346xyz", BlockHeader::Definite { header_len: 11, payload_len: 346 }),
-            (b"#10", BlockHeader::Definite { header_len: 3, payload_len: 0 }),
+            (
+                b"#210",
+                BlockHeader::Definite {
+                    header_len: 4,
+                    payload_len: 10,
+                },
+            ),
+            (
+                b"#9000000346xyz",
+                BlockHeader::Definite {
+                    header_len: 11,
+                    payload_len: 346,
+                },
+            ),
+            (
+                b"#10",
+                BlockHeader::Definite {
+                    header_len: 3,
+                    payload_len: 0,
+                },
+            ),
             (b"#0abc", BlockHeader::Indefinite),
             (b"#H1F", BlockHeader::Invalid),
             (b"#2x", BlockHeader::Invalid),

@@ -1,4 +1,5 @@
-//! Feeds arbitrary bytes to every reader of the codec. One body for the fuzz target and for the bounded test.
+//! Feeds arbitrary bytes to every reader of the codec. One body for the fuzz target and for the
+//! bounded test.
 
 use super::{
     block,
@@ -8,20 +9,28 @@ use super::{
     number, status, text_of,
 };
 
-/// Reads `data` in every way there is; panics if the codec does, or if cutting the stream changes what is read from it.
+/// Reads `data` in every way there is; panics if the codec does, or if cutting the stream changes
+/// what is read from it.
 pub fn exercise(data: &[u8]) {
     let text = text_of(data);
     exercise_text(&text);
     let _ = block::parse_header(data);
     if let Ok(units) = parse_program(data) {
         for unit in &units {
-            let _ = Pattern::parse(&unit.full_header()).map(|pattern| pattern.matches(&unit.full_header()));
+            let _ = Pattern::parse(&unit.full_header())
+                .map(|pattern| pattern.matches(&unit.full_header()));
             for argument in &unit.arguments {
-                let _ = (argument.number("V"), argument.boolean(), argument.is_word("MAXimum"));
+                let _ = (
+                    argument.number("V"),
+                    argument.boolean(),
+                    argument.is_word("MAXimum"),
+                );
             }
         }
     }
-    let cut = data.first().map_or(0, |&byte| usize::from(byte) % (data.len() + 1));
+    let cut = data
+        .first()
+        .map_or(0, |&byte| usize::from(byte) % (data.len() + 1));
     exercise_streams(data, cut);
 }
 
@@ -49,17 +58,33 @@ fn exercise_streams(data: &[u8], cut: usize) {
             pieces.iter().for_each(|piece| framer.push(piece));
             std::iter::from_fn(|| framer.pull()).collect::<Vec<_>>()
         };
-        assert_eq!(frames(&[data]), frames(&[left, right]), "program messages depend on the cut");
+        assert_eq!(
+            frames(&[data]),
+            frames(&[left, right]),
+            "program messages depend on the cut"
+        );
         for expect in [Expect::Line, Expect::Block] {
             for has_end_flag in [false, true] {
-                let options = DecoderOptions { terminator, max_line: 64, max_block: 4096, strip_flow_bytes: has_end_flag, has_end_flag };
+                let options = DecoderOptions {
+                    terminator,
+                    max_line: 64,
+                    max_block: 4096,
+                    strip_flow_bytes: has_end_flag,
+                    has_end_flag,
+                };
                 let answers = |pieces: &[&[u8]]| {
                     let mut decoder = ResponseDecoder::new(options);
                     pieces.iter().for_each(|piece| decoder.push(piece));
                     decoder.end();
-                    std::iter::from_fn(|| decoder.pull(expect).ok().flatten()).take(data.len() + 1).collect::<Vec<_>>()
+                    std::iter::from_fn(|| decoder.pull(expect).ok().flatten())
+                        .take(data.len() + 1)
+                        .collect::<Vec<_>>()
                 };
-                assert_eq!(answers(&[data]), answers(&[left, right]), "answers depend on the cut");
+                assert_eq!(
+                    answers(&[data]),
+                    answers(&[left, right]),
+                    "answers depend on the cut"
+                );
             }
         }
     }
@@ -106,7 +131,11 @@ mod tests {
         };
         for _ in 0..random.below(12) {
             let at = random.below(data.len() + 1);
-            let byte = if random.below(3) == 0 { random.below(256) as u8 } else { BYTES[random.below(BYTES.len())] };
+            let byte = if random.below(3) == 0 {
+                random.below(256) as u8
+            } else {
+                BYTES[random.below(BYTES.len())]
+            };
             match random.below(4) {
                 0 if at < data.len() => data[at] = byte,
                 1 if at < data.len() => drop(data.remove(at)),
@@ -123,7 +152,11 @@ mod tests {
         for _ in 0..200_000 {
             let data = input(&mut random);
             let outcome = std::panic::catch_unwind(|| exercise(&data));
-            assert!(outcome.is_ok(), "the codec panics on b\"{}\"", data.escape_ascii());
+            assert!(
+                outcome.is_ok(),
+                "the codec panics on b\"{}\"",
+                data.escape_ascii()
+            );
         }
     }
 }

@@ -1,5 +1,6 @@
-//! Numbers, Booleans and quantities as instruments write and read them: NR1 to NR3 (IEEE 488.2 clause 8.7), non-decimal numbers (7.7.4), suffixes
-//! (7.7.3) and SCPI's stand-ins for infinity and not-a-number (SCPI-1999 volume 1, 7.2.1.4 and 7.2.1.5).
+//! Numbers, Booleans and quantities as instruments write and read them: NR1 to NR3 (IEEE 488.2
+//! clause 8.7), non-decimal numbers (7.7.4), suffixes (7.7.3) and SCPI's stand-ins for infinity and
+//! not-a-number (SCPI-1999 volume 1, 7.2.1.4 and 7.2.1.5).
 
 use super::excerpt;
 
@@ -32,7 +33,10 @@ pub enum NumberError {
     #[error("expected a finite number to send, found {0}")]
     NotFinite(f64),
     /// Too large to be written with all digits.
-    #[error("expected a magnitude below 1e15 with at most 12 decimals to send, found {value} with {decimals} decimals")]
+    #[error(
+        "expected a magnitude below 1e15 with at most 12 decimals to send, found {value} with \
+        {decimals} decimals"
+    )]
     TooLarge {
         /// The number to be sent.
         value: f64,
@@ -41,14 +45,19 @@ pub enum NumberError {
     },
 }
 
-/// Reads a number in any of the forms NR1, NR2 and NR3, blanks around it allowed; 9.9E37 is infinity, 9.91E37 is not-a-number, and so are the
-/// words `INF`, `NINF` and `NAN`.
+/// Reads a number in any of the forms NR1, NR2 and NR3, blanks around it allowed; 9.9E37 is
+/// infinity, 9.91E37 is not-a-number, and so are the words `INF`, `NINF` and `NAN`.
 ///
 /// # Errors
-/// [`NumberError::NotANumber`] for everything else, a unit behind the number included (see [`parse_quantity`]).
+/// [`NumberError::NotANumber`] for everything else, a unit behind the number included (see
+/// [`parse_quantity`]).
 pub fn parse_f64(text: &str) -> Result<f64, NumberError> {
     let quantity = parse_quantity(text)?;
-    if quantity.suffix.is_empty() { Ok(quantity.value) } else { Err(NumberError::NotANumber(excerpt(text.as_bytes()))) }
+    if quantity.suffix.is_empty() {
+        Ok(quantity.value)
+    } else {
+        Err(NumberError::NotANumber(excerpt(text.as_bytes())))
+    }
 }
 
 /// Reads a whole number; `1.0` and `1E0` are whole, as instruments write register contents so.
@@ -58,7 +67,11 @@ pub fn parse_f64(text: &str) -> Result<f64, NumberError> {
 pub fn parse_i64(text: &str) -> Result<i64, NumberError> {
     let value = parse_f64(text)?;
     let whole = value.is_finite() && value.fract() == 0.0 && value.abs() <= 9_007_199_254_740_992.0;
-    if whole { Ok(value as i64) } else { Err(NumberError::NotANumber(excerpt(text.as_bytes()))) }
+    if whole {
+        Ok(value as i64)
+    } else {
+        Err(NumberError::NotANumber(excerpt(text.as_bytes())))
+    }
 }
 
 /// Reads `1`, `0`, `ON` or `OFF` in any case.
@@ -83,7 +96,10 @@ pub fn parse_bool(text: &str) -> Result<bool, NumberError> {
 pub fn parse_non_decimal(text: &str) -> Result<u64, NumberError> {
     let fail = || NumberError::NotNonDecimal(excerpt(text.as_bytes()));
     let mut chars = text.chars();
-    let radix = match (chars.next(), chars.next().map(|letter| letter.to_ascii_uppercase())) {
+    let radix = match (
+        chars.next(),
+        chars.next().map(|letter| letter.to_ascii_uppercase()),
+    ) {
         (Some('#'), Some('H')) => 16,
         (Some('#'), Some('Q')) => 8,
         (Some('#'), Some('B')) => 2,
@@ -96,7 +112,8 @@ pub fn parse_non_decimal(text: &str) -> Result<u64, NumberError> {
     u64::from_str_radix(digits, radix).map_err(|_| fail())
 }
 
-/// A number with the suffix that was written behind it; what the suffix means depends on the unit that is expected.
+/// A number with the suffix that was written behind it; what the suffix means depends on the unit
+/// that is expected.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Quantity {
     /// The number as written, not yet multiplied.
@@ -106,8 +123,9 @@ pub struct Quantity {
 }
 
 impl Quantity {
-    /// The number in `unit` without multiplier (`V`, `A`, `HZ`, `OHM`, `S`, …): `1500 mA` is 1.5 in `A`. No suffix means `unit` itself. `M` is milli
-    /// except before `HZ` and `OHM`, where it is mega.
+    /// The number in `unit` without multiplier (`V`, `A`, `HZ`, `OHM`, `S`, …): `1500 mA` is 1.5 in
+    /// `A`. No suffix means `unit` itself. `M` is milli except before `HZ` and `OHM`, where it is
+    /// mega.
     ///
     /// # Errors
     /// [`NumberError::Suffix`] when the suffix is not a multiplier followed by `unit`.
@@ -116,34 +134,60 @@ impl Quantity {
             return Ok(self.value);
         }
         let unit = unit.to_ascii_uppercase();
-        let multiplier = self.suffix.strip_suffix(unit.as_str()).and_then(|prefix| multiplier(prefix, &unit));
-        multiplier.map(|factor| self.value * factor).ok_or_else(|| NumberError::Suffix { expected: unit, found: self.suffix.clone() })
+        let multiplier = self
+            .suffix
+            .strip_suffix(unit.as_str())
+            .and_then(|prefix| multiplier(prefix, &unit));
+        multiplier
+            .map(|factor| self.value * factor)
+            .ok_or_else(|| NumberError::Suffix {
+                expected: unit,
+                found: self.suffix.clone(),
+            })
     }
 }
 
 /// Reads a number and the suffix behind it, if any: `1500 mA`, `2MHZ`, `-3.0E-1 V`, `0.707Vrms`.
 ///
 /// # Errors
-/// [`NumberError::NotANumber`] when there is no number in front, or when something else than one suffix follows.
+/// [`NumberError::NotANumber`] when there is no number in front, or when something else than one
+/// suffix follows.
 pub fn parse_quantity(text: &str) -> Result<Quantity, NumberError> {
     let fail = || NumberError::NotANumber(excerpt(text.as_bytes()));
     let trimmed = text.trim();
     if let Some(value) = special_word(trimmed) {
-        return Ok(Quantity { value, suffix: String::new() });
+        return Ok(Quantity {
+            value,
+            suffix: String::new(),
+        });
     }
-    let (digits, rest) = trimmed.split_at_checked(decimal_length(trimmed.as_bytes())).ok_or_else(fail)?;
+    let (digits, rest) = trimmed
+        .split_at_checked(decimal_length(trimmed.as_bytes()))
+        .ok_or_else(fail)?;
     let value: f64 = digits.parse().map_err(|_| fail())?;
     let suffix = rest.trim_start().to_uppercase();
-    let plausible = suffix.chars().all(|c| c.is_alphabetic() || matches!(c, '/' | '.' | '%' | '°' | '-') || c.is_ascii_digit());
-    let starts_well = suffix.starts_with(|c: char| c.is_alphabetic() || matches!(c, '/' | '%' | '°'));
-    if suffix.is_empty() || (plausible && starts_well) { Ok(Quantity { value: without_stand_ins(value), suffix }) } else { Err(fail()) }
+    let plausible = suffix.chars().all(|c| {
+        c.is_alphabetic() || matches!(c, '/' | '.' | '%' | '°' | '-') || c.is_ascii_digit()
+    });
+    let starts_well =
+        suffix.starts_with(|c: char| c.is_alphabetic() || matches!(c, '/' | '%' | '°'));
+    if suffix.is_empty() || (plausible && starts_well) {
+        Ok(Quantity {
+            value: without_stand_ins(value),
+            suffix,
+        })
+    } else {
+        Err(fail())
+    }
 }
 
-/// Writes a number with exactly `decimals` digits after the point and never with an exponent: some instruments read no exponents, others keep only
-/// the first digits of a long mantissa. Minus zero is written as zero.
+/// Writes a number with exactly `decimals` digits after the point and never with an exponent: some
+/// instruments read no exponents, others keep only the first digits of a long mantissa. Minus zero
+/// is written as zero.
 ///
 /// # Errors
-/// [`NumberError::NotFinite`] for infinity and not-a-number, [`NumberError::TooLarge`] from 1e15 and beyond 12 decimals.
+/// [`NumberError::NotFinite`] for infinity and not-a-number, [`NumberError::TooLarge`] from 1e15
+/// and beyond 12 decimals.
 pub fn format_fixed(value: f64, decimals: usize) -> Result<String, NumberError> {
     if !value.is_finite() {
         return Err(NumberError::NotFinite(value));
@@ -153,17 +197,31 @@ pub fn format_fixed(value: f64, decimals: usize) -> Result<String, NumberError> 
     }
     let text = format!("{value:.decimals$}");
     let is_zero = text.bytes().all(|byte| matches!(byte, b'-' | b'0' | b'.'));
-    Ok(if is_zero { text.trim_start_matches('-').to_owned() } else { text })
+    Ok(if is_zero {
+        text.trim_start_matches('-').to_owned()
+    } else {
+        text
+    })
 }
 
-/// Length of the number in front of `text`: sign, digits with at most one point, and an exponent if digits follow it. Zero if there is none.
+/// Length of the number in front of `text`: sign, digits with at most one point, and an exponent if
+/// digits follow it. Zero if there is none.
 pub(crate) fn decimal_length(text: &[u8]) -> usize {
     let at = |index: usize| text.get(index).copied().unwrap_or(0);
-    let digits_from = |start: usize| text.iter().skip(start).take_while(|byte| byte.is_ascii_digit()).count();
+    let digits_from = |start: usize| {
+        text.iter()
+            .skip(start)
+            .take_while(|byte| byte.is_ascii_digit())
+            .count()
+    };
     let sign = usize::from(matches!(at(0), b'+' | b'-'));
     let whole = digits_from(sign);
     let point = usize::from(at(sign + whole) == b'.');
-    let fraction = if point == 1 { digits_from(sign + whole + 1) } else { 0 };
+    let fraction = if point == 1 {
+        digits_from(sign + whole + 1)
+    } else {
+        0
+    };
     if whole + fraction == 0 {
         return 0;
     }
@@ -173,7 +231,11 @@ pub(crate) fn decimal_length(text: &[u8]) -> usize {
     }
     let exponent_sign = usize::from(matches!(at(mantissa + 1), b'+' | b'-'));
     let exponent = digits_from(mantissa + 1 + exponent_sign);
-    if exponent == 0 { mantissa } else { mantissa + 1 + exponent_sign + exponent }
+    if exponent == 0 {
+        mantissa
+    } else {
+        mantissa + 1 + exponent_sign + exponent
+    }
 }
 
 fn special_word(text: &str) -> Option<f64> {
@@ -257,11 +319,20 @@ mod tests {
 
     #[test]
     fn what_is_no_number_is_named() {
-        for text in ["", " ", ".", "-", "+-1", "1,5", "1.2.3", "0x10", "1e", "infinite", "---.--", "1 V", "--1", "1\n2"] {
+        for text in [
+            "", " ", ".", "-", "+-1", "1,5", "1.2.3", "0x10", "1e", "infinite", "---.--", "1 V",
+            "--1", "1\n2",
+        ] {
             let message = parse_f64(text).unwrap_err().to_string();
-            assert!(message.starts_with("expected a number such as 42, 4.2 or 4.2E+0, found `"), "{text}: {message}");
+            assert!(
+                message.starts_with("expected a number such as 42, 4.2 or 4.2E+0, found `"),
+                "{text}: {message}"
+            );
         }
-        assert_eq!(parse_f64("---.--").unwrap_err().to_string(), "expected a number such as 42, 4.2 or 4.2E+0, found `---.--`");
+        assert_eq!(
+            parse_f64("---.--").unwrap_err().to_string(),
+            "expected a number such as 42, 4.2 or 4.2E+0, found `---.--`"
+        );
     }
 
     #[test]
@@ -288,21 +359,48 @@ mod tests {
             assert!((read / value - 1.0).abs() < 1e-12, "{text}: {read}");
         }
         let error = parse_quantity("5 mV").unwrap().si("A").unwrap_err();
-        assert_eq!(error.to_string(), "expected a number in A, found the suffix `MV`");
+        assert_eq!(
+            error.to_string(),
+            "expected a number in A, found the suffix `MV`"
+        );
         assert!(parse_quantity("5 XV").unwrap().si("V").is_err());
         assert!(parse_quantity("5 V 6").is_err());
     }
 
     #[test]
     fn booleans_and_non_decimal_numbers() {
-        for (text, value) in [("1", true), ("0", false), ("ON", true), (" off ", false), ("+1", true)] {
+        for (text, value) in [
+            ("1", true),
+            ("0", false),
+            ("ON", true),
+            (" off ", false),
+            ("+1", true),
+        ] {
             assert_eq!(parse_bool(text), Ok(value), "{text}");
         }
-        assert_eq!(parse_bool("2").unwrap_err().to_string(), "expected 1, 0, ON or OFF, found `2`");
-        for (text, value) in [("#H1F", 31), ("#hff", 255), ("#Q17", 15), ("#B101", 5), ("#HFFFFFFFFFFFFFFFF", u64::MAX)] {
+        assert_eq!(
+            parse_bool("2").unwrap_err().to_string(),
+            "expected 1, 0, ON or OFF, found `2`"
+        );
+        for (text, value) in [
+            ("#H1F", 31),
+            ("#hff", 255),
+            ("#Q17", 15),
+            ("#B101", 5),
+            ("#HFFFFFFFFFFFFFFFF", u64::MAX),
+        ] {
             assert_eq!(parse_non_decimal(text), Ok(value), "{text}");
         }
-        for text in ["#H", "#HG", "#Q8", "#B2", "#X1", "1F", "#H+1", "#H1FFFFFFFFFFFFFFFF"] {
+        for text in [
+            "#H",
+            "#HG",
+            "#Q8",
+            "#B2",
+            "#X1",
+            "1F",
+            "#H+1",
+            "#H1FFFFFFFFFFFFFFFF",
+        ] {
             assert!(parse_non_decimal(text).is_err(), "{text}");
         }
         assert_eq!(parse_i64("+1.0E1"), Ok(10));
@@ -312,12 +410,26 @@ mod tests {
 
     #[test]
     fn numbers_are_written_plainly_or_not_at_all() {
-        let table = [(-0.000_01, 4, "0.0000"), (1.0e-9, 4, "0.0000"), (1.0e6, 4, "1000000.0000"), (-2.5, 1, "-2.5"), (300.0, 0, "300")];
+        let table = [
+            (-0.000_01, 4, "0.0000"),
+            (1.0e-9, 4, "0.0000"),
+            (1.0e6, 4, "1000000.0000"),
+            (-2.5, 1, "-2.5"),
+            (300.0, 0, "300"),
+        ];
         for (value, decimals, text) in table {
             assert_eq!(format_fixed(value, decimals).unwrap(), text);
         }
-        assert_eq!(format_fixed(f64::NAN, 4).unwrap_err().to_string(), "expected a finite number to send, found NaN");
-        assert!(format_fixed(1.0e15, 4).unwrap_err().to_string().starts_with("expected a magnitude below 1e15"));
+        assert_eq!(
+            format_fixed(f64::NAN, 4).unwrap_err().to_string(),
+            "expected a finite number to send, found NaN"
+        );
+        assert!(
+            format_fixed(1.0e15, 4)
+                .unwrap_err()
+                .to_string()
+                .starts_with("expected a magnitude below 1e15")
+        );
     }
 
     proptest! {

@@ -1,5 +1,6 @@
-//! Entries of the error queue, as real instruments answer `SYSTem:ERRor?` (SCPI-1999 volume 2, 21.8), and the classes of error that set bits of the
-//! standard event status register (IEEE 488.2 clause 11.5.1).
+//! Entries of the error queue, as real instruments answer `SYSTem:ERRor?` (SCPI-1999 volume
+//! 2, 21.8), and the classes of error that set bits of the standard event status register
+//! (IEEE 488.2 clause 11.5.1).
 
 use std::fmt;
 
@@ -20,7 +21,8 @@ impl ErrorEntry {
         self.code == 0
     }
 
-    /// The bit of the standard event status register that an error of this class sets: 5 command, 4 execution, 3 device, 2 query.
+    /// The bit of the standard event status register that an error of this class sets: 5 command, 4
+    /// execution, 3 device, 2 query.
     pub fn event_status_bit(&self) -> Option<u8> {
         match self.code {
             0 => None,
@@ -43,22 +45,28 @@ impl fmt::Display for ErrorEntry {
 #[error("expected an error-queue entry such as `0,\"No error\"`, found `{0}`")]
 pub struct StatusError(String);
 
-/// Reads one entry: `0,"No error"`, `+0,"No error"`, `-113,"Undefined header;detail"`, `0  No Error`, `-0, No errors`, `0,No Error` or the bare
-/// number.
+/// Reads one entry: `0,"No error"`, `+0,"No error"`, `-113,"Undefined header;detail"`, `0  No
+/// Error`, `-0, No errors`, `0,No Error` or the bare number.
 ///
 /// # Errors
-/// [`StatusError`] with the text when it does not start with a whole number, or when something else than a comma or a blank follows it.
+/// [`StatusError`] with the text when it does not start with a whole number, or when something else
+/// than a comma or a blank follows it.
 pub fn parse_error(text: &str) -> Result<ErrorEntry, StatusError> {
     let fail = || StatusError(excerpt(text.as_bytes()));
     let trimmed = text.trim();
-    let (number, rest) = trimmed.split_at_checked(decimal_length(trimmed.as_bytes())).ok_or_else(fail)?;
+    let (number, rest) = trimmed
+        .split_at_checked(decimal_length(trimmed.as_bytes()))
+        .ok_or_else(fail)?;
     let code: i32 = number.parse().map_err(|_| fail())?;
     if !(rest.is_empty() || rest.starts_with(',') || rest.starts_with(char::is_whitespace)) {
         return Err(fail());
     }
     let message = rest.trim_start();
     let message = message.strip_prefix(',').unwrap_or(message).trim();
-    Ok(ErrorEntry { code, message: unquoted(message) })
+    Ok(ErrorEntry {
+        code,
+        message: unquoted(message),
+    })
 }
 
 /// Takes off one pair of quotes and undoubles them inside; text without quotes stays as it is.
@@ -83,25 +91,44 @@ mod tests {
         let table = [
             ("0,\"No error\"", 0, "No error"),
             ("+0,\"No error\"", 0, "No error"),
-            ("-113,\"Undefined header;SOUR:VLOT\"", -113, "Undefined header;SOUR:VLOT"),
+            (
+                "-113,\"Undefined header;SOUR:VLOT\"",
+                -113,
+                "Undefined header;SOUR:VLOT",
+            ),
             ("0  No Error", 0, "No Error"),
             ("-0, No errors", 0, "No errors"),
             ("0,No Error", 0, "No Error"),
             (" 0 ", 0, ""),
-            ("-222 , 'Data \"out\" of range'", -222, "Data \"out\" of range"),
+            (
+                "-222 , 'Data \"out\" of range'",
+                -222,
+                "Data \"out\" of range",
+            ),
             ("101,\"say \"\"no\"\"\"", 101, "say \"no\""),
             ("5,\"", 5, "\""),
         ];
         for (text, code, message) in table {
             let entry = parse_error(text).unwrap();
-            assert_eq!((entry.code, entry.message.as_str()), (code, message), "{text}");
+            assert_eq!(
+                (entry.code, entry.message.as_str()),
+                (code, message),
+                "{text}"
+            );
             assert_eq!(entry.is_ok(), code == 0);
         }
     }
 
     #[test]
     fn other_answers_are_refused_with_their_text() {
-        for text in ["", "No error", "1.5,\"x\"", "0x", "99999999999,\"x\"", "+,\"x\""] {
+        for text in [
+            "",
+            "No error",
+            "1.5,\"x\"",
+            "0x",
+            "99999999999,\"x\"",
+            "+,\"x\"",
+        ] {
             assert!(parse_error(text).is_err(), "{text}");
         }
         assert_eq!(
@@ -112,8 +139,23 @@ mod tests {
 
     #[test]
     fn classes_set_their_bits() {
-        for (code, bit) in [(0, None), (-113, Some(5)), (-222, Some(4)), (-350, Some(3)), (-410, Some(2)), (201, Some(3))] {
-            assert_eq!(ErrorEntry { code, message: String::new() }.event_status_bit(), bit, "{code}");
+        for (code, bit) in [
+            (0, None),
+            (-113, Some(5)),
+            (-222, Some(4)),
+            (-350, Some(3)),
+            (-410, Some(2)),
+            (201, Some(3)),
+        ] {
+            assert_eq!(
+                ErrorEntry {
+                    code,
+                    message: String::new()
+                }
+                .event_status_bit(),
+                bit,
+                "{code}"
+            );
         }
     }
 

@@ -1,4 +1,5 @@
-//! Keysight E36312A: channel lists, an error queue, over-voltage and over-current protection. Channel 1 (6 V, 5 A) carries the cell.
+//! Keysight E36312A: channel lists, an error queue, over-voltage and over-current protection.
+//! Channel 1 (6 V, 5 A) carries the cell.
 
 use super::{Capabilities, Charge, Dialect};
 use crate::{
@@ -13,7 +14,8 @@ pub(super) const E36312A: Keysight = Keysight;
 
 /// The channel that is wired to the cell.
 const CHANNEL: u32 = 1;
-/// So far above the limit of the charge the instrument switches itself off, V: beyond its overshoot, below what harms a cell at once.
+/// So far above the limit of the charge the instrument switches itself off, V: beyond its
+/// overshoot, below what harms a cell at once.
 const OVER_VOLTAGE_V: f64 = 0.2;
 /// Rounding of what is read back, V and A.
 const READ_BACK: f64 = 2.0e-3;
@@ -45,7 +47,10 @@ impl Model for Keysight {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(2), ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(2),
+            ..LinkProfile::scpi()
+        }
     }
 
     fn settings(&self) -> &'static [Setting] {
@@ -54,43 +59,74 @@ impl Model for Keysight {
 
     fn recognises(&self, identity: &Identity) -> bool {
         let maker = identity.maker.to_ascii_lowercase();
-        (maker.starts_with("keysight") || maker.starts_with("agilent")) && identity.model.starts_with("E36312A")
+        (maker.starts_with("keysight") || maker.starts_with("agilent"))
+            && identity.model.starts_with("E36312A")
     }
 }
 
 /// `HEADER value,(@1)`, read back by `HEADER? (@1)`.
 fn number(header: &str, value: f64) -> Exchange {
-    match Exchange::command(header, |command| command.fixed(value, 3).channels(&[CHANNEL])) {
-        Exchange::Send(message) => Exchange::number(message, format!("{header}? (@{CHANNEL})"), value, READ_BACK),
+    match Exchange::command(header, |command| {
+        command.fixed(value, 3).channels(&[CHANNEL])
+    }) {
+        Exchange::Send(message) => {
+            Exchange::number(message, format!("{header}? (@{CHANNEL})"), value, READ_BACK)
+        }
         refused => refused,
     }
 }
 
 /// `HEADER word,(@1)`, read back by `HEADER? (@1)` as one of `words`.
 fn word(header: &str, word: &str, words: &'static [&'static str]) -> Exchange {
-    Exchange::word(format!("{header} {word},(@{CHANNEL})"), format!("{header}? (@{CHANNEL})"), words)
+    Exchange::word(
+        format!("{header} {word},(@{CHANNEL})"),
+        format!("{header}? (@{CHANNEL})"),
+        words,
+    )
 }
 
 impl Dialect for Keysight {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(5.0), max_voltage: Volts(6.0), unattended: Unattended::HoldsVoltage }
+        Capabilities {
+            max_current: Amps(5.0),
+            max_voltage: Volts(6.0),
+            unattended: Unattended::HoldsVoltage,
+        }
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {
-        vec![if on { word("OUTP", "ON", &["1", "ON"]) } else { word("OUTP", "OFF", &["0", "OFF"]) }]
+        vec![if on {
+            word("OUTP", "ON", &["1", "ON"])
+        } else {
+            word("OUTP", "OFF", &["0", "OFF"])
+        }]
     }
 
     fn zero(&self) -> Vec<Way> {
         vec![
-            Way { name: "its current at 0", script: self.level(Amps(0.0)) },
-            Way { name: "its voltage at 0", script: vec![number("VOLT", 0.0)] },
+            Way {
+                name: "its current at 0",
+                script: self.level(Amps(0.0)),
+            },
+            Way {
+                name: "its voltage at 0",
+                script: vec![number("VOLT", 0.0)],
+            },
         ]
     }
 
     fn bounds(&self) -> &'static [Bound] {
         &[
-            Bound { query: "CURR? (@1)", words: "it is limited to", unit: "A" },
-            Bound { query: "VOLT? (@1)", words: "it is limited to", unit: "V" },
+            Bound {
+                query: "CURR? (@1)",
+                words: "it is limited to",
+                unit: "A",
+            },
+            Bound {
+                query: "VOLT? (@1)",
+                words: "it is limited to",
+                unit: "V",
+            },
         ]
     }
 
@@ -98,7 +134,8 @@ impl Dialect for Keysight {
         vec![
             // Sense leads that were chosen once and are not there would let the terminals rise.
             word("VOLT:SENS:SOUR", "INT", &["INT", "INTernal"]),
-            // A charge runs at its current limit: a protection that takes that for a fault must not be armed.
+            // A charge runs at its current limit: a protection that takes that for a fault must not
+            // be armed.
             word("CURR:PROT:STAT", "OFF", &["0", "OFF"]),
             number("VOLT", charge.voltage.value()),
             number("CURR", charge.current.value()),

@@ -37,8 +37,9 @@ pub trait Dialect: Model {
     fn capabilities(&self) -> Capabilities;
     /// Switches the output.
     fn output(&self, on: bool) -> Vec<Exchange>;
-    /// Ways to deliver nothing while the output does not go off, the gentlest first: the current, then the voltage, for below the cell's own voltage no charger
-    /// charges, but one that can sink would discharge, within its limit of the current.
+    /// Ways to deliver nothing while the output does not go off, the gentlest first: the current,
+    /// then the voltage, for below the cell's own voltage no charger charges, but one that can sink
+    /// would discharge, within its limit of the current.
     fn zero(&self) -> Vec<Way>;
     /// What bounds the current within the instrument.
     fn bounds(&self) -> &'static [Bound];
@@ -51,7 +52,11 @@ pub trait Dialect: Model {
 }
 
 /// Every known model.
-pub const DIALECTS: &[&dyn Dialect] = &[&siglent_spd::SPD3303X, &keysight_e36312a::E36312A, &rigol_dp832::DP832];
+pub const DIALECTS: &[&dyn Dialect] = &[
+    &siglent_spd::SPD3303X,
+    &keysight_e36312a::E36312A,
+    &rigol_dp832::DP832,
+];
 
 /// Channel 1 of a DC supply on its link.
 pub type Supply = Instrument<dyn Dialect>;

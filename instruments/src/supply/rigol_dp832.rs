@@ -1,4 +1,5 @@
-//! Rigol DP832(A): the channel is named in every command, switches answer `ON` and `OFF`. Channel 1 (30 V, 3 A) carries the cell.
+//! Rigol DP832(A): the channel is named in every command, switches answer `ON` and `OFF`. Channel 1
+//! (30 V, 3 A) carries the cell.
 
 use super::{Capabilities, Charge, Dialect};
 use crate::{
@@ -34,7 +35,10 @@ impl Model for Dp832 {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(20), ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(20),
+            ..LinkProfile::scpi()
+        }
     }
 
     fn settings(&self) -> &'static [Setting] {
@@ -42,18 +46,31 @@ impl Model for Dp832 {
     }
 
     fn recognises(&self, identity: &Identity) -> bool {
-        identity.maker.to_ascii_uppercase().starts_with("RIGOL") && identity.model.starts_with("DP832")
+        identity.maker.to_ascii_uppercase().starts_with("RIGOL")
+            && identity.model.starts_with("DP832")
     }
 }
 
 fn switch(header: &str, on: bool) -> Exchange {
-    let (state, words): (_, &[&str]) = if on { ("ON", &["ON", "1"]) } else { ("OFF", &["OFF", "0"]) };
-    Exchange::word(format!("{header} CH1,{state}"), format!("{header}? CH1"), words)
+    let (state, words): (_, &[&str]) = if on {
+        ("ON", &["ON", "1"])
+    } else {
+        ("OFF", &["OFF", "0"])
+    };
+    Exchange::word(
+        format!("{header} CH1,{state}"),
+        format!("{header}? CH1"),
+        words,
+    )
 }
 
 impl Dialect for Dp832 {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(3.0), max_voltage: Volts(30.0), unattended: Unattended::HoldsVoltage }
+        Capabilities {
+            max_current: Amps(3.0),
+            max_voltage: Volts(30.0),
+            unattended: Unattended::HoldsVoltage,
+        }
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {
@@ -62,28 +79,47 @@ impl Dialect for Dp832 {
 
     fn zero(&self) -> Vec<Way> {
         vec![
-            Way { name: "its current at 0", script: self.level(Amps(0.0)) },
-            Way { name: "its voltage at 0", script: vec![Exchange::fixed(":SOUR1:VOLT", 0.0, (3, READ_BACK))] },
+            Way {
+                name: "its current at 0",
+                script: self.level(Amps(0.0)),
+            },
+            Way {
+                name: "its voltage at 0",
+                script: vec![Exchange::fixed(":SOUR1:VOLT", 0.0, (3, READ_BACK))],
+            },
         ]
     }
 
     fn bounds(&self) -> &'static [Bound] {
         &[
-            Bound { query: ":SOUR1:CURR?", words: "it is limited to", unit: "A" },
-            Bound { query: ":SOUR1:VOLT?", words: "it is limited to", unit: "V" },
+            Bound {
+                query: ":SOUR1:CURR?",
+                words: "it is limited to",
+                unit: "A",
+            },
+            Bound {
+                query: ":SOUR1:VOLT?",
+                words: "it is limited to",
+                unit: "V",
+            },
         ]
     }
 
     fn prepare(&self, charge: &Charge) -> Vec<Exchange> {
         let protection = charge.voltage.value() + OVER_VOLTAGE_V;
-        let level = Exchange::command(":OUTP:OVP:VAL", |command| command.word("CH1").fixed(protection, 3));
+        let level = Exchange::command(":OUTP:OVP:VAL", |command| {
+            command.word("CH1").fixed(protection, 3)
+        });
         vec![
-            // A charge runs at its current limit: a protection that takes that for a fault must not be armed.
+            // A charge runs at its current limit: a protection that takes that for a fault must not
+            // be armed.
             switch(":OUTP:OCP", false),
             Exchange::fixed(":SOUR1:VOLT", charge.voltage.value(), (3, READ_BACK)),
             Exchange::fixed(":SOUR1:CURR", charge.current.value(), (3, READ_BACK)),
             match level {
-                Exchange::Send(message) => Exchange::number(message, ":OUTP:OVP:VAL? CH1", protection, READ_BACK),
+                Exchange::Send(message) => {
+                    Exchange::number(message, ":OUTP:OVP:VAL? CH1", protection, READ_BACK)
+                }
                 refused => refused,
             },
             switch(":OUTP:OVP", true),
@@ -91,7 +127,11 @@ impl Dialect for Dp832 {
     }
 
     fn level(&self, current: Amps) -> Vec<Exchange> {
-        vec![Exchange::fixed(":SOUR1:CURR", current.value(), (3, READ_BACK))]
+        vec![Exchange::fixed(
+            ":SOUR1:CURR",
+            current.value(),
+            (3, READ_BACK),
+        )]
     }
 
     fn measure(&self) -> [&'static str; 2] {

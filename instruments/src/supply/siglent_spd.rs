@@ -1,5 +1,5 @@
-//! Siglent SPD3303X: no output query, so the state is read from the hexadecimal status word (bit 4: channel 1 on); its error answers are not
-//! quoted. Wants 10 ms after each write.
+//! Siglent SPD3303X: no output query, so the state is read from the hexadecimal status word (bit 4:
+//! channel 1 on); its error answers are not quoted. Wants 10 ms after each write.
 
 use super::{Capabilities, Charge, Dialect};
 use crate::{
@@ -26,12 +26,18 @@ const SETTINGS: &[Setting] = &[
     Setting::state(
         "SYST:STAT?",
         "output",
-        Says::States(&[(Shows::Bits(CHANNEL_1_ON, CHANNEL_1_ON), "on"), (Shows::Bits(CHANNEL_1_ON, 0), "off")]),
+        Says::States(&[
+            (Shows::Bits(CHANNEL_1_ON, CHANNEL_1_ON), "on"),
+            (Shows::Bits(CHANNEL_1_ON, 0), "off"),
+        ]),
     ),
     Setting::state(
         "SYST:STAT?",
         "coupling",
-        Says::States(&[(Shows::Bits(TRACKING.0, TRACKING.1), "none"), (Shows::Bits(TRACKING.0, PARALLEL), "parallel")]),
+        Says::States(&[
+            (Shows::Bits(TRACKING.0, TRACKING.1), "none"),
+            (Shows::Bits(TRACKING.0, PARALLEL), "parallel"),
+        ]),
     ),
     Setting::number("CH1:VOLT?", "voltage", "V"),
     Setting::number("CH1:CURR?", "current", "A"),
@@ -43,7 +49,10 @@ impl Model for Spd {
     }
 
     fn profile(&self) -> LinkProfile {
-        LinkProfile { min_gap: ms(20), ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(20),
+            ..LinkProfile::scpi()
+        }
     }
 
     fn settings(&self) -> &'static [Setting] {
@@ -57,29 +66,54 @@ impl Model for Spd {
 
 impl Dialect for Spd {
     fn capabilities(&self) -> Capabilities {
-        Capabilities { max_current: Amps(3.2), max_voltage: Volts(32.0), unattended: Unattended::HoldsVoltage }
+        Capabilities {
+            max_current: Amps(3.2),
+            max_voltage: Volts(32.0),
+            unattended: Unattended::HoldsVoltage,
+        }
     }
 
     fn output(&self, on: bool) -> Vec<Exchange> {
-        let (message, bits) = if on { ("OUTP CH1,ON", CHANNEL_1_ON) } else { ("OUTP CH1,OFF", 0) };
+        let (message, bits) = if on {
+            ("OUTP CH1,ON", CHANNEL_1_ON)
+        } else {
+            ("OUTP CH1,OFF", 0)
+        };
         vec![Exchange::Set {
             message: message.to_owned(),
             read_back: "SYST:STAT?".to_owned(),
-            expect: Expect::Bits { mask: CHANNEL_1_ON, bits },
+            expect: Expect::Bits {
+                mask: CHANNEL_1_ON,
+                bits,
+            },
         }]
     }
 
     fn zero(&self) -> Vec<Way> {
         vec![
-            Way { name: "its current at 0", script: self.level(Amps(0.0)) },
-            Way { name: "its voltage at 0", script: vec![Exchange::fixed("CH1:VOLT", 0.0, (3, 2.0e-3))] },
+            Way {
+                name: "its current at 0",
+                script: self.level(Amps(0.0)),
+            },
+            Way {
+                name: "its voltage at 0",
+                script: vec![Exchange::fixed("CH1:VOLT", 0.0, (3, 2.0e-3))],
+            },
         ]
     }
 
     fn bounds(&self) -> &'static [Bound] {
         &[
-            Bound { query: "CH1:CURR?", words: "it is limited to", unit: "A" },
-            Bound { query: "CH1:VOLT?", words: "it is limited to", unit: "V" },
+            Bound {
+                query: "CH1:CURR?",
+                words: "it is limited to",
+                unit: "A",
+            },
+            Bound {
+                query: "CH1:VOLT?",
+                words: "it is limited to",
+                unit: "V",
+            },
         ]
     }
 
@@ -89,7 +123,10 @@ impl Dialect for Spd {
             Exchange::Set {
                 message: "OUTP:TRACK 0".to_owned(),
                 read_back: "SYST:STAT?".to_owned(),
-                expect: Expect::Bits { mask: TRACKING.0, bits: TRACKING.1 },
+                expect: Expect::Bits {
+                    mask: TRACKING.0,
+                    bits: TRACKING.1,
+                },
             },
             Exchange::fixed("CH1:VOLT", charge.voltage.value(), (3, 2.0e-3)),
         ];

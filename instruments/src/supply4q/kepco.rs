@@ -1,7 +1,9 @@
-//! Kepco BOP. Two families that differ where it matters: BOP-MG/-GL select the analog input by command (`CURR:MODE EXT`, manual BOP 1KW-MG,
-//! section 3.5.6), the linear BOP 20-20 with a BIT card by switches and wiring, where `EXT` is an unknown word.
+//! Kepco BOP. Two families that differ where it matters: BOP-MG/-GL select the analog input by
+//! command (`CURR:MODE EXT`, manual BOP 1KW-MG, section 3.5.6), the linear BOP 20-20 with a BIT
+//! card by switches and wiring, where `EXT` is an unknown word.
 //!
-//! Numbers go out as plain `%.4f`: the parser of the instrument drops digits silently when there are more than four before the point.
+//! Numbers go out as plain `%.4f`: the parser of the instrument drops digits silently when there
+//! are more than four before the point.
 
 use super::{AnalogSelect, Capabilities, Dialect, Holds, Limits};
 use crate::{
@@ -12,11 +14,18 @@ use crate::{
 };
 
 /// Kepco BOP 1KW 50-20MG/GL, analog input selected by command: the 20 A member of the family.
-pub(super) const BOP_MG: Kepco = Kepco { key: "kepco-bop-mg", analog_select: AnalogSelect::Command };
+pub(super) const BOP_MG: Kepco = Kepco {
+    key: "kepco-bop-mg",
+    analog_select: AnalogSelect::Command,
+};
 /// Kepco BOP 20-20M/D/ML, linear, with a BIT card.
-pub(super) const BOP_LINEAR: Kepco = Kepco { key: "kepco-bop-linear", analog_select: AnalogSelect::Wiring };
+pub(super) const BOP_LINEAR: Kepco = Kepco {
+    key: "kepco-bop-linear",
+    analog_select: AnalogSelect::Wiring,
+};
 
-/// Decimals of what is sent, and tolerance of what is read back: the display of a 20 A instrument rounds to a milliampere.
+/// Decimals of what is sent, and tolerance of what is read back: the display of a 20 A instrument
+/// rounds to a milliampere.
 const READ_BACK: (usize, f64) = (4, 5.0e-3);
 
 /// The linear units end at 400 W, the switching ones have 1 kW.
@@ -81,7 +90,10 @@ impl Model for Kepco {
 
     fn profile(&self) -> LinkProfile {
         // ≈25 ms a command on the LAN card, which loses what comes faster.
-        LinkProfile { min_gap: ms(35), ..LinkProfile::scpi() }
+        LinkProfile {
+            min_gap: ms(35),
+            ..LinkProfile::scpi()
+        }
     }
 
     fn settings(&self) -> &'static [Setting] {
@@ -91,8 +103,10 @@ impl Model for Kepco {
     fn recognises(&self, identity: &Identity) -> bool {
         let raw = identity.raw.to_ascii_uppercase();
         let rating = rating(&identity.model);
-        let switching = raw.contains("1KW") || rating.is_some_and(|(volts, amps)| volts * amps >= SWITCHING_FROM_W);
-        // The family spans 10 V / 75 A to 200 V / 1 A: volts at the analog input mean other amperes on another member.
+        let switching = raw.contains("1KW")
+            || rating.is_some_and(|(volts, amps)| volts * amps >= SWITCHING_FROM_W);
+        // The family spans 10 V / 75 A to 200 V / 1 A: volts at the analog input mean other amperes
+        // on another member.
         let rated = rating.map(|(_, amps)| (amps - FULL_SCALE.value()).abs() < 0.5);
         match self.analog_select {
             AnalogSelect::Command => raw.starts_with("KEPCO") && switching && rated == Some(true),
@@ -107,9 +121,14 @@ impl Dialect for Kepco {
         Capabilities {
             analog_select: self.analog_select,
             // `CURR:LIM` is of the switching family.
-            holds: if self.analog_select == AnalogSelect::Command { Holds::CurrentAndVoltage } else { Holds::Voltage },
+            holds: if self.analog_select == AnalogSelect::Command {
+                Holds::CurrentAndVoltage
+            } else {
+                Holds::Voltage
+            },
             full_scale: FULL_SCALE,
-            // The bandwidth is 5 kHz to 10 kHz: at 3 kHz at most a seventh of the amplitude is lost.
+            // The bandwidth is 5 kHz to 10 kHz: at 3 kHz at most a seventh of the amplitude is
+            // lost.
             max_freq: Hertz(3000.0),
             analog_full_scale: Volts(10.0),
         }
@@ -121,10 +140,18 @@ impl Dialect for Kepco {
         }
         let off = Exchange::switch("OUTP", false);
         match self.analog_select {
-            // The factory setting ACTIVE holds zero volts when off, which shorts a cell; BATTERY opens the output.
-            AnalogSelect::Command => vec![Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY", "BATT"]), off],
-            // A linear one that is off holds zero of what its mode controls: zero amperes leave the cell alone, zero volts do not.
-            AnalogSelect::Wiring => vec![Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"]), off],
+            // The factory setting ACTIVE holds zero volts when off, which shorts a cell; BATTERY
+            // opens the output.
+            AnalogSelect::Command => vec![
+                Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY", "BATT"]),
+                off,
+            ],
+            // A linear one that is off holds zero of what its mode controls: zero amperes leave the
+            // cell alone, zero volts do not.
+            AnalogSelect::Wiring => vec![
+                Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"]),
+                off,
+            ],
         }
     }
 
@@ -133,7 +160,11 @@ impl Dialect for Kepco {
             AnalogSelect::Command => {
                 vec![Way {
                     name: "its own command, 0 A, in the place of the generator's",
-                    script: [self.analog(false), vec![Exchange::fixed("CURR", 0.0, READ_BACK)]].concat(),
+                    script: [
+                        self.analog(false),
+                        vec![Exchange::fixed("CURR", 0.0, READ_BACK)],
+                    ]
+                    .concat(),
                 }]
             }
             AnalogSelect::Wiring => Vec::new(),
@@ -142,24 +173,50 @@ impl Dialect for Kepco {
 
     fn bounds(&self) -> &'static [Bound] {
         match self.analog_select {
-            AnalogSelect::Command => &[Bound { query: "CURR:LIM?", words: "it is limited to", unit: "A" }],
+            AnalogSelect::Command => &[Bound {
+                query: "CURR:LIM?",
+                words: "it is limited to",
+                unit: "A",
+            }],
             AnalogSelect::Wiring => &[],
         }
     }
 
     fn prepare(&self, limits: &Limits) -> Vec<Exchange> {
-        let mut script = vec![Exchange::word("FUNC:MODE CURR", "FUNC:MODE?", &["1", "CURR"])];
+        let mut script = vec![Exchange::word(
+            "FUNC:MODE CURR",
+            "FUNC:MODE?",
+            &["1", "CURR"],
+        )];
         if self.analog_select == AnalogSelect::Command {
             // Acts on the main channel, so that the mode comes first.
-            script.push(Exchange::word("CURR:MODE FIX", "CURR:MODE?", &["FIX", "FIXED"]));
+            script.push(Exchange::word(
+                "CURR:MODE FIX",
+                "CURR:MODE?",
+                &["FIX", "FIXED"],
+            ));
         }
         script.push(Exchange::fixed("CURR", 0.0, READ_BACK));
-        script.push(Exchange::fixed("VOLT", limits.compliance.value(), READ_BACK));
+        script.push(Exchange::fixed(
+            "VOLT",
+            limits.compliance.value(),
+            READ_BACK,
+        ));
         if self.analog_select == AnalogSelect::Command {
-            // Left at EXT, pins of the analog port would set the limits and the digital ones have no effect.
-            script.push(Exchange::word("VOLT:PROT:MODE FIX", "VOLT:PROT:MODE?", &["FIX", "FIXED"]));
-            script.push(Exchange::word("CURR:PROT:MODE FIX", "CURR:PROT:MODE?", &["FIX", "FIXED"]));
-            // In current mode the protection channel is the voltage; only the software limit bounds the current.
+            // Left at EXT, pins of the analog port would set the limits and the digital ones have
+            // no effect.
+            script.push(Exchange::word(
+                "VOLT:PROT:MODE FIX",
+                "VOLT:PROT:MODE?",
+                &["FIX", "FIXED"],
+            ));
+            script.push(Exchange::word(
+                "CURR:PROT:MODE FIX",
+                "CURR:PROT:MODE?",
+                &["FIX", "FIXED"],
+            ));
+            // In current mode the protection channel is the voltage; only the software limit bounds
+            // the current.
             script.push(both_signs("CURR:LIM", limits.current.value()));
         }
         script
@@ -167,8 +224,16 @@ impl Dialect for Kepco {
 
     fn analog(&self, on: bool) -> Vec<Exchange> {
         match (self.analog_select, on) {
-            (AnalogSelect::Command, true) => vec![Exchange::word("CURR:MODE EXT", "CURR:MODE?", &["EXT", "EXTERNAL"])],
-            (AnalogSelect::Command, false) => vec![Exchange::word("CURR:MODE FIX", "CURR:MODE?", &["FIX", "FIXED"])],
+            (AnalogSelect::Command, true) => vec![Exchange::word(
+                "CURR:MODE EXT",
+                "CURR:MODE?",
+                &["EXT", "EXTERNAL"],
+            )],
+            (AnalogSelect::Command, false) => vec![Exchange::word(
+                "CURR:MODE FIX",
+                "CURR:MODE?",
+                &["FIX", "FIXED"],
+            )],
             (AnalogSelect::Wiring, _) => Vec::new(),
         }
     }
@@ -182,7 +247,9 @@ impl Dialect for Kepco {
 fn rating(model: &str) -> Option<(f64, f64)> {
     model.split_whitespace().find_map(|word| {
         let (volts, amps) = word.split_once('-')?;
-        let digits = amps.find(|c: char| !c.is_ascii_digit()).unwrap_or(amps.len());
+        let digits = amps
+            .find(|c: char| !c.is_ascii_digit())
+            .unwrap_or(amps.len());
         Some((volts.parse().ok()?, amps.get(..digits)?.parse().ok()?))
     })
 }
@@ -191,9 +258,11 @@ fn rating(model: &str) -> Option<(f64, f64)> {
 fn both_signs(header: &str, value: f64) -> Exchange {
     let (decimals, tolerance) = READ_BACK;
     match Exchange::command(header, |command| command.fixed(value, decimals)) {
-        Exchange::Send(message) => {
-            Exchange::Set { message, read_back: format!("{header}?"), expect: Expect::Magnitude { value, tolerance } }
-        }
+        Exchange::Send(message) => Exchange::Set {
+            message,
+            read_back: format!("{header}?"),
+            expect: Expect::Magnitude { value, tolerance },
+        },
         refused => refused,
     }
 }
@@ -216,8 +285,12 @@ mod tests {
     }
 
     #[test]
-    fn the_switching_family_selects_the_analog_input_by_command_and_the_linear_one_never_sends_it() {
-        let limits = Limits { compliance: Volts(5.0), current: Amps(3.0) };
+    fn the_switching_family_selects_the_analog_input_by_command_and_the_linear_one_never_sends_it()
+    {
+        let limits = Limits {
+            compliance: Volts(5.0),
+            current: Amps(3.0),
+        };
         assert_eq!(
             words(&BOP_MG.prepare(&limits)),
             [
@@ -231,12 +304,22 @@ mod tests {
             ]
         );
         assert_eq!(words(&BOP_MG.analog(true)), ["CURR:MODE EXT"]);
-        assert_eq!(words(&BOP_LINEAR.prepare(&limits)), ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]);
+        assert_eq!(
+            words(&BOP_LINEAR.prepare(&limits)),
+            ["FUNC:MODE CURR", "CURR 0.0000", "VOLT 5.0000"]
+        );
         assert_eq!(BOP_LINEAR.analog(true), []);
         // What is said of the limit is what is sent.
         for supply in [&BOP_MG, &BOP_LINEAR] {
-            let sent = words(&supply.prepare(&limits)).iter().any(|message| message.starts_with("CURR:LIM "));
-            assert_eq!(supply.capabilities().holds == Holds::CurrentAndVoltage, sent, "{}", supply.key);
+            let sent = words(&supply.prepare(&limits))
+                .iter()
+                .any(|message| message.starts_with("CURR:LIM "));
+            assert_eq!(
+                supply.capabilities().holds == Holds::CurrentAndVoltage,
+                sent,
+                "{}",
+                supply.key
+            );
         }
     }
 
@@ -254,13 +337,26 @@ mod tests {
             ("ACME,BOP 20-20,1,1", false, false),
         ] {
             let identity = Identity::parse(answer);
-            assert_eq!((BOP_MG.recognises(&identity), BOP_LINEAR.recognises(&identity)), (switching, linear), "{answer}");
+            assert_eq!(
+                (
+                    BOP_MG.recognises(&identity),
+                    BOP_LINEAR.recognises(&identity)
+                ),
+                (switching, linear),
+                "{answer}"
+            );
         }
     }
 
     #[test]
     fn switching_off_never_shorts_the_cell() {
-        assert_eq!(words(&BOP_MG.output(false)), ["OUTP:MODE BATTERY", "OUTP OFF"]);
-        assert_eq!(words(&BOP_LINEAR.output(false)), ["FUNC:MODE CURR", "OUTP OFF"]);
+        assert_eq!(
+            words(&BOP_MG.output(false)),
+            ["OUTP:MODE BATTERY", "OUTP OFF"]
+        );
+        assert_eq!(
+            words(&BOP_LINEAR.output(false)),
+            ["FUNC:MODE CURR", "OUTP OFF"]
+        );
     }
 }

@@ -1,13 +1,17 @@
-//! The bipolar (four-quadrant) supply that drives current through the cell, commanded by an analog input.
+//! The bipolar (four-quadrant) supply that drives current through the cell, commanded by an analog
+//! input.
 //!
-//! Bring-up order (and the reverse on the way down): output off, mode, limits, zero, analog select, output on. The generator must be at zero
-//! whenever the output is switched on; that is the caller's business, for this module knows one instrument only.
+//! Bring-up order (and the reverse on the way down): output off, mode, limits, zero, analog select,
+//! output on. The generator must be at zero whenever the output is switched on; that is the
+//! caller's business, for this module knows one instrument only.
 
 mod caenels;
 mod kepco;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, Told, Way, after_header, forget_errors, look, play, play_all},
+    exchange::{
+        Answer, Bound, Exchange, Told, Way, after_header, forget_errors, look, play, play_all,
+    },
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Hertz, Volts},
@@ -19,7 +23,8 @@ use crate::{
 pub enum AnalogSelect {
     /// A command selects it, and another takes it back.
     Command,
-    /// Switches and the rear connector select it: it drives the output whenever the output is on, whatever is sent.
+    /// Switches and the rear connector select it: it drives the output whenever the output is on,
+    /// whatever is sent.
     Wiring,
 }
 
@@ -31,7 +36,8 @@ pub enum Holds {
     CurrentAndVoltage,
     /// Of the voltage only: the output follows the generator up to its rated current.
     Voltage,
-    /// None: the output follows the generator up to its rated current, at any voltage up to its rating.
+    /// None: the output follows the generator up to its rated current, at any voltage up to its
+    /// rating.
     Nothing,
 }
 
@@ -72,11 +78,12 @@ pub struct Limits {
 pub trait Dialect: Model {
     /// What it can do.
     fn capabilities(&self) -> Capabilities;
-    /// Switches the output. Off is the first and the last thing, and must leave the cell unconnected, not shorted by an output that holds zero
-    /// volts: where the instrument can do either, the script chooses first.
+    /// Switches the output. Off is the first and the last thing, and must leave the cell
+    /// unconnected, not shorted by an output that holds zero volts: where the instrument can do
+    /// either, the script chooses first.
     fn output(&self, on: bool) -> Vec<Exchange>;
-    /// Ways to drive nothing while the output does not go off, the gentlest first. One that only its analog input commands has none of its own: the
-    /// generator's least sine is it.
+    /// Ways to drive nothing while the output does not go off, the gentlest first. One that only
+    /// its analog input commands has none of its own: the generator's least sine is it.
     fn zero(&self) -> Vec<Way>;
     /// What bounds the current within the instrument.
     fn bounds(&self) -> &'static [Bound] {
@@ -88,7 +95,8 @@ pub trait Dialect: Model {
     fn analog(&self, on: bool) -> Vec<Exchange>;
     /// Queries for terminal voltage and current.
     fn measure(&self) -> [&'static str; 2];
-    /// Query for the limits of its own: least and greatest voltage, least and greatest current, separated by `:`.
+    /// Query for the limits of its own: least and greatest voltage, least and greatest current,
+    /// separated by `:`.
     fn own_limits(&self) -> Option<&'static str> {
         None
     }
@@ -106,7 +114,8 @@ impl Instrument<dyn Dialect> {
         self.dialect.capabilities()
     }
 
-    /// Output off, then current mode with zero current and the limits read back. The cell is not yet connected to anything that drives it.
+    /// Output off, then current mode with zero current and the limits read back. The cell is not
+    /// yet connected to anything that drives it.
     ///
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
@@ -120,7 +129,8 @@ impl Instrument<dyn Dialect> {
         Ok(())
     }
 
-    /// Hands the output to the analog input and switches it on. The caller holds the generator at zero volts.
+    /// Hands the output to the analog input and switches it on. The caller holds the generator at
+    /// zero volts.
     ///
     /// # Errors
     /// As [`Self::prepare`].
@@ -163,14 +173,33 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The link's; an answer that is not four numbers around zero.
     pub async fn own_limits(&mut self) -> Result<Option<OwnLimits>, LinkError> {
-        let Some(query) = self.dialect.own_limits() else { return Ok(None) };
+        let Some(query) = self.dialect.own_limits() else {
+            return Ok(None);
+        };
         let answer = self.link.query(query).await?;
-        let numbers: Vec<f64> = after_header(&answer).split(':').filter_map(|number| number.trim().parse().ok()).collect();
+        let numbers: Vec<f64> = after_header(&answer)
+            .split(':')
+            .filter_map(|number| number.trim().parse().ok())
+            .collect();
         match numbers.as_slice() {
-            [v0, v1, a0, a1] if *v0 <= 0.0 && *v1 >= 0.0 && *a0 <= 0.0 && *a1 >= 0.0 && numbers.iter().all(|number| number.is_finite()) => {
-                Ok(Some(OwnLimits { volts: (*v0, *v1), amps: (*a0, *a1) }))
+            [v0, v1, a0, a1]
+                if *v0 <= 0.0
+                    && *v1 >= 0.0
+                    && *a0 <= 0.0
+                    && *a1 >= 0.0
+                    && numbers.iter().all(|number| number.is_finite()) =>
+            {
+                Ok(Some(OwnLimits {
+                    volts: (*v0, *v1),
+                    amps: (*a0, *a1),
+                }))
             }
-            _ => Err(LinkError::unexpected(self.link.name(), query, &answer, "least and greatest voltage and current, around zero")),
+            _ => Err(LinkError::unexpected(
+                self.link.name(),
+                query,
+                &answer,
+                "least and greatest voltage and current, around zero",
+            )),
         }
     }
 

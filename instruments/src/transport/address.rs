@@ -100,16 +100,31 @@ impl Address {
     /// The host, where there is one.
     pub fn host(&self) -> Option<&str> {
         match self {
-            Self::Tcp(socket) | Self::HiSlip { socket, .. } | Self::Gpib { adapter: Adapter::Tcp(socket), .. } => Some(&socket.host),
+            Self::Tcp(socket)
+            | Self::HiSlip { socket, .. }
+            | Self::Gpib {
+                adapter: Adapter::Tcp(socket),
+                ..
+            } => Some(&socket.host),
             Self::Vxi11 { host, .. } => Some(host),
-            Self::Serial(_) | Self::UsbTmc { .. } | Self::Gpib { adapter: Adapter::Serial(_), .. } | Self::Memory { .. } => None,
+            Self::Serial(_)
+            | Self::UsbTmc { .. }
+            | Self::Gpib {
+                adapter: Adapter::Serial(_),
+                ..
+            }
+            | Self::Memory { .. } => None,
         }
     }
 
     /// The device's file, where there is one.
     pub fn path(&self) -> Option<&str> {
         match self {
-            Self::Serial(settings) | Self::Gpib { adapter: Adapter::Serial(settings), .. } => Some(&settings.path),
+            Self::Serial(settings)
+            | Self::Gpib {
+                adapter: Adapter::Serial(settings),
+                ..
+            } => Some(&settings.path),
             Self::UsbTmc { path } => Some(path),
             _ => None,
         }
@@ -127,17 +142,22 @@ pub struct AddressError {
 
 impl AddressError {
     fn new(field: &'static str, expected: &str, found: &str) -> Self {
-        Self { field, expected: expected.to_owned(), found: found.to_owned() }
+        Self {
+            field,
+            expected: expected.to_owned(),
+            found: found.to_owned(),
+        }
     }
 
-    /// The part of the address that is wrong: `address`, `host`, `port`, `path`, `baud`, `parity`, `data`, `stop`, `flow`, `option`, `name`, `device` or
-    /// `gpib address`.
+    /// The part of the address that is wrong: `address`, `host`, `port`, `path`, `baud`, `parity`,
+    /// `data`, `stop`, `flow`, `option`, `name`, `device` or `gpib address`.
     pub fn field(&self) -> &'static str {
         self.field
     }
 }
 
-const FORMS: &str = "tcp://HOST:PORT, serial:/dev/PORT?baud=9600&parity=none, vxi11:HOST/inst0, hislip:HOST/hislip0, usbtmc:/dev/usbtmc0, \
+const FORMS: &str = "tcp://HOST:PORT, serial:/dev/PORT?baud=9600&parity=none, vxi11:HOST/inst0, \
+hislip:HOST/hislip0, usbtmc:/dev/usbtmc0, \
      gpib:tcp:HOST:PORT/ADDRESS, gpib:serial:/dev/PORT/ADDRESS or memory:NAME";
 
 impl FromStr for Address {
@@ -152,19 +172,35 @@ impl FromStr for Address {
             "vxi11" => vxi11(rest),
             "hislip" => {
                 let (place, device) = rest.split_once('/').unwrap_or((rest, "hislip0"));
-                Ok(Self::HiSlip { socket: socket(place, Some(hislip::PORT))?, device: named(device)? })
+                Ok(Self::HiSlip {
+                    socket: socket(place, Some(hislip::PORT))?,
+                    device: named(device)?,
+                })
             }
             "usbtmc" => match rest.starts_with('/') && !rest.chars().any(char::is_control) {
-                true => Ok(Self::UsbTmc { path: rest.to_owned() }),
-                false => Err(AddressError::new("path", "the absolute path of a device such as /dev/usbtmc0", rest)),
+                true => Ok(Self::UsbTmc {
+                    path: rest.to_owned(),
+                }),
+                false => Err(AddressError::new(
+                    "path",
+                    "the absolute path of a device such as /dev/usbtmc0",
+                    rest,
+                )),
             },
             "gpib" => gpib(rest).ok_or_else(unknown)?,
             "memory" => {
-                let good = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'.' | b'_' | b'-');
+                let good =
+                    |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'.' | b'_' | b'-');
                 if rest.is_empty() || !rest.bytes().all(good) {
-                    return Err(AddressError::new("name", "letters, digits, `.`, `_` and `-`", rest));
+                    return Err(AddressError::new(
+                        "name",
+                        "letters, digits, `.`, `_` and `-`",
+                        rest,
+                    ));
                 }
-                Ok(Self::Memory { name: rest.to_owned() })
+                Ok(Self::Memory {
+                    name: rest.to_owned(),
+                })
             }
             _ => Err(unknown()),
         }
@@ -184,9 +220,20 @@ impl fmt::Display for Address {
             },
             Self::HiSlip { socket, device } => write!(f, "hislip:{socket}/{device}"),
             Self::UsbTmc { path } => write!(f, "usbtmc:{path}"),
-            Self::Gpib { adapter: Adapter::Tcp(socket), address } => write!(f, "gpib:tcp:{socket}/{address}"),
-            Self::Gpib { adapter: Adapter::Serial(settings), address } => {
-                write!(f, "gpib:serial:{}/{address}?{}", settings.path, settings.options())
+            Self::Gpib {
+                adapter: Adapter::Tcp(socket),
+                address,
+            } => write!(f, "gpib:tcp:{socket}/{address}"),
+            Self::Gpib {
+                adapter: Adapter::Serial(settings),
+                address,
+            } => {
+                write!(
+                    f,
+                    "gpib:serial:{}/{address}?{}",
+                    settings.path,
+                    settings.options()
+                )
             }
         }
     }
@@ -208,30 +255,51 @@ impl From<Address> for String {
 
 /// `HOST:PORT`; the port may be left out where there is a usual one.
 fn socket(text: &str, usual: Option<u16>) -> Result<Socket, AddressError> {
-    let (host, port) = match text.rsplit_once(':').filter(|(_, port)| !port.contains(']')) {
+    let (host, port) = match text
+        .rsplit_once(':')
+        .filter(|(_, port)| !port.contains(']'))
+    {
         Some((host, port)) => (host, Some(port)),
         None => (text, None),
     };
-    let bracketed = host.strip_prefix('[').and_then(|inner| inner.strip_suffix(']'));
+    let bracketed = host
+        .strip_prefix('[')
+        .and_then(|inner| inner.strip_suffix(']'));
     let good = match bracketed {
         Some(inner) => inner.parse::<std::net::Ipv6Addr>().is_ok(),
-        None => !host.is_empty() && host.bytes().all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'.' | b'-' | b'_')),
+        None => {
+            !host.is_empty()
+                && host
+                    .bytes()
+                    .all(|byte| byte.is_ascii_alphanumeric() || matches!(byte, b'.' | b'-' | b'_'))
+        }
     };
     if !good {
-        return Err(AddressError::new("host", "a host name, an IPv4 address or an IPv6 address in brackets", host));
+        return Err(AddressError::new(
+            "host",
+            "a host name, an IPv4 address or an IPv6 address in brackets",
+            host,
+        ));
     }
     let port = match (port, usual) {
         (None, Some(usual)) => usual,
         (port, _) => port_number(port.unwrap_or_default())?,
     };
-    Ok(Socket { host: host.to_owned(), port })
+    Ok(Socket {
+        host: host.to_owned(),
+        port,
+    })
 }
 
 fn port_number(text: &str) -> Result<u16, AddressError> {
     let digits = !text.is_empty() && text.bytes().all(|byte| byte.is_ascii_digit());
     match text.parse() {
         Ok(port @ 1..=u16::MAX) if digits => Ok(port),
-        _ => Err(AddressError::new("port", "a number from 1 to 65535 after the host", text)),
+        _ => Err(AddressError::new(
+            "port",
+            "a number from 1 to 65535 after the host",
+            text,
+        )),
     }
 }
 
@@ -239,12 +307,18 @@ fn named(device: &str) -> Result<String, AddressError> {
     let good = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b'_' | b'-' | b',');
     match !device.is_empty() && device.bytes().all(good) {
         true => Ok(device.to_owned()),
-        false => Err(AddressError::new("device", "a name such as inst0 or hislip0", device)),
+        false => Err(AddressError::new(
+            "device",
+            "a name such as inst0 or hislip0",
+            device,
+        )),
     }
 }
 
 fn vxi11(text: &str) -> Result<Address, AddressError> {
-    let (text, option) = text.split_once('?').map_or((text, None), |(text, option)| (text, Some(option)));
+    let (text, option) = text
+        .split_once('?')
+        .map_or((text, None), |(text, option)| (text, Some(option)));
     let (place, device) = text.split_once('/').unwrap_or((text, "inst0"));
     // Zero stands for a port that was not named.
     let Socket { host, port } = socket(place, Some(0))?;
@@ -252,12 +326,24 @@ fn vxi11(text: &str) -> Result<Address, AddressError> {
         (0, None) => Vxi11Port::Mapped(rpc::PORT_MAPPER_PORT),
         (0, Some(option)) => {
             let number = option.strip_prefix("portmapper=");
-            Vxi11Port::Mapped(port_number(number.ok_or_else(|| AddressError::new("option", "portmapper=PORT", option))?)?)
+            Vxi11Port::Mapped(port_number(
+                number.ok_or_else(|| AddressError::new("option", "portmapper=PORT", option))?,
+            )?)
         }
         (port, None) => Vxi11Port::Fixed(port),
-        (_, Some(option)) => return Err(AddressError::new("option", "a port or a port mapper, not both", option)),
+        (_, Some(option)) => {
+            return Err(AddressError::new(
+                "option",
+                "a port or a port mapper, not both",
+                option,
+            ));
+        }
     };
-    Ok(Address::Vxi11 { host, port, device: named(device)? })
+    Ok(Address::Vxi11 {
+        host,
+        port,
+        device: named(device)?,
+    })
 }
 
 /// `None` for another kind of adapter.
@@ -266,12 +352,30 @@ fn gpib(text: &str) -> Option<Result<Address, AddressError>> {
     let (place, options) = rest.split_once('?').unwrap_or((rest, ""));
     let (place, address) = place.rsplit_once('/').unwrap_or((place, ""));
     let adapter = match kind {
-        "tcp" if !options.is_empty() => Err(AddressError::new("option", "none for an adapter on the network", options)),
+        "tcp" if !options.is_empty() => Err(AddressError::new(
+            "option",
+            "none for an adapter on the network",
+            options,
+        )),
         "tcp" => socket(place, None).map(Adapter::Tcp),
         "serial" => SerialSettings::read(&format!("{place}?{options}")).map(Adapter::Serial),
         _ => return None,
     };
-    let number = address.parse().ok().filter(|&number| number <= prologix::MOST_ADDRESS && !address.starts_with('+'));
-    let wrong = || AddressError::new("gpib address", "a number from 0 to 30 behind the adapter and a `/`", address);
-    Some(adapter.and_then(|adapter| Ok(Address::Gpib { adapter, address: number.ok_or_else(wrong)? })))
+    let number = address
+        .parse()
+        .ok()
+        .filter(|&number| number <= prologix::MOST_ADDRESS && !address.starts_with('+'));
+    let wrong = || {
+        AddressError::new(
+            "gpib address",
+            "a number from 0 to 30 behind the adapter and a `/`",
+            address,
+        )
+    };
+    Some(adapter.and_then(|adapter| {
+        Ok(Address::Gpib {
+            adapter,
+            address: number.ok_or_else(wrong)?,
+        })
+    }))
 }

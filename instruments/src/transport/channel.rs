@@ -4,12 +4,16 @@ use std::{io, time::Duration};
 
 use tokio::io::AsyncWriteExt;
 
-use super::{Address, MemoryHub, Stream, TransportError, gpib::Gpib, hislip::HiSlip, open, usbtmc::UsbTmc, vxi11::Vxi11};
+use super::{
+    Address, MemoryHub, Stream, TransportError, gpib::Gpib, hislip::HiSlip, open, usbtmc::UsbTmc,
+    vxi11::Vxi11,
+};
 
 /// An open connection.
 #[derive(Debug)]
 pub enum Channel {
-    /// Bytes without ends of messages; nothing but dropping it gets rid of an answer that is on its way.
+    /// Bytes without ends of messages; nothing but dropping it gets rid of an answer that is on its
+    /// way.
     Stream(Stream),
     /// VXI-11.
     Vxi11(Box<Vxi11>),
@@ -30,26 +34,36 @@ pub struct Arrival {
     pub end: bool,
 }
 
-/// Opens the channel that `address` names; `hub` is where memory names are looked up. Waits as long as the operating system and the instrument do:
-/// callers put a deadline around it.
+/// Opens the channel that `address` names; `hub` is where memory names are looked up. Waits as long
+/// as the operating system and the instrument do: callers put a deadline around it.
 ///
 /// # Errors
 /// [`TransportError`] with the address and the reason.
 pub async fn connect(address: &Address, hub: &MemoryHub) -> Result<Channel, TransportError> {
-    let failed = |source| TransportError::Open { address: address.clone(), source };
+    let failed = |source| TransportError::Open {
+        address: address.clone(),
+        source,
+    };
     match address {
-        Address::Vxi11 { host, port, device } => {
-            Vxi11::open(host, *port, device).await.map(|client| Channel::Vxi11(Box::new(client))).map_err(failed)
-        }
-        Address::HiSlip { socket, device } => {
-            HiSlip::open(socket, device).await.map(|client| Channel::HiSlip(Box::new(client))).map_err(failed)
-        }
+        Address::Vxi11 { host, port, device } => Vxi11::open(host, *port, device)
+            .await
+            .map(|client| Channel::Vxi11(Box::new(client)))
+            .map_err(failed),
+        Address::HiSlip { socket, device } => HiSlip::open(socket, device)
+            .await
+            .map(|client| Channel::HiSlip(Box::new(client)))
+            .map_err(failed),
         Address::UsbTmc { path } => UsbTmc::open(path).map(Channel::UsbTmc).map_err(failed),
         Address::Gpib { address: gpib, .. } => {
             let stream = open(address, hub).await?;
-            Gpib::open(stream, *gpib).await.map(|client| Channel::Gpib(Box::new(client))).map_err(failed)
+            Gpib::open(stream, *gpib)
+                .await
+                .map(|client| Channel::Gpib(Box::new(client)))
+                .map_err(failed)
         }
-        Address::Tcp(_) | Address::Serial(_) | Address::Memory { .. } => open(address, hub).await.map(Channel::Stream),
+        Address::Tcp(_) | Address::Serial(_) | Address::Memory { .. } => {
+            open(address, hub).await.map(Channel::Stream)
+        }
     }
 }
 
@@ -59,13 +73,14 @@ impl Channel {
         !matches!(self, Self::Stream(_))
     }
 
-    /// Every answer has an end that can be waited for. A USBTMC device that fills the last page to the brim shows none.
+    /// Every answer has an end that can be waited for. A USBTMC device that fills the last page to
+    /// the brim shows none.
     pub fn insists_on_end(&self) -> bool {
         self.carries_end() && !matches!(self, Self::UsbTmc(_))
     }
 
-    /// Hands over one message with its terminator, and its end where there is one. On a stream in one write, since some instruments take every
-    /// packet for a message.
+    /// Hands over one message with its terminator, and its end where there is one. On a stream in
+    /// one write, since some instruments take every packet for a message.
     ///
     /// # Errors
     /// What the operating system or the instrument says.
@@ -82,13 +97,17 @@ impl Channel {
         }
     }
 
-    /// Waits for a piece of the answer on a channel that carries ends. The caller gives up after `patience`; whoever serves the instrument is told.
+    /// Waits for a piece of the answer on a channel that carries ends. The caller gives up after
+    /// `patience`; whoever serves the instrument is told.
     ///
     /// # Errors
     /// What the operating system or the instrument says.
     pub async fn receive(&mut self, patience: Duration) -> io::Result<Arrival> {
         match self {
-            Self::Stream(_) => Err(io::Error::new(io::ErrorKind::Unsupported, "a stream has no ends of messages")),
+            Self::Stream(_) => Err(io::Error::new(
+                io::ErrorKind::Unsupported,
+                "a stream has no ends of messages",
+            )),
             Self::Vxi11(client) => client.receive(patience).await,
             Self::HiSlip(client) => client.receive().await,
             Self::UsbTmc(client) => client.receive().await,
@@ -96,14 +115,17 @@ impl Channel {
         }
     }
 
-    /// Makes the instrument forget what it was asked, and throws away what was answered. On USBTMC nothing reaches the instrument: what is under way
-    /// there is only waited for.
+    /// Makes the instrument forget what it was asked, and throws away what was answered. On USBTMC
+    /// nothing reaches the instrument: what is under way there is only waited for.
     ///
     /// # Errors
     /// What the operating system or the instrument says; on a stream always.
     pub async fn clear(&mut self) -> io::Result<()> {
         match self {
-            Self::Stream(_) => Err(io::Error::new(io::ErrorKind::Unsupported, "a stream has no device clear")),
+            Self::Stream(_) => Err(io::Error::new(
+                io::ErrorKind::Unsupported,
+                "a stream has no device clear",
+            )),
             Self::Vxi11(client) => client.clear().await,
             Self::HiSlip(client) => client.clear().await,
             Self::UsbTmc(client) => client.settle().await,
@@ -111,7 +133,8 @@ impl Channel {
         }
     }
 
-    /// The status byte, by whatever the transport has for a serial poll; `None` where it has nothing.
+    /// The status byte, by whatever the transport has for a serial poll; `None` where it has
+    /// nothing.
     ///
     /// # Errors
     /// What the operating system or the instrument says.
@@ -127,5 +150,8 @@ impl Channel {
 
 /// What is left of a channel on which a message was cut off while it was sent.
 pub(super) fn cut_off() -> io::Error {
-    io::Error::new(io::ErrorKind::BrokenPipe, "a message was cut off while it was sent")
+    io::Error::new(
+        io::ErrorKind::BrokenPipe,
+        "a message was cut off while it was sent",
+    )
 }

@@ -1,7 +1,9 @@
-//! GPIB through an adapter of Prologix' kind, on the network or on a serial port; it must be in nobody else's hands.
+//! GPIB through an adapter of Prologix' kind, on the network or on a serial port; it must be in
+//! nobody else's hands.
 //!
-//! The adapter passes on what it reads without saying where it ends. Behind each read it is therefore asked for its version: the text of which, known
-//! from the start, comes when the read is done, and cannot be mistaken for data.
+//! The adapter passes on what it reads without saying where it ends. Behind each read it is
+//! therefore asked for its version: the text of which, known from the start, comes when the read is
+//! done, and cannot be mistaken for data.
 
 use std::io;
 
@@ -13,9 +15,10 @@ use crate::{
     wire::prologix::{Marked, escaped},
 };
 
-/// Settings for which the adapter is made responsible: controller, no reading unasked, nothing added to data but EOI, a read waits half a second, and none
-/// of this is written into its memory.
-const SETTINGS: &[u8] = b"++savecfg 0\n++mode 1\n++auto 0\n++eos 3\n++eoi 1\n++eot_enable 0\n++read_tmo_ms 500\n";
+/// Settings for which the adapter is made responsible: controller, no reading unasked, nothing
+/// added to data but EOI, a read waits half a second, and none of this is written into its memory.
+const SETTINGS: &[u8] =
+    b"++savecfg 0\n++mode 1\n++auto 0\n++eos 3\n++eoi 1\n++eot_enable 0\n++read_tmo_ms 500\n";
 /// Bytes from an adapter that says nothing sensible, after which it is given up.
 const MOST_GREETING: usize = 1 << 20;
 /// Shortest text of an adapter about itself, bytes.
@@ -27,7 +30,8 @@ const READ_BYTES: usize = 64 << 10;
 pub struct Gpib {
     stream: Stream,
     answers: Marked,
-    /// Answers of the adapter that have not come; the data before all but the last belong to nobody any more.
+    /// Answers of the adapter that have not come; the data before all but the last belong to nobody
+    /// any more.
     under_way: usize,
     /// Bytes of the message in hand came in an earlier read.
     has_begun: bool,
@@ -43,10 +47,24 @@ impl Gpib {
     pub(super) async fn open(mut stream: Stream, address: u8) -> io::Result<Self> {
         let name = greet(&mut stream).await?;
         let answers = Marked::new(name);
-        let mut client = Self { stream, answers, under_way: 0, has_begun: false, has_data: false, at_line_end: false, cut_off: false };
-        let answer = client.tell(&[SETTINGS, format!("++addr {address}\n++addr\n").as_bytes()].concat()).await?;
-        // Whoever repeats himself has passed so far. Settings that an adapter does not know may have been answered, too.
-        match String::from_utf8_lossy(&answer).split_ascii_whitespace().last() {
+        let mut client = Self {
+            stream,
+            answers,
+            under_way: 0,
+            has_begun: false,
+            has_data: false,
+            at_line_end: false,
+            cut_off: false,
+        };
+        let answer = client
+            .tell(&[SETTINGS, format!("++addr {address}\n++addr\n").as_bytes()].concat())
+            .await?;
+        // Whoever repeats himself has passed so far. Settings that an adapter does not know may
+        // have been answered, too.
+        match String::from_utf8_lossy(&answer)
+            .split_ascii_whitespace()
+            .last()
+        {
             Some(taken) if taken == address.to_string() => Ok(client),
             _ => Err(no_adapter(&format!("takes address {address}"), &answer)),
         }
@@ -67,8 +85,14 @@ impl Gpib {
             if let Some(&last) = bytes.last() {
                 (self.has_data, self.at_line_end) = (true, last == b'\n');
             }
-            // A read may also be over because the instrument paused. A message ends with NL, or nothing comes after it.
-            let end = done && if self.has_data { self.at_line_end } else { self.has_begun };
+            // A read may also be over because the instrument paused. A message ends with NL, or
+            // nothing comes after it.
+            let end = done
+                && if self.has_data {
+                    self.at_line_end
+                } else {
+                    self.has_begun
+                };
             if done {
                 self.has_begun = self.has_data && !end;
             }
@@ -87,7 +111,13 @@ impl Gpib {
         let answer = self.tell(b"++spoll\n").await?;
         let text = String::from_utf8_lossy(&answer);
         text.trim().parse().map_err(|_| {
-            io::Error::new(io::ErrorKind::InvalidData, format!("expected a status byte from the adapter, found `{}`", excerpt(&answer)))
+            io::Error::new(
+                io::ErrorKind::InvalidData,
+                format!(
+                    "expected a status byte from the adapter, found `{}`",
+                    excerpt(&answer)
+                ),
+            )
         })
     }
 
@@ -109,7 +139,8 @@ impl Gpib {
         self.write(&[commands, b"++ver\n"].concat()).await
     }
 
-    /// A piece of what comes for the last order, and whether the adapter is done with it. May be abandoned.
+    /// A piece of what comes for the last order, and whether the adapter is done with it. May be
+    /// abandoned.
     async fn piece(&mut self) -> io::Result<(Vec<u8>, bool)> {
         loop {
             let (bytes, done) = self.answers.pull();
@@ -142,7 +173,8 @@ impl Gpib {
     }
 }
 
-/// Asks the adapter twice who it is: what stands twice at the end is its answer, whatever came before from an earlier session.
+/// Asks the adapter twice who it is: what stands twice at the end is its answer, whatever came
+/// before from an earlier session.
 async fn greet(stream: &mut Stream) -> io::Result<Vec<u8>> {
     stream.write_all(b"++ver\n++ver\n").await?;
     stream.flush().await?;
@@ -170,5 +202,11 @@ async fn greet(stream: &mut Stream) -> io::Result<Vec<u8>> {
 }
 
 fn no_adapter(that: &str, found: &[u8]) -> io::Error {
-    io::Error::new(io::ErrorKind::InvalidData, format!("expected a GPIB adapter that {that}, found `{}`", excerpt(found)))
+    io::Error::new(
+        io::ErrorKind::InvalidData,
+        format!(
+            "expected a GPIB adapter that {that}, found `{}`",
+            excerpt(found)
+        ),
+    )
 }

@@ -1,5 +1,6 @@
-//! The client of HiSLIP: synchronous and asynchronous channel, version 1.0, synchronised mode. An answer counts only if it carries the id of the last
-//! message, so that none to an earlier one can be taken for it.
+//! The client of HiSLIP: synchronous and asynchronous channel, version 1.0, synchronised mode. An
+//! answer counts only if it carries the id of the last message, so that none to an earlier one can
+//! be taken for it.
 
 use std::io;
 
@@ -38,20 +39,52 @@ impl HiSlip {
     pub(super) async fn open(socket: &Socket, device: &str) -> io::Result<Self> {
         let mut synchronous = Half::connect(socket).await?;
         // The lower half is the vendor, who has no letters.
-        synchronous.send(&Message::new(Kind::Initialize, 0, VERSION << 16 | u32::from(u16::from_be_bytes(*b"xx"))).with(device)).await?;
+        synchronous
+            .send(
+                &Message::new(
+                    Kind::Initialize,
+                    0,
+                    VERSION << 16 | u32::from(u16::from_be_bytes(*b"xx")),
+                )
+                .with(device),
+            )
+            .await?;
         let response = synchronous.expect(Kind::InitializeResponse).await?;
         let (version, session) = (response.parameter >> 16, response.parameter & 0xffff);
         if version >> 8 != VERSION >> 8 {
-            return Err(io::Error::other(format!("expected a server of HiSLIP 1, found version {}.{}", version >> 8, version & 0xff)));
+            return Err(io::Error::other(format!(
+                "expected a server of HiSLIP 1, found version {}.{}",
+                version >> 8,
+                version & 0xff
+            )));
         }
         let mut asynchronous = Half::connect(socket).await?;
-        asynchronous.send(&Message::new(Kind::AsyncInitialize, 0, session)).await?;
+        asynchronous
+            .send(&Message::new(Kind::AsyncInitialize, 0, session))
+            .await?;
         asynchronous.expect(Kind::AsyncInitializeResponse).await?;
-        asynchronous.send(&Message::new(Kind::AsyncMaxMsgSize, 0, 0).with((MOST_BYTES as u64).to_be_bytes())).await?;
-        let size =
-            asynchronous.expect(Kind::AsyncMaxMsgSizeResponse).await?.payload.iter().fold(0_u64, |size, &byte| size << 8 | u64::from(byte));
-        let most_bytes = usize::try_from(size).unwrap_or(usize::MAX).clamp(HEADER_BYTES + 1, MOST_BYTES);
-        let mut client = Self { synchronous, asynchronous, next_id: FIRST_ID, last_id: FIRST_ID, most_bytes, delivered: false };
+        asynchronous
+            .send(
+                &Message::new(Kind::AsyncMaxMsgSize, 0, 0).with((MOST_BYTES as u64).to_be_bytes()),
+            )
+            .await?;
+        let size = asynchronous
+            .expect(Kind::AsyncMaxMsgSizeResponse)
+            .await?
+            .payload
+            .iter()
+            .fold(0_u64, |size, &byte| size << 8 | u64::from(byte));
+        let most_bytes = usize::try_from(size)
+            .unwrap_or(usize::MAX)
+            .clamp(HEADER_BYTES + 1, MOST_BYTES);
+        let mut client = Self {
+            synchronous,
+            asynchronous,
+            next_id: FIRST_ID,
+            last_id: FIRST_ID,
+            most_bytes,
+            delivered: false,
+        };
         if response.control & OVERLAPPED != 0 {
             client.clear().await?;
         }
@@ -61,11 +94,17 @@ impl HiSlip {
     pub(super) async fn send(&mut self, message: &[u8]) -> io::Result<()> {
         let mut pieces = message.chunks(self.most_bytes - HEADER_BYTES).peekable();
         while let Some(piece) = pieces.next() {
-            let kind = if pieces.peek().is_some() { Kind::Data } else { Kind::DataEnd };
+            let kind = if pieces.peek().is_some() {
+                Kind::Data
+            } else {
+                Kind::DataEnd
+            };
             let control = u8::from(std::mem::take(&mut self.delivered));
             self.last_id = self.next_id;
             self.next_id = self.next_id.wrapping_add(ID_STEP);
-            self.synchronous.send(&Message::new(kind, control, self.last_id).with(piece)).await?;
+            self.synchronous
+                .send(&Message::new(kind, control, self.last_id).with(piece))
+                .await?;
         }
         Ok(())
     }
@@ -77,26 +116,42 @@ impl HiSlip {
             let is_ours = message.parameter == self.last_id || message.parameter == ANY_ID;
             if matches!(message.kind, Ok(Kind::Data | Kind::DataEnd)) && is_ours {
                 self.delivered |= end;
-                return Ok(Arrival { bytes: message.payload, end });
+                return Ok(Arrival {
+                    bytes: message.payload,
+                    end,
+                });
             }
             tracing::debug!(kind = ?message.kind, id = message.parameter, "thrown away");
         }
     }
 
     pub(super) async fn clear(&mut self) -> io::Result<()> {
-        self.asynchronous.send(&Message::new(Kind::AsyncDeviceClear, 0, 0)).await?;
-        self.asynchronous.expect(Kind::AsyncDeviceClearAcknowledge).await?;
+        self.asynchronous
+            .send(&Message::new(Kind::AsyncDeviceClear, 0, 0))
+            .await?;
+        self.asynchronous
+            .expect(Kind::AsyncDeviceClearAcknowledge)
+            .await?;
         // No feature is asked for: synchronised mode.
-        self.synchronous.send(&Message::new(Kind::DeviceClearComplete, 0, 0)).await?;
-        self.synchronous.expect(Kind::DeviceClearAcknowledge).await?;
+        self.synchronous
+            .send(&Message::new(Kind::DeviceClearComplete, 0, 0))
+            .await?;
+        self.synchronous
+            .expect(Kind::DeviceClearAcknowledge)
+            .await?;
         (self.next_id, self.last_id, self.delivered) = (FIRST_ID, FIRST_ID, false);
         Ok(())
     }
 
     pub(super) async fn status_byte(&mut self) -> io::Result<u8> {
         let control = u8::from(std::mem::take(&mut self.delivered));
-        self.asynchronous.send(&Message::new(Kind::AsyncStatusQuery, control, self.last_id)).await?;
-        self.asynchronous.expect(Kind::AsyncStatusResponse).await.map(|response| response.control)
+        self.asynchronous
+            .send(&Message::new(Kind::AsyncStatusQuery, control, self.last_id))
+            .await?;
+        self.asynchronous
+            .expect(Kind::AsyncStatusResponse)
+            .await
+            .map(|response| response.control)
     }
 }
 
@@ -111,7 +166,11 @@ struct Half {
 
 impl Half {
     async fn connect(socket: &Socket) -> io::Result<Self> {
-        Ok(Self { stream: tcp::open(&socket.host, socket.port).await?, messages: Messages::new(MOST_BYTES), cut_off: false })
+        Ok(Self {
+            stream: tcp::open(&socket.host, socket.port).await?,
+            messages: Messages::new(MOST_BYTES),
+            cut_off: false,
+        })
     }
 
     async fn send(&mut self, message: &Message) -> io::Result<()> {
@@ -129,7 +188,10 @@ impl Half {
             if let Some(message) = self.messages.pull()? {
                 if let Ok(kind @ (Kind::FatalError | Kind::Error)) = message.kind {
                     let text = String::from_utf8_lossy(&message.payload).into_owned();
-                    return Err(io::Error::other(format!("the server reports {kind:?} {}: {text}", message.control)));
+                    return Err(io::Error::other(format!(
+                        "the server reports {kind:?} {}: {text}",
+                        message.control
+                    )));
                 }
                 return Ok(message);
             }

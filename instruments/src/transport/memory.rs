@@ -1,4 +1,5 @@
-//! Pipes inside this process, by name: mocks that need no port, and the only transport that is exact in virtual time.
+//! Pipes inside this process, by name: mocks that need no port, and the only transport that is
+//! exact in virtual time.
 
 use std::{
     collections::HashMap,
@@ -34,9 +35,17 @@ impl MemoryHub {
     /// # Errors
     /// [`TransportError::AlreadyListening`] when somebody does.
     pub fn listen(&self, name: &str) -> Result<MemoryListener, TransportError> {
-        let mut listeners = self.listeners.lock().unwrap_or_else(PoisonError::into_inner);
-        if listeners.get(name).is_some_and(|listener| !listener.is_closed()) {
-            return Err(TransportError::AlreadyListening { name: name.to_owned() });
+        let mut listeners = self
+            .listeners
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if listeners
+            .get(name)
+            .is_some_and(|listener| !listener.is_closed())
+        {
+            return Err(TransportError::AlreadyListening {
+                name: name.to_owned(),
+            });
         }
         let (sender, receiver) = mpsc::channel(BACKLOG);
         listeners.insert(name.to_owned(), sender);
@@ -44,9 +53,14 @@ impl MemoryHub {
     }
 
     pub(super) fn connect(&self, name: &str) -> Result<DuplexStream, TransportError> {
-        let listeners = self.listeners.lock().unwrap_or_else(PoisonError::into_inner);
+        let listeners = self
+            .listeners
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         let name = || name.to_owned();
-        let listener = listeners.get(&name()).ok_or_else(|| TransportError::NobodyListens { name: name() })?;
+        let listener = listeners
+            .get(&name())
+            .ok_or_else(|| TransportError::NobodyListens { name: name() })?;
         let (ours, theirs) = tokio::io::duplex(PIPE_BYTES);
         match listener.try_send(theirs) {
             Ok(()) => Ok(ours),

@@ -1,8 +1,10 @@
-//! Bytes in, bytes out. Two closed sets: [`Stream`] for what has bytes and no messages, [`Channel`] for that and for the transports that carry the ends of
-//! messages, can be cleared and tell a status byte. Which one is meant is text, [`Address`].
+//! Bytes in, bytes out. Two closed sets: [`Stream`] for what has bytes and no messages, [`Channel`]
+//! for that and for the transports that carry the ends of messages, can be cleared and tell a
+//! status byte. Which one is meant is text, [`Address`].
 //!
-//! Knows no text: cutting the bytes is the business of [`crate::scpi::decode`], deadlines and order that of [`crate::link`]. Opening sends nothing to an
-//! instrument; what starts a session goes to the server or the adapter in front of it.
+//! Knows no text: cutting the bytes is the business of [`crate::scpi::decode`], deadlines and order
+//! that of [`crate::link`]. Opening sends nothing to an instrument; what starts a session goes to
+//! the server or the adapter in front of it.
 
 mod address;
 mod channel;
@@ -26,7 +28,10 @@ use tokio::{
     net::TcpStream,
 };
 
-pub use address::{Adapter, Address, AddressError, DataBits, Flow, Parity, SerialSettings, Socket, StopBits, Vxi11Port};
+pub use address::{
+    Adapter, Address, AddressError, DataBits, Flow, Parity, SerialSettings, Socket, StopBits,
+    Vxi11Port,
+};
 pub use channel::{Arrival, Channel, connect};
 pub use memory::{MemoryHub, MemoryListener};
 pub use pty::Pty;
@@ -76,29 +81,49 @@ pub enum Stream {
     Memory(DuplexStream),
 }
 
-/// Opens the stream that `address` names, or the one on which a GPIB adapter is; `hub` is where memory names are looked up. Waits as long as the
-/// operating system does: callers put a deadline around it.
+/// Opens the stream that `address` names, or the one on which a GPIB adapter is; `hub` is where
+/// memory names are looked up. Waits as long as the operating system does: callers put a deadline
+/// around it.
 ///
 /// # Errors
 /// [`TransportError`] with the address and the reason, such as that it names no stream.
 pub async fn open(address: &Address, hub: &MemoryHub) -> Result<Stream, TransportError> {
-    let failed = |source| TransportError::Open { address: address.clone(), source };
+    let failed = |source| TransportError::Open {
+        address: address.clone(),
+        source,
+    };
     match address {
-        Address::Tcp(socket) | Address::Gpib { adapter: Adapter::Tcp(socket), .. } => {
-            tcp::open(&socket.host, socket.port).await.map(Stream::Tcp).map_err(failed)
-        }
-        Address::Serial(settings) | Address::Gpib { adapter: Adapter::Serial(settings), .. } => {
-            SerialConnection::open(settings).map(|port| Stream::Serial(Box::new(port))).map_err(failed)
-        }
+        Address::Tcp(socket)
+        | Address::Gpib {
+            adapter: Adapter::Tcp(socket),
+            ..
+        } => tcp::open(&socket.host, socket.port)
+            .await
+            .map(Stream::Tcp)
+            .map_err(failed),
+        Address::Serial(settings)
+        | Address::Gpib {
+            adapter: Adapter::Serial(settings),
+            ..
+        } => SerialConnection::open(settings)
+            .map(|port| Stream::Serial(Box::new(port)))
+            .map_err(failed),
         Address::Memory { name } => hub.connect(name).map(Stream::Memory),
         Address::Vxi11 { .. } | Address::HiSlip { .. } | Address::UsbTmc { .. } => {
-            Err(failed(io::Error::new(io::ErrorKind::Unsupported, "it carries messages and is no stream of bytes")))
+            Err(failed(io::Error::new(
+                io::ErrorKind::Unsupported,
+                "it carries messages and is no stream of bytes",
+            )))
         }
     }
 }
 
 impl AsyncRead for Stream {
-    fn poll_read(self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+    fn poll_read(
+        self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        buf: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
         match self.get_mut() {
             Self::Tcp(stream) => Pin::new(stream).poll_read(cx, buf),
             Self::Serial(stream) => Pin::new(stream.as_mut()).poll_read(cx, buf),
@@ -108,7 +133,11 @@ impl AsyncRead for Stream {
 }
 
 impl AsyncWrite for Stream {
-    fn poll_write(self: Pin<&mut Self>, cx: &mut Context<'_>, buf: &[u8]) -> Poll<io::Result<usize>> {
+    fn poll_write(
+        self: Pin<&mut Self>,
+        cx: &mut Context<'_>,
+        buf: &[u8],
+    ) -> Poll<io::Result<usize>> {
         match self.get_mut() {
             Self::Tcp(stream) => Pin::new(stream).poll_write(cx, buf),
             Self::Serial(stream) => Pin::new(stream.as_mut()).poll_write(cx, buf),

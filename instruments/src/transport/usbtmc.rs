@@ -1,7 +1,9 @@
-//! USBTMC through the kernel's driver: `/dev/usbtmcN` is read and written as a file, by a thread of its own, since the driver blocks.
+//! USBTMC through the kernel's driver: `/dev/usbtmcN` is read and written as a file, by a thread of
+//! its own, since the driver blocks.
 //!
-//! A read that gives fewer bytes than were asked for ends a message. The driver's device clear is an ioctl, which cannot be called without unsafe code:
-//! there is none here. A datagram socket in the place of the device's file is a simulated instrument ([`crate::mock::serve_usbtmc`]).
+//! A read that gives fewer bytes than were asked for ends a message. The driver's device clear is
+//! an ioctl, which cannot be called without unsafe code: there is none here. A datagram socket in
+//! the place of the device's file is a simulated instrument ([`crate::mock::serve_usbtmc`]).
 
 use std::{
     fs::File,
@@ -22,11 +24,13 @@ use tokio::sync::mpsc;
 
 use super::Arrival;
 
-/// Bytes in a full transfer through the socket in the place of a device's file; a shorter one ends a message.
+/// Bytes in a full transfer through the socket in the place of a device's file; a shorter one ends
+/// a message.
 pub(crate) const TRANSFER: usize = 32 << 10;
 /// Bytes that are asked of the driver at once.
 const PAGE: usize = 256 << 10;
-/// After so long the socket in the place of a device's file gives up a read, as the driver does after its own time.
+/// After so long the socket in the place of a device's file gives up a read, as the driver does
+/// after its own time.
 const SOCKET_PATIENCE: Duration = Duration::from_millis(500);
 
 /// An open device.
@@ -48,18 +52,27 @@ impl UsbTmc {
         let mut device = Device::open(Path::new(path))?;
         let (orders, to_do) = blocking::channel();
         let (done, results) = mpsc::unbounded_channel();
-        std::thread::Builder::new().name("usbtmc".to_owned()).spawn(move || {
-            while let Ok(order) = to_do.recv() {
-                let result = match order {
-                    Order::Write(message) => device.write(&message).map(|()| Arrival { bytes: Vec::new(), end: true }),
-                    Order::Read => device.read(),
-                };
-                if done.send(result).is_err() {
-                    return;
+        std::thread::Builder::new()
+            .name("usbtmc".to_owned())
+            .spawn(move || {
+                while let Ok(order) = to_do.recv() {
+                    let result = match order {
+                        Order::Write(message) => device.write(&message).map(|()| Arrival {
+                            bytes: Vec::new(),
+                            end: true,
+                        }),
+                        Order::Read => device.read(),
+                    };
+                    if done.send(result).is_err() {
+                        return;
+                    }
                 }
-            }
-        })?;
-        Ok(Self { orders, results, under_way: 0 })
+            })?;
+        Ok(Self {
+            orders,
+            results,
+            under_way: 0,
+        })
     }
 
     pub(super) async fn send(&mut self, message: &[u8]) -> io::Result<()> {
@@ -70,7 +83,11 @@ impl UsbTmc {
         loop {
             match self.order(Order::Read).await {
                 // The driver's own time is over; the caller has a deadline.
-                Err(error) if matches!(error.kind(), io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock) => {}
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        io::ErrorKind::TimedOut | io::ErrorKind::WouldBlock
+                    ) => {}
                 other => return other,
             }
         }
@@ -87,7 +104,9 @@ impl UsbTmc {
     /// What is ordered comes after what was given up. May be abandoned.
     async fn order(&mut self, order: Order) -> io::Result<Arrival> {
         self.settle().await?;
-        self.orders.send(order).map_err(|_| io::ErrorKind::BrokenPipe)?;
+        self.orders
+            .send(order)
+            .map_err(|_| io::ErrorKind::BrokenPipe)?;
         self.under_way += 1;
         self.result().await?
     }
@@ -102,7 +121,10 @@ impl UsbTmc {
 /// What is opened under the path.
 enum Device {
     File(File),
-    Socket { socket: UnixDatagram, own_path: PathBuf },
+    Socket {
+        socket: UnixDatagram,
+        own_path: PathBuf,
+    },
 }
 
 impl Device {
@@ -110,11 +132,20 @@ impl Device {
         /// Numbers the clients of this process.
         static CLIENTS: AtomicU32 = AtomicU32::new(0);
         if !std::fs::metadata(path)?.file_type().is_socket() {
-            return Ok(Self::File(File::options().read(true).write(true).custom_flags(nix::libc::O_NOCTTY).open(path)?));
+            return Ok(Self::File(
+                File::options()
+                    .read(true)
+                    .write(true)
+                    .custom_flags(nix::libc::O_NOCTTY)
+                    .open(path)?,
+            ));
         }
         let number = CLIENTS.fetch_add(1, Ordering::Relaxed);
         let own_path = path.with_extension(format!("client-{}-{number}", std::process::id()));
-        let device = Self::Socket { socket: UnixDatagram::bind(&own_path)?, own_path };
+        let device = Self::Socket {
+            socket: UnixDatagram::bind(&own_path)?,
+            own_path,
+        };
         if let Self::Socket { socket, .. } = &device {
             socket.connect(path)?;
             socket.set_read_timeout(Some(SOCKET_PATIENCE))?;
@@ -130,7 +161,9 @@ impl Device {
                 if message.len().is_multiple_of(TRANSFER) {
                     transfers.push(&[]);
                 }
-                transfers.into_iter().try_for_each(|transfer| socket.send(transfer).map(drop))
+                transfers
+                    .into_iter()
+                    .try_for_each(|transfer| socket.send(transfer).map(drop))
             }
         }
     }
@@ -148,7 +181,10 @@ impl Device {
             Self::Socket { socket, .. } => socket.recv(&mut bytes)?,
         };
         bytes.truncate(count);
-        Ok(Arrival { bytes, end: count < asked })
+        Ok(Arrival {
+            bytes,
+            end: count < asked,
+        })
     }
 }
 

@@ -1,4 +1,5 @@
-//! The client of VXI-11: one link on the core channel; the abort channel is opened when it is needed.
+//! The client of VXI-11: one link on the core channel; the abort channel is opened when it is
+//! needed.
 
 use std::{io, time::Duration};
 
@@ -39,38 +40,88 @@ impl Vxi11 {
             Vxi11Port::Mapped(mapper) => mapped_port(host, mapper).await?,
         };
         let mut core = Rpc::connect(host, port).await?;
-        let request = Request::CreateLink { device: device.to_owned() };
-        let Response::Link { link, abort_port, most_bytes, .. } = execute(&mut core, &request).await? else { return Err(other_result()) };
+        let request = Request::CreateLink {
+            device: device.to_owned(),
+        };
+        let Response::Link {
+            link,
+            abort_port,
+            most_bytes,
+            ..
+        } = execute(&mut core, &request).await?
+        else {
+            return Err(other_result());
+        };
         // Zero would never send anything; some instruments mean no limit by it.
-        let most_bytes = if most_bytes == 0 { PAGE } else { most_bytes.min(PAGE) } as usize;
-        Ok(Self { core, host: host.to_owned(), link, abort_port, most_bytes })
+        let most_bytes = if most_bytes == 0 {
+            PAGE
+        } else {
+            most_bytes.min(PAGE)
+        } as usize;
+        Ok(Self {
+            core,
+            host: host.to_owned(),
+            link,
+            abort_port,
+            most_bytes,
+        })
     }
 
     pub(super) async fn send(&mut self, message: &[u8]) -> io::Result<()> {
         let mut rest = message;
         while !rest.is_empty() {
-            let (piece, after) = rest.split_at_checked(self.most_bytes).unwrap_or((rest, &[]));
+            let (piece, after) = rest
+                .split_at_checked(self.most_bytes)
+                .unwrap_or((rest, &[]));
             let flags = if after.is_empty() { FLAG_END } else { 0 };
-            let request = Request::Write { link: self.link, io_timeout_ms: WRITE_TIMEOUT_MS, flags, data: piece.to_vec() };
-            let Response::Written { size, .. } = execute(&mut self.core, &request).await? else { return Err(other_result()) };
+            let request = Request::Write {
+                link: self.link,
+                io_timeout_ms: WRITE_TIMEOUT_MS,
+                flags,
+                data: piece.to_vec(),
+            };
+            let Response::Written { size, .. } = execute(&mut self.core, &request).await? else {
+                return Err(other_result());
+            };
             rest = rest
                 .get(size as usize..)
                 .filter(|_| size > 0)
-                .ok_or_else(|| io::Error::new(io::ErrorKind::WriteZero, format!("device_write took {size} of {} bytes", piece.len())))?;
+                .ok_or_else(|| {
+                    io::Error::new(
+                        io::ErrorKind::WriteZero,
+                        format!("device_write took {size} of {} bytes", piece.len()),
+                    )
+                })?;
         }
         Ok(())
     }
 
     pub(super) async fn receive(&mut self, patience: Duration) -> io::Result<Arrival> {
         let io_timeout_ms = u32::try_from(patience.as_millis()).unwrap_or(u32::MAX);
-        let request = Request::Read { link: self.link, size: PAGE, io_timeout_ms, term_char: None };
+        let request = Request::Read {
+            link: self.link,
+            size: PAGE,
+            io_timeout_ms,
+            term_char: None,
+        };
         loop {
             let response = self.core.execute(&request).await?;
             match response {
                 // The caller has its own deadline, which may be a little later.
-                Response::Data { status: Status::TIMEOUT, ref data, .. } if data.is_empty() => {}
-                Response::Data { status: Status::OK | Status::TIMEOUT, reason, data } => {
-                    return Ok(Arrival { bytes: data, end: reason & REASON_END != 0 });
+                Response::Data {
+                    status: Status::TIMEOUT,
+                    ref data,
+                    ..
+                } if data.is_empty() => {}
+                Response::Data {
+                    status: Status::OK | Status::TIMEOUT,
+                    reason,
+                    data,
+                } => {
+                    return Ok(Arrival {
+                        bytes: data,
+                        end: reason & REASON_END != 0,
+                    });
                 }
                 _ => return Err(refused(&request, response.status())),
             }
@@ -79,16 +130,21 @@ impl Vxi11 {
 
     pub(super) async fn clear(&mut self) -> io::Result<()> {
         if self.core.pending {
-            // An instrument without an abort channel ends the call by itself, when its timeout has passed.
+            // An instrument without an abort channel ends the call by itself, when its timeout has
+            // passed.
             if let Err(error) = self.abort().await {
                 tracing::debug!(%error, "no abort channel");
             }
         }
-        execute(&mut self.core, &Request::Clear { link: self.link }).await.map(drop)
+        execute(&mut self.core, &Request::Clear { link: self.link })
+            .await
+            .map(drop)
     }
 
     pub(super) async fn status_byte(&mut self) -> io::Result<u8> {
-        let Response::StatusByte { byte, .. } = execute(&mut self.core, &Request::ReadStatus { link: self.link }).await? else {
+        let Response::StatusByte { byte, .. } =
+            execute(&mut self.core, &Request::ReadStatus { link: self.link }).await?
+        else {
             return Err(other_result());
         };
         Ok(byte)
@@ -97,16 +153,25 @@ impl Vxi11 {
     async fn abort(&self) -> io::Result<()> {
         let arguments = Writer::default().words(&[self.link]).done();
         let mut channel = Rpc::connect(&self.host, self.abort_port).await?;
-        channel.call(ABORT, DEVICE_ABORT, &arguments).await.map(drop)
+        channel
+            .call(ABORT, DEVICE_ABORT, &arguments)
+            .await
+            .map(drop)
     }
 }
 
 impl Drop for Vxi11 {
-    /// Tells the server that the link is free, if that can be told at once. The instrument hears nothing.
+    /// Tells the server that the link is free, if that can be told at once. The instrument hears
+    /// nothing.
     fn drop(&mut self) {
         if !self.core.cut_off {
             let (procedure, arguments) = Request::DestroyLink { link: self.link }.encode();
-            let call = Call { id: self.core.id.wrapping_add(1), program: CORE, procedure, arguments: &arguments };
+            let call = Call {
+                id: self.core.id.wrapping_add(1),
+                program: CORE,
+                procedure,
+                arguments: &arguments,
+            };
             let _ = self.core.stream.try_write(&rpc::marked(&call.encode()));
         }
     }
@@ -114,11 +179,18 @@ impl Drop for Vxi11 {
 
 async fn mapped_port(host: &str, mapper: u16) -> io::Result<u16> {
     let (program, version) = CORE;
-    let arguments = Writer::default().words(&[program, version, rpc::TCP, 0]).done();
-    let results = Rpc::connect(host, mapper).await?.call(rpc::PORT_MAPPER, rpc::GET_PORT, &arguments).await?;
+    let arguments = Writer::default()
+        .words(&[program, version, rpc::TCP, 0])
+        .done();
+    let results = Rpc::connect(host, mapper)
+        .await?
+        .call(rpc::PORT_MAPPER, rpc::GET_PORT, &arguments)
+        .await?;
     match Reader::new(&results).word()? {
         port @ 1..=0xffff => Ok(u16::try_from(port).unwrap_or_default()),
-        _ => Err(io::Error::other("the port mapper there knows no VXI-11 device")),
+        _ => Err(io::Error::other(
+            "the port mapper there knows no VXI-11 device",
+        )),
     }
 }
 
@@ -132,14 +204,22 @@ async fn execute(core: &mut Rpc, request: &Request) -> io::Result<Response> {
 
 fn refused(request: &Request, status: Status) -> io::Error {
     let (number, _) = request.encode();
-    io::Error::other(format!("procedure {number} of VXI-11 was refused: {}, {}", status.0, status.meaning()))
+    io::Error::other(format!(
+        "procedure {number} of VXI-11 was refused: {}, {}",
+        status.0,
+        status.meaning()
+    ))
 }
 
 fn other_result() -> io::Error {
-    io::Error::new(io::ErrorKind::InvalidData, "the result of another procedure")
+    io::Error::new(
+        io::ErrorKind::InvalidData,
+        "the result of another procedure",
+    )
 }
 
-/// A connection on which procedures are called, one at a time. What a call that was given up answers later is thrown away.
+/// A connection on which procedures are called, one at a time. What a call that was given up
+/// answers later is thrown away.
 #[derive(Debug)]
 struct Rpc {
     stream: TcpStream,
@@ -154,7 +234,13 @@ struct Rpc {
 impl Rpc {
     async fn connect(host: &str, port: u16) -> io::Result<Self> {
         let stream = tcp::open(host, port).await?;
-        Ok(Self { stream, records: Records::new(PAGE as usize + SLACK), id: 0, pending: false, cut_off: false })
+        Ok(Self {
+            stream,
+            records: Records::new(PAGE as usize + SLACK),
+            id: 0,
+            pending: false,
+            cut_off: false,
+        })
     }
 
     async fn execute(&mut self, request: &Request) -> io::Result<Response> {
@@ -163,12 +249,22 @@ impl Rpc {
         Ok(Response::parse(request, &results, PAGE as usize)?)
     }
 
-    async fn call(&mut self, program: (u32, u32), procedure: u32, arguments: &[u8]) -> io::Result<Vec<u8>> {
+    async fn call(
+        &mut self,
+        program: (u32, u32),
+        procedure: u32,
+        arguments: &[u8],
+    ) -> io::Result<Vec<u8>> {
         if std::mem::replace(&mut self.cut_off, true) {
             return Err(cut_off());
         }
         self.id = self.id.wrapping_add(1);
-        let call = Call { id: self.id, program, procedure, arguments };
+        let call = Call {
+            id: self.id,
+            program,
+            procedure,
+            arguments,
+        };
         self.stream.write_all(&rpc::marked(&call.encode())).await?;
         (self.cut_off, self.pending) = (false, true);
         let mut buffer = vec![0; READ_BYTES];
@@ -179,7 +275,9 @@ impl Rpc {
                     self.pending = false;
                     return match reply.verdict {
                         Verdict::Success => Ok(reply.results.to_vec()),
-                        verdict => Err(io::Error::other(format!("the server answers procedure {procedure} with {verdict:?}"))),
+                        verdict => Err(io::Error::other(format!(
+                            "the server answers procedure {procedure} with {verdict:?}"
+                        ))),
                     };
                 }
             }

@@ -1,4 +1,5 @@
-//! HiSLIP messages (IVI-6.1, revision 1.1): a header of 16 bytes and a payload. Encryption and authentication (version 2) are not spoken.
+//! HiSLIP messages (IVI-6.1, revision 1.1): a header of 16 bytes and a payload. Encryption and
+//! authentication (version 2) are not spoken.
 
 use super::WireError;
 
@@ -101,13 +102,21 @@ pub struct Message {
 impl Message {
     /// A message without payload.
     pub fn new(kind: Kind, control: u8, parameter: u32) -> Self {
-        Self { kind: Ok(kind), control, parameter, payload: Vec::new() }
+        Self {
+            kind: Ok(kind),
+            control,
+            parameter,
+            payload: Vec::new(),
+        }
     }
 
     /// The same with a payload.
     #[must_use]
     pub fn with(self, payload: impl Into<Vec<u8>>) -> Self {
-        Self { payload: payload.into(), ..self }
+        Self {
+            payload: payload.into(),
+            ..self
+        }
     }
 
     /// Its bytes.
@@ -136,7 +145,10 @@ pub struct Messages {
 impl Messages {
     /// For payloads of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
-        Self { buffer: Vec::new(), limit }
+        Self {
+            buffer: Vec::new(),
+            limit,
+        }
     }
 
     /// Takes in bytes from the stream.
@@ -152,25 +164,45 @@ impl Messages {
     /// Gives out the next whole message; `None` while bytes are missing.
     ///
     /// # Errors
-    /// The bytes are no HiSLIP, or the payload is longer than the limit; the stream is of no use after that.
+    /// The bytes are no HiSLIP, or the payload is longer than the limit; the stream is of no use
+    /// after that.
     pub fn pull(&mut self) -> Result<Option<Message>, WireError> {
-        let Some((&[h, s, number, control, ref fields @ ..], rest)) = self.buffer.split_first_chunk::<HEADER_BYTES>() else {
+        let Some((&[h, s, number, control, ref fields @ ..], rest)) =
+            self.buffer.split_first_chunk::<HEADER_BYTES>()
+        else {
             return Ok(None);
         };
         if [h, s] != PROLOGUE {
-            return Err(WireError::new("a HiSLIP message that starts with `HS`", format!("`{}`", [h, s].escape_ascii())));
+            return Err(WireError::new(
+                "a HiSLIP message that starts with `HS`",
+                format!("`{}`", [h, s].escape_ascii()),
+            ));
         }
         let (parameter, length) = fields.split_at(4);
-        let word = |bytes: &[u8]| bytes.iter().fold(0_u64, |word, &byte| word << 8 | u64::from(byte));
+        let word = |bytes: &[u8]| {
+            bytes
+                .iter()
+                .fold(0_u64, |word, &byte| word << 8 | u64::from(byte))
+        };
         let length = usize::try_from(word(length)).unwrap_or(usize::MAX);
         if length > self.limit {
-            return Err(WireError::new(format!("a HiSLIP payload of at most {} bytes", self.limit), format!("one of {length}")));
+            return Err(WireError::new(
+                format!("a HiSLIP payload of at most {} bytes", self.limit),
+                format!("one of {length}"),
+            ));
         }
-        let Some(payload) = rest.get(..length) else { return Ok(None) };
+        let Some(payload) = rest.get(..length) else {
+            return Ok(None);
+        };
         #[expect(clippy::cast_possible_truncation, reason = "four bytes")]
         let parameter = word(parameter) as u32;
         let kind = Kind::ALL.get(usize::from(number)).copied().ok_or(number);
-        let message = Message { kind, control, parameter, payload: payload.to_vec() };
+        let message = Message {
+            kind,
+            control,
+            parameter,
+            payload: payload.to_vec(),
+        };
         self.buffer.drain(..HEADER_BYTES + length);
         Ok(Some(message))
     }
@@ -182,7 +214,8 @@ mod tests {
 
     #[test]
     fn a_message_has_the_bytes_of_the_standard() {
-        let initialize = Message::new(Kind::Initialize, 0, VERSION << 16 | 0x7878).with(*b"hislip0");
+        let initialize =
+            Message::new(Kind::Initialize, 0, VERSION << 16 | 0x7878).with(*b"hislip0");
         let bytes = b"HS\0\0\x01\x00xx\0\0\0\0\0\0\0\x07hislip0";
         assert_eq!(initialize.encode(), bytes);
         let query = Message::new(Kind::AsyncStatusQuery, 1, FIRST_ID);
@@ -191,9 +224,17 @@ mod tests {
 
     #[test]
     fn every_kind_is_read_back_from_any_pieces() {
-        let mut messages: Vec<Message> = Kind::ALL.map(|kind| Message::new(kind, 3, 0x0102_0304).with(vec![kind as u8; 5])).into();
-        messages.push(Message { kind: Err(200), ..Message::new(Kind::Error, 1, 2) });
-        let stream = messages.iter().flat_map(Message::encode).collect::<Vec<u8>>();
+        let mut messages: Vec<Message> = Kind::ALL
+            .map(|kind| Message::new(kind, 3, 0x0102_0304).with(vec![kind as u8; 5]))
+            .into();
+        messages.push(Message {
+            kind: Err(200),
+            ..Message::new(Kind::Error, 1, 2)
+        });
+        let stream = messages
+            .iter()
+            .flat_map(Message::encode)
+            .collect::<Vec<u8>>();
         for cut in 0..=stream.len() {
             let mut reader = Messages::new(5);
             let mut found = Vec::new();
@@ -214,10 +255,16 @@ mod tests {
     fn what_is_no_message_is_named() {
         let mut reader = Messages::new(100);
         reader.push(b"HTTP/1.1 400 Bad Request");
-        assert_eq!(reader.pull().unwrap_err().to_string(), "expected a HiSLIP message that starts with `HS`, found `HT`");
+        assert_eq!(
+            reader.pull().unwrap_err().to_string(),
+            "expected a HiSLIP message that starts with `HS`, found `HT`"
+        );
         let mut reader = Messages::new(100);
         reader.push(b"HS\x06\0\0\0\0\0\xff\xff\xff\xff\xff\xff\xff\xff");
         let error = reader.pull().unwrap_err().to_string();
-        assert!(error.starts_with("expected a HiSLIP payload of at most 100 bytes, found one of "), "{error}");
+        assert!(
+            error.starts_with("expected a HiSLIP payload of at most 100 bytes, found one of "),
+            "{error}"
+        );
     }
 }

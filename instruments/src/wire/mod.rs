@@ -1,7 +1,9 @@
-//! The wire forms of the transports that carry whole messages, both directions and without a socket: [`rpc`] and [`vxi11`], [`hislip`], [`prologix`].
+//! The wire forms of the transports that carry whole messages, both directions and without a
+//! socket: [`rpc`] and [`vxi11`], [`hislip`], [`prologix`].
 //!
-//! Bytes in, values out, and back; memory is bounded by the limits that the caller names. Who talks to whom and when is the business of
-//! [`crate::transport`] on the client's side and of [`crate::mock`] on the instrument's.
+//! Bytes in, values out, and back; memory is bounded by the limits that the caller names. Who talks
+//! to whom and when is the business of [`crate::transport`] on the client's side and of
+//! [`crate::mock`] on the instrument's.
 
 pub mod hislip;
 pub mod prologix;
@@ -18,7 +20,10 @@ pub struct WireError {
 
 impl WireError {
     pub(crate) fn new(expected: impl Into<String>, found: impl Into<String>) -> Self {
-        Self { expected: expected.into(), found: found.into() }
+        Self {
+            expected: expected.into(),
+            found: found.into(),
+        }
     }
 }
 

@@ -1,5 +1,6 @@
-//! What goes to a GPIB adapter of Prologix' kind (GPIB-ETHERNET and GPIB-USB manuals, sections 7 and 8): lines that start with `++` are for the adapter,
-//! all others for the instrument. In these CR, LF, ESC and `+` that belong to the data stand behind an ESC.
+//! What goes to a GPIB adapter of Prologix' kind (GPIB-ETHERNET and GPIB-USB manuals, sections 7
+//! and 8): lines that start with `++` are for the adapter, all others for the instrument. In these
+//! CR, LF, ESC and `+` that belong to the data stand behind an ESC.
 
 const ESC: u8 = 0x1b;
 
@@ -30,7 +31,8 @@ pub enum Line {
     TooLong,
 }
 
-/// Cuts what comes from the controller into lines. An unescaped CR or LF ends one; empty ones do not count.
+/// Cuts what comes from the controller into lines. An unescaped CR or LF ends one; empty ones do
+/// not count.
 #[derive(Debug)]
 pub struct Lines {
     line: Vec<u8>,
@@ -45,7 +47,14 @@ pub struct Lines {
 impl Lines {
     /// For lines of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
-        Self { line: Vec::new(), escaped: false, pluses: 0, too_long: false, limit, ready: std::collections::VecDeque::new() }
+        Self {
+            line: Vec::new(),
+            escaped: false,
+            pluses: 0,
+            too_long: false,
+            limit,
+            ready: std::collections::VecDeque::new(),
+        }
     }
 
     /// Takes in bytes from the stream.
@@ -83,15 +92,17 @@ impl Lines {
             self.ready.push_back(Line::TooLong);
         } else if is_command {
             let text = line.get(2..).unwrap_or_default();
-            self.ready.push_back(Line::Command(String::from_utf8_lossy(text).trim().to_owned()));
+            self.ready.push_back(Line::Command(
+                String::from_utf8_lossy(text).trim().to_owned(),
+            ));
         } else if !line.is_empty() {
             self.ready.push_back(Line::Data(line));
         }
     }
 }
 
-/// Cuts what comes from the adapter: everything up to the text that the adapter says of itself when asked for its version. Asked behind a read, that text
-/// is the end of what was read.
+/// Cuts what comes from the adapter: everything up to the text that the adapter says of itself when
+/// asked for its version. Asked behind a read, that text is the end of what was read.
 #[derive(Debug)]
 pub struct Marked {
     buffer: Vec<u8>,
@@ -103,7 +114,11 @@ pub struct Marked {
 impl Marked {
     /// For an adapter that calls itself `mark`, line end included.
     pub fn new(mark: Vec<u8>) -> Self {
-        Self { buffer: Vec::new(), mark, searched: 0 }
+        Self {
+            buffer: Vec::new(),
+            mark,
+            searched: 0,
+        }
     }
 
     /// Takes in bytes from the stream.
@@ -119,7 +134,10 @@ impl Marked {
     /// Gives out what is surely data, and whether the mark came behind it.
     pub fn pull(&mut self) -> (Vec<u8>, bool) {
         let from = self.searched.saturating_sub(self.mark.len());
-        let found = self.buffer.get(from..).and_then(|tail| tail.windows(self.mark.len()).position(|window| window == self.mark));
+        let found = self.buffer.get(from..).and_then(|tail| {
+            tail.windows(self.mark.len())
+                .position(|window| window == self.mark)
+        });
         if let Some(at) = found {
             let data = self.buffer.drain(..from + at).collect();
             self.buffer.drain(..self.mark.len());
@@ -151,16 +169,30 @@ mod tests {
         let command = |text: &str| Line::Command(text.to_owned());
         let data = |bytes: &[u8]| Line::Data(bytes.to_vec());
         let table: [(&[u8], Vec<Line>); 6] = [
-            (b"++mode 1\n++addr 7\r\n", vec![command("mode 1"), command("addr 7")]),
+            (
+                b"++mode 1\n++addr 7\r\n",
+                vec![command("mode 1"), command("addr 7")],
+            ),
             (b"*IDN?\x1b\n\n", vec![data(b"*IDN?\n")]),
-            (b"\x1b+\x1b+not a command\n\x1b++nor this\n+1\n", vec![data(b"++not a command"), data(b"++nor this"), data(b"+1")]),
+            (
+                b"\x1b+\x1b+not a command\n\x1b++nor this\n+1\n",
+                vec![data(b"++not a command"), data(b"++nor this"), data(b"+1")],
+            ),
             (b"#14a\x1b\nb\x1b\x1b\n\r\n", vec![data(b"#14a\nb\x1b")]),
-            (&[&[b'x'; 65][..], b"\n++ver\n"].concat(), vec![Line::TooLong, command("ver")]),
+            (
+                &[&[b'x'; 65][..], b"\n++ver\n"].concat(),
+                vec![Line::TooLong, command("ver")],
+            ),
             (b"\n\r\n", vec![]),
         ];
         for (stream, expected) in table {
             for cut in 0..=stream.len() {
-                assert_eq!(lines(stream, cut), expected, "{} cut at {cut}", stream.escape_ascii());
+                assert_eq!(
+                    lines(stream, cut),
+                    expected,
+                    "{} cut at {cut}",
+                    stream.escape_ascii()
+                );
             }
         }
     }
@@ -182,7 +214,11 @@ mod tests {
                     messages.push(Vec::new());
                 }
             }
-            assert_eq!(messages, [&b"#15a\nProl\n\n"[..], b"Pro", b"", b""], "cut at {cut}");
+            assert_eq!(
+                messages,
+                [&b"#15a\nProl\n\n"[..], b"Pro", b"", b""],
+                "cut at {cut}"
+            );
         }
     }
 

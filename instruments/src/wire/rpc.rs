@@ -1,5 +1,5 @@
-//! ONC RPC version 2 over TCP (RFC 5531) with XDR (RFC 4506) and the port mapper (RFC 1833, section 3), as far as VXI-11 needs them: no
-//! authentication.
+//! ONC RPC version 2 over TCP (RFC 5531) with XDR (RFC 4506) and the port mapper (RFC 1833,
+//! section 3), as far as VXI-11 needs them: no authentication.
 
 use super::WireError;
 
@@ -35,7 +35,10 @@ impl<'a> Reader<'a> {
     /// Fewer than four bytes are left.
     pub fn word(&mut self) -> Result<u32, WireError> {
         let Some((word, rest)) = self.0.split_first_chunk() else {
-            return Err(WireError::new("an XDR word of 4 bytes", format!("{} bytes", self.0.len())));
+            return Err(WireError::new(
+                "an XDR word of 4 bytes",
+                format!("{} bytes", self.0.len()),
+            ));
         };
         self.0 = rest;
         Ok(u32::from_be_bytes(*word))
@@ -48,11 +51,17 @@ impl<'a> Reader<'a> {
     pub fn opaque(&mut self, most: usize) -> Result<&'a [u8], WireError> {
         let length = self.word()? as usize;
         if length > most {
-            return Err(WireError::new(format!("XDR data of at most {most} bytes"), format!("{length} bytes")));
+            return Err(WireError::new(
+                format!("XDR data of at most {most} bytes"),
+                format!("{length} bytes"),
+            ));
         }
         let padded = length.next_multiple_of(4);
         let Some((data, rest)) = self.0.split_at_checked(padded) else {
-            return Err(WireError::new(format!("XDR data of {length} bytes"), format!("{} bytes", self.0.len())));
+            return Err(WireError::new(
+                format!("XDR data of {length} bytes"),
+                format!("{} bytes", self.0.len()),
+            ));
         };
         self.0 = rest;
         Ok(data.get(..length).unwrap_or_default())
@@ -72,7 +81,8 @@ impl Writer {
     /// Appends words.
     #[must_use]
     pub fn words(mut self, words: &[u32]) -> Self {
-        self.0.extend(words.iter().flat_map(|word| word.to_be_bytes()));
+        self.0
+            .extend(words.iter().flat_map(|word| word.to_be_bytes()));
         self
     }
 
@@ -120,7 +130,10 @@ impl<'a> Call<'a> {
         let mut reader = Reader::new(record);
         let (id, kind, version) = (reader.word()?, reader.word()?, reader.word()?);
         if (kind, version) != (CALL, RPC_VERSION) {
-            return Err(WireError::new("a call of RPC version 2", format!("message type {kind}, version {version}")));
+            return Err(WireError::new(
+                "a call of RPC version 2",
+                format!("message type {kind}, version {version}"),
+            ));
         }
         let program = (reader.word()?, reader.word()?);
         let procedure = reader.word()?;
@@ -128,13 +141,32 @@ impl<'a> Call<'a> {
             reader.word()?;
             reader.opaque(MOST_AUTHENTICATION)?;
         }
-        Ok(Self { id, program, procedure, arguments: reader.rest() })
+        Ok(Self {
+            id,
+            program,
+            procedure,
+            arguments: reader.rest(),
+        })
     }
 
     /// The record, without its mark.
     pub fn encode(&self) -> Vec<u8> {
         let (program, version) = self.program;
-        Writer::default().words(&[self.id, CALL, RPC_VERSION, program, version, self.procedure, 0, 0, 0, 0]).raw(self.arguments).done()
+        Writer::default()
+            .words(&[
+                self.id,
+                CALL,
+                RPC_VERSION,
+                program,
+                version,
+                self.procedure,
+                0,
+                0,
+                0,
+                0,
+            ])
+            .raw(self.arguments)
+            .done()
     }
 }
 
@@ -182,23 +214,42 @@ impl<'a> Reply<'a> {
         let mut reader = Reader::new(record);
         let (id, kind, denied) = (reader.word()?, reader.word()?, reader.word()?);
         if kind != REPLY || denied > 1 {
-            return Err(WireError::new("an RPC reply", format!("message type {kind}, status {denied}")));
+            return Err(WireError::new(
+                "an RPC reply",
+                format!("message type {kind}, status {denied}"),
+            ));
         }
         if denied == 1 {
-            return Ok(Self { id, verdict: Verdict::Denied, results: &[] });
+            return Ok(Self {
+                id,
+                verdict: Verdict::Denied,
+                results: &[],
+            });
         }
         reader.word()?;
         reader.opaque(MOST_AUTHENTICATION)?;
         let verdict = match reader.word()? {
             0 => Verdict::Success,
             1 => Verdict::ProgramUnavailable,
-            2 => Verdict::VersionMismatch { low: reader.word()?, high: reader.word()? },
+            2 => Verdict::VersionMismatch {
+                low: reader.word()?,
+                high: reader.word()?,
+            },
             3 => Verdict::ProcedureUnavailable,
             4 => Verdict::GarbageArguments,
             5 => Verdict::SystemError,
-            other => return Err(WireError::new("an RPC status from 0 to 5", other.to_string())),
+            other => {
+                return Err(WireError::new(
+                    "an RPC status from 0 to 5",
+                    other.to_string(),
+                ));
+            }
         };
-        Ok(Self { id, verdict, results: reader.rest() })
+        Ok(Self {
+            id,
+            verdict,
+            results: reader.rest(),
+        })
     }
 
     /// The record, without its mark.
@@ -212,7 +263,9 @@ impl<'a> Reply<'a> {
             Verdict::GarbageArguments => accepted(4),
             Verdict::SystemError => accepted(5),
             // Rejected for its RPC version: 2 is the only one.
-            Verdict::Denied => Writer::default().words(&[self.id, REPLY, 1, 0, RPC_VERSION, RPC_VERSION]),
+            Verdict::Denied => {
+                Writer::default().words(&[self.id, REPLY, 1, 0, RPC_VERSION, RPC_VERSION])
+            }
         }
         .done()
     }
@@ -235,7 +288,11 @@ pub struct Records {
 impl Records {
     /// For records of at most `limit` bytes.
     pub fn new(limit: usize) -> Self {
-        Self { buffer: Vec::new(), record: Vec::new(), limit }
+        Self {
+            buffer: Vec::new(),
+            record: Vec::new(),
+            limit,
+        }
     }
 
     /// Takes in bytes from the stream.
@@ -254,14 +311,21 @@ impl Records {
     /// It is longer than the limit; the stream is of no use after that.
     pub fn pull(&mut self) -> Result<Option<Vec<u8>>, WireError> {
         loop {
-            let Some((mark, rest)) = self.buffer.split_first_chunk() else { return Ok(None) };
+            let Some((mark, rest)) = self.buffer.split_first_chunk() else {
+                return Ok(None);
+            };
             let mark = u32::from_be_bytes(*mark);
             let length = (mark & !LAST_FRAGMENT) as usize;
             if length > self.limit - self.record.len() {
                 let found = format!("one of {} or more", self.record.len() + length);
-                return Err(WireError::new(format!("an RPC record of at most {} bytes", self.limit), found));
+                return Err(WireError::new(
+                    format!("an RPC record of at most {} bytes", self.limit),
+                    found,
+                ));
             }
-            let Some(fragment) = rest.get(..length) else { return Ok(None) };
+            let Some(fragment) = rest.get(..length) else {
+                return Ok(None);
+            };
             self.record.extend_from_slice(fragment);
             self.buffer.drain(..4 + length);
             if mark & LAST_FRAGMENT != 0 {
@@ -279,7 +343,12 @@ mod tests {
     fn a_call_and_a_reply_have_the_bytes_of_the_standard() {
         // GETPORT for program 395183 version 1 over TCP, and the answer 1024.
         let arguments = Writer::default().words(&[395_183, 1, TCP, 0]).done();
-        let call = Call { id: 7, program: PORT_MAPPER, procedure: GET_PORT, arguments: &arguments };
+        let call = Call {
+            id: 7,
+            program: PORT_MAPPER,
+            procedure: GET_PORT,
+            arguments: &arguments,
+        };
         let bytes = marked(&call.encode());
         let expected = [
             [0x80, 0, 0, 0x38],
@@ -300,8 +369,21 @@ mod tests {
         ];
         assert_eq!(bytes, expected.concat());
         assert_eq!(Call::parse(&bytes[4..]), Ok(call));
-        let reply = [[0, 0, 0, 7], [0, 0, 0, 1], [0; 4], [0; 4], [0; 4], [0; 4], [0, 0, 4, 0]].concat();
-        let expected = Reply { id: 7, verdict: Verdict::Success, results: &[0, 0, 4, 0] };
+        let reply = [
+            [0, 0, 0, 7],
+            [0, 0, 0, 1],
+            [0; 4],
+            [0; 4],
+            [0; 4],
+            [0; 4],
+            [0, 0, 4, 0],
+        ]
+        .concat();
+        let expected = Reply {
+            id: 7,
+            verdict: Verdict::Success,
+            results: &[0, 0, 4, 0],
+        };
         assert_eq!(Reply::parse(&reply), Ok(expected));
         assert_eq!(expected.encode(), reply);
     }
@@ -317,14 +399,27 @@ mod tests {
             Verdict::SystemError,
             Verdict::Denied,
         ] {
-            let reply = Reply { id: 9, verdict, results: &[] };
+            let reply = Reply {
+                id: 9,
+                verdict,
+                results: &[],
+            };
             assert_eq!(Reply::parse(&reply.encode()), Ok(reply));
         }
     }
 
     #[test]
     fn records_come_in_fragments_and_in_any_pieces() {
-        let stream = [&[0, 0, 0, 2][..], b"ab", &[0, 0, 0, 0], &[0x80, 0, 0, 1], b"c", &marked(b""), &marked(b"defg")].concat();
+        let stream = [
+            &[0, 0, 0, 2][..],
+            b"ab",
+            &[0, 0, 0, 0],
+            &[0x80, 0, 0, 1],
+            b"c",
+            &marked(b""),
+            &marked(b"defg"),
+        ]
+        .concat();
         for cut in 0..=stream.len() {
             let mut records = Records::new(4);
             let mut found = Vec::new();
@@ -339,18 +434,39 @@ mod tests {
         }
         let mut records = Records::new(4);
         records.push(&[0, 0, 0, 3, 1, 2, 3, 0x80, 0, 0, 2]);
-        assert_eq!(records.pull().unwrap_err().to_string(), "expected an RPC record of at most 4 bytes, found one of 5 or more");
+        assert_eq!(
+            records.pull().unwrap_err().to_string(),
+            "expected an RPC record of at most 4 bytes, found one of 5 or more"
+        );
     }
 
     #[test]
     fn what_is_cut_short_or_too_long_is_named() {
-        assert_eq!(Reader::new(&[1, 2]).word().unwrap_err().to_string(), "expected an XDR word of 4 bytes, found 2 bytes");
+        assert_eq!(
+            Reader::new(&[1, 2]).word().unwrap_err().to_string(),
+            "expected an XDR word of 4 bytes, found 2 bytes"
+        );
         let text = Writer::default().opaque(b"abcde").done();
         assert_eq!(text.len(), 12);
         assert_eq!(Reader::new(&text).opaque(5), Ok(&b"abcde"[..]));
-        assert_eq!(Reader::new(&text).opaque(4).unwrap_err().to_string(), "expected XDR data of at most 4 bytes, found 5 bytes");
-        assert_eq!(Reader::new(&text[..8]).opaque(5).unwrap_err().to_string(), "expected XDR data of 5 bytes, found 4 bytes");
-        let other = Call { id: 1, program: (1, 1), procedure: 1, arguments: &[] }.encode();
-        assert_eq!(Reply::parse(&other).unwrap_err().to_string(), "expected an RPC reply, found message type 0, status 2");
+        assert_eq!(
+            Reader::new(&text).opaque(4).unwrap_err().to_string(),
+            "expected XDR data of at most 4 bytes, found 5 bytes"
+        );
+        assert_eq!(
+            Reader::new(&text[..8]).opaque(5).unwrap_err().to_string(),
+            "expected XDR data of 5 bytes, found 4 bytes"
+        );
+        let other = Call {
+            id: 1,
+            program: (1, 1),
+            procedure: 1,
+            arguments: &[],
+        }
+        .encode();
+        assert_eq!(
+            Reply::parse(&other).unwrap_err().to_string(),
+            "expected an RPC reply, found message type 0, status 2"
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! The procedures of VXI-11 (TCP/IP Instrument Protocol, revision 1.0, annex C): what a client asks of the core and abort channels and what comes back.
+//! The procedures of VXI-11 (TCP/IP Instrument Protocol, revision 1.0, annex C): what a client asks
+//! of the core and abort channels and what comes back.
 
 use super::{
     WireError,
@@ -111,7 +112,8 @@ pub enum Request {
         /// The link.
         link: u32,
     },
-    /// Trigger, remote, local, lock, unlock, service requests: calls whose result is an error and nothing else.
+    /// Trigger, remote, local, lock, unlock, service requests: calls whose result is an error and
+    /// nothing else.
     Simple {
         /// Which.
         procedure: Simple,
@@ -159,14 +161,17 @@ impl Simple {
 }
 
 impl Request {
-    /// Reads the arguments of a procedure; `None` for a procedure that the core channel does not have. Data of a write may be `most` bytes long.
+    /// Reads the arguments of a procedure; `None` for a procedure that the core channel does not
+    /// have. Data of a write may be `most` bytes long.
     ///
     /// # Errors
     /// The arguments are not those of the procedure.
     pub fn parse(procedure: u32, arguments: &[u8], most: usize) -> Result<Option<Self>, WireError> {
         let mut reader = Reader::new(arguments);
         if procedure == 25 || procedure == 26 {
-            return Ok(Some(Self::Interrupts { create: procedure == 25 }));
+            return Ok(Some(Self::Interrupts {
+                create: procedure == 25,
+            }));
         }
         if procedure == 10 {
             let (_client, _lock, _lock_timeout) = (reader.word()?, reader.word()?, reader.word()?);
@@ -179,15 +184,30 @@ impl Request {
         let link = reader.word()?;
         Ok(Some(match procedure {
             11 => {
-                let (io_timeout_ms, _lock_timeout, flags) = (reader.word()?, reader.word()?, reader.word()?);
-                Self::Write { link, io_timeout_ms, flags, data: reader.opaque(most)?.to_vec() }
+                let (io_timeout_ms, _lock_timeout, flags) =
+                    (reader.word()?, reader.word()?, reader.word()?);
+                Self::Write {
+                    link,
+                    io_timeout_ms,
+                    flags,
+                    data: reader.opaque(most)?.to_vec(),
+                }
             }
             12 => {
-                let (size, io_timeout_ms, _lock_timeout) = (reader.word()?, reader.word()?, reader.word()?);
+                let (size, io_timeout_ms, _lock_timeout) =
+                    (reader.word()?, reader.word()?, reader.word()?);
                 let (flags, byte) = (reader.word()?, reader.word()?);
-                #[expect(clippy::cast_possible_truncation, reason = "a character takes a word in XDR")]
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    reason = "a character takes a word in XDR"
+                )]
                 let term_char = (flags & FLAG_TERM_CHAR != 0).then_some(byte as u8);
-                Self::Read { link, size, io_timeout_ms, term_char }
+                Self::Read {
+                    link,
+                    size,
+                    io_timeout_ms,
+                    term_char,
+                }
             }
             13 => Self::ReadStatus { link },
             15 => Self::Clear { link },
@@ -207,15 +227,42 @@ impl Request {
         let generic = |link: u32| words(&[link, 0, 0, 2000]);
         let (procedure, arguments) = match self {
             Self::CreateLink { device } => (10, words(&[0, 0, 0]).opaque(device.as_bytes())),
-            Self::Write { link, io_timeout_ms, flags, data } => (11, words(&[*link, *io_timeout_ms, 0, *flags]).opaque(data)),
-            Self::Read { link, size, io_timeout_ms, term_char } => {
-                let flags = if term_char.is_some() { FLAG_TERM_CHAR } else { 0 };
-                (12, words(&[*link, *size, *io_timeout_ms, 0, flags, term_char.unwrap_or(0).into()]))
+            Self::Write {
+                link,
+                io_timeout_ms,
+                flags,
+                data,
+            } => (11, words(&[*link, *io_timeout_ms, 0, *flags]).opaque(data)),
+            Self::Read {
+                link,
+                size,
+                io_timeout_ms,
+                term_char,
+            } => {
+                let flags = if term_char.is_some() {
+                    FLAG_TERM_CHAR
+                } else {
+                    0
+                };
+                (
+                    12,
+                    words(&[
+                        *link,
+                        *size,
+                        *io_timeout_ms,
+                        0,
+                        flags,
+                        term_char.unwrap_or(0).into(),
+                    ]),
+                )
             }
             Self::ReadStatus { link } => (13, generic(*link)),
             Self::Clear { link } => (15, generic(*link)),
             Self::Simple { procedure, link } => {
-                let number = Simple::NUMBERS.iter().find(|(_, known)| known == procedure).map_or(0, |&(number, _)| number);
+                let number = Simple::NUMBERS
+                    .iter()
+                    .find(|(_, known)| known == procedure)
+                    .map_or(0, |&(number, _)| number);
                 (number, generic(*link))
             }
             Self::Command { link } => (22, words(&[*link, 0, 0, 0, 0, 0, 0]).opaque(&[])),
@@ -286,13 +333,32 @@ impl Response {
         Ok(match of {
             Request::CreateLink { .. } => {
                 let (link, port, most_bytes) = (reader.word()?, reader.word()?, reader.word()?);
-                let abort_port = u16::try_from(port).map_err(|_| WireError::new("a port below 65536", port.to_string()))?;
-                Self::Link { status, link, abort_port, most_bytes }
+                let abort_port = u16::try_from(port)
+                    .map_err(|_| WireError::new("a port below 65536", port.to_string()))?;
+                Self::Link {
+                    status,
+                    link,
+                    abort_port,
+                    most_bytes,
+                }
             }
-            Request::Write { .. } => Self::Written { status, size: reader.word()? },
-            Request::Read { .. } => Self::Data { status, reason: reader.word()?, data: reader.opaque(most)?.to_vec() },
-            #[expect(clippy::cast_possible_truncation, reason = "a character takes a word in XDR")]
-            Request::ReadStatus { .. } => Self::StatusByte { status, byte: reader.word()? as u8 },
+            Request::Write { .. } => Self::Written {
+                status,
+                size: reader.word()?,
+            },
+            Request::Read { .. } => Self::Data {
+                status,
+                reason: reader.word()?,
+                data: reader.opaque(most)?.to_vec(),
+            },
+            #[expect(
+                clippy::cast_possible_truncation,
+                reason = "a character takes a word in XDR"
+            )]
+            Request::ReadStatus { .. } => Self::StatusByte {
+                status,
+                byte: reader.word()? as u8,
+            },
             Request::Command { .. } => Self::CommandData { status },
             _ => Self::Done { status },
         })
@@ -302,9 +368,18 @@ impl Response {
     pub fn encode(&self) -> Vec<u8> {
         let words = |words: &[u32]| Writer::default().words(words);
         match self {
-            Self::Link { status, link, abort_port, most_bytes } => words(&[status.0, *link, u32::from(*abort_port), *most_bytes]),
+            Self::Link {
+                status,
+                link,
+                abort_port,
+                most_bytes,
+            } => words(&[status.0, *link, u32::from(*abort_port), *most_bytes]),
             Self::Written { status, size } => words(&[status.0, *size]),
-            Self::Data { status, reason, data } => words(&[status.0, *reason]).opaque(data),
+            Self::Data {
+                status,
+                reason,
+                data,
+            } => words(&[status.0, *reason]).opaque(data),
             Self::StatusByte { status, byte } => words(&[status.0, u32::from(*byte)]),
             Self::CommandData { status } => words(&[status.0]).opaque(&[]),
             Self::Done { status } => words(&[status.0]),
@@ -331,10 +406,27 @@ mod tests {
 
     fn requests() -> Vec<Request> {
         let mut requests = vec![
-            Request::CreateLink { device: "inst0".to_owned() },
-            Request::Write { link: 1, io_timeout_ms: 2000, flags: FLAG_END, data: b"*IDN?\n".to_vec() },
-            Request::Read { link: 1, size: 4096, io_timeout_ms: 2000, term_char: None },
-            Request::Read { link: 1, size: 4096, io_timeout_ms: 2000, term_char: Some(b'\n') },
+            Request::CreateLink {
+                device: "inst0".to_owned(),
+            },
+            Request::Write {
+                link: 1,
+                io_timeout_ms: 2000,
+                flags: FLAG_END,
+                data: b"*IDN?\n".to_vec(),
+            },
+            Request::Read {
+                link: 1,
+                size: 4096,
+                io_timeout_ms: 2000,
+                term_char: None,
+            },
+            Request::Read {
+                link: 1,
+                size: 4096,
+                io_timeout_ms: 2000,
+                term_char: Some(b'\n'),
+            },
             Request::ReadStatus { link: 1 },
             Request::Clear { link: 1 },
             Request::Command { link: 1 },
@@ -342,7 +434,8 @@ mod tests {
             Request::Interrupts { create: true },
             Request::Interrupts { create: false },
         ];
-        requests.extend(Simple::NUMBERS.map(|(_, procedure)| Request::Simple { procedure, link: 7 }));
+        requests
+            .extend(Simple::NUMBERS.map(|(_, procedure)| Request::Simple { procedure, link: 7 }));
         requests
     }
 
@@ -351,36 +444,81 @@ mod tests {
         let mut numbers: Vec<u32> = Vec::new();
         for request in requests() {
             let (procedure, arguments) = request.encode();
-            assert_eq!(Request::parse(procedure, &arguments, 100), Ok(Some(request)));
+            assert_eq!(
+                Request::parse(procedure, &arguments, 100),
+                Ok(Some(request))
+            );
             numbers.push(procedure);
         }
         numbers.sort_unstable();
         numbers.dedup();
-        assert_eq!(numbers, [10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 22, 23, 25, 26]);
+        assert_eq!(
+            numbers,
+            [10, 11, 12, 13, 14, 15, 16, 17, 18, 19, 20, 22, 23, 25, 26]
+        );
         for procedure in [0, 9, 21, 24, 27] {
-            assert_eq!(Request::parse(procedure, &[0; 64], 100), Ok(None), "{procedure}");
+            assert_eq!(
+                Request::parse(procedure, &[0; 64], 100),
+                Ok(None),
+                "{procedure}"
+            );
         }
     }
 
     #[test]
     fn a_write_and_a_read_have_the_bytes_of_the_standard() {
-        let write = Request::Write { link: 3, io_timeout_ms: 10_000, flags: FLAG_END, data: b"OUTP?".to_vec() };
-        let expected = [[0, 0, 0, 3], [0, 0, 0x27, 0x10], [0; 4], [0, 0, 0, 8], [0, 0, 0, 5], *b"OUTP", *b"?\0\0\0"].concat();
+        let write = Request::Write {
+            link: 3,
+            io_timeout_ms: 10_000,
+            flags: FLAG_END,
+            data: b"OUTP?".to_vec(),
+        };
+        let expected = [
+            [0, 0, 0, 3],
+            [0, 0, 0x27, 0x10],
+            [0; 4],
+            [0, 0, 0, 8],
+            [0, 0, 0, 5],
+            *b"OUTP",
+            *b"?\0\0\0",
+        ]
+        .concat();
         assert_eq!(write.encode(), (11, expected));
-        let read = Request::Read { link: 3, size: 256, io_timeout_ms: 0, term_char: Some(b'\n') };
+        let read = Request::Read {
+            link: 3,
+            size: 256,
+            io_timeout_ms: 0,
+            term_char: Some(b'\n'),
+        };
         let results = [[0; 4], [0, 0, 0, 4], [0, 0, 0, 2], *b"1\n\0\0"].concat();
-        let expected = Response::Data { status: Status::OK, reason: REASON_END, data: b"1\n".to_vec() };
+        let expected = Response::Data {
+            status: Status::OK,
+            reason: REASON_END,
+            data: b"1\n".to_vec(),
+        };
         assert_eq!(Response::parse(&read, &results, 256), Ok(expected.clone()));
         assert_eq!(expected.encode(), results);
-        assert!(Response::parse(&read, &results, 1).is_err(), "longer than was asked for");
+        assert!(
+            Response::parse(&read, &results, 1).is_err(),
+            "longer than was asked for"
+        );
     }
 
     #[test]
     fn a_result_that_is_cut_short_is_named() {
-        let link = Request::CreateLink { device: String::new() };
+        let link = Request::CreateLink {
+            device: String::new(),
+        };
         let error = Response::parse(&link, &[0; 8], 0).unwrap_err();
-        assert_eq!(error.to_string(), "expected an XDR word of 4 bytes, found 0 bytes");
-        let error = Response::parse(&link, &[[0; 4], [0; 4], [0, 1, 0, 0], [0; 4]].concat(), 0).unwrap_err();
-        assert_eq!(error.to_string(), "expected a port below 65536, found 65536");
+        assert_eq!(
+            error.to_string(),
+            "expected an XDR word of 4 bytes, found 0 bytes"
+        );
+        let error = Response::parse(&link, &[[0; 4], [0; 4], [0, 1, 0, 0], [0; 4]].concat(), 0)
+            .unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "expected a port below 65536, found 65536"
+        );
     }
 }

@@ -68,7 +68,8 @@ pub(crate) async fn serve(
     }
 }
 
-/// Serves `memory:device` on `hub`: every connection gets the same script, and what it was sent is collected.
+/// Serves `memory:device` on `hub`: every connection gets the same script, and what it was sent is
+/// collected.
 pub(crate) fn serve_memory(
     hub: &MemoryHub,
     clock: &Clock,
@@ -83,7 +84,9 @@ pub(crate) fn serve_memory(
             tokio::spawn(async move {
                 let device_clock = clock.clone();
                 let heard = move |message: &str| {
-                    log.lock().unwrap().push((clock.now_s(), message.to_owned()));
+                    log.lock()
+                        .unwrap()
+                        .push((clock.now_s(), message.to_owned()));
                     reply(message)
                 };
                 serve(stream, Terminator::Lf, device_clock, heard).await;
@@ -117,7 +120,11 @@ impl SharedText {
     pub(crate) fn lines(&self) -> Vec<String> {
         let transcript = Transcript::parse(&self.text()).unwrap();
         assert_eq!(transcript.torn, None);
-        transcript.records.iter().map(|record| record.to_string().split_once(' ').unwrap().1.to_owned()).collect()
+        transcript
+            .records
+            .iter()
+            .map(|record| record.to_string().split_once(' ').unwrap().1.to_owned())
+            .collect()
     }
 }
 
@@ -133,7 +140,21 @@ impl io::Write for SharedText {
 }
 
 /// Opens a link named `dev`.
-pub(crate) async fn open(address: &str, profile: LinkProfile, clock: &Clock, hub: &MemoryHub, tap: Tap) -> Result<Link, LinkError> {
+pub(crate) async fn open(
+    address: &str,
+    profile: LinkProfile,
+    clock: &Clock,
+    hub: &MemoryHub,
+    tap: Tap,
+) -> Result<Link, LinkError> {
     let address: Address = address.parse().unwrap();
-    Link::open(LinkOptions { name: "dev".to_owned(), address, profile, clock: clock.clone(), hub: hub.clone(), tap }).await
+    Link::open(LinkOptions {
+        name: "dev".to_owned(),
+        address,
+        profile,
+        clock: clock.clone(),
+        hub: hub.clone(),
+        tap,
+    })
+    .await
 }

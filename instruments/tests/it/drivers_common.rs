@@ -31,7 +31,10 @@ use crate::{
 /// The dialect with this key in a role's table.
 macro_rules! dialect {
     ($role:ident, $key:expr) => {
-        *$role::DIALECTS.iter().find(|dialect| dialect.key() == $key).unwrap()
+        *$role::DIALECTS
+            .iter()
+            .find(|dialect| dialect.key() == $key)
+            .unwrap()
     };
 }
 pub(crate) use dialect;
@@ -44,7 +47,8 @@ pub(crate) struct Rig {
     tape: SharedText,
 }
 
-/// Answers some messages itself, as an instrument with a fault or another firmware does, and hands on the rest.
+/// Answers some messages itself, as an instrument with a fault or another firmware does, and hands
+/// on the rest.
 struct Liar {
     device: Box<dyn Device>,
     lies: Vec<(&'static str, &'static [u8])>,
@@ -56,8 +60,14 @@ impl Device for Liar {
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        let lie = self.lies.iter().find(|(asked, _)| asked.as_bytes() == message);
-        lie.map_or_else(|| self.device.handle(now_s, message), |(_, answer)| answer.to_vec())
+        let lie = self
+            .lies
+            .iter()
+            .find(|(asked, _)| asked.as_bytes() == message);
+        lie.map_or_else(
+            || self.device.handle(now_s, message),
+            |(_, answer)| answer.to_vec(),
+        )
     }
 
     fn connected(&mut self, now_s: f64) {
@@ -78,16 +88,37 @@ impl Rig {
         Self::with(clock, model, &MockOptions::default(), &[])
     }
 
-    pub(crate) fn with(clock: Clock, model: &str, options: &MockOptions, lies: &[(&'static str, &'static [u8])]) -> Self {
+    pub(crate) fn with(
+        clock: Clock,
+        model: &str,
+        options: &MockOptions,
+        lies: &[(&'static str, &'static [u8])],
+    ) -> Self {
         let (hub, plant) = (MemoryHub::new(), Arc::new(Mutex::new(Recorder::default())));
         let device = mock::make(model, plant.clone(), options).unwrap();
-        let liar = Liar { device, lies: lies.to_vec() };
+        let liar = Liar {
+            device,
+            lies: lies.to_vec(),
+        };
         mock::serve_memory(Box::new(liar), &hub, "device", clock.clone()).unwrap();
-        Self { clock, plant, hub, tape: SharedText::default() }
+        Self {
+            clock,
+            plant,
+            hub,
+            tape: SharedText::default(),
+        }
     }
 
     pub(crate) async fn link(&self, profile: LinkProfile) -> Link {
-        open("memory:device", profile, &self.clock, &self.hub, Tap::new(self.tape.clone())).await.unwrap()
+        open(
+            "memory:device",
+            profile,
+            &self.clock,
+            &self.hub,
+            Tap::new(self.tape.clone()),
+        )
+        .await
+        .unwrap()
     }
 
     /// Where the instrument listens, as `device`.
@@ -97,8 +128,21 @@ impl Rig {
 
     /// Somebody else uses the instrument, and goes.
     pub(crate) async fn earlier_user(&self, terminator: Terminator, messages: &[&str]) {
-        let profile = LinkProfile { grammar: Grammar::Plain, terminator, error_query: None, ..LinkProfile::scpi() };
-        let mut link = open("memory:device", profile, &self.clock, &self.hub, Tap::none()).await.unwrap();
+        let profile = LinkProfile {
+            grammar: Grammar::Plain,
+            terminator,
+            error_query: None,
+            ..LinkProfile::scpi()
+        };
+        let mut link = open(
+            "memory:device",
+            profile,
+            &self.clock,
+            &self.hub,
+            Tap::none(),
+        )
+        .await
+        .unwrap();
         for message in messages {
             link.send_unchecked(message).await.unwrap();
         }
@@ -108,8 +152,22 @@ impl Rig {
 
     /// What an instrument answers afterwards to somebody else.
     pub(crate) async fn ask(&self, query: &str) -> String {
-        let profile = LinkProfile { error_query: None, ..LinkProfile::scpi() };
-        open("memory:device", profile, &self.clock, &self.hub, Tap::none()).await.unwrap().query(query).await.unwrap()
+        let profile = LinkProfile {
+            error_query: None,
+            ..LinkProfile::scpi()
+        };
+        open(
+            "memory:device",
+            profile,
+            &self.clock,
+            &self.hub,
+            Tap::none(),
+        )
+        .await
+        .unwrap()
+        .query(query)
+        .await
+        .unwrap()
     }
 
     /// The shape that the generator's signal has instead of a sine.
@@ -117,15 +175,27 @@ impl Rig {
         self.plant.lock().unwrap().shape.clone()
     }
 
-    /// All that was sent by the links of [`Self::link`], without the questions after the error queue.
+    /// All that was sent by the links of [`Self::link`], without the questions after the error
+    /// queue.
     pub(crate) fn sent(&self) -> Vec<String> {
         let lines = self.tape.lines();
-        lines.iter().filter_map(|line| line.strip_prefix("dev > ")).filter(|line| *line != "SYST:ERR?").map(str::to_owned).collect()
+        lines
+            .iter()
+            .filter_map(|line| line.strip_prefix("dev > "))
+            .filter(|line| *line != "SYST:ERR?")
+            .map(str::to_owned)
+            .collect()
     }
 
     /// What the instrument did to its world, from the start.
     pub(crate) fn actions(&self) -> Vec<Action> {
-        self.plant.lock().unwrap().actions.iter().map(|(_, action)| *action).collect()
+        self.plant
+            .lock()
+            .unwrap()
+            .actions
+            .iter()
+            .map(|(_, action)| *action)
+            .collect()
     }
 
     pub(crate) fn last_action(&self) -> Action {
@@ -138,7 +208,9 @@ pub(crate) fn in_virtual_time(test: impl AsyncFnOnce(Clock)) {
 }
 
 pub(crate) fn in_time(mode: TimeMode, test: impl AsyncFnOnce(Clock)) {
-    Clock::runtime(mode).unwrap().block_on(async { test(Clock::start(mode)).await });
+    Clock::runtime(mode)
+        .unwrap()
+        .block_on(async { test(Clock::start(mode)).await });
 }
 
 /// Keys of the dialects, of every role, that take this identity for their own.
@@ -161,7 +233,10 @@ fn every_dialect_recognises_its_own_model_and_no_other() {
             macro_rules! identify {
                 ($role:ident) => {{
                     let dialect = dialect!($role, model.key);
-                    Instrument::new(rig.link(dialect.profile()).await, dialect).identify().await.unwrap()
+                    Instrument::new(rig.link(dialect.profile()).await, dialect)
+                        .identify()
+                        .await
+                        .unwrap()
                 }};
             }
             let identity = match model.role {
@@ -172,11 +247,23 @@ fn every_dialect_recognises_its_own_model_and_no_other() {
                 "supply" => identify!(supply),
                 "chiller" => identify!(chiller),
                 "logger" => identify!(logger),
-                _ => Jig::new(rig.link(Jig::profile()).await).identify().await.unwrap(),
+                _ => Jig::new(rig.link(Jig::profile()).await)
+                    .identify()
+                    .await
+                    .unwrap(),
             };
-            let expected: &[&str] = if model.role == "jig" { &[] } else { &[model.key] };
+            let expected: &[&str] = if model.role == "jig" {
+                &[]
+            } else {
+                &[model.key]
+            };
             assert_eq!(recognised_by(&identity), expected, "{}", identity.raw);
-            assert_eq!(rig.sent().len(), 1, "identifying sends one question: {:?}", rig.sent());
+            assert_eq!(
+                rig.sent().len(),
+                1,
+                "identifying sends one question: {:?}",
+                rig.sent()
+            );
         }
     });
 }
@@ -197,7 +284,11 @@ fn models_of_the_same_makers_that_differ_are_not_recognised() {
 }
 
 fn bad_then_on() -> [Exchange; 3] {
-    [Exchange::send("NONSENSE 1"), Exchange::send("CURR 99"), Exchange::switch("OUTP", true)]
+    [
+        Exchange::send("NONSENSE 1"),
+        Exchange::send("CURR 99"),
+        Exchange::switch("OUTP", true),
+    ]
 }
 
 #[test]
@@ -205,13 +296,39 @@ fn a_script_stops_at_a_refused_message_and_switching_off_does_not() {
     in_virtual_time(async |clock| {
         let rig = Rig::new(clock, "kepco-bop-mg");
         let mut link = rig.link(LinkProfile::scpi()).await;
-        let on = |rig: &Rig| matches!(rig.last_action(), Action::Bipolar(BipolarState { output_on: true, .. }));
+        let on = |rig: &Rig| {
+            matches!(
+                rig.last_action(),
+                Action::Bipolar(BipolarState {
+                    output_on: true,
+                    ..
+                })
+            )
+        };
         let refused = "dev: `NONSENSE 1` was refused: -113, Undefined header";
-        assert_eq!(play(&mut link, &bad_then_on()).await.unwrap_err().to_string(), refused);
-        assert!(!on(&rig), "nothing is sent after a message that was refused");
-        assert_eq!(play_all(&mut link, &bad_then_on()).await.unwrap_err().to_string(), refused);
+        assert_eq!(
+            play(&mut link, &bad_then_on())
+                .await
+                .unwrap_err()
+                .to_string(),
+            refused
+        );
+        assert!(
+            !on(&rig),
+            "nothing is sent after a message that was refused"
+        );
+        assert_eq!(
+            play_all(&mut link, &bad_then_on())
+                .await
+                .unwrap_err()
+                .to_string(),
+            refused
+        );
         assert!(on(&rig), "everything is sent");
-        assert_eq!(rig.sent(), ["NONSENSE 1", "NONSENSE 1", "CURR 99", "OUTP ON", "OUTP?"]);
+        assert_eq!(
+            rig.sent(),
+            ["NONSENSE 1", "NONSENSE 1", "CURR 99", "OUTP ON", "OUTP?"]
+        );
     });
 }
 
@@ -224,9 +341,21 @@ fn the_jig_changes_hands_and_says_when_it_does_not() {
             jig.mount(fixture).await.unwrap();
             assert_eq!(rig.plant.lock().unwrap().fixture, Some(fixture));
         }
-        let rig = Rig::with(clock, "mock-jig", &MockOptions::default(), &[("JIG:MOUNT?", b"CELL\n")]);
-        let stuck = Jig::new(rig.link(Jig::profile()).await).mount(Fixture::Shunt).await.unwrap_err();
-        assert_eq!(stuck.to_string(), "dev: after `JIG:MOUNT SHUNT`, `JIG:MOUNT?` answered `CELL`: expected one of SHUNT, SHUN");
+        let rig = Rig::with(
+            clock,
+            "mock-jig",
+            &MockOptions::default(),
+            &[("JIG:MOUNT?", b"CELL\n")],
+        );
+        let stuck = Jig::new(rig.link(Jig::profile()).await)
+            .mount(Fixture::Shunt)
+            .await
+            .unwrap_err();
+        assert_eq!(
+            stuck.to_string(),
+            "dev: after `JIG:MOUNT SHUNT`, `JIG:MOUNT?` answered `CELL`: expected one of SHUNT, \
+            SHUN"
+        );
     });
 }
 

@@ -1,4 +1,5 @@
-//! Seeded faults between a link and a simulated instrument: what the link says is right, or it says that something went wrong.
+//! Seeded faults between a link and a simulated instrument: what the link says is right, or it says
+//! that something went wrong.
 
 use std::{
     sync::{Arc, Mutex},
@@ -28,13 +29,28 @@ const MODEL: &str = "kepco-bop-mg";
 async fn troubled(clock: &Clock, schedule: &Schedule) -> (Link, FaultLog, Arc<Mutex<Recorder>>) {
     let (hub, log) = (MemoryHub::new(), FaultLog::default());
     let plant = Arc::new(Mutex::new(Recorder::default()));
-    let device = make_troubled(MODEL, (plant.clone(), &MockOptions::default()), schedule, &log).unwrap();
+    let device = make_troubled(
+        MODEL,
+        (plant.clone(), &MockOptions::default()),
+        schedule,
+        &log,
+    )
+    .unwrap();
     mock::serve_memory(device, &hub, "device", clock.clone()).unwrap();
-    let link = open("memory:device", LinkProfile::scpi(), clock, &hub, Tap::none()).await.unwrap();
+    let link = open(
+        "memory:device",
+        LinkProfile::scpi(),
+        clock,
+        &hub,
+        Tap::none(),
+    )
+    .await
+    .unwrap();
     (link, log, plant)
 }
 
-/// Asks for two different numbers in turn, reconnecting whenever the link was dropped; gives the answers that were wrong and those that came.
+/// Asks for two different numbers in turn, reconnecting whenever the link was dropped; gives the
+/// answers that were wrong and those that came.
 async fn converse(link: &mut Link, rounds: usize) -> (Vec<String>, usize) {
     let (mut wrong, mut right) = (Vec::new(), 0);
     for round in 0..rounds {
@@ -57,7 +73,13 @@ fn no_question_gets_the_answer_to_another_one_whatever_goes_wrong_on_the_wire() 
         let (mut happened, mut answered, mut wrong) = (0, 0, Vec::new());
         for seed in 0..40 {
             in_virtual_time(async |clock| {
-                let schedule = Schedule { seed, per_message: 0.15, most: 12, faults: vec![fault], ..Schedule::default() };
+                let schedule = Schedule {
+                    seed,
+                    per_message: 0.15,
+                    most: 12,
+                    faults: vec![fault],
+                    ..Schedule::default()
+                };
                 let (mut link, log, _) = troubled(&clock, &schedule).await;
                 let (other, right) = converse(&mut link, 60).await;
                 wrong.extend(other);
@@ -65,8 +87,12 @@ fn no_question_gets_the_answer_to_another_one_whatever_goes_wrong_on_the_wire() 
                 happened += log.lock().unwrap().len();
             });
         }
-        assert!(happened > 150 && answered > 1000, "{fault:?}: {happened} faults, {answered} answers");
-        // A byte that is another one cannot be told from the right one; an answer of two cannot be, either.
+        assert!(
+            happened > 150 && answered > 1000,
+            "{fault:?}: {happened} faults, {answered} answers"
+        );
+        // A byte that is another one cannot be told from the right one; an answer of two cannot be,
+        // either.
         if fault != Fault::Garble {
             assert_eq!(wrong, [""; 0], "{fault:?}");
         }
@@ -78,10 +104,21 @@ fn a_schedule_is_the_same_each_time_and_another_seed_is_another_one() {
     let logs = [7, 7, 8].map(|seed| {
         let mut told = Vec::new();
         in_virtual_time(async |clock| {
-            let schedule = Schedule { seed, per_message: 0.2, most: 20, faults: Fault::ALL.to_vec(), ..Schedule::default() };
+            let schedule = Schedule {
+                seed,
+                per_message: 0.2,
+                most: 20,
+                faults: Fault::ALL.to_vec(),
+                ..Schedule::default()
+            };
             let (mut link, log, _) = troubled(&clock, &schedule).await;
             converse(&mut link, 80).await;
-            told = log.lock().unwrap().iter().map(|happened| (happened.fault, happened.message.clone())).collect();
+            told = log
+                .lock()
+                .unwrap()
+                .iter()
+                .map(|happened| (happened.fault, happened.message.clone()))
+                .collect();
         });
         told
     });
@@ -94,7 +131,13 @@ fn a_schedule_is_the_same_each_time_and_another_seed_is_another_one() {
 fn a_power_cut_and_a_hand_at_the_panel_switch_the_output_off() {
     for fault in [Fault::PowerCycle, Fault::OutputOff] {
         in_virtual_time(async |clock| {
-            let schedule = Schedule { seed: 1, per_message: 0.1, most: 1, faults: vec![fault], ..Schedule::default() };
+            let schedule = Schedule {
+                seed: 1,
+                per_message: 0.1,
+                most: 1,
+                faults: vec![fault],
+                ..Schedule::default()
+            };
             let (mut link, log, plant) = troubled(&clock, &schedule).await;
             link.send("OUTP ON").await.unwrap();
             for _ in 0..100 {
@@ -109,7 +152,15 @@ fn a_power_cut_and_a_hand_at_the_panel_switch_the_output_off() {
                 .unwrap()
                 .actions
                 .iter()
-                .map(|(_, action)| matches!(action, Action::Bipolar(BipolarState { output_on: true, .. })))
+                .map(|(_, action)| {
+                    matches!(
+                        action,
+                        Action::Bipolar(BipolarState {
+                            output_on: true,
+                            ..
+                        })
+                    )
+                })
                 .collect();
             assert_eq!(states, [false, true, false], "{fault:?}");
         });
@@ -119,15 +170,28 @@ fn a_power_cut_and_a_hand_at_the_panel_switch_the_output_off() {
 /// Fifty seconds of the bench in one: a late answer is late at once.
 const PACE: f64 = 50.0;
 
-/// One fault after the other on a real port; gives wrong answers, right answers and the number of faults.
+/// One fault after the other on a real port; gives wrong answers, right answers and the number of
+/// faults.
 async fn on_a_port(kind: Kind, fault: Fault, clock: &Clock) -> (Vec<String>, usize, usize) {
     let (hub, log) = (MemoryHub::new(), FaultLog::default());
-    let schedule = Schedule { seed: 3, per_message: 0.2, most: 2, faults: vec![fault], ..Schedule::default() };
+    let schedule = Schedule {
+        seed: 3,
+        per_message: 0.2,
+        most: 2,
+        faults: vec![fault],
+        ..Schedule::default()
+    };
     let plant = Arc::new(Mutex::new(Recorder::default()));
     let device = make_troubled(MODEL, (plant, &MockOptions::default()), &schedule, &log).unwrap();
     let address = serve(kind, device, clock, &hub).await;
-    let profile = LinkProfile { first_timeout: Duration::from_secs(2), timeout: Duration::from_millis(70), ..LinkProfile::scpi() };
-    let mut link = open(&address.to_string(), profile, clock, &hub, Tap::none()).await.unwrap();
+    let profile = LinkProfile {
+        first_timeout: Duration::from_secs(2),
+        timeout: Duration::from_millis(70),
+        ..LinkProfile::scpi()
+    };
+    let mut link = open(&address.to_string(), profile, clock, &hub, Tap::none())
+        .await
+        .unwrap();
     let (wrong, right) = converse(&mut link, 20).await;
     let happened = log.lock().unwrap().len();
     (wrong, right, happened)
@@ -138,12 +202,21 @@ fn over_every_transport_the_faults_lead_to_no_wrong_answer() {
     for kind in [Kind::Vxi11, Kind::HiSlip, Kind::UsbTmc, Kind::Gpib] {
         let (mut happened, mut answered) = (0, 0);
         for fault in Fault::ALL {
-            Clock::runtime(TimeMode::Scaled(PACE)).unwrap().block_on(async {
-                let (wrong, right, faults) = on_a_port(kind, fault, &Clock::start(TimeMode::Scaled(PACE))).await;
-                assert!(fault == Fault::Garble || wrong.is_empty(), "{kind:?} {fault:?}: {wrong:?}");
-                (happened, answered) = (happened + faults, answered + right);
-            });
+            Clock::runtime(TimeMode::Scaled(PACE))
+                .unwrap()
+                .block_on(async {
+                    let (wrong, right, faults) =
+                        on_a_port(kind, fault, &Clock::start(TimeMode::Scaled(PACE))).await;
+                    assert!(
+                        fault == Fault::Garble || wrong.is_empty(),
+                        "{kind:?} {fault:?}: {wrong:?}"
+                    );
+                    (happened, answered) = (happened + faults, answered + right);
+                });
         }
-        assert!(happened > Fault::ALL.len() && answered > 10 * Fault::ALL.len(), "{kind:?}: {happened} faults, {answered} answers");
+        assert!(
+            happened > Fault::ALL.len() && answered > 10 * Fault::ALL.len(),
+            "{kind:?}: {happened} faults, {answered} answers"
+        );
     }
 }

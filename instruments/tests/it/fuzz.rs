@@ -1,9 +1,11 @@
-//! Random and mutated input for everything that reads what others write: here the codec and the wire forms of the transports on both sides, in `fuzz_models` what
-//! the dialects make of answers, and the mocks. Nothing panics, and nothing holds more than its bound. Whole sessions with both sides of each transport are
-//! in `fuzz_sessions` and `fuzz_usbtmc`.
+//! Random and mutated input for everything that reads what others write: here the codec and the
+//! wire forms of the transports on both sides, in `fuzz_models` what the dialects make of answers,
+//! and the mocks. Nothing panics, and nothing holds more than its bound. Whole sessions with both
+//! sides of each transport are in `fuzz_sessions` and `fuzz_usbtmc`.
 //!
-//! `EIS_BENCH_FUZZ=10000000 cargo test -p instruments --test it fuzz -- --nocapture` takes so many inputs in each category instead of continuous
-//! integration's share; `EIS_BENCH_FUZZ_SEED` chooses others.
+//! `EIS_BENCH_FUZZ=10000000 cargo test -p instruments --test it fuzz -- --nocapture` takes so many
+//! inputs in each category instead of continuous integration's share; `EIS_BENCH_FUZZ_SEED` chooses
+//! others.
 
 use std::collections::BTreeMap;
 
@@ -48,15 +50,25 @@ impl Random {
     }
 
     fn byte(&mut self) -> u8 {
-        const LIKELY: &[u8] = b"#0123456789:;,?*()@\"'[]<>$ \t\r\n.+-eEHQBMxAUV\x00\x01\x11\x1b\x7f\x80\xff";
-        if self.below(3) == 0 { self.next() as u8 } else { LIKELY[self.below(LIKELY.len())] }
+        const LIKELY: &[u8] =
+            b"#0123456789:;,?*()@\"'[]<>$ \t\r\n.+-eEHQBMxAUV\x00\x01\x11\x1b\x7f\x80\xff";
+        if self.below(3) == 0 {
+            self.next() as u8
+        } else {
+            LIKELY[self.below(LIKELY.len())]
+        }
     }
 
-    /// Something new, or a seed with changes: bytes replaced, removed, put in, repeated; two seeds joined; the rest cut off.
+    /// Something new, or a seed with changes: bytes replaced, removed, put in, repeated; two seeds
+    /// joined; the rest cut off.
     pub(crate) fn input(&mut self, seeds: &[Vec<u8>]) -> Vec<u8> {
         let mut data = match self.below(8) {
             0 => (0..self.below(64)).map(|_| self.byte()).collect(),
-            1 => [&seeds[self.below(seeds.len())][..], &seeds[self.below(seeds.len())]].concat(),
+            1 => [
+                &seeds[self.below(seeds.len())][..],
+                &seeds[self.below(seeds.len())],
+            ]
+            .concat(),
             _ => seeds[self.below(seeds.len())].clone(),
         };
         for _ in 0..self.below(6) {
@@ -74,7 +86,11 @@ impl Random {
                 _ => data.insert(at, self.byte()),
             }
         }
-        let most = if self.below(1000) == 0 { 20 * LONGEST } else { LONGEST };
+        let most = if self.below(1000) == 0 {
+            20 * LONGEST
+        } else {
+            LONGEST
+        };
         data.truncate(most);
         data
     }
@@ -82,15 +98,22 @@ impl Random {
 
 /// Plays a category; `body` gives the bytes that were held most.
 fn category(name: &str, seeds: &[Vec<u8>], mut body: impl FnMut(&[u8], &mut Random) -> usize) {
-    let (count, seed) = (from_environment("EIS_BENCH_FUZZ", SHARE), from_environment("EIS_BENCH_FUZZ_SEED", 1));
+    let (count, seed) = (
+        from_environment("EIS_BENCH_FUZZ", SHARE),
+        from_environment("EIS_BENCH_FUZZ_SEED", 1),
+    );
     let mut random = Random(seed);
     let mut most = 0;
     for number in 0..count {
         let data = random.input(seeds);
-        let held = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| body(&data, &mut random)));
+        let held =
+            std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| body(&data, &mut random)));
         match held {
             Ok(held) => most = most.max(held),
-            Err(_) => panic!("{name}: input {number} of seed {seed} makes it panic: b\"{}\"", data.escape_ascii()),
+            Err(_) => panic!(
+                "{name}: input {number} of seed {seed} makes it panic: b\"{}\"",
+                data.escape_ascii()
+            ),
         }
     }
     println!("fuzz {name}: {count} inputs of seed {seed}, at most {most} bytes held");
@@ -140,12 +163,23 @@ fn fuzz_codec() {
         b"*ESE #HFFFFFFFFFFFFFFFF,#Q,#B2\n",
         b"A 'it''s',\"\n",
     ]);
-    seeds.extend(conversations().into_values().flat_map(|[sent, received]| [sent, received].concat()));
-    let options = DecoderOptions { max_line: 64, max_block: LIMIT, ..DecoderOptions::default() };
+    seeds.extend(
+        conversations()
+            .into_values()
+            .flat_map(|[sent, received]| [sent, received].concat()),
+    );
+    let options = DecoderOptions {
+        max_line: 64,
+        max_block: LIMIT,
+        ..DecoderOptions::default()
+    };
     category("codec", &seeds, |data, random| {
         exercise(data);
         // Long-lived readers on a stream without end.
-        let (mut decoder, mut framer) = (ResponseDecoder::new(options), ProgramFramer::new(Terminator::Lf, LIMIT));
+        let (mut decoder, mut framer) = (
+            ResponseDecoder::new(options),
+            ProgramFramer::new(Terminator::Lf, LIMIT),
+        );
         let mut most = 0;
         for _ in 0..4 {
             decoder.push(data);
@@ -154,7 +188,11 @@ fn fuzz_codec() {
                 decoder.end();
                 framer.end();
             }
-            let expect = if random.below(2) == 0 { Expect::Line } else { Expect::Block };
+            let expect = if random.below(2) == 0 {
+                Expect::Line
+            } else {
+                Expect::Block
+            };
             while let Ok(Some(_)) = decoder.pull(expect) {}
             while framer.pull().is_some() {}
             most = most.max(decoder.buffered()).max(framer.held());
@@ -166,29 +204,68 @@ fn fuzz_codec() {
 
 fn wire_seeds() -> Vec<Vec<u8>> {
     let requests = [
-        Request::CreateLink { device: "inst0".to_owned() },
-        Request::Write { link: 1, io_timeout_ms: 2000, flags: 8, data: b"*IDN?\n".to_vec() },
-        Request::Read { link: 1, size: 4096, io_timeout_ms: 2000, term_char: Some(b'\n') },
+        Request::CreateLink {
+            device: "inst0".to_owned(),
+        },
+        Request::Write {
+            link: 1,
+            io_timeout_ms: 2000,
+            flags: 8,
+            data: b"*IDN?\n".to_vec(),
+        },
+        Request::Read {
+            link: 1,
+            size: 4096,
+            io_timeout_ms: 2000,
+            term_char: Some(b'\n'),
+        },
         Request::ReadStatus { link: 1 },
         Request::DestroyLink { link: 1 },
     ];
     let responses = [
-        Response::Data { status: instruments::wire::vxi11::Status::OK, reason: 4, data: b"1.25\n".to_vec() },
-        Response::Link { status: instruments::wire::vxi11::Status::OK, link: 1, abort_port: 1024, most_bytes: 65_536 },
+        Response::Data {
+            status: instruments::wire::vxi11::Status::OK,
+            reason: 4,
+            data: b"1.25\n".to_vec(),
+        },
+        Response::Link {
+            status: instruments::wire::vxi11::Status::OK,
+            link: 1,
+            abort_port: 1024,
+            most_bytes: 65_536,
+        },
     ];
     let mut seeds = Vec::new();
     for request in requests {
         let (procedure, arguments) = request.encode();
-        let call = Call { id: 1, program: instruments::wire::vxi11::CORE, procedure, arguments: &arguments };
+        let call = Call {
+            id: 1,
+            program: instruments::wire::vxi11::CORE,
+            procedure,
+            arguments: &arguments,
+        };
         seeds.push(rpc::marked(&call.encode()));
     }
     for response in responses {
-        seeds.push(rpc::marked(&Reply { id: 1, verdict: rpc::Verdict::Success, results: &response.encode() }.encode()));
+        seeds.push(rpc::marked(
+            &Reply {
+                id: 1,
+                verdict: rpc::Verdict::Success,
+                results: &response.encode(),
+            }
+            .encode(),
+        ));
     }
     seeds.extend([
-        Message::new(Kind::Initialize, 0, 0x0100_7878).with(*b"hislip0").encode(),
-        Message::new(Kind::DataEnd, 0, hislip::FIRST_ID).with(*b"*IDN?\n").encode(),
-        Message::new(Kind::AsyncMaxMsgSize, 0, 0).with(1_u64.to_be_bytes()).encode(),
+        Message::new(Kind::Initialize, 0, 0x0100_7878)
+            .with(*b"hislip0")
+            .encode(),
+        Message::new(Kind::DataEnd, 0, hislip::FIRST_ID)
+            .with(*b"*IDN?\n")
+            .encode(),
+        Message::new(Kind::AsyncMaxMsgSize, 0, 0)
+            .with(1_u64.to_be_bytes())
+            .encode(),
         b"++mode 1\n++addr 9\n++read eoi\n++ver\n".to_vec(),
         escaped(b"DATA #14a\nb\x1b+\n"),
         b"1.25\nPrologix 1.0\r\n\r\nProlog".to_vec(),
@@ -218,7 +295,16 @@ fn fuzz_wire() {
             while lines.pull().is_some() {}
             marked.push(piece);
             while marked.pull().1 {}
-            most = [most, records.held(), messages.held(), lines.held(), marked.held()].into_iter().max().unwrap();
+            most = [
+                most,
+                records.held(),
+                messages.held(),
+                lines.held(),
+                marked.held(),
+            ]
+            .into_iter()
+            .max()
+            .unwrap();
         }
         // Whatever has no mark in front, too.
         read_record(data);
@@ -233,11 +319,16 @@ fn read_record(record: &[u8]) {
         assert_eq!(Call::parse(&call.encode()), Ok(call));
         if let Ok(Some(request)) = Request::parse(call.procedure, call.arguments, LIMIT) {
             let (procedure, arguments) = request.encode();
-            assert_eq!(Request::parse(procedure, &arguments, LIMIT), Ok(Some(request)));
+            assert_eq!(
+                Request::parse(procedure, &arguments, LIMIT),
+                Ok(Some(request))
+            );
         }
     }
     for procedure in [10, 11, 12, 13, 22, 23] {
-        let Ok(Some(request)) = Request::parse(procedure, record, LIMIT) else { continue };
+        let Ok(Some(request)) = Request::parse(procedure, record, LIMIT) else {
+            continue;
+        };
         let _ = Response::parse(&request, record, LIMIT);
         if let Ok(reply) = Reply::parse(record) {
             let _ = Response::parse(&request, reply.results, LIMIT);
@@ -255,7 +346,9 @@ fn reread(message: &Message) -> Message {
 fn the_inputs_are_the_same_each_time() {
     let inputs = |seed| {
         let mut random = Random(seed);
-        (0..50).map(|_| random.input(&wire_seeds())).collect::<Vec<_>>()
+        (0..50)
+            .map(|_| random.input(&wire_seeds()))
+            .collect::<Vec<_>>()
     };
     assert_eq!(inputs(1), inputs(1));
     assert_ne!(inputs(1), inputs(2));

@@ -1,4 +1,5 @@
-//! Random and mutated answers for the dialects, random and mutated messages for the mocks; see `fuzz`.
+//! Random and mutated answers for the dialects, random and mutated messages for the mocks; see
+//! `fuzz`.
 
 use instruments::{
     chiller,
@@ -30,29 +31,67 @@ struct Reader {
     more: More,
 }
 
-fn reader(model: &'static dyn Model, script: Vec<Exchange>, more: impl Fn(&[u8], &str) + 'static) -> Reader {
+fn reader(
+    model: &'static dyn Model,
+    script: Vec<Exchange>,
+    more: impl Fn(&[u8], &str) + 'static,
+) -> Reader {
     let expects = script.into_iter().filter_map(|exchange| match exchange {
         Exchange::Set { expect, .. } | Exchange::Ask { expect, .. } => Some(expect),
         _ => None,
     });
-    Reader { key: model.key(), model, expects: expects.collect(), more: Box::new(more) }
+    Reader {
+        key: model.key(),
+        model,
+        expects: expects.collect(),
+        more: Box::new(more),
+    }
 }
 
 fn readers() -> Vec<Reader> {
     let mut readers = Vec::new();
     let nothing = |_: &[u8], _: &str| {};
-    readers
-        .extend(supply4q::DIALECTS.iter().map(|&dialect| reader(dialect, [dialect.output(true), dialect.analog(true)].concat(), nothing)));
-    readers.extend(generator::DIALECTS.iter().map(|&dialect| reader(dialect, dialect.output(1, true), nothing)));
-    readers.extend(load::DIALECTS.iter().map(|&dialect| reader(dialect, [dialect.input(true), dialect.watch()].concat(), nothing)));
-    readers.extend(supply::DIALECTS.iter().map(|&dialect| reader(dialect, dialect.output(true), nothing)));
-    readers.extend(logger::DIALECTS.iter().map(|&dialect| reader(dialect, dialect.configure(&[101, 102]), nothing)));
+    readers.extend(supply4q::DIALECTS.iter().map(|&dialect| {
+        reader(
+            dialect,
+            [dialect.output(true), dialect.analog(true)].concat(),
+            nothing,
+        )
+    }));
+    readers.extend(
+        generator::DIALECTS
+            .iter()
+            .map(|&dialect| reader(dialect, dialect.output(1, true), nothing)),
+    );
+    readers.extend(load::DIALECTS.iter().map(|&dialect| {
+        reader(
+            dialect,
+            [dialect.input(true), dialect.watch()].concat(),
+            nothing,
+        )
+    }));
+    readers.extend(
+        supply::DIALECTS
+            .iter()
+            .map(|&dialect| reader(dialect, dialect.output(true), nothing)),
+    );
+    readers.extend(
+        logger::DIALECTS
+            .iter()
+            .map(|&dialect| reader(dialect, dialect.configure(&[101, 102]), nothing)),
+    );
     readers.extend(scope::DIALECTS.iter().map(|&dialect| {
-        reader(dialect, dialect.script(&scope::Intent::Session { memory_points: 10_000 }), move |bytes, _| {
-            let _ = dialect.preamble(bytes);
-            // Two bytes a point at most.
-            assert!(dialect.codes(bytes).map_or(0, |codes| codes.len()) <= bytes.len());
-        })
+        reader(
+            dialect,
+            dialect.script(&scope::Intent::Session {
+                memory_points: 10_000,
+            }),
+            move |bytes, _| {
+                let _ = dialect.preamble(bytes);
+                // Two bytes a point at most.
+                assert!(dialect.codes(bytes).map_or(0, |codes| codes.len()) <= bytes.len());
+            },
+        )
     }));
     readers.extend(chiller::DIALECTS.iter().map(|&dialect| {
         reader(dialect, dialect.run(Some(Celsius(25.0))), move |_, text| {
@@ -80,14 +119,23 @@ fn fuzz_dialects() {
     let readers = readers();
     let keys: Vec<&str> = readers.iter().map(|reader| reader.key).collect();
     for reader in &readers {
-        let mut answers = conversations.remove(reader.key).map_or_else(Vec::new, |[_, received]| received);
+        let mut answers = conversations
+            .remove(reader.key)
+            .map_or_else(Vec::new, |[_, received]| received);
         answers.extend(common.clone());
         let share = from_environment("EIS_BENCH_FUZZ", SHARE) / readers.len() as u64 + 1;
         let mut random = Random(from_environment("EIS_BENCH_FUZZ_SEED", 1));
         for number in 0..share {
             let data = random.input(&answers);
-            let read = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| read_answer(reader, &data)));
-            assert!(read.is_ok(), "{}: input {number} makes it panic: b\"{}\"", reader.key, data.escape_ascii());
+            let read = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+                read_answer(reader, &data)
+            }));
+            assert!(
+                read.is_ok(),
+                "{}: input {number} makes it panic: b\"{}\"",
+                reader.key,
+                data.escape_ascii()
+            );
         }
         println!("fuzz dialect {}: {share} inputs", reader.key);
     }
@@ -107,7 +155,12 @@ fn read_answer(reader: &Reader, data: &[u8]) {
 /// Bytes of this process in memory.
 fn resident() -> usize {
     let statm = std::fs::read_to_string("/proc/self/statm").unwrap_or_default();
-    statm.split_ascii_whitespace().nth(1).and_then(|pages| pages.parse::<usize>().ok()).unwrap_or(0) * 4096
+    statm
+        .split_ascii_whitespace()
+        .nth(1)
+        .and_then(|pages| pages.parse::<usize>().ok())
+        .unwrap_or(0)
+        * 4096
 }
 
 /// Messages after which a mock has more to do: acquisitions, downloads, scans, waves.
@@ -141,31 +194,55 @@ fn fuzz_mocks() {
     let conversations = conversations();
     let before = resident();
     let share = from_environment("EIS_BENCH_FUZZ", SHARE) / MODELS.len() as u64 + 1;
-    let mut others: Vec<Vec<u8>> = conversations.values().flat_map(|[sent, _]| sent.clone()).collect();
+    let mut others: Vec<Vec<u8>> = conversations
+        .values()
+        .flat_map(|[sent, _]| sent.clone())
+        .collect();
     (0..5).for_each(|_| others.extend(seeds(DEEPER)));
     for model in MODELS {
-        let own = conversations.get(model.key).map_or_else(Vec::new, |[sent, _]| sent.clone());
+        let own = conversations
+            .get(model.key)
+            .map_or_else(Vec::new, |[sent, _]| sent.clone());
         // Mostly what it understands.
-        let seeds: Vec<Vec<u8>> = own.iter().cycle().take(own.len().min(1) * 3 * others.len()).chain(&others).cloned().collect();
+        let seeds: Vec<Vec<u8>> = own
+            .iter()
+            .cycle()
+            .take(own.len().min(1) * 3 * others.len())
+            .chain(&others)
+            .cloned()
+            .collect();
         let mut random = Random(from_environment("EIS_BENCH_FUZZ_SEED", 1));
         // One instrument for all: what it keeps must not grow.
         let paged = model.quirks().any(|quirk| quirk.name == "page_points");
-        let mut bench = if paged { Bench::with(model.key, &MockOptions::quirk("page_points", 100.0)) } else { Bench::new(model.key) };
+        let mut bench = if paged {
+            Bench::with(model.key, &MockOptions::quirk("page_points", 100.0))
+        } else {
+            Bench::new(model.key)
+        };
         let mut most = 0;
         for number in 0..share {
             let data = random.input(&seeds);
             bench.now_s += 0.5;
-            let reply = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| bench.device.handle(bench.now_s, &data)));
+            let reply = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
+                bench.device.handle(bench.now_s, &data)
+            }));
             match reply {
                 Ok(reply) => most = most.max(reply.len()),
-                Err(_) => panic!("{}: input {number} makes it panic: b\"{}\"", model.key, data.escape_ascii()),
+                Err(_) => panic!(
+                    "{}: input {number} makes it panic: b\"{}\"",
+                    model.key,
+                    data.escape_ascii()
+                ),
             }
             if number % 256 == 0 {
                 let mut plant = bench.plant.lock().unwrap();
                 (plant.actions, plant.requests, plant.searches) = Default::default();
             }
         }
-        println!("fuzz mock {}: {share} inputs, greatest answer {most} bytes", model.key);
+        println!(
+            "fuzz mock {}: {share} inputs, greatest answer {most} bytes",
+            model.key
+        );
     }
     let growth = resident().saturating_sub(before);
     println!("fuzz mocks: {} MiB more in memory", growth >> 20);

@@ -1,5 +1,5 @@
-//! Random and mutated transfers in whole sessions on the socket in the place of `/dev/usbtmcN`: to the mock's side of it, and to our client's. As many as in
-//! `fuzz_sessions`.
+//! Random and mutated transfers in whole sessions on the socket in the place of `/dev/usbtmcN`: to
+//! the mock's side of it, and to our client's. As many as in `fuzz_sessions`.
 
 use std::{path::Path, sync::atomic::Ordering};
 
@@ -20,8 +20,14 @@ use crate::{
     transports::{Kind, serve, socket_file},
 };
 
-const SEEDS: [&[u8]; 6] =
-    [b"*IDN?\n", b"CURR?;VOLT?", b"FUNC:MODE CURR;CURR 1.5\n", b"SYST:ERR?\n", b"#15ab\ncd\n", b"KEPCO,BOP1KW 50-20 ,E156884, 2.01\n"];
+const SEEDS: [&[u8]; 6] = [
+    b"*IDN?\n",
+    b"CURR?;VOLT?",
+    b"FUNC:MODE CURR;CURR 1.5\n",
+    b"SYST:ERR?\n",
+    b"#15ab\ncd\n",
+    b"KEPCO,BOP1KW 50-20 ,E156884, 2.01\n",
+];
 
 fn seeds() -> Vec<Vec<u8>> {
     SEEDS.map(<[u8]>::to_vec).into()
@@ -47,18 +53,27 @@ impl Drop for Here {
 fn no_transfer_makes_the_usbtmc_server_panic() {
     count_panics();
     let sessions = from_environment("EIS_BENCH_FUZZ", SHARE) / SCARCITY + 1;
-    let (seeds, mut random, mut answered) = (seeds(), Random(from_environment("EIS_BENCH_FUZZ_SEED", 1)), 0);
+    let (seeds, mut random, mut answered) = (
+        seeds(),
+        Random(from_environment("EIS_BENCH_FUZZ_SEED", 1)),
+        0,
+    );
     for number in 0..sessions {
         Clock::runtime(TimeMode::Real).unwrap().block_on(async {
             let clock = Clock::start(TimeMode::Real);
             let plant = std::sync::Arc::new(std::sync::Mutex::new(Recorder::default()));
             let device = mock::make("kepco-bop-mg", plant, &MockOptions::default()).unwrap();
-            let address = serve(Kind::UsbTmc, device, &clock, &MemoryHub::new()).await.to_string();
+            let address = serve(Kind::UsbTmc, device, &clock, &MemoryHub::new())
+                .await
+                .to_string();
             let path = Path::new(address.trim_start_matches("usbtmc:")).to_owned();
             let (first, second) = (Here::new(), Here::new());
             let mut buffer = [0; 4096];
             first.0.send_to(b"*IDN?\n", &path).await.unwrap();
-            answered += usize::from(matches!(clock.deadline(20 * MOMENT, first.0.recv(&mut buffer)).await, Ok(Ok(1..))));
+            answered += usize::from(matches!(
+                clock.deadline(20 * MOMENT, first.0.recv(&mut buffer)).await,
+                Ok(Ok(1..))
+            ));
             for _ in 0..3 {
                 // The server may have gone.
                 let _ = first.0.send_to(&random.input(&seeds), &path).await;
@@ -75,7 +90,12 @@ fn no_transfer_makes_the_usbtmc_server_panic() {
 #[test]
 fn no_transfer_makes_the_usbtmc_client_panic() {
     let sessions = from_environment("EIS_BENCH_FUZZ", SHARE) / SCARCITY + 1;
-    let profile = LinkProfile { grammar: Grammar::Plain, first_timeout: 4 * MOMENT, timeout: 4 * MOMENT, ..device::plain() };
+    let profile = LinkProfile {
+        grammar: Grammar::Plain,
+        first_timeout: 4 * MOMENT,
+        timeout: 4 * MOMENT,
+        ..device::plain()
+    };
     let (seeds, mut random) = (seeds(), Random(from_environment("EIS_BENCH_FUZZ_SEED", 1)));
     let (mut opened, mut answered) = (0, 0);
     for _ in 0..sessions {
@@ -86,7 +106,9 @@ fn no_transfer_makes_the_usbtmc_client_panic() {
             let instrument = tokio::spawn(async move {
                 let mut buffer = [0; 4096];
                 for piece in said {
-                    let Ok((_, sender)) = here.0.recv_from(&mut buffer).await else { return };
+                    let Ok((_, sender)) = here.0.recv_from(&mut buffer).await else {
+                        return;
+                    };
                     if let Some(sender) = sender.as_pathname() {
                         let _ = here.0.send_to(&piece, sender).await;
                     }

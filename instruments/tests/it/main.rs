@@ -1,6 +1,11 @@
 //! What only shows when the layers work together, over real ports and in-process ones.
 
-#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic, reason = "a test that panics has found something")]
+#![allow(
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic,
+    reason = "a test that panics has found something"
+)]
 
 mod conformance;
 mod device;

@@ -86,7 +86,13 @@ fn the_kepco_queues_errors_and_drops_half_answers() {
     for _ in 0..14 {
         assert_eq!(bench.ask("SYST:ERR?"), UNDEFINED);
     }
-    bench.table(&[("SYST:ERR?", "-350,\"Queue overflow\"\n"), ("SYST:ERR?", OK), ("BAD", ""), ("*CLS", ""), ("SYST:ERR?", OK)]);
+    bench.table(&[
+        ("SYST:ERR?", "-350,\"Queue overflow\"\n"),
+        ("SYST:ERR?", OK),
+        ("BAD", ""),
+        ("*CLS", ""),
+        ("SYST:ERR?", OK),
+    ]);
     let long = format!("VOLT 1{}", " ".repeat(250));
     bench.send(&[&long]);
     assert!(bench.ask("SYST:ERR?").starts_with("-363,"));
@@ -94,17 +100,51 @@ fn the_kepco_queues_errors_and_drops_half_answers() {
 
 #[test]
 fn the_kepco_moves_the_world() {
-    let off = BipolarState { off_is_open: true, ..BipolarState::default() };
-    assert_eq!(Bench::new("kepco-bop-mg").last_action(), Action::Bipolar(off));
+    let off = BipolarState {
+        off_is_open: true,
+        ..BipolarState::default()
+    };
+    assert_eq!(
+        Bench::new("kepco-bop-mg").last_action(),
+        Action::Bipolar(off)
+    );
     let mut bench = Bench::with("kepco-bop-mg", &MockOptions::quirk("off_active", true));
-    assert_eq!(bench.last_action(), Action::Bipolar(BipolarState::default()));
-    bench.send(&["OUTP:MODE BATT", "FUNC:MODE CURR", "VOLT 4.3", "CURR 1.25", "OUTP 1"]);
-    let on = BipolarState { output_on: true, current_mode: true, setpoint: 1.25, limit: 4.3, ..off };
+    assert_eq!(
+        bench.last_action(),
+        Action::Bipolar(BipolarState::default())
+    );
+    bench.send(&[
+        "OUTP:MODE BATT",
+        "FUNC:MODE CURR",
+        "VOLT 4.3",
+        "CURR 1.25",
+        "OUTP 1",
+    ]);
+    let on = BipolarState {
+        output_on: true,
+        current_mode: true,
+        setpoint: 1.25,
+        limit: 4.3,
+        ..off
+    };
     assert_eq!(bench.last_action(), Action::Bipolar(on));
     bench.send(&["CURR:MODE EXT"]);
-    assert_eq!(bench.last_action(), Action::Bipolar(BipolarState { analog_input: true, ..on }));
+    assert_eq!(
+        bench.last_action(),
+        Action::Bipolar(BipolarState {
+            analog_input: true,
+            ..on
+        })
+    );
     bench.send(&["VOLT:PROT 4.2"]);
-    assert_eq!(bench.last_action(), Action::Bipolar(BipolarState { analog_input: true, limit: 4.2, ..on }));
+    assert_eq!(
+        bench.last_action(),
+        Action::Bipolar(BipolarState {
+            analog_input: true,
+            limit: 4.2,
+            ..on
+        })
+    );
     bench.send(&["*RST"]);
     assert_eq!(bench.last_action(), Action::Bipolar(off));
 }
@@ -112,13 +152,34 @@ fn the_kepco_moves_the_world() {
 #[test]
 fn the_linear_kepco_lacks_what_its_wiring_does() {
     let mut bench = Bench::new("kepco-bop-linear");
-    bench.table(&[("*IDN?", "KEPCO,BOP 20-20,TEST1,2.6\n"), ("FUNC:MODE CURR;:OUTP ON", "")]);
-    for missing in ["CURR:MODE EXT", "CURR:MODE?", "OUTP:MODE BATTERY", "OUTP:CONT OFF", "CURR:PROT:MODE FIX"] {
+    bench.table(&[
+        ("*IDN?", "KEPCO,BOP 20-20,TEST1,2.6\n"),
+        ("FUNC:MODE CURR;:OUTP ON", ""),
+    ]);
+    for missing in [
+        "CURR:MODE EXT",
+        "CURR:MODE?",
+        "OUTP:MODE BATTERY",
+        "OUTP:CONT OFF",
+        "CURR:PROT:MODE FIX",
+    ] {
         bench.table(&[(missing, ""), ("SYST:ERR?", UNDEFINED)]);
     }
-    let wired = |bench: &Bench| matches!(bench.last_action(), Action::Bipolar(BipolarState { output_on: true, analog_input: true, .. }));
+    let wired = |bench: &Bench| {
+        matches!(
+            bench.last_action(),
+            Action::Bipolar(BipolarState {
+                output_on: true,
+                analog_input: true,
+                ..
+            })
+        )
+    };
     assert!(wired(&bench));
-    let mut bench = Bench::with("kepco-bop-linear", &MockOptions::quirk("analog_wired", false));
+    let mut bench = Bench::with(
+        "kepco-bop-linear",
+        &MockOptions::quirk("analog_wired", false),
+    );
     bench.send(&["FUNC:MODE CURR", "OUTP ON"]);
     assert!(!wired(&bench));
 }
@@ -166,19 +227,43 @@ fn the_generator_drives_the_world_and_restarts_its_phase_on_a_new_frequency() {
         Action::Generator(state) => state,
         other => panic!("{other:?}"),
     };
-    bench.send(&["C1:OUTP LOAD,HZ", "C1:BSWV WVTP,SINE,FRQ,10,AMP,2.09,OFST,-0.28,PHSE,90"]);
+    bench.send(&[
+        "C1:OUTP LOAD,HZ",
+        "C1:BSWV WVTP,SINE,FRQ,10,AMP,2.09,OFST,-0.28,PHSE,90",
+    ]);
     assert_eq!(state(&bench), GeneratorState::default());
     bench.now_s = 5.0;
     bench.send(&["C1:OUTP ON"]);
     let phase_rad = std::f64::consts::FRAC_PI_2;
-    let on = GeneratorState { offset_v: -0.28, amplitude_v: 1.045, freq_hz: 10.0, phase_rad, since_s: 5.0, periods: None };
+    let on = GeneratorState {
+        offset_v: -0.28,
+        amplitude_v: 1.045,
+        freq_hz: 10.0,
+        phase_rad,
+        since_s: 5.0,
+        periods: None,
+    };
     assert_eq!(state(&bench), on);
     bench.now_s = 6.0;
     bench.send(&["C1:BSWV AMP,1"]);
-    assert_eq!(state(&bench), GeneratorState { amplitude_v: 0.5, ..on });
+    assert_eq!(
+        state(&bench),
+        GeneratorState {
+            amplitude_v: 0.5,
+            ..on
+        }
+    );
     bench.now_s = 7.0;
     bench.send(&["C1:BSWV FRQ,20"]);
-    assert_eq!(state(&bench), GeneratorState { amplitude_v: 0.5, freq_hz: 20.0, since_s: 7.0, ..on });
+    assert_eq!(
+        state(&bench),
+        GeneratorState {
+            amplitude_v: 0.5,
+            freq_hz: 20.0,
+            since_s: 7.0,
+            ..on
+        }
+    );
     // Told that 50 Ω hang on it, it puts out twice what it is told, which nothing hangs on.
     bench.send(&["C1:OUTP LOAD,50", "C1:BSWV AMP,1"]);
     assert_eq!(state(&bench).amplitude_v, 1.0);
@@ -212,7 +297,14 @@ fn a_generator_plays_as_many_periods_as_it_was_told_and_waits_for_its_trigger() 
             Action::Generator(state) => (state.periods, (1.0e6 * state.since_s).round() / 1.0e6),
             other => panic!("{other:?}"),
         };
-        bench.send(&[set, if model.starts_with("siglent") { "C1:OUTP ON" } else { "OUTP1 ON" }]);
+        bench.send(&[
+            set,
+            if model.starts_with("siglent") {
+                "C1:OUTP ON"
+            } else {
+                "OUTP1 ON"
+            },
+        ]);
         assert_eq!(periods(&bench).0, None, "{model}");
         bench.now_s = 2.0;
         bench.send(&[count]);
@@ -232,8 +324,14 @@ fn a_generator_plays_as_many_periods_as_it_was_told_and_waits_for_its_trigger() 
         bench.now_s = 9.5;
         bench.send(&[fire]);
         assert_eq!(periods(&bench), (Some(30), 9.75), "{model}");
-        let Action::Generator(state) = bench.last_action() else { panic!("{model}") };
-        assert!((state.phase_rad - std::f64::consts::FRAC_PI_2).abs() < 1.0e-12, "{model}: {}", state.phase_rad);
+        let Action::Generator(state) = bench.last_action() else {
+            panic!("{model}")
+        };
+        assert!(
+            (state.phase_rad - std::f64::consts::FRAC_PI_2).abs() < 1.0e-12,
+            "{model}: {}",
+            state.phase_rad
+        );
     }
 }
 
@@ -272,26 +370,63 @@ fn the_load_answers_and_draws() {
         (":NONSENSE?", ""),
         ("*OPC?", "1\n"),
     ]);
-    let drawing = LoadState { input_on: true, current_a: 5.0, min_voltage_v: 3.0, power_w: None };
+    let drawing = LoadState {
+        input_on: true,
+        current_a: 5.0,
+        min_voltage_v: 3.0,
+        power_w: None,
+    };
     assert_eq!(bench.last_action(), Action::Load(drawing));
     bench.send(&[":CURR:PROT:LEV 4"]);
     bench.now_s = 2.0;
     assert_eq!(bench.ask(":INP?"), "0\n");
-    assert_eq!(bench.last_action(), Action::Load(LoadState { input_on: false, ..drawing }));
+    assert_eq!(
+        bench.last_action(),
+        Action::Load(LoadState {
+            input_on: false,
+            ..drawing
+        })
+    );
     // A latching load that has started goes on below its start voltage.
     bench.send(&[":CURR 1", ":VOLT:LATC ON", ":INP ON"]);
-    assert_eq!(bench.last_action(), Action::Load(LoadState { input_on: true, current_a: 1.0, min_voltage_v: 0.0, power_w: None }));
+    assert_eq!(
+        bench.last_action(),
+        Action::Load(LoadState {
+            input_on: true,
+            current_a: 1.0,
+            min_voltage_v: 0.0,
+            power_w: None
+        })
+    );
     bench.send(&[":FUNC POW"]);
-    assert!(matches!(bench.last_action(), Action::Load(LoadState { current_a: 0.0, power_w: Some(0.0), .. })));
+    assert!(matches!(
+        bench.last_action(),
+        Action::Load(LoadState {
+            current_a: 0.0,
+            power_w: Some(0.0),
+            ..
+        })
+    ));
     bench.send(&[":POW:LEV:IMM 12.5"]);
-    assert!(matches!(bench.last_action(), Action::Load(LoadState { input_on: true, current_a: 0.0, power_w: Some(12.5), .. })));
+    assert!(matches!(
+        bench.last_action(),
+        Action::Load(LoadState {
+            input_on: true,
+            current_a: 0.0,
+            power_w: Some(12.5),
+            ..
+        })
+    ));
 }
 
 #[test]
 fn the_supply_has_no_output_query_but_a_status_word() {
     let mut bench = Bench::new("siglent-spd3303x");
     bench.table(&[
-        ("*IDN?", "Siglent Technologies,SPD3303X,TEST1,1.01.01.02.07R2,V3.0\n"),
+        (
+            "*IDN?",
+            "Siglent Technologies,SPD3303X,TEST1,1.01.01.02.07R2,V3.0\n",
+        ),
         ("CH1:VOLT 4.2", ""),
         ("CH1:VOLT?", "4.200\n"),
         ("CH1:CURR 3", ""),
@@ -314,9 +449,20 @@ fn the_supply_has_no_output_query_but_a_status_word() {
         ("OUTP:TRACK 0", ""),
     ]);
     let before = bench.plant.lock().unwrap().actions.clone();
-    assert!(before.iter().any(|(_, action)| *action == Action::Supply(SupplyState { output_on: true, voltage_v: 4.2, current_a: 1.25 })));
+    assert!(before.iter().any(|(_, action)| *action
+        == Action::Supply(SupplyState {
+            output_on: true,
+            voltage_v: 4.2,
+            current_a: 1.25
+        })));
     bench.send(&["OUTP CH1,OFF"]);
-    assert!(matches!(bench.last_action(), Action::Supply(SupplyState { output_on: false, .. })));
+    assert!(matches!(
+        bench.last_action(),
+        Action::Supply(SupplyState {
+            output_on: false,
+            ..
+        })
+    ));
 }
 
 #[test]
@@ -340,7 +486,13 @@ fn the_chiller_writes_in_silence_and_obeys_only_in_remote_mode() {
         ("NONSENSE", ""),
         ("STATUS", "-08 INVALID COMMAND\r\n"),
     ]);
-    assert_eq!(bench.last_action(), Action::Chiller(ChillerState { running: true, setpoint_c: 12.5 }));
+    assert_eq!(
+        bench.last_action(),
+        Action::Chiller(ChillerState {
+            running: true,
+            setpoint_c: 12.5
+        })
+    );
     let mut bench = Bench::with("julabo", &MockOptions::quirk("local", true));
     bench.table(&[
         ("STATUS", "00 MANUAL STOP\r\n"),
@@ -350,7 +502,11 @@ fn the_chiller_writes_in_silence_and_obeys_only_in_remote_mode() {
         ("STATUS", "00 MANUAL STOP\r\n"),
     ]);
     let mut bench = Bench::with("julabo", &MockOptions::quirk("strict_pacing", true));
-    bench.table(&[("OUT_SP_00 12.5", ""), ("OUT_MODE_05 1", ""), ("IN_MODE_05", "")]);
+    bench.table(&[
+        ("OUT_SP_00 12.5", ""),
+        ("OUT_MODE_05 1", ""),
+        ("IN_MODE_05", ""),
+    ]);
     bench.now_s = 0.25;
     bench.table(&[("IN_MODE_05", "0\r\n"), ("IN_SP_00", "12.50\r\n")]);
 }
@@ -364,7 +520,10 @@ fn the_logger_scans_its_list() {
         ("SYST:ERR?", "-221,\"Settings conflict\"\n"),
         ("CONF:TEMP TC,K,(@101:104)", ""),
         ("UNIT:TEMP C,(@101:104)", ""),
-        ("READ?", "+2.53740000E+01,+2.20000000E+01,+2.45000000E+01,+9.90000000E+37\n"),
+        (
+            "READ?",
+            "+2.53740000E+01,+2.20000000E+01,+2.45000000E+01,+9.90000000E+37\n",
+        ),
         ("ROUT:SCAN (@102,101)", ""),
         ("ROUT:SCAN?", "#210(@102,101)\n"),
         ("FETC?", ""),
@@ -387,23 +546,35 @@ fn the_logger_scans_its_list() {
 #[test]
 fn the_jig_changes_fixtures() {
     let mut bench = Bench::new("mock-jig");
-    for (word, answer, fixture) in
-        [("SHUNT", "SHUNT\n", Fixture::Shunt), ("fake", "FAKE\n", Fixture::FakeCell), ("CELL", "CELL\n", Fixture::Cell)]
-    {
+    for (word, answer, fixture) in [
+        ("SHUNT", "SHUNT\n", Fixture::Shunt),
+        ("fake", "FAKE\n", Fixture::FakeCell),
+        ("CELL", "CELL\n", Fixture::Cell),
+    ] {
         bench.send(&[&format!("JIG:MOUN {word}")]);
         assert_eq!(bench.ask("JIG:MOUNt?"), answer);
         assert_eq!(bench.plant.lock().unwrap().fixture, Some(fixture));
     }
-    bench.table(&[("JIG:MOUN BANANA", ""), ("SYST:ERR?", "-224,\"Illegal parameter value\"\n")]);
+    bench.table(&[
+        ("JIG:MOUN BANANA", ""),
+        ("SYST:ERR?", "-224,\"Illegal parameter value\"\n"),
+    ]);
     assert!(bench.ask("*IDN?").starts_with("eis-bench,mock-jig,TEST1,"));
 }
 
 #[test]
 fn the_jig_takes_only_the_cells_that_there_are() {
     let mut bench = Bench::new("mock-jig");
-    bench.table(&[("JIG:CELL?", "1\n"), ("JIG:CELL 1", ""), ("SYST:ERR?", "0,\"No error\"\n")]);
+    bench.table(&[
+        ("JIG:CELL?", "1\n"),
+        ("JIG:CELL 1", ""),
+        ("SYST:ERR?", "0,\"No error\"\n"),
+    ]);
     for none in ["2", "0", "1.5", "-1"] {
-        bench.table(&[(&format!("JIG:CELL {none}"), ""), ("SYST:ERR?", "-222,\"Data out of range\"\n")]);
+        bench.table(&[
+            (&format!("JIG:CELL {none}"), ""),
+            ("SYST:ERR?", "-222,\"Data out of range\"\n"),
+        ]);
     }
     bench.table(&[("JIG:CELL?", "1\n")]);
 }
@@ -411,9 +582,13 @@ fn the_jig_takes_only_the_cells_that_there_are() {
 #[test]
 fn an_unknown_model_is_named_with_the_known_ones() {
     let plant = Bench::new("mock-jig").plant;
-    let message = mock::make("teapot", plant, &MockOptions::default()).err().unwrap().to_string();
+    let message = mock::make("teapot", plant, &MockOptions::default())
+        .err()
+        .unwrap()
+        .to_string();
     assert!(
-        message.starts_with("expected a model that can be simulated (kepco-bop-mg, ") && message.ends_with("found `teapot`"),
+        message.starts_with("expected a model that can be simulated (kepco-bop-mg, ")
+            && message.ends_with("found `teapot`"),
         "{message}"
     );
 }
@@ -427,14 +602,30 @@ fn echo_comes_before_the_answer() {
 /// Connecting and asking must not move anything: no query acts on the world.
 #[test]
 fn queries_change_nothing() {
-    let queries =
-        ["*IDN?", "OUTP?", "CURR?", "C1:BSWV?", ":INP?", "MEAS:VOLT?", "SYST:STAT?", "IN_SP_00", "STATUS", "SYST:ERR?", "NONSENSE?"];
+    let queries = [
+        "*IDN?",
+        "OUTP?",
+        "CURR?",
+        "C1:BSWV?",
+        ":INP?",
+        "MEAS:VOLT?",
+        "SYST:STAT?",
+        "IN_SP_00",
+        "STATUS",
+        "SYST:ERR?",
+        "NONSENSE?",
+    ];
     for model in MODELS {
         let mut bench = Bench::new(model.key);
         let before = bench.plant.lock().unwrap().actions.len();
         for query in queries {
             bench.ask(query);
         }
-        assert_eq!(bench.plant.lock().unwrap().actions.len(), before, "{}", model.key);
+        assert_eq!(
+            bench.plant.lock().unwrap().actions.len(),
+            before,
+            "{}",
+            model.key
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! A world for the tests of the mocks: it records what is done to it, shows fixed readings and carries a known sine on every scope channel.
+//! A world for the tests of the mocks: it records what is done to it, shows fixed readings and
+//! carries a known sine on every scope channel.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 use std::{
@@ -69,7 +70,11 @@ impl Plant for Recorder {
             return None;
         }
         let phase = if search.rising { 0.0 } else { 0.5 };
-        let end_s = if self.silent_from_s > 0.0 { search.to_s.min(self.silent_from_s) } else { search.to_s };
+        let end_s = if self.silent_from_s > 0.0 {
+            search.to_s.min(self.silent_from_s)
+        } else {
+            search.to_s
+        };
         let crossing_s = ((end_s * FREQ_HZ - phase + 1e-9).floor() + phase) / FREQ_HZ;
         (crossing_s >= search.from_s - 1e-9).then_some(crossing_s)
     }
@@ -80,8 +85,13 @@ impl Plant for Recorder {
             .map(|i| {
                 let index = request.first + i as u64 * request.stride;
                 let at_s = request.start_s + index as f64 * request.interval_s;
-                assert!(at_s <= t_s + 1e-9, "sample {index} at {at_s} lies in the future of {t_s}");
-                let code = ((volts(request.channel, at_s) + request.offset_v) * request.codes_per_volt).round();
+                assert!(
+                    at_s <= t_s + 1e-9,
+                    "sample {index} at {at_s} lies in the future of {t_s}"
+                );
+                let code = ((volts(request.channel, at_s) + request.offset_v)
+                    * request.codes_per_volt)
+                    .round();
                 code.clamp(request.code_min.into(), request.code_max.into()) as i16
             })
             .collect()
@@ -105,13 +115,23 @@ pub(crate) struct Bench {
 
 impl Bench {
     pub(crate) fn new(model: &str) -> Self {
-        Self::with(model, &MockOptions { serial_number: "TEST1".to_owned(), ..MockOptions::default() })
+        Self::with(
+            model,
+            &MockOptions {
+                serial_number: "TEST1".to_owned(),
+                ..MockOptions::default()
+            },
+        )
     }
 
     pub(crate) fn with(model: &str, options: &MockOptions) -> Self {
         let plant = Arc::new(Mutex::new(Recorder::default()));
         let device = mock::make(model, plant.clone(), options).unwrap();
-        Self { device, plant, now_s: 0.0 }
+        Self {
+            device,
+            plant,
+            now_s: 0.0,
+        }
     }
 
     pub(crate) fn bytes(&mut self, message: &str) -> Vec<u8> {

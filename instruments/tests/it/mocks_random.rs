@@ -63,7 +63,8 @@ fn pieces() -> impl Strategy<Value = Vec<u8>> {
     ]);
     let word = words.prop_map(|word| word.as_bytes().to_vec());
     let noise = prop::collection::vec(any::<u8>(), 0..6);
-    prop::collection::vec(prop_oneof![8 => word, 1 => noise], 0..24).prop_map(|pieces| pieces.concat())
+    prop::collection::vec(prop_oneof![8 => word, 1 => noise], 0..24)
+        .prop_map(|pieces| pieces.concat())
 }
 
 proptest! {

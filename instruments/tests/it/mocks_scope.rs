@@ -1,4 +1,5 @@
-//! The oscilloscope: settings, triggering and the download, judged by a decoder written from the description of the format.
+//! The oscilloscope: settings, triggering and the download, judged by a decoder written from the
+//! description of the format.
 #![allow(clippy::unwrap_used, reason = "helpers of tests fail as tests do")]
 
 use instruments::mock::MockOptions;
@@ -72,7 +73,10 @@ fn stopped() -> Bench {
 fn settings_read_back_in_the_instruments_own_form() {
     let mut bench = Bench::new(MODEL);
     bench.table(&[
-        ("*IDN?", "Siglent Technologies,SDS824X HD,TEST1,4.8.12.1.1.6.5\n"),
+        (
+            "*IDN?",
+            "Siglent Technologies,SDS824X HD,TEST1,4.8.12.1.1.6.5\n",
+        ),
         (":CHANnel1:SCALe 5.00E-02", ""),
         (":CHANnel1:SCALe?", "5.00E-02\n"),
         (":CHAN1:SCAL 0.0123456", ""),
@@ -118,8 +122,15 @@ fn the_offset_is_clamped_to_what_the_scale_allows() {
         ("0.08", "-30", "-1.60E+01"),
         ("0.0001", "0", "0.00E+00"),
     ] {
-        bench.send(&[&format!(":CHAN1:SCAL {scale}"), &format!(":CHAN1:OFFS {offset}")]);
-        assert_eq!(bench.ask(":CHAN1:OFFS?"), format!("{read_back}\n"), "{offset} V at {scale} V/div");
+        bench.send(&[
+            &format!(":CHAN1:SCAL {scale}"),
+            &format!(":CHAN1:OFFS {offset}"),
+        ]);
+        assert_eq!(
+            bench.ask(":CHAN1:OFFS?"),
+            format!("{read_back}\n"),
+            "{offset} V at {scale} V/div"
+        );
     }
     assert_eq!(bench.ask(":CHAN1:SCAL?"), "5.00E-04\n");
     // A finer scale takes back an offset that it does not allow.
@@ -151,17 +162,43 @@ fn errors_are_silent_but_queued() {
 fn a_download_gives_back_the_volts_of_the_world() {
     let mut bench = stopped();
     let descriptor = payload(&bench.bytes(":WAVeform:PREamble?"));
-    assert_eq!((descriptor.len(), &descriptor[..9]), (346, &b"WAVEDESC\0"[..]));
-    assert_eq!((int16(&descriptor, 32), int16(&descriptor, 34), int32(&descriptor, 36)), (1, 0, 346));
-    assert_eq!((int32(&descriptor, 60), int32(&descriptor, 116), int32(&descriptor, 136)), (200_000, 100_000, 1));
+    assert_eq!(
+        (descriptor.len(), &descriptor[..9]),
+        (346, &b"WAVEDESC\0"[..])
+    );
+    assert_eq!(
+        (
+            int16(&descriptor, 32),
+            int16(&descriptor, 34),
+            int32(&descriptor, 36)
+        ),
+        (1, 0, 346)
+    );
+    assert_eq!(
+        (
+            int32(&descriptor, 60),
+            int32(&descriptor, 116),
+            int32(&descriptor, 136)
+        ),
+        (200_000, 100_000, 1)
+    );
     assert_eq!((int16(&descriptor, 172), int16(&descriptor, 344)), (16, 3));
-    let (scale, offset, per_div) = (single(&descriptor, 156), single(&descriptor, 160), single(&descriptor, 164));
-    let (interval_s, delay_s, probe) = (single(&descriptor, 176), double(&descriptor, 180), single(&descriptor, 328));
+    let (scale, offset, per_div) = (
+        single(&descriptor, 156),
+        single(&descriptor, 160),
+        single(&descriptor, 164),
+    );
+    let (interval_s, delay_s, probe) = (
+        single(&descriptor, 176),
+        double(&descriptor, 180),
+        single(&descriptor, 328),
+    );
     assert_eq!((per_div, probe), (7680.0, 1.0));
     assert!((interval_s / 5e-6 - 1.0).abs() < 1e-6);
     let samples = payload(&bench.bytes(":WAVeform:DATA?"));
     assert_eq!(samples.len(), 200_000);
-    // Stopped at 3.03 s, half a screen is 0.25 s: the last rising crossing with a whole screen around it was at 2.7 s.
+    // Stopped at 3.03 s, half a screen is 0.25 s: the last rising crossing with a whole screen
+    // around it was at 2.7 s.
     let trigger_s = 2.7;
     let time_scale: f64 = bench.ask(":TIM:SCAL?").trim().parse().unwrap();
     for index in (0..100_000).step_by(777) {
@@ -170,7 +207,11 @@ fn a_download_gives_back_the_volts_of_the_world() {
         let measured = (f64::from(code) * scale / per_div - offset) * probe;
         let t_s = trigger_s + delay_s - 5.0 * time_scale + index as f64 * interval_s;
         // Half an ADC step, and the single precision of offset and interval.
-        assert!((measured - volts(4, t_s)).abs() < 0.5 * 0.05 / 480.0 + 5e-6, "sample {index}: {measured} V, expected {} V", volts(4, t_s));
+        assert!(
+            (measured - volts(4, t_s)).abs() < 0.5 * 0.05 / 480.0 + 5e-6,
+            "sample {index}: {measured} V, expected {} V",
+            volts(4, t_s)
+        );
     }
 }
 
@@ -184,9 +225,15 @@ fn bytes_are_the_high_halves_of_the_words() {
     let bytes = payload(&bench.bytes(":WAVeform:DATA?"));
     for index in (0..100_000).step_by(1013) {
         assert_eq!(bytes[index], words[2 * index + 1]);
-        assert_eq!((swapped[2 * index], swapped[2 * index + 1]), (words[2 * index + 1], words[2 * index]));
+        assert_eq!(
+            (swapped[2 * index], swapped[2 * index + 1]),
+            (words[2 * index + 1], words[2 * index])
+        );
     }
-    assert_eq!(single(&payload(&bench.bytes(":WAVeform:PREamble?")), 164), 7680.0);
+    assert_eq!(
+        single(&payload(&bench.bytes(":WAVeform:PREamble?")), 164),
+        7680.0
+    );
 }
 
 #[test]
@@ -194,23 +241,48 @@ fn pages_and_strides_are_pieces_of_the_whole() {
     let mut bench = stopped();
     let whole = payload(&bench.bytes(":WAVeform:DATA?"));
     bench.send(&[":WAVeform:STARt 99000", ":WAVeform:POINt 500"]);
-    assert_eq!(payload(&bench.bytes(":WAVeform:DATA?")), whole[198_000..199_000]);
-    bench.send(&[":WAVeform:STARt 0", ":WAVeform:POINt 0", ":WAVeform:INTerval 7"]);
+    assert_eq!(
+        payload(&bench.bytes(":WAVeform:DATA?")),
+        whole[198_000..199_000]
+    );
+    bench.send(&[
+        ":WAVeform:STARt 0",
+        ":WAVeform:POINt 0",
+        ":WAVeform:INTerval 7",
+    ]);
     let strided = payload(&bench.bytes(":WAVeform:DATA?"));
-    let expected: Vec<u8> = whole.chunks(14).flat_map(|chunk| chunk[..2].to_vec()).collect();
+    let expected: Vec<u8> = whole
+        .chunks(14)
+        .flat_map(|chunk| chunk[..2].to_vec())
+        .collect();
     assert_eq!(strided, expected);
-    assert_eq!(int32(&payload(&bench.bytes(":WAVeform:PREamble?")), 116), 100_000);
+    assert_eq!(
+        int32(&payload(&bench.bytes(":WAVeform:PREamble?")), 116),
+        100_000
+    );
     // Another client finds the stride that this one has left.
     assert_eq!(bench.ask(":WAVeform:INTerval?"), "7\n");
     // The world was asked for no more than what was sent.
-    let asked: usize = bench.plant.lock().unwrap().requests.iter().map(|request| request.count).sum();
+    let asked: usize = bench
+        .plant
+        .lock()
+        .unwrap()
+        .requests
+        .iter()
+        .map(|request| request.count)
+        .sum();
     assert_eq!(asked, 100_000 + 500 + 14_286);
 }
 
 #[test]
 fn a_small_memory_comes_in_pages() {
     let mut bench = Bench::with(MODEL, &MockOptions::quirk("page_points", 3000.0));
-    bench.send(&[":TIM:SCAL 0.01", ":ACQ:MDEP 10k", ":TRIG:MODE AUTO", ":WAV:WIDT WORD"]);
+    bench.send(&[
+        ":TIM:SCAL 0.01",
+        ":ACQ:MDEP 10k",
+        ":TRIG:MODE AUTO",
+        ":WAV:WIDT WORD",
+    ]);
     bench.now_s = 1.0;
     bench.send(&[":TRIG:STOP"]);
     assert_eq!(bench.ask(":WAV:MAXP?"), "3000\n");
@@ -231,7 +303,10 @@ fn before_the_first_frame_the_descriptor_is_empty() {
     assert_eq!(payload(&bench.bytes(":WAVeform:PREamble?")), vec![0; 346]);
     assert_eq!(payload(&bench.bytes(":WAVeform:DATA?")), Vec::<u8>::new());
     bench.now_s = 2.0;
-    assert_eq!(&payload(&bench.bytes(":WAVeform:PREamble?"))[..8], b"WAVEDESC");
+    assert_eq!(
+        &payload(&bench.bytes(":WAVeform:PREamble?"))[..8],
+        b"WAVEDESC"
+    );
     // A channel that was off has none either.
     bench.send(&[":WAVeform:SOURce C2"]);
     assert_eq!(payload(&bench.bytes(":WAVeform:PREamble?")), vec![0; 346]);
@@ -240,11 +315,24 @@ fn before_the_first_frame_the_descriptor_is_empty() {
 #[test]
 fn the_status_follows_the_acquisition() {
     let mut bench = armed();
-    for (now_s, status) in [(1.1, "Arm"), (1.3, "Ready"), (1.7, "Trig'd"), (2.5, "Trig'd")] {
+    for (now_s, status) in [
+        (1.1, "Arm"),
+        (1.3, "Ready"),
+        (1.7, "Trig'd"),
+        (2.5, "Trig'd"),
+    ] {
         bench.now_s = now_s;
-        assert_eq!(bench.ask(":TRIGger:STATus?"), format!("{status}\n"), "at {now_s} s");
+        assert_eq!(
+            bench.ask(":TRIGger:STATus?"),
+            format!("{status}\n"),
+            "at {now_s} s"
+        );
     }
-    bench.table(&[("INR?", "1\n"), (":TRIG:STOP", ""), (":TRIG:STAT?", "Stop\n")]);
+    bench.table(&[
+        ("INR?", "1\n"),
+        (":TRIG:STOP", ""),
+        (":TRIG:STAT?", "Stop\n"),
+    ]);
     bench.table(&[
         (":TRIG:MODE AUTO", ""),
         (":TRIG:STAT?", "Stop\n"),
@@ -262,7 +350,10 @@ fn a_frame_lies_wholly_between_run_and_stop() {
     let request = *bench.plant.lock().unwrap().requests.last().unwrap();
     assert!((request.start_s - 2.45).abs() < 1e-9, "{request:?}");
     assert_eq!(request.channel, 4);
-    assert!((request.codes_per_volt - 9600.0).abs() < 1e-6 && (request.offset_v + 3.8).abs() < 1e-9, "{request:?}");
+    assert!(
+        (request.codes_per_volt - 9600.0).abs() < 1e-6 && (request.offset_v + 3.8).abs() < 1e-9,
+        "{request:?}"
+    );
     assert_eq!((request.code_min, request.code_max), (-2048, 2047));
     // Later settings do not touch a frame that has been taken.
     bench.send(&[":CHANnel4:SCALe 1", ":TIMebase:SCALe 1"]);
@@ -286,11 +377,26 @@ fn acquisitions_are_numbered() {
         for source in ["C4", "C1"] {
             bench.send(&[&format!(":WAVeform:SOURce {source}")]);
             let _ = bench.bytes(":WAVeform:DATA?");
-            numbers.push(bench.plant.lock().unwrap().requests.last().unwrap().acquisition);
+            numbers.push(
+                bench
+                    .plant
+                    .lock()
+                    .unwrap()
+                    .requests
+                    .last()
+                    .unwrap()
+                    .acquisition,
+            );
         }
     }
-    assert!(numbers.chunks(2).all(|pair| pair[0] == pair[1]), "channels of one frame share its number: {numbers:?}");
-    assert!(numbers[0] < numbers[2] && numbers[2] < numbers[4], "{numbers:?}");
+    assert!(
+        numbers.chunks(2).all(|pair| pair[0] == pair[1]),
+        "channels of one frame share its number: {numbers:?}"
+    );
+    assert!(
+        numbers[0] < numbers[2] && numbers[2] < numbers[4],
+        "{numbers:?}"
+    );
 }
 
 #[test]
@@ -327,11 +433,15 @@ fn delay_and_reference_move_the_screen() {
     bench.now_s = 3.0;
     bench.send(&[":TRIG:STOP", ":WAV:SOUR C4", ":WAV:WIDT WORD"]);
     let descriptor = payload(&bench.bytes(":WAV:PRE?"));
-    // First sample 0.03 s before the trigger, the screen 0.5 s wide: its centre is 0.22 s behind the trigger.
+    // First sample 0.03 s before the trigger, the screen 0.5 s wide: its centre is 0.22 s behind
+    // the trigger.
     assert!((double(&descriptor, 180) - 0.22).abs() < 1e-12);
     let _ = bench.bytes(":WAV:DATA?");
     let start_s = bench.plant.lock().unwrap().requests.last().unwrap().start_s;
-    assert!(((start_s + 0.03) * FREQ_HZ - ((start_s + 0.03) * FREQ_HZ).round()).abs() < 1e-6, "{start_s}");
+    assert!(
+        ((start_s + 0.03) * FREQ_HZ - ((start_s + 0.03) * FREQ_HZ).round()).abs() < 1e-6,
+        "{start_s}"
+    );
 }
 
 #[test]
@@ -341,7 +451,18 @@ fn an_overdriven_channel_clips_beyond_the_screen() {
     bench.now_s += 2.0;
     bench.send(&[":TRIG:STOP"]);
     let samples = payload(&bench.bytes(":WAV:DATA?"));
-    let codes: Vec<i16> = samples.chunks(2).map(|pair| i16::from_le_bytes([pair[0], pair[1]])).collect();
-    assert_eq!((*codes.iter().min().unwrap(), *codes.iter().max().unwrap()), (-32768, 32752));
-    const { assert!(AMPLITUDE_V > 4.27 * 0.01, "the sine must reach beyond the range") };
+    let codes: Vec<i16> = samples
+        .chunks(2)
+        .map(|pair| i16::from_le_bytes([pair[0], pair[1]]))
+        .collect();
+    assert_eq!(
+        (*codes.iter().min().unwrap(), *codes.iter().max().unwrap()),
+        (-32768, 32752)
+    );
+    const {
+        assert!(
+            AMPLITUDE_V > 4.27 * 0.01,
+            "the sine must reach beyond the range"
+        )
+    };
 }

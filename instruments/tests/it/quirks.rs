@@ -1,4 +1,5 @@
-//! Each driver against each quirk of its mock: it works, or stops with a named cause, and never takes a wrong number for a right one.
+//! Each driver against each quirk of its mock: it works, or stops with a named cause, and never
+//! takes a wrong number for a right one.
 
 use instruments::{
     chiller, generator,
@@ -21,14 +22,18 @@ use crate::{
     mocks_plant::{base_v, volts},
 };
 
-/// What the settings of the world and the readings of the driver must be, as a share; a quirk that rounds answers is granted its rounding.
+/// What the settings of the world and the readings of the driver must be, as a share; a quirk that
+/// rounds answers is granted its rounding.
 struct Judge {
     share: f64,
 }
 
 impl Judge {
     fn reads(&self, what: &str, met: f64, truth: f64) {
-        assert!((met - truth).abs() <= self.share * truth.abs() + 1e-9, "{what}: {met} instead of {truth}");
+        assert!(
+            (met - truth).abs() <= self.share * truth.abs() + 1e-9,
+            "{what}: {met} instead of {truth}"
+        );
     }
 }
 
@@ -42,15 +47,26 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
     match role {
         "supply4q" => {
             let mut supply = driver!(supply4q);
-            supply.prepare(&supply4q::Limits { compliance: Volts(4.3), current: Amps(3.0) }).await?;
+            supply
+                .prepare(&supply4q::Limits {
+                    compliance: Volts(4.3),
+                    current: Amps(3.0),
+                })
+                .await?;
             if let Some(own) = supply.own_limits().await? {
                 assert!(own.volts.1 <= 20.0 && own.amps.1 <= 20.0, "{own:?}");
             }
             supply.energise().await?;
-            let Action::Bipolar(state) = rig.last_action() else { panic!("{:?}", rig.last_action()) };
+            let Action::Bipolar(state) = rig.last_action() else {
+                panic!("{:?}", rig.last_action())
+            };
             // Whether a linear unit is wired up cannot be asked: without, nothing drives.
-            let commanded = state.analog_input || (model == "kepco-bop-linear" && state.setpoint == 0.0);
-            assert!(state.output_on && commanded && state.current_mode && state.off_is_open, "{state:?}");
+            let commanded =
+                state.analog_input || (model == "kepco-bop-linear" && state.setpoint == 0.0);
+            assert!(
+                state.output_on && commanded && state.current_mode && state.off_is_open,
+                "{state:?}"
+            );
             if supply.capabilities().holds != supply4q::Holds::Nothing {
                 judge.reads("compliance", state.limit, 4.3);
             }
@@ -58,15 +74,27 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
             judge.reads("voltage", met_v.value(), 3.75);
             judge.reads("current", met_a.value(), -2.5);
             supply.safe().await?;
-            assert!(matches!(rig.last_action(), Action::Bipolar(state) if !state.output_on), "{:?}", rig.last_action());
+            assert!(
+                matches!(rig.last_action(), Action::Bipolar(state) if !state.output_on),
+                "{:?}",
+                rig.last_action()
+            );
         }
         "generator" => {
             let mut generator = driver!(generator).on_channels(vec![1]);
             generator.output(false).await?;
             generator.quiet(Volts(-0.05)).await?;
             generator.output(true).await?;
-            generator.sine(&generator::Sine { freq: Hertz(1.25), amplitude: Volts(0.4), offset: Volts(-0.05) }).await?;
-            let Action::Generator(state) = rig.last_action() else { panic!("{:?}", rig.last_action()) };
+            generator
+                .sine(&generator::Sine {
+                    freq: Hertz(1.25),
+                    amplitude: Volts(0.4),
+                    offset: Volts(-0.05),
+                })
+                .await?;
+            let Action::Generator(state) = rig.last_action() else {
+                panic!("{:?}", rig.last_action())
+            };
             judge.reads("frequency", state.freq_hz, 1.25);
             judge.reads("amplitude", state.amplitude_v, 0.4);
             judge.reads("offset", state.offset_v, -0.05);
@@ -74,12 +102,29 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
         }
         "scope" => {
             let mut scope = driver!(scope);
-            scope.set(&Intent::Session { memory_points: 10_000 }).await?;
+            scope
+                .set(&Intent::Session {
+                    memory_points: 10_000,
+                })
+                .await?;
             for channel in 1..=4 {
                 let offset = Volts(-base_v(channel) - 0.012_3);
-                scope.set(&Intent::Vertical(Vertical { channel, per_div: Volts(0.08), offset })).await?;
+                scope
+                    .set(&Intent::Vertical(Vertical {
+                        channel,
+                        per_div: Volts(0.08),
+                        offset,
+                    }))
+                    .await?;
             }
-            for intent in [Intent::Timebase(Seconds(0.05)), Intent::Trigger(Trigger { channel: 4, level: Volts(base_v(4)) }), Intent::Arm] {
+            for intent in [
+                Intent::Timebase(Seconds(0.05)),
+                Intent::Trigger(Trigger {
+                    channel: 4,
+                    level: Volts(base_v(4)),
+                }),
+                Intent::Arm,
+            ] {
                 scope.set(&intent).await?;
             }
             rig.clock.sleep_s(2.03).await;
@@ -88,17 +133,27 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
                 let waveform = scope.download(channel, 2_000).await?;
                 assert_eq!(waveform.codes.len(), 2_000);
                 for (index, &code) in waveform.codes.iter().enumerate() {
-                    let met_v = f64::from(code) * waveform.preamble.volts_per_code - waveform.preamble.offset_v;
+                    let met_v = f64::from(code) * waveform.preamble.volts_per_code
+                        - waveform.preamble.offset_v;
                     let truth_v = volts(channel, index as f64 * waveform.interval_s - 0.25);
-                    assert!((met_v - truth_v).abs() < 0.08 / 200.0, "channel {channel}, sample {index}: {met_v} V instead of {truth_v} V");
+                    assert!(
+                        (met_v - truth_v).abs() < 0.08 / 200.0,
+                        "channel {channel}, sample {index}: {met_v} V instead of {truth_v} V"
+                    );
                 }
             }
         }
         "load" => {
             let mut load = driver!(load);
-            load.prepare(&load::Discharge { draw: load::Draw::Current(Amps(3.5)), stop_below: Volts(2.75) }).await?;
+            load.prepare(&load::Discharge {
+                draw: load::Draw::Current(Amps(3.5)),
+                stop_below: Volts(2.75),
+            })
+            .await?;
             load.energise().await?;
-            let Action::Load(state) = rig.last_action() else { panic!("{:?}", rig.last_action()) };
+            let Action::Load(state) = rig.last_action() else {
+                panic!("{:?}", rig.last_action())
+            };
             assert!(state.input_on);
             judge.reads("level", state.current_a, 3.5);
             let (met_v, met_a) = load.measure().await?;
@@ -108,9 +163,16 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
         }
         "supply" => {
             let mut supply = driver!(supply);
-            supply.prepare(&supply::Charge { voltage: Volts(4.2), current: Amps(1.25) }).await?;
+            supply
+                .prepare(&supply::Charge {
+                    voltage: Volts(4.2),
+                    current: Amps(1.25),
+                })
+                .await?;
             supply.energise().await?;
-            let Action::Supply(state) = rig.last_action() else { panic!("{:?}", rig.last_action()) };
+            let Action::Supply(state) = rig.last_action() else {
+                panic!("{:?}", rig.last_action())
+            };
             assert!(state.output_on);
             judge.reads("limit", state.voltage_v, 4.2);
             judge.reads("level", state.current_a, 1.25);
@@ -124,9 +186,18 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
             chiller.start(Celsius(25.0)).await?;
             if chiller.is_regulated() {
                 chiller.pulse(5.0).await?;
-                assert!(matches!(rig.last_action(), Action::Bath(BathState { power: 1.0, .. })), "{:?}", rig.last_action());
+                assert!(
+                    matches!(
+                        rig.last_action(),
+                        Action::Bath(BathState { power: 1.0, .. })
+                    ),
+                    "{:?}",
+                    rig.last_action()
+                );
             } else {
-                let Action::Chiller(state) = rig.last_action() else { panic!("{:?}", rig.last_action()) };
+                let Action::Chiller(state) = rig.last_action() else {
+                    panic!("{:?}", rig.last_action())
+                };
                 assert!(state.running && state.setpoint_c == 25.0, "{state:?}");
                 let status = chiller.status().await?;
                 assert!(status.running && status.alarm.is_none(), "{status:?}");
@@ -135,7 +206,11 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
             chiller.stop().await?;
         }
         "logger" => {
-            let channels = if dialect!(logger, model).has_channel(101) { vec![101, 102] } else { vec![1] };
+            let channels = if dialect!(logger, model).has_channel(101) {
+                vec![101, 102]
+            } else {
+                vec![1]
+            };
             let mut logger = driver!(logger).on_channels(channels);
             logger.configure().await?;
             // An open thermocouple is told as none.
@@ -143,7 +218,11 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
                 judge.reads("cell", cell.value(), 25.374);
             }
         }
-        _ => Jig::new(rig.link(Jig::profile()).await).mount(Fixture::Shunt).await?,
+        _ => {
+            Jig::new(rig.link(Jig::profile()).await)
+                .mount(Fixture::Shunt)
+                .await?
+        }
     }
     Ok(())
 }
@@ -165,19 +244,43 @@ fn tried(name: &str, kind: Kind) -> Vec<Value> {
 fn every_driver_works_with_every_quirk_or_says_what_is_wrong() {
     for model in MODELS {
         let usual = std::iter::once(None);
-        let told = model.quirks().flat_map(|quirk| tried(quirk.name, quirk.kind).into_iter().map(move |value| Some((quirk.name, value))));
+        let told = model.quirks().flat_map(|quirk| {
+            tried(quirk.name, quirk.kind)
+                .into_iter()
+                .map(move |value| Some((quirk.name, value)))
+        });
         for told in usual.chain(told) {
             in_virtual_time(async |clock| {
-                let quirks = told.iter().fold(Quirks::default(), |quirks, (name, value)| quirks.with(name, value.clone()));
-                let rig = Rig::with(clock, model.key, &MockOptions { quirks, ..MockOptions::default() }, &[]);
-                let share = if matches!(told, Some(("digits", _))) { 6.0e-3 } else { 1.5e-3 };
+                let quirks = told
+                    .iter()
+                    .fold(Quirks::default(), |quirks, (name, value)| {
+                        quirks.with(name, value.clone())
+                    });
+                let rig = Rig::with(
+                    clock,
+                    model.key,
+                    &MockOptions {
+                        quirks,
+                        ..MockOptions::default()
+                    },
+                    &[],
+                );
+                let share = if matches!(told, Some(("digits", _))) {
+                    6.0e-3
+                } else {
+                    1.5e-3
+                };
                 let outcome = exercise(&rig, model.key, model.role, &Judge { share }).await;
                 match (&told, outcome) {
                     (_, Ok(())) => println!("{} {told:?}: works", model.key),
                     (None, Err(error)) => panic!("{}: {error}", model.key),
                     (Some(_), Err(error)) => {
                         println!("{} {told:?}: {error}", model.key);
-                        assert!(error.to_string().starts_with("dev: "), "{}: {told:?}: {error}", model.key);
+                        assert!(
+                            error.to_string().starts_with("dev: "),
+                            "{}: {told:?}: {error}",
+                            model.key
+                        );
                     }
                 }
             });
@@ -191,13 +294,29 @@ fn a_switch_that_a_model_does_not_have_is_refused_with_those_that_it_has() {
         (
             "siglent-sdm3065x",
             Quirks::default().with("page_points", 1.0),
-            "quirk page_points: expected one of echo, min_gap, first_answer, late_end, digits, second_client, unit, open_thermocouple, unknown, \
+            "quirk page_points: expected one of echo, min_gap, first_answer, late_end, digits, \
+            second_client, unit, open_thermocouple, unknown, \
              found `page_points`",
         ),
-        ("julabo", Quirks::default().with("local", 1.0), "quirk local: expected true or false, found 1"),
-        ("julabo", Quirks::default().with("min_gap", -1.0), "quirk min_gap: expected a number from 0 to 10, found -1"),
-        ("siglent-sdm3065x", Quirks::default().with("unit", "R"), "quirk unit: expected one of C, F, K, found `R`"),
+        (
+            "julabo",
+            Quirks::default().with("local", 1.0),
+            "quirk local: expected true or false, found 1",
+        ),
+        (
+            "julabo",
+            Quirks::default().with("min_gap", -1.0),
+            "quirk min_gap: expected a number from 0 to 10, found -1",
+        ),
+        (
+            "siglent-sdm3065x",
+            Quirks::default().with("unit", "R"),
+            "quirk unit: expected one of C, F, K, found `R`",
+        ),
     ] {
-        assert_eq!(mock::check_quirks(key, &quirks).unwrap_err().to_string(), message);
+        assert_eq!(
+            mock::check_quirks(key, &quirks).unwrap_err().to_string(),
+            message
+        );
     }
 }

@@ -1,4 +1,5 @@
-//! A recorded conversation served again: the driver that had it gets through, another one is stopped at the first difference.
+//! A recorded conversation served again: the driver that had it gets through, another one is
+//! stopped at the first difference.
 
 use instruments::{
     clock::Clock,
@@ -17,14 +18,33 @@ use crate::{
 };
 
 const MODEL: &str = "keysight-e36312a";
-const CHARGE: Charge = Charge { voltage: Volts(4.2), current: Amps(1.25) };
+const CHARGE: Charge = Charge {
+    voltage: Volts(4.2),
+    current: Amps(1.25),
+};
 
 /// A charge prepared, begun and ended over a link.
-async fn charge(tape: &SharedText, clock: &Clock, hub: &MemoryHub, current: f64) -> Result<(), String> {
+async fn charge(
+    tape: &SharedText,
+    clock: &Clock,
+    hub: &MemoryHub,
+    current: f64,
+) -> Result<(), String> {
     let dialect = dialect!(supply, MODEL);
-    let link = open("memory:device", dialect.profile(), clock, hub, Tap::new(tape.clone())).await.unwrap();
+    let link = open(
+        "memory:device",
+        dialect.profile(),
+        clock,
+        hub,
+        Tap::new(tape.clone()),
+    )
+    .await
+    .unwrap();
     let mut supply = Instrument::new(link, dialect);
-    let charge = Charge { current: Amps(current), ..CHARGE };
+    let charge = Charge {
+        current: Amps(current),
+        ..CHARGE
+    };
     let played = async {
         supply.prepare(&charge).await?;
         supply.energise().await?;
@@ -57,9 +77,22 @@ fn the_same_driver_gets_through_and_another_current_is_the_first_difference() {
 
         let (hub, outcome, messages) = serve(&tape.text(), &clock);
         let failed = charge(&again, &clock, &hub, 2.0).await.unwrap_err();
-        assert!(failed.starts_with("dev: expected an answer to "), "{failed}");
-        let Some(Divergence::Other { number, expected, met }) = outcome.divergence() else { panic!("{outcome:?}") };
-        assert_eq!((expected.as_str(), met.as_str()), ("CURR 1.250,(@1)", "CURR 2.000,(@1)"));
+        assert!(
+            failed.starts_with("dev: expected an answer to "),
+            "{failed}"
+        );
+        let Some(Divergence::Other {
+            number,
+            expected,
+            met,
+        }) = outcome.divergence()
+        else {
+            panic!("{outcome:?}")
+        };
+        assert_eq!(
+            (expected.as_str(), met.as_str()),
+            ("CURR 1.250,(@1)", "CURR 2.000,(@1)")
+        );
         assert!(number < messages && outcome.followed() == number - 1);
     });
 }

@@ -36,31 +36,49 @@ pub(crate) enum Kind {
 }
 
 impl Kind {
-    pub(crate) const ALL: [Self; 9] =
-        [Self::Memory, Self::Tcp, Self::Serial, Self::Vxi11, Self::Vxi11Mapped, Self::HiSlip, Self::UsbTmc, Self::Gpib, Self::GpibSerial];
+    pub(crate) const ALL: [Self; 9] = [
+        Self::Memory,
+        Self::Tcp,
+        Self::Serial,
+        Self::Vxi11,
+        Self::Vxi11Mapped,
+        Self::HiSlip,
+        Self::UsbTmc,
+        Self::Gpib,
+        Self::GpibSerial,
+    ];
 
     /// Bytes only: nothing tells where an answer ends, and nothing clears the instrument.
     pub(crate) fn is_stream(self) -> bool {
         matches!(self, Self::Memory | Self::Tcp | Self::Serial)
     }
 
-    /// The connection is the instrument's own: it breaks with it, and can be closed in one direction.
+    /// The connection is the instrument's own: it breaks with it, and can be closed in one
+    /// direction.
     pub(crate) fn breaks(self) -> bool {
-        matches!(self, Self::Memory | Self::Tcp | Self::Vxi11 | Self::Vxi11Mapped | Self::HiSlip)
+        matches!(
+            self,
+            Self::Memory | Self::Tcp | Self::Vxi11 | Self::Vxi11Mapped | Self::HiSlip
+        )
     }
 }
 
 /// Bytes with every value in them, NL first.
 pub(crate) fn payload(length: usize) -> Vec<u8> {
-    (0..length).map(|index| ((index * 7 + 10) % 251) as u8).collect()
+    (0..length)
+        .map(|index| ((index * 7 + 10) % 251) as u8)
+        .collect()
 }
 
 /// A text without control characters.
 pub(crate) fn text(length: usize) -> String {
-    (0..length).map(|index| char::from(b'!' + (index % 90) as u8)).collect()
+    (0..length)
+        .map(|index| char::from(b'!' + (index % 90) as u8))
+        .collect()
 }
 
-/// Does what its messages say: `LATE? 1.5` answers after 1.5 s, `BLOCK? 100` with a block of 100 bytes.
+/// Does what its messages say: `LATE? 1.5` answers after 1.5 s, `BLOCK? 100` with a block of 100
+/// bytes.
 #[derive(Clone, Default)]
 pub(crate) struct Script {
     heard: Arc<Mutex<Vec<String>>>,
@@ -141,32 +159,65 @@ pub(crate) struct Bench {
 /// A file name that nobody else has.
 pub(crate) fn socket_file() -> PathBuf {
     static NUMBER: AtomicU32 = AtomicU32::new(0);
-    std::env::temp_dir().join(format!("usbtmc-{}-{}", std::process::id(), NUMBER.fetch_add(1, Ordering::Relaxed)))
+    std::env::temp_dir().join(format!(
+        "usbtmc-{}-{}",
+        std::process::id(),
+        NUMBER.fetch_add(1, Ordering::Relaxed)
+    ))
 }
 
 /// Puts a device behind a transport; gives its address.
-pub(crate) async fn serve(kind: Kind, device: Box<dyn Device>, clock: &Clock, hub: &MemoryHub) -> Address {
+pub(crate) async fn serve(
+    kind: Kind,
+    device: Box<dyn Device>,
+    clock: &Clock,
+    hub: &MemoryHub,
+) -> Address {
     let (any, clock) = (("127.0.0.1", 0), clock.clone());
     let address = match kind {
         Kind::Memory => {
             mock::serve_memory(device, hub, "device", clock).unwrap();
             "memory:device".to_owned()
         }
-        Kind::Tcp => format!("tcp://{}", mock::serve_tcp(device, any, clock).await.unwrap().0),
+        Kind::Tcp => format!(
+            "tcp://{}",
+            mock::serve_tcp(device, any, clock).await.unwrap().0
+        ),
         Kind::Serial => format!("serial:{}", mock::serve_pty(device, clock).unwrap().0),
-        Kind::Vxi11 => format!("vxi11:{}/inst0", mock::serve_vxi11(device, any, None, clock).await.unwrap().0.core),
+        Kind::Vxi11 => format!(
+            "vxi11:{}/inst0",
+            mock::serve_vxi11(device, any, None, clock)
+                .await
+                .unwrap()
+                .0
+                .core
+        ),
         Kind::Vxi11Mapped => {
-            let (ports, _) = mock::serve_vxi11(device, any, Some(any), clock).await.unwrap();
-            format!("vxi11:127.0.0.1/inst0?portmapper={}", ports.port_mapper.unwrap().port())
+            let (ports, _) = mock::serve_vxi11(device, any, Some(any), clock)
+                .await
+                .unwrap();
+            format!(
+                "vxi11:127.0.0.1/inst0?portmapper={}",
+                ports.port_mapper.unwrap().port()
+            )
         }
-        Kind::HiSlip => format!("hislip:{}/hislip0", mock::serve_hislip(device, any, clock).await.unwrap().0),
+        Kind::HiSlip => format!(
+            "hislip:{}/hislip0",
+            mock::serve_hislip(device, any, clock).await.unwrap().0
+        ),
         Kind::UsbTmc => {
             let path = socket_file();
             mock::serve_usbtmc(device, &path, clock).unwrap();
             format!("usbtmc:{}", path.display())
         }
-        Kind::Gpib => format!("gpib:tcp:{}/9", mock::serve_gpib(device, any, 9, clock).await.unwrap().0),
-        Kind::GpibSerial => format!("gpib:serial:{}/22?baud=115200", mock::serve_gpib_pty(device, 22, clock).unwrap().0),
+        Kind::Gpib => format!(
+            "gpib:tcp:{}/9",
+            mock::serve_gpib(device, any, 9, clock).await.unwrap().0
+        ),
+        Kind::GpibSerial => format!(
+            "gpib:serial:{}/22?baud=115200",
+            mock::serve_gpib_pty(device, 22, clock).unwrap().0
+        ),
     };
     address.parse().unwrap()
 }
@@ -175,15 +226,30 @@ impl Bench {
     async fn new(kind: Kind, clock: Clock) -> Self {
         let (script, hub) = (Script::default(), MemoryHub::new());
         let address = serve(kind, Box::new(script.clone()), &clock, &hub).await;
-        Self { kind, address, script, clock, hub }
+        Self {
+            kind,
+            address,
+            script,
+            clock,
+            hub,
+        }
     }
 
     pub(crate) async fn link(&self, profile: LinkProfile, tap: Tap) -> Result<Link, LinkError> {
-        device::open(&self.address.to_string(), profile, &self.clock, &self.hub, tap).await
+        device::open(
+            &self.address.to_string(),
+            profile,
+            &self.clock,
+            &self.hub,
+            tap,
+        )
+        .await
     }
 
     pub(crate) async fn patient(&self) -> Link {
-        self.link(patient(), Tap::none()).await.unwrap_or_else(|error| panic!("{:?}: {error}", self.kind))
+        self.link(patient(), Tap::none())
+            .await
+            .unwrap_or_else(|error| panic!("{:?}: {error}", self.kind))
     }
 
     pub(crate) async fn channel(&self) -> Channel {
@@ -194,11 +260,20 @@ impl Bench {
 /// Deadlines that a busy machine does not miss.
 pub(crate) fn patient() -> LinkProfile {
     let long = Duration::from_secs(30);
-    LinkProfile { grammar: Grammar::Plain, first_timeout: long, timeout: long, block_timeout: long, ..device::plain() }
+    LinkProfile {
+        grammar: Grammar::Plain,
+        first_timeout: long,
+        timeout: long,
+        block_timeout: long,
+        ..device::plain()
+    }
 }
 
 /// Runs a test in real time over each of these transports, one after the other.
-#[expect(clippy::needless_pass_by_value, reason = "a closure is written where it is given")]
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "a closure is written where it is given"
+)]
 pub(crate) fn over(kinds: &[Kind], test: impl AsyncFn(&Bench)) {
     for &kind in kinds {
         Clock::runtime(TimeMode::Real).unwrap().block_on(async {

@@ -34,7 +34,8 @@ pub struct BenchLimits {
     pub shunt_ohm: Option<f64>,
 }
 
-/// Says of a planned run, by the name of its item, whether bench, cell and budget allow it and it is worth playing.
+/// Says of a planned run, by the name of its item, whether bench, cell and budget allow it and it
+/// is worth playing.
 pub type Playable = std::sync::Arc<dyn Fn(&str, &[PlannedRun]) -> bool + Send + Sync>;
 
 /// A run that is to be measured.
@@ -81,16 +82,24 @@ impl Planned {
     pub fn span_s(&self) -> f64 {
         match self {
             Self::Trace(segments) => segments.iter().map(|(span_s, _)| span_s).sum(),
-            Self::Eis { freq_hz, .. } => freq_hz.iter().map(|f| if *f < SLOW_HZ { SLOW_PERIODS } else { PERIODS } / f + POINT_S).sum(),
+            Self::Eis { freq_hz, .. } => freq_hz
+                .iter()
+                .map(|f| if *f < SLOW_HZ { SLOW_PERIODS } else { PERIODS } / f + POINT_S)
+                .sum(),
         }
     }
 
     /// Charge moved once, in either direction together, C.
     pub fn charge_c(&self) -> f64 {
         match self {
-            Self::Trace(segments) => segments.iter().map(|(span_s, amps)| span_s * amps.abs()).sum(),
+            Self::Trace(segments) => segments
+                .iter()
+                .map(|(span_s, amps)| span_s * amps.abs())
+                .sum(),
             // The mean of |sin| is 2/π.
-            Self::Eis { amplitude_a, .. } => std::f64::consts::FRAC_2_PI * amplitude_a * self.span_s(),
+            Self::Eis { amplitude_a, .. } => {
+                std::f64::consts::FRAC_2_PI * amplitude_a * self.span_s()
+            }
         }
     }
 }
@@ -99,13 +108,20 @@ impl PlannedRun {
     /// How long it takes with its repeats and all settling, s.
     pub fn duration_s(&self) -> f64 {
         let more = self.repeat.saturating_sub(1) as f64;
-        self.settle_s + self.what.span_s() + more * (self.settle_s.min(BETWEEN_REPEATS_S) + self.what.span_s())
+        self.settle_s
+            + self.what.span_s()
+            + more * (self.settle_s.min(BETWEEN_REPEATS_S) + self.what.span_s())
     }
 
-    /// Charge moved with its repeats, in either direction together, Ah; none where a control is in the jig.
+    /// Charge moved with its repeats, in either direction together, Ah; none where a control is in
+    /// the jig.
     pub fn charge_ah(&self) -> f64 {
         let cell = matches!(self.fixture, Fixture::Cell(_));
-        if cell { self.repeat as f64 * self.what.charge_c() / 3600.0 } else { 0.0 }
+        if cell {
+            self.repeat as f64 * self.what.charge_c() / 3600.0
+        } else {
+            0.0
+        }
     }
 
     /// Start of a repeat, counted from 0, s.
@@ -113,18 +129,40 @@ impl PlannedRun {
         self.start_s + nth as f64 * (self.settle_s.min(BETWEEN_REPEATS_S) + self.what.span_s())
     }
 
-    /// The first repeat with zeros for what will be measured, sampled as a campaign's runs are: dense after an edge.
+    /// The first repeat with zeros for what will be measured, sampled as a campaign's runs are:
+    /// dense after an edge.
     pub(in crate::diagnosis) fn unmeasured(&self, between: Between, sigma_v: Option<f64>) -> Run {
         let data = match &self.what {
             Planned::Trace(segments) => {
                 let (time_s, current_a) = samples(segments);
                 let voltage_v = vec![0.0; time_s.len()];
-                let series = TimeSeries { name: self.name.clone(), time_s, current_a, voltage_v, temperature_c: None };
+                let series = TimeSeries {
+                    name: self.name.clone(),
+                    time_s,
+                    current_a,
+                    voltage_v,
+                    temperature_c: None,
+                };
                 let sigma_v = sigma_v.map(|sigma_v| vec![sigma_v; series.len()]);
-                RunData::Time(TimeRecord { series, between, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v, averaged_s: None })
+                RunData::Time(TimeRecord {
+                    series,
+                    between,
+                    compared_from_s: 0.0,
+                    level_sigma_v: 0.0,
+                    sigma_v,
+                    averaged_s: None,
+                })
             }
-            Planned::Eis { freq_hz, amplitude_a } => {
-                let point = |f: &f64| SweepPoint { freq_hz: *f, z_ohm: Complex64::ZERO, sigma_ohm: None, amplitude_a: Some(*amplitude_a) };
+            Planned::Eis {
+                freq_hz,
+                amplitude_a,
+            } => {
+                let point = |f: &f64| SweepPoint {
+                    freq_hz: *f,
+                    z_ohm: Complex64::ZERO,
+                    sigma_ohm: None,
+                    amplitude_a: Some(*amplitude_a),
+                };
                 RunData::Eis(Sweep {
                     bias_a: 0.0,
                     below: Below::default(),

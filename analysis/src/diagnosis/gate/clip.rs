@@ -1,38 +1,52 @@
-//! Clipping: many samples in a row at exactly the same extreme value, while the current says that the voltage must go on moving beyond it.
-//! Noise and quantisation repeat a code, but not while the voltage moves by many of them.
+//! Clipping: many samples in a row at exactly the same extreme value, while the current says that
+//! the voltage must go on moving beyond it. Noise and quantisation repeat a code, but not while the
+//! voltage moves by many of them.
 
 use super::{Check, Findings, Inspection};
 use std::ops::Range;
 
 /// Samples in a row at the extreme.
 const FEWEST: usize = 4;
-/// What the expected voltage moves meanwhile, and how far it is beyond, in standard deviations of a sample and steps of the codes.
+/// What the expected voltage moves meanwhile, and how far it is beyond, in standard deviations of a
+/// sample and steps of the codes.
 const MOVES: f64 = 10.0;
-/// The same as a share of what is expected over the whole record: below, an effect may have held the voltage there.
+/// The same as a share of what is expected over the whole record: below, an effect may have held
+/// the voltage there.
 const MOVES_SHARE: f64 = 0.03;
 
 pub(super) fn check(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();
     for subject in &at.runs {
-        let Some((record, expected_v)) = subject.record() else { continue };
+        let Some((record, expected_v)) = subject.record() else {
+            continue;
+        };
         let measured_v = &record.series.voltage_v;
-        let noise_v = at.sample_noise_v(record).max(at.set.history.map_or(0.0, |h| h.voltage_resolution_v));
+        let noise_v = at
+            .sample_noise_v(record)
+            .max(at.set.history.map_or(0.0, |h| h.voltage_resolution_v));
         let span_v = extent(expected_v);
         let least_v = (MOVES * noise_v).max(MOVES_SHARE * span_v);
         for sign in [1.0, -1.0] {
-            let extreme_v = sign * measured_v.iter().fold(f64::NEG_INFINITY, |most, v| most.max(sign * v));
+            let extreme_v = sign
+                * measured_v
+                    .iter()
+                    .fold(f64::NEG_INFINITY, |most, v| most.max(sign * v));
             let count = measured_v.iter().filter(|v| **v == extreme_v).count();
             // How far the expected voltage lies beyond the extreme.
             let beyond = |k: usize| sign * (expected_v[k] - extreme_v);
-            let clipped = rows(measured_v, extreme_v).into_iter().filter(|row| row.len() >= FEWEST).any(|row| {
-                let moves_v = extent(&expected_v[row.clone()]);
-                let far = row.map(beyond).fold(f64::NEG_INFINITY, f64::max);
-                moves_v > least_v && far > least_v
-            });
+            let clipped = rows(measured_v, extreme_v)
+                .into_iter()
+                .filter(|row| row.len() >= FEWEST)
+                .any(|row| {
+                    let moves_v = extent(&expected_v[row.clone()]);
+                    let far = row.map(beyond).fold(f64::NEG_INFINITY, f64::max);
+                    moves_v > least_v && far > least_v
+                });
             if clipped {
                 let side = if sign > 0.0 { "highest" } else { "lowest" };
                 let text = format!(
-                    "its voltage is clipped: {count} samples at exactly the {side} value, {extreme_v:.4} V, while the current moves it"
+                    "its voltage is clipped: {count} samples at exactly the {side} value, \
+                    {extreme_v:.4} V, while the current moves it"
                 );
                 found.add(Check::Clipped, subject.run, text);
                 break;
@@ -43,7 +57,11 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
 }
 
 fn extent(values: &[f64]) -> f64 {
-    let (low, high) = values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    let (low, high) = values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+            (l.min(*v), h.max(*v))
+        });
     high - low
 }
 

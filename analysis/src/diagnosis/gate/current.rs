@@ -3,8 +3,9 @@
 use super::super::data::TimeRecord;
 use crate::augmented::Between;
 
-/// Root mean square of the difference over the time that both records last, as a share of the larger one's; none where less than `least_a` flows in either,
-/// A: what a channel shows without a current is noise, and no two are alike.
+/// Root mean square of the difference over the time that both records last, as a share of the
+/// larger one's; none where less than `least_a` flows in either, A: what a channel shows without a
+/// current is noise, and no two are alike.
 pub(super) fn difference(a: &TimeRecord, b: &TimeRecord, least_a: f64) -> Option<f64> {
     let (t, ia) = (&a.series.time_s, &a.series.current_a);
     let end_s = b.series.time_s.last().copied()?;
@@ -16,7 +17,11 @@ pub(super) fn difference(a: &TimeRecord, b: &TimeRecord, least_a: f64) -> Option
         }
         let step_s = t[k + 1] - t[k];
         span_s += step_s;
-        let here = if a.between == Between::Hold { ia[k] } else { 0.5 * (ia[k] + ia[k + 1]) };
+        let here = if a.between == Between::Hold {
+            ia[k]
+        } else {
+            0.5 * (ia[k] + ia[k + 1])
+        };
         let there = at(b, middle_s, &mut from);
         apart += step_s * (here - there).powi(2);
         of_a += step_s * here * here;
@@ -35,6 +40,8 @@ fn at(record: &TimeRecord, time_s: f64, from: &mut usize) -> f64 {
     let k = *from;
     match record.between {
         Between::Hold => i[k],
-        Between::Linear => i[k] + (i[k + 1] - i[k]) * ((time_s - t[k]) / (t[k + 1] - t[k])).clamp(0.0, 1.0),
+        Between::Linear => {
+            i[k] + (i[k + 1] - i[k]) * ((time_s - t[k]) / (t[k + 1] - t[k])).clamp(0.0, 1.0)
+        }
     }
 }

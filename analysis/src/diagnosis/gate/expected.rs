@@ -9,7 +9,8 @@ use num_complex::Complex64;
 /// What the base model expects of a data set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
-    /// Series resistance and resistance at zero frequency of the cell, Ω: a step of current meets something between.
+    /// Series resistance and resistance at zero frequency of the cell, Ω: a step of current meets
+    /// something between.
     pub resistance_ohm: (f64, f64),
     /// One per run, in the order of the set.
     pub runs: Vec<Prediction>,
@@ -20,7 +21,8 @@ pub struct Expected {
 pub enum Prediction {
     /// Impedance of every point, Ω.
     Impedance(Vec<Complex64>),
-    /// Voltage of every sample, V, and what a coulomb that is drawn takes off the voltage of the open circuit at the start, V.
+    /// Voltage of every sample, V, and what a coulomb that is drawn takes off the voltage of the
+    /// open circuit at the start, V.
     Voltage(Vec<f64>, f64),
     /// Nothing: the run's numbers cannot be played.
     None,
@@ -29,10 +31,21 @@ pub enum Prediction {
 impl Expected {
     /// The predictions of a model.
     pub fn new(set: &DataSet, model: &BaseModel) -> Self {
-        let base = Base { erm: model.erm.clone(), ocv: model.ocv.clone(), facts: Facts::NONE };
+        let base = Base {
+            erm: model.erm.clone(),
+            ocv: model.ocv.clone(),
+            facts: Facts::NONE,
+        };
         let mut player = Player::default();
-        let runs = set.runs.iter().map(|run| prediction(run, &base, &mut player)).collect();
-        Self { resistance_ohm: (model.erm.r_ohm, model.erm.dc_resistance_ohm()), runs }
+        let runs = set
+            .runs
+            .iter()
+            .map(|run| prediction(run, &base, &mut player))
+            .collect();
+        Self {
+            resistance_ohm: (model.erm.r_ohm, model.erm.dc_resistance_ohm()),
+            runs,
+        }
     }
 }
 
@@ -43,18 +56,31 @@ fn prediction(run: &Run, base: &Base, player: &mut Player) -> Prediction {
     };
     match &run.data {
         RunData::Eis(sweep) => {
-            let at = |freq_hz: f64| control_ohm.map_or_else(|| base.erm.impedance(freq_hz), Complex64::from);
+            let at = |freq_hz: f64| {
+                control_ohm.map_or_else(|| base.erm.impedance(freq_hz), Complex64::from)
+            };
             Prediction::Impedance(sweep.points.iter().map(|point| at(point.freq_hz)).collect())
         }
         RunData::Time(record) if record.series.validate().is_err() => Prediction::None,
         RunData::Time(record) => {
             let series = &record.series;
             if let Some(ohm) = control_ohm {
-                return Prediction::Voltage(series.current_a.iter().map(|i| -ohm * i).collect(), 0.0);
+                return Prediction::Voltage(
+                    series.current_a.iter().map(|i| -ohm * i).collect(),
+                    0.0,
+                );
             }
             let soc = match run.start {
                 Start::Soc(soc) => soc,
-                Start::Ocv(ocv_v) => base.ocv.soc_at(ocv_v).unwrap_or(if ocv_v < base.ocv.voltage_v(0.5) { 0.0 } else { 1.0 }),
+                Start::Ocv(ocv_v) => {
+                    base.ocv
+                        .soc_at(ocv_v)
+                        .unwrap_or(if ocv_v < base.ocv.voltage_v(0.5) {
+                            0.0
+                        } else {
+                            1.0
+                        })
+                }
             };
             let played = Record {
                 time_s: &series.time_s,
@@ -67,9 +93,18 @@ fn prediction(run: &Run, base: &Base, player: &mut Player) -> Prediction {
                 before: &[],
             };
             let mut voltage_v = Vec::with_capacity(series.len());
-            player.play((base, &[]), &played, (&Grid::new(&series.time_s, record.between), 1), &mut voltage_v);
+            player.play(
+                (base, &[]),
+                &played,
+                (&Grid::new(&series.time_s, record.between), 1),
+                &mut voltage_v,
+            );
             let per_c_v = base.ocv.slope_v(soc) / (3600.0 * base.ocv.capacity_ah);
-            if voltage_v.iter().all(|v| v.is_finite()) { Prediction::Voltage(voltage_v, per_c_v) } else { Prediction::None }
+            if voltage_v.iter().all(|v| v.is_finite()) {
+                Prediction::Voltage(voltage_v, per_c_v)
+            } else {
+                Prediction::None
+            }
         }
     }
 }

@@ -1,8 +1,10 @@
-//! May these data be used at all? Checks before any physics: damaged files, wrong units and signs, clipping, a logged current that lags, spectra that
-//! violate the Kramers–Kronig relations, runs that were exchanged, repeats that are none.
+//! May these data be used at all? Checks before any physics: damaged files, wrong units and signs,
+//! clipping, a logged current that lags, spectra that violate the Kramers–Kronig relations, runs
+//! that were exchanged, repeats that are none.
 //!
-//! A check fires only on what no effect of cell or bench can do: it compares with the base model by powers of ten, by sign and by shape, never by its
-//! goodness of fit. What all records share is an effect and passes; what one of them does alone is damage.
+//! A check fires only on what no effect of cell or bench can do: it compares with the base model by
+//! powers of ten, by sign and by shape, never by its goodness of fit. What all records share is an
+//! effect and passes; what one of them does alone is damage.
 
 mod clip;
 mod current;
@@ -66,7 +68,11 @@ pub struct Reason {
 impl Reason {
     /// A run whose file could not be read; the text says why.
     pub fn unreadable(run: &str, text: &str) -> Self {
-        Self { check: Check::Unreadable, runs: vec![run.to_owned()], text: text.to_owned() }
+        Self {
+            check: Check::Unreadable,
+            runs: vec![run.to_owned()],
+            text: text.to_owned(),
+        }
     }
 }
 
@@ -88,7 +94,8 @@ pub struct GateReport {
 /// One check over the runs that passed those before it.
 type CheckFn = fn(&Inspection<'_>) -> Findings;
 
-/// A lagging current is not that of its repeats, a clipped or foreign voltage may look delayed: the narrower check comes first.
+/// A lagging current is not that of its repeats, a clipped or foreign voltage may look delayed: the
+/// narrower check comes first.
 const CHECKS: [CheckFn; 10] = [
     structure::check,
     units::check,
@@ -104,7 +111,8 @@ const CHECKS: [CheckFn; 10] = [
 
 /// Checks a data set against what the base model expects of it.
 ///
-/// A run that fails one check is not put to the next: it would fail for the same cause under another name.
+/// A run that fails one check is not put to the next: it would fail for the same cause under
+/// another name.
 pub fn gate(set: &DataSet, expected: &Expected) -> GateReport {
     run(set, expected, &CHECKS)
 }
@@ -113,10 +121,23 @@ pub fn gate(set: &DataSet, expected: &Expected) -> GateReport {
 fn run(set: &DataSet, expected: &Expected, checks: &[CheckFn]) -> GateReport {
     let mut report = GateReport::default();
     for check in checks {
-        let bad = |name: &String| report.invalid.iter().any(|reason| reason.runs.contains(name));
-        let runs =
-            set.runs.iter().zip(&expected.runs).filter(|(run, _)| !bad(&run.name)).map(|(run, prediction)| Subject { run, prediction });
-        let found = check(&Inspection { set, expected, runs: runs.collect() });
+        let bad = |name: &String| {
+            report
+                .invalid
+                .iter()
+                .any(|reason| reason.runs.contains(name))
+        };
+        let runs = set
+            .runs
+            .iter()
+            .zip(&expected.runs)
+            .filter(|(run, _)| !bad(&run.name))
+            .map(|(run, prediction)| Subject { run, prediction });
+        let found = check(&Inspection {
+            set,
+            expected,
+            runs: runs.collect(),
+        });
         report.invalid.extend(found.invalid);
         report.notes.extend(found.notes);
     }
@@ -132,7 +153,11 @@ struct Findings {
 
 impl Findings {
     fn add(&mut self, check: Check, run: &Run, text: String) {
-        self.invalid.push(Reason { check, runs: vec![run.name.clone()], text });
+        self.invalid.push(Reason {
+            check,
+            runs: vec![run.name.clone()],
+            text,
+        });
     }
 }
 
@@ -144,23 +169,35 @@ struct Subject<'a> {
 }
 
 impl<'a> Subject<'a> {
-    /// The record with the voltage expected of it; none for a spectrum, or where nothing could be predicted.
+    /// The record with the voltage expected of it; none for a spectrum, or where nothing could be
+    /// predicted.
     fn record(&self) -> Option<(&'a TimeRecord, &'a [f64])> {
         match (&self.run.data, self.prediction) {
-            (RunData::Time(record), Prediction::Voltage(v, _)) if v.len() == record.series.len() => Some((record, v)),
+            (RunData::Time(record), Prediction::Voltage(v, _))
+                if v.len() == record.series.len() =>
+            {
+                Some((record, v))
+            }
             _ => None,
         }
     }
 
-    /// What a current that is read wrong by an ampere has done to the voltage of the open circuit that is expected, so long after the start of a record, V.
+    /// What a current that is read wrong by an ampere has done to the voltage of the open circuit
+    /// that is expected, so long after the start of a record, V.
     fn counted_wrong_v(&self, time_s: f64) -> f64 {
-        if let Prediction::Voltage(_, per_c_v) = self.prediction { per_c_v * time_s } else { 0.0 }
+        if let Prediction::Voltage(_, per_c_v) = self.prediction {
+            per_c_v * time_s
+        } else {
+            0.0
+        }
     }
 
     /// The sweep with the impedance expected of it.
     fn sweep(&self) -> Option<(&'a Sweep, &'a [num_complex::Complex64])> {
         match (&self.run.data, self.prediction) {
-            (RunData::Eis(sweep), Prediction::Impedance(z)) if z.len() == sweep.points.len() => Some((sweep, z)),
+            (RunData::Eis(sweep), Prediction::Impedance(z)) if z.len() == sweep.points.len() => {
+                Some((sweep, z))
+            }
             _ => None,
         }
     }
@@ -175,13 +212,25 @@ struct Inspection<'a> {
 }
 
 impl Inspection<'_> {
-    /// Standard deviation of one voltage sample, V: the bench's history and what is stated, else the scatter of the record's own steps.
+    /// Standard deviation of one voltage sample, V: the bench's history and what is stated, else
+    /// the scatter of the record's own steps.
     fn sample_noise_v(&self, record: &TimeRecord) -> f64 {
         if let Some(h) = self.set.history {
-            let stated = record.sigma_v.as_ref().map_or(0.0, |sigma_v| median(sigma_v.clone()));
-            return h.voltage_noise_v.hypot(h.voltage_resolution_v / 12f64.sqrt()).hypot(stated);
+            let stated = record
+                .sigma_v
+                .as_ref()
+                .map_or(0.0, |sigma_v| median(sigma_v.clone()));
+            return h
+                .voltage_noise_v
+                .hypot(h.voltage_resolution_v / 12f64.sqrt())
+                .hypot(stated);
         }
-        let steps: Vec<f64> = record.series.voltage_v.windows(2).map(|w| (w[1] - w[0]).abs()).collect();
+        let steps: Vec<f64> = record
+            .series
+            .voltage_v
+            .windows(2)
+            .map(|w| (w[1] - w[0]).abs())
+            .collect();
         // Half the steps of two normal numbers are below 0.954 of their standard deviation.
         median(steps) / 0.954
     }

@@ -1,11 +1,14 @@
 //! The workflow behind the gate.
 
 use super::super::data::DataSet;
-use super::super::outcome::{DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, Quality, Verdict};
+use super::super::outcome::{
+    DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, Quality, Verdict,
+};
 use super::super::{BaseModel, DataSetError, DiagnosisOptions, Outcome, diagnose};
 use super::{Expected, Reason, gate};
 
-/// Diagnoses a data set if the gate lets it pass; else the verdict is [`Verdict::Invalid`]. `unreadable` are the runs that no data could be read of.
+/// Diagnoses a data set if the gate lets it pass; else the verdict is [`Verdict::Invalid`].
+/// `unreadable` are the runs that no data could be read of.
 ///
 /// # Errors
 /// [`DataSetError`] as [`diagnose`], of data that the gate let pass.
@@ -19,7 +22,12 @@ pub fn diagnose_gated(
     let reasons: Vec<Reason> = unreadable.into_iter().chain(report.invalid).collect();
     if !reasons.is_empty() {
         let diagnosis = refused(set, model, &reasons, report.notes);
-        return Ok(Outcome { diagnosis, curves: Vec::new(), facts: None, next_runs: Vec::new() });
+        return Ok(Outcome {
+            diagnosis,
+            curves: Vec::new(),
+            facts: None,
+            next_runs: Vec::new(),
+        });
     }
     let mut outcome = diagnose(set, model, options)?;
     outcome.diagnosis.notes.extend(report.notes);
@@ -46,8 +54,17 @@ fn refused(set: &DataSet, model: &BaseModel, reasons: &[Reason], notes: Vec<Stri
         next_experiment: None,
         inseparable: Vec::new(),
         notes,
-        quality: Quality { base_chi2: none, degrees_of_freedom: none, base_z: none, augmented_chi2: none, augmented_z: none },
-        noise: NoiseReport { from_repeats: false, terms: Vec::new() },
+        quality: Quality {
+            base_chi2: none,
+            degrees_of_freedom: none,
+            base_z: none,
+            augmented_chi2: none,
+            augmented_z: none,
+        },
+        noise: NoiseReport {
+            from_repeats: false,
+            terms: Vec::new(),
+        },
         ranking: Vec::new(),
         base: None,
         augmented: None,

@@ -3,25 +3,29 @@
 use super::super::data::{BenchHistory, Fixture, TimeRecord};
 use super::{Check, Findings, Inspection, Reason, Subject, median};
 
-/// A run is cut off where it lasts less than this share of a repeat and current flows in what is missing.
+/// A run is cut off where it lasts less than this share of a repeat and current flows in what is
+/// missing.
 const WHOLE: f64 = 0.9;
 /// Current that counts as flowing, as a share of the repeat's largest.
 const FLOWS: f64 = 0.05;
 /// Standard deviations of the history beyond which a repeat is none.
 const FAR_OFF: f64 = 20.0;
-/// … unless the first and the last of the group lie on opposite sides of the others in the same way, to this correlation: a cell that changes does that, a
-/// run that was swapped or damaged does not. Beyond this many standard deviations it does not either …
+/// … unless the first and the last of the group lie on opposite sides of the others in the same
+/// way, to this correlation: a cell that changes does that, a run that was swapped or damaged does
+/// not. Beyond this many standard deviations it does not either …
 const DRIFTS: f64 = -0.7;
 const FAR_DRIFT: f64 = 400.0;
-/// … but for what goes one way as time does: each run's part of the way from the first to the last is its part of the time, to this, and no more than this
-/// part of the way lies aside of it. A cell that ages steadily does that by any amount.
+/// … but for what goes one way as time does: each run's part of the way from the first to the last
+/// is its part of the time, to this, and no more than this part of the way lies aside of it. A cell
+/// that ages steadily does that by any amount.
 const STEADY: f64 = 0.15;
 const ASIDE: f64 = 0.3;
-/// Two repeats may differ by so many times as much per time as a group of the cell that goes steadily one way, by this many standard deviations at least, and no
-/// shorter.
+/// Two repeats may differ by so many times as much per time as a group of the cell that goes
+/// steadily one way, by this many standard deviations at least, and no shorter.
 const WITH_THE_CELL: f64 = 5.0;
 const SEEN: f64 = 5.0;
-/// A step of time is odd where it differs by this share and this many seconds, and a jump of the clock where no more than so many do.
+/// A step of time is odd where it differs by this share and this many seconds, and a jump of the
+/// clock where no more than so many do.
 const ODD_STEP: f64 = 0.1;
 const ODD_STEP_S: f64 = 5e-3;
 const MOST_ODD: usize = 3;
@@ -48,61 +52,115 @@ pub(super) fn truncated(at: &Inspection<'_>) -> Findings {
     found
 }
 
-fn repeats<'a>(at: &'a Inspection<'_>, subject: &'a Subject<'_>) -> impl Iterator<Item = &'a Subject<'a>> {
-    at.runs.iter().filter(|other| other.run.repeat_group == subject.run.repeat_group && other.run.name != subject.run.name)
+fn repeats<'a>(
+    at: &'a Inspection<'_>,
+    subject: &'a Subject<'_>,
+) -> impl Iterator<Item = &'a Subject<'a>> {
+    at.runs.iter().filter(|other| {
+        other.run.repeat_group == subject.run.repeat_group && other.run.name != subject.run.name
+    })
 }
 
 fn cut_record(own: &TimeRecord, theirs: &TimeRecord) -> Option<String> {
     let last = |r: &TimeRecord| r.series.time_s.last().copied().unwrap_or(0.0);
     let (own_s, their_s) = (last(own), last(theirs));
-    let greatest_a = theirs.series.current_a.iter().fold(0.0f64, |most, i| most.max(i.abs()));
-    let missing = theirs.series.time_s.iter().zip(&theirs.series.current_a).filter(|(t, _)| **t > own_s);
-    let flows = missing.into_iter().any(|(_, i)| i.abs() > FLOWS * greatest_a);
-    (own_s < WHOLE * their_s && flows).then(|| format!("it ends after {own_s:.1} s, its repeats last {their_s:.1} s: cut off"))
+    let greatest_a = theirs
+        .series
+        .current_a
+        .iter()
+        .fold(0.0f64, |most, i| most.max(i.abs()));
+    let missing = theirs
+        .series
+        .time_s
+        .iter()
+        .zip(&theirs.series.current_a)
+        .filter(|(t, _)| **t > own_s);
+    let flows = missing
+        .into_iter()
+        .any(|(_, i)| i.abs() > FLOWS * greatest_a);
+    (own_s < WHOLE * their_s && flows)
+        .then(|| format!("it ends after {own_s:.1} s, its repeats last {their_s:.1} s: cut off"))
 }
 
 fn cut_sweep(own: &Subject<'_>, other: &Subject<'_>) -> Option<String> {
     let (own, theirs) = (own.sweep()?.0.points.len(), other.sweep()?.0.points.len());
-    ((own as f64) < WHOLE * theirs as f64).then(|| format!("it holds {own} points, its repeats {theirs}: cut off"))
+    ((own as f64) < WHOLE * theirs as f64)
+        .then(|| format!("it holds {own} points, its repeats {theirs}: cut off"))
 }
 
-/// A clock that jumps by less than the distance of two samples: their number is that of the repeats, and all steps but one or few are.
+/// A clock that jumps by less than the distance of two samples: their number is that of the
+/// repeats, and all steps but one or few are.
 pub(super) fn clock(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();
     for subject in &at.runs {
-        let Some((own, _)) = subject.record() else { continue };
-        let theirs: Vec<Vec<usize>> = repeats(at, subject).filter_map(|other| odd_steps(own, other.record()?.0)).collect();
-        let Some((first, rest)) = theirs.split_first() else { continue };
+        let Some((own, _)) = subject.record() else {
+            continue;
+        };
+        let theirs: Vec<Vec<usize>> = repeats(at, subject)
+            .filter_map(|other| odd_steps(own, other.record()?.0))
+            .collect();
+        let Some((first, rest)) = theirs.split_first() else {
+            continue;
+        };
         // Of two runs, neither is known to be the right one.
-        if let Some(k) = first.first().filter(|_| !rest.is_empty() && rest.iter().all(|odd| odd == first)) {
+        if let Some(k) = first
+            .first()
+            .filter(|_| !rest.is_empty() && rest.iter().all(|odd| odd == first))
+        {
             let time_s = &own.series.time_s;
             let step_s = time_s[k + 1] - time_s[*k];
-            let text = format!("after {:.2} s its clock jumps: a step of {step_s:.3} s is none in any of its repeats", time_s[*k]);
+            let text = format!(
+                "after {:.2} s its clock jumps: a step of {step_s:.3} s is none in any of its \
+                repeats",
+                time_s[*k]
+            );
             found.add(Check::TimesGoBack, subject.run, text);
         }
     }
     found
 }
 
-/// Steps of time that differ from the repeat's; none where the numbers of samples do, or more than a few steps.
+/// Steps of time that differ from the repeat's; none where the numbers of samples do, or more than
+/// a few steps.
 fn odd_steps(own: &TimeRecord, theirs: &TimeRecord) -> Option<Vec<usize>> {
-    let steps = |r: &TimeRecord| r.series.time_s.windows(2).map(|w| w[1] - w[0]).collect::<Vec<f64>>();
+    let steps = |r: &TimeRecord| {
+        r.series
+            .time_s
+            .windows(2)
+            .map(|w| w[1] - w[0])
+            .collect::<Vec<f64>>()
+    };
     let (own, theirs) = (steps(own), steps(theirs));
-    let odd = |k: &usize| (own[*k] - theirs[*k]).abs() > ODD_STEP * own[*k].max(theirs[*k]) + ODD_STEP_S;
-    let all: Vec<usize> = if own.len() == theirs.len() { (0..own.len()).filter(odd).collect() } else { return None };
+    let odd =
+        |k: &usize| (own[*k] - theirs[*k]).abs() > ODD_STEP * own[*k].max(theirs[*k]) + ODD_STEP_S;
+    let all: Vec<usize> = if own.len() == theirs.len() {
+        (0..own.len()).filter(odd).collect()
+    } else {
+        return None;
+    };
     (all.len() <= MOST_ODD).then_some(all)
 }
 
 pub(super) fn check(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();
-    let Some(history) = at.set.history else { return found };
-    let mut groups: Vec<&str> = at.runs.iter().map(|subject| subject.run.repeat_group.as_str()).collect();
+    let Some(history) = at.set.history else {
+        return found;
+    };
+    let mut groups: Vec<&str> = at
+        .runs
+        .iter()
+        .map(|subject| subject.run.repeat_group.as_str())
+        .collect();
     groups.sort_unstable();
     groups.dedup();
     let groups: Vec<Repeats<'_>> = groups
         .iter()
         .map(|group| {
-            let members: Vec<&Subject<'_>> = at.runs.iter().filter(|subject| subject.run.repeat_group == *group).collect();
+            let members: Vec<&Subject<'_>> = at
+                .runs
+                .iter()
+                .filter(|subject| subject.run.repeat_group == *group)
+                .collect();
             Repeats::new(&members, &history)
         })
         .collect();
@@ -113,21 +171,38 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         .collect();
     for group in groups {
         let z = group.z();
-        let far: Vec<String> =
-            group.off.iter().zip(&group.size).filter(|(_, z)| **z > FAR_OFF).map(|(off, _)| off.0.run.name.clone()).collect();
+        let far: Vec<String> = group
+            .off
+            .iter()
+            .zip(&group.size)
+            .filter(|(_, z)| **z > FAR_OFF)
+            .map(|(off, _)| off.0.run.name.clone())
+            .collect();
         // Two runs alone do not show which way they go, but what else the cell did meanwhile does.
-        let follows = |(per_s, span_s): &(f64, f64)| group.span_s() <= *span_s && group.per_s() < WITH_THE_CELL * per_s;
-        let with_the_cell = group.off.len() == 2 && z < FAR_DRIFT && group.of_cell() && drifting.iter().any(follows);
+        let follows = |(per_s, span_s): &(f64, f64)| {
+            group.span_s() <= *span_s && group.per_s() < WITH_THE_CELL * per_s
+        };
+        let with_the_cell = group.off.len() == 2
+            && z < FAR_DRIFT
+            && group.of_cell()
+            && drifting.iter().any(follows);
         let drifted = steady(&group.off) || with_the_cell || (z < FAR_DRIFT && drifts(group.off));
         if !far.is_empty() && !drifted {
-            let text = format!("it differs from its repeats by {z:.0} standard deviations of the bench's history");
-            found.invalid.push(Reason { check: Check::Repeats, runs: far, text });
+            let text = format!(
+                "it differs from its repeats by {z:.0} standard deviations of the bench's history"
+            );
+            found.invalid.push(Reason {
+                check: Check::Repeats,
+                runs: far,
+                text,
+            });
         }
     }
     found
 }
 
-/// A group of repeats: how far each is from the others, and the size of that in standard deviations.
+/// A group of repeats: how far each is from the others, and the size of that in standard
+/// deviations.
 struct Repeats<'a> {
     off: Vec<(&'a Subject<'a>, Vec<Apart>)>,
     size: Vec<f64>,
@@ -135,8 +210,16 @@ struct Repeats<'a> {
 
 impl<'a> Repeats<'a> {
     fn new(members: &[&'a Subject<'a>], history: &BenchHistory) -> Self {
-        let off: Vec<(&Subject<'_>, Vec<Apart>)> = members.iter().map(|subject| (*subject, apart(subject, members, history))).collect();
-        let size = off.iter().map(|(_, apart)| trimmed_root(apart.iter().map(|(re, im)| re * re + im * im).collect())).collect();
+        let off: Vec<(&Subject<'_>, Vec<Apart>)> = members
+            .iter()
+            .map(|subject| (*subject, apart(subject, members, history)))
+            .collect();
+        let size = off
+            .iter()
+            .map(|(_, apart)| {
+                trimmed_root(apart.iter().map(|(re, im)| re * re + im * im).collect())
+            })
+            .collect();
         Self { off, size }
     }
 
@@ -145,17 +228,22 @@ impl<'a> Repeats<'a> {
     }
 
     fn of_cell(&self) -> bool {
-        self.off.iter().all(|(subject, _)| matches!(subject.run.fixture, Fixture::Cell(_)))
+        self.off
+            .iter()
+            .all(|(subject, _)| matches!(subject.run.fixture, Fixture::Cell(_)))
     }
 
     /// Time between the first and the last, s.
     fn span_s(&self) -> f64 {
         let starts = self.off.iter().map(|(subject, _)| subject.run.start_s);
-        let (begin_s, end_s) = starts.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| (a.min(t), b.max(t)));
+        let (begin_s, end_s) = starts.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), t| {
+            (a.min(t), b.max(t))
+        });
         end_s - begin_s
     }
 
-    /// Standard deviations between the farthest of the group per time between the first and the last, 1/s. Two lie on both sides of their mean.
+    /// Standard deviations between the farthest of the group per time between the first and the
+    /// last, 1/s. Two lie on both sides of their mean.
     fn per_s(&self) -> f64 {
         2.0 * self.z() / self.span_s()
     }
@@ -164,21 +252,46 @@ impl<'a> Repeats<'a> {
 /// A difference in standard deviations: real and imaginary part, or a voltage and nothing.
 type Apart = (f64, f64);
 
-/// Whether a group of three or more goes from one side of its middle to the other in the order of time.
+/// Whether a group of three or more goes from one side of its middle to the other in the order of
+/// time.
 fn drifts(mut off: Vec<(&Subject<'_>, Vec<Apart>)>) -> bool {
     off.sort_by_key(|(subject, _)| subject.run.order);
-    let (Some((_, first)), Some((_, last))) = (off.first(), off.last()) else { return false };
-    let dot = |a: &[Apart], b: &[Apart]| a.iter().zip(b).map(|(a, b)| a.0 * b.0 + a.1 * b.1).sum::<f64>();
+    let (Some((_, first)), Some((_, last))) = (off.first(), off.last()) else {
+        return false;
+    };
+    let dot = |a: &[Apart], b: &[Apart]| {
+        a.iter()
+            .zip(b)
+            .map(|(a, b)| a.0 * b.0 + a.1 * b.1)
+            .sum::<f64>()
+    };
     off.len() >= 3 && dot(first, last) < DRIFTS * (dot(first, first) * dot(last, last)).sqrt()
 }
 
 /// Whether a group of three or more goes from the first to the last in proportion to time.
 fn steady(off: &[(&Subject<'_>, Vec<Apart>)]) -> bool {
-    let mut runs: Vec<(f64, &[Apart])> = off.iter().map(|(subject, apart)| (subject.run.start_s, apart.as_slice())).collect();
+    let mut runs: Vec<(f64, &[Apart])> = off
+        .iter()
+        .map(|(subject, apart)| (subject.run.start_s, apart.as_slice()))
+        .collect();
     runs.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let (Some((begin_s, first)), Some((end_s, last))) = (runs.first().copied(), runs.last().copied()) else { return false };
-    let less = |a: &[Apart], b: &[Apart]| a.iter().zip(b).map(|(a, b)| (a.0 - b.0, a.1 - b.1)).collect::<Vec<Apart>>();
-    let dot = |a: &[Apart], b: &[Apart]| a.iter().zip(b).map(|(a, b)| a.0 * b.0 + a.1 * b.1).sum::<f64>();
+    let (Some((begin_s, first)), Some((end_s, last))) =
+        (runs.first().copied(), runs.last().copied())
+    else {
+        return false;
+    };
+    let less = |a: &[Apart], b: &[Apart]| {
+        a.iter()
+            .zip(b)
+            .map(|(a, b)| (a.0 - b.0, a.1 - b.1))
+            .collect::<Vec<Apart>>()
+    };
+    let dot = |a: &[Apart], b: &[Apart]| {
+        a.iter()
+            .zip(b)
+            .map(|(a, b)| a.0 * b.0 + a.1 * b.1)
+            .sum::<f64>()
+    };
     let whole = less(last, first);
     let size = dot(&whole, &whole);
     let on_the_way = |(at_s, apart): &(f64, &[Apart])| {
@@ -187,39 +300,77 @@ fn steady(off: &[(&Subject<'_>, Vec<Apart>)]) -> bool {
         let aside = (dot(&moved, &moved) - part * part * size).max(0.0);
         (part - (at_s - begin_s) / (end_s - begin_s)).abs() < STEADY && aside < ASIDE * ASIDE * size
     };
-    runs.len() >= 3 && end_s > begin_s && size > 0.0 && runs.iter().all(|(_, a)| a.len() == whole.len()) && runs.iter().all(on_the_way)
+    runs.len() >= 3
+        && end_s > begin_s
+        && size > 0.0
+        && runs.iter().all(|(_, a)| a.len() == whole.len())
+        && runs.iter().all(on_the_way)
 }
 
-/// How far a run is from the median of its group (of two: from their mean), in standard deviations of the history.
+/// How far a run is from the median of its group (of two: from their mean), in standard deviations
+/// of the history.
 fn apart(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory) -> Vec<Apart> {
     if let Some((own, expected_v)) = subject.record() {
-        let like: Vec<(&TimeRecord, &[f64])> = members.iter().filter_map(|m| m.record()).filter(|(r, _)| same_times(r, own)).collect();
+        let like: Vec<(&TimeRecord, &[f64])> = members
+            .iter()
+            .filter_map(|m| m.record())
+            .filter(|(r, _)| same_times(r, own))
+            .collect();
         if like.len() < 2 {
             return Vec::new();
         }
         let apart = (0..expected_v.len()).map(|k| {
-            // Repeats begin where the run before has left the cell: what the model lacks is the same in all, what it expects is not.
-            let left_v = |(record, expected_v): &(&TimeRecord, &[f64])| record.series.voltage_v[k] - expected_v[k];
+            // Repeats begin where the run before has left the cell: what the model lacks is the
+            // same in all, what it expects is not.
+            let left_v = |(record, expected_v): &(&TimeRecord, &[f64])| {
+                record.series.voltage_v[k] - expected_v[k]
+            };
             let middle_v = median(like.iter().map(left_v).collect());
             let drop_v = expected_v[k] - expected_v[0];
-            let level = history.voltage_noise_v.powi(2) + history.voltage_offset_v.powi(2) + history.voltage_drift_v.powi(2);
+            let level = history.voltage_noise_v.powi(2)
+                + history.voltage_offset_v.powi(2)
+                + history.voltage_drift_v.powi(2);
             let code = history.voltage_resolution_v.powi(2) / 12.0;
-            let stated = own.sigma_v.as_ref().map_or(0.0, |sigma_v| sigma_v[k].powi(2));
-            let size = (history.resistance_rel.powi(2) + history.current_gain_rel.powi(2)) * drop_v * drop_v;
+            let stated = own
+                .sigma_v
+                .as_ref()
+                .map_or(0.0, |sigma_v| sigma_v[k].powi(2));
+            let size = (history.resistance_rel.powi(2) + history.current_gain_rel.powi(2))
+                * drop_v
+                * drop_v;
             // A zero error of the current is counted as charge all the time.
-            let zero_v = history.current_offset_a * subject.counted_wrong_v(own.series.time_s[k] - own.series.time_s[0]);
-            ((left_v(&(own, expected_v)) - middle_v) / (level + code + stated + size + zero_v * zero_v).sqrt(), 0.0)
+            let zero_v = history.current_offset_a
+                * subject.counted_wrong_v(own.series.time_s[k] - own.series.time_s[0]);
+            (
+                (left_v(&(own, expected_v)) - middle_v)
+                    / (level + code + stated + size + zero_v * zero_v).sqrt(),
+                0.0,
+            )
         });
         return apart.collect();
     }
-    let Some((own, _)) = subject.sweep() else { return Vec::new() };
-    let same = |s: &&super::super::data::Sweep| s.points.iter().map(|p| p.freq_hz).eq(own.points.iter().map(|p| p.freq_hz));
-    let like: Vec<_> = members.iter().filter_map(|m| m.sweep()).map(|(s, _)| s).filter(same).collect();
+    let Some((own, _)) = subject.sweep() else {
+        return Vec::new();
+    };
+    let same = |s: &&super::super::data::Sweep| {
+        s.points
+            .iter()
+            .map(|p| p.freq_hz)
+            .eq(own.points.iter().map(|p| p.freq_hz))
+    };
+    let like: Vec<_> = members
+        .iter()
+        .filter_map(|m| m.sweep())
+        .map(|(s, _)| s)
+        .filter(same)
+        .collect();
     if like.len() < 2 {
         return Vec::new();
     }
     let apart = (0..own.points.len()).map(|k| {
-        let middle = |part: fn(&num_complex::Complex64) -> f64| median(like.iter().map(|s| part(&s.points[k].z_ohm)).collect());
+        let middle = |part: fn(&num_complex::Complex64) -> f64| {
+            median(like.iter().map(|s| part(&s.points[k].z_ohm)).collect())
+        };
         let (re, im) = (middle(|z| z.re), middle(|z| z.im));
         let z = own.points[k].z_ohm;
         let sigma = history.eis_noise_rel.hypot(history.resistance_rel) * re.hypot(im);

@@ -1,7 +1,8 @@
 //! What a diagnosis tells a person: words for a terminal and for Markdown, and the pictures.
 //!
-//! "Where" comes before "what", and what is not claimed is said. Everything here is a string or a described picture; who called writes the files. What
-//! is not here: `diagnosis.json`, which is [`Diagnosis`] itself, and any judgement.
+//! "Where" comes before "what", and what is not claimed is said. Everything here is a string or a
+//! described picture; who called writes the files. What is not here: `diagnosis.json`, which is
+//! [`Diagnosis`] itself, and any judgement.
 
 mod catalogue;
 mod numbers;
@@ -20,7 +21,8 @@ use crate::effects;
 use crate::plot::PlotError;
 use crate::report::{Level, Report, Section, Verdict};
 
-/// Probability below which a block of residuals counts as outside the noise, after Holm's correction.
+/// Probability below which a block of residuals counts as outside the noise, after Holm's
+/// correction.
 pub const SIGNIFICANT_P: f64 = 0.05;
 /// Penalised gain λ − k·ln N that an effect needs to be named.
 pub const SCORE_THRESHOLD: f64 = super::guards::LEAST_SCORE;
@@ -30,12 +32,14 @@ pub fn text(d: &Diagnosis) -> String {
     sections::page(d).text()
 }
 
-/// A diagnosis as Markdown; `pictures` are those of [`pictures`], expected as `NAME.png` beside the text.
+/// A diagnosis as Markdown; `pictures` are those of [`pictures`], expected as `NAME.png` beside the
+/// text.
 pub fn markdown(d: &Diagnosis, pictures: &[Picture]) -> String {
     sections::page(d).markdown(pictures)
 }
 
-/// A diagnosis as a page that opens by itself; `pictures` are those of [`pictures`]. Where it comes from is the caller's to add.
+/// A diagnosis as a page that opens by itself; `pictures` are those of [`pictures`]. Where it comes
+/// from is the caller's to add.
 ///
 /// # Errors
 /// A picture that cannot be drawn.
@@ -48,9 +52,22 @@ pub fn html(d: &Diagnosis, pictures: &[Picture]) -> Result<Report, PlotError> {
     };
     let page = sections::page(d);
     // The first section is the verdict itself.
-    let verdicts = vec![Verdict { level, text: d.summary.clone() }];
-    let sections: Result<Vec<Section>, PlotError> = page.sections.iter().skip(1).map(|section| section.html(pictures)).collect();
-    Ok(Report { title: page.title, verdicts, sections: sections?, ..Report::default() })
+    let verdicts = vec![Verdict {
+        level,
+        text: d.summary.clone(),
+    }];
+    let sections: Result<Vec<Section>, PlotError> = page
+        .sections
+        .iter()
+        .skip(1)
+        .map(|section| section.html(pictures))
+        .collect();
+    Ok(Report {
+        title: page.title,
+        verdicts,
+        sections: sections?,
+        ..Report::default()
+    })
 }
 
 fn is_significant(block: &Block) -> bool {
@@ -64,12 +81,17 @@ fn misfit(block: &Block) -> f64 {
 
 /// The same block with the named effects added.
 fn after<'a>(d: &'a Diagnosis, block: &Block) -> Option<&'a Block> {
-    d.where_after.iter().find(|b| b.dimension == block.dimension && b.part == block.part)
+    d.where_after
+        .iter()
+        .find(|b| b.dimension == block.dimension && b.part == block.part)
 }
 
 /// Title and name of an effect.
 fn titled(name: &str) -> String {
-    effects::find(name).map_or_else(|| name.to_owned(), |effect| format!("{} ({name})", effect.card().title))
+    effects::find(name).map_or_else(
+        || name.to_owned(),
+        |effect| format!("{} ({name})", effect.card().title),
+    )
 }
 
 /// A number and a noun in its number.

@@ -2,7 +2,15 @@
 
 /// Units that take a prefix.
 const PREFIXED: [&str; 7] = ["Ω", "V", "A", "s", "F", "H", "Hz"];
-const PREFIXES: [(f64, &str); 7] = [(1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p")];
+const PREFIXES: [(f64, &str); 7] = [
+    (1e6, "M"),
+    (1e3, "k"),
+    (1.0, ""),
+    (1e-3, "m"),
+    (1e-6, "µ"),
+    (1e-9, "n"),
+    (1e-12, "p"),
+];
 
 /// How numbers of one table row are written: divided by `factor`, under `unit`.
 #[derive(Debug, Clone, PartialEq)]
@@ -16,31 +24,45 @@ pub(super) struct Unit {
 }
 
 impl Unit {
-    /// For a value that is known to `resolution` (both in `unit`): two digits of the resolution are shown.
+    /// For a value that is known to `resolution` (both in `unit`): two digits of the resolution are
+    /// shown.
     pub(super) fn of(value: f64, resolution: f64, unit: &str) -> Self {
         let size = value.abs().max(resolution.abs());
         let (factor, prefix) = prefix(size, unit);
         let name = format!("{prefix}{unit}");
-        let exponent = if factor == 1.0 && prefix.is_empty() && size > 0.0 && !(1e-3..1e5).contains(&size) {
-            Some(size.log10().floor() as i32)
-        } else {
-            None
-        };
+        let exponent =
+            if factor == 1.0 && prefix.is_empty() && size > 0.0 && !(1e-3..1e5).contains(&size) {
+                Some(size.log10().floor() as i32)
+            } else {
+                None
+            };
         let factor = exponent.map_or(factor, |e| 10f64.powi(e));
         let known = resolution.is_finite() && resolution != 0.0;
-        let decimals = if known { (1.0 - (resolution.abs() / factor).log10().floor()).clamp(0.0, 6.0) } else { 2.0 };
-        Self { factor, name, decimals: decimals as usize, exponent }
+        let decimals = if known {
+            (1.0 - (resolution.abs() / factor).log10().floor()).clamp(0.0, 6.0)
+        } else {
+            2.0
+        };
+        Self {
+            factor,
+            name,
+            decimals: decimals as usize,
+            exponent,
+        }
     }
 
     /// A number without its unit.
     pub(super) fn number(&self, value: f64) -> String {
         let text = signed(format!("{:.*}", self.decimals, value / self.factor));
-        self.exponent.map_or_else(|| text.clone(), |e| format!("{text}·10{}", superscript(e)))
+        self.exponent
+            .map_or_else(|| text.clone(), |e| format!("{text}·10{}", superscript(e)))
     }
 
     /// A number with its unit.
     pub(super) fn with_unit(&self, value: f64) -> String {
-        format!("{} {}", self.number(value), self.name).trim_end().to_owned()
+        format!("{} {}", self.number(value), self.name)
+            .trim_end()
+            .to_owned()
     }
 }
 
@@ -54,7 +76,11 @@ pub(super) fn plain(value: f64) -> String {
     if !value.is_finite() {
         return "–".to_owned();
     }
-    let decimals = if value == 0.0 { 0.0 } else { (2.0 - value.abs().log10().floor()).clamp(0.0, 3.0) };
+    let decimals = if value == 0.0 {
+        0.0
+    } else {
+        (2.0 - value.abs().log10().floor()).clamp(0.0, 3.0)
+    };
     signed(format!("{value:.*}", decimals as usize))
 }
 
@@ -65,17 +91,29 @@ pub(super) fn times(value: f64) -> String {
         v if v < 100.0 => 1,
         _ => 0,
     };
-    if value.is_finite() { signed(format!("{value:.decimals$}")) } else { "–".to_owned() }
+    if value.is_finite() {
+        signed(format!("{value:.decimals$}"))
+    } else {
+        "–".to_owned()
+    }
 }
 
 /// A part as a whole number of per cent.
 pub(super) fn percent(part: f64) -> String {
-    if part.is_finite() { signed(format!("{:.0} %", 100.0 * part)) } else { "–".to_owned() }
+    if part.is_finite() {
+        signed(format!("{:.0} %", 100.0 * part))
+    } else {
+        "–".to_owned()
+    }
 }
 
 /// With a true minus sign.
 fn signed(text: String) -> String {
-    if text.starts_with('-') { text.replacen('-', "−", 1) } else { text }
+    if text.starts_with('-') {
+        text.replacen('-', "−", 1)
+    } else {
+        text
+    }
 }
 
 /// A probability.
@@ -92,16 +130,25 @@ pub(super) fn probability(p: f64) -> String {
 fn prefix(size: f64, unit: &str) -> (f64, &'static str) {
     // Kiloseconds are nobody's unit.
     let none = (1.0, "");
-    if !PREFIXED.contains(&unit) || !size.is_finite() || size == 0.0 || (unit == "s" && size >= 1.0) {
+    if !PREFIXED.contains(&unit) || !size.is_finite() || size == 0.0 || (unit == "s" && size >= 1.0)
+    {
         return none;
     }
-    PREFIXES.into_iter().find(|(factor, _)| size >= *factor * (1.0 - 1e-9)).unwrap_or((1e-12, "p"))
+    PREFIXES
+        .into_iter()
+        .find(|(factor, _)| size >= *factor * (1.0 - 1e-9))
+        .unwrap_or((1e-12, "p"))
 }
 
 fn superscript(exponent: i32) -> String {
     const DIGITS: [char; 10] = ['⁰', '¹', '²', '³', '⁴', '⁵', '⁶', '⁷', '⁸', '⁹'];
     let sign = if exponent < 0 { "⁻" } else { "" };
-    let digits: String = exponent.unsigned_abs().to_string().bytes().filter_map(|b| DIGITS.get(usize::from(b - b'0'))).collect();
+    let digits: String = exponent
+        .unsigned_abs()
+        .to_string()
+        .bytes()
+        .filter_map(|b| DIGITS.get(usize::from(b - b'0')))
+        .collect();
     format!("{sign}{digits}")
 }
 
@@ -127,11 +174,20 @@ mod tests {
 
     #[test]
     fn probabilities_and_plain_numbers() {
-        let p: Vec<String> = [0.5, 0.049, 3e-7, 1e-40, f64::NAN].into_iter().map(probability).collect();
+        let p: Vec<String> = [0.5, 0.049, 3e-7, 1e-40, f64::NAN]
+            .into_iter()
+            .map(probability)
+            .collect();
         assert_eq!(p, ["0.50", "0.049", "10⁻⁷", "< 10⁻¹⁵", "–"]);
-        let n: Vec<String> = [27.94, 3.1, 0.0, 1234.5, -0.01, f64::INFINITY].into_iter().map(plain).collect();
+        let n: Vec<String> = [27.94, 3.1, 0.0, 1234.5, -0.01, f64::INFINITY]
+            .into_iter()
+            .map(plain)
+            .collect();
         assert_eq!(n, ["27.9", "3.10", "0", "1234", "−0.010", "–"]);
-        let z: Vec<String> = [-0.4, 9.55, 323.4, f64::NAN].into_iter().map(times).collect();
+        let z: Vec<String> = [-0.4, 9.55, 323.4, f64::NAN]
+            .into_iter()
+            .map(times)
+            .collect();
         assert_eq!(z, ["−0.40", "9.6", "323", "–"]);
         let parts: Vec<String> = [0.916, -0.53, f64::NAN].into_iter().map(percent).collect();
         assert_eq!(parts, ["92 %", "−53 %", "–"]);

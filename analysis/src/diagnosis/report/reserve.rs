@@ -1,4 +1,5 @@
-//! The reserves of a diagnosis: what would falsify it, what to measure next, what stays open, what is not claimed, the noise behind it.
+//! The reserves of a diagnosis: what would falsify it, what to measure next, what stays open, what
+//! is not claimed, the noise behind it.
 
 use super::is_significant;
 use super::numbers::{percent, plain, quantity, times};
@@ -13,38 +14,78 @@ const MOST_BLOCKS: usize = 5;
 const POOR_FIT_Z: f64 = 5.0;
 
 pub(super) fn falsifiers(d: &Diagnosis) -> Section {
-    let mut points: Vec<String> =
-        d.effects.iter().filter(|e| !e.falsified_by.is_empty()).map(|e| format!("{}: {}", e.title, e.falsified_by)).collect();
+    let mut points: Vec<String> = d
+        .effects
+        .iter()
+        .filter(|e| !e.falsified_by.is_empty())
+        .map(|e| format!("{}: {}", e.title, e.falsified_by))
+        .collect();
     if d.verdict == Verdict::AtNoiseFloor {
-        points.push("A further run of these currents, frequencies and temperatures whose gap is larger than its noise.".into());
+        points.push(
+            "A further run of these currents, frequencies and temperatures whose gap is \
+        larger than its noise."
+                .into(),
+        );
     }
-    let items = if points.is_empty() { Vec::new() } else { vec![Item::List(points)] };
+    let items = if points.is_empty() {
+        Vec::new()
+    } else {
+        vec![Item::List(points)]
+    };
     Section::new("What would falsify it", items)
 }
 
 pub(super) fn next_experiment(d: &Diagnosis) -> Section {
-    let Some(next) = &d.next_experiment else { return Section::default() };
+    let Some(next) = &d.next_experiment else {
+        return Section::default();
+    };
     let mut points = Vec::new();
     if !next.separates.is_empty() {
         let names: Vec<String> = next.separates.iter().map(|n| titled(n)).collect();
         points.push(format!("Tells apart: {}.", names.join(", ")));
-        let (now, then) = (times(next.separation_now_sigma), times(next.separation_sigma));
-        points.push(format!("Expected separation of the closest pair: {then} σ; with the data at hand {now} σ."));
+        let (now, then) = (
+            times(next.separation_now_sigma),
+            times(next.separation_sigma),
+        );
+        points.push(format!(
+            "Expected separation of the closest pair: {then} σ; with the data at hand {now} σ."
+        ));
     }
-    points.push(format!("Takes {} min on the bench and moves {} Ah in either direction.", plain(next.duration_min), plain(next.charge_ah)));
-    Section::new("Next experiment", vec![Item::Text(format!("{}: {}", next.name, next.description)), Item::List(points)])
+    points.push(format!(
+        "Takes {} min on the bench and moves {} Ah in either direction.",
+        plain(next.duration_min),
+        plain(next.charge_ah)
+    ));
+    Section::new(
+        "Next experiment",
+        vec![
+            Item::Text(format!("{}: {}", next.name, next.description)),
+            Item::List(points),
+        ],
+    )
 }
 
 pub(super) fn unexplained(d: &Diagnosis) -> Section {
-    let (blocks, z) = if d.effects.is_empty() { (&d.blocks, d.quality.base_z) } else { (&d.where_after, d.quality.augmented_z) };
+    let (blocks, z) = if d.effects.is_empty() {
+        (&d.blocks, d.quality.base_z)
+    } else {
+        (&d.where_after, d.quality.augmented_z)
+    };
     let left: Vec<&Block> = blocks.iter().filter(|b| is_significant(b)).collect();
-    let mut points: Vec<String> = left.iter().take(MOST_BLOCKS).map(|b| format!("{}: {}", b.dimension, b.part)).collect();
+    let mut points: Vec<String> = left
+        .iter()
+        .take(MOST_BLOCKS)
+        .map(|b| format!("{}: {}", b.dimension, b.part))
+        .collect();
     if left.len() > MOST_BLOCKS {
         points.push(format!("and {} more blocks", left.len() - MOST_BLOCKS));
     }
     let lead = match (left.is_empty(), z >= POOR_FIT_Z) {
         (true, false) => "Nothing beyond the noise.".to_owned(),
-        (true, true) => format!("χ² is still {} σ above noise, spread over all blocks.", times(z)),
+        (true, true) => format!(
+            "χ² is still {} σ above noise, spread over all blocks.",
+            times(z)
+        ),
         (false, _) => format!("Still outside the noise (χ² {} σ above it):", times(z)),
     };
     let mut items = vec![Item::Text(lead)];
@@ -60,8 +101,14 @@ pub(super) fn unexplained(d: &Diagnosis) -> Section {
 /// The candidate that helps most without explaining.
 fn hint(d: &Diagnosis) -> Option<Item> {
     let excess = d.quality.base_chi2 - d.quality.degrees_of_freedom;
-    let helped = d.ranking.iter().filter(|c| !d.effects.iter().any(|e| e.name == c.name)).filter_map(|c| c.lambda.map(|l| (c, l)));
-    let (best, lambda) = helped.max_by(|a, b| a.1.total_cmp(&b.1)).filter(|(_, l)| *l > 0.0 && excess > 0.0)?;
+    let helped = d
+        .ranking
+        .iter()
+        .filter(|c| !d.effects.iter().any(|e| e.name == c.name))
+        .filter_map(|c| c.lambda.map(|l| (c, l)));
+    let (best, lambda) = helped
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .filter(|(_, l)| *l > 0.0 && excess > 0.0)?;
     Some(Item::Text(format!(
         "A hint, not a name: {} helps most; alone it would remove {} of an excess χ² of {} ({}).",
         titled(best.name),
@@ -74,7 +121,11 @@ fn hint(d: &Diagnosis) -> Option<Item> {
 pub(super) fn not_claimed(d: &Diagnosis) -> Section {
     let mut points = Vec::new();
     if !d.noise.from_repeats {
-        points.push("That the model is at the noise floor: there are no repeats, so that nobody knows the floor.".to_owned());
+        points.push(
+            "That the model is at the noise floor: there are no repeats, so that nobody \
+        knows the floor."
+                .to_owned(),
+        );
     }
     if d.verdict == Verdict::AtNoiseFloor {
         points.push("That no effect acts: one too weak for these runs stays hidden.".to_owned());
@@ -82,17 +133,40 @@ pub(super) fn not_claimed(d: &Diagnosis) -> Section {
     if d.verdict == Verdict::Unexplained {
         points.push("A name for what is missing.".to_owned());
     }
-    let rivals = d.rivals.iter().map(|r| format!("That it is {} and not {}.", titled(r.instead_of), titled(r.name)));
+    let rivals = d.rivals.iter().map(|r| {
+        format!(
+            "That it is {} and not {}.",
+            titled(r.instead_of),
+            titled(r.name)
+        )
+    });
     points.extend(rivals.filter(|_| d.verdict == Verdict::Ambiguous));
     points.extend(
-        d.effects.iter().filter(|e| e.group == Group::Bench).map(|e| format!("That the cell has changed: {} sits in the bench.", e.title)),
+        d.effects
+            .iter()
+            .filter(|e| e.group == Group::Bench)
+            .map(|e| format!("That the cell has changed: {} sits in the bench.", e.title)),
     );
-    let loose = d.effects.iter().flat_map(|e| e.parameters.iter().filter(|p| p.sigma.is_none()).map(move |p| (e, p)));
-    points.extend(loose.map(|(e, p)| format!("A value of {} of {}: the data leave it open.", p.name, e.name)));
+    let loose = d.effects.iter().flat_map(|e| {
+        e.parameters
+            .iter()
+            .filter(|p| p.sigma.is_none())
+            .map(move |p| (e, p))
+    });
+    points.extend(loose.map(|(e, p)| {
+        format!(
+            "A value of {} of {}: the data leave it open.",
+            p.name, e.name
+        )
+    }));
     if d.gap.is_empty() && d.gap_spectra.is_empty() {
         points.push("Any better prediction: no run was held out.".to_owned());
     }
-    points.push("Anything beyond the currents, frequencies, states of charge and temperatures of this data set.".to_owned());
+    points.push(
+        "Anything beyond the currents, frequencies, states of charge and temperatures of \
+    this data set."
+            .to_owned(),
+    );
     Section::new("Not claimed", vec![Item::List(points)])
 }
 
@@ -101,17 +175,38 @@ pub(super) fn noise(d: &Diagnosis) -> Section {
         return Section::default();
     }
     let source = match d.noise.from_repeats {
-        true => "Measured on repeated runs, with the bench's history as prior; never taken from the misfit.",
-        false => "Assumed, not measured: the data hold no repeats. All significances and scores above stand and fall with it.",
+        true => {
+            "Measured on repeated runs, with the bench's history as prior; never taken from the \
+            misfit."
+        }
+        false => {
+            "Assumed, not measured: the data hold no repeats. All significances and scores above \
+            stand and fall with it."
+        }
     };
     let row = |t: &NoiseTerm| {
         let z = t.z.map_or("–".to_owned(), |z| format!("{} σ", times(z)));
-        vec![t.name.to_owned(), quantity(t.sigma, ""), t.history.map_or("–".to_owned(), |h| quantity(h, "")), z]
+        vec![
+            t.name.to_owned(),
+            quantity(t.sigma, ""),
+            t.history.map_or("–".to_owned(), |h| quantity(h, "")),
+            z,
+        ]
     };
-    let table = Item::Table(vec!["Term", "Used", "History of the bench", "Distance from it"], d.noise.terms.iter().map(row).collect());
+    let table = Item::Table(
+        vec!["Term", "Used", "History of the bench", "Distance from it"],
+        d.noise.terms.iter().map(row).collect(),
+    );
     Section::new("Noise", vec![Item::Text(source.into()), table])
 }
 
 pub(super) fn notes(d: &Diagnosis) -> Section {
-    Section::new("Notes", if d.notes.is_empty() { Vec::new() } else { vec![Item::List(d.notes.clone())] })
+    Section::new(
+        "Notes",
+        if d.notes.is_empty() {
+            Vec::new()
+        } else {
+            vec![Item::List(d.notes.clone())]
+        },
+    )
 }

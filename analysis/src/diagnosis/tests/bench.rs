@@ -1,9 +1,14 @@
-//! A plain cell and a plain bench for the tests of the workflow: one series resistance, two branches, a curve, and whatever a test hides in them.
+//! A plain cell and a plain bench for the tests of the workflow: one series resistance, two
+//! branches, a curve, and whatever a test hides in them.
 //!
-//! Written out by hand, step by step; it shares nothing with what is tested but the types of the data.
+//! Written out by hand, step by step; it shares nothing with what is tested but the types of the
+//! data.
 
 use crate::augmented::Between;
-use crate::diagnosis::{BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
+use crate::diagnosis::{
+    BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
+    TimeRecord,
+};
 use crate::effects::Below;
 use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
@@ -25,7 +30,10 @@ impl Chance {
     }
 
     fn uniform(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1u64 << 53) as f64
     }
 
@@ -61,9 +69,27 @@ pub(super) fn ocv_v(z: f64) -> f64 {
 
 pub(super) fn model() -> BaseModel {
     let soc: Vec<f64> = (0..=100).map(|k| f64::from(k) / 100.0).collect();
-    let curve = OcvCurve::monotone(CAPACITY_AH, soc.clone(), soc.iter().map(|z| ocv_v(*z)).collect()).unwrap();
-    let branches = BRANCHES.iter().map(|(r_ohm, tau_s)| RcBranch { r_ohm: *r_ohm, c_f: tau_s / r_ohm }).collect();
-    BaseModel { name: "test".to_owned(), erm: Erm { r_ohm: R0, branches }, ocv: curve }
+    let curve = OcvCurve::monotone(
+        CAPACITY_AH,
+        soc.clone(),
+        soc.iter().map(|z| ocv_v(*z)).collect(),
+    )
+    .unwrap();
+    let branches = BRANCHES
+        .iter()
+        .map(|(r_ohm, tau_s)| RcBranch {
+            r_ohm: *r_ohm,
+            c_f: tau_s / r_ohm,
+        })
+        .collect();
+    BaseModel {
+        name: "test".to_owned(),
+        erm: Erm {
+            r_ohm: R0,
+            branches,
+        },
+        ocv: curve,
+    }
 }
 
 pub(super) const HISTORY: BenchHistory = BenchHistory {
@@ -84,33 +110,75 @@ pub(super) const HISTORY: BenchHistory = BenchHistory {
 };
 
 /// Segments of current (s, A, discharge positive).
-pub(super) const PULSES: &[(f64, f64)] =
-    &[(2.0, 0.0), (5.0, 20.0), (30.0, 0.0), (5.0, -20.0), (30.0, 0.0), (5.0, 60.0), (30.0, 0.0), (5.0, -40.0), (30.0, 0.0)];
+pub(super) const PULSES: &[(f64, f64)] = &[
+    (2.0, 0.0),
+    (5.0, 20.0),
+    (30.0, 0.0),
+    (5.0, -20.0),
+    (30.0, 0.0),
+    (5.0, 60.0),
+    (30.0, 0.0),
+    (5.0, -40.0),
+    (30.0, 0.0),
+];
 pub(super) const LONG: &[(f64, f64)] = &[(2.0, 0.0), (300.0, 9.0), (200.0, 0.0)];
-pub(super) const BLOCK: &[(f64, f64)] = &[(2.0, 0.0), (60.0, 25.0), (30.0, 0.0), (30.0, -15.0), (60.0, 0.0)];
+pub(super) const BLOCK: &[(f64, f64)] = &[
+    (2.0, 0.0),
+    (60.0, 25.0),
+    (30.0, 0.0),
+    (30.0, -15.0),
+    (60.0, 0.0),
+];
 
 /// A record of one run with its own errors of both channels.
-pub(super) fn record(segments: &[(f64, f64)], spacing: f64, hidden: &Hidden, chance: &mut Chance) -> TimeSeries {
-    let (gain, zero) = (1.0 + HISTORY.current_gain_rel * chance.normal(), HISTORY.current_offset_a * chance.normal());
-    let (spread, level) = (1.0 + HISTORY.resistance_rel * chance.normal() + hidden.later_rel, HISTORY.voltage_offset_v * chance.normal());
-    let mut s = TimeSeries { name: String::new(), time_s: Vec::new(), current_a: Vec::new(), voltage_v: Vec::new(), temperature_c: None };
+pub(super) fn record(
+    segments: &[(f64, f64)],
+    spacing: f64,
+    hidden: &Hidden,
+    chance: &mut Chance,
+) -> TimeSeries {
+    let (gain, zero) = (
+        1.0 + HISTORY.current_gain_rel * chance.normal(),
+        HISTORY.current_offset_a * chance.normal(),
+    );
+    let (spread, level) = (
+        1.0 + HISTORY.resistance_rel * chance.normal() + hidden.later_rel,
+        HISTORY.voltage_offset_v * chance.normal(),
+    );
+    let mut s = TimeSeries {
+        name: String::new(),
+        time_s: Vec::new(),
+        current_a: Vec::new(),
+        voltage_v: Vec::new(),
+        temperature_c: None,
+    };
     let (mut t, mut moved_c, mut heat_j, mut v, mut contact) = (0.0, 0.0, 0.0, [0.0; 2], 0.0);
     let mut slow_v = 0.0;
     for (duration_s, amps) in segments {
         let end = t + duration_s;
         let mut since: f64 = 0.0;
         while t < end - 1e-9 {
-            let soc = |moved_c: f64| START - (1.0 + hidden.slope) * moved_c / (3600.0 * CAPACITY_AH);
-            let factor =
-                |moved_c: f64, heat_j: f64| spread * (1.0 + hidden.per_soc * (soc(moved_c) - START)) * (-hidden.heat_per_j * heat_j).exp();
+            let soc =
+                |moved_c: f64| START - (1.0 + hidden.slope) * moved_c / (3600.0 * CAPACITY_AH);
+            let factor = |moved_c: f64, heat_j: f64| {
+                spread
+                    * (1.0 + hidden.per_soc * (soc(moved_c) - START))
+                    * (-hidden.heat_per_j * heat_j).exp()
+            };
             if chance.uniform() < 0.05 {
                 contact = hidden.telegraph_ohm - contact;
             }
-            let loss_v = factor(moved_c, heat_j) * R0 * amps + contact * amps + v[0] + v[1] + slow_v;
+            let loss_v =
+                factor(moved_c, heat_j) * R0 * amps + contact * amps + v[0] + v[1] + slow_v;
             let ripple_v = hidden.ripple_v * (std::f64::consts::TAU * moved_c / 25.0).sin();
             s.time_s.push(t);
             s.current_a.push(gain * amps + zero);
-            s.voltage_v.push(ocv_v(soc(moved_c)) - loss_v + ripple_v + level + HISTORY.voltage_noise_v * chance.normal());
+            s.voltage_v.push(
+                ocv_v(soc(moved_c)) - loss_v
+                    + ripple_v
+                    + level
+                    + HISTORY.voltage_noise_v * chance.normal(),
+            );
             // Whole multiples of 10 ms, so that edges fall on samples.
             let step = ((spacing * since).max(0.01) * 100.0).round() / 100.0;
             let step = step.min(end - t);
@@ -150,13 +218,24 @@ pub(super) fn sweep(hidden: &Hidden, chance: &mut Chance) -> Sweep {
             z = spread * z - Complex64::new(0.0, slope / (3600.0 * CAPACITY_AH * omega));
             let size = HISTORY.eis_noise_rel * z.norm();
             z += Complex64::new(size * chance.normal(), size * chance.normal());
-            SweepPoint { freq_hz, z_ohm: z, sigma_ohm: None, amplitude_a: Some(1.0) }
+            SweepPoint {
+                freq_hz,
+                z_ohm: z,
+                sigma_ohm: None,
+                amplitude_a: Some(1.0),
+            }
         })
         .collect();
-    Sweep { bias_a: 0.0, below: Below::default(), elapsed_s: Vec::new(), points }
+    Sweep {
+        bias_a: 0.0,
+        below: Below::default(),
+        elapsed_s: Vec::new(),
+        points,
+    }
 }
 
-/// Three repeats of sweeps, pulses and a long discharge to train on, two blocks held out. `held_out` may hide something else.
+/// Three repeats of sweeps, pulses and a long discharge to train on, two blocks held out.
+/// `held_out` may hide something else.
 pub(super) fn campaign(seed: u64, train: &Hidden, held_out: &Hidden) -> DataSet {
     let mut chance = Chance::new(seed);
     let mut runs = Vec::new();
@@ -185,13 +264,33 @@ pub(super) fn campaign(seed: u64, train: &Hidden, held_out: &Hidden) -> DataSet 
         })
     };
     for nth in 0..3 {
-        let at = |order: u32| Hidden { later_rel: if order >= 5 { train.later_rel } else { 0.0 }, ..*train };
-        add("eis", Role::Train, RunData::Eis(sweep(&at(3 * nth), &mut chance)));
-        add("pulses", Role::Train, time(PULSES, &at(3 * nth + 1), &mut chance));
-        add("long", Role::Train, time(LONG, &at(3 * nth + 2), &mut chance));
+        let at = |order: u32| Hidden {
+            later_rel: if order >= 5 { train.later_rel } else { 0.0 },
+            ..*train
+        };
+        add(
+            "eis",
+            Role::Train,
+            RunData::Eis(sweep(&at(3 * nth), &mut chance)),
+        );
+        add(
+            "pulses",
+            Role::Train,
+            time(PULSES, &at(3 * nth + 1), &mut chance),
+        );
+        add(
+            "long",
+            Role::Train,
+            time(LONG, &at(3 * nth + 2), &mut chance),
+        );
     }
     for _ in 0..2 {
         add("block", Role::HeldOut, time(BLOCK, held_out, &mut chance));
     }
-    DataSet { name: "test".to_owned(), runs, history: Some(HISTORY), calibration: None }
+    DataSet {
+        name: "test".to_owned(),
+        runs,
+        history: Some(HISTORY),
+        calibration: None,
+    }
 }

@@ -12,10 +12,19 @@ use num_complex::Complex64;
 
 /// A cell of 4.5 Ah with three branches.
 fn base() -> Base {
-    let branch = |r_ohm: f64, tau_s: f64| RcBranch { r_ohm, c_f: tau_s / r_ohm };
-    let erm = Erm { r_ohm: 6.5e-3, branches: vec![branch(1.5e-3, 5e-3), branch(2e-3, 0.06), branch(3e-3, 2.0)] };
+    let branch = |r_ohm: f64, tau_s: f64| RcBranch {
+        r_ohm,
+        c_f: tau_s / r_ohm,
+    };
+    let erm = Erm {
+        r_ohm: 6.5e-3,
+        branches: vec![branch(1.5e-3, 5e-3), branch(2e-3, 0.06), branch(3e-3, 2.0)],
+    };
     let soc: Vec<f64> = (0..=20).map(|k| 0.05 * f64::from(k)).collect();
-    let ocv_v = soc.iter().map(|z| 2.9 + 1.25 * z - 0.35 * (z * 5.0).sin() / 5.0 + 0.4 * (1.0 - (-12.0 * z).exp())).collect();
+    let ocv_v = soc
+        .iter()
+        .map(|z| 2.9 + 1.25 * z - 0.35 * (z * 5.0).sin() / 5.0 + 0.4 * (1.0 - (-12.0 * z).exp()))
+        .collect();
     let facts = Facts {
         lowest_hz: Some(0.1),
         highest_hz: Some(300.0),
@@ -28,7 +37,11 @@ fn base() -> Base {
         orders: 20.0,
         span_s: 20_000.0,
     };
-    Base { erm, ocv: OcvCurve::monotone(4.5, soc, ocv_v).unwrap(), facts }
+    Base {
+        erm,
+        ocv: OcvCurve::monotone(4.5, soc, ocv_v).unwrap(),
+        facts,
+    }
 }
 
 /// Times and currents of a record.
@@ -38,7 +51,8 @@ struct Trace {
 }
 
 impl Trace {
-    /// Each segment (A, s) sampled densely after its edge, at last every five seconds, and 10 ms before the next edge.
+    /// Each segment (A, s) sampled densely after its edge, at last every five seconds, and 10 ms
+    /// before the next edge.
     fn segments(segments: &[(f64, f64)]) -> Self {
         let (mut time_s, mut current_a, mut start_s) = (Vec::new(), Vec::new(), 0.0);
         for &(current, length_s) in segments {
@@ -46,10 +60,16 @@ impl Trace {
             while t < length_s - 1e-9 {
                 time_s.push(start_s + t);
                 current_a.push(current);
-                let step_s =
-                    [(0.1, 0.01), (0.5, 0.05), (5.0, 0.2), (60.0, 1.0)].iter().find(|(until, _)| t < until - 1e-9).map_or(5.0, |s| s.1);
+                let step_s = [(0.1, 0.01), (0.5, 0.05), (5.0, 0.2), (60.0, 1.0)]
+                    .iter()
+                    .find(|(until, _)| t < until - 1e-9)
+                    .map_or(5.0, |s| s.1);
                 let before_edge_s = length_s - 0.01;
-                t = if t < before_edge_s - 1e-9 { (t + step_s).min(before_edge_s) } else { length_s };
+                t = if t < before_edge_s - 1e-9 {
+                    (t + step_s).min(before_edge_s)
+                } else {
+                    length_s
+                };
             }
             start_s += length_s;
         }
@@ -59,7 +79,10 @@ impl Trace {
     }
 
     fn pulses() -> Self {
-        let segments: Vec<_> = [10.0, -10.0, 30.0, -30.0, 100.0, -40.0].iter().flat_map(|i| [(*i, 5.0), (0.0, 40.0)]).collect();
+        let segments: Vec<_> = [10.0, -10.0, 30.0, -30.0, 100.0, -40.0]
+            .iter()
+            .flat_map(|i| [(*i, 5.0), (0.0, 40.0)])
+            .collect();
         Self::segments(&segments)
     }
 
@@ -69,27 +92,55 @@ impl Trace {
 
     fn record(&self, soc: f64, order: f64) -> Record<'_> {
         let (time_s, current_a) = (&self.time_s[..], &self.current_a[..]);
-        Record { time_s, current_a, soc, temperature_c: 25.0, order, start_s: 1000.0 * order, is_cell: true, before: &[] }
+        Record {
+            time_s,
+            current_a,
+            soc,
+            temperature_c: 25.0,
+            order,
+            start_s: 1000.0 * order,
+            is_cell: true,
+            before: &[],
+        }
     }
 }
 
 /// The voltage of a record with one addition, or none.
 fn play(added: &[Added<'_>], record: &Record<'_>, between: Between, parts: usize) -> Vec<f64> {
     let mut voltage_v = Vec::new();
-    Player::default().play((&base(), added), record, (&Grid::new(record.time_s, between), parts), &mut voltage_v);
+    Player::default().play(
+        (&base(), added),
+        record,
+        (&Grid::new(record.time_s, between), parts),
+        &mut voltage_v,
+    );
     voltage_v
 }
 
 /// The voltage of a record with an effect of the catalogue, its current held between samples.
 fn with(name: &str, p: &[f64], trace: &Trace, soc: f64) -> Vec<f64> {
     let effect = super::find(name).unwrap();
-    play(&[Added { effect, p }], &trace.record(soc, 0.0), Between::Hold, 1)
+    play(
+        &[Added { effect, p }],
+        &trace.record(soc, 0.0),
+        Between::Hold,
+        1,
+    )
 }
 
 /// The impedance of the cell with an effect, Ω.
 fn seen(name: &str, p: &[f64], at: &Point) -> Complex64 {
-    let added = [Added { effect: super::find(name).unwrap(), p }];
-    augmented::impedance(&augmented::network(&base(), &added), &base(), &added, at, None)
+    let added = [Added {
+        effect: super::find(name).unwrap(),
+        p,
+    }];
+    augmented::impedance(
+        &augmented::network(&base(), &added),
+        &base(),
+        &added,
+        at,
+        None,
+    )
 }
 
 /// The impedance of the cell without any, Ω.
@@ -108,7 +159,10 @@ fn point(freq_hz: f64) -> Point {
         order: 0.0,
         start_s: 0.0,
         is_cell: true,
-        below: Below { r_ohm: 0.02, l_h: 0.0 },
+        below: Below {
+            r_ohm: 0.02,
+            l_h: 0.0,
+        },
     }
 }
 
@@ -117,12 +171,23 @@ fn settings(effect: &dyn Effect, strength: impl Fn(&Parameter) -> f64) -> Vec<Ve
     let parameters = effect.parameters(&base());
     let mut settings = vec![vec![strength(&parameters[0])]];
     for parameter in &parameters[1..] {
-        settings = settings.iter().flat_map(|s| parameter.starts.iter().map(move |start| [&s[..], &[*start]].concat())).collect();
+        settings = settings
+            .iter()
+            .flat_map(|s| {
+                parameter
+                    .starts
+                    .iter()
+                    .map(move |start| [&s[..], &[*start]].concat())
+            })
+            .collect();
     }
     settings
 }
 
 fn largest(a: &[f64], b: &[f64]) -> f64 {
     assert_eq!(a.len(), b.len());
-    a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    a.iter()
+        .zip(b)
+        .map(|(a, b)| (a - b).abs())
+        .fold(0.0, f64::max)
 }

@@ -1,4 +1,5 @@
-//! The data of a circuit's fit: points of equal frequency pooled, with weights, and the three objectives as functions of the model's impedance.
+//! The data of a circuit's fit: points of equal frequency pooled, with weights, and the three
+//! objectives as functions of the model's impedance.
 
 use super::options::{CircuitFitError, CircuitOptions, Weight};
 use crate::fit::clusters::Clusters;
@@ -59,10 +60,24 @@ pub(super) struct Share {
 }
 
 impl Data {
-    pub(super) fn new(spectra: &[Spectrum], clusters: Clusters, options: &CircuitOptions) -> Result<Self, CircuitFitError> {
+    pub(super) fn new(
+        spectra: &[Spectrum],
+        clusters: Clusters,
+        options: &CircuitOptions,
+    ) -> Result<Self, CircuitFitError> {
         check_spectra(spectra)?;
-        let all = || spectra.iter().enumerate().flat_map(|(i, s)| s.points.iter().map(move |p| (i, p)));
-        let (points, known) = (all().count(), all().filter(|(_, p)| inverse_covariance(&p.covariance).is_some()).count());
+        let all = || {
+            spectra
+                .iter()
+                .enumerate()
+                .flat_map(|(i, s)| s.points.iter().map(move |p| (i, p)))
+        };
+        let (points, known) = (
+            all().count(),
+            all()
+                .filter(|(_, p)| inverse_covariance(&p.covariance).is_some())
+                .count(),
+        );
         let default = match options.objective {
             Objective::Complex if known == points => Weight::Covariance,
             Objective::Complex => Weight::Modulus,
@@ -73,29 +88,52 @@ impl Data {
             return Err(CircuitFitError::UnknownCovariance { known, points });
         }
         let carried = weight == Weight::Covariance && options.objective == Objective::Complex;
-        let names = if carried { common::names(spectra) } else { Vec::new() };
+        let names = if carried {
+            common::names(spectra)
+        } else {
+            Vec::new()
+        };
         let one = |(i, s): (usize, &Spectrum), (k, p): (usize, &ImpedancePoint)| {
-            let covariance = if names.is_empty() { p.covariance } else { s.own_covariance(k) };
+            let covariance = if names.is_empty() {
+                p.covariance
+            } else {
+                s.own_covariance(k)
+            };
             let point = DataPoint::new(&ImpedancePoint { covariance, ..*p }, weight, i);
-            let seen = Seen { z: p.z_ohm, weight: point.weight, directions: common::directions(s, k, &names) };
+            let seen = Seen {
+                z: p.z_ohm,
+                weight: point.weight,
+                directions: common::directions(s, k, &names),
+            };
             (p.freq_hz, point, seen)
         };
         let mut tagged: Vec<(f64, DataPoint, Seen)> = spectra
             .iter()
             .enumerate()
-            .flat_map(|(i, s)| s.points.iter().enumerate().map(move |point| ((i, s), point)))
+            .flat_map(|(i, s)| {
+                s.points
+                    .iter()
+                    .enumerate()
+                    .map(move |point| ((i, s), point))
+            })
             .map(|(spectrum, point)| one(spectrum, point))
             .collect();
         tagged.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut norms: Vec<f64> = tagged.iter().map(|(_, p, _)| quadratic(&p.weight, p.z).sqrt()).collect();
+        let mut norms: Vec<f64> = tagged
+            .iter()
+            .map(|(_, p, _)| quadratic(&p.weight, p.z).sqrt())
+            .collect();
         norms.sort_by(f64::total_cmp);
         let scale = norms.get(norms.len() / 2).copied().unwrap_or(1.0);
         let mut groups: Vec<Group> = Vec::new();
         let mut seen: Vec<Vec<Seen>> = Vec::new();
         for (freq_hz, point, as_seen) in tagged {
             match (groups.last_mut(), seen.last_mut()) {
-                // Files print frequencies with few digits: what differs in the tenth is the same frequency.
-                (Some(group), Some(all)) if (freq_hz - group.freq_hz).abs() <= 1e-10 * group.freq_hz => {
+                // Files print frequencies with few digits: what differs in the tenth is the same
+                // frequency.
+                (Some(group), Some(all))
+                    if (freq_hz - group.freq_hz).abs() <= 1e-10 * group.freq_hz =>
+                {
                     group.points.push(point);
                     all.push(as_seen);
                 }
@@ -107,12 +145,25 @@ impl Data {
         }
         groups.iter_mut().for_each(Group::close);
         let common = Common::new(&names, seen, true);
-        Ok(Self { groups, objective: options.objective, weight, points, known, clusters, scale, common })
+        Ok(Self {
+            groups,
+            objective: options.objective,
+            weight,
+            points,
+            known,
+            clusters,
+            scale,
+            common,
+        })
     }
 
     /// All points of a frequency are the same.
     pub(super) fn is_repeated(&self) -> bool {
-        self.groups.iter().all(|g| g.points.iter().all(|p| g.points.first().is_some_and(|first| first.z == p.z)))
+        self.groups.iter().all(|g| {
+            g.points
+                .iter()
+                .all(|p| g.points.first().is_some_and(|first| first.z == p.z))
+        })
     }
 
     /// The objective is a χ²: squares in standard deviations.
@@ -122,20 +173,29 @@ impl Data {
 
     /// Independent numbers among the data.
     pub(super) fn numbers(&self) -> usize {
-        if self.objective == Objective::Modulus { self.points } else { 2 * self.points }
+        if self.objective == Objective::Modulus {
+            self.points
+        } else {
+            2 * self.points
+        }
     }
 
-    /// Value of one frequency's share; `corner` rounds the norm off, in units of the weighted residual.
+    /// Value of one frequency's share; `corner` rounds the norm off, in units of the weighted
+    /// residual.
     pub(super) fn value(&self, g: &Group, z: Complex64, corner: f64) -> f64 {
         match self.objective {
-            Objective::SumAbs => g.points.iter().map(|p| (quadratic(&p.weight, z - p.z) + corner * corner).sqrt()).sum(),
+            Objective::SumAbs => g
+                .points
+                .iter()
+                .map(|p| (quadratic(&p.weight, z - p.z) + corner * corner).sqrt())
+                .sum(),
             Objective::Modulus => g.weight_abs * (z.norm() - g.mean_abs).powi(2) + g.scatter_abs,
             Objective::Complex => quadratic(&g.weight, z - g.mean) + g.scatter,
         }
     }
 
-    /// Value and derivatives of one frequency's share. Without `exact` the Hessian of |Z| leaves out what changes sign with the residual (Gauss and
-    /// Newton), so that it is never indefinite.
+    /// Value and derivatives of one frequency's share. Without `exact` the Hessian of |Z| leaves
+    /// out what changes sign with the residual (Gauss and Newton), so that it is never indefinite.
     pub(super) fn share(&self, g: &Group, z: Complex64, (corner, exact): (f64, bool)) -> Share {
         match self.objective {
             Objective::SumAbs => norms_share(g, z, corner),
@@ -147,14 +207,22 @@ impl Data {
                 Share {
                     value: g.weight_abs * excess * excess + g.scatter_abs,
                     gradient: [along * excess * ux, along * excess * uy],
-                    hessian: [along * ux * ux + across * uy * uy, (along - across) * ux * uy, along * uy * uy + across * ux * ux],
+                    hessian: [
+                        along * ux * ux + across * uy * uy,
+                        (along - across) * ux * uy,
+                        along * uy * uy + across * ux * ux,
+                    ],
                 }
             }
             Objective::Complex => {
                 let r = z - g.mean;
                 let hessian = g.weight.map(|w| 2.0 * w);
                 let gradient = apply(&hessian, r);
-                Share { value: quadratic(&g.weight, r) + g.scatter, gradient, hessian }
+                Share {
+                    value: quadratic(&g.weight, r) + g.scatter,
+                    gradient,
+                    hessian,
+                }
             }
         }
     }
@@ -183,18 +251,33 @@ impl DataPoint {
             Weight::Unit => ([1.0, 0.0, 1.0], 1.0),
             Weight::Modulus => ([relative, 0.0, relative], relative),
             // Checked before: there is a covariance.
-            Weight::Covariance => {
-                (inverse_covariance(&p.covariance).unwrap_or([relative, 0.0, relative]), p.magnitude_sigma_ohm().powi(-2))
-            }
+            Weight::Covariance => (
+                inverse_covariance(&p.covariance).unwrap_or([relative, 0.0, relative]),
+                p.magnitude_sigma_ohm().powi(-2),
+            ),
         };
-        Self { z: p.z_ohm, weight, weight_abs, spectrum }
+        Self {
+            z: p.z_ohm,
+            weight,
+            weight_abs,
+            spectrum,
+        }
     }
 }
 
 impl Group {
     fn open(freq_hz: f64, first: DataPoint) -> Self {
         let (zero, none) = (Complex64::ZERO, [0.0; 3]);
-        Self { freq_hz, points: vec![first], weight: none, mean: zero, scatter: 0.0, weight_abs: 0.0, mean_abs: 0.0, scatter_abs: 0.0 }
+        Self {
+            freq_hz,
+            points: vec![first],
+            weight: none,
+            mean: zero,
+            scatter: 0.0,
+            weight_abs: 0.0,
+            mean_abs: 0.0,
+            scatter_abs: 0.0,
+        }
     }
 
     /// Means first, then sums of squares about them: no digits are lost to cancellation.
@@ -210,13 +293,25 @@ impl Group {
         let det = xx * yy - xy * xy;
         self.mean = Complex64::new((yy * bx - xy * by) / det, (xx * by - xy * bx) / det);
         self.mean_abs = sum_abs / self.weight_abs;
-        self.scatter = self.points.iter().map(|p| quadratic(&p.weight, p.z - self.mean)).sum();
-        self.scatter_abs = self.points.iter().map(|p| p.weight_abs * (p.z.norm() - self.mean_abs).powi(2)).sum();
+        self.scatter = self
+            .points
+            .iter()
+            .map(|p| quadratic(&p.weight, p.z - self.mean))
+            .sum();
+        self.scatter_abs = self
+            .points
+            .iter()
+            .map(|p| p.weight_abs * (p.z.norm() - self.mean_abs).powi(2))
+            .sum();
     }
 }
 
 fn norms_share(g: &Group, z: Complex64, corner: f64) -> Share {
-    let mut share = Share { value: 0.0, gradient: [0.0; 2], hessian: [0.0; 3] };
+    let mut share = Share {
+        value: 0.0,
+        gradient: [0.0; 2],
+        hessian: [0.0; 3],
+    };
     for p in &g.points {
         let r = z - p.z;
         let s = (quadratic(&p.weight, r) + corner * corner).sqrt();

@@ -42,7 +42,11 @@ impl FromStr for Weight {
 
     fn from_str(text: &str) -> Result<Self, CircuitFitError> {
         let all = [Self::Unit, Self::Modulus, Self::Covariance];
-        all.into_iter().find(|w| w.name() == text).ok_or_else(|| CircuitFitError::UnknownWeight { met: text.to_owned() })
+        all.into_iter()
+            .find(|w| w.name() == text)
+            .ok_or_else(|| CircuitFitError::UnknownWeight {
+                met: text.to_owned(),
+            })
     }
 }
 
@@ -63,7 +67,9 @@ impl FromStr for Search {
         match text {
             "starts" => Ok(Self::Starts),
             "evolution" => Ok(Self::Evolution),
-            _ => Err(CircuitFitError::UnknownSearch { met: text.to_owned() }),
+            _ => Err(CircuitFitError::UnknownSearch {
+                met: text.to_owned(),
+            }),
         }
     }
 }
@@ -73,14 +79,15 @@ impl FromStr for Search {
 pub struct CircuitOptions {
     /// What to make small.
     pub objective: Objective,
-    /// What residuals are compared with. None: for `complex` the covariance where every point has one, else the modulus; for the others unit, so
-    /// that they are the sums of the ERM's fit.
+    /// What residuals are compared with. None: for `complex` the covariance where every point has
+    /// one, else the modulus; for the others unit, so that they are the sums of the ERM's fit.
     pub weight: Option<Weight>,
     /// Start values as (index of the parameter, value); the others are drawn.
     pub guess: Vec<(usize, f64)>,
     /// Parameters that are held, as (index of the parameter, value).
     pub constants: Vec<(usize, f64)>,
-    /// Most starts of [`Search::Starts`]. None: 64, or the guess alone where it gives every parameter.
+    /// Most starts of [`Search::Starts`]. None: 64, or the guess alone where it gives every
+    /// parameter.
     pub starts: Option<usize>,
     /// How to look for the global optimum.
     pub search: Search,
@@ -110,7 +117,10 @@ pub enum CircuitFitError {
     #[error(transparent)]
     Data(#[from] FitError),
     /// A covariance is asked for and not there.
-    #[error("weight covariance: expected a covariance at every point, met {known} of {points} points with one; use unit or modulus")]
+    #[error(
+        "weight covariance: expected a covariance at every point, met {known} of {points} points \
+        with one; use unit or modulus"
+    )]
     UnknownCovariance {
         /// Points with a usable covariance.
         known: usize,
@@ -119,7 +129,8 @@ pub enum CircuitFitError {
     },
     /// More parameters than the data have numbers.
     #[error(
-        "fit of {circuit}: expected at least {parameters} numbers for as many free parameters, met {numbers} \
+        "fit of {circuit}: expected at least {parameters} numbers for as many free parameters, met \
+        {numbers} \
          ({frequencies} distinct frequencies, objective {objective})"
     )]
     TooFewFrequencies {
@@ -136,7 +147,8 @@ pub enum CircuitFitError {
     },
     /// As many parameters as numbers, and only the same readings again.
     #[error(
-        "fit of {circuit}: expected more numbers than {parameters} free parameters, met {points} points that repeat {frequencies} distinct \
+        "fit of {circuit}: expected more numbers than {parameters} free parameters, met {points} \
+        points that repeat {frequencies} distinct \
          frequencies to the last digit: {numbers} numbers"
     )]
     Repeated {
@@ -153,7 +165,8 @@ pub enum CircuitFitError {
     },
     /// A guess or a constant that belongs to no parameter or is out of its range.
     #[error(
-        "fit of {circuit}: expected {list} within the physical range of the circuit's parameters, met number {index} with value {value}"
+        "fit of {circuit}: expected {list} within the physical range of the circuit's parameters, \
+        met number {index} with value {value}"
     )]
     BadValue {
         /// The circuit.
@@ -173,7 +186,8 @@ pub enum CircuitFitError {
     },
     /// No start gave finite numbers.
     #[error(
-        "fit of {circuit}: expected impedances that can be squared, met values so large or small that no start gives a finite objective"
+        "fit of {circuit}: expected impedances that can be squared, met values so large or small \
+        that no start gives a finite objective"
     )]
     NoFiniteValue {
         /// The circuit.

@@ -1,4 +1,5 @@
-//! The objective of a circuit's fit as a function of its free variables: logarithms of the parameters, but exponents as they are.
+//! The objective of a circuit's fit as a function of its free variables: logarithms of the
+//! parameters, but exponents as they are.
 
 use super::data::{Data, Share};
 use crate::fit::common::Common;
@@ -18,7 +19,8 @@ pub(super) struct Problem<'a> {
     pub(super) base: Vec<f64>,
     /// Indices of the free parameters.
     pub(super) free: Vec<usize>,
-    /// Adds the model's own curvature to the Hessian: quadratic convergence at the end, also where residuals are large.
+    /// Adds the model's own curvature to the Hessian: quadratic convergence at the end, also where
+    /// residuals are large.
     pub(super) exact: bool,
     /// Corner of the smoothed norm; zero for the objective itself.
     pub(super) corner: f64,
@@ -40,29 +42,53 @@ impl Problem<'_> {
 
     /// The free variables of all parameters.
     pub(super) fn variables(&self, p: &[f64]) -> Vec<f64> {
-        self.free.iter().map(|i| if self.is_log(*i) { p[*i].ln() } else { p[*i] }).collect()
+        self.free
+            .iter()
+            .map(|i| if self.is_log(*i) { p[*i].ln() } else { p[*i] })
+            .collect()
     }
 
     /// ∂parameter/∂variable of the free parameters.
     pub(super) fn stretch(&self, p: &[f64]) -> Vec<f64> {
-        self.free.iter().map(|i| if self.is_log(*i) { p[*i] } else { 1.0 }).collect()
+        self.free
+            .iter()
+            .map(|i| if self.is_log(*i) { p[*i] } else { 1.0 })
+            .collect()
     }
 
     /// Impedances of the circuit at all frequencies, Ω.
     fn model(&self, p: &[f64]) -> Vec<Complex64> {
-        self.data.groups.iter().map(|g| self.circuit.impedance(p, g.freq_hz)).collect()
+        self.data
+            .groups
+            .iter()
+            .map(|g| self.circuit.impedance(p, g.freq_hz))
+            .collect()
     }
 
-    /// Impedances of the circuit as each point of each frequency sees them, with the common errors at their best, Ω. `p` are all parameters.
+    /// Impedances of the circuit as each point of each frequency sees them, with the common errors
+    /// at their best, Ω. `p` are all parameters.
     pub(super) fn seen(&self, p: &[f64]) -> Vec<Vec<Complex64>> {
         let model = self.model(p);
-        let best = self.data.common.as_ref().map(|common| (common, common.best(&model).0));
-        let off = |group: usize, point: usize| best.as_ref().map_or(Complex64::ZERO, |(common, best)| common.deviation(group, point, best));
-        let of = |(group, z): (usize, &Complex64)| (0..self.data.groups[group].points.len()).map(|point| z + off(group, point)).collect();
+        let best = self
+            .data
+            .common
+            .as_ref()
+            .map(|common| (common, common.best(&model).0));
+        let off = |group: usize, point: usize| {
+            best.as_ref().map_or(Complex64::ZERO, |(common, best)| {
+                common.deviation(group, point, best)
+            })
+        };
+        let of = |(group, z): (usize, &Complex64)| {
+            (0..self.data.groups[group].points.len())
+                .map(|point| z + off(group, point))
+                .collect()
+        };
         model.iter().enumerate().map(of).collect()
     }
 
-    /// What common errors take from the Hessian over the free variables, row by row; none without them.
+    /// What common errors take from the Hessian over the free variables, row by row; none without
+    /// them.
     pub(super) fn taken(&self, x: &[f64]) -> Option<Vec<f64>> {
         let common = self.data.common.as_ref()?;
         let mut mixed = vec![0.0; common.count() * x.len()];
@@ -70,7 +96,8 @@ impl Problem<'_> {
         Some(common.taken_from_hessian(&mixed, x.len()))
     }
 
-    /// Calls `f` with the number of each frequency, the model's impedance there and its derivatives with respect to the free variables.
+    /// Calls `f` with the number of each frequency, the model's impedance there and its derivatives
+    /// with respect to the free variables.
     pub(super) fn sweep(&self, x: &[f64], mut f: impl FnMut(usize, Complex64, &[Complex64])) {
         let p = self.parameters(x);
         let stretch = self.stretch(&p);
@@ -85,14 +112,17 @@ impl Problem<'_> {
         }
     }
 
-    /// Adds Σ gₖ·∂²zₖ, by central differences of the exact first derivatives with the gradients over z held.
+    /// Adds Σ gₖ·∂²zₖ, by central differences of the exact first derivatives with the gradients
+    /// over z held.
     fn add_model_curvature(&self, x: &[f64], pulls: &[[f64; 2]], hessian: &mut [f64]) {
         let n = x.len();
         let contracted = |x: &[f64]| {
             let mut sum = vec![0.0; n];
             self.sweep(x, |k, _, slopes| {
                 let [gx, gy] = pulls[k];
-                sum.iter_mut().zip(slopes).for_each(|(sum, s)| *sum += gx * s.re + gy * s.im);
+                sum.iter_mut()
+                    .zip(slopes)
+                    .for_each(|(sum, s)| *sum += gx * s.re + gy * s.im);
             });
             sum
         };
@@ -121,8 +151,19 @@ impl Smooth for Problem<'_> {
     fn value(&self, x: &[f64]) -> f64 {
         let p = self.parameters(x);
         let model = self.model(&p);
-        let apart: f64 = self.data.groups.iter().zip(&model).map(|(g, z)| self.data.value(g, *z, self.corner)).sum();
-        apart - self.data.common.as_ref().map_or(0.0, |common| common.best(&model).1)
+        let apart: f64 = self
+            .data
+            .groups
+            .iter()
+            .zip(&model)
+            .map(|(g, z)| self.data.value(g, *z, self.corner))
+            .sum();
+        apart
+            - self
+                .data
+                .common
+                .as_ref()
+                .map_or(0.0, |common| common.best(&model).1)
     }
 
     fn expand(&self, x: &[f64], gradient: &mut [f64], hessian: &mut [f64]) -> f64 {
@@ -131,11 +172,21 @@ impl Smooth for Problem<'_> {
         hessian.fill(0.0);
         let mut value = 0.0;
         let mut pulls = vec![[0.0; 2]; self.data.groups.len()];
-        let best = self.data.common.as_ref().map(|common| (common, common.best(&self.model(&self.parameters(x)))));
+        let best = self
+            .data
+            .common
+            .as_ref()
+            .map(|common| (common, common.best(&self.model(&self.parameters(x)))));
         let mut mixed = vec![0.0; self.data.common.as_ref().map_or(0, Common::count) * n];
         self.sweep(x, |k, z, slopes| {
-            let share = self.data.share(&self.data.groups[k], z, (self.corner, self.exact));
-            let Share { value: v, gradient: [mut gx, mut gy], hessian: [xx, xy, yy] } = share;
+            let share = self
+                .data
+                .share(&self.data.groups[k], z, (self.corner, self.exact));
+            let Share {
+                value: v,
+                gradient: [mut gx, mut gy],
+                hessian: [xx, xy, yy],
+            } = share;
             value += v;
             if let Some((common, (best, _))) = &best {
                 let [x, y] = common.gradient(k, best);
@@ -153,7 +204,10 @@ impl Smooth for Problem<'_> {
         });
         if let Some((common, (_, taken))) = &best {
             value -= taken;
-            hessian.iter_mut().zip(common.taken_from_hessian(&mixed, n)).for_each(|(h, taken)| *h -= taken);
+            hessian
+                .iter_mut()
+                .zip(common.taken_from_hessian(&mixed, n))
+                .for_each(|(h, taken)| *h -= taken);
         }
         for i in 0..n {
             for j in 0..i {

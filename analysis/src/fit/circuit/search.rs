@@ -1,4 +1,5 @@
-//! The global optimum of a circuit's fit: local fits from many starts, or differential evolution; then the polish to the last digits.
+//! The global optimum of a circuit's fit: local fits from many starts, or differential evolution;
+//! then the polish to the last digits.
 
 use super::data::Data;
 use super::options::{CircuitOptions, Search, Weight};
@@ -16,14 +17,18 @@ const STARTS: usize = 64;
 const ROUND: usize = 8;
 /// Random parameters looked at for each start, of which the best is taken.
 const CANDIDATES: usize = 12;
-/// So many starts at the same optimum are believed, once at least so many per free parameter were tried: a wide basin need not be the deepest.
+/// So many starts at the same optimum are believed, once at least so many per free parameter were
+/// tried: a wide basin need not be the deepest.
 const AGREEING: usize = 3;
 const STARTS_PER_PARAMETER: usize = 3;
-/// Below this reduced χ² an optimum explains the data to their stated noise, and no deeper one is to be expected.
+/// Below this reduced χ² an optimum explains the data to their stated noise, and no deeper one is
+/// to be expected.
 const EXPLAINED: f64 = 1.3;
-/// Rounds of starts around the best optimum, while they find better ones: a diffusion's τ has many optima side by side.
+/// Rounds of starts around the best optimum, while they find better ones: a diffusion's τ has many
+/// optima side by side.
 const HOPS: usize = 6;
-/// How far these start from it, in logarithms (a tenth of it for exponents), one standard deviation.
+/// How far these start from it, in logarithms (a tenth of it for exponents), one standard
+/// deviation.
 const HOP: f64 = 1.0;
 /// Populations of a differential evolution.
 const ISLANDS: usize = 4;
@@ -42,13 +47,26 @@ pub(super) struct Found {
 }
 
 /// Looks for the global optimum; none when no start gives a finite value.
-pub(super) fn search(problem: &Problem, starter: &Starter, options: &CircuitOptions) -> Option<Found> {
+pub(super) fn search(
+    problem: &Problem,
+    starter: &Starter,
+    options: &CircuitOptions,
+) -> Option<Found> {
     let bounds: Vec<(f64, f64)> = problem.free.iter().map(|i| starter.bounds[*i]).collect();
     let lower = problem.variables(&spread(problem, &bounds, |b| b.0));
     let upper = problem.variables(&spread(problem, &bounds, |b| b.1));
     let bounds: Vec<(f64, f64)> = lower.into_iter().zip(upper).collect();
-    let seeker = Seeker { problem, starter, bounds, seed: options.seed };
-    let guessed = !options.guess.is_empty() && problem.free.iter().all(|i| options.guess.iter().any(|(g, _)| g == i));
+    let seeker = Seeker {
+        problem,
+        starter,
+        bounds,
+        seed: options.seed,
+    };
+    let guessed = !options.guess.is_empty()
+        && problem
+            .free
+            .iter()
+            .all(|i| options.guess.iter().any(|(g, _)| g == i));
     let mut minima = Vec::new();
     if guessed {
         minima.push(seeker.from(&starter.at(&[]).0));
@@ -65,7 +83,11 @@ pub(super) fn search(problem: &Problem, starter: &Starter, options: &CircuitOpti
         }
     }
     let (starts, agreeing) = (minima.len(), agreeing(&minima));
-    seeker.finish(minima).map(|minimum| Found { minimum, starts, agreeing })
+    seeker.finish(minima).map(|minimum| Found {
+        minimum,
+        starts,
+        agreeing,
+    })
 }
 
 /// All parameters with the bounds of the free ones in their places.
@@ -80,13 +102,17 @@ fn spread(problem: &Problem, bounds: &[(f64, f64)], side: impl Fn(&(f64, f64)) -
 /// True when the weights are a measured covariance and the best optimum leaves no more than that.
 fn explained(problem: &Problem, minima: &[Minimum]) -> bool {
     let freedom = problem.data.numbers().saturating_sub(problem.free.len()) as f64;
-    let least_squares = problem.data.objective != Objective::SumAbs && problem.data.weight == Weight::Covariance;
+    let least_squares =
+        problem.data.objective != Objective::SumAbs && problem.data.weight == Weight::Covariance;
     least_squares && minima.iter().any(|m| m.value < EXPLAINED * freedom)
 }
 
 fn agreeing(minima: &[Minimum]) -> usize {
     let best = minima.iter().map(|m| m.value).fold(f64::INFINITY, f64::min);
-    minima.iter().filter(|m| m.value <= best * (1.0 + SAME)).count()
+    minima
+        .iter()
+        .filter(|m| m.value <= best * (1.0 + SAME))
+        .count()
 }
 
 struct Seeker<'a> {
@@ -106,23 +132,45 @@ impl Seeker<'_> {
         self.descend(&self.problem.variables(parameters))
     }
 
-    /// The local least-squares fit. The sum of norms is left to the polish: its own landscape has a corner at every point.
+    /// The local least-squares fit. The sum of norms is left to the polish: its own landscape has a
+    /// corner at every point.
     fn descend(&self, start: &[f64]) -> Minimum {
-        let options = LocalOptions { iterations: 80, tolerance: 1e-12, longest_step: 1.5 };
+        let options = LocalOptions {
+            iterations: 80,
+            tolerance: 1e-12,
+            longest_step: 1.5,
+        };
         if self.problem.data.objective != Objective::SumAbs {
             return minimise(self.problem, start, &self.bounds, &options);
         }
-        let data = Data { objective: Objective::Complex, ..self.problem.data.clone() };
-        minimise(&Problem { data: &data, ..self.problem.clone() }, start, &self.bounds, &options)
+        let data = Data {
+            objective: Objective::Complex,
+            ..self.problem.data.clone()
+        };
+        minimise(
+            &Problem {
+                data: &data,
+                ..self.problem.clone()
+            },
+            start,
+            &self.bounds,
+            &options,
+        )
     }
 
     /// Adds local fits from drawn starts until several agree on the best.
     fn starts(&self, mut minima: Vec<Minimum>, most: usize) -> Vec<Minimum> {
         let fewest = STARTS_PER_PARAMETER * self.problem.free.len();
         let mut done = 0;
-        while done < most && (agreeing(&minima) < AGREEING || (done < fewest && !explained(self.problem, &minima))) {
+        while done < most
+            && (agreeing(&minima) < AGREEING
+                || (done < fewest && !explained(self.problem, &minima)))
+        {
             let count = ROUND.min(most - done);
-            let round: Vec<Minimum> = (done..done + count).into_par_iter().map(|k| self.drawn(k)).collect();
+            let round: Vec<Minimum> = (done..done + count)
+                .into_par_iter()
+                .map(|k| self.drawn(k))
+                .collect();
             minima.extend(round);
             done += count;
         }
@@ -132,11 +180,20 @@ impl Seeker<'_> {
     /// Adds local fits from around the best optimum while these find better ones.
     fn hops(&self, mut minima: Vec<Minimum>, most: usize) -> Vec<Minimum> {
         for hop in 0..if most > 0 { HOPS } else { 0 } {
-            let Some(best) = minima.iter().min_by(|a, b| a.value.total_cmp(&b.value)).cloned() else { break };
+            let Some(best) = minima
+                .iter()
+                .min_by(|a, b| a.value.total_cmp(&b.value))
+                .cloned()
+            else {
+                break;
+            };
             if explained(self.problem, &minima) || !best.value.is_finite() {
                 break;
             }
-            let round: Vec<Minimum> = (0..ROUND).into_par_iter().map(|k| self.around(&best.x, most + hop * ROUND + k)).collect();
+            let round: Vec<Minimum> = (0..ROUND)
+                .into_par_iter()
+                .map(|k| self.around(&best.x, most + hop * ROUND + k))
+                .collect();
             let better = round.iter().any(|m| m.value < best.value * (1.0 - SAME));
             minima.extend(round);
             if !better {
@@ -149,20 +206,38 @@ impl Seeker<'_> {
     /// The local fit from a place near x.
     fn around(&self, x: &[f64], k: usize) -> Minimum {
         let mut rng = self.chance(k);
-        let mut normal = || (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos();
+        let mut normal = || {
+            (-2.0 * (1.0 - rng.uniform()).ln()).sqrt()
+                * (std::f64::consts::TAU * rng.uniform()).cos()
+        };
         // Near ones and far ones.
         let far = 0.5 * HOP * (1 + k % 4) as f64;
-        let step = |i: &usize| if is_log(self.problem.circuit, *i) { far } else { 0.1 * far };
-        let moved: Vec<f64> = x.iter().zip(&self.problem.free).map(|(x, i)| x + step(i) * normal()).collect();
+        let step = |i: &usize| {
+            if is_log(self.problem.circuit, *i) {
+                far
+            } else {
+                0.1 * far
+            }
+        };
+        let moved: Vec<f64> = x
+            .iter()
+            .zip(&self.problem.free)
+            .map(|(x, i)| x + step(i) * normal())
+            .collect();
         self.descend(&moved)
     }
 
     /// Every start has chance of its own, so that the order in which they run does not matter.
     fn chance(&self, k: usize) -> Rng {
-        Rng::new(self.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(k as u64))
+        Rng::new(
+            self.seed
+                .wrapping_mul(0x9E37_79B9_7F4A_7C15)
+                .wrapping_add(k as u64),
+        )
     }
 
-    /// The bottoms below the best members of several populations, which know nothing of each other: one alone often settles on a wide basin.
+    /// The bottoms below the best members of several populations, which know nothing of each other:
+    /// one alone often settles on a wide basin.
     fn evolution(&self) -> Vec<Minimum> {
         let dimensions = Ranges::dimensions(self.starter.circuit);
         let options = |island: usize| DeOptions {
@@ -181,7 +256,14 @@ impl Seeker<'_> {
             }
         };
         let island = |k| differential_evolution(value, &bounds, &options(k));
-        let best = |k| island(k).last.into_iter().take(ROUND).map(|member| self.from(&self.starter.at(&member.x).0)).collect::<Vec<_>>();
+        let best = |k| {
+            island(k)
+                .last
+                .into_iter()
+                .take(ROUND)
+                .map(|member| self.from(&self.starter.at(&member.x).0))
+                .collect::<Vec<_>>()
+        };
         (0..ISLANDS).into_par_iter().flat_map_iter(best).collect()
     }
 
@@ -193,21 +275,37 @@ impl Seeker<'_> {
         let least_squares = self.problem.data.objective != Objective::SumAbs;
         minima.truncate(if least_squares { 3 } else { FINALISTS });
         let polished: Vec<Minimum> = minima.into_par_iter().map(|m| self.polish(m)).collect();
-        polished.into_iter().min_by(|a, b| a.value.total_cmp(&b.value))
+        polished
+            .into_iter()
+            .min_by(|a, b| a.value.total_cmp(&b.value))
     }
 
-    /// To the last digits, with the model's own curvature. The corner of the norm is sharpened step by step.
+    /// To the last digits, with the model's own curvature. The corner of the norm is sharpened step
+    /// by step.
     fn polish(&self, minimum: Minimum) -> Minimum {
-        let exact = Problem { exact: true, ..self.problem.clone() };
+        let exact = Problem {
+            exact: true,
+            ..self.problem.clone()
+        };
         let options = LocalOptions::default();
         if exact.data.objective != Objective::SumAbs {
-            return if minimum.converged { minimum } else { minimise(&exact, &minimum.x, &self.bounds, &options) };
+            return if minimum.converged {
+                minimum
+            } else {
+                minimise(&exact, &minimum.x, &self.bounds, &options)
+            };
         }
         let mut polished = minimum;
         for corner in [1e-2, 1e-3, 1e-5, 1e-7, 1e-9] {
-            let smooth = Problem { corner: corner * exact.data.scale, ..exact.clone() };
+            let smooth = Problem {
+                corner: corner * exact.data.scale,
+                ..exact.clone()
+            };
             polished = minimise(&smooth, &polished.x, &self.bounds, &options);
         }
-        Minimum { value: exact.value(&polished.x), ..polished }
+        Minimum {
+            value: exact.value(&polished.x),
+            ..polished
+        }
     }
 }

@@ -1,7 +1,8 @@
 //! Where a fit may begin and where it must stay, from the data alone.
 //!
-//! Every element gets a frequency within the band and an impedance within the range of |Z|, and its parameters follow: C = 1/(ωr), τ = 1/ω, the
-//! A of a Warburg element = r√ω. Then each block in series at the top of the circuit is scaled, for which least squares within bounds has a closed
+//! Every element gets a frequency within the band and an impedance within the range of |Z|, and its
+//! parameters follow: C = 1/(ωr), τ = 1/ω, the A of a Warburg element = r√ω. Then each block in
+//! series at the top of the circuit is scaled, for which least squares within bounds has a closed
 //! form, so that chance has to find only time constants, exponents and the shares within a block.
 
 use super::data::{Data, apply, quadratic};
@@ -31,12 +32,18 @@ impl Ranges {
         let none = (f64::INFINITY, 0.0);
         Self {
             omega: data.groups.iter().map(|g| TAU * g.freq_hz).fold(none, span),
-            z_ohm: data.groups.iter().flat_map(|g| &g.points).map(|p| p.z.norm()).fold(none, span),
+            z_ohm: data
+                .groups
+                .iter()
+                .flat_map(|g| &g.points)
+                .map(|p| p.z.norm())
+                .fold(none, span),
         }
     }
 
-    /// Bounds of one parameter: what this band could still see, several decades beyond it, within the physical range. `order` is the power of
-    /// the frequency with which the impedance of the element falls.
+    /// Bounds of one parameter: what this band could still see, several decades beyond it, within
+    /// the physical range. `order` is the power of the frequency with which the impedance of the
+    /// element falls.
     fn bounds(&self, kind: &ParameterKind, element: ElementKind) -> (f64, f64) {
         let (physical, omega) = (kind.bounds, (1e-3 * self.omega.0, 1e3 * self.omega.1));
         let level = (1e-6 * self.z_ohm.0, 1e4 * self.z_ohm.1);
@@ -49,7 +56,9 @@ impl Ranges {
             _ => &[0.0],
         };
         let corners = orders.iter().flat_map(|order| {
-            [omega.0, omega.1].into_iter().flat_map(move |omega| [level.0, level.1].map(|level| level * omega.powf(*order)))
+            [omega.0, omega.1]
+                .into_iter()
+                .flat_map(move |omega| [level.0, level.1].map(|level| level * omega.powf(*order)))
         });
         let span = |(lo, hi): (f64, f64), v: f64| (lo.min(v), hi.max(v));
         let (lo, hi) = match kind.role {
@@ -58,17 +67,31 @@ impl Ranges {
             Role::Time => (1e-4 / self.omega.1, 1e4 / self.omega.0),
             Role::Exponent | Role::Length => physical,
         };
-        (lo.clamp(physical.0, physical.1), hi.clamp(physical.0, physical.1))
+        (
+            lo.clamp(physical.0, physical.1),
+            hi.clamp(physical.0, physical.1),
+        )
     }
 
     /// Bounds of all parameters, widened where a start value asks for it.
     pub(super) fn all_bounds(&self, circuit: &Circuit, guess: &[(usize, f64)]) -> Vec<(f64, f64)> {
         let mut bounds = Vec::with_capacity(circuit.parameter_names().len());
-        circuit.root().visit(&mut |element| bounds.extend(element.kind.parameters().iter().map(|kind| self.bounds(kind, element.kind))));
+        circuit.root().visit(&mut |element| {
+            bounds.extend(
+                element
+                    .kind
+                    .parameters()
+                    .iter()
+                    .map(|kind| self.bounds(kind, element.kind)),
+            )
+        });
         for (i, value) in guess {
             let (kind, (lo, hi)) = (&circuit.parameter_kinds()[*i], bounds[*i]);
             if kind.role != Role::Exponent {
-                bounds[*i] = (lo.min(1e-3 * value).max(kind.bounds.0), hi.max(1e3 * value).min(kind.bounds.1));
+                bounds[*i] = (
+                    lo.min(1e-3 * value).max(kind.bounds.0),
+                    hi.max(1e3 * value).min(kind.bounds.1),
+                );
             }
         }
         bounds
@@ -79,7 +102,8 @@ impl Ranges {
         circuit.parameter_names().len() + elements(circuit)
     }
 
-    /// All parameters for coordinates in 0…1: per element one for its frequency, one for its level, others for exponents and lengths.
+    /// All parameters for coordinates in 0…1: per element one for its frequency, one for its level,
+    /// others for exponents and lengths.
     pub(super) fn place(&self, circuit: &Circuit, unit: &[f64]) -> Vec<f64> {
         let mut parameters = Vec::with_capacity(circuit.parameter_names().len());
         let mut next = unit.iter().copied();
@@ -89,7 +113,11 @@ impl Ranges {
         circuit.root().visit(&mut |element| {
             let mut draw = || next.next().unwrap_or(0.5);
             // Of a diffusion, the knee may lie far below the band and still bend what is in it.
-            let lo = if matches!(element.kind, ElementKind::Wo | ElementKind::Ws) { 0.1 * lo } else { lo };
+            let lo = if matches!(element.kind, ElementKind::Wo | ElementKind::Ws) {
+                0.1 * lo
+            } else {
+                lo
+            };
             let omega = lo * (hi / lo).powf(draw());
             let r = middle * 10f64.powf(SPREAD_DECADES * (2.0 * draw() - 1.0));
             let exponent = |u: f64| LOWEST_EXPONENT + (1.0 - LOWEST_EXPONENT) * u;
@@ -100,10 +128,16 @@ impl Ranges {
                 ElementKind::W => parameters.push(r * omega.sqrt()),
                 ElementKind::Cpe | ElementKind::La => {
                     let alpha = exponent(draw());
-                    let level = if element.kind == ElementKind::La { r / omega.powf(alpha) } else { 1.0 / (r * omega.powf(alpha)) };
+                    let level = if element.kind == ElementKind::La {
+                        r / omega.powf(alpha)
+                    } else {
+                        1.0 / (r * omega.powf(alpha))
+                    };
                     parameters.extend([level, alpha]);
                 }
-                ElementKind::Wo | ElementKind::Ws | ElementKind::G | ElementKind::K => parameters.extend([r, 1.0 / omega]),
+                ElementKind::Wo | ElementKind::Ws | ElementKind::G | ElementKind::K => {
+                    parameters.extend([r, 1.0 / omega])
+                }
                 ElementKind::Zarc => parameters.extend([r, 1.0 / omega, exponent(draw())]),
                 ElementKind::Gs => {
                     let phi = 10f64.powf(2.0 * draw() - 1.0);
@@ -146,7 +180,8 @@ impl Starter<'_> {
         best
     }
 
-    /// The start of coordinates in 0…1, its blocks scaled to the data, and its weighted sum of squares.
+    /// The start of coordinates in 0…1, its blocks scaled to the data, and its weighted sum of
+    /// squares.
     pub(super) fn at(&self, unit: &[f64]) -> (Vec<f64>, f64) {
         let mut parameters = self.ranges.place(self.circuit, unit);
         for (i, value) in &self.given {
@@ -162,23 +197,39 @@ impl Starter<'_> {
         (parameters, value)
     }
 
-    /// Scales the blocks at the top that hold no given level, so that the weighted squares become least; returns them.
+    /// Scales the blocks at the top that hold no given level, so that the weighted squares become
+    /// least; returns them.
     fn scale(&self, parameters: &mut [f64]) -> f64 {
         let single = std::slice::from_ref(self.circuit.root());
-        let blocks: &[Node] = if let Node::Series(blocks) = self.circuit.root() { blocks } else { single };
-        let (free, given): (Vec<&Node>, Vec<&Node>) = blocks.iter().partition(|block| self.can_be_scaled(block));
+        let blocks: &[Node] = if let Node::Series(blocks) = self.circuit.root() {
+            blocks
+        } else {
+            single
+        };
+        let (free, given): (Vec<&Node>, Vec<&Node>) =
+            blocks.iter().partition(|block| self.can_be_scaled(block));
         let scaled = &free[..free.len().min(MAX_UNKNOWNS)];
-        // Each block with its greatest impedance at one, so that all factors are Ω of the same size.
-        let mut shapes: Vec<Vec<Complex64>> = scaled.iter().map(|block| self.response(block, parameters)).collect();
+        // Each block with its greatest impedance at one, so that all factors are Ω of the same
+        // size.
+        let mut shapes: Vec<Vec<Complex64>> = scaled
+            .iter()
+            .map(|block| self.response(block, parameters))
+            .collect();
         let mut factors: Vec<f64> = Vec::with_capacity(scaled.len());
         for shape in &mut shapes {
-            let size = shape.iter().map(|z| z.norm()).fold(f64::MIN_POSITIVE, f64::max);
+            let size = shape
+                .iter()
+                .map(|z| z.norm())
+                .fold(f64::MIN_POSITIVE, f64::max);
             shape.iter_mut().for_each(|z| *z /= size);
             factors.push(1.0 / size);
         }
         let mut missing: Vec<Complex64> = self.data.groups.iter().map(|g| g.mean).collect();
         for block in given.iter().chain(&free[scaled.len()..]) {
-            missing.iter_mut().zip(self.response(block, parameters)).for_each(|(rest, z)| *rest -= z);
+            missing
+                .iter_mut()
+                .zip(self.response(block, parameters))
+                .for_each(|(rest, z)| *rest -= z);
         }
         let levels = self.best_levels(&shapes, &missing);
         for ((block, factor), level) in scaled.iter().zip(factors).zip(levels) {
@@ -190,13 +241,32 @@ impl Starter<'_> {
                 }
             }
         }
-        let model = |k: usize| shapes.iter().zip(levels).map(|(shape, level)| shape[k] * level).sum::<Complex64>();
-        self.data.groups.iter().enumerate().map(|(k, g)| quadratic(&g.weight, model(k) - missing[k])).sum()
+        let model = |k: usize| {
+            shapes
+                .iter()
+                .zip(levels)
+                .map(|(shape, level)| shape[k] * level)
+                .sum::<Complex64>()
+        };
+        self.data
+            .groups
+            .iter()
+            .enumerate()
+            .map(|(k, g)| quadratic(&g.weight, model(k) - missing[k]))
+            .sum()
     }
 
     fn can_be_scaled(&self, block: &Node) -> bool {
-        let level = |i: usize| matches!(self.circuit.parameter_kinds()[i].role, Role::Level | Role::InverseLevel);
-        !self.given.iter().any(|(i, _)| block.range().contains(i) && level(*i))
+        let level = |i: usize| {
+            matches!(
+                self.circuit.parameter_kinds()[i].role,
+                Role::Level | Role::InverseLevel
+            )
+        };
+        !self
+            .given
+            .iter()
+            .any(|(i, _)| block.range().contains(i) && level(*i))
     }
 
     /// The factors of the shapes that leave the least weighted squares.
@@ -218,6 +288,10 @@ impl Starter<'_> {
     }
 
     fn response(&self, block: &Node, parameters: &[f64]) -> Vec<Complex64> {
-        self.data.groups.iter().map(|g| block.impedance(parameters, TAU * g.freq_hz)).collect()
+        self.data
+            .groups
+            .iter()
+            .map(|g| block.impedance(parameters, TAU * g.freq_hz))
+            .collect()
     }
 }

@@ -13,19 +13,35 @@ const HIGH_CHI2: f64 = 2.0;
 pub(super) fn warnings(fit: &CircuitFit, data: &Data, converged: bool) -> Vec<String> {
     let mut found = Vec::new();
     if !converged {
-        found.push("the polish stopped before it converged: the parameters may differ in their last digits".to_owned());
+        found.push(
+            "the polish stopped before it converged: the parameters may differ in their \
+        last digits"
+                .to_owned(),
+        );
     }
     if fit.starts > 1 && fit.starts_at_optimum == 1 {
-        found.push(format!("only 1 of {} starts ended at this optimum: a better one may have been missed; try more starts", fit.starts));
+        found.push(format!(
+            "only 1 of {} starts ended at this optimum: a better one may have been \
+        missed; try more starts",
+            fit.starts
+        ));
     }
     at_bounds(fit, &mut found);
     not_identified(fit, data, &mut found);
-    if fit.objective_kind == Objective::Complex && fit.weight != Weight::Covariance && data.known > 0 && data.known < data.points {
-        found.push(format!("only {} of {} points have a usable covariance: it was not used", data.known, data.points));
+    if fit.objective_kind == Objective::Complex
+        && fit.weight != Weight::Covariance
+        && data.known > 0
+        && data.known < data.points
+    {
+        found.push(format!(
+            "only {} of {} points have a usable covariance: it was not used",
+            data.known, data.points
+        ));
     }
     if let Some(chi2) = fit.reduced_chi2.filter(|c| *c > HIGH_CHI2) {
         found.push(format!(
-            "reduced χ² is {chi2:.3}: data and model differ by {:.2} times the stated uncertainty; the sigmas were widened by it",
+            "reduced χ² is {chi2:.3}: data and model differ by {:.2} times the stated uncertainty; \
+            the sigmas were widened by it",
             chi2.sqrt()
         ));
     }
@@ -41,28 +57,54 @@ fn at_bounds(fit: &CircuitFit, found: &mut Vec<String>) {
             State::Free | State::Constant => continue,
         };
         let place = format!("{name} is at its {side} bound of {bound:.3e} {unit}");
-        found.push(format!("{}: it has no sigma, and the others' hold with it there", place.trim_end()));
+        found.push(format!(
+            "{}: it has no sigma, and the others' hold with it there",
+            place.trim_end()
+        ));
     }
 }
 
 fn not_identified(fit: &CircuitFit, data: &Data, found: &mut Vec<String>) {
-    let free: Vec<usize> = (0..fit.names.len()).filter(|i| fit.states[*i] == State::Free).collect();
+    let free: Vec<usize> = (0..fit.names.len())
+        .filter(|i| fit.states[*i] == State::Free)
+        .collect();
     if !free.is_empty() && fit.degrees_of_freedom == 0 {
-        found.push("there are as many parameters as numbers: the fit leaves nothing to tell an uncertainty from".to_owned());
+        found.push(
+            "there are as many parameters as numbers: the fit leaves nothing to tell an \
+        uncertainty from"
+                .to_owned(),
+        );
         return;
     }
-    let unfixed: Vec<&str> = free.iter().filter(|i| fit.sigmas[**i].is_none()).map(|i| fit.names[*i].as_str()).collect();
+    let unfixed: Vec<&str> = free
+        .iter()
+        .filter(|i| fit.sigmas[**i].is_none())
+        .map(|i| fit.names[*i].as_str())
+        .collect();
     if !unfixed.is_empty() {
-        found.push(format!("the data fix only combinations of {}: these have no sigma; try a simpler circuit", unfixed.join(", ")));
+        found.push(format!(
+            "the data fix only combinations of {}: these have no sigma; try a simpler circuit",
+            unfixed.join(", ")
+        ));
     }
     let band = match (data.groups.first(), data.groups.last()) {
         (Some(first), Some(last)) => format!("{:.3e} to {:.3e} Hz", first.freq_hz, last.freq_hz),
         _ => String::new(),
     };
     for i in free {
-        if let Some(relative) = fit.sigmas[i].map(|s| s / fit.values[i]).filter(|s| *s > UNIDENTIFIED) {
-            let percent = if relative < 10.0 { format!("{:.0} %", relative * 100.0) } else { "more than 1000 %".to_owned() };
-            found.push(format!("{} is not identified by this band ({band}): its standard uncertainty is {percent}", fit.names[i]));
+        if let Some(relative) = fit.sigmas[i]
+            .map(|s| s / fit.values[i])
+            .filter(|s| *s > UNIDENTIFIED)
+        {
+            let percent = if relative < 10.0 {
+                format!("{:.0} %", relative * 100.0)
+            } else {
+                "more than 1000 %".to_owned()
+            };
+            found.push(format!(
+                "{} is not identified by this band ({band}): its standard uncertainty is {percent}",
+                fit.names[i]
+            ));
         }
     }
 }

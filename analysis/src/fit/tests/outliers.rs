@@ -6,11 +6,23 @@ use crate::fit::{FitOptions, Objective, Rng, fit_erm};
 const CIRCUIT: super::Circuit<'_> = (0.007, &[(0.0017, 1.2), (0.0026, 200.0)]);
 
 fn warnings(spectrum: &crate::spectrum::Spectrum, objective: Objective) -> Vec<String> {
-    fit_erm(std::slice::from_ref(spectrum), &FitOptions { rc: 2, objective, ..FitOptions::default() }).unwrap().warnings
+    fit_erm(
+        std::slice::from_ref(spectrum),
+        &FitOptions {
+            rc: 2,
+            objective,
+            ..FitOptions::default()
+        },
+    )
+    .unwrap()
+    .warnings
 }
 
 fn off(warnings: &[String]) -> Vec<&String> {
-    warnings.iter().filter(|w| w.contains("off the fit to the others")).collect()
+    warnings
+        .iter()
+        .filter(|w| w.contains("off the fit to the others"))
+        .collect()
 }
 
 #[test]
@@ -18,7 +30,11 @@ fn a_wrong_point_is_named_by_every_objective_and_none_of_forty_clean_sweeps_is()
     let mut rng = Rng::new(5);
     for k in 0..40 {
         let mut sweep = noisy(CIRCUIT, 25, 0.002, &mut rng);
-        assert_eq!(off(&warnings(&sweep, Objective::Complex)), Vec::<&String>::new(), "sweep {k}");
+        assert_eq!(
+            off(&warnings(&sweep, Objective::Complex)),
+            Vec::<&String>::new(),
+            "sweep {k}"
+        );
         if k % 8 > 0 {
             continue;
         }
@@ -28,7 +44,10 @@ fn a_wrong_point_is_named_by_every_objective_and_none_of_forty_clean_sweeps_is()
             let met = warnings(&sweep, objective);
             let named = off(&met);
             let freq_hz = crate::brief::brief(sweep.points[wrong].freq_hz, 3);
-            assert!(named.len() == 1 && named[0].contains(&format!("the point at {freq_hz} Hz lies")), "sweep {k}, {objective:?}: {met:?}");
+            assert!(
+                named.len() == 1 && named[0].contains(&format!("the point at {freq_hz} Hz lies")),
+                "sweep {k}, {objective:?}: {met:?}"
+            );
         }
     }
 }

@@ -7,8 +7,9 @@
 //! | LeCroy `.trc` | `WAVEDESC` | the template LECROY_2_3 that the instruments send |
 //! | Siglent and Rigol CSV, any table of numbers | a row of numbers | the files themselves |
 //!
-//! Nothing is loaded as a whole: binary files are read where they are, a table goes once through a temporary file of numbers. Rigol's `.wfm` is not
-//! documented by its maker and refused. Knows no shunt and no frequency.
+//! Nothing is loaded as a whole: binary files are read where they are, a table goes once through a
+//! temporary file of numbers. Rigol's `.wfm` is not documented by its maker and refused. Knows no
+//! shunt and no frequency.
 
 mod lecroy;
 mod raw;
@@ -56,7 +57,8 @@ impl ScopeRecord {
     /// # Errors
     /// [`ScopeError::Layout`] for a file that cannot be read any more.
     pub fn volts(&self, index: usize, start: usize, count: usize) -> Result<Vec<f64>, ScopeError> {
-        self.raw.volts_of(index, start, count.min(self.samples.saturating_sub(start)))
+        self.raw
+            .volts_of(index, start, count.min(self.samples.saturating_sub(start)))
     }
 }
 
@@ -90,7 +92,8 @@ pub enum ScopeError {
     },
     /// Of no known kind.
     #[error(
-        "{}: expected a scope's record (Siglent .bin of V2 to V4, Rigol .bin, LeCroy .trc, or a CSV with rows of numbers), met {met}",
+        "{}: expected a scope's record (Siglent .bin of V2 to V4, Rigol .bin, LeCroy .trc, or a \
+        CSV with rows of numbers), met {met}",
         file.display()
     )]
     Unknown {
@@ -116,16 +119,27 @@ pub enum ScopeError {
 impl ScopeError {
     /// Makes the complaints about the header of one file: field, what it should be, what it is.
     fn about(file: &Path, kind: &'static str) -> impl Fn(&'static str, &str, String) -> Self {
-        move |field, expected, met| Self::Layout { file: file.to_owned(), kind, field, expected: expected.to_owned(), met }
+        move |field, expected, met| Self::Layout {
+            file: file.to_owned(),
+            kind,
+            field,
+            expected: expected.to_owned(),
+            met,
+        }
     }
 
     /// The open file.
     fn opened(path: &Path) -> Result<File, Self> {
-        File::open(path).map_err(|source| Self::Io { file: path.to_owned(), action: "open it", source })
+        File::open(path).map_err(|source| Self::Io {
+            file: path.to_owned(),
+            action: "open it",
+            source,
+        })
     }
 }
 
-/// Opens a scope's record. `interval_s`: time between two samples, for a table that does not tell it.
+/// Opens a scope's record. `interval_s`: time between two samples, for a table that does not tell
+/// it.
 ///
 /// # Errors
 /// [`ScopeError`].
@@ -141,12 +155,24 @@ pub fn open_scope(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, S
     if siglent::is_one(&bytes) {
         return siglent::open(path, &bytes);
     }
-    let text = bytes.head().iter().take(512).all(|byte| *byte >= 9 && *byte != 127);
+    let text = bytes
+        .head()
+        .iter()
+        .take(512)
+        .all(|byte| *byte >= 9 && *byte != 127);
     if text && !bytes.head().is_empty() {
         return table::open(path, interval_s);
     }
-    let met: Vec<String> = bytes.head().iter().take(8).map(|byte| format!("{byte:02x}")).collect();
-    Err(ScopeError::Unknown { file: path.to_owned(), met: format!("bytes {}", met.join(" ")) })
+    let met: Vec<String> = bytes
+        .head()
+        .iter()
+        .take(8)
+        .map(|byte| format!("{byte:02x}"))
+        .collect();
+    Err(ScopeError::Unknown {
+        file: path.to_owned(),
+        met: format!("bytes {}", met.join(" ")),
+    })
 }
 
 #[cfg(test)]

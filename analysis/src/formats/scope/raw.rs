@@ -41,8 +41,15 @@ impl Form {
 
     fn code(self, bytes: &[u8]) -> i16 {
         let word = |big: bool| {
-            let pair = [bytes.first().copied().unwrap_or(0), bytes.get(1).copied().unwrap_or(0)];
-            if big { u16::from_be_bytes(pair) } else { u16::from_le_bytes(pair) }
+            let pair = [
+                bytes.first().copied().unwrap_or(0),
+                bytes.get(1).copied().unwrap_or(0),
+            ];
+            if big {
+                u16::from_be_bytes(pair)
+            } else {
+                u16::from_le_bytes(pair)
+            }
         };
         let byte = bytes.first().copied().unwrap_or(0);
         match self {
@@ -56,7 +63,8 @@ impl Form {
 
     fn volts(self, bytes: &[u8]) -> f64 {
         match self {
-            Self::Float => <[u8; 4]>::try_from(bytes).map_or(f64::NAN, |bytes| f64::from(f32::from_le_bytes(bytes))),
+            Self::Float => <[u8; 4]>::try_from(bytes)
+                .map_or(f64::NAN, |bytes| f64::from(f32::from_le_bytes(bytes))),
             _ => <[u8; 8]>::try_from(bytes).map_or(f64::NAN, f64::from_le_bytes),
         }
     }
@@ -90,22 +98,37 @@ pub(super) struct RawFile {
 impl RawFile {
     fn bytes(&self, layout: &Layout, start: usize, count: usize) -> Result<Vec<u8>, String> {
         let width = layout.form.bytes();
-        let length = if count == 0 { 0 } else { (count - 1) * layout.stride + width };
+        let length = if count == 0 {
+            0
+        } else {
+            (count - 1) * layout.stride + width
+        };
         let mut bytes = vec![0; length];
         let at = layout.at + start as u64 * layout.stride as u64;
-        self.file.read_exact_at(&mut bytes, at).map_err(|error| format!("{}: byte {at}: {error}", self.path.display()))?;
+        self.file
+            .read_exact_at(&mut bytes, at)
+            .map_err(|error| format!("{}: byte {at}: {error}", self.path.display()))?;
         Ok(bytes)
     }
 
     fn layout(&self, channel: usize) -> Result<&Layout, String> {
-        self.channels.get(channel).ok_or_else(|| format!("{}: no channel {}", self.path.display(), channel + 1))
+        self.channels
+            .get(channel)
+            .ok_or_else(|| format!("{}: no channel {}", self.path.display(), channel + 1))
     }
 
     /// Volts of any channel.
-    pub(super) fn volts_of(&self, channel: usize, start: usize, count: usize) -> Result<Vec<f64>, ScopeError> {
+    pub(super) fn volts_of(
+        &self,
+        channel: usize,
+        start: usize,
+        count: usize,
+    ) -> Result<Vec<f64>, ScopeError> {
         let scale = self.channels.get(channel).and_then(|layout| layout.scale);
         let read = match scale {
-            Some(scale) => self.codes(channel, start, count).map(|codes| codes.into_iter().map(|code| scale.volts(code)).collect()),
+            Some(scale) => self
+                .codes(channel, start, count)
+                .map(|codes| codes.into_iter().map(|code| scale.volts(code)).collect()),
             None => self.volts(channel, start, count),
         };
         read.map_err(|met| ScopeError::Layout {
@@ -117,19 +140,35 @@ impl RawFile {
         })
     }
 
-    /// Finds the step of a channel's codes: those of an ADC of twelve bits come in the upper part of sixteen. `bits`: those of the codes.
+    /// Finds the step of a channel's codes: those of an ADC of twelve bits come in the upper part
+    /// of sixteen. `bits`: those of the codes.
     pub(super) fn settle_steps(&mut self, samples: usize, bits: u32) -> Result<(), ScopeError> {
         for channel in 0..self.channels.len() {
-            let codes = self.codes(channel, 0, samples.min(LOOKED_AT)).map_err(|met| ScopeError::Layout {
-                file: self.path.clone(),
-                kind: "record",
-                field: "samples",
-                expected: format!("{samples} of channel {}", channel + 1),
-                met,
-            })?;
-            let zeros = codes.iter().fold(0_i16, |all, code| all | *code).trailing_zeros().min(bits - 1);
-            if let Some(scale) = self.channels.get_mut(channel).and_then(|layout| layout.scale.as_mut()) {
-                scale.code_step = 1 << if codes.iter().all(|code| *code == 0) { 0 } else { zeros };
+            let codes = self
+                .codes(channel, 0, samples.min(LOOKED_AT))
+                .map_err(|met| ScopeError::Layout {
+                    file: self.path.clone(),
+                    kind: "record",
+                    field: "samples",
+                    expected: format!("{samples} of channel {}", channel + 1),
+                    met,
+                })?;
+            let zeros = codes
+                .iter()
+                .fold(0_i16, |all, code| all | *code)
+                .trailing_zeros()
+                .min(bits - 1);
+            if let Some(scale) = self
+                .channels
+                .get_mut(channel)
+                .and_then(|layout| layout.scale.as_mut())
+            {
+                scale.code_step = 1
+                    << if codes.iter().all(|code| *code == 0) {
+                        0
+                    } else {
+                        zeros
+                    };
                 scale.code_max -= scale.code_step.cast_signed() - 1;
             }
         }
@@ -142,14 +181,20 @@ impl Samples for RawFile {
         let layout = self.layout(channel)?;
         let bytes = self.bytes(layout, start, count)?;
         let width = layout.form.bytes();
-        Ok(bytes.chunks(layout.stride).map(|sample| layout.form.code(&sample[..width.min(sample.len())])).collect())
+        Ok(bytes
+            .chunks(layout.stride)
+            .map(|sample| layout.form.code(&sample[..width.min(sample.len())]))
+            .collect())
     }
 
     fn volts(&self, channel: usize, start: usize, count: usize) -> Result<Vec<f64>, String> {
         let layout = self.layout(channel)?;
         let bytes = self.bytes(layout, start, count)?;
         let width = layout.form.bytes();
-        Ok(bytes.chunks(layout.stride).map(|sample| layout.form.volts(&sample[..width.min(sample.len())])).collect())
+        Ok(bytes
+            .chunks(layout.stride)
+            .map(|sample| layout.form.volts(&sample[..width.min(sample.len())]))
+            .collect())
     }
 }
 
@@ -163,20 +208,37 @@ pub(super) struct Bytes {
 
 impl Bytes {
     pub(super) fn new(path: &Path, file: &File) -> Result<Self, ScopeError> {
-        let io = |source| ScopeError::Io { file: path.to_owned(), action: "read it", source };
+        let io = |source| ScopeError::Io {
+            file: path.to_owned(),
+            action: "read it",
+            source,
+        };
         let length = file.metadata().map_err(io)?.len();
         let mut head = vec![0; HEAD.min(usize::try_from(length).unwrap_or(HEAD))];
         file.read_exact_at(&mut head, 0).map_err(io)?;
-        Ok(Self { head, length, big: false })
+        Ok(Self {
+            head,
+            length,
+            big: false,
+        })
     }
 
     /// The same beginning elsewhere in the file.
     pub(super) fn at(path: &Path, file: &File, at: u64) -> Result<Self, ScopeError> {
-        let io = |source| ScopeError::Io { file: path.to_owned(), action: "read it", source };
+        let io = |source| ScopeError::Io {
+            file: path.to_owned(),
+            action: "read it",
+            source,
+        };
         let length = file.metadata().map_err(io)?.len();
-        let mut head = vec![0; HEAD.min(usize::try_from(length.saturating_sub(at)).unwrap_or(HEAD))];
+        let mut head =
+            vec![0; HEAD.min(usize::try_from(length.saturating_sub(at)).unwrap_or(HEAD))];
         file.read_exact_at(&mut head, at).map_err(io)?;
-        Ok(Self { head, length, big: false })
+        Ok(Self {
+            head,
+            length,
+            big: false,
+        })
     }
 
     pub(super) fn head(&self) -> &[u8] {
@@ -221,7 +283,10 @@ impl Bytes {
     /// A text of fixed length, to its first zero.
     pub(super) fn text(&self, at: usize, length: usize) -> String {
         let bytes = self.head.get(at..at + length).unwrap_or(&[]);
-        let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
+        let end = bytes
+            .iter()
+            .position(|byte| *byte == 0)
+            .unwrap_or(bytes.len());
         String::from_utf8_lossy(&bytes[..end]).trim().to_owned()
     }
 }

@@ -1,4 +1,5 @@
-//! Rigol's binary files (`.bin`): a file header, then for each channel a header, a data header and its samples as floats in volts.
+//! Rigol's binary files (`.bin`): a file header, then for each channel a header, a data header and
+//! its samples as floats in volts.
 
 use std::path::Path;
 
@@ -22,13 +23,22 @@ pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError
         return Err(wrong("number of waveforms", "1 to 64", count.to_string()));
     }
     let file = ScopeError::opened(path)?;
-    let (mut channels, mut names, mut shape): (Vec<Layout>, Vec<String>, Option<(usize, f64)>) = (Vec::new(), Vec::new(), None);
+    let (mut channels, mut names, mut shape): (Vec<Layout>, Vec<String>, Option<(usize, f64)>) =
+        (Vec::new(), Vec::new(), None);
     for _ in 0..count {
         let header = Bytes::at(path, &file, at)?;
-        let (size, points, interval_s) = (u64::from(header.u32(0)), header.u32(12) as usize, header.f64(32));
+        let (size, points, interval_s) = (
+            u64::from(header.u32(0)),
+            header.u32(12) as usize,
+            header.f64(32),
+        );
         let data = Bytes::at(path, &file, at + size)?;
         let (head, kind, width) = (u64::from(data.u32(0)), data.u16(4), data.u16(6));
-        let length = if wide { data.u64(8) } else { u64::from(data.u32(8)) };
+        let length = if wide {
+            data.u64(8)
+        } else {
+            u64::from(data.u32(8))
+        };
         if size < 100 || head < 12 || (at + size + head).saturating_add(length) > bytes.length {
             return Err(wrong(
                 "waveform",
@@ -39,15 +49,46 @@ pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError
         // Digital channels and their like are passed over.
         if width == 4 && kind <= 5 && (points as u64) * 4 <= length {
             let shape = *shape.get_or_insert((points, interval_s));
-            if shape != (points, interval_s) || interval_s.is_nan() || interval_s <= 0.0 || points == 0 {
-                return Err(wrong("waveform", "samples as those of the first", format!("{points} samples every {interval_s} s")));
+            if shape != (points, interval_s)
+                || interval_s.is_nan()
+                || interval_s <= 0.0
+                || points == 0
+            {
+                return Err(wrong(
+                    "waveform",
+                    "samples as those of the first",
+                    format!("{points} samples every {interval_s} s"),
+                ));
             }
             let level_v = Bytes::at(path, &file, at + size + head)?.f32(0);
-            channels.push(Layout { at: at + size + head, stride: 4, form: Form::Float, scale: None, lsb_v: None, level_v });
+            channels.push(Layout {
+                at: at + size + head,
+                stride: 4,
+                form: Form::Float,
+                scale: None,
+                lsb_v: None,
+                level_v,
+            });
             names.push(header.text(112, 16));
         }
         at += size + head + length;
     }
-    let Some((samples, interval_s)) = shape else { return Err(wrong("waveforms", "at least one of samples in volts", "none".to_owned())) };
-    Ok(ScopeRecord { kind: KIND, interval_s, samples, names, raw: RawFile { path: path.to_owned(), file, channels } })
+    let Some((samples, interval_s)) = shape else {
+        return Err(wrong(
+            "waveforms",
+            "at least one of samples in volts",
+            "none".to_owned(),
+        ));
+    };
+    Ok(ScopeRecord {
+        kind: KIND,
+        interval_s,
+        samples,
+        names,
+        raw: RawFile {
+            path: path.to_owned(),
+            file,
+            channels,
+        },
+    })
 }

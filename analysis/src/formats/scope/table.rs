@@ -1,8 +1,10 @@
-//! Records as tables of numbers: Siglent's and Rigol's CSV, and any other with one row per sample. The rows go once through a temporary file of
-//! numbers, so that the length of a table does not matter.
+//! Records as tables of numbers: Siglent's and Rigol's CSV, and any other with one row per sample.
+//! The rows go once through a temporary file of numbers, so that the length of a table does not
+//! matter.
 //!
-//! What stands before the first row of numbers is the header. The interval comes from it (`Sample Interval`, `Sample Rate`, `Increment`) or from the
-//! first column, where that is called a time; a column of numbers of samples is passed over.
+//! What stands before the first row of numbers is the header. The interval comes from it (`Sample
+//! Interval`, `Sample Rate`, `Increment`) or from the first column, where that is called a time; a
+//! column of numbers of samples is passed over.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, BufWriter, Write};
@@ -37,24 +39,55 @@ type Lines = std::io::Lines<BufReader<File>>;
 pub(super) fn open(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, ScopeError> {
     let mut lines = BufReader::new(File::open(path).map_err(io(path, "open it"))?).lines();
     let (header, writing, first) = begin(path, &mut lines)?;
-    let timed = header.names.first().is_some_and(|name| TIMES.contains(&name.to_lowercase().as_str()));
-    let counted = header.names.first().is_some_and(|name| name.eq_ignore_ascii_case("x") || name.eq_ignore_ascii_case("sequence"));
+    let timed = header
+        .names
+        .first()
+        .is_some_and(|name| TIMES.contains(&name.to_lowercase().as_str()));
+    let counted = header.names.first().is_some_and(|name| {
+        name.eq_ignore_ascii_case("x") || name.eq_ignore_ascii_case("sequence")
+    });
     let skip = usize::from(timed || counted);
     let width = first.len();
     if width <= skip {
-        return Err(row_error(path, header.line, "a row with at least one sample", &format!("{width} numbers")));
+        return Err(row_error(
+            path,
+            header.line,
+            "a row with at least one sample",
+            &format!("{width} numbers"),
+        ));
     }
     let spill = spill((path, header.line), lines, (writing, &first))?;
     let told = spill.interval_s().filter(|_| timed);
-    let Some(interval_s) = header.interval_s.or(told).or(interval_s).filter(|interval_s| *interval_s > 0.0 && interval_s.is_finite())
+    let Some(interval_s) = header
+        .interval_s
+        .or(told)
+        .or(interval_s)
+        .filter(|interval_s| *interval_s > 0.0 && interval_s.is_finite())
     else {
-        let expected = "the time between two samples, in the header or a column of times; or given as `interval`";
+        let expected = "the time between two samples, in the header or a column of times; or given \
+        as `interval`";
         return Err(row_error(path, header.line, expected, "none"));
     };
-    let names = (skip..width).map(|column| header.names.get(column).cloned().unwrap_or_else(|| format!("column {}", column + 1))).collect();
+    let names = (skip..width)
+        .map(|column| {
+            header
+                .names
+                .get(column)
+                .cloned()
+                .unwrap_or_else(|| format!("column {}", column + 1))
+        })
+        .collect();
     let samples = spill.rows;
-    let raw = spill.finish(path, skip).map_err(io(path, "write a temporary file"))?;
-    Ok(ScopeRecord { kind: KIND, interval_s, samples, names, raw })
+    let raw = spill
+        .finish(path, skip)
+        .map_err(io(path, "write a temporary file"))?;
+    Ok(ScopeRecord {
+        kind: KIND,
+        interval_s,
+        samples,
+        names,
+        raw,
+    })
 }
 
 /// The header, the first row of numbers, and how it is written.
@@ -65,48 +98,81 @@ fn begin(path: &Path, lines: &mut Lines) -> Result<(Header, Writing, Vec<f64>), 
         header.line += 1;
         let mut writing = Writing::of(&line);
         match writing.numbers(&line) {
-            Some(_) if !writing.one_mark(&line) => return Err(row_error(path, header.line, ONE_MARK, &excerpt(&line))),
+            Some(_) if !writing.one_mark(&line) => {
+                return Err(row_error(path, header.line, ONE_MARK, &excerpt(&line)));
+            }
             Some(row) => return Ok((header, writing, row)),
             None => header.read(&line),
         }
     }
-    Err(row_error(path, header.line, &format!("a row of numbers within {HEADER} lines"), "none"))
+    Err(row_error(
+        path,
+        header.line,
+        &format!("a row of numbers within {HEADER} lines"),
+        "none",
+    ))
 }
 
 /// All rows of numbers in a temporary file; the first was met in line `number`.
-fn spill((path, mut number): (&Path, usize), lines: Lines, (mut writing, first): (Writing, &[f64])) -> Result<Spill, ScopeError> {
+fn spill(
+    (path, mut number): (&Path, usize),
+    lines: Lines,
+    (mut writing, first): (Writing, &[f64]),
+) -> Result<Spill, ScopeError> {
     let mut spill = Spill::new(first.len()).map_err(io(path, "make a temporary file"))?;
-    spill.row(first).map_err(io(path, "write a temporary file"))?;
+    spill
+        .row(first)
+        .map_err(io(path, "write a temporary file"))?;
     for line in lines {
         let line = line.map_err(io(path, "read it as text"))?;
         number += 1;
         if line.trim().is_empty() {
             continue;
         }
-        let Some(row) = writing.numbers(&line).filter(|row| row.len() == first.len()) else {
-            return Err(row_error(path, number, &format!("{} numbers", first.len()), &excerpt(&line)));
+        let Some(row) = writing
+            .numbers(&line)
+            .filter(|row| row.len() == first.len())
+        else {
+            return Err(row_error(
+                path,
+                number,
+                &format!("{} numbers", first.len()),
+                &excerpt(&line),
+            ));
         };
         if !writing.one_mark(&line) {
             return Err(row_error(path, number, ONE_MARK, &excerpt(&line)));
         }
-        spill.row(&row).map_err(io(path, "write a temporary file"))?;
+        spill
+            .row(&row)
+            .map_err(io(path, "write a temporary file"))?;
     }
     Ok(spill)
 }
 
 fn io(path: &Path, action: &'static str) -> impl FnOnce(std::io::Error) -> ScopeError {
-    move |source| ScopeError::Io { file: path.to_owned(), action, source }
+    move |source| ScopeError::Io {
+        file: path.to_owned(),
+        action,
+        source,
+    }
 }
 
 fn row_error(path: &Path, line: usize, expected: &str, met: &str) -> ScopeError {
-    ScopeError::Row { file: path.to_owned(), line, expected: expected.to_owned(), met: met.to_owned() }
+    ScopeError::Row {
+        file: path.to_owned(),
+        line,
+        expected: expected.to_owned(),
+        met: met.to_owned(),
+    }
 }
 
 fn excerpt(line: &str) -> String {
     format!("{:?}", line.chars().take(60).collect::<String>())
 }
 
-/// How the rows of a file are written, as its first row shows: one file has one separator and one decimal mark.
+/// How the rows of a file are written, as its first row shows: one file has one separator and one
+/// decimal mark.
 struct Writing {
     separator: char,
     /// None as long as no number had one.
@@ -127,10 +193,14 @@ impl Writing {
             line if line.contains(',') => ',',
             _ => ' ',
         };
-        Self { separator, mark: None }
+        Self {
+            separator,
+            mark: None,
+        }
     }
 
-    /// A row of numbers; a comma at its end is no further field. Between semicolons and tabulators a comma is a decimal point.
+    /// A row of numbers; a comma at its end is no further field. Between semicolons and tabulators
+    /// a comma is a decimal point.
     fn numbers(&self, line: &str) -> Option<Vec<f64>> {
         let separator = self.separator;
         let fields: Option<Vec<f64>> = bare(line)
@@ -139,12 +209,17 @@ impl Writing {
             .filter(|field| separator != ' ' || !field.is_empty())
             .map(|field| text::number(field, separator))
             .collect();
-        fields.filter(|fields| !fields.is_empty() && fields.iter().all(|value: &f64| value.is_finite()))
+        fields.filter(|fields| {
+            !fields.is_empty() && fields.iter().all(|value: &f64| value.is_finite())
+        })
     }
 
-    /// False for a row of numbers with another decimal mark than one before it, or with both: one of them would be wrong by a factor.
+    /// False for a row of numbers with another decimal mark than one before it, or with both: one
+    /// of them would be wrong by a factor.
     fn one_mark(&mut self, line: &str) -> bool {
-        let mut own = [',', '.'].into_iter().filter(|mark| self.separator != ',' && bare(line).contains(*mark));
+        let mut own = [',', '.']
+            .into_iter()
+            .filter(|mark| self.separator != ',' && bare(line).contains(*mark));
         own.all(|mark| *self.mark.get_or_insert(mark) == mark)
     }
 }
@@ -155,27 +230,51 @@ fn bare(line: &str) -> &str {
 
 impl Header {
     fn read(&mut self, line: &str) {
-        let fields: Vec<&str> = line.split([',', ';', '\t']).map(|field| field.trim().trim_matches('"')).collect();
-        let after = |field: &str| field.rsplit([':', '=']).next().and_then(|text| text.trim().parse::<f64>().ok());
-        let key = fields.first().map_or_else(String::new, |key| key.to_lowercase());
+        let fields: Vec<&str> = line
+            .split([',', ';', '\t'])
+            .map(|field| field.trim().trim_matches('"'))
+            .collect();
+        let after = |field: &str| {
+            field
+                .rsplit([':', '='])
+                .next()
+                .and_then(|text| text.trim().parse::<f64>().ok())
+        };
+        let key = fields
+            .first()
+            .map_or_else(String::new, |key| key.to_lowercase());
         let value = fields.iter().skip(1).find_map(|field| after(field));
         if key.starts_with("sample interval") {
             self.interval_s = value;
         } else if key.starts_with("sample rate") || key.starts_with("sampling frequency") {
             self.interval_s = value.map(f64::recip);
-        } else if let Some(column) = self.names.iter().position(|name| name.eq_ignore_ascii_case("increment")) {
+        } else if let Some(column) = self
+            .names
+            .iter()
+            .position(|name| name.eq_ignore_ascii_case("increment"))
+        {
             // The units' row of Rigol's: the last two fields are start and increment.
             self.interval_s = fields.get(column).and_then(|field| field.parse().ok());
             self.names.truncate(column.saturating_sub(1));
         } else if fields.len() > 1 && !key.contains(' ') {
             // Siglent's last line names the units; the line before, `Source`, the channels.
-            let named = |name: &str| ["volt", "value", "ampere"].contains(&name.to_lowercase().as_str());
-            if self.names.len() > 1 && fields.iter().skip(1).all(|name| name.is_empty() || named(name)) {
+            let named =
+                |name: &str| ["volt", "value", "ampere"].contains(&name.to_lowercase().as_str());
+            if self.names.len() > 1
+                && fields
+                    .iter()
+                    .skip(1)
+                    .all(|name| name.is_empty() || named(name))
+            {
                 if let (Some(name), Some(first)) = (self.names.first_mut(), fields.first()) {
                     *name = (*first).to_owned();
                 }
             } else {
-                self.names = fields.iter().map(|name| (*name).to_owned()).filter(|name| !name.is_empty()).collect();
+                self.names = fields
+                    .iter()
+                    .map(|name| (*name).to_owned())
+                    .filter(|name| !name.is_empty())
+                    .collect();
             }
         }
     }
@@ -195,24 +294,43 @@ struct Spill {
 impl Spill {
     fn new(width: usize) -> std::io::Result<Self> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
-        let name = format!("eis-bench-table-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
+        let name = format!(
+            "eis-bench-table-{}-{}",
+            std::process::id(),
+            NEXT.fetch_add(1, Ordering::Relaxed)
+        );
         let path = std::env::temp_dir().join(name);
-        let file = OpenOptions::new().read(true).write(true).create_new(true).open(&path)?;
+        let file = OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create_new(true)
+            .open(&path)?;
         // Without a name it is gone as soon as it is closed, however the process ends.
         std::fs::remove_file(&path)?;
-        Ok(Self { writer: BufWriter::new(file), width, rows: 0, first: Vec::new(), last: Vec::new(), seen: vec![Vec::new(); width] })
+        Ok(Self {
+            writer: BufWriter::new(file),
+            width,
+            rows: 0,
+            first: Vec::new(),
+            last: Vec::new(),
+            seen: vec![Vec::new(); width],
+        })
     }
 
     fn row(&mut self, row: &[f64]) -> std::io::Result<()> {
         if self.rows < LOOKED_AT {
-            self.seen.iter_mut().zip(row).for_each(|(seen, value)| seen.push(*value));
+            self.seen
+                .iter_mut()
+                .zip(row)
+                .for_each(|(seen, value)| seen.push(*value));
         }
         if self.rows == 0 {
             self.first = row.to_vec();
         }
         self.last = row.to_vec();
         self.rows += 1;
-        row.iter().try_for_each(|value| self.writer.write_all(&value.to_le_bytes()))
+        row.iter()
+            .try_for_each(|value| self.writer.write_all(&value.to_le_bytes()))
     }
 
     /// Time between two rows, by a first column of times.
@@ -232,19 +350,32 @@ impl Spill {
             level_v: self.first.get(column).copied().unwrap_or(0.0),
         };
         let channels = (skip..self.width).map(channel).collect();
-        let file = self.writer.into_inner().map_err(std::io::IntoInnerError::into_error)?;
-        Ok(RawFile { path: path.to_owned(), file, channels })
+        let file = self
+            .writer
+            .into_inner()
+            .map_err(std::io::IntoInnerError::into_error)?;
+        Ok(RawFile {
+            path: path.to_owned(),
+            file,
+            channels,
+        })
     }
 }
 
-/// The least difference of two values, wherever they stand. That of two neighbours in time would be the slope of a steep signal, however finely it was
-/// quantised.
+/// The least difference of two values, wherever they stand. That of two neighbours in time would be
+/// the slope of a steep signal, however finely it was quantised.
 fn step(seen: &[f64]) -> Option<f64> {
     let mut sorted = seen.to_vec();
     sorted.sort_by(f64::total_cmp);
-    let changes = sorted.iter().zip(sorted.iter().skip(1)).map(|(low, high)| (high - low, high.abs()));
+    let changes = sorted
+        .iter()
+        .zip(sorted.iter().skip(1))
+        .map(|(low, high)| (high - low, high.abs()));
     // Below, it is the rounding of the digits.
-    changes.filter(|(change, of)| *change > 1.0e-9 * of).map(|(change, _)| change).min_by(f64::total_cmp)
+    changes
+        .filter(|(change, of)| *change > 1.0e-9 * of)
+        .map(|(change, _)| change)
+        .min_by(f64::total_cmp)
 }
 
 #[cfg(test)]
@@ -270,7 +401,9 @@ mod tests {
         let path = folder.path().join("table.csv");
         let opened = |text: &str| {
             std::fs::write(&path, text).unwrap();
-            open(&path, Some(1.0e-3)).map(|record| record.samples).map_err(|error| error.to_string())
+            open(&path, Some(1.0e-3))
+                .map(|record| record.samples)
+                .map_err(|error| error.to_string())
         };
         assert_eq!(opened("a;b\n1;2\n1,000;2\n1,5;2\n"), Ok(3));
         assert_eq!(opened("a;b\n1;2\n1.000;2\n1.5;2\n"), Ok(3));
@@ -284,14 +417,19 @@ mod tests {
             ("a;b\n1,5;2,5\n1,5\n", 3, "2 numbers"),
         ] {
             let error = opened(text).unwrap_err();
-            assert!(error.contains(&format!("line {line}: expected {what}, met \"")), "{text:?}: {error}");
+            assert!(
+                error.contains(&format!("line {line}: expected {what}, met \"")),
+                "{text:?}: {error}"
+            );
         }
     }
 
     #[test]
     fn the_step_is_that_of_the_codes_and_not_of_the_signal() {
         let sine = |round: &dyn Fn(f64) -> f64| -> Vec<f64> {
-            (0..4000).map(|k| round(0.02 * (std::f64::consts::TAU * f64::from(k) / 100.3).sin())).collect()
+            (0..4000)
+                .map(|k| round(0.02 * (std::f64::consts::TAU * f64::from(k) / 100.3).sin()))
+                .collect()
         };
         // Neighbours in time are up to 1.25 mV apart.
         let coarse = step(&sine(&|value| (value / 1.0e-4).round() * 1.0e-4)).unwrap();

@@ -61,20 +61,27 @@ const UNKNOWN: &str = "it is not known";
 /// Reads the name of a column; none where it names nothing of a spectrum.
 pub(super) fn named(name: &str) -> Option<Named> {
     let written = plain(name);
-    split(&written).into_iter().find_map(|Split { base, unit, sure }| {
-        let (quantity, sign, drift_corrected) = base_of(&base)?;
-        let unit = match unit {
-            None => Unit::Unstated,
-            Some(text) => unit_of(quantity, &text)?,
-        };
-        // Behind a blank or a low line may stand anything.
-        let taken = sure && !short(&base) || !matches!(unit, Unit::Refused(_, UNKNOWN));
-        // A bare Z is a modulus only where its unit says so.
-        let bare = matches!(base.trim_start_matches('-'), "z" | "impedance")
-            && quantity == Quantity::Modulus
-            && !matches!(unit, Unit::Factor(_) | Unit::Refused(_, AREA));
-        (taken && !bare).then_some(Named { quantity, sign, unit, drift_corrected })
-    })
+    split(&written)
+        .into_iter()
+        .find_map(|Split { base, unit, sure }| {
+            let (quantity, sign, drift_corrected) = base_of(&base)?;
+            let unit = match unit {
+                None => Unit::Unstated,
+                Some(text) => unit_of(quantity, &text)?,
+            };
+            // Behind a blank or a low line may stand anything.
+            let taken = sure && !short(&base) || !matches!(unit, Unit::Refused(_, UNKNOWN));
+            // A bare Z is a modulus only where its unit says so.
+            let bare = matches!(base.trim_start_matches('-'), "z" | "impedance")
+                && quantity == Quantity::Modulus
+                && !matches!(unit, Unit::Factor(_) | Unit::Refused(_, AREA));
+            (taken && !bare).then_some(Named {
+                quantity,
+                sign,
+                unit,
+                drift_corrected,
+            })
+        })
 }
 
 /// Reads a field under a name as a unit; none where it is empty.
@@ -111,18 +118,45 @@ struct Split {
 
 fn split(written: &str) -> Vec<Split> {
     let base = |text: &str| -> String {
-        let joined: String = text.chars().filter(|c| !c.is_whitespace() && *c != '_').flat_map(char::to_lowercase).collect();
+        let joined: String = text
+            .chars()
+            .filter(|c| !c.is_whitespace() && *c != '_')
+            .flat_map(char::to_lowercase)
+            .collect();
         joined.trim_end_matches(['.', ':', ',']).to_owned()
     };
-    let mut ways = vec![Split { base: base(written), unit: None, sure: true }];
+    let mut ways = vec![Split {
+        base: base(written),
+        unit: None,
+        sure: true,
+    }];
     let mut way = |parts: Option<(&str, &str)>, sure: bool| {
         if let Some((name, unit)) = parts {
-            ways.push(Split { base: base(name), unit: Some(unit.trim().trim_matches(['(', ')', '[', ']']).trim().to_owned()), sure });
+            ways.push(Split {
+                base: base(name),
+                unit: Some(
+                    unit.trim()
+                        .trim_matches(['(', ')', '[', ']'])
+                        .trim()
+                        .to_owned(),
+                ),
+                sure,
+            });
         }
     };
     way(written.split_once('/'), true);
-    way(written.strip_suffix(']').and_then(|text| text.rsplit_once('[')), true);
-    way(written.strip_suffix(')').and_then(|text| text.rsplit_once('(')), true);
+    way(
+        written
+            .strip_suffix(']')
+            .and_then(|text| text.rsplit_once('[')),
+        true,
+    );
+    way(
+        written
+            .strip_suffix(')')
+            .and_then(|text| text.rsplit_once('(')),
+        true,
+    );
     way(written.rsplit_once('_'), false);
     way(written.rsplit_once(char::is_whitespace), false);
     ways
@@ -130,11 +164,31 @@ fn split(written: &str) -> Vec<Split> {
 
 /// Names that stand for other things too.
 fn short(base: &str) -> bool {
-    matches!(base.trim_start_matches('-'), "re" | "im" | "real" | "imag" | "imaginary" | "f" | "z" | "phase" | "theta" | "phi" | "angle")
+    matches!(
+        base.trim_start_matches('-'),
+        "re" | "im"
+            | "real"
+            | "imag"
+            | "imaginary"
+            | "f"
+            | "z"
+            | "phase"
+            | "theta"
+            | "phi"
+            | "angle"
+    )
 }
 
 /// Ends of the names of curves that were corrected, the longer first; `DrCor` is Gamry's.
-const CORRECTED: [&str; 7] = ["(driftcorrected)", "driftcorrected", "(corrected)", "corrected", "(corr)", "corr", "drcor"];
+const CORRECTED: [&str; 7] = [
+    "(driftcorrected)",
+    "driftcorrected",
+    "(corrected)",
+    "corrected",
+    "(corr)",
+    "corr",
+    "drcor",
+];
 
 /// The quantity of a name without unit, its sign, and whether it is corrected for a drift.
 fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
@@ -142,17 +196,22 @@ fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
         Some(rest) => (-1.0, rest),
         None => (1.0, base),
     };
-    let corrected = CORRECTED.iter().find_map(|suffix| base.strip_suffix(suffix));
+    let corrected = CORRECTED
+        .iter()
+        .find_map(|suffix| base.strip_suffix(suffix));
     let (drift_corrected, base) = (corrected.is_some(), corrected.unwrap_or(base));
     let quantity = match base {
         "f" | "freq" | "frequency" => Quantity::Frequency,
         // ZPlot's (a) and (b) are no units.
-        "z'" | "z'(a)" | "re" | "real" | "zre" | "zreal" | "rez" | "realz" | "re(z)" | "real(z)" => Quantity::Real,
-        "z\"" | "z\"(b)" | "im" | "imag" | "imaginary" | "zim" | "zimg" | "zimag" | "imz" | "imagz" | "im(z)" | "imag(z)" => {
-            Quantity::Imaginary
+        "z'" | "z'(a)" | "re" | "real" | "zre" | "zreal" | "rez" | "realz" | "re(z)"
+        | "real(z)" => Quantity::Real,
+        "z\"" | "z\"(b)" | "im" | "imag" | "imaginary" | "zim" | "zimg" | "zimag" | "imz"
+        | "imagz" | "im(z)" | "imag(z)" => Quantity::Imaginary,
+        "|z|" | "zmod" | "zabs" | "mod(z)" | "abs(z)" | "modulus" | "magnitude" | "z"
+        | "impedance" => Quantity::Modulus,
+        "phase" | "phase(z)" | "zphz" | "zphase" | "phaseangle" | "theta" | "phi" | "arg(z)" => {
+            Quantity::Phase
         }
-        "|z|" | "zmod" | "zabs" | "mod(z)" | "abs(z)" | "modulus" | "magnitude" | "z" | "impedance" => Quantity::Modulus,
-        "phase" | "phase(z)" | "zphz" | "zphase" | "phaseangle" | "theta" | "phi" | "arg(z)" => Quantity::Phase,
         _ => return None,
     };
     // A frequency or a modulus below zero there is none.
@@ -169,12 +228,16 @@ fn unit_of(quantity: Quantity, written: &str) -> Option<Unit> {
     Some(match quantity {
         Quantity::Phase => angle(&text).map_or_else(|| refused(UNKNOWN), Unit::Factor),
         Quantity::Frequency => prefixed(&text, &["hz"]).unwrap_or_else(refused_as(&refused)),
-        _ if text.to_lowercase().contains("cm") || text.contains("m2") || text.contains("m^2") => refused(AREA),
+        _ if text.to_lowercase().contains("cm") || text.contains("m2") || text.contains("m^2") => {
+            refused(AREA)
+        }
         _ => prefixed(&text, &["ohm", "ohms"]).unwrap_or_else(refused_as(&refused)),
     })
 }
 
-fn refused_as<'a>(refused: &'a impl Fn(&'static str) -> Unit) -> impl Fn(&'static str) -> Unit + 'a {
+fn refused_as<'a>(
+    refused: &'a impl Fn(&'static str) -> Unit,
+) -> impl Fn(&'static str) -> Unit + 'a {
     move |why| refused(why)
 }
 
@@ -191,8 +254,13 @@ fn angle(text: &str) -> Option<f64> {
 /// The factor of a unit with a prefix of the SI; else why there is none.
 fn prefixed(text: &str, units: &[&str]) -> Result<Unit, &'static str> {
     let lower = text.to_lowercase();
-    let unit = units.iter().find(|unit| lower.ends_with(**unit)).ok_or(UNKNOWN)?;
-    let (prefix, symbol) = text.split_at_checked(text.len() - unit.len()).ok_or(UNKNOWN)?;
+    let unit = units
+        .iter()
+        .find(|unit| lower.ends_with(**unit))
+        .ok_or(UNKNOWN)?;
+    let (prefix, symbol) = text
+        .split_at_checked(text.len() - unit.len())
+        .ok_or(UNKNOWN)?;
     let all_upper = symbol.chars().all(char::is_uppercase);
     let all_lower = symbol.chars().all(char::is_lowercase);
     let factor = match prefix {
@@ -243,7 +311,11 @@ mod tests {
         ] {
             let met = named(name).unwrap_or_else(|| panic!("{name}"));
             let unit = factor.map_or(Unit::Unstated, Unit::Factor);
-            assert_eq!((met.quantity, met.sign, met.unit), (quantity, sign, unit), "{name}");
+            assert_eq!(
+                (met.quantity, met.sign, met.unit),
+                (quantity, sign, unit),
+                "{name}"
+            );
         }
         for name in [
             "Re(Y)/Ohm-1",
@@ -262,10 +334,18 @@ mod tests {
         ] {
             assert_eq!(named(name), None, "{name}");
         }
-        for (name, why) in
-            [("Z'/Ohm·cm²", AREA), ("Z (mOhm cm2)", AREA), ("Zre (quatloos)", UNKNOWN), ("freq (mhz)", CASE), ("Zreal [MOHM]", CASE)]
-        {
-            assert!(matches!(named(name).unwrap().unit, Unit::Refused(_, met) if met == why), "{name}: {:?}", named(name));
+        for (name, why) in [
+            ("Z'/Ohm·cm²", AREA),
+            ("Z (mOhm cm2)", AREA),
+            ("Zre (quatloos)", UNKNOWN),
+            ("freq (mhz)", CASE),
+            ("Zreal [MOHM]", CASE),
+        ] {
+            assert!(
+                matches!(named(name).unwrap().unit, Unit::Refused(_, met) if met == why),
+                "{name}: {:?}",
+                named(name)
+            );
         }
     }
 }

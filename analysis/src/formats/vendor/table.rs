@@ -20,7 +20,8 @@ pub(super) struct Column {
 }
 
 impl Column {
-    /// What a number of it is multiplied with; a frequency and an impedance without unit are in Hz and Ω.
+    /// What a number of it is multiplied with; a frequency and an impedance without unit are in Hz
+    /// and Ω.
     pub(super) fn factor(&self) -> f64 {
         self.sign * self.unit.unwrap_or(1.0)
     }
@@ -77,7 +78,9 @@ pub(super) fn table(path: &Path, lines: &[&str], at: usize) -> Option<Result<Tab
         .map(|(separator, titles)| (separator, Header::new(path, at, titles)))
         .filter(|(_, h)| h.is_whole())
         .collect();
-    let fits = |(separator, header): &(char, Header<'_>)| numbers_below(lines, at, *separator) == Some(header.titles.len());
+    let fits = |(separator, header): &(char, Header<'_>)| {
+        numbers_below(lines, at, *separator) == Some(header.titles.len())
+    };
     let best = found.iter().position(fits).unwrap_or(0);
     (!found.is_empty()).then(|| {
         let (separator, header) = found.swap_remove(best);
@@ -91,7 +94,13 @@ pub(super) fn near_miss(path: &Path, lines: &[&str], at: usize) -> Option<Format
         let header = Header::new(path, at, titles);
         let has = |quantity| header.has(quantity);
         use Quantity::{Frequency, Imaginary, Modulus, Phase, Real};
-        let missing = match (has(Frequency), has(Real), has(Imaginary), has(Modulus), has(Phase)) {
+        let missing = match (
+            has(Frequency),
+            has(Real),
+            has(Imaginary),
+            has(Modulus),
+            has(Phase),
+        ) {
             (false, true, true, ..) => Frequency,
             (true, true, false, ..) => Imaginary,
             (true, false, true, ..) => Real,
@@ -100,7 +109,12 @@ pub(super) fn near_miss(path: &Path, lines: &[&str], at: usize) -> Option<Format
             _ => return None,
         };
         let met = crate::formats::text::shorten(&header.titles.join(", "));
-        Some(FormatError::Header { file: path.to_owned(), line: at + 1, expected: format!("a column of {}", missing.name()), met })
+        Some(FormatError::Header {
+            file: path.to_owned(),
+            line: at + 1,
+            expected: format!("a column of {}", missing.name()),
+            met,
+        })
     })
 }
 
@@ -114,14 +128,28 @@ fn candidates(line: &str) -> Vec<(char, Vec<&str>)> {
         return vec![(',', titles)];
     }
     let trimmed = line.trim();
-    // ZView's "Z60W" and "ZPlotW" write all names in one pair of quotes with blanks between them, and numbers with commas.
-    let quoted = trimmed.strip_prefix('"').and_then(|rest| rest.strip_suffix('"')).filter(|inner| !inner.contains(['"', ',', '\t', ';']));
+    // ZView's "Z60W" and "ZPlotW" write all names in one pair of quotes with blanks between them,
+    // and numbers with commas.
+    let quoted = trimmed
+        .strip_prefix('"')
+        .and_then(|rest| rest.strip_suffix('"'))
+        .filter(|inner| !inner.contains(['"', ',', '\t', ';']));
     if let Some(inner) = quoted {
-        return vec![(',', wide(inner)), (',', inner.split_whitespace().collect())];
+        return vec![
+            (',', wide(inner)),
+            (',', inner.split_whitespace().collect()),
+        ];
     }
-    match ['\t', ';', ','].into_iter().find(|separator| line.contains(*separator)) {
+    match ['\t', ';', ',']
+        .into_iter()
+        .find(|separator| line.contains(*separator))
+    {
         Some(separator) => vec![(separator, fields(line, separator))],
-        None => vec![(' ', wide(trimmed)), (' ', with_units(trimmed)), (' ', trimmed.split_whitespace().collect())],
+        None => vec![
+            (' ', wide(trimmed)),
+            (' ', with_units(trimmed)),
+            (' ', trimmed.split_whitespace().collect()),
+        ],
     }
     .into_iter()
     .map(|(separator, mut titles)| {
@@ -135,7 +163,10 @@ fn candidates(line: &str) -> Vec<(char, Vec<&str>)> {
 
 /// Names with two blanks or more between them.
 fn wide(text: &str) -> Vec<&str> {
-    text.split("  ").map(str::trim).filter(|name| !name.is_empty()).collect()
+    text.split("  ")
+        .map(str::trim)
+        .filter(|name| !name.is_empty())
+        .collect()
 }
 
 /// Names with a blank between them and before units in brackets.
@@ -146,7 +177,11 @@ fn with_units(text: &str) -> Vec<&str> {
     });
     let starts: Vec<usize> = starts.map(|(at, _)| at).collect();
     let ends = starts.iter().skip(1).copied().chain([text.len()]);
-    starts.iter().zip(ends).map(|(start, end)| text[*start..end].trim()).collect()
+    starts
+        .iter()
+        .zip(ends)
+        .map(|(start, end)| text[*start..end].trim())
+        .collect()
 }
 
 /// Fields of a line, without blanks and quotes around them.
@@ -154,64 +189,145 @@ pub(super) fn fields(line: &str, separator: char) -> Vec<&str> {
     if separator == ' ' {
         return line.split_whitespace().collect();
     }
-    line.split(separator).map(crate::formats::text::unquote).collect()
+    line.split(separator)
+        .map(crate::formats::text::unquote)
+        .collect()
 }
 
 /// Fields of the first row of numbers under a line.
 fn numbers_below(lines: &[&str], at: usize, separator: char) -> Option<usize> {
-    let rows = lines.iter().skip(at + 1).take(LOOKED_AT).map(|line| fields(line, separator));
+    let rows = lines
+        .iter()
+        .skip(at + 1)
+        .take(LOOKED_AT)
+        .map(|line| fields(line, separator));
     rows.filter(|row| row.len() > 2)
-        .find(|row| row.iter().all(|field| crate::formats::text::number(field, separator).is_some()))
+        .find(|row| {
+            row.iter()
+                .all(|field| crate::formats::text::number(field, separator).is_some())
+        })
         .map(|row| row.len())
 }
 
 impl<'a> Header<'a> {
     fn new(path: &'a Path, at: usize, titles: Vec<&'a str>) -> Self {
         let named = titles.iter().map(|title| names::named(title)).collect();
-        Self { path, line: at + 1, titles, named }
+        Self {
+            path,
+            line: at + 1,
+            titles,
+            named,
+        }
     }
 
     fn has(&self, quantity: Quantity) -> bool {
-        self.named.iter().flatten().any(|n| n.quantity == quantity && !n.drift_corrected)
+        self.named
+            .iter()
+            .flatten()
+            .any(|n| n.quantity == quantity && !n.drift_corrected)
     }
 
     /// Whether it names all columns of an impedance.
     fn is_whole(&self) -> bool {
         let cartesian = self.has(Quantity::Real) && self.has(Quantity::Imaginary);
-        self.has(Quantity::Frequency) && (cartesian || self.has(Quantity::Modulus) && self.has(Quantity::Phase))
+        self.has(Quantity::Frequency)
+            && (cartesian || self.has(Quantity::Modulus) && self.has(Quantity::Phase))
     }
 
     fn table(&self, separator: char) -> Result<Table, FormatError> {
         let cartesian = self.has(Quantity::Real) && self.has(Quantity::Imaginary);
-        let pair = if cartesian { [Quantity::Real, Quantity::Imaginary] } else { [Quantity::Modulus, Quantity::Phase] };
+        let pair = if cartesian {
+            [Quantity::Real, Quantity::Imaginary]
+        } else {
+            [Quantity::Modulus, Quantity::Phase]
+        };
         let mut curves = Vec::new();
-        let corrected = |quantity| self.named.iter().flatten().any(|n| n.quantity == quantity && n.drift_corrected);
+        let corrected = |quantity| {
+            self.named
+                .iter()
+                .flatten()
+                .any(|n| n.quantity == quantity && n.drift_corrected)
+        };
         for drift_corrected in [true, false] {
             if drift_corrected && !pair.into_iter().all(corrected) {
                 continue;
             }
             let [a, b] = pair;
-            curves.push(Curve { drift_corrected, columns: [self.column(a, drift_corrected)?, self.column(b, drift_corrected)?] });
+            curves.push(Curve {
+                drift_corrected,
+                columns: [
+                    self.column(a, drift_corrected)?,
+                    self.column(b, drift_corrected)?,
+                ],
+            });
         }
         let freq = self.column(Quantity::Frequency, false)?;
-        let labels = self.titles.iter().enumerate().filter_map(|(index, title)| Some((sweeps::label(title)?, index))).collect();
-        let others = self.titles.iter().enumerate().filter(|(index, title)| self.named[*index].is_none() && of_another(title));
-        let others = others.map(|(index, title)| Other { index, title: (*title).to_owned(), used: false }).collect();
-        Ok(Table { line: self.line - 1, separator, width: self.titles.len(), freq, curves, labels, others })
+        let labels = self
+            .titles
+            .iter()
+            .enumerate()
+            .filter_map(|(index, title)| Some((sweeps::label(title)?, index)))
+            .collect();
+        let others = self
+            .titles
+            .iter()
+            .enumerate()
+            .filter(|(index, title)| self.named[*index].is_none() && of_another(title));
+        let others = others
+            .map(|(index, title)| Other {
+                index,
+                title: (*title).to_owned(),
+                used: false,
+            })
+            .collect();
+        Ok(Table {
+            line: self.line - 1,
+            separator,
+            width: self.titles.len(),
+            freq,
+            curves,
+            labels,
+            others,
+        })
     }
 
     /// The one column of a quantity; of two with a minus and without it, that without.
     fn column(&self, quantity: Quantity, drift_corrected: bool) -> Result<Column, FormatError> {
-        let all = self.named.iter().enumerate().filter_map(|(index, named)| Some((index, named.as_ref()?)));
-        let of_it: Vec<(usize, &Named)> = all.filter(|(_, n)| n.quantity == quantity && n.drift_corrected == drift_corrected).collect();
-        let positive: Vec<_> = of_it.iter().filter(|(_, n)| n.sign > 0.0).copied().collect();
+        let all = self
+            .named
+            .iter()
+            .enumerate()
+            .filter_map(|(index, named)| Some((index, named.as_ref()?)));
+        let of_it: Vec<(usize, &Named)> = all
+            .filter(|(_, n)| n.quantity == quantity && n.drift_corrected == drift_corrected)
+            .collect();
+        let positive: Vec<_> = of_it
+            .iter()
+            .filter(|(_, n)| n.sign > 0.0)
+            .copied()
+            .collect();
         let chosen = if positive.is_empty() { of_it } else { positive };
         let [(index, named)] = chosen.as_slice() else {
-            let met = chosen.iter().map(|(index, _)| format!("\"{}\"", self.titles[*index])).collect::<Vec<_>>().join(" and ");
+            let met = chosen
+                .iter()
+                .map(|(index, _)| format!("\"{}\"", self.titles[*index]))
+                .collect::<Vec<_>>()
+                .join(" and ");
             let expected = format!("one column of {}", quantity.name());
-            return Err(FormatError::Header { file: self.path.to_owned(), line: self.line, expected, met });
+            return Err(FormatError::Header {
+                file: self.path.to_owned(),
+                line: self.line,
+                expected,
+                met,
+            });
         };
-        let mut column = Column { index: *index, title: self.titles[*index].to_owned(), quantity, sign: named.sign, unit: None };
+        let mut column = Column {
+            index: *index,
+            title: self.titles[*index].to_owned(),
+            quantity,
+            sign: named.sign,
+            unit: None,
+        };
         column.take_unit(named.unit.clone(), (self.path, self.line))?;
         Ok(column)
     }
@@ -219,8 +335,14 @@ impl<'a> Header<'a> {
 
 /// Whether a column is the impedance of another electrode or of another channel.
 fn of_another(title: &str) -> bool {
-    let plain: String = title.chars().filter(|c| !c.is_whitespace()).flat_map(char::to_lowercase).collect();
-    ["re(z", "-im(z", "im(z", "z2real", "z2imag"].iter().any(|start| plain.starts_with(start))
+    let plain: String = title
+        .chars()
+        .filter(|c| !c.is_whitespace())
+        .flat_map(char::to_lowercase)
+        .collect();
+    ["re(z", "-im(z", "im(z", "z2real", "z2imag"]
+        .iter()
+        .any(|start| plain.starts_with(start))
 }
 
 impl Column {
@@ -239,7 +361,10 @@ impl Column {
             (Unit::Unstated, _) => {}
             (Unit::Refused(met, reason), _) => return Err(refused(format!("\"{met}\""), reason)),
             (Unit::Factor(factor), Some(known)) if factor != known => {
-                return Err(refused("another unit under the name than in it".to_owned(), "one of them is wrong"));
+                return Err(refused(
+                    "another unit under the name than in it".to_owned(),
+                    "one of them is wrong",
+                ));
             }
             (Unit::Factor(factor), _) => self.unit = Some(factor),
         }
@@ -254,10 +379,18 @@ impl Table {
     }
 
     /// Takes over a row of units under the names.
-    pub(super) fn take_units(&mut self, row: &[&str], place: (&Path, usize)) -> Result<(), FormatError> {
-        let columns = std::iter::once(&mut self.freq).chain(self.curves.iter_mut().flat_map(|curve| &mut curve.columns));
+    pub(super) fn take_units(
+        &mut self,
+        row: &[&str],
+        place: (&Path, usize),
+    ) -> Result<(), FormatError> {
+        let columns = std::iter::once(&mut self.freq)
+            .chain(self.curves.iter_mut().flat_map(|curve| &mut curve.columns));
         for column in columns {
-            if let Some(unit) = row.get(column.index).and_then(|field| names::unit_under(column.quantity, field)) {
+            if let Some(unit) = row
+                .get(column.index)
+                .and_then(|field| names::unit_under(column.quantity, field))
+            {
                 column.take_unit(unit, place)?;
             }
         }

@@ -55,7 +55,12 @@ impl<'a> Run<'a> {
         profile: &Profile,
         (options, halvings): (&'a SimOptions, u32),
     ) -> Result<Simulation, ForwardError> {
-        let shortest_s = laws.network.branches.iter().map(|b| b.tau_s).fold(LONGEST_S, f64::min);
+        let shortest_s = laws
+            .network
+            .branches
+            .iter()
+            .map(|b| b.tau_s)
+            .fold(LONGEST_S, f64::min);
         let series = f64::from(model.pack.series);
         let mut run = Self {
             model,
@@ -71,37 +76,65 @@ impl<'a> Run<'a> {
         };
         run.through(profile)?;
         let end = run.state();
-        let (summary, trace) = run.book.close(&end, profile.time_s.first().copied().unwrap_or(0.0));
-        Ok(Simulation { summary, trace, end })
+        let (summary, trace) = run
+            .book
+            .close(&end, profile.time_s.first().copied().unwrap_or(0.0));
+        Ok(Simulation {
+            summary,
+            trace,
+            end,
+        })
     }
 
     fn through(&mut self, profile: &Profile) -> Result<(), ForwardError> {
         let (mut last, mut step_s) = (None, self.first_s);
         for piece in profile.pieces(self.options.max_step_s) {
             let slope = (piece.to - piece.from) / piece.step_s;
-            let Some(start) = self.seen((piece.from_s, piece.from))? else { return Ok(()) };
+            let Some(start) = self.seen((piece.from_s, piece.from))? else {
+                return Ok(());
+            };
             if last.is_none_or(|(to, _)| to != piece.from) {
                 self.book.row(&start.point, &self.state());
             }
             // Pieces of one row have one slope, up to rounding.
-            if last.is_none_or(|(to, before)| to != piece.from || f64::abs(before - slope) > 1e-6 * f64::abs(slope)) {
+            if last.is_none_or(|(to, before)| {
+                to != piece.from || f64::abs(before - slope) > 1e-6 * f64::abs(slope)
+            }) {
                 step_s = self.first_s;
             }
             last = Some((piece.to, slope));
-            let Some(end) = self.piece(&piece, start, &mut step_s)? else { return Ok(()) };
+            let Some(end) = self.piece(&piece, start, &mut step_s)? else {
+                return Ok(());
+            };
             self.book.row(&end.point, &self.state());
         }
         Ok(())
     }
 
     /// One piece; none when the run ends in it.
-    fn piece(&mut self, piece: &Piece, start: Look, step_s: &mut f64) -> Result<Option<Look>, ForwardError> {
+    fn piece(
+        &mut self,
+        piece: &Piece,
+        start: Look,
+        step_s: &mut f64,
+    ) -> Result<Option<Look>, ForwardError> {
         let (mut done_s, mut before) = (0.0, start);
         while done_s < piece.step_s {
             let left_s = piece.step_s - done_s;
-            let next_s = if left_s < 1.5 * *step_s { piece.step_s } else { done_s + *step_s };
-            let at = |t: f64| (piece.from_s + t, piece.from + (piece.to - piece.from) * t / piece.step_s);
-            let Some(after) = self.parts(before, (done_s, next_s), at)? else { return Ok(None) };
+            let next_s = if left_s < 1.5 * *step_s {
+                piece.step_s
+            } else {
+                done_s + *step_s
+            };
+            let at = |t: f64| {
+                (
+                    piece.from_s + t,
+                    piece.from + (piece.to - piece.from) * t / piece.step_s,
+                )
+            };
+            let Some(after) = self.parts(before, (done_s, next_s), at)? else {
+                return Ok(None);
+            };
             (done_s, before) = (next_s, after);
             *step_s = (*step_s * GROWTH).min(LONGEST_S);
         }
@@ -109,20 +142,37 @@ impl<'a> Run<'a> {
     }
 
     /// A step in its parts; none when the run ends in it.
-    fn parts(&mut self, start: Look, (from_s, to_s): (f64, f64), at: impl Fn(f64) -> (f64, f64)) -> Result<Option<Look>, ForwardError> {
+    fn parts(
+        &mut self,
+        start: Look,
+        (from_s, to_s): (f64, f64),
+        at: impl Fn(f64) -> (f64, f64),
+    ) -> Result<Option<Look>, ForwardError> {
         let pack = self.model.pack;
         let cells = f64::from(pack.series) * f64::from(pack.parallel);
-        let heat_w = |look: &Look| cells * look.heat_w + look.point.current_a * look.point.current_a * pack.interconnect_ohm;
+        let heat_w = |look: &Look| {
+            cells * look.heat_w
+                + look.point.current_a * look.point.current_a * pack.interconnect_ohm
+        };
         let part_s = (to_s - from_s) / f64::from(self.parts);
         let mut before = start;
         for part in 1..=self.parts {
             if self.stops(&before) {
                 return Ok(None);
             }
-            let end = if part == self.parts { at(to_s) } else { at(from_s + part_s * f64::from(part)) };
+            let end = if part == self.parts {
+                at(to_s)
+            } else {
+                at(from_s + part_s * f64::from(part))
+            };
             self.step(&before, part_s, end)?;
-            let Some(after) = self.seen(end)? else { return Ok(None) };
-            self.book.moved((&before.point, &after.point), 0.5 * (heat_w(&before) + heat_w(&after)) * part_s);
+            let Some(after) = self.seen(end)? else {
+                return Ok(None);
+            };
+            self.book.moved(
+                (&before.point, &after.point),
+                0.5 * (heat_w(&before) + heat_w(&after)) * part_s,
+            );
             before = after;
         }
         Ok(Some(before))
@@ -133,18 +183,31 @@ impl<'a> Run<'a> {
     }
 
     /// Moves the cell over a step that ends at a time (s) with a demand.
-    fn step(&mut self, before: &Look, step_s: f64, (end_s, demand): (f64, f64)) -> Result<(), ForwardError> {
+    fn step(
+        &mut self,
+        before: &Look,
+        step_s: f64,
+        (end_s, demand): (f64, f64),
+    ) -> Result<(), ForwardError> {
         let capacity_c = self.model.capacity_c() / f64::from(self.model.pack.parallel);
-        self.dynamics.iter_mut().for_each(|d| d.advance(&before.cell, 0.5 * step_s));
+        self.dynamics
+            .iter_mut()
+            .for_each(|d| d.advance(&before.cell, 0.5 * step_s));
         let start = self.look((before.point.time_s, before.demand))?;
         let (soc, v, i0) = (self.soc, self.v.clone(), start.cell.current_a);
         // What the first half of the additions has changed the second will change again.
-        let (f0, drift) = (before.factor.branches, start.factor.branches - before.factor.branches);
+        let (f0, drift) = (
+            before.factor.branches,
+            start.factor.branches - before.factor.branches,
+        );
         let (mut i1, mut f1) = (i0, f0 + 2.0 * drift);
-        // The current at the end and the branches there wait for each other: a step may be long beside the fastest of them.
+        // The current at the end and the branches there wait for each other: a step may be long
+        // beside the fastest of them.
         for _ in 0..MOST_LOOKS {
             (self.soc, self.v) = (soc - 0.5 * (i0 + i1) * step_s / capacity_c, v.clone());
-            self.laws.network.advance(&mut self.v, (f0, f1), (i0, i1), step_s);
+            self.laws
+                .network
+                .advance(&mut self.v, (f0, f1), (i0, i1), step_s);
             let end = self.look((end_s, demand))?;
             f1 = end.factor.branches + drift;
             let change_a = (end.cell.current_a - i1).abs();
@@ -158,11 +221,14 @@ impl<'a> Run<'a> {
         after.current_a += start.cell.current_a - before.cell.current_a;
         after.overpotential_v += start.cell.overpotential_v - before.cell.overpotential_v;
         after.stored_w += start.cell.stored_w - before.cell.stored_w;
-        self.dynamics.iter_mut().for_each(|d| d.advance(&after, 0.5 * step_s));
+        self.dynamics
+            .iter_mut()
+            .for_each(|d| d.advance(&after, 0.5 * step_s));
         Ok(())
     }
 
-    /// An instant, noted; none when there is nothing left behind the series resistance after power that could not be had.
+    /// An instant, noted; none when there is nothing left behind the series resistance after power
+    /// that could not be had.
     fn seen(&mut self, at: (f64, f64)) -> Result<Option<Look>, ForwardError> {
         match self.look(at) {
             Err(ForwardError::Collapsed { time_s, .. }) if !self.book.feasible() => {
@@ -172,19 +238,31 @@ impl<'a> Run<'a> {
             Err(error) => Err(error),
             Ok(look) => {
                 self.book.see(&look.point);
-                Ok(Some(Look { heat_w: self.heat_w(&look), ..look }))
+                Ok(Some(Look {
+                    heat_w: self.heat_w(&look),
+                    ..look
+                }))
             }
         }
     }
 
-    /// What the law answers at a time (s) under a demand, with the additions as they are. The heat is left to [`Self::seen`].
+    /// What the law answers at a time (s) under a demand, with the additions as they are. The heat
+    /// is left to [`Self::seen`].
     fn look(&self, (time_s, demand): (f64, f64)) -> Result<Look, ForwardError> {
         let pack = &self.model.pack;
         let (series, parallel) = (f64::from(pack.series), f64::from(pack.parallel));
         let (ocv_v, slope_v) = self.model.ocv_v(self.soc);
         let (sum_v, r_ohm) = (self.v.iter().sum::<f64>(), self.laws.network.r_ohm);
         let (ocv_cell_v, slope_v) = (ocv_v / series, slope_v / series);
-        let mut cell = Instant { time_s, current_a: 0.0, soc: self.soc, ocv_v: ocv_cell_v, slope_v, overpotential_v: sum_v, stored_w: 0.0 };
+        let mut cell = Instant {
+            time_s,
+            current_a: 0.0,
+            soc: self.soc,
+            ocv_v: ocv_cell_v,
+            slope_v,
+            overpotential_v: sum_v,
+            stored_w: 0.0,
+        };
         let mut factor = Modulation::NONE;
         let mut looks = 0;
         loop {
@@ -196,7 +274,11 @@ impl<'a> Run<'a> {
                 return Err(ForwardError::Collapsed { time_s, e_v });
             }
             let terminals_ohm = pack.ratio() * r_ohm * factor.series + pack.interconnect_ohm;
-            let drive = Drive { demand: self.demand, beyond: self.options.beyond, r_ohm: terminals_ohm };
+            let drive = Drive {
+                demand: self.demand,
+                beyond: self.options.beyond,
+                r_ohm: terminals_ohm,
+            };
             let (reply, past_tangent) = drive.reply_or_most(e_v, demand);
             let current_a = reply.current_a / parallel;
             let change_a = (current_a - cell.current_a).abs();
@@ -205,32 +287,68 @@ impl<'a> Run<'a> {
             if change_a > 1e-13 * current_a.abs() && looks < MOST_LOOKS {
                 continue;
             }
-            cell.stored_w = self.laws.network.stored_w(&self.v, current_a, factor.branches);
+            cell.stored_w = self
+                .laws
+                .network
+                .stored_w(&self.v, current_a, factor.branches);
             let (current_a, ccv_v) = (reply.current_a, e_v - terminals_ohm * reply.current_a);
-            let demand_w = if self.demand == Demand::Power { demand } else { ccv_v * current_a };
+            let demand_w = if self.demand == Demand::Power {
+                demand
+            } else {
+                ccv_v * current_a
+            };
             let (available_w, infeasible) = (drive.available_w(e_v), reply.infeasible);
-            let point = Point { time_s, demand_w, current_a, ccv_v, ocv_v, available_w, infeasible, past_tangent };
-            return Ok(Look { point, demand, cell, factor, additions_v, heat_w: 0.0 });
+            let point = Point {
+                time_s,
+                demand_w,
+                current_a,
+                ccv_v,
+                ocv_v,
+                available_w,
+                infeasible,
+                past_tangent,
+            };
+            return Ok(Look {
+                point,
+                demand,
+                cell,
+                factor,
+                additions_v,
+                heat_w: 0.0,
+            });
         }
     }
 
     /// Heat of one cell, W: of its resistances and of what the additions take.
     fn heat_w(&self, look: &Look) -> f64 {
         let i = look.cell.current_a;
-        let branches = self.laws.network.branches.iter().zip(&self.v).map(|(b, v)| v * b.conducted_a(*v, look.factor.branches));
-        i * i * self.laws.network.r_ohm * look.factor.series + branches.sum::<f64>() - i * look.additions_v
+        let branches = self
+            .laws
+            .network
+            .branches
+            .iter()
+            .zip(&self.v)
+            .map(|(b, v)| v * b.conducted_a(*v, look.factor.branches));
+        i * i * self.laws.network.r_ohm * look.factor.series + branches.sum::<f64>()
+            - i * look.additions_v
     }
 
     fn modulation(&self, at: &Instant) -> Modulation {
         self.dynamics
             .iter()
             .map(|d| d.modulation(at))
-            .fold(Modulation::NONE, |all, one| Modulation { series: all.series * one.series, branches: all.branches * one.branches })
+            .fold(Modulation::NONE, |all, one| Modulation {
+                series: all.series * one.series,
+                branches: all.branches * one.branches,
+            })
     }
 
     /// The state at the terminals.
     fn state(&self) -> SimState {
         let series = f64::from(self.model.pack.series);
-        SimState { soc: self.soc, v_rc_v: self.v.iter().map(|v| v * series).collect() }
+        SimState {
+            soc: self.soc,
+            v_rc_v: self.v.iter().map(|v| v * series).collect(),
+        }
     }
 }

@@ -1,4 +1,5 @@
-//! The inner loop: plain arithmetic over lists of W numbers, which the compiler turns into vectors of whatever length the machine has.
+//! The inner loop: plain arithmetic over lists of W numbers, which the compiler turns into vectors
+//! of whatever length the machine has.
 //!
 //! Products and sums are not fused, so that every machine gets the same bits.
 
@@ -13,7 +14,11 @@ const CURRENT: u8 = 2;
 const LOAD: u8 = 3;
 
 /// Runs all steps of a plan.
-pub(super) fn run<const W: usize, const N: usize>(lanes: &mut Lanes<'_, W, N>, plan: &Plan<'_>, curved: bool) {
+pub(super) fn run<const W: usize, const N: usize>(
+    lanes: &mut Lanes<'_, W, N>,
+    plan: &Plan<'_>,
+    curved: bool,
+) {
     match (plan.demand, plan.beyond) {
         (Demand::Current, _) => by_ocv::<W, N, CURRENT>(lanes, plan, curved),
         (Demand::Resistance, _) => by_ocv::<W, N, LOAD>(lanes, plan, curved),
@@ -22,15 +27,29 @@ pub(super) fn run<const W: usize, const N: usize>(lanes: &mut Lanes<'_, W, N>, p
     }
 }
 
-fn by_ocv<const W: usize, const N: usize, const LAW: u8>(lanes: &mut Lanes<'_, W, N>, plan: &Plan<'_>, curved: bool) {
+fn by_ocv<const W: usize, const N: usize, const LAW: u8>(
+    lanes: &mut Lanes<'_, W, N>,
+    plan: &Plan<'_>,
+    curved: bool,
+) {
     let arch = pulp::Arch::new();
-    if curved { arch.dispatch(All::<W, N, LAW, true>(lanes, plan)) } else { arch.dispatch(All::<W, N, LAW, false>(lanes, plan)) }
+    if curved {
+        arch.dispatch(All::<W, N, LAW, true>(lanes, plan))
+    } else {
+        arch.dispatch(All::<W, N, LAW, false>(lanes, plan))
+    }
 }
 
-/// The loop as something to dispatch. A closure would not be inlined into the function that has the machine's vectors.
-struct All<'l, 'c, const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(&'l mut Lanes<'c, W, N>, &'l Plan<'l>);
+/// The loop as something to dispatch. A closure would not be inlined into the function that has the
+/// machine's vectors.
+struct All<'l, 'c, const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
+    &'l mut Lanes<'c, W, N>,
+    &'l Plan<'l>,
+);
 
-impl<const W: usize, const N: usize, const LAW: u8, const CURVED: bool> pulp::WithSimd for All<'_, '_, W, N, LAW, CURVED> {
+impl<const W: usize, const N: usize, const LAW: u8, const CURVED: bool> pulp::WithSimd
+    for All<'_, '_, W, N, LAW, CURVED>
+{
     type Output = ();
 
     #[inline(always)]
@@ -40,9 +59,18 @@ impl<const W: usize, const N: usize, const LAW: u8, const CURVED: bool> pulp::Wi
 }
 
 #[inline(always)]
-fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(lanes: &mut Lanes<'_, W, N>, plan: &Plan<'_>) {
-    let (fraction, gains) =
-        (if let Beyond::Extrapolate { fraction } = plan.beyond { fraction } else { 1.0 }, std::mem::take(&mut lanes.gains));
+fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
+    lanes: &mut Lanes<'_, W, N>,
+    plan: &Plan<'_>,
+) {
+    let (fraction, gains) = (
+        if let Beyond::Extrapolate { fraction } = plan.beyond {
+            fraction
+        } else {
+            1.0
+        },
+        std::mem::take(&mut lanes.gains),
+    );
     // A copy of its own, which the compiler can keep in registers.
     let mut now = lanes.now;
     let mut index = 0.0;
@@ -71,20 +99,30 @@ fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(lanes:
     lanes.gains = gains;
 }
 
-/// One step of all lanes under a power, as [`advance`] makes it, but without waiting for a second root.
+/// One step of all lanes under a power, as [`advance`] makes it, but without waiting for a second
+/// root.
 ///
-/// E changes little over a step: by d, and the square of the root s₀ by x·s₀² with x = (d(2E₀ + d) − Δasked)/s₀². The root at the end is
-/// s₀√(1 + x), from the series of it, and 1/s₀² is on its way together with s₀. Beyond [`FAR`] the root is taken.
+/// E changes little over a step: by d, and the square of the root s₀ by x·s₀² with x = (d(2E₀ + d)
+/// − Δasked)/s₀². The root at the end is s₀√(1 + x), from the series of it, and 1/s₀² is on its way
+/// together with s₀. Beyond [`FAR`] the root is taken.
 #[inline(always)]
 fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
     (lanes, now): (&Lanes<'_, W, N>, &mut Now<W, N>),
     g: &LaneGains<W, N>,
     ((from, to), index): ((f64, f64), f64),
 ) -> bool {
-    let mut begin = Begin { root: [0.0; W], current: [0.0; W], open: [0.0; W], d: [0.0; W], rise: [0.0; W], back: [0.0; W] };
+    let mut begin = Begin {
+        root: [0.0; W],
+        current: [0.0; W],
+        open: [0.0; W],
+        d: [0.0; W],
+        rise: [0.0; W],
+        back: [0.0; W],
+    };
     let mut far = false;
     for l in 0..W {
-        // OCV − Σv is carried from step to step: summing the branches anew would make the next root wait for them.
+        // OCV − Σv is carried from step to step: summing the branches anew would make the next root
+        // wait for them.
         let e = now.e[l];
         let square = (e * e - lanes.asked[l] * from).max(0.0);
         let (root, inverse) = (square.sqrt(), 1.0 / square);
@@ -111,14 +149,17 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
         for l in 0..W {
             let Some(rise) = rise[l] else { continue };
             (begin.rise[l], begin.back[l]) = (rise, g.ends_share[l] * rise);
-            now.tally.infeasible[l] = less(now.tally.infeasible[l], if short[l] { index } else { f64::INFINITY });
+            now.tally.infeasible[l] = less(
+                now.tally.infeasible[l],
+                if short[l] { index } else { f64::INFINITY },
+            );
         }
     }
     finish::<W, N, CURVED>((lanes, now), g, &begin)
 }
 
-/// The largest change of the square under the root for which its series is taken: what is left out is 5/128·x⁴ < 3·10⁻⁹ of the root,
-/// far less than what a step of this size misses.
+/// The largest change of the square under the root for which its series is taken: what is left out
+/// is 5/128·x⁴ < 3·10⁻⁹ of the root, far less than what a step of this size misses.
 const FAR: f64 = 1.0 / 64.0;
 
 /// What is known of a step before its last current.
@@ -140,13 +181,19 @@ struct Begin<const W: usize> {
 
 impl<const W: usize> Begin<W> {
     #[inline(always)]
-    fn put(&mut self, l: usize, (root, current, open): (f64, f64, f64), (d, rise, back): (f64, f64, f64)) {
+    fn put(
+        &mut self,
+        l: usize,
+        (root, current, open): (f64, f64, f64),
+        (d, rise, back): (f64, f64, f64),
+    ) {
         (self.root[l], self.current[l], self.open[l]) = (root, current, open);
         (self.d[l], self.rise[l], self.back[l]) = (d, rise, back);
     }
 }
 
-/// By how much the root changes, taken anew in every lane where the step goes far, and whether more was asked for than there is.
+/// By how much the root changes, taken anew in every lane where the step goes far, and whether more
+/// was asked for than there is.
 #[cold]
 #[inline(never)]
 fn far_roots<const W: usize, const N: usize>(
@@ -169,7 +216,8 @@ fn far_roots<const W: usize, const N: usize>(
     (rise, short)
 }
 
-/// By which part of itself the square under the root changes: with E, and less what more is asked for.
+/// By which part of itself the square under the root changes: with E, and less what more is asked
+/// for.
 #[inline(always)]
 fn change((e, d): (f64, f64), more_asked: f64, inverse: f64) -> (f64, f64) {
     ((d * inverse) * (2.0 * e + d), more_asked * inverse)
@@ -188,7 +236,8 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
         let more = d - begin.rise[l];
         let (e1, i1) = (e0 + d, i0 + more * lanes.half[l]);
         for k in 0..N {
-            now.v[k][l] = (g.decay[k][l] * now.v[k][l] + g.both[k][l] * i0) + g.end_share[k][l] * more;
+            now.v[k][l] =
+                (g.decay[k][l] * now.v[k][l] + g.both[k][l] * i0) + g.end_share[k][l] * more;
         }
         now.e[l] = (e1 - g.ends_share[l] * d) + begin.back[l];
         if CURVED {
@@ -223,7 +272,10 @@ fn tally<const W: usize, const N: usize>(
     let t = &mut now.tally;
     t.charge[l] += 0.5 * step_s * (i0 + i1);
     t.energy[l] += 0.5 * step_s * (i0 * ccv0 + i1 * ccv1);
-    let (inner0, inner1) = (ccv0 + lanes.interconnect[l] * i0, ccv1 + lanes.interconnect[l] * i1);
+    let (inner0, inner1) = (
+        ccv0 + lanes.interconnect[l] * i0,
+        ccv1 + lanes.interconnect[l] * i1,
+    );
     t.min_ccv[l] = less(t.min_ccv[l], less(ccv0, ccv1));
     t.max_ccv[l] = more(t.max_ccv[l], more(ccv0, ccv1));
     t.min_inner[l] = less(t.min_inner[l], less(inner0, inner1));
@@ -240,10 +292,13 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
 ) -> bool {
     let mut left = false;
     for l in 0..W {
-        // OCV − Σv is carried from step to step: summing the branches anew would make the next root wait for them.
+        // OCV − Σv is carried from step to step: summing the branches anew would make the next root
+        // wait for them.
         let e0 = now.e[l];
         let (i0, short0) = current::<W, N, LAW>(lanes, l, (e0, from * lanes.scale[l], fraction));
-        let e1 = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * i0) - kept(now, g, l) - g.held[l] * i0;
+        let e1 = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * i0)
+            - kept(now, g, l)
+            - g.held[l] * i0;
         let (i1, short1) = current::<W, N, LAW>(lanes, l, (e1, to * lanes.scale[l], fraction));
         let mut rest = 0.0;
         for k in 0..N {
@@ -258,13 +313,24 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
         now.e[l] = ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - rest - g.ends[l] * i1;
         tally((lanes, now), g.step_s, (l, (e0, i0), (e1, i1)));
         let t = &mut now.tally;
-        t.infeasible[l] = less(t.infeasible[l], if short0 | short1 { index } else { f64::INFINITY });
+        t.infeasible[l] = less(
+            t.infeasible[l],
+            if short0 | short1 {
+                index
+            } else {
+                f64::INFINITY
+            },
+        );
     }
     left
 }
 
 #[inline(always)]
-fn ocv<const W: usize, const N: usize, const CURVED: bool>(lanes: &Lanes<'_, W, N>, l: usize, soc: f64) -> f64 {
+fn ocv<const W: usize, const N: usize, const CURVED: bool>(
+    lanes: &Lanes<'_, W, N>,
+    l: usize,
+    soc: f64,
+) -> f64 {
     let piece = &lanes.ocv;
     if !CURVED {
         return piece.c[0][l];
@@ -293,7 +359,10 @@ fn current<const W: usize, const N: usize, const LAW: u8>(
     // One division for both, so that nothing branches and all lanes go on together.
     let on_tangent = asked > fraction * square;
     let over = lanes.tangent.0 * demand - lanes.tangent.1[l] * square;
-    ((if on_tangent { over } else { 2.0 * demand }) / (if on_tangent { e } else { e + root }), short)
+    (
+        (if on_tangent { over } else { 2.0 * demand }) / (if on_tangent { e } else { e + root }),
+        short,
+    )
 }
 
 /// The smaller one; `f64::min` would also ask for NaN.

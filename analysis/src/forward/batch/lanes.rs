@@ -89,11 +89,21 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
     /// Lanes beyond the last cell repeat it.
     pub(super) fn new(cells: &[BatchCell<'a>], plan: &Plan<'_>) -> Self {
         let cell = |l: usize| cells[l.min(cells.len() - 1)];
-        let row = |f: &dyn Fn(BatchCell<'a>) -> f64| -> Row<W> { std::array::from_fn(|l| f(cell(l))) };
-        let c = if let Beyond::Extrapolate { fraction } = plan.beyond { (1.0 - fraction).sqrt() } else { 1.0 };
+        let row =
+            |f: &dyn Fn(BatchCell<'a>) -> f64| -> Row<W> { std::array::from_fn(|l| f(cell(l))) };
+        let c = if let Beyond::Extrapolate { fraction } = plan.beyond {
+            (1.0 - fraction).sqrt()
+        } else {
+            1.0
+        };
         let r = row(&|c| c.model.erm.r_ohm);
         let flat = OcvPiece {
-            c: [row(&|c| c.model.ocv_v(c.state.soc).0), [0.0; W], [0.0; W], [0.0; W]],
+            c: [
+                row(&|c| c.model.ocv_v(c.state.soc).0),
+                [0.0; W],
+                [0.0; W],
+                [0.0; W],
+            ],
             origin: [0.0; W],
             rate: [1.0; W],
             from: [f64::NEG_INFINITY; W],
@@ -150,7 +160,10 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
             energy_j: t.energy[l],
             charge_c: t.charge[l],
             infeasible_s: infeasible_s.filter(|_| plan.demand == Demand::Power),
-            end: SimState { soc: self.now.soc[l], v_rc_v: self.now.v.iter().take(branches).map(|v| v[l]).collect() },
+            end: SimState {
+                soc: self.now.soc[l],
+                v_rc_v: self.now.v.iter().take(branches).map(|v| v[l]).collect(),
+            },
             collapsed: plan.demand == Demand::Power && t.least_e[l] <= 0.0,
         }
     }
@@ -178,8 +191,16 @@ impl<const W: usize> OcvPiece<W> {
         let (first_soc, last_soc) = (curve.soc[0], curve.soc[last]);
         if soc <= first_soc || soc >= last_soc {
             let low = soc <= first_soc;
-            let (k, from, to) = if low { (0, f64::NEG_INFINITY, first_soc) } else { (last, last_soc, f64::INFINITY) };
-            self.put(l, [curve.ocv_v[k] * series, curve.slope_v[k] * series, 0.0, 0.0], (curve.soc[k], 1.0));
+            let (k, from, to) = if low {
+                (0, f64::NEG_INFINITY, first_soc)
+            } else {
+                (last, last_soc, f64::INFINITY)
+            };
+            self.put(
+                l,
+                [curve.ocv_v[k] * series, curve.slope_v[k] * series, 0.0, 0.0],
+                (curve.soc[k], 1.0),
+            );
             (self.from[l], self.to[l]) = (from, to);
             return;
         }
@@ -187,7 +208,12 @@ impl<const W: usize> OcvPiece<W> {
         let h = curve.soc[k + 1] - curve.soc[k];
         let (m0, m1) = (h * curve.slope_v[k], h * curve.slope_v[k + 1]);
         let rise = curve.ocv_v[k + 1] - curve.ocv_v[k];
-        let c = [curve.ocv_v[k], m0, 3.0 * rise - 2.0 * m0 - m1, m0 + m1 - 2.0 * rise];
+        let c = [
+            curve.ocv_v[k],
+            m0,
+            3.0 * rise - 2.0 * m0 - m1,
+            m0 + m1 - 2.0 * rise,
+        ];
         self.put(l, c.map(|c| c * series), (curve.soc[k], 1.0 / h));
         (self.from[l], self.to[l]) = (curve.soc[k], curve.soc[k + 1]);
     }
@@ -198,9 +224,24 @@ impl<const W: usize> OcvPiece<W> {
     }
 }
 
-fn gains<'a, const W: usize, const N: usize>(cell: &impl Fn(usize) -> BatchCell<'a>, step_s: f64) -> LaneGains<W, N> {
-    let none = Gain { decay: 0.0, start: 0.0, end: 0.0, phi: 0.0 };
-    let gain = |k: usize, l: usize| cell(l).model.erm.branches.get(k).map_or(none, |b| Gain::new(b.r_ohm, b.c_f, step_s));
+fn gains<'a, const W: usize, const N: usize>(
+    cell: &impl Fn(usize) -> BatchCell<'a>,
+    step_s: f64,
+) -> LaneGains<W, N> {
+    let none = Gain {
+        decay: 0.0,
+        start: 0.0,
+        end: 0.0,
+        phi: 0.0,
+    };
+    let gain = |k: usize, l: usize| {
+        cell(l)
+            .model
+            .erm
+            .branches
+            .get(k)
+            .map_or(none, |b| Gain::new(b.r_ohm, b.c_f, step_s))
+    };
     let gain: [[Gain; W]; N] = std::array::from_fn(|k| std::array::from_fn(|l| gain(k, l)));
     let held = std::array::from_fn(|l| gain.iter().map(|row| row[l].start + row[l].end).sum());
     let ends = std::array::from_fn(|l| gain.iter().map(|row| row[l].end).sum());

@@ -1,5 +1,6 @@
-//! A profile as the inner loop wants it: runs of rows with steps of one length. The demands stay where they are, in the profile: a list of
-//! all steps would cost as much memory traffic as a cell costs arithmetic.
+//! A profile as the inner loop wants it: runs of rows with steps of one length. The demands stay
+//! where they are, in the profile: a list of all steps would cost as much memory traffic as a cell
+//! costs arithmetic.
 
 use super::BatchOptions;
 use crate::forward::law::{Beyond, Demand};
@@ -38,16 +39,30 @@ impl<'p> Plan<'p> {
     pub(super) fn new(profile: &'p Profile, options: &BatchOptions) -> Self {
         let start_s = profile.time_s.first().copied().unwrap_or(0.0);
         let last_s = profile.time_s.last().copied().unwrap_or(0.0);
-        // Equal steps written as decimals differ in their last bits; a quantum far below the rounding of the times makes them equal again.
+        // Equal steps written as decimals differ in their last bits; a quantum far below the
+        // rounding of the times makes them equal again.
         let quantum = (last_s.abs().max(start_s.abs()) * 2f64.powi(-48)).max(f64::MIN_POSITIVE);
         let hold = profile.interpolation == Interpolation::Hold;
         let (demand, beyond, value) = (profile.demand, options.beyond, profile.value.as_slice());
-        let mut plan = Self { demand, beyond, start_s, lengths_s: Vec::new(), runs: Vec::new(), value, hold };
+        let mut plan = Self {
+            demand,
+            beyond,
+            start_s,
+            lengths_s: Vec::new(),
+            runs: Vec::new(),
+            value,
+            hold,
+        };
         let mut known = std::collections::HashMap::new();
         let (rows, mut first) = (profile.time_s.len().saturating_sub(1), 0);
         while first < rows {
             let row_s = profile.time_s[first + 1] - profile.time_s[first];
-            let count = alike(&profile.time_s[first..], (row_s / quantum).round() * quantum, 0.75 * quantum).max(1);
+            let count = alike(
+                &profile.time_s[first..],
+                (row_s / quantum).round() * quantum,
+                0.75 * quantum,
+            )
+            .max(1);
             let parts = parts(row_s, options.max_step_s);
             let step_s = (row_s / parts as f64 / quantum).round().max(1.0) * quantum;
             let next = plan.lengths_s.len();
@@ -55,7 +70,13 @@ impl<'p> Plan<'p> {
             if length == next {
                 plan.lengths_s.push(step_s);
             }
-            plan.runs.push(Run { first, rows: count, parts, share: 1.0 / parts as f64, length });
+            plan.runs.push(Run {
+                first,
+                rows: count,
+                parts,
+                share: 1.0 / parts as f64,
+                length,
+            });
             first += count;
         }
         plan
@@ -70,7 +91,14 @@ impl<'p> Plan<'p> {
     /// The demand at the start of a row, and how much it rises in each of its steps.
     #[inline(always)]
     pub(super) fn row(&self, row: &[f64], share: f64) -> (f64, f64) {
-        (row[0], if self.hold { 0.0 } else { (row[1] - row[0]) * share })
+        (
+            row[0],
+            if self.hold {
+                0.0
+            } else {
+                (row[1] - row[0]) * share
+            },
+        )
     }
 
     /// When a step starts, s.
@@ -94,12 +122,23 @@ fn alike(time_s: &[f64], row_s: f64, tolerance_s: f64) -> usize {
     // Blocks without an early end are vectors for the compiler.
     let others = |block: usize| -> u64 {
         let times = &time_s[block * BLOCK..=(block + 1) * BLOCK];
-        times.iter().zip(&times[1..]).map(|(from, to)| u64::from(other(from, to))).sum()
+        times
+            .iter()
+            .zip(&times[1..])
+            .map(|(from, to)| u64::from(other(from, to)))
+            .sum()
     };
     let rows = time_s.len().saturating_sub(1);
-    let blocks = (0..rows / BLOCK).take_while(|block| others(*block) == 0).count();
+    let blocks = (0..rows / BLOCK)
+        .take_while(|block| others(*block) == 0)
+        .count();
     let rest = &time_s[blocks * BLOCK..];
-    blocks * BLOCK + rest.iter().zip(&rest[1..]).take_while(|(from, to)| !other(from, to)).count()
+    blocks * BLOCK
+        + rest
+            .iter()
+            .zip(&rest[1..])
+            .take_while(|(from, to)| !other(from, to))
+            .count()
 }
 
 /// Rows looked at together.

@@ -1,9 +1,11 @@
 //! Profiles from text: two columns, time and demand, with or without a header.
 //!
-//! Columns are separated by commas, semicolons, tabs or blanks. A header names what the columns are, with the unit behind an underscore, in brackets
-//! or behind a slash: `time_s,power_w`, `time [s] power [W]`, `Time / s, Current / A`. Lines that begin with `#` are comments.
-//! A column that is called charge or discharge says its sign by that, and so does one beside a cycler's test time in seconds (`Test Time / s`,
-//! `test_time_second`), for such files count charge as positive; `load` is a resistance only with a unit of one.
+//! Columns are separated by commas, semicolons, tabs or blanks. A header names what the columns
+//! are, with the unit behind an underscore, in brackets or behind a slash: `time_s,power_w`, `time
+//! [s] power [W]`, `Time / s, Current / A`. Lines that begin with `#` are comments. A column that
+//! is called charge or discharge says its sign by that, and so does one beside a cycler's test time
+//! in seconds (`Test Time / s`, `test_time_second`), for such files count charge as positive;
+//! `load` is a resistance only with a unit of one.
 
 use super::{Interpolation, Profile, ProfileError};
 use crate::{
@@ -42,8 +44,8 @@ enum Direction {
 }
 
 impl Profile {
-    /// Reads a profile; its name is that of the file without the extension. A measured series (`.bdf.csv`) is taken for its current, or for its power where that is
-    /// asked for.
+    /// Reads a profile; its name is that of the file without the extension. A measured series
+    /// (`.bdf.csv`) is taken for its current, or for its power where that is asked for.
     ///
     /// # Errors
     /// [`ProfileError`] with file and line.
@@ -51,13 +53,20 @@ impl Profile {
         if path.to_string_lossy().ends_with(MEASURED) {
             return Self::measured(path, options);
         }
-        let bytes = std::fs::read(path).map_err(|source| ProfileError::Io { file: path.to_owned(), source })?;
+        let bytes = std::fs::read(path).map_err(|source| ProfileError::Io {
+            file: path.to_owned(),
+            source,
+        })?;
         let text = String::from_utf8_lossy(&bytes);
-        let stem = path.file_stem().map_or_else(|| "profile".to_owned(), |s| s.to_string_lossy().into_owned());
+        let stem = path.file_stem().map_or_else(
+            || "profile".to_owned(),
+            |s| s.to_string_lossy().into_owned(),
+        );
         Self::parse((path, &stem), text.trim_start_matches('\u{feff}'), options)
     }
 
-    /// The first row of a text that no header stands above, with its line from 1; `parse` takes it for the first of the profile.
+    /// The first row of a text that no header stands above, with its line from 1; `parse` takes it
+    /// for the first of the profile.
     pub fn bare(text: &str) -> Option<(usize, &str)> {
         lines(text).next().filter(|(_, line)| is_row(line))
     }
@@ -69,7 +78,13 @@ impl Profile {
             Some(Demand::Power) => Demand::Power,
             _ => Demand::Current,
         };
-        let value = |(amps, volts): (&f64, &f64)| if demand == Demand::Power { amps * volts } else { *amps };
+        let value = |(amps, volts): (&f64, &f64)| {
+            if demand == Demand::Power {
+                amps * volts
+            } else {
+                *amps
+            }
+        };
         let values = series.current_a.iter().zip(&series.voltage_v).map(value);
         let rows: Vec<(f64, f64)> = series.time_s.iter().copied().zip(values).collect();
         Self::new(&series.name, (demand, options.interpolation), &rows)
@@ -79,20 +94,38 @@ impl Profile {
     ///
     /// # Errors
     /// [`ProfileError`] with file and line.
-    pub fn parse((path, name): (&Path, &str), text: &str, options: &ReadOptions) -> Result<Self, ProfileError> {
+    pub fn parse(
+        (path, name): (&Path, &str),
+        text: &str,
+        options: &ReadOptions,
+    ) -> Result<Self, ProfileError> {
         let bad = |line: usize, expected: &str, met: &str| ProfileError::Line {
             file: path.to_owned(),
             line,
             expected: expected.to_owned(),
-            met: if met.is_empty() { "nothing".to_owned() } else { format!("{:?}", met.chars().take(80).collect::<String>()) },
+            met: if met.is_empty() {
+                "nothing".to_owned()
+            } else {
+                format!("{:?}", met.chars().take(80).collect::<String>())
+            },
         };
-        let mut header = Header { time_factor: 1.0, demand: options.demand.unwrap_or(Demand::Power), factor: 1.0, direction: None };
+        let mut header = Header {
+            time_factor: 1.0,
+            demand: options.demand.unwrap_or(Demand::Power),
+            factor: 1.0,
+            direction: None,
+        };
         let mut rows: Vec<(f64, f64)> = Vec::new();
         for (index, (line, content)) in lines(text).enumerate() {
             if index == 0 && !is_row(content) {
-                header = Header::of(content, options.demand).map_err(|expected| bad(line, &expected, content))?;
+                header = Header::of(content, options.demand)
+                    .map_err(|expected| bad(line, &expected, content))?;
                 if options.charge_positive && header.direction == Some(Direction::Discharge) {
-                    return Err(bad(line, "a column that counts charge as positive, as was asked for", content));
+                    return Err(bad(
+                        line,
+                        "a column that counts charge as positive, as was asked for",
+                        content,
+                    ));
                 }
                 continue;
             }
@@ -101,7 +134,11 @@ impl Profile {
                 return Err(bad(line, "two columns, time and demand", content));
             };
             let number = |field: &str, what: &str| -> Result<f64, ProfileError> {
-                field.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| bad(line, what, field))
+                field
+                    .parse()
+                    .ok()
+                    .filter(|v: &f64| v.is_finite())
+                    .ok_or_else(|| bad(line, what, field))
             };
             let time_s = number(time, "a finite time")? * header.time_factor;
             let value = number(value, "a finite demand")? * header.factor;
@@ -114,17 +151,30 @@ impl Profile {
             rows.push((time_s, value));
         }
         if rows.len() < 2 {
-            return Err(ProfileError::TooShort { name: path.display().to_string(), met: rows.len() });
+            return Err(ProfileError::TooShort {
+                name: path.display().to_string(),
+                met: rows.len(),
+            });
         }
         let profile = Self::new(name, (header.demand, options.interpolation), &rows)?;
         let charge = options.charge_positive || header.direction == Some(Direction::Charge);
-        Ok(if charge && header.demand != Demand::Resistance { Self { negated: true, ..profile.scaled(-1.0) } } else { profile })
+        Ok(if charge && header.demand != Demand::Resistance {
+            Self {
+                negated: true,
+                ..profile.scaled(-1.0)
+            }
+        } else {
+            profile
+        })
     }
 }
 
 /// Lines that are neither empty nor comments, with their numbers from 1.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
-    text.lines().enumerate().map(|(k, l)| (k + 1, l.trim())).filter(|(_, l)| !l.is_empty() && !l.starts_with('#'))
+    text.lines()
+        .enumerate()
+        .map(|(k, l)| (k + 1, l.trim()))
+        .filter(|(_, l)| !l.is_empty() && !l.starts_with('#'))
 }
 
 /// A row begins with a number, a header does not.
@@ -139,7 +189,10 @@ fn split(line: &str) -> Vec<&str> {
         Some(by) => line.split(by).collect(),
         None => line.split_whitespace().collect(),
     };
-    let mut fields: Vec<&str> = fields.into_iter().map(|f| f.trim().trim_matches('"').trim()).collect();
+    let mut fields: Vec<&str> = fields
+        .into_iter()
+        .map(|f| f.trim().trim_matches('"').trim())
+        .collect();
     while fields.len() > 2 && fields.last().is_some_and(|f| f.is_empty()) {
         fields.pop();
     }
@@ -150,10 +203,14 @@ impl Header {
     fn of(line: &str, wanted: Option<Demand>) -> Result<Self, String> {
         let words = words(line);
         let [time, value] = &words[..] else {
-            return Err("a header of two columns, time and power, current or resistance".to_owned());
+            return Err(
+                "a header of two columns, time and power, current or resistance".to_owned(),
+            );
         };
         let time_factor = match time.iter().map(String::as_str).collect::<Vec<_>>()[..] {
-            ["time" | "t"] | [.., "time" | "t", "s" | "sec" | "seconds"] | ["test", "time", "second"] => 1.0,
+            ["time" | "t"]
+            | [.., "time" | "t", "s" | "sec" | "seconds"]
+            | ["test", "time", "second"] => 1.0,
             [.., "time" | "t", "ms"] => 1e-3,
             [.., "time" | "t", "min"] => 60.0,
             [.., "time" | "t", "h"] => 3600.0,
@@ -164,13 +221,28 @@ impl Header {
             (Some(known), _) => known,
             (None, Some(wanted)) if value.last().is_some_and(|w| vague(w)) => (wanted, 1.0),
             (None, None) if value.last().is_some_and(|w| vague(w)) => {
-                return Err("a unit (W, A or Ω) in the second column's name, or --kind with power, current or resistance".to_owned());
+                return Err(
+                    "a unit (W, A or Ω) in the second column's name, or --kind with power, \
+                current or resistance"
+                        .to_owned(),
+                );
             }
-            _ => return Err("second a column of power in W, current in A or resistance in Ω".to_owned()),
+            _ => {
+                return Err(
+                    "second a column of power in W, current in A or resistance in Ω".to_owned(),
+                );
+            }
         };
         match wanted {
-            Some(wanted) if wanted != demand => Err(format!("a column of the kind asked for, {wanted:?}")),
-            _ => Ok(Self { time_factor, demand, factor, direction }),
+            Some(wanted) if wanted != demand => {
+                Err(format!("a column of the kind asked for, {wanted:?}"))
+            }
+            _ => Ok(Self {
+                time_factor,
+                demand,
+                factor,
+                direction,
+            }),
         }
     }
 }
@@ -187,7 +259,11 @@ fn words(line: &str) -> Vec<Vec<String>> {
     }
     // Blanks separate words and columns alike: the second column begins at its quantity.
     let all = parts(line);
-    match all.iter().skip(1).position(|w| quantity(w).is_some() || vague(w)) {
+    match all
+        .iter()
+        .skip(1)
+        .position(|w| quantity(w).is_some() || vague(w))
+    {
         Some(at) => vec![all[..=at].to_vec(), all[at + 1..].to_vec()],
         None => vec![all],
     }
@@ -204,7 +280,10 @@ fn quantity(word: &str) -> Option<Demand> {
 
 /// Words that leave open whether power, current or resistance is meant.
 fn vague(word: &str) -> bool {
-    matches!(word, "load" | "charge" | "charging" | "discharge" | "discharging")
+    matches!(
+        word,
+        "load" | "charge" | "charging" | "discharge" | "discharging"
+    )
 }
 
 fn direction(words: &[String]) -> Result<Option<Direction>, String> {
@@ -219,10 +298,14 @@ fn direction(words: &[String]) -> Result<Option<Direction>, String> {
 
 /// How BDF, its names for machines and Arbin call the time: in their files charge is positive.
 fn of_cycler(time: &[String]) -> bool {
-    matches!(time.iter().map(String::as_str).collect::<Vec<_>>()[..], ["test", "time", "s" | "second"])
+    matches!(
+        time.iter().map(String::as_str).collect::<Vec<_>>()[..],
+        ["test", "time", "s" | "second"]
+    )
 }
 
-/// Kind of a column and its unit in W, A or Ω. Where no word says the kind, the unit behind a vague one does.
+/// Kind of a column and its unit in W, A or Ω. Where no word says the kind, the unit behind a vague
+/// one does.
 fn kind(words: &[String]) -> Option<(Demand, f64)> {
     let named = words.iter().find_map(|w| quantity(w));
     let last = words.last()?.as_str();

@@ -1,35 +1,73 @@
 use super::*;
 use proptest::prelude::*;
 
-/// Voltages of a power that jumps every millisecond, after 20 of them, against Runge–Kutta in steps of 1 µs.
+/// Voltages of a power that jumps every millisecond, after 20 of them, against Runge–Kutta in steps
+/// of 1 µs.
 #[test]
 fn within_a_microvolt_of_runge_kutta_at_steps_of_a_millisecond() {
-    let power: Vec<f64> = (0..20).map(|k| if k % 3 == 0 { 150.0 } else { -40.0 + 15.0 * f64::from(k) }).collect();
-    let list: Vec<(f64, f64)> = power.iter().copied().chain([0.0]).enumerate().map(|(k, p)| (k as f64 * 1e-3, p)).collect();
+    let power: Vec<f64> = (0..20)
+        .map(|k| {
+            if k % 3 == 0 {
+                150.0
+            } else {
+                -40.0 + 15.0 * f64::from(k)
+            }
+        })
+        .collect();
+    let list: Vec<(f64, f64)> = power
+        .iter()
+        .copied()
+        .chain([0.0])
+        .enumerate()
+        .map(|(k, p)| (k as f64 * 1e-3, p))
+        .collect();
     let reference_curve = curve();
     let soc0 = 0.3;
     let ocv = |charge_c: f64| reference_curve.voltage_v(soc0 - charge_c / (4.2 * 3600.0));
     let plain = plain(&ocv);
     let model = curved_cell();
-    let run =
-        simulate(&model, &model.rest(soc0).unwrap(), &rows(Demand::Power, Interpolation::Hold, &list), &SimOptions::default()).unwrap();
+    let run = simulate(
+        &model,
+        &model.rest(soc0).unwrap(),
+        &rows(Demand::Power, Interpolation::Hold, &list),
+        &SimOptions::default(),
+    )
+    .unwrap();
     let mut x = vec![0.0; 5];
     let mut worst: f64 = 0.0;
     for (k, p) in power.iter().enumerate() {
         x = plain.run(x, (&|_| *p, 1e-6, 1000));
         let (ccv, current) = plain.answer(&x, *p);
         let end = k as f64 * 1e-3 + 1e-3;
-        let met = run.trace.time_s.iter().position(|t| (t - end).abs() < 1e-9).unwrap();
+        let met = run
+            .trace
+            .time_s
+            .iter()
+            .position(|t| (t - end).abs() < 1e-9)
+            .unwrap();
         worst = worst.max((run.trace.ccv_v[met] - ccv).abs());
-        assert!((run.trace.current_a[met] - current).abs() < 1e-3, "{} A against {current} A", run.trace.current_a[met]);
+        assert!(
+            (run.trace.current_a[met] - current).abs() < 1e-3,
+            "{} A against {current} A",
+            run.trace.current_a[met]
+        );
     }
     assert!(worst < 1e-6, "{worst} V");
-    assert!((run.summary.charge_c - x[0]).abs() < 1e-7, "{} C against {} C", run.summary.charge_c, x[0]);
+    assert!(
+        (run.summary.charge_c - x[0]).abs() < 1e-7,
+        "{} C against {} C",
+        run.summary.charge_c,
+        x[0]
+    );
 }
 
 #[test]
 fn linear_power_agrees_with_runge_kutta() {
-    let profile = rows(Demand::Power, Interpolation::Linear, &[(0.0, 10.0), (0.05, 160.0), (0.08, -60.0), (0.1, 100.0)]);
+    let profile = rows(
+        Demand::Power,
+        Interpolation::Linear,
+        &[(0.0, 10.0), (0.05, 160.0), (0.08, -60.0), (0.1, 100.0)],
+    );
     let p = |t: f64| match t {
         t if t <= 0.05 => 10.0 + 3000.0 * t,
         t if t <= 0.08 => 160.0 - 220.0 / 0.03 * (t - 0.05),
@@ -40,7 +78,13 @@ fn linear_power_agrees_with_runge_kutta() {
     let x = reference.run(vec![0.0; 5], (&p, 1e-6, 100_000));
     let (ccv, _) = reference.answer(&x, 100.0);
     let model = flat_cell();
-    let run = simulate(&model, &model.rest(0.5).unwrap(), &profile, &SimOptions::default()).unwrap();
+    let run = simulate(
+        &model,
+        &model.rest(0.5).unwrap(),
+        &profile,
+        &SimOptions::default(),
+    )
+    .unwrap();
     let met = run.trace.ccv_v.last().unwrap();
     assert!((met - ccv).abs() < 1e-6, "{met} V against {ccv} V");
     assert!(run.trace.soc.iter().all(|z| z.is_nan()));
@@ -53,8 +97,17 @@ fn the_thesis_steps_come_closer_in_first_order() {
     let error_v = |step_s: f64| {
         let profile = Profile::constant(Demand::Power, 120.0, 0.05).unwrap();
         let last = |method, max_step_s| {
-            let options = SimOptions { method, max_step_s, ..SimOptions::default() };
-            *simulate(&model, &rest, &profile, &options).unwrap().trace.ccv_v.last().unwrap()
+            let options = SimOptions {
+                method,
+                max_step_s,
+                ..SimOptions::default()
+            };
+            *simulate(&model, &rest, &profile, &options)
+                .unwrap()
+                .trace
+                .ccv_v
+                .last()
+                .unwrap()
         };
         (last(Method::Thesis, step_s) - last(Method::Exact, f64::INFINITY)).abs()
     };
@@ -68,32 +121,82 @@ fn the_thesis_steps_come_closer_in_first_order() {
 #[test]
 fn infeasible_power_is_reported_where_and_how_much() {
     // R alone: E = 3.6 V and 10 mΩ give at most 324 W, at 1.8 V.
-    let model = SimModel::cell(&Erm { r_ohm: 0.01, branches: vec![] }, OcvSource::Constant(3.6)).unwrap();
-    let profile = rows(Demand::Power, Interpolation::Hold, &[(0.0, 100.0), (1.0, 400.0), (2.0, 50.0), (3.0, 0.0)]);
-    let run = |beyond| simulate(&model, &model.rest(0.5).unwrap(), &profile, &SimOptions { beyond, ..SimOptions::default() }).unwrap();
+    let model = SimModel::cell(
+        &Erm {
+            r_ohm: 0.01,
+            branches: vec![],
+        },
+        OcvSource::Constant(3.6),
+    )
+    .unwrap();
+    let profile = rows(
+        Demand::Power,
+        Interpolation::Hold,
+        &[(0.0, 100.0), (1.0, 400.0), (2.0, 50.0), (3.0, 0.0)],
+    );
+    let run = |beyond| {
+        simulate(
+            &model,
+            &model.rest(0.5).unwrap(),
+            &profile,
+            &SimOptions {
+                beyond,
+                ..SimOptions::default()
+            },
+        )
+        .unwrap()
+    };
     let stopped = run(Beyond::Stop).summary;
-    assert!(!stopped.feasible && (stopped.simulated_s - 1.0).abs() < 1e-12, "{stopped:?}");
-    let first = stopped.infeasible[0];
-    assert!((first.time_s - 1.0).abs() < 1e-12 && first.power_w == 400.0 && (first.available_w - 324.0).abs() < 1e-9, "{first:?}");
-    let clamped = run(Beyond::Clamp).summary;
-    assert!((clamped.energy_j - (100.0 + 324.0 + 50.0)).abs() < 1e-6 && (clamped.min_ccv_v - 1.8).abs() < 1e-9, "{clamped:?}");
     assert!(
-        (clamped.infeasible[0].until_s - 2.0).abs() < 1e-9 && clamped.infeasible.len() == 1 && (clamped.simulated_s - 3.0).abs() < 1e-12
+        !stopped.feasible && (stopped.simulated_s - 1.0).abs() < 1e-12,
+        "{stopped:?}"
+    );
+    let first = stopped.infeasible[0];
+    assert!(
+        (first.time_s - 1.0).abs() < 1e-12
+            && first.power_w == 400.0
+            && (first.available_w - 324.0).abs() < 1e-9,
+        "{first:?}"
+    );
+    let clamped = run(Beyond::Clamp).summary;
+    assert!(
+        (clamped.energy_j - (100.0 + 324.0 + 50.0)).abs() < 1e-6
+            && (clamped.min_ccv_v - 1.8).abs() < 1e-9,
+        "{clamped:?}"
+    );
+    assert!(
+        (clamped.infeasible[0].until_s - 2.0).abs() < 1e-9
+            && clamped.infeasible.len() == 1
+            && (clamped.simulated_s - 3.0).abs() < 1e-12
     );
     // P₀ = 307.8 W; V(P₀) = 1.8·(1 + √0.05) and V′(P₀) = −R/√(E² − 4P₀R).
     let expected = 1.8 * (1.0 + 0.05_f64.sqrt()) - 0.01 / (3.6 * 0.05_f64.sqrt()) * (400.0 - 307.8);
     let tangent = run(Beyond::Extrapolate { fraction: 0.95 }).summary;
-    assert!((tangent.min_ccv_v - expected).abs() < 1e-9 && !tangent.feasible, "{tangent:?} against {expected}");
+    assert!(
+        (tangent.min_ccv_v - expected).abs() < 1e-9 && !tangent.feasible,
+        "{tangent:?} against {expected}"
+    );
 }
 
 #[test]
 fn power_that_runs_out_within_a_step_stops_there() {
-    // Feasible at rest (3.72²/4R = 538 W), not once the branches have charged: DC gives 3.72²/(4·13.8 mΩ) = 251 W.
+    // Feasible at rest (3.72²/4R = 538 W), not once the branches have charged: DC
+    // gives 3.72²/(4·13.8 mΩ) = 251 W.
     let model = flat_cell();
     let profile = Profile::constant(Demand::Power, 350.0, 60.0).unwrap();
-    let run = simulate(&model, &model.rest(0.5).unwrap(), &profile, &SimOptions::default()).unwrap();
+    let run = simulate(
+        &model,
+        &model.rest(0.5).unwrap(),
+        &profile,
+        &SimOptions::default(),
+    )
+    .unwrap();
     assert!(!run.summary.feasible);
-    let at = run.summary.infeasible.first().map_or(run.summary.simulated_s, |i| i.time_s);
+    let at = run
+        .summary
+        .infeasible
+        .first()
+        .map_or(run.summary.simulated_s, |i| i.time_s);
     assert!(at > 0.1 && at < 60.0, "{at}");
 }
 
@@ -101,26 +204,67 @@ fn power_that_runs_out_within_a_step_stops_there() {
 fn a_long_overload_on_the_tangent_ends_the_run_and_a_short_one_does_not() {
     let model = flat_cell();
     let run = |overload_s: f64| {
-        let profile = rows(Demand::Power, Interpolation::Hold, &[(0.0, 100.0), (0.1, 600.0), (0.1 + overload_s, 50.0), (2.0, 0.0)]);
-        let options = SimOptions { beyond: Beyond::Extrapolate { fraction: 0.95 }, ..SimOptions::default() };
-        simulate(&model, &model.rest(0.5).unwrap(), &profile, &options).unwrap().summary
+        let profile = rows(
+            Demand::Power,
+            Interpolation::Hold,
+            &[
+                (0.0, 100.0),
+                (0.1, 600.0),
+                (0.1 + overload_s, 50.0),
+                (2.0, 0.0),
+            ],
+        );
+        let options = SimOptions {
+            beyond: Beyond::Extrapolate { fraction: 0.95 },
+            ..SimOptions::default()
+        };
+        simulate(&model, &model.rest(0.5).unwrap(), &profile, &options)
+            .unwrap()
+            .summary
     };
     // After 0.85 ms the tangent has come down to 0 V.
     let (short, long) = (run(0.5e-3), run(1.5));
-    assert!(!short.feasible && (short.simulated_s - 2.0).abs() < 1e-9, "{short:?}");
-    assert!(!long.feasible && long.simulated_s < 1.6 && long.min_ccv_v >= 0.0, "{long:?}");
-    assert!(short.tangent_end.is_none() && short.min_ccv_v > 0.0 && long.tangent_end.is_some(), "{short:?} {long:?}");
+    assert!(
+        !short.feasible && (short.simulated_s - 2.0).abs() < 1e-9,
+        "{short:?}"
+    );
+    assert!(
+        !long.feasible && long.simulated_s < 1.6 && long.min_ccv_v >= 0.0,
+        "{long:?}"
+    );
+    assert!(
+        short.tangent_end.is_none() && short.min_ccv_v > 0.0 && long.tangent_end.is_some(),
+        "{short:?} {long:?}"
+    );
 }
 
 #[test]
 fn margins_leave_the_interconnect_out() {
     let pack = Pack::new(16, 3, 0.03).unwrap();
-    let model = SimModel::pack(&Erm { r_ohm: 0.015, branches: vec![] }, OcvSource::Constant(3.6), pack).unwrap();
+    let model = SimModel::pack(
+        &Erm {
+            r_ohm: 0.015,
+            branches: vec![],
+        },
+        OcvSource::Constant(3.6),
+        pack,
+    )
+    .unwrap();
     let profile = Profile::constant(Demand::Current, 90.0, 1.0).unwrap();
-    let s = simulate(&model, &model.rest(0.5).unwrap(), &profile, &SimOptions::default()).unwrap().summary;
+    let s = simulate(
+        &model,
+        &model.rest(0.5).unwrap(),
+        &profile,
+        &SimOptions::default(),
+    )
+    .unwrap()
+    .summary;
     // 30 A per cell: 3.6 − 0.45 V; the terminals have 16 of them less 90 A · 30 mΩ.
     assert!((s.min_ccv_v - (16.0 * 3.15 - 2.7)).abs() < 1e-9, "{s:?}");
-    assert!((s.margin_low_v - 0.65).abs() < 1e-12 && (s.margin_high_v - 1.05).abs() < 1e-12, "{s:?}");
+    assert!(
+        (s.margin_low_v - 0.65).abs() < 1e-12 && (s.margin_high_v - 1.05).abs() < 1e-12,
+        "{s:?}"
+    );
 }
 
 #[test]
@@ -128,23 +272,55 @@ fn refuses_what_cannot_be_simulated() {
     let model = flat_cell();
     let rest = model.rest(0.5).unwrap();
     let profile = Profile::constant(Demand::Power, 10.0, 1.0).unwrap();
-    let with = |options| simulate(&model, &rest, &profile, &options).unwrap_err().to_string();
+    let with = |options| {
+        simulate(&model, &rest, &profile, &options)
+            .unwrap_err()
+            .to_string()
+    };
     let default = SimOptions::default();
     assert_eq!(
-        with(SimOptions { beyond: Beyond::Extrapolate { fraction: 1.0 }, ..default }),
+        with(SimOptions {
+            beyond: Beyond::Extrapolate { fraction: 1.0 },
+            ..default
+        }),
         "fraction of the available power: expected a number above 0 and below 1, met 1"
     );
     assert_eq!(
-        with(SimOptions { max_step_s: 1e-12, ..default }),
-        "longest step: expected a number of seconds above 0 that makes fewer than 1e8 steps, met 0.000000000001"
+        with(SimOptions {
+            max_step_s: 1e-12,
+            ..default
+        }),
+        "longest step: expected a number of seconds above 0 that makes fewer than 1e8 steps, met \
+        0.000000000001"
     );
-    assert_eq!(with(SimOptions { tolerance_v: f64::NAN, ..default }), "tolerance: expected a number of volts above 0, met NaN");
-    let short = SimState { soc: 0.5, v_rc_v: vec![0.0] };
-    let error = simulate(&model, &short, &profile, &default).unwrap_err().to_string();
-    assert_eq!(error, "state: expected 4 branch voltages, as the model has branches, met 1");
-    assert_eq!(model.rest(1.5).unwrap_err().to_string(), "state of charge: expected a fraction from 0 to 1, met 1.5");
+    assert_eq!(
+        with(SimOptions {
+            tolerance_v: f64::NAN,
+            ..default
+        }),
+        "tolerance: expected a number of volts above 0, met NaN"
+    );
+    let short = SimState {
+        soc: 0.5,
+        v_rc_v: vec![0.0],
+    };
+    let error = simulate(&model, &short, &profile, &default)
+        .unwrap_err()
+        .to_string();
+    assert_eq!(
+        error,
+        "state: expected 4 branch voltages, as the model has branches, met 1"
+    );
+    assert_eq!(
+        model.rest(1.5).unwrap_err().to_string(),
+        "state of charge: expected a fraction from 0 to 1, met 1.5"
+    );
     let error = curved_cell().rest_at(5.0).unwrap_err().to_string();
-    assert_eq!(error, "open-circuit voltage: expected one that the model's curve reaches, 2.600 to 4.180 V, met 5 V");
+    assert_eq!(
+        error,
+        "open-circuit voltage: expected one that the model's curve reaches, 2.600 to 4.180 V, met \
+        5 V"
+    );
 }
 
 proptest! {
@@ -168,7 +344,8 @@ proptest! {
             let e = (-duration / tau).exp();
             current * current * b.r_ohm * (duration - 2.0 * tau * (1.0 - e) + 0.5 * tau * (1.0 - e * e))
         }).sum::<f64>() + current * current * cell.r_ohm * duration;
-        prop_assert!((run.summary.heat_j - heat).abs() < 1e-5 * heat.max(1e-9), "{} J against {} J", run.summary.heat_j, heat);
+        prop_assert!((run.summary.heat_j - heat).abs() < 1e-5 * heat.max(1e-9), "{} J against {} \
+        J", run.summary.heat_j, heat);
     }
 
     #[test]
@@ -209,21 +386,66 @@ proptest! {
 #[test]
 fn the_thesis_method_takes_steps_that_are_stable_or_says_which_are() {
     // τ₁ of the cell is 1.509 mΩ · 0.5528 F = 0.8342 ms: rows of 2 ms are beyond twice of it.
-    let list: Vec<(f64, f64)> = (0..200).map(|k| (0.002 * f64::from(k), if k % 7 < 3 { 120.0 } else { 10.0 })).collect();
+    let list: Vec<(f64, f64)> = (0..200)
+        .map(|k| (0.002 * f64::from(k), if k % 7 < 3 { 120.0 } else { 10.0 }))
+        .collect();
     let profile = rows(Demand::Power, Interpolation::Hold, &list);
     let model = flat_cell();
     let rest = model.rest(0.5).unwrap();
-    let thesis = SimOptions { method: Method::Thesis, ..SimOptions::default() };
+    let thesis = SimOptions {
+        method: Method::Thesis,
+        ..SimOptions::default()
+    };
     let run = simulate(&model, &rest, &profile, &thesis).unwrap();
     let exact = simulate(&model, &rest, &profile, &SimOptions::default()).unwrap();
-    assert!((run.summary.min_ccv_v - exact.summary.min_ccv_v).abs() < 2e-3, "{} {}", run.summary.min_ccv_v, exact.summary.min_ccv_v);
+    assert!(
+        (run.summary.min_ccv_v - exact.summary.min_ccv_v).abs() < 2e-3,
+        "{} {}",
+        run.summary.min_ccv_v,
+        exact.summary.min_ccv_v
+    );
     assert_eq!(run.trace.time_s, exact.trace.time_s);
-    let error = simulate(&model, &rest, &profile, &SimOptions { thesis_step_s: Some(0.002), ..thesis }).unwrap_err();
+    let error = simulate(
+        &model,
+        &rest,
+        &profile,
+        &SimOptions {
+            thesis_step_s: Some(0.002),
+            ..thesis
+        },
+    )
+    .unwrap_err();
     assert_eq!(
         error.to_string(),
-        "explicit Euler: expected steps below 1.6684 ms, twice the shortest time constant of 0.8342 ms, met 2.0000 ms; 0.2085 ms is usable"
+        "explicit Euler: expected steps below 1.6684 ms, twice the shortest time constant of \
+        0.8342 ms, met 2.0000 ms; 0.2085 ms is usable"
     );
-    assert!(simulate(&model, &rest, &profile, &SimOptions { thesis_step_s: Some(0.001), ..thesis }).is_ok());
-    let error = simulate(&model, &rest, &profile, &SimOptions { thesis_step_s: Some(0.0), ..thesis }).unwrap_err();
-    assert!(error.to_string().starts_with("step of explicit Euler: expected a number of seconds above 0"), "{error}");
+    assert!(
+        simulate(
+            &model,
+            &rest,
+            &profile,
+            &SimOptions {
+                thesis_step_s: Some(0.001),
+                ..thesis
+            }
+        )
+        .is_ok()
+    );
+    let error = simulate(
+        &model,
+        &rest,
+        &profile,
+        &SimOptions {
+            thesis_step_s: Some(0.0),
+            ..thesis
+        },
+    )
+    .unwrap_err();
+    assert!(
+        error
+            .to_string()
+            .starts_with("step of explicit Euler: expected a number of seconds above 0"),
+        "{error}"
+    );
 }

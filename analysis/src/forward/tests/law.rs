@@ -2,7 +2,11 @@ use super::*;
 use proptest::prelude::*;
 
 fn drive(beyond: Beyond, r_ohm: f64) -> Drive {
-    Drive { demand: Demand::Power, beyond, r_ohm }
+    Drive {
+        demand: Demand::Power,
+        beyond,
+        r_ohm,
+    }
 }
 
 proptest! {
@@ -57,7 +61,8 @@ proptest! {
         ];
         let scale = [at.current_a.abs() / e, at.current_a.abs() / demand.abs().max(1e-3), at.current_a.abs() / r];
         for ((met, quotient), scale) in [at.d_e, at.d_demand, at.d_r].into_iter().zip(quotients).zip(scale) {
-            prop_assert!((met - quotient).abs() < 1e-5 * (quotient.abs() + scale), "{:?}: {} against {}", d, met, quotient);
+            prop_assert!((met - quotient).abs() < 1e-5 * (quotient.abs() + scale), "{:?}: {} \
+            against {}", d, met, quotient);
         }
     }
 }

@@ -16,7 +16,9 @@ fn moved(model: &SimModel, parameter: usize, by: f64) -> SimModel {
 }
 
 fn flat(state: &SimState) -> Vec<f64> {
-    std::iter::once(state.soc).chain(state.v_rc_v.iter().copied()).collect()
+    std::iter::once(state.soc)
+        .chain(state.v_rc_v.iter().copied())
+        .collect()
 }
 
 fn shifted(state: &SimState, index: usize, by: f64) -> SimState {
@@ -49,7 +51,8 @@ proptest! {
         let options = StepOptions { demand: demand_kind, beyond: Beyond::Extrapolate { fraction: 0.9 }, step_s, parts };
         let step = |model: &SimModel, state: &SimState, demand: f64| step_with_jacobian(model, state, demand, &options);
         let Ok(at) = step(&model, &state, demand) else { return Ok(()) };
-        // A kink (knot of the curve, joint of the tangent within the step) shows as a difference between the two sides: such cases say nothing.
+        // A kink (knot of the curve, joint of the tangent within the step) shows as a difference
+        // between the two sides: such cases say nothing.
         let compare = |met: (&[f64], f64), h: f64, moved: &dyn Fn(f64) -> Option<Jacobian>| -> Result<(), TestCaseError> {
             let (Some(up), Some(down), Some(half_up), Some(half_down)) = (moved(h), moved(-h), moved(0.5 * h), moved(-0.5 * h)) else { return Ok(()) };
             let outputs = |j: &Jacobian| -> Vec<f64> { flat(&j.next).into_iter().chain([j.ccv_v]).collect() };
@@ -83,32 +86,59 @@ proptest! {
 fn a_profile_varies_as_its_sensitivities_say() {
     let model = curved_cell();
     let state = model.rest(0.55).unwrap();
-    let profile = rows(Demand::Power, Interpolation::Linear, &[(0.0, 20.0), (0.3, 130.0), (0.5, -50.0), (1.0, 60.0)]);
+    let profile = rows(
+        Demand::Power,
+        Interpolation::Linear,
+        &[(0.0, 20.0), (0.3, 130.0), (0.5, -50.0), (1.0, 60.0)],
+    );
     let met = sensitivity(&model, &state, &profile, (Beyond::Stop, 1e-4)).unwrap();
     let row = met.rows.last().unwrap();
     let last = |model: &SimModel, state: &SimState, profile: &Profile| {
-        let options = SimOptions { tolerance_v: 1e-11, ..SimOptions::default() };
+        let options = SimOptions {
+            tolerance_v: 1e-11,
+            ..SimOptions::default()
+        };
         let run = simulate(model, state, profile, &options).unwrap();
         (*run.trace.ccv_v.last().unwrap(), flat(&run.end))
     };
     assert!((row.ccv_v - last(&model, &state, &profile).0).abs() < 1e-7);
     let met_end = &met.end;
-    let check = |name: &str, met: f64, column: usize, h: f64, run: &dyn Fn(f64) -> (f64, Vec<f64>)| {
-        let (up, down) = (run(h), run(-h));
-        let quotient = (up.0 - down.0) / (2.0 * h);
-        assert!((met - quotient).abs() < 1e-3 * quotient.abs() + 1e-6, "{name}: {met} against {quotient}");
-        for (k, (a, b)) in up.1.iter().zip(&down.1).enumerate() {
-            let (met, quotient) = (met_end[(k, column)], (a - b) / (2.0 * h));
-            assert!((met - quotient).abs() < 2e-3 * quotient.abs() + 1e-5, "{name}, state {k}: {met} against {quotient}");
-        }
-    };
+    let check =
+        |name: &str, met: f64, column: usize, h: f64, run: &dyn Fn(f64) -> (f64, Vec<f64>)| {
+            let (up, down) = (run(h), run(-h));
+            let quotient = (up.0 - down.0) / (2.0 * h);
+            assert!(
+                (met - quotient).abs() < 1e-3 * quotient.abs() + 1e-6,
+                "{name}: {met} against {quotient}"
+            );
+            for (k, (a, b)) in up.1.iter().zip(&down.1).enumerate() {
+                let (met, quotient) = (met_end[(k, column)], (a - b) / (2.0 * h));
+                assert!(
+                    (met - quotient).abs() < 2e-3 * quotient.abs() + 1e-5,
+                    "{name}, state {k}: {met} against {quotient}"
+                );
+            }
+        };
     let cell = thesis_cell();
-    let sizes: Vec<f64> = std::iter::once(cell.r_ohm).chain(cell.branches.iter().flat_map(|b| [b.r_ohm, b.c_f])).chain([1.0]).collect();
-    check("scale", row.by_scale_v, usize::MAX, 1e-4, &|h| (last(&model, &state, &profile.scaled(1.0 + h)).0, vec![]));
+    let sizes: Vec<f64> = std::iter::once(cell.r_ohm)
+        .chain(cell.branches.iter().flat_map(|b| [b.r_ohm, b.c_f]))
+        .chain([1.0])
+        .collect();
+    check("scale", row.by_scale_v, usize::MAX, 1e-4, &|h| {
+        (last(&model, &state, &profile.scaled(1.0 + h)).0, vec![])
+    });
     for (k, size) in sizes.iter().enumerate() {
-        check(&format!("parameter {k}"), row.by_parameter[k], 1 + k, 1e-4 * size, &|h| last(&moved(&model, k, h), &state, &profile));
+        check(
+            &format!("parameter {k}"),
+            row.by_parameter[k],
+            1 + k,
+            1e-4 * size,
+            &|h| last(&moved(&model, k, h), &state, &profile),
+        );
     }
     for k in 0..5 {
-        check(&format!("state {k}"), row.by_state[k], 11 + k, 1e-4, &|h| last(&model, &shifted(&state, k, h), &profile));
+        check(&format!("state {k}"), row.by_state[k], 11 + k, 1e-4, &|h| {
+            last(&model, &shifted(&state, k, h), &profile)
+        });
     }
 }

@@ -12,7 +12,8 @@ const TOLERANCE: f64 = 1e-6;
 /// The resistance in series lies between these parts of the largest |Z|, and those of branches too.
 const MOST: f64 = 1e6;
 
-/// Squares of the relative errors by the logarithms of: the series resistance, the inverse capacitance, and each branch's resistance and time constant.
+/// Squares of the relative errors by the logarithms of: the series resistance, the inverse
+/// capacitance, and each branch's resistance and time constant.
 struct Squares<'a> {
     rows: &'a Rows,
     stores: bool,
@@ -35,17 +36,28 @@ pub(super) fn polish(rows: &Rows, met: &Met) -> Met {
         x.extend([branch.r_ohm.max(least).ln(), branch.time_constant_s().ln()]);
         bounds.extend([resistance, (rows.tau_s.0.ln(), rows.tau_s.1.ln())]);
     }
-    let options = LocalOptions { iterations: ITERATIONS, tolerance: TOLERANCE, ..LocalOptions::default() };
+    let options = LocalOptions {
+        iterations: ITERATIONS,
+        tolerance: TOLERANCE,
+        ..LocalOptions::default()
+    };
     let x = minimise(&Squares { rows, stores }, &x, &bounds, &options).x;
     let (head, pairs) = x.split_at(1 + usize::from(stores));
     let branch = |pair: &[f64]| {
         let (r_ohm, tau_s) = (pair[0].exp(), pair[1].exp());
-        RcBranch { r_ohm, c_f: tau_s / r_ohm }
+        RcBranch {
+            r_ohm,
+            c_f: tau_s / r_ohm,
+        }
     };
     Met {
         r_ohm: head[0].exp(),
         elastance_per_f: if stores { head[1].exp() } else { 0.0 },
-        branches: pairs.chunks_exact(2).map(branch).filter(|b| b.r_ohm > 2.0 * least).collect(),
+        branches: pairs
+            .chunks_exact(2)
+            .map(branch)
+            .filter(|b| b.r_ohm > 2.0 * least)
+            .collect(),
         worst: met.worst,
         worst_omega: met.worst_omega,
     }
@@ -57,7 +69,13 @@ impl Squares<'_> {
         let first = 1 + usize::from(self.stores);
         let exp: Vec<f64> = x.iter().map(|x| x.exp()).collect();
         let mut row = vec![Complex64::ZERO; x.len()];
-        for ((omega, z), scale) in self.rows.omega.iter().zip(&self.rows.z_ohm).zip(&self.rows.scale_ohm) {
+        for ((omega, z), scale) in self
+            .rows
+            .omega
+            .iter()
+            .zip(&self.rows.z_ohm)
+            .zip(&self.rows.scale_ohm)
+        {
             row[0] = Complex64::from(exp[0] / scale);
             let mut sum = row[0];
             if self.stores {
@@ -74,10 +92,17 @@ impl Squares<'_> {
             }
             f(sum - z / scale, &row);
         }
-        let Some((rest_ohm, all_ohm)) = self.rows.dc_ohm else { return };
+        let Some((rest_ohm, all_ohm)) = self.rows.dc_ohm else {
+            return;
+        };
         row.fill(Complex64::ZERO);
-        (0..1).chain((first..x.len()).step_by(2)).for_each(|k| row[k] = Complex64::from(DC_WEIGHT * exp[k] / all_ohm));
-        f(row.iter().sum::<Complex64>() - DC_WEIGHT * rest_ohm / all_ohm, &row);
+        (0..1)
+            .chain((first..x.len()).step_by(2))
+            .for_each(|k| row[k] = Complex64::from(DC_WEIGHT * exp[k] / all_ohm));
+        f(
+            row.iter().sum::<Complex64>() - DC_WEIGHT * rest_ohm / all_ohm,
+            &row,
+        );
     }
 }
 

@@ -1,4 +1,5 @@
-//! Resistances of a ladder over given time constants: least squares of the relative error, none negative. Then the time constants move too.
+//! Resistances of a ladder over given time constants: least squares of the relative error, none
+//! negative. Then the time constants move too.
 
 use super::polish::polish;
 use super::{MOST_BRANCHES, TARGET};
@@ -46,11 +47,17 @@ pub(super) struct Met {
     pub(super) worst_omega: f64,
 }
 
-/// The shortest ladder that is good enough, else the best of all; none where no system could be solved.
+/// The shortest ladder that is good enough, else the best of all; none where no system could be
+/// solved.
 pub(super) fn best_ladder(problem: &Problem) -> Option<Met> {
     let mut best: Option<Met> = None;
     for density in DENSITIES {
-        let Some(met) = problem.ladder(density).filter(|met| met.branches.len() <= MOST_BRANCHES) else { continue };
+        let Some(met) = problem
+            .ladder(density)
+            .filter(|met| met.branches.len() <= MOST_BRANCHES)
+        else {
+            continue;
+        };
         if best.as_ref().is_none_or(|best| met.worst < best.worst) {
             best = Some(met);
         }
@@ -95,7 +102,10 @@ impl Problem<'_> {
         let omega = spaced(self.omega, FITTED_PER_DECADE);
         Rows {
             z_ohm: omega.iter().map(|omega| (self.rest)(*omega)).collect(),
-            scale_ohm: omega.iter().map(|omega| self.scale(*omega, elastance_per_f)).collect(),
+            scale_ohm: omega
+                .iter()
+                .map(|omega| self.scale(*omega, elastance_per_f))
+                .collect(),
             dc_ohm: self.dc_ohm.map(|rest| (rest, rest + (self.beside)(0.0).re)),
             tau_s: (1.0 / (REACH_FAST * self.omega.1), REACH_SLOW / self.omega.0),
             omega,
@@ -104,14 +114,29 @@ impl Problem<'_> {
 
     /// Resistances over time constants that are held.
     fn solve(&self, rows: &Rows, tau_s: &[f64]) -> Option<Met> {
-        // Unknowns: the resistances of the branches, that in series, and the capacitance's reactance at the lower end.
+        // Unknowns: the resistances of the branches, that in series, and the capacitance's
+        // reactance at the lower end.
         let (series, store) = (tau_s.len(), tau_s.len() + 1);
-        let (unknowns, last) = (tau_s.len() + 1 + usize::from(self.stores), 2 * rows.omega.len());
+        let (unknowns, last) = (
+            tau_s.len() + 1 + usize::from(self.stores),
+            2 * rows.omega.len(),
+        );
         let mut matrix = DMatrix::zeros(last + 1, unknowns);
         let mut data = DVector::zeros(last + 1);
-        for (k, ((omega, z), scale)) in rows.omega.iter().zip(&rows.z_ohm).zip(&rows.scale_ohm).enumerate() {
-            let mut put = |j: usize, z: Complex64| (matrix[(2 * k, j)], matrix[(2 * k + 1, j)]) = (z.re / scale, z.im / scale);
-            tau_s.iter().enumerate().for_each(|(j, tau_s)| put(j, Complex64::new(1.0, omega * tau_s).inv()));
+        for (k, ((omega, z), scale)) in rows
+            .omega
+            .iter()
+            .zip(&rows.z_ohm)
+            .zip(&rows.scale_ohm)
+            .enumerate()
+        {
+            let mut put = |j: usize, z: Complex64| {
+                (matrix[(2 * k, j)], matrix[(2 * k + 1, j)]) = (z.re / scale, z.im / scale)
+            };
+            tau_s
+                .iter()
+                .enumerate()
+                .for_each(|(j, tau_s)| put(j, Complex64::new(1.0, omega * tau_s).inv()));
             put(series, Complex64::ONE);
             if self.stores {
                 put(store, pole(*omega, self.omega.0));
@@ -123,13 +148,30 @@ impl Problem<'_> {
             data[last] = DC_WEIGHT * rest_ohm / all_ohm;
         }
         let guess: Vec<usize> = (0..unknowns).collect();
-        let x = nonnegative::solve(&(matrix.transpose() * &matrix), &(matrix.transpose() * &data), &guess)?.x;
+        let x = nonnegative::solve(
+            &(matrix.transpose() * &matrix),
+            &(matrix.transpose() * &data),
+            &guess,
+        )?
+        .x;
         let least_ohm = NOTHING * rows.scale_ohm.iter().copied().fold(0.0, f64::max);
-        let branches = tau_s.iter().zip(x.iter()).filter(|(_, r_ohm)| **r_ohm > least_ohm);
+        let branches = tau_s
+            .iter()
+            .zip(x.iter())
+            .filter(|(_, r_ohm)| **r_ohm > least_ohm);
         Some(Met {
             r_ohm: x[series].max(0.0),
-            branches: branches.map(|(tau_s, r_ohm)| RcBranch { r_ohm: *r_ohm, c_f: tau_s / r_ohm }).collect(),
-            elastance_per_f: if self.stores { x[store].max(0.0) * self.omega.0 } else { 0.0 },
+            branches: branches
+                .map(|(tau_s, r_ohm)| RcBranch {
+                    r_ohm: *r_ohm,
+                    c_f: tau_s / r_ohm,
+                })
+                .collect(),
+            elastance_per_f: if self.stores {
+                x[store].max(0.0) * self.omega.0
+            } else {
+                0.0
+            },
             worst: f64::INFINITY,
             worst_omega: self.omega.0,
         })
@@ -138,14 +180,29 @@ impl Problem<'_> {
     /// The same with its worst error, on a grid that was not fitted.
     fn judged(&self, mut met: Met) -> Met {
         let error = |omega: f64| {
-            let branches = met.branches.iter().map(|b| b.r_ohm / Complex64::new(1.0, omega * b.time_constant_s())).sum::<Complex64>();
+            let branches = met
+                .branches
+                .iter()
+                .map(|b| b.r_ohm / Complex64::new(1.0, omega * b.time_constant_s()))
+                .sum::<Complex64>();
             let z = met.r_ohm + branches + pole(omega, met.elastance_per_f);
             ((self.rest)(omega) - z).norm() / self.scale(omega, met.elastance_per_f)
         };
-        let all = spaced(self.omega, CHECKED_PER_DECADE).into_iter().map(|omega| (error(omega), omega));
+        let all = spaced(self.omega, CHECKED_PER_DECADE)
+            .into_iter()
+            .map(|omega| (error(omega), omega));
         // Not a number is the worst of all.
-        let worst = all.max_by(|a, b| a.0.total_cmp(&b.0)).unwrap_or((f64::INFINITY, self.omega.0));
-        (met.worst, met.worst_omega) = (if worst.0.is_finite() { worst.0 } else { f64::INFINITY }, worst.1);
+        let worst = all
+            .max_by(|a, b| a.0.total_cmp(&b.0))
+            .unwrap_or((f64::INFINITY, self.omega.0));
+        (met.worst, met.worst_omega) = (
+            if worst.0.is_finite() {
+                worst.0
+            } else {
+                f64::INFINITY
+            },
+            worst.1,
+        );
         met
     }
 }
@@ -158,5 +215,7 @@ pub(super) fn pole(omega: f64, elastance_per_f: f64) -> Complex64 {
 /// Values with equal quotients from end to end, at least so many per decade.
 fn spaced((low, high): (f64, f64), per_decade: f64) -> Vec<f64> {
     let steps = (per_decade * (high / low).log10()).ceil().max(1.0) as usize;
-    (0..=steps).map(|k| low * (high / low).powf(k as f64 / steps as f64)).collect()
+    (0..=steps)
+        .map(|k| low * (high / low).powf(k as f64 / steps as f64))
+        .collect()
 }

@@ -1,6 +1,7 @@
 //! The elements of a circuit: impedance and exact derivatives with respect to each parameter.
 //!
-//! Names, order of parameters and formulas are impedance.py's (`impedance/models/circuits/elements.py`, version 1.7), with s = jω:
+//! Names, order of parameters and formulas are impedance.py's
+//! (`impedance/models/circuits/elements.py`, version 1.7), with s = jω:
 //!
 //! | element | parameters | impedance |
 //! |---|---|---|
@@ -17,8 +18,8 @@
 //! | `K` | R / Ω, τ / s | R/(1 + sτ) |
 //! | `Zarc` | R / Ω, τ / s, γ | R/(1 + (sτ)ᵞ) |
 //!
-//! `La` is as impedance.py and BioLogic's application note 42 document it. impedance.py's code computes (L·s)ᵅ instead: its L is ours to the power
-//! of 1/α; with α = 1 they agree.
+//! `La` is as impedance.py and BioLogic's application note 42 document it. impedance.py's code
+//! computes (L·s)ᵅ instead: its L is ours to the power of 1/α; with α = 1 they agree.
 
 use super::hyperbolic::{coth, csch_squared, tanh_over};
 use num_complex::Complex64;
@@ -92,8 +93,20 @@ const EXPONENT: ParameterKind = parameter("", Role::Exponent, (0.05, 1.0));
 
 impl ElementKind {
     /// Every kind, in the order of the table above.
-    pub const ALL: [Self; 12] =
-        [Self::R, Self::C, Self::L, Self::La, Self::W, Self::Wo, Self::Ws, Self::Cpe, Self::G, Self::Gs, Self::K, Self::Zarc];
+    pub const ALL: [Self; 12] = [
+        Self::R,
+        Self::C,
+        Self::L,
+        Self::La,
+        Self::W,
+        Self::Wo,
+        Self::Ws,
+        Self::Cpe,
+        Self::G,
+        Self::Gs,
+        Self::K,
+        Self::Zarc,
+    ];
 
     /// Name in a circuit's string.
     pub fn name(self) -> &'static str {
@@ -122,14 +135,22 @@ impl ElementKind {
             Self::L => const { &[parameter("H", Role::Level, (1e-18, 1e6))] },
             Self::La => const { &[parameter("Ω s^α", Role::Level, (1e-18, 1e12)), EXPONENT] },
             Self::W => const { &[parameter("Ω s^-1/2", Role::Level, (1e-12, 1e12))] },
-            Self::Cpe => const { &[parameter("Ω^-1 s^α", Role::InverseLevel, (1e-18, 1e12)), EXPONENT] },
+            Self::Cpe => {
+                const {
+                    &[
+                        parameter("Ω^-1 s^α", Role::InverseLevel, (1e-18, 1e12)),
+                        EXPONENT,
+                    ]
+                }
+            }
             Self::Wo | Self::Ws | Self::G | Self::K => const { &[OHM, TIME] },
             Self::Gs => const { &[OHM, TIME, LENGTH] },
             Self::Zarc => const { &[OHM, TIME, EXPONENT] },
         }
     }
 
-    /// Impedance in Ω at an angular frequency above zero in rad/s; writes its derivatives with respect to the parameters to `slopes`.
+    /// Impedance in Ω at an angular frequency above zero in rad/s; writes its derivatives with
+    /// respect to the parameters to `slopes`.
     ///
     /// Both slices hold as many entries as the kind has parameters, all parameters above zero.
     pub(crate) fn expand(self, p: &[f64], omega: f64, slopes: &mut [Complex64]) -> Complex64 {
@@ -193,7 +214,8 @@ impl ElementKind {
                 slopes[2] = -r * vuu * logarithm(omega * tau);
                 level(slopes, u, r)
             }
-            // A slice of another length cannot come from a circuit, which gives each element its own parameters.
+            // A slice of another length cannot come from a circuit, which gives each element its
+            // own parameters.
             _ => Complex64::new(f64::NAN, f64::NAN),
         }
     }

@@ -1,7 +1,8 @@
-//! Hyperbolic functions of a complex number with real part of zero or more, as diffusion elements need them: exact near zero, no overflow far out.
+//! Hyperbolic functions of a complex number with real part of zero or more, as diffusion elements
+//! need them: exact near zero, no overflow far out.
 //!
-//! With t = tanh x and S = 1/cosh² x the quotients stay finite for every x:
-//! tanh(x + jy) = (t + j·S·sin y·cos y)/(t² + S·cos² y), coth(x + jy) = (t − j·S·sin y·cos y)/(t² + S·sin² y).
+//! With t = tanh x and S = 1/cosh² x the quotients stay finite for every x: tanh(x + jy) = (t +
+//! j·S·sin y·cos y)/(t² + S·cos² y), coth(x + jy) = (t − j·S·sin y·cos y)/(t² + S·sin² y).
 
 use num_complex::Complex64;
 
@@ -10,8 +11,16 @@ const FAR: f64 = 300.0;
 /// |q²| below which the power series of tanh(q)/q is used.
 const NEAR: f64 = 0.02;
 /// Coefficients of tanh(q)/q in powers of q².
-const TANH_SERIES: [f64; 8] =
-    [1.0, -1.0 / 3.0, 2.0 / 15.0, -17.0 / 315.0, 62.0 / 2835.0, -1382.0 / 155_925.0, 21_844.0 / 6_081_075.0, -929_569.0 / 638_512_875.0];
+const TANH_SERIES: [f64; 8] = [
+    1.0,
+    -1.0 / 3.0,
+    2.0 / 15.0,
+    -17.0 / 315.0,
+    62.0 / 2835.0,
+    -1382.0 / 155_925.0,
+    21_844.0 / 6_081_075.0,
+    -929_569.0 / 638_512_875.0,
+];
 
 /// tanh q.
 pub(super) fn tanh(q: Complex64) -> Complex64 {
@@ -49,7 +58,11 @@ pub(super) fn tanh_over(q: Complex64) -> (Complex64, Complex64) {
     }
     let value = tanh(q) / q;
     let cosh = q.cosh();
-    let sech_squared = if q.re > FAR { Complex64::ZERO } else { (cosh * cosh).inv() };
+    let sech_squared = if q.re > FAR {
+        Complex64::ZERO
+    } else {
+        (cosh * cosh).inv()
+    };
     (value, sech_squared - value)
 }
 

@@ -1,8 +1,10 @@
-//! Equivalent circuits in general: elements in series and in parallel, written as impedance.py's users know them, `R0-p(R1,C1)-p(R2-Wo1,CPE1)`.
+//! Equivalent circuits in general: elements in series and in parallel, written as impedance.py's
+//! users know them, `R0-p(R1,C1)-p(R2-Wo1,CPE1)`.
 //!
-//! Impedance with exact derivatives with respect to every parameter; no values (they are a slice beside the circuit) and no fit (see
-//! [`crate::fit::fit_circuit`]). Parameters stand in the order of the string and are called after their element: `R0`, `C1`, and `CPE1_0`,
-//! `CPE1_1` where an element has several.
+//! Impedance with exact derivatives with respect to every parameter; no values (they are a slice
+//! beside the circuit) and no fit (see [`crate::fit::fit_circuit`]). Parameters stand in the order
+//! of the string and are called after their element: `R0`, `C1`, and `CPE1_0`, `CPE1_1` where an
+//! element has several.
 
 mod element;
 mod hyperbolic;
@@ -29,7 +31,8 @@ pub(crate) struct Element {
     pub(crate) first: usize,
 }
 
-/// A circuit as a tree. The parameters of a node are one range, for they are counted in the order of the string.
+/// A circuit as a tree. The parameters of a node are one range, for they are counted in the order
+/// of the string.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum Node {
     /// A single element.
@@ -64,15 +67,28 @@ impl Circuit {
 
     /// The extended Randles model as a circuit, `R0-p(R1,C1)-…`, with its parameters.
     pub fn from_erm(erm: &Erm) -> (Self, Vec<f64>) {
-        let element = |kind: ElementKind, k: usize, first| Node::Element(Element { kind, name: format!("{}{k}", kind.name()), first });
+        let element = |kind: ElementKind, k: usize, first| {
+            Node::Element(Element {
+                kind,
+                name: format!("{}{k}", kind.name()),
+                first,
+            })
+        };
         let mut blocks = vec![element(ElementKind::R, 0, 0)];
         let mut values = vec![erm.r_ohm];
         for (k, branch) in erm.branches.iter().enumerate() {
-            let (r, c) = (element(ElementKind::R, k + 1, values.len()), element(ElementKind::C, k + 1, values.len() + 1));
+            let (r, c) = (
+                element(ElementKind::R, k + 1, values.len()),
+                element(ElementKind::C, k + 1, values.len() + 1),
+            );
             blocks.push(Node::Parallel(vec![r, c]));
             values.extend([branch.r_ohm, branch.c_f]);
         }
-        let root = if blocks.len() == 1 { blocks.remove(0) } else { Node::Series(blocks) };
+        let root = if blocks.len() == 1 {
+            blocks.remove(0)
+        } else {
+            Node::Series(blocks)
+        };
         (Self::new(root), values)
     }
 
@@ -86,8 +102,8 @@ impl Circuit {
         &self.kinds
     }
 
-    /// Impedance in Ω for the parameters (all above zero, in the order of the names) at a frequency above zero in Hz; not a number for another
-    /// number of parameters.
+    /// Impedance in Ω for the parameters (all above zero, in the order of the names) at a frequency
+    /// above zero in Hz; not a number for another number of parameters.
     pub fn impedance(&self, parameters: &[f64], freq_hz: f64) -> Complex64 {
         if parameters.len() != self.names.len() {
             return Complex64::new(f64::NAN, f64::NAN);
@@ -95,20 +111,31 @@ impl Circuit {
         self.root.impedance(parameters, TAU * freq_hz)
     }
 
-    /// As [`Circuit::impedance`]; writes the derivatives with respect to the parameters, Ω per the parameter's unit, to `slopes`, which must be as
-    /// long as the parameters.
-    pub fn jacobian(&self, parameters: &[f64], freq_hz: f64, slopes: &mut [Complex64]) -> Complex64 {
+    /// As [`Circuit::impedance`]; writes the derivatives with respect to the parameters, Ω per the
+    /// parameter's unit, to `slopes`, which must be as long as the parameters.
+    pub fn jacobian(
+        &self,
+        parameters: &[f64],
+        freq_hz: f64,
+        slopes: &mut [Complex64],
+    ) -> Complex64 {
         if parameters.len() != self.names.len() || slopes.len() != parameters.len() {
             return Complex64::new(f64::NAN, f64::NAN);
         }
         self.root.expand(parameters, TAU * freq_hz, slopes)
     }
 
-    /// Reads `name = value, …` into the indices of the parameters and their values; `what` names the list in messages.
+    /// Reads `name = value, …` into the indices of the parameters and their values; `what` names
+    /// the list in messages.
     ///
     /// # Errors
-    /// [`ParseError`] for another form, a name that is no parameter or comes twice, a value beyond the physical range.
-    pub fn assignments(&self, what: &'static str, text: &str) -> Result<Vec<(usize, f64)>, ParseError> {
+    /// [`ParseError`] for another form, a name that is no parameter or comes twice, a value beyond
+    /// the physical range.
+    pub fn assignments(
+        &self,
+        what: &'static str,
+        text: &str,
+    ) -> Result<Vec<(usize, f64)>, ParseError> {
         parse::assignments(self, what, text)
     }
 
@@ -136,14 +163,18 @@ impl Node {
     pub(crate) fn visit(&self, f: &mut impl FnMut(&Element)) {
         match self {
             Self::Element(element) => f(element),
-            Self::Series(children) | Self::Parallel(children) => children.iter().for_each(|child| child.visit(f)),
+            Self::Series(children) | Self::Parallel(children) => {
+                children.iter().for_each(|child| child.visit(f))
+            }
         }
     }
 
     /// Indices of its parameters.
     pub(crate) fn range(&self) -> Range<usize> {
         match self {
-            Self::Element(element) => element.first..element.first + element.kind.parameters().len(),
+            Self::Element(element) => {
+                element.first..element.first + element.kind.parameters().len()
+            }
             Self::Series(children) | Self::Parallel(children) => {
                 let first = children.first().map_or(0, |child| child.range().start);
                 first..children.last().map_or(first, |child| child.range().end)
@@ -157,32 +188,48 @@ impl Node {
             Self::Element(element) => {
                 let mut unused = [Complex64::ZERO; MAX_PARAMETERS];
                 let range = self.range();
-                element.kind.expand(&p[range.clone()], omega, &mut unused[..range.len()])
+                element
+                    .kind
+                    .expand(&p[range.clone()], omega, &mut unused[..range.len()])
             }
             Self::Series(children) => children.iter().map(|child| child.impedance(p, omega)).sum(),
-            Self::Parallel(children) => children.iter().map(|child| child.impedance(p, omega).inv()).sum::<Complex64>().inv(),
+            Self::Parallel(children) => children
+                .iter()
+                .map(|child| child.impedance(p, omega).inv())
+                .sum::<Complex64>()
+                .inv(),
         }
     }
 
-    /// Impedance and, in the node's range of `slopes`, its derivatives. In parallel, with Z = 1/ΣZₖ⁻¹: ∂Z/∂p = (Z/Zₖ)²·∂Zₖ/∂p.
+    /// Impedance and, in the node's range of `slopes`, its derivatives. In parallel, with Z =
+    /// 1/ΣZₖ⁻¹: ∂Z/∂p = (Z/Zₖ)²·∂Zₖ/∂p.
     fn expand(&self, p: &[f64], omega: f64, slopes: &mut [Complex64]) -> Complex64 {
         match self {
             Self::Element(element) => {
                 let range = self.range();
-                element.kind.expand(&p[range.clone()], omega, &mut slopes[range])
+                element
+                    .kind
+                    .expand(&p[range.clone()], omega, &mut slopes[range])
             }
-            Self::Series(children) => children.iter().map(|child| child.expand(p, omega, slopes)).sum(),
+            Self::Series(children) => children
+                .iter()
+                .map(|child| child.expand(p, omega, slopes))
+                .sum(),
             Self::Parallel(children) => {
                 let mut admittance = Complex64::ZERO;
                 for child in children {
                     let y = child.expand(p, omega, slopes).inv();
                     admittance += y;
                     let square = y * y;
-                    slopes[child.range()].iter_mut().for_each(|slope| *slope *= square);
+                    slopes[child.range()]
+                        .iter_mut()
+                        .for_each(|slope| *slope *= square);
                 }
                 let z = admittance.inv();
                 let square = z * z;
-                slopes[self.range()].iter_mut().for_each(|slope| *slope *= square);
+                slopes[self.range()]
+                    .iter_mut()
+                    .for_each(|slope| *slope *= square);
                 z
             }
         }
@@ -203,7 +250,11 @@ impl fmt::Display for Node {
             f.write_str(if k > 0 { separator } else { "" })?;
             child.fmt(f)?;
         }
-        f.write_str(if matches!(self, Self::Parallel(_)) { ")" } else { "" })
+        f.write_str(if matches!(self, Self::Parallel(_)) {
+            ")"
+        } else {
+            ""
+        })
     }
 }
 

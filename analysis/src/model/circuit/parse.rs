@@ -1,11 +1,13 @@
-//! Circuit strings in impedance.py's form → a circuit; lists of assignments → values of its parameters.
+//! Circuit strings in impedance.py's form → a circuit; lists of assignments → values of its
+//! parameters.
 //!
 //! ```text
 //! series  = block { "-" block }
 //! block   = "p(" series "," series { "," series } ")"  |  element
 //! element = kind [ "_" ] digits            R0, CPE1, Wo_2
 //! ```
-//! Blanks may stand between any of them. A name must not occur twice, for parameters are called after it.
+//! Blanks may stand between any of them. A name must not occur twice, for parameters are called
+//! after it.
 
 use super::element::ElementKind;
 use super::{Circuit, Element, Node};
@@ -19,7 +21,8 @@ const EXCERPT: usize = 30;
 
 /// Why a text is no circuit, or no list of its parameters' values, with the place.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{what}, character {position}: expected {expected}, met {met}\n  {excerpt}\n  {caret:>column$}", position = self.index + 1, caret = '^', column = self.column)]
+#[error("{what}, character {position}: expected {expected}, met {met}\n  {excerpt}\n  \
+{caret:>column$}", position = self.index + 1, caret = '^', column = self.column)]
 pub struct ParseError {
     /// What was read.
     what: &'static str,
@@ -43,8 +46,18 @@ impl ParseError {
         let shown = |c: &char| if c.is_control() { ' ' } else { *c };
         let left = if from > 0 { "…" } else { "" };
         let right = if to < text.len() { "…" } else { "" };
-        let excerpt = format!("{left}{}{right}", text[from..to].iter().map(shown).collect::<String>());
-        Self { what, index, expected: expected.to_owned(), met, excerpt, column: index - from + left.chars().count() + 1 }
+        let excerpt = format!(
+            "{left}{}{right}",
+            text[from..to].iter().map(shown).collect::<String>()
+        );
+        Self {
+            what,
+            index,
+            expected: expected.to_owned(),
+            met,
+            excerpt,
+            column: index - from + left.chars().count() + 1,
+        }
     }
 }
 
@@ -57,7 +70,11 @@ struct Cursor {
 
 impl Cursor {
     fn new(what: &'static str, text: &str) -> Self {
-        Self { what, text: text.chars().collect(), index: 0 }
+        Self {
+            what,
+            text: text.chars().collect(),
+            index: 0,
+        }
     }
 
     fn peek(&self) -> Option<char> {
@@ -109,7 +126,11 @@ struct Parser {
 
 /// Reads a circuit.
 pub(super) fn circuit(text: &str) -> Result<Circuit, ParseError> {
-    let mut parser = Parser { cursor: Cursor::new("circuit", text), names: Vec::new(), parameters: 0 };
+    let mut parser = Parser {
+        cursor: Cursor::new("circuit", text),
+        names: Vec::new(),
+        parameters: 0,
+    };
     let root = parser.series(0)?;
     parser.cursor.skip_blanks();
     match parser.cursor.peek() {
@@ -124,7 +145,11 @@ impl Parser {
         while self.cursor.take('-') {
             blocks.push(self.block(depth)?);
         }
-        Ok(if blocks.len() == 1 { blocks.remove(0) } else { Node::Series(blocks) })
+        Ok(if blocks.len() == 1 {
+            blocks.remove(0)
+        } else {
+            Node::Series(blocks)
+        })
     }
 
     fn block(&mut self, depth: usize) -> Result<Node, ParseError> {
@@ -142,7 +167,11 @@ impl Parser {
 
     fn parallel(&mut self, start: usize, depth: usize) -> Result<Node, ParseError> {
         if depth > MAX_DEPTH {
-            return Err(self.cursor.fail_at(start, &format!("at most {MAX_DEPTH} levels of p(…)"), "one more".to_owned()));
+            return Err(self.cursor.fail_at(
+                start,
+                &format!("at most {MAX_DEPTH} levels of p(…)"),
+                "one more".to_owned(),
+            ));
         }
         let mut branches = vec![self.series(depth)?];
         while self.cursor.take(',') {
@@ -163,21 +192,39 @@ impl Parser {
         if letters.is_empty() {
             return Err(self.cursor.fail("an element such as R0, or p(…)"));
         }
-        let Some(kind) = ElementKind::ALL.into_iter().find(|kind| kind.name() == letters) else {
+        let Some(kind) = ElementKind::ALL
+            .into_iter()
+            .find(|kind| kind.name() == letters)
+        else {
             return Err(self.unknown(start, &letters));
         };
-        let underscore = if self.cursor.peek() == Some('_') { "_" } else { "" };
+        let underscore = if self.cursor.peek() == Some('_') {
+            "_"
+        } else {
+            ""
+        };
         self.cursor.index += underscore.len();
         let digits = self.cursor.run(|c| c.is_ascii_digit());
         if digits.is_empty() {
-            return Err(self.cursor.fail(&format!("a number after the element's kind, such as {letters}{}", self.names.len())));
+            return Err(self.cursor.fail(&format!(
+                "a number after the element's kind, such as {letters}{}",
+                self.names.len()
+            )));
         }
         let name = format!("{letters}{underscore}{digits}");
         if self.names.contains(&name) {
-            return Err(self.cursor.fail_at(start, "a name that no other element has", format!("{name:?} again")));
+            return Err(self.cursor.fail_at(
+                start,
+                "a name that no other element has",
+                format!("{name:?} again"),
+            ));
         }
         if self.names.len() == MAX_ELEMENTS {
-            return Err(self.cursor.fail_at(start, &format!("at most {MAX_ELEMENTS} elements"), "one more".to_owned()));
+            return Err(self.cursor.fail_at(
+                start,
+                &format!("at most {MAX_ELEMENTS} elements"),
+                "one more".to_owned(),
+            ));
         }
         self.names.push(name.clone());
         let first = self.parameters;
@@ -187,9 +234,15 @@ impl Parser {
 
     fn unknown(&self, start: usize, letters: &str) -> ParseError {
         let known = ElementKind::ALL.map(ElementKind::name).join(", ");
-        let nearest = nearest(letters).map_or_else(String::new, |kind| format!(" (did you mean {}?)", kind.name()));
+        let nearest = nearest(letters).map_or_else(String::new, |kind| {
+            format!(" (did you mean {}?)", kind.name())
+        });
         let shown: String = letters.chars().take(EXCERPT).collect();
-        self.cursor.fail_at(start, &format!("one of the elements {known}, or p(…)"), format!("{shown:?}{nearest}"))
+        self.cursor.fail_at(
+            start,
+            &format!("one of the elements {known}, or p(…)"),
+            format!("{shown:?}{nearest}"),
+        )
     }
 }
 
@@ -204,7 +257,12 @@ fn nearest(letters: &str) -> Option<ElementKind> {
         _ => None,
     };
     let distance = |kind: &ElementKind| edit_distance(&lower, &kind.name().to_lowercase());
-    other_programs.or_else(|| ElementKind::ALL.into_iter().min_by_key(distance).filter(|kind| distance(kind) <= 1))
+    other_programs.or_else(|| {
+        ElementKind::ALL
+            .into_iter()
+            .min_by_key(distance)
+            .filter(|kind| distance(kind) <= 1)
+    })
 }
 
 /// Least number of characters to insert, delete or replace (Levenshtein).
@@ -223,8 +281,13 @@ fn edit_distance(a: &str, b: &str) -> usize {
     row[b.len()]
 }
 
-/// Reads `name = value, name = value, …` into pairs of the parameter's index and its value; `what` names the list in messages.
-pub(super) fn assignments(circuit: &Circuit, what: &'static str, text: &str) -> Result<Vec<(usize, f64)>, ParseError> {
+/// Reads `name = value, name = value, …` into pairs of the parameter's index and its value; `what`
+/// names the list in messages.
+pub(super) fn assignments(
+    circuit: &Circuit,
+    what: &'static str,
+    text: &str,
+) -> Result<Vec<(usize, f64)>, ParseError> {
     let mut cursor = Cursor::new(what, text);
     let mut found: Vec<(usize, f64)> = Vec::new();
     loop {
@@ -254,10 +317,17 @@ fn parameter(cursor: &mut Cursor, circuit: &Circuit) -> Result<usize, ParseError
     let start = cursor.index;
     let name = cursor.run(|c| c.is_alphanumeric() || c == '_');
     let known = circuit.parameter_names();
-    known.iter().position(|known| *known == name).ok_or_else(|| {
-        let expected = format!("one of the parameters {}", known.join(", "));
-        if name.is_empty() { cursor.fail(&expected) } else { cursor.fail_at(start, &expected, format!("{name:?}")) }
-    })
+    known
+        .iter()
+        .position(|known| *known == name)
+        .ok_or_else(|| {
+            let expected = format!("one of the parameters {}", known.join(", "));
+            if name.is_empty() {
+                cursor.fail(&expected)
+            } else {
+                cursor.fail_at(start, &expected, format!("{name:?}"))
+            }
+        })
 }
 
 /// The value of a parameter, within its physical range.
@@ -267,8 +337,16 @@ fn value(cursor: &mut Cursor, circuit: &Circuit, index: usize) -> Result<f64, Pa
     let digits = cursor.run(|c| c != ',' && !c.is_whitespace());
     let kind = &circuit.parameter_kinds()[index];
     let (lower, upper) = kind.bounds;
-    digits.parse::<f64>().ok().filter(|value| (lower..=upper).contains(value)).ok_or_else(|| {
-        let expected = format!("a value of {} from {lower:e} to {upper:e} {}", circuit.parameter_names()[index], kind.unit);
-        cursor.fail_at(start, expected.trim_end(), format!("{digits:?}"))
-    })
+    digits
+        .parse::<f64>()
+        .ok()
+        .filter(|value| (lower..=upper).contains(value))
+        .ok_or_else(|| {
+            let expected = format!(
+                "a value of {} from {lower:e} to {upper:e} {}",
+                circuit.parameter_names()[index],
+                kind.unit
+            );
+            cursor.fail_at(start, expected.trim_end(), format!("{digits:?}"))
+        })
 }

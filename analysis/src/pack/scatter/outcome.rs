@@ -21,9 +21,11 @@ pub struct Outcome {
     pub margin_high_v: f64,
     /// Largest current of any cell, A, without sign.
     pub largest_cell_a: f64,
-    /// Largest current of any cell over the largest mean current of the cells; 1 for identical cells.
+    /// Largest current of any cell over the largest mean current of the cells; 1 for identical
+    /// cells.
     pub largest_share: f64,
-    /// Difference of the highest and the lowest state of charge at the end; none for a constant OCV.
+    /// Difference of the highest and the lowest state of charge at the end; none for a constant
+    /// OCV.
     pub soc_spread_end: Option<f64>,
     /// Joule heat in the hottest cell, J.
     pub hottest_heat_j: f64,
@@ -58,16 +60,25 @@ pub struct Percentiles {
 }
 
 impl Percentiles {
-    /// Percentiles by linear interpolation between the order statistics; not a number for no values.
+    /// Percentiles by linear interpolation between the order statistics; not a number for no
+    /// values.
     pub fn of(values: impl Iterator<Item = f64>) -> Self {
         let mut sorted: Vec<f64> = values.collect();
         sorted.sort_by(f64::total_cmp);
         let at = |p: f64| {
-            let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
+            let Some(last) = sorted.len().checked_sub(1) else {
+                return f64::NAN;
+            };
             let place = p * last as f64;
             let (low, high) = (place.floor() as usize, (place.ceil() as usize).min(last));
             sorted[low] + (place - place.floor()) * (sorted[high] - sorted[low])
         };
-        Self { p1: at(0.01), p5: at(0.05), p50: at(0.5), p95: at(0.95), p99: at(0.99) }
+        Self {
+            p1: at(0.01),
+            p5: at(0.05),
+            p50: at(0.5),
+            p95: at(0.95),
+            p99: at(0.99),
+        }
     }
 }

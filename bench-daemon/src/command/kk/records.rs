@@ -29,40 +29,76 @@ struct Row<'a> {
     fields: Vec<&'a str>,
 }
 
-/// Reads `freq_hz` and any of `periods,drift_over_amplitude`, `hN,sigma_hN`; with each record the number of its line.
+/// Reads `freq_hz` and any of `periods,drift_over_amplitude`, `hN,sigma_hN`; with each record the
+/// number of its line.
 ///
 /// # Errors
-/// A file that cannot be read, a column that is not known or lacks its partner, a column that is missing, a field that is no number.
+/// A file that cannot be read, a column that is not known or lacks its partner, a column that is
+/// missing, a field that is no number.
 pub(super) fn read(path: &Path) -> Result<Vec<(usize, Record)>, Failure> {
-    let text = std::fs::read_to_string(path).map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
-    let mut lines = text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
-    let header: Vec<&str> = lines.next().map(|(_, line)| split(line)).unwrap_or_default();
-    let columns = Columns::of(&header)
-        .ok_or_else(|| Failure::Usage(format!("{}: expected a header with freq_hz, found \"{}\"", path.display(), header.join(","))))?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
+    let mut lines = text
+        .lines()
+        .enumerate()
+        .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
+    let header: Vec<&str> = lines
+        .next()
+        .map(|(_, line)| split(line))
+        .unwrap_or_default();
+    let columns = Columns::of(&header).ok_or_else(|| {
+        Failure::Usage(format!(
+            "{}: expected a header with freq_hz, found \"{}\"",
+            path.display(),
+            header.join(",")
+        ))
+    })?;
     check(path, &header)?;
-    let row = |(index, line)| Row { path, number: index + 1, header: &header, fields: split(line) };
-    lines.map(row).map(|row| Ok((row.number, row.record(&columns)?))).collect()
+    let row = |(index, line)| Row {
+        path,
+        number: index + 1,
+        header: &header,
+        fields: split(line),
+    };
+    lines
+        .map(row)
+        .map(|row| Ok((row.number, row.record(&columns)?)))
+        .collect()
 }
 
 /// No column is passed over in silence.
 fn check(path: &Path, header: &[&str]) -> Result<(), Failure> {
-    let order = |name: &str| name.parse::<u32>().ok().filter(|order| (2..=MOST).contains(order));
+    let order = |name: &str| {
+        name.parse::<u32>()
+            .ok()
+            .filter(|order| (2..=MOST).contains(order))
+    };
     for name in header.iter().filter(|name| **name != "freq_hz") {
         let partner = match *name {
             "periods" => Some("drift_over_amplitude".to_owned()),
             "drift_over_amplitude" => Some("periods".to_owned()),
-            _ => match (name.strip_prefix("sigma_h").and_then(order), name.strip_prefix('h').and_then(order)) {
+            _ => match (
+                name.strip_prefix("sigma_h").and_then(order),
+                name.strip_prefix('h').and_then(order),
+            ) {
                 (Some(order), _) => Some(format!("h{order}")),
                 (None, Some(order)) => Some(format!("sigma_h{order}")),
                 (None, None) => None,
             },
         };
         let expected = match partner {
-            None => format!("freq_hz, periods, drift_over_amplitude, or hN and sigma_hN with N from 2 to {MOST}"),
-            Some(partner) if !header.contains(&partner.as_str()) => format!("a column {partner} with it"),
+            None => format!(
+                "freq_hz, periods, drift_over_amplitude, or hN and sigma_hN with N from 2 to {MOST}"
+            ),
+            Some(partner) if !header.contains(&partner.as_str()) => {
+                format!("a column {partner} with it")
+            }
             Some(_) => continue,
         };
-        return Err(Failure::Usage(format!("{}, column {name}: expected {expected}", path.display())));
+        return Err(Failure::Usage(format!(
+            "{}, column {name}: expected {expected}",
+            path.display()
+        )));
     }
     Ok(())
 }
@@ -71,9 +107,20 @@ fn check(path: &Path, header: &[&str]) -> Result<(), Failure> {
 ///
 /// # Errors
 /// A record at a frequency that no spectrum has.
-pub(super) fn belong(path: &Path, records: &[(usize, Record)], spectra: &[&Spectrum]) -> Result<(), Failure> {
-    let known = |record: &Record| spectra.iter().flat_map(|s| &s.points).any(|p| (record.freq_hz / p.freq_hz - 1.0).abs() < 1e-3);
-    let Some((line, record)) = records.iter().find(|(_, record)| !known(record)) else { return Ok(()) };
+pub(super) fn belong(
+    path: &Path,
+    records: &[(usize, Record)],
+    spectra: &[&Spectrum],
+) -> Result<(), Failure> {
+    let known = |record: &Record| {
+        spectra
+            .iter()
+            .flat_map(|s| &s.points)
+            .any(|p| (record.freq_hz / p.freq_hz - 1.0).abs() < 1e-3)
+    };
+    let Some((line, record)) = records.iter().find(|(_, record)| !known(record)) else {
+        return Ok(());
+    };
     Err(Failure::Usage(format!(
         "{}, line {line}, freq_hz: expected a frequency of the spectra to 0.1 %, found {} Hz",
         path.display(),
@@ -88,7 +135,13 @@ fn split(line: &str) -> Vec<&str> {
 impl Columns {
     fn of(header: &[&str]) -> Option<Self> {
         let column = |name: &str| header.iter().position(|column| *column == name);
-        let harmonic = |order: u32| Some((order, column(&format!("h{order}"))?, column(&format!("sigma_h{order}"))?));
+        let harmonic = |order: u32| {
+            Some((
+                order,
+                column(&format!("h{order}"))?,
+                column(&format!("sigma_h{order}"))?,
+            ))
+        };
         Some(Self {
             freq: column("freq_hz")?,
             harmonics: (2..=MOST).filter_map(harmonic).collect(),
@@ -100,15 +153,27 @@ impl Columns {
 impl Row<'_> {
     fn record(&self, columns: &Columns) -> Result<Record, Failure> {
         let harmonic = |&(order, ratio, sigma): &(u32, usize, usize)| {
-            Ok(Harmonic { order, ratio: self.number(ratio, 0.0)?, sigma: self.number(sigma, f64::MIN_POSITIVE)? })
+            Ok(Harmonic {
+                order,
+                ratio: self.number(ratio, 0.0)?,
+                sigma: self.number(sigma, f64::MIN_POSITIVE)?,
+            })
         };
         let drift = |(over, periods): (usize, usize)| {
             let over_amplitude = self.number(over, f64::NEG_INFINITY)?;
-            Ok::<_, Failure>(Drift { over_amplitude, periods: self.number(periods, f64::MIN_POSITIVE)?, shape: DriftShape::Ramp })
+            Ok::<_, Failure>(Drift {
+                over_amplitude,
+                periods: self.number(periods, f64::MIN_POSITIVE)?,
+                shape: DriftShape::Ramp,
+            })
         };
         Ok(Record {
             freq_hz: self.number(columns.freq, f64::MIN_POSITIVE)?,
-            harmonics: columns.harmonics.iter().map(harmonic).collect::<Result<_, Failure>>()?,
+            harmonics: columns
+                .harmonics
+                .iter()
+                .map(harmonic)
+                .collect::<Result<_, Failure>>()?,
             drift: columns.drift.map(drift).transpose()?,
         })
     }
@@ -119,7 +184,11 @@ impl Row<'_> {
         let good = |value: &f64| value.is_finite() && *value >= least;
         field.parse::<f64>().ok().filter(good).ok_or_else(|| {
             let name = self.header.get(column).copied().unwrap_or_default();
-            Failure::Usage(format!("{}, line {}, {name}: expected a number, found \"{field}\"", self.path.display(), self.number))
+            Failure::Usage(format!(
+                "{}, line {}, {name}: expected a number, found \"{field}\"",
+                self.path.display(),
+                self.number
+            ))
         })
     }
 }

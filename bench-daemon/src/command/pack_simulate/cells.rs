@@ -1,4 +1,5 @@
-//! The table of a pack's cells: as given, and as drawn; and of what the figures of a pack are means.
+//! The table of a pack's cells: as given, and as drawn; and of what the figures of a pack are
+//! means.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -21,12 +22,15 @@ pub(super) fn packs(
 ) -> Result<Option<Vec<Vec<PlacedCell>>>, Failure> {
     let packs = match (&args.cells, &args.export_cells) {
         (Some(path), _) => Table::read(path, setup)?.packs()?,
-        (None, Some(_)) => drawn_cells(setup, spread, draws).map_err(|error| Failure::Usage(error.to_string()))?,
+        (None, Some(_)) => {
+            drawn_cells(setup, spread, draws).map_err(|error| Failure::Usage(error.to_string()))?
+        }
         (None, None) => return Ok(None),
     };
     if let Some(path) = &args.export_cells {
         let text = written(path, &packs, setup)?;
-        dataset::write_atomically(path, text.as_bytes()).map_err(|error| Failure::Usage(format!("--export-cells: {error}")))?;
+        dataset::write_atomically(path, text.as_bytes())
+            .map_err(|error| Failure::Usage(format!("--export-cells: {error}")))?;
     }
     Ok(Some(packs))
 }
@@ -34,32 +38,59 @@ pub(super) fn packs(
 /// Names of the factors' columns: r, r1, c1, …, capacity.
 fn factor_names(branches: usize) -> Vec<String> {
     let of_branches = (1..=branches).flat_map(|k| [format!("r{k}"), format!("c{k}")]);
-    std::iter::once("r".to_owned()).chain(of_branches).chain(["capacity".to_owned()]).collect()
+    std::iter::once("r".to_owned())
+        .chain(of_branches)
+        .chain(["capacity".to_owned()])
+        .collect()
 }
 
 fn factors(cell: &PlacedCell) -> impl Iterator<Item = f64> {
     let of_branches = cell.rk.iter().zip(&cell.ck).flat_map(|(r, c)| [*r, *c]);
-    std::iter::once(cell.r).chain(of_branches).chain([cell.capacity])
+    std::iter::once(cell.r)
+        .chain(of_branches)
+        .chain([cell.capacity])
 }
 
 /// The table of packs. Numbers are written so that they are read as the same.
-fn written(path: &Path, packs: &[Vec<PlacedCell>], setup: &ScatterSetup<'_>) -> Result<String, Failure> {
+fn written(
+    path: &Path,
+    packs: &[Vec<PlacedCell>],
+    setup: &ScatterSetup<'_>,
+) -> Result<String, Failure> {
     if packs.iter().flatten().any(|cell| cell.erm.is_some()) {
-        let reason = "expected cells that are factors of --model, found one with a model of its own: keep the table that names it";
-        return Err(Failure::Usage(format!("--export-cells {}: {reason}", path.display())));
+        let reason = "expected cells that are factors of --model, found one with a model of its \
+        own: keep the table that names it";
+        return Err(Failure::Usage(format!(
+            "--export-cells {}: {reason}",
+            path.display()
+        )));
     }
-    let mut text = format!("draw,group,place,name,{},soc\n", factor_names(setup.cell.branches.len()).join(","));
+    let mut text = format!(
+        "draw,group,place,name,{},soc\n",
+        factor_names(setup.cell.branches.len()).join(",")
+    );
     let parallel = setup.pack.parallel as usize;
     for (draw, pack) in packs.iter().enumerate() {
         for (k, cell) in pack.iter().enumerate() {
-            let numbers: Vec<String> = factors(cell).chain([cell.soc]).map(|number| number.to_string()).collect();
-            text += &format!("{},{},{},{},{}\n", draw + 1, k / parallel + 1, k % parallel + 1, cell.name, numbers.join(","));
+            let numbers: Vec<String> = factors(cell)
+                .chain([cell.soc])
+                .map(|number| number.to_string())
+                .collect();
+            text += &format!(
+                "{},{},{},{},{}\n",
+                draw + 1,
+                k / parallel + 1,
+                k % parallel + 1,
+                cell.name,
+                numbers.join(",")
+            );
         }
     }
     Ok(text)
 }
 
-/// A table of cells as it was read: for each draw, group and place its cell with the line that it is from.
+/// A table of cells as it was read: for each draw, group and place its cell with the line that it
+/// is from.
 struct Table<'a> {
     path: &'a Path,
     setup: &'a ScatterSetup<'a>,
@@ -69,11 +100,26 @@ struct Table<'a> {
 
 impl<'a> Table<'a> {
     fn read(path: &'a Path, setup: &'a ScatterSetup<'a>) -> Result<Self, Failure> {
-        let text = std::fs::read_to_string(path).map_err(|error| Failure::Usage(format!("--cells {}: {error}", path.display())))?;
-        let mut lines = text.lines().enumerate().map(|(k, line)| (k + 1, line.trim())).filter(|(_, line)| !line.is_empty());
-        let header = lines.next().map_or("", |(_, line)| line.trim_start_matches('\u{feff}'));
-        let columns: Vec<String> = header.split(',').map(|name| name.trim().to_owned()).collect();
-        let mut table = Self { path, setup, columns, cells: BTreeMap::new() };
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| Failure::Usage(format!("--cells {}: {error}", path.display())))?;
+        let mut lines = text
+            .lines()
+            .enumerate()
+            .map(|(k, line)| (k + 1, line.trim()))
+            .filter(|(_, line)| !line.is_empty());
+        let header = lines
+            .next()
+            .map_or("", |(_, line)| line.trim_start_matches('\u{feff}'));
+        let columns: Vec<String> = header
+            .split(',')
+            .map(|name| name.trim().to_owned())
+            .collect();
+        let mut table = Self {
+            path,
+            setup,
+            columns,
+            cells: BTreeMap::new(),
+        };
         table.check_header(header)?;
         for (number, line) in lines {
             table.add(number, line)?;
@@ -82,62 +128,118 @@ impl<'a> Table<'a> {
     }
 
     fn fail(&self, place: &str, expected: &str, found: &str) -> Failure {
-        Failure::Usage(format!("{}{place}: expected {expected}, found {found}", self.path.display()))
+        Failure::Usage(format!(
+            "{}{place}: expected {expected}, found {found}",
+            self.path.display()
+        ))
     }
 
     fn check_header(&self, header: &str) -> Result<(), Failure> {
         let factors = factor_names(self.setup.cell.branches.len());
-        let known = |name: &String| ["draw", "group", "place", "name", "model", "soc"].contains(&name.as_str()) || factors.contains(name);
+        let known = |name: &String| {
+            ["draw", "group", "place", "name", "model", "soc"].contains(&name.as_str())
+                || factors.contains(name)
+        };
         let once = |name: &String| self.columns.iter().filter(|other| *other == name).count() == 1;
         let has = |name: &str| self.columns.iter().any(|column| column == name);
-        if has("group") && has("place") && self.columns.iter().all(|name| known(name) && once(name)) {
+        if has("group") && has("place") && self.columns.iter().all(|name| known(name) && once(name))
+        {
             return Ok(());
         }
-        let expected = format!("a header with group, place and any of draw, name, model, {}, soc, each once", factors.join(", "));
+        let expected = format!(
+            "a header with group, place and any of draw, name, model, {}, soc, each once",
+            factors.join(", ")
+        );
         Err(self.fail(", line 1", &expected, &format!("{header:?}")))
     }
 
     fn add(&mut self, line: usize, text: &str) -> Result<(), Failure> {
         let fields: Vec<&str> = text.split(',').map(str::trim).collect();
         if fields.len() != self.columns.len() {
-            return Err(self.fail(&format!(", line {line}"), &format!("{} fields", self.columns.len()), &fields.len().to_string()));
+            return Err(self.fail(
+                &format!(", line {line}"),
+                &format!("{} fields", self.columns.len()),
+                &fields.len().to_string(),
+            ));
         }
-        let row = Row { table: self, line, fields };
+        let row = Row {
+            table: self,
+            line,
+            fields,
+        };
         let pack = self.setup.pack;
-        let (draw, group) = (row.number("draw", usize::MAX as u64)?.unwrap_or(1), row.number("group", pack.series.into())?.unwrap_or(0));
+        let (draw, group) = (
+            row.number("draw", usize::MAX as u64)?.unwrap_or(1),
+            row.number("group", pack.series.into())?.unwrap_or(0),
+        );
         let place = row.number("place", pack.parallel.into())?.unwrap_or(0);
         let cell = row.cell((group, place))?;
         let key = (draw as usize, group as u32, place as u32);
         if self.cells.insert(key, cell).is_some() {
-            let place = if self.columns.iter().any(|column| column == "draw") { format!("draw {draw}, ") } else { String::new() };
-            return Err(self.fail(&format!(", line {line}"), "each place once", &format!("{place}group {group}, place {} again", key.2)));
+            let place = if self.columns.iter().any(|column| column == "draw") {
+                format!("draw {draw}, ")
+            } else {
+                String::new()
+            };
+            return Err(self.fail(
+                &format!(", line {line}"),
+                "each place once",
+                &format!("{place}group {group}, place {} again", key.2),
+            ));
         }
         Ok(())
     }
 
     /// The packs in the order of their numbers.
     fn packs(self) -> Result<Vec<Vec<PlacedCell>>, Failure> {
-        let Pack { series, parallel, .. } = self.setup.pack;
+        let Pack {
+            series, parallel, ..
+        } = self.setup.pack;
         let draws: std::collections::BTreeSet<usize> = self.cells.keys().map(|key| key.0).collect();
         let first = draws.first().copied().unwrap_or(1);
-        for draw in draws.iter().copied().chain(draws.is_empty().then_some(first)) {
-            let mut places = (1..=series).flat_map(|group| (1..=parallel).map(move |place| (group, place)));
-            if let Some((group, place)) = places.find(|(group, place)| !self.cells.contains_key(&(draw, *group, *place))) {
+        for draw in draws
+            .iter()
+            .copied()
+            .chain(draws.is_empty().then_some(first))
+        {
+            let mut places =
+                (1..=series).flat_map(|group| (1..=parallel).map(move |place| (group, place)));
+            if let Some((group, place)) =
+                places.find(|(group, place)| !self.cells.contains_key(&(draw, *group, *place)))
+            {
                 let cells = u64::from(series) * u64::from(parallel);
                 let found = self.cells.keys().filter(|key| key.0 == draw).count();
-                let of = if draws.len() > 1 { format!(" in draw {draw}") } else { String::new() };
+                let of = if draws.len() > 1 {
+                    format!(" in draw {draw}")
+                } else {
+                    String::new()
+                };
                 let expected = format!("{cells} cells for {}{of}", self.setup.pack.name());
-                return Err(self.fail("", &expected, &format!("{found}: group {group}, place {place} is empty")));
+                return Err(self.fail(
+                    "",
+                    &expected,
+                    &format!("{found}: group {group}, place {place} is empty"),
+                ));
             }
         }
         let mut packs: BTreeMap<usize, Vec<PlacedCell>> = BTreeMap::new();
         for ((draw, group, _), cell) in self.cells {
             let pack = packs.entry(draw).or_default();
-            let beside = if pack.len().is_multiple_of(parallel as usize) { None } else { pack.last() };
+            let beside = if pack.len().is_multiple_of(parallel as usize) {
+                None
+            } else {
+                pack.last()
+            };
             if let Some(other) = beside.filter(|other| other.soc != cell.soc) {
-                let reason = format!("expected one state of charge for the cells of group {group}, which rest at one voltage");
+                let reason = format!(
+                    "expected one state of charge for the cells of group {group}, which rest at \
+                    one voltage"
+                );
                 let file = self.path.display();
-                return Err(Failure::Usage(format!("{file}, soc: {reason}, found {} and {}", other.soc, cell.soc)));
+                return Err(Failure::Usage(format!(
+                    "{file}, soc: {reason}, found {} and {}",
+                    other.soc, cell.soc
+                )));
             }
             pack.push(cell);
         }
@@ -156,31 +258,52 @@ impl Row<'_> {
     /// What stands in a column; none where it is empty or there is no such column.
     fn text(&self, column: &str) -> Option<&str> {
         let index = self.table.columns.iter().position(|name| name == column)?;
-        self.fields.get(index).copied().filter(|text| !text.is_empty())
+        self.fields
+            .get(index)
+            .copied()
+            .filter(|text| !text.is_empty())
     }
 
     fn fail(&self, column: &str, expected: &str) -> Failure {
-        self.table.fail(&format!(", line {}, {column}", self.line), expected, &format!("{:?}", self.text(column).unwrap_or_default()))
+        self.table.fail(
+            &format!(", line {}, {column}", self.line),
+            expected,
+            &format!("{:?}", self.text(column).unwrap_or_default()),
+        )
     }
 
     fn number(&self, column: &str, most: u64) -> Result<Option<u64>, Failure> {
         if !self.table.columns.iter().any(|name| name == column) {
             return Ok(None);
         }
-        let found = self.text(column).and_then(|text| text.parse().ok()).filter(|number| (1..=most).contains(number));
-        found.map(Some).ok_or_else(|| self.fail(column, &format!("a number from 1 to {most}")))
+        let found = self
+            .text(column)
+            .and_then(|text| text.parse().ok())
+            .filter(|number| (1..=most).contains(number));
+        found
+            .map(Some)
+            .ok_or_else(|| self.fail(column, &format!("a number from 1 to {most}")))
     }
 
     fn factor(&self, column: &str) -> Result<Option<f64>, Failure> {
-        let Some(text) = self.text(column) else { return Ok(None) };
-        let factor = text.parse().ok().filter(|factor: &f64| factor.is_finite() && *factor > 0.0);
-        factor.map(Some).ok_or_else(|| self.fail(column, "a factor above 0, or nothing for 1"))
+        let Some(text) = self.text(column) else {
+            return Ok(None);
+        };
+        let factor = text
+            .parse()
+            .ok()
+            .filter(|factor: &f64| factor.is_finite() && *factor > 0.0);
+        factor
+            .map(Some)
+            .ok_or_else(|| self.fail(column, "a factor above 0, or nothing for 1"))
     }
 
     fn cell(&self, (group, place): (u64, u64)) -> Result<PlacedCell, Failure> {
         let setup = self.table.setup;
         let branches = setup.cell.branches.len();
-        let name = self.text("name").map_or_else(|| format!("g{group}p{place}"), str::to_owned);
+        let name = self
+            .text("name")
+            .map_or_else(|| format!("g{group}p{place}"), str::to_owned);
         let mut cell = PlacedCell::plain(name, branches, setup.soc);
         cell.r = self.factor("r")?.unwrap_or(1.0);
         for k in 0..branches {
@@ -190,7 +313,9 @@ impl Row<'_> {
         cell.capacity = self.factor("capacity")?.unwrap_or(1.0);
         if let Some(text) = self.text("soc") {
             let soc = text.parse().ok().filter(|soc: &f64| soc.is_finite());
-            cell.soc = soc.ok_or_else(|| self.fail("soc", "a state of charge, or nothing for that of the pack"))?;
+            cell.soc = soc.ok_or_else(|| {
+                self.fail("soc", "a state of charge, or nothing for that of the pack")
+            })?;
         }
         if let Some(path) = self.text("model") {
             let (erm, capacity) = self.model(path)?;
@@ -208,7 +333,10 @@ impl Row<'_> {
         let erm = super::cell(&file, setup.ocv)?;
         let (expected, met) = (setup.cell.branches.len(), erm.branches.len());
         if met != expected {
-            return Err(self.fail("model", &format!("a model with {expected} RC branches as --model has, not {met}")));
+            return Err(self.fail(
+                "model",
+                &format!("a model with {expected} RC branches as --model has, not {met}"),
+            ));
         }
         let capacity = match (setup.ocv, &file.ocv) {
             (OcvSource::Curve(of_pack), Some(own)) => own.capacity_ah / of_pack.capacity_ah,
@@ -219,10 +347,22 @@ impl Row<'_> {
 }
 
 /// Names of the cells in the lowest group of a draw (from 1): in parallel they share the voltage.
-pub(super) fn lowest(packs: &[Vec<PlacedCell>], draw: Option<usize>, (worst, pack): (&Outcome, Pack)) -> Option<String> {
+pub(super) fn lowest(
+    packs: &[Vec<PlacedCell>],
+    draw: Option<usize>,
+    (worst, pack): (&Outcome, Pack),
+) -> Option<String> {
     let cells = packs.get(draw?.checked_sub(1)?)?;
-    let group = cells.chunks(pack.parallel as usize).nth(worst.min_cell_group.checked_sub(1)?)?;
-    Some(group.iter().map(|cell| cell.name.as_str()).collect::<Vec<_>>().join(", "))
+    let group = cells
+        .chunks(pack.parallel as usize)
+        .nth(worst.min_cell_group.checked_sub(1)?)?;
+    Some(
+        group
+            .iter()
+            .map(|cell| cell.name.as_str())
+            .collect::<Vec<_>>()
+            .join(", "),
+    )
 }
 
 /// Of what the figures are means: of cells, or of packs.
@@ -236,18 +376,40 @@ pub(super) struct Means {
 }
 
 impl Means {
-    pub(super) fn new(args: &PackSimulateArgs, setup: &ScatterSetup<'_>, packs: Option<&[Vec<PlacedCell>]>) -> Self {
-        let Pack { series, parallel, .. } = setup.pack;
+    pub(super) fn new(
+        args: &PackSimulateArgs,
+        setup: &ScatterSetup<'_>,
+        packs: Option<&[Vec<PlacedCell>]>,
+    ) -> Self {
+        let Pack {
+            series, parallel, ..
+        } = setup.pack;
         let cells = u64::from(series) * u64::from(parallel);
         let table = packs.filter(|_| args.cells.is_some()).map(|packs| {
             let count = packs.iter().map(Vec::len).sum::<usize>() as f64;
-            let mean = |k: usize| packs.iter().flatten().filter_map(|cell| factors(cell).nth(k)).sum::<f64>() / count;
-            factor_names(setup.cell.branches.len()).into_iter().enumerate().map(|(k, name)| (name, mean(k))).collect()
+            let mean = |k: usize| {
+                packs
+                    .iter()
+                    .flatten()
+                    .filter_map(|cell| factors(cell).nth(k))
+                    .sum::<f64>()
+                    / count
+            };
+            factor_names(setup.cell.branches.len())
+                .into_iter()
+                .enumerate()
+                .map(|(k, name)| (name, mean(k)))
+                .collect()
         });
         Self {
-            identical: format!("a pack of {cells} cells as --model has them; no mean over the cells or packs below it"),
+            identical: format!(
+                "a pack of {cells} cells as --model has them; no mean over the cells or packs \
+                below it"
+            ),
             percentiles: "over the packs, of the figure that each pack has".to_owned(),
-            largest_share: format!("over the current of the pack divided by its {parallel} cells in parallel"),
+            largest_share: format!(
+                "over the current of the pack divided by its {parallel} cells in parallel"
+            ),
             cells: table,
         }
     }
@@ -257,7 +419,10 @@ impl Means {
         say!("  median, 5 %, 95 %: {}", self.percentiles);
         say!("  part of the mean: {}", self.largest_share);
         if let Some(cells) = &self.cells {
-            let means: Vec<String> = cells.iter().map(|(name, mean)| format!("{name} {mean:.5}")).collect();
+            let means: Vec<String> = cells
+                .iter()
+                .map(|(name, mean)| format!("{name} {mean:.5}"))
+                .collect();
             say!("  mean over the table's cells: {}", means.join(", "));
         }
     }

@@ -1,4 +1,5 @@
-//! What runs, in words of the run folder: the manifest, for whoever wants to run it again, and the first entry of the journal.
+//! What runs, in words of the run folder: the manifest, for whoever wants to run it again, and the
+//! first entry of the journal.
 
 use std::collections::BTreeMap;
 
@@ -33,7 +34,8 @@ struct Manifest<'a> {
     bench_time_s: f64,
 }
 
-/// The copies of the configuration in the run folder, in the order of its sources. They are the same from wherever the run was started.
+/// The copies of the configuration in the run folder, in the order of its sources. They are the
+/// same from wherever the run was started.
 ///
 /// # Errors
 /// The file system's.
@@ -42,12 +44,21 @@ pub(super) fn copies(experiment: &config::Experiment) -> std::io::Result<Vec<Con
     for source in &experiment.sources {
         // From wherever it is gone on with: the state of the bench lies beside its file.
         let path = std::path::absolute(source.path())?;
-        let name = path.file_name().map_or_else(|| "config.toml".into(), |name| name.to_string_lossy());
+        let name = path
+            .file_name()
+            .map_or_else(|| "config.toml".into(), |name| name.to_string_lossy());
         let mut copy = format!("config/{}_{name}", folder_of(&path));
-        while files.iter().any(|known| known.copy == copy && known.path != path) {
+        while files
+            .iter()
+            .any(|known| known.copy == copy && known.path != path)
+        {
             copy.insert_str("config/".len(), "other_");
         }
-        files.push(ConfigCopy { path, copy, sha256: hash::sha256(source.text()) });
+        files.push(ConfigCopy {
+            path,
+            copy,
+            sha256: hash::sha256(source.text()),
+        });
     }
     Ok(files)
 }
@@ -77,7 +88,10 @@ impl Run<'_> {
         let mut files = BTreeMap::new();
         for source in &self.experiment.sources {
             whole.update(source.text());
-            files.insert(source.path().display().to_string(), hash::sha256(source.text()));
+            files.insert(
+                source.path().display().to_string(),
+                hash::sha256(source.text()),
+            );
         }
         let manifest = Manifest {
             program: "eis-bench",
@@ -91,7 +105,8 @@ impl Run<'_> {
             config_sha256: hash::hex(&whole.finalize()),
             files,
             // In virtual time the calendar has no meaning, and two runs are to write the same file.
-            started_unix_s: (mode != TimeMode::Virtual).then(|| clock::unix_time_s() - self.clock.now_s()),
+            started_unix_s: (mode != TimeMode::Virtual)
+                .then(|| clock::unix_time_s() - self.clock.now_s()),
             instruments,
             status,
             bench_time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3,

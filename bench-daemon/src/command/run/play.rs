@@ -1,4 +1,5 @@
-//! One run from its first connection to its last file: guardian, instruments, plan, safe state, results.
+//! One run from its first connection to its last file: guardian, instruments, plan, safe state,
+//! results.
 
 use std::collections::BTreeMap;
 
@@ -43,11 +44,14 @@ pub(super) struct Run<'a> {
     pub(super) past: Option<Past>,
 }
 
-/// Refuses a bench on which something is switched on that can move charge: another program may be at it, and nothing was changed yet.
+/// Refuses a bench on which something is switched on that can move charge: another program may be
+/// at it, and nothing was changed yet.
 pub(crate) async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
     let found = reconcile::look(bench).await?;
     // A bipolar supply that knows no off stands at zero while its generator does.
-    let commanded = found.iter().any(|found| found.role == "generator" && !found.off);
+    let commanded = found
+        .iter()
+        .any(|found| found.role == "generator" && !found.off);
     let driven = found.iter().find(|found| {
         let on = match found.role.as_str() {
             // A bath moves no charge.
@@ -60,7 +64,8 @@ pub(crate) async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
     match driven {
         None => Ok(()),
         Some(found) => Err(Failure::Usage(format!(
-            "expected every output off at the beginning, {found}: if no other program uses this bench, `eis-bench safe` switches it off"
+            "expected every output off at the beginning, {found}: if no other program uses this \
+            bench, `eis-bench safe` switches it off"
         ))),
     }
 }
@@ -85,11 +90,20 @@ impl Run<'_> {
             taps.insert(role, self.recorder.tap(role)?);
         }
         let mut stop = StopSignals::install()?;
-        let connections = Connections { clock: self.clock.clone(), hub, taps };
+        let connections = Connections {
+            clock: self.clock.clone(),
+            hub,
+            taps,
+        };
         if self.experiment.bench.instruments.logger.is_none() {
-            self.recorder.warning("nothing watches the cell's temperature: the bench has no logger");
+            self.recorder
+                .warning("nothing watches the cell's temperature: the bench has no logger");
         }
-        self.experiment.cell.wide.iter().for_each(|text| self.recorder.warning(text));
+        self.experiment
+            .cell
+            .wide
+            .iter()
+            .for_each(|text| self.recorder.warning(text));
         let progress = Progress::new(self.plan.plan());
         let mut custody = tokio::select! {
             taken = Custody::take(self.experiment, self.recorder.folder(), (&self.clock, progress.doing())) => taken?,
@@ -100,7 +114,10 @@ impl Run<'_> {
             Err(failure) => return custody.end(Err(failure)).await,
         };
         let around = (&self.clock, &self.operator, &progress);
-        let before = Before { inherited: self.before.1.take(), past: self.past.as_ref() };
+        let before = Before {
+            inherited: self.before.1.take(),
+            past: self.past.as_ref(),
+        };
         let outcome = tokio::select! {
             outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, around, before)) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
@@ -109,7 +126,10 @@ impl Run<'_> {
         progress.finish();
         let outcome = match caught(async { Ok(bench.made_safe().await) }).await {
             Ok(safe) => Failure::unsafe_first(safe, outcome),
-            Err(panic) => Err(Failure::Unsafe { failures: format!("what the outputs do is not known: {panic}"), cause: String::new() }),
+            Err(panic) => Err(Failure::Unsafe {
+                failures: format!("what the outputs do is not known: {panic}"),
+                cause: String::new(),
+            }),
         };
         if outcome.is_err()
             && let Ok(Some(bath)) = caught(async { Ok(bench.stray_bath().await) }).await
@@ -117,7 +137,8 @@ impl Run<'_> {
             remark!("eis-bench: {bath}");
             self.recorder.warning(&bath.words);
         }
-        // What could not be switched off is left to the guardian, which needs the instruments for itself.
+        // What could not be switched off is left to the guardian, which needs the instruments for
+        // itself.
         drop(bench);
         let outcome = custody.end(outcome).await;
         self.conclude(outcome, (&identities, connections, simulation))
@@ -131,19 +152,28 @@ impl Run<'_> {
     ) -> Result<Finished, Failure> {
         for (role, tap) in &connections.taps {
             if let Some(error) = tap.take_error() {
-                self.recorder.warning(&format!("the transcript of {role} is incomplete: {error}"));
+                self.recorder
+                    .warning(&format!("the transcript of {role} is incomplete: {error}"));
             }
         }
-        let happened = simulation.as_ref().map(Simulation::happened).unwrap_or_default();
+        let happened = simulation
+            .as_ref()
+            .map(Simulation::happened)
+            .unwrap_or_default();
         if !happened.is_empty() {
-            self.recorder.warning(&format!("{} faults were played on the simulated instruments: faults.json", happened.len()));
+            self.recorder.warning(&format!(
+                "{} faults were played on the simulated instruments: faults.json",
+                happened.len()
+            ));
             self.recorder.json("faults.json", &happened)?;
         }
         let readings = self.recorder.finish_readings();
         match outcome {
             Ok(measured) => {
                 self.recorder.journal(Entry::Safe)?;
-                let summary = readings.map_err(Failure::from).and_then(|()| results::write(&mut self.recorder, self.experiment, &measured));
+                let summary = readings
+                    .map_err(Failure::from)
+                    .and_then(|()| results::write(&mut self.recorder, self.experiment, &measured));
                 let summary = match summary {
                     Ok(summary) => summary,
                     Err(failure) => {
@@ -152,8 +182,14 @@ impl Run<'_> {
                     }
                 };
                 self.manifest(identities, "finished")?;
-                self.recorder.journal(Entry::Ended { how: FINISHED.to_owned() })?;
-                Ok(Finished { measured, summary, simulation })
+                self.recorder.journal(Entry::Ended {
+                    how: FINISHED.to_owned(),
+                })?;
+                Ok(Finished {
+                    measured,
+                    summary,
+                    simulation,
+                })
             }
             Err(failure) => {
                 self.ended_early(identities, "ended early", &failure);
@@ -163,7 +199,10 @@ impl Run<'_> {
     }
 
     /// Connects to the instruments, which must be the configured ones. Changes nothing on them.
-    async fn open(&mut self, connections: &Connections) -> Result<(Bench, Vec<Identified>), Failure> {
+    async fn open(
+        &mut self,
+        connections: &Connections,
+    ) -> Result<(Bench, Vec<Identified>), Failure> {
         let mut bench = Bench::open(&self.experiment.bench, connections).await?;
         let identities = bench.identify_strictly().await?;
         self.doctored(&identities)?;
@@ -178,14 +217,30 @@ impl Run<'_> {
         Ok((bench, identities))
     }
 
-    /// A bench that no report of the doctor speaks for is remarked, or refused where its file wants one.
+    /// A bench that no report of the doctor speaks for is remarked, or refused where its file wants
+    /// one.
     fn doctored(&mut self, identities: &[Identified]) -> Result<(), Failure> {
         let config = &self.experiment.bench;
-        let source = self.experiment.sources.iter().find(|source| source.path() == config.path);
-        let Some(why) = doctor::standing(config, source.map_or("", |source| source.text()), identities) else { return Ok(()) };
-        let what = format!("{why}; `eis-bench doctor {}` looks at it", quoted(&config.path));
+        let source = self
+            .experiment
+            .sources
+            .iter()
+            .find(|source| source.path() == config.path);
+        let Some(why) = doctor::standing(
+            config,
+            source.map_or("", |source| source.text()),
+            identities,
+        ) else {
+            return Ok(());
+        };
+        let what = format!(
+            "{why}; `eis-bench doctor {}` looks at it",
+            quoted(&config.path)
+        );
         if config.doctor.required {
-            return Err(Failure::Usage(format!("the bench file requires a report of the doctor: {what}")));
+            return Err(Failure::Usage(format!(
+                "the bench file requires a report of the doctor: {what}"
+            )));
         }
         self.recorder.warning(&what);
         Ok(())
@@ -195,7 +250,13 @@ impl Run<'_> {
     fn ended_early(&mut self, identities: &[Identified], how: &str, failure: &Failure) {
         tracing::info!("{how}: {failure}");
         let told = self.manifest(identities, &format!("{how}: {failure}"));
-        let told = told.and(self.recorder.journal(Entry::Ended { how: format!("{how}: {failure}") }).map_err(Failure::from));
+        let told = told.and(
+            self.recorder
+                .journal(Entry::Ended {
+                    how: format!("{how}: {failure}"),
+                })
+                .map_err(Failure::from),
+        );
         if let Err(error) = told {
             tracing::error!("{error}");
         }

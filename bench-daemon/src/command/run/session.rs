@@ -24,7 +24,8 @@ use crate::{
     sums,
 };
 
-/// Runs on one bench, one after the other: time goes on from run to run, and so does a simulated world; the bench's correction stays.
+/// Runs on one bench, one after the other: time goes on from run to run, and so does a simulated
+/// world; the bench's correction stays.
 pub struct Session {
     pub(super) runtime: Option<Runtime>,
     pub(super) clock: Clock,
@@ -38,15 +39,25 @@ impl Session {
     /// # Errors
     /// What the system says when it has no event queue.
     pub fn new(bench: &config::Bench) -> Result<Self, Failure> {
-        let mode = bench.simulation.as_ref().map_or(TimeMode::Real, |simulation| simulation.time);
+        let mode = bench
+            .simulation
+            .as_ref()
+            .map_or(TimeMode::Real, |simulation| simulation.time);
         let runtime = Clock::runtime(mode)?;
         let clock = runtime.block_on(async { Clock::start(mode) });
-        Ok(Self { runtime: Some(runtime), clock, simulation: None, correction: None })
+        Ok(Self {
+            runtime: Some(runtime),
+            clock,
+            simulation: None,
+            correction: None,
+        })
     }
 
     /// Bench time, s.
     pub fn now_s(&self) -> f64 {
-        self.runtime.as_ref().map_or(0.0, |runtime| runtime.block_on(async { self.clock.now_s() }))
+        self.runtime.as_ref().map_or(0.0, |runtime| {
+            runtime.block_on(async { self.clock.now_s() })
+        })
     }
 
     /// A bench on which a run goes on whose journal ends at a bench time, s.
@@ -56,17 +67,20 @@ impl Session {
     pub(crate) fn at(bench: &config::Bench, time_s: f64) -> Result<Self, Failure> {
         let mut session = Self::new(bench)?;
         if let Some(runtime) = &session.runtime {
-            session.clock = runtime.block_on(async { Clock::start_at(session.clock.mode(), time_s) });
+            session.clock =
+                runtime.block_on(async { Clock::start_at(session.clock.mode(), time_s) });
         }
         Ok(session)
     }
 
-    /// The simulated world behind the mocks, where there is one in this process and something was run on it, however it ended.
+    /// The simulated world behind the mocks, where there is one in this process and something was
+    /// run on it, however it ended.
     pub fn simulation(&self) -> Option<&Simulation> {
         self.simulation.as_ref()
     }
 
-    /// Runs an experiment into a folder. One without controls of its own takes over the correction of the run before.
+    /// Runs an experiment into a folder. One without controls of its own takes over the correction
+    /// of the run before.
     ///
     /// # Errors
     /// As [`super::run`].
@@ -80,7 +94,12 @@ impl Session {
     ///
     /// # Errors
     /// As [`super::run`].
-    pub(crate) fn go_on(&mut self, experiment: &Experiment, folder: &Path, past: Past) -> Result<Finished, Failure> {
+    pub(crate) fn go_on(
+        &mut self,
+        experiment: &Experiment,
+        folder: &Path,
+        past: Past,
+    ) -> Result<Finished, Failure> {
         let stop = self.signals()?;
         let outcome = self.play(experiment, folder, Some(past));
         self.persevere((experiment, folder), outcome, stop)
@@ -88,24 +107,41 @@ impl Session {
 
     /// What asks for the end from here on, whether or not anybody looks just then.
     fn signals(&self) -> Result<StopSignals, Failure> {
-        let Some(runtime) = &self.runtime else { return Err(ended()) };
+        let Some(runtime) = &self.runtime else {
+            return Err(ended());
+        };
         Ok(runtime.block_on(async { StopSignals::install() })?)
     }
 
-    pub(super) fn play(&mut self, experiment: &Experiment, folder: &Path, past: Option<Past>) -> Result<Finished, Failure> {
+    pub(super) fn play(
+        &mut self,
+        experiment: &Experiment,
+        folder: &Path,
+        past: Option<Past>,
+    ) -> Result<Finished, Failure> {
         let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
-        experiment.cell.wide.iter().for_each(|text| remark!("note: {text}"));
+        experiment
+            .cell
+            .wide
+            .iter()
+            .for_each(|text| remark!("note: {text}"));
         let operator = Operator::detect();
         refuse_without_person(experiment, operator)?;
-        let Some(runtime) = &self.runtime else { return Err(ended()) };
+        let Some(runtime) = &self.runtime else {
+            return Err(ended());
+        };
         let inherited_world = self.simulation.is_some();
         if !inherited_world {
             self.simulation = simulated(experiment)?;
         }
         let (clock, simulation) = (self.clock.clone(), self.simulation.clone());
-        let inherited = self.correction.clone().filter(|_| experiment.fixture_check.is_none());
+        let inherited = self
+            .correction
+            .clone()
+            .filter(|_| experiment.fixture_check.is_none());
         custody::refuse(&experiment.bench)?;
-        let drill = Drill::from_environment(experiment.bench.simulation.is_some()).map_err(Failure::Usage)?;
+        let drill = Drill::from_environment(experiment.bench.simulation.is_some())
+            .map_err(Failure::Usage)?;
         let mut finished = runtime.block_on(async {
             let mut recorder = match &past {
                 None => Recorder::create(folder, clock.clone())?,
@@ -114,7 +150,20 @@ impl Session {
             recorder.drill(&drill);
             logging::log_to(&recorder.path("log.txt"), &clock)?;
             let before = (simulation, inherited);
-            Box::pin(Run { experiment, plan: &plan, clock, operator, recorder, before, inherited_world, past }.go()).await
+            Box::pin(
+                Run {
+                    experiment,
+                    plan: &plan,
+                    clock,
+                    operator,
+                    recorder,
+                    before,
+                    inherited_world,
+                    past,
+                }
+                .go(),
+            )
+            .await
         })?;
         self.correction = Some(finished.measured.correction.clone());
         // Nothing may be written into the folder from here on.
@@ -145,22 +194,43 @@ fn ended() -> Failure {
 /// The world behind in-process addresses; with addresses on real ports somebody else serves it.
 fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
     let bench = &experiment.bench;
-    let Some(section) = bench.simulation.as_ref().filter(|_| bench.in_process()) else { return Ok(None) };
-    let read = experiment.sources.iter().find(|source| source.path() == section.scenario);
+    let Some(section) = bench.simulation.as_ref().filter(|_| bench.in_process()) else {
+        return Ok(None);
+    };
+    let read = experiment
+        .sources
+        .iter()
+        .find(|source| source.path() == section.scenario);
     let simulation = match read {
         Some(scenario) => Simulation::of(scenario, experiment.seed)?,
         None => Simulation::new(&section.scenario, experiment.seed)?,
     };
-    Ok(Some(simulation.with_faults(section.faults.clone()).with_quirks(section.quirks.clone())))
+    Ok(Some(
+        simulation
+            .with_faults(section.faults.clone())
+            .with_quirks(section.quirks.clone()),
+    ))
 }
 
-/// A sweep that begins with a person changing the fixture must not fail in the middle of the night for want of one.
+/// A sweep that begins with a person changing the fixture must not fail in the middle of the night
+/// for want of one.
 fn refuse_without_person(experiment: &Experiment, operator: Operator) -> Result<(), Failure> {
     let person = matches!(experiment.bench.instruments.jig, Some(config::Jig::Person));
-    let cells = experiment.campaign.as_ref().is_some_and(|campaign| campaign.cells.len() > 1);
-    let shunt = experiment.eis.as_ref().is_some_and(|eis| eis.fixture == Fixture::Shunt && eis.repeat > 0);
-    if person && (experiment.fixture_check.is_some() || shunt || cells) && operator == Operator::Nobody {
-        return Err(Failure::Usage(crate::operator::OperatorError::NoTerminal.to_string()));
+    let cells = experiment
+        .campaign
+        .as_ref()
+        .is_some_and(|campaign| campaign.cells.len() > 1);
+    let shunt = experiment
+        .eis
+        .as_ref()
+        .is_some_and(|eis| eis.fixture == Fixture::Shunt && eis.repeat > 0);
+    if person
+        && (experiment.fixture_check.is_some() || shunt || cells)
+        && operator == Operator::Nobody
+    {
+        return Err(Failure::Usage(
+            crate::operator::OperatorError::NoTerminal.to_string(),
+        ));
     }
     Ok(())
 }

@@ -1,4 +1,5 @@
-//! What ends a run from outside or by mistake, and must end it in safe state all the same: signals, and panics.
+//! What ends a run from outside or by mistake, and must end it in safe state all the same: signals,
+//! and panics.
 
 use std::{panic::AssertUnwindSafe, task::Poll};
 
@@ -18,10 +19,17 @@ impl StopSignals {
     /// # Errors
     /// A system that refuses: a run that cannot be stopped must not begin.
     pub(crate) fn install() -> std::io::Result<Self> {
-        // Ctrl-Z would stop the watching and leave the current flowing: it ends the run like Ctrl-C.
+        // Ctrl-Z would stop the watching and leave the current flowing: it ends the run like
+        // Ctrl-C.
         let suspend = SignalKind::from_raw(SIGTSTP);
-        let [interrupt, terminate, hangup, quit, suspend] =
-            [SignalKind::interrupt(), SignalKind::terminate(), SignalKind::hangup(), SignalKind::quit(), suspend].map(signal);
+        let [interrupt, terminate, hangup, quit, suspend] = [
+            SignalKind::interrupt(),
+            SignalKind::terminate(),
+            SignalKind::hangup(),
+            SignalKind::quit(),
+            suspend,
+        ]
+        .map(signal);
         Ok(Self([interrupt?, terminate?, hangup?, quit?, suspend?]))
     }
 
@@ -48,13 +56,20 @@ impl StopSignals {
 }
 
 /// A panic while the outputs are on must not keep them on: it becomes a failure like any other.
-pub(crate) async fn caught<T>(work: impl Future<Output = Result<T, Failure>>) -> Result<T, Failure> {
+pub(crate) async fn caught<T>(
+    work: impl Future<Output = Result<T, Failure>>,
+) -> Result<T, Failure> {
     let mut work = Box::pin(work);
     std::future::poll_fn(move |context| {
-        std::panic::catch_unwind(AssertUnwindSafe(|| work.as_mut().poll(context))).unwrap_or_else(|panic| {
-            let text = panic.downcast_ref::<String>().cloned().or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
-            Poll::Ready(Err(Failure::Panic(text.unwrap_or_default())))
-        })
+        std::panic::catch_unwind(AssertUnwindSafe(|| work.as_mut().poll(context))).unwrap_or_else(
+            |panic| {
+                let text = panic
+                    .downcast_ref::<String>()
+                    .cloned()
+                    .or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()));
+                Poll::Ready(Err(Failure::Panic(text.unwrap_or_default())))
+            },
+        )
     })
     .await
 }
@@ -68,7 +83,11 @@ mod tests {
     #[test]
     fn a_panic_becomes_a_failure() {
         let runtime = Clock::runtime(TimeMode::Real).unwrap();
-        let outcome: Result<(), Failure> = runtime.block_on(caught(async { panic!("out of range") }));
-        assert!(matches!(&outcome, Err(Failure::Panic(text)) if text == "out of range"), "{outcome:?}");
+        let outcome: Result<(), Failure> =
+            runtime.block_on(caught(async { panic!("out of range") }));
+        assert!(
+            matches!(&outcome, Err(Failure::Panic(text)) if text == "out of range"),
+            "{outcome:?}"
+        );
     }
 }

@@ -4,8 +4,8 @@ use std::path::PathBuf;
 
 use analysis::{
     forward::{
-        Demand, ForwardError, Profile, ScaleLimit, ScaleOptions, SimModel, SimOptions, SimState, Simulation, TRACE_BRANCHES, largest_scale,
-        sensitivity, simulate,
+        Demand, ForwardError, Profile, ScaleLimit, ScaleOptions, SimModel, SimOptions, SimState,
+        Simulation, TRACE_BRANCHES, largest_scale, sensitivity, simulate,
     },
     given::GivenModel,
     model::Erm,
@@ -47,39 +47,71 @@ impl Case {
         let full = simulate(model, state, &profile, &options)?;
         let mut bare = model.simple_ir();
         if let Some(dcir_ohm) = dcir_ohm {
-            let cell = Erm { r_ohm: dcir_ohm, branches: Vec::new() };
+            let cell = Erm {
+                r_ohm: dcir_ohm,
+                branches: Vec::new(),
+            };
             bare = SimModel::pack(&cell, model.ocv.clone(), model.pack)?;
         }
         let dcir_ohm = dcir_ohm.unwrap_or_else(|| match file.additions.is_empty() {
             true => file.erm.dc_resistance_ohm(),
-            false => (model.erm.dc_resistance_ohm() - model.pack.interconnect_ohm) / model.pack.ratio(),
+            false => {
+                (model.erm.dc_resistance_ohm() - model.pack.interconnect_ohm) / model.pack.ratio()
+            }
         });
-        let rest = SimState { soc: state.soc, v_rc_v: Vec::new() };
+        let rest = SimState {
+            soc: state.soc,
+            v_rc_v: Vec::new(),
+        };
         let simple = simulate(&bare, &rest, &profile, &options)?;
-        let scale = ScaleOptions { window: options.window, ..ScaleOptions::for_profile(&profile) };
+        let scale = ScaleOptions {
+            window: options.window,
+            ..ScaleOptions::for_profile(&profile)
+        };
         let limits = match profile.demand {
             Demand::Resistance => None,
-            Demand::Power | Demand::Current => {
-                Some([largest_scale(model, state, &profile, &scale)?, largest_scale(&bare, &rest, &profile, &scale)?])
-            }
+            Demand::Power | Demand::Current => Some([
+                largest_scale(model, state, &profile, &scale)?,
+                largest_scale(&bare, &rest, &profile, &scale)?,
+            ]),
         };
-        // Where the run stopped the voltage has no derivative, and there is no lowest one. With additions the fit's parameters are not all.
+        // Where the run stopped the voltage has no derivative, and there is no lowest one. With
+        // additions the fit's parameters are not all.
         let slopes_v = if full.summary.feasible && file.additions.is_empty() {
             slopes_v(file, (model, state), &profile, (&full, &options))?
         } else {
             Vec::new()
         };
-        Ok(Self { profile, full, simple, limits, dcir_ohm, slopes_v })
+        Ok(Self {
+            profile,
+            full,
+            simple,
+            limits,
+            dcir_ohm,
+            slopes_v,
+        })
     }
 
     pub(super) fn output(&self, file: &GivenModel, model: &SimModel, trace: PathBuf) -> Output {
         let (full, simple) = (&self.full.summary, &self.simple.summary);
         let factor = |k: usize| self.limits.map(|l| l[k].factor);
-        // The peak of the profile itself where it is a power; else that of the simulation is no measure of the factor.
+        // The peak of the profile itself where it is a power; else that of the simulation is no
+        // measure of the factor.
         let asked = self.profile.peak();
-        let peak = |k: usize| factor(k).filter(|_| self.profile.demand == Demand::Power).zip(asked).map(|(f, asked)| f * asked);
+        let peak = |k: usize| {
+            factor(k)
+                .filter(|_| self.profile.demand == Demand::Power)
+                .zip(asked)
+                .map(|(f, asked)| f * asked)
+        };
         let names = file.erm.parameter_names();
-        let per_percent = names.into_iter().zip(&self.slopes_v).map(|(parameter, slope)| Parameter { parameter, change_v: 0.01 * slope });
+        let per_percent = names
+            .into_iter()
+            .zip(&self.slopes_v)
+            .map(|(parameter, slope)| Parameter {
+                parameter,
+                change_v: 0.01 * slope,
+            });
         Output {
             profile: self.profile.name.clone(),
             model: format!("{}, {} RC", file.name, file.erm.branches.len()),
@@ -102,7 +134,9 @@ impl Case {
                 largest_factor: factor(1),
                 largest_peak_power_w: peak(1),
             },
-            freed_peak_power_w: peak(0).zip(peak(1)).map(|(full, simple)| full.abs() - simple.abs()),
+            freed_peak_power_w: peak(0)
+                .zip(peak(1))
+                .map(|(full, simple)| full.abs() - simple.abs()),
             notes: self.notes(file),
             trace,
         }
@@ -113,30 +147,50 @@ impl Case {
         let (s, name) = (&self.full.summary, &self.profile.name);
         let mut notes = model_args::notes(file);
         if !file.additions.is_empty() {
-            notes.push("what the uncertainty of the fit does to the lowest voltage is not given for a model with additions".to_owned());
+            notes.push(
+                "what the uncertainty of the fit does to the lowest voltage is not given \
+            for a model with additions"
+                    .to_owned(),
+            );
         }
         let branches = self.full.trace.v_rc_v.len();
         if branches > TRACE_BRANCHES {
-            notes.push(format!("{name}: the trace file holds the voltages of {TRACE_BRANCHES} of {branches} branches"));
+            notes.push(format!(
+                "{name}: the trace file holds the voltages of {TRACE_BRANCHES} of \
+            {branches} branches"
+            ));
         }
         if let Some(end) = &s.tangent_end {
             notes.push(format!(
-                "{name}: the run ends at {:.4} s: {:.1} W were asked for where {:.1} W are the most (E²/4R), and the tangent has come down to 0 V; beyond it no \
+                "{name}: the run ends at {:.4} s: {:.1} W were asked for where {:.1} W are the \
+                most (E²/4R), and the tangent has come down to 0 V; beyond it no \
                  cell has a voltage, and the tangent itself is singular as E → 0",
                 end.time_s, end.power_w, end.available_w
             ));
         }
         if s.margin_low_v < 0.0 {
-            notes.push(format!("{name}: a cell falls {:.3} V below its lower limit", -s.margin_low_v));
+            notes.push(format!(
+                "{name}: a cell falls {:.3} V below its lower limit",
+                -s.margin_low_v
+            ));
         }
         if s.margin_high_v < 0.0 {
-            notes.push(format!("{name}: a cell rises {:.3} V above its upper limit", -s.margin_high_v));
+            notes.push(format!(
+                "{name}: a cell rises {:.3} V above its upper limit",
+                -s.margin_high_v
+            ));
         }
         if let Some(soc) = s.soc_min.filter(|soc| *soc < 0.0) {
-            notes.push(format!("{name}: SOC falls to {soc:.3}: more charge is taken than the cell holds, and the OCV there is made up"));
+            notes.push(format!(
+                "{name}: SOC falls to {soc:.3}: more charge is taken than the cell \
+            holds, and the OCV there is made up"
+            ));
         }
         if let Some(soc) = s.soc_max.filter(|soc| *soc > 1.0) {
-            notes.push(format!("{name}: SOC rises to {soc:.3}: more charge is put in than the cell holds, and the OCV there is made up"));
+            notes.push(format!(
+                "{name}: SOC rises to {soc:.3}: more charge is put in than the cell \
+            holds, and the OCV there is made up"
+            ));
         }
         notes
     }
@@ -148,33 +202,56 @@ impl Case {
         if g.is_empty() || covariance.len() != g.len() {
             return None;
         }
-        let rows = covariance.iter().zip(g).map(|(row, gi)| gi * row.iter().zip(g).map(|(c, gj)| c * gj).sum::<f64>());
+        let rows = covariance
+            .iter()
+            .zip(g)
+            .map(|(row, gi)| gi * row.iter().zip(g).map(|(c, gj)| c * gj).sum::<f64>());
         let variance: f64 = rows.sum();
         variance.is_finite().then(|| variance.max(0.0).sqrt())
     }
 }
 
-/// Derivatives of the lowest voltage at the terminals by the logarithms of the cell's parameters, V.
+/// Derivatives of the lowest voltage at the terminals by the logarithms of the cell's parameters,
+/// V.
 fn slopes_v(
     file: &GivenModel,
     (model, state): (&SimModel, &SimState),
     profile: &Profile,
     (run, options): (&Simulation, &SimOptions),
 ) -> Result<Vec<f64>, ForwardError> {
-    // Steps as fine as the ones that error control took on average, but not more than a quarter of a million.
-    let step_s = (run.summary.simulated_s / run.summary.steps.max(1) as f64).max(profile.duration_s() / 2.5e5);
+    // Steps as fine as the ones that error control took on average, but not more than a quarter of
+    // a million.
+    let step_s = (run.summary.simulated_s / run.summary.steps.max(1) as f64)
+        .max(profile.duration_s() / 2.5e5);
     let derivatives = sensitivity(model, state, profile, (options.beyond, step_s))?;
-    let Some(lowest) = derivatives.rows.iter().min_by(|a, b| a.ccv_v.total_cmp(&b.ccv_v)) else { return Ok(Vec::new()) };
+    let Some(lowest) = derivatives
+        .rows
+        .iter()
+        .min_by(|a, b| a.ccv_v.total_cmp(&b.ccv_v))
+    else {
+        return Ok(Vec::new());
+    };
     let ratio = model.pack.ratio();
     let cell = &file.erm;
-    let branches = cell.branches.iter().flat_map(|b| [b.r_ohm * ratio, b.c_f / ratio]);
+    let branches = cell
+        .branches
+        .iter()
+        .flat_map(|b| [b.r_ohm * ratio, b.c_f / ratio]);
     let parameters = std::iter::once(cell.r_ohm * ratio).chain(branches);
-    Ok(parameters.zip(&lowest.by_parameter).map(|(value, slope)| value * slope).collect())
+    Ok(parameters
+        .zip(&lowest.by_parameter)
+        .map(|(value, slope)| value * slope)
+        .collect())
 }
 
 /// One row per profile.
 pub(super) fn print_table(outputs: &[Output]) {
-    let width = outputs.iter().map(|o| o.profile.chars().count()).max().unwrap_or(0).max("profile".len());
+    let width = outputs
+        .iter()
+        .map(|o| o.profile.chars().count())
+        .max()
+        .unwrap_or(0)
+        .max("profile".len());
     say!(
         "{:width$}  {:>9}  {:>9}  {:>8}  {:>18}  {:>21}  {:>11}  {:>19}",
         "",
@@ -204,11 +281,20 @@ pub(super) fn print_table(outputs: &[Output]) {
         let (s, r) = (&o.summary, &o.simple_ir);
         let most = |w: Option<f64>| w.map_or_else(|| "–".to_owned(), |w| format!("{w:.0}"));
         say!(
-            "{:width$}  {:>9.1}  {:>9.3}  {:>9.1}  {:>9.3} {:>8.3}  {:>+11.3} {:>+9.3}  {:>+11.3}  {:>9} {:>9}",
+            "{:width$}  {:>9.1}  {:>9.3}  {:>9.1}  {:>9.3} {:>8.3}  {:>+11.3} {:>+9.3}  {:>+11.3}  \
+            {:>9} {:>9}",
             o.profile,
-            if s.peak_power_w > 0.0 { s.peak_power_w } else { s.lowest_power_w },
+            if s.peak_power_w > 0.0 {
+                s.peak_power_w
+            } else {
+                s.lowest_power_w
+            },
             1e-3 * s.energy_j,
-            if s.peak_current_a > 0.0 { s.peak_current_a } else { s.lowest_current_a },
+            if s.peak_current_a > 0.0 {
+                s.peak_current_a
+            } else {
+                s.lowest_current_a
+            },
             s.min_ccv_v,
             r.min_ccv_v,
             s.margin_low_v,
@@ -231,12 +317,24 @@ pub(super) fn sentence(o: &Output) -> String {
         Some(analysis::forward::ScaleBound::Nothing) => "nothing",
         _ => "the lower voltage",
     };
-    let sigma = o.min_ccv_sigma_v.map_or_else(String::new, |s| format!("; lowest CCV ± {:.1} mV (1σ of the fit)", 1e3 * s));
-    let freed = o.freed_peak_power_w.map_or_else(String::new, |w| format!(": the transient model frees {w:.0} W of peak power"));
-    format!("{}: may grow {full:.3}-fold (bound by {bound}), {simple:.3}-fold by simple IR{freed}{sigma}", o.profile)
+    let sigma = o.min_ccv_sigma_v.map_or_else(String::new, |s| {
+        format!("; lowest CCV ± {:.1} mV (1σ of the fit)", 1e3 * s)
+    });
+    let freed = o.freed_peak_power_w.map_or_else(String::new, |w| {
+        format!(": the transient model frees {w:.0} W of peak power")
+    });
+    format!(
+        "{}: may grow {full:.3}-fold (bound by {bound}), {simple:.3}-fold by simple \
+        IR{freed}{sigma}",
+        o.profile
+    )
 }
 
 /// Whether a curve is used where only a voltage was given; for the caption.
 pub(super) fn state_words(curve: Option<&OcvCurve>) -> &'static str {
-    if curve.is_some() { "OCV by its curve" } else { "constant OCV" }
+    if curve.is_some() {
+        "OCV by its curve"
+    } else {
+        "constant OCV"
+    }
 }

@@ -1,4 +1,5 @@
-//! Rows averaged over equal steps: the energy of a power and the charge of a current stay what they are in every step. Pure.
+//! Rows averaged over equal steps: the energy of a power and the charge of a current stay what they
+//! are in every step. Pure.
 
 use super::Row;
 use crate::plan::Averaged;
@@ -8,14 +9,19 @@ const ROUNDING: f64 = 1.0e-9;
 /// Times of rows are differences of rounded ones: a nanosecond is none, s.
 pub(super) const ROUNDING_S: f64 = 1.0e-9;
 
-/// The mean of the rows over each step, and what is lost by that; nothing where every row is whole steps. The last step is filled up with nothing.
+/// The mean of the rows over each step, and what is lost by that; nothing where every row is whole
+/// steps. The last step is filled up with nothing.
 ///
 /// # Errors
 /// Rows of current and power together, and rows without a duration, in words.
 pub(super) fn averaged(rows: &[Row], step_s: f64) -> Result<(Vec<Row>, Option<Averaged>), String> {
     let power = rows.first().is_some_and(|row| row.power);
     if let Some(index) = rows.iter().position(|row| row.power != power) {
-        return Err(format!("expected rows of current or of power, found both (row {}): only one of them has a mean", index + 1));
+        return Err(format!(
+            "expected rows of current or of power, found both (row {}): only one of them has a \
+            mean",
+            index + 1
+        ));
     }
     if let Some(reason) = Row::first_wrong(rows) {
         return Err(reason);
@@ -49,14 +55,44 @@ pub(super) fn averaged(rows: &[Row], step_s: f64) -> Result<(Vec<Row>, Option<Av
         at_s = end_s;
     }
     let means: Vec<f64> = sums.iter().map(|(sum, _)| sum / step_s).collect();
-    let (square, left) = pieces.iter().fold((0.0, 0.0), |(square, left), (index, value, part_s)| {
-        (square + value * value * part_s, left + (value - means[*index]).powi(2) * part_s)
-    });
-    let greatest = pieces.iter().map(|(index, value, _)| (value - means[*index]).abs()).fold(0.0, f64::max);
+    let (square, left) =
+        pieces
+            .iter()
+            .fold((0.0, 0.0), |(square, left), (index, value, part_s)| {
+                (
+                    square + value * value * part_s,
+                    left + (value - means[*index]).powi(2) * part_s,
+                )
+            });
+    let greatest = pieces
+        .iter()
+        .map(|(index, value, _)| (value - means[*index]).abs())
+        .fold(0.0, f64::max);
     let (rms, whole_rms) = ((left / total_s).sqrt(), (square / total_s).sqrt());
-    let share = if whole_rms > 0.0 { rms / whole_rms } else { 0.0 };
-    let averaged = Averaged { step_s, rows: rows.len(), power, rms, share, greatest };
-    Ok((means.into_iter().map(|value| Row { value, power, duration_s: step_s }).collect(), Some(averaged)))
+    let share = if whole_rms > 0.0 {
+        rms / whole_rms
+    } else {
+        0.0
+    };
+    let averaged = Averaged {
+        step_s,
+        rows: rows.len(),
+        power,
+        rms,
+        share,
+        greatest,
+    };
+    Ok((
+        means
+            .into_iter()
+            .map(|value| Row {
+                value,
+                power,
+                duration_s: step_s,
+            })
+            .collect(),
+        Some(averaged),
+    ))
 }
 
 #[cfg(test)]
@@ -65,7 +101,13 @@ mod tests {
     use analysis::fit::Rng;
 
     fn rows(list: &[(f64, f64)]) -> Vec<Row> {
-        list.iter().map(|&(value, duration_s)| Row { value, power: true, duration_s }).collect()
+        list.iter()
+            .map(|&(value, duration_s)| Row {
+                value,
+                power: true,
+                duration_s,
+            })
+            .collect()
     }
 
     #[test]
@@ -73,12 +115,22 @@ mod tests {
         let whole = rows(&[(1.0, 2.0), (3.0, 1.0)]);
         assert_eq!(averaged(&whole, 1.0).unwrap(), (whole, None));
         let (means, lost) = averaged(&rows(&[(4.0, 0.5), (0.0, 0.5), (2.0, 0.5)]), 1.0).unwrap();
-        assert_eq!(means.iter().map(|row| row.value).collect::<Vec<_>>(), [2.0, 1.0]);
+        assert_eq!(
+            means.iter().map(|row| row.value).collect::<Vec<_>>(),
+            [2.0, 1.0]
+        );
         let lost = lost.unwrap();
         // 2² for a second and 1² for half a one, in one and a half.
-        assert!((lost.rms - (4.5_f64 / 1.5).sqrt()).abs() < 1.0e-12 && lost.greatest == 2.0, "{lost:?}");
-        assert!((lost.share - (4.5_f64 / 10.0).sqrt()).abs() < 1.0e-12, "{lost:?}");
-        let text = "3 powers averaged over steps of 1 s: the energy of each step is kept, 1.732 W rms (67.1 % of the rows' rms) and at most 2.000 W are \
+        assert!(
+            (lost.rms - (4.5_f64 / 1.5).sqrt()).abs() < 1.0e-12 && lost.greatest == 2.0,
+            "{lost:?}"
+        );
+        assert!(
+            (lost.share - (4.5_f64 / 10.0).sqrt()).abs() < 1.0e-12,
+            "{lost:?}"
+        );
+        let text = "3 powers averaged over steps of 1 s: the energy of each step is kept, 1.732 W \
+        rms (67.1 % of the rows' rms) and at most 2.000 W are \
                     left out";
         assert_eq!(lost.to_string(), text);
     }
@@ -97,8 +149,15 @@ mod tests {
     fn rows_that_have_no_mean_are_refused() {
         let mut mixed = rows(&[(1.0, 0.3), (2.0, 0.3)]);
         mixed[1].power = false;
-        assert!(averaged(&mixed, 1.0).unwrap_err().contains("found both (row 2)"));
-        assert_eq!(averaged(&rows(&[(1.0, 0.3), (2.0, 0.0)]), 1.0).unwrap_err(), "row 2: expected a duration above 0 s, found 0 s");
+        assert!(
+            averaged(&mixed, 1.0)
+                .unwrap_err()
+                .contains("found both (row 2)")
+        );
+        assert_eq!(
+            averaged(&rows(&[(1.0, 0.3), (2.0, 0.0)]), 1.0).unwrap_err(),
+            "row 2: expected a duration above 0 s, found 0 s"
+        );
     }
 
     #[test]
@@ -106,11 +165,22 @@ mod tests {
         let mut rng = Rng::new(3);
         for _ in 0..200 {
             let count = 1 + (40.0 * rng.uniform()) as usize;
-            let list: Vec<(f64, f64)> = (0..count).map(|_| (100.0 * (rng.uniform() - 0.5), 1.0e-3 + 0.7 * rng.uniform())).collect();
+            let list: Vec<(f64, f64)> = (0..count)
+                .map(|_| (100.0 * (rng.uniform() - 0.5), 1.0e-3 + 0.7 * rng.uniform()))
+                .collect();
             let (rows, step_s) = (rows(&list), 0.05 + rng.uniform());
             let (means, _) = averaged(&rows, step_s).unwrap();
-            let sum = |rows: &[Row]| rows.iter().map(|row| row.value * row.duration_s).sum::<f64>();
-            assert!((sum(&rows) - sum(&means)).abs() < 1.0e-6, "{} {}, {step_s} s", sum(&rows), sum(&means));
+            let sum = |rows: &[Row]| {
+                rows.iter()
+                    .map(|row| row.value * row.duration_s)
+                    .sum::<f64>()
+            };
+            assert!(
+                (sum(&rows) - sum(&means)).abs() < 1.0e-6,
+                "{} {}, {step_s} s",
+                sum(&rows),
+                sum(&means)
+            );
         }
     }
 }

@@ -16,7 +16,8 @@ const SHORTEST_METERED_S: f64 = 1.0;
 const SHORTEST_WAVE_S: f64 = 1.0e-3;
 /// Longest row, s.
 const LONGEST_S: f64 = 86_400.0;
-/// Nothing flows for so long at least behind a wave, s: in this time it is taken away before it comes again.
+/// Nothing flows for so long at least behind a wave, s: in this time it is taken away before it
+/// comes again.
 const TAIL_S: f64 = 4.0;
 /// The scope looks for so long behind a wave, s.
 pub(crate) const AFTER_WAVE_S: f64 = 1.0;
@@ -27,7 +28,12 @@ const WHOLE: f64 = 1.0e-3;
 
 impl Check<'_> {
     /// The way that is asked for, or the first that can.
-    pub(super) fn through(&self, asked: raw::Through, rows: &[Row], field: &str) -> Result<Through, ConfigError> {
+    pub(super) fn through(
+        &self,
+        asked: raw::Through,
+        rows: &[Row],
+        field: &str,
+    ) -> Result<Through, ConfigError> {
         let of = |way: raw::Through| match way {
             raw::Through::Wave => self.wave(rows),
             raw::Through::LoadAndSupply => self.load_and_supply(rows),
@@ -37,40 +43,62 @@ impl Check<'_> {
             return of(asked).map_err(|reason| self.complain(field, reason));
         }
         let mut reasons = Vec::new();
-        for (way, name) in
-            [(raw::Through::Bipolar, "bipolar"), (raw::Through::Wave, "wave"), (raw::Through::LoadAndSupply, "load_and_supply")]
-        {
+        for (way, name) in [
+            (raw::Through::Bipolar, "bipolar"),
+            (raw::Through::Wave, "wave"),
+            (raw::Through::LoadAndSupply, "load_and_supply"),
+        ] {
             match of(way) {
                 Ok(through) => return Ok(through),
                 Err(reason) => reasons.push(format!("{name}: {reason}")),
             }
         }
-        Err(self.complain(field, format!("nothing on the bench can play it; {}", reasons.join("; "))))
+        Err(self.complain(
+            field,
+            format!("nothing on the bench can play it; {}", reasons.join("; ")),
+        ))
     }
 
     fn bipolar(&self, rows: &[Row]) -> Result<Through, String> {
         let ((greatest_a, what), least_v) = (self.driven_a()?, self.cell.limits.min_v);
         self.present(self.bench.instruments.load.is_some(), "load")?;
-        self.each(rows, (SHORTEST_BIPOLAR_S, "the bipolar supply step by step"), |row| {
-            within(row, least_v, (-greatest_a, greatest_a), &what)
-        })?;
+        self.each(
+            rows,
+            (SHORTEST_BIPOLAR_S, "the bipolar supply step by step"),
+            |row| within(row, least_v, (-greatest_a, greatest_a), &what),
+        )?;
         Ok(Through::Bipolar)
     }
 
     fn wave(&self, rows: &[Row]) -> Result<Through, String> {
         let ((greatest_a, what), least_v) = (self.driven_a()?, self.cell.limits.min_v);
         self.present(self.bench.instruments.load.is_some(), "load")?;
-        self.each(rows, (SHORTEST_WAVE_S, "a wave of the generator"), |row| within(row, least_v, (-greatest_a, greatest_a), &what))?;
-        let generator = self.bench.instruments.generator.as_ref().map_or("", |generator| generator.model.as_str());
+        self.each(rows, (SHORTEST_WAVE_S, "a wave of the generator"), |row| {
+            within(row, least_v, (-greatest_a, greatest_a), &what)
+        })?;
+        let generator = self
+            .bench
+            .instruments
+            .generator
+            .as_ref()
+            .map_or("", |generator| generator.model.as_str());
         let most = by_key(generator::DIALECTS, generator).and_then(|dialect| dialect.wave_steps());
-        let most = most.ok_or_else(|| format!("expected a generator that plays waves, found {generator}"))?;
-        let step_s = (rows.iter().map(|row| row.duration_s).fold(f64::INFINITY, f64::min) * GRID_PER_S).round() / GRID_PER_S;
+        let most = most
+            .ok_or_else(|| format!("expected a generator that plays waves, found {generator}"))?;
+        let step_s = (rows
+            .iter()
+            .map(|row| row.duration_s)
+            .fold(f64::INFINITY, f64::min)
+            * GRID_PER_S)
+            .round()
+            / GRID_PER_S;
         for (index, row) in rows.iter().enumerate() {
             let steps = row.duration_s / step_s;
             if (steps - steps.round()).abs() > WHOLE {
                 let found = row.duration_s;
                 return Err(format!(
-                    "row {}: expected a multiple of the shortest row, {step_s} s, found {found} s; `step` averages",
+                    "row {}: expected a multiple of the shortest row, {step_s} s, found {found} s; \
+                    `step` averages",
                     index + 1
                 ));
             }
@@ -81,13 +109,17 @@ impl Check<'_> {
         if steps > most {
             let least_ms = (length_s + TAIL_S) / most as f64 * 1.0e3;
             return Err(format!(
-                "expected at most {most} steps, which is what {generator} holds, found {steps} of {} ms; `step` of {least_ms:.1} ms or more averages",
+                "expected at most {most} steps, which is what {generator} holds, found {steps} of \
+                {} ms; `step` of {least_ms:.1} ms or more averages",
                 1.0e3 * step_s
             ));
         }
         let screen_s = self.screen_s(length_s + AFTER_WAVE_S);
         if screen_s > LONGEST_FRAME_S {
-            return Err(format!("expected a trace that a frame of {LONGEST_FRAME_S} s can hold, found one of {screen_s} s"));
+            return Err(format!(
+                "expected a trace that a frame of {LONGEST_FRAME_S} s can hold, found one of \
+                {screen_s} s"
+            ));
         }
         Ok(Through::Wave { step_s, steps })
     }
@@ -97,20 +129,40 @@ impl Check<'_> {
         self.present(instruments.load.is_some(), "load")?;
         let charges = rows.iter().any(|row| row.value > 0.0);
         self.present(instruments.supply.is_some() || !charges, "supply")?;
-        let draws = instruments.load.as_ref().and_then(|load| Some((load, by_key(load::DIALECTS, &load.model)?.capabilities())));
-        let feeds = instruments.supply.as_ref().and_then(|supply| Some((supply, by_key(supply::DIALECTS, &supply.model)?.capabilities())));
+        let draws = instruments
+            .load
+            .as_ref()
+            .and_then(|load| Some((load, by_key(load::DIALECTS, &load.model)?.capabilities())));
+        let feeds = instruments.supply.as_ref().and_then(|supply| {
+            Some((
+                supply,
+                by_key(supply::DIALECTS, &supply.model)?.capabilities(),
+            ))
+        });
         let least_v = self.cell.limits.min_v;
         self.each(rows, (SHORTEST_METERED_S, "load and supply"), |row| {
             if let (true, Some((load, can))) = (row.value < 0.0, &draws) {
                 let what = format!("the load {}", load.model);
                 within(row, least_v, (-can.max_current.value(), 0.0), &what)?;
-                let asked_w = if row.power { row.value } else { row.value * self.cell.limits.max_v };
+                let asked_w = if row.power {
+                    row.value
+                } else {
+                    row.value * self.cell.limits.max_v
+                };
                 if -asked_w > can.max_power_w {
-                    return Err(format!("expected at most {} W, which {what} can take up, found {:.1} W", can.max_power_w, -asked_w));
+                    return Err(format!(
+                        "expected at most {} W, which {what} can take up, found {:.1} W",
+                        can.max_power_w, -asked_w
+                    ));
                 }
             }
             if let (true, Some((supply, can))) = (row.value > 0.0, &feeds) {
-                within(row, least_v, (0.0, can.max_current.value()), &format!("the supply {}", supply.model))?;
+                within(
+                    row,
+                    least_v,
+                    (0.0, can.max_current.value()),
+                    &format!("the supply {}", supply.model),
+                )?;
             }
             Ok(())
         })?;
@@ -118,12 +170,20 @@ impl Check<'_> {
     }
 
     /// Every row against the shortest one and against what is asked of it.
-    fn each(&self, rows: &[Row], (shortest_s, what): (f64, &str), judge: impl Fn(&Row) -> Result<(), String>) -> Result<(), String> {
+    fn each(
+        &self,
+        rows: &[Row],
+        (shortest_s, what): (f64, &str),
+        judge: impl Fn(&Row) -> Result<(), String>,
+    ) -> Result<(), String> {
         for (index, row) in rows.iter().enumerate() {
             let of_row = |reason: String| format!("row {}: {reason}", index + 1);
             if !(shortest_s * (1.0 - WHOLE)..=LONGEST_S).contains(&row.duration_s) {
                 let found = row.duration_s;
-                let reason = format!("expected {shortest_s} s to {LONGEST_S} s, which {what} can play, found {found} s");
+                let reason = format!(
+                    "expected {shortest_s} s to {LONGEST_S} s, which {what} can play, found \
+                    {found} s"
+                );
                 let help = match found {
                     _ if found >= shortest_s => "",
                     _ if shortest_s <= SHORTEST_WAVE_S => "; `step` averages rows",
@@ -137,30 +197,54 @@ impl Check<'_> {
     }
 
     fn present(&self, there: bool, role: &str) -> Result<(), String> {
-        there.then_some(()).ok_or_else(|| format!("expected a section [instruments.{role}] in {}", self.bench_source.path().display()))
+        there.then_some(()).ok_or_else(|| {
+            format!(
+                "expected a section [instruments.{role}] in {}",
+                self.bench_source.path().display()
+            )
+        })
     }
 
-    /// What the bipolar supply and the generator that commands it can drive, A. The load is the voltmeter that tells the voltage at rest.
+    /// What the bipolar supply and the generator that commands it can drive, A. The load is the
+    /// voltmeter that tells the voltage at rest.
     fn driven_a(&self) -> Result<(f64, String), String> {
         let instruments = &self.bench.instruments;
         self.present(instruments.supply4q.is_some(), "supply4q")?;
         self.present(instruments.generator.is_some(), "generator")?;
         self.present(instruments.scope.is_some(), "scope")?;
-        let (supply, generator) = (instruments.supply4q.as_ref(), instruments.generator.as_ref());
-        let can = supply.and_then(|supply| by_key(supply4q::DIALECTS, &supply.model)).map(|dialect| dialect.capabilities());
+        let (supply, generator) = (
+            instruments.supply4q.as_ref(),
+            instruments.generator.as_ref(),
+        );
+        let can = supply
+            .and_then(|supply| by_key(supply4q::DIALECTS, &supply.model))
+            .map(|dialect| dialect.capabilities());
         let peak_v = generator.and_then(|generator| by_key(generator::DIALECTS, &generator.model));
         let peak_v = peak_v.map_or(0.0, |dialect| dialect.capabilities().max_peak.value());
         let greatest_a = can.map_or(0.0, |can| {
             let amps_per_volt = can.full_scale.value() / can.analog_full_scale.value();
             let headroom_v = peak_v - self.bench.wiring.command_offset_v.abs();
-            can.full_scale.value().min(amps_per_volt * headroom_v / self.bench.wiring.command_trim)
+            can.full_scale
+                .value()
+                .min(amps_per_volt * headroom_v / self.bench.wiring.command_trim)
         });
-        Ok((greatest_a, format!("the bipolar supply {}", supply.map_or("", |supply| supply.model.as_str()))))
+        Ok((
+            greatest_a,
+            format!(
+                "the bipolar supply {}",
+                supply.map_or("", |supply| supply.model.as_str())
+            ),
+        ))
     }
 
     /// The time that the scope's screen spans when it is to hold at least a given span, s.
     fn screen_s(&self, span_s: f64) -> f64 {
-        let scope = self.bench.instruments.scope.as_ref().and_then(|scope| by_key(scope::DIALECTS, &scope.model));
+        let scope = self
+            .bench
+            .instruments
+            .scope
+            .as_ref()
+            .and_then(|scope| by_key(scope::DIALECTS, &scope.model));
         scope.map_or(span_s, |scope| {
             let capabilities = scope.capabilities();
             capabilities.time_per_div(Seconds(span_s)).value() * capabilities.horizontal_div
@@ -169,11 +253,22 @@ impl Check<'_> {
 }
 
 /// The current of a row, of a power at the least voltage of the cell.
-fn within(row: &Row, least_v: f64, (least_a, greatest_a): (f64, f64), what: &str) -> Result<(), String> {
+fn within(
+    row: &Row,
+    least_v: f64,
+    (least_a, greatest_a): (f64, f64),
+    what: &str,
+) -> Result<(), String> {
     let amps = row.current_a(least_v);
     if (least_a..=greatest_a).contains(&amps) {
         return Ok(());
     }
-    let found = if row.power { format!("{} W, {amps:.3} A at {least_v} V", row.value) } else { format!("{amps} A") };
-    Err(format!("expected {least_a} A to {greatest_a} A, which {what} can drive, found {found}"))
+    let found = if row.power {
+        format!("{} W, {amps:.3} A at {least_v} V", row.value)
+    } else {
+        format!("{amps} A")
+    };
+    Err(format!(
+        "expected {least_a} A to {greatest_a} A, which {what} can drive, found {found}"
+    ))
 }

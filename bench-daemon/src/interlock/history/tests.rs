@@ -1,6 +1,13 @@
 use super::*;
 
-const LIMITS: Limits = Limits { min_v: 2.5, max_v: 4.2, charge_a: 13.5, discharge_a: 45.0, min_c: 0.0, max_c: 60.0 };
+const LIMITS: Limits = Limits {
+    min_v: 2.5,
+    max_v: 4.2,
+    charge_a: 13.5,
+    discharge_a: 45.0,
+    min_c: 0.0,
+    max_c: 60.0,
+};
 const SETTINGS: Settings = Settings {
     rate_k_per_s: 5.0 / 60.0,
     window_s: 60.0,
@@ -14,12 +21,22 @@ const SETTINGS: Settings = Settings {
 
 fn live(charge_c: (f64, f64)) -> Interlock {
     let mut interlock = Interlock::new(SETTINGS, LIMITS, true);
-    interlock.begin(Allowance { live: true, charge_c, ..Allowance::idle(LIMITS) }, 0.0);
+    interlock.begin(
+        Allowance {
+            live: true,
+            charge_c,
+            ..Allowance::idle(LIMITS)
+        },
+        0.0,
+    );
     interlock
 }
 
 /// Plays readings until one trips; says which and at what bench time.
-fn play(interlock: &mut Interlock, readings: impl Iterator<Item = Reading>) -> Option<(String, f64)> {
+fn play(
+    interlock: &mut Interlock,
+    readings: impl Iterator<Item = Reading>,
+) -> Option<(String, f64)> {
     readings.into_iter().find_map(|reading| {
         let trip = interlock.judge(&reading, reading.time_s)?;
         Some((trip.to_string(), reading.time_s))
@@ -27,10 +44,18 @@ fn play(interlock: &mut Interlock, readings: impl Iterator<Item = Reading>) -> O
 }
 
 /// A reading a second: volts, amperes and degrees over time, s.
-fn course(seconds: u32, of: impl Fn(f64) -> (f64, f64, Option<f64>)) -> impl Iterator<Item = Reading> {
+fn course(
+    seconds: u32,
+    of: impl Fn(f64) -> (f64, f64, Option<f64>),
+) -> impl Iterator<Item = Reading> {
     (1..=seconds).map(f64::from).map(move |time_s| {
         let (volts, amps, temperature_c) = of(time_s);
-        Reading { time_s, voltage_v: Some(volts), current_a: Some(amps), temperature_c }
+        Reading {
+            time_s,
+            voltage_v: Some(volts),
+            current_a: Some(amps),
+            temperature_c,
+        }
     })
 }
 
@@ -44,32 +69,89 @@ fn a_sound_discharge_trips_nothing_and_each_fault_trips_its_own() {
     let sound = |t: f64| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 + 0.02 * t));
     assert_eq!(play(&mut live((-1000.0, 10.0)), course(180, sound)), None);
     let cases: [(&str, Course, f64); 7] = [
-        ("net charge of the step -1002", Box::new(|t| (4.0 - 1.0e-4 * t, -6.0, Some(25.0 + 0.01 * t))), 168.0),
-        ("net charge of the step 1", Box::new(|t| (4.0 + 1.0e-4 * t, 1.0, Some(25.0 + 0.01 * t))), 12.0),
-        ("charge while the cell voltage stood still 55", Box::new(|t| (4.0, -5.0, Some(25.0 + 0.01 * t))), 12.0),
-        ("charge while the cell temperature stood still 55", Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, Some(25.0))), 12.0),
-        ("rate of the cell temperature 6.0000 K/min", Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 + 0.1 * t))), 31.0),
-        ("rate of the cell temperature -6.0000 K/min", Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 - 0.1 * t))), 31.0),
-        ("time without a cell temperature 61.0000 s", Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, None)), 61.0),
+        (
+            "net charge of the step -1002",
+            Box::new(|t| (4.0 - 1.0e-4 * t, -6.0, Some(25.0 + 0.01 * t))),
+            168.0,
+        ),
+        (
+            "net charge of the step 1",
+            Box::new(|t| (4.0 + 1.0e-4 * t, 1.0, Some(25.0 + 0.01 * t))),
+            12.0,
+        ),
+        (
+            "charge while the cell voltage stood still 55",
+            Box::new(|t| (4.0, -5.0, Some(25.0 + 0.01 * t))),
+            12.0,
+        ),
+        (
+            "charge while the cell temperature stood still 55",
+            Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, Some(25.0))),
+            12.0,
+        ),
+        (
+            "rate of the cell temperature 6.0000 K/min",
+            Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 + 0.1 * t))),
+            31.0,
+        ),
+        (
+            "rate of the cell temperature -6.0000 K/min",
+            Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, Some(25.0 - 0.1 * t))),
+            31.0,
+        ),
+        (
+            "time without a cell temperature 61.0000 s",
+            Box::new(|t| (4.0 - 1.0e-4 * t, -5.0, None)),
+            61.0,
+        ),
     ];
     for (text, of, at_s) in cases {
         let tripped = play(&mut live((-1000.0, 10.0)), course(300, of));
-        assert!(tripped.as_ref().is_some_and(|(found, time_s)| found.starts_with(text) && *time_s == at_s), "{text}: {tripped:?}");
+        assert!(
+            tripped
+                .as_ref()
+                .is_some_and(|(found, time_s)| found.starts_with(text) && *time_s == at_s),
+            "{text}: {tripped:?}"
+        );
     }
 }
 
 #[test]
 fn a_reading_that_comes_late_trips_only_while_current_may_flow() {
-    let reading = |time_s| Reading { time_s, voltage_v: Some(3.7), temperature_c: Some(25.0), ..Reading::default() };
+    let reading = |time_s| Reading {
+        time_s,
+        voltage_v: Some(3.7),
+        temperature_c: Some(25.0),
+        ..Reading::default()
+    };
     let mut interlock = live(FREE);
     assert_eq!(interlock.judge(&reading(1.0), 1.0), None);
-    let trip = interlock.judge(&reading(20.0), 20.0).map(|trip| trip.to_string()).unwrap_or_default();
-    assert!(trip.starts_with("time without a reading 19.0000 s left its limits (0 s to 15 s)"), "{trip}");
+    let trip = interlock
+        .judge(&reading(20.0), 20.0)
+        .map(|trip| trip.to_string())
+        .unwrap_or_default();
+    assert!(
+        trip.starts_with("time without a reading 19.0000 s left its limits (0 s to 15 s)"),
+        "{trip}"
+    );
     let mut resting = Interlock::new(SETTINGS, LIMITS, true);
     resting.begin(Allowance::idle(LIMITS), 0.0);
-    assert_eq!((resting.judge(&reading(1.0), 1.0), resting.judge(&reading(500.0), 500.0)), (None, None));
-    // What was not read at rest is not late when the step begins, and late when it still is not read.
-    resting.begin(Allowance { live: true, ..Allowance::idle(LIMITS) }, 900.0);
+    assert_eq!(
+        (
+            resting.judge(&reading(1.0), 1.0),
+            resting.judge(&reading(500.0), 500.0)
+        ),
+        (None, None)
+    );
+    // What was not read at rest is not late when the step begins, and late when it still is not
+    // read.
+    resting.begin(
+        Allowance {
+            live: true,
+            ..Allowance::idle(LIMITS)
+        },
+        900.0,
+    );
     assert_eq!(resting.judge(&reading(901.0), 901.0), None);
     assert!(resting.judge(&reading(950.0), 950.0).is_some());
 }
@@ -77,26 +159,71 @@ fn a_reading_that_comes_late_trips_only_while_current_may_flow() {
 #[test]
 fn a_bench_without_a_logger_is_not_asked_for_a_temperature() {
     let mut interlock = Interlock::new(SETTINGS, LIMITS, false);
-    interlock.begin(Allowance { live: true, charge_c: FREE, ..Allowance::idle(LIMITS) }, 0.0);
-    assert_eq!(play(&mut interlock, course(200, |t| (4.0 - 1.0e-4 * t, 0.0, None))), None);
+    interlock.begin(
+        Allowance {
+            live: true,
+            charge_c: FREE,
+            ..Allowance::idle(LIMITS)
+        },
+        0.0,
+    );
+    assert_eq!(
+        play(
+            &mut interlock,
+            course(200, |t| (4.0 - 1.0e-4 * t, 0.0, None))
+        ),
+        None
+    );
 }
 
 #[test]
 fn a_supply_that_holds_the_voltage_may_hold_it_and_a_step_that_goes_on_counts_on() {
     let mut interlock = Interlock::new(SETTINGS, LIMITS, false);
-    let holding = Allowance { live: true, held_v: 4.1, ..Allowance::idle(LIMITS) };
+    let holding = Allowance {
+        live: true,
+        held_v: 4.1,
+        ..Allowance::idle(LIMITS)
+    };
     interlock.begin(holding, 0.0);
-    assert_eq!(play(&mut interlock, course(200, |_| (4.15, 3.0, None))), None);
-    interlock.begin(Allowance { continues: true, charge_c: (-10.0, 590.0), held_v: 0.0, ..holding }, 200.0);
-    let reading = Reading { time_s: 201.0, voltage_v: Some(4.15), current_a: Some(3.0), ..Reading::default() };
-    assert!(interlock.judge(&reading, 201.0).is_some_and(|trip| trip.to_string().starts_with("net charge of the step 600")));
+    assert_eq!(
+        play(&mut interlock, course(200, |_| (4.15, 3.0, None))),
+        None
+    );
+    interlock.begin(
+        Allowance {
+            continues: true,
+            charge_c: (-10.0, 590.0),
+            held_v: 0.0,
+            ..holding
+        },
+        200.0,
+    );
+    let reading = Reading {
+        time_s: 201.0,
+        voltage_v: Some(4.15),
+        current_a: Some(3.0),
+        ..Reading::default()
+    };
+    assert!(
+        interlock
+            .judge(&reading, 201.0)
+            .is_some_and(|trip| trip.to_string().starts_with("net charge of the step 600"))
+    );
 }
 
 #[test]
 fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_rest_does_not() {
     let swinging = |period_s| {
         let mut interlock = Interlock::new(SETTINGS, LIMITS, false);
-        interlock.begin(Allowance { live: true, charge_c: FREE, swing_s: period_s, ..Allowance::idle(LIMITS) }, 0.0);
+        interlock.begin(
+            Allowance {
+                live: true,
+                charge_c: FREE,
+                swing_s: period_s,
+                ..Allowance::idle(LIMITS)
+            },
+            0.0,
+        );
         interlock
     };
     let phase = |t: f64| (std::f64::consts::TAU * t / 10.0).sin();
@@ -105,22 +232,35 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
     let amps = move |t: f64| (10.0 * phase(t)).round() / 10.0;
     type Case = (Option<f64>, Course, Option<(&'static str, f64)>);
     let cases: [Case; 6] = [
-        (Some(10.0), Box::new(move |t| (volts(t), amps(t), None)), None),
+        (
+            Some(10.0),
+            Box::new(move |t| (volts(t), amps(t), None)),
+            None,
+        ),
         (
             Some(10.0),
             Box::new(move |t| (3.8, amps(t), None)),
-            Some(("time in which the cell voltage stood still under a sinusoid 31", 32.0)),
+            Some((
+                "time in which the cell voltage stood still under a sinusoid 31",
+                32.0,
+            )),
         ),
         (
             Some(10.0),
             Box::new(move |t| (volts(t), 0.3, None)),
-            Some(("time in which the cell current stood still under a sinusoid 31", 32.0)),
+            Some((
+                "time in which the cell current stood still under a sinusoid 31",
+                32.0,
+            )),
         ),
         // Two periods at least.
         (
             Some(20.0),
             Box::new(move |t| (3.8, amps(t), None)),
-            Some(("time in which the cell voltage stood still under a sinusoid 41", 42.0)),
+            Some((
+                "time in which the cell voltage stood still under a sinusoid 41",
+                42.0,
+            )),
         ),
         // A fast sinusoid is averaged away, and at rest nothing moves.
         (None, Box::new(|_| (3.8, 0.0, None)), None),
@@ -129,15 +269,30 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
     for (period_s, of, expected) in cases {
         let tripped = play(&mut swinging(period_s), course(300, of));
         let right = match (&tripped, expected) {
-            (Some((found, time_s)), Some((text, at_s))) => found.starts_with(text) && *time_s == at_s,
+            (Some((found, time_s)), Some((text, at_s))) => {
+                found.starts_with(text) && *time_s == at_s
+            }
             (found, expected) => found.is_none() && expected.is_none(),
         };
         assert!(right, "{expected:?}: {tripped:?}");
     }
     // What stood still under the fast sinusoid before is not held against the slow one.
     let mut interlock = swinging(None);
-    assert_eq!(play(&mut interlock, course(100, |_| (3.8, 0.0, None))), None);
-    interlock.begin(Allowance { continues: true, ..Allowance { live: true, swing_s: Some(10.0), ..Allowance::idle(LIMITS) } }, 100.0);
+    assert_eq!(
+        play(&mut interlock, course(100, |_| (3.8, 0.0, None))),
+        None
+    );
+    interlock.begin(
+        Allowance {
+            continues: true,
+            ..Allowance {
+                live: true,
+                swing_s: Some(10.0),
+                ..Allowance::idle(LIMITS)
+            }
+        },
+        100.0,
+    );
     let later = (101..=300).map(f64::from).map(|t| Reading {
         time_s: t,
         voltage_v: Some(volts(t)),
@@ -147,27 +302,66 @@ fn a_meter_that_stands_still_under_a_slow_sinusoid_trips_and_a_coarse_one_at_res
     assert_eq!(play(&mut interlock, later), None);
     // Copper has no voltage to speak of: its current alone is looked at.
     let mut copper = swinging(None);
-    copper.begin(Allowance { live: true, swing_s: Some(10.0), cell: false, ..Allowance::idle(LIMITS.of_control()) }, 0.0);
-    assert_eq!(play(&mut copper, course(100, move |t| (0.0, amps(t), None))), None);
+    copper.begin(
+        Allowance {
+            live: true,
+            swing_s: Some(10.0),
+            cell: false,
+            ..Allowance::idle(LIMITS.of_control())
+        },
+        0.0,
+    );
+    assert_eq!(
+        play(&mut copper, course(100, move |t| (0.0, amps(t), None))),
+        None
+    );
 }
 
 #[test]
 fn a_gap_in_the_temperatures_trips_even_when_it_ends() {
     let mut interlock = live(FREE);
-    let reading =
-        |time_s: f64, temperature_c| Reading { time_s, voltage_v: Some(3.8 - 1.0e-4 * time_s), temperature_c, ..Reading::default() };
+    let reading = |time_s: f64, temperature_c| Reading {
+        time_s,
+        voltage_v: Some(3.8 - 1.0e-4 * time_s),
+        temperature_c,
+        ..Reading::default()
+    };
     for time_s in 1..=6 {
-        assert_eq!(interlock.judge(&reading(10.0 * f64::from(time_s), None), 10.0 * f64::from(time_s)), None);
+        assert_eq!(
+            interlock.judge(
+                &reading(10.0 * f64::from(time_s), None),
+                10.0 * f64::from(time_s)
+            ),
+            None
+        );
     }
-    let trip = interlock.judge(&reading(61.0, Some(25.0)), 61.0).map(|trip| trip.to_string()).unwrap_or_default();
-    assert!(trip.starts_with("time without a cell temperature 61.0000 s left its limits (0 s to 60 s)"), "{trip}");
+    let trip = interlock
+        .judge(&reading(61.0, Some(25.0)), 61.0)
+        .map(|trip| trip.to_string())
+        .unwrap_or_default();
+    assert!(
+        trip.starts_with("time without a cell temperature 61.0000 s left its limits (0 s to 60 s)"),
+        "{trip}"
+    );
 }
 
 #[test]
 fn a_temperature_that_is_meant_to_change_may_change() {
     let mut interlock = Interlock::new(SETTINGS, LIMITS, true);
-    interlock.begin(Allowance { tempering: true, ..Allowance::idle(LIMITS) }, 0.0);
-    assert_eq!(play(&mut interlock, course(120, |t| (3.7, 0.0, Some(20.0 + 0.2 * t)))), None);
+    interlock.begin(
+        Allowance {
+            tempering: true,
+            ..Allowance::idle(LIMITS)
+        },
+        0.0,
+    );
+    assert_eq!(
+        play(
+            &mut interlock,
+            course(120, |t| (3.7, 0.0, Some(20.0 + 0.2 * t)))
+        ),
+        None
+    );
 }
 
 #[test]
@@ -182,20 +376,41 @@ fn a_chiller_that_stopped_or_has_an_alarm_trips() {
     assert_eq!(interlock.chiller(&said(true, false), 7.0), None);
     for status in [said(false, false), said(true, true)] {
         let trip = interlock.chiller(&status, 7.0).map(|trip| trip.to_string());
-        assert_eq!(trip.as_deref(), Some("chiller: expected it to run without an alarm, found `02 REMOTE STOP` at 7.0 s"));
+        assert_eq!(
+            trip.as_deref(),
+            Some("chiller: expected it to run without an alarm, found `02 REMOTE STOP` at 7.0 s")
+        );
     }
 }
 
-/// A sine of 1 A and 10 s that begins anew after 7 s: its mean over the last ten seconds is no mean of a period until a whole one was read.
+/// A sine of 1 A and 10 s that begins anew after 7 s: its mean over the last ten seconds is no mean
+/// of a period until a whole one was read.
 #[test]
 fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offset_still_trips() {
-    let mean = Some(Mean { period_s: 10.0, greatest_a: 0.2, amplitude_a: Some(1.0) });
+    let mean = Some(Mean {
+        period_s: 10.0,
+        greatest_a: 0.2,
+        amplitude_a: Some(1.0),
+    });
     let sine = |since_s: f64, offset_a: f64| {
-        move |t: f64| (3.8 + 1.0e-3 * t.sin(), offset_a + (std::f64::consts::TAU * 0.1 * (t - since_s)).sin(), Some(25.0 + 0.01 * t))
+        move |t: f64| {
+            (
+                3.8 + 1.0e-3 * t.sin(),
+                offset_a + (std::f64::consts::TAU * 0.1 * (t - since_s)).sin(),
+                Some(25.0 + 0.01 * t),
+            )
+        }
     };
     let begun = || {
         let mut interlock = live(FREE);
-        interlock.begin(Allowance { live: true, mean, ..Allowance::idle(LIMITS) }, 0.0);
+        interlock.begin(
+            Allowance {
+                live: true,
+                mean,
+                ..Allowance::idle(LIMITS)
+            },
+            0.0,
+        );
         interlock
     };
     let both = |interlock: &mut Interlock, lost: bool| {
@@ -205,22 +420,50 @@ fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offs
         }
         play(interlock, course(57, sine(7.0, 0.0)).skip(7))
     };
-    assert!(both(&mut begun(), false).is_some_and(|(text, _)| text.starts_with("mean of the cell current")));
+    assert!(
+        both(&mut begun(), false)
+            .is_some_and(|(text, _)| text.starts_with("mean of the cell current"))
+    );
     assert_eq!(both(&mut begun(), true), None);
     let tripped = play(&mut begun(), course(60, sine(0.0, 0.3)));
-    assert!(tripped.is_some_and(|(text, time_s)| text.starts_with("mean of the cell current 0.3") && time_s <= 12.0));
+    assert!(tripped.is_some_and(
+        |(text, time_s)| text.starts_with("mean of the cell current 0.3") && time_s <= 12.0
+    ));
 }
 
 #[test]
 fn a_pair_of_readings_at_unsure_times_is_judged_by_what_the_times_may_do() {
-    let mean = Mean { period_s: 0.4, greatest_a: 0.2, amplitude_a: Some(1.0) };
+    let mean = Mean {
+        period_s: 0.4,
+        greatest_a: 0.2,
+        amplitude_a: Some(1.0),
+    };
     assert_eq!(mean.pair_s(), Some(0.2));
-    assert!(mean.judge_pair(0.25, 0.0, 1.0).is_some() && mean.judge_pair(0.25, 0.02, 1.0).is_none());
+    assert!(
+        mean.judge_pair(0.25, 0.0, 1.0).is_some() && mean.judge_pair(0.25, 0.02, 1.0).is_none()
+    );
     // 20 ms are a twentieth of the period: the limit is 0.2 A and 1 A · sin(π/20).
-    assert!(mean.judge_pair(0.35, 0.02, 1.0).is_none() && mean.judge_pair(-0.37, 0.02, 1.0).is_some());
-    assert_eq!(Mean { amplitude_a: None, ..mean }.pair_s(), None);
+    assert!(
+        mean.judge_pair(0.35, 0.02, 1.0).is_none() && mean.judge_pair(-0.37, 0.02, 1.0).is_some()
+    );
+    assert_eq!(
+        Mean {
+            amplitude_a: None,
+            ..mean
+        }
+        .pair_s(),
+        None
+    );
     // A period of 5 s is read often enough for its mean even where a reading takes half a second.
-    assert!(Mean { period_s: 5.0, ..mean }.poll_s() + 0.5 < 5.0 / 4.0);
+    assert!(
+        Mean {
+            period_s: 5.0,
+            ..mean
+        }
+        .poll_s()
+            + 0.5
+            < 5.0 / 4.0
+    );
 }
 
 #[test]
@@ -228,12 +471,21 @@ fn the_zero_of_an_ammeter_is_no_charge_and_more_than_a_zero_is() {
     let net = |zero_a: f64| {
         let mut interlock = live((-100.0, 100.0));
         interlock.zero(zero_a);
-        let moving = |t: f64| (3.7 + 1.0e-5 * t, 0.04 + 0.001 * (t % 2.0), Some(25.0 + 0.001 * (t % 3.0)));
+        let moving = |t: f64| {
+            (
+                3.7 + 1.0e-5 * t,
+                0.04 + 0.001 * (t % 2.0),
+                Some(25.0 + 0.001 * (t % 3.0)),
+            )
+        };
         play(&mut interlock, course(4000, moving)).map(|(text, _)| text)
     };
     assert_eq!(net(0.0405), None);
     // Not known, and not to be believed.
     for zero_a in [0.0, 0.5] {
-        assert!(net(zero_a).is_some_and(|text| text.starts_with("net charge of the step 100.")), "{zero_a}");
+        assert!(
+            net(zero_a).is_some_and(|text| text.starts_with("net charge of the step 100.")),
+            "{zero_a}"
+        );
     }
 }

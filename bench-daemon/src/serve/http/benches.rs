@@ -64,14 +64,20 @@ impl Most {
         match self.most {
             None => Ok(other),
             Some(most) if (1..=10_000).contains(&most) => Ok(usize::from(most)),
-            Some(most) => Err(Refusal::of(StatusCode::BAD_REQUEST, format!("most: expected 1 to 10000, found {most}"))),
+            Some(most) => Err(Refusal::of(
+                StatusCode::BAD_REQUEST,
+                format!("most: expected 1 to 10000, found {most}"),
+            )),
         }
     }
 }
 
 /// One bench of the server.
 pub fn known<'a>(app: &'a App, name: &str) -> Result<&'a config::Bench, Refusal> {
-    app.server.settings.bench(name).ok_or_else(|| Refusal::not_found("a bench", name))
+    app.server
+        .settings
+        .bench(name)
+        .ok_or_else(|| Refusal::not_found("a bench", name))
 }
 
 fn state_of(bench: &config::Bench) -> Result<Option<state::State>, Refusal> {
@@ -81,43 +87,87 @@ fn state_of(bench: &config::Bench) -> Result<Option<state::State>, Refusal> {
 /// Who the token belongs to, and what it opens. Every token may ask.
 #[utoipa::path(get, path = "/api/v1/whoami", tag = "access", responses((status = 200, body = Caller)), security(("token" = [])))]
 pub async fn whoami(caller: Known, State(app): State<App>) -> Json<Caller> {
-    let benches = app.server.settings.benches.iter().map(|bench| bench.name.clone()).collect();
-    Json(Caller { name: caller.name, scopes: caller.scopes, benches })
+    let benches = app
+        .server
+        .settings
+        .benches
+        .iter()
+        .map(|bench| bench.name.clone())
+        .collect();
+    Json(Caller {
+        name: caller.name,
+        scopes: caller.scopes,
+        benches,
+    })
 }
 
 /// All benches as they are now.
 #[utoipa::path(get, path = "/api/v1/benches", tag = "benches", responses((status = 200, body = [Live])), security(("token" = ["read"])))]
 pub async fn list(_caller: Reader, State(app): State<App>) -> Json<Vec<Live>> {
     let live = app.server.live();
-    Json(app.server.settings.benches.iter().filter_map(|bench| live.get(&bench.name).cloned()).collect())
+    Json(
+        app.server
+            .settings
+            .benches
+            .iter()
+            .filter_map(|bench| live.get(&bench.name).cloned())
+            .collect(),
+    )
 }
 
 /// A bench as it is now: the live state.
 #[utoipa::path(get, path = "/api/v1/benches/{bench}", tag = "benches", params(("bench" = String, Path)), responses((status = 200, body = Live)),
     security(("token" = ["read"])))]
-pub async fn detail(_caller: Reader, State(app): State<App>, Path(bench): Path<String>) -> Result<Json<Live>, Refusal> {
+pub async fn detail(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(bench): Path<String>,
+) -> Result<Json<Live>, Refusal> {
     known(&app, &bench)?;
     let live = app.server.live().get(&bench).cloned();
-    live.map(Json).ok_or_else(|| Refusal::not_found("a bench", &bench))
+    live.map(Json)
+        .ok_or_else(|| Refusal::not_found("a bench", &bench))
 }
 
 /// The instruments of a bench and their health.
 #[utoipa::path(get, path = "/api/v1/benches/{bench}/instruments", tag = "benches", params(("bench" = String, Path)),
     responses((status = 200, body = [InstrumentNow])), security(("token" = ["read"])))]
-pub async fn instruments(caller: Reader, app: State<App>, bench: Path<String>) -> Result<Json<Vec<InstrumentNow>>, Refusal> {
+pub async fn instruments(
+    caller: Reader,
+    app: State<App>,
+    bench: Path<String>,
+) -> Result<Json<Vec<InstrumentNow>>, Refusal> {
     Ok(Json(detail(caller, app, bench).await?.0.instruments))
 }
 
-/// Asks every instrument who it is; changes nothing on any of them. Refused while a run is in work, for instruments take one client.
+/// Asks every instrument who it is; changes nothing on any of them. Refused while a run is in work,
+/// for instruments take one client.
 #[utoipa::path(post, path = "/api/v1/benches/{bench}/identify", tag = "benches", params(("bench" = String, Path)),
     responses((status = 200, body = Identified)), security(("token" = ["operate"])))]
-pub async fn identify(_caller: Operator, State(app): State<App>, Path(bench): Path<String>) -> Result<Json<Identified>, Refusal> {
+pub async fn identify(
+    _caller: Operator,
+    State(app): State<App>,
+    Path(bench): Path<String>,
+) -> Result<Json<Identified>, Refusal> {
     let config = known(&app, &bench)?;
-    if app.server.live().get(&bench).is_some_and(|live| live.run.as_ref().is_some_and(|run| run.going)) {
-        return Err(Refusal::conflict("expected a bench on which nothing runs, found a run in work"));
+    if app
+        .server
+        .live()
+        .get(&bench)
+        .is_some_and(|live| live.run.as_ref().is_some_and(|run| run.going))
+    {
+        return Err(Refusal::conflict(
+            "expected a bench on which nothing runs, found a run in work",
+        ));
     }
     let mut command = tokio::process::Command::new(&app.server.program);
-    command.arg("identify").arg(&config.path).arg("--json").stdin(Stdio::null()).kill_on_drop(true).env_remove("NOTIFY_SOCKET");
+    command
+        .arg("identify")
+        .arg(&config.path)
+        .arg("--json")
+        .stdin(Stdio::null())
+        .kill_on_drop(true)
+        .env_remove("NOTIFY_SOCKET");
     let unavailable = |error: &dyn std::fmt::Display| Refusal::machine(&error);
     let output = app
         .server
@@ -129,9 +179,20 @@ pub async fn identify(_caller: Operator, State(app): State<App>, Path(bench): Pa
     let found: Vec<Identity> = serde_json::from_slice(&output.stdout).unwrap_or_default();
     app.server.identities().insert(bench, found.clone());
     let said = String::from_utf8_lossy(&output.stderr);
-    let trouble = said.lines().rev().find_map(|line| line.strip_prefix("eis-bench: ")).map(str::to_owned);
-    let answers = found.into_iter().map(|one| IdentifiedOne { role: one.role, answer: one.identity.raw, recognised: one.recognised });
-    Ok(Json(Identified { answers: answers.collect(), trouble: trouble.filter(|_| !output.status.success()) }))
+    let trouble = said
+        .lines()
+        .rev()
+        .find_map(|line| line.strip_prefix("eis-bench: "))
+        .map(str::to_owned);
+    let answers = found.into_iter().map(|one| IdentifiedOne {
+        role: one.role,
+        answer: one.identity.raw,
+        recognised: one.recognised,
+    });
+    Ok(Json(Identified {
+        answers: answers.collect(),
+        trouble: trouble.filter(|_| !output.status.success()),
+    }))
 }
 
 /// What the instruments said.
@@ -154,20 +215,29 @@ pub struct IdentifiedOne {
     recognised: bool,
 }
 
-/// Stops whatever runs on a bench and reads every output back. Answers when that is done; events tell how it goes. Every token may stop, and nobody is
-/// told that they ask too often.
+/// Stops whatever runs on a bench and reads every output back. Answers when that is done; events
+/// tell how it goes. Every token may stop, and nobody is told that they ask too often.
 #[utoipa::path(post, path = "/api/v1/benches/{bench}/stop", tag = "benches", params(("bench" = String, Path)),
     responses((status = 200, body = StopReport)), security(("token" = [])))]
-pub async fn stop(caller: Known, State(app): State<App>, Path(bench): Path<String>) -> Result<Json<StopReport>, Refusal> {
+pub async fn stop(
+    caller: Known,
+    State(app): State<App>,
+    Path(bench): Path<String>,
+) -> Result<Json<StopReport>, Refusal> {
     let config = known(&app, &bench)?.clone();
     // A peer that goes away does not end it.
     let work = tokio::spawn(async move { stop::stop(&app.server, &config, &caller.name).await });
-    work.await.map(Json).map_err(|error| Refusal::machine(&error))
+    work.await
+        .map(Json)
+        .map_err(|error| Refusal::machine(&error))
 }
 
 /// Stops every bench at once, as the stop of each of them does. Answers when all is done.
 #[utoipa::path(post, path = "/api/v1/stop", tag = "benches", responses((status = 200, body = [StopReport])), security(("token" = [])))]
-pub async fn stop_all(caller: Known, State(app): State<App>) -> Result<Json<Vec<StopReport>>, Refusal> {
+pub async fn stop_all(
+    caller: Known,
+    State(app): State<App>,
+) -> Result<Json<Vec<StopReport>>, Refusal> {
     let benches = app.server.settings.benches.clone();
     let begin = |bench: config::Bench| {
         let (server, by) = (app.server.clone(), caller.name.clone());
@@ -191,8 +261,16 @@ pub async fn trips(
     Query(most): Query<Most>,
 ) -> Result<Json<Trips>, Refusal> {
     let most = most.or(100)?;
-    let Some(state) = state_of(known(&app, &bench)?)? else { return Ok(Json(Trips { latched: None, history: Vec::new() })) };
-    let latched = state.latched().map_err(|error| Refusal::machine(&error))?.map(TripNow::from);
+    let Some(state) = state_of(known(&app, &bench)?)? else {
+        return Ok(Json(Trips {
+            latched: None,
+            history: Vec::new(),
+        }));
+    };
+    let latched = state
+        .latched()
+        .map_err(|error| Refusal::machine(&error))?
+        .map(TripNow::from);
     let text = std::fs::read_to_string(state.path("trips.jsonl")).unwrap_or_default();
     let mut history: Vec<Happened> = text.lines().filter_map(happened).collect();
     history.drain(..history.len().saturating_sub(most));
@@ -202,8 +280,19 @@ pub async fn trips(
 fn happened(line: &str) -> Option<Happened> {
     let value: serde_json::Value = serde_json::from_str(line).ok()?;
     let text = |value: &serde_json::Value| value.as_str().map(str::to_owned);
-    let unix_s = [&value["unix_s"], &value["trip"]["unix_s"], &value["report"]["unix_s"]].into_iter().find_map(serde_json::Value::as_f64);
-    Some(Happened { what: text(&value["what"])?, who: text(&value["who"]), cause: text(&value["trip"]["cause"]), unix_s })
+    let unix_s = [
+        &value["unix_s"],
+        &value["trip"]["unix_s"],
+        &value["report"]["unix_s"],
+    ]
+    .into_iter()
+    .find_map(serde_json::Value::as_f64);
+    Some(Happened {
+        what: text(&value["what"])?,
+        who: text(&value["who"]),
+        cause: text(&value["trip"]["cause"]),
+        unix_s,
+    })
 }
 
 /// The trips of a bench.
@@ -220,7 +309,8 @@ pub struct Trips {
 pub struct Happened {
     /// Which of them.
     what: String,
-    /// Who cleared: the name of the token, or the account on a terminal or where no token is asked for.
+    /// Who cleared: the name of the token, or the account on a terminal or where no token is asked
+    /// for.
     who: Option<String>,
     /// The cause.
     cause: Option<String>,
@@ -238,20 +328,38 @@ pub async fn clear(
     Json(confirm): Json<Confirm>,
 ) -> Result<Json<TripNow>, Refusal> {
     let state = state_of(known(&app, &bench)?)?;
-    let latched =
-        state.as_ref().map(|state| state.latched().map(|trip| (state, trip))).transpose().map_err(|error| Refusal::machine(&error))?;
+    let latched = state
+        .as_ref()
+        .map(|state| state.latched().map(|trip| (state, trip)))
+        .transpose()
+        .map_err(|error| Refusal::machine(&error))?;
     let Some((state, Some(trip))) = latched else {
-        return Err(Refusal::conflict("expected a bench that is latched, found one that is not"));
+        return Err(Refusal::conflict(
+            "expected a bench that is latched, found one that is not",
+        ));
     };
     if confirm.cause != trip.cause {
-        return Err(Refusal::conflict(format!("expected the cause that is shown now, {:?}, found {:?}", trip.cause, confirm.cause)));
+        return Err(Refusal::conflict(format!(
+            "expected the cause that is shown now, {:?}, found {:?}",
+            trip.cause, confirm.cause
+        )));
     }
-    state.clear(&trip, caller.secret.as_ref().map(|_| caller.name.as_str())).map_err(|error| Refusal::machine(&error))?;
+    state
+        .clear(&trip, caller.secret.as_ref().map(|_| caller.name.as_str()))
+        .map_err(|error| Refusal::machine(&error))?;
     Ok(Json(trip.into()))
 }
 
 /// Who did what, the latest last.
 #[utoipa::path(get, path = "/api/v1/audit", tag = "access", params(Most), responses((status = 200, body = [Deed])), security(("token" = ["operate"])))]
-pub async fn audit(_caller: Operator, State(app): State<App>, Query(most): Query<Most>) -> Result<Json<Vec<Deed>>, Refusal> {
-    app.server.audit.latest(most.or(200)?).map(Json).map_err(|error| Refusal::machine(&error))
+pub async fn audit(
+    _caller: Operator,
+    State(app): State<App>,
+    Query(most): Query<Most>,
+) -> Result<Json<Vec<Deed>>, Refusal> {
+    app.server
+        .audit
+        .latest(most.or(200)?)
+        .map(Json)
+        .map_err(|error| Refusal::machine(&error))
 }

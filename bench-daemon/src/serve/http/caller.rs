@@ -1,4 +1,5 @@
-//! Who asks, and whether they may. An argument of a handler: without the scope that it names, the handler is not reached.
+//! Who asks, and whether they may. An argument of a handler: without the scope that it names, the
+//! handler is not reached.
 
 use std::sync::{Arc, OnceLock};
 
@@ -48,26 +49,54 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
             let _ = named.0.set(token.0.name.clone());
         }
         let (Token { name, scopes, .. }, secret) = token;
-        if let Some(scope) = Scope::ALL.get(SCOPE).filter(|scope| !scopes.contains(*scope)) {
-            let has = scopes.iter().map(|scope| scope.name()).collect::<Vec<_>>().join(", ");
-            let message = format!("expected a token with the scope `{}`, found one with: {has}", scope.name());
+        if let Some(scope) = Scope::ALL
+            .get(SCOPE)
+            .filter(|scope| !scopes.contains(*scope))
+        {
+            let has = scopes
+                .iter()
+                .map(|scope| scope.name())
+                .collect::<Vec<_>>()
+                .join(", ");
+            let message = format!(
+                "expected a token with the scope `{}`, found one with: {has}",
+                scope.name()
+            );
             return Err(Refusal::of(StatusCode::FORBIDDEN, message));
         }
-        Ok(Self { name, scopes, secret })
+        Ok(Self {
+            name,
+            scopes,
+            secret,
+        })
     }
 }
 
-/// The token of a request. Where there is none at all, everybody on this machine may do everything; beyond it nobody may anything, for then the last
-/// token was revoked or its file is gone.
+/// The token of a request. Where there is none at all, everybody on this machine may do everything;
+/// beyond it nobody may anything, for then the last token was revoked or its file is gone.
 fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
     let unavailable = |error: TokenError| Refusal::machine(&error);
     if app.server.open_to_all().map_err(unavailable)? {
-        let local = Token { name: LOCAL.to_owned(), scopes: Scope::ALL.to_vec(), sha256: String::new(), made_unix_s: 0 };
+        let local = Token {
+            name: LOCAL.to_owned(),
+            scopes: Scope::ALL.to_vec(),
+            sha256: String::new(),
+            made_unix_s: 0,
+        };
         return Ok((local, None));
     }
-    let header = parts.headers.get(header::AUTHORIZATION).and_then(|value| value.to_str().ok());
-    let Some(secret) = header.and_then(|value| value.split_once(' ')).filter(|(kind, _)| kind.eq_ignore_ascii_case("bearer")) else {
-        return Err(Refusal::of(StatusCode::UNAUTHORIZED, "expected a header `Authorization: Bearer TOKEN`, found none"));
+    let header = parts
+        .headers
+        .get(header::AUTHORIZATION)
+        .and_then(|value| value.to_str().ok());
+    let Some(secret) = header
+        .and_then(|value| value.split_once(' '))
+        .filter(|(kind, _)| kind.eq_ignore_ascii_case("bearer"))
+    else {
+        return Err(Refusal::of(
+            StatusCode::UNAUTHORIZED,
+            "expected a header `Authorization: Bearer TOKEN`, found none",
+        ));
     };
     let secret = secret.1.trim();
     match app.server.tokens.whose(secret).map_err(unavailable)? {
@@ -76,9 +105,15 @@ fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
             let peer = parts.extensions.get::<Peer>().map(|peer| peer.0);
             // Who has a token is let in all the same: nobody is to be shut out by a neighbour.
             if peer.is_some_and(|peer| !app.guesses.take(peer, app.server.clock.now_s())) {
-                return Err(Refusal::of(StatusCode::TOO_MANY_REQUESTS, "expected fewer tokens that are none of this server's"));
+                return Err(Refusal::of(
+                    StatusCode::TOO_MANY_REQUESTS,
+                    "expected fewer tokens that are none of this server's",
+                ));
             }
-            Err(Refusal::of(StatusCode::UNAUTHORIZED, "expected a token of this server, found another one"))
+            Err(Refusal::of(
+                StatusCode::UNAUTHORIZED,
+                "expected a token of this server, found another one",
+            ))
         }
     }
 }

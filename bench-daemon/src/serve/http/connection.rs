@@ -1,5 +1,5 @@
-//! From a socket to the routes: so many at once, encrypted where there is a certificate, and none that takes its time – neither for the head of a
-//! request nor for taking what it is sent.
+//! From a socket to the routes: so many at once, encrypted where there is a certificate, and none
+//! that takes its time – neither for the head of a request nor for taking what it is sent.
 
 use std::{
     collections::{HashMap, VecDeque},
@@ -49,16 +49,18 @@ use crate::{command::Failure, serve::Server};
 const HEAD_BYTES: usize = 16 * 1024;
 /// The silent of one peer have this part of all places.
 const PEER_SHARE: usize = 2;
-/// Of those who were heard one peer, which may be a whole laboratory behind a proxy, has all places but this part.
+/// Of those who were heard one peer, which may be a whole laboratory behind a proxy, has all places
+/// but this part.
 const OTHERS_SHARE: usize = 4;
-/// Nobody is let go of before this time, s, unless so many times as many as there are places have come in it, or as many as the system has files for: then it is
-/// a flood.
+/// Nobody is let go of before this time, s, unless so many times as many as there are places have
+/// come in it, or as many as the system has files for: then it is a flood.
 const GRACE_S: f64 = 1.0;
 const FLOOD: usize = 16;
-/// Open files that no connection may take: a stop above all needs some, for it starts `eis-bench safe` and reads what that says.
+/// Open files that no connection may take: a stop above all needs some, for it starts `eis-bench
+/// safe` and reads what that says.
 const RESERVED: usize = 128;
-/// So many are let go of where there are no files for one connection more, and the pause before it is looked again, s: whoever comes waits behind those who came
-/// before.
+/// So many are let go of where there are no files for one connection more, and the pause before it
+/// is looked again, s: whoever comes waits behind those who came before.
 const AT_ONCE: usize = 8;
 const FULL_S: f64 = 0.001;
 /// Pause after a socket that could not be accepted, s: out of files, most likely.
@@ -78,15 +80,30 @@ impl Listener {
     /// An address that is taken; a certificate or key that cannot be used.
     pub async fn bind(server: &Server) -> Result<Self, Failure> {
         let listen = server.settings.listen;
-        let tls = server.settings.tls.as_ref().map(|(certificate, key)| acceptor(certificate, key)).transpose()?;
-        let socket = TcpListener::bind(listen).await.map_err(|error| Failure::Usage(format!("cannot listen on {listen}: {error}")))?;
+        let tls = server
+            .settings
+            .tls
+            .as_ref()
+            .map(|(certificate, key)| acceptor(certificate, key))
+            .transpose()?;
+        let socket = TcpListener::bind(listen)
+            .await
+            .map_err(|error| Failure::Usage(format!("cannot listen on {listen}: {error}")))?;
         let address = socket.local_addr()?;
-        Ok(Self { socket, tls, address })
+        Ok(Self {
+            socket,
+            tls,
+            address,
+        })
     }
 
     /// Where a browser finds it.
     pub fn url(&self) -> String {
-        format!("{}://{}", if self.tls.is_some() { "https" } else { "http" }, self.address)
+        format!(
+            "{}://{}",
+            if self.tls.is_some() { "https" } else { "http" },
+            self.address
+        )
     }
 
     /// Serves whoever comes, for ever.
@@ -94,7 +111,10 @@ impl Listener {
         let app = App::of(server);
         let router = router(&app);
         let bounds = Bounds::of_system(server.settings.limits.connections);
-        let mut places = Places { silent: VecDeque::new(), heard: Heard::of(bounds.heard) };
+        let mut places = Places {
+            silent: VecDeque::new(),
+            heard: Heard::of(bounds.heard),
+        };
         let server_clock = server.clock.clone();
         loop {
             while server.counts.connections.load(Ordering::Relaxed) >= bounds.all as u64 {
@@ -107,7 +127,12 @@ impl Listener {
                 continue;
             };
             let asked = Arc::new(AtomicBool::new(false));
-            let place = Place { asked: asked.clone(), heard: places.heard.clone(), peer: peer.ip(), held: None };
+            let place = Place {
+                asked: asked.clone(),
+                heard: places.heard.clone(),
+                peer: peer.ip(),
+                held: None,
+            };
             let (server, router, tls) = (server.clone(), router.clone(), self.tls.clone());
             // Counted from here on, not from its task's first turn on: that may come late.
             let counted = Counted::new(&server);
@@ -116,7 +141,15 @@ impl Listener {
                 serve(&server, (router, place), (socket, peer), tls).await;
             });
             let (peer, since_s) = (peer.ip(), server_clock.now_s());
-            places.enter(Waiting { asked, peer, since_s, task: task.abort_handle() }, &bounds);
+            places.enter(
+                Waiting {
+                    asked,
+                    peer,
+                    since_s,
+                    task: task.abort_handle(),
+                },
+                &bounds,
+            );
         }
     }
 }
@@ -137,11 +170,14 @@ struct Bounds {
 impl Bounds {
     fn of_system(connections: usize) -> Self {
         // Where the system does not tell, it is taken to give what it gives everybody.
-        let files = getrlimit(Resource::RLIMIT_NOFILE).map_or(1024, |(files, _)| usize::try_from(files).unwrap_or(usize::MAX));
+        let files = getrlimit(Resource::RLIMIT_NOFILE).map_or(1024, |(files, _)| {
+            usize::try_from(files).unwrap_or(usize::MAX)
+        });
         let bounds = Self::of(connections, files);
         if bounds.heard < connections {
             tracing::warn!(
-                "{connections} connections are configured, but {files} open files are granted: there are places for {}",
+                "{connections} connections are configured, but {files} open files are granted: \
+                there are places for {}",
                 bounds.heard
             );
         }
@@ -152,7 +188,12 @@ impl Bounds {
         let all = files - RESERVED.min(files / 2);
         let heard = connections.min(all / 2);
         let flood = FLOOD.saturating_mul(connections).min(all - heard);
-        Self { heard, silent: connections.min(flood), flood, all }
+        Self {
+            heard,
+            silent: connections.min(flood),
+            flood,
+            all,
+        }
     }
 }
 
@@ -166,9 +207,10 @@ struct Waiting {
     task: AbortHandle,
 }
 
-/// Places for connections. Who has come and says nothing has a place until others need it: the longest silent of the same peer goes first, so that whoever
-/// comes with a request, a stop above all, is always heard. Nobody goes within the time that a head takes, as long as the system has files. Who has asked for
-/// something stays, as far as there are places.
+/// Places for connections. Who has come and says nothing has a place until others need it: the
+/// longest silent of the same peer goes first, so that whoever comes with a request, a stop above
+/// all, is always heard. Nobody goes within the time that a head takes, as long as the system has
+/// files. Who has asked for something stays, as far as there are places.
 struct Places {
     /// Those who have not yet asked for anything, by the order in which they came.
     silent: VecDeque<Waiting>,
@@ -178,7 +220,9 @@ struct Places {
 impl Places {
     /// Lets the longest silent go, whoever it is: nobody else can come.
     fn let_one_go(&mut self) {
-        self.silent.retain(|waiting| !waiting.asked.load(Ordering::Relaxed) && !waiting.task.is_finished());
+        self.silent.retain(|waiting| {
+            !waiting.asked.load(Ordering::Relaxed) && !waiting.task.is_finished()
+        });
         if let Some(waiting) = self.silent.pop_front()
             && !waiting.asked.swap(true, Ordering::Relaxed)
         {
@@ -189,14 +233,27 @@ impl Places {
     fn enter(&mut self, waiting: Waiting, bounds: &Bounds) {
         let (peer, now_s) = (waiting.peer, waiting.since_s);
         let silent = &mut self.silent;
-        silent.retain(|waiting| !waiting.asked.load(Ordering::Relaxed) && !waiting.task.is_finished());
+        silent.retain(|waiting| {
+            !waiting.asked.load(Ordering::Relaxed) && !waiting.task.is_finished()
+        });
         silent.push_back(waiting);
         loop {
             let of_peer = silent.iter().filter(|waiting| waiting.peer == peer).count();
-            let longest = if of_peer > bounds.silent / PEER_SHARE { silent.iter().position(|waiting| waiting.peer == peer) } else { None };
+            let longest = if of_peer > bounds.silent / PEER_SHARE {
+                silent.iter().position(|waiting| waiting.peer == peer)
+            } else {
+                None
+            };
             let longest = longest.or((silent.len() > bounds.silent).then_some(0));
-            let old = |at: &usize| silent.get(*at).is_some_and(|waiting| now_s - waiting.since_s > GRACE_S) || silent.len() > bounds.flood;
-            let Some(waiting) = longest.filter(old).and_then(|at| silent.remove(at)) else { return };
+            let old = |at: &usize| {
+                silent
+                    .get(*at)
+                    .is_some_and(|waiting| now_s - waiting.since_s > GRACE_S)
+                    || silent.len() > bounds.flood
+            };
+            let Some(waiting) = longest.filter(old).and_then(|at| silent.remove(at)) else {
+                return;
+            };
             // Not one whose request comes just now.
             if !waiting.asked.swap(true, Ordering::Relaxed) {
                 waiting.task.abort();
@@ -205,7 +262,8 @@ impl Places {
     }
 }
 
-/// Places of those who have asked for something, and whose they are: a quarter is for other peers than the one that has the most.
+/// Places of those who have asked for something, and whose they are: a quarter is for other peers
+/// than the one that has the most.
 #[derive(Clone)]
 struct Heard {
     most: usize,
@@ -214,17 +272,24 @@ struct Heard {
 
 impl Heard {
     fn of(most: usize) -> Self {
-        Self { most, held: Arc::default() }
+        Self {
+            most,
+            held: Arc::default(),
+        }
     }
 
     fn take(&self, peer: IpAddr) -> Option<Held> {
         let mut held = self.held.lock().unwrap_or_else(PoisonError::into_inner);
         let own = held.get(&peer).copied().unwrap_or(0);
-        if own >= self.most - self.most / OTHERS_SHARE || held.values().sum::<usize>() >= self.most {
+        if own >= self.most - self.most / OTHERS_SHARE || held.values().sum::<usize>() >= self.most
+        {
             return None;
         }
         held.insert(peer, own + 1);
-        Some(Held { heard: self.clone(), peer })
+        Some(Held {
+            heard: self.clone(),
+            peer,
+        })
     }
 }
 
@@ -236,7 +301,11 @@ struct Held {
 
 impl Drop for Held {
     fn drop(&mut self) {
-        let mut held = self.heard.held.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut held = self
+            .heard
+            .held
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         if let Some(own) = held.get_mut(&self.peer) {
             *own -= 1;
             if *own == 0 {
@@ -255,7 +324,8 @@ struct Place {
 }
 
 impl Place {
-    /// It has asked for something: it is no longer one of the silent. Whether there is a place for it.
+    /// It has asked for something: it is no longer one of the silent. Whether there is a place for
+    /// it.
     fn heard(&mut self) -> bool {
         self.asked.store(true, Ordering::Relaxed);
         if self.held.is_none() {
@@ -281,7 +351,12 @@ impl Drop for Counted {
     }
 }
 
-async fn serve(server: &Server, (router, place): (Router, Place), (socket, peer): (TcpStream, SocketAddr), tls: Option<TlsAcceptor>) {
+async fn serve(
+    server: &Server,
+    (router, place): (Router, Place),
+    (socket, peer): (TcpStream, SocketAddr),
+    tls: Option<TlsAcceptor>,
+) {
     let _ = socket.set_nodelay(true);
     let patience = Duration::from_secs_f64(server.settings.limits.patience_s);
     match tls {
@@ -294,8 +369,12 @@ async fn serve(server: &Server, (router, place): (Router, Place), (socket, peer)
     }
 }
 
-async fn requests<S>(clock: &Clock, (router, place): (Router, Place), (stream, peer): (S, SocketAddr), patience: Duration)
-where
+async fn requests<S>(
+    clock: &Clock,
+    (router, place): (Router, Place),
+    (stream, peer): (S, SocketAddr),
+    patience: Duration,
+) where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,
 {
     let service = TowerToHyperService::new(router);
@@ -307,19 +386,28 @@ where
         // A stop needs no place.
         let answer = (heard || stop).then(|| hyper::service::Service::call(&service, request));
         async move {
-            let words = "expected fewer connections at once, found more than this server, or one peer, has places for";
+            let words = "expected fewer connections at once, found more than this server, or one \
+            peer, has places for";
             let mut answer = match answer {
                 Some(answer) => answer.await?,
                 None => Refusal::of(StatusCode::SERVICE_UNAVAILABLE, words).into_response(),
             };
             if !heard {
                 // Who has no place does not keep his connection either.
-                answer.headers_mut().insert(header::CONNECTION, HeaderValue::from_static("close"));
+                answer
+                    .headers_mut()
+                    .insert(header::CONNECTION, HeaderValue::from_static("close"));
             }
             Ok::<_, Infallible>(answer)
         }
     });
-    let stream = Patient { stream, clock: clock.clone(), patience, waits: None, instead: None };
+    let stream = Patient {
+        stream,
+        clock: clock.clone(),
+        patience,
+        waits: None,
+        instead: None,
+    };
     // However a connection ends is its peer's business.
     let _ = http1::Builder::new()
         .timer(TokioTimer::new())
@@ -341,13 +429,17 @@ fn acceptor(certificate: &std::path::Path, key: &std::path::Path) -> Result<TlsA
     let provider = Arc::new(rustls::crypto::ring::default_provider());
     let config = rustls::ServerConfig::builder_with_provider(provider)
         .with_safe_default_protocol_versions()
-        .and_then(|builder| builder.with_no_client_auth().with_single_cert(chain, key_der))
+        .and_then(|builder| {
+            builder
+                .with_no_client_auth()
+                .with_single_cert(chain, key_der)
+        })
         .map_err(|error| usage(certificate, &error))?;
     Ok(TlsAcceptor::from(Arc::new(config)))
 }
 
-/// A stream that gives up a peer which does not take what it is sent. What the HTTP library answers by itself, to a head that is none or is too long, gets the
-/// shape of every other refusal.
+/// A stream that gives up a peer which does not take what it is sent. What the HTTP library answers
+/// by itself, to a head that is none or is too long, gets the shape of every other refusal.
 struct Patient<S> {
     stream: S,
     clock: Clock,
@@ -357,50 +449,76 @@ struct Patient<S> {
     instead: Option<(Vec<u8>, usize)>,
 }
 
-/// A refusal in the place of one that the library made, which has no body; none for any other answer.
+/// A refusal in the place of one that the library made, which has no body; none for any other
+/// answer.
 fn instead_of(answer: &[u8]) -> Option<Vec<u8>> {
     let text = std::str::from_utf8(answer).ok()?;
     let status: u16 = text.strip_prefix("HTTP/1.")?.get(2..5)?.parse().ok()?;
     let lower = text.to_ascii_lowercase();
-    let bare = (400..500).contains(&status) && lower.ends_with("\r\n\r\n") && !lower.contains("\r\ncontent-type:");
+    let bare = (400..500).contains(&status)
+        && lower.ends_with("\r\n\r\n")
+        && !lower.contains("\r\ncontent-type:");
     if !bare || !lower.contains("\r\ncontent-length: 0\r\n") {
         return None;
     }
     let status = StatusCode::from_u16(status).ok()?;
     let message = match status {
         StatusCode::REQUEST_HEADER_FIELDS_TOO_LARGE => {
-            format!("expected a head of at most {HEAD_BYTES} bytes and 100 lines, found a longer one")
+            format!(
+                "expected a head of at most {HEAD_BYTES} bytes and 100 lines, found a longer one"
+            )
         }
         StatusCode::URI_TOO_LONG => "expected a shorter path".to_owned(),
         _ => "expected a request of HTTP/1.1, found something else".to_owned(),
     };
-    let body = serde_json::to_string(&Problem { code: code_of(status).to_owned(), message }).ok()?;
-    let head =
-        format!("HTTP/1.1 {status}\r\ncontent-type: application/json\r\ncontent-length: {}\r\nconnection: close\r\n\r\n", body.len());
+    let body = serde_json::to_string(&Problem {
+        code: code_of(status).to_owned(),
+        message,
+    })
+    .ok()?;
+    let head = format!(
+        "HTTP/1.1 {status}\r\ncontent-type: application/json\r\ncontent-length: {}\r\n\
+        connection: close\r\n\r\n",
+        body.len()
+    );
     Some((head + &body).into_bytes())
 }
 
 impl<S> Patient<S> {
-    fn judge<T>(&mut self, context: &mut Context<'_>, sent: Poll<io::Result<T>>) -> Poll<io::Result<T>> {
+    fn judge<T>(
+        &mut self,
+        context: &mut Context<'_>,
+        sent: Poll<io::Result<T>>,
+    ) -> Poll<io::Result<T>> {
         if sent.is_ready() {
             self.waits = None;
             return sent;
         }
         let (clock, patience) = (self.clock.clone(), self.patience);
-        let waits = self.waits.get_or_insert_with(|| Box::pin(async move { clock.sleep(patience).await }));
+        let waits = self
+            .waits
+            .get_or_insert_with(|| Box::pin(async move { clock.sleep(patience).await }));
         ready!(waits.as_mut().poll(context));
         Poll::Ready(Err(io::ErrorKind::TimedOut.into()))
     }
 }
 
 impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
-    fn poll_read(mut self: Pin<&mut Self>, context: &mut Context<'_>, buffer: &mut ReadBuf<'_>) -> Poll<io::Result<()>> {
+    fn poll_read(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        buffer: &mut ReadBuf<'_>,
+    ) -> Poll<io::Result<()>> {
         Pin::new(&mut self.stream).poll_read(context, buffer)
     }
 }
 
 impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
-    fn poll_write(mut self: Pin<&mut Self>, context: &mut Context<'_>, bytes: &[u8]) -> Poll<io::Result<usize>> {
+    fn poll_write(
+        mut self: Pin<&mut Self>,
+        context: &mut Context<'_>,
+        bytes: &[u8],
+    ) -> Poll<io::Result<usize>> {
         if self.instead.is_none() {
             self.instead = instead_of(bytes).map(|answer| (answer, 0));
         }
@@ -438,7 +556,11 @@ mod tests {
 
     #[test]
     fn one_peer_leaves_a_quarter_of_the_places_and_gives_them_back() {
-        let (heard, one, other) = (Heard::of(8), IpAddr::V4(Ipv4Addr::LOCALHOST), IpAddr::V4(Ipv4Addr::UNSPECIFIED));
+        let (heard, one, other) = (
+            Heard::of(8),
+            IpAddr::V4(Ipv4Addr::LOCALHOST),
+            IpAddr::V4(Ipv4Addr::UNSPECIFIED),
+        );
         let mut held: Vec<_> = (0..8).map(|_| heard.take(one)).collect();
         assert_eq!(held.iter().flatten().count(), 6);
         let others: Vec<_> = (0..4).map(|_| heard.take(other)).collect();
@@ -450,12 +572,34 @@ mod tests {
 
     #[test]
     fn connections_leave_files_for_a_stop_whatever_the_system_grants() {
-        assert_eq!(Bounds::of(512, 1_048_576), Bounds { heard: 512, silent: 512, flood: 8192, all: 1_048_448 });
-        assert_eq!(Bounds::of(512, 1024), Bounds { heard: 448, silent: 448, flood: 448, all: 896 });
+        assert_eq!(
+            Bounds::of(512, 1_048_576),
+            Bounds {
+                heard: 512,
+                silent: 512,
+                flood: 8192,
+                all: 1_048_448
+            }
+        );
+        assert_eq!(
+            Bounds::of(512, 1024),
+            Bounds {
+                heard: 448,
+                silent: 448,
+                flood: 448,
+                all: 896
+            }
+        );
         for files in [8, 64, 256, 300, 1024, 4096, 1_048_576] {
             let bounds = Bounds::of(512, files);
-            assert!(bounds.heard >= 1 && bounds.flood >= 1 && bounds.heard + bounds.flood <= bounds.all, "{files}: {bounds:?}");
-            assert!(bounds.all + RESERVED.min(files / 2) <= files, "{files}: {bounds:?}");
+            assert!(
+                bounds.heard >= 1 && bounds.flood >= 1 && bounds.heard + bounds.flood <= bounds.all,
+                "{files}: {bounds:?}"
+            );
+            assert!(
+                bounds.all + RESERVED.min(files / 2) <= files,
+                "{files}: {bounds:?}"
+            );
         }
     }
 
@@ -463,8 +607,16 @@ mod tests {
     fn only_an_answer_that_the_library_made_is_exchanged() {
         let bare = b"HTTP/1.1 431 Request Header Fields Too Large\r\nconnection: close\r\ncontent-length: 0\r\n\r\n";
         let text = String::from_utf8(instead_of(bare).unwrap()).unwrap();
-        assert!(text.starts_with("HTTP/1.1 431 Request Header Fields Too Large\r\n"), "{text}");
-        assert!(text.contains("{\"code\":\"head_too_large\",\"message\":\"expected a head of at most 16384 bytes"), "{text}");
+        assert!(
+            text.starts_with("HTTP/1.1 431 Request Header Fields Too Large\r\n"),
+            "{text}"
+        );
+        assert!(
+            text.contains(
+                "{\"code\":\"head_too_large\",\"message\":\"expected a head of at most 16384 bytes"
+            ),
+            "{text}"
+        );
         for kept in [
             "HTTP/1.1 404 Not Found\r\ncontent-type: application/json\r\ncontent-length: 0\r\n\r\n",
             "HTTP/1.1 200 OK\r\ncontent-length: 0\r\n\r\n",

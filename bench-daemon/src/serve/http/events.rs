@@ -1,5 +1,6 @@
-//! Everything that changes, as server-sent events. Each listener reads the one store of events at its own pace: nothing is kept for it, and one that is
-//! too slow is told that it has missed something and goes on with what is there.
+//! Everything that changes, as server-sent events. Each listener reads the one store of events at
+//! its own pace: nothing is kept for it, and one that is too slow is told that it has missed
+//! something and goes on with what is there.
 
 use std::{
     convert::Infallible,
@@ -45,13 +46,22 @@ impl Drop for Listener {
     }
 }
 
-/// Everything that changes: `live` (a bench), `spectrum`, `run`, `queue`, `stop`; first `hello`, and `lost` where some were missed: then ask for the
-/// present state. With the header `Last-Event-ID` it goes on behind that event.
+/// Everything that changes: `live` (a bench), `spectrum`, `run`, `queue`, `stop`; first `hello`,
+/// and `lost` where some were missed: then ask for the present state. With the header
+/// `Last-Event-ID` it goes on behind that event.
 #[utoipa::path(get, path = "/api/v1/events", tag = "events", params(From, ("Last-Event-ID" = Option<String>, Header)),
     responses((status = 200, body = String, content_type = "text/event-stream")), security(("token" = ["read"])))]
-pub async fn events(caller: Reader, State(app): State<App>, Query(from): Query<From>, headers: HeaderMap) -> Response {
+pub async fn events(
+    caller: Reader,
+    State(app): State<App>,
+    Query(from): Query<From>,
+    headers: HeaderMap,
+) -> Response {
     let server = app.server;
-    let last = headers.get("last-event-id").and_then(|value| value.to_str().ok().map(str::to_owned)).or(from.last_event_id);
+    let last = headers
+        .get("last-event-id")
+        .and_then(|value| value.to_str().ok().map(str::to_owned))
+        .or(from.last_event_id);
     let known = last.as_deref().map(|id| server.hub.number(id));
     let (number, greeting) = match known {
         None => (server.hub.latest(), "hello"),
@@ -60,9 +70,22 @@ pub async fn events(caller: Reader, State(app): State<App>, Query(from): Query<F
         Some(None) => (server.hub.latest(), "lost"),
     };
     server.counts.listeners.fetch_add(1, Ordering::Relaxed);
-    let listener = Listener { wake: server.hub.wake(), server, number, greeting: Some(greeting), secret: caller.secret };
+    let listener = Listener {
+        wake: server.hub.wake(),
+        server,
+        number,
+        greeting: Some(greeting),
+        secret: caller.secret,
+    };
     let body = Body::from_stream(stream::unfold(listener, next));
-    ([(header::CONTENT_TYPE, "text/event-stream"), (header::CACHE_CONTROL, "no-store")], body).into_response()
+    (
+        [
+            (header::CONTENT_TYPE, "text/event-stream"),
+            (header::CACHE_CONTROL, "no-store"),
+        ],
+        body,
+    )
+        .into_response()
 }
 
 async fn next(mut listener: Listener) -> Option<(Result<Bytes, Infallible>, Listener)> {
@@ -95,7 +118,11 @@ impl Listener {
     fn text(&mut self) -> String {
         let mut text = String::new();
         if let Some(greeting) = self.greeting.take() {
-            let _ = write!(text, "id: {}\nevent: {greeting}\ndata: {{}}\n\n", self.server.hub.id(self.number));
+            let _ = write!(
+                text,
+                "id: {}\nevent: {greeting}\ndata: {{}}\n\n",
+                self.server.hub.id(self.number)
+            );
         }
         let told = self.server.hub.after(self.number);
         if told.lost {
@@ -103,13 +130,20 @@ impl Listener {
             text.push_str("event: lost\ndata: {}\n\n");
         }
         for event in &told.events {
-            let _ = write!(text, "id: {}\nevent: {}\ndata: {}\n\n", self.server.hub.id(event.number), event.kind, event.data);
+            let _ = write!(
+                text,
+                "id: {}\nevent: {}\ndata: {}\n\n",
+                self.server.hub.id(event.number),
+                event.kind,
+                event.data
+            );
             self.number = event.number;
         }
         text
     }
 
-    /// A token that was revoked ends the stream, and so does the first token that is made, of a stream that was opened without one.
+    /// A token that was revoked ends the stream, and so does the first token that is made, of a
+    /// stream that was opened without one.
     fn welcome(&self) -> bool {
         match &self.secret {
             Some(secret) => matches!(self.server.tokens.whose(secret), Ok(Some(_))),

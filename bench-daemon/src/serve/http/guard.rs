@@ -1,5 +1,6 @@
-//! What every request passes: rates, the host it means, its body within bounds; and what every answer gets: one shape of refusal, headers that keep
-//! browsers within it, a line in the audit trail.
+//! What every request passes: rates, the host it means, its body within bounds; and what every
+//! answer gets: one shape of refusal, headers that keep browsers within it, a line in the audit
+//! trail.
 
 use std::{
     collections::HashMap,
@@ -27,12 +28,14 @@ use crate::loopback::names_loopback;
 #[derive(Debug, Clone, Copy)]
 pub struct Peer(pub IpAddr);
 
-/// Wrong tokens of one peer, and attempts of one without any that are written down, per second in the long run and at once.
+/// Wrong tokens of one peer, and attempts of one without any that are written down, per second in
+/// the long run and at once.
 pub const GUESSES: (f64, f64) = (0.5, 20.0);
 /// So many peers are remembered.
 const PEERS: usize = 10_000;
 /// Nothing from elsewhere, no script in a page, no frame around it.
-const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:; form-action 'none'; \
+const POLICY: &str = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; \
+img-src 'self' data:; form-action 'none'; \
                       base-uri 'none'; frame-ancestors 'none'";
 
 /// How often each peer may do something: a bucket that refills.
@@ -46,7 +49,11 @@ pub struct Rate {
 impl Rate {
     /// So often per second, and so often at once.
     pub fn new(per_s: f64, burst: f64) -> Self {
-        Self { per_s, burst, buckets: Mutex::default() }
+        Self {
+            per_s,
+            burst,
+            buckets: Mutex::default(),
+        }
     }
 
     /// Takes one; whether there was one.
@@ -73,7 +80,10 @@ pub fn is_stop(method: &Method, uri: &Uri) -> bool {
 /// Around every request.
 pub async fn guard(State(app): State<App>, mut request: Request, next: Next) -> Response {
     let (method, path) = (request.method().clone(), request.uri().path().to_owned());
-    let peer = request.extensions().get::<Peer>().map_or(IpAddr::from([0, 0, 0, 0]), |peer| peer.0);
+    let peer = request
+        .extensions()
+        .get::<Peer>()
+        .map_or(IpAddr::from([0, 0, 0, 0]), |peer| peer.0);
     let named = Named::default();
     request.extensions_mut().insert(named.clone());
     let response = match admit(&app, peer, request).await {
@@ -86,10 +96,17 @@ pub async fn guard(State(app): State<App>, mut request: Request, next: Next) -> 
     // Somebody whom nobody knows must not fill the disk with their attempts.
     let noted = known || app.strangers.take(peer, app.server.clock.now_s());
     if noted && !matches!(method, Method::GET | Method::HEAD | Method::OPTIONS) {
-        let code = response.extensions().get::<Code>().map_or_else(String::new, |code| format!(" {}", code.0));
+        let code = response
+            .extensions()
+            .get::<Code>()
+            .map_or_else(String::new, |code| format!(" {}", code.0));
         let outcome = format!("{}{code}", response.status().as_u16());
         let who = named.0.get().map_or("-", String::as_str);
-        if let Err(error) = app.server.audit.write((who, &peer.to_string()), &format!("{method} {path}"), &outcome) {
+        if let Err(error) = app.server.audit.write(
+            (who, &peer.to_string()),
+            &format!("{method} {path}"),
+            &outcome,
+        ) {
             tracing::error!("the audit trail cannot be written: {error}");
         }
     }
@@ -100,47 +117,93 @@ async fn admit(app: &App, peer: IpAddr, request: Request) -> Result<Request, Ref
     let (now_s, limits) = (app.server.clock.now_s(), &app.server.settings.limits);
     // Nobody is told that they stop too often.
     if !is_stop(request.method(), request.uri()) && !app.rate.take(peer, now_s) {
-        return Err(Refusal::of(StatusCode::TOO_MANY_REQUESTS, "expected fewer requests, found more than this server bears from one peer"));
+        return Err(Refusal::of(
+            StatusCode::TOO_MANY_REQUESTS,
+            "expected fewer requests, found more than this server bears from one peer",
+        ));
     }
-    if request.uri().path_and_query().is_some_and(|path| path.as_str().len() > 2048) {
-        return Err(Refusal::of(StatusCode::BAD_REQUEST, "expected a path of at most 2048 bytes, found a longer one"));
+    if request
+        .uri()
+        .path_and_query()
+        .is_some_and(|path| path.as_str().len() > 2048)
+    {
+        return Err(Refusal::of(
+            StatusCode::BAD_REQUEST,
+            "expected a path of at most 2048 bytes, found a longer one",
+        ));
     }
-    same_host(request.headers(), request.uri(), app.server.settings.listen.ip().is_loopback())?;
+    same_host(
+        request.headers(),
+        request.uri(),
+        app.server.settings.listen.ip().is_loopback(),
+    )?;
     let (parts, body) = request.into_parts();
     let too_large = || {
-        Refusal::of(StatusCode::PAYLOAD_TOO_LARGE, format!("expected a body of at most {} bytes, found a longer one", limits.body_bytes))
+        Refusal::of(
+            StatusCode::PAYLOAD_TOO_LARGE,
+            format!(
+                "expected a body of at most {} bytes, found a longer one",
+                limits.body_bytes
+            ),
+        )
     };
     if body.size_hint().lower() > limits.body_bytes as u64 {
         return Err(too_large());
     }
     let patience = Duration::from_secs_f64(limits.patience_s);
-    match app.server.clock.deadline(patience, to_bytes(body, limits.body_bytes)).await {
+    match app
+        .server
+        .clock
+        .deadline(patience, to_bytes(body, limits.body_bytes))
+        .await
+    {
         Ok(Ok(bytes)) => Ok(Request::from_parts(parts, Body::from(bytes))),
         Ok(Err(error)) if is_length(&error) => Err(too_large()),
-        Ok(Err(_)) => Err(Refusal::of(StatusCode::BAD_REQUEST, "expected a whole body, found a broken one")),
+        Ok(Err(_)) => Err(Refusal::of(
+            StatusCode::BAD_REQUEST,
+            "expected a whole body, found a broken one",
+        )),
         Err(_) => {
-            let message = format!("expected the whole body within {} s, found a part of it", limits.patience_s);
+            let message = format!(
+                "expected the whole body within {} s, found a part of it",
+                limits.patience_s
+            );
             Err(Refusal::of(StatusCode::REQUEST_TIMEOUT, message))
         }
     }
 }
 
 fn is_length(error: &axum::Error) -> bool {
-    std::error::Error::source(error).is_some_and(|source| source.to_string().contains("length limit"))
+    std::error::Error::source(error)
+        .is_some_and(|source| source.to_string().contains("length limit"))
 }
 
-/// Pages of elsewhere must not speak with this server through a browser: neither under a name of their own (DNS rebinding) nor from their own origin.
+/// Pages of elsewhere must not speak with this server through a browser: neither under a name of
+/// their own (DNS rebinding) nor from their own origin.
 fn same_host(headers: &HeaderMap, uri: &Uri, loopback: bool) -> Result<(), Refusal> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
-    let host = text(header::HOST).or_else(|| uri.authority().map(|authority| authority.as_str())).unwrap_or_default();
-    let name = host.rsplit_once(':').filter(|(_, port)| port.chars().all(|c| c.is_ascii_digit())).map_or(host, |(name, _)| name);
+    let host = text(header::HOST)
+        .or_else(|| uri.authority().map(|authority| authority.as_str()))
+        .unwrap_or_default();
+    let name = host
+        .rsplit_once(':')
+        .filter(|(_, port)| port.chars().all(|c| c.is_ascii_digit()))
+        .map_or(host, |(name, _)| name);
     if loopback && !names_loopback(name) {
         let message = format!("expected the host localhost, 127.0.0.1 or [::1], found {host:?}");
         return Err(Refusal::new(StatusCode::FORBIDDEN, "other_host", message));
     }
     match text(header::ORIGIN) {
-        Some(origin) if origin.split_once("://").is_none_or(|(_, origin)| origin != host) => {
-            Err(Refusal::new(StatusCode::FORBIDDEN, "other_origin", format!("expected a page of this server, found one of {origin:?}")))
+        Some(origin)
+            if origin
+                .split_once("://")
+                .is_none_or(|(_, origin)| origin != host) =>
+        {
+            Err(Refusal::new(
+                StatusCode::FORBIDDEN,
+                "other_origin",
+                format!("expected a page of this server, found one of {origin:?}"),
+            ))
         }
         _ => Ok(()),
     }
@@ -149,12 +212,21 @@ fn same_host(headers: &HeaderMap, uri: &Uri, loopback: bool) -> Result<(), Refus
 /// Headers for browsers, and the one shape of a refusal.
 async fn dressed(response: Response) -> Response {
     let status = response.status();
-    let json = response.headers().get(header::CONTENT_TYPE).is_some_and(|kind| kind.as_bytes().starts_with(b"application/json"));
+    let json = response
+        .headers()
+        .get(header::CONTENT_TYPE)
+        .is_some_and(|kind| kind.as_bytes().starts_with(b"application/json"));
     let mut response = if status.as_u16() >= 400 && !json {
         let allow = response.headers().get(header::ALLOW).cloned();
-        let text = to_bytes(response.into_body(), 16 * 1024).await.unwrap_or_default();
+        let text = to_bytes(response.into_body(), 16 * 1024)
+            .await
+            .unwrap_or_default();
         let text = String::from_utf8_lossy(&text).into_owned();
-        let text = if text.is_empty() { status.canonical_reason().unwrap_or_default().to_owned() } else { text };
+        let text = if text.is_empty() {
+            status.canonical_reason().unwrap_or_default().to_owned()
+        } else {
+            text
+        };
         let mut response = Refusal::of(status, text).into_response();
         if let Some(allow) = allow {
             response.headers_mut().insert(header::ALLOW, allow);
@@ -171,7 +243,9 @@ async fn dressed(response: Response) -> Response {
         (header::CACHE_CONTROL, "no-store"),
     ];
     for (name, value) in fixed {
-        headers.entry(name).or_insert(HeaderValue::from_static(value));
+        headers
+            .entry(name)
+            .or_insert(HeaderValue::from_static(value));
     }
     response
 }
@@ -184,7 +258,10 @@ mod tests {
     fn a_bucket_refills_and_each_peer_has_its_own() {
         let rate = Rate::new(2.0, 3.0);
         let (a, b) = (IpAddr::from([10, 0, 0, 1]), IpAddr::from([10, 0, 0, 2]));
-        assert_eq!([0.0, 0.0, 0.0, 0.0, 0.4, 0.6].map(|now_s| rate.take(a, now_s)), [true, true, true, false, false, true]);
+        assert_eq!(
+            [0.0, 0.0, 0.0, 0.0, 0.4, 0.6].map(|now_s| rate.take(a, now_s)),
+            [true, true, true, false, false, true]
+        );
         assert!(rate.take(b, 0.6) && !rate.take(a, 0.6));
     }
 
@@ -198,15 +275,37 @@ mod tests {
             }
             same_host(&headers, &Uri::from_static("/"), loopback).is_ok()
         };
-        for host in ["localhost", "localhost:7420", "127.0.0.1:7420", "127.0.0.9", "[::1]:7420", "[::1]"] {
+        for host in [
+            "localhost",
+            "localhost:7420",
+            "127.0.0.1:7420",
+            "127.0.0.9",
+            "[::1]:7420",
+            "[::1]",
+        ] {
             assert!(check(host, None, true), "{host}");
             assert!(check(host, Some(&format!("http://{host}")), true), "{host}");
         }
-        for host in ["evil.example", "evil.example:7420", "127.0.0.1.evil.example", "10.0.0.1", "", "localhost.evil.example"] {
+        for host in [
+            "evil.example",
+            "evil.example:7420",
+            "127.0.0.1.evil.example",
+            "10.0.0.1",
+            "",
+            "localhost.evil.example",
+        ] {
             assert!(!check(host, None, true), "{host}");
         }
-        assert!(check("bench.lab:7420", None, false) && check("bench.lab:7420", Some("https://bench.lab:7420"), false));
-        for origin in ["null", "https://evil.example", "http://localhost:1", "https://bench.lab"] {
+        assert!(
+            check("bench.lab:7420", None, false)
+                && check("bench.lab:7420", Some("https://bench.lab:7420"), false)
+        );
+        for origin in [
+            "null",
+            "https://evil.example",
+            "http://localhost:1",
+            "https://bench.lab",
+        ] {
             assert!(!check("bench.lab:7420", Some(origin), false), "{origin}");
         }
     }

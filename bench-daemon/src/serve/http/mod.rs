@@ -43,7 +43,12 @@ impl App {
         let limits = server.settings.limits;
         let few = || Arc::new(Rate::new(guard::GUESSES.0, guard::GUESSES.1));
         let rate = Arc::new(Rate::new(limits.requests_per_s, limits.burst));
-        Self { server: server.clone(), rate, guesses: few(), strangers: few() }
+        Self {
+            server: server.clone(),
+            rate,
+            guesses: few(),
+            strangers: few(),
+        }
     }
 }
 

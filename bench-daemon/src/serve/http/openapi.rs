@@ -14,7 +14,8 @@ use super::{benches, events, metrics, problem, queue, runs};
 
 #[derive(OpenApi)]
 #[openapi(
-    info(title = "eis-bench", description = "A battery test bench: queue, runs, live state, trips."),
+    info(title = "eis-bench", description = "A battery test bench: queue, runs, live state, \
+    trips."),
     paths(
         document, benches::whoami, benches::list, benches::detail, benches::instruments, benches::identify, benches::stop, benches::stop_all, benches::trips,
         benches::clear, benches::audit, queue::list, queue::experiments, queue::plan, queue::submit, queue::cancel, queue::reorder, queue::hold,
@@ -32,7 +33,10 @@ struct Common;
 /// Refusals that any request may meet, and those of requests with a token.
 const REFUSALS: [(&str, &str); 10] = [
     ("400", "The path, the query or the body is not as expected."),
-    ("403", "Another host or origin is meant, or the token lacks the scope."),
+    (
+        "403",
+        "Another host or origin is meant, or the token lacks the scope.",
+    ),
     ("404", "There is no such thing."),
     ("408", "The body took too long."),
     ("413", "The body is too large."),
@@ -42,16 +46,25 @@ const REFUSALS: [(&str, &str); 10] = [
     ("429", "Too many requests."),
     ("431", "The head is too large."),
 ];
-const WITH_TOKEN: [(&str, &str); 3] =
-    [("401", "No token, or one of nobody."), ("409", "Not as things are."), ("503", "The machine does not let it.")];
+const WITH_TOKEN: [(&str, &str); 3] = [
+    ("401", "No token, or one of nobody."),
+    ("409", "Not as things are."),
+    ("503", "The machine does not let it."),
+];
 
 impl Modify for Common {
     fn modify(&self, document: &mut utoipa::openapi::OpenApi) {
         let components = document.components.get_or_insert_default();
-        let scheme = Http::builder().scheme(HttpAuthScheme::Bearer).description(Some("`eis-bench token add` makes one.")).build();
+        let scheme = Http::builder()
+            .scheme(HttpAuthScheme::Bearer)
+            .description(Some("`eis-bench token add` makes one."))
+            .build();
         components.add_security_scheme("token", SecurityScheme::Http(scheme));
         for item in document.paths.paths.values_mut() {
-            [&mut item.get, &mut item.post, &mut item.delete].into_iter().flatten().for_each(refusals);
+            [&mut item.get, &mut item.post, &mut item.delete]
+                .into_iter()
+                .flatten()
+                .for_each(refusals);
         }
     }
 }
@@ -60,9 +73,18 @@ fn refusals(operation: &mut Operation) {
     let with_token = operation.security.is_some();
     let more = WITH_TOKEN.iter().filter(|_| with_token);
     for (status, description) in REFUSALS.iter().chain(more) {
-        let content = Content::new(Some(RefOr::<utoipa::openapi::Schema>::Ref(Ref::from_schema_name("Problem"))));
-        let response = ResponseBuilder::new().description(*description).content("application/json", content).build();
-        operation.responses.responses.entry((*status).to_owned()).or_insert_with(|| response.into());
+        let content = Content::new(Some(RefOr::<utoipa::openapi::Schema>::Ref(
+            Ref::from_schema_name("Problem"),
+        )));
+        let response = ResponseBuilder::new()
+            .description(*description)
+            .content("application/json", content)
+            .build();
+        operation
+            .responses
+            .responses
+            .entry((*status).to_owned())
+            .or_insert_with(|| response.into());
     }
 }
 

@@ -25,7 +25,16 @@ pub(super) fn routes() -> Router<App> {
         .route("/", file!("index.html", "text/html; charset=utf-8"))
         .route("/style.css", file!("style.css", "text/css; charset=utf-8"))
         .route("/app.js", file!("app.js", "text/javascript; charset=utf-8"))
-        .route("/bench.js", file!("bench.js", "text/javascript; charset=utf-8"))
-        .route("/plots.js", file!("plots.js", "text/javascript; charset=utf-8"))
-        .route("/server.js", file!("server.js", "text/javascript; charset=utf-8"))
+        .route(
+            "/bench.js",
+            file!("bench.js", "text/javascript; charset=utf-8"),
+        )
+        .route(
+            "/plots.js",
+            file!("plots.js", "text/javascript; charset=utf-8"),
+        )
+        .route(
+            "/server.js",
+            file!("server.js", "text/javascript; charset=utf-8"),
+        )
 }

@@ -28,7 +28,13 @@ pub struct Code(pub String);
 impl Refusal {
     /// With a code of its own.
     pub fn new(status: StatusCode, code: &str, message: impl Into<String>) -> Self {
-        Self(status, Problem { code: code.to_owned(), message: message.into() })
+        Self(
+            status,
+            Problem {
+                code: code.to_owned(),
+                message: message.into(),
+            },
+        )
     }
 
     /// With the code of the status.
@@ -38,7 +44,10 @@ impl Refusal {
 
     /// No such thing.
     pub fn not_found(what: &str, found: &str) -> Self {
-        Self::of(StatusCode::NOT_FOUND, format!("expected the name of {what}, found {found:?}"))
+        Self::of(
+            StatusCode::NOT_FOUND,
+            format!("expected the name of {what}, found {found:?}"),
+        )
     }
 
     /// Not as things are.
@@ -49,7 +58,10 @@ impl Refusal {
     /// The machine.
     pub fn machine(error: &dyn std::fmt::Display) -> Self {
         tracing::error!("{error}");
-        Self::of(StatusCode::SERVICE_UNAVAILABLE, "the server cannot do that now; its log tells why")
+        Self::of(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "the server cannot do that now; its log tells why",
+        )
     }
 }
 
@@ -79,7 +91,10 @@ impl IntoResponse for Refusal {
         let code = Code(self.1.code.clone());
         let mut response = (self.0, Json(self.1)).into_response();
         if self.0 == StatusCode::UNAUTHORIZED {
-            response.headers_mut().insert(header::WWW_AUTHENTICATE, header::HeaderValue::from_static("Bearer realm=\"eis-bench\""));
+            response.headers_mut().insert(
+                header::WWW_AUTHENTICATE,
+                header::HeaderValue::from_static("Bearer realm=\"eis-bench\""),
+            );
         }
         response.extensions_mut().insert(code);
         response

@@ -38,8 +38,15 @@ impl QueueNow {
     /// That of a server.
     pub fn of(server: &Server) -> Self {
         let queue = server.queue();
-        let held = |bench: &crate::config::Bench| queue.held(&bench.name).map(|why| (bench.name.clone(), why.to_owned()));
-        Self { items: queue.items().to_vec(), held: server.settings.benches.iter().filter_map(held).collect() }
+        let held = |bench: &crate::config::Bench| {
+            queue
+                .held(&bench.name)
+                .map(|why| (bench.name.clone(), why.to_owned()))
+        };
+        Self {
+            items: queue.items().to_vec(),
+            held: server.settings.benches.iter().filter_map(held).collect(),
+        }
     }
 }
 
@@ -137,8 +144,12 @@ impl From<Refused> for Refusal {
 }
 
 /// Files are read and parsed meanwhile: not on a thread that serves others.
-async fn aside<T: Send + 'static>(work: impl FnOnce() -> Result<T, Refusal> + Send + 'static) -> Result<T, Refusal> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| Refusal::machine(&error))?
+async fn aside<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, Refusal> + Send + 'static,
+) -> Result<T, Refusal> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .map_err(|error| Refusal::machine(&error))?
 }
 
 /// What is in work and what waits.
@@ -150,7 +161,12 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Json<QueueNow> {
 /// Experiments that can be submitted by name.
 #[utoipa::path(get, path = "/api/v1/experiments", tag = "queue", responses((status = 200, body = [Offered])), security(("token" = ["read"])))]
 pub async fn experiments(_caller: Reader, State(app): State<App>) -> Json<Vec<Offered>> {
-    Json(submission::experiments(&app.server.settings).into_iter().map(|experiment| Offered { experiment }).collect())
+    Json(
+        submission::experiments(&app.server.settings)
+            .into_iter()
+            .map(|experiment| Offered { experiment })
+            .collect(),
+    )
 }
 
 /// What an experiment would do, step by step. Touches nothing.
@@ -170,22 +186,41 @@ pub async fn plan(
             steps: stage.steps.iter().map(ToString::to_string).collect(),
             expected_s: stage.steps.iter().map(crate::plan::Step::expected_s).sum(),
         });
-        let (experiment, bench) = (submission.experiment.name.clone(), submission.experiment.bench.name.clone());
+        let (experiment, bench) = (
+            submission.experiment.name.clone(),
+            submission.experiment.bench.name.clone(),
+        );
         let (expected_s, longest_s) = (submission.expected_s, submission.longest_s);
-        Ok(Json(Planned { experiment, bench, expected_s, longest_s, stages: stages.collect() }))
+        Ok(Json(Planned {
+            experiment,
+            bench,
+            expected_s,
+            longest_s,
+            stages: stages.collect(),
+        }))
     })
     .await
 }
 
-/// Puts an experiment at the end of the queue, once it is checked. It begins by itself when its bench is free: that lets current flow.
+/// Puts an experiment at the end of the queue, once it is checked. It begins by itself when its
+/// bench is free: that lets current flow.
 #[utoipa::path(post, path = "/api/v1/queue", tag = "queue", request_body = Submit, responses((status = 201, body = Item)),
     security(("token" = ["energise"])))]
-pub async fn submit(caller: Energiser, State(app): State<App>, Json(submit): Json<Submit>) -> Result<(StatusCode, Json<Item>), Refusal> {
+pub async fn submit(
+    caller: Energiser,
+    State(app): State<App>,
+    Json(submit): Json<Submit>,
+) -> Result<(StatusCode, Json<Item>), Refusal> {
     aside(move || {
         let (name, text) = match (&submit.experiment, &submit.text) {
             (Some(name), None) => (name.as_str(), None),
             (None, Some(text)) => ("submitted", Some(text.as_str())),
-            _ => return Err(Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, "expected either `experiment` or `text`")),
+            _ => {
+                return Err(Refusal::of(
+                    StatusCode::UNPROCESSABLE_ENTITY,
+                    "expected either `experiment` or `text`",
+                ));
+            }
         };
         let server = &app.server;
         let submission = Submission::new(&server.settings, (name, text), submit.bench.as_deref())?;
@@ -214,7 +249,11 @@ pub async fn submit(caller: Energiser, State(app): State<App>, Json(submit): Jso
 /// Takes a place that waits out of the queue.
 #[utoipa::path(delete, path = "/api/v1/queue/{id}", tag = "queue", params(("id" = u64, Path)), responses((status = 200, body = Item)),
     security(("token" = ["operate"])))]
-pub async fn cancel(_caller: Operator, State(app): State<App>, Path(id): Path<u64>) -> Result<Json<Item>, Refusal> {
+pub async fn cancel(
+    _caller: Operator,
+    State(app): State<App>,
+    Path(id): Path<u64>,
+) -> Result<Json<Item>, Refusal> {
     let item = app.server.queue().cancel(id)?;
     app.server.tell_queue();
     Ok(Json(item))
@@ -223,7 +262,11 @@ pub async fn cancel(_caller: Operator, State(app): State<App>, Path(id): Path<u6
 /// Says what comes first.
 #[utoipa::path(post, path = "/api/v1/queue/order", tag = "queue", request_body = Order, responses((status = 200, body = QueueNow)),
     security(("token" = ["operate"])))]
-pub async fn reorder(_caller: Operator, State(app): State<App>, Json(order): Json<Order>) -> Result<Json<QueueNow>, Refusal> {
+pub async fn reorder(
+    _caller: Operator,
+    State(app): State<App>,
+    Json(order): Json<Order>,
+) -> Result<Json<QueueNow>, Refusal> {
     app.server.queue().reorder(&order.ids)?;
     app.server.tell_queue();
     Ok(Json(QueueNow::of(&app.server)))
@@ -239,9 +282,13 @@ pub async fn hold(
     why: Option<Json<Why>>,
 ) -> Result<Json<QueueNow>, Refusal> {
     known(&app, &bench)?;
-    let why = why.and_then(|why| why.0.why).unwrap_or_else(|| "held by hand".to_owned());
+    let why = why
+        .and_then(|why| why.0.why)
+        .unwrap_or_else(|| "held by hand".to_owned());
     let why: String = why.chars().filter(|c| !c.is_control()).take(200).collect();
-    app.server.queue().hold(&bench, &format!("{why} ({})", caller.name))?;
+    app.server
+        .queue()
+        .hold(&bench, &format!("{why} ({})", caller.name))?;
     app.server.tell_queue();
     Ok(Json(QueueNow::of(&app.server)))
 }
@@ -249,7 +296,11 @@ pub async fn hold(
 /// What waits for a bench may be begun again: that lets current flow.
 #[utoipa::path(post, path = "/api/v1/benches/{bench}/release", tag = "queue", params(("bench" = String, Path)),
     responses((status = 200, body = QueueNow)), security(("token" = ["energise"])))]
-pub async fn release(_caller: Energiser, State(app): State<App>, Path(bench): Path<String>) -> Result<Json<QueueNow>, Refusal> {
+pub async fn release(
+    _caller: Energiser,
+    State(app): State<App>,
+    Path(bench): Path<String>,
+) -> Result<Json<QueueNow>, Refusal> {
     known(&app, &bench)?;
     app.server.queue().release(&bench)?;
     app.server.tell_queue();

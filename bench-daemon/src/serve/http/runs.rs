@@ -1,4 +1,5 @@
-//! Runs: what became of them, their spectra, fits, readings and files, and what is wanted of one that goes on.
+//! Runs: what became of them, their spectra, fits, readings and files, and what is wanted of one
+//! that goes on.
 
 use std::{
     collections::BTreeMap,
@@ -103,21 +104,41 @@ fn folder(app: &App, run: &str) -> Result<PathBuf, Refusal> {
     beneath::folder(&app.server.runs(), run).ok_or_else(|| Refusal::not_found("a run", run))
 }
 
-async fn aside<T: Send + 'static>(work: impl FnOnce() -> Result<T, Refusal> + Send + 'static) -> Result<T, Refusal> {
-    tokio::task::spawn_blocking(work).await.map_err(|error| Refusal::machine(&error))?
+async fn aside<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, Refusal> + Send + 'static,
+) -> Result<T, Refusal> {
+    tokio::task::spawn_blocking(work)
+        .await
+        .map_err(|error| Refusal::machine(&error))?
 }
 
 /// All runs that were begun here, the latest first.
 #[utoipa::path(get, path = "/api/v1/runs", tag = "runs", params(Most), responses((status = 200, body = [Job])), security(("token" = ["read"])))]
-pub async fn list(_caller: Reader, State(app): State<App>, Query(most): Query<Most>) -> Result<Json<Vec<Job>>, Refusal> {
+pub async fn list(
+    _caller: Reader,
+    State(app): State<App>,
+    Query(most): Query<Most>,
+) -> Result<Json<Vec<Job>>, Refusal> {
     let most = most.or(500)?;
-    aside(move || Ok(Json(jobs::all(&app.server.settings.data).into_iter().take(most).collect()))).await
+    aside(move || {
+        Ok(Json(
+            jobs::all(&app.server.settings.data)
+                .into_iter()
+                .take(most)
+                .collect(),
+        ))
+    })
+    .await
 }
 
 /// A run: what was asked for, where it is, how it ended.
 #[utoipa::path(get, path = "/api/v1/runs/{run}", tag = "runs", params(("run" = String, Path)), responses((status = 200, body = Run)),
     security(("token" = ["read"])))]
-pub async fn detail(_caller: Reader, State(app): State<App>, Path(run): Path<String>) -> Result<Json<Run>, Refusal> {
+pub async fn detail(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(run): Path<String>,
+) -> Result<Json<Run>, Refusal> {
     let folder = folder(&app, &run)?;
     aside(move || {
         let job = jobs::read(&app.server.settings.data, &run);
@@ -125,7 +146,11 @@ pub async fn detail(_caller: Reader, State(app): State<App>, Path(run): Path<Str
         let mut watch = Watch::new(&folder);
         watch.look();
         let resumable = !going && watch.experiment.is_some() && watch.ended() != Some("finished");
-        Ok(Json(Run { job, now: watch.now(Some(run), going), resumable }))
+        Ok(Json(Run {
+            job,
+            now: watch.now(Some(run), going),
+            resumable,
+        }))
     })
     .await
 }
@@ -133,9 +158,21 @@ pub async fn detail(_caller: Reader, State(app): State<App>, Path(run): Path<Str
 /// The spectra of a run, as far as they are measured: `spectrum…` corrected, `raw_…` as read.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/spectra", tag = "runs", params(("run" = String, Path)),
     responses((status = 200, body = [Spectrum])), security(("token" = ["read"])))]
-pub async fn spectra(_caller: Reader, State(app): State<App>, Path(run): Path<String>) -> Result<Json<Vec<Spectrum>>, Refusal> {
+pub async fn spectra(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(run): Path<String>,
+) -> Result<Json<Vec<Spectrum>>, Refusal> {
     let folder = folder(&app, &run)?;
-    aside(move || Ok(Json(spectra::stamps(&folder).keys().filter_map(|file| spectra::read(&folder, file)).collect()))).await
+    aside(move || {
+        Ok(Json(
+            spectra::stamps(&folder)
+                .keys()
+                .filter_map(|file| spectra::read(&folder, file))
+                .collect(),
+        ))
+    })
+    .await
 }
 
 /// The fitted models of a run, by name, as their files hold them.
@@ -167,7 +204,12 @@ pub async fn readings(
         let mut readings = Readings::default();
         for line in text.lines().skip(1).step_by(every) {
             let cells: Vec<&str> = line.split(',').collect();
-            let number = |place: usize| cells.get(place).and_then(|cell| cell.parse::<f64>().ok()).filter(|value| value.is_finite());
+            let number = |place: usize| {
+                cells
+                    .get(place)
+                    .and_then(|cell| cell.parse::<f64>().ok())
+                    .filter(|value| value.is_finite())
+            };
             let Some(time_s) = number(0) else { continue };
             readings.time_s.push(time_s);
             readings.voltage_v.push(number(2));
@@ -182,7 +224,12 @@ pub async fn readings(
 /// What a run said last: its log, and behind it what its process wrote.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/log", tag = "runs", params(("run" = String, Path), Most), responses((status = 200, body = Log)),
     security(("token" = ["read"])))]
-pub async fn log(_caller: Reader, State(app): State<App>, Path(run): Path<String>, Query(most): Query<Most>) -> Result<Json<Log>, Refusal> {
+pub async fn log(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(run): Path<String>,
+    Query(most): Query<Most>,
+) -> Result<Json<Log>, Refusal> {
     let (folder, most) = (folder(&app, &run)?, most.or(200)?);
     aside(move || {
         let logs = app.server.settings.data.join("logs");
@@ -198,27 +245,43 @@ fn tail(folder: &std::path::Path, name: &str) -> Vec<String> {
     let read = || {
         let mut file = beneath::open(folder, name)?;
         let length = file.metadata().ok()?.len();
-        file.seek(SeekFrom::Start(length.saturating_sub(LOG_BYTES))).ok()?;
+        file.seek(SeekFrom::Start(length.saturating_sub(LOG_BYTES)))
+            .ok()?;
         let mut bytes = Vec::new();
         file.take(LOG_BYTES).read_to_end(&mut bytes).ok()?;
-        Some(String::from_utf8_lossy(&bytes).lines().map(str::to_owned).collect())
+        Some(
+            String::from_utf8_lossy(&bytes)
+                .lines()
+                .map(str::to_owned)
+                .collect(),
+        )
     };
     read().unwrap_or_default()
 }
 
 fn text(folder: &std::path::Path, name: &str) -> Result<String, Refusal> {
-    let file = beneath::open(folder, name).ok_or_else(|| Refusal::not_found("a file of the run", name))?;
+    let file =
+        beneath::open(folder, name).ok_or_else(|| Refusal::not_found("a file of the run", name))?;
     std::io::read_to_string(file.take(LONGEST)).map_err(|error| Refusal::machine(&error))
 }
 
 /// The files of a run.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/files", tag = "runs", params(("run" = String, Path)),
     responses((status = 200, body = [FileEntry])), security(("token" = ["read"])))]
-pub async fn files(_caller: Reader, State(app): State<App>, Path(run): Path<String>) -> Result<Json<Vec<FileEntry>>, Refusal> {
+pub async fn files(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(run): Path<String>,
+) -> Result<Json<Vec<FileEntry>>, Refusal> {
     let folder = folder(&app, &run)?;
     aside(move || {
         let found = beneath::list(&folder).map_err(|error| Refusal::machine(&error))?;
-        Ok(Json(found.into_iter().map(|(path, bytes)| FileEntry { path, bytes }).collect()))
+        Ok(Json(
+            found
+                .into_iter()
+                .map(|(path, bytes)| FileEntry { path, bytes })
+                .collect(),
+        ))
     })
     .await
 }
@@ -226,49 +289,92 @@ pub async fn files(_caller: Reader, State(app): State<App>, Path(run): Path<Stri
 /// A file of a run, to be kept: it is not shown as a page of this server.
 #[utoipa::path(get, path = "/api/v1/runs/{run}/files/{path}", tag = "runs", params(("run" = String, Path), ("path" = String, Path)),
     responses((status = 200, body = [u8], content_type = "application/octet-stream")), security(("token" = ["read"])))]
-pub async fn file(_caller: Reader, State(app): State<App>, Path((run, path)): Path<(String, String)>) -> Result<Response, Refusal> {
+pub async fn file(
+    _caller: Reader,
+    State(app): State<App>,
+    Path((run, path)): Path<(String, String)>,
+) -> Result<Response, Refusal> {
     let folder = folder(&app, &run)?;
     aside(move || {
         let missing = || Refusal::not_found("a file of the run", &path);
         let file = beneath::open(&folder, &path).ok_or_else(missing)?;
-        let length = file.metadata().map_err(|error| Refusal::machine(&error))?.len();
+        let length = file
+            .metadata()
+            .map_err(|error| Refusal::machine(&error))?
+            .len();
         if length > LONGEST {
-            return Err(Refusal::conflict(format!("expected a file of at most {LONGEST} bytes, found {length}: copy it from the disk")));
+            return Err(Refusal::conflict(format!(
+                "expected a file of at most {LONGEST} bytes, found {length}: copy it from the disk"
+            )));
         }
         let mut bytes = Vec::new();
-        file.take(LONGEST).read_to_end(&mut bytes).map_err(|error| Refusal::machine(&error))?;
-        let headers = [(header::CONTENT_TYPE, "application/octet-stream"), (header::CONTENT_DISPOSITION, "attachment")];
+        file.take(LONGEST)
+            .read_to_end(&mut bytes)
+            .map_err(|error| Refusal::machine(&error))?;
+        let headers = [
+            (header::CONTENT_TYPE, "application/octet-stream"),
+            (header::CONTENT_DISPOSITION, "attachment"),
+        ];
         Ok((headers, Body::from(bytes)).into_response())
     })
     .await
 }
 
 /// Conveys a wish as a terminal would.
-async fn wish(app: &App, run: &str, (word, more): (&str, &[u32])) -> Result<Json<Conveyed>, Refusal> {
+async fn wish(
+    app: &App,
+    run: &str,
+    (word, more): (&str, &[u32]),
+) -> Result<Json<Conveyed>, Refusal> {
     let folder = folder(app, run)?;
     let mut command = tokio::process::Command::new(&app.server.program);
-    command.arg(word).arg(folder).args(more.iter().map(u32::to_string)).stdin(Stdio::null()).kill_on_drop(true).env_remove("NOTIFY_SOCKET");
-    let output = app.server.clock.deadline(WISH, command.output()).await.map_err(|error| Refusal::machine(&error))?;
+    command
+        .arg(word)
+        .arg(folder)
+        .args(more.iter().map(u32::to_string))
+        .stdin(Stdio::null())
+        .kill_on_drop(true)
+        .env_remove("NOTIFY_SOCKET");
+    let output = app
+        .server
+        .clock
+        .deadline(WISH, command.output())
+        .await
+        .map_err(|error| Refusal::machine(&error))?;
     let output = output.map_err(|error| Refusal::machine(&error))?;
     if output.status.success() {
-        return Ok(Json(Conveyed { said: String::from_utf8_lossy(&output.stdout).trim().to_owned() }));
+        return Ok(Json(Conveyed {
+            said: String::from_utf8_lossy(&output.stdout).trim().to_owned(),
+        }));
     }
     let said = String::from_utf8_lossy(&output.stderr);
-    let why = said.lines().rev().find_map(|line| line.strip_prefix("eis-bench: ")).unwrap_or("the wish was refused");
+    let why = said
+        .lines()
+        .rev()
+        .find_map(|line| line.strip_prefix("eis-bench: "))
+        .unwrap_or("the wish was refused");
     Err(Refusal::conflict(why))
 }
 
 /// Lets a run wait without any current from the next point on.
 #[utoipa::path(post, path = "/api/v1/runs/{run}/pause", tag = "runs", params(("run" = String, Path)), responses((status = 200, body = Conveyed)),
     security(("token" = ["operate"])))]
-pub async fn pause(_caller: Operator, State(app): State<App>, Path(run): Path<String>) -> Result<Json<Conveyed>, Refusal> {
+pub async fn pause(
+    _caller: Operator,
+    State(app): State<App>,
+    Path(run): Path<String>,
+) -> Result<Json<Conveyed>, Refusal> {
     wish(&app, &run, ("pause", &[])).await
 }
 
 /// Lets a run that waits go on: that lets current flow.
 #[utoipa::path(post, path = "/api/v1/runs/{run}/go-on", tag = "runs", params(("run" = String, Path)), responses((status = 200, body = Conveyed)),
     security(("token" = ["energise"])))]
-pub async fn go_on(_caller: Energiser, State(app): State<App>, Path(run): Path<String>) -> Result<Json<Conveyed>, Refusal> {
+pub async fn go_on(
+    _caller: Energiser,
+    State(app): State<App>,
+    Path(run): Path<String>,
+) -> Result<Json<Conveyed>, Refusal> {
     wish(&app, &run, ("go-on", &[])).await
 }
 
@@ -282,26 +388,56 @@ pub async fn order(
     Json(order): Json<CampaignOrder>,
 ) -> Result<Json<Conveyed>, Refusal> {
     if order.runs.is_empty() || order.runs.len() > 1000 {
-        return Err(Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, "runs: expected 1 to 1000 numbers"));
+        return Err(Refusal::of(
+            StatusCode::UNPROCESSABLE_ENTITY,
+            "runs: expected 1 to 1000 numbers",
+        ));
     }
     wish(&app, &run, ("reorder", &order.runs)).await
 }
 
-/// Puts a run that was interrupted into the queue again, to go on where it was: that lets current flow.
+/// Puts a run that was interrupted into the queue again, to go on where it was: that lets current
+/// flow.
 #[utoipa::path(post, path = "/api/v1/runs/{run}/resume", tag = "runs", params(("run" = String, Path)), responses((status = 201, body = Item)),
     security(("token" = ["energise"])))]
-pub async fn resume(caller: Energiser, State(app): State<App>, Path(run): Path<String>) -> Result<(StatusCode, Json<Item>), Refusal> {
+pub async fn resume(
+    caller: Energiser,
+    State(app): State<App>,
+    Path(run): Path<String>,
+) -> Result<(StatusCode, Json<Item>), Refusal> {
     folder(&app, &run)?;
     aside(move || {
         let server = &app.server;
         let job = jobs::read(&server.settings.data, &run).filter(|_| plain(&run));
-        let Some(job) = job else { return Err(Refusal::conflict("expected a run that was begun here, found another one")) };
+        let Some(job) = job else {
+            return Err(Refusal::conflict(
+                "expected a run that was begun \
+        here, found another one",
+            ));
+        };
         let finished = job.ended.as_ref().map(|ended| ended.finished);
         if finished != Some(false) || server.queue().items().iter().any(|item| item.run == run) {
-            return Err(Refusal::conflict("expected a run that was interrupted, found one that is finished, in work, or waits to go on"));
+            return Err(Refusal::conflict(
+                "expected a run that was interrupted, found one that is \
+            finished, in work, or waits to go on",
+            ));
         }
-        let Item { experiment, bench, seed, expected_s, .. } = job.item;
-        let wanted = Wanted { kind: Kind::Resume, experiment, bench, seed, expected_s, by: caller.name, unix_s: clock::unix_time_s() };
+        let Item {
+            experiment,
+            bench,
+            seed,
+            expected_s,
+            ..
+        } = job.item;
+        let wanted = Wanted {
+            kind: Kind::Resume,
+            experiment,
+            bench,
+            seed,
+            expected_s,
+            by: caller.name,
+            unix_s: clock::unix_time_s(),
+        };
         let item = server.queue().submit(&wanted, |_| run)?;
         server.tell_queue();
         Ok((StatusCode::CREATED, Json(item)))

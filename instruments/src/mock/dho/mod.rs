@@ -1,9 +1,10 @@
-//! Rigol DHO824 oscilloscope: unsigned 16-bit codes that are not left-justified, a preamble of ten numbers in text, points counted from one, no error
-//! queue.
+//! Rigol DHO824 oscilloscope: unsigned 16-bit codes that are not left-justified, a preamble of ten
+//! numbers in text, points counted from one, no error queue.
 //!
-//! The panel is here, the command tree in `tree`, the download in `waveform`; when a frame comes to be is shared with the other models. Assumed, for
-//! want of a source: an unknown query is met with silence; a memory read while the acquisition runs is empty; the trigger is in the
-//! middle of the memory; out-of-range values are clamped.
+//! The panel is here, the command tree in `tree`, the download in `waveform`; when a frame comes to
+//! be is shared with the other models. Assumed, for want of a source: an unknown query is met with
+//! silence; a memory read while the acquisition runs is empty; the trigger is in the middle of the
+//! memory; out-of-range values are clamped.
 
 mod tree;
 mod waveform;
@@ -23,17 +24,31 @@ use crate::scpi::decode::Terminator;
 
 const CHANNELS: usize = 4;
 /// The names of the channels as words, short and long: the number belongs to the name.
-const NAMES: [&str; 2 * CHANNELS] = ["CHAN1", "CHAN2", "CHAN3", "CHAN4", "CHANNEL1", "CHANNEL2", "CHANNEL3", "CHANNEL4"];
+const NAMES: [&str; 2 * CHANNELS] = [
+    "CHAN1", "CHAN2", "CHAN3", "CHAN4", "CHANNEL1", "CHANNEL2", "CHANNEL3", "CHANNEL4",
+];
 /// Horizontal divisions of the screen.
 const DIVISIONS: f64 = 10.0;
 const SCALE_RANGE: (f64, f64) = (500e-6, 10.0);
 const TIME_SCALE_RANGE: (f64, f64) = (2e-9, 500.0);
 /// Greatest |offset| at the input by scale, V/div and V.
-const OFFSET_LIMITS: [(f64, f64); 4] = [(65e-3, 1.0), (260e-3, 8.0), (2.65, 20.0), (f64::INFINITY, 100.0)];
+const OFFSET_LIMITS: [(f64, f64); 4] = [
+    (65e-3, 1.0),
+    (260e-3, 8.0),
+    (2.65, 20.0),
+    (f64::INFINITY, 100.0),
+];
 /// Samples per second with one, two and more channels on.
 const MAX_RATES: [f64; 3] = [1.25e9, 625e6, 312.5e6];
 /// Memory depths; with more than two channels on at most 10 M.
-const DEPTHS: [(&str, f64); 6] = [("1k", 1e3), ("10k", 1e4), ("100k", 1e5), ("1M", 1e6), ("5M", 5e6), ("10M", 1e7)];
+const DEPTHS: [(&str, f64); 6] = [
+    ("1k", 1e3),
+    ("10k", 1e4),
+    ("100k", 1e5),
+    ("1M", 1e6),
+    ("5M", 5e6),
+    ("10M", 1e7),
+];
 /// The screen's format has so many points at most.
 const SCREEN_POINTS: f64 = 1000.0;
 
@@ -79,12 +94,18 @@ struct Channel {
 
 impl Channel {
     fn clamp(&mut self) {
-        self.scale = self.scale.clamp(SCALE_RANGE.0 * self.probe, SCALE_RANGE.1 * self.probe);
+        self.scale = self
+            .scale
+            .clamp(SCALE_RANGE.0 * self.probe, SCALE_RANGE.1 * self.probe);
         if !self.vernier {
             self.scale = nearest_step(self.scale / self.probe) * self.probe;
         }
         let scale = self.scale / self.probe;
-        let limit = OFFSET_LIMITS.iter().find(|(most, _)| scale <= most * (1.0 + 1e-9)).map_or(0.0, |(_, limit)| *limit) * self.probe;
+        let limit = OFFSET_LIMITS
+            .iter()
+            .find(|(most, _)| scale <= most * (1.0 + 1e-9))
+            .map_or(0.0, |(_, limit)| *limit)
+            * self.probe;
         self.offset = self.offset.clamp(-limit, limit);
     }
 }
@@ -102,7 +123,13 @@ struct Transfer {
 
 impl Default for Transfer {
     fn default() -> Self {
-        Self { source: 0, raw: false, words: false, start: 1, stop: 1000 }
+        Self {
+            source: 0,
+            raw: false,
+            words: false,
+            start: 1,
+            stop: 1000,
+        }
     }
 }
 
@@ -121,7 +148,15 @@ impl Panel {
         };
         let mut channels = [channel; CHANNELS];
         channels[0].on = true;
-        Self { channels, time_scale: 1e-6, time_offset_s: 0.0, depth_points: 1e4, source: 0, slope: "POSitive", level: 0.0 }
+        Self {
+            channels,
+            time_scale: 1e-6,
+            time_offset_s: 0.0,
+            depth_points: 1e4,
+            source: 0,
+            slope: "POSitive",
+            level: 0.0,
+        }
     }
 
     /// Length of the record, s.
@@ -134,22 +169,33 @@ impl Panel {
         self.time_offset_s - self.span_s() / 2.0
     }
 
-    /// Points of a record and their distance, s. The memory is always filled: where the converter is too slow for the screen, it holds more than that.
+    /// Points of a record and their distance, s. The memory is always filled: where the converter
+    /// is too slow for the screen, it holds more than that.
     fn sampling(&self) -> (f64, f64) {
         let on = self.channels.iter().filter(|channel| channel.on).count();
         let rate = MAX_RATES[on.clamp(1, MAX_RATES.len()) - 1];
-        (self.depth_points, (DIVISIONS * self.time_scale / self.depth_points).max(rate.recip()))
+        (
+            self.depth_points,
+            (DIVISIONS * self.time_scale / self.depth_points).max(rate.recip()),
+        )
     }
 
     fn view(&self) -> View {
-        let probe = self.channels.get(self.source).map_or(1.0, |channel| channel.probe);
+        let probe = self
+            .channels
+            .get(self.source)
+            .map_or(1.0, |channel| channel.probe);
         let edge = u8::try_from(self.source + 1).ok().map(|channel| Edge {
             channel,
             level_v: self.level / probe,
             rising: self.slope != "NEGative",
             falling: self.slope != "POSitive",
         });
-        View { start_after_trigger_s: self.start_after_trigger_s(), span_s: self.span_s(), trigger: edge }
+        View {
+            start_after_trigger_s: self.start_after_trigger_s(),
+            span_s: self.span_s(),
+            trigger: edge,
+        }
     }
 }
 
@@ -157,7 +203,10 @@ impl Panel {
 fn nearest_step(value: f64) -> f64 {
     let decade = 10_f64.powf(value.log10().floor());
     let steps = [1.0, 2.0, 5.0, 10.0].map(|step| step * decade);
-    steps.into_iter().min_by(|a, b| (a / value).ln().abs().total_cmp(&(b / value).ln().abs())).unwrap_or(value)
+    steps
+        .into_iter()
+        .min_by(|a, b| (a / value).ln().abs().total_cmp(&(b / value).ln().abs()))
+        .unwrap_or(value)
 }
 
 impl Dho {
@@ -173,7 +222,8 @@ impl Dho {
         }
     }
 
-    /// Changes what decides about frames; a running acquisition starts anew when something did change.
+    /// Changes what decides about frames; a running acquisition starts anew when something did
+    /// change.
     fn change(&mut self, change: impl FnOnce(&mut Panel)) {
         let old = self.panel;
         change(&mut self.panel);
@@ -189,13 +239,21 @@ impl Dho {
         });
     }
 
-    fn set_switch(&mut self, (index, field): (usize, fn(&mut Channel) -> &mut bool), arguments: &mut Arguments) -> Fallible {
+    fn set_switch(
+        &mut self,
+        (index, field): (usize, fn(&mut Channel) -> &mut bool),
+        arguments: &mut Arguments,
+    ) -> Fallible {
         let on = arguments.switch()?;
         self.channel(index, |channel| *field(channel) = on);
         Ok(())
     }
 
-    fn set_number(&mut self, (index, field): (usize, fn(&mut Channel) -> &mut f64), arguments: &mut Arguments) -> Fallible {
+    fn set_number(
+        &mut self,
+        (index, field): (usize, fn(&mut Channel) -> &mut f64),
+        arguments: &mut Arguments,
+    ) -> Fallible {
         let value = bare(arguments)?;
         self.channel(index, |channel| *field(channel) = value);
         Ok(())
@@ -253,8 +311,12 @@ impl Dho {
             Some(Argument::Word(word)) => word,
             _ => return fail(ErrorCode::MissingParameter),
         };
-        let known = DEPTHS.iter().find(|(name, points)| name.eq_ignore_ascii_case(&word) || word.parse() == Ok(*points));
-        let Some((_, points)) = known else { return fail(ErrorCode::IllegalParameterValue) };
+        let known = DEPTHS
+            .iter()
+            .find(|(name, points)| name.eq_ignore_ascii_case(&word) || word.parse() == Ok(*points));
+        let Some((_, points)) = known else {
+            return fail(ErrorCode::IllegalParameterValue);
+        };
         self.change(|panel| panel.depth_points = *points);
         Ok(())
     }
@@ -326,12 +388,20 @@ impl Dho {
 /// A number without a unit: others are not understood.
 fn bare(arguments: &mut Arguments) -> Fallible<f64> {
     let value = arguments.number("")?;
-    if value.is_finite() { Ok(value) } else { fail(ErrorCode::DataOutOfRange) }
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        fail(ErrorCode::DataOutOfRange)
+    }
 }
 
 /// `1.5E-2`, but a zero in full.
 fn real(value: f64) -> Fallible<Answer> {
-    text(if value == 0.0 { "0.000000".to_owned() } else { short_nr3(value) })
+    text(if value == 0.0 {
+        "0.000000".to_owned()
+    } else {
+        short_nr3(value)
+    })
 }
 
 impl scpi::Device for Dho {
@@ -351,7 +421,8 @@ impl Device for Dho {
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
         self.world.now_s = now_s;
-        self.acquisition.refresh(&self.world, self.panel, &self.panel.view());
+        self.acquisition
+            .refresh(&self.world, self.panel, &self.panel.view());
         if self.quirks.is("busy_opc") && self.acquisition.keeps_waiting(message) {
             return Vec::new();
         }

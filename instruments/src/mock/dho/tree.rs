@@ -15,7 +15,10 @@ fn settle(scope: &mut Dho, action: fn(&mut Dho)) -> Fallible {
 
 macro_rules! switch {
     ($index:literal, $field:ident) => {
-        &both(|s: &mut Dho, a| s.set_switch(($index, |channel| &mut channel.$field), a), |s, _| bit(s.panel.channels[$index].$field))
+        &both(
+            |s: &mut Dho, a| s.set_switch(($index, |channel| &mut channel.$field), a),
+            |s, _| bit(s.panel.channels[$index].$field),
+        )
     };
 }
 
@@ -96,7 +99,11 @@ const WAVEFORM: Node<'static, Dho> = Branch! {b"WAVeform";
     Leaf! {b"DATA" => &get(|s: &mut Dho, _| Ok(s.data()))}
 };
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped before")]
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "clamped before"
+)]
 fn point(value: f64) -> u64 {
     value.round().clamp(1.0, 1e9) as u64
 }

@@ -21,7 +21,10 @@ impl Dho {
         let (points, _) = self.panel.sampling();
         let text_of = nr3(points, 4);
         let (mantissa, exponent) = text_of.split_once("E+").unwrap_or((text_of.as_str(), "0"));
-        text(format!("{mantissa}E+{}", exponent.trim_start_matches('0').parse::<u32>().unwrap_or(0)))
+        text(format!(
+            "{mantissa}E+{}",
+            exponent.trim_start_matches('0').parse::<u32>().unwrap_or(0)
+        ))
     }
 
     fn source_frame(&self) -> Option<(Frame<Panel>, Channel)> {
@@ -34,23 +37,35 @@ impl Dho {
         channel.on.then_some((frame, channel))
     }
 
-    /// Format, type, points of a page, count, then what times and codes mean. Zero scales where there is nothing to describe.
+    /// Format, type, points of a page, count, then what times and codes mean. Zero scales where
+    /// there is nothing to describe.
     pub(super) fn preamble(&self) -> Fallible<Answer> {
-        let (format, kind) = (u8::from(self.transfer.words), if self.transfer.raw { 2 } else { 0 });
-        let Some((frame, channel)) = self.source_frame() else { return text(format!("{format},{kind},0,1,0,0,0,0,0,32768")) };
+        let (format, kind) = (
+            u8::from(self.transfer.words),
+            if self.transfer.raw { 2 } else { 0 },
+        );
+        let Some((frame, channel)) = self.source_frame() else {
+            return text(format!("{format},{kind},0,1,0,0,0,0,0,32768"));
+        };
         let (points, interval_s) = self.spacing(&frame.panel);
         let step_v = channel.scale / CODES_PER_DIV * if self.transfer.words { 1.0 } else { 256.0 };
         let origin = (channel.offset / step_v).round();
         let reference = if self.transfer.words { 32_768 } else { 128 };
         let page = points.min(1_000.0);
         let start_s = frame.panel.start_after_trigger_s();
-        text(format!("{format},{kind},{page},1,{interval_s:.6E},{start_s:.6E},0.000000E-12,{step_v:.6E},{origin},{reference}"))
+        text(format!(
+            "{format},{kind},{page},1,{interval_s:.6E},{start_s:.6E},0.000000E-12,{step_v:.6E},{origin},{reference}"
+        ))
     }
 
     /// Points in the chosen mode and their distance, s.
     fn spacing(&self, panel: &Panel) -> (f64, f64) {
         let (points, interval_s) = panel.sampling();
-        if self.transfer.raw || points <= SCREEN_POINTS { (points, interval_s) } else { (SCREEN_POINTS, panel.span_s() / SCREEN_POINTS) }
+        if self.transfer.raw || points <= SCREEN_POINTS {
+            (points, interval_s)
+        } else {
+            (SCREEN_POINTS, panel.span_s() / SCREEN_POINTS)
+        }
     }
 
     /// A definite block and one line end.
@@ -58,9 +73,16 @@ impl Dho {
         let mut payload = Vec::new();
         if let Some((frame, channel)) = self.source_frame() {
             for step in self.digitise(&frame, &channel) {
-                // The origin is a whole number of codes, so that the offset's remainder shows in the codes.
-                let code = (CENTRE + f64::from(step) * CODES_PER_DIV / STEPS_PER_DIV).round().clamp(0.0, 65_535.0);
-                #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped")]
+                // The origin is a whole number of codes, so that the offset's remainder shows in
+                // the codes.
+                let code = (CENTRE + f64::from(step) * CODES_PER_DIV / STEPS_PER_DIV)
+                    .round()
+                    .clamp(0.0, 65_535.0);
+                #[expect(
+                    clippy::cast_possible_truncation,
+                    clippy::cast_sign_loss,
+                    reason = "clamped"
+                )]
                 let code = code as u16;
                 if self.transfer.words {
                     payload.extend(code.to_le_bytes());
@@ -76,10 +98,16 @@ impl Dho {
 
     fn digitise(&self, frame: &Frame<Panel>, channel: &Channel) -> Vec<i16> {
         let (points, interval_s) = self.spacing(&frame.panel);
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at least 1 and at most 10^7")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "at least 1 and at most 10^7"
+        )]
         let last = self.transfer.stop.min(points as u64);
         let first = self.transfer.start - 1;
-        let count = usize::try_from(last.saturating_sub(first)).unwrap_or(usize::MAX).min(self.page_points);
+        let count = usize::try_from(last.saturating_sub(first))
+            .unwrap_or(usize::MAX)
+            .min(self.page_points);
         if count == 0 {
             return Vec::new();
         }
@@ -104,6 +132,10 @@ impl Dho {
         };
         let mut steps = self.world.plant().digitise(self.world.now_s, &request);
         steps.iter_mut().for_each(|step| *step *= sign);
-        if channel.coupling == "GND" { vec![0; steps.len()] } else { steps }
+        if channel.coupling == "GND" {
+            vec![0; steps.len()]
+        } else {
+            steps
+        }
     }
 }

@@ -13,7 +13,11 @@ use super::{
 /// A sign, sixteen digits and an exponent: `+1.000000000000000E+03`.
 pub(super) fn number(value: f64) -> Fallible<Answer> {
     let digits = nr3(value, 16);
-    text(if digits.starts_with('-') { digits } else { format!("+{digits}") })
+    text(if digits.starts_with('-') {
+        digits
+    } else {
+        format!("+{digits}")
+    })
 }
 
 /// Only `VPP` is simulated.
@@ -23,7 +27,11 @@ fn only_vpp(_: &mut Keysight, arguments: &mut Arguments) -> Fallible {
 
 /// Sweep and modulation can be switched off.
 fn only_off(_: &mut Keysight, arguments: &mut Arguments) -> Fallible {
-    if arguments.switch()? { fail(ErrorCode::SettingsConflict) } else { Ok(()) }
+    if arguments.switch()? {
+        fail(ErrorCode::SettingsConflict)
+    } else {
+        Ok(())
+    }
 }
 
 macro_rules! modifier {

@@ -1,4 +1,5 @@
-//! Loaded waves of the 33500B: converter values as text, chosen by name, played at a rate of samples.
+//! Loaded waves of the 33500B: converter values as text, chosen by name, played at a rate of
+//! samples.
 
 use scpi::error::{Error, ErrorCode};
 
@@ -15,7 +16,9 @@ const LONGEST_NAME: usize = 12;
 
 impl Keysight {
     pub(super) fn choose_wave(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        let Some(Argument::Word(name)) = arguments.next() else { return fail(ErrorCode::MissingParameter) };
+        let Some(Argument::Word(name)) = arguments.next() else {
+            return fail(ErrorCode::MissingParameter);
+        };
         if !self.waves[index].contains_key(&name) {
             return fail(ErrorCode::IllegalParameterValue);
         }
@@ -29,7 +32,14 @@ impl Keysight {
 
     pub(super) fn set_rate(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let (min, max) = RATE_RANGE_HZ;
-        let rate_hz = arguments.number_in("HZ", Span { min, max, default: 40e3 })?;
+        let rate_hz = arguments.number_in(
+            "HZ",
+            Span {
+                min,
+                max,
+                default: 40e3,
+            },
+        )?;
         if !(min..=max).contains(&rate_hz) {
             return fail(ErrorCode::DataOutOfRange);
         }
@@ -50,10 +60,15 @@ impl Keysight {
         Ok(())
     }
 
-    /// `SOURn:DATA:ARB:DAC name,value,…`; true for a message of this header. Its many values are no business of the parser's.
+    /// `SOURn:DATA:ARB:DAC name,value,…`; true for a message of this header. Its many values are no
+    /// business of the parser's.
     pub(super) fn load_wave(&mut self, message: &[u8]) -> bool {
-        let Ok(text) = std::str::from_utf8(message) else { return false };
-        let Some((header, rest)) = text.trim().split_once(' ') else { return false };
+        let Ok(text) = std::str::from_utf8(message) else {
+            return false;
+        };
+        let Some((header, rest)) = text.trim().split_once(' ') else {
+            return false;
+        };
         let header = header.trim_start_matches(':').to_ascii_uppercase();
         let index = match header.as_str() {
             "SOUR:DATA:ARB:DAC" | "SOUR1:DATA:ARB:DAC" | "SOURCE1:DATA:ARBITRARY:DAC" => 0,
@@ -61,15 +76,28 @@ impl Keysight {
             _ => return false,
         };
         let (name, values) = rest.split_once(',').unwrap_or((rest, ""));
-        let points: Result<Vec<i16>, _> = values.split(',').map(|value| value.trim().parse::<i16>()).collect();
+        let points: Result<Vec<i16>, _> = values
+            .split(',')
+            .map(|value| value.trim().parse::<i16>())
+            .collect();
         let code = match points {
             Err(_) => ErrorCode::DataTypeError,
-            Ok(_) if name.is_empty() || name.len() > LONGEST_NAME => ErrorCode::IllegalParameterValue,
-            Ok(points) if !WAVE_POINTS.contains(&points.len()) || points.contains(&i16::MIN) => ErrorCode::DataOutOfRange,
+            Ok(_) if name.is_empty() || name.len() > LONGEST_NAME => {
+                ErrorCode::IllegalParameterValue
+            }
+            Ok(points) if !WAVE_POINTS.contains(&points.len()) || points.contains(&i16::MIN) => {
+                ErrorCode::DataOutOfRange
+            }
             // A name that is there already.
             Ok(_) if self.waves[index].contains_key(name) => ErrorCode::SettingsConflict,
             Ok(points) => {
-                self.waves[index].insert(name.to_owned(), points.iter().map(|value| f64::from(*value) / 32_767.0).collect());
+                self.waves[index].insert(
+                    name.to_owned(),
+                    points
+                        .iter()
+                        .map(|value| f64::from(*value) / 32_767.0)
+                        .collect(),
+                );
                 return true;
             }
         };

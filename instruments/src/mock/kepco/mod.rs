@@ -1,10 +1,12 @@
-//! Kepco BOP bipolar supplies: the switching BOP-MG, whose analog input is selected by command, and a linear BOP with a BIT card, whose analog
-//! input is a matter of wiring.
+//! Kepco BOP bipolar supplies: the switching BOP-MG, whose analog input is selected by command, and
+//! a linear BOP with a BIT card, whose analog input is a matter of wiring.
 //!
-//! One command tree; the linear unit knows a subset and answers the rest with −113. Not simulated: list and transient programs, the analog input as
-//! a multiplier (`GAIN`), relays and faults. Assumed, for want of a source: the negative side of a `BOTH` limit reads back with its sign; a new limit
-//! takes the set-point along; the off-behaviour survives switching off and `*RST`, and was left at `BATTERY`; a linear unit with its output off
-//! programs both channels to zero and so draws nothing from a cell.
+//! One command tree; the linear unit knows a subset and answers the rest with −113. Not simulated:
+//! list and transient programs, the analog input as a multiplier (`GAIN`), relays and faults.
+//! Assumed, for want of a source: the negative side of a `BOTH` limit reads back with its sign; a
+//! new limit takes the set-point along; the off-behaviour survives switching off and `*RST`, and
+//! was left at `BATTERY`; a linear unit with its output off programs both channels to zero and so
+//! draws nothing from a cell.
 
 mod tree;
 
@@ -31,7 +33,8 @@ const RATED_LINEAR: [f64; 2] = [20.0, 20.0];
 pub(super) enum Family {
     /// BOP 1KW-MG.
     Switching,
-    /// BOP 20-20 with a BIT card; `analog_wired` says that the analog input is connected and so always commands the output.
+    /// BOP 20-20 with a BIT card; `analog_wired` says that the analog input is connected and so
+    /// always commands the output.
     Linear { analog_wired: bool },
 }
 
@@ -82,8 +85,14 @@ struct Settings {
 
 impl Settings {
     fn power_on(rated: [f64; 2]) -> Self {
-        let limits = rated.map(|value| Bounds { positive: value, negative: value });
-        let protections = rated.map(|value| Bounds { positive: 1.01 * value, negative: 1.01 * value });
+        let limits = rated.map(|value| Bounds {
+            positive: value,
+            negative: value,
+        });
+        let protections = rated.map(|value| Bounds {
+            positive: 1.01 * value,
+            negative: 1.01 * value,
+        });
         Self {
             mode: Channel::Voltage,
             level: [0.0; 2],
@@ -107,7 +116,11 @@ impl Kepco {
             function_word: options.quirks.is("function_word"),
             serial_number: options.serial_number.clone(),
             settings: Settings {
-                off_mode: if options.quirks.is("off_active") { "ACTIVE" } else { "BATTERY" },
+                off_mode: if options.quirks.is("off_active") {
+                    "ACTIVE"
+                } else {
+                    "BATTERY"
+                },
                 ..Settings::power_on(rated(family))
             },
         };
@@ -124,12 +137,20 @@ impl Kepco {
 
     /// −113 on the linear units, which lack the header.
     fn switching_only(&self) -> Fallible {
-        if self.family == Family::Switching { Ok(()) } else { fail(ErrorCode::UndefinedHeader) }
+        if self.family == Family::Switching {
+            Ok(())
+        } else {
+            fail(ErrorCode::UndefinedHeader)
+        }
     }
 
     fn span(&self, channel: Channel) -> Span {
         let limits = self.settings.limits[channel as usize];
-        Span { min: -limits.negative, max: limits.positive, default: 0.0 }
+        Span {
+            min: -limits.negative,
+            max: limits.positive,
+            default: 0.0,
+        }
     }
 
     fn set_level(&mut self, channel: Channel, value: f64) -> Fallible {
@@ -141,8 +162,14 @@ impl Kepco {
 
     fn set_bounds(&mut self, which: Which, side: Side, value: f64) -> Fallible {
         let rated = rated(self.family)[which.channel() as usize];
-        let ceiling = if matches!(which, Which::Protection(_)) { 1.01 * rated } else { rated };
-        let value = self.status.bounded(value.abs(), (0.0, ceiling * (1.0 + 1e-9)))?;
+        let ceiling = if matches!(which, Which::Protection(_)) {
+            1.01 * rated
+        } else {
+            rated
+        };
+        let value = self
+            .status
+            .bounded(value.abs(), (0.0, ceiling * (1.0 + 1e-9)))?;
         let bounds = self.bounds_mut(which);
         if side != Side::Negative {
             bounds.positive = value;
@@ -168,7 +195,11 @@ impl Kepco {
     fn reset(&mut self) {
         let old = self.settings;
         // The off-behaviour and the pin are configuration, not settings.
-        self.settings = Settings { off_mode: old.off_mode, pin_mode: old.pin_mode, ..Settings::power_on(rated(self.family)) };
+        self.settings = Settings {
+            off_mode: old.off_mode,
+            pin_mode: old.pin_mode,
+            ..Settings::power_on(rated(self.family))
+        };
         self.act();
     }
 
@@ -188,7 +219,9 @@ impl Kepco {
             current_mode: settings.mode == Channel::Current,
             analog_input,
             setpoint: settings.level[main as usize],
-            limit: settings.level[other as usize].abs().min(protection.positive.min(protection.negative)),
+            limit: settings.level[other as usize]
+                .abs()
+                .min(protection.positive.min(protection.negative)),
             off_is_open,
         }));
     }
@@ -216,9 +249,12 @@ impl Which {
     }
 }
 
-/// The unit's own number reader keeps four digits before and eight after the point of the mantissa, silently.
+/// The unit's own number reader keeps four digits before and eight after the point of the mantissa,
+/// silently.
 fn truncated(digits: &str) -> String {
-    let (mantissa, exponent) = digits.find(['e', 'E']).map_or((digits, ""), |at| digits.split_at(at));
+    let (mantissa, exponent) = digits
+        .find(['e', 'E'])
+        .map_or((digits, ""), |at| digits.split_at(at));
     let (sign, mantissa) = match mantissa.strip_prefix(['-', '+']) {
         Some(rest) => (if mantissa.starts_with('-') { "-" } else { "" }, rest),
         None => ("", mantissa),
@@ -238,7 +274,8 @@ impl HasStatus for Kepco {
 impl scpi::Device for Kepco {
     fn handle_error(&mut self, error: Error) {
         // Only the number and its text are queued, without the detail that the parser adds.
-        self.status.push(Error::custom(error.get_code(), error.get_message()));
+        self.status
+            .push(Error::custom(error.get_code(), error.get_message()));
     }
 }
 
@@ -263,8 +300,17 @@ mod tests {
 
     #[test]
     fn long_numbers_lose_digits_as_in_the_manual_example() {
-        for (written, expected) in [("10345.2e-1", 34.52), ("-2.5", -2.5), ("+.5", 0.5), ("0.123456789", 0.123_456_78), ("2E1", 20.0)] {
-            assert!((truncated(written).parse::<f64>().unwrap() - expected).abs() < 1e-12, "{written}");
+        for (written, expected) in [
+            ("10345.2e-1", 34.52),
+            ("-2.5", -2.5),
+            ("+.5", 0.5),
+            ("0.123456789", 0.123_456_78),
+            ("2E1", 20.0),
+        ] {
+            assert!(
+                (truncated(written).parse::<f64>().unwrap() - expected).abs() < 1e-12,
+                "{written}"
+            );
         }
     }
 }

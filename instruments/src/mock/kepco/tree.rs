@@ -10,7 +10,9 @@ use super::{Bounds, Channel, Kepco, Side, Which, truncated};
 use crate::mock::{
     number::short_nr3,
     plant::Meter,
-    tree::{Answer, Argument, Arguments, Fallible, Span, both, common, fail, get, set, text, to_number},
+    tree::{
+        Answer, Argument, Arguments, Fallible, Span, both, common, fail, get, set, text, to_number,
+    },
 };
 
 const UNIT: [&str; 2] = ["V", "A"];
@@ -19,11 +21,23 @@ const UNIT: [&str; 2] = ["V", "A"];
 fn number(arguments: &mut Arguments, channel: Channel, span: Span) -> Fallible<f64> {
     match arguments.next() {
         None => fail(ErrorCode::MissingParameter),
-        Some(Argument::Number { digits, suffix }) => {
-            to_number(&Argument::Number { digits: truncated(&digits), suffix }, UNIT[channel as usize])
+        Some(Argument::Number { digits, suffix }) => to_number(
+            &Argument::Number {
+                digits: truncated(&digits),
+                suffix,
+            },
+            UNIT[channel as usize],
+        ),
+        Some(Argument::Word(word))
+            if word.eq_ignore_ascii_case("MAX") || word.eq_ignore_ascii_case("MAXIMUM") =>
+        {
+            Ok(span.max)
         }
-        Some(Argument::Word(word)) if word.eq_ignore_ascii_case("MAX") || word.eq_ignore_ascii_case("MAXIMUM") => Ok(span.max),
-        Some(Argument::Word(word)) if word.eq_ignore_ascii_case("MIN") || word.eq_ignore_ascii_case("MINIMUM") => Ok(span.min),
+        Some(Argument::Word(word))
+            if word.eq_ignore_ascii_case("MIN") || word.eq_ignore_ascii_case("MINIMUM") =>
+        {
+            Ok(span.min)
+        }
         Some(_) => fail(ErrorCode::NumericDataError),
     }
 }
@@ -34,12 +48,23 @@ fn set_level(kepco: &mut Kepco, arguments: &mut Arguments, channel: Channel) -> 
 }
 
 fn get_level(kepco: &Kepco, arguments: &mut Arguments, channel: Channel) -> Fallible<Answer> {
-    text(short_nr3(arguments.value_or_named(kepco.settings.level[channel as usize], kepco.span(channel))?))
+    text(short_nr3(arguments.value_or_named(
+        kepco.settings.level[channel as usize],
+        kepco.span(channel),
+    )?))
 }
 
 fn set_bounds(kepco: &mut Kepco, arguments: &mut Arguments, which: Which, side: Side) -> Fallible {
     let rated = super::rated(kepco.family)[which.channel() as usize];
-    let value = number(arguments, which.channel(), Span { min: 0.0, max: rated, default: rated })?;
+    let value = number(
+        arguments,
+        which.channel(),
+        Span {
+            min: 0.0,
+            max: rated,
+            default: rated,
+        },
+    )?;
     kepco.set_bounds(which, side, value)
 }
 
@@ -67,16 +92,21 @@ fn set_source(kepco: &mut Kepco, arguments: &mut Arguments) -> Fallible {
 
 fn get_source(kepco: &mut Kepco, _: &mut Arguments) -> Fallible<Answer> {
     kepco.switching_only()?;
-    text(if kepco.settings.external { "EXT" } else { "FIX" })
+    text(if kepco.settings.external {
+        "EXT"
+    } else {
+        "FIX"
+    })
 }
 
 fn set_protection_mode(kepco: &mut Kepco, arguments: &mut Arguments, channel: Channel) -> Fallible {
     kepco.switching_only()?;
-    kepco.settings.protection_modes[channel as usize] = match arguments.word(&["FIXed", "EXTernal", "LESS"])? {
-        "EXTernal" => "EXTERNAL",
-        "LESS" => "LESS",
-        _ => "FIXED",
-    };
+    kepco.settings.protection_modes[channel as usize] =
+        match arguments.word(&["FIXed", "EXTernal", "LESS"])? {
+            "EXTernal" => "EXTERNAL",
+            "LESS" => "LESS",
+            _ => "FIXED",
+        };
     Ok(())
 }
 
@@ -143,7 +173,10 @@ fn reset(kepco: &mut Kepco, _: &mut Arguments) -> Fallible {
 
 /// The only thing that this memory can be told is to keep the limits.
 fn update_memory(_: &mut Kepco, arguments: &mut Arguments) -> Fallible {
-    arguments.word(&["LIMit"]).map(|_| ()).map_err(|_| Error::new(ErrorCode::IllegalParameterValue))
+    arguments
+        .word(&["LIMit"])
+        .map(|_| ())
+        .map_err(|_| Error::new(ErrorCode::IllegalParameterValue))
 }
 
 /// `LIMit` or `PROTection` with its sides; a default leaf stands first.
@@ -180,7 +213,8 @@ macro_rules! level {
 
 const VOLTAGE: Node<'static, Kepco> = level!(b"VOLTage", Channel::Voltage);
 const CURRENT: Node<'static, Kepco> = level!(b"CURRent", Channel::Current);
-const FUNCTION: Node<'static, Kepco> = Branch! {b"FUNCtion"; Leaf! {b"MODE" => &both(set_mode, get_mode)}};
+const FUNCTION: Node<'static, Kepco> =
+    Branch! {b"FUNCtion"; Leaf! {b"MODE" => &both(set_mode, get_mode)}};
 
 const MEASURE_VOLTAGE: Node<'static, Kepco> = Branch! {b"VOLTage" => &get(|k, _| measure(k, Meter::BipolarVolts));
 Leaf! {b"DC" => &get(|k, _| measure(k, Meter::BipolarVolts))}};

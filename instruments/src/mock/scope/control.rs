@@ -19,7 +19,11 @@ const MAX_POINT: f64 = 1e9;
 /// The next number when it is one: this instrument passes over what it cannot use.
 fn finite(arguments: &mut Arguments, unit: &str) -> Fallible<f64> {
     let value = arguments.number(unit)?;
-    if value.is_finite() { Ok(value) } else { fail(ErrorCode::DataOutOfRange) }
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        fail(ErrorCode::DataOutOfRange)
+    }
 }
 
 /// The nearest step of 1-2-5 on a logarithmic scale.
@@ -29,8 +33,14 @@ fn nearest_step(seconds: f64) -> f64 {
     for exponent in -9..=3_i32 {
         for mantissa in [1.0, 2.0, 5.0] {
             // Divided rather than multiplied, for 10^n is exact and 10^-n is not.
-            let step = if exponent < 0 { mantissa / 10_f64.powi(-exponent) } else { mantissa * 10_f64.powi(exponent) };
-            if step <= TIME_SCALE_RANGE.1 && (step / seconds).ln().abs() < (best / seconds).ln().abs() {
+            let step = if exponent < 0 {
+                mantissa / 10_f64.powi(-exponent)
+            } else {
+                mantissa * 10_f64.powi(exponent)
+            };
+            if step <= TIME_SCALE_RANGE.1
+                && (step / seconds).ln().abs() < (best / seconds).ln().abs()
+            {
                 best = step;
             }
         }
@@ -49,7 +59,8 @@ impl Scope {
         let scale = finite(arguments, "V")?;
         self.change(|panel| {
             let channel = &mut panel.channels[index];
-            channel.scale = scale.clamp(SCALE_RANGE.0 * channel.probe, SCALE_RANGE.1 * channel.probe);
+            channel.scale =
+                scale.clamp(SCALE_RANGE.0 * channel.probe, SCALE_RANGE.1 * channel.probe);
             channel.clamp_offset();
         });
         self.limit_level();
@@ -81,7 +92,8 @@ impl Scope {
         Ok(())
     }
 
-    /// `DEFault`, or `VALue,` and the factor. What the screen shows is rescaled; the input stays as it is.
+    /// `DEFault`, or `VALue,` and the factor. What the screen shows is rescaled; the input stays as
+    /// it is.
     pub(super) fn set_probe(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let factor = match arguments.word(&["DEFault", "VALue"])? {
             "VALue" => finite(arguments, "")?.clamp(1e-6, 1e6),
@@ -146,7 +158,9 @@ impl Scope {
             Some(Argument::Number { digits, suffix }) => digits + &suffix,
             _ => return fail(ErrorCode::ExecutionError),
         };
-        let Some((name, points)) = DEPTHS.iter().find(|(name, points)| name.eq_ignore_ascii_case(&word) || word.parse() == Ok(*points))
+        let Some((name, points)) = DEPTHS
+            .iter()
+            .find(|(name, points)| name.eq_ignore_ascii_case(&word) || word.parse() == Ok(*points))
         else {
             return fail(ErrorCode::IllegalParameterValue);
         };
@@ -179,10 +193,20 @@ impl Scope {
 
     /// Keeps the level on the screen of its channel.
     fn limit_level(&mut self) {
-        let source = ["C1", "C2", "C3", "C4"].iter().position(|name| *name == self.panel.trigger.source);
-        if let Some(channel) = source.and_then(|index| self.panel.channels.get(index)).copied() {
+        let source = ["C1", "C2", "C3", "C4"]
+            .iter()
+            .position(|name| *name == self.panel.trigger.source);
+        if let Some(channel) = source
+            .and_then(|index| self.panel.channels.get(index))
+            .copied()
+        {
             let room = TRIGGER_DIVISIONS * channel.scale;
-            self.change(|panel| panel.trigger.level = panel.trigger.level.clamp(-room - channel.offset, room - channel.offset));
+            self.change(|panel| {
+                panel.trigger.level = panel
+                    .trigger
+                    .level
+                    .clamp(-room - channel.offset, room - channel.offset)
+            });
         }
     }
 
@@ -206,7 +230,11 @@ impl Scope {
 
     pub(super) fn set_source(&mut self, arguments: &mut Arguments) -> Fallible {
         let word = arguments.word(&["C1", "C2", "C3", "C4"])?;
-        self.transfer.source = ["C1", "C2", "C3", "C4"].iter().position(|name| *name == word).unwrap_or(0).min(CHANNELS - 1);
+        self.transfer.source = ["C1", "C2", "C3", "C4"]
+            .iter()
+            .position(|name| *name == word)
+            .unwrap_or(0)
+            .min(CHANNELS - 1);
         Ok(())
     }
 
@@ -220,7 +248,11 @@ impl Scope {
                 (digits, format!("CUSTom,{digits}"))
             }
         };
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "1 to 64")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "1 to 64"
+        )]
         let digits = digits as usize;
         (self.digits, self.number_format) = (digits, name);
         Ok(())
@@ -244,7 +276,11 @@ impl Scope {
 /// A whole number of points, at least `least`.
 pub(super) fn points(arguments: &mut Arguments, least: f64) -> Fallible<u64> {
     let value = finite(arguments, "")?.round().clamp(least, MAX_POINT);
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 to 10^9")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 to 10^9"
+    )]
     Ok(value as u64)
 }
 
@@ -254,10 +290,22 @@ mod tests {
 
     #[test]
     fn time_scales_snap_to_one_two_five() {
-        for (asked, step) in
-            [(0.0, 1e-9), (0.05, 0.05), (0.06, 0.05), (3.0, 2.0), (3.3, 5.0), (20.0, 20.0), (1e9, 1000.0), (7e-4, 5e-4), (1e-3, 1e-3)]
-        {
-            assert!((nearest_step(asked) / step - 1.0).abs() < 1e-12, "{asked}: {}", nearest_step(asked));
+        for (asked, step) in [
+            (0.0, 1e-9),
+            (0.05, 0.05),
+            (0.06, 0.05),
+            (3.0, 2.0),
+            (3.3, 5.0),
+            (20.0, 20.0),
+            (1e9, 1000.0),
+            (7e-4, 5e-4),
+            (1e-3, 1e-3),
+        ] {
+            assert!(
+                (nearest_step(asked) / step - 1.0).abs() < 1e-12,
+                "{asked}: {}",
+                nearest_step(asked)
+            );
         }
     }
 }

@@ -17,10 +17,12 @@ pub(super) struct Descriptor<'a> {
 }
 
 impl Descriptor<'_> {
-    /// The descriptor. Points and bytes are those of the whole record, whatever part of it is asked for.
+    /// The descriptor. Points and bytes are those of the whole record, whatever part of it is asked
+    /// for.
     #[expect(
         clippy::cast_possible_truncation,
-        reason = "the format has single precision and 32-bit counts; records hold at most 10^7 points"
+        reason = "the format has single precision and 32-bit counts; records hold at most 10^7 \
+        points"
     )]
     pub(super) fn bytes(&self) -> Vec<u8> {
         let (points, interval_s) = self.frame.panel.sampling();
@@ -50,10 +52,16 @@ impl Descriptor<'_> {
         put(172, &WORD_BITS.to_le_bytes());
         put(176, &(interval_s as f32).to_le_bytes());
         put(180, &self.frame.panel.centre_delay_s().to_le_bytes());
-        put(324, &time_scale_index(self.frame.panel.time_scale).to_le_bytes());
+        put(
+            324,
+            &time_scale_index(self.frame.panel.time_scale).to_le_bytes(),
+        );
         put(326, &coupling_index(self.channel.coupling).to_le_bytes());
         put(328, &(self.channel.probe as f32).to_le_bytes());
-        put(334, &i16::from(self.channel.bandwidth == "20M").to_le_bytes());
+        put(
+            334,
+            &i16::from(self.channel.bandwidth == "20M").to_le_bytes(),
+        );
         put(344, &(self.transfer.source as i16).to_le_bytes());
         bytes
     }

@@ -1,15 +1,21 @@
-//! Siglent SDS800X HD oscilloscope: four channels, 12 bits, captures downloaded as blocks with a 346-byte descriptor.
+//! Siglent SDS800X HD oscilloscope: four channels, 12 bits, captures downloaded as blocks with a
+//! 346-byte descriptor.
 //!
-//! The front panel's state and what commands do to it are here, the command tree in `tree`, when a frame comes to be in `acquisition`, the block
-//! formats in `waveform`. Nothing of a capture is stored but when it was taken and with which settings; it is digitised when it is downloaded.
+//! The front panel's state and what commands do to it are here, the command tree in `tree`, when a
+//! frame comes to be in `acquisition`, the block formats in `waveform`. Nothing of a capture is
+//! stored but when it was taken and with which settings; it is digitised when it is downloaded.
 //!
 //! # Assumptions
-//! * **Offset limits**, at the input: ±1.6 V to 5 mV/div, ±4 V to 10, ±8 V to 20, ±16 V to 100, ±80 V to 200 mV/div, ±160 V to 1 V/div, ±400 V above.
-//!   They are those of the family's data sheets as far as known, not verified for this model; they allow the thesis' setting of a cell's tap
+//! * **Offset limits**, at the input: ±1.6 V to 5 mV/div, ±4 V to 10, ±8 V to 20, ±16 V to 100, ±80
+//!   V to 200 mV/div, ±160 V to 1 V/div, ±400 V above. They are those of the family's data sheets
+//!   as far as known, not verified for this model; they allow the thesis' setting of a cell's tap
 //!   at 80 mV/div and forbid it below 5 mV/div. Values beyond are clamped without a word.
-//! * Time bases snap to the nearest step of 1-2-5. Unknown commands queue −101, as reported of firmware 4.8; unknown queries stay silent.
-//! * A change of the time base, the memory depth, a channel or the trigger while running starts the acquisition anew.
-//! * AC coupling, averaging, peak detection and the bandwidth limit are kept and read back but do not change the signal.
+//! * Time bases snap to the nearest step of 1-2-5. Unknown commands queue −101, as reported of
+//!   firmware 4.8; unknown queries stay silent.
+//! * A change of the time base, the memory depth, a channel or the trigger while running starts the
+//!   acquisition anew.
+//! * AC coupling, averaging, peak detection and the bandwidth limit are kept and read back but do
+//!   not change the signal.
 
 mod acquisition;
 mod control;
@@ -38,8 +44,15 @@ const DIVISIONS: f64 = 10.0;
 const COUNTS_PER_DIV: f64 = 480.0;
 const QUEUE_DEPTH: usize = 20;
 /// Scale and offset limits at the input, V/div and V.
-const OFFSET_LIMITS: [(f64, f64); 7] =
-    [(0.005, 1.6), (0.01, 4.0), (0.02, 8.0), (0.1, 16.0), (0.2, 80.0), (1.0, 160.0), (f64::INFINITY, 400.0)];
+const OFFSET_LIMITS: [(f64, f64); 7] = [
+    (0.005, 1.6),
+    (0.01, 4.0),
+    (0.02, 8.0),
+    (0.1, 16.0),
+    (0.2, 80.0),
+    (1.0, 160.0),
+    (f64::INFINITY, 400.0),
+];
 const SCALE_RANGE: (f64, f64) = (500e-6, 10.0);
 /// Sample rate with one, two and more channels on, samples/s.
 const MAX_RATES: [f64; 3] = [2e9, 1e9, 500e6];
@@ -111,14 +124,26 @@ impl Channel {
 
     fn clamp_offset(&mut self) {
         let scale = self.input_scale();
-        let limit = OFFSET_LIMITS.iter().find(|(most, _)| scale <= most * (1.0 + 1e-9)).map_or(0.0, |(_, limit)| *limit) * self.probe;
+        let limit = OFFSET_LIMITS
+            .iter()
+            .find(|(most, _)| scale <= most * (1.0 + 1e-9))
+            .map_or(0.0, |(_, limit)| *limit)
+            * self.probe;
         self.offset = self.offset.clamp(-limit, limit);
     }
 }
 
 impl Panel {
     fn power_on() -> Self {
-        let channel = Channel { on: false, scale: 1.0, offset: 0.0, coupling: "DC", bandwidth: "FULL", probe: 1.0, unit: "V" };
+        let channel = Channel {
+            on: false,
+            scale: 1.0,
+            offset: 0.0,
+            coupling: "DC",
+            bandwidth: "FULL",
+            probe: 1.0,
+            unit: "V",
+        };
         let mut channels = [channel; CHANNELS];
         channels[0].on = true;
         Self {
@@ -129,11 +154,16 @@ impl Panel {
             keep_position: false,
             depth: "10M",
             depth_points: 1e7,
-            trigger: Trigger { source: "C1", slope: "RISing", level: 0.0 },
+            trigger: Trigger {
+                source: "C1",
+                slope: "RISing",
+                level: 0.0,
+            },
         }
     }
 
-    /// Points of a record and their distance, s: as many as the memory holds unless the converter is too slow for that.
+    /// Points of a record and their distance, s: as many as the memory holds unless the converter
+    /// is too slow for that.
     fn sampling(&self) -> (f64, f64) {
         let on = self.channels.iter().filter(|channel| channel.on).count();
         let rate = MAX_RATES[on.clamp(1, MAX_RATES.len()) - 1];
@@ -170,7 +200,14 @@ struct Transfer {
 
 impl Default for Transfer {
     fn default() -> Self {
-        Self { source: 0, start: 0, points: 0, interval: 1, words: false, big_endian: false }
+        Self {
+            source: 0,
+            start: 0,
+            points: 0,
+            interval: 1,
+            words: false,
+            big_endian: false,
+        }
     }
 }
 
@@ -191,7 +228,8 @@ impl Scope {
         }
     }
 
-    /// Changes what decides about frames; a running acquisition starts anew when something did change.
+    /// Changes what decides about frames; a running acquisition starts anew when something did
+    /// change.
     fn change(&mut self, change: impl FnOnce(&mut Panel)) {
         let old = self.panel;
         change(&mut self.panel);
@@ -220,8 +258,10 @@ impl HasStatus for Scope {
 
 impl scpi::Device for Scope {
     fn handle_error(&mut self, error: Error) {
-        // As reported of firmware 4.8: a path that leads nowhere, a header in the form that it does not have, and a missing argument.
-        let own = if error == ErrorCode::UndefinedHeader && error.get_extended() == Some(WRONG_FORM) {
+        // As reported of firmware 4.8: a path that leads nowhere, a header in the form that it does
+        // not have, and a missing argument.
+        let own = if error == ErrorCode::UndefinedHeader && error.get_extended() == Some(WRONG_FORM)
+        {
             Error::new(ErrorCode::UndefinedHeader)
         } else if error == ErrorCode::UndefinedHeader {
             Error::new(ErrorCode::InvalidCharacter)

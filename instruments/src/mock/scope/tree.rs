@@ -87,7 +87,8 @@ const WAVEFORM: Node<'static, Scope> = Branch! {b"WAVeform";
 };
 
 pub(super) const TREE: Node<'static, Scope> = Root! {
-    Leaf! {b"*IDN" => &get(|s: &mut Scope, _| text(format!("Siglent Technologies,SDS824X HD,{},4.8.12.1.1.6.5", s.serial_number)))},
+    Leaf! {b"*IDN" => &get(|s: &mut Scope, _| text(format!("Siglent Technologies,SDS824X \
+    HD,{},4.8.12.1.1.6.5", s.serial_number)))},
     Leaf! {b"*RST" => &set(|s, _| settle(s, Scope::reset))},
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*OPC" => &both(common::ignore, common::opc_query)},

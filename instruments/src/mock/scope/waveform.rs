@@ -35,7 +35,12 @@ impl Scope {
     /// All zeros until there is something to describe, or no answer at all.
     pub(super) fn preamble(&self) -> Fallible<Answer> {
         let descriptor = match self.source_frame() {
-            Some((frame, channel)) => Descriptor { frame: &frame, channel: &channel, transfer: &self.transfer }.bytes(),
+            Some((frame, channel)) => Descriptor {
+                frame: &frame,
+                channel: &channel,
+                transfer: &self.transfer,
+            }
+            .bytes(),
             None if self.quirks.is("zeroed_descriptor") => vec![0; LENGTH],
             None => return fail(ErrorCode::DataCorruptOrStale),
         };
@@ -44,7 +49,9 @@ impl Scope {
 
     /// One page from the start point on.
     pub(super) fn data(&self) -> Answer {
-        let Some((frame, channel)) = self.source_frame() else { return block(&[]) };
+        let Some((frame, channel)) = self.source_frame() else {
+            return block(&[]);
+        };
         let codes = self.digitise(&frame, &channel);
         let mut payload = Vec::with_capacity(codes.len() * if self.transfer.words { 2 } else { 1 });
         for code in codes {
@@ -62,10 +69,22 @@ impl Scope {
     fn digitise(&self, frame: &Frame, channel: &Channel) -> Vec<i16> {
         let (points, interval_s) = frame.panel.sampling();
         let transfer = &self.transfer;
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at least 1 and at most 10^7")]
-        let left = (points as u64).saturating_sub(transfer.start).div_ceil(transfer.interval);
-        let wanted = if transfer.points == 0 { left } else { left.min(transfer.points) };
-        let count = usize::try_from(wanted).unwrap_or(usize::MAX).min(self.page_points);
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "at least 1 and at most 10^7"
+        )]
+        let left = (points as u64)
+            .saturating_sub(transfer.start)
+            .div_ceil(transfer.interval);
+        let wanted = if transfer.points == 0 {
+            left
+        } else {
+            left.min(transfer.points)
+        };
+        let count = usize::try_from(wanted)
+            .unwrap_or(usize::MAX)
+            .min(self.page_points);
         let counts_per_volt = COUNTS_PER_DIV / channel.input_scale();
         if channel.coupling == "GND" {
             return vec![grounded(channel.input_offset() * counts_per_volt); count];
@@ -91,9 +110,14 @@ impl Scope {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "clamped to the range of the codes")]
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "clamped to the range of the codes"
+)]
 fn grounded(counts: f64) -> i16 {
-    counts.round().clamp(f64::from(CODE_MIN), f64::from(CODE_MAX)) as i16
+    counts
+        .round()
+        .clamp(f64::from(CODE_MIN), f64::from(CODE_MAX)) as i16
 }
 
 /// A definite block with nine digits and its first line feed.

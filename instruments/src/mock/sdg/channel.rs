@@ -78,27 +78,47 @@ const MOST_PERIODS: f64 = 1e6;
 const DELAYS_S: (f64, f64) = (2.4e-7, 1e3);
 
 impl Burst {
-    const OFF: Self = Self { on: false, gated: false, source: "INT", periods: 1, start_deg: 0.0, delay_s: DELAYS_S.0, fired: false };
+    const OFF: Self = Self {
+        on: false,
+        gated: false,
+        source: "INT",
+        periods: 1,
+        start_deg: 0.0,
+        delay_s: DELAYS_S.0,
+        fired: false,
+    };
 
     /// Takes one key and value; what it does not understand it ignores.
     fn set(&mut self, key: &str, value: &Argument) {
         match (key.to_ascii_uppercase().as_str(), value) {
             ("STATE", Argument::Word(word)) => {
                 let on = word.eq_ignore_ascii_case("ON");
-                *self = Self { on, fired: self.fired && on == self.on, ..*self };
+                *self = Self {
+                    on,
+                    fired: self.fired && on == self.on,
+                    ..*self
+                };
             }
             ("GATE_NCYC", Argument::Word(word)) => self.gated = word.eq_ignore_ascii_case("GATE"),
             ("TRSR", Argument::Word(word)) => {
-                self.source = SOURCES.into_iter().find(|source| word.eq_ignore_ascii_case(source)).unwrap_or(self.source);
+                self.source = SOURCES
+                    .into_iter()
+                    .find(|source| word.eq_ignore_ascii_case(source))
+                    .unwrap_or(self.source);
             }
             ("TIME", value) => {
                 if let Ok(periods) = to_number(value, "") {
                     self.periods = periods.clamp(1.0, MOST_PERIODS) as u32;
                 }
             }
-            ("STPS", value) => self.start_deg = to_number(value, "DEG").map_or(self.start_deg, |degrees| degrees.rem_euclid(360.0)),
+            ("STPS", value) => {
+                self.start_deg = to_number(value, "DEG")
+                    .map_or(self.start_deg, |degrees| degrees.rem_euclid(360.0))
+            }
             ("DLAY", value) => {
-                self.delay_s = to_number(value, "S").map_or(self.delay_s, |seconds| seconds.clamp(DELAYS_S.0, DELAYS_S.1));
+                self.delay_s = to_number(value, "S").map_or(self.delay_s, |seconds| {
+                    seconds.clamp(DELAYS_S.0, DELAYS_S.1)
+                });
             }
             _ => {}
         }
@@ -150,7 +170,11 @@ impl Channel {
     /// Takes one key and value; what it does not understand it ignores.
     pub(super) fn set(&mut self, key: &str, value: &Argument) {
         let is = |name: &str| key.eq_ignore_ascii_case(name);
-        let number = |unit: &str| to_number(value, unit).ok().filter(|number| number.is_finite());
+        let number = |unit: &str| {
+            to_number(value, unit)
+                .ok()
+                .filter(|number| number.is_finite())
+        };
         let divider = self.divider();
         if is("WVTP") {
             self.set_wave(value);
@@ -171,18 +195,27 @@ impl Channel {
             let high = self.offset_v + self.amplitude_vpp / 2.0;
             self.set_levels(high, number("V").map(|volts| volts / divider));
         } else if is("PHSE") {
-            self.phase_deg = number("DEG").map_or(self.phase_deg, |degrees| degrees.rem_euclid(360.0));
+            self.phase_deg =
+                number("DEG").map_or(self.phase_deg, |degrees| degrees.rem_euclid(360.0));
         } else if key.as_bytes().eq_ignore_ascii_case(SHORT_KEY) {
-            self.max_vpp = number("V").map_or(self.max_vpp, |volts| (volts / divider).clamp(self.least_vpp, 2.0 * MAX_VOLTS));
+            self.max_vpp = number("V").map_or(self.max_vpp, |volts| {
+                (volts / divider).clamp(self.least_vpp, 2.0 * MAX_VOLTS)
+            });
             self.set_amplitude(Some(self.amplitude_vpp));
         }
     }
 
     fn set_wave(&mut self, value: &Argument) {
         match value {
-            Argument::Word(word) if word.eq_ignore_ascii_case("SINE") => (self.constant, self.arbitrary) = (false, false),
-            Argument::Word(word) if word.eq_ignore_ascii_case("DC") => (self.constant, self.arbitrary) = (true, false),
-            Argument::Word(word) if word.eq_ignore_ascii_case("ARB") && self.has_wave => (self.constant, self.arbitrary) = (false, true),
+            Argument::Word(word) if word.eq_ignore_ascii_case("SINE") => {
+                (self.constant, self.arbitrary) = (false, false)
+            }
+            Argument::Word(word) if word.eq_ignore_ascii_case("DC") => {
+                (self.constant, self.arbitrary) = (true, false)
+            }
+            Argument::Word(word) if word.eq_ignore_ascii_case("ARB") && self.has_wave => {
+                (self.constant, self.arbitrary) = (false, true)
+            }
             _ => {}
         }
     }
@@ -203,7 +236,11 @@ impl Channel {
 
     fn set_offset(&mut self, volts: Option<f64>) {
         if let Some(volts) = volts {
-            let room = if self.constant { MAX_VOLTS } else { (MAX_VOLTS - self.amplitude_vpp / 2.0).max(0.0) };
+            let room = if self.constant {
+                MAX_VOLTS
+            } else {
+                (MAX_VOLTS - self.amplitude_vpp / 2.0).max(0.0)
+            };
             self.offset_v = step(volts).clamp(-room, room);
         }
     }
@@ -216,7 +253,8 @@ impl Channel {
         }
     }
 
-    /// Whether a value that was just taken is not what was asked for, beyond the steps of the converter.
+    /// Whether a value that was just taken is not what was asked for, beyond the steps of the
+    /// converter.
     pub(super) fn is_limited(&self, key: &str, value: &Argument) -> bool {
         let divider = self.divider();
         let (met, unit, step) = match key.to_ascii_uppercase().as_str() {
@@ -229,13 +267,22 @@ impl Channel {
     }
 
     pub(super) fn describe(&self, manner: &Manner) -> String {
-        let digits = |usual: usize| if manner.digits == 0 { usual } else { manner.digits.min(usual) };
+        let digits = |usual: usize| {
+            if manner.digits == 0 {
+                usual
+            } else {
+                manner.digits.min(usual)
+            }
+        };
         let with = |unit: &'static str| if manner.units { unit } else { "" };
         let (hertz, seconds, v, vrms) = (with("HZ"), with("S"), with("V"), with("Vrms"));
         let volts = |open: f64| general(open * self.divider(), digits(6));
         let offset = volts(self.offset_v);
         if self.constant {
-            return format!("WVTP,DC,MAX_OUTPUT_AMP,{}{v},OFST,{offset}{v}", volts(self.max_vpp));
+            return format!(
+                "WVTP,DC,MAX_OUTPUT_AMP,{}{v},OFST,{offset}{v}",
+                volts(self.max_vpp)
+            );
         }
         let half = self.amplitude_vpp / 2.0;
         format!(
@@ -244,7 +291,10 @@ impl Channel {
             general(self.freq_hz, digits(12)),
             general(self.freq_hz.recip(), digits(6)),
             volts(self.amplitude_vpp),
-            general(self.amplitude_vpp * self.divider() / (2.0 * SQRT_2), digits(4)),
+            general(
+                self.amplitude_vpp * self.divider() / (2.0 * SQRT_2),
+                digits(4)
+            ),
             volts(self.max_vpp),
             volts(self.offset_v + half),
             volts(self.offset_v - half),
@@ -253,8 +303,14 @@ impl Channel {
     }
 
     pub(super) fn describe_output(&self) -> String {
-        let load = self.load_ohm.map_or_else(|| "HZ".to_owned(), |load| general(load, 6));
-        format!("{},LOAD,{load},PLRT,{}", on_off(self.output_on), if self.inverted { "INVT" } else { "NOR" })
+        let load = self
+            .load_ohm
+            .map_or_else(|| "HZ".to_owned(), |load| general(load, 6));
+        format!(
+            "{},LOAD,{load},PLRT,{}",
+            on_off(self.output_on),
+            if self.inverted { "INVT" } else { "NOR" }
+        )
     }
 
     /// Takes `ON`, `OFF`, `LOAD,x` and `PLRT,x` in any number and order.
@@ -264,24 +320,37 @@ impl Channel {
                 self.output_on = word.eq_ignore_ascii_case("ON");
             } else if word.eq_ignore_ascii_case("LOAD") {
                 match arguments.next() {
-                    Some(Argument::Word(load)) if load.eq_ignore_ascii_case("HZ") => self.load_ohm = None,
+                    Some(Argument::Word(load)) if load.eq_ignore_ascii_case("HZ") => {
+                        self.load_ohm = None
+                    }
                     Some(load) => {
                         let ohms = to_number(&load, "OHM").ok().filter(|ohms| ohms.is_finite());
-                        self.load_ohm = ohms.map_or(self.load_ohm, |ohms| Some(ohms.clamp(LOAD_RANGE_OHM.0, LOAD_RANGE_OHM.1)));
+                        self.load_ohm = ohms.map_or(self.load_ohm, |ohms| {
+                            Some(ohms.clamp(LOAD_RANGE_OHM.0, LOAD_RANGE_OHM.1))
+                        });
                     }
                     None => {}
                 }
             } else if word.eq_ignore_ascii_case("PLRT") {
                 match arguments.next() {
-                    Some(Argument::Word(polarity)) if mnemonic_compare(b"NOR", polarity.as_bytes()) => self.inverted = false,
-                    Some(Argument::Word(polarity)) if mnemonic_compare(b"INVT", polarity.as_bytes()) => self.inverted = true,
+                    Some(Argument::Word(polarity))
+                        if mnemonic_compare(b"NOR", polarity.as_bytes()) =>
+                    {
+                        self.inverted = false
+                    }
+                    Some(Argument::Word(polarity))
+                        if mnemonic_compare(b"INVT", polarity.as_bytes()) =>
+                    {
+                        self.inverted = true
+                    }
                     _ => {}
                 }
             }
         }
     }
 
-    /// Takes `STATE,x`, `GATE_NCYC,x`, `TRSR,x`, `STPS,x`, `DLAY,x` and `TIME,n` in any number and order, and `MTRIG`, which starts a burst now.
+    /// Takes `STATE,x`, `GATE_NCYC,x`, `TRSR,x`, `STPS,x`, `DLAY,x` and `TIME,n` in any number and
+    /// order, and `MTRIG`, which starts a burst now.
     pub(super) fn set_burst(&mut self, arguments: &mut Arguments, now_s: f64) {
         while let Some(Argument::Word(key)) = arguments.next() {
             if key.eq_ignore_ascii_case("MTRIG") {
@@ -301,8 +370,16 @@ impl Channel {
     }
 
     pub(super) fn restarts_from(&self, old: &Self) -> bool {
-        let key =
-            |channel: &Self| (channel.constant, channel.arbitrary, channel.freq_hz, channel.phase_deg, channel.output_on, channel.burst.on);
+        let key = |channel: &Self| {
+            (
+                channel.constant,
+                channel.arbitrary,
+                channel.freq_hz,
+                channel.phase_deg,
+                channel.output_on,
+                channel.burst.on,
+            )
+        };
         key(self) != key(old)
     }
 
@@ -313,16 +390,32 @@ impl Channel {
         let sign = if self.inverted { -1.0 } else { 1.0 };
         let offset_v = sign * self.offset_v;
         if self.constant {
-            return GeneratorState { offset_v, ..GeneratorState::default() };
+            return GeneratorState {
+                offset_v,
+                ..GeneratorState::default()
+            };
         }
         GeneratorState {
             offset_v,
             amplitude_v: self.amplitude_vpp / 2.0,
             freq_hz: self.freq_hz,
-            phase_rad: if self.burst.on { self.burst.start_deg } else { self.phase_deg }.to_radians()
-                + if self.inverted { std::f64::consts::PI } else { 0.0 },
+            phase_rad: if self.burst.on {
+                self.burst.start_deg
+            } else {
+                self.phase_deg
+            }
+            .to_radians()
+                + if self.inverted {
+                    std::f64::consts::PI
+                } else {
+                    0.0
+                },
             since_s: self.since_s,
-            periods: self.burst.on.then_some(if self.burst.fired { self.burst.periods } else { 0 }),
+            periods: self.burst.on.then_some(if self.burst.fired {
+                self.burst.periods
+            } else {
+                0
+            }),
         }
     }
 }

@@ -1,12 +1,15 @@
 //! Siglent SDG1000X function generator: one keyword list a channel, `C1:BSWV WVTP,SINE,FRQ,1000,…`.
 //!
-//! Out-of-range values are clamped silently, unknown headers met with silence, and there is no query of a single field: the `?` stands bare.
-//! Voltages are kept as the open-circuit voltage behind 50 Ω; `LOAD` only changes how they are reported and understood.
+//! Out-of-range values are clamped silently, unknown headers met with silence, and there is no
+//! query of a single field: the `?` stands bare. Voltages are kept as the open-circuit voltage
+//! behind 50 Ω; `LOAD` only changes how they are reported and understood.
 //!
-//! Only channel 1 is wired to the bench, and only a sine, a constant voltage and loaded waves are simulated: other wave types are ignored, and so is `ARB`
-//! before a loaded wave was chosen. `WVDT` takes raw little-endian words without a block's header up to the end of the message. Assumed, for want of
-//! a source: voltages are set in steps of 0.1 mV and frequencies in steps of 1 µHz; the phase starts anew when the frequency, the phase, the wave
-//! type or the output changes, and runs on when an amplitude or an offset changes.
+//! Only channel 1 is wired to the bench, and only a sine, a constant voltage and loaded waves are
+//! simulated: other wave types are ignored, and so is `ARB` before a loaded wave was chosen. `WVDT`
+//! takes raw little-endian words without a block's header up to the end of the message. Assumed,
+//! for want of a source: voltages are set in steps of 0.1 mV and frequencies in steps of 1 µHz; the
+//! phase starts anew when the frequency, the phase, the wave type or the output changes, and runs
+//! on when an amplitude or an offset changes.
 
 mod channel;
 
@@ -52,7 +55,10 @@ impl Sdg {
             world: World::new(plant, options.since_s),
             serial_number,
             quirks: options.quirks.clone(),
-            channels: [Channel { least_vpp: options.quirks.number("least_amplitude"), ..Channel::default() }; 2],
+            channels: [Channel {
+                least_vpp: options.quirks.number("least_amplitude"),
+                ..Channel::default()
+            }; 2],
             waves,
             chosen: [None, None],
         };
@@ -82,14 +88,19 @@ impl Sdg {
     fn reshape(&self, was_arbitrary: bool) {
         let plays = self.channels[0].arbitrary;
         if plays || was_arbitrary {
-            let wave = self.chosen[0].as_ref().and_then(|name| self.waves.get(name)).filter(|_| plays);
+            let wave = self.chosen[0]
+                .as_ref()
+                .and_then(|name| self.waves.get(name))
+                .filter(|_| plays);
             self.world.plant().shape(self.world.now_s, wave.cloned());
         }
     }
 
     fn choose_wave(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         while let (Some(Argument::Word(key)), Some(value)) = (arguments.next(), arguments.next()) {
-            let Argument::Word(name) = value else { continue };
+            let Argument::Word(name) = value else {
+                continue;
+            };
             if key.eq_ignore_ascii_case("NAME") && self.waves.contains_key(&name) {
                 self.chosen[index] = Some(name);
                 self.change(index, |channel| channel.has_wave = true);
@@ -103,7 +114,10 @@ impl Sdg {
 
     /// The built-in wave that a channel has chosen at the start, or the loaded one.
     fn describe_wave(&self, index: usize) -> String {
-        self.chosen[index].as_ref().map_or_else(|| "INDEX,2,NAME,StairUp".to_owned(), |name| format!("INDEX,60,NAME,{name}"))
+        self.chosen[index].as_ref().map_or_else(
+            || "INDEX,2,NAME,StairUp".to_owned(),
+            |name| format!("INDEX,60,NAME,{name}"),
+        )
     }
 
     /// `Cn:WVDT WVNM,name,…,WAVEDATA,bytes`; true for any message of this header.
@@ -113,12 +127,25 @@ impl Sdg {
             return false;
         }
         let marker = b",WAVEDATA,";
-        let Some(at) = message.windows(marker.len()).position(|window| window.eq_ignore_ascii_case(marker)) else { return true };
-        let (head, data) = (String::from_utf8_lossy(&message[7..at]), &message[at + marker.len()..]);
+        let Some(at) = message
+            .windows(marker.len())
+            .position(|window| window.eq_ignore_ascii_case(marker))
+        else {
+            return true;
+        };
+        let (head, data) = (
+            String::from_utf8_lossy(&message[7..at]),
+            &message[at + marker.len()..],
+        );
         let fields: Vec<&str> = head.trim().split(',').collect();
-        let name = fields.chunks(2).find(|pair| pair[0].eq_ignore_ascii_case("WVNM")).and_then(|pair| pair.get(1));
+        let name = fields
+            .chunks(2)
+            .find(|pair| pair[0].eq_ignore_ascii_case("WVNM"))
+            .and_then(|pair| pair.get(1));
         if let (Some(name), true) = (name, data.len() >= 2 && data.len().is_multiple_of(2)) {
-            let points = data.chunks_exact(2).map(|pair| f64::from(i16::from_le_bytes([pair[0], pair[1]])) / 32_767.0);
+            let points = data
+                .chunks_exact(2)
+                .map(|pair| f64::from(i16::from_le_bytes([pair[0], pair[1]])) / 32_767.0);
             self.waves.insert((*name).to_owned(), points.collect());
         }
         true
@@ -130,7 +157,8 @@ impl Sdg {
             pairs.push((key, value));
         }
         common::ignore(self, arguments)?;
-        // The wave type decides what the other keys mean, and the offset leaves room for the amplitude, wherever they stand in the list.
+        // The wave type decides what the other keys mean, and the offset leaves room for the
+        // amplitude, wherever they stand in the list.
         pairs.sort_by_key(|(key, _)| match key.to_ascii_uppercase().as_str() {
             "WVTP" => 0,
             "AMP" | "AMPVRMS" => 2,
@@ -139,7 +167,10 @@ impl Sdg {
         let clamps = self.quirks.is("clamps");
         self.change(index, |channel| {
             let amplitude_vpp = channel.amplitude_vpp;
-            if pairs.iter().any(|(key, _)| key.eq_ignore_ascii_case("OFST")) && pairs.iter().any(|(key, _)| key.eq_ignore_ascii_case("AMP"))
+            if pairs
+                .iter()
+                .any(|(key, _)| key.eq_ignore_ascii_case("OFST"))
+                && pairs.iter().any(|(key, _)| key.eq_ignore_ascii_case("AMP"))
             {
                 channel.amplitude_vpp = channel.least_vpp;
             }
@@ -147,7 +178,14 @@ impl Sdg {
                 let before = *channel;
                 channel.set(key, value);
                 if !clamps && channel.is_limited(key, value) {
-                    *channel = if key.eq_ignore_ascii_case("AMP") { Channel { amplitude_vpp, ..before } } else { before };
+                    *channel = if key.eq_ignore_ascii_case("AMP") {
+                        Channel {
+                            amplitude_vpp,
+                            ..before
+                        }
+                    } else {
+                        before
+                    };
                 }
             }
         });
@@ -178,7 +216,11 @@ impl Sdg {
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
         let was_arbitrary = self.channels[0].arbitrary;
         let least_vpp = self.channels[0].least_vpp;
-        self.channels = [Channel { since_s: self.world.now_s, least_vpp, ..Channel::default() }; 2];
+        self.channels = [Channel {
+            since_s: self.world.now_s,
+            least_vpp,
+            ..Channel::default()
+        }; 2];
         self.chosen = [None, None];
         self.reshape(was_arbitrary);
         self.act();
@@ -191,7 +233,10 @@ impl Sdg {
     }
 
     fn manner(&self) -> Manner {
-        Manner { units: self.quirks.is("units"), digits: self.quirks.count("digits") }
+        Manner {
+            units: self.quirks.is("units"),
+            digits: self.quirks.count("digits"),
+        }
     }
 
     /// It has no queue; what it says of it is reported in two ways.
@@ -204,7 +249,10 @@ impl Sdg {
     }
 
     fn identity(&mut self, _: &mut Arguments) -> Fallible<Answer> {
-        text(format!("Siglent Technologies,SDG1032X,{},1.01.01.33R1B6", self.serial_number))
+        text(format!(
+            "Siglent Technologies,SDG1032X,{},1.01.01.33R1B6",
+            self.serial_number
+        ))
     }
 }
 
@@ -212,7 +260,12 @@ macro_rules! basic_wave {
     ($index:literal, $prefix:literal) => {
         &both(
             |sdg: &mut Sdg, arguments| sdg.set_basic_wave($index, arguments),
-            |sdg, _| sdg.answer(concat!($prefix, ":BSWV "), &sdg.channels[$index].describe(&sdg.manner())),
+            |sdg, _| {
+                sdg.answer(
+                    concat!($prefix, ":BSWV "),
+                    &sdg.channels[$index].describe(&sdg.manner()),
+                )
+            },
         )
     };
 }
@@ -273,7 +326,10 @@ impl Device for Sdg {
 }
 
 fn shortened(message: &[u8]) -> Vec<u8> {
-    match message.windows(LONG_KEY.len()).position(|window| window.eq_ignore_ascii_case(LONG_KEY)) {
+    match message
+        .windows(LONG_KEY.len())
+        .position(|window| window.eq_ignore_ascii_case(LONG_KEY))
+    {
         Some(at) => [&message[..at], SHORT_KEY, &message[at + LONG_KEY.len()..]].concat(),
         None => message.to_vec(),
     }

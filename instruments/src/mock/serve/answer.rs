@@ -1,8 +1,10 @@
-//! What becomes of one message: the reply in pieces with pauses, and whether the connection survives it. The same for every transport.
+//! What becomes of one message: the reply in pieces with pauses, and whether the connection
+//! survives it. The same for every transport.
 
 use crate::mock::{Device, Fault, Trouble};
 
-/// A late answer that is still in time, one that is not for most links, and a silence that outlasts every one, s.
+/// A late answer that is still in time, one that is not for most links, and a silence that outlasts
+/// every one, s.
 const LATE_S: f64 = 1.0;
 const TOO_LATE_S: f64 = 4.0;
 const STALL_S: f64 = 12.0;
@@ -14,7 +16,8 @@ const PIECE_S: f64 = 0.05;
 pub(super) enum Step {
     /// Nothing for so long, bench s.
     Wait(f64),
-    /// These bytes go out; with the last ones goes the end of the message, where the transport has one.
+    /// These bytes go out; with the last ones goes the end of the message, where the transport has
+    /// one.
     Put { bytes: Vec<u8>, end: bool },
 }
 
@@ -32,11 +35,18 @@ pub(super) fn answer(device: &mut dyn Device, now_s: f64, message: &[u8]) -> (Ve
     let trouble = device.trouble(now_s, message);
     let reply = match trouble {
         // The power is back before anybody asks again, and what was asked is forgotten.
-        Some(Trouble { fault: Fault::LoseMessage | Fault::PowerCycle, .. }) => Vec::new(),
+        Some(Trouble {
+            fault: Fault::LoseMessage | Fault::PowerCycle,
+            ..
+        }) => Vec::new(),
         _ => device.handle(now_s, message),
     };
     let mut steps = Vec::new();
-    let late_s = if reply.is_empty() { 0.0 } else { device.late_s(now_s) };
+    let late_s = if reply.is_empty() {
+        0.0
+    } else {
+        device.late_s(now_s)
+    };
     if late_s > 0.0 {
         steps.push(Step::Wait(late_s));
     }
@@ -67,8 +77,17 @@ fn put_in_two(steps: &mut Vec<Step>, mut reply: Vec<u8>, end_late_s: f64) {
     put(steps, reply, true);
 }
 
-fn put_badly(steps: &mut Vec<Step>, mut reply: Vec<u8>, (Trouble { fault, share }, message): (Trouble, &[u8])) -> Then {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, clippy::cast_precision_loss, reason = "an index")]
+fn put_badly(
+    steps: &mut Vec<Step>,
+    mut reply: Vec<u8>,
+    (Trouble { fault, share }, message): (Trouble, &[u8]),
+) -> Then {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        clippy::cast_precision_loss,
+        reason = "an index"
+    )]
     let place = (share * reply.len() as f64) as usize;
     match fault {
         Fault::LoseMessage | Fault::LoseReply => return Then::Stay,

@@ -1,7 +1,9 @@
-//! Between a device and the transports that carry whole messages: an inbox and an output queue, device clear, a seat for one client.
+//! Between a device and the transports that carry whole messages: an inbox and an output queue,
+//! device clear, a seat for one client.
 //!
-//! The device handles its messages one after the other in a task of its own, at its own pace; what it answers waits in the queue until somebody
-//! reads it. As in a real instrument the queue outlives the client: only a device clear empties it.
+//! The device handles its messages one after the other in a task of its own, at its own pace; what
+//! it answers waits in the queue until somebody reads it. As in a real instrument the queue
+//! outlives the client: only a device clear empties it.
 
 use std::{
     collections::VecDeque,
@@ -102,13 +104,25 @@ impl Backplane {
             taken: Notify::new(),
             cleared: Notify::new(),
         });
-        let plane = Self { terminator: device.terminator(), inbox, shared: shared.clone(), seat: Arc::default(), breaks };
-        (plane, tokio::spawn(work(device, messages, (shared, broken), clock)))
+        let plane = Self {
+            terminator: device.terminator(),
+            inbox,
+            shared: shared.clone(),
+            seat: Arc::default(),
+            breaks,
+        };
+        (
+            plane,
+            tokio::spawn(work(device, messages, (shared, broken), clock)),
+        )
     }
 
     /// Takes the seat for one client, as soon as the one before it has left; `None` when it stays.
     pub(super) async fn sit_down(&self, clock: &Clock) -> Option<OwnedMutexGuard<()>> {
-        let seat = clock.deadline(SEAT, self.seat.clone().lock_owned()).await.ok()?;
+        let seat = clock
+            .deadline(SEAT, self.seat.clone().lock_owned())
+            .await
+            .ok()?;
         self.shared.output().stops = false;
         self.shared.has_come.store(true, Ordering::SeqCst);
         Some(seat)
@@ -131,7 +145,11 @@ impl Backplane {
         while let Some(message) = framer.pull() {
             match message {
                 Ok(bytes) => {
-                    let message = Message { generation: self.shared.generation(), id, bytes };
+                    let message = Message {
+                        generation: self.shared.generation(),
+                        id,
+                        bytes,
+                    };
                     if self.inbox.send(message).await.is_err() {
                         return;
                     }
@@ -141,7 +159,8 @@ impl Backplane {
         }
     }
 
-    /// Waits for an answer and takes up to `most` bytes of it, up to the byte `until` if it is there. May be abandoned.
+    /// Waits for an answer and takes up to `most` bytes of it, up to the byte `until` if it is
+    /// there. May be abandoned.
     pub(super) async fn take(&self, most: usize, until: Option<u8>) -> Taken {
         loop {
             let changed = self.shared.changed.notified();
@@ -155,7 +174,11 @@ impl Backplane {
 
     /// An answer is waiting.
     pub(super) fn status_byte(&self) -> u8 {
-        if self.shared.output().pieces.is_empty() { 0 } else { MESSAGE_AVAILABLE }
+        if self.shared.output().pieces.is_empty() {
+            0
+        } else {
+            MESSAGE_AVAILABLE
+        }
     }
 
     /// Forgets what was sent, what is being done and what was to be answered.
@@ -200,7 +223,11 @@ impl Shared {
                         self.taken.notified().await;
                     }
                     if message.generation == self.generation() {
-                        self.output().put(Piece { id: message.id, bytes: bytes.into(), end });
+                        self.output().put(Piece {
+                            id: message.id,
+                            bytes: bytes.into(),
+                            end,
+                        });
                         self.changed.notify_waiters();
                     }
                 }
@@ -217,15 +244,25 @@ impl Output {
 
     fn take(&mut self, most: usize, until: Option<u8>) -> Option<Taken> {
         let piece = self.pieces.front_mut()?;
-        let wanted = until.and_then(|until| piece.bytes.iter().position(|&byte| byte == until)).map_or(usize::MAX, |at| at + 1);
-        let bytes: Vec<u8> = piece.bytes.drain(..wanted.min(most).min(piece.bytes.len())).collect();
+        let wanted = until
+            .and_then(|until| piece.bytes.iter().position(|&byte| byte == until))
+            .map_or(usize::MAX, |at| at + 1);
+        let bytes: Vec<u8> = piece
+            .bytes
+            .drain(..wanted.min(most).min(piece.bytes.len()))
+            .collect();
         let (id, whole) = (piece.id, piece.bytes.is_empty());
         let end = whole && piece.end;
         if whole {
             self.pieces.pop_front();
         }
         self.bytes -= bytes.len();
-        Some(Taken { id, bytes, end, stops: self.stops && self.pieces.is_empty() })
+        Some(Taken {
+            id,
+            bytes,
+            end,
+            stops: self.stops && self.pieces.is_empty(),
+        })
     }
 }
 

@@ -1,5 +1,6 @@
-//! A device behind a GPIB adapter of Prologix' kind (GPIB-ETHERNET and GPIB-USB manuals, section 8). The adapter is no part of the instrument: when that
-//! breaks off, or closes its connection half, the adapter stays and notices nothing.
+//! A device behind a GPIB adapter of Prologix' kind (GPIB-ETHERNET and GPIB-USB manuals,
+//! section 8). The adapter is no part of the instrument: when that breaks off, or closes its
+//! connection half, the adapter stays and notices nothing.
 
 use std::{collections::BTreeMap, io, net::SocketAddr, time::Duration};
 
@@ -22,7 +23,8 @@ const NAME: &str = "Prologix GPIB-ETHERNET Controller version 01.06.06.00";
 const READ_BYTES: usize = 4096;
 /// Bytes that the adapter passes on at once.
 const CHUNK: usize = 4096;
-/// Settings and what they are after switching on (manual, section 8); `++read_tmo_ms` in milliseconds.
+/// Settings and what they are after switching on (manual, section 8); `++read_tmo_ms` in
+/// milliseconds.
 const SETTINGS: [(&str, u32, u32); 8] = [
     ("mode", 1, 1),
     ("auto", 0, 1),
@@ -34,7 +36,8 @@ const SETTINGS: [(&str, u32, u32); 8] = [
     ("savecfg", 1, 1),
 ];
 
-/// Serves at the address `gpib` of an adapter on a TCP port until the task is aborted; gives the address really bound, so that port 0 can be asked for.
+/// Serves at the address `gpib` of an adapter on a TCP port until the task is aborted; gives the
+/// address really bound, so that port 0 can be asked for.
 ///
 /// # Errors
 /// What the operating system says when the address cannot be bound.
@@ -56,15 +59,21 @@ pub async fn serve_gpib(
     Ok((bound, task))
 }
 
-/// Serves at the address `gpib` of an adapter on a new pseudo terminal until the task is aborted; gives the path.
+/// Serves at the address `gpib` of an adapter on a new pseudo terminal until the task is aborted;
+/// gives the path.
 ///
 /// # Errors
 /// What the operating system says when it has no pseudo terminal left.
-pub fn serve_gpib_pty(device: Box<dyn Device>, gpib: u8, clock: Clock) -> io::Result<(String, JoinHandle<()>)> {
+pub fn serve_gpib_pty(
+    device: Box<dyn Device>,
+    gpib: u8,
+    clock: Clock,
+) -> io::Result<(String, JoinHandle<()>)> {
     let pty = Pty::open()?;
     let path = pty.path().to_owned();
     let (plane, _work) = Backplane::start(device, clock.clone());
-    let task = tokio::spawn(async move { finish(Adapter::new(&plane, gpib, &clock).serve(pty).await) });
+    let task =
+        tokio::spawn(async move { finish(Adapter::new(&plane, gpib, &clock).serve(pty).await) });
     Ok((path, task))
 }
 
@@ -81,8 +90,18 @@ struct Adapter<'a> {
 
 impl<'a> Adapter<'a> {
     fn new(plane: &'a Backplane, instrument: u8, clock: &'a Clock) -> Self {
-        let settings = SETTINGS.iter().map(|&(name, value, _)| (name, value)).collect();
-        Self { plane, clock, instrument, addressed: 0, settings, framer: plane.framer() }
+        let settings = SETTINGS
+            .iter()
+            .map(|&(name, value, _)| (name, value))
+            .collect();
+        Self {
+            plane,
+            clock,
+            instrument,
+            addressed: 0,
+            settings,
+            framer: plane.framer(),
+        }
     }
 
     fn setting(&self, name: &str) -> u32 {
@@ -137,16 +156,26 @@ impl<'a> Adapter<'a> {
     }
 
     /// Passes on what the instrument says up to its end, or up to the byte `until`.
-    async fn read(&mut self, stream: &mut (impl AsyncWrite + Unpin), until: Option<u8>) -> io::Result<()> {
+    async fn read(
+        &mut self,
+        stream: &mut (impl AsyncWrite + Unpin),
+        until: Option<u8>,
+    ) -> io::Result<()> {
         let patience = Duration::from_millis(self.setting("read_tmo_ms").into());
         if self.addressed != self.instrument {
             self.clock.sleep(patience).await;
             return Ok(());
         }
-        while let Ok(taken) = self.clock.deadline(patience, self.plane.take(CHUNK, until)).await {
+        while let Ok(taken) = self
+            .clock
+            .deadline(patience, self.plane.take(CHUNK, until))
+            .await
+        {
             stream.write_all(&taken.bytes).await?;
             if taken.end && self.setting("eot_enable") == 1 {
-                stream.write_all(&self.setting("eot_char").to_be_bytes()[3..]).await?;
+                stream
+                    .write_all(&self.setting("eot_char").to_be_bytes()[3..])
+                    .await?;
             }
             stream.flush().await?;
             if taken.end || until.is_some_and(|until| taken.bytes.last() == Some(&until)) {
@@ -156,9 +185,16 @@ impl<'a> Adapter<'a> {
         Ok(())
     }
 
-    async fn command(&mut self, stream: &mut (impl AsyncWrite + Unpin), command: &str) -> io::Result<String> {
+    async fn command(
+        &mut self,
+        stream: &mut (impl AsyncWrite + Unpin),
+        command: &str,
+    ) -> io::Result<String> {
         let mut words = command.split_ascii_whitespace();
-        let (name, argument) = (words.next().unwrap_or_default().to_ascii_lowercase(), words.next());
+        let (name, argument) = (
+            words.next().unwrap_or_default().to_ascii_lowercase(),
+            words.next(),
+        );
         let number = argument.and_then(|argument| argument.parse::<u32>().ok());
         let unknown = || Ok("Unrecognized command\r\n".to_owned());
         if let Some(&(name, _, most)) = SETTINGS.iter().find(|(setting, ..)| *setting == name) {
@@ -171,7 +207,11 @@ impl<'a> Adapter<'a> {
                 (Some(_), None) => return unknown(),
             });
         }
-        let address = |number: u32| u8::try_from(number).ok().filter(|&number| number <= crate::wire::prologix::MOST_ADDRESS);
+        let address = |number: u32| {
+            u8::try_from(number)
+                .ok()
+                .filter(|&number| number <= crate::wire::prologix::MOST_ADDRESS)
+        };
         let is_there = self.addressed == self.instrument;
         match (name.as_str(), argument) {
             ("addr", None) => return Ok(format!("{}\r\n", self.addressed)),
@@ -180,7 +220,10 @@ impl<'a> Adapter<'a> {
                 None => return unknown(),
             },
             ("read", Some("eoi") | None) => self.read(stream, None).await?,
-            ("read", Some(_)) => self.read(stream, number.and_then(|number| u8::try_from(number).ok())).await?,
+            ("read", Some(_)) => {
+                self.read(stream, number.and_then(|number| u8::try_from(number).ok()))
+                    .await?
+            }
             ("clr", _) => {
                 if is_there {
                     self.framer.clear();
@@ -189,7 +232,10 @@ impl<'a> Adapter<'a> {
             }
             ("spoll", _) => {
                 let polled = number.map_or(is_there, |number| number == u32::from(self.instrument));
-                return Ok(format!("{}\r\n", if polled { self.plane.status_byte() } else { 0 }));
+                return Ok(format!(
+                    "{}\r\n",
+                    if polled { self.plane.status_byte() } else { 0 }
+                ));
             }
             ("ver", _) => return Ok(format!("{NAME}\r\n")),
             ("srq", _) => return Ok("0\r\n".to_owned()),

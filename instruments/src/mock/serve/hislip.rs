@@ -27,7 +27,10 @@ use crate::{
     scpi::decode::ProgramFramer,
     wire::{
         WireError,
-        hislip::{BAD_INITIALISATION, HEADER_BYTES, Kind, Message, Messages, TOO_MANY_CLIENTS, UNKNOWN_MESSAGE, VERSION},
+        hislip::{
+            BAD_INITIALISATION, HEADER_BYTES, Kind, Message, Messages, TOO_MANY_CLIENTS,
+            UNKNOWN_MESSAGE, VERSION,
+        },
     },
 };
 
@@ -39,18 +42,34 @@ const READ_BYTES: usize = 16 << 10;
 /// What a client passes for having read the whole of the last answer.
 const DELIVERED: u8 = 1;
 
-/// Serves on HiSLIP until the task is aborted; gives the address really bound, so that port 0 can be asked for.
+/// Serves on HiSLIP until the task is aborted; gives the address really bound, so that port 0 can
+/// be asked for.
 ///
 /// # Errors
 /// What the operating system says when the address cannot be bound.
-pub async fn serve_hislip(device: Box<dyn Device>, address: impl ToSocketAddrs, clock: Clock) -> io::Result<(SocketAddr, JoinHandle<()>)> {
+pub async fn serve_hislip(
+    device: Box<dyn Device>,
+    address: impl ToSocketAddrs,
+    clock: Clock,
+) -> io::Result<(SocketAddr, JoinHandle<()>)> {
     let listener = TcpListener::bind(address).await?;
     let bound = listener.local_addr()?;
     let (plane, _work) = Backplane::start(device, clock.clone());
-    let server = Arc::new(Server { plane, clock: clock.clone(), sessions: Mutex::default() });
+    let server = Arc::new(Server {
+        plane,
+        clock: clock.clone(),
+        sessions: Mutex::default(),
+    });
     let task = tokio::spawn(accept_all(listener, clock, move |stream| {
         let server = server.clone();
-        async move { server.connection(Channel { stream, messages: Messages::new(MOST_BYTES) }).await }
+        async move {
+            server
+                .connection(Channel {
+                    stream,
+                    messages: Messages::new(MOST_BYTES),
+                })
+                .await
+        }
     }));
     Ok((bound, task))
 }
@@ -135,12 +154,14 @@ impl Channel {
     }
 
     async fn fatal(&mut self, code: u8, text: &str) -> io::Result<()> {
-        self.send(Message::new(Kind::FatalError, code, 0).with(text)).await
+        self.send(Message::new(Kind::FatalError, code, 0).with(text))
+            .await
     }
 
     async fn refuse(&mut self, message: &Message) -> io::Result<()> {
         let text = format!("unexpected message {:?}", message.kind);
-        self.send(Message::new(Kind::Error, UNKNOWN_MESSAGE, 0).with(text)).await
+        self.send(Message::new(Kind::Error, UNKNOWN_MESSAGE, 0).with(text))
+            .await
     }
 }
 
@@ -150,26 +171,38 @@ impl Server {
     }
 
     async fn connection(&self, mut channel: Channel) -> io::Result<()> {
-        let Some(first) = channel.next().await? else { return Ok(()) };
+        let Some(first) = channel.next().await? else {
+            return Ok(());
+        };
         match first.kind {
             Ok(Kind::Initialize) => self.synchronous(channel, &first).await,
             Ok(Kind::AsyncInitialize) => {
-                let session = u16::try_from(first.parameter).ok().and_then(|id| self.sessions().open.get(&id).cloned());
+                let session = u16::try_from(first.parameter)
+                    .ok()
+                    .and_then(|id| self.sessions().open.get(&id).cloned());
                 match session {
                     Some(session) => self.asynchronous(channel, &session).await,
                     None => channel.fatal(BAD_INITIALISATION, "no such session").await,
                 }
             }
-            _ => channel.fatal(BAD_INITIALISATION, "expected Initialize or AsyncInitialize").await,
+            _ => {
+                channel
+                    .fatal(BAD_INITIALISATION, "expected Initialize or AsyncInitialize")
+                    .await
+            }
         }
     }
 
     async fn synchronous(&self, mut channel: Channel, first: &Message) -> io::Result<()> {
         if !first.payload.eq_ignore_ascii_case(b"hislip0") && !first.payload.is_empty() {
-            return channel.fatal(BAD_INITIALISATION, "no such device: this is hislip0").await;
+            return channel
+                .fatal(BAD_INITIALISATION, "no such device: this is hislip0")
+                .await;
         }
         let Some(_seat) = self.plane.sit_down(&self.clock).await else {
-            return channel.fatal(TOO_MANY_CLIENTS, "another client is served").await;
+            return channel
+                .fatal(TOO_MANY_CLIENTS, "another client is served")
+                .await;
         };
         // Ids begin anew: an answer to the last client would pass for one to this.
         self.plane.clear();
@@ -191,7 +224,13 @@ impl Server {
         let mut framer = self.plane.framer();
         let mut breaks = self.plane.breaks();
         let mut is_silent = false;
-        channel.send(Message::new(Kind::InitializeResponse, 0, VERSION << 16 | u32::from(id))).await?;
+        channel
+            .send(Message::new(
+                Kind::InitializeResponse,
+                0,
+                VERSION << 16 | u32::from(id),
+            ))
+            .await?;
         loop {
             let most = session.most_bytes.load(Ordering::Relaxed) - HEADER_BYTES;
             let may_send = !is_silent && !session.clearing.load(Ordering::Relaxed);
@@ -218,7 +257,9 @@ impl Server {
     ) -> io::Result<()> {
         match message.kind {
             Ok(Kind::Data | Kind::DataEnd) if !session.has_async.load(Ordering::Relaxed) => {
-                channel.fatal(2, "the asynchronous channel is missing").await?;
+                channel
+                    .fatal(2, "the asynchronous channel is missing")
+                    .await?;
                 return Err(WireError::new("a session of two channels", "one").into());
             }
             Ok(Kind::Data | Kind::DataEnd) => {
@@ -236,11 +277,16 @@ impl Server {
                 self.plane.clear();
                 session.unread.store(false, Ordering::Relaxed);
                 session.clearing.store(false, Ordering::Relaxed);
-                channel.send(Message::new(Kind::DeviceClearAcknowledge, 0, 0)).await?;
+                channel
+                    .send(Message::new(Kind::DeviceClearAcknowledge, 0, 0))
+                    .await?;
             }
             // The mocks have no trigger input.
             Ok(Kind::Trigger) => session.delivered(message.control),
-            Ok(Kind::Error) => tracing::warn!(text = %String::from_utf8_lossy(&message.payload), "the client reports an error"),
+            Ok(Kind::Error) => {
+                tracing::warn!(text = %String::from_utf8_lossy(&message.payload), "the client \
+                reports an error")
+            }
             Ok(Kind::FatalError) => return Err(io::ErrorKind::ConnectionAborted.into()),
             _ => channel.refuse(&message).await?,
         }
@@ -250,7 +296,13 @@ impl Server {
     async fn asynchronous(&self, mut channel: Channel, session: &Session) -> io::Result<()> {
         session.has_async.store(true, Ordering::Relaxed);
         // The vendor's two letters.
-        channel.send(Message::new(Kind::AsyncInitializeResponse, 0, u32::from_be_bytes(*b"\0\0xx"))).await?;
+        channel
+            .send(Message::new(
+                Kind::AsyncInitializeResponse,
+                0,
+                u32::from_be_bytes(*b"\0\0xx"),
+            ))
+            .await?;
         let outcome = loop {
             tokio::select! {
                 message = channel.next() => match message {
@@ -278,14 +330,23 @@ impl Server {
         let reply = |kind, control| Message::new(kind, control, 0);
         Some(match message.kind.ok()? {
             Kind::AsyncMaxMsgSize => {
-                let size = message.payload.iter().fold(0_u64, |size, &byte| size << 8 | u64::from(byte));
-                let size = usize::try_from(size).unwrap_or(usize::MAX).clamp(LEAST_BYTES, MOST_BYTES);
+                let size = message
+                    .payload
+                    .iter()
+                    .fold(0_u64, |size, &byte| size << 8 | u64::from(byte));
+                let size = usize::try_from(size)
+                    .unwrap_or(usize::MAX)
+                    .clamp(LEAST_BYTES, MOST_BYTES);
                 session.most_bytes.store(size, Ordering::Relaxed);
                 reply(Kind::AsyncMaxMsgSizeResponse, 0).with((MOST_BYTES as u64).to_be_bytes())
             }
             Kind::AsyncStatusQuery => {
                 session.delivered(message.control);
-                let unread = if session.unread.load(Ordering::Relaxed) { MESSAGE_AVAILABLE } else { 0 };
+                let unread = if session.unread.load(Ordering::Relaxed) {
+                    MESSAGE_AVAILABLE
+                } else {
+                    0
+                };
                 reply(Kind::AsyncStatusResponse, self.plane.status_byte() | unread)
             }
             Kind::AsyncDeviceClear => {
@@ -293,7 +354,8 @@ impl Server {
                 self.plane.clear();
                 reply(Kind::AsyncDeviceClearAcknowledge, 0)
             }
-            // With one client at a time a lock is free; 1 is success, 3 that there was none to release.
+            // With one client at a time a lock is free; 1 is success, 3 that there was none to
+            // release.
             Kind::AsyncLock => {
                 let wanted = message.control == 1;
                 let had = session.locked.swap(wanted, Ordering::Relaxed);
@@ -311,7 +373,9 @@ impl Server {
 
 async fn send_data(channel: &mut Channel, session: &Session, taken: Taken) -> io::Result<()> {
     let kind = if taken.end { Kind::DataEnd } else { Kind::Data };
-    channel.send(Message::new(kind, 0, taken.id).with(taken.bytes)).await?;
+    channel
+        .send(Message::new(kind, 0, taken.id).with(taken.bytes))
+        .await?;
     if taken.end {
         session.unread.store(true, Ordering::Relaxed);
     }

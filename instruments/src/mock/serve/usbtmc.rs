@@ -1,5 +1,6 @@
-//! A device in the place of `/dev/usbtmcN`, where no kernel has one: a datagram socket in the file system. One datagram is one transfer, and a transfer
-//! shorter than [`TRANSFER`] ends a message, as it does on USB. There is no control pipe, and so no device clear.
+//! A device in the place of `/dev/usbtmcN`, where no kernel has one: a datagram socket in the file
+//! system. One datagram is one transfer, and a transfer shorter than [`TRANSFER`] ends a message,
+//! as it does on USB. There is no control pipe, and so no device clear.
 
 use std::{
     io,
@@ -15,7 +16,11 @@ use crate::{clock::Clock, mock::Device, transport::TRANSFER};
 ///
 /// # Errors
 /// What the operating system says when the file cannot be made, such as that it is there already.
-pub fn serve_usbtmc(device: Box<dyn Device>, path: &Path, clock: Clock) -> io::Result<JoinHandle<()>> {
+pub fn serve_usbtmc(
+    device: Box<dyn Device>,
+    path: &Path,
+    clock: Clock,
+) -> io::Result<JoinHandle<()>> {
     let socket = UnixDatagram::bind(path)?;
     let file = SocketFile(path.to_owned());
     let (plane, _work) = Backplane::start(device, clock);

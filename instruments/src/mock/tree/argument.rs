@@ -1,4 +1,5 @@
-//! Parameters of commands as the mocks take them: numbers with their suffixes, words of a table, lists of channels.
+//! Parameters of commands as the mocks take them: numbers with their suffixes, words of a table,
+//! lists of channels.
 
 use std::collections::VecDeque;
 
@@ -41,10 +42,14 @@ impl Arguments {
         let mut items = VecDeque::new();
         while let Some(token) = params.next_optional_token()? {
             items.push_back(match token {
-                Token::DecimalNumericProgramData(digits) => Argument::Number { digits: lossy(digits), suffix: String::new() },
-                Token::DecimalNumericSuffixProgramData(digits, suffix) => {
-                    Argument::Number { digits: lossy(digits), suffix: lossy(suffix).to_ascii_uppercase() }
-                }
+                Token::DecimalNumericProgramData(digits) => Argument::Number {
+                    digits: lossy(digits),
+                    suffix: String::new(),
+                },
+                Token::DecimalNumericSuffixProgramData(digits, suffix) => Argument::Number {
+                    digits: lossy(digits),
+                    suffix: lossy(suffix).to_ascii_uppercase(),
+                },
                 Token::CharacterProgramData(word) => Argument::Word(lossy(word)),
                 Token::ExpressionProgramData(list) => Argument::List(lossy(list)),
                 Token::NonDecimalNumericProgramData(bits) => Argument::Bits(bits),
@@ -61,7 +66,11 @@ impl Arguments {
 
     /// Refuses parameters that are left over (−108).
     pub(in crate::mock) fn end(&self) -> Fallible {
-        if self.0.is_empty() { Ok(()) } else { fail(ErrorCode::ParameterNotAllowed) }
+        if self.0.is_empty() {
+            Ok(())
+        } else {
+            fail(ErrorCode::ParameterNotAllowed)
+        }
     }
 
     /// Whether anything is left.
@@ -70,7 +79,8 @@ impl Arguments {
     }
 
     fn required(&mut self) -> Fallible<Argument> {
-        self.next().ok_or_else(|| Error::new(ErrorCode::MissingParameter))
+        self.next()
+            .ok_or_else(|| Error::new(ErrorCode::MissingParameter))
     }
 
     /// A number in `unit` (upper case; empty: no suffix allowed), with the SCPI multipliers.
@@ -81,7 +91,9 @@ impl Arguments {
     /// A number, or `MIN`, `MAX`, `DEF` of its span. Not checked against the span.
     pub(in crate::mock) fn number_in(&mut self, unit: &str, span: Span) -> Fallible<f64> {
         match self.required()? {
-            Argument::Word(word) => named_value(&word, span).ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue)),
+            Argument::Word(word) => {
+                named_value(&word, span).ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue))
+            }
             other => to_number(&other, unit),
         }
     }
@@ -90,7 +102,9 @@ impl Arguments {
     pub(in crate::mock) fn value_or_named(&mut self, value: f64, span: Span) -> Fallible<f64> {
         match self.next() {
             None => Ok(value),
-            Some(Argument::Word(word)) => named_value(&word, span).ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue)),
+            Some(Argument::Word(word)) => {
+                named_value(&word, span).ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue))
+            }
             Some(_) => fail(ErrorCode::ParameterNotAllowed),
         }
     }
@@ -112,7 +126,10 @@ impl Arguments {
             Argument::Number { digits, suffix } => digits + &suffix,
             _ => return fail(ErrorCode::DataTypeError),
         };
-        let found = table.iter().copied().find(|entry| mnemonic_compare(entry.as_bytes(), written.as_bytes()));
+        let found = table
+            .iter()
+            .copied()
+            .find(|entry| mnemonic_compare(entry.as_bytes(), written.as_bytes()));
         found.ok_or_else(|| Error::new(ErrorCode::IllegalParameterValue))
     }
 
@@ -128,7 +145,9 @@ impl Arguments {
     /// A channel list such as `(@101,103:105)`, in the order written.
     pub(in crate::mock) fn channels(&mut self) -> Fallible<Vec<u16>> {
         match self.required()? {
-            Argument::List(list) => channel_list(&list).ok_or_else(|| Error::new(ErrorCode::InvalidExpression)),
+            Argument::List(list) => {
+                channel_list(&list).ok_or_else(|| Error::new(ErrorCode::InvalidExpression))
+            }
             _ => fail(ErrorCode::DataTypeError),
         }
     }
@@ -139,21 +158,42 @@ fn lossy(bytes: &[u8]) -> String {
 }
 
 fn named_value(word: &str, span: Span) -> Option<f64> {
-    let table: [(&[u8], f64); 3] = [(b"MINimum", span.min), (b"MAXimum", span.max), (b"DEFault", span.default)];
-    table.iter().find(|(name, _)| mnemonic_compare(name, word.as_bytes())).map(|(_, value)| *value)
+    let table: [(&[u8], f64); 3] = [
+        (b"MINimum", span.min),
+        (b"MAXimum", span.max),
+        (b"DEFault", span.default),
+    ];
+    table
+        .iter()
+        .find(|(name, _)| mnemonic_compare(name, word.as_bytes()))
+        .map(|(_, value)| *value)
 }
 
 /// A numeric argument in `unit`.
 pub(in crate::mock) fn to_number(argument: &Argument, unit: &str) -> Fallible<f64> {
     match argument {
         Argument::Number { digits, suffix } => {
-            let value: f64 = digits.parse().map_err(|_| Error::new(ErrorCode::NumericDataError))?;
-            let scale = if suffix.is_empty() { Some(1.0) } else { multiplier(suffix, unit) };
-            let scale =
-                scale.ok_or_else(|| Error::new(if unit.is_empty() { ErrorCode::SuffixNotAllowed } else { ErrorCode::InvalidSuffix }))?;
+            let value: f64 = digits
+                .parse()
+                .map_err(|_| Error::new(ErrorCode::NumericDataError))?;
+            let scale = if suffix.is_empty() {
+                Some(1.0)
+            } else {
+                multiplier(suffix, unit)
+            };
+            let scale = scale.ok_or_else(|| {
+                Error::new(if unit.is_empty() {
+                    ErrorCode::SuffixNotAllowed
+                } else {
+                    ErrorCode::InvalidSuffix
+                })
+            })?;
             Ok(value * scale)
         }
-        #[expect(clippy::cast_precision_loss, reason = "registers and counts, far below 2^53")]
+        #[expect(
+            clippy::cast_precision_loss,
+            reason = "registers and counts, far below 2^53"
+        )]
         Argument::Bits(bits) => Ok(*bits as f64),
         _ => fail(ErrorCode::DataTypeError),
     }

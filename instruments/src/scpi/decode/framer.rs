@@ -16,8 +16,9 @@ pub enum FrameError {
     },
 }
 
-/// Splits an incoming stream into program messages, without their terminators and without empty ones. A terminator inside a definite block does not
-/// count; inside a string it does, so that a forgotten quote costs one message and not the connection.
+/// Splits an incoming stream into program messages, without their terminators and without empty
+/// ones. A terminator inside a definite block does not count; inside a string it does, so that a
+/// forgotten quote costs one message and not the connection.
 #[derive(Debug)]
 pub struct ProgramFramer {
     terminator: Terminator,
@@ -48,7 +49,13 @@ const START: State = State::Text { block_end: 0 };
 impl ProgramFramer {
     /// A framer for messages of at most `limit` bytes.
     pub fn new(terminator: Terminator, limit: usize) -> Self {
-        Self { terminator, limit, buffer: Vec::new(), state: START, ready: VecDeque::new() }
+        Self {
+            terminator,
+            limit,
+            buffer: Vec::new(),
+            state: START,
+            ready: VecDeque::new(),
+        }
     }
 
     /// Takes in bytes from the stream.
@@ -57,7 +64,9 @@ impl ProgramFramer {
         while let Some((&byte, after)) = rest.split_first() {
             if let State::Payload { end } = self.state {
                 // Payloads are long: copied in one go.
-                let (payload, after) = rest.split_at_checked(end - self.buffer.len()).unwrap_or((rest, &[]));
+                let (payload, after) = rest
+                    .split_at_checked(end - self.buffer.len())
+                    .unwrap_or((rest, &[]));
                 self.buffer.extend_from_slice(payload);
                 if self.buffer.len() == end {
                     self.state = State::Text { block_end: end };
@@ -70,7 +79,8 @@ impl ProgramFramer {
         }
     }
 
-    /// The transport marked the end of a message after the last pushed byte; it counts as a terminator, in a block too.
+    /// The transport marked the end of a message after the last pushed byte; it counts as a
+    /// terminator, in a block too.
     pub fn end(&mut self) {
         self.finish();
     }
@@ -113,12 +123,22 @@ impl ProgramFramer {
     }
 
     fn after_text(&self, byte: u8, block_end: usize) -> State {
-        let previous = self.buffer.len().checked_sub(2).and_then(|index| self.buffer.get(index));
+        let previous = self
+            .buffer
+            .len()
+            .checked_sub(2)
+            .and_then(|index| self.buffer.get(index));
         match byte {
-            b'"' | b'\'' => State::Quoted { quote: byte, block_end },
+            b'"' | b'\'' => State::Quoted {
+                quote: byte,
+                block_end,
+            },
             // A block is an argument: after a blank or a comma only.
             b'#' if previous.is_some_and(|&previous| previous <= b' ' || previous == b',') => {
-                State::Header { start: self.buffer.len() - 1, block_end }
+                State::Header {
+                    start: self.buffer.len() - 1,
+                    block_end,
+                }
             }
             _ => State::Text { block_end },
         }
@@ -127,15 +147,20 @@ impl ProgramFramer {
     fn after_header(&self, start: usize, block_end: usize) -> State {
         match block::parse_header(self.buffer.get(start..).unwrap_or_default()) {
             BlockHeader::Incomplete => State::Header { start, block_end },
-            BlockHeader::Definite { payload_len: 0, .. } => State::Text { block_end: self.buffer.len() },
-            BlockHeader::Definite { payload_len, .. } => State::Payload { end: self.buffer.len() + payload_len },
+            BlockHeader::Definite { payload_len: 0, .. } => State::Text {
+                block_end: self.buffer.len(),
+            },
+            BlockHeader::Definite { payload_len, .. } => State::Payload {
+                end: self.buffer.len() + payload_len,
+            },
             BlockHeader::Indefinite => State::Indefinite,
             BlockHeader::Invalid => State::Text { block_end },
         }
     }
 
     fn overflow(&mut self) {
-        self.ready.push_back(Err(FrameError::TooLong { limit: self.limit }));
+        self.ready
+            .push_back(Err(FrameError::TooLong { limit: self.limit }));
         self.buffer = Vec::new();
         self.state = State::Skipping;
     }
@@ -143,7 +168,9 @@ impl ProgramFramer {
     fn finish(&mut self) {
         let mut message = std::mem::take(&mut self.buffer);
         let protected = match std::mem::replace(&mut self.state, START) {
-            State::Text { block_end } | State::Quoted { block_end, .. } | State::Header { block_end, .. } => block_end,
+            State::Text { block_end }
+            | State::Quoted { block_end, .. }
+            | State::Header { block_end, .. } => block_end,
             State::Indefinite | State::Skipping | State::Payload { .. } => message.len(),
         };
         // A CR before NL belongs to the terminator, unless it is the last byte of a block.
@@ -180,22 +207,71 @@ mod tests {
         let too_long = Err(FrameError::TooLong { limit: 24 });
         let ok = |message: &[u8]| Ok(message.to_vec());
         let table: [(Terminator, &[u8], Vec<Frame>); 11] = [
-            (Terminator::Lf, b"*IDN?\nVOLT 1\r\n\n", vec![ok(b"*IDN?"), ok(b"VOLT 1")]),
-            (Terminator::Cr, b"IN_PV_00\rSTATUS\r\n", vec![ok(b"IN_PV_00"), ok(b"STATUS")]),
-            (Terminator::Lf, b"DATA #14a\n\nb,1\nX\n", vec![ok(b"DATA #14a\n\nb,1"), ok(b"X")]),
-            (Terminator::Lf, b"DATA v,#12\r\n\nX\n", vec![ok(b"DATA v,#12\r\n"), ok(b"X")]),
-            (Terminator::Lf, b"DATA #12ab\r\nX\n", vec![ok(b"DATA #12ab"), ok(b"X")]),
-            (Terminator::Lf, b"A \"x #15\"\nB\n", vec![ok(b"A \"x #15\""), ok(b"B")]),
-            (Terminator::Lf, b"A \"open\nB\n", vec![ok(b"A \"open"), ok(b"B")]),
-            (Terminator::Lf, b"A #H1F\nB #2\nC #10\nD #0 #15\n", vec![ok(b"A #H1F"), ok(b"B #2"), ok(b"C #10"), ok(b"D #0 #15")]),
-            (Terminator::Lf, b"AAAAAAAAAAAAAAAAAAAAAAAAA\nB\n", vec![too_long.clone(), ok(b"B")]),
-            (Terminator::Lf, b"A #9999999999xyz\nB\n", vec![too_long, ok(b"B")]),
-            (Terminator::Lf, b"AAAAAAAAAAAAAAAAAAAAAAAA\n", vec![ok(b"AAAAAAAAAAAAAAAAAAAAAAAA")]),
+            (
+                Terminator::Lf,
+                b"*IDN?\nVOLT 1\r\n\n",
+                vec![ok(b"*IDN?"), ok(b"VOLT 1")],
+            ),
+            (
+                Terminator::Cr,
+                b"IN_PV_00\rSTATUS\r\n",
+                vec![ok(b"IN_PV_00"), ok(b"STATUS")],
+            ),
+            (
+                Terminator::Lf,
+                b"DATA #14a\n\nb,1\nX\n",
+                vec![ok(b"DATA #14a\n\nb,1"), ok(b"X")],
+            ),
+            (
+                Terminator::Lf,
+                b"DATA v,#12\r\n\nX\n",
+                vec![ok(b"DATA v,#12\r\n"), ok(b"X")],
+            ),
+            (
+                Terminator::Lf,
+                b"DATA #12ab\r\nX\n",
+                vec![ok(b"DATA #12ab"), ok(b"X")],
+            ),
+            (
+                Terminator::Lf,
+                b"A \"x #15\"\nB\n",
+                vec![ok(b"A \"x #15\""), ok(b"B")],
+            ),
+            (
+                Terminator::Lf,
+                b"A \"open\nB\n",
+                vec![ok(b"A \"open"), ok(b"B")],
+            ),
+            (
+                Terminator::Lf,
+                b"A #H1F\nB #2\nC #10\nD #0 #15\n",
+                vec![ok(b"A #H1F"), ok(b"B #2"), ok(b"C #10"), ok(b"D #0 #15")],
+            ),
+            (
+                Terminator::Lf,
+                b"AAAAAAAAAAAAAAAAAAAAAAAAA\nB\n",
+                vec![too_long.clone(), ok(b"B")],
+            ),
+            (
+                Terminator::Lf,
+                b"A #9999999999xyz\nB\n",
+                vec![too_long, ok(b"B")],
+            ),
+            (
+                Terminator::Lf,
+                b"AAAAAAAAAAAAAAAAAAAAAAAA\n",
+                vec![ok(b"AAAAAAAAAAAAAAAAAAAAAAAA")],
+            ),
         ];
         for (terminator, stream, expected) in table {
             for cut in 0..=stream.len() {
                 let (left, right) = stream.split_at(cut);
-                assert_eq!(frames(terminator, 24, &[left, right]), expected, "{} cut at {cut}", stream.escape_ascii());
+                assert_eq!(
+                    frames(terminator, 24, &[left, right]),
+                    expected,
+                    "{} cut at {cut}",
+                    stream.escape_ascii()
+                );
             }
         }
     }
@@ -203,7 +279,10 @@ mod tests {
     #[test]
     fn a_message_that_is_too_long_says_so() {
         let errors = frames(Terminator::Lf, 4, &[b"VOLT 1\n"]);
-        assert_eq!(errors[0].as_ref().unwrap_err().to_string(), "expected a message of at most 4 bytes, found a longer one");
+        assert_eq!(
+            errors[0].as_ref().unwrap_err().to_string(),
+            "expected a message of at most 4 bytes, found a longer one"
+        );
     }
 
     proptest! {

@@ -1,7 +1,9 @@
-//! Cuts byte streams into messages, whatever pieces they arrive in: [`ResponseDecoder`] for the controller, [`ProgramFramer`] for the device.
+//! Cuts byte streams into messages, whatever pieces they arrive in: [`ResponseDecoder`] for the
+//! controller, [`ProgramFramer`] for the device.
 //!
-//! A stream has no frames: the end of a text line is a byte, the end of a block is a count, and the two must not be confused, since a payload may
-//! hold every byte (IEEE 488.2 clauses 7.7.6, 8.7.9 and 8.9). Memory is bounded on both sides.
+//! A stream has no frames: the end of a text line is a byte, the end of a block is a count, and the
+//! two must not be confused, since a payload may hold every byte (IEEE 488.2 clauses 7.7.6, 8.7.9
+//! and 8.9). Memory is bounded on both sides.
 
 mod framer;
 mod response;

@@ -1,4 +1,5 @@
-//! Arguments of a program message (IEEE 488.2 clause 7.7; channel lists after SCPI-1999 volume 1, 8.3.2).
+//! Arguments of a program message (IEEE 488.2 clause 7.7; channel lists after SCPI-1999 volume
+//! 1, 8.3.2).
 
 use super::ProgramError;
 use crate::scpi::{
@@ -8,13 +9,15 @@ use crate::scpi::{
     text_of,
 };
 
-/// Most channels that one list may expand to; a list such as `(@1:999999999)` is refused instead of filling the memory.
+/// Most channels that one list may expand to; a list such as `(@1:999999999)` is refused instead of
+/// filling the memory.
 pub const MAX_CHANNELS: usize = 1024;
 
 /// One argument.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Argument {
-    /// A decimal number with the suffix behind it, if any; [`Quantity::si`] reads it in the unit that is expected.
+    /// A decimal number with the suffix behind it, if any; [`Quantity::si`] reads it in the unit
+    /// that is expected.
     Number(Quantity),
     /// `#H1F`, `#Q17` or `#B101`.
     NonDecimal(u64),
@@ -31,9 +34,13 @@ pub enum Argument {
 }
 
 impl Argument {
-    /// The argument is character data equal to the word in `pattern`, in manual notation (`MAXimum`): long or short form, in any case.
+    /// The argument is character data equal to the word in `pattern`, in manual notation
+    /// (`MAXimum`): long or short form, in any case.
     pub fn is_word(&self, pattern: &str) -> bool {
-        let short_len = pattern.bytes().take_while(|byte| !byte.is_ascii_lowercase()).count();
+        let short_len = pattern
+            .bytes()
+            .take_while(|byte| !byte.is_ascii_lowercase())
+            .count();
         let short = pattern.get(..short_len).unwrap_or(pattern);
         matches!(self, Self::Word(word) if word.eq_ignore_ascii_case(pattern) || word.eq_ignore_ascii_case(short))
     }
@@ -47,30 +54,41 @@ impl Argument {
             Self::Number(quantity) => quantity.si(unit),
             Self::NonDecimal(value) => Ok(*value as f64),
             Self::Word(word) => number::parse_f64(word),
-            other => Err(NumberError::NotANumber(format!("{other:?}").chars().take(60).collect())),
+            other => Err(NumberError::NotANumber(
+                format!("{other:?}").chars().take(60).collect(),
+            )),
         }
     }
 
-    /// The argument as a Boolean: `ON`, `OFF`, or a number that rounds to zero or not (SCPI-1999 volume 1, 7.3).
+    /// The argument as a Boolean: `ON`, `OFF`, or a number that rounds to zero or not (SCPI-1999
+    /// volume 1, 7.3).
     ///
     /// # Errors
     /// [`NumberError::NotABoolean`] for everything else.
     pub fn boolean(&self) -> Result<bool, NumberError> {
         match self {
-            Self::Number(quantity) if quantity.suffix.is_empty() && quantity.value.is_finite() => Ok(quantity.value.round() != 0.0),
+            Self::Number(quantity) if quantity.suffix.is_empty() && quantity.value.is_finite() => {
+                Ok(quantity.value.round() != 0.0)
+            }
             Self::Word(word) => number::parse_bool(word),
-            other => Err(NumberError::NotABoolean(format!("{other:?}").chars().take(60).collect())),
+            other => Err(NumberError::NotABoolean(
+                format!("{other:?}").chars().take(60).collect(),
+            )),
         }
     }
 }
 
-/// White space within a message: every control character but NL, and the blank (IEEE 488.2 clause 7.4.1.2).
+/// White space within a message: every control character but NL, and the blank (IEEE 488.2
+/// clause 7.4.1.2).
 pub(super) fn is_blank(byte: u8) -> bool {
     byte <= b' '
 }
 
 pub(super) fn skip_blanks(text: &[u8]) -> &[u8] {
-    let start = text.iter().position(|&byte| !is_blank(byte)).unwrap_or(text.len());
+    let start = text
+        .iter()
+        .position(|&byte| !is_blank(byte))
+        .unwrap_or(text.len());
     text.get(start..).unwrap_or_default()
 }
 
@@ -107,7 +125,11 @@ fn parse_one(text: &[u8]) -> Result<(Argument, &[u8]), ProgramError> {
         [b'0'..=b'9' | b'+' | b'-' | b'.', ..] => decimal(text),
         _ => {
             let (word, rest) = split_word(text);
-            if word.is_ascii() { Ok((Argument::Word(text_of(word)), rest)) } else { Err(ProgramError::CharacterData(excerpt(word))) }
+            if word.is_ascii() {
+                Ok((Argument::Word(text_of(word)), rest))
+            } else {
+                Err(ProgramError::CharacterData(excerpt(word)))
+            }
         }
     }
 }
@@ -117,21 +139,33 @@ fn decimal(text: &[u8]) -> Result<(Argument, &[u8]), ProgramError> {
     let digits = number::decimal_length(text);
     let suffix_at = text.len() - skip_blanks(text.get(digits..).unwrap_or_default()).len();
     let end = if text.get(suffix_at).is_some_and(u8::is_ascii_alphabetic) || digits == 0 {
-        suffix_at + split_word(text.get(suffix_at..).unwrap_or_default()).0.len()
+        suffix_at
+            + split_word(text.get(suffix_at..).unwrap_or_default())
+                .0
+                .len()
     } else {
         digits
     };
     let (number, rest) = text.split_at_checked(end).unwrap_or((text, &[]));
-    number::parse_quantity(&text_of(number)).map(|quantity| (Argument::Number(quantity), rest)).map_err(ProgramError::Number)
+    number::parse_quantity(&text_of(number))
+        .map(|quantity| (Argument::Number(quantity), rest))
+        .map_err(ProgramError::Number)
 }
 
 fn split_word(text: &[u8]) -> (&[u8], &[u8]) {
-    let end = text.iter().position(|&byte| is_blank(byte) || matches!(byte, b',' | b';')).unwrap_or(text.len());
+    let end = text
+        .iter()
+        .position(|&byte| is_blank(byte) || matches!(byte, b',' | b';'))
+        .unwrap_or(text.len());
     text.split_at_checked(end).unwrap_or((text, &[]))
 }
 
 /// A quote inside a string is doubled.
-fn string<'a>(whole: &[u8], quote: u8, inner: &'a [u8]) -> Result<(Argument, &'a [u8]), ProgramError> {
+fn string<'a>(
+    whole: &[u8],
+    quote: u8,
+    inner: &'a [u8],
+) -> Result<(Argument, &'a [u8]), ProgramError> {
     let mut value = Vec::new();
     let mut rest = inner;
     loop {
@@ -141,7 +175,9 @@ fn string<'a>(whole: &[u8], quote: u8, inner: &'a [u8]) -> Result<(Argument, &'a
                 value.push(quote);
                 rest = after;
             }
-            [first, after @ ..] if *first == quote => return Ok((Argument::Text(text_of(&value)), after)),
+            [first, after @ ..] if *first == quote => {
+                return Ok((Argument::Text(text_of(&value)), after));
+            }
             [first, after @ ..] => {
                 value.push(*first);
                 rest = after;
@@ -163,7 +199,9 @@ fn expression<'a>(whole: &[u8], inner: &'a [u8]) -> Result<(Argument, &'a [u8]),
             let rest = rest.get(1..).unwrap_or_default();
             let body = text_of(body);
             let argument = match body.trim_start().strip_prefix('@') {
-                Some(list) => Argument::Channels(channels(list).ok_or_else(|| ProgramError::Channels(excerpt(whole)))?),
+                Some(list) => Argument::Channels(
+                    channels(list).ok_or_else(|| ProgramError::Channels(excerpt(whole)))?,
+                ),
                 None => Argument::Expression(body),
             };
             return Ok((argument, rest));
@@ -189,12 +227,21 @@ fn channels(list: &str) -> Option<Vec<u32>> {
 fn block_data(text: &[u8]) -> Result<(Argument, &[u8]), ProgramError> {
     let fail = || ProgramError::Block(excerpt(text));
     match block::parse_header(text) {
-        BlockHeader::Definite { header_len, payload_len } => {
-            let (payload, rest) = text.get(header_len..).and_then(|after| after.split_at_checked(payload_len)).ok_or_else(fail)?;
+        BlockHeader::Definite {
+            header_len,
+            payload_len,
+        } => {
+            let (payload, rest) = text
+                .get(header_len..)
+                .and_then(|after| after.split_at_checked(payload_len))
+                .ok_or_else(fail)?;
             Ok((Argument::Block(payload.to_vec()), rest))
         }
         // Nothing but the end of the message ends it, so that it takes everything.
-        BlockHeader::Indefinite => Ok((Argument::Block(text.get(2..).unwrap_or_default().to_vec()), &[])),
+        BlockHeader::Indefinite => Ok((
+            Argument::Block(text.get(2..).unwrap_or_default().to_vec()),
+            &[],
+        )),
         BlockHeader::Incomplete | BlockHeader::Invalid => Err(fail()),
     }
 }
@@ -209,7 +256,10 @@ mod tests {
     }
 
     fn number(value: f64, suffix: &str) -> Argument {
-        Argument::Number(Quantity { value, suffix: suffix.to_owned() })
+        Argument::Number(Quantity {
+            value,
+            suffix: suffix.to_owned(),
+        })
     }
 
     #[test]
@@ -218,19 +268,55 @@ mod tests {
         let text = |text: &str| Argument::Text(text.to_owned());
         let table: [(&[u8], Vec<Argument>); 14] = [
             (b"CURR 1500 mA", vec![number(1500.0, "MA")]),
-            (b"FREQ 2MHZ,-1.5E-3 , .5", vec![number(2.0e6 / 1.0e6, "MHZ"), number(-0.0015, ""), number(0.5, "")]),
-            (b"*ESE #H1F,#q17,#B101", vec![Argument::NonDecimal(31), Argument::NonDecimal(15), Argument::NonDecimal(5)]),
-            (b"DISP \"a,b;c\",'it''s \"x\"'", vec![text("a,b;c"), text("it's \"x\"")]),
-            (b"ROUT:SCAN (@1,3:5)", vec![Argument::Channels(vec![1, 3, 4, 5])]),
-            (b"VOLT 6,( @ 2 )", vec![number(6.0, ""), Argument::Channels(vec![2])]),
-            (b"CALC (A+(B*2))", vec![Argument::Expression("A+(B*2)".to_owned())]),
+            (
+                b"FREQ 2MHZ,-1.5E-3 , .5",
+                vec![
+                    number(2.0e6 / 1.0e6, "MHZ"),
+                    number(-0.0015, ""),
+                    number(0.5, ""),
+                ],
+            ),
+            (
+                b"*ESE #H1F,#q17,#B101",
+                vec![
+                    Argument::NonDecimal(31),
+                    Argument::NonDecimal(15),
+                    Argument::NonDecimal(5),
+                ],
+            ),
+            (
+                b"DISP \"a,b;c\",'it''s \"x\"'",
+                vec![text("a,b;c"), text("it's \"x\"")],
+            ),
+            (
+                b"ROUT:SCAN (@1,3:5)",
+                vec![Argument::Channels(vec![1, 3, 4, 5])],
+            ),
+            (
+                b"VOLT 6,( @ 2 )",
+                vec![number(6.0, ""), Argument::Channels(vec![2])],
+            ),
+            (
+                b"CALC (A+(B*2))",
+                vec![Argument::Expression("A+(B*2)".to_owned())],
+            ),
             (b"VOLT MAX", vec![word("MAX")]),
             (
                 b"C1:BSWV WVTP,SINE,FRQ,1000HZ,AMP,4VPP",
-                vec![word("WVTP"), word("SINE"), word("FRQ"), number(1000.0, "HZ"), word("AMP"), number(4.0, "VPP")],
+                vec![
+                    word("WVTP"),
+                    word("SINE"),
+                    word("FRQ"),
+                    number(1000.0, "HZ"),
+                    word("AMP"),
+                    number(4.0, "VPP"),
+                ],
             ),
             (b"MODE:SET 4W", vec![number(4.0, "W")]),
-            (b"DATA #14a\nb;,1", vec![Argument::Block(b"a\nb;".to_vec()), number(1.0, "")]),
+            (
+                b"DATA #14a\nb;,1",
+                vec![Argument::Block(b"a\nb;".to_vec()), number(1.0, "")],
+            ),
             (b"DATA #0a;b,c", vec![Argument::Block(b"a;b,c".to_vec())]),
             (b"VOLT? MIN", vec![word("MIN")]),
             (b"VOLT -INF", vec![number(f64::NEG_INFINITY, "")]),
@@ -246,20 +332,51 @@ mod tests {
         assert_eq!(arguments(b"FREQ 2 MHZ")[0].number("HZ"), Ok(2.0e6));
         assert_eq!(arguments(b"X #H10")[0].number("A"), Ok(16.0));
         assert!(arguments(b"X \"1\"")[0].number("A").is_err());
-        for (message, expected) in [("X ON", true), ("X 0", false), ("X 2", true), ("X off", false), ("X 0.4", false)] {
-            assert_eq!(arguments(message.as_bytes())[0].boolean(), Ok(expected), "{message}");
+        for (message, expected) in [
+            ("X ON", true),
+            ("X 0", false),
+            ("X 2", true),
+            ("X off", false),
+            ("X 0.4", false),
+        ] {
+            assert_eq!(
+                arguments(message.as_bytes())[0].boolean(),
+                Ok(expected),
+                "{message}"
+            );
         }
         assert!(arguments(b"X 1 V")[0].boolean().is_err());
-        for (word, expected) in [("MAX", true), ("maximum", true), ("MAXI", false), ("MIN", false)] {
-            assert_eq!(Argument::Word(word.to_owned()).is_word("MAXimum"), expected, "{word}");
+        for (word, expected) in [
+            ("MAX", true),
+            ("maximum", true),
+            ("MAXI", false),
+            ("MIN", false),
+        ] {
+            assert_eq!(
+                Argument::Word(word.to_owned()).is_word("MAXimum"),
+                expected,
+                "{word}"
+            );
         }
     }
 
     #[test]
     fn a_list_that_would_fill_the_memory_is_refused() {
         assert_eq!(arguments(b"ROUT (@1:1024)").len(), 1);
-        for message in ["ROUT (@1:1025)", "ROUT (@1:4294967295)", "ROUT (@1:1000,1:1000)", "ROUT (@)", "ROUT (@1:2:3)"] {
-            assert!(matches!(parse_program(message.as_bytes()), Err(ProgramError::Channels(_))), "{message}");
+        for message in [
+            "ROUT (@1:1025)",
+            "ROUT (@1:4294967295)",
+            "ROUT (@1:1000,1:1000)",
+            "ROUT (@)",
+            "ROUT (@1:2:3)",
+        ] {
+            assert!(
+                matches!(
+                    parse_program(message.as_bytes()),
+                    Err(ProgramError::Channels(_))
+                ),
+                "{message}"
+            );
         }
     }
 }

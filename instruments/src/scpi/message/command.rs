@@ -1,5 +1,5 @@
-//! Program messages, as the controller writes them. What cannot be written safely (a number that is not finite, a text that would end the message)
-//! is refused before anything is sent.
+//! Program messages, as the controller writes them. What cannot be written safely (a number that is
+//! not finite, a text that would end the message) is refused before anything is sent.
 
 use crate::scpi::{
     excerpt,
@@ -40,8 +40,13 @@ pub struct Command {
 impl Command {
     /// A command with this header: `SOUR:VOLT`, `*CLS`.
     pub fn new(header: &str) -> Self {
-        let mut command = Self { header: header.to_owned(), arguments: Vec::new(), error: None };
-        let good = |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b':' | b'*' | b'_' | b'?');
+        let mut command = Self {
+            header: header.to_owned(),
+            arguments: Vec::new(),
+            error: None,
+        };
+        let good =
+            |byte: u8| byte.is_ascii_alphanumeric() || matches!(byte, b':' | b'*' | b'_' | b'?');
         if header.is_empty() || !header.bytes().all(good) {
             command.refuse("a header of letters, digits, `_`, `:`, `*` and `?`", header);
         }
@@ -60,7 +65,8 @@ impl Command {
             Ok(text) => self.arguments.push(text),
             Err(source) => {
                 let header = self.header.clone();
-                self.error.get_or_insert(CommandError::Number { header, source });
+                self.error
+                    .get_or_insert(CommandError::Number { header, source });
             }
         }
         self
@@ -82,7 +88,10 @@ impl Command {
     /// Adds character data such as `MAX`.
     #[must_use]
     pub fn word(mut self, word: &str) -> Self {
-        let good = |byte: u8| byte.is_ascii_graphic() && !matches!(byte, b',' | b';' | b'"' | b'\'' | b'#' | b'(' | b')');
+        let good = |byte: u8| {
+            byte.is_ascii_graphic()
+                && !matches!(byte, b',' | b';' | b'"' | b'\'' | b'#' | b'(' | b')')
+        };
         if word.is_empty() || !word.bytes().all(good) {
             self.refuse("a word of printable characters without separators", word);
         } else {
@@ -94,8 +103,12 @@ impl Command {
     /// Adds a string in double quotes; a quote inside is doubled.
     #[must_use]
     pub fn string(mut self, text: &str) -> Self {
-        if text.bytes().all(|byte| byte == b' ' || byte.is_ascii_graphic()) {
-            self.arguments.push(format!("\"{}\"", text.replace('"', "\"\"")));
+        if text
+            .bytes()
+            .all(|byte| byte == b' ' || byte.is_ascii_graphic())
+        {
+            self.arguments
+                .push(format!("\"{}\"", text.replace('"', "\"\"")));
         } else {
             self.refuse("a text of printable ASCII", text);
         }
@@ -128,7 +141,11 @@ impl Command {
 
     fn refuse(&mut self, expected: &'static str, found: &str) {
         let header = excerpt(self.header.as_bytes());
-        self.error.get_or_insert_with(|| CommandError::Text { header, expected, found: excerpt(found.as_bytes()) });
+        self.error.get_or_insert_with(|| CommandError::Text {
+            header,
+            expected,
+            found: excerpt(found.as_bytes()),
+        });
     }
 }
 
@@ -145,9 +162,15 @@ mod tests {
             (Command::new("*CLS"), "*CLS"),
             (Command::query("MEAS:VOLT"), "MEAS:VOLT?"),
             (Command::new("VOLT").fixed(-2.5, 4), "VOLT -2.5000"),
-            (Command::new("VOLT").fixed(6.0, 2).channels(&[1, 2]), "VOLT 6.00,(@1,2)"),
+            (
+                Command::new("VOLT").fixed(6.0, 2).channels(&[1, 2]),
+                "VOLT 6.00,(@1,2)",
+            ),
             (Command::new("OUTP").on_off(true), "OUTP ON"),
-            (Command::new("DISP:TEXT").string("say \"no\""), "DISP:TEXT \"say \"\"no\"\"\""),
+            (
+                Command::new("DISP:TEXT").string("say \"no\""),
+                "DISP:TEXT \"say \"\"no\"\"\"",
+            ),
             (Command::query("SYST:CTYP").integer(100), "SYST:CTYP? 100"),
         ];
         for (command, text) in table {
@@ -158,12 +181,31 @@ mod tests {
     #[test]
     fn what_would_break_the_message_is_refused() {
         let table = [
-            (Command::new("VOLT").fixed(f64::NAN, 4), "`VOLT`: expected a finite number to send, found NaN"),
-            (Command::new("VOLT\nOUTP"), "`VOLT\\nOUTP`: expected a header of letters, digits, `_`, `:`, `*` and `?`, found `VOLT\\nOUTP`"),
-            (Command::new("FUNC").word("A;B"), "`FUNC`: expected a word of printable characters without separators, found `A;B`"),
-            (Command::new("DISP").string("a\nb"), "`DISP`: expected a text of printable ASCII, found `a\\nb`"),
-            (Command::new("ROUT").channels(&[]), "`ROUT`: expected at least one channel, found ``"),
-            (Command::new("X").fixed(f64::INFINITY, 1).word(""), "`X`: expected a finite number to send, found inf"),
+            (
+                Command::new("VOLT").fixed(f64::NAN, 4),
+                "`VOLT`: expected a finite number to send, found NaN",
+            ),
+            (
+                Command::new("VOLT\nOUTP"),
+                "`VOLT\\nOUTP`: expected a header of letters, digits, `_`, `:`, `*` and `?`, found \
+                `VOLT\\nOUTP`",
+            ),
+            (
+                Command::new("FUNC").word("A;B"),
+                "`FUNC`: expected a word of printable characters without separators, found `A;B`",
+            ),
+            (
+                Command::new("DISP").string("a\nb"),
+                "`DISP`: expected a text of printable ASCII, found `a\\nb`",
+            ),
+            (
+                Command::new("ROUT").channels(&[]),
+                "`ROUT`: expected at least one channel, found ``",
+            ),
+            (
+                Command::new("X").fixed(f64::INFINITY, 1).word(""),
+                "`X`: expected a finite number to send, found inf",
+            ),
         ];
         for (command, text) in table {
             assert_eq!(command.build().unwrap_err().to_string(), text);

@@ -1,6 +1,8 @@
-//! Messages in both directions: program messages go to the device, response messages come back (IEEE 488.2 clauses 7 and 8).
+//! Messages in both directions: program messages go to the device, response messages come back
+//! (IEEE 488.2 clauses 7 and 8).
 //!
-//! Works on whole messages without their terminator; cutting a stream into messages is the business of [`super::decode`].
+//! Works on whole messages without their terminator; cutting a stream into messages is the business
+//! of [`super::decode`].
 
 mod argument;
 mod command;

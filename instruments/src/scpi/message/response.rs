@@ -1,4 +1,5 @@
-//! Response messages, as the controller reads them: units joined by `;`, fields joined by `,`, both outside quotes only (IEEE 488.2 clause 8).
+//! Response messages, as the controller reads them: units joined by `;`, fields joined by `,`, both
+//! outside quotes only (IEEE 488.2 clause 8).
 
 use crate::scpi::number::{self, NumberError};
 
@@ -29,17 +30,25 @@ impl Field {
     }
 }
 
-/// The fields of one answer, in their order. `;` separates units and ends a field too; an answer without any character has no field.
+/// The fields of one answer, in their order. `;` separates units and ends a field too; an answer
+/// without any character has no field.
 pub fn parse_response(text: &str) -> Vec<Field> {
     if text.trim().is_empty() {
         return Vec::new();
     }
-    split_outside_quotes(text, &[',', ';']).into_iter().map(field).collect()
+    split_outside_quotes(text, &[',', ';'])
+        .into_iter()
+        .map(field)
+        .collect()
 }
 
 /// The units of one answer, as several queries in one message give them.
 pub fn response_units(text: &str) -> Vec<&str> {
-    split_outside_quotes(text, &[';']).into_iter().map(str::trim).filter(|unit| !unit.is_empty()).collect()
+    split_outside_quotes(text, &[';'])
+        .into_iter()
+        .map(str::trim)
+        .filter(|unit| !unit.is_empty())
+        .collect()
 }
 
 fn split_outside_quotes<'a>(text: &'a str, separators: &[char]) -> Vec<&'a str> {
@@ -57,9 +66,18 @@ fn split_outside_quotes<'a>(text: &'a str, separators: &[char]) -> Vec<&'a str> 
 
 fn field(text: &str) -> Field {
     let trimmed = text.trim();
-    match trimmed.strip_prefix('"').and_then(|inner| inner.strip_suffix('"')) {
-        Some(inner) => Field { text: inner.replace("\"\"", "\""), quoted: true },
-        None => Field { text: trimmed.to_owned(), quoted: false },
+    match trimmed
+        .strip_prefix('"')
+        .and_then(|inner| inner.strip_suffix('"'))
+    {
+        Some(inner) => Field {
+            text: inner.replace("\"\"", "\""),
+            quoted: true,
+        },
+        None => Field {
+            text: trimmed.to_owned(),
+            quoted: false,
+        },
     }
 }
 
@@ -70,14 +88,23 @@ mod tests {
     use super::*;
 
     fn texts(answer: &str) -> Vec<String> {
-        parse_response(answer).into_iter().map(|field| field.text).collect()
+        parse_response(answer)
+            .into_iter()
+            .map(|field| field.text)
+            .collect()
     }
 
     #[test]
     fn fields_are_split_outside_quotes() {
         let table: [(&str, &[&str]); 8] = [
-            ("KEPCO,BOP1KW 50-20 ,E156884, 2.01", &["KEPCO", "BOP1KW 50-20", "E156884", "2.01"]),
-            ("-113,\"Undefined header;a,b\"", &["-113", "Undefined header;a,b"]),
+            (
+                "KEPCO,BOP1KW 50-20 ,E156884, 2.01",
+                &["KEPCO", "BOP1KW 50-20", "E156884", "2.01"],
+            ),
+            (
+                "-113,\"Undefined header;a,b\"",
+                &["-113", "Undefined header;a,b"],
+            ),
             ("\"say \"\"no\"\"\",1", &["say \"no\"", "1"]),
             ("1;2", &["1", "2"]),
             ("", &[]),

@@ -121,15 +121,27 @@ impl SerialSettings {
 
     /// Everything but the path.
     pub(super) fn options(&self) -> String {
-        let (parity, data, stop, flow) = (self.parity.word(), self.data_bits.word(), self.stop_bits.word(), self.flow.word());
-        format!("baud={}&parity={parity}&data={data}&stop={stop}&flow={flow}", self.baud)
+        let (parity, data, stop, flow) = (
+            self.parity.word(),
+            self.data_bits.word(),
+            self.stop_bits.word(),
+            self.flow.word(),
+        );
+        format!(
+            "baud={}&parity={parity}&data={data}&stop={stop}&flow={flow}",
+            self.baud
+        )
     }
 }
 
 fn serial(rest: &str) -> Result<SerialSettings, AddressError> {
     let (path, options) = rest.split_once('?').unwrap_or((rest, ""));
     if !path.starts_with('/') || path.chars().any(|c| c.is_control() || c == '?') {
-        return Err(AddressError::new("path", "the absolute path of a device such as /dev/ttyUSB0", path));
+        return Err(AddressError::new(
+            "path",
+            "the absolute path of a device such as /dev/ttyUSB0",
+            path,
+        ));
     }
     let mut settings = SerialSettings::new(path);
     let mut seen: Vec<&str> = Vec::new();
@@ -145,15 +157,30 @@ fn serial(rest: &str) -> Result<SerialSettings, AddressError> {
             "data" => settings.data_bits = DataBits::read("data", value)?,
             "stop" => settings.stop_bits = StopBits::read("stop", value)?,
             "flow" => settings.flow = Flow::read("flow", value)?,
-            _ => return Err(AddressError::new("option", "baud, parity, data, stop or flow", option)),
+            _ => {
+                return Err(AddressError::new(
+                    "option",
+                    "baud, parity, data, stop or flow",
+                    option,
+                ));
+            }
         }
     }
     Ok(settings)
 }
 
-/// The rates that every driver knows; others would be rounded or refused by the hardware without a word.
+/// The rates that every driver knows; others would be rounded or refused by the hardware without a
+/// word.
 fn baud(value: &str) -> Result<u32, AddressError> {
-    const RATES: [u32; 12] = [300, 600, 1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
+    const RATES: [u32; 12] = [
+        300, 600, 1200, 2400, 4800, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800,
+    ];
     let rate = RATES.into_iter().find(|rate| rate.to_string() == value);
-    rate.ok_or_else(|| AddressError::new("baud", &RATES.map(|rate| rate.to_string()).join(", "), value))
+    rate.ok_or_else(|| {
+        AddressError::new(
+            "baud",
+            &RATES.map(|rate| rate.to_string()).join(", "),
+            value,
+        )
+    })
 }

@@ -1,7 +1,11 @@
-//! A campaign on a cell, simulated by small Euler steps: what the checks are tried on. Effects are added by hand, each in a line or two.
+//! A campaign on a cell, simulated by small Euler steps: what the checks are tried on. Effects are
+//! added by hand, each in a line or two.
 
 use crate::augmented::Between;
-use crate::diagnosis::{BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
+use crate::diagnosis::{
+    BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
+    TimeRecord,
+};
 use crate::effects::Below;
 use crate::model::{Erm, RcBranch};
 use crate::ocv::OcvCurve;
@@ -31,12 +35,18 @@ pub(in crate::diagnosis) struct Hidden {
 }
 
 pub(in crate::diagnosis) fn model() -> BaseModel {
-    let rc = |r_ohm: f64, tau_s: f64| RcBranch { r_ohm, c_f: tau_s / r_ohm };
+    let rc = |r_ohm: f64, tau_s: f64| RcBranch {
+        r_ohm,
+        c_f: tau_s / r_ohm,
+    };
     let soc: Vec<f64> = (0..=10).map(|k| f64::from(k) / 10.0).collect();
     let ocv_v = soc.iter().map(|z| 3.2 + 0.9 * z).collect();
     BaseModel {
         name: "m".to_owned(),
-        erm: Erm { r_ohm: 6.5e-3, branches: vec![rc(1.5e-3, 5e-3), rc(2e-3, 60e-3), rc(3e-3, 2.0)] },
+        erm: Erm {
+            r_ohm: 6.5e-3,
+            branches: vec![rc(1.5e-3, 5e-3), rc(2e-3, 60e-3), rc(3e-3, 2.0)],
+        },
         ocv: OcvCurve::monotone(4.5, soc, ocv_v).unwrap(),
     }
 }
@@ -65,7 +75,10 @@ pub(super) struct Chance(u64);
 
 impl Chance {
     fn even(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
     }
 
@@ -133,13 +146,18 @@ fn record(segments: Segments, hidden: &Hidden, order: f64, chance: &mut Chance) 
     let m = model();
     let size = (1.0 + hidden.ageing * order) * (1.0 + 4e-3 * chance.normal());
     let level_v = 5e-4 * chance.normal();
-    let (mut v, mut slow_v, mut warm_k, mut soc, mut h, mut logged) = (vec![0.0; 3], 0.0, 0.0f64, 0.5, 0.0f64, 0.0);
+    let (mut v, mut slow_v, mut warm_k, mut soc, mut h, mut logged) =
+        (vec![0.0; 3], 0.0, 0.0f64, 0.5, 0.0f64, 0.0);
     let (mut voltage_v, mut shown_a) = (Vec::new(), Vec::new());
     for k in 0..time_s.len() {
         let i = current_a[k];
-        let factor = size * (-0.02 * warm_k).exp() * if i < 0.0 { 1.0 + hidden.asymmetry } else { 1.0 };
+        let factor =
+            size * (-0.02 * warm_k).exp() * if i < 0.0 { 1.0 + hidden.asymmetry } else { 1.0 };
         let drop_v = factor * m.erm.r_ohm * i + v.iter().sum::<f64>() + slow_v;
-        let terminal_v = m.ocv.voltage_v(soc) - drop_v + hidden.hysteresis_v * h + level_v + 5e-4 * chance.normal();
+        let terminal_v = m.ocv.voltage_v(soc) - drop_v
+            + hidden.hysteresis_v * h
+            + level_v
+            + 5e-4 * chance.normal();
         voltage_v.push((terminal_v / 1.22e-3).round() * 1.22e-3);
         let step_s = time_s.get(k + 1).map_or(0.01, |t| t - time_s[k]);
         let parts = (step_s / 5e-4).ceil();
@@ -148,7 +166,11 @@ fn record(segments: Segments, hidden: &Hidden, order: f64, chance: &mut Chance) 
         for _ in 0..parts as usize {
             for (n, branch) in m.erm.branches.iter().enumerate() {
                 let r = factor * branch.r_ohm;
-                let through = if n == 1 && hidden.beta > 0.0 { (hidden.beta * v[n] / r).sinh() / hidden.beta } else { v[n] / r };
+                let through = if n == 1 && hidden.beta > 0.0 {
+                    (hidden.beta * v[n] / r).sinh() / hidden.beta
+                } else {
+                    v[n] / r
+                };
                 v[n] += part_s / (branch.time_constant_s() / r) * (i - through);
             }
             if let Some((r, tau_s)) = hidden.slow {
@@ -159,13 +181,30 @@ fn record(segments: Segments, hidden: &Hidden, order: f64, chance: &mut Chance) 
             }
             h -= part_s * i.abs() / 16_200.0 * 50.0 * (h + i.signum());
             soc -= part_s * i / 16_200.0;
-            logged = if hidden.lag_s > 0.0 { logged + part_s / hidden.lag_s.max(part_s) * (i - logged) } else { i };
+            logged = if hidden.lag_s > 0.0 {
+                logged + part_s / hidden.lag_s.max(part_s) * (i - logged)
+            } else {
+                i
+            };
             mean += logged / parts;
         }
         shown_a.push(((mean + 0.03 * chance.normal()) / 0.1).round() * 0.1);
     }
-    let series = TimeSeries { name: "s".to_owned(), time_s, current_a: shown_a, voltage_v, temperature_c: None };
-    TimeRecord { series, between: Between::Hold, compared_from_s: 0.0, level_sigma_v: 0.0, sigma_v: None, averaged_s: None }
+    let series = TimeSeries {
+        name: "s".to_owned(),
+        time_s,
+        current_a: shown_a,
+        voltage_v,
+        temperature_c: None,
+    };
+    TimeRecord {
+        series,
+        between: Between::Hold,
+        compared_from_s: 0.0,
+        level_sigma_v: 0.0,
+        sigma_v: None,
+        averaged_s: None,
+    }
 }
 
 fn sweep(control_ohm: Option<f64>, hidden: &Hidden, order: f64, chance: &mut Chance) -> Sweep {
@@ -176,28 +215,45 @@ fn sweep(control_ohm: Option<f64>, hidden: &Hidden, order: f64, chance: &mut Cha
         let clean = control_ohm.map_or_else(|| size * erm.impedance(freq_hz), Complex64::from);
         let clean = hidden.spectrum.map_or(clean, |more| more(freq_hz, clean));
         let noise = Complex64::new(chance.normal(), chance.normal());
-        SweepPoint { freq_hz, z_ohm: clean + 1e-3 * clean.norm() * noise, sigma_ohm: None, amplitude_a: Some(1.0) }
+        SweepPoint {
+            freq_hz,
+            z_ohm: clean + 1e-3 * clean.norm() * noise,
+            sigma_ohm: None,
+            amplitude_a: Some(1.0),
+        }
     });
-    Sweep { bias_a: 0.0, below: Below::default(), elapsed_s: Vec::new(), points: points.collect() }
+    Sweep {
+        bias_a: 0.0,
+        below: Below::default(),
+        elapsed_s: Vec::new(),
+        points: points.collect(),
+    }
 }
 
 pub(super) const SHUNT_OHM: f64 = 9.96e-3;
 
-/// Four sweeps of the cell, one of the shunt, three each of pulses, discharges and profiles, interleaved.
+/// Four sweeps of the cell, one of the shunt, three each of pulses, discharges and profiles,
+/// interleaved.
 pub(in crate::diagnosis) fn campaign(hidden: &Hidden, seed: u64) -> DataSet {
     let mut chance = Chance(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0x5851_F42D_4C95_7F2D);
     let mut runs = Vec::new();
     for repeat in 0..4 {
-        for (group, segments) in
-            [("eis", None), ("shunt", None), ("pulse", Some(PULSES)), ("discharge", Some(DISCHARGE)), ("profile", Some(PROFILE))]
-        {
+        for (group, segments) in [
+            ("eis", None),
+            ("shunt", None),
+            ("pulse", Some(PULSES)),
+            ("discharge", Some(DISCHARGE)),
+            ("profile", Some(PROFILE)),
+        ] {
             if (repeat == 3 && group != "eis") || (repeat > 0 && group == "shunt") {
                 continue;
             }
             let order = runs.len() as u32;
             let control_ohm = (group == "shunt").then_some(SHUNT_OHM);
             let data = match segments {
-                Some(segments) => RunData::Time(record(segments, hidden, f64::from(order), &mut chance)),
+                Some(segments) => {
+                    RunData::Time(record(segments, hidden, f64::from(order), &mut chance))
+                }
                 None => RunData::Eis(sweep(control_ohm, hidden, f64::from(order), &mut chance)),
             };
             runs.push(Run {
@@ -213,20 +269,29 @@ pub(in crate::diagnosis) fn campaign(hidden: &Hidden, seed: u64) -> DataSet {
             });
         }
     }
-    DataSet { name: "d".to_owned(), runs, history: Some(history()), calibration: None }
+    DataSet {
+        name: "d".to_owned(),
+        runs,
+        history: Some(history()),
+        calibration: None,
+    }
 }
 
 /// The record of a run, to be damaged.
 pub(super) fn series<'a>(set: &'a mut DataSet, name: &str) -> &'a mut TimeSeries {
     let run = set.runs.iter_mut().find(|run| run.name == name).unwrap();
-    let RunData::Time(record) = &mut run.data else { panic!("{name} is no record") };
+    let RunData::Time(record) = &mut run.data else {
+        panic!("{name} is no record")
+    };
     &mut record.series
 }
 
 /// The points of a sweep, to be damaged.
 pub(super) fn points<'a>(set: &'a mut DataSet, name: &str) -> &'a mut Vec<SweepPoint> {
     let run = set.runs.iter_mut().find(|run| run.name == name).unwrap();
-    let RunData::Eis(sweep) = &mut run.data else { panic!("{name} is no sweep") };
+    let RunData::Eis(sweep) = &mut run.data else {
+        panic!("{name} is no sweep")
+    };
     &mut sweep.points
 }
 

@@ -11,7 +11,11 @@ fn kinds(pictures: &[Picture]) -> Vec<Kind> {
 fn draw(pictures: &[Picture]) {
     for picture in pictures {
         let svg = picture.drawing.svg().unwrap();
-        assert!(!svg.contains("NaN") && !svg.contains(">\ninf"), "{}", picture.name);
+        assert!(
+            !svg.contains("NaN") && !svg.contains(">\ninf"),
+            "{}",
+            picture.name
+        );
     }
 }
 
@@ -36,7 +40,14 @@ fn every_verdict_has_pictures_that_can_be_drawn() {
 
 #[test]
 fn nothing_gives_no_picture_and_no_panic() {
-    let bare = Diagnosis { blocks: vec![], where_after: vec![], gap: vec![], gap_spectra: vec![], ranking: vec![], ..sample::explained() };
+    let bare = Diagnosis {
+        blocks: vec![],
+        where_after: vec![],
+        gap: vec![],
+        gap_spectra: vec![],
+        ranking: vec![],
+        ..sample::explained()
+    };
     assert!(pictures(&bare, &[]).is_empty());
     assert!(text(&bare).contains("No run was held out"));
     assert!(!markdown(&bare, &[]).contains("!["));
@@ -58,20 +69,38 @@ fn nothing_gives_no_picture_and_no_panic() {
         augmented_ohm: z,
         floor_ohm: v,
     };
-    let empty = [time, eis].map(|curves| RunCurves { name: "empty".into(), held_out: true, curves });
+    let empty = [time, eis].map(|curves| RunCurves {
+        name: "empty".into(),
+        held_out: true,
+        curves,
+    });
     assert!(pictures(&bare, &empty).is_empty());
 }
 
 #[test]
 fn samples_that_are_no_numbers_are_left_out() {
     let mut runs = sample::runs();
-    if let Curves::Time { measured_v, floor_v, .. } = &mut runs[0].curves {
+    if let Curves::Time {
+        measured_v,
+        floor_v,
+        ..
+    } = &mut runs[0].curves
+    {
         (measured_v[3], floor_v[5]) = (f64::NAN, f64::INFINITY);
     }
-    if let Curves::Eis { measured_ohm, freq_hz, .. } = &mut runs[3].curves {
+    if let Curves::Eis {
+        measured_ohm,
+        freq_hz,
+        ..
+    } = &mut runs[3].curves
+    {
         (measured_ohm[2].re, freq_hz[4]) = (f64::NAN, 0.0);
     }
-    let d = Diagnosis { gap: vec![], gap_spectra: vec![], ..sample::explained() };
+    let d = Diagnosis {
+        gap: vec![],
+        gap_spectra: vec![],
+        ..sample::explained()
+    };
     draw(&pictures(&d, &runs));
 }
 
@@ -86,7 +115,13 @@ fn of_many_runs_the_worst_are_shown_in_their_order() {
         run
     };
     let runs: Vec<RunCurves> = (0..9).map(named).collect();
-    let names: Vec<String> = pictures(&sample::explained(), &runs).into_iter().filter(|p| p.kind == Kind::Time).map(|p| p.name).collect();
-    let expected: Vec<String> = (3..9).map(|k| format!("residual-{}-run_{k}", k - 2)).collect();
+    let names: Vec<String> = pictures(&sample::explained(), &runs)
+        .into_iter()
+        .filter(|p| p.kind == Kind::Time)
+        .map(|p| p.name)
+        .collect();
+    let expected: Vec<String> = (3..9)
+        .map(|k| format!("residual-{}-run_{k}", k - 2))
+        .collect();
     assert_eq!(names, expected);
 }

@@ -6,22 +6,46 @@ use proptest::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 fn z(circuit: &str, parameters: &[f64], freq_hz: f64) -> Complex64 {
-    circuit.parse::<Circuit>().unwrap().impedance(parameters, freq_hz)
+    circuit
+        .parse::<Circuit>()
+        .unwrap()
+        .impedance(parameters, freq_hz)
 }
 
 fn close(met: Complex64, expected: Complex64, relative: f64, what: &str) {
-    assert!((met - expected).norm() <= relative * expected.norm(), "{what}: expected {expected}, met {met}");
+    assert!(
+        (met - expected).norm() <= relative * expected.norm(),
+        "{what}: expected {expected}, met {met}"
+    );
 }
 
-/// impedance.py's own test values: parameters 0.1, 0.2, 0.3 at 0.001, 1 and 1000 Hz, printed with 6 to 15 digits.
+/// impedance.py's own test values: parameters 0.1, 0.2, 0.3 at 0.001, 1 and 1000 Hz, printed with 6
+/// to 15 digits.
 #[test]
 fn elements_have_the_published_values_of_impedance_py() {
     let c = Complex64::new;
     let published: [(&str, [Complex64; 3]); 10] = [
         ("R0", [c(0.1, 0.0); 3]),
-        ("C0", [c(0.0, -1_591.549_430_918_953_2), c(0.0, -1.591_549_430_918_953_5), c(0.0, -0.001_591_549_430_918_953_3)]),
-        ("L0", [c(0.0, 0.000_628_319), c(0.0, 0.628_319), c(0.0, 628.319)]),
-        ("W0", [c(1.261_566_26, -1.261_566_26), c(0.039_894_23, -0.039_894_23), c(0.001_261_57, -0.001_261_57)]),
+        (
+            "C0",
+            [
+                c(0.0, -1_591.549_430_918_953_2),
+                c(0.0, -1.591_549_430_918_953_5),
+                c(0.0, -0.001_591_549_430_918_953_3),
+            ],
+        ),
+        (
+            "L0",
+            [c(0.0, 0.000_628_319), c(0.0, 0.628_319), c(0.0, 628.319)],
+        ),
+        (
+            "W0",
+            [
+                c(1.261_566_26, -1.261_566_26),
+                c(0.039_894_23, -0.039_894_23),
+                c(0.001_261_57, -0.001_261_57),
+            ],
+        ),
         (
             "Wo0",
             [
@@ -30,7 +54,14 @@ fn elements_have_the_published_values_of_impedance_py() {
                 c(0.001_994_711_402_007_163_4, -0.001_994_711_402_007_163_4),
             ],
         ),
-        ("Ws0", [c(0.099_999_98, -4.188_789_13e-05), c(0.083_275_19, -3.338_381_67e-02), c(0.001_994_71, -1.994_711_40e-03)]),
+        (
+            "Ws0",
+            [
+                c(0.099_999_98, -4.188_789_13e-05),
+                c(0.083_275_19, -3.338_381_67e-02),
+                c(0.001_994_71, -1.994_711_40e-03),
+            ],
+        ),
         (
             "CPE0",
             [
@@ -67,14 +98,21 @@ fn elements_have_the_published_values_of_impedance_py() {
     for (element, values) in published {
         let count = element.parse::<Circuit>().unwrap().parameter_names().len();
         for (freq_hz, value) in [0.001, 1.0, 1000.0].into_iter().zip(values) {
-            close(z(element, &[0.1, 0.2, 0.3][..count], freq_hz), value, 3e-6, &format!("{element} at {freq_hz} Hz"));
+            close(
+                z(element, &[0.1, 0.2, 0.3][..count], freq_hz),
+                value,
+                3e-6,
+                &format!("{element} at {freq_hz} Hz"),
+            );
         }
     }
 }
 
 /// tanh(√x)/√x by Lambert's continued fraction, without any exponential or root.
 fn tanh_fraction(x: Complex64) -> Complex64 {
-    let tail = (1..400).rev().fold(Complex64::ZERO, |tail, k| x / (f64::from(2 * k + 1) + tail));
+    let tail = (1..400)
+        .rev()
+        .fold(Complex64::ZERO, |tail, k| x / (f64::from(2 * k + 1) + tail));
     (1.0 + tail).inv()
 }
 
@@ -89,40 +127,121 @@ fn elements_agree_with_other_formulas() {
         let x = s * 0.7;
         let y = 0.5 * 0.5 * (1.0 + s * 0.7);
         let cases = [
-            ("CPE1", vec![2.0, 0.7], real((0.35 * PI).cos(), -(0.35 * PI).sin()) / (2.0 * w.powf(0.7))),
-            ("La1", vec![2.0, 0.7], real((0.35 * PI).cos(), (0.35 * PI).sin()) * (2.0 * w.powf(0.7))),
-            ("Zarc1", vec![5.0, 0.3, 0.8], real(vr, -vi) * (5.0 / (vr * vr + vi * vi))),
+            (
+                "CPE1",
+                vec![2.0, 0.7],
+                real((0.35 * PI).cos(), -(0.35 * PI).sin()) / (2.0 * w.powf(0.7)),
+            ),
+            (
+                "La1",
+                vec![2.0, 0.7],
+                real((0.35 * PI).cos(), (0.35 * PI).sin()) * (2.0 * w.powf(0.7)),
+            ),
+            (
+                "Zarc1",
+                vec![5.0, 0.3, 0.8],
+                real(vr, -vi) * (5.0 / (vr * vr + vi * vi)),
+            ),
             ("Ws1", vec![5.0, 0.7], 5.0 * tanh_fraction(x)),
             ("Wo1", vec![5.0, 0.7], 5.0 / (x * tanh_fraction(x))),
-            ("Gs1", vec![5.0, 0.7, 0.5], 5.0 * 0.5 / (y * tanh_fraction(y))),
+            (
+                "Gs1",
+                vec![5.0, 0.7, 0.5],
+                5.0 * 0.5 / (y * tanh_fraction(y)),
+            ),
         ];
         for (element, p, expected) in cases {
-            close(z(element, &p, freq_hz), expected, 1e-12, &format!("{element} at {freq_hz} Hz"));
+            close(
+                z(element, &p, freq_hz),
+                expected,
+                1e-12,
+                &format!("{element} at {freq_hz} Hz"),
+            );
         }
         let g = z("G1", &[5.0, 0.7], freq_hz);
-        close(g * g * (1.0 + s * 0.7), Complex64::new(25.0, 0.0), 1e-12, "G squared");
+        close(
+            g * g * (1.0 + s * 0.7),
+            Complex64::new(25.0, 0.0),
+            1e-12,
+            "G squared",
+        );
         assert!(g.re > 0.0);
     }
 }
 
 #[test]
 fn elements_become_simpler_ones_in_their_limits() {
-    close(z("Wo1", &[3.0, 2.0], 1e-9), z("C1-R1", &[2.0 / 3.0, 1.0], 1e-9), 1e-15, "Wo → C = τ/Z₀ and R = Z₀/3 at low frequency");
-    close(z("Ws1", &[3.0, 2.0], 1e-9), Complex64::new(3.0, 0.0), 1e-7, "Ws → R at low frequency");
+    close(
+        z("Wo1", &[3.0, 2.0], 1e-9),
+        z("C1-R1", &[2.0 / 3.0, 1.0], 1e-9),
+        1e-15,
+        "Wo → C = τ/Z₀ and R = Z₀/3 at low frequency",
+    );
+    close(
+        z("Ws1", &[3.0, 2.0], 1e-9),
+        Complex64::new(3.0, 0.0),
+        1e-7,
+        "Ws → R at low frequency",
+    );
     for freq_hz in [1e-3, 0.7, 1e4] {
         let w = Complex64::new(1.0, -1.0) * (3.0 / (2.0 * TAU * freq_hz * 1e9f64).sqrt());
         for diffusion in ["Wo1", "Ws1"] {
-            close(z(diffusion, &[3.0, 1e9], freq_hz), w, 1e-12, "a long way is a semi-infinite one");
+            close(
+                z(diffusion, &[3.0, 1e9], freq_hz),
+                w,
+                1e-12,
+                "a long way is a semi-infinite one",
+            );
         }
-        close(z("W1", &[3.0 / (2.0 * 1e9f64).sqrt()], freq_hz), w, 1e-12, "A = Z₀/√(2τ)");
-        close(z("CPE1", &[2.0, 1.0], freq_hz), z("C1", &[2.0], freq_hz), 1e-13, "CPE with α = 1 is C");
-        close(z("La1", &[2.0, 1.0], freq_hz), z("L1", &[2.0], freq_hz), 1e-13, "La with α = 1 is L");
-        close(z("CPE1", &[2.0, 0.5], freq_hz), z("W1", &[0.5 / 2f64.sqrt()], freq_hz), 1e-13, "CPE with α = ½ is W");
-        close(z("Zarc1", &[5.0, 0.3, 1.0], freq_hz), z("K1", &[5.0, 0.3], freq_hz), 1e-13, "Zarc with γ = 1 is K");
-        close(z("K1", &[5.0, 0.3], freq_hz), z("p(R1,C1)", &[5.0, 0.06], freq_hz), 1e-13, "K is R ∥ τ/R");
+        close(
+            z("W1", &[3.0 / (2.0 * 1e9f64).sqrt()], freq_hz),
+            w,
+            1e-12,
+            "A = Z₀/√(2τ)",
+        );
+        close(
+            z("CPE1", &[2.0, 1.0], freq_hz),
+            z("C1", &[2.0], freq_hz),
+            1e-13,
+            "CPE with α = 1 is C",
+        );
+        close(
+            z("La1", &[2.0, 1.0], freq_hz),
+            z("L1", &[2.0], freq_hz),
+            1e-13,
+            "La with α = 1 is L",
+        );
+        close(
+            z("CPE1", &[2.0, 0.5], freq_hz),
+            z("W1", &[0.5 / 2f64.sqrt()], freq_hz),
+            1e-13,
+            "CPE with α = ½ is W",
+        );
+        close(
+            z("Zarc1", &[5.0, 0.3, 1.0], freq_hz),
+            z("K1", &[5.0, 0.3], freq_hz),
+            1e-13,
+            "Zarc with γ = 1 is K",
+        );
+        close(
+            z("K1", &[5.0, 0.3], freq_hz),
+            z("p(R1,C1)", &[5.0, 0.06], freq_hz),
+            1e-13,
+            "K is R ∥ τ/R",
+        );
         let q = 0.3f64.powf(0.8) / 5.0;
-        close(z("Zarc1", &[5.0, 0.3, 0.8], freq_hz), z("p(R1,CPE1)", &[5.0, q, 0.8], freq_hz), 1e-13, "Zarc is R ∥ CPE");
-        close(z("Gs1", &[5.0, 0.3, 1e4], freq_hz), z("G1", &[5.0, 0.3], freq_hz), 1e-13, "a long Gs is G");
+        close(
+            z("Zarc1", &[5.0, 0.3, 0.8], freq_hz),
+            z("p(R1,CPE1)", &[5.0, q, 0.8], freq_hz),
+            1e-13,
+            "Zarc is R ∥ CPE",
+        );
+        close(
+            z("Gs1", &[5.0, 0.3, 1e4], freq_hz),
+            z("G1", &[5.0, 0.3], freq_hz),
+            1e-13,
+            "a long Gs is G",
+        );
     }
 }
 
@@ -130,11 +249,19 @@ fn elements_become_simpler_ones_in_their_limits() {
 fn nothing_overflows_far_out() {
     for kind in ElementKind::ALL {
         let circuit: Circuit = format!("{}1", kind.name()).parse().unwrap();
-        let p: Vec<f64> = kind.parameters().iter().map(|k| if k.role == Role::Exponent { 0.9 } else { 1.0 }).collect();
+        let p: Vec<f64> = kind
+            .parameters()
+            .iter()
+            .map(|k| if k.role == Role::Exponent { 0.9 } else { 1.0 })
+            .collect();
         for freq_hz in [1e-12, 1e-6, 1e6, 1e12] {
             let mut slopes = vec![Complex64::ZERO; p.len()];
             let z = circuit.jacobian(&p, freq_hz, &mut slopes);
-            assert!(z.is_finite() && slopes.iter().all(|s| s.is_finite()), "{} at {freq_hz} Hz: {z}, {slopes:?}", kind.name());
+            assert!(
+                z.is_finite() && slopes.iter().all(|s| s.is_finite()),
+                "{} at {freq_hz} Hz: {z}, {slopes:?}",
+                kind.name()
+            );
         }
     }
 }
@@ -143,26 +270,50 @@ fn nothing_overflows_far_out() {
 fn series_adds_impedances_and_parallel_admittances() {
     let p = [0.1, 0.2, 0.3, 0.4, 0.5];
     let f = 0.9;
-    let (r0, r1, c1) = (z("R0", &p[..1], f), z("R1", &p[1..2], f), z("C1", &p[2..3], f));
+    let (r0, r1, c1) = (
+        z("R0", &p[..1], f),
+        z("R1", &p[1..2], f),
+        z("C1", &p[2..3], f),
+    );
     let (r2, l1) = (z("R2", &p[3..4], f), z("L1", &p[4..], f));
     let inner = r1 * c1 / (r1 + c1) + r2;
-    close(z("R0-p(p(R1,C1)-R2,L1)", &p, f), r0 + inner * l1 / (inner + l1), 1e-14, "nested");
+    close(
+        z("R0-p(p(R1,C1)-R2,L1)", &p, f),
+        r0 + inner * l1 / (inner + l1),
+        1e-14,
+        "nested",
+    );
     let three = z("p(R1,C1,L1)", &[0.2, 0.3, 0.5], f);
-    close(three.inv(), r1.inv() + c1.inv() + l1.inv(), 1e-14, "three branches");
+    close(
+        three.inv(),
+        r1.inv() + c1.inv() + l1.inv(),
+        1e-14,
+        "three branches",
+    );
     let circuit: Circuit = "R0".parse().unwrap();
-    assert!(circuit.impedance(&[1.0, 2.0], f).is_nan() && circuit.jacobian(&[1.0], f, &mut []).is_nan());
+    assert!(
+        circuit.impedance(&[1.0, 2.0], f).is_nan() && circuit.jacobian(&[1.0], f, &mut []).is_nan()
+    );
 }
 
 #[test]
 fn the_erm_is_one_of_them() {
     let rc = |r_ohm, c_f| RcBranch { r_ohm, c_f };
-    let mut erm = Erm { r_ohm: 0.0064, branches: vec![rc(0.0015, 0.55), rc(0.0004, 664.0), rc(0.0048, 1084.0)] };
+    let mut erm = Erm {
+        r_ohm: 0.0064,
+        branches: vec![rc(0.0015, 0.55), rc(0.0004, 664.0), rc(0.0048, 1084.0)],
+    };
     let (circuit, parameters) = Circuit::from_erm(&erm);
     assert_eq!(circuit.to_string(), "R0-p(R1,C1)-p(R2,C2)-p(R3,C3)");
     assert_eq!(circuit, circuit.to_string().parse().unwrap());
     for k in 0..80 {
         let freq_hz = 1e-3 * 10f64.powf(f64::from(k) * 0.1);
-        close(circuit.impedance(&parameters, freq_hz), erm.impedance(freq_hz), 1e-14, &format!("{freq_hz} Hz"));
+        close(
+            circuit.impedance(&parameters, freq_hz),
+            erm.impedance(freq_hz),
+            1e-14,
+            &format!("{freq_hz} Hz"),
+        );
     }
     erm.branches.clear();
     assert_eq!(Circuit::from_erm(&erm).0.to_string(), "R0");
@@ -202,20 +353,35 @@ proptest! {
 
 #[test]
 fn derivatives_are_exact_where_formulas_lose_their_digits() {
-    // ∂/∂τ of Ws at low frequency is −s·Z₀/3 and of Wo is that of Z₀/3: nothing at all beyond −Z₀/(sτ²).
+    // ∂/∂τ of Ws at low frequency is −s·Z₀/3 and of Wo is that of Z₀/3: nothing at all beyond
+    // −Z₀/(sτ²).
     let circuit: Circuit = "Ws1".parse().unwrap();
     let mut slopes = [Complex64::ZERO; 2];
     for freq_hz in [1e-9, 1e-6, 1e-4] {
         circuit.jacobian(&[3.0, 2.0], freq_hz, &mut slopes);
         let s = Complex64::new(0.0, TAU * freq_hz);
-        close(slopes[1], -s * 3.0 / 3.0 + s * s * 2.0 * 3.0 * 4.0 / 15.0, 1e-5, "Ws by τ");
+        close(
+            slopes[1],
+            -s * 3.0 / 3.0 + s * s * 2.0 * 3.0 * 4.0 / 15.0,
+            1e-5,
+            "Ws by τ",
+        );
     }
     // Both sides of the change from series to closed form.
     let omega_tau = 0.02;
     let at = |factor: f64| {
         let mut slopes = [Complex64::ZERO; 2];
-        "Ws1".parse::<Circuit>().unwrap().jacobian(&[1.0, 1.0], omega_tau * factor / TAU, &mut slopes);
+        "Ws1".parse::<Circuit>().unwrap().jacobian(
+            &[1.0, 1.0],
+            omega_tau * factor / TAU,
+            &mut slopes,
+        );
         slopes[1]
     };
-    close(at(1.0 - 1e-9), at(1.0 + 1e-9), 1e-8, "no step at the change of formula");
+    close(
+        at(1.0 - 1e-9),
+        at(1.0 + 1e-9),
+        1e-8,
+        "no step at the change of formula",
+    );
 }

@@ -1,4 +1,5 @@
-//! What a campaign tells beyond its spectra: how much cells differ from each other, and repeats of one cell among themselves.
+//! What a campaign tells beyond its spectra: how much cells differ from each other, and repeats of
+//! one cell among themselves.
 
 use analysis::{
     fit::ErmFit,
@@ -35,10 +36,12 @@ pub(super) struct Spread {
     /// Mean of the cells' means, Ω.
     mean_re_ohm: f64,
     mean_im_ohm: f64,
-    /// Standard deviation of the cells' means, real and imaginary part, Ω; none for a single cell. What repeats scatter is in it, divided by their number.
+    /// Standard deviation of the cells' means, real and imaginary part, Ω; none for a single cell.
+    /// What repeats scatter is in it, divided by their number.
     cells_re_ohm: Option<f64>,
     cells_im_ohm: Option<f64>,
-    /// Standard deviation of the repeats of one cell around its mean, over all cells, Ω; none without repeats.
+    /// Standard deviation of the repeats of one cell around its mean, over all cells, Ω; none
+    /// without repeats.
     repeats_re_ohm: Option<f64>,
     repeats_im_ohm: Option<f64>,
     /// The same of the magnitude, as a share of its mean.
@@ -102,8 +105,16 @@ pub(super) fn write(
     (measured, fits, judged): (&Measured, &[ErmFit], &[Judged]),
 ) -> Result<Told, Failure> {
     let spectra: Vec<&Spectrum> = measured.spectra().collect();
-    let cell_of = |spectrum: &Spectrum| campaign.runs().find(|run| run.name() == spectrum.name).map_or(0, |run| run.cell.number);
-    let cells: Vec<(usize, &Spectrum)> = spectra.iter().map(|spectrum| (cell_of(spectrum), *spectrum)).collect();
+    let cell_of = |spectrum: &Spectrum| {
+        campaign
+            .runs()
+            .find(|run| run.name() == spectrum.name)
+            .map_or(0, |run| run.cell.number)
+    };
+    let cells: Vec<(usize, &Spectrum)> = spectra
+        .iter()
+        .map(|spectrum| (cell_of(spectrum), *spectrum))
+        .collect();
     let spread = spread(&cells);
     recorder.text("spread.csv", &csv(&spread))?;
     let models = fits.iter().map(|fit| ModelRow {
@@ -127,20 +138,40 @@ pub(super) fn write(
     let plot = picture(experiment, campaign, &cells, &spread);
     let drawn = |error: plot::PlotError| Failure::Analysis(error.to_string());
     for extension in ["svg", "png"] {
-        plot::nyquist(&plot, &recorder.path(&format!("plots/campaign.{extension}"))).map_err(drawn)?;
+        plot::nyquist(
+            &plot,
+            &recorder.path(&format!("plots/campaign.{extension}")),
+        )
+        .map_err(drawn)?;
     }
-    let caption = "All spectra of the campaign, a colour for each cell, and the mean of the cells.".to_owned();
-    let figure = Figure { svg: plot::nyquist_svg(&plot).map_err(drawn)?, caption };
-    Ok(Told { figure, table: table(&spread), text: in_words(campaign, spectra.len(), &spread) })
+    let caption = "All spectra of the campaign, a colour for each cell, and the mean of the cells."
+        .to_owned();
+    let figure = Figure {
+        svg: plot::nyquist_svg(&plot).map_err(drawn)?,
+        caption,
+    };
+    Ok(Told {
+        figure,
+        table: table(&spread),
+        text: in_words(campaign, spectra.len(), &spread),
+    })
 }
 
 fn runs(recorder: &Recorder, campaign: &Campaign, judged: &[Judged]) -> Vec<RunRow> {
     let warnings = recorder.warnings();
     let row = |run: crate::config::CampaignRun| {
         let file = format!("spectra/{}.csv", run.name());
-        let entry = recorder.index().sweeps.iter().find(|entry| entry.file == file)?;
+        let entry = recorder
+            .index()
+            .sweeps
+            .iter()
+            .find(|entry| entry.file == file)?;
         let prefix = run.prefix();
-        let notes: Vec<String> = warnings.iter().filter_map(|warning| warning.strip_prefix(&prefix)).map(str::to_owned).collect();
+        let notes: Vec<String> = warnings
+            .iter()
+            .filter_map(|warning| warning.strip_prefix(&prefix))
+            .map(str::to_owned)
+            .collect();
         Some(RunRow {
             number: run.number,
             cell: run.cell.name.clone(),
@@ -149,7 +180,10 @@ fn runs(recorder: &Recorder, campaign: &Campaign, judged: &[Judged]) -> Vec<RunR
             start_time_s: entry.start_time_s,
             start_ocv_v: entry.start_ocv_v,
             temperature_c: entry.temperature_c,
-            validity: judged.iter().find(|one| one.name == run.name()).map_or_else(|| "not tested".to_owned(), Judged::grade),
+            validity: judged
+                .iter()
+                .find(|one| one.name == run.name())
+                .map_or_else(|| "not tested".to_owned(), Judged::grade),
             soc_missed: notes.iter().any(|note| note.starts_with(SOC_MISSED)),
             notes,
         })
@@ -159,18 +193,37 @@ fn runs(recorder: &Recorder, campaign: &Campaign, judged: &[Judged]) -> Vec<RunR
 
 /// Mean and spread at each frequency of the first spectrum.
 fn spread(cells: &[(usize, &Spectrum)]) -> Vec<Spread> {
-    let Some((_, first)) = cells.first() else { return Vec::new() };
-    first.points.iter().map(|point| spread_at(point.freq_hz, cells)).collect()
+    let Some((_, first)) = cells.first() else {
+        return Vec::new();
+    };
+    first
+        .points
+        .iter()
+        .map(|point| spread_at(point.freq_hz, cells))
+        .collect()
 }
 
 fn spread_at(freq_hz: f64, cells: &[(usize, &Spectrum)]) -> Spread {
-    let mut groups: std::collections::BTreeMap<usize, Vec<&ImpedancePoint>> = std::collections::BTreeMap::new();
+    let mut groups: std::collections::BTreeMap<usize, Vec<&ImpedancePoint>> =
+        std::collections::BTreeMap::new();
     for (cell, spectrum) in cells {
-        groups.entry(*cell).or_default().extend(spectrum.points.iter().find(|point| point.freq_hz == freq_hz));
+        groups.entry(*cell).or_default().extend(
+            spectrum
+                .points
+                .iter()
+                .find(|point| point.freq_hz == freq_hz),
+        );
     }
-    let groups: Vec<Vec<&ImpedancePoint>> = groups.into_values().filter(|group| !group.is_empty()).collect();
+    let groups: Vec<Vec<&ImpedancePoint>> = groups
+        .into_values()
+        .filter(|group| !group.is_empty())
+        .collect();
     let of = |part: fn(&ImpedancePoint) -> f64| Scatter::of(&groups, part);
-    let (re, im, magnitude) = (of(|p| p.z_ohm.re), of(|p| p.z_ohm.im), of(ImpedancePoint::magnitude_ohm));
+    let (re, im, magnitude) = (
+        of(|p| p.z_ohm.re),
+        of(|p| p.z_ohm.im),
+        of(ImpedancePoint::magnitude_ohm),
+    );
     let rms = |part: fn(&ImpedancePoint) -> f64| {
         let all: Vec<f64> = groups.iter().flatten().map(|point| part(point)).collect();
         (all.iter().sum::<f64>() / all.len() as f64).sqrt()
@@ -202,14 +255,31 @@ struct Scatter {
 impl Scatter {
     fn of(groups: &[Vec<&ImpedancePoint>], part: fn(&ImpedancePoint) -> f64) -> Self {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-        let squares = |values: &[f64], around: f64| values.iter().map(|value| (value - around).powi(2)).sum::<f64>();
-        let groups: Vec<Vec<f64>> = groups.iter().map(|group| group.iter().map(|point| part(point)).collect()).collect();
+        let squares = |values: &[f64], around: f64| {
+            values
+                .iter()
+                .map(|value| (value - around).powi(2))
+                .sum::<f64>()
+        };
+        let groups: Vec<Vec<f64>> = groups
+            .iter()
+            .map(|group| group.iter().map(|point| part(point)).collect())
+            .collect();
         let means: Vec<f64> = groups.iter().map(|group| mean(group)).collect();
         let all = mean(&means);
-        let sd = |squares: f64, freedom: usize| (freedom > 0).then(|| (squares / freedom as f64).sqrt());
-        let within = groups.iter().zip(&means).map(|(group, mean)| squares(group, *mean)).sum();
+        let sd =
+            |squares: f64, freedom: usize| (freedom > 0).then(|| (squares / freedom as f64).sqrt());
+        let within = groups
+            .iter()
+            .zip(&means)
+            .map(|(group, mean)| squares(group, *mean))
+            .sum();
         let freedom = groups.iter().map(|group| group.len() - 1).sum();
-        Self { mean: all, cells: sd(squares(&means, all), means.len().saturating_sub(1)), repeats: sd(within, freedom) }
+        Self {
+            mean: all,
+            cells: sd(squares(&means, all), means.len().saturating_sub(1)),
+            repeats: sd(within, freedom),
+        }
     }
 }
 
@@ -232,19 +302,36 @@ fn csv(spread: &[Spread]) -> String {
             s.stated_im_ohm,
         ];
         let cells: Vec<String> = cells.iter().map(|cell| format!("{cell}")).collect();
-        text.push_str(&format!("{},{},{}\n", s.freq_hz, s.spectra, cells.join(",")));
+        text.push_str(&format!(
+            "{},{},{}\n",
+            s.freq_hz,
+            s.spectra,
+            cells.join(",")
+        ));
     }
     text
 }
 
-fn picture(experiment: &Experiment, campaign: &Campaign, cells: &[(usize, &Spectrum)], spread: &[Spread]) -> ImpedancePlot {
+fn picture(
+    experiment: &Experiment,
+    campaign: &Campaign,
+    cells: &[(usize, &Spectrum)],
+    spread: &[Spread],
+) -> ImpedancePlot {
     let mut seen = Vec::new();
     let mut series: Vec<Series> = Vec::new();
     for (cell, spectrum) in cells {
-        let name =
-            campaign.cells.iter().find(|known| known.number == *cell).map_or_else(String::new, |known| format!("cell {}", known.name));
+        let name = campaign
+            .cells
+            .iter()
+            .find(|known| known.number == *cell)
+            .map_or_else(String::new, |known| format!("cell {}", known.name));
         let label = (!seen.contains(cell)).then_some(name.as_str());
-        series.push(Series::data(spectrum, cell.saturating_sub(1)).styled(SeriesStyle::Cloud).labelled(label));
+        series.push(
+            Series::data(spectrum, cell.saturating_sub(1))
+                .styled(SeriesStyle::Cloud)
+                .labelled(label),
+        );
         seen.push(*cell);
     }
     let unknown = analysis::spectrum::Covariance2::UNKNOWN;
@@ -254,9 +341,17 @@ fn picture(experiment: &Experiment, campaign: &Campaign, cells: &[(usize, &Spect
         covariance: unknown,
         amplitude_a: f64::NAN,
     };
-    let mean = Spectrum { name: "mean of the cells".to_owned(), points: spread.iter().map(point).collect(), ..Spectrum::default() };
+    let mean = Spectrum {
+        name: "mean of the cells".to_owned(),
+        points: spread.iter().map(point).collect(),
+        ..Spectrum::default()
+    };
     series.push(Series::data(&mean, campaign.cells.len()).styled(SeriesStyle::Curve));
-    ImpedancePlot::new(&format!("All {} spectra of the campaign", cells.len()), &experiment.cell.name, series)
+    ImpedancePlot::new(
+        &format!("All {} spectra of the campaign", cells.len()),
+        &experiment.cell.name,
+        series,
+    )
 }
 
 fn percent(share: Option<f64>) -> String {
@@ -275,9 +370,17 @@ fn table(spread: &[Spread]) -> Table {
             percent(s.repeats_magnitude_rel),
         ]
     };
-    let header = ["f / Hz", "mean Re Z / mΩ", "mean Im Z / mΩ", "between cells / % of |Z|", "between repeats / % of |Z|"];
+    let header = [
+        "f / Hz",
+        "mean Re Z / mΩ",
+        "mean Im Z / mΩ",
+        "between cells / % of |Z|",
+        "between repeats / % of |Z|",
+    ];
     Table {
-        caption: "How much the cells differ, and repeats of one cell among themselves (standard deviations)".to_owned(),
+        caption: "How much the cells differ, and repeats of one cell among themselves (standard \
+        deviations)"
+            .to_owned(),
         header: header.map(str::to_owned).to_vec(),
         rows: spread.iter().step_by(step).map(row).collect(),
     }
@@ -289,9 +392,13 @@ fn in_words(campaign: &Campaign, spectra: usize, spread: &[Spread]) -> String {
         all.sort_by(f64::total_cmp);
         all.get(all.len() / 2).copied()
     };
-    let (cells, repeats) = (median(|s| s.cells_magnitude_rel), median(|s| s.repeats_magnitude_rel));
+    let (cells, repeats) = (
+        median(|s| s.cells_magnitude_rel),
+        median(|s| s.repeats_magnitude_rel),
+    );
     format!(
-        "campaign: {spectra} spectra of {} cells; |Z| differs by {} % between cells and by {} % between repeats of one cell (medians over frequency)",
+        "campaign: {spectra} spectra of {} cells; |Z| differs by {} % between cells and by {} % \
+        between repeats of one cell (medians over frequency)",
         campaign.cells.len(),
         percent(cells),
         percent(repeats)
@@ -310,7 +417,11 @@ mod tests {
             points: vec![ImpedancePoint {
                 freq_hz: 1.0,
                 z_ohm: Complex64::new(re, -0.001),
-                covariance: Covariance2 { re_re: 4.0e-12, im_im: 1.0e-12, re_im: 0.0 },
+                covariance: Covariance2 {
+                    re_re: 4.0e-12,
+                    im_im: 1.0e-12,
+                    re_im: 0.0,
+                },
                 amplitude_a: 1.0,
             }],
             ..Spectrum::default()
@@ -318,10 +429,16 @@ mod tests {
         let all = [0.009, 0.011, 0.019, 0.021].map(spectrum);
         let cells: Vec<(usize, &Spectrum)> = [1, 1, 2, 2].into_iter().zip(&all).collect();
         let found = spread(&cells);
-        let [s] = found.as_slice() else { panic!("{found:?}") };
+        let [s] = found.as_slice() else {
+            panic!("{found:?}")
+        };
         assert_eq!(s.spectra, 4);
-        let near =
-            |met: Option<f64>, expected: f64| assert!((met.unwrap() / expected - 1.0).abs() < 1.0e-9, "{met:?}, expected {expected}");
+        let near = |met: Option<f64>, expected: f64| {
+            assert!(
+                (met.unwrap() / expected - 1.0).abs() < 1.0e-9,
+                "{met:?}, expected {expected}"
+            )
+        };
         near(Some(s.mean_re_ohm), 0.015);
         // Means of 10 mΩ and 20 mΩ; deviations of 1 mΩ, four of them with two degrees of freedom.
         near(s.cells_re_ohm, 0.01 / 2.0_f64.sqrt());
@@ -329,7 +446,18 @@ mod tests {
         near(Some(s.stated_re_ohm), 2.0e-6);
         assert_eq!((s.cells_im_ohm, s.repeats_im_ohm), (Some(0.0), Some(0.0)));
         let single = spread(&cells[..1]);
-        assert_eq!((single[0].cells_re_ohm, single[0].repeats_re_ohm), (None, None));
-        assert!(csv(&single).lines().nth(1).unwrap().starts_with("1,1,0.009,-0.001,NaN,NaN,NaN,NaN,NaN,NaN,0.000002,"), "{}", csv(&single));
+        assert_eq!(
+            (single[0].cells_re_ohm, single[0].repeats_re_ohm),
+            (None, None)
+        );
+        assert!(
+            csv(&single)
+                .lines()
+                .nth(1)
+                .unwrap()
+                .starts_with("1,1,0.009,-0.001,NaN,NaN,NaN,NaN,NaN,NaN,0.000002,"),
+            "{}",
+            csv(&single)
+        );
     }
 }
