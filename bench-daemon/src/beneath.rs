@@ -35,7 +35,7 @@ pub fn open(root: &Path, name: &str) -> Option<File> {
 /// The folder of this name directly below another; `None` where there is none, or a link in its
 /// place.
 pub fn folder(root: &Path, name: &str) -> Option<PathBuf> {
-    if !crate::serve::plain(name) {
+    if !plain(name) {
         return None;
     }
     let path = root.join(name);
@@ -74,6 +74,14 @@ fn walk(
         }
     }
     Ok(())
+}
+
+/// A name that can be a part of a path without being anything else.
+pub fn plain(name: &str) -> bool {
+    (1..=80).contains(&name.len())
+        && name
+            .chars()
+            .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'))
 }
 
 #[cfg(test)]

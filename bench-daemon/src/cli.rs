@@ -1,13 +1,14 @@
 //! The command line: arguments → command → exit code.
 
-use std::{path::PathBuf, process::ExitCode};
+use std::process::ExitCode;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 
-use crate::terminal::remark;
 use crate::{
-    command::{self, Failure},
+    command,
+    failure::Failure,
     logging::{self, Verbosity},
+    terminal::remark,
     wishes::Course,
 };
 
@@ -94,9 +95,9 @@ struct Cli {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Run an experiment: fixture check, SOC reset, sweep, fits, report.
-    Run(RunArgs),
+    Run(command::run::RunArgs),
     /// Go on with a run that died or was stopped, in its folder, at the next unfinished point.
-    Resume(ResumeArgs),
+    Resume(command::resume::ResumeArgs),
     /// Ask a run in another terminal to wait without any current, from the next point on.
     Pause(command::wish::FolderArgs),
     /// Ask a paused run to go on.
@@ -106,12 +107,12 @@ enum Command {
     /// Ask a campaign to play the named runs next.
     Reorder(command::wish::ReorderArgs),
     /// Print what an experiment would do, step by step, with its duration. Touches nothing.
-    Plan(PlanArgs),
+    Plan(command::plan::PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
-    Mock(MockArgs),
+    Mock(command::mock::MockArgs),
     /// Ask instruments who they are, what they can do and what is programmed into them. Changes
     /// nothing on any of them.
-    Identify(IdentifyArgs),
+    Identify(command::identify::IdentifyArgs),
     /// Examine a bench before its first use: instruments, probes, drive, limits, safe state,
     /// guardian; writes a signed report.
     Doctor(command::doctor::DoctorArgs),
@@ -123,7 +124,7 @@ enum Command {
     #[command(hide = true)]
     Guardian(command::guardian::GuardianArgs),
     /// Fit the extended Randles model, or any equivalent circuit, to spectra.
-    Fit(FitArgs),
+    Fit(command::fit::FitArgs),
     /// Size a pack of cells, or run a profile through packs of cells that differ.
     Pack(command::pack::PackArgs),
     /// Test spectra: Kramers–Kronig, Z-HIT, linearity, stationarity; distribution of relaxation
@@ -159,145 +160,6 @@ enum Command {
     /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels,
     /// scored.
     Study(command::study::StudyArgs),
-}
-
-/// Arguments of `run`.
-#[derive(Debug, Args)]
-pub struct RunArgs {
-    /// The experiment file.
-    pub experiment: PathBuf,
-    /// Another bench file than the experiment names.
-    #[arg(long, value_name = "FILE")]
-    pub bench: Option<PathBuf>,
-    /// The run folder [default: runs/NAME, runs/NAME-2, …]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Another seed than the experiment's, for the simulation and the fits' searches.
-    #[arg(long)]
-    pub seed: Option<u64>,
-}
-
-/// Arguments of `resume`.
-#[derive(Debug, Args)]
-pub struct ResumeArgs {
-    /// The run folder.
-    pub folder: PathBuf,
-    /// Play a step again although nobody knows which charge it moved before, or go on with a sweep
-    /// although the cell has moved: the cell was looked at.
-    #[arg(long)]
-    pub accept_charge: bool,
-}
-
-/// Arguments of `plan`.
-#[derive(Debug, Args)]
-pub struct PlanArgs {
-    /// The experiment file.
-    pub experiment: PathBuf,
-    /// Another bench file than the experiment names.
-    #[arg(long, value_name = "FILE")]
-    pub bench: Option<PathBuf>,
-}
-
-/// Arguments of `mock`.
-#[derive(Debug, Args)]
-pub struct MockArgs {
-    /// The bench file; needs a section `[simulation]`.
-    #[arg(required_unless_present = "replay")]
-    pub bench: Option<PathBuf>,
-    /// Serve a recorded conversation instead: `transcripts/ROLE.txt` of a run folder, or another
-    /// transcript. It answers as then, and ends at the first message that is another.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["bench", "time", "write_bench", "seed"])]
-    pub replay: Option<PathBuf>,
-    /// With --replay: the model whose conversation it is, where neither the file's name nor a
-    /// manifest tells it.
-    #[arg(long, value_name = "KEY", requires = "replay")]
-    pub model: Option<String>,
-    /// With --replay: where to listen.
-    #[arg(
-        long,
-        value_name = "HOST:PORT",
-        default_value = "127.0.0.1:0",
-        requires = "replay"
-    )]
-    pub listen: String,
-    /// Print the addresses as one line of JSON.
-    #[arg(long)]
-    pub json: bool,
-    /// Bench time: `real` or `scaled:FACTOR`; overrides the bench file. Clients must run at the
-    /// same pace: --write-bench tells them.
-    #[arg(long, value_name = "MODE")]
-    pub time: Option<String>,
-    /// Serve over another transport than the addresses name, on a free port of this machine:
-    /// TRANSPORT for all instruments, ROLE=TRANSPORT for one; tcp, vxi11, vxi11-mapped, hislip,
-    /// gpib or serial. `memory:` addresses are served over tcp without it.
-    #[arg(long, value_name = "[ROLE=]TRANSPORT")]
-    pub over: Vec<crate::sim::Over>,
-    /// Seed of the simulated world.
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
-    /// Write a copy of the bench file with the real addresses, for `run --bench`.
-    #[arg(long, value_name = "FILE")]
-    pub write_bench: Option<PathBuf>,
-}
-
-/// Arguments of `identify`.
-#[derive(Debug, Args)]
-pub struct IdentifyArgs {
-    /// Bench or experiment files, and addresses of single instruments: `tcp://HOST:PORT`,
-    /// `serial:/dev/PORT?baud=9600`.
-    #[arg(required = true, value_name = "CONFIG|ADDRESS")]
-    pub of: Vec<String>,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Arguments of `fit`.
-#[derive(Debug, Args)]
-pub struct FitArgs {
-    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis'
-    /// `freq,offset,resistance,theta`, files of Gamry, EC-Lab, ZPlot, Autolab.
-    #[arg(required = true, value_name = "FILE")]
-    pub files: Vec<PathBuf>,
-    /// Leave out what is below this frequency, Hz.
-    #[arg(long, default_value_t = 0.0, value_name = "HZ")]
-    pub from_hz: f64,
-    /// Leave out what is above this frequency, Hz.
-    #[arg(long, default_value_t = f64::INFINITY, value_name = "HZ", hide_default_value = true)]
-    pub to_hz: f64,
-    /// Fit points that the quality gate of their measurement refused, too: those of the column
-    /// `flags`.
-    #[arg(long)]
-    pub refused_points: bool,
-    /// One fit over all spectra instead of one for each.
-    #[arg(long)]
-    pub pool: bool,
-    /// Orders: a number of RC pairs, several with commas, `all` for 1 to 4, or `auto` for the one
-    /// that the data bear.
-    #[arg(long, default_value = "all", value_name = "N|all|auto")]
-    pub rc: String,
-    /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or
-    /// `complex` (least squares).
-    #[arg(long, default_value = "complex")]
-    pub objective: String,
-    /// Charge storage of the cell.
-    #[command(flatten)]
-    pub slope: command::ocv_slope::SlopeArgs,
-    /// A circuit instead of the extended Randles model, and how to fit it.
-    #[command(flatten)]
-    pub circuit: command::fit_circuit::CircuitArgs,
-    /// Seed of the global search.
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
-    /// Write models, plots and a report into this folder.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Order, uncertainty and search in depth.
-    #[command(flatten)]
-    pub more: command::fit_more::MoreArgs,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
 }
 
 /// Runs the command line of this process.

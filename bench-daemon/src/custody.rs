@@ -9,15 +9,15 @@ use std::path::Path;
 
 use instruments::clock::Clock;
 
-use crate::terminal::remark;
 use crate::{
-    command::Failure,
     config::{self, Experiment},
     executor::ExecuteError,
+    failure::Failure,
     guardian::{Charge, GuardianError, Keeper, wait_for_earlier},
     hash,
     progress::Doing,
     state::{Latched, Lock, State, StateError},
+    terminal::remark,
 };
 
 /// Refuses a bench that is latched or run by somebody else, before anything is made for a run, and

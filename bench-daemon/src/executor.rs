@@ -3,7 +3,6 @@
 
 mod agree;
 mod ahead;
-mod beside;
 mod burst;
 mod crest;
 mod dc;
@@ -33,14 +32,11 @@ use instruments::{
     units::{Seconds, Volts},
 };
 
-pub use beside::{Bend, Beside};
 pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
-pub use gate::Spent;
 pub(crate) use multisine::{BandFit, capture_name, fit_band};
 pub(crate) use record::{Asked, Taken, analyse};
-pub use sine::SweepPoint;
 pub use trace::charge_of;
 pub(crate) use trace_rows::{Frames, Recorded as RecordedTrace, zeros};
 
@@ -49,6 +45,7 @@ use crate::{
     config::{self, Experiment},
     interlock::{Interlock, Reading},
     journal::Entry,
+    measure::{Spent, SweepPoint},
     operator::Operator,
     plan::{Purpose, Specimen, Stage, Step},
     progress::Progress,
@@ -146,7 +143,7 @@ pub struct Executor<'a> {
     /// Where the reset of the state of charge stands.
     reset: dc::Reset,
     /// What went into measuring points of the sweep again.
-    spent: gate::Spent,
+    spent: Spent,
     /// The chiller was started here, and is to go on running.
     chiller_runs: bool,
     /// The loop of a bath that has none of its own.
@@ -213,7 +210,7 @@ impl<'a> Executor<'a> {
             armed: None,
             watch_took_s: 0.0,
             reset: dc::Reset::default(),
-            spent: gate::Spent::default(),
+            spent: Spent::default(),
             chiller_runs: false,
             thermostat: None,
             told: false,
@@ -244,7 +241,7 @@ impl<'a> Executor<'a> {
         } else {
             0
         };
-        self.spent = gate::Spent::of(entrance.points.iter().map(|known| &known.point));
+        self.spent = Spent::of(entrance.points.iter().map(|known| &known.point));
         if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
             // Where it ends, nothing is left of what traces have moved before.
             self.charge_c = 0.0;

@@ -16,7 +16,7 @@ use instruments::mock::plant::Fixture;
 
 use crate::{
     config::{Bench, Experiment, Tolerance},
-    executor::SweepPoint,
+    measure::SweepPoint,
     plan::fixture_name,
     present::significant,
 };

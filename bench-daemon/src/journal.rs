@@ -18,7 +18,7 @@ use instruments::clock::{Clock, TimeMode};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::{drill::Drill, executor::SweepPoint, interlock::Reading, reconcile::Found};
+use crate::{drill::Drill, interlock::Reading, measure::SweepPoint, reconcile::Found};
 
 /// Its name in a run folder.
 pub const JOURNAL: &str = "journal.jsonl";

@@ -9,6 +9,7 @@
 //! simulated world behind mocks), [`investigation`] (campaign, diagnosis, and the run that it asks
 //! for), [`command`] (what the command line does).
 
+pub mod addresses;
 pub mod bench;
 pub mod beneath;
 pub mod cli;
@@ -20,6 +21,9 @@ pub mod dataset;
 pub mod doctor;
 pub mod drill;
 pub mod executor;
+pub mod failure;
+mod figures;
+mod files;
 pub mod fixture_check;
 pub mod guardian;
 pub mod hash;
@@ -28,15 +32,16 @@ pub mod investigation;
 pub mod journal;
 pub mod logging;
 pub mod loopback;
+pub mod measure;
 pub mod next_experiment;
 pub mod operator;
 pub mod plan;
 pub mod present;
 pub mod procedure;
 pub mod progress;
-pub mod quality;
 pub mod reconcile;
 pub mod record;
+pub mod run;
 pub mod serve;
 pub mod sim;
 pub mod state;

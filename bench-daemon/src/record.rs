@@ -31,9 +31,9 @@ pub(crate) use names::{capture_of, code_scale};
 
 use crate::{
     drill::Drill,
-    executor::SweepPoint,
     interlock::Reading,
     journal::{Entry, Journal, JournalError, PointDone},
+    measure::SweepPoint,
     present::quoted,
 };
 

@@ -25,7 +25,6 @@ pub use files::{Holder, OpenRun, Settled};
 use files::{Latch, json, make, named_holder, open, read, remove};
 pub use latched::Latched;
 pub use place::VARIABLE;
-pub(crate) use place::meet;
 pub use process::{began, is_stopped, pid, who};
 
 use crate::config;

@@ -75,7 +75,7 @@ pub fn check(folder: &Path) -> Result<(usize, Vec<Altered>), SumsError> {
     for (number, line) in (1..).zip(text.split_inclusive('\n')) {
         match entry(line) {
             Some((sum, name)) if stored.last_key_value().is_none_or(|(last, _)| *last < name) => {
-                drop(stored.insert(name, sum))
+                stored.insert(name, sum);
             }
             _ => found.push(altered(
                 SUMS,

@@ -8,10 +8,7 @@ use analysis::{
     model::Erm,
     spectrum::{ImpedancePoint, Spectrum},
 };
-use bench_daemon::{
-    command::run::{Finished, run_experiment},
-    config::load_experiment,
-};
+use bench_daemon::{command::run::run_experiment, config::load_experiment, run::Finished};
 use fixtures::Scenario;
 use instruments::mock::plant::Fixture;
 use num_complex::Complex64;

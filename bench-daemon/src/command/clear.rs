@@ -8,8 +8,8 @@ use std::{
 use clap::Args;
 
 use crate::{
-    command::Failure,
     config::load_any_bench,
+    failure::Failure,
     state::State,
     terminal::{remark, say},
 };

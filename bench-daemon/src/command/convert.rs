@@ -16,11 +16,10 @@ use analysis::{
 };
 use clap::Args;
 
-use super::{
-    Failure, files,
-    model_args::{self, ModelArgs, TYPED},
-};
+use super::model_args::{self, ModelArgs, TYPED};
 use crate::{
+    failure::Failure,
+    files,
     present::refused_in_words,
     record::RecordError,
     terminal::{remark, say},

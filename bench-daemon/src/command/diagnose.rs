@@ -8,14 +8,17 @@ use analysis::{
     given::GivenModel,
 };
 
-use super::{Failure, files, model_args::ModelArgs, run::Recorded};
+use super::model_args::ModelArgs;
 use crate::{
+    config::Experiment,
     dataset::{Loaded, Reading, read_as},
-    hash,
+    failure::Failure,
+    files, hash,
     journal::JOURNAL,
     next_experiment::{Setting, experiment_file},
     present::quoted,
-    sums::SUMS,
+    run::{Finished, Recorded},
+    sums::{self, SUMS},
     terminal::say,
 };
 
@@ -125,10 +128,27 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
 /// Folder of the diagnosis that a run makes of itself.
 const IN_RUN: &str = "diagnosis";
 
+/// Diagnoses a finished run where its experiment asks for that, and renews its hashes. A process
+/// that dies meanwhile leaves a whole run.
+///
+/// # Errors
+/// Hashes that cannot be written.
+pub(crate) fn finished(
+    experiment: &Experiment,
+    folder: &Path,
+    finished: &mut Finished,
+) -> Result<(), Failure> {
+    if let Some(rc) = experiment.diagnosed_rc {
+        finished.summary.push_str(&of_run(folder, rc));
+        sums::write(folder)?;
+    }
+    Ok(())
+}
+
 /// The last step of a run that asks for it: its own data against one of its own models, each cell
 /// by itself, written below its folder. In words; a diagnosis that cannot be made costs nothing of
 /// what was measured.
-pub(crate) fn of_run(run: &Path, rc: usize) -> String {
+fn of_run(run: &Path, rc: usize) -> String {
     let told = diagnose_run(run, rc)
         .unwrap_or_else(|failure| vec![format!("could not be made: {failure}")]);
     told.iter()

@@ -14,21 +14,19 @@ use instruments::{
 
 use crate::{
     bench::{Bench, Connections},
-    command::{
-        Failure,
-        run::{StopSignals, caught, nobody_drives},
-    },
     config::{self, Source, load_any_bench},
     custody::Custody,
     doctor::{
         self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report,
         Verdict,
     },
+    failure::Failure,
     guardian::{Charge, GuardianError},
     hash,
     operator::Operator,
     plan::{Plan, fixture_name},
     progress::Progress,
+    run::{StopSignals, caught, nobody_drives},
     sim::Simulation,
     state::{self, Lock, State},
     survey::Any,

@@ -9,8 +9,8 @@ use analysis::{
 };
 use serde::Serialize;
 
-use super::{Failure, diagnose::Judged, files, model_args::ModelArgs};
-use crate::terminal::say;
+use super::{diagnose::Judged, model_args::ModelArgs};
+use crate::{failure::Failure, files, terminal::say};
 
 /// Arguments of `effects`.
 #[derive(Debug, clap::Args)]

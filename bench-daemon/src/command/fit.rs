@@ -1,7 +1,18 @@
 //! `eis-bench fit`: the extended Randles model for spectra from anywhere.
 
-use crate::command::files;
-use std::path::Path;
+pub mod circuit;
+pub mod more;
+
+use self::more::{More, other_minima_note, print_selection};
+use crate::{
+    command,
+    failure::Failure,
+    figures::impedance::bode_plot,
+    files,
+    present::{self, branches_table, fit_warnings, models_table},
+    terminal::{remark, say},
+};
+use std::path::{Path, PathBuf};
 
 use analysis::{
     fit::{
@@ -10,20 +21,58 @@ use analysis::{
     },
     formats::SourcedSpectrum,
     pack::Pack,
-    plot::{self, FigureInput, ImpedancePlot, Series, SeriesStyle},
+    plot::{self, FigureInput},
     report::{Figure, Report},
     spectrum::Spectrum,
 };
 
-use crate::terminal::{remark, say};
-use crate::{
-    cli::FitArgs,
-    command::{
-        Failure,
-        fit_more::{More, other_minima_note, print_selection},
-    },
-    present::{self, branches_table, fit_warnings, models_table},
-};
+/// Arguments of `fit`.
+#[derive(Debug, clap::Args)]
+pub struct FitArgs {
+    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis'
+    /// `freq,offset,resistance,theta`, files of Gamry, EC-Lab, ZPlot, Autolab.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Leave out what is below this frequency, Hz.
+    #[arg(long, default_value_t = 0.0, value_name = "HZ")]
+    pub from_hz: f64,
+    /// Leave out what is above this frequency, Hz.
+    #[arg(long, default_value_t = f64::INFINITY, value_name = "HZ", hide_default_value = true)]
+    pub to_hz: f64,
+    /// Fit points that the quality gate of their measurement refused, too: those of the column
+    /// `flags`.
+    #[arg(long)]
+    pub refused_points: bool,
+    /// One fit over all spectra instead of one for each.
+    #[arg(long)]
+    pub pool: bool,
+    /// Orders: a number of RC pairs, several with commas, `all` for 1 to 4, or `auto` for the one
+    /// that the data bear.
+    #[arg(long, default_value = "all", value_name = "N|all|auto")]
+    pub rc: String,
+    /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or
+    /// `complex` (least squares).
+    #[arg(long, default_value = "complex")]
+    pub objective: String,
+    /// Charge storage of the cell.
+    #[command(flatten)]
+    pub slope: command::ocv_slope::SlopeArgs,
+    /// A circuit instead of the extended Randles model, and how to fit it.
+    #[command(flatten)]
+    pub circuit: circuit::CircuitArgs,
+    /// Seed of the global search.
+    #[arg(long, default_value_t = 0)]
+    pub seed: u64,
+    /// Write models, plots and a report into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Order, uncertainty and search in depth.
+    #[command(flatten)]
+    pub more: more::MoreArgs,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// The spectra that one set of models belongs to.
 struct Group {
@@ -41,7 +90,7 @@ struct Group {
 /// be written.
 pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     if let Some(circuit) = &args.circuit.circuit {
-        return super::fit_circuit::fit_circuit(args, circuit);
+        return crate::command::fit::circuit::fit_circuit(args, circuit);
     }
     let orders = orders(&args.rc)?;
     let objective: Objective = args
@@ -396,52 +445,4 @@ fn write(
             .to_html()
             .map_err(|error| Failure::Analysis(error.to_string()))?,
     )
-}
-
-/// Spectra as points, every order as a curve.
-pub(super) fn bode_plot(title: &str, spectra: &[Spectrum], fits: &[ErmFit]) -> ImpedancePlot {
-    let many = spectra.len() > 1;
-    let mut series: Vec<Series> = spectra
-        .iter()
-        .enumerate()
-        .map(|(index, spectrum)| {
-            let data = Series::data(spectrum, 0);
-            let data = if many {
-                data.styled(SeriesStyle::Cloud)
-            } else {
-                data
-            };
-            let label = if many {
-                format!("measured, {} spectra", spectra.len())
-            } else {
-                "measured".to_owned()
-            };
-            data.labelled((index == 0).then_some(label.as_str()))
-        })
-        .collect();
-    series.extend(model_curves(spectra, fits));
-    ImpedancePlot::new(title, "", series)
-}
-
-/// Every order as a curve over the band of the spectra.
-pub(super) fn model_curves(spectra: &[Spectrum], fits: &[ErmFit]) -> Vec<Series> {
-    let freqs = spectra
-        .iter()
-        .flat_map(|spectrum| &spectrum.points)
-        .map(|point| point.freq_hz);
-    let (low, high) = freqs.fold((f64::INFINITY, 0.0_f64), |(low, high), freq| {
-        (low.min(freq), high.max(freq))
-    });
-    if low >= high {
-        return Vec::new();
-    }
-    let curve = |(index, fit): (usize, &ErmFit)| {
-        Series::fit(
-            &format!("{} RC", fit.erm.branches.len()),
-            fit,
-            (low, high),
-            index + 1,
-        )
-    };
-    fits.iter().enumerate().map(curve).collect()
 }

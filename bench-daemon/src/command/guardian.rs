@@ -5,12 +5,13 @@ use std::path::PathBuf;
 use clap::Args;
 use instruments::clock::Clock;
 
-use crate::terminal::say;
 use crate::{
-    command::{Failure, run::StopSignals},
     config::load_bench,
+    failure::Failure,
     guardian::{self, Charge, Keeper},
     hash,
+    run::StopSignals,
+    terminal::say,
 };
 
 /// Arguments of `guardian`.

@@ -13,16 +13,27 @@ use instruments::{
 };
 use serde::Serialize;
 
-use crate::terminal::say;
 use crate::{
     bench::{Bench, BenchError, Connections},
-    cli::IdentifyArgs,
-    command::Failure,
     config::{self, load_any_bench},
     doctor,
+    failure::Failure,
     sim::Simulation,
     survey::{Any, Known, Said},
+    terminal::say,
 };
+
+/// Arguments of `identify`.
+#[derive(Debug, clap::Args)]
+pub struct IdentifyArgs {
+    /// Bench or experiment files, and addresses of single instruments: `tcp://HOST:PORT`,
+    /// `serial:/dev/PORT?baud=9600`.
+    #[arg(required = true, value_name = "CONFIG|ADDRESS")]
+    pub of: Vec<String>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
 
 /// What was found at one address.
 #[derive(Debug, Serialize)]

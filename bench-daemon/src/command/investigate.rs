@@ -5,9 +5,10 @@ use std::{io::BufRead, path::PathBuf};
 
 use analysis::diagnosis::report;
 
-use super::{Failure, files};
 use crate::{
     config::load_experiment,
+    failure::Failure,
+    files,
     investigation::{Budget, End, Investigation, Means, investigate as play},
     operator::Operator,
     terminal::{remark, say},

@@ -1,6 +1,12 @@
 //! `eis-bench joint`: the extended Randles model from spectra and pulses together.
 
-use crate::command::files;
+use crate::{
+    command::ocv,
+    failure::Failure,
+    files,
+    present::significant,
+    terminal::{remark, say},
+};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -13,10 +19,6 @@ use analysis::{
     ocv::{OcvCurve, OcvOptions, extract},
     pack::Pack,
 };
-
-use crate::command::{Failure, ocv};
-use crate::present::significant;
-use crate::terminal::{remark, say};
 
 /// Arguments of `joint`.
 #[derive(Debug, clap::Args)]

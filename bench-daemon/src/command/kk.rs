@@ -1,18 +1,21 @@
 //! `eis-bench kk`: may these spectra be believed? Kramers–Kronig, Z-HIT, linearity, stationarity,
 //! and the distribution of relaxation times.
 
-mod plots;
 mod records;
 
-use crate::command::files;
+use crate::{
+    failure::Failure,
+    figures::validity::plots,
+    files,
+    present::{refused_in_words, significant},
+    terminal::{remark, say},
+};
 use std::path::{Path, PathBuf};
 
 use analysis::{
     drt::{Drt, drt, start_values},
     formats::SourcedSpectrum,
     model::RcBranch,
-    plot,
-    report::Figure,
     spectrum::Spectrum,
     validity::{
         Assessed, Assessment, Grade, Linearity, Noise, NoiseSource, Record, Stationarity, assess,
@@ -20,12 +23,6 @@ use analysis::{
     },
 };
 use serde::Serialize;
-
-use crate::terminal::{remark, say};
-use crate::{
-    command::Failure,
-    present::{refused_in_words, significant},
-};
 
 /// Arguments of `kk`.
 #[derive(Debug, clap::Args)]
@@ -57,40 +54,6 @@ pub struct KkArgs {
 const START_BRANCHES: usize = 4;
 /// So many spectra of a cell are shown with the table of their points.
 const SHOWN_WHOLE: usize = 2;
-
-/// One spectrum of a run by itself, with the records that it was made from; else why it was not
-/// tested.
-pub(super) fn tested(spectrum: &Spectrum, records: &[Record]) -> Result<Assessed, String> {
-    let assessment =
-        assess(std::slice::from_ref(spectrum), records).map_err(|error| error.to_string())?;
-    assessment
-        .spectra
-        .into_iter()
-        .next()
-        .ok_or_else(|| "there is no spectrum".to_owned())
-}
-
-/// Pictures of a tested spectrum for a report; it is shown with its whole uncertainty.
-///
-/// # Errors
-/// A picture that cannot be drawn.
-pub(super) fn pictures(assessed: &Assessed, shown: &Spectrum) -> Result<Vec<Figure>, Failure> {
-    let svg = |chart| plot::chart_svg(&chart).map_err(|error| Failure::Analysis(error.to_string()));
-    let residuals = "What no circuit of resistances, capacitances and inductances explains of the \
-    spectrum, with ±2σ of its noise.";
-    let z_hit = "The modulus as measured and as the phase asks for; they part where the cell \
-    changed during the sweep.";
-    Ok(vec![
-        Figure {
-            svg: svg(plots::residuals(assessed))?,
-            caption: residuals.to_owned(),
-        },
-        Figure {
-            svg: svg(plots::z_hit(assessed, shown))?,
-            caption: z_hit.to_owned(),
-        },
-    ])
-}
 
 /// The spectra of one cell and what is to be thought of them.
 #[derive(Debug, Serialize)]

@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 
 use analysis::given::GivenModel;
 
-use super::{Failure, erm_text, files};
-use crate::present::quoted;
+use super::erm_text;
+use crate::{failure::Failure, files, present::quoted};
 
 /// Name of a model that was typed.
 pub(super) const TYPED: &str = "typed";

@@ -8,10 +8,7 @@ use analysis::{
     spectrum::{OcvSlope, Spectrum},
 };
 
-use crate::{
-    command::{Failure, files},
-    present::significant,
-};
+use crate::{failure::Failure, files, present::significant};
 
 /// Arguments that tell the slope.
 #[derive(Debug, clap::Args)]

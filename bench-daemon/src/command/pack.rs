@@ -2,7 +2,8 @@
 
 use clap::{Args, Subcommand};
 
-use super::{Failure, pack_simulate, pack_size};
+use super::{pack_simulate, pack_size};
+use crate::failure::Failure;
 
 /// Arguments of `pack`.
 #[derive(Debug, Args)]

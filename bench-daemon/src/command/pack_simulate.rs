@@ -19,12 +19,11 @@ use clap::Args;
 use serde::Serialize;
 
 use super::{
-    Failure, files,
     model_args::ModelArgs,
     pack_size::ThermalArgs,
     profile_args::{ProfileArgs, taken},
 };
-use crate::terminal::say;
+use crate::{failure::Failure, files, terminal::say};
 
 const HELP: &str = "\
 Draws many packs of cells that differ a little, runs the profile through each, and tells how the \

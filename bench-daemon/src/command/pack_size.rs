@@ -1,6 +1,7 @@
 //! `eis-bench pack size`: peak, crossing and regeneration power of a pack by the simple-IR model.
 
-use crate::command::files;
+use super::model_args::{self, ModelArgs};
+use crate::{failure::Failure, files, terminal::say};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -9,12 +10,6 @@ use analysis::{
 };
 use clap::Args;
 use serde::Serialize;
-
-use super::{
-    Failure,
-    model_args::{self, ModelArgs},
-};
-use crate::terminal::say;
 
 const HELP: &str = "\
 Every cell is taken as an ideal source (its open-circuit voltage) behind one resistance (its DC \

@@ -1,5 +1,7 @@
 //! `eis-bench plan`: what would be done.
 
+use std::path::PathBuf;
+
 use instruments::{
     generator,
     instrument::{Unattended, by_key},
@@ -7,14 +9,23 @@ use instruments::{
 };
 
 use crate::{
-    cli::PlanArgs,
-    command::Failure,
     config::{Experiment, Instruments, Jig, load_experiment},
+    failure::Failure,
     interlock::Limits,
     plan::{Flow, Leg, Plan, Step, Through},
     procedure,
     terminal::{remark, say},
 };
+
+/// Arguments of `plan`.
+#[derive(Debug, clap::Args)]
+pub struct PlanArgs {
+    /// The experiment file.
+    pub experiment: PathBuf,
+    /// Another bench file than the experiment names.
+    #[arg(long, value_name = "FILE")]
+    pub bench: Option<PathBuf>,
+}
 
 /// What ends by itself where no message arrives any more, in words.
 fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {

@@ -20,9 +20,9 @@ use analysis::{
 use clap::Args;
 use instruments::clock::{Clock, TimeMode};
 
-use super::{Failure, run::Recorded};
 use crate::{
-    compare::compare, journal::JOURNAL, present::significant, record::RecordError, terminal::say,
+    compare::compare, failure::Failure, journal::JOURNAL, present::significant,
+    record::RecordError, run::Recorded, terminal::say,
 };
 
 /// Changed points that are told of each spectrum.
@@ -118,7 +118,7 @@ pub fn rates(folder: &Path) -> Result<Vec<String>, Failure> {
         Ok(())
     };
     let on_all = |work: &(dyn Fn(&PathBuf) -> Result<(), Failure> + Sync)| {
-        super::run::on_all_cores(&files, work).map(drop)
+        crate::run::on_all_cores(&files, work).map(drop)
     };
     timed("reading the files (from the cache)", &|| {
         on_all(&|file| fs::read(file).map(drop).map_err(Failure::from))

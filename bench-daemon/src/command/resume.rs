@@ -13,19 +13,28 @@ use std::{
 
 use instruments::{clock::TimeMode, transport::Address};
 
-use crate::terminal::say;
 use crate::{
-    cli::ResumeArgs,
-    command::{
-        Failure,
-        run::{Past, Session, run_experiment},
-    },
+    command::{diagnose, run::run_experiment},
     config::Experiment,
     custody,
+    failure::Failure,
     journal::{self, Entry, JOURNAL, Line},
     record::RecordError,
+    run::{Past, Session},
+    terminal::say,
     wishes::Wishes,
 };
+
+/// Arguments of `resume`.
+#[derive(Debug, clap::Args)]
+pub struct ResumeArgs {
+    /// The run folder.
+    pub folder: PathBuf,
+    /// Play a step again although nobody knows which charge it moved before, or go on with a sweep
+    /// although the cell has moved: the cell was looked at.
+    #[arg(long)]
+    pub accept_charge: bool,
+}
 
 /// Tables and transcripts only grow: what is there must be the beginning of what comes.
 const GROWING: [&str; 4] = ["csv", "txt", "jsonl", "torn"];
@@ -59,9 +68,12 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
         .map_or(TimeMode::Real, |simulation| simulation.time);
     let usage = |text: &str| Err(Failure::Usage(format!("{}: {text}", folder.display())));
     let (summary, gated) = match (in_process, mode) {
-        (false, _) => Session::at(&experiment.bench, past.time_s(folder))?
-            .go_on(&experiment, folder, past)?
-            .told(),
+        (false, _) => {
+            let mut session = Session::at(&experiment.bench, past.time_s(folder))?;
+            let mut finished = session.go_on(&experiment, folder, past)?;
+            diagnose::finished(&experiment, folder, &mut finished)?;
+            finished.told()
+        }
         (true, _) if past.inherited() => {
             return usage(
                 "expected a run that began in a world of its own, found one on a simulated bench \

@@ -1,120 +1,29 @@
 //! `eis-bench run`: from an experiment file to a fitted model.
-//!
-//! Whatever happens once the instruments are known to be the configured ones, a panic and a request
-//! to stop included, the bench is brought into safe state before this returns.
 
-mod again;
-mod drive;
-mod gathered;
-mod manifest;
-mod multisine;
-mod past;
-mod persevere;
-mod play;
-pub(crate) mod results;
-mod session;
-mod stop;
-mod sweeping;
+use std::path::{Path, PathBuf};
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
-
-pub(crate) use again::{Again, Beside, Known, Recorded, on_all_cores};
-use analysis::{calibration::Correction, dataset::FlaggedPoint, spectrum::Spectrum};
-pub(crate) use past::{Past, begun_experiment};
-pub(crate) use play::nobody_drives;
-pub(crate) use stop::{StopSignals, caught};
-
-use crate::terminal::say;
 use crate::{
-    cli::RunArgs,
-    command::Failure,
+    command::diagnose,
     config::{Experiment, load_experiment},
-    executor::SweepPoint,
-    fixture_check::ControlResult,
-    sim::Simulation,
+    failure::Failure,
+    run::{Finished, Session},
+    terminal::say,
 };
 
-pub use multisine::MultisineRun;
-pub use session::Session;
-
-/// What a run measured.
-#[derive(Debug)]
-pub struct Measured {
-    /// The controls' verdicts.
-    pub controls: Vec<ControlResult>,
-    /// Points as read, by fixture.
-    pub sweeps: BTreeMap<&'static str, Vec<SweepPoint>>,
-    /// The correction of the bench.
-    pub correction: Correction,
-    /// The corrected spectrum of the cell, of its first sweep; without points where it was not
-    /// swept.
-    pub spectrum: Spectrum,
-    /// Those of its further sweeps.
-    pub repeats: Vec<Spectrum>,
-    /// All of them with the noise of their own records only: what the correction leaves uncertain
-    /// is the same in each.
-    pub own_noise: Vec<Spectrum>,
-    /// The points of all of them as read.
-    pub points: Vec<Vec<SweepPoint>>,
-    /// They are runs of a campaign, and called after cell and repeat.
-    pub campaign: bool,
-    /// The file of each of them.
-    pub files: Vec<String>,
-    /// What the quality gate has refused of the controls, by their names.
-    pub refused_controls: Vec<(&'static str, FlaggedPoint)>,
-    /// What multisines measured of the cell.
-    pub multisines: Vec<MultisineRun>,
-}
-
-impl Measured {
-    /// The corrected spectra of all sweeps of the cell.
-    pub fn spectra(&self) -> impl Iterator<Item = &Spectrum> {
-        std::iter::once(&self.spectrum)
-            .chain(&self.repeats)
-            .filter(|spectrum| !spectrum.points.is_empty())
-    }
-
-    /// What each of them is called among the others; nothing where there is no other.
-    pub fn names(&self) -> Vec<String> {
-        let several = self
-            .repeats
-            .iter()
-            .any(|spectrum| !spectrum.points.is_empty());
-        let name = |(number, spectrum): (usize, &Spectrum)| match (several, self.campaign) {
-            (_, true) => spectrum.name.clone(),
-            (true, false) => format!("sweep {number}"),
-            (false, false) => String::new(),
-        };
-        (1..).zip(self.spectra()).map(name).collect()
-    }
-
-    /// Points that the quality gate has refused to the end, those of the controls among them.
-    pub fn refused(&self) -> usize {
-        let sweeps = self
-            .points
-            .iter()
-            .flatten()
-            .filter(|point| !point.failing.is_empty())
-            .count();
-        sweeps
-            + self.refused_controls.len()
-            + self
-                .multisines
-                .iter()
-                .map(|run| run.flagged.len())
-                .sum::<usize>()
-    }
-
-    /// What the first of them is called, where there are others.
-    pub(super) fn first_of_several(&self) -> Option<String> {
-        self.names()
-            .into_iter()
-            .next()
-            .filter(|_| !self.repeats.is_empty())
-    }
+/// Arguments of `run`.
+#[derive(Debug, clap::Args)]
+pub struct RunArgs {
+    /// The experiment file.
+    pub experiment: PathBuf,
+    /// Another bench file than the experiment names.
+    #[arg(long, value_name = "FILE")]
+    pub bench: Option<PathBuf>,
+    /// The run folder [default: runs/NAME, runs/NAME-2, …]
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Another seed than the experiment's, for the simulation and the fits' searches.
+    #[arg(long)]
+    pub seed: Option<u64>,
 }
 
 /// Runs an experiment.
@@ -134,44 +43,14 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
     finished.gated()
 }
 
-/// A run that went to its end.
-pub struct Finished {
-    /// What was measured.
-    pub measured: Measured,
-    /// What the terminal shows.
-    pub summary: String,
-    /// The simulated world, where there is one in this process.
-    pub simulation: Option<Simulation>,
-}
-
-impl Finished {
-    /// What the terminal shows, and what the quality gate makes of it.
-    pub(crate) fn told(self) -> (String, Result<(), Failure>) {
-        let gated = self.gated();
-        (self.summary, gated)
-    }
-
-    /// Refuses a run whose quality gate has refused points: whoever reads nothing but the exit code
-    /// must know.
-    ///
-    /// # Errors
-    /// [`Failure::Refused`].
-    pub fn gated(&self) -> Result<(), Failure> {
-        let count = self.measured.refused();
-        if count == 0 {
-            Ok(())
-        } else {
-            Err(Failure::Refused { count })
-        }
-    }
-}
-
 /// Runs an experiment into a folder.
 ///
 /// # Errors
 /// As [`run`].
 pub fn run_experiment(experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
-    Session::new(&experiment.bench)?.run(experiment, folder)
+    let mut finished = Session::new(&experiment.bench)?.run(experiment, folder)?;
+    diagnose::finished(experiment, folder, &mut finished)?;
+    Ok(finished)
 }
 
 fn free_folder(name: &str) -> PathBuf {
@@ -185,13 +64,4 @@ fn free_folder(name: &str) -> PathBuf {
         .map(|number| PathBuf::from("runs").join(format!("{name}-{number}")))
         .find(|path| !taken(path))
         .unwrap_or(first)
-}
-
-/// How a run ends of which nothing is left to do.
-pub(super) const FINISHED: &str = "finished";
-
-fn folder_of(path: &Path) -> String {
-    path.parent()
-        .and_then(Path::file_name)
-        .map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }

@@ -11,9 +11,9 @@ use nix::{
 
 use crate::{
     bench::{Bench, Connections, SafeReport},
-    command::Failure,
     config::{self, load_any_bench},
     custody::settle_verified,
+    failure::Failure,
     guardian::last_cell_c,
     state::{Holder, Latched, State},
     terminal::{remark, say},

@@ -3,7 +3,15 @@
 mod case;
 mod figure;
 
-use crate::command::files;
+use crate::{
+    command::{
+        model_args::ModelArgs,
+        profile_args::{ProfileArgs, taken},
+    },
+    failure::Failure,
+    files,
+    terminal::{remark, say},
+};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -16,12 +24,6 @@ use analysis::{
 };
 use serde::Serialize;
 
-use crate::command::{
-    Failure,
-    model_args::ModelArgs,
-    profile_args::{ProfileArgs, taken},
-};
-use crate::terminal::{remark, say};
 use case::{Case, Parameter};
 
 /// Most steps of explicit Euler: six hours of the thesis' 4-RC model, whose shortest time constant

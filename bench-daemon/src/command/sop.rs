@@ -12,11 +12,8 @@ use analysis::{
 use clap::Args;
 use serde::Serialize;
 
-use super::{
-    Failure, files,
-    model_args::{self, ModelArgs},
-};
-use crate::terminal::say;
+use super::model_args::{self, ModelArgs};
+use crate::{failure::Failure, files, terminal::say};
 
 const HELP: &str = "\
 State of power: the most constant power that the pack bears for a time, from rest, such that every \

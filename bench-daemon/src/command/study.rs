@@ -6,8 +6,9 @@ use clap::Args;
 use fixtures::hidden::{EffectKind, Spec, Stratum};
 use rayon::prelude::*;
 
-use super::{Failure, files};
 use crate::{
+    failure::Failure,
+    files,
     study::{
         tally,
         trial::{Score, play, strength_for},

@@ -4,13 +4,13 @@ use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Subcommand};
 
-use crate::terminal::{remark, say};
 use crate::{
-    command::Failure,
+    failure::Failure,
     serve::{
         settings::Settings,
         token::{Scope, TokenError, Tokens},
     },
+    terminal::{remark, say},
 };
 
 /// Arguments of `token`.

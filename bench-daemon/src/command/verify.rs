@@ -9,13 +9,11 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use rayon::prelude::*;
 
-use super::{
-    Failure,
-    replay::{Scratch, run_folders},
-    run::{Again, Beside, Known, Recorded},
-};
+use super::replay::{Scratch, run_folders};
 use crate::{
     compare::{Difference, compare},
+    failure::Failure,
+    run::{Again, Beside, Known, Recorded},
     sums::{self, Altered, SUMS},
     terminal::say,
 };

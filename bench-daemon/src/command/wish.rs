@@ -4,14 +4,15 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 
-use crate::terminal::say;
 use crate::{
-    command::{Failure, pasted, run::begun_experiment},
     config,
+    failure::{Failure, pasted},
     journal::{self, Entry, Line},
     procedure,
+    run::begun_experiment,
     state::{Holder, State, is_stopped},
     story::Story,
+    terminal::say,
     wishes::{self, Course, Standing, Wishes},
 };
 

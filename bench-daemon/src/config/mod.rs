@@ -19,7 +19,7 @@ mod simulation;
 mod source;
 mod trace;
 
-use crate::{plan::Missed, quality::Quality};
+use crate::{measure::quality::Quality, plan::Missed};
 use analysis::{calibration::ControlTolerance, fit::Objective, ocv::OcvCurve};
 use instruments::mock::plant::Fixture;
 

@@ -9,7 +9,7 @@ use super::{
     check::Check,
     quantity::{Current, Duration, Frequency, Quantity},
 };
-use crate::{plan::LONGEST_FRAME_S, quality::Quality};
+use crate::{measure::quality::Quality, plan::LONGEST_FRAME_S};
 
 /// Records of many frequencies at once.
 #[derive(Debug, Clone, PartialEq)]

@@ -8,7 +8,7 @@ use super::{
     check::Check,
     quantity::{Charge, Duration, Quantity, Share},
 };
-use crate::quality::Quality;
+use crate::measure::quality::Quality;
 
 /// As it is typed.
 #[derive(Debug, Deserialize)]

@@ -16,7 +16,7 @@ use super::{
     Bench, ConfigError, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring,
     raw_bench, resolve::in_field, simulation,
 };
-use crate::{loopback::names_loopback, state::meet};
+use crate::{addresses::meet, loopback::names_loopback};
 
 /// Reads a bench.
 ///

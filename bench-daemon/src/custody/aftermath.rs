@@ -7,16 +7,16 @@ use std::collections::BTreeMap;
 
 use instruments::{clock::Clock, transport::MemoryHub};
 
-use crate::terminal::remark;
 use crate::{
     bench::{Bench, Connections},
-    command::Failure,
     config,
+    failure::Failure,
     guardian::last_cell_c,
     interlock::NO_CURRENT_A,
     journal::{self, Entry, Line},
     reconcile,
     state::{Latched, OpenRun, State, StateError},
+    terminal::remark,
 };
 
 /// Settles what an earlier run has left; the bench is locked, and no guardian is at work on it.

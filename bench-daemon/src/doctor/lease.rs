@@ -19,9 +19,9 @@ use nix::sys::signal::{Signal, raise};
 use super::{Findings, Verdict, live::LIMITS};
 use crate::{
     bench::{Bench, BenchError, Connections},
-    command::Failure,
     config,
     custody::Custody,
+    failure::Failure,
     guardian::Charge,
     plan::Plan,
     progress::Progress,

@@ -7,8 +7,8 @@ use instruments::clock::{self, Clock, TimeMode};
 
 use super::{Findings, Verdict};
 use crate::{
-    command::Failure,
     config,
+    failure::Failure,
     guardian::wait_for_earlier,
     state::{State, StateError},
 };

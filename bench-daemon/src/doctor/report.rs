@@ -10,7 +10,7 @@ use analysis::{
 use serde::{Deserialize, Serialize};
 
 use super::{Check, Verdict};
-use crate::{command::Failure, hash};
+use crate::{failure::Failure, hash};
 
 /// What came out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

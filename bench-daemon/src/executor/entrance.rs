@@ -40,7 +40,7 @@ impl<'a> Entrance<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{executor::SweepPoint, interlock::Reading, plan::Purpose};
+    use crate::{interlock::Reading, measure::SweepPoint, plan::Purpose};
     use analysis::spectrum::{ChannelPhasors, PhasorVariance};
     use instruments::{mock::plant::Fixture, supply4q::Holds};
 
@@ -57,13 +57,13 @@ mod tests {
             volts_per_div: [1.0; 4],
             free_freq_hz: 1.0,
             residual_lag1: 0.0,
-            beside: crate::executor::Beside::default(),
+            beside: crate::measure::Beside::default(),
             warnings: Vec::new(),
             time_s: 0.0,
             captures: 1,
             rechecked: 0,
-            spent: crate::executor::Spent::default(),
-            measures: crate::quality::Measures::default(),
+            spent: crate::measure::Spent::default(),
+            measures: crate::measure::quality::Measures::default(),
             failing: Vec::new(),
         };
         PointDone {

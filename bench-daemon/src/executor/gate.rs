@@ -8,10 +8,13 @@ use analysis::{
 };
 use instruments::mock::plant::Fixture;
 
-use super::{ExecuteError, Executor, SweepPoint};
+use super::{ExecuteError, Executor};
 use crate::{
+    measure::{
+        Spent, SweepPoint,
+        quality::{Failing, Quality, severity},
+    },
     plan::{Stage, Step},
-    quality::{Failing, Quality, severity},
     record::Event,
 };
 
@@ -20,38 +23,6 @@ const CERTAIN: f64 = 5.0;
 /// A finished sweep is gone through so many times: a point that was measured again changes what the
 /// others are held against.
 const ROUNDS: usize = 3;
-
-/// What went into measuring again: a point, or all points of a sweep.
-#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct Spent {
-    /// Time, s.
-    pub time_s: f64,
-    /// Charge moved to and fro, C.
-    pub charge_c: f64,
-}
-
-impl std::ops::Add for Spent {
-    type Output = Self;
-
-    fn add(self, other: Self) -> Self {
-        Self {
-            time_s: self.time_s + other.time_s,
-            charge_c: self.charge_c + other.charge_c,
-        }
-    }
-}
-
-impl Spent {
-    /// What the finished points of a sweep have taken; it counts on after a resume.
-    pub(super) fn of<'a>(points: impl Iterator<Item = &'a SweepPoint>) -> Self {
-        points.fold(Self::default(), |sum, point| sum + point.spent)
-    }
-
-    /// Whether so much more is within the budget.
-    pub(super) fn allows(&self, quality: &Quality, (time_s, charge_c): (f64, f64)) -> bool {
-        self.time_s + time_s <= quality.time_s && self.charge_c + charge_c <= quality.charge_c
-    }
-}
 
 impl Executor<'_> {
     /// One point through the gate, where there is one.
@@ -283,7 +254,7 @@ mod tests {
             volts_per_div: [1.0; 4],
             free_freq_hz: freq_hz,
             residual_lag1: 0.0,
-            beside: crate::executor::Beside::default(),
+            beside: crate::measure::Beside::default(),
             warnings: Vec::new(),
             time_s: 0.0,
             captures: 1,
@@ -292,7 +263,7 @@ mod tests {
                 time_s,
                 charge_c: 0.5 * time_s,
             },
-            measures: crate::quality::Measures::default(),
+            measures: crate::measure::quality::Measures::default(),
             failing: Vec::new(),
         }
     }

@@ -4,10 +4,13 @@
 
 use instruments::mock::plant::Fixture;
 
-use super::{ExecuteError, Executor, Spent, SweepPoint};
+use super::{ExecuteError, Executor};
 use crate::{
+    measure::{
+        Spent, SweepPoint,
+        quality::{Failing, Quality, severity},
+    },
     plan::{Band, Stage, Step},
-    quality::{Failing, Quality, severity},
     record::Event,
 };
 

@@ -14,12 +14,10 @@ use instruments::{
     units::{Hertz, Seconds, Volts},
 };
 
-use super::{
-    Beside, ExecuteError, Executor, SweepPoint, burst::MOST_LONGER, crest::Drawn, require,
-};
+use super::{ExecuteError, Executor, burst::MOST_LONGER, crest::Drawn, require};
 use crate::{
+    measure::{Beside, SweepPoint, quality::Measures},
     plan::{Band, MAX_RANGING},
-    quality::Measures,
     record::{capture_of, code_scale},
 };
 
@@ -304,7 +302,7 @@ impl Executor<'_> {
             time_s,
             captures,
             rechecked: 0,
-            spent: super::gate::Spent::default(),
+            spent: crate::measure::Spent::default(),
             measures: measures(k),
             failing: Vec::new(),
         };

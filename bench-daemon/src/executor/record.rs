@@ -7,9 +7,13 @@ use analysis::{
 };
 use instruments::{mock::plant::Fixture, scope::Waveform};
 
-use super::{Beside, ExecuteError, SweepPoint, beside::beside};
+use super::ExecuteError;
 use crate::{
-    quality::{Failing, measure},
+    measure::{
+        Beside, SweepPoint,
+        beside::beside,
+        quality::{Failing, measure},
+    },
     record::code_scale,
 };
 
@@ -145,7 +149,7 @@ pub(crate) fn analyse(
         time_s: 0.0,
         captures: 1,
         rechecked: 0,
-        spent: super::Spent::default(),
+        spent: crate::measure::Spent::default(),
         measures,
         failing: Vec::<Failing>::new(),
     })

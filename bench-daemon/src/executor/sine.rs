@@ -1,7 +1,6 @@
 //! One sinusoid: driven, awaited, captured, ranged again where a channel clipped or was too small,
 //! analysed.
 
-use analysis::spectrum::ChannelPhasors;
 use instruments::{
     generator::Sine,
     mock::plant::Fixture,
@@ -10,7 +9,7 @@ use instruments::{
 };
 
 use super::{
-    Beside, ExecuteError, Executor,
+    ExecuteError, Executor,
     burst::MOST_LONGER,
     crest::Drawn,
     record::{Asked, Taken, analyse},
@@ -19,8 +18,8 @@ use super::{
 };
 use crate::{
     config::Eis,
+    measure::SweepPoint,
     plan::{MAX_RANGING, Step, fixture_name},
-    quality::{Failing, Measures},
     record::CaptureFile,
 };
 
@@ -35,41 +34,6 @@ const WANTED_SPAN: f64 = 0.5;
 const CURRENT_TOLERANCE: f64 = 0.2;
 /// How far a frame may be from the settings that it was asked with, as a share.
 const FRAME_TOLERANCE: f64 = 0.02;
-
-/// A finished point of a sweep.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-pub struct SweepPoint {
-    /// What was in the jig.
-    pub fixture: Fixture,
-    /// Number in the sweep, from 0.
-    pub index: usize,
-    /// Phasors of the four channels.
-    pub phasors: ChannelPhasors,
-    /// Vertical scale of the four channels, V per division.
-    pub volts_per_div: [f64; 4],
-    /// Frequency that a fit with free frequency finds, Hz.
-    pub free_freq_hz: f64,
-    /// Greatest lag-1 correlation of the residuals: near 0 for noise, near 1 for a signal that the
-    /// sinusoid leaves out.
-    pub residual_lag1: f64,
-    /// What the record shows besides the sinusoid.
-    pub beside: Beside,
-    /// What is odd about it.
-    pub warnings: Vec<String>,
-    /// Bench time of the middle of its record, s, to a period and a half.
-    pub time_s: f64,
-    /// Records that were taken of it.
-    pub captures: usize,
-    /// How often it was measured again because the finished sweep refused it.
-    pub rechecked: usize,
-    /// What went into measuring it again.
-    #[serde(default)]
-    pub spent: super::gate::Spent,
-    /// What its record says of its own quality.
-    pub measures: Measures,
-    /// What of that the quality gate refuses.
-    pub failing: Vec<Failing>,
-}
 
 impl Executor<'_> {
     /// Drives, captures and analyses one point; `taken` records of it are there already.

@@ -10,9 +10,9 @@ use analysis::{
 };
 
 use crate::{
-    command::Failure,
     config::ConfigError,
     dataset::{Loaded, Reading, read_as},
+    failure::Failure,
 };
 
 /// Adds the runs of an experiment to those before it: they come later, and repeat what the plan

@@ -28,15 +28,13 @@ use follow_up::Site;
 use serde::Serialize;
 
 use crate::{
-    command::{
-        Failure,
-        run::{
-            Measured, Session,
-            results::{every_sweep, leave_out, refused_points},
-        },
-    },
     config::Experiment,
     dataset::{Loaded, read_dataset, write_dataset},
+    failure::Failure,
+    run::{
+        Measured, Session,
+        results::{every_sweep, leave_out, refused_points},
+    },
 };
 
 /// Name of the schema of `investigation.json`.

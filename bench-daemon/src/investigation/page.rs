@@ -5,7 +5,7 @@ use std::{fmt::Write as _, path::Path};
 use analysis::dataset::write_atomically;
 
 use super::{Bought, Investigation, Step};
-use crate::{command::Failure, present::significant};
+use crate::{failure::Failure, present::significant};
 
 /// Writes both.
 pub(super) fn write(folder: &Path, investigation: &Investigation) -> Result<(), Failure> {

@@ -41,9 +41,7 @@ use std::{
 use instruments::clock::{self, Clock, TimeMode};
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
-pub use settings::plain;
-
-use crate::{command::Failure, command::run::StopSignals, terminal::say};
+use crate::{failure::Failure, run::StopSignals, terminal::say};
 use audit::Audit;
 use hub::Hub;
 use live::{Live, StopReport};

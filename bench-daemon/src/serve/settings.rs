@@ -8,9 +8,12 @@ use std::{
 
 use serde::Deserialize;
 
-use crate::config::{
-    self, ConfigError, Source, load_bench,
-    quantity::{Duration, Quantity},
+use crate::{
+    beneath::plain,
+    config::{
+        self, ConfigError, Source, load_bench,
+        quantity::{Duration, Quantity},
+    },
 };
 
 #[derive(Debug, Deserialize)]
@@ -208,12 +211,4 @@ fn benches(source: &Source, paths: &[String]) -> Result<Vec<config::Bench>, Conf
 /// The same from the root: whoever is started here, or asks later, means the same file.
 fn absolute(path: PathBuf) -> PathBuf {
     std::path::absolute(&path).unwrap_or(path)
-}
-
-/// A name that can be a part of a path without being anything else.
-pub fn plain(name: &str) -> bool {
-    (1..=80).contains(&name.len())
-        && name
-            .chars()
-            .all(|c| c.is_ascii_alphanumeric() || matches!(c, '-' | '_'))
 }

@@ -9,9 +9,9 @@ use std::{
 
 use analysis::dataset::write_atomically;
 
-use super::settings::{Settings, plain};
+use super::settings::Settings;
 use crate::{
-    beneath,
+    beneath::{self, plain},
     config::{self, Experiment, Fence, Jig, Source, resolve_experiment},
     procedure,
 };

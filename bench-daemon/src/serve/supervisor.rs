@@ -34,8 +34,8 @@ use super::{
     watch::Watch,
 };
 use crate::{
-    command::{Failure, GATE_REFUSED},
     config,
+    failure::{Failure, GATE_REFUSED},
     journal::JOURNAL,
     state::{Holder, State},
 };

@@ -13,8 +13,8 @@ use instruments::clock;
 use serde::{Deserialize, Serialize};
 use subtle::ConstantTimeEq;
 
-use super::{audit::private, settings::plain};
-use crate::hash;
+use super::audit::private;
+use crate::{beneath::plain, hash};
 
 const FILE: &str = "tokens.json";
 const PREFIX: &str = "eb_";

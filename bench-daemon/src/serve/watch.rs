@@ -15,12 +15,12 @@ use super::{
     live::{PointNow, ReadingNow, RunNow, Soc},
 };
 use crate::{
-    command::run::begun_experiment,
     config::Experiment,
     interlock::NO_CURRENT_A,
     journal::{Entry, JOURNAL, Line},
     plan::{Plan, Purpose, Step, fixture_name},
     procedure,
+    run::begun_experiment,
 };
 
 /// A run folder that is watched.

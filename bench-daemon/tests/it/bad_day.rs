@@ -7,7 +7,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use bench_daemon::{command::run::Session, config::Experiment};
+use bench_daemon::{config::Experiment, run::Session};
 use fixtures::witness::AbuseKind;
 use instruments::mock::{Fault, Happened, Schedule};
 

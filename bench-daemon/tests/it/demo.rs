@@ -13,10 +13,7 @@ use analysis::{
     fit::ModelFile,
     spectrum::ImpedancePoint,
 };
-use bench_daemon::{
-    command::run::{Finished, run_experiment},
-    config::load_experiment,
-};
+use bench_daemon::{command::run::run_experiment, config::load_experiment, run::Finished};
 use instruments::transcript::Direction;
 
 use crate::support::{demo, files_below, json, program, sent, transcript, truth};

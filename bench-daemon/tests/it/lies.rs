@@ -1,7 +1,7 @@
 //! Instruments that lie: whatever they do, no more flows than the step asks for, it ends soon, and
 //! the last message is the truth.
 
-use bench_daemon::command::run::Session;
+use bench_daemon::run::Session;
 use fixtures::Witness;
 use num_complex::Complex64;
 

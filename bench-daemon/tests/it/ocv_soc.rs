@@ -2,8 +2,9 @@
 
 use analysis::{dataset::read_legs_csv, ocv::OcvCurve};
 use bench_daemon::{
-    command::run::{Finished, run_experiment},
+    command::run::run_experiment,
     config::{Experiment, load_experiment},
+    run::Finished,
 };
 
 use crate::support::{EXPERIMENT, Files, Ports, json, poll, program};

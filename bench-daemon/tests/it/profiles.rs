@@ -7,10 +7,7 @@ use analysis::{
     dataset::{RunIndex, TraceRow, read_trace_csv},
     forward::{Demand, Interpolation, Profile, ReadOptions},
 };
-use bench_daemon::{
-    command::run::{Finished, run_experiment},
-    config::load_experiment,
-};
+use bench_daemon::{command::run::run_experiment, config::load_experiment, run::Finished};
 
 use instruments::mock::plant::{Action, LoadState, Plant, SupplyState};
 

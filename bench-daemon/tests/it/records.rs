@@ -6,7 +6,7 @@ use std::{
     process::{Command, Stdio},
 };
 
-use bench_daemon::command::{run::run_experiment, serve_record};
+use bench_daemon::command::{mock::record, run::run_experiment};
 use instruments::{mock::Device, transcript::Transcript};
 
 use crate::{
@@ -19,7 +19,7 @@ use crate::{
 fn followed(files: &Files, role: &str) -> (usize, usize, Option<String>) {
     let path = files.path(&format!("run/transcripts/{role}.txt"));
     let transcript = Transcript::parse(&std::fs::read_to_string(&path).unwrap()).unwrap();
-    let (mut device, outcome) = serve_record::load(&path, None).unwrap();
+    let (mut device, outcome) = record::load(&path, None).unwrap();
     let sent =
         transcript
             .records

@@ -2,7 +2,7 @@
 //! ends in a trip, and the cell's own witness tells of no harm. With that one interlock widened, or
 //! blind, the same fault harms the cell.
 
-use bench_daemon::command::run::Session;
+use bench_daemon::run::Session;
 use fixtures::{Witness, witness::AbuseKind};
 
 use crate::support::{CELL, EXPERIMENT, Files, SCENARIO};

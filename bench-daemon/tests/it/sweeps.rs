@@ -4,7 +4,7 @@
 use std::fs;
 
 use analysis::dataset::RunIndex;
-use bench_daemon::command::run::{Finished, run_experiment};
+use bench_daemon::{command::run::run_experiment, run::Finished};
 use instruments::transcript::{Direction, Payload, Record};
 
 use crate::support::{EXPERIMENT, Files, SCENARIO, json, transcript};

@@ -8,9 +8,7 @@ use analysis::{
     formats::{SeriesOptions, read_series},
 };
 use bench_daemon::{
-    command::{Failure, run::run_experiment},
-    config::load_experiment,
-    procedure,
+    command::run::run_experiment, config::load_experiment, failure::Failure, procedure,
 };
 
 use crate::support::{BENCH, CELL, EXPERIMENT, Files, SCENARIO, sent};

@@ -7,7 +7,7 @@ use analysis::{
     validity::{Drift, DriftShape, Harmonic, Record},
 };
 
-use crate::command::Failure;
+use crate::failure::Failure;
 
 /// Highest harmonic that is looked for.
 const MOST: u32 = 20;

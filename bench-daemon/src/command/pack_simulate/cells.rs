@@ -12,7 +12,7 @@ use analysis::{
 use serde::Serialize;
 
 use super::PackSimulateArgs;
-use crate::{command::Failure, terminal::say};
+use crate::{failure::Failure, terminal::say};
 
 /// The packs cell by cell, where they are given or asked for; the table is written if it is to be.
 pub(super) fn packs(

@@ -1,6 +1,6 @@
 //! Pictures of packs that differ: bands over time, and how the worst cells are distributed.
 
-use crate::command::files;
+use crate::{failure::Failure, files, present::titled};
 use std::path::Path;
 
 use analysis::{
@@ -8,8 +8,6 @@ use analysis::{
     pack::{BandRow, Outcome, Percentiles, Scatter, ScatterSetup},
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
-
-use crate::{command::Failure, present::titled};
 
 /// Writes `bands` and `distribution` as SVG and PNG.
 pub(super) fn write(out: &Path, setup: &ScatterSetup<'_>, met: &Scatter) -> Result<(), Failure> {

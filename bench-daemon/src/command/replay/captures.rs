@@ -14,11 +14,11 @@ use num_complex::Complex64;
 use serde::Deserialize;
 
 use crate::{
-    command::Failure,
     config::{
         Source,
         quantity::{Duration, Frequency, Quantity, Resistance},
     },
+    failure::Failure,
     present::significant,
     record::RecordError,
     terminal::say,

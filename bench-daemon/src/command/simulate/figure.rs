@@ -1,7 +1,7 @@
 //! The picture of one or several profiles: power, voltage with the window, and state of charge
 //! where it is known.
 
-use crate::command::files;
+use crate::{failure::Failure, files};
 use std::path::Path;
 
 use analysis::{
@@ -10,7 +10,6 @@ use analysis::{
 };
 
 use super::case::Case;
-use crate::command::Failure;
 
 /// One picture per profile, and for several one over all.
 pub(super) fn write(

@@ -27,11 +27,10 @@ use super::{
     problem::Refusal,
 };
 use crate::{
-    beneath,
+    beneath::{self, plain},
     serve::{
         jobs::{self, Job},
         live::RunNow,
-        plain,
         queue::{Item, Kind, Wanted},
         spectra::{self, Spectrum},
         watch::Watch,

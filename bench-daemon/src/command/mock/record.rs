@@ -1,0 +1,207 @@
+//! `eis-bench mock --replay`: a recorded conversation served on a port, strictly.
+//!
+//! The answers are those of the record. Of a long block it keeps length and hash; its bytes are
+//! looked for among the captures of the same run folder. A page that was thrown away and never
+//! became a capture is not to be had, and the replay ends there.
+
+use std::{
+    collections::HashMap,
+    path::{Path, PathBuf},
+};
+
+use analysis::dataset::read_capture;
+use instruments::{
+    chiller,
+    clock::{Clock, TimeMode},
+    generator,
+    instrument::{Model, by_key},
+    jig::{self, Jig},
+    load, logger,
+    mock::{self, Outcome, Replay},
+    scope,
+    scpi::decode::Terminator,
+    supply, supply4q,
+    transcript::{BlockRecord, Payload, Record, Transcript},
+};
+
+use crate::{command::mock::MockArgs, failure::Failure, run::StopSignals, terminal::say};
+
+/// Between two looks at how far the conversation has come, s.
+const LOOK_S: f64 = 0.1;
+
+/// Reads a transcript as a device that answers by it, and how it will have gone; `model` where
+/// nothing else tells whose conversation it is.
+///
+/// # Errors
+/// A file that cannot be read or is no transcript; a model that is not known; several conversations
+/// in one file.
+pub fn load(path: &Path, model: Option<&str>) -> Result<(Replay, Outcome), Failure> {
+    let complain = |reason: String| Failure::Usage(format!("{}: {reason}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| complain(error.to_string()))?;
+    let mut transcript = Transcript::parse(&text).map_err(|error| complain(error.to_string()))?;
+    let mut links: Vec<&str> = transcript
+        .records
+        .iter()
+        .map(|record| record.link.as_str())
+        .collect();
+    links.sort_unstable();
+    links.dedup();
+    let link = match links.as_slice() {
+        [link] => (*link).to_owned(),
+        [] => return Err(complain("expected a conversation, found none".to_owned())),
+        several => {
+            return Err(complain(format!(
+                "expected the conversation of one instrument, found those of {}",
+                several.join(", ")
+            )));
+        }
+    };
+    let key = model
+        .map(str::to_owned)
+        .or_else(|| told_model(path))
+        .ok_or_else(|| {
+            complain(
+            "expected a manifest.json beside the folder of the transcript that names the model, \
+            found none: give --model KEY".to_owned(),
+        )
+        })?;
+    let terminator = terminator(&key)
+        .ok_or_else(|| complain(format!("expected the key of a known model, found {key:?}")))?;
+    if let Some(captures) = beside(path, "captures") {
+        restore(&mut transcript, &captures);
+    }
+    Ok(Replay::new(&transcript, &link, terminator))
+}
+
+/// Serves a transcript until it has been followed to its end, or has been left, or is stopped.
+///
+/// # Errors
+/// As [`load()`]; a port that is taken; the first difference.
+pub(super) fn serve_record(path: &Path, args: &MockArgs) -> Result<(), Failure> {
+    let (device, outcome) = load(path, args.model.as_deref())?;
+    let expected = device.messages().count();
+    Clock::runtime(TimeMode::Real)?.block_on(async {
+        let mut stop = StopSignals::install()?;
+        let clock = Clock::start(TimeMode::Real);
+        let served = mock::serve_tcp(Box::new(device), args.listen.as_str(), clock.clone()).await;
+        let (bound, _task) = served.map_err(|error| Failure::Usage(format!("--listen {}: {error}", args.listen)))?;
+        if args.json {
+            say!(
+                "{}",
+                serde_json::json!({ "replay": path.display().to_string(), "address": format!("tcp://{bound}"), "messages": expected })
+            );
+        } else {
+            say!("{} with {expected} messages at tcp://{bound}; ends with the last of them, or at \
+            the first difference", path.display());
+        }
+        let followed = async {
+            while outcome.divergence().is_none() && outcome.followed() < expected {
+                clock.sleep_s(LOOK_S).await;
+            }
+            // The last answer is on its way.
+            clock.sleep_s(LOOK_S).await;
+        };
+        tokio::select! {
+            () = followed => {}
+            () = stop.requested() => {}
+        }
+        match outcome.divergence() {
+            Some(divergence) => Err(Failure::Usage(format!("{}: {divergence}", path.display()))),
+            None => {
+                say!("{} of {expected} messages were as recorded", outcome.followed());
+                Ok(())
+            }
+        }
+    })
+}
+
+/// A folder of the run that a transcript belongs to.
+fn beside(path: &Path, name: &str) -> Option<PathBuf> {
+    let folder = path.parent()?.parent()?.join(name);
+    folder.exists().then_some(folder)
+}
+
+/// The model by the file's name, or by the manifest of its run.
+fn told_model(path: &Path) -> Option<String> {
+    let stem = path.file_stem()?.to_str()?;
+    if terminator(stem).is_some() {
+        return Some(stem.to_owned());
+    }
+    let manifest: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(beside(path, "manifest.json")?).ok()?)
+            .ok()?;
+    let instruments = manifest.get("instruments")?.as_array()?;
+    let of_role = instruments
+        .iter()
+        .find(|instrument| instrument.get("role").and_then(|role| role.as_str()) == Some(stem))?;
+    Some(of_role.get("model")?.as_str()?.to_owned())
+}
+
+/// What ends a message to a model.
+fn terminator(key: &str) -> Option<Terminator> {
+    fn of<D: Model + ?Sized>(dialects: &[&'static D], key: &str) -> Option<Terminator> {
+        by_key(dialects, key).map(|dialect| dialect.profile().terminator)
+    }
+    of(supply4q::DIALECTS, key)
+        .or_else(|| of(generator::DIALECTS, key))
+        .or_else(|| of(scope::DIALECTS, key))
+        .or_else(|| of(load::DIALECTS, key))
+        .or_else(|| of(supply::DIALECTS, key))
+        .or_else(|| of(chiller::DIALECTS, key))
+        .or_else(|| of(logger::DIALECTS, key))
+        .or_else(|| (key == jig::MOCK_JIG).then(|| Jig::profile().terminator))
+}
+
+/// Puts the bytes of long blocks back where a capture has them: signed little-endian words, or the
+/// same from the least code on.
+fn restore(transcript: &mut Transcript, captures: &Path) {
+    let missing = |record: &Record| match &record.payload {
+        Payload::Block(block) if block.bytes.is_none() => Some(block.len),
+        _ => None,
+    };
+    // A memory that takes more than one page comes in pages of this length, the last one shorter.
+    let Some(page) = transcript
+        .records
+        .iter()
+        .filter_map(missing)
+        .max()
+        .filter(|page| *page > 0)
+    else {
+        return;
+    };
+    let inside = |folder: &Path| {
+        std::fs::read_dir(folder)
+            .into_iter()
+            .flatten()
+            .filter_map(Result::ok)
+            .map(|entry| entry.path())
+    };
+    let mut known: HashMap<(usize, u64), Vec<u8>> = HashMap::new();
+    // A folder for each fixture, sweep or trace.
+    for capture in inside(captures)
+        .flat_map(|folder| inside(&folder))
+        .filter_map(|file| read_capture(&file).ok())
+    {
+        for codes in &capture.codes {
+            for offset in [0, i16::MIN] {
+                let bytes: Vec<u8> = codes
+                    .iter()
+                    .flat_map(|code| (code ^ offset).to_le_bytes())
+                    .collect();
+                for bytes in bytes.chunks(page) {
+                    known.insert(
+                        (bytes.len(), BlockRecord::new("", bytes).fnv1a64),
+                        bytes.to_vec(),
+                    );
+                }
+            }
+        }
+    }
+    for record in &mut transcript.records {
+        if let Payload::Block(block) = &mut record.payload
+            && block.bytes.is_none()
+        {
+            block.bytes = known.get(&(block.len, block.fnv1a64)).cloned();
+        }
+    }
+}

@@ -1,0 +1,5 @@
+//! Pictures and tables that commands and the reports of runs share.
+
+pub(crate) mod impedance;
+pub(crate) mod ocv;
+pub(crate) mod validity;

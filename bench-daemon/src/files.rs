@@ -1,0 +1,171 @@
+//! The files that commands read and write: a model in, texts and pictures out.
+
+use std::path::Path;
+
+use analysis::{
+    dataset::{self, FlaggedPoint},
+    effects::Group,
+    fit::RefusedPoint,
+    formats::{SourcedSpectrum, read_file},
+    forward::{OcvSource, SimModel},
+    given::GivenModel,
+    ocv::OcvCurve,
+    pack::Pack,
+    plot::{self, Chart, PlotError},
+};
+
+use crate::{failure::Failure, present::refused_in_words, terminal::remark};
+
+/// Reads the spectra of a file, and says how they were told apart and what was left out.
+pub(crate) fn read_spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, Failure> {
+    let read = read_file(path).map_err(|error| Failure::Usage(error.to_string()))?;
+    for note in &read.notes {
+        remark!("{note}");
+    }
+    Ok(read.spectra)
+}
+
+/// Leaves out what the quality gate of the measurement has refused, as the file says, unless that
+/// is wanted, and says so.
+///
+/// # Errors
+/// [`Failure::Refused`] where nothing is left.
+pub(crate) fn leave_out_refused(
+    sourced: &mut SourcedSpectrum,
+    wanted: bool,
+) -> Result<(), Failure> {
+    let (count, points) = (sourced.flagged.len(), sourced.spectrum.points.len());
+    if count == 0 {
+        return Ok(());
+    }
+    let (name, told) = (&sourced.spectrum.name, refused_in_words(&sourced.flagged));
+    if wanted {
+        remark!(
+            "{name}: {count} of {points} points are used, because that was asked for, though the \
+            quality gate refused them: {told}"
+        );
+        return Ok(());
+    }
+    remark!(
+        "{name}: {count} of {points} points are left out: the quality gate refused them: {told}; \
+        --refused-points uses them"
+    );
+    sourced.leave_out_flagged();
+    if sourced.spectrum.points.is_empty() {
+        Err(Failure::Refused { count })
+    } else {
+        Ok(())
+    }
+}
+
+/// The points of spectra that a quality gate has refused, as a model file names them.
+pub(crate) fn refused_points(sweeps: &[SourcedSpectrum], fitted: bool) -> Vec<RefusedPoint> {
+    let of = |one: &SourcedSpectrum| -> Vec<RefusedPoint> {
+        let named = |point: &FlaggedPoint| RefusedPoint {
+            spectrum: one.spectrum.name.clone(),
+            file: String::new(),
+            freq_hz: point.freq_hz,
+            reasons: point.reasons.clone(),
+            fitted,
+        };
+        one.flagged.iter().map(named).collect()
+    };
+    sweeps.iter().flat_map(of).collect()
+}
+
+/// Refuses two evaluations of one measurement where spectra are taken together: they are no
+/// repeats.
+pub(crate) fn refuse_curves(spectra: &[SourcedSpectrum]) -> Result<(), Failure> {
+    let curves: Vec<&str> = spectra
+        .iter()
+        .filter(|one| one.origin.curve.is_some())
+        .map(|one| one.spectrum.name.as_str())
+        .collect();
+    if curves.is_empty() {
+        return Ok(());
+    }
+    let met = curves.join(", ");
+    Err(Failure::Usage(format!(
+        "expected each measurement once, met curves of the same: {met}; take them apart with \
+        `convert` and give one"
+    )))
+}
+
+/// Reads an OCV curve as `ocv --out` writes it.
+pub(crate) fn read_curve(path: &Path) -> Result<OcvCurve, Failure> {
+    let fail = |reason: String| Failure::Usage(format!("{}: {reason}", path.display()));
+    let text = std::fs::read_to_string(path).map_err(|error| fail(error.to_string()))?;
+    let curve: OcvCurve = serde_json::from_str(&text)
+        .map_err(|error| fail(format!("expected an OCV curve as JSON: {error}")))?;
+    curve.validate().map_err(|error| fail(error.to_string()))?;
+    Ok(curve)
+}
+
+/// A model as a simulation takes it: with the additions of the cell.
+pub(crate) fn sim_model(
+    file: &GivenModel,
+    ocv: OcvSource,
+    pack: Pack,
+) -> Result<SimModel, Failure> {
+    let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
+    match file.augmented().map_err(|error| usage(&error))? {
+        None => SimModel::pack(&file.erm, ocv, pack).map_err(|error| usage(&error)),
+        Some(cell) => SimModel::augmented(&cell, ocv, pack).map_err(|error| usage(&error)),
+    }
+}
+
+/// What becomes of a model's additions, in sentences.
+pub(crate) fn addition_notes(file: &GivenModel) -> Vec<String> {
+    let names = |group: Group| -> Vec<&str> {
+        file.additions
+            .iter()
+            .filter(|a| a.group == group)
+            .map(|a| a.title.as_str())
+            .collect()
+    };
+    let (cell, bench) = (names(Group::Cell), names(Group::Bench));
+    let mut notes = Vec::new();
+    if !cell.is_empty() {
+        notes.push(format!(
+            "additions to the fitted model: {}",
+            cell.join("; ")
+        ));
+    }
+    if !bench.is_empty() {
+        notes.push(format!(
+            "left out, because the bench did it and not the cell: {}",
+            bench.join("; ")
+        ));
+    }
+    notes
+}
+
+/// Makes the folder of `--out` if need be.
+pub(crate) fn make_folder(out: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(out)
+        .map_err(|error| Failure::Usage(format!("--out {}: {error}", out.display())))
+}
+
+/// Writes a text into a folder.
+pub(crate) fn write_text(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
+    dataset::write_atomically(&folder.join(name), text.as_bytes())
+        .map_err(|error| Failure::Analysis(error.to_string()))
+}
+
+/// Draws a picture into a folder, as SVG and as PNG.
+pub(crate) fn write_picture(
+    folder: &Path,
+    name: &str,
+    draw: impl Fn(&Path) -> Result<(), PlotError>,
+) -> Result<(), Failure> {
+    // A name may hold dots: the extension is added, not exchanged.
+    ["svg", "png"].into_iter().try_for_each(|extension| {
+        draw(&folder.join(format!("{name}.{extension}")))
+            .map_err(|error| Failure::Analysis(error.to_string()))
+    })
+}
+
+/// Draws a chart into a folder, as SVG and as PNG.
+pub(crate) fn write_chart(folder: &Path, name: &str, chart: &Chart) -> Result<(), Failure> {
+    write_picture(folder, name, |path| plot::chart(chart, path))
+}

@@ -1,0 +1,76 @@
+//! A finished point of a sweep.
+
+use analysis::spectrum::ChannelPhasors;
+use instruments::mock::plant::Fixture;
+
+use super::{
+    beside::Beside,
+    quality::{Failing, Measures, Quality},
+};
+
+/// A finished point of a sweep.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct SweepPoint {
+    /// What was in the jig.
+    pub fixture: Fixture,
+    /// Number in the sweep, from 0.
+    pub index: usize,
+    /// Phasors of the four channels.
+    pub phasors: ChannelPhasors,
+    /// Vertical scale of the four channels, V per division.
+    pub volts_per_div: [f64; 4],
+    /// Frequency that a fit with free frequency finds, Hz.
+    pub free_freq_hz: f64,
+    /// Greatest lag-1 correlation of the residuals: near 0 for noise, near 1 for a signal that the
+    /// sinusoid leaves out.
+    pub residual_lag1: f64,
+    /// What the record shows besides the sinusoid.
+    pub beside: Beside,
+    /// What is odd about it.
+    pub warnings: Vec<String>,
+    /// Bench time of the middle of its record, s, to a period and a half.
+    pub time_s: f64,
+    /// Records that were taken of it.
+    pub captures: usize,
+    /// How often it was measured again because the finished sweep refused it.
+    pub rechecked: usize,
+    /// What went into measuring it again.
+    #[serde(default)]
+    pub spent: Spent,
+    /// What its record says of its own quality.
+    pub measures: Measures,
+    /// What of that the quality gate refuses.
+    pub failing: Vec<Failing>,
+}
+
+/// What went into measuring again: a point, or all points of a sweep.
+#[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Spent {
+    /// Time, s.
+    pub time_s: f64,
+    /// Charge moved to and fro, C.
+    pub charge_c: f64,
+}
+
+impl std::ops::Add for Spent {
+    type Output = Self;
+
+    fn add(self, other: Self) -> Self {
+        Self {
+            time_s: self.time_s + other.time_s,
+            charge_c: self.charge_c + other.charge_c,
+        }
+    }
+}
+
+impl Spent {
+    /// What the finished points of a sweep have taken; it counts on after a resume.
+    pub(crate) fn of<'a>(points: impl Iterator<Item = &'a SweepPoint>) -> Self {
+        points.fold(Self::default(), |sum, point| sum + point.spent)
+    }
+
+    /// Whether so much more is within the budget.
+    pub(crate) fn allows(&self, quality: &Quality, (time_s, charge_c): (f64, f64)) -> bool {
+        self.time_s + time_s <= quality.time_s && self.charge_c + charge_c <= quality.charge_c
+    }
+}

@@ -1,0 +1,494 @@
+//! A recorded run made anew from its captures: every record is analysed again by the present
+//! program, and everything that follows from them is gathered and evaluated as in the run itself.
+//! Knows no instrument and changes nothing in the run folder.
+//!
+//! What no capture tells is taken from the journal: which record of a point counts, when it was
+//! taken, and what was read beside it.
+
+mod records;
+
+use std::{
+    fs,
+    os::unix::fs::symlink,
+    path::{Path, PathBuf},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicUsize, Ordering},
+    },
+    thread,
+};
+
+pub(crate) use records::Beside;
+
+use super::{FINISHED, gathered::Gathered, multisine, past, results, sweeping};
+use crate::{
+    config::Experiment,
+    executor::{Asked, Taken, analyse},
+    failure::Failure,
+    journal::{self, Entry, JOURNAL, Line},
+    measure::SweepPoint,
+    plan::{Plan, Purpose, Step},
+    procedure,
+    record::Recorder,
+    story::Story,
+};
+use analysis::{
+    calibration::Correction,
+    dataset::{self, Capture, CaptureFile, CaptureMeta},
+    ocv::OcvCurve,
+    sine::Channel,
+};
+use instruments::{
+    clock::{Clock, TimeMode},
+    mock::plant::Fixture,
+};
+
+/// Captures above this size are read by pieces, bytes: what is in memory at once is this for each
+/// core, decoded.
+const LARGE_BYTES: u64 = 1 << 23;
+/// What of a run cannot be recomputed and is read by what follows from its sweeps.
+const READ_BESIDE: [&str; 3] = ["series_", "ocv_", "captures"];
+
+/// A run as its folder tells it.
+pub(crate) struct Recorded {
+    folder: PathBuf,
+    experiment: Experiment,
+    plan: Plan,
+    /// The journal up to the end of the measurement.
+    lines: Vec<Line>,
+    story: Story,
+    stopped: Option<String>,
+}
+
+/// A finished point as the journal knows it.
+pub(crate) struct Known {
+    /// The number of its stage.
+    pub(crate) stage: usize,
+    /// All captures that were taken of it, relative to the folder.
+    pub(crate) files: Vec<String>,
+    /// What the run made of the one that counts.
+    pub(crate) point: SweepPoint,
+}
+
+/// The same point from the same capture, as the present program makes it.
+pub(crate) struct Again {
+    /// The point.
+    pub(crate) point: SweepPoint,
+    /// The capture.
+    pub(crate) file: String,
+    /// Its size on disk.
+    pub(crate) bytes: u64,
+    /// Samples of all channels.
+    pub(crate) samples: u64,
+}
+
+impl Recorded {
+    /// Reads journal and configuration of a run folder.
+    ///
+    /// # Errors
+    /// Files that cannot be read, or are not what a run writes.
+    pub(crate) fn read(folder: &Path) -> Result<Self, Failure> {
+        let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
+        let mut lines = journal::read(folder)
+            .map_err(|error| Failure::Usage(error.to_string()))?
+            .lines;
+        let ended = Story::of(&lines)
+            .map_err(|error| usage(error.to_string()))?
+            .ended;
+        let stopped = (ended.as_deref() != Some(FINISHED))
+            .then(|| ended.unwrap_or_else(|| "its journal has no end".to_owned()));
+        // What follows the measurement is made anew. Safe state comes at the beginning, too, and a
+        // run that was stopped may have no other.
+        let measures = |line: &Line| {
+            matches!(
+                line.entry,
+                Entry::Stage { .. } | Entry::Intent { .. } | Entry::Point(_)
+            )
+        };
+        let last = lines.iter().rposition(measures).unwrap_or(0);
+        let end = lines
+            .iter()
+            .rposition(|line| line.entry == Entry::Safe)
+            .filter(|at| *at > last)
+            .map_or(lines.len(), |at| at + 1);
+        lines.truncate(end);
+        let story = Story::of(&lines).map_err(|error| usage(error.to_string()))?;
+        let experiment = past::copied_experiment(folder, &story.started)?;
+        let plan = procedure::plan(&experiment);
+        Ok(Self {
+            folder: folder.to_owned(),
+            experiment,
+            plan,
+            lines,
+            story,
+            stopped,
+        })
+    }
+
+    /// The version of the program that made it.
+    pub(crate) fn version(&self) -> &str {
+        &self.story.started.version
+    }
+
+    /// How a run ended that did not come to its end.
+    pub(crate) fn stopped(&self) -> Option<&str> {
+        self.stopped.as_deref()
+    }
+
+    /// The open-circuit voltage of the cell as its file has it.
+    pub(crate) fn ocv(&self) -> Option<&OcvCurve> {
+        self.experiment.cell.ocv.as_ref()
+    }
+
+    /// All finished points, in the order of the plan, those of sweeps that were not finished among
+    /// them.
+    ///
+    /// # Errors
+    /// A journal that tells of a sweep where the plan has none.
+    pub(crate) fn points(&self) -> Result<Vec<Known>, Failure> {
+        let mut known = Vec::new();
+        for (stage, story) in &self.story.stages {
+            for (step, done) in &story.points {
+                if self.swept(*stage).is_none() {
+                    let text = format!(
+                        "{}: expected a sweep as stage {} of the plan: this program plans another \
+                        run",
+                        self.folder.display(),
+                        stage + 1
+                    );
+                    return Err(Failure::Usage(text));
+                }
+                known.push(Known {
+                    stage: *stage,
+                    files: self.files(*stage, *step),
+                    point: done.point.clone(),
+                });
+            }
+        }
+        Ok(known)
+    }
+
+    /// How many points are of sweeps that were not finished: no spectrum is made of them.
+    pub(crate) fn unfinished(&self) -> usize {
+        self.story
+            .stages
+            .values()
+            .filter(|story| !story.finished)
+            .map(|story| story.points.len())
+            .sum()
+    }
+
+    /// Analyses all captures, on all cores.
+    ///
+    /// # Errors
+    /// A capture that cannot be read or analysed.
+    pub(crate) fn analyse(&self, known: &[Known]) -> Result<Vec<Again>, Failure> {
+        on_all_cores(known, |known| self.point(known))
+    }
+
+    /// Everything that follows from the points, and from the records of multisines and traces, into
+    /// a new folder: correction, spectra, series, and with `whole` fits, tables, pictures and
+    /// report.
+    ///
+    /// # Errors
+    /// A folder in use, points that do not pass as controls any more, what cannot be computed or
+    /// written.
+    pub(crate) fn settle(
+        &self,
+        points: &[(usize, SweepPoint)],
+        out: &Path,
+        whole: bool,
+    ) -> Result<Beside, Failure> {
+        let (mut recorder, mut beside) = (self.recorder(out)?, Beside::default());
+        let inherited = self.inherited_correction()?;
+        if let Some(correction) = &inherited {
+            recorder.json("correction.json", correction)?;
+        }
+        let mut gathered = Gathered::new(&self.experiment, inherited);
+        let mut stages: Vec<usize> = self
+            .story
+            .stages
+            .iter()
+            .filter(|(_, story)| story.finished)
+            .map(|(stage, _)| *stage)
+            .collect();
+        let began_s = |stage: &usize| {
+            self.story
+                .stages
+                .get(stage)
+                .map_or(0.0, |story| story.began_s)
+        };
+        stages.sort_by(|a, b| began_s(a).total_cmp(&began_s(b)).then(a.cmp(b)));
+        for number in stages {
+            let Some(stage) = self.plan.stages.get(number) else {
+                continue;
+            };
+            if let Purpose::Multisine(repeat) = stage.purpose {
+                let (found, kept) = self.multisine(stage, repeat)?;
+                beside.lines += found.len();
+                let known = (&gathered.measured, kept.flagged, kept.took_s);
+                let run =
+                    multisine::write(&recorder, (&self.experiment, stage, repeat), &found, known)?;
+                gathered.measured.multisines.push(run);
+            }
+            for step in &stage.steps {
+                let Step::Trace(trace) = step else { continue };
+                self.trace(
+                    (&mut recorder, &gathered.measured.correction),
+                    trace,
+                    &mut beside,
+                )?;
+            }
+            let Some(of) = self.swept(number) else {
+                continue;
+            };
+            let sweeping = gathered.sweeping(of);
+            let own: Vec<SweepPoint> = points
+                .iter()
+                .filter(|(stage, _)| *stage == number)
+                .map(|(_, point)| point.clone())
+                .collect();
+            for point in &own {
+                point.warnings.iter().for_each(|text| {
+                    recorder.known_point_warning(&sweeping.name, point.phasors.freq_hz, text)
+                });
+            }
+            let settled = sweeping.settle(&recorder, own)?;
+            sweeping::flags(&settled.points, &mut |freq_hz, text| {
+                recorder.known_point_warning(&sweeping.name, freq_hz, text)
+            });
+            gathered.finish(&mut recorder, of, settled, true)?;
+        }
+        let measured = gathered.whole(&recorder)?;
+        beside.refused = measured.refused();
+        if whole {
+            results::write(&mut recorder, &self.experiment, &measured)?;
+        }
+        Ok(beside)
+    }
+
+    fn swept(&self, stage: usize) -> Option<(Fixture, usize)> {
+        match self.plan.stages.get(stage)?.purpose {
+            Purpose::Sweep(fixture, repeat) => Some((fixture, repeat)),
+            _ => None,
+        }
+    }
+
+    /// All captures of a step that the journal tells of, the latest first.
+    fn files(&self, stage: usize, step: usize) -> Vec<String> {
+        let mut files: Vec<String> = Vec::new();
+        for line in self.lines.iter().rev() {
+            let Entry::Point(done) = &line.entry else {
+                continue;
+            };
+            if (done.stage, done.step) == (stage, step) {
+                let fresh = done
+                    .files
+                    .iter()
+                    .rev()
+                    .map(|(file, _)| file.clone())
+                    .filter(|file| !files.contains(file));
+                files.extend(fresh.collect::<Vec<_>>());
+            }
+        }
+        files
+    }
+
+    /// A point from the capture that counts: the one that gives what the journal says; where none
+    /// does, the latest.
+    fn point(&self, known: &Known) -> Result<Again, Failure> {
+        let mut latest = None;
+        for file in &known.files {
+            let again = self.of_capture(known, file)?;
+            if again.point.phasors == known.point.phasors {
+                return Ok(again);
+            }
+            latest = latest.or(Some(again));
+        }
+        let missing = || {
+            Failure::Usage(format!(
+                "{}: the journal names no capture of a point",
+                self.folder.display()
+            ))
+        };
+        latest.ok_or_else(missing)
+    }
+
+    fn of_capture(&self, known: &Known, file: &str) -> Result<Again, Failure> {
+        let path = self.folder.join(file);
+        let failed = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
+        let bytes = fs::metadata(&path)
+            .map_err(|error| failed(&format!("{}: {error}", path.display())))?
+            .len();
+        let stored = if bytes > LARGE_BYTES {
+            Records::Stored(dataset::open_capture(&path).map_err(|error| failed(&told(&error)))?)
+        } else {
+            Records::Whole(dataset::read_capture(&path).map_err(|error| failed(&told(&error)))?)
+        };
+        let (meta, channels) = stored.taken();
+        let taken = Taken {
+            channels,
+            interval_s: meta.interval_s,
+            volts_per_div: meta.channels.map(|channel| channel.volts_per_div),
+            lsb_v: meta
+                .channels
+                .map(|channel| f64::from(channel.scale.code_step) * channel.scale.volts_per_code),
+        };
+        let eis = self.experiment.eis.as_ref();
+        let SweepPoint { fixture, index, .. } = known.point;
+        let asked = Asked {
+            fixture,
+            index,
+            freq_hz: meta.freq_hz,
+            mains_hz: eis.and_then(|eis| eis.mains_hz),
+        };
+        let ranging: Vec<String> = known
+            .point
+            .warnings
+            .iter()
+            .filter(|text| of_ranging(text))
+            .cloned()
+            .collect();
+        let point = analyse(&asked, &taken, ranging)
+            .map_err(|error| failed(&format!("{}: {error}", path.display())))?;
+        let mut failing = eis
+            .and_then(|eis| eis.quality)
+            .map_or_else(Vec::new, |quality| quality.judge(&point.measures));
+        failing.extend(
+            known
+                .point
+                .failing
+                .iter()
+                .filter(|failing| failing.is_of_sweep())
+                .cloned(),
+        );
+        let SweepPoint {
+            time_s,
+            captures,
+            rechecked,
+            spent,
+            ..
+        } = known.point;
+        let samples = 4 * channels[0].len() as u64;
+        Ok(Again {
+            point: SweepPoint {
+                time_s,
+                captures,
+                rechecked,
+                spent,
+                failing,
+                ..point
+            },
+            file: file.to_owned(),
+            bytes,
+            samples,
+        })
+    }
+
+    /// The correction of a run before, where this one had no controls of its own.
+    fn inherited_correction(&self) -> Result<Option<Correction>, Failure> {
+        let path = self.folder.join("correction.json");
+        if self.experiment.fixture_check.is_some() || !path.exists() {
+            return Ok(None);
+        }
+        let failed = |error: String| Failure::Usage(format!("{}: {error}", path.display()));
+        let text = fs::read_to_string(&path).map_err(|error| failed(error.to_string()))?;
+        serde_json::from_str(&text)
+            .map(Some)
+            .map_err(|error| failed(error.to_string()))
+    }
+
+    /// A new folder with what was read and noted in the run, and without what follows from it.
+    fn recorder(&self, out: &Path) -> Result<Recorder, Failure> {
+        if fs::read_dir(out).is_ok_and(|mut entries| entries.next().is_some()) {
+            return Err(crate::record::RecordError::NotEmpty {
+                path: out.to_owned(),
+            }
+            .into());
+        }
+        for part in ["plots", "spectra", "transcripts"] {
+            fs::create_dir_all(out.join(part))?;
+        }
+        let own = fs::canonicalize(&self.folder)?;
+        for entry in fs::read_dir(&own)? {
+            let entry = entry?;
+            let name = entry.file_name().to_string_lossy().into_owned();
+            if READ_BESIDE.iter().any(|prefix| name.starts_with(prefix)) {
+                symlink(entry.path(), out.join(&name))?;
+            }
+        }
+        for name in ["traces.json", "readings.csv", "manifest.json"] {
+            if own.join(name).exists() {
+                fs::copy(own.join(name), out.join(name))?;
+            }
+        }
+        let text = fs::read_to_string(own.join(JOURNAL))?;
+        let begin: String = text.split_inclusive('\n').take(self.lines.len()).collect();
+        fs::write(out.join(JOURNAL), begin)?;
+        let read = journal::read(out).map_err(|error| Failure::Usage(error.to_string()))?;
+        // Of no meaning here; virtual time spares the disk.
+        let clock = Clock::start(TimeMode::Virtual);
+        Ok(Recorder::reopen(out, clock, (&read, &self.story))?)
+    }
+}
+
+/// A capture in memory or on disk.
+enum Records {
+    Whole(Capture),
+    Stored(CaptureFile),
+}
+
+impl Records {
+    fn taken(&self) -> (&CaptureMeta, [Channel<'_>; 4]) {
+        match self {
+            Self::Whole(capture) => (&capture.meta, capture.channels()),
+            Self::Stored(file) => (file.meta(), file.channels()),
+        }
+    }
+}
+
+/// Works on so many items at once as there are cores, and no more: each holds a capture. Threads of
+/// a pool would take up the next item while they wait for the decoder's pool, one within the other.
+pub(crate) fn on_all_cores<T: Sync, R: Send>(
+    items: &[T],
+    work: impl Fn(&T) -> Result<R, Failure> + Sync,
+) -> Result<Vec<R>, Failure> {
+    let (next, done) = (
+        AtomicUsize::new(0),
+        Mutex::new(Vec::with_capacity(items.len())),
+    );
+    let one_after_the_other = || {
+        loop {
+            let index = next.fetch_add(1, Ordering::Relaxed);
+            let Some(item) = items.get(index) else { return };
+            let result = work(item);
+            if result.is_err() {
+                // The first failure ends the others.
+                next.store(items.len(), Ordering::Relaxed);
+            }
+            done.lock()
+                .unwrap_or_else(PoisonError::into_inner)
+                .push((index, result));
+        }
+    };
+    let cores = thread::available_parallelism()
+        .map_or(1, usize::from)
+        .min(items.len());
+    thread::scope(|scope| (0..cores).for_each(|_| drop(scope.spawn(one_after_the_other))));
+    let mut done = done.into_inner().unwrap_or_else(PoisonError::into_inner);
+    done.sort_by_key(|(index, _)| *index);
+    done.into_iter().map(|(_, result)| result).collect()
+}
+
+/// A remark of the run about ranges, which no capture shows.
+fn of_ranging(text: &str) -> bool {
+    text.starts_with("measured again: ")
+        || (text.starts_with("channel ") && text.ends_with(" V/div"))
+}
+
+/// An error with what lies below it.
+fn told(error: &dyn std::error::Error) -> String {
+    error
+        .source()
+        .map_or_else(|| error.to_string(), |source| format!("{error}: {source}"))
+}

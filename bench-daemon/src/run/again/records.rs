@@ -1,0 +1,247 @@
+//! Multisines and traces made anew from their captures, into the folder in which everything else
+//! is.
+//!
+//! What no capture tells is taken from the run: which line the gate refused, how long a multisine
+//! took, what was commanded when, the voltmeter's voltage at rest and the temperatures beside a
+//! trace. A trace through load and supply has no capture: its rows are what their meters said. One
+//! through the bipolar supply, of a version that did not write down what was commanded, has
+//! captures, but nothing says where in them its steps are looked for.
+
+use std::fs;
+
+use analysis::{
+    calibration::Correction,
+    dataset::{self, Capture, Commanded, TraceEntry, TraceRow},
+    spectrum::raw_impedance,
+};
+
+use super::{Recorded, told};
+use crate::{
+    executor::{BandFit, Frames, RecordedTrace, capture_name, fit_band, zeros},
+    failure::Failure,
+    plan::{Band, Stage, Step, Through, TracePlan},
+    record::{RecordError, Recorder},
+    run::multisine::{self, Found, MultisineRun},
+};
+
+/// What was made anew beside the points of sweeps.
+#[derive(Debug, Default)]
+pub(crate) struct Beside {
+    /// Lines of multisines.
+    pub(crate) lines: usize,
+    /// Rows of traces.
+    pub(crate) rows: usize,
+    /// Points that the quality gate has refused.
+    pub(crate) refused: usize,
+    /// Files of traces that have no capture.
+    pub(crate) as_read: Vec<String>,
+    /// Files of traces that have captures, of a version that did not write down what was commanded.
+    pub(crate) uncommanded: Vec<String>,
+}
+
+impl Recorded {
+    /// A multisine from its captures, of every line the record that the run kept, or where none
+    /// gives it the latest; and what the run made of it.
+    pub(super) fn multisine(
+        &self,
+        stage: &Stage,
+        repeat: usize,
+    ) -> Result<(Vec<Found>, MultisineRun), Failure> {
+        let kept = multisine::restore(&self.folder, repeat)?;
+        let raw = dataset::read_spectrum_csv(
+            &self
+                .folder
+                .join(multisine::named("raw_multisine.csv", repeat)),
+        )
+        .map_err(RecordError::from)?;
+        let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let mut found: Vec<Found> = Vec::new();
+        for band in stage.steps.iter().filter_map(|step| {
+            if let Step::Multisine(band) = step {
+                Some(band.as_ref())
+            } else {
+                None
+            }
+        }) {
+            let attempts = self.attempts(band, repeat)?;
+            for line in 0..band.design.harmonics.len() {
+                let stored = raw.get(found.len()).map(|point| point.z_ohm);
+                let same = |attempt: &&Vec<Found>| {
+                    attempt
+                        .get(line)
+                        .map(|own| raw_impedance(&own.0, shunt_ohm).z_ohm)
+                        == stored
+                };
+                let attempt = attempts.iter().find(same).or_else(|| attempts.first());
+                let missing = || {
+                    self.failed(&format!(
+                        "multisine {repeat}, band {}: expected line {}, found none",
+                        band.number,
+                        line + 1
+                    ))
+                };
+                found.push(
+                    *attempt
+                        .and_then(|attempt| attempt.get(line))
+                        .ok_or_else(missing)?,
+                );
+            }
+        }
+        Ok((found, kept))
+    }
+
+    /// The lines of all records of a band, the latest first. One that cannot be analysed was not
+    /// kept, unless it is the only one.
+    fn attempts(&self, band: &Band, repeat: usize) -> Result<Vec<Vec<Found>>, Failure> {
+        let (mut attempts, mut wrong) = (Vec::new(), None);
+        for attempt in 0_usize.. {
+            let path = self.folder.join(format!(
+                "captures/multisine_{repeat}/{}.parquet",
+                capture_name(band, attempt)
+            ));
+            if attempt > 0 && !path.exists() {
+                break;
+            }
+            let capture =
+                dataset::read_capture(&path).map_err(|error| Failure::Usage(told(&error)))?;
+            let scale = |slot: usize| capture.meta.channels[slot].scale;
+            let volts = [0, 1, 2, 3].map(|slot| {
+                capture.codes[slot]
+                    .iter()
+                    .map(|code| scale(slot).volts(*code))
+                    .collect::<Vec<f64>>()
+            });
+            match fit_band(
+                band,
+                volts.each_ref().map(Vec::as_slice),
+                capture.meta.interval_s,
+            ) {
+                Ok(BandFit { phasors, lines }) => {
+                    let volts_per_div = capture.meta.channels.map(|channel| channel.volts_per_div);
+                    attempts.insert(
+                        0,
+                        phasors
+                            .into_iter()
+                            .zip(lines)
+                            .map(|(own, line)| (own, volts_per_div, line))
+                            .collect(),
+                    );
+                }
+                Err(error) => wrong = Some(self.failed(&format!("{}: {error}", path.display()))),
+            }
+        }
+        wrong
+            .filter(|_| attempts.is_empty())
+            .map_or(Ok(attempts), Err)
+    }
+
+    /// A trace from its frames, into the new folder: its rows, and what the index says of them.
+    pub(super) fn trace(
+        &self,
+        (recorder, correction): (&mut Recorder, &Correction),
+        trace: &TracePlan,
+        beside: &mut Beside,
+    ) -> Result<(), Failure> {
+        let known = recorder
+            .index()
+            .traces
+            .iter()
+            .find(|known| known.name == trace.name && known.repeat == trace.repeat)
+            .cloned();
+        let Some(entry) = known else { return Ok(()) };
+        let Some(commanded) = entry.commanded.clone() else {
+            let held = if trace.through == Through::LoadAndSupply {
+                &mut beside.as_read
+            } else {
+                &mut beside.uncommanded
+            };
+            held.push(entry.file);
+            return Ok(());
+        };
+        let empty = || {
+            self.failed(&format!(
+                "trace {}: expected a frame of the zeros, found an empty one",
+                trace.name
+            ))
+        };
+        let zero_v = zeros(&self.frame(trace, "zero")?).ok_or_else(empty)?;
+        let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let frames = Frames {
+            trace,
+            correction,
+            shunt_ohm,
+            zero_v,
+            ocv_v: entry.start_ocv_v,
+        };
+        let (start_time_s, mut found) = self.frames(&frames, &commanded)?;
+        let path = self.folder.join(&entry.file);
+        let was: Vec<TraceRow> = dataset::read_trace_csv(&path).map_err(RecordError::from)?;
+        for (row, was) in found.rows.iter_mut().zip(&was) {
+            row.temperature_c = was.temperature_c;
+        }
+        beside.rows += found.rows.len();
+        let [sample_sigma_a, sample_sigma_v] = found.scatter();
+        let entry = TraceEntry {
+            start_time_s,
+            sample_sigma_a,
+            sample_sigma_v,
+            steps_s: found.steps_s,
+            ..entry
+        };
+        // A link to what the run wrote must not be written through.
+        let _ = fs::remove_file(recorder.path(&entry.file));
+        Ok(recorder.trace_again(entry, &found.rows)?)
+    }
+
+    /// All frames of a trace; also the bench time of test time 0, s.
+    fn frames(
+        &self,
+        frames: &Frames<'_>,
+        commanded: &Commanded,
+    ) -> Result<(f64, RecordedTrace), Failure> {
+        match (commanded, frames.trace.through) {
+            (
+                Commanded::Wave { sent_s, step_s },
+                Through::Wave {
+                    step_s: planned_s, ..
+                },
+            ) => {
+                let capture = self.frame(frames.trace, "wave")?;
+                let found = frames.of_wave(&capture, (*sent_s, *step_s), planned_s);
+                match &found.1.missing {
+                    Some((expected, measured)) => Err(self.failed(&format!(
+                        "{}: expected {expected}, found {measured}",
+                        frames.trace.name
+                    ))),
+                    None => Ok(found),
+                }
+            }
+            (Commanded::Steps(steps), Through::Bipolar) => {
+                let mut all = RecordedTrace::default();
+                for number in 1..=frames.trace.frames.len() {
+                    all.append(frames.of_frame(
+                        &self.frame(frames.trace, &format!("frame{number:03}"))?,
+                        steps,
+                    ));
+                }
+                Ok((steps.first().map_or(f64::NAN, |(at_s, _)| *at_s), all))
+            }
+            _ => Err(self.failed(&format!(
+                "trace {}: expected to be driven as its plan says, found another way",
+                frames.trace.name
+            ))),
+        }
+    }
+
+    fn frame(&self, trace: &TracePlan, name: &str) -> Result<Capture, Failure> {
+        let path = self.folder.join(format!(
+            "captures/trace_{}_{}/{name}.parquet",
+            trace.name, trace.repeat
+        ));
+        dataset::read_capture(&path).map_err(|error| Failure::Usage(told(&error)))
+    }
+
+    fn failed(&self, what: &str) -> Failure {
+        Failure::Usage(format!("{}: {what}", self.folder.display()))
+    }
+}

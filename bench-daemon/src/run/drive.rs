@@ -1,0 +1,281 @@
+//! A plan played stage by stage: sweeps and traces go into the index, and what follows from them is
+//! gathered.
+
+use analysis::{calibration::Correction, dataset::SweepEntry};
+use instruments::{
+    clock::{Clock, TimeMode},
+    mock::plant::Fixture,
+};
+
+use super::{
+    Measured, Past,
+    gathered::Gathered,
+    multisine,
+    sweeping::{self, Settled},
+};
+use crate::{
+    bench::Bench,
+    config::Experiment,
+    executor::{Entrance, ExecuteError, Executor},
+    failure::Failure,
+    journal::{Entry, PointDone},
+    measure::SweepPoint,
+    operator::Operator,
+    plan::{Checked, Plan, Purpose, Stage},
+    progress::Progress,
+    record::Recorder,
+    wishes::{self, Wishes},
+};
+
+/// What came before: the correction of another run on the same bench, or the part of this one that
+/// was done before its process died.
+pub(super) struct Before<'a> {
+    pub(super) inherited: Option<Correction>,
+    pub(super) past: Option<&'a Past>,
+}
+
+/// Executes the plan, stage by stage, and judges the controls as soon as they are measured.
+pub(super) async fn drive(
+    (bench, recorder): (&mut Bench, &mut Recorder),
+    experiment: &Experiment,
+    plan: &Checked,
+    (clock, operator, progress): (&Clock, &Operator, &Progress),
+    before: Before<'_>,
+) -> Result<Measured, Failure> {
+    bench.made_safe().await?;
+    recorder.journal(Entry::Safe)?;
+    let Before { inherited, past } = before;
+    let gathered = Gathered::new(experiment, inherited.clone());
+    recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
+    let mut executor = Executor::new(
+        (bench, recorder),
+        experiment,
+        clock.clone(),
+        (operator, progress),
+    );
+    if let Some(correction) = inherited {
+        executor.recorder.json("correction.json", &correction)?;
+        executor.correction = correction;
+    }
+    let mut drive = Drive {
+        executor,
+        experiment,
+        plan: plan.plan(),
+        past,
+        gathered,
+    };
+    drive.restore()?;
+    drive.play().await?;
+    drive.gathered.whole(drive.executor.recorder)
+}
+
+struct Drive<'a, 'b> {
+    executor: Executor<'a>,
+    experiment: &'a Experiment,
+    plan: &'b Plan,
+    past: Option<&'b Past>,
+    gathered: Gathered<'a>,
+}
+
+impl<'a, 'b> Drive<'a, 'b> {
+    /// What finished stages have given, from the run folder.
+    fn restore(&mut self) -> Result<(), Failure> {
+        let Some(past) = self.past else { return Ok(()) };
+        let latest = past
+            .story
+            .latest
+            .and_then(|number| self.plan.stages.get(number))
+            .and_then(Stage::specimen)
+            .cloned();
+        let left_c = past.charge_left_c(self.executor.recorder, self.plan)?;
+        self.executor.take_over(latest, left_c);
+        for (number, stage) in self
+            .plan
+            .stages
+            .iter()
+            .enumerate()
+            .filter(|(number, _)| past.story.finished(*number))
+        {
+            if let Purpose::Multisine(repeat) = stage.purpose {
+                self.gathered
+                    .measured
+                    .multisines
+                    .push(multisine::restore(self.executor.recorder.folder(), repeat)?);
+            }
+            let Purpose::Sweep(fixture, repeat) = stage.purpose else {
+                continue;
+            };
+            let points: Vec<&PointDone> = past
+                .story
+                .stages
+                .get(&number)
+                .map_or_else(Vec::new, |story| story.points.values().collect());
+            let sweeping = self.gathered.sweeping((fixture, repeat));
+            sweeping.restore(self.executor.recorder, &points)?;
+            let settled = sweeping.settle(
+                self.executor.recorder,
+                points
+                    .into_iter()
+                    .map(|point| point.point.clone())
+                    .collect(),
+            )?;
+            sweeping::flags(&settled.points, &mut |freq_hz, text| {
+                self.executor
+                    .recorder
+                    .known_point_warning(&sweeping.name, freq_hz, text);
+            });
+            self.finish((fixture, repeat), settled, true)?;
+        }
+        Ok(())
+    }
+
+    /// Everything that is left to do.
+    async fn play(&mut self) -> Result<(), Failure> {
+        let finished = |number: &usize| self.past.is_some_and(|past| past.story.finished(*number));
+        let mut left: Vec<usize> = (0..self.plan.stages.len())
+            .filter(|number| !finished(number))
+            .collect();
+        let mut run = None;
+        if let Some(Past { next, story, .. }) = self.past {
+            run = story.latest.and_then(|latest| self.run_of(latest));
+            if let Some(again) = next.again {
+                self.stage(again, Entrance::default()).await?;
+            }
+            if let Some((open, from)) = next.open {
+                left.retain(|number| *number != open);
+                self.stage(
+                    open,
+                    Entrance {
+                        from,
+                        points: self.known(open),
+                    },
+                )
+                .await?;
+            }
+        }
+        while !left.is_empty() {
+            self.reorder(&mut left, run);
+            let number = left.remove(0);
+            run = self.run_of(number);
+            self.stage(number, Entrance::default()).await?;
+        }
+        Ok(())
+    }
+
+    /// Points of a stage that was interrupted.
+    fn known(&self, number: usize) -> Vec<&'b PointDone> {
+        self.past
+            .and_then(|past| past.story.stages.get(&number))
+            .map_or_else(Vec::new, |story| story.points.values().collect())
+    }
+
+    fn run_of(&self, number: usize) -> Option<usize> {
+        self.plan.stages.get(number).and_then(Stage::run)
+    }
+
+    /// The order that is wanted, once the run in work is done.
+    fn reorder(&self, left: &mut [usize], run: Option<usize>) {
+        if self.experiment.campaign.is_none() || self.executor.clock.mode() == TimeMode::Virtual {
+            return;
+        }
+        let mut order = Wishes::read(self.executor.recorder.folder()).order;
+        order.splice(0..0, run);
+        // What is not named comes as it is planned, whatever was wanted before.
+        left.sort_unstable();
+        // The controls come before every run.
+        let controls = left
+            .iter()
+            .take_while(|number| self.run_of(**number).is_none())
+            .count();
+        wishes::reorder(&mut left[controls..], &order, |number| {
+            self.plan.stages.get(*number).and_then(Stage::run)
+        });
+    }
+
+    /// One stage, and what is made of it.
+    async fn stage(&mut self, number: usize, entrance: Entrance<'_>) -> Result<(), Failure> {
+        let Some(stage) = self.plan.stages.get(number) else {
+            return Ok(());
+        };
+        match stage.purpose {
+            Purpose::Sweep(fixture, repeat) => {
+                self.sweep((number, stage), (fixture, repeat), &entrance)
+                    .await?
+            }
+            Purpose::Multisine(repeat) => {
+                let run = multisine::measure(
+                    &mut self.executor,
+                    ((number, stage), repeat),
+                    &self.gathered.measured,
+                )
+                .await?;
+                self.gathered.measured.multisines.push(run);
+            }
+            Purpose::Temperature | Purpose::SocReset | Purpose::OcvSoc | Purpose::Trace => {
+                self.executor
+                    .stage((number, stage), &entrance, &mut |_, _| Ok(()))
+                    .await?;
+            }
+        }
+        Ok(self
+            .executor
+            .recorder
+            .journal(Entry::StageDone { stage: number })?)
+    }
+
+    /// One sweep: every point is in the files as soon as it is measured, and the whole sweep in the
+    /// index.
+    async fn sweep(
+        &mut self,
+        stage: (usize, &Stage),
+        of: (Fixture, usize),
+        entrance: &Entrance<'_>,
+    ) -> Result<(), Failure> {
+        let sweeping = self.gathered.sweeping(of);
+        let start_time_s = self
+            .past
+            .filter(|_| !entrance.points.is_empty())
+            .and_then(|past| past.story.stages.get(&stage.0));
+        let start_time_s =
+            start_time_s.map_or_else(|| self.executor.clock.now_s(), |story| story.began_s);
+        let recorder = &mut *self.executor.recorder;
+        recorder.forget_sweep(sweeping.indexed());
+        recorder.drop_captures(&sweeping.name, &entrance.points)?;
+        sweeping.restore(recorder, &entrance.points)?;
+        let mut on_point =
+            |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
+                sweeping.record(recorder, point)?;
+                point.warnings.iter().for_each(|warning| {
+                    recorder.point_warning(&sweeping.name, point.phasors.freq_hz, warning)
+                });
+                Ok(())
+            };
+        let points = self.executor.stage(stage, entrance, &mut on_point).await?;
+        let settled = sweeping.settle(self.executor.recorder, points)?;
+        let recorder = &mut *self.executor.recorder;
+        let flagged = sweeping::flags(&settled.points, &mut |freq_hz, text| {
+            recorder.point_warning(&sweeping.name, freq_hz, text)
+        });
+        if of.1 > 0 {
+            let entry = SweepEntry {
+                flagged,
+                ..sweeping.entry(&self.executor, (stage.1, start_time_s), &settled)
+            };
+            self.executor.recorder.sweep(entry)?;
+        }
+        self.finish(of, settled, false)
+    }
+
+    /// What follows from a whole sweep.
+    fn finish(
+        &mut self,
+        of: (Fixture, usize),
+        settled: Settled,
+        restored: bool,
+    ) -> Result<(), Failure> {
+        self.gathered
+            .finish(self.executor.recorder, of, settled, restored)?;
+        self.executor.correction = self.gathered.measured.correction.clone();
+        Ok(())
+    }
+}

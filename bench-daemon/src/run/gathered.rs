@@ -1,0 +1,240 @@
+//! What the finished stages of a run give: sweeps, the controls' verdicts, the correction. Knows no
+//! instrument: a run that goes on and one that is recomputed from its captures gather the same way.
+
+use std::collections::{
+    BTreeMap,
+    btree_map::Entry::{Occupied, Vacant},
+};
+
+use analysis::{calibration::Correction, spectrum::Spectrum};
+use instruments::mock::plant::Fixture;
+
+use super::{
+    Measured,
+    sweeping::{self, Settled, Sweeping},
+};
+use crate::{
+    config::Experiment,
+    failure::Failure,
+    fixture_check,
+    measure::SweepPoint,
+    plan::fixture_name,
+    record::{Event, RecordError, Recorder},
+};
+
+/// What finished stages have given so far.
+pub(super) struct Gathered<'a> {
+    experiment: &'a Experiment,
+    pub(super) measured: Measured,
+    /// Sweeps of the cell, by their numbers.
+    settled: BTreeMap<usize, Settled>,
+}
+
+impl<'a> Gathered<'a> {
+    /// Nothing was measured yet; the correction is that of a run before, where there is one.
+    pub(super) fn new(experiment: &'a Experiment, inherited: Option<Correction>) -> Self {
+        let measured = Measured {
+            controls: Vec::new(),
+            sweeps: BTreeMap::new(),
+            correction: inherited
+                .unwrap_or_else(|| Correction::none(experiment.bench.wiring.shunt)),
+            spectrum: Spectrum {
+                name: experiment.name.clone(),
+                points: Vec::new(),
+                ..Spectrum::default()
+            },
+            repeats: Vec::new(),
+            own_noise: Vec::new(),
+            points: Vec::new(),
+            files: Vec::new(),
+            refused_controls: Vec::new(),
+            campaign: experiment.campaign.is_some(),
+            multisines: Vec::new(),
+        };
+        Self {
+            experiment,
+            measured,
+            settled: BTreeMap::new(),
+        }
+    }
+
+    pub(super) fn sweeping(&self, of: (Fixture, usize)) -> Sweeping<'a> {
+        Sweeping::new(self.experiment, of, &self.measured)
+    }
+
+    /// What follows from a whole sweep. `restored`: it was told before.
+    pub(super) fn finish(
+        &mut self,
+        recorder: &mut Recorder,
+        (fixture, repeat): (Fixture, usize),
+        settled: Settled,
+        restored: bool,
+    ) -> Result<(), Failure> {
+        let points = settled.points.clone();
+        if fixture == Fixture::Cell {
+            self.settled.insert(repeat, settled);
+        } else {
+            let refused = sweeping::flags(&points, &mut |_, _| ())
+                .into_iter()
+                .map(|point| (fixture_name(fixture), point));
+            self.measured.refused_controls.extend(refused);
+        }
+        let tell = |recorder: &mut Recorder, text: &str| {
+            if restored {
+                Ok(())
+            } else {
+                recorder.event(Event::Check, text)
+            }
+        };
+        if repeat == 0 {
+            judge(
+                recorder,
+                self.experiment,
+                (fixture, &points),
+                (&mut self.measured, &tell),
+            )?;
+        }
+        let first = repeat <= 1;
+        match self.measured.sweeps.entry(fixture_name(fixture)) {
+            Occupied(mut known) if first => drop(known.insert(points)),
+            Occupied(_) => {}
+            Vacant(place) => drop(place.insert(points)),
+        }
+        // Before anything is done with the cell, its state of charge included.
+        let controls = self
+            .experiment
+            .fixture_check
+            .as_ref()
+            .map_or(0, |check| check.controls.len());
+        if repeat == 0 && self.measured.controls.len() == controls {
+            correct(recorder, self.experiment, (&mut self.measured, &tell))?;
+        }
+        Ok(())
+    }
+
+    /// Everything, once nothing is left to do.
+    pub(super) fn whole(self, recorder: &Recorder) -> Result<Measured, Failure> {
+        let Self {
+            mut measured,
+            settled,
+            ..
+        } = self;
+        for (
+            place,
+            Settled {
+                points,
+                spectrum,
+                own_noise,
+                file,
+            },
+        ) in settled.into_values().enumerate()
+        {
+            if place == 0 {
+                measured.spectrum = spectrum;
+            } else {
+                measured.repeats.push(spectrum);
+            }
+            measured.points.push(points);
+            measured.files.push(file);
+            measured.own_noise.push(own_noise);
+        }
+        if !measured.spectrum.points.is_empty() {
+            let flags = measured
+                .points
+                .first()
+                .map_or_else(Vec::new, |points| sweeping::flag_texts(points));
+            recorder.flagged_parquet("spectrum.parquet", &measured.spectrum.points, &flags)?;
+        }
+        Ok(measured)
+    }
+}
+
+/// Says what came out, unless it was said before.
+type Tell<'a> = &'a dyn Fn(&mut Recorder, &str) -> Result<(), RecordError>;
+
+/// Stops the run when a control that was just measured is off as read.
+fn judge(
+    recorder: &mut Recorder,
+    experiment: &Experiment,
+    (fixture, points): (Fixture, &[SweepPoint]),
+    (measured, tell): (&mut Measured, Tell<'_>),
+) -> Result<(), Failure> {
+    let tolerance = experiment
+        .fixture_check
+        .iter()
+        .flat_map(|check| &check.controls)
+        .find(|(control, _)| *control == fixture);
+    let Some((_, tolerance)) = tolerance else {
+        return Ok(());
+    };
+    let swept = fixture_check::swept(experiment, points);
+    let mut result = fixture_check::judge_raw(&experiment.bench, fixture, tolerance, swept);
+    result.believed_as_read = Some(fixture_check::believed_as_read(experiment, fixture, points));
+    let text = format!("{} as read: {}", result.control, result.raw.text);
+    tell(recorder, &text)?;
+    let passed = result.raw.passed;
+    measured.controls.push(result);
+    recorder.json("controls.json", &measured.controls)?;
+    if passed {
+        Ok(())
+    } else {
+        Err(Failure::FixtureCheck(text))
+    }
+}
+
+/// Computes the correction from the controls and stops the run when it does not make them right.
+fn correct(
+    recorder: &mut Recorder,
+    experiment: &Experiment,
+    (measured, tell): (&mut Measured, Tell<'_>),
+) -> Result<(), Failure> {
+    let Some(check) = &experiment.fixture_check else {
+        return Ok(());
+    };
+    if let Some(name) = fixture_check::refused_whole(&measured.sweeps) {
+        let text = format!(
+            "{name}: expected points for the correction, the quality gate has refused every one of \
+            them"
+        );
+        return Err(Failure::FixtureCheck(text));
+    }
+    let correction =
+        fixture_check::correction(&experiment.bench, &measured.sweeps).map_err(|error| {
+            Failure::FixtureCheck(format!("no correction can be computed: {error}"))
+        })?;
+    recorder.json("correction.json", &correction)?;
+    measured.correction = correction;
+    let mut wrong = None;
+    for fixture in [Fixture::FakeCell, Fixture::Short] {
+        let name = fixture_name(fixture);
+        let Some(control) = measured
+            .controls
+            .iter_mut()
+            .find(|control| control.control == name)
+        else {
+            continue;
+        };
+        // What the gate has refused says nothing of the correction, for or against it.
+        let points: Vec<SweepPoint> = measured.sweeps.get(name).map_or_else(Vec::new, |points| {
+            fixture_check::let_through(points).cloned().collect()
+        });
+        let correction = (&measured.correction, check.corrected_tolerance);
+        let verdict = fixture_check::judge_corrected(
+            &experiment.bench,
+            fixture,
+            correction,
+            fixture_check::swept(experiment, &points),
+        );
+        control.believed = Some(fixture_check::believed(
+            experiment, fixture, correction, &points,
+        ));
+        let text = format!("{name} after the correction: {}", verdict.text);
+        tell(recorder, &text)?;
+        if !verdict.passed && wrong.is_none() {
+            wrong = Some(text);
+        }
+        control.corrected = Some(verdict);
+    }
+    recorder.json("controls.json", &measured.controls)?;
+    wrong.map_or(Ok(()), |text| Err(Failure::FixtureCheck(text)))
+}

@@ -1,0 +1,304 @@
+//! A measured multisine in files: its spectrum as any other, and what each line says of noise and
+//! distortion.
+
+use std::{fmt::Write as _, path::Path};
+
+use analysis::{
+    dataset::{FlaggedPoint, Role, SweepEntry},
+    multisine::Line,
+    spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, raw_impedance},
+};
+use instruments::mock::plant::Fixture;
+
+use super::{Measured, sweeping};
+use crate::{
+    config::Experiment,
+    executor::{Entrance, Executor},
+    failure::Failure,
+    plan::{Stage, Step, fixture_name},
+    record::Recorder,
+};
+
+/// What one multisine measured.
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
+pub struct MultisineRun {
+    /// The corrected spectrum.
+    pub spectrum: Spectrum,
+    /// The same with the noise of its own records only.
+    pub own_noise: Spectrum,
+    /// Degrees of freedom of that noise: it is found from the bins between the harmonics.
+    pub noise_dof: f64,
+    /// What the quality gate refused to the end.
+    pub flagged: Vec<FlaggedPoint>,
+    /// Its lines.
+    pub lines: Vec<Line>,
+    /// V/div of channels 1…4 at each line.
+    #[serde(default)]
+    pub volts_per_div: Vec<[f64; 4]>,
+    /// Bench time that it took with all that belongs to it, s.
+    pub took_s: f64,
+}
+
+/// A line: its phasors, the scope's V/div, what it says of noise and distortion.
+pub(super) type Found = (ChannelPhasors, [f64; 4], Line);
+
+/// Measures a multisine and writes its files: `multisine.csv`, `raw_multisine.csv`,
+/// `multisine_lines.csv`, and all that is told of it in `multisine.json`; `shared/multisine.csv`
+/// has what its points share.
+pub(super) async fn measure(
+    executor: &mut Executor<'_>,
+    ((number, stage), repeat): ((usize, &Stage), usize),
+    measured: &Measured,
+) -> Result<MultisineRun, Failure> {
+    let (experiment, start_s) = (executor.experiment, executor.clock.now_s());
+    executor
+        .recorder
+        .forget_sweep(&named("multisine.csv", repeat));
+    // A multisine that was interrupted is done again whole: it takes back what it gives.
+    let points = executor
+        .stage((number, stage), &Entrance::default(), &mut |_, _| Ok(()))
+        .await?;
+    let took_s = executor.clock.now_s() - start_s;
+    for point in &points {
+        for warning in &point.warnings {
+            executor
+                .recorder
+                .point_warning("multisine", point.phasors.freq_hz, warning);
+        }
+    }
+    let recorder = &mut *executor.recorder;
+    let flagged = sweeping::flags(&points, &mut |freq_hz, text| {
+        recorder.point_warning("multisine", freq_hz, text)
+    });
+    let lines = std::mem::take(&mut executor.lines);
+    let found: Vec<Found> = points
+        .iter()
+        .zip(lines)
+        .map(|(point, line)| (point.phasors, point.volts_per_div, line))
+        .collect();
+    let run = write(
+        executor.recorder,
+        (experiment, stage, repeat),
+        &found,
+        (measured, flagged, took_s),
+    )?;
+    let corrected = measured.correction.reduced_chi2.is_some();
+    let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
+    let below = sweeping::below(&phasors, experiment.bench.wiring.shunt.r_ohm);
+    let entry = SweepEntry {
+        flagged: run.flagged.clone(),
+        own_sigma_ohm: if corrected {
+            sweeping::own_sigma_ohm(&run.own_noise)
+        } else {
+            Vec::new()
+        },
+        common_error: if corrected {
+            measured
+                .correction
+                .common_error(&phasors, &sweeping::shunt_phasors(measured))
+        } else {
+            None
+        },
+        below_ohm: below.map(|below| below.r_ohm),
+        below_h: below.map(|below| below.l_h),
+        ..entry(executor, (stage, repeat), (start_s, measured))
+    };
+    executor.recorder.sweep(entry)?;
+    Ok(run)
+}
+
+/// Writes all files of a multisine, from its lines and what was measured before it.
+pub(super) fn write(
+    recorder: &Recorder,
+    (experiment, stage, repeat): (&Experiment, &Stage, usize),
+    found: &[Found],
+    (measured, flagged, took_s): (&Measured, Vec<FlaggedPoint>, f64),
+) -> Result<MultisineRun, Failure> {
+    let correction = &measured.correction;
+    let corrected: Vec<ImpedancePoint> = found
+        .iter()
+        .map(|(phasors, ..)| correction.apply(phasors))
+        .collect();
+    let raw: Vec<ImpedancePoint> = found
+        .iter()
+        .map(|(phasors, ..)| raw_impedance(phasors, experiment.bench.wiring.shunt.r_ohm))
+        .collect();
+    let lines: Vec<Line> = found.iter().map(|(.., line)| *line).collect();
+    let flags: Vec<String> = found
+        .iter()
+        .map(|(phasors, ..)| reasons(&flagged, phasors.freq_hz))
+        .collect();
+    recorder.flagged_spectrum(&named("raw_multisine.csv", repeat), &raw, &flags)?;
+    recorder.flagged_spectrum(&named("multisine.csv", repeat), &corrected, &flags)?;
+    recorder.text(&named("multisine_lines.csv", repeat), &table(&lines))?;
+    recorder.flagged_parquet(&named("multisine.parquet", repeat), &corrected, &flags)?;
+    let own = |((phasors, ..), point): (&Found, &ImpedancePoint)| {
+        let covariance = correction.measured_parts(phasors).into_iter().sum();
+        ImpedancePoint {
+            covariance,
+            ..*point
+        }
+    };
+    let own_noise = Spectrum {
+        name: experiment.name.clone(),
+        points: found.iter().zip(&corrected).map(own).collect(),
+        ..Spectrum::default()
+    };
+    let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
+    let spectrum = Spectrum::new(experiment.name.clone(), corrected);
+    let spectrum = sweeping::with_shared(
+        spectrum,
+        &phasors,
+        (correction, &sweeping::jig_phasors(measured)),
+    );
+    sweeping::write_shared(
+        recorder,
+        &named("multisine.csv", repeat),
+        (&spectrum, &flags),
+    )?;
+    let volts_per_div = found
+        .iter()
+        .map(|(_, volts_per_div, _)| *volts_per_div)
+        .collect();
+    let run = MultisineRun {
+        spectrum,
+        own_noise,
+        noise_dof: noise_dof(stage),
+        flagged,
+        lines,
+        volts_per_div,
+        took_s,
+    };
+    recorder.json(&named("multisine.json", repeat), &run)?;
+    Ok(run)
+}
+
+/// Why the quality gate refused the line at a frequency; empty where it has let it through.
+fn reasons(flagged: &[FlaggedPoint], freq_hz: f64) -> String {
+    flagged
+        .iter()
+        .filter(|point| point.freq_hz == freq_hz)
+        .flat_map(|point| &point.reasons)
+        .cloned()
+        .collect::<Vec<_>>()
+        .join("; ")
+}
+
+/// What a multisine of an earlier process measured.
+pub(super) fn restore(folder: &Path, repeat: usize) -> Result<MultisineRun, Failure> {
+    let path = folder.join(named("multisine.json", repeat));
+    let text = std::fs::read_to_string(&path)
+        .map_err(|error| Failure::Analysis(format!("{}: {error}", path.display())))?;
+    serde_json::from_str(&text)
+        .map_err(|error| Failure::Analysis(format!("{}: {error}", path.display())))
+}
+
+/// The multisine in words of the index.
+fn entry(
+    executor: &Executor<'_>,
+    (stage, repeat): (&Stage, usize),
+    (start_time_s, measured): (f64, &Measured),
+) -> SweepEntry {
+    let driven = |step: &Step| {
+        if let Step::Multisine(band) = step {
+            Some(band.design.amplitude * band.peak_a)
+        } else {
+            None
+        }
+    };
+    SweepEntry {
+        file: named("multisine.csv", repeat),
+        fixture: fixture_name(Fixture::Cell).to_owned(),
+        cell: None,
+        fixture_ohm: None,
+        corrected: measured.correction.reduced_chi2.is_some(),
+        amplitude_a: stage.steps.iter().find_map(driven).unwrap_or(f64::NAN),
+        repeat,
+        order: executor.recorder.measured(),
+        start_time_s,
+        start_ocv_v: executor.idle.voltage_v,
+        temperature_c: executor.idle.temperature_c,
+        role: Role::Train,
+        repeat_group: "multisine".to_owned(),
+        flagged: Vec::new(),
+        own_sigma_ohm: Vec::new(),
+        common_error: None,
+        below_ohm: None,
+        below_h: None,
+        // All its lines are measured at once.
+        elapsed_s: Vec::new(),
+    }
+}
+
+/// Between a line and its neighbours on either side lie a bin less than there are periods, of two
+/// parts each.
+fn noise_dof(stage: &Stage) -> f64 {
+    let of = |step: &Step| {
+        if let Step::Multisine(band) = step {
+            Some(4.0 * (band.periods() - 1.0))
+        } else {
+            None
+        }
+    };
+    stage
+        .steps
+        .iter()
+        .filter_map(of)
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// A file of the first repeat is called as it is, of a further one with its number.
+pub(super) fn named(file: &str, repeat: usize) -> String {
+    if repeat == 1 {
+        file.to_owned()
+    } else {
+        file.replacen('.', &format!("_{repeat}."), 1)
+    }
+}
+
+fn table(lines: &[Line]) -> String {
+    let mut text = "freq_hz,noise,even,odd,sigma,images\n".to_owned();
+    for line in lines {
+        let _ = writeln!(
+            text,
+            "{},{:e},{:e},{:e},{:e},{:e}",
+            line.freq_hz, line.noise, line.even, line.odd, line.sigma, line.images
+        );
+    }
+    text
+}
+
+/// A sentence for the summary and the report.
+pub(super) fn in_words(run: &MultisineRun) -> String {
+    let (Some(first), Some(last)) = (run.spectrum.points.first(), run.spectrum.points.last())
+    else {
+        return "multisine without lines".to_owned();
+    };
+    let worst = run
+        .lines
+        .iter()
+        .filter(|line| line.is_distorted())
+        .max_by(|a, b| a.even.max(a.odd).total_cmp(&b.even.max(b.odd)));
+    let distortion = worst.map_or_else(
+        || "no nonlinear distortion beyond the noise".to_owned(),
+        |line| {
+            format!(
+                "nonlinear distortion, at most {:.2} % even and {:.2} % odd of the voltage at \
+                {:.4} Hz",
+                100.0 * line.even,
+                100.0 * line.odd,
+                line.freq_hz
+            )
+        },
+    );
+    let noise = run.lines.iter().map(|line| line.noise).fold(0.0, f64::max);
+    format!(
+        "multisine: {} lines from {:.4} Hz to {:.4} Hz in {:.0} s; noise at most {:.3} %; \
+        {distortion}",
+        run.lines.len(),
+        first.freq_hz,
+        last.freq_hz,
+        run.took_s,
+        100.0 * noise
+    )
+}

@@ -1,0 +1,332 @@
+//! What was done of a run before its process died or was stopped, and whether it is still the same
+//! run.
+
+use std::{path::Path, sync::Arc};
+
+use instruments::clock::{self, TimeMode};
+
+use super::{FINISHED, play::Run};
+use crate::{
+    bench::Bench,
+    config::{Copies, Experiment, Source, resolve_experiment},
+    executor::charge_of,
+    failure::Failure,
+    hash,
+    journal::{self, ConfigCopy, Entry, Read, Started},
+    plan::{Plan, Purpose, Stage, Step},
+    procedure, reconcile,
+    record::{Event, Recorder},
+    story::{Next, Story},
+};
+
+/// The voltage at rest may differ by this much from that before the sweep, V. A sweep moves no
+/// charge on the whole, so that no relaxation of more than a few millivolts follows it; two
+/// voltmeters differ by a few more. Beyond it the cell has another state of charge.
+const MOVED_V: f64 = 0.02;
+
+/// What was done, and where it goes on.
+pub(crate) struct Past {
+    pub(super) read: Read,
+    pub(super) story: Story,
+    pub(super) next: Next,
+    /// A person has looked at the cell.
+    accepted: bool,
+    /// What it goes on after, where it does so by itself.
+    after: Option<String>,
+}
+
+/// The stages of a plan, each by the first digits of the hash of everything that it holds.
+pub(super) fn fingerprints(plan: &Plan) -> Vec<String> {
+    plan.stages
+        .iter()
+        .map(|stage| journal::checksum(&format!("{stage:?}")))
+        .collect()
+}
+
+impl Past {
+    /// Reads a run folder: the experiment as it was, and how far it came. `bench` is asked whether
+    /// the bench may be used, before it is decided where to go on.
+    ///
+    /// # Errors
+    /// A run that is finished; a folder, a configuration or a program that is not what it was; what
+    /// `bench` says; a step that moved a charge that nobody knows.
+    pub(crate) fn read(
+        folder: &Path,
+        accept_charge: bool,
+        bench: impl FnOnce(&Experiment) -> Result<(), Failure>,
+    ) -> Result<(Experiment, Self), Failure> {
+        let read = journal::read(folder).map_err(|error| Failure::Usage(error.to_string()))?;
+        let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
+        let story = Story::of(&read.lines).map_err(|error| {
+            usage(format!(
+                "{error}: nothing was done yet, so that it can be run \
+            from the beginning in another folder"
+            ))
+        })?;
+        if story.ended.as_deref() == Some(FINISHED) {
+            return Err(usage(
+                "expected a run that was interrupted, found one that is finished".to_owned(),
+            ));
+        }
+        let experiment = begun_experiment(folder, &story.started)?;
+        bench(&experiment)?;
+        let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
+        same_plan(&story.started, plan.plan()).map_err(usage)?;
+        let index = std::fs::read_to_string(folder.join("traces.json")).unwrap_or_default();
+        let index: analysis::dataset::RunIndex = serde_json::from_str(&index).unwrap_or_default();
+        let recorded = |step: &Step| match step {
+            Step::Trace(trace) => index
+                .traces
+                .iter()
+                .any(|known| known.name == trace.name && known.repeat == trace.repeat),
+            _ => false,
+        };
+        // A world in virtual time is played again from its beginning: nothing of its charge is
+        // unknown.
+        let accepted = accept_charge;
+        let accept_charge = accept_charge || story.started.time == TimeMode::Virtual.to_string();
+        let next = story
+            .next(plan.plan(), recorded, accept_charge)
+            .map_err(|stuck| usage(stuck.to_string()))?;
+        Ok((
+            experiment,
+            Self {
+                read,
+                story,
+                next,
+                accepted,
+                after: None,
+            },
+        ))
+    }
+
+    /// The same, going on by itself after what is said so.
+    pub(super) fn after(self, text: String) -> Self {
+        Self {
+            after: Some(text),
+            ..self
+        }
+    }
+
+    /// Bench time at which the run goes on, s: in real time as if it had gone on all the while, on
+    /// scaled mocks the time of the last entry.
+    pub(crate) fn time_s(&self, folder: &Path) -> f64 {
+        let manifest = std::fs::read_to_string(folder.join("manifest.json")).unwrap_or_default();
+        let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();
+        let real = self.story.started.time == TimeMode::Real.to_string();
+        let passed_s = manifest["started_unix_s"]
+            .as_f64()
+            .filter(|_| real)
+            .map_or(0.0, |start_s| clock::unix_time_s() - start_s);
+        passed_s.max(self.story.last_s)
+    }
+
+    /// Whether it has begun anything that may have left a current flowing.
+    pub(super) fn has_driven(&self) -> bool {
+        self.read
+            .lines
+            .iter()
+            .any(|line| matches!(line.entry, Entry::Intent { live: true, .. }))
+    }
+
+    /// How many points were finished.
+    pub(super) fn points(&self) -> usize {
+        self.story
+            .stages
+            .values()
+            .map(|stage| stage.points.len())
+            .sum()
+    }
+
+    /// What is to be said when the points of the open sweep were measured at another state of
+    /// charge than the cell has now.
+    fn moved(&self, volts: f64) -> Option<String> {
+        let (open, _) = self.next.open?;
+        let points = &self.story.stages.get(&open)?.points;
+        let before_v = points.values().next()?.idle.voltage_v?;
+        if self.next.again.is_some() || (volts - before_v).abs() <= MOVED_V {
+            return None;
+        }
+        let at: Vec<String> = points
+            .values()
+            .map(|done| format!("{:.4}", done.point.phasors.freq_hz))
+            .collect();
+        Some(format!(
+            "stage {}: expected the cell within {MOVED_V} V of the {before_v:.4} V at which this \
+            sweep began, found {volts:.4} V: its points at {} Hz \
+             belong to another state of charge than those that follow",
+            open + 1,
+            at.join(", ")
+        ))
+    }
+
+    /// The run began on a simulated bench, or with a correction, of runs before it.
+    pub(crate) fn inherited(&self) -> bool {
+        self.story.started.inherited
+    }
+
+    /// Charge that traces have left in the cell in the jig since it was brought to a state of
+    /// charge or taken into use, C.
+    pub(super) fn charge_left_c(&self, recorder: &Recorder, plan: &Plan) -> Result<f64, Failure> {
+        let Some(last) = recorder.index().traces.last() else {
+            return Ok(0.0);
+        };
+        let latest = self.story.latest.and_then(|number| plan.stages.get(number));
+        let same_cell = latest
+            .and_then(Stage::specimen)
+            .is_none_or(|specimen| last.cell.as_deref() == Some(specimen.name.as_str()));
+        let resets = |stage: &Stage| matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc);
+        let began = |number: usize| self.story.stages.get(&number).map(|story| story.began_s);
+        let reset = plan
+            .stages
+            .iter()
+            .enumerate()
+            .filter(|(_, stage)| resets(stage))
+            .filter_map(|(number, _)| began(number));
+        if !same_cell || reset.fold(f64::NEG_INFINITY, f64::max) > last.start_time_s {
+            return Ok(0.0);
+        }
+        let rows = analysis::dataset::read_trace_csv(&recorder.path(&last.file))
+            .map_err(crate::record::RecordError::from)?;
+        Ok(last.charge_before_c + charge_of(&rows))
+    }
+
+    /// Says in the run folder that the run goes on, and where.
+    pub(super) fn tell(&self, recorder: &mut Recorder, plan: &Plan) -> Result<(), Failure> {
+        let purpose = |number: usize| {
+            plan.stages
+                .get(number)
+                .map_or_else(String::new, |stage| stage.purpose.to_string())
+        };
+        let open = self.next.open.map_or_else(
+            || "with the next stage".to_owned(),
+            |(stage, step)| {
+                format!(
+                    "in stage {} ({}) from step {}",
+                    stage + 1,
+                    purpose(stage),
+                    step + 1
+                )
+            },
+        );
+        let again = self.next.again.map_or_else(String::new, |stage| {
+            format!(", after stage {} ({}) again", stage + 1, purpose(stage))
+        });
+        let points = self.points();
+        let text = format!("the run goes on {open}{again}; {points} points were finished before");
+        tracing::info!("{text}");
+        if let Some(after) = &self.after {
+            recorder.warning(after);
+        }
+        recorder.event(Event::Resumed, &text)?;
+        Ok(recorder.journal(Entry::Resumed { text })?)
+    }
+}
+
+impl Run<'_> {
+    /// Writes down what the instruments are found in before anything is sent that changes them.
+    pub(super) async fn reconcile(&mut self, bench: &mut Bench) -> Result<(), Failure> {
+        let found = reconcile::look(bench).await?;
+        for found in &found {
+            self.recorder.event(Event::Bench, &found.to_string())?;
+            self.recorder.journal(Entry::Found(found.clone()))?;
+        }
+        // The load's leads see the cell itself; a current that flows moves it, too.
+        let volts = found
+            .iter()
+            .find(|found| found.role == "load")
+            .and_then(|found| found.volts);
+        let quiet = found
+            .iter()
+            .filter(|found| found.moves_charge())
+            .all(|found| found.off);
+        let Some((past, volts)) = self.past.as_ref().zip(volts).filter(|_| quiet) else {
+            return Ok(());
+        };
+        let Some(text) = past.moved(volts) else {
+            return Ok(());
+        };
+        if !past.accepted {
+            let help = "bring the cell to its state by hand, or go on with --accept-charge, which \
+            flags these points";
+            return Err(Failure::Usage(format!(
+                "{}: {text}; {help}",
+                self.recorder.folder().display()
+            )));
+        }
+        self.recorder.warning(&text);
+        Ok(())
+    }
+}
+
+/// The experiment that a run began with, from the copies in its folder.
+///
+/// # Errors
+/// Another version of the program; a copy that is not what it was.
+pub(crate) fn begun_experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
+    let version = env!("CARGO_PKG_VERSION");
+    if started.version != version {
+        let text = format!(
+            "expected a run of version {version} of this program, found one of {}",
+            started.version
+        );
+        return Err(Failure::Usage(format!("{}: {text}", folder.display())));
+    }
+    copied_experiment(folder, started)
+}
+
+/// As [`begun_experiment`], whatever the version of the program.
+pub(super) fn copied_experiment(folder: &Path, started: &Started) -> Result<Experiment, Failure> {
+    let usage = |path: &Path, text: String| Failure::Usage(format!("{}: {text}", path.display()));
+    let mut copies = Copies::new();
+    for ConfigCopy { path, copy, sha256 } in &started.files {
+        let file = folder.join(copy);
+        let text = std::fs::read_to_string(&file).map_err(|error| {
+            usage(
+                &file,
+                format!("expected the copy of {}: {error}", path.display()),
+            )
+        })?;
+        let found = hash::sha256(&text);
+        if found != *sha256 {
+            return Err(usage(
+                &file,
+                format!(
+                    "expected the file that the run began with (SHA-256 {sha256}), found another \
+                    one ({found})"
+                ),
+            ));
+        }
+        copies.insert(path.clone(), text);
+    }
+    let copies = Arc::new(copies);
+    let [first, bench, ..] = started.files.as_slice() else {
+        return Err(usage(
+            folder,
+            "expected the copies of an experiment and a bench".to_owned(),
+        ));
+    };
+    let mut experiment =
+        resolve_experiment(Source::copy(&first.path, &copies)?, Some(&bench.path))?;
+    experiment.seed = started.seed;
+    Ok(experiment)
+}
+
+/// What a program makes of the same files may have changed with it.
+fn same_plan(started: &Started, plan: &Plan) -> Result<(), String> {
+    let found = fingerprints(plan);
+    if let Some(number) = (0..found.len().max(started.plan.len()))
+        .find(|number| found.get(*number) != started.plan.get(*number))
+    {
+        let what = plan
+            .stages
+            .get(number)
+            .map_or_else(|| "none".to_owned(), |stage| stage.purpose.to_string());
+        return Err(format!(
+            "expected the plan that the run began with; stage {} ({what}) would be another one: \
+            this program is not the one that began it",
+            number + 1
+        ));
+    }
+    Ok(())
+}

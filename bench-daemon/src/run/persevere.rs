@@ -1,0 +1,317 @@
+//! A run that goes on by itself after what passes by itself: an answer that came late, a connection
+//! that broke. Each time the bench was in safe state, verified, before it goes on as `eis-bench
+//! resume` does: every connection is new, every instrument is identified, looked at, set and read
+//! back. No current flows meanwhile.
+
+use std::path::Path;
+
+use super::{Finished, Past, Session, stop::StopSignals};
+use crate::{
+    bench::BenchError,
+    config::{Experiment, Perseverance},
+    executor::ExecuteError,
+    failure::Failure,
+    guardian::GuardianError,
+    journal::{self, Entry},
+    state::{Lock, State},
+    terminal::remark,
+    wishes::{Course, Wishes},
+};
+
+/// How often a wish to end is looked for while it waits, s.
+const LOOK_S: f64 = 0.5;
+
+/// How often it may still go on by itself.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Budget {
+    policy: Perseverance,
+    passing: usize,
+    others: usize,
+    /// Points that were finished when it went on last, when that was, bench s, how often nothing
+    /// was done in between, and how often of these it had come so far that an output might have
+    /// been on.
+    points: usize,
+    since_s: f64,
+    stalled: usize,
+    driven: usize,
+}
+
+/// What comes again and again behind an output that was on, with nothing done in between, does not
+/// pass.
+const MOST_STALLED: usize = 2;
+/// The wait before it goes on is doubled so often at most.
+const MOST_DOUBLED: usize = 6;
+/// A step that takes long is done in part, s.
+const DONE_S: f64 = 600.0;
+
+impl Budget {
+    pub(super) fn of(policy: Perseverance) -> Self {
+        Self {
+            policy,
+            passing: 0,
+            others: 0,
+            points: 0,
+            since_s: f64::NEG_INFINITY,
+            stalled: 0,
+            driven: 0,
+        }
+    }
+
+    /// The wait before it goes on after this failure, with so many points finished at `now_s`, s,
+    /// and in words which time it is; none where it does not. What comes again with nothing done in
+    /// between does not pass at once: each wait is twice the one before, and behind an output that
+    /// was on there is no third. An instrument that was not even reached is waited for as long as
+    /// the budget lasts: nothing was switched on.
+    fn next(&mut self, failure: &Failure, points: usize, now_s: f64) -> Option<(f64, String)> {
+        let moved = points > self.points || now_s - self.since_s > DONE_S;
+        (self.stalled, self.driven) = if moved {
+            (0, 0)
+        } else {
+            (
+                self.stalled + 1,
+                self.driven + usize::from(!unreached(failure)),
+            )
+        };
+        (self.points, self.since_s) = (points, now_s);
+        if passes(failure) && self.passing < self.policy.passing && self.driven < MOST_STALLED {
+            self.passing += 1;
+            let wait_s = self.policy.pause_s * f64::from(1 << self.stalled.min(MOST_DOUBLED));
+            return Some((
+                wait_s,
+                format!(
+                    "{} of {} for faults that pass",
+                    self.passing, self.policy.passing
+                ),
+            ));
+        }
+        if may_pass(failure) && self.others < self.policy.most {
+            self.others += 1;
+            return Some((
+                self.policy.after_s,
+                format!("{} of {} by [resume]", self.others, self.policy.most),
+            ));
+        }
+        None
+    }
+}
+
+/// A fault of the wire or of one answer.
+fn passes(failure: &Failure) -> bool {
+    match failure {
+        Failure::Bench(BenchError::Link { source, .. })
+        | Failure::Execute(ExecuteError::Bench(BenchError::Link { source, .. })) => {
+            source.may_pass()
+        }
+        // The next guardian connects before anybody else.
+        Failure::Guardian(error) => error.may_pass(),
+        _ => false,
+    }
+}
+
+/// It came while the bench was connected to: no output was on by this run since it was verified to
+/// be off.
+fn unreached(failure: &Failure) -> bool {
+    matches!(failure, Failure::Bench(_) | Failure::Guardian(_))
+}
+
+/// Whatever an instrument did, as long as no limit of the cell was touched and every output is off.
+/// A person, a file, a plan and a control that is wrong do not change by waiting.
+fn may_pass(failure: &Failure) -> bool {
+    matches!(
+        failure,
+        Failure::Bench(BenchError::Link { .. })
+            // The next guardian does not reach an instrument that is away for longer.
+            | Failure::Guardian(GuardianError::Refused(_) | GuardianError::Unreached(_) | GuardianError::Bench(_))
+            | Failure::Execute(
+                ExecuteError::Bench(BenchError::Link { .. })
+                    | ExecuteError::Disobeyed { .. }
+                    | ExecuteError::Meddled { .. }
+                    | ExecuteError::Disagree { .. }
+                    | ExecuteError::Frozen { .. }
+                    | ExecuteError::Signal { .. }
+                    | ExecuteError::Frame { .. }
+            )
+    )
+}
+
+/// Points that the journal holds.
+fn finished_points(folder: &Path) -> usize {
+    journal::read(folder).map_or(0, |read| {
+        read.lines
+            .iter()
+            .filter(|line| matches!(line.entry, Entry::Point(_)))
+            .count()
+    })
+}
+
+/// The bench, kept from others; nothing where it is simulated in this process.
+fn held(experiment: &Experiment, folder: &Path) -> Result<Option<(State, Lock)>, Failure> {
+    let Some(state) = State::of(&experiment.bench)? else {
+        return Ok(None);
+    };
+    let lock = state.lock(&std::path::absolute(folder)?)?;
+    Ok(Some((state, lock)))
+}
+
+impl Session {
+    /// What becomes of a run whose first part ended so.
+    pub(super) fn persevere(
+        &mut self,
+        (experiment, folder): (&Experiment, &Path),
+        mut outcome: Result<Finished, Failure>,
+        mut stop: StopSignals,
+    ) -> Result<Finished, Failure> {
+        let mut budget = Budget::of(experiment.perseverance);
+        loop {
+            let Err(failure) = &outcome else {
+                return outcome;
+            };
+            let Some((wait_s, which)) = budget.next(failure, finished_points(folder), self.now_s())
+            else {
+                return outcome;
+            };
+            // Whoever asks for the end while it waits must find somebody to ask, and nobody else
+            // may take the bench or the folder.
+            let (Ok(held), Ok(writing)) = (held(experiment, folder), journal::hold(folder)) else {
+                return outcome;
+            };
+            let text = format!("went on by itself ({which}) after: {failure}");
+            remark!(
+                "eis-bench: {failure}; every output is off: going on by itself in {wait_s:.0} s \
+                ({which})"
+            );
+            if !self.waited(wait_s, folder, &mut stop)? {
+                return outcome;
+            }
+            let free = |_: &Experiment| {
+                held.as_ref()
+                    .map_or(Ok(()), |(state, _)| Ok(state.refuse_latched()?))
+            };
+            let (experiment, past) = match Past::read(folder, false, free) {
+                Ok((_, past)) if !past.has_driven() => {
+                    remark!("eis-bench: nothing was switched on yet: it does not go on by itself");
+                    return outcome;
+                }
+                Ok(read) => read,
+                Err(stuck) => {
+                    remark!("eis-bench: it cannot go on by itself: {stuck}");
+                    return outcome;
+                }
+            };
+            drop((held, writing));
+            outcome = self.play(&experiment, folder, Some(past.after(text)));
+        }
+    }
+
+    /// Waits unless a person wants the run to end; whether to go on.
+    fn waited(&self, wait_s: f64, folder: &Path, stop: &mut StopSignals) -> Result<bool, Failure> {
+        let Some(runtime) = &self.runtime else {
+            return Ok(false);
+        };
+        runtime.block_on(async {
+            let end_s = self.clock.now_s() + wait_s;
+            while self.clock.now_s() < end_s {
+                if Wishes::read(folder).course == Course::Abort {
+                    return Ok(false);
+                }
+                tokio::select! {
+                    () = self.clock.sleep_s(LOOK_S.min(wait_s)) => {}
+                    () = stop.requested() => return Ok(false),
+                }
+            }
+            Ok(!stop.came().await)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn lost() -> BenchError {
+        let source = instruments::link::LinkError::Dropped {
+            link: "scope".to_owned(),
+            why: String::new(),
+        };
+        BenchError::Link {
+            role: "scope",
+            model: String::new(),
+            source: Box::new(source),
+        }
+    }
+
+    /// The waits before six attempts; `at` gives finished points and time, s, of each failure.
+    fn waits(most: usize, at: impl Fn(usize) -> (Failure, usize, f64)) -> Vec<Option<f64>> {
+        let mut budget = Budget::of(Perseverance {
+            passing: 5,
+            pause_s: 5.0,
+            most,
+            after_s: 300.0,
+        });
+        let next = |k| {
+            let (failure, points, now_s) = at(k);
+            budget
+                .next(&failure, points, now_s)
+                .map(|(wait_s, _)| wait_s)
+        };
+        (1..=6).map(next).collect()
+    }
+
+    #[test]
+    fn what_comes_again_with_nothing_done_in_between_passes_later_or_not_at_all() {
+        let driven = || Failure::Execute(ExecuteError::Bench(lost()));
+        let five = [Some(5.0), Some(5.0), Some(5.0), Some(5.0), Some(5.0), None];
+        // A point each, or ten minutes of a discharge.
+        assert_eq!(waits(0, |k| (driven(), k, 20.0 * k as f64)), five);
+        assert_eq!(waits(0, |k| (driven(), 0, 700.0 * k as f64)), five);
+        assert_eq!(
+            waits(0, |k| (driven(), 3, 30.0 * k as f64))[..3],
+            [Some(5.0), Some(10.0), None]
+        );
+        assert_eq!(
+            waits(2, |k| (driven(), 3, 30.0 * k as f64)),
+            [Some(5.0), Some(10.0), Some(300.0), Some(300.0), None, None]
+        );
+    }
+
+    #[test]
+    fn a_drop_of_two_minutes_is_outlived_where_the_guardian_or_the_daemon_does_not_even_reach_the_bench()
+     {
+        let growing = [
+            Some(5.0),
+            Some(10.0),
+            Some(20.0),
+            Some(40.0),
+            Some(80.0),
+            None,
+        ];
+        // The first fault was met while a current flowed.
+        let first = |k, other: Failure| {
+            if k == 1 {
+                Failure::Execute(ExecuteError::Bench(lost()))
+            } else {
+                other
+            }
+        };
+        let unreached =
+            || Failure::Guardian(GuardianError::Unreached("generator: no answer".to_owned()));
+        assert_eq!(
+            waits(0, |k| (first(k, unreached()), 3, 30.0 * k as f64)),
+            growing
+        );
+        assert_eq!(
+            waits(0, |k| (
+                first(k, Failure::Bench(lost())),
+                3,
+                30.0 * k as f64
+            )),
+            growing
+        );
+        // What a guardian refuses for another reason does not pass by itself.
+        let refused = || Failure::Guardian(GuardianError::Refused("another model".to_owned()));
+        assert_eq!(
+            waits(0, |k| (first(k, refused()), 3, 30.0 * k as f64))[..2],
+            [Some(5.0), None]
+        );
+    }
+}

@@ -1,0 +1,264 @@
+//! One run from its first connection to its last file: guardian, instruments, plan, safe state,
+//! results.
+
+use std::collections::BTreeMap;
+
+use analysis::calibration::Correction;
+use instruments::{clock::Clock, transport::MemoryHub};
+
+use super::{
+    FINISHED, Finished, Measured, Past,
+    drive::{self, Before},
+    results,
+    stop::{StopSignals, caught},
+};
+use crate::{
+    bench::{Bench, Connections, Identified},
+    config::Experiment,
+    custody::Custody,
+    doctor,
+    failure::Failure,
+    interlock::NO_CURRENT_A,
+    journal::Entry,
+    operator::Operator,
+    plan::Checked,
+    present::quoted,
+    progress::Progress,
+    reconcile,
+    record::Recorder,
+    sim::Simulation,
+    terminal::remark,
+};
+
+pub(super) struct Run<'a> {
+    pub(super) experiment: &'a Experiment,
+    pub(super) plan: &'a Checked,
+    pub(super) clock: Clock,
+    pub(super) operator: Operator,
+    pub(super) recorder: Recorder,
+    /// The simulated world, and the correction where that of a run before is to be kept.
+    pub(super) before: (Option<Simulation>, Option<Correction>),
+    /// A run before has used this simulated world.
+    pub(super) inherited_world: bool,
+    /// What was done of this run before its process died or was stopped.
+    pub(super) past: Option<Past>,
+}
+
+/// Refuses a bench on which something is switched on that can move charge: another program may be
+/// at it, and nothing was changed yet.
+pub(crate) async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
+    let found = reconcile::look(bench).await?;
+    // A bipolar supply that knows no off stands at zero while its generator does.
+    let commanded = found
+        .iter()
+        .any(|found| found.role == "generator" && !found.off);
+    let driven = found.iter().find(|found| {
+        let on = match found.role.as_str() {
+            // A bath moves no charge.
+            "generator" | "chiller" => false,
+            "supply4q" => !found.off && commanded,
+            _ => !found.off,
+        };
+        on || found.amps.is_some_and(|amps| amps.abs() > NO_CURRENT_A)
+    });
+    match driven {
+        None => Ok(()),
+        Some(found) => Err(Failure::Usage(format!(
+            "expected every output off at the beginning, {found}: if no other program uses this \
+            bench, `eis-bench safe` switches it off"
+        ))),
+    }
+}
+
+impl Run<'_> {
+    /// Plays the plan; the bench is in safe state when this returns.
+    ///
+    /// # Errors
+    /// Whatever ended the run early.
+    pub(super) async fn go(mut self) -> Result<Finished, Failure> {
+        match &self.past {
+            None => self.begin()?,
+            Some(past) => past.tell(&mut self.recorder, self.plan.plan())?,
+        }
+        let hub = MemoryHub::new();
+        let simulation = self.before.0.take();
+        if let Some(simulation) = &simulation {
+            simulation.serve_in_process(&self.experiment.bench, &self.clock, &hub)?;
+        }
+        let mut taps = BTreeMap::new();
+        for (role, _) in self.experiment.bench.instruments.addressed() {
+            taps.insert(role, self.recorder.tap(role)?);
+        }
+        let mut stop = StopSignals::install()?;
+        let connections = Connections {
+            clock: self.clock.clone(),
+            hub,
+            taps,
+        };
+        if self.experiment.bench.instruments.logger.is_none() {
+            self.recorder
+                .warning("nothing watches the cell's temperature: the bench has no logger");
+        }
+        self.experiment
+            .cell
+            .wide
+            .iter()
+            .for_each(|text| self.recorder.warning(text));
+        let progress = Progress::new(self.plan.plan());
+        let mut custody = tokio::select! {
+            taken = Custody::take(self.experiment, self.recorder.folder(), (&self.clock, progress.doing())) => taken?,
+            () = stop.requested() => return Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+        };
+        let (mut bench, identities) = match self.open(&connections).await {
+            Ok(opened) => opened,
+            Err(failure) => return custody.end(Err(failure)).await,
+        };
+        let around = (&self.clock, &self.operator, &progress);
+        let before = Before {
+            inherited: self.before.1.take(),
+            past: self.past.as_ref(),
+        };
+        let outcome = tokio::select! {
+            outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, around, before)) => outcome,
+            () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
+            lost = custody.lost() => Err(lost.into()),
+        };
+        progress.finish();
+        let outcome = match caught(async { Ok(bench.made_safe().await) }).await {
+            Ok(safe) => Failure::unsafe_first(safe, outcome),
+            Err(panic) => Err(Failure::Unsafe {
+                failures: format!("what the outputs do is not known: {panic}"),
+                cause: String::new(),
+            }),
+        };
+        if outcome.is_err()
+            && let Ok(Some(bath)) = caught(async { Ok(bench.stray_bath().await) }).await
+        {
+            remark!("eis-bench: {bath}");
+            self.recorder.warning(&bath.words);
+        }
+        // What could not be switched off is left to the guardian, which needs the instruments for
+        // itself.
+        drop(bench);
+        let outcome = custody.end(outcome).await;
+        self.conclude(outcome, (&identities, connections, simulation))
+    }
+
+    /// Writes down how it ended; results are made of what was measured.
+    fn conclude(
+        mut self,
+        outcome: Result<Measured, Failure>,
+        (identities, connections, simulation): (&[Identified], Connections, Option<Simulation>),
+    ) -> Result<Finished, Failure> {
+        for (role, tap) in &connections.taps {
+            if let Some(error) = tap.take_error() {
+                self.recorder
+                    .warning(&format!("the transcript of {role} is incomplete: {error}"));
+            }
+        }
+        let happened = simulation
+            .as_ref()
+            .map(Simulation::happened)
+            .unwrap_or_default();
+        if !happened.is_empty() {
+            self.recorder.warning(&format!(
+                "{} faults were played on the simulated instruments: faults.json",
+                happened.len()
+            ));
+            self.recorder.json("faults.json", &happened)?;
+        }
+        let readings = self.recorder.finish_readings();
+        match outcome {
+            Ok(measured) => {
+                self.recorder.journal(Entry::Safe)?;
+                let summary = readings
+                    .map_err(Failure::from)
+                    .and_then(|()| results::write(&mut self.recorder, self.experiment, &measured));
+                let summary = match summary {
+                    Ok(summary) => summary,
+                    Err(failure) => {
+                        self.ended_early(identities, "measured, but not evaluated", &failure);
+                        return Err(failure);
+                    }
+                };
+                self.manifest(identities, "finished")?;
+                self.recorder.journal(Entry::Ended {
+                    how: FINISHED.to_owned(),
+                })?;
+                Ok(Finished {
+                    measured,
+                    summary,
+                    simulation,
+                })
+            }
+            Err(failure) => {
+                self.ended_early(identities, "ended early", &failure);
+                Err(failure)
+            }
+        }
+    }
+
+    /// Connects to the instruments, which must be the configured ones. Changes nothing on them.
+    async fn open(
+        &mut self,
+        connections: &Connections,
+    ) -> Result<(Bench, Vec<Identified>), Failure> {
+        let mut bench = Bench::open(&self.experiment.bench, connections).await?;
+        let identities = bench.identify_strictly().await?;
+        self.doctored(&identities)?;
+        self.manifest(&identities, "running")?;
+        // Only what this run may have left on is its own to switch off.
+        if !self.past.as_ref().is_some_and(Past::has_driven) {
+            nobody_drives(&mut bench).await?;
+        }
+        if self.past.is_some() {
+            self.reconcile(&mut bench).await?;
+        }
+        Ok((bench, identities))
+    }
+
+    /// A bench that no report of the doctor speaks for is remarked, or refused where its file wants
+    /// one.
+    fn doctored(&mut self, identities: &[Identified]) -> Result<(), Failure> {
+        let config = &self.experiment.bench;
+        let source = self
+            .experiment
+            .sources
+            .iter()
+            .find(|source| source.path() == config.path);
+        let Some(why) = doctor::standing(
+            config,
+            source.map_or("", |source| source.text()),
+            identities,
+        ) else {
+            return Ok(());
+        };
+        let what = format!(
+            "{why}; `eis-bench doctor {}` looks at it",
+            quoted(&config.path)
+        );
+        if config.doctor.required {
+            return Err(Failure::Usage(format!(
+                "the bench file requires a report of the doctor: {what}"
+            )));
+        }
+        self.recorder.warning(&what);
+        Ok(())
+    }
+
+    /// The reason for the end outweighs a manifest that cannot be written.
+    fn ended_early(&mut self, identities: &[Identified], how: &str, failure: &Failure) {
+        tracing::info!("{how}: {failure}");
+        let told = self.manifest(identities, &format!("{how}: {failure}"));
+        let told = told.and(
+            self.recorder
+                .journal(Entry::Ended {
+                    how: format!("{how}: {failure}"),
+                })
+                .map_err(Failure::from),
+        );
+        if let Err(error) = told {
+            tracing::error!("{error}");
+        }
+    }
+}

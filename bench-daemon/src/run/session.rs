@@ -1,0 +1,231 @@
+//! A bench on which runs follow each other, and what is asked before each of them.
+
+use std::path::Path;
+
+use analysis::calibration::Correction;
+use instruments::{
+    clock::{Clock, TimeMode},
+    mock::plant::Fixture,
+};
+use tokio::runtime::Runtime;
+
+use super::{Finished, Past, play::Run, stop::StopSignals};
+use crate::{
+    config::{self, Experiment},
+    custody,
+    drill::Drill,
+    failure::Failure,
+    logging,
+    operator::Operator,
+    procedure,
+    record::Recorder,
+    sim::Simulation,
+    sums,
+    terminal::remark,
+};
+
+/// Runs on one bench, one after the other: time goes on from run to run, and so does a simulated
+/// world; the bench's correction stays.
+pub struct Session {
+    pub(super) runtime: Option<Runtime>,
+    pub(super) clock: Clock,
+    simulation: Option<Simulation>,
+    correction: Option<Correction>,
+}
+
+impl Session {
+    /// A bench on which nothing was run yet.
+    ///
+    /// # Errors
+    /// What the system says when it has no event queue.
+    pub fn new(bench: &config::Bench) -> Result<Self, Failure> {
+        let mode = bench
+            .simulation
+            .as_ref()
+            .map_or(TimeMode::Real, |simulation| simulation.time);
+        let runtime = Clock::runtime(mode)?;
+        let clock = runtime.block_on(async { Clock::start(mode) });
+        Ok(Self {
+            runtime: Some(runtime),
+            clock,
+            simulation: None,
+            correction: None,
+        })
+    }
+
+    /// Bench time, s.
+    pub fn now_s(&self) -> f64 {
+        self.runtime.as_ref().map_or(0.0, |runtime| {
+            runtime.block_on(async { self.clock.now_s() })
+        })
+    }
+
+    /// A bench on which a run goes on whose journal ends at a bench time, s.
+    ///
+    /// # Errors
+    /// As [`Session::new`].
+    pub(crate) fn at(bench: &config::Bench, time_s: f64) -> Result<Self, Failure> {
+        let mut session = Self::new(bench)?;
+        if let Some(runtime) = &session.runtime {
+            session.clock =
+                runtime.block_on(async { Clock::start_at(session.clock.mode(), time_s) });
+        }
+        Ok(session)
+    }
+
+    /// The simulated world behind the mocks, where there is one in this process and something was
+    /// run on it, however it ended.
+    pub fn simulation(&self) -> Option<&Simulation> {
+        self.simulation.as_ref()
+    }
+
+    /// Runs an experiment into a folder. One without controls of its own takes over the correction
+    /// of the run before.
+    ///
+    /// # Errors
+    /// As [`super::run`].
+    pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
+        let stop = self.signals()?;
+        let outcome = self.play(experiment, folder, None);
+        self.persevere((experiment, folder), outcome, stop)
+    }
+
+    /// Goes on with a run in its folder.
+    ///
+    /// # Errors
+    /// As [`super::run`].
+    pub(crate) fn go_on(
+        &mut self,
+        experiment: &Experiment,
+        folder: &Path,
+        past: Past,
+    ) -> Result<Finished, Failure> {
+        let stop = self.signals()?;
+        let outcome = self.play(experiment, folder, Some(past));
+        self.persevere((experiment, folder), outcome, stop)
+    }
+
+    /// What asks for the end from here on, whether or not anybody looks just then.
+    fn signals(&self) -> Result<StopSignals, Failure> {
+        let Some(runtime) = &self.runtime else {
+            return Err(ended());
+        };
+        Ok(runtime.block_on(async { StopSignals::install() })?)
+    }
+
+    pub(super) fn play(
+        &mut self,
+        experiment: &Experiment,
+        folder: &Path,
+        past: Option<Past>,
+    ) -> Result<Finished, Failure> {
+        let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
+        experiment
+            .cell
+            .wide
+            .iter()
+            .for_each(|text| remark!("note: {text}"));
+        let operator = Operator::detect();
+        refuse_without_person(experiment, operator)?;
+        let Some(runtime) = &self.runtime else {
+            return Err(ended());
+        };
+        let inherited_world = self.simulation.is_some();
+        if !inherited_world {
+            self.simulation = simulated(experiment)?;
+        }
+        let (clock, simulation) = (self.clock.clone(), self.simulation.clone());
+        let inherited = self
+            .correction
+            .clone()
+            .filter(|_| experiment.fixture_check.is_none());
+        custody::refuse(&experiment.bench)?;
+        let drill = Drill::from_environment(experiment.bench.simulation.is_some())
+            .map_err(Failure::Usage)?;
+        let finished = runtime.block_on(async {
+            let mut recorder = match &past {
+                None => Recorder::create(folder, clock.clone())?,
+                Some(past) => Recorder::reopen(folder, clock.clone(), (&past.read, &past.story))?,
+            };
+            recorder.drill(&drill);
+            logging::log_to(&recorder.path("log.txt"), &clock)?;
+            let before = (simulation, inherited);
+            Box::pin(
+                Run {
+                    experiment,
+                    plan: &plan,
+                    clock,
+                    operator,
+                    recorder,
+                    before,
+                    inherited_world,
+                    past,
+                }
+                .go(),
+            )
+            .await
+        })?;
+        self.correction = Some(finished.measured.correction.clone());
+        // Nothing may be written into the folder from here on.
+        logging::log_off();
+        sums::write(folder)?;
+        Ok(finished)
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        // A thread that still waits for a person's answer must not hold up the end.
+        if let Some(runtime) = self.runtime.take() {
+            runtime.shutdown_background();
+        }
+    }
+}
+
+fn ended() -> Failure {
+    Failure::Panic("the bench's session has ended".to_owned())
+}
+
+/// The world behind in-process addresses; with addresses on real ports somebody else serves it.
+fn simulated(experiment: &Experiment) -> Result<Option<Simulation>, Failure> {
+    let bench = &experiment.bench;
+    let Some(section) = bench.simulation.as_ref().filter(|_| bench.in_process()) else {
+        return Ok(None);
+    };
+    let read = experiment
+        .sources
+        .iter()
+        .find(|source| source.path() == section.scenario);
+    let simulation = match read {
+        Some(scenario) => Simulation::of(scenario, experiment.seed)?,
+        None => Simulation::new(&section.scenario, experiment.seed)?,
+    };
+    Ok(Some(
+        simulation
+            .with_faults(section.faults.clone())
+            .with_quirks(section.quirks.clone()),
+    ))
+}
+
+/// A sweep that begins with a person changing the fixture must not fail in the middle of the night
+/// for want of one.
+fn refuse_without_person(experiment: &Experiment, operator: Operator) -> Result<(), Failure> {
+    let person = matches!(experiment.bench.instruments.jig, Some(config::Jig::Person));
+    let cells = experiment
+        .campaign
+        .as_ref()
+        .is_some_and(|campaign| campaign.cells.len() > 1);
+    let shunt = experiment
+        .eis
+        .as_ref()
+        .is_some_and(|eis| eis.fixture == Fixture::Shunt && eis.repeat > 0);
+    if person
+        && (experiment.fixture_check.is_some() || shunt || cells)
+        && operator == Operator::Nobody
+    {
+        return Err(Failure::Usage(
+            crate::operator::OperatorError::NoTerminal.to_string(),
+        ));
+    }
+    Ok(())
+}

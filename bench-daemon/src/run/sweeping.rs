@@ -1,0 +1,476 @@
+//! One sweep in the files of a run: where its points go, and what the index says of it.
+
+use analysis::{
+    calibration::{Correction, CorrectionModes},
+    dataset::{FlaggedPoint, Role, SweepEntry},
+    effects::Below,
+    spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, at_one_time},
+};
+use instruments::mock::plant::Fixture;
+use num_complex::Complex64;
+
+use super::Measured;
+use crate::{
+    config::{CampaignRun, Experiment},
+    executor::Executor,
+    fixture_check,
+    journal::PointDone,
+    measure::SweepPoint,
+    plan::{Stage, Step, fixture_name},
+    record::{RecordError, Recorder, sweep_name},
+};
+
+/// A sweep that is being written.
+pub(super) struct Sweeping<'a> {
+    experiment: &'a Experiment,
+    fixture: Fixture,
+    repeat: usize,
+    correction: Correction,
+    /// What the channels showed of the shunt.
+    shunt: Vec<ChannelPhasors>,
+    /// What they showed in the jig before the first cell; empty without a fake cell.
+    jig: Vec<ChannelPhasors>,
+    /// The run of the campaign that it is of.
+    run: Option<CampaignRun>,
+    /// In names of files.
+    pub(super) name: String,
+    raw: String,
+    /// The file of corrected points, where they are corrected.
+    file: Option<String>,
+}
+
+/// What a whole sweep comes to.
+pub(super) struct Settled {
+    /// Its points, each frequency once.
+    pub(super) points: Vec<SweepPoint>,
+    /// The corrected spectrum.
+    pub(super) spectrum: Spectrum,
+    /// The same with the noise of its own records only.
+    pub(super) own_noise: Spectrum,
+    /// The file that the index names.
+    pub(super) file: String,
+}
+
+impl<'a> Sweeping<'a> {
+    pub(super) fn new(
+        experiment: &'a Experiment,
+        (fixture, repeat): (Fixture, usize),
+        measured: &Measured,
+    ) -> Self {
+        let correction = measured.correction.clone();
+        let (shunt, jig) = (shunt_phasors(measured), jig_phasors(measured));
+        let cell = fixture == Fixture::Cell;
+        let run = experiment
+            .campaign
+            .as_ref()
+            .filter(|_| cell)
+            .and_then(|campaign| campaign.run(repeat));
+        let name = sweep_name(fixture, repeat);
+        let corrected = cell || (repeat > 0 && correction.reduced_chi2.is_some());
+        let file = match (cell, repeat, &run) {
+            (_, _, Some(run)) => format!("spectra/{}.csv", run.name()),
+            (true, 0 | 1, None) => "spectrum.csv".to_owned(),
+            (true, _, None) => format!("spectrum_{repeat}.csv"),
+            (false, _, None) => format!("spectrum_{name}.csv"),
+        };
+        let (raw, file) = (format!("raw_{name}.csv"), corrected.then_some(file));
+        Self {
+            experiment,
+            fixture,
+            repeat,
+            correction,
+            shunt,
+            jig,
+            run,
+            name,
+            raw,
+            file,
+        }
+    }
+
+    /// The file that the index names.
+    pub(super) fn indexed(&self) -> &str {
+        self.file.as_deref().unwrap_or(&self.raw)
+    }
+
+    /// A point by the correction of where the voltage probes were.
+    fn corrected(&self, point: &SweepPoint) -> ImpedancePoint {
+        match self.fixture {
+            Fixture::Shunt => self.correction.apply_at_shunt(&point.phasors),
+            Fixture::Cell | Fixture::FakeCell | Fixture::Short => {
+                self.correction.apply(&point.phasors)
+            }
+        }
+    }
+
+    /// Appends a point to the tables.
+    pub(super) fn record(
+        &self,
+        recorder: &Recorder,
+        point: &SweepPoint,
+    ) -> Result<(), RecordError> {
+        recorder.spectrum_point(&self.raw, &self.as_read(point))?;
+        let Some(file) = &self.file else {
+            return Ok(());
+        };
+        recorder.spectrum_point(file, &self.corrected(point))
+    }
+
+    /// What a whole sweep comes to, in the tables too: by rising frequency, with the records that
+    /// count, each frequency once; where it was visited twice, at the time in the middle of the
+    /// sweep.
+    pub(super) fn settle(
+        &self,
+        recorder: &Recorder,
+        mut points: Vec<SweepPoint>,
+    ) -> Result<Settled, RecordError> {
+        points.sort_by(|a, b| a.phasors.freq_hz.total_cmp(&b.phasors.freq_hz));
+        let at_once = |of: &dyn Fn(&SweepPoint) -> ImpedancePoint| {
+            at_one_time(
+                &points
+                    .iter()
+                    .map(|point| (point.time_s, of(point)))
+                    .collect::<Vec<_>>(),
+            )
+        };
+        let as_read = at_once(&|point| self.as_read(point));
+        let corrected = at_once(&|point| self.corrected(point));
+        let own = at_once(&|point| {
+            let covariance = self
+                .correction
+                .measured_parts(&point.phasors)
+                .into_iter()
+                .sum();
+            ImpedancePoint {
+                covariance,
+                ..self.corrected(point)
+            }
+        });
+        let (begin_s, end_s) = points
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), p| {
+                (a.min(p.time_s), b.max(p.time_s))
+            });
+        points.dedup_by(|a, b| {
+            let same = a.phasors.freq_hz == b.phasors.freq_hz;
+            if same {
+                b.failing.append(&mut a.failing);
+                // That is the time that its impedance is told for.
+                b.time_s = 0.5 * (begin_s + end_s);
+            }
+            same
+        });
+        let flags = flag_texts(&points);
+        recorder.flagged_spectrum(&self.raw, &as_read, &flags)?;
+        if let Some(file) = &self.file {
+            recorder.flagged_spectrum(file, &corrected, &flags)?;
+        }
+        let named = |points| Spectrum::new(self.spectrum_name(), points);
+        let phasors: Vec<ChannelPhasors> = points.iter().map(|point| point.phasors).collect();
+        let spectrum = self.with_shared(named(corrected), &phasors);
+        if let Some(file) = &self.file {
+            write_shared(recorder, file, (&spectrum, &flags))?;
+        }
+        Ok(Settled {
+            points,
+            spectrum,
+            own_noise: named(own),
+            file: self.indexed().to_owned(),
+        })
+    }
+
+    /// A spectrum of the cell with what the correction leaves wrong in all its points; its errors
+    /// are the same for all sweeps of the run.
+    fn with_shared(&self, spectrum: Spectrum, phasors: &[ChannelPhasors]) -> Spectrum {
+        if self.fixture != Fixture::Cell || self.file.is_none() {
+            return spectrum;
+        }
+        with_shared(spectrum, phasors, (&self.correction, &self.jig))
+    }
+
+    /// Makes the tables what the finished points say.
+    pub(super) fn restore(
+        &self,
+        recorder: &mut Recorder,
+        known: &[&PointDone],
+    ) -> Result<(), RecordError> {
+        recorder.check_captures(known)?;
+        let settle = |recorder: &Recorder, file: &str, points: &[ImpedancePoint]| {
+            if points.is_empty() && !recorder.path(file).exists() {
+                Ok(())
+            } else {
+                recorder.settle_spectrum(file, points)
+            }
+        };
+        let raw: Vec<ImpedancePoint> = known
+            .iter()
+            .map(|known| self.as_read(&known.point))
+            .collect();
+        settle(recorder, &self.raw, &raw)?;
+        if let Some(file) = &self.file {
+            let corrected: Vec<ImpedancePoint> = known
+                .iter()
+                .map(|known| self.corrected(&known.point))
+                .collect();
+            settle(recorder, file, &corrected)?;
+        }
+        for point in known.iter().map(|known| &known.point) {
+            point.warnings.iter().for_each(|warning| {
+                recorder.known_point_warning(&self.name, point.phasors.freq_hz, warning)
+            });
+        }
+        Ok(())
+    }
+
+    fn spectrum_name(&self) -> String {
+        self.run
+            .as_ref()
+            .map_or_else(|| self.experiment.name.clone(), CampaignRun::name)
+    }
+
+    fn as_read(&self, point: &SweepPoint) -> ImpedancePoint {
+        analysis::spectrum::raw_impedance(&point.phasors, self.experiment.bench.wiring.shunt.r_ohm)
+    }
+
+    /// The sweep in words of the index.
+    pub(super) fn entry(
+        &self,
+        executor: &Executor<'_>,
+        (stage, start_time_s): (&Stage, f64),
+        settled: &Settled,
+    ) -> SweepEntry {
+        let (experiment, cell) = (self.experiment, self.fixture == Fixture::Cell);
+        let group = if cell { "eis" } else { "eis_shunt" };
+        let driven = stage.steps.iter().find_map(|step| {
+            if let Step::Sine { amplitude_a, .. } = step {
+                Some(*amplitude_a)
+            } else {
+                None
+            }
+        });
+        let amplitude_a = driven.unwrap_or(f64::NAN);
+        let several = experiment
+            .eis
+            .as_ref()
+            .is_some_and(|eis| eis.steps_a.len() > 1);
+        let group = if several {
+            format!("{group}_{amplitude_a}A")
+        } else {
+            group.to_owned()
+        };
+        let corrected = self.correction.reduced_chi2.is_some();
+        let phasors: Vec<ChannelPhasors> =
+            settled.points.iter().map(|point| point.phasors).collect();
+        let below = below(&phasors, experiment.bench.wiring.shunt.r_ohm);
+        SweepEntry {
+            file: self.indexed().to_owned(),
+            fixture: fixture_name(self.fixture).to_owned(),
+            cell: self.run.as_ref().map(|run| run.cell.name.clone()),
+            fixture_ohm: (!cell)
+                .then_some(fixture_check::known(&experiment.bench, self.fixture).r_ohm),
+            corrected,
+            amplitude_a,
+            repeat: self.run.as_ref().map_or(self.repeat, |run| run.repeat),
+            order: executor.recorder.measured(),
+            start_time_s,
+            start_ocv_v: executor.idle.voltage_v.filter(|_| cell),
+            temperature_c: executor.idle.temperature_c.filter(|_| cell),
+            role: Role::Train,
+            repeat_group: self
+                .run
+                .as_ref()
+                .map_or(group, |run| format!("eis_{}", run.cell.name)),
+            flagged: Vec::new(),
+            own_sigma_ohm: if corrected {
+                own_sigma_ohm(&settled.own_noise)
+            } else {
+                Vec::new()
+            },
+            common_error: if cell && corrected {
+                self.correction.common_error(&phasors, &self.shunt)
+            } else {
+                None
+            },
+            below_ohm: below.map(|below| below.r_ohm),
+            below_h: below.map(|below| below.l_h),
+            elapsed_s: settled
+                .points
+                .iter()
+                .map(|point| point.time_s - start_time_s)
+                .collect(),
+        }
+    }
+}
+
+/// What the channels showed of the shunt in the check of the fixture.
+pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
+    phasors_of(measured, Fixture::Shunt)
+}
+
+/// What the channels showed of a control.
+fn phasors_of(measured: &Measured, fixture: Fixture) -> Vec<ChannelPhasors> {
+    let all = measured
+        .sweeps
+        .get(fixture_name(fixture))
+        .into_iter()
+        .flatten();
+    // As the correction was made without what the quality gate has refused.
+    all.filter(|point| point.failing.is_empty())
+        .map(|point| point.phasors)
+        .collect()
+}
+
+/// What they showed of the fake cell before the first cell; empty without one.
+pub(super) fn jig_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
+    phasors_of(measured, Fixture::FakeCell)
+}
+
+/// A spectrum of a cell with what the correction leaves wrong in all its points; `jig` is what the
+/// channels showed of the fake cell.
+pub(super) fn with_shared(
+    spectrum: Spectrum,
+    phasors: &[ChannelPhasors],
+    (correction, jig): (&Correction, &[ChannelPhasors]),
+) -> Spectrum {
+    let text = serde_json::to_string(correction).unwrap_or_default();
+    let run: String = crate::hash::sha256(text).chars().take(12).collect();
+    // Chosen by the control in the jig, so that they are the same for every sweep of the run.
+    correction.with_shared(
+        spectrum,
+        phasors,
+        &CorrectionModes::new(correction, jig, &run),
+    )
+}
+
+/// Writes a spectrum with its shared errors beside its own file; nothing where it has none.
+pub(super) fn write_shared(
+    recorder: &Recorder,
+    file: &str,
+    (spectrum, flags): (&Spectrum, &[String]),
+) -> Result<(), RecordError> {
+    if spectrum.shared.is_empty() {
+        return Ok(());
+    }
+    let name = file.strip_prefix("spectra/").unwrap_or(file);
+    recorder.whole_spectrum(&format!("shared/{name}"), spectrum, flags)
+}
+
+/// What lies between the lower tap and the ground of the channels: the median of the resistance
+/// over the points, and of the inductance over the upper half of the frequencies, where it tells;
+/// none without any.
+pub(super) fn below(phasors: &[ChannelPhasors], shunt_ohm: f64) -> Option<Below> {
+    let of = |point: &ChannelPhasors| {
+        let [low, high, tap, _] = point.volts;
+        (
+            std::f64::consts::TAU * point.freq_hz,
+            tap * shunt_ohm / (high - low),
+        )
+    };
+    let mut all: Vec<(f64, Complex64)> = phasors
+        .iter()
+        .map(of)
+        .filter(|(_, z_ohm)| z_ohm.is_finite())
+        .collect();
+    all.sort_by(|a, b| a.0.total_cmp(&b.0));
+    let upper = all[all.len() / 2..]
+        .iter()
+        .filter(|(omega, _)| *omega > 0.0);
+    let l_h = median(upper.map(|(omega, z_ohm)| z_ohm.im / omega)).unwrap_or(0.0);
+    median(all.iter().map(|(_, z_ohm)| z_ohm.re)).map(|r_ohm| Below { r_ohm, l_h })
+}
+
+/// The middle one.
+fn median(of: impl Iterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = of.collect();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() / 2).copied()
+}
+
+/// Standard deviations of both parts of each point.
+pub(super) fn own_sigma_ohm(own_noise: &Spectrum) -> Vec<[f64; 2]> {
+    let sigma: Vec<[f64; 2]> = own_noise
+        .points
+        .iter()
+        .map(|point| [point.covariance.re_re, point.covariance.im_im].map(|v| v.max(0.0).sqrt()))
+        .collect();
+    // JSON has no word for what is not a number.
+    if sigma.iter().flatten().all(|sigma| sigma.is_finite()) {
+        sigma
+    } else {
+        Vec::new()
+    }
+}
+
+/// What the quality gate refused of each point, in words of the tables; empty for the others.
+pub(super) fn flag_texts(points: &[SweepPoint]) -> Vec<String> {
+    points
+        .iter()
+        .map(|point| {
+            point
+                .failing
+                .iter()
+                .map(ToString::to_string)
+                .collect::<Vec<_>>()
+                .join("; ")
+        })
+        .collect()
+}
+
+/// What the quality gate refused to the end: told, and in words of the index.
+pub(super) fn flags(points: &[SweepPoint], tell: &mut dyn FnMut(f64, &str)) -> Vec<FlaggedPoint> {
+    let mut flagged = Vec::new();
+    for point in points.iter().filter(|point| !point.failing.is_empty()) {
+        let freq_hz = point.phasors.freq_hz;
+        for failing in &point.failing {
+            tell(
+                freq_hz,
+                &format!(
+                    "flagged by the quality gate after {} records: {}",
+                    point.captures, failing.criterion
+                ),
+            );
+        }
+        flagged.push(FlaggedPoint {
+            freq_hz,
+            reasons: point.failing.iter().map(ToString::to_string).collect(),
+        });
+    }
+    flagged
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use analysis::spectrum::PhasorVariance;
+
+    /// 2 A through a shunt of 10 mΩ that lies 5 mΩ above ground, and through wires of 35 mΩ and 20
+    /// nH below the cell.
+    #[test]
+    fn what_lies_below_the_cell_is_a_resistance_and_an_inductance() {
+        let point = |freq_hz: f64| {
+            let below = Complex64::new(35e-3, std::f64::consts::TAU * freq_hz * 20e-9);
+            let volts = [
+                Complex64::new(10e-3, 0.0),
+                Complex64::new(30e-3, 0.0),
+                2.0 * below,
+                2.0 * below + 0.02,
+            ];
+            ChannelPhasors {
+                freq_hz,
+                volts,
+                variance: [PhasorVariance::circular(1e-12); 4],
+            }
+        };
+        let met = below(&[point(1.0), point(100.0), point(1e4)], 10e-3).unwrap();
+        assert!(
+            (met.r_ohm - 35e-3).abs() < 1e-12 && (met.l_h - 20e-9).abs() < 1e-15,
+            "{met:?}"
+        );
+        assert_eq!(below(&[], 10e-3), None);
+        let still = ChannelPhasors {
+            volts: [Complex64::ZERO; 4],
+            ..point(1.0)
+        };
+        assert_eq!(below(&[still], 10e-3), None, "no current");
+    }
+}
