@@ -27,7 +27,7 @@ use std::sync::Arc;
 use analysis::{calibration::Correction, multisine::Line};
 use instruments::{
     clock::Clock,
-    mock::plant::Fixture,
+    fixture::Fixture,
     scope::{Trigger, Vertical},
     units::{Seconds, Volts},
 };

@@ -12,7 +12,7 @@ use analysis::{
     },
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use crate::{
     config::{Bench, Experiment, Tolerance},

@@ -292,7 +292,7 @@ mod tests {
         let on_shunt = read_back(&[run(Fixture::Shunt(10e-3), what)]);
         assert_eq!(
             on_shunt.eis.unwrap().fixture,
-            instruments::mock::plant::Fixture::Shunt
+            instruments::fixture::Fixture::Shunt
         );
         assert!(
             on_shunt.temperature.is_none()

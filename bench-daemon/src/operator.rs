@@ -2,7 +2,7 @@
 
 use std::io::{BufRead, IsTerminal};
 
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use crate::{plan::Specimen, terminal::remark};
 

@@ -12,7 +12,7 @@ mod words;
 
 use std::sync::Arc;
 
-use instruments::{mock::plant::Fixture, supply4q::Holds};
+use instruments::{fixture::Fixture, supply4q::Holds};
 
 pub use crash::AfterCrash;
 pub use leg::{Flow, Leg, Log};

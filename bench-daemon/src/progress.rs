@@ -8,7 +8,7 @@ use std::{
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use crate::{
     plan::{Plan, Step},

@@ -240,7 +240,7 @@ pub(crate) fn test_started() -> Entry {
 mod tests {
     use super::*;
     use crate::plan::test_trace;
-    use instruments::{mock::plant::Fixture, supply4q::Holds};
+    use instruments::{fixture::Fixture, supply4q::Holds};
 
     const DISCHARGE: Step = Step::Discharge {
         current_a: 5.0,

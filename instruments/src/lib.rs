@@ -1,6 +1,6 @@
 //! Talks to one instrument of a battery test bench; pretends to be one.
 //!
-//! The layers, in reading order: [`units`] and [`clock`]; [`scpi`], the sans-IO codec;
+//! The layers, in reading order: [`units`], [`fixture`] and [`clock`]; [`scpi`], the sans-IO codec;
 //! [`transport`], bytes in and bytes out; [`transcript`] and [`link`], the one async seam;
 //! [`exchange`] and [`instrument`], what roles are made of; the roles ([`supply4q`], [`generator`],
 //! [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each with its dialects; and
@@ -11,6 +11,7 @@
 pub mod chiller;
 pub mod clock;
 pub mod exchange;
+pub mod fixture;
 pub mod generator;
 pub mod instrument;
 pub mod jig;

@@ -15,9 +15,10 @@ use bench_daemon::{config::load_bench, sim::Simulation};
 use fixtures::SimulatedBench;
 use instruments::{
     clock::{Clock, TimeMode},
+    fixture::Fixture,
     mock::{
         Mended, Schedule,
-        plant::{Fixture, Meter, Plant},
+        plant::{Meter, Plant},
     },
 };
 use nix::{

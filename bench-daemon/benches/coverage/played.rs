@@ -10,7 +10,7 @@ use analysis::{
 };
 use bench_daemon::{command::run::run_experiment, config::load_experiment, run::Finished};
 use fixtures::Scenario;
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 use num_complex::Complex64;
 use rayon::prelude::*;
 

@@ -8,7 +8,7 @@ use std::{
 use clap::{Args, ValueEnum};
 use instruments::{
     clock::{self, Clock, TimeMode},
-    mock::plant::Fixture,
+    fixture::Fixture,
     transport::MemoryHub,
 };
 

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use fixtures::Scenario;
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use super::{ConfigError, Eis, Source, Trace, check::Check, raw};
 use crate::plan::Specimen;

@@ -6,12 +6,8 @@ use analysis::{
     fit::{MAX_RC, Objective},
 };
 use instruments::{
-    chiller, generator,
-    instrument::by_key,
-    load,
-    mock::plant::{Fixture, HISTORY_S},
-    scope, supply, supply4q,
-    units::Seconds,
+    chiller, fixture::Fixture, generator, instrument::by_key, load, mock::plant::HISTORY_S, scope,
+    supply, supply4q, units::Seconds,
 };
 
 use super::{

@@ -21,7 +21,7 @@ mod trace;
 
 use crate::{measure::quality::Quality, plan::Missed};
 use analysis::{calibration::ControlTolerance, fit::Objective, ocv::OcvCurve};
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 pub use bench::{
     Bench, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Thermostat, Wiring,

@@ -9,7 +9,7 @@ use std::{
 
 use instruments::{
     clock::Clock,
-    mock::plant::Fixture,
+    fixture::Fixture,
     supply4q,
     transport::MemoryHub,
     units::{Amps, Volts},

@@ -6,8 +6,8 @@ use analysis::{
     spectrum::ChannelPhasors,
 };
 use instruments::{
+    fixture::Fixture,
     generator::Sine,
-    mock::plant::Fixture,
     scope::Waveform,
     supply::Charge,
     supply4q::{self, Holds},

@@ -18,7 +18,7 @@ mod scope;
 mod standing;
 mod steps;
 
-use ::instruments::{clock::Clock, mock::plant::Fixture};
+use ::instruments::{clock::Clock, fixture::Fixture};
 
 pub use findings::{Check, Findings, Verdict};
 pub use instruments::reached;

@@ -12,7 +12,7 @@
 //! in the bench file, and that of the probes' gains, which act on the voltage that both leads of a
 //! pair have in common.
 
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 /// What the bench file says of the loop.
 #[derive(Debug, Clone, Copy)]

@@ -1,7 +1,7 @@
 //! What a known step of the command did: which of drive, ammeter, probes and voltmeter is to be
 //! believed. Pure.
 
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use super::{
     findings::{Findings, Verdict},

@@ -5,7 +5,7 @@
 //! What is begun is in the journal before it is begun, as everything is. A record that is to be
 //! taken again brings the generator back.
 
-use instruments::{clock::TimeMode, mock::plant::Fixture};
+use instruments::{clock::TimeMode, fixture::Fixture};
 
 use super::{ExecuteError, Executor, POLL_S};
 use crate::{

@@ -1,7 +1,7 @@
 //! What a fast current does to the cell between two readings: meters average over it, so that its
 //! crests are looked at beforehand and in the record.
 
-use instruments::{mock::plant::Fixture, scope::Waveform};
+use instruments::{fixture::Fixture, scope::Waveform};
 
 use super::{ExecuteError, Executor, watch::drawn};
 use crate::interlock::{NO_CURRENT_A, Trip};

@@ -42,7 +42,7 @@ mod tests {
     use super::*;
     use crate::{interlock::Reading, measure::SweepPoint, plan::Purpose};
     use analysis::spectrum::{ChannelPhasors, PhasorVariance};
-    use instruments::{mock::plant::Fixture, supply4q::Holds};
+    use instruments::{fixture::Fixture, supply4q::Holds};
 
     fn done(step: usize) -> PointDone {
         let phasors = ChannelPhasors {

@@ -6,7 +6,7 @@ use analysis::{
     spectrum::{ImpedancePoint, Spectrum},
     validity::{FEWEST_POINTS, KkPoint, Noise, kramers_kronig},
 };
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use super::{ExecuteError, Executor};
 use crate::{

@@ -2,7 +2,7 @@
 //! lasts; of every line the better record is kept. The finished multisine is held against itself as
 //! a sweep is.
 
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use super::{ExecuteError, Executor};
 use crate::{

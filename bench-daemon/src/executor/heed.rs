@@ -1,7 +1,7 @@
 //! What a person wants of a run that is going on, between two points of it: to wait without any
 //! current, or to end.
 
-use instruments::{clock::TimeMode, mock::plant::Fixture};
+use instruments::{clock::TimeMode, fixture::Fixture};
 
 use super::{ExecuteError, Executor};
 use crate::{

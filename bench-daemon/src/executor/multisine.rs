@@ -8,8 +8,8 @@ use analysis::{
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
 use instruments::{
+    fixture::Fixture,
     generator::Wave,
-    mock::plant::Fixture,
     scope::{Intent, Trigger, Waveform},
     units::{Hertz, Seconds, Volts},
 };

@@ -1,7 +1,7 @@
 //! The bipolar supply goes on at zero current, within limits that were read back, and off again.
 
 use instruments::{
-    mock::plant::Fixture,
+    fixture::Fixture,
     supply4q,
     units::{Amps, Volts},
 };

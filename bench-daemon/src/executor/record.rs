@@ -5,7 +5,7 @@ use analysis::{
     sine::{self, Channel, Distortion, FitOptions, LeftOut, Note, Record, SineFit},
     spectrum::ChannelPhasors,
 };
-use instruments::{mock::plant::Fixture, scope::Waveform};
+use instruments::{fixture::Fixture, scope::Waveform};
 
 use super::ExecuteError;
 use crate::{

@@ -2,8 +2,8 @@
 //! analysed.
 
 use instruments::{
+    fixture::Fixture,
     generator::Sine,
-    mock::plant::Fixture,
     scope::{Capabilities, Chosen, Intent, Trigger, Vertical, Waveform},
     units::{Hertz, Seconds, Volts},
 };

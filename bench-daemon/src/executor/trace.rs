@@ -9,7 +9,7 @@ use analysis::dataset::{
     Capture, Commanded, CurrentBetween, CurrentPositive, TraceEntry, TraceRow,
 };
 use instruments::{
-    mock::plant::Fixture,
+    fixture::Fixture,
     scope::{Intent, Trigger, Vertical, Waveform},
     units::{Seconds, Volts},
 };

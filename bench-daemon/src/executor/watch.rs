@@ -3,7 +3,7 @@
 
 use std::time::Duration;
 
-use instruments::{link::LinkError, mock::plant::Fixture};
+use instruments::{fixture::Fixture, link::LinkError};
 
 use super::{ExecuteError, Executor, POLL_S, metered::BELOW_GREATEST_V, require};
 use crate::{

@@ -12,8 +12,8 @@ use analysis::{
     staircase::{Stair, Sums, begins, chunks},
 };
 use instruments::{
+    fixture::Fixture,
     generator::Wave,
-    mock::plant::Fixture,
     units::{Hertz, Volts},
 };
 

@@ -319,7 +319,7 @@ impl Renewal {
 
 #[cfg(test)]
 mod tests {
-    use instruments::{clock::TimeMode, mock::plant::Fixture};
+    use instruments::{clock::TimeMode, fixture::Fixture};
 
     use super::*;
     use crate::{

@@ -6,7 +6,7 @@ use analysis::{
     diagnosis::{DataSet, Fixture, Planned, PlannedRun, Run, RunData, Start},
     ocv::OcvCurve,
 };
-use instruments::mock::plant;
+use instruments::fixture;
 
 use crate::{
     config::{Eis, Experiment, Segment, Trace, check_frames},
@@ -240,13 +240,13 @@ fn trace(
 }
 
 /// The fixture of the bench that a planned one is.
-fn fixture(first: &Experiment, planned: &Fixture) -> Result<plant::Fixture, String> {
+fn fixture(first: &Experiment, planned: &Fixture) -> Result<fixture::Fixture, String> {
     match planned {
-        Fixture::Cell(_) => Ok(plant::Fixture::Cell),
+        Fixture::Cell(_) => Ok(fixture::Fixture::Cell),
         Fixture::Shunt(ohm) => {
             let have_ohm = first.bench.wiring.shunt.r_ohm;
             let fits = (have_ohm / ohm - 1.0).abs() < CONTROL_NEAR;
-            fits.then_some(plant::Fixture::Shunt).ok_or_else(|| {
+            fits.then_some(fixture::Fixture::Shunt).ok_or_else(|| {
                 format!(
                     "it wants a shunt of {:.1} mΩ, the bench's has {:.2} mΩ",
                     1e3 * ohm,

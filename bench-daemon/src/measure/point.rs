@@ -1,7 +1,7 @@
 //! A finished point of a sweep.
 
 use analysis::spectrum::ChannelPhasors;
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use super::{
     beside::Beside,

@@ -1,7 +1,7 @@
 //! What of a plan is refused before anything is energised: what could leave the limits of the cell,
 //! drive without a supply that is up, change a fixture under power, or wait without end. Pure.
 
-use instruments::{mock::plant::Fixture, supply4q::Holds};
+use instruments::{fixture::Fixture, supply4q::Holds};
 
 use super::{Checked, Plan, PlanError, Purpose, Step};
 use crate::interlock::Limits;

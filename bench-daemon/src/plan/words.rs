@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use instruments::{mock::plant::Fixture, supply4q::Holds};
+use instruments::{fixture::Fixture, supply4q::Holds};
 
 use super::{Missed, Purpose, Step, Through};
 

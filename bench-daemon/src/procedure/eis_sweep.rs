@@ -1,7 +1,7 @@
 //! EIS sweep (thesis 3.3.1): one sinusoid after the other, at least eleven periods plus one second
 //! each. The same sweep over a control impedance is the fixture check (thesis 3.3.2).
 
-use instruments::{mock::plant::Fixture, supply4q::Holds};
+use instruments::{fixture::Fixture, supply4q::Holds};
 
 use crate::{
     config::{Eis, Order},

@@ -7,7 +7,7 @@ mod ocv_soc;
 mod soc_reset;
 mod trace;
 
-use instruments::{instrument::by_key, mock::plant::Fixture, scope, supply4q, units::Seconds};
+use instruments::{fixture::Fixture, instrument::by_key, scope, supply4q, units::Seconds};
 
 use crate::{
     config::{Experiment, Instrument, Temperature},

@@ -4,7 +4,7 @@
 use std::sync::Arc;
 
 use analysis::multisine::{Choice, Path, Placement, Sampling, design, odd_grid, place};
-use instruments::{mock::plant::Fixture, supply4q::Holds};
+use instruments::{fixture::Fixture, supply4q::Holds};
 
 use crate::{
     config::{Band as Wanted, Multisine},

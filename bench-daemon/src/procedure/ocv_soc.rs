@@ -2,7 +2,7 @@
 //! voltage, rest, slowly down, and up again if asked for. Short interruptions tell the resistance
 //! that the load's drop is compensated with, at the very terminals where the voltage is read.
 
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use crate::{
     config::{Cell, OcvSoc},

@@ -2,7 +2,7 @@
 //! supply, stop, let the voltage relax. The relaxed voltage must be steady and within a band, where
 //! one is given; a cell that misses it is reset again, as often as is allowed.
 
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use crate::{
     config::SocReset,

@@ -4,7 +4,7 @@
 
 use std::sync::Arc;
 
-use instruments::{mock::plant::Fixture, supply4q::Holds};
+use instruments::{fixture::Fixture, supply4q::Holds};
 
 use crate::{
     config::{AFTER_WAVE_S, BEFORE_S, Cell, Segment, Trace},

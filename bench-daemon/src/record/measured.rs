@@ -6,7 +6,7 @@ use analysis::{
     dataset::{self, Capture, LegRow, RunIndex, SweepEntry, TraceEntry, TraceRow},
     spectrum::{ImpedancePoint, Spectrum},
 };
-use instruments::{mock::plant::Fixture, scope::Waveform};
+use instruments::{fixture::Fixture, scope::Waveform};
 
 use super::{INDEX, RecordError, Recorder, capture_of, io, names::sweep_name, reopen};
 

@@ -4,7 +4,7 @@ use analysis::{
     dataset::{Capture, CaptureMeta, ChannelMeta},
     sine::CodeScale,
 };
-use instruments::{mock::plant::Fixture, scope::Waveform};
+use instruments::{fixture::Fixture, scope::Waveform};
 
 use crate::plan::fixture_name;
 

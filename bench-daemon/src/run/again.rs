@@ -40,7 +40,7 @@ use analysis::{
 };
 use instruments::{
     clock::{Clock, TimeMode},
-    mock::plant::Fixture,
+    fixture::Fixture,
 };
 
 /// Captures above this size are read by pieces, bytes: what is in memory at once is this for each

@@ -4,7 +4,7 @@
 use analysis::{calibration::Correction, dataset::SweepEntry};
 use instruments::{
     clock::{Clock, TimeMode},
-    mock::plant::Fixture,
+    fixture::Fixture,
 };
 
 use super::{

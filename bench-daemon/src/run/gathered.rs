@@ -7,7 +7,7 @@ use std::collections::{
 };
 
 use analysis::{calibration::Correction, spectrum::Spectrum};
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use super::{
     Measured,

@@ -8,7 +8,7 @@ use analysis::{
     multisine::Line,
     spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, raw_impedance},
 };
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use super::{Measured, sweeping};
 use crate::{

@@ -18,7 +18,7 @@ use analysis::{
     spectrum::Spectrum,
     validity::{Noise, linearity},
 };
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use super::Measured;
 use crate::{

@@ -5,7 +5,7 @@ use std::path::Path;
 use analysis::calibration::Correction;
 use instruments::{
     clock::{Clock, TimeMode},
-    mock::plant::Fixture,
+    fixture::Fixture,
 };
 use tokio::runtime::Runtime;
 

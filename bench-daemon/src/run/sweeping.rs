@@ -6,7 +6,7 @@ use analysis::{
     effects::Below,
     spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, at_one_time},
 };
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 use num_complex::Complex64;
 
 use super::Measured;

@@ -7,7 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use instruments::{clock::TimeMode, mock::plant::Fixture};
+use instruments::{clock::TimeMode, fixture::Fixture};
 
 use super::{
     follow::Follow,

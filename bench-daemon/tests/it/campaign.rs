@@ -172,7 +172,7 @@ fn the_spread_between_cells_is_that_of_the_true_cells() {
     let mut world = finished.simulation.unwrap().world().lock().unwrap().clone();
     let measured = &finished.measured;
     for (number, spectrum) in [(1, &measured.spectrum), (2, &measured.repeats[2])] {
-        use instruments::mock::plant::{Fixture, Plant};
+        use instruments::{fixture::Fixture, mock::plant::Plant};
         assert!(world.insert(1.0e6, number));
         for point in &spectrum.points {
             let true_ohm = world.truth_impedance(Fixture::Cell, point.freq_hz).norm();
@@ -338,7 +338,7 @@ fn the_temperature_is_held_before_the_reset_and_after_it() {
             .collect()
     };
     use Purpose::{SocReset, Sweep, Temperature};
-    let sweep = Sweep(instruments::mock::plant::Fixture::Cell, 1);
+    let sweep = Sweep(instruments::fixture::Fixture::Cell, 1);
     assert_eq!(
         order(Files::demo()),
         [Temperature, SocReset, Temperature, sweep]

@@ -5,7 +5,7 @@ use std::fs;
 
 use analysis::{multisine::odd_grid, spectrum::Spectrum};
 use bench_daemon::{command::run::run_experiment, run::Finished};
-use instruments::mock::plant::Fixture;
+use instruments::fixture::Fixture;
 
 use crate::support::{BENCH, EXPERIMENT, Files, SCENARIO};
 

@@ -201,7 +201,7 @@ fn report(
     let mut cell = 0;
     for line in read(&folder).unwrap().lines {
         if let Entry::Point(point) = &line.entry
-            && point.point.fixture == instruments::mock::plant::Fixture::Cell
+            && point.point.fixture == instruments::fixture::Fixture::Cell
         {
             cell += 1;
             done.push(start_s + line.time_s);

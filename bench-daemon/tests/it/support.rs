@@ -20,7 +20,7 @@ use bench_daemon::{
 use fixtures::SimulatedBench;
 use instruments::{
     clock::{Clock, TimeMode},
-    mock::plant::Fixture,
+    fixture::Fixture,
     transcript::{Direction, Payload, Transcript},
 };
 use tempfile::TempDir;

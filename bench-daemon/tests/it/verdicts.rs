@@ -4,7 +4,7 @@
 use std::{fs, path::Path};
 
 use bench_daemon::command::run::run_experiment;
-use instruments::mock::plant::{Fixture, Plant as _};
+use instruments::{fixture::Fixture, mock::plant::Plant as _};
 
 use crate::support::{
     BENCH, CELL, EXPERIMENT, Files, Ports, SCENARIO, files_below, json, program, sent, truth,

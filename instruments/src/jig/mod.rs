@@ -3,9 +3,9 @@
 
 use crate::{
     exchange::{Exchange, Identity, play},
+    fixture::Fixture,
     instrument::ms,
     link::{Link, LinkError, LinkProfile},
-    mock::plant::Fixture,
 };
 
 /// The name in a bench file.

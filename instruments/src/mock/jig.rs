@@ -13,10 +13,11 @@ use scpi::{
 use super::{
     MockOptions,
     machine::scpi_device,
-    plant::{Fixture, SharedPlant},
+    plant::SharedPlant,
     tree::{Answer, Arguments, Fallible, Status, both, common, get, set, text},
     world::World,
 };
+use crate::fixture::Fixture;
 
 const QUEUE_DEPTH: usize = 10;
 

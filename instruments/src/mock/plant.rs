@@ -6,6 +6,7 @@
 //! Times are bench seconds ([`crate::clock::Clock::now_s`]); calls come with times that never
 //! decrease. Currents into the cell are positive (charge), as the thesis' bench measures them.
 
+use crate::fixture::Fixture;
 use std::sync::{Arc, Mutex};
 
 /// The world shared by the mocks of one bench. Locked only within one command, never across an
@@ -67,22 +68,6 @@ pub trait Plant: Send {
     fn late_s(&self, _t_s: f64) -> f64 {
         0.0
     }
-}
-
-/// What can be clamped into the jig, and how the voltage probes are then connected.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Fixture {
-    /// The cell under test, voltage probes on the Kelvin contacts of the jig.
-    Cell,
-    /// The voltage probes are on the current shunt: a control impedance. The copper fake cell
-    /// closes the loop in the jig.
-    Shunt,
-    /// The copper fake cell in the jig, voltage probes on its Kelvin contacts.
-    FakeCell,
-    /// A short bar in the jig, voltage probes on its Kelvin contacts: a control impedance of next
-    /// to nothing.
-    Short,
 }
 
 /// What an instrument does to the world.

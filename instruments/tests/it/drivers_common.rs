@@ -6,6 +6,7 @@ use instruments::{
     chiller,
     clock::{Clock, TimeMode},
     exchange::{Exchange, Identity, play, play_all},
+    fixture::Fixture,
     generator,
     instrument::Instrument,
     jig::Jig,
@@ -13,7 +14,7 @@ use instruments::{
     load, logger,
     mock::{
         self, Device, MODELS, MockOptions,
-        plant::{Action, BipolarState, Fixture},
+        plant::{Action, BipolarState},
     },
     scope,
     scpi::decode::Terminator,

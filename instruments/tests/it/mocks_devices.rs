@@ -1,8 +1,11 @@
 //! What each mock answers and does to its world: exchanges from the instruments' documentation.
 
-use instruments::mock::{
-    self, MODELS, MockOptions,
-    plant::{Action, BipolarState, ChillerState, Fixture, GeneratorState, LoadState, SupplyState},
+use instruments::{
+    fixture::Fixture,
+    mock::{
+        self, MODELS, MockOptions,
+        plant::{Action, BipolarState, ChillerState, GeneratorState, LoadState, SupplyState},
+    },
 };
 
 use crate::mocks_plant::Bench;

@@ -7,9 +7,12 @@ use std::{
     sync::{Arc, Mutex},
 };
 
-use instruments::mock::{
-    self, Device, MockOptions,
-    plant::{Action, DigitiseRequest, Fixture, Meter, Plant, TriggerSearch},
+use instruments::{
+    fixture::Fixture,
+    mock::{
+        self, Device, MockOptions,
+        plant::{Action, DigitiseRequest, Meter, Plant, TriggerSearch},
+    },
 };
 
 pub(crate) const FREQ_HZ: f64 = 10.0;

@@ -2,14 +2,16 @@
 //! takes a wrong number for a right one.
 
 use instruments::{
-    chiller, generator,
+    chiller,
+    fixture::Fixture,
+    generator,
     instrument::Instrument,
     jig::Jig,
     link::LinkError,
     load, logger,
     mock::{
         self, MODELS, MockOptions,
-        plant::{Action, BathState, Fixture},
+        plant::{Action, BathState},
         quirks::{Kind, Quirks, Value},
     },
     scope::{self, Intent, Trigger, Vertical},

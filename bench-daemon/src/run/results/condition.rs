@@ -1,7 +1,7 @@
 //! When and in which state the cell was measured, from the journal and the manifest of the run
 //! folder.
 
-use instruments::{clock::TimeMode, mock::plant::Fixture};
+use instruments::{clock::TimeMode, fixture::Fixture};
 
 use crate::{
     config::Experiment,

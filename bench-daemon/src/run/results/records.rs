@@ -135,7 +135,7 @@ mod tests {
     use super::*;
     use crate::measure::{Bend, Beside};
     use analysis::spectrum::{ChannelPhasors, PhasorVariance};
-    use instruments::mock::plant::Fixture;
+    use instruments::fixture::Fixture;
 
     const SHUNT_OHM: f64 = 0.01;
 
