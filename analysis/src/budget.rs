@@ -15,9 +15,10 @@ use std::fmt::Write as _;
 
 use crate::{
     calibration::{Correction, Source},
+    numeric::Covariance2,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     report::Table,
-    spectrum::{ChannelPhasors, Covariance2, ImpedancePoint},
+    spectrum::{ChannelPhasors, ImpedancePoint},
 };
 
 /// A cause of uncertainty.

@@ -40,8 +40,13 @@ mod verdict;
 
 use num_complex::Complex64;
 
-use crate::fit::linalg::{cholesky, cholesky_substitute};
-use crate::spectrum::{ChannelPhasors, Covariance2, ImpedancePoint};
+use crate::{
+    numeric::{
+        Covariance2,
+        linalg::{cholesky, cholesky_substitute},
+    },
+    spectrum::{ChannelPhasors, ImpedancePoint},
+};
 use model::{COUNT, Harness, Slope};
 pub use modes::CorrectionModes;
 pub use verdict::{ControlTolerance, ControlVerdict, check_control, check_short};

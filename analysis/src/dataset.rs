@@ -14,7 +14,9 @@ mod disk;
 mod frame;
 mod index;
 mod rows;
+pub(crate) mod shared;
 mod stored;
+mod trace;
 
 use std::path::{Path, PathBuf};
 
@@ -22,13 +24,14 @@ pub use capture::{
     CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture,
 };
 pub use disk::{write_atomically, write_private};
-pub use index::{
-    Commanded, CurrentBetween, CurrentPositive, FlaggedPoint, Role, RunIndex, SweepEntry,
-    TraceEntry,
-};
+pub use index::{Commanded, CurrentBetween, CurrentPositive, RunIndex, SweepEntry, TraceEntry};
 pub use stored::{CaptureFile, open_capture};
+pub use trace::write_trace_parquet;
 
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use crate::{
+    numeric::Covariance2,
+    spectrum::{ImpedancePoint, Spectrum},
+};
 use num_complex::Complex64;
 
 /// One column of a file.
@@ -493,7 +496,7 @@ pub fn write_whole_spectrum_csv(
     spectrum: &Spectrum,
     flags: &[String],
 ) -> Result<(), DatasetError> {
-    let (mut header, mut rows) = crate::formats::shared::columns(spectrum);
+    let (mut header, mut rows) = shared::columns(spectrum);
     if is_flagged(flags) {
         header.push_str(FLAGS);
         rows.iter_mut()

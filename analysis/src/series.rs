@@ -5,6 +5,19 @@
 
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
+
+/// What a run is for.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Role {
+    /// To be fitted.
+    #[default]
+    Train,
+    /// To be predicted only.
+    HeldOut,
+}
+
 /// Current and voltage over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TimeSeries {

@@ -153,7 +153,7 @@ pub fn chunks(values: &[f64], growth: f64, longest: usize) -> Vec<Chunk> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::Rng;
+    use crate::numeric::Rng;
 
     /// A stair of random steps, and a record of it that begins at `start_s`, with noise.
     fn record(count: usize, (step_s, start_s, noise): (f64, f64, f64)) -> (Vec<f64>, Sums) {

@@ -245,9 +245,11 @@ impl Frame<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dataset::{CaptureMeta, ChannelMeta};
-    use crate::fit::Rng;
-    use crate::sine::CodeScale;
+    use crate::{
+        dataset::{CaptureMeta, ChannelMeta},
+        numeric::Rng,
+        sine::CodeScale,
+    };
 
     const INTERVAL_S: f64 = 1.0e-3;
     const THINNING: Thinning = Thinning {

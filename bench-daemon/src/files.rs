@@ -3,15 +3,16 @@
 use std::path::Path;
 
 use analysis::{
-    dataset::{self, FlaggedPoint},
-    effects::Group,
+    contract::Group,
+    dataset,
     fit::RefusedPoint,
-    formats::{SourcedSpectrum, read_file},
+    formats::read_file,
     forward::{OcvSource, SimModel},
     given::GivenModel,
     ocv::OcvCurve,
     pack::Pack,
     plot::{self, Chart, PlotError},
+    spectrum::{FlaggedPoint, SourcedSpectrum},
 };
 
 use crate::{failure::Failure, present::refused_in_words, terminal::remark};

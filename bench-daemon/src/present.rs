@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use analysis::{
-    dataset::FlaggedPoint,
     fit::{ErmFit, Objective},
     report::{Level, Table, Verdict},
+    spectrum::FlaggedPoint,
 };
 
 /// A time, s since 1970, as a date in UTC: `2026-11-22T06:07:06Z`.

@@ -19,7 +19,10 @@ mod sweeping;
 use std::{collections::BTreeMap, path::Path};
 
 pub(crate) use again::{Again, Beside, Known, Recorded, on_all_cores};
-use analysis::{calibration::Correction, dataset::FlaggedPoint, spectrum::Spectrum};
+use analysis::{
+    calibration::Correction,
+    spectrum::{FlaggedPoint, Spectrum},
+};
 pub(crate) use past::{Past, begun_experiment};
 pub(crate) use play::nobody_drives;
 pub(crate) use stop::{StopSignals, caught};

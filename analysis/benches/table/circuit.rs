@@ -1,9 +1,12 @@
 //! How long fits of circuits take, with covariance, and how often they end at the best known
 //! optimum.
 
-use analysis::fit::{CircuitOptions, Rng, fit_circuit};
-use analysis::model::Circuit;
-use analysis::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use analysis::{
+    fit::{CircuitOptions, fit_circuit},
+    model::Circuit,
+    numeric::{Covariance2, Rng},
+    spectrum::{ImpedancePoint, Spectrum},
+};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::hint::black_box;

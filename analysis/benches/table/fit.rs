@@ -2,9 +2,12 @@
 //! counts seeds whose objective is within 1e-6 of the best of all seeds; the data of the simulated
 //! sweeps differ from seed to seed, there the best comes from eight further seeds of the search.
 
-use analysis::fit::{FitOptions, Objective, Rng, fit_erm};
-use analysis::formats::read_unbiased_cells;
-use analysis::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use analysis::{
+    fit::{FitOptions, Objective, fit_erm},
+    formats::read_unbiased_cells,
+    numeric::{Covariance2, Rng},
+    spectrum::{ImpedancePoint, Spectrum},
+};
 use num_complex::Complex64;
 use std::path::Path;
 use std::time::Instant;

@@ -1,10 +1,12 @@
 //! Time of the linear Kramers–Kronig test with automatic order at 20 and 57 points, and of a
 //! distribution of relaxation times at 20.
 
-use analysis::drt::drt;
-use analysis::fit::Rng;
-use analysis::spectrum::{Covariance2, ImpedancePoint, Spectrum};
-use analysis::validity::{Noise, kramers_kronig};
+use analysis::{
+    drt::drt,
+    numeric::{Covariance2, Rng},
+    spectrum::{ImpedancePoint, Spectrum},
+    validity::{Noise, kramers_kronig},
+};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::hint::black_box;

@@ -1,7 +1,7 @@
 //! A base model with the effects that it keeps: what a model file holds and a simulation takes.
 
 use super::Added;
-use crate::effects::{Base, Effect, Group};
+use crate::contract::{Base, Effect, Group};
 
 /// A base and its additions.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,16 +6,13 @@
 //! are moved half a step before and half a step after them (Strang splitting, second order).
 //! [`Player`] plays records; [`impedance`] is the small-signal limit.
 
-mod branch;
 mod kept;
-mod network;
 mod play;
 
 pub use kept::{Augmented, Kept};
-pub use network::{Branch, Law, Network};
 pub use play::{Between, Grid, Player};
 
-use crate::effects::{Base, Effect, Point};
+use crate::contract::{Base, Effect, Network, Point, storage_ohm};
 use num_complex::Complex64;
 
 /// An effect with the values of its parameters.
@@ -49,11 +46,4 @@ pub fn impedance(
     added
         .iter()
         .fold(z, |z, a| a.effect.impedance(a.p, base, at, z))
-}
-
-/// The impedance of the charge that the sinusoid moves along the OCV curve, Ω: (dU/dz)/(jω·Q). A
-/// record shows the same as its slope over charge.
-pub fn storage_ohm(base: &Base, at: &Point) -> Complex64 {
-    let per_coulomb = base.ocv.slope_v(at.soc) / (3600.0 * base.ocv.capacity_ah);
-    Complex64::new(0.0, -per_coulomb / (std::f64::consts::TAU * at.freq_hz))
 }

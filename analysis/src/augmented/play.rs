@@ -1,10 +1,13 @@
 //! Plays a record: the voltage that base and effects predict for a logged current.
 
-use super::branch::{self, Gain};
-use super::network::{Law, Network};
 use super::{Added, network};
-use crate::effects::{Base, Dynamics, Instant, Modulation, Record};
-use crate::ocv::OcvCurve;
+use crate::{
+    contract::{
+        Base, Dynamics, Instant, Law, Modulation, Network, Record,
+        branch::{self, Gain},
+    },
+    ocv::OcvCurve,
+};
 
 /// What the current does between two samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

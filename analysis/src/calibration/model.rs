@@ -10,7 +10,7 @@ use std::ops::{Add, Div, Mul, Sub};
 use num_complex::Complex64;
 
 use super::Source;
-use crate::spectrum::{ChannelPhasors, Covariance2};
+use crate::{numeric::Covariance2, spectrum::ChannelPhasors};
 
 /// Number of parameters.
 pub(super) const COUNT: usize = 16;

@@ -60,7 +60,7 @@ impl CorrectionModes {
             let own = correction
                 .measured_parts(phasors)
                 .into_iter()
-                .sum::<crate::spectrum::Covariance2>();
+                .sum::<crate::numeric::Covariance2>();
             let sigma = (0.5 * (own.re_re + own.im_im))
                 .sqrt()
                 .max(f64::MIN_POSITIVE);

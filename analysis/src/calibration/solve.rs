@@ -9,7 +9,7 @@ use num_complex::Complex64;
 
 use super::model::{COUNT, Harness, NAMES, Slope};
 use super::{CalibrationError, Controls, Correction, KnownImpedance, Source, StrayAdmittance};
-use crate::spectrum::{ChannelPhasors, Covariance2};
+use crate::{numeric::Covariance2, spectrum::ChannelPhasors};
 
 const MAX_STEPS: usize = 60;
 /// Step that changes nothing, in standard deviations of the result.

@@ -2,7 +2,7 @@
 //! trace, and under which circumstances it was measured, so that the folder can be read as a data
 //! set. Controls are not runs of it.
 
-use crate::calibration::CommonError;
+use crate::{calibration::CommonError, series::Role, spectrum::FlaggedPoint};
 use serde::{Deserialize, Serialize};
 
 /// What a run folder holds, in the order of time.
@@ -71,15 +71,6 @@ pub struct SweepEntry {
     pub elapsed_s: Vec<f64>,
 }
 
-/// A point that is kept under protest.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct FlaggedPoint {
-    /// Frequency, Hz.
-    pub freq_hz: f64,
-    /// What was expected and what was found.
-    pub reasons: Vec<String>,
-}
-
 /// One time series.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct TraceEntry {
@@ -134,17 +125,6 @@ pub enum Commanded {
         /// Length of a step by the generator's clock, s.
         step_s: f64,
     },
-}
-
-/// What a run is for.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Role {
-    /// To be fitted.
-    #[default]
-    Train,
-    /// To be predicted only.
-    HeldOut,
 }
 
 /// Which direction of the current a file counts positive.

@@ -13,8 +13,7 @@ use super::problem::{Fit, Tangent};
 use super::propose::{Proposal, propose};
 use super::select::{Search, excess_z};
 use super::structure::Member;
-use crate::effects::Effect;
-use crate::effects::outside;
+use crate::{contract::Effect, effects::outside};
 
 /// χ² that a shape at its bound must gain over a held one to be believed.
 const DRIFT: f64 = 12.0;

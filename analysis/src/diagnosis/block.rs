@@ -6,8 +6,10 @@
 
 use super::data::{Fixture, Role, Run, RunData, Start};
 use super::time_block::{Bin, TimeBlock};
-use crate::augmented::{Added, Network, Player, impedance};
-use crate::effects::{Base, Below, Moved, Point, Record};
+use crate::{
+    augmented::{Added, Player, impedance},
+    contract::{Base, Below, Moved, Network, Point, Record},
+};
 use num_complex::Complex64;
 
 /// Within which repeats have the same derivatives: state of charge, temperature in K, and parts of
@@ -381,12 +383,14 @@ pub(super) struct Desk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::augmented::{Between, network};
-    use crate::diagnosis::data::TimeRecord;
-    use crate::effects::Facts;
-    use crate::model::{Erm, RcBranch};
-    use crate::ocv::OcvCurve;
-    use crate::series::TimeSeries;
+    use crate::{
+        augmented::{Between, network},
+        contract::Facts,
+        diagnosis::data::TimeRecord,
+        model::{Erm, RcBranch},
+        ocv::OcvCurve,
+        series::TimeSeries,
+    };
 
     const R_OHM: f64 = 6e-3;
     const BRANCH: (f64, f64) = (5e-3, 5.6);

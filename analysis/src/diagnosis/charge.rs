@@ -2,7 +2,7 @@
 //! between reversals, and wears off under a sweep's swings.
 
 use super::block::{Block, Kind};
-use crate::effects::{Moved, Point};
+use crate::contract::{Moved, Point};
 
 /// Part of the capacity by which states of charge must differ for charge to have flown between two
 /// runs: voltages at rest, which they are read from, lie higher or lower after a charge or a
@@ -39,7 +39,7 @@ impl Block {
     }
 
     /// Charge before a run that follows this one and begins at a state of charge, see
-    /// [`Record::before`](crate::effects::Record::before).
+    /// [`Record::before`](crate::contract::Record::before).
     pub(super) fn charge_until(&self, soc: f64, capacity_ah: f64) -> Vec<Moved> {
         let mut all = Stretches {
             all: self.before.clone(),

@@ -2,10 +2,7 @@
 //! its errors.
 
 use super::edges::UNIFORM;
-use crate::augmented::Between;
-use crate::calibration::CommonError;
-use crate::effects::Below;
-use crate::series::TimeSeries;
+use crate::{augmented::Between, calibration::CommonError, contract::Below, series::TimeSeries};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
@@ -57,7 +54,7 @@ pub enum Fixture {
     FakeCell(f64),
 }
 
-pub use crate::dataset::Role;
+pub use crate::series::Role;
 
 /// Where a run starts, at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -18,9 +18,12 @@ use super::problem::{Fit, Problem};
 use super::select::{Search, Selection, excess_z};
 use super::structure::Structure;
 use super::whitening::dot;
-use crate::effects::{Effect, Facts, catalogue};
-use crate::fit::linalg::{cholesky, cholesky_substitute};
-use crate::model::Erm;
+use crate::{
+    contract::{Effect, Facts},
+    effects::catalogue,
+    model::Erm,
+    numeric::linalg::{cholesky, cholesky_substitute},
+};
 use num_complex::Complex64;
 
 /// How far the time constants of other starts of the base lie from the model's, as a factor.

@@ -14,7 +14,7 @@ use super::propose::direction;
 use super::report::Distinguishability;
 use super::structure::variants;
 use super::whitening::dot;
-use crate::effects::Effect;
+use crate::contract::Effect;
 
 /// One effect's directions, one per variant, outside the tangent space.
 struct Directions {

@@ -3,7 +3,7 @@
 //! what one standard deviation of it does to the rows of a record.
 
 use super::time_block::{Bin, TimeBlock};
-use crate::effects::Base;
+use crate::contract::Base;
 
 /// 1/√12: standard deviation of a uniform error of one code, and of an edge anywhere between two
 /// samples.
@@ -75,12 +75,14 @@ fn lag(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::augmented::Between;
-    use crate::diagnosis::TimeRecord;
-    use crate::effects::Facts;
-    use crate::model::{Erm, RcBranch};
-    use crate::ocv::OcvCurve;
-    use crate::series::TimeSeries;
+    use crate::{
+        augmented::Between,
+        contract::Facts,
+        diagnosis::TimeRecord,
+        model::{Erm, RcBranch},
+        ocv::OcvCurve,
+        series::TimeSeries,
+    };
 
     #[test]
     fn the_first_sample_may_lack_the_whole_step_and_the_next_what_comes_late() {

@@ -7,7 +7,7 @@
 use super::block::{Block, Kind};
 use super::noise::{LogSigmas, Prior, Shape, TERMS, Term};
 use super::whitening::{Whitener, dot};
-use crate::fit::linalg::{cholesky, cholesky_substitute};
+use crate::numeric::linalg::{cholesky, cholesky_substitute};
 use std::collections::BTreeMap;
 
 /// Newton steps of the likelihood at most.

@@ -11,7 +11,7 @@
 use super::block::Block;
 use super::time_block::{Bin, TimeBlock};
 use super::whitening::dot;
-use crate::effects::Base;
+use crate::contract::Base;
 
 /// Covariance of the rows of a record by noise of the current of this variance (A²), V², row-major;
 /// without what each sample drops over the series resistance by itself.

@@ -22,8 +22,10 @@ use super::guards::beyond_formula;
 use super::problem::{Fit, Problem};
 use super::time_block::TimeBlock;
 use super::whitening::dot;
-use crate::fit::linalg::product;
-use crate::validity::tail::{chi2_tail, holm};
+use crate::{
+    numeric::linalg::product,
+    validity::tail::{chi2_tail, holm},
+};
 
 /// Times for which it is taken to stay, s.
 const TAUS_S: [f64; 3] = [1.0, 5.0, 25.0];

@@ -7,7 +7,7 @@ use super::outcome::{FittedParameter, NamedEffect};
 use super::problem::{Fit, Problem};
 use super::select::Selection;
 use super::structure::searched;
-use crate::effects::Scale;
+use crate::contract::Scale;
 
 /// 97.5 % quantile of the normal distribution.
 const TWO_SIDED_95: f64 = 1.959_964;

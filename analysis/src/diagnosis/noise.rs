@@ -15,9 +15,12 @@ use super::followed;
 use super::shared::{self, Errors};
 use super::time_block::TimeBlock;
 use super::whitening::{Whitener, dot};
-use crate::augmented::{Added, network};
-use crate::calibration::CommonError;
-use crate::effects::{Base, resistance_spread};
+use crate::{
+    augmented::{Added, network},
+    calibration::CommonError,
+    contract::Base,
+    effects::resistance_spread,
+};
 
 /// Standard deviation of the logarithm of a history's σ.
 const HISTORY_SPREAD: f64 = 0.15;

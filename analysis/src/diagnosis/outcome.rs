@@ -1,7 +1,6 @@
 //! What a diagnosis says: `diagnosis.json`, and the curves behind its pictures.
 
-use crate::effects::Group;
-use crate::model::Erm;
+use crate::{contract::Group, model::Erm};
 use num_complex::Complex64;
 use serde::Serialize;
 

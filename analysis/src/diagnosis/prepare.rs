@@ -9,10 +9,12 @@ use super::noise::{Prior, Shape, Term};
 use super::problem::{Fit, Problem};
 use super::shared::{Errors, Shared};
 use super::whitening::Whitener;
-use crate::augmented::{Added, Between, network};
-use crate::effects::{Base, Facts};
-use crate::model::Erm;
-use crate::ocv::OcvCurve;
+use crate::{
+    augmented::{Added, Between, network},
+    contract::{Base, Facts},
+    model::Erm,
+    ocv::OcvCurve,
+};
 
 /// The model that is judged.
 #[derive(Debug, Clone, PartialEq)]

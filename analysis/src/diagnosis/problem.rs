@@ -5,10 +5,12 @@ use super::data::Role;
 use super::shared::Shared;
 use super::structure::{Axis, Member, Structure, at_bound};
 use super::whitening::{Whitener, dot};
-use crate::augmented::network;
-use crate::effects::Base;
-use crate::fit::linalg::{cholesky, cholesky_substitute, invert};
-use crate::model::Erm;
+use crate::{
+    augmented::network,
+    contract::Base,
+    model::Erm,
+    numeric::linalg::{cholesky, cholesky_substitute, invert},
+};
 
 /// Steps of a fit at most.
 const ITERATIONS: usize = 60;

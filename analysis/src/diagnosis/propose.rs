@@ -9,7 +9,7 @@ use super::block::Desk;
 use super::problem::{Fit, Prediction, Problem, Tangent};
 use super::structure::{Member, Structure, variants};
 use super::whitening::dot;
-use crate::effects::Effect;
+use crate::contract::Effect;
 
 /// Steps of a strength in units of its typical size: a small one for what is linear, a large one
 /// for what shows in second order only.

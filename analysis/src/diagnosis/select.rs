@@ -8,7 +8,7 @@ use super::guards::{Guards, MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE, outside_le
 use super::outcome::{Candidate, Evidence};
 use super::problem::{Fit, Problem};
 use super::structure::searched;
-use crate::effects::{Effect, outside};
+use crate::{contract::Effect, effects::outside};
 
 /// χ² by which another minimum of a fit must be deeper to be taken for it.
 const DEEPER: f64 = 1.0;

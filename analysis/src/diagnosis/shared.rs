@@ -13,8 +13,10 @@ use super::block::{Block, Kind};
 use super::data::BenchHistory;
 use super::time_block::TimeBlock;
 use super::whitening::dot;
-use crate::calibration::{COMMON, CommonError};
-use crate::effects::{Base, Point};
+use crate::{
+    calibration::{COMMON, CommonError},
+    contract::{Base, Point},
+};
 use num_complex::Complex64;
 
 /// What one standard deviation of each shared error does to the rows of a block: of the

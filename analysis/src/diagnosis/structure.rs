@@ -5,9 +5,11 @@
 //! and its shapes' logarithms. Choices are no part of the vector: another choice is another
 //! structure.
 
-use crate::augmented::Added;
-use crate::effects::{Base, Effect, Parameter, Range, Scale};
-use crate::model::{Erm, RcBranch};
+use crate::{
+    augmented::Added,
+    contract::{Base, Effect, Parameter, Range, Scale},
+    model::{Erm, RcBranch},
+};
 
 /// How far a base resistance may go from its start, as a factor.
 const RESISTANCE_REACH: f64 = 300.0;

@@ -1,6 +1,6 @@
 //! Covariances of a block's rows, and the triangular matrix that whitens them.
 
-use crate::fit::linalg::cholesky;
+use crate::numeric::linalg::cholesky;
 
 /// L⁻¹ of a covariance C = L·Lᵀ, by columns.
 #[derive(Debug, Clone, PartialEq)]

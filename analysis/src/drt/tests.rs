@@ -1,9 +1,11 @@
 //! Distributions of circuits whose answer is known in closed form.
 
 use super::*;
-use crate::fit::Rng;
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
-use crate::validity::Noise;
+use crate::{
+    numeric::{Covariance2, Rng},
+    spectrum::{ImpedancePoint, Spectrum},
+    validity::Noise,
+};
 use std::f64::consts::{LN_10, PI, TAU};
 
 type Cell = fn(f64) -> Complex64;

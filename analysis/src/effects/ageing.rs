@@ -1,6 +1,6 @@
 //! The cell is not the same at the end of the campaign.
 
-use super::{
+use crate::contract::{
     Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
 };
 use num_complex::Complex64;

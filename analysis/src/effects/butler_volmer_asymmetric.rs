@@ -1,8 +1,7 @@
 //! Charge transfer by Butler–Volmer with any transfer coefficient.
 
 use super::charge_transfer::{Kinetics, greatest_beta};
-use super::{Base, Card, Effect, Group, Parameter, Point, Range};
-use crate::augmented::{Law, Network};
+use crate::contract::{Base, Card, Effect, Group, Law, Network, Parameter, Point, Range};
 use num_complex::Complex64;
 
 static CARD: Card = Card {

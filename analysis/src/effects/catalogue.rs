@@ -1,6 +1,5 @@
 //! The catalogue: one line per effect.
 
-use super::Effect;
 use super::{
     ageing, butler_volmer, butler_volmer_asymmetric, cpe, current_asymmetry, diffusion,
     electrolyte_depletion, entropic_heat,
@@ -14,6 +13,7 @@ use super::{
     hysteresis, ocv_curvature, ocv_slope, rc_slow, self_discharge, self_heating, soc_resistance,
     surface_soc, warburg,
 };
+use crate::contract::Effect;
 
 static CATALOGUE: &[&dyn Effect] = &[
     // Cell.

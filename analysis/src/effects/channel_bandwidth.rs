@@ -1,6 +1,6 @@
 //! The voltage channel is slower than the current channel.
 
-use super::{Base, Card, Effect, Group, Parameter, Point, Range, Record};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Point, Range, Record};
 use num_complex::Complex64;
 
 static CARD: Card = Card {

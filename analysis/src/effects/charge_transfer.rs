@@ -7,7 +7,7 @@
 //! first are left to the capacitance, as in every describing function. What is not here: the steps
 //! in time ([`crate::augmented`]).
 
-use super::{Base, Point};
+use crate::contract::{Base, Point};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 

@@ -1,6 +1,6 @@
 //! The clock of the records is not the clock of the spectra.
 
-use super::{Base, Card, Effect, Group, Parameter, Range};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Range};
 
 static CARD: Card = Card {
     name: "clock_error",

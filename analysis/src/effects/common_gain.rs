@@ -2,7 +2,7 @@
 
 use num_complex::Complex64;
 
-use super::{Base, Card, Effect, Group, Parameter, Point, Range, Record};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Point, Range, Record};
 
 static CARD: Card = Card {
     name: "common_gain",

@@ -1,6 +1,6 @@
 //! The fixtures of spectra and records hold the cell by different contacts.
 
-use super::{Base, Card, Effect, Group, Parameter, Point, Range};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Point, Range};
 use num_complex::Complex64;
 
 static CARD: Card = Card {

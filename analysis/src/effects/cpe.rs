@@ -1,7 +1,6 @@
 //! An arc of the base becomes a depressed one.
 
-use super::{Base, Card, Effect, Group, Parameter, Range};
-use crate::augmented::{Branch, Network};
+use crate::contract::{Base, Branch, Card, Effect, Group, Network, Parameter, Range};
 use std::f64::consts::PI;
 
 static CARD: Card = Card {

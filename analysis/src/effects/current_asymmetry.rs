@@ -1,6 +1,6 @@
 //! Resistances differ between charge and discharge.
 
-use super::{
+use crate::contract::{
     Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
 };
 use num_complex::Complex64;

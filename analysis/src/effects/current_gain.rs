@@ -1,6 +1,6 @@
 //! The current channels of spectra and records do not agree.
 
-use super::{Base, Card, Effect, Group, Parameter, Range, Record};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Range, Record};
 
 static CARD: Card = Card {
     name: "current_gain",

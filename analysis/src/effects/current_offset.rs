@@ -1,6 +1,6 @@
 //! The current channel does not read zero at zero.
 
-use super::{Base, Card, Effect, Group, Parameter, Range, Record};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Range, Record};
 
 static CARD: Card = Card {
     name: "current_offset",

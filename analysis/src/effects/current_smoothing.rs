@@ -1,6 +1,6 @@
 //! The logged current lags behind the one that flows.
 
-use super::{Base, Card, Effect, Group, Parameter, Range, Record};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Range, Record};
 
 static CARD: Card = Card {
     name: "current_smoothing",

@@ -1,9 +1,9 @@
 //! Diffusion over a finite length.
 
 use super::ladder::transmissive;
-use super::quantity::log_grid;
-use super::{Base, Card, Effect, Group, Parameter, Range};
-use crate::augmented::{Branch, Network};
+use crate::contract::{
+    Base, Branch, Card, Effect, Group, Network, Parameter, Range, quantity::log_grid,
+};
 
 static CARD: Card = Card {
     name: "diffusion",

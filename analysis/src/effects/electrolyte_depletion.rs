@@ -1,7 +1,9 @@
 //! The current uses up the salt of the electrolyte.
 
 use super::charge_transfer::thermal_v;
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record};
+use crate::contract::{
+    Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record,
+};
 use num_complex::Complex64;
 
 static CARD: Card = Card {

@@ -1,6 +1,6 @@
 //! The open-circuit voltage follows the temperature that the current makes.
 
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
+use crate::contract::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
 
 static CARD: Card = Card {
     name: "entropic_heat",

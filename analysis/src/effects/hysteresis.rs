@@ -1,7 +1,9 @@
 //! The open-circuit voltage depends on where the charge came from.
 
-use super::quantity::log_grid;
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Moved, Parameter, Point, Range, Record};
+use crate::contract::{
+    Base, Card, Dynamics, Effect, Group, Instant, Moved, Parameter, Point, Range, Record,
+    quantity::log_grid,
+};
 use num_complex::Complex64;
 
 static CARD: Card = Card {

@@ -1,6 +1,6 @@
 //! Inductance of the cell and its leads.
 
-use super::{Base, Card, Effect, Group, Parameter, Point, Range};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Point, Range};
 use num_complex::Complex64;
 
 static CARD: Card = Card {

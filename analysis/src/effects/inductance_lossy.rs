@@ -1,6 +1,6 @@
 //! Inductance of conductors in which eddy currents flow.
 
-use super::{Base, Card, Effect, Group, Parameter, Point, Range};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Point, Range};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 

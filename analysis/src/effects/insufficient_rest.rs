@@ -1,7 +1,6 @@
 //! Records begin before the cell has come to rest.
 
-use super::quantity::log_grid;
-use super::{Base, Card, Effect, Group, Parameter, Range, Record};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Range, Record, quantity::log_grid};
 
 /// Largest part of the voltage that may still be missing at the start, V.
 const MOST_V: f64 = 0.05;

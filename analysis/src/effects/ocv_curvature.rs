@@ -1,6 +1,6 @@
 //! The open-circuit voltage bends more or less than its curve.
 
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
+use crate::contract::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
 
 static CARD: Card = Card {
     name: "ocv_curvature",

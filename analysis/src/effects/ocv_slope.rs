@@ -1,8 +1,11 @@
 //! The open-circuit voltage moves faster or slower with charge than stated.
 
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record};
-use crate::augmented::storage_ohm;
-use crate::ocv::OcvCurve;
+use crate::{
+    contract::{
+        Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record, storage_ohm,
+    },
+    ocv::OcvCurve,
+};
 use num_complex::Complex64;
 
 static CARD: Card = Card {

@@ -7,10 +7,9 @@
 //! straight: a voltage channel whose gain grows with the level, a current channel with another gain
 //! for large currents.
 
-use super::quantity::log_grid;
-use super::{
+use crate::contract::{
     Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
-    Scale,
+    Scale, quantity::log_grid,
 };
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};

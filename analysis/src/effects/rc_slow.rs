@@ -1,8 +1,8 @@
 //! An additional relaxation, slower than the base's branches or between them.
 
-use super::quantity::log_grid;
-use super::{Base, Card, Effect, Group, Parameter, Range};
-use crate::augmented::{Branch, Network};
+use crate::contract::{
+    Base, Branch, Card, Effect, Group, Network, Parameter, Range, quantity::log_grid,
+};
 
 static CARD: Card = Card {
     name: "rc_slow",

@@ -1,8 +1,7 @@
 //! All resistances of the network a part larger at constant time constants: how a cell scatters
 //! from run to run. Never named: the noise is made of it.
 
-use super::{Base, Card, Effect, Group, Parameter};
-use crate::augmented::Network;
+use crate::contract::{Base, Card, Effect, Group, Network, Parameter};
 
 static CARD: Card = Card {
     name: "resistance_spread",

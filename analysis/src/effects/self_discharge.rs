@@ -1,7 +1,9 @@
 //! Charge leaks away inside the cell.
 
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record};
-use crate::ocv::OcvCurve;
+use crate::{
+    contract::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Range, Record},
+    ocv::OcvCurve,
+};
 
 static CARD: Card = Card {
     name: "self_discharge",

@@ -1,6 +1,8 @@
 //! Joule heat warms the cell, warmth lowers its resistance.
 
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Range, Record};
+use crate::contract::{
+    Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Range, Record,
+};
 
 static CARD: Card = Card {
     name: "self_heating",

@@ -1,6 +1,6 @@
 //! The shunt of the current channel warms up and reads differently.
 
-use super::{Base, Card, Effect, Group, Parameter, Range, Record};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Range, Record};
 
 static CARD: Card = Card {
     name: "shunt_heating",

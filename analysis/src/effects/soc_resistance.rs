@@ -1,6 +1,6 @@
 //! Resistances depend on the state of charge.
 
-use super::{
+use crate::contract::{
     Base, Card, Dynamics, Effect, Group, Instant, Modulation, Parameter, Point, Range, Record,
 };
 use num_complex::Complex64;

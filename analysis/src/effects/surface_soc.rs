@@ -1,9 +1,13 @@
 //! The open-circuit voltage is that of the particles' surface.
 
 use super::ladder::{Rung, reflective};
-use super::quantity::log_grid;
-use super::{Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record};
-use crate::ocv::OcvCurve;
+use crate::{
+    contract::{
+        Base, Card, Dynamics, Effect, Group, Instant, Parameter, Point, Range, Record,
+        quantity::log_grid,
+    },
+    ocv::OcvCurve,
+};
 use num_complex::Complex64;
 
 static CARD: Card = Card {

@@ -1,6 +1,6 @@
 //! A thermal voltage that grows while a record runs.
 
-use super::{Base, Card, Effect, Group, Parameter, Range, Record};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Range, Record};
 
 /// Largest drift over the longest record, V: ten times what 250 K between copper and constantan
 /// make, so that a worse contact shows as such.

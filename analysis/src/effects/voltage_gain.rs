@@ -1,6 +1,6 @@
 //! The voltage channel of the records scales what moves.
 
-use super::{Base, Card, Effect, Group, Parameter, Range, Record};
+use crate::contract::{Base, Card, Effect, Group, Parameter, Range, Record};
 
 static CARD: Card = Card {
     name: "voltage_gain",

@@ -1,7 +1,6 @@
 //! Diffusion into a depth that the data do not reach.
 
-use super::{Base, Card, Effect, Facts, Group, Parameter, Range};
-use crate::augmented::{Branch, Network};
+use crate::contract::{Base, Branch, Card, Effect, Facts, Group, Network, Parameter, Range};
 use std::f64::consts::PI;
 
 static CARD: Card = Card {

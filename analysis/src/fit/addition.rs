@@ -3,10 +3,13 @@
 
 use super::json::JsonError;
 use super::json::ModelFile;
-use crate::augmented::{Augmented, Kept};
-use crate::effects::{Base, Facts, Group, Scale, find};
-use crate::model::Erm;
-use crate::ocv::OcvCurve;
+use crate::{
+    augmented::{Augmented, Kept},
+    contract::{Base, Facts, Group, Scale},
+    effects::find,
+    model::Erm,
+    ocv::OcvCurve,
+};
 use serde::{Deserialize, Serialize};
 
 /// An effect that was added to the model.

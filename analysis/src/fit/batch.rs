@@ -6,11 +6,13 @@
 // Index loops over triangles of small matrices say what the formulas say.
 #![allow(clippy::needless_range_loop)]
 
-use super::global::Columns;
-use super::linalg::{BoxQuadratic, MAX_UNKNOWNS};
 use super::options::{Bounds, Objective};
 use super::problem::Problem;
 use super::projection::REWEIGHTS;
+use crate::numeric::{
+    Columns,
+    linalg::{BoxQuadratic, MAX_UNKNOWNS},
+};
 use std::f64::consts::TAU;
 
 const LANES: usize = 8;

@@ -2,8 +2,10 @@
 //! within them, by a one-way analysis of variance with random effects, cells with unequal numbers
 //! of sweeps allowed (Searle, Casella and McCulloch, *Variance Components*, 1992, section 3.6).
 
-use crate::formats::SourcedSpectrum;
-use crate::spectrum::{Covariance2, ImpedancePoint, SharedError, Spectrum};
+use crate::{
+    numeric::Covariance2,
+    spectrum::{ImpedancePoint, SharedError, SourcedSpectrum, Spectrum},
+};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
@@ -139,7 +141,7 @@ fn f_quantile(p: f64, freedom: (f64, f64)) -> f64 {
     let (mut lo, mut hi) = (1e-9f64, 1e9f64);
     for _ in 0..200 {
         let mid = (lo * hi).sqrt();
-        if 1.0 - super::stats::f_tail(mid, freedom) < p {
+        if 1.0 - crate::numeric::stats::f_tail(mid, freedom) < p {
             lo = mid
         } else {
             hi = mid
@@ -308,7 +310,7 @@ fn smooth_relative(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::Rng;
+    use crate::numeric::Rng;
 
     fn normal(rng: &mut Rng) -> f64 {
         (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (std::f64::consts::TAU * rng.uniform()).cos()
@@ -316,7 +318,7 @@ mod tests {
 
     #[test]
     fn file_and_name_tell_the_cell() {
-        use crate::formats::Origin;
+        use crate::spectrum::Origin;
         let one = |name: &str, cell: Option<&str>| SourcedSpectrum {
             origin: Origin {
                 cell: cell.map(str::to_owned),

@@ -2,8 +2,7 @@
 //! and are no independent witnesses.
 
 use super::cells::CellSweeps;
-use super::stats::t_factor;
-use crate::spectrum::Spectrum;
+use crate::{numeric::stats::t_factor, spectrum::Spectrum};
 
 /// So many cells tell their scatter well enough (to a tenth) for the sigmas to need no remark.
 const MANY: usize = 50;

@@ -10,9 +10,11 @@ use std::f64::consts::SQRT_2;
 
 use num_complex::Complex64;
 
-use super::linalg::{cholesky, cholesky_substitute};
 use super::problem::Sym2;
-use crate::spectrum::Spectrum;
+use crate::{
+    numeric::linalg::{cholesky, cholesky_substitute},
+    spectrum::Spectrum,
+};
 
 /// Scale of the noise of relative weights before anything is fitted: a standard deviation of 0.3 %
 /// of |Z|, as the thesis' repeats have.

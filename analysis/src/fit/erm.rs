@@ -3,19 +3,20 @@
 use super::between::{Between, between_cells};
 use super::cells::CellSweeps;
 use super::clusters::Clusters;
-use super::local::Smooth;
 use super::minima::{LocalMinimum, other_minima};
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
 use super::outliers;
 use super::problem::Problem;
 use super::search::search;
-use super::stats::t_factor;
 use super::storage::{ChargeStorage, Fitted, carry, charge_storage, settle_noise};
 use super::uncertainty::{ErmSigma, Uncertainty};
 use super::warnings::warnings;
-use crate::model::{Erm, RcBranch};
-use crate::spectrum::{OcvSlope, Spectrum};
-use crate::validity::sign_remarks;
+use crate::{
+    model::{Erm, RcBranch},
+    numeric::{Smooth, stats::t_factor},
+    spectrum::{OcvSlope, Spectrum},
+    validity::sign_remarks,
+};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 

@@ -6,10 +6,12 @@ use super::erm::ErmFit;
 use super::minima::LocalMinimum;
 use super::options::Objective;
 use super::uncertainty::ErmSigma;
-use crate::effects::Facts;
-use crate::model::{Erm, RcBranch};
-use crate::ocv::OcvCurve;
-use crate::pack::{Pack, PackError};
+use crate::{
+    contract::Facts,
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+    pack::{Pack, PackError},
+};
 use serde::{Deserialize, Serialize};
 
 /// Name of the model file's schema.

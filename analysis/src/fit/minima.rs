@@ -2,13 +2,14 @@
 //! seeds and descents end in each.
 
 use super::erm::to_erm;
-use super::linalg::cholesky;
-use super::local::{Minimum, Smooth};
 use super::options::{FitError, FitOptions, check_spectra};
 use super::problem::{Problem, impedance};
 use super::search::{Basin, Found, log_bounds, search, sharp};
-use crate::model::Erm;
-use crate::spectrum::Spectrum;
+use crate::{
+    model::Erm,
+    numeric::{Minimum, Smooth, linalg::cholesky},
+    spectrum::Spectrum,
+};
 use nalgebra::{DMatrix, SymmetricEigen};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
@@ -192,7 +193,7 @@ fn promised(hessian: &[f64], gradient: &[f64], m: usize) -> f64 {
         return f64::INFINITY;
     }
     let mut step = gradient.to_vec();
-    super::linalg::cholesky_substitute(&factor, m, &mut step);
+    crate::numeric::linalg::cholesky_substitute(&factor, m, &mut step);
     0.5 * step.iter().zip(gradient).map(|(s, g)| s * g).sum::<f64>()
 }
 

@@ -17,10 +17,7 @@ mod clusters;
 mod common;
 mod erm;
 mod evidence;
-mod global;
 mod json;
-pub(crate) mod linalg;
-mod local;
 mod minima;
 mod options;
 mod order;
@@ -28,10 +25,8 @@ mod outliers;
 mod problem;
 mod profile;
 mod projection;
-mod rng;
 mod search;
 mod spread;
-mod stats;
 mod storage;
 mod uncertainty;
 mod verdict;
@@ -46,17 +41,14 @@ pub use circuit::{
     fit_circuit_cells,
 };
 pub use erm::{ErmFit, fit_cells, fit_erm};
-pub use global::{Columns, DeOptions, Evolution, Member, Strategy, differential_evolution};
 pub use json::{
     FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile,
     PackModel, RefusedPoint,
 };
-pub use local::{LocalOptions, Minimum, Smooth, minimise};
 pub use minima::{LocalMinimum, SeedSurvey, survey_seeds};
 pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};
 pub use order::{OrderOptions, OrderRow, OrderSelection, select_order};
 pub use profile::{Interval, Profile, profiles};
-pub use rng::Rng;
 pub use spread::{CellSpread, ParameterSpread, QuantitySpread, cell_spread};
 pub use storage::ChargeStorage;
 pub(crate) use uncertainty::sigma_of;

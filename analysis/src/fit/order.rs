@@ -13,10 +13,15 @@ use super::erm::{ErmFit, fit_erm};
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
 use super::outliers::standing_out;
 use super::problem::Problem;
-use super::stats::{f_tail, normal_tail};
 use super::verdict::{for_other_cells, judge};
 use super::whiteness::{Lag1, lag1};
-use crate::spectrum::{Covariance2, Spectrum};
+use crate::{
+    numeric::{
+        Covariance2,
+        stats::{f_tail, normal_tail},
+    },
+    spectrum::Spectrum,
+};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

@@ -9,11 +9,15 @@ use num_complex::Complex64;
 
 use super::options::Objective;
 use super::problem::{Group, Problem, quadratic};
-use crate::brief::brief;
-use crate::model::Erm;
-use crate::spectrum::{Covariance2, Spectrum};
-use crate::validity::{
-    FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, Noise, NoiseSource, kramers_kronig, thinned,
+use crate::{
+    brief::brief,
+    model::Erm,
+    numeric::Covariance2,
+    spectrum::Spectrum,
+    validity::{
+        FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, Noise, NoiseSource, kramers_kronig,
+        thinned,
+    },
 };
 
 /// Share of clean data sets in which a point may be taken to stand out.

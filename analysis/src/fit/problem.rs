@@ -6,9 +6,11 @@
 //! point.
 
 use super::common::{self, Common, Seen};
-use super::local::Smooth;
 use super::options::Objective;
-use crate::spectrum::{Covariance2, Spectrum};
+use crate::{
+    numeric::{Covariance2, Smooth},
+    spectrum::Spectrum,
+};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 

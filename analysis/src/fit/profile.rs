@@ -10,14 +10,14 @@
 //! than its degrees of freedom: of few cells, their number less one.
 
 use super::erm::ErmFit;
-use super::linalg::invert;
-use super::local::{LocalOptions, Minimum, Smooth, minimise};
 use super::options::{FitError, FitOptions, Objective, check_spectra};
 use super::problem::Problem;
 use super::search::{log_bounds, polish, sharp};
-use super::stats::t_factor;
 use super::uncertainty::rounded;
-use crate::spectrum::Spectrum;
+use crate::{
+    numeric::{LocalOptions, Minimum, Smooth, linalg::invert, minimise, stats::t_factor},
+    spectrum::Spectrum,
+};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 

@@ -6,9 +6,9 @@
 //! The sum of norms and the moduli are not quadratic: a few reweighted quadratics come close enough
 //! to rank basins. The digits are made later.
 
-use super::linalg::{BoxQuadratic, MAX_UNKNOWNS};
 use super::options::{Bounds, Objective};
 use super::problem::{Group, Problem, Sym2};
+use crate::numeric::linalg::{BoxQuadratic, MAX_UNKNOWNS};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 

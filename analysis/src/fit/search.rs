@@ -3,13 +3,14 @@
 //! minimum kept of each basin.
 
 use super::batch::Batch;
-use super::global::{DeOptions, Evolution, Member, Strategy, differential_evolution};
-use super::local::{LocalOptions, Minimum, Smooth, minimise};
 use super::minima::{same_curve, same_minimum};
 use super::options::{Bounds, FitOptions, Objective};
 use super::problem::Problem;
 use super::projection::Projection;
-use super::rng::Rng;
+use crate::numeric::{
+    DeOptions, Evolution, LocalOptions, Member, Minimum, Rng, Smooth, Strategy,
+    differential_evolution, minimise,
+};
 use std::f64::consts::TAU;
 
 /// Corners of the smoothed norm, in typical impedances, from the first descent to the last digits.

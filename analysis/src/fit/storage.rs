@@ -45,7 +45,7 @@ const CONTRADICTED: f64 = 3.0;
 pub(super) fn settle_noise(
     problem: &mut Problem,
     options: &FitOptions,
-    minimum: &mut super::local::Minimum,
+    minimum: &mut crate::numeric::Minimum,
 ) {
     if problem.absolute_weights || problem.common.is_none() {
         return;
@@ -73,7 +73,7 @@ pub(super) fn settle_noise(
 }
 
 /// The objective without the share of the common errors themselves.
-fn misfit(problem: &Problem, minimum: &super::local::Minimum) -> f64 {
+fn misfit(problem: &Problem, minimum: &crate::numeric::Minimum) -> f64 {
     let own = problem.common.as_ref().map_or(0.0, |common| {
         common.own_share(&common.best(&problem.model(&minimum.x)).0)
     });
@@ -219,7 +219,7 @@ impl Spectrum {
             let error = whole.shared.remove(at);
             for (point, direction) in whole.points.iter_mut().zip(&error.at_ohm) {
                 point.covariance =
-                    point.covariance + crate::spectrum::Covariance2::along(*direction).times(-1.0);
+                    point.covariance + crate::numeric::Covariance2::along(*direction).times(-1.0);
             }
         }
         whole

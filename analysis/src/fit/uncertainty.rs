@@ -3,12 +3,16 @@
 
 use super::clusters::Clusters;
 use super::evidence::{CELL_CORNER, Evidence, FrequencyShare, NORM_CORNER, Normal, PointShare};
-use super::linalg::{invert, product};
-use super::local::Smooth;
 use super::options::{FitOptions, Objective};
 use super::problem::{Group, Problem, impedance, quadratic};
 use super::search::log_bounds;
-use crate::model::Erm;
+use crate::{
+    model::Erm,
+    numeric::{
+        Smooth,
+        linalg::{invert, product},
+    },
+};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 

@@ -1,11 +1,8 @@
 //! What a quality gate has refused, as the column `flags` of the project's own CSV: reasons
 //! separated by `; `, empty for a point that it has let through.
 
-use super::{
-    SourcedSpectrum,
-    text::{self, Text},
-};
-use crate::dataset::FlaggedPoint;
+use super::text::{self, Text};
+use crate::spectrum::{FlaggedPoint, SourcedSpectrum};
 
 /// Reads the column, where a header announces it, into the spectra that hold the points.
 pub(super) fn attach(text: &Text<'_>, spectra: &mut [SourcedSpectrum]) {

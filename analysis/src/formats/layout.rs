@@ -1,10 +1,15 @@
 //! Which column holds what, and rows to spectra.
 
-use super::error::FormatError;
-use super::sweeps::{self, Key, MeasuredRow, Rows, label_value};
-use super::text::{self, Row, Text, shorten};
-use super::{FileSpectra, Origin};
-use crate::spectrum::{Covariance2, ImpedancePoint};
+use super::{
+    FileSpectra,
+    error::FormatError,
+    sweeps::{self, Key, MeasuredRow, Rows, label_value},
+    text::{self, Row, Text, shorten},
+};
+use crate::{
+    numeric::Covariance2,
+    spectrum::{ImpedancePoint, Origin},
+};
 use num_complex::Complex64;
 
 const PROJECT: [&str; 3] = ["freq_hz", "z_re_ohm", "z_im_ohm"];

@@ -4,39 +4,12 @@
 
 use num_complex::Complex64;
 
-use super::SourcedSpectrum;
 use super::error::FormatError;
 use super::text::{self, Text};
-use crate::spectrum::{SharedError, Spectrum};
-
-const RE: &str = "shared_re_ohm[";
-const IM: &str = "shared_im_ohm[";
-
-/// Header and rows of the columns of a spectrum's shared errors, each with a leading comma; empty
-/// without such errors.
-pub(crate) fn columns(spectrum: &Spectrum) -> (String, Vec<String>) {
-    // The name stands in a header of fields that commas part.
-    let name = |error: &SharedError| {
-        error
-            .name
-            .replace([',', ';', '\t', '\n', '\r', '"', '[', ']'], " ")
-    };
-    let header = spectrum
-        .shared
-        .iter()
-        .map(|error| format!(",{RE}{0}],{IM}{0}]", name(error)))
-        .collect();
-    let row = |k: usize| {
-        let cell = |error: &SharedError| {
-            error
-                .at_ohm
-                .get(k)
-                .map_or_else(|| ",,".to_owned(), |d| format!(",{:?},{:?}", d.re, d.im))
-        };
-        spectrum.shared.iter().map(cell).collect()
-    };
-    (header, (0..spectrum.points.len()).map(row).collect())
-}
+use crate::{
+    dataset::shared::{IM, RE},
+    spectrum::{SharedError, SourcedSpectrum},
+};
 
 /// Reads the columns, where a header announces any, into the one spectrum of a file.
 ///

@@ -10,8 +10,8 @@
 //! its frequencies, or all of them. A run that only repeats a few points, fills gaps or measures
 //! another part of the band belongs to the same sweep.
 
-use super::{FileSpectra, Origin, SourcedSpectrum};
-use crate::spectrum::{ImpedancePoint, Spectrum};
+use super::FileSpectra;
+use crate::spectrum::{ImpedancePoint, Origin, SourcedSpectrum, Spectrum};
 use std::{collections::BTreeMap, path::Path};
 
 /// Two frequencies closer than this are one, relative. Half a step of a grid with 100 points per

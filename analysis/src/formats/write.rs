@@ -81,8 +81,7 @@ fn head(spectrum: &Spectrum, format: SpectrumFormat) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::formats::read_spectra;
-    use crate::spectrum::{Covariance2, ImpedancePoint};
+    use crate::{formats::read_spectra, numeric::Covariance2, spectrum::ImpedancePoint};
     use num_complex::Complex64;
     use proptest::prelude::*;
 

@@ -15,9 +15,11 @@ use super::law::Beyond;
 use super::model::{ForwardError, SimModel, SimState};
 use super::profile::Profile;
 use super::simulate::{Method, SimOptions, Simulation};
-use crate::augmented::{Added, Augmented, Network, network};
-use crate::effects::{Base, Dynamics, Record};
-use crate::model::Erm;
+use crate::{
+    augmented::{Added, Augmented, network},
+    contract::{Base, Dynamics, Network, Record},
+    model::Erm,
+};
 use run::Run;
 
 /// Two runs, one with half the steps of the other, must agree at every row within this, V per cell

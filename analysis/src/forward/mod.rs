@@ -18,6 +18,7 @@ mod batch;
 mod law;
 mod limits;
 mod model;
+pub mod pack;
 mod profile;
 mod scale;
 mod sensitivity;
@@ -29,13 +30,13 @@ pub use batch::{BatchCell, BatchOptions, BatchOutcome, MAX_BATCH_RC, simulate_ba
 pub use law::{Beyond, Demand, Drive, Reply};
 pub use limits::CellWindow;
 pub use model::{ForwardError, OcvSource, SimModel, SimState};
-pub use profile::{Interpolation, Profile, ProfileError, ReadOptions};
+pub use profile::{Interpolation, Profile, ProfileError};
 pub use scale::{ScaleBound, ScaleLimit, ScaleOptions, largest_scale};
 pub use sensitivity::{
     Jacobian, Sensitivity, SensitivityRow, StepOptions, sensitivity, step_with_jacobian,
 };
 pub use simulate::{Method, SimOptions, Simulation, simulate};
-pub use trace::{Infeasible, Summary, TRACE_BRANCHES, TangentEnd, Trace, write_trace_parquet};
+pub use trace::{Infeasible, Summary, TRACE_BRANCHES, TangentEnd, Trace};
 
 #[cfg(test)]
 mod tests;

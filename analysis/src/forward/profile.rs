@@ -1,13 +1,7 @@
 //! What is asked of a cell or a pack over time.
 
-mod read;
-
 use super::law::Demand;
-use crate::formats::SeriesReadError;
 use serde::Serialize;
-use std::path::PathBuf;
-
-pub use read::ReadOptions;
 
 /// What happens between two rows of a profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -53,29 +47,6 @@ pub(super) struct Piece {
 /// Why a file or a list is no profile.
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
-    /// The file cannot be read.
-    #[error("{}: expected to read a profile: {source}", file.display())]
-    Io {
-        /// The file.
-        file: PathBuf,
-        /// The file system's answer.
-        source: std::io::Error,
-    },
-    /// A measured series that is none.
-    #[error(transparent)]
-    Series(#[from] SeriesReadError),
-    /// A line that is not as expected.
-    #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
-    Line {
-        /// The file.
-        file: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What was expected.
-        expected: String,
-        /// What was met.
-        met: String,
-    },
     /// Too little.
     #[error("profile {name}: expected at least 2 rows of time and demand, met {met}")]
     TooShort {

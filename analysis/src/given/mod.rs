@@ -13,11 +13,13 @@ pub use error::{GivenError, LadderError};
 pub use ladder::{Bands, Followed, Ladder, LeftOut, MOST_BRANCHES, REFUSED, TARGET, follow};
 pub use plain::PlainModel;
 
-use crate::augmented::Augmented;
-use crate::effects::Facts;
-use crate::fit::{Addition, JsonError, ModelFile, RefusedPoint, augmented};
-use crate::model::{Erm, ModelError};
-use crate::ocv::OcvCurve;
+use crate::{
+    augmented::Augmented,
+    contract::Facts,
+    fit::{Addition, JsonError, ModelFile, RefusedPoint, augmented},
+    model::{Erm, ModelError},
+    ocv::OcvCurve,
+};
 use serde_json::Value;
 
 /// A cell's model and all that is known of it.

@@ -3,10 +3,12 @@
 use super::GivenModel;
 use super::error::GivenError;
 use super::ladder::Ladder;
-use crate::effects::Facts;
-use crate::fit::{Addition, JsonError};
-use crate::model::{Erm, RcBranch};
-use crate::ocv::OcvCurve;
+use crate::{
+    contract::Facts,
+    fit::{Addition, JsonError},
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+};
 use serde::{Deserialize, Serialize};
 
 /// Contents of a file of a typed model. Only `r_ohm` and `branches` are needed.

@@ -4,11 +4,11 @@ use super::pooled::PooledSpectrum;
 use super::problem::{EDGE, Likelihood, erm, information, square};
 use super::response::{step_resistance_ohm, step_resistance_sigma_ohm};
 use super::window::PulseWindow;
-use crate::fit::{
-    Bounds, ErmFit, ErmSigma, LocalOptions, MAX_RC, Minimum, Objective, Rng, linalg, minimise,
-    sigma_of,
+use crate::{
+    fit::{Bounds, ErmFit, ErmSigma, MAX_RC, Objective, sigma_of},
+    model::Erm,
+    numeric::{LocalOptions, Minimum, Rng, linalg, minimise},
 };
-use crate::model::Erm;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;

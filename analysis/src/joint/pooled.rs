@@ -6,9 +6,10 @@
 //! over their number. The factor's spread does not blur the mean of *these* cells, but says how far
 //! another cell may be from it.
 
-use crate::fit::linalg::cholesky;
-use crate::formats::SourcedSpectrum;
-use crate::spectrum::{Covariance2, SharedError};
+use crate::{
+    numeric::{Covariance2, linalg::cholesky},
+    spectrum::{SharedError, SourcedSpectrum},
+};
 use num_complex::Complex64;
 
 /// Relative uncertainty taken per part when nothing tells it.

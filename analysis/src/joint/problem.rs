@@ -7,8 +7,7 @@
 
 use super::pooled::PooledSpectrum;
 use super::window::PulseWindow;
-use crate::fit::Smooth;
-use crate::model::Erm;
+use crate::{model::Erm, numeric::Smooth};
 
 /// Mean and standard deviation of an edge of which nothing is known but the two samples around it.
 pub(super) const EDGE: (f64, f64) = (0.5, 0.288_675_134_594_812_9);

@@ -9,10 +9,11 @@ use super::noise::NoiseModel;
 use super::pooled::{PooledError, PooledSpectrum};
 use super::pulse::{Pulse, PulseOptions, SLOWEST_EDGE_S, find_pulses};
 use super::window::{PulseWindow, WindowOptions};
-use crate::formats::SourcedSpectrum;
-use crate::ocv::{OcvCurve, REST_SIGMA_V, SLOPE_SHARE};
-use crate::series::TimeSeries;
-use crate::spectrum::OcvSlope;
+use crate::{
+    ocv::{OcvCurve, REST_SIGMA_V, SLOPE_SHARE},
+    series::TimeSeries,
+    spectrum::{OcvSlope, SourcedSpectrum},
+};
 use serde::{Deserialize, Serialize};
 
 /// Times after the edge at which pulses are compared, s.

@@ -1,11 +1,14 @@
 use super::fit::not_borne;
 use super::*;
-use crate::fit::{Bounds, Rng};
-use crate::formats::{Origin, SeriesOptions, SourcedSpectrum, read_series, read_sourced};
-use crate::model::{Erm, RcBranch};
-use crate::ocv::{OcvCurve, OcvOptions, extract};
-use crate::series::TimeSeries;
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use crate::{
+    fit::Bounds,
+    formats::{SeriesOptions, read_series, read_sourced},
+    model::{Erm, RcBranch},
+    numeric::{Covariance2, Rng},
+    ocv::{OcvCurve, OcvOptions, extract},
+    series::TimeSeries,
+    spectrum::{ImpedancePoint, Origin, SourcedSpectrum, Spectrum},
+};
 use num_complex::Complex64;
 use std::path::PathBuf;
 
@@ -343,7 +346,7 @@ fn answers_to_steps_have_the_slopes_they_state() {
 
 #[test]
 fn the_likelihood_has_the_gradient_it_states() {
-    use crate::fit::Smooth;
+    use crate::numeric::Smooth;
     let case = synthetic(4);
     let likelihood = problem::Likelihood {
         spectrum: &case.pooled,

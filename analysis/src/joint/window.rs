@@ -10,10 +10,7 @@
 use super::noise::NoiseModel;
 use super::pulse::Pulse;
 use super::response::{add_step, step_resistance_ohm};
-use crate::fit::linalg;
-use crate::model::Erm;
-use crate::ocv::OcvCurve;
-use crate::series::TimeSeries;
+use crate::{model::Erm, numeric::linalg, ocv::OcvCurve, series::TimeSeries};
 
 /// Prior of the offset, V.
 const OFFSET_V: f64 = 0.02;

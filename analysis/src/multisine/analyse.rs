@@ -14,7 +14,10 @@ use super::{
     images::Sampling,
     seen::{Pairs, Proof, Seen},
 };
-use crate::spectrum::{ChannelPhasors, Covariance2, PhasorVariance, SpectrumError};
+use crate::{
+    numeric::Covariance2,
+    spectrum::{ChannelPhasors, PhasorVariance, SpectrumError},
+};
 
 /// Fewest periods: less leaves no bins between the harmonics worth the name.
 const FEWEST_PERIODS: usize = 3;
@@ -426,8 +429,8 @@ fn between(known: &[(f64, Complex64)], freq_hz: f64) -> Complex64 {
 mod tests {
     use super::*;
     use crate::{
-        fit::Rng,
         multisine::{design, odd_grid},
+        numeric::Rng,
     };
     use std::f64::consts::TAU;
 

@@ -10,7 +10,7 @@ use num_complex::Complex64;
 use rustfft::{Fft, FftPlanner};
 use std::{f64::consts::TAU, sync::Arc};
 
-use crate::fit::Rng;
+use crate::numeric::Rng;
 
 /// Random starts.
 const STARTS: usize = 8;

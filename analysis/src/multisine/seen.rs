@@ -240,8 +240,8 @@ fn proof(places: &[Place], (octaves, noise): (&[f64], f64)) -> Proof {
 mod tests {
     use super::*;
     use crate::{
-        fit::Rng,
         multisine::{MultisineFit, analyse, analyse_played},
+        numeric::Rng,
     };
     use rustfft::FftPlanner;
     use std::f64::consts::TAU;

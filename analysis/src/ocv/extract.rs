@@ -423,7 +423,7 @@ fn warnings(down: &Branch, options: &OcvOptions) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::Rng;
+    use crate::numeric::Rng;
 
     fn truth(z: f64) -> f64 {
         3.1 + 0.9 * z + 0.15 * z.powi(6) + 0.02 * (12.0 * z).sin() - 0.4 * (-z / 0.04).exp()

@@ -2,7 +2,7 @@
 //! OCV does.
 
 use super::OcvCurve;
-use crate::fit::linalg;
+use crate::numeric::linalg;
 use serde::{Deserialize, Serialize};
 
 /// Highest order; beyond it the powers of SOC no longer carry the digits.

@@ -249,7 +249,7 @@ fn solve(l: &Bands, mut b: Vec<f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::Rng;
+    use crate::numeric::Rng;
 
     /// Normal deviates by Box and Muller.
     fn normal(rng: &mut Rng) -> f64 {

@@ -3,19 +3,13 @@
 //! All cells are taken as identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances
 //! times S/P and capacitances times P/S fulfil (equations 3.4, 3.6, 3.10; the proof there is for
 //! one RC circuit, the law holds branch by branch). [`Sizing`] is what the simple-IR model says a
-//! pack can do; [`scatter`] drops the assumption of identical cells. OCV and capacity of a pack are
+//! pack can do; [`crate::forward::pack::scatter`] drops the assumption of identical cells. OCV and capacity of a pack are
 //! in [`crate::forward::SimModel`].
 
 mod heat;
-mod network;
-mod scatter;
 mod sizing;
 
 pub use heat::{Hold, ThermalMass};
-pub use scatter::{
-    BandRow, Draws, Outcome, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, drawn_cells,
-    scatter, scatter_cells,
-};
 pub use sizing::{OperatingPoint, PeakLimit, SimpleIr, Sizing, SizingInput, check_window};
 
 use crate::model::{Erm, ModelError, RcBranch};
@@ -141,7 +135,7 @@ impl Pack {
         format!("{}S{}P", self.series, self.parallel)
     }
 
-    fn check(&self) -> Result<(), PackError> {
+    pub(crate) fn check(&self) -> Result<(), PackError> {
         let Self {
             series,
             parallel,

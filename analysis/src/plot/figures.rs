@@ -1,10 +1,11 @@
 //! The thesis' figures 3.8 and 3.10–3.14 redrawn from data.
 
 use super::{ImpedancePlot, PlotError, Series, SeriesStyle, nyquist};
-use crate::brief::brief;
-use crate::fit::ErmFit;
-use crate::formats::cell_in_name;
-use crate::spectrum::Spectrum;
+use crate::{
+    brief::brief,
+    fit::ErmFit,
+    spectrum::{Spectrum, cell_in_name},
+};
 use std::path::{Path, PathBuf};
 
 /// What the figures are drawn from.

@@ -2,7 +2,7 @@
 
 use super::scene::{Colour, Place, Shape};
 use super::{Series, SeriesStyle};
-use crate::spectrum::Covariance2;
+use crate::numeric::Covariance2;
 
 pub(super) const INK: Colour = Colour(34, 34, 34, 1.0);
 pub(super) const GREY: Colour = Colour(100, 100, 100, 1.0);

@@ -29,9 +29,7 @@ pub use drawing::Drawing;
 pub use figures::{FigureInput, fit_figure, sweeps_figure, write_thesis_figures};
 pub use heat::{HeatMap, HeatScale};
 
-use crate::fit::ErmFit;
-use crate::model::Erm;
-use crate::spectrum::{Covariance2, Spectrum};
+use crate::{fit::ErmFit, model::Erm, numeric::Covariance2, spectrum::Spectrum};
 use num_complex::Complex64;
 use std::path::{Path, PathBuf};
 

@@ -3,7 +3,7 @@
 
 use num_complex::Complex64;
 
-use crate::spectrum::Covariance2;
+use crate::numeric::Covariance2;
 
 /// Sinusoids of one frequency fitted to the channels of a record.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]

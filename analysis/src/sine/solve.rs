@@ -13,7 +13,7 @@ use super::{
     Channel, ChannelFit, FitOptions, MIN_PERIODS, MIN_SAMPLES, Note, Phasor, Record, SineError,
     SineFit, Tone,
 };
-use crate::spectrum::Covariance2;
+use crate::numeric::Covariance2;
 
 /// Steps of the frequency before giving up.
 const MAX_STEPS: usize = 40;

@@ -1,12 +1,15 @@
 //! The limits against brute force, against their closed-form ends, and the laws they obey.
 
 use super::*;
-use crate::augmented::{Augmented, Kept};
-use crate::effects::{Base, Facts, find};
-use crate::forward::{CellWindow, Demand, OcvSource, Profile, SimModel, SimOptions, simulate};
-use crate::model::{Erm, RcBranch};
-use crate::ocv::OcvCurve;
-use crate::pack::{Pack, Sizing, SizingInput};
+use crate::{
+    augmented::{Augmented, Kept},
+    contract::{Base, Facts},
+    effects::find,
+    forward::{CellWindow, Demand, OcvSource, Profile, SimModel, SimOptions, simulate},
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+    pack::{Pack, Sizing, SizingInput},
+};
 use proptest::prelude::*;
 
 const CAPACITY_AH: f64 = 4.0;

@@ -3,7 +3,8 @@
 //! change that is linear in time cancels, whatever the frequency; for visits there and back, all
 //! frequencies have the same middle, and the line is their mean.
 
-use super::{Covariance2, ImpedancePoint};
+use super::ImpedancePoint;
+use crate::numeric::Covariance2;
 
 /// Visits of less than this apart, relative, are of one frequency.
 const SAME: f64 = 1.0e-9;

@@ -2,8 +2,11 @@
 
 use num_complex::Complex64;
 
-use super::{Covariance2, SpectrumError};
-use crate::sine::{ChannelFit, RELAXATION_LEFT, SineFit};
+use super::SpectrumError;
+use crate::{
+    numeric::Covariance2,
+    sine::{ChannelFit, RELAXATION_LEFT, SineFit},
+};
 
 /// Phasors of the four single-ended probe channels at one frequency, before any correction.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]

@@ -9,7 +9,8 @@
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
-use super::{Covariance2, ImpedancePoint, Spectrum};
+use super::{ImpedancePoint, Spectrum};
+use crate::numeric::Covariance2;
 
 /// Name of the shared error that stands for the uncertainty of an [`OcvSlope`].
 pub const OCV_SLOPE: &str = "OCV slope";

@@ -12,7 +12,7 @@ use super::assess::Record;
 use super::noise::Noise;
 use super::tail::{holm, pair_tail};
 use super::{FALSE_ALARM_RATE, same_grid};
-use crate::spectrum::{Covariance2, Spectrum};
+use crate::{numeric::Covariance2, spectrum::Spectrum};
 use num_complex::Complex64;
 use serde::Serialize;
 

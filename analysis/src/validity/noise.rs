@@ -8,7 +8,10 @@
 use super::ladder::{Ladder, Whitening};
 use super::tail::deviate_tail;
 use super::{ValidityError, same_grid};
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use crate::{
+    numeric::Covariance2,
+    spectrum::{ImpedancePoint, Spectrum},
+};
 use num_complex::Complex64;
 use serde::Serialize;
 use std::f64::consts::TAU;

@@ -81,7 +81,7 @@ impl Whittaker {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fit::Rng;
+    use crate::numeric::Rng;
 
     #[test]
     fn lines_stay_and_noise_goes() {

@@ -1,8 +1,10 @@
 //! Spectra made here by closed formulas, with noise of a known size, valid and spoilt.
 
 use super::*;
-use crate::fit::Rng;
-use crate::spectrum::{Covariance2, ImpedancePoint};
+use crate::{
+    numeric::{Covariance2, Rng},
+    spectrum::ImpedancePoint,
+};
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
@@ -428,7 +430,7 @@ fn harmonics_tell_the_error_of_a_polynomial() {
 
 #[test]
 fn of_a_hundred_sweeps_of_noise_one_has_a_harmonic_however_many_points_it_has() {
-    let mut rng = crate::fit::Rng::new(11);
+    let mut rng = crate::numeric::Rng::new(11);
     let mut gauss = move || (0..12).map(|_| rng.uniform()).sum::<f64>() - 6.0;
     for points in [5, 20, 60] {
         let mut harmonic = |order| Harmonic {

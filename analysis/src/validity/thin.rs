@@ -55,7 +55,7 @@ pub(super) fn remark(judged: usize, points: usize) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spectrum::{Covariance2, ImpedancePoint};
+    use crate::{numeric::Covariance2, spectrum::ImpedancePoint};
 
     fn spectrum(freqs_hz: impl Iterator<Item = f64>) -> Spectrum {
         let point = |freq_hz| ImpedancePoint {

@@ -1,10 +1,11 @@
 //! Where the uncertainty comes from: the parts add up, and each follows its own cause.
 
-use analysis::budget::{Budget, BudgetPoint, Cause};
-use analysis::calibration::{
-    Controls, Correction, KnownImpedance, Priors, Source, StrayAdmittance,
+use analysis::{
+    budget::{Budget, BudgetPoint, Cause},
+    calibration::{Controls, Correction, KnownImpedance, Priors, Source, StrayAdmittance},
+    numeric::Covariance2,
+    spectrum::{ChannelPhasors, PhasorVariance},
 };
-use analysis::spectrum::{ChannelPhasors, Covariance2, PhasorVariance};
 use proptest::prelude::*;
 
 use crate::bench::{Bench, FAKE_CELL, Probes, SHORT, SHUNT, cell, fake_cell, short};

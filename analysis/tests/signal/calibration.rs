@@ -1,11 +1,12 @@
 //! The correction of the harness against a bench of closed formulas.
 
-use analysis::calibration::{
-    COMMON, ControlTolerance, Controls, Correction, CorrectionModes, KnownImpedance, Priors,
-    check_control,
-};
-use analysis::spectrum::{
-    ChannelPhasors, Covariance2, ImpedancePoint, PhasorVariance, Spectrum, raw_impedance,
+use analysis::{
+    calibration::{
+        COMMON, ControlTolerance, Controls, Correction, CorrectionModes, KnownImpedance, Priors,
+        check_control,
+    },
+    numeric::Covariance2,
+    spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance, Spectrum, raw_impedance},
 };
 use num_complex::Complex64;
 

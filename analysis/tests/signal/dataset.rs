@@ -3,14 +3,17 @@
 use std::fs;
 use std::path::Path;
 
-use analysis::dataset::{
-    CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, SERIES_COLUMNS, SPECTRUM_COLUMNS,
-    SeriesRow, append_spectrum_csv, open_capture, read_capture, read_series_parquet,
-    read_spectrum_csv, read_spectrum_parquet, write_atomically, write_capture,
-    write_series_parquet, write_spectrum_csv, write_spectrum_parquet,
+use analysis::{
+    dataset::{
+        CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, SERIES_COLUMNS, SPECTRUM_COLUMNS,
+        SeriesRow, append_spectrum_csv, open_capture, read_capture, read_series_parquet,
+        read_spectrum_csv, read_spectrum_parquet, write_atomically, write_capture,
+        write_series_parquet, write_spectrum_csv, write_spectrum_parquet,
+    },
+    numeric::Covariance2,
+    sine::{CodeScale, FitOptions, Record, fit_free_frequency, fit_known_frequency},
+    spectrum::ImpedancePoint,
 };
-use analysis::sine::{CodeScale, FitOptions, Record, fit_free_frequency, fit_known_frequency};
-use analysis::spectrum::{Covariance2, ImpedancePoint};
 use num_complex::Complex64;
 
 use crate::noise::Noise;

@@ -1,8 +1,9 @@
 //! Phasors to impedance, and the checks of a spectrum.
 
-use analysis::sine::{Channel, FitOptions, Record, fit_known_frequency};
-use analysis::spectrum::{
-    ChannelPhasors, Covariance2, ImpedancePoint, PhasorVariance, Spectrum, raw_impedance,
+use analysis::{
+    numeric::Covariance2,
+    sine::{Channel, FitOptions, Record, fit_known_frequency},
+    spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance, Spectrum, raw_impedance},
 };
 use num_complex::Complex64;
 use proptest::prelude::*;

@@ -2,12 +2,12 @@
 //! in closed form, and shares nothing with the model that is fitted but its parameters.
 
 use analysis::{
-    formats::{Origin, SourcedSpectrum},
     joint::{JointOptions, Role, StudyInput, StudyOptions, study},
     model::{Erm, RcBranch},
+    numeric::Covariance2,
     ocv::OcvCurve,
     series::TimeSeries,
-    spectrum::{Covariance2, ImpedancePoint, Spectrum},
+    spectrum::{ImpedancePoint, Origin, SourcedSpectrum, Spectrum},
 };
 use fixtures::Scenario;
 use num_complex::Complex64;

@@ -6,13 +6,13 @@ use std::path::{Path, PathBuf};
 use analysis::{
     dataset,
     formats::{
-        SeriesOptions, SourcedSpectrum, SpectrumFormat, bdf_text,
+        SeriesOptions, SpectrumFormat, bdf_text,
         model::{CellModel, ModelFormat},
         read_series, spectrum_text, write_bdf_parquet,
     },
     given::GivenModel,
     ocv::OcvCurve,
-    spectrum::ImpedancePoint,
+    spectrum::{ImpedancePoint, SourcedSpectrum},
 };
 use clap::Args;
 

@@ -4,8 +4,9 @@
 use std::path::PathBuf;
 
 use analysis::{
+    contract::Card,
     diagnosis::{distinguish, report},
-    effects::{Card, catalogue},
+    effects::catalogue,
 };
 use serde::Serialize;
 

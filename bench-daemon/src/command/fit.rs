@@ -19,11 +19,10 @@ use analysis::{
         Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective,
         PackModel, RefusedPoint, fit_cells,
     },
-    formats::SourcedSpectrum,
     pack::Pack,
     plot::{self, FigureInput},
     report::{Figure, Report},
-    spectrum::Spectrum,
+    spectrum::{SourcedSpectrum, Spectrum},
 };
 
 /// Arguments of `fit`.

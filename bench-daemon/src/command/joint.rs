@@ -11,13 +11,14 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     fit::{Bounds, JointProvenance, MAX_RC, ModelFile, PackModel},
-    formats::{CurrentSign, SourcedSpectrum},
+    formats::CurrentSign,
     joint::{
         JointFit, JointOptions, PooledSpectrum, PulseResult, Role, Study, StudyInput, StudyOptions,
         study,
     },
     ocv::{OcvCurve, OcvOptions, extract},
     pack::Pack,
+    spectrum::SourcedSpectrum,
 };
 
 /// Arguments of `joint`.

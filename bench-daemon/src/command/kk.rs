@@ -14,9 +14,8 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     drt::{Drt, drt, start_values},
-    formats::SourcedSpectrum,
     model::RcBranch,
-    spectrum::Spectrum,
+    spectrum::{SourcedSpectrum, Spectrum},
     validity::{
         Assessed, Assessment, Grade, Linearity, Noise, NoiseSource, Record, Stationarity, assess,
         thinned,

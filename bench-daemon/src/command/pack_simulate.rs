@@ -7,13 +7,17 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     dataset::{self, ColumnSpec},
-    forward::{CellWindow, OcvSource, Profile},
+    formats::read_profile,
+    forward::{
+        CellWindow, OcvSource,
+        pack::{
+            Draws, Outcome, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, scatter,
+            scatter_cells,
+        },
+    },
     given::GivenModel,
     model::Erm,
-    pack::{
-        Draws, Outcome, Pack, Percentiles, PlacedCell, Scatter, ScatterSetup, Spread, scatter,
-        scatter_cells,
-    },
+    pack::Pack,
 };
 use clap::Args;
 use serde::Serialize;
@@ -233,7 +237,7 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
     let model = args.model.read(args.ocv.as_deref())?;
     let profile =
-        Profile::read(&args.profile, &args.read.options()).map_err(|error| usage(&error))?;
+        read_profile(&args.profile, &args.read.options()).map_err(|error| usage(&error))?;
     let (ocv, soc) = start(args, &model)?;
     let cell = cell(&model, &ocv)?;
     let setup = ScatterSetup {

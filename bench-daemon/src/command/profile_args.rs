@@ -1,6 +1,9 @@
 //! How a profile's file is read: arguments that `simulate` and `pack simulate` share.
 
-use analysis::forward::{Demand, Interpolation, Profile, ReadOptions};
+use analysis::{
+    formats::ReadOptions,
+    forward::{Demand, Interpolation, Profile},
+};
 use clap::Args;
 
 /// What the file of a profile may not say itself.

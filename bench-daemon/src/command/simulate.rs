@@ -15,9 +15,11 @@ use crate::{
 use std::path::{Path, PathBuf};
 
 use analysis::{
+    dataset::write_trace_parquet,
+    formats::read_profile,
     forward::{
         Beyond, CellWindow, ForwardError, Infeasible, Method, OcvSource, Profile, ScaleBound,
-        SimModel, SimOptions, SimState, Summary, write_trace_parquet,
+        SimModel, SimOptions, SimState, Summary,
     },
     given::GivenModel,
     pack::Pack,
@@ -184,7 +186,7 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
     let mut outputs = Vec::new();
     let mut cases = Vec::new();
     for path in &args.profiles {
-        let profile = Profile::read(path, &args.read.options()).map_err(usage)?;
+        let profile = read_profile(path, &args.read.options()).map_err(usage)?;
         check_euler(args, &model, &profile)?;
         let options = options(args, &profile, window);
         let case = Case::run((&file, &model, &state), profile, (options, args.dcir_ohm)).map_err(

@@ -1,7 +1,7 @@
 //! Experiment and cell as they are typed: these structures mirror the TOML, and nothing else reads
 //! them than `resolve` and `check`. The bench is in `raw_bench`.
 
-use analysis::dataset::Role;
+use analysis::series::Role;
 use serde::Deserialize;
 
 use super::quantity::{

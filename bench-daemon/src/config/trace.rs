@@ -5,7 +5,7 @@ mod average;
 mod rows;
 mod through;
 
-use analysis::dataset::Role;
+use analysis::series::Role;
 
 use super::{ConfigError, Source, check::Check, raw};
 use crate::plan::{Averaged, Through};

@@ -7,15 +7,14 @@ use std::{
 };
 
 use analysis::{
+    contract::Below,
     dataset::TRACE_COLUMNS,
     diagnosis::{Sweep, SweepPoint},
-    effects::Below,
     formats::{
-        CurrentSign, FormatError, SeriesOptions, SeriesReadError, SourcedSpectrum, read_series,
-        read_sourced,
+        CurrentSign, FormatError, SeriesOptions, SeriesReadError, read_series, read_sourced,
     },
     series::{SeriesError, TimeSeries},
-    spectrum::Spectrum,
+    spectrum::{SourcedSpectrum, Spectrum},
 };
 
 /// A run whose file is there but cannot be what was measured.

@@ -41,9 +41,9 @@ use std::path::Path;
 
 use analysis::{
     calibration::CommonError,
-    dataset::FlaggedPoint,
     diagnosis::{DataSet, Run, RunData},
     fit::RefusedPoint,
+    spectrum::FlaggedPoint,
 };
 
 use crate::{config::ConfigError, present};

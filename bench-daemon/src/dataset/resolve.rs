@@ -4,11 +4,11 @@ use std::{ops::RangeInclusive, path::Path};
 
 use analysis::{
     augmented::Between,
-    dataset::FlaggedPoint,
+    contract::Below,
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, TimeRecord},
-    effects::Below,
-    formats::{CurrentSign, SourcedSpectrum},
+    formats::CurrentSign,
     series::TimeSeries,
+    spectrum::{FlaggedPoint, SourcedSpectrum},
 };
 
 use super::{

@@ -9,10 +9,11 @@ use std::path::{Path, PathBuf};
 use analysis::{
     augmented::Between,
     calibration::CommonError,
-    dataset::{FlaggedPoint, TraceRow, read_trace_csv},
+    contract::Below,
+    dataset::{TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
-    effects::Below,
     series::TimeSeries,
+    spectrum::FlaggedPoint,
 };
 use serde::Deserialize;
 

@@ -3,10 +3,10 @@ use std::path::Path;
 use analysis::{
     augmented::Between,
     calibration::CommonError,
+    contract::Below,
     diagnosis::{
         BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
     },
-    effects::Below,
     series::TimeSeries,
 };
 use num_complex::Complex64;

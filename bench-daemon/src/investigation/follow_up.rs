@@ -2,9 +2,9 @@
 //! the correction stays.
 
 use analysis::{
-    dataset::Role,
     diagnosis::{DataSet, Fixture, Planned, PlannedRun, Run, RunData, Start},
     ocv::OcvCurve,
+    series::Role,
 };
 use instruments::fixture;
 

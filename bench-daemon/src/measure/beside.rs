@@ -2,8 +2,9 @@
 //! its own, so that the phasors of the sinusoid stay what they are.
 
 use analysis::{
+    numeric::Covariance2,
     sine::{self, Drift, FitOptions, Record, SineFit, ToneKind},
-    spectrum::{ChannelPhasors, Covariance2, PhasorVariance},
+    spectrum::{ChannelPhasors, PhasorVariance},
 };
 
 /// Harmonics that are looked for: what an asymmetric and what a symmetric nonlinearity makes first.

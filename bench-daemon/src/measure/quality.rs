@@ -183,7 +183,7 @@ pub fn measure(
     (phasors, beside): (&ChannelPhasors, &Beside),
     clipped: f64,
 ) -> Measures {
-    let magnitude = |variance: fn(&PhasorVariance) -> analysis::spectrum::Covariance2| {
+    let magnitude = |variance: fn(&PhasorVariance) -> analysis::numeric::Covariance2| {
         let only = phasors.variance.map(|all| PhasorVariance {
             noise: variance(&all),
             ..PhasorVariance::circular(0.0)

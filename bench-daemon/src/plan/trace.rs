@@ -1,7 +1,7 @@
 //! A trace as data: when the current steps, when the scope looks, and what the cell may be exposed
 //! to at worst meanwhile.
 
-use analysis::dataset::Role;
+use analysis::series::Role;
 
 use crate::interlock::Limits;
 
@@ -280,7 +280,7 @@ pub(crate) fn test_trace() -> TracePlan {
     TracePlan {
         name: "t".to_owned(),
         repeat: 1,
-        role: analysis::dataset::Role::Train,
+        role: analysis::series::Role::Train,
         repeat_group: "t".to_owned(),
         through: Through::Bipolar,
         averaged: None,

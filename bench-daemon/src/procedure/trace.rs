@@ -217,7 +217,7 @@ fn spots((mut at_s, latest_s): (f64, f64), stepped_s: f64, trace: &Trace, frames
 #[cfg(test)]
 mod tests {
     use super::*;
-    use analysis::dataset::Role;
+    use analysis::series::Role;
 
     fn trace(segments: &[(f64, f64)]) -> Trace {
         Trace {

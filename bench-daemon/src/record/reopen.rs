@@ -252,7 +252,7 @@ fn reading(line: &str) -> Option<SeriesRow> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use analysis::spectrum::Covariance2;
+    use analysis::numeric::Covariance2;
     use instruments::clock::TimeMode;
     use num_complex::Complex64;
 

@@ -4,9 +4,10 @@
 use std::{fmt::Write as _, path::Path};
 
 use analysis::{
-    dataset::{FlaggedPoint, Role, SweepEntry},
+    dataset::SweepEntry,
     multisine::Line,
-    spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, raw_impedance},
+    series::Role,
+    spectrum::{ChannelPhasors, FlaggedPoint, ImpedancePoint, Spectrum, raw_impedance},
 };
 use instruments::fixture::Fixture;
 

@@ -2,9 +2,10 @@
 
 use analysis::{
     calibration::{Correction, CorrectionModes},
-    dataset::{FlaggedPoint, Role, SweepEntry},
-    effects::Below,
-    spectrum::{ChannelPhasors, ImpedancePoint, Spectrum, at_one_time},
+    contract::Below,
+    dataset::SweepEntry,
+    series::Role,
+    spectrum::{ChannelPhasors, FlaggedPoint, ImpedancePoint, Spectrum, at_one_time},
 };
 use instruments::fixture::Fixture;
 use num_complex::Complex64;

@@ -2,15 +2,16 @@
 
 use analysis::{
     augmented::Between,
+    contract::Below,
     diagnosis::{
         BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
         TimeRecord,
     },
-    effects::Below,
     fit::{Bounds, FitOptions, Objective, fit_erm},
+    numeric::Covariance2,
     ocv::OcvCurve,
     series::TimeSeries,
-    spectrum::{Covariance2, ImpedancePoint, Spectrum},
+    spectrum::{ImpedancePoint, Spectrum},
 };
 use anyhow::Context;
 use fixtures::hidden;

@@ -5,7 +5,8 @@ use std::fs;
 
 use analysis::{
     dataset::{RunIndex, TraceRow, read_trace_csv},
-    forward::{Demand, Interpolation, Profile, ReadOptions},
+    formats::{ReadOptions, read_profile},
+    forward::{Demand, Interpolation},
 };
 use bench_daemon::{command::run::run_experiment, config::load_experiment, run::Finished};
 
@@ -517,7 +518,7 @@ fn a_wave_plays_two_milliseconds_and_the_record_is_the_profile_and_the_truth() {
             interpolation: Interpolation::Linear,
             charge_positive: false,
         };
-        let profile = Profile::read(&files.path("run/series_jump_1.bdf.csv"), &options).unwrap();
+        let profile = read_profile(&files.path("run/series_jump_1.bdf.csv"), &options).unwrap();
         assert!(
             profile.demand == Demand::Current
                 && profile.value.iter().copied().fold(0.0, f64::max) > 15.0,

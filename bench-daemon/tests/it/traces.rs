@@ -4,8 +4,9 @@
 use std::fs;
 
 use analysis::{
-    dataset::{Role, RunIndex, TraceRow, read_spectrum_csv, read_trace_csv},
+    dataset::{RunIndex, TraceRow, read_spectrum_csv, read_trace_csv},
     formats::{SeriesOptions, read_series},
+    series::Role,
 };
 use bench_daemon::{
     command::run::run_experiment, config::load_experiment, failure::Failure, procedure,

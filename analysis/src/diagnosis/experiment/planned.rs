@@ -1,9 +1,11 @@
 //! A run that was not measured yet, as data.
 
-use crate::augmented::Between;
-use crate::diagnosis::data::{Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
-use crate::effects::Below;
-use crate::series::TimeSeries;
+use crate::{
+    augmented::Between,
+    contract::Below,
+    diagnosis::data::{Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord},
+    series::TimeSeries,
+};
 use num_complex::Complex64;
 
 /// Time of a sweep per point: so many periods …

@@ -2,8 +2,10 @@
 
 use super::super::data::{DataSet, Fixture, Run, RunData, Start};
 use super::super::prepare::BaseModel;
-use crate::augmented::{Grid, Player};
-use crate::effects::{Base, Facts, Record};
+use crate::{
+    augmented::{Grid, Player},
+    contract::{Base, Facts, Record},
+};
 use num_complex::Complex64;
 
 /// What the base model expects of a data set.

@@ -2,8 +2,11 @@
 
 use super::super::data::Sweep;
 use super::{Check, Findings, Inspection};
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
-use crate::validity::{FEWEST_POINTS, KkOutcome, Noise, kramers_kronig};
+use crate::{
+    numeric::Covariance2,
+    spectrum::{ImpedancePoint, Spectrum},
+    validity::{FEWEST_POINTS, KkOutcome, Noise, kramers_kronig},
+};
 
 /// A residual is held against a spectrum above so many per cent of |Z| and so many standard
 /// deviations of its noise: below, the ladder itself and the imperfect causality of a skew are met.

@@ -2,8 +2,10 @@
 
 use super::Picture;
 use super::page::{Item, Page, Section};
-use crate::effects::{Card, Group};
-use crate::plot::{Drawing, HeatMap, HeatScale};
+use crate::{
+    contract::{Card, Group},
+    plot::{Drawing, HeatMap, HeatScale},
+};
 
 /// Distinguishability below which a pair is listed as hard to tell apart.
 const HARD: f64 = 0.9;

@@ -5,8 +5,10 @@ use super::is_significant;
 use super::numbers::{percent, plain, quantity, times};
 use super::page::{Item, Section};
 use super::titled;
-use crate::diagnosis::outcome::{Block, Diagnosis, NoiseTerm, Verdict};
-use crate::effects::Group;
+use crate::{
+    contract::Group,
+    diagnosis::outcome::{Block, Diagnosis, NoiseTerm, Verdict},
+};
 
 /// Most blocks listed as left over.
 const MOST_BLOCKS: usize = 5;

@@ -6,9 +6,14 @@ use super::pictures::Kind;
 use super::{
     SCORE_THRESHOLD, SIGNIFICANT_P, after, counted, is_significant, misfit, reserve, titled,
 };
-use crate::diagnosis::attempts::is_outside;
-use crate::diagnosis::outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict};
-use crate::effects::{self, Group};
+use crate::{
+    contract::Group,
+    diagnosis::{
+        attempts::is_outside,
+        outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict},
+    },
+    effects,
+};
 
 /// Most blocks listed in words; the picture shows all.
 const MOST_BLOCKS: usize = 8;

@@ -4,15 +4,17 @@
 //! Written out by hand, step by step; it shares nothing with what is tested but the types of the
 //! data.
 
-use crate::augmented::Between;
-use crate::diagnosis::{
-    BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
-    TimeRecord,
+use crate::{
+    augmented::Between,
+    contract::Below,
+    diagnosis::{
+        BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
+        TimeRecord,
+    },
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+    series::TimeSeries,
 };
-use crate::effects::Below;
-use crate::model::{Erm, RcBranch};
-use crate::ocv::OcvCurve;
-use crate::series::TimeSeries;
 use num_complex::Complex64;
 
 pub(super) const R0: f64 = 7e-3;

@@ -1,20 +1,26 @@
 //! What runs that repeat each other share, and what they do not.
 
 use super::bench::{Hidden, campaign, model};
-use crate::augmented::Between;
-use crate::diagnosis::block::{Block, Desk, Kind};
-use crate::diagnosis::data::{
-    BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
+use crate::{
+    augmented::Between,
+    contract::{Below, Moved},
+    diagnosis::{
+        block::{Block, Desk, Kind},
+        data::{
+            BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
+            TimeRecord,
+        },
+        diagnose::base_fit,
+        guards::Guards,
+        prepare::{Prepared, prepare},
+        problem::Problem,
+        propose::direction,
+        structure::variants,
+        whitening::dot,
+    },
+    effects::find,
+    series::TimeSeries,
 };
-use crate::diagnosis::diagnose::base_fit;
-use crate::diagnosis::guards::Guards;
-use crate::diagnosis::prepare::{Prepared, prepare};
-use crate::diagnosis::problem::Problem;
-use crate::diagnosis::propose::direction;
-use crate::diagnosis::structure::variants;
-use crate::diagnosis::whitening::dot;
-use crate::effects::{Below, Moved, find};
-use crate::series::TimeSeries;
 use num_complex::Complex64;
 
 fn prepared(set: &DataSet) -> Prepared {

@@ -3,9 +3,12 @@
 use super::super::block::{Block, Desk};
 use super::super::noise::{Prior, Shape};
 use super::bench::{BLOCK, BRANCHES, Chance, HISTORY, Hidden, R0, campaign, model, record};
-use crate::augmented::Added;
-use crate::diagnosis::{Run, RunData};
-use crate::effects::{Base, Facts, find};
+use crate::{
+    augmented::Added,
+    contract::{Base, Facts},
+    diagnosis::{Run, RunData},
+    effects::find,
+};
 use num_complex::Complex64;
 
 /// Change of the rows per part by which all resistances are larger.

@@ -116,12 +116,12 @@ fn no_current_and_a_flat_curve_leave_nothing_to_look_for() {
     let mut model = model();
     model.ocv.ocv_v.iter_mut().for_each(|v| *v = 3.3);
     model.ocv.slope_v.iter_mut().for_each(|v| *v = 0.0);
-    let base = crate::effects::Base {
+    let base = crate::contract::Base {
         erm: model.erm,
         ocv: model.ocv,
-        facts: crate::effects::Facts {
+        facts: crate::contract::Facts {
             widest_soc: 0.1,
-            ..crate::effects::Facts::NONE
+            ..crate::contract::Facts::NONE
         },
     };
     for name in ["ocv_curvature", "current_offset"] {

@@ -1,7 +1,10 @@
 //! What holds for every effect of the catalogue.
 
-use super::super::{Group, Scale, catalogue, find};
-use super::*;
+use super::{
+    super::{catalogue, find},
+    *,
+};
+use crate::contract::{Group, Scale};
 
 #[test]
 fn a_card_says_everything() {

@@ -1,9 +1,12 @@
 //! The formulas of the bench's effects.
 
-use crate::augmented::{Added, Between, Grid, Player, impedance, network, storage_ohm};
-use crate::effects::{Base, Below, Effect, Facts, Group, Point, Record, Scale, catalogue, find};
-use crate::model::{Erm, RcBranch};
-use crate::ocv::OcvCurve;
+use crate::{
+    augmented::{Added, Between, Grid, Player, impedance, network},
+    contract::{Base, Below, Effect, Facts, Group, Point, Record, Scale, storage_ohm},
+    effects::{catalogue, find},
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 

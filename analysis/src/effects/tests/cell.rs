@@ -1,8 +1,8 @@
 //! Formulas of the cell's effects.
 
 use super::super::charge_transfer::{Kinetics, greatest_beta, thermal_v};
-use super::super::{Base, Moved};
 use super::*;
+use crate::contract::{Base, Moved};
 use std::f64::consts::{PI, TAU};
 
 const PULSE_A: f64 = 50.0;

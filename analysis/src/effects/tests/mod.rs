@@ -4,10 +4,12 @@ mod all;
 mod bench;
 mod cell;
 
-use super::{Base, Below, Effect, Facts, Parameter, Point, Record};
-use crate::augmented::{self, Added, Between, Grid, Player};
-use crate::model::{Erm, RcBranch};
-use crate::ocv::OcvCurve;
+use crate::{
+    augmented::{self, Added, Between, Grid, Player},
+    contract::{Base, Below, Effect, Facts, Parameter, Point, Record, storage_ohm},
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+};
 use num_complex::Complex64;
 
 /// A cell of 4.5 Ah with three branches.
@@ -145,7 +147,7 @@ fn seen(name: &str, p: &[f64], at: &Point) -> Complex64 {
 
 /// The impedance of the cell without any, Ω.
 fn plain(at: &Point) -> Complex64 {
-    base().erm.impedance(at.freq_hz) + augmented::storage_ohm(&base(), at)
+    base().erm.impedance(at.freq_hz) + storage_ohm(&base(), at)
 }
 
 fn point(freq_hz: f64) -> Point {

@@ -2,10 +2,15 @@
 //! objectives as functions of the model's impedance.
 
 use super::options::{CircuitFitError, CircuitOptions, Weight};
-use crate::fit::clusters::Clusters;
-use crate::fit::common::{self, Common, Seen};
-use crate::fit::options::{Objective, check_spectra};
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use crate::{
+    fit::{
+        clusters::Clusters,
+        common::{self, Common, Seen},
+        options::{Objective, check_spectra},
+    },
+    numeric::Covariance2,
+    spectrum::{ImpedancePoint, Spectrum},
+};
 use num_complex::Complex64;
 
 /// A symmetric 2×2 matrix over (Re, Im): xx, xy, yy.

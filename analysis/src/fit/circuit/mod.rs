@@ -18,10 +18,8 @@ pub use options::{CircuitFitError, CircuitOptions, MAX_STARTS, Search, Weight};
 
 use super::cells::CellSweeps;
 use super::clusters::Clusters;
-use super::local::Smooth;
 use super::options::Objective;
-use crate::model::Circuit;
-use crate::spectrum::Spectrum;
+use crate::{model::Circuit, numeric::Smooth, spectrum::Spectrum};
 use data::Data;
 use num_complex::Complex64;
 use problem::{Problem, is_log};

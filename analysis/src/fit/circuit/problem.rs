@@ -2,9 +2,11 @@
 //! parameters, but exponents as they are.
 
 use super::data::{Data, Share};
-use crate::fit::common::Common;
-use crate::fit::local::Smooth;
-use crate::model::{Circuit, Role};
+use crate::{
+    fit::common::Common,
+    model::{Circuit, Role},
+    numeric::Smooth,
+};
 use num_complex::Complex64;
 
 /// Step of a variable for the curvature of the model, of which only first derivatives are exact.

@@ -5,10 +5,13 @@ use super::data::Data;
 use super::options::{CircuitOptions, Search, Weight};
 use super::problem::{Problem, is_log};
 use super::starts::{Ranges, Starter};
-use crate::fit::global::{Columns, DeOptions, Strategy, differential_evolution};
-use crate::fit::local::{LocalOptions, Minimum, Smooth, minimise};
-use crate::fit::options::Objective;
-use crate::fit::rng::Rng;
+use crate::{
+    fit::options::Objective,
+    numeric::{
+        Columns, DeOptions, LocalOptions, Minimum, Rng, Smooth, Strategy, differential_evolution,
+        minimise,
+    },
+};
 use rayon::prelude::*;
 
 /// Starts when none are asked for.

@@ -6,9 +6,13 @@
 //! form, so that chance has to find only time constants, exponents and the shares within a block.
 
 use super::data::{Data, apply, quadratic};
-use crate::fit::Rng;
-use crate::fit::linalg::{BoxQuadratic, MAX_UNKNOWNS};
-use crate::model::{Circuit, ElementKind, Node, ParameterKind, Role};
+use crate::{
+    model::{Circuit, ElementKind, Node, ParameterKind, Role},
+    numeric::{
+        Rng,
+        linalg::{BoxQuadratic, MAX_UNKNOWNS},
+    },
+};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 

@@ -6,8 +6,10 @@
 use super::data::quadratic;
 use super::options::Weight;
 use super::problem::Problem;
-use crate::fit::evidence::{Evidence, FrequencyShare, Normal, PointShare};
-use crate::fit::local::Smooth;
+use crate::{
+    fit::evidence::{Evidence, FrequencyShare, Normal, PointShare},
+    numeric::Smooth,
+};
 use nalgebra::DMatrix;
 
 /// Eigenvalues of the scaled information below this fraction of the largest are rounding.

@@ -1,10 +1,12 @@
 //! Additions in model files: written, read back, refused.
 
 use super::exact;
-use crate::effects::{Facts, Group};
-use crate::fit::{Addition, AdditionEvidence, AdditionParameter, FitOptions, ModelFile, fit_erm};
-use crate::model::{Erm, RcBranch};
-use crate::ocv::OcvCurve;
+use crate::{
+    contract::{Facts, Group},
+    fit::{Addition, AdditionEvidence, AdditionParameter, FitOptions, ModelFile, fit_erm},
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+};
 
 const FACTS: Facts = Facts {
     lowest_hz: Some(0.1),

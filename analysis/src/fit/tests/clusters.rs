@@ -1,12 +1,15 @@
 //! Sigmas of pooled sweeps that share cells, against the scatter of the cells.
 
 use super::{noisy, normal};
-use crate::fit::{
-    CellSweeps, CircuitOptions, FitOptions, Objective, Rng, fit_cells, fit_circuit_cells, fit_erm,
-    profiles,
+use crate::{
+    fit::{
+        CellSweeps, CircuitOptions, FitOptions, Objective, fit_cells, fit_circuit_cells, fit_erm,
+        profiles,
+    },
+    formats::read_sourced,
+    numeric::{Covariance2, Rng},
+    spectrum::{SharedError, SourcedSpectrum, Spectrum},
 };
-use crate::formats::{SourcedSpectrum, read_sourced};
-use crate::spectrum::{Covariance2, SharedError, Spectrum};
 use std::path::Path;
 
 fn thesis_cells() -> Vec<CellSweeps> {

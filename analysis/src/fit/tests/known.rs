@@ -2,10 +2,11 @@
 //! laws.
 
 use super::{Circuit, exact, noisy};
-use crate::fit::local::Smooth;
-use crate::fit::problem::Problem;
-use crate::fit::{ErmFit, FitOptions, Objective, Rng, fit_erm};
-use crate::spectrum::Spectrum;
+use crate::{
+    fit::{ErmFit, FitOptions, Objective, fit_erm, problem::Problem},
+    numeric::{Rng, Smooth},
+    spectrum::Spectrum,
+};
 use proptest::prelude::*;
 
 const ALL: [Objective; 3] = [Objective::SumAbs, Objective::Modulus, Objective::Complex];
@@ -137,7 +138,7 @@ fn uncertainty_without_stated_noise_is_of_the_right_size() {
             spectra
                 .iter_mut()
                 .flat_map(|s| &mut s.points)
-                .for_each(|p| p.covariance = crate::spectrum::Covariance2::UNKNOWN);
+                .for_each(|p| p.covariance = crate::numeric::Covariance2::UNKNOWN);
             let fit = fit(&spectra, 2, objective);
             let covariance = fit.log_covariance.as_ref().unwrap();
             let errors = fit
@@ -194,7 +195,7 @@ fn warnings_say_what_is_wrong() {
         "{:?}",
         missed.warnings
     );
-    understated.points[3].covariance = crate::spectrum::Covariance2::UNKNOWN;
+    understated.points[3].covariance = crate::numeric::Covariance2::UNKNOWN;
     let mixed = fit(&[understated], 2, Objective::Complex);
     let expected = "only 29 of 30 points have a usable covariance: all residuals were weighted \
     relative to |Z| instead";

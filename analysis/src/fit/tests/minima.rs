@@ -1,13 +1,12 @@
 //! The thesis' optima from many seeds, and what lies beside them.
 
 use super::thesis::{expected, real_sweeps};
-use crate::fit::batch::Batch;
-use crate::fit::global::Columns;
-use crate::fit::local::Smooth;
-use crate::fit::problem::Problem;
-use crate::fit::projection::Projection;
-use crate::fit::{
-    Bounds, CellSweeps, FitOptions, Objective, Rng, fit_cells, fit_erm, survey_seeds,
+use crate::{
+    fit::{
+        Bounds, CellSweeps, FitOptions, Objective, batch::Batch, fit_cells, fit_erm,
+        problem::Problem, projection::Projection, survey_seeds,
+    },
+    numeric::{Columns, Rng, Smooth},
 };
 
 #[test]

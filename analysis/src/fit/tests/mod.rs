@@ -12,8 +12,10 @@ mod spread;
 mod storage;
 mod thesis;
 
-use super::Rng;
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use crate::{
+    numeric::{Covariance2, Rng},
+    spectrum::{ImpedancePoint, Spectrum},
+};
 use num_complex::Complex64;
 
 /// A circuit R, (R₁, C₁), … written down independently of the model under test.

@@ -1,12 +1,15 @@
 //! Order selection on circuits of known order, and on the thesis' cells.
 
 use super::{Circuit, noisy};
-use crate::fit::{
-    Bounds, CellSweeps, FrequencySpread, OrderOptions, OrderSelection, Rng, frequency_spread,
-    select_order,
+use crate::{
+    fit::{
+        Bounds, CellSweeps, FrequencySpread, OrderOptions, OrderSelection, frequency_spread,
+        select_order,
+    },
+    formats::read_sourced,
+    numeric::{Covariance2, Rng},
+    spectrum::SourcedSpectrum,
 };
-use crate::formats::{SourcedSpectrum, read_sourced};
-use crate::spectrum::Covariance2;
 use std::path::Path;
 
 const OPTIONS: OrderOptions = OrderOptions {

@@ -1,7 +1,10 @@
 //! Points that stand out, and data that only look as if nothing were wrong.
 
 use super::noisy;
-use crate::fit::{FitOptions, Objective, Rng, fit_erm};
+use crate::{
+    fit::{FitOptions, Objective, fit_erm},
+    numeric::Rng,
+};
 
 const CIRCUIT: super::Circuit<'_> = (0.007, &[(0.0017, 1.2), (0.0026, 200.0)]);
 

@@ -1,8 +1,11 @@
 //! Profile intervals: coverage where all is well, and words where nothing bounds a parameter.
 
 use super::{Circuit, noisy};
-use crate::fit::{FitOptions, Objective, Profile, Rng, fit_erm, profiles};
-use crate::spectrum::{Covariance2, Spectrum};
+use crate::{
+    fit::{FitOptions, Objective, Profile, fit_erm, profiles},
+    numeric::{Covariance2, Rng},
+    spectrum::Spectrum,
+};
 
 const TWO: Circuit<'static> = (0.007, &[(0.0017, 1.2), (0.0026, 200.0)]);
 

@@ -1,8 +1,10 @@
 //! Cells that differ by known amounts, swept several times.
 
 use super::{noisy, normal};
-use crate::fit::{CellSweeps, FitOptions, Objective, Rng, cell_spread};
-use crate::spectrum::Covariance2;
+use crate::{
+    fit::{CellSweeps, FitOptions, Objective, cell_spread},
+    numeric::{Covariance2, Rng},
+};
 
 /// Cells whose R differs by `between` (relative), whose second resistance does not; sweeps repeat
 /// within 0.2 %.

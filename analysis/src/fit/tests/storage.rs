@@ -4,8 +4,11 @@ use num_complex::Complex64;
 use std::f64::consts::TAU;
 
 use super::noisy;
-use crate::fit::{FitOptions, Objective, Rng, fit_erm};
-use crate::spectrum::{Covariance2, OcvSlope};
+use crate::{
+    fit::{FitOptions, Objective, fit_erm},
+    numeric::{Covariance2, Rng},
+    spectrum::OcvSlope,
+};
 
 /// A slope far beyond its prior, and noise that is not stated: the prior must neither hold it nor
 /// make the misfit that it causes pass for noise.

@@ -1,10 +1,11 @@
 //! The thesis' own 25 sweeps against its appendix A.
 
-use crate::fit::local::Smooth;
-use crate::fit::problem::Problem;
-use crate::fit::{FitOptions, Objective, fit_erm};
-use crate::formats::read_unbiased_cells;
-use crate::spectrum::Spectrum;
+use crate::{
+    fit::{FitOptions, Objective, fit_erm, problem::Problem},
+    formats::read_unbiased_cells,
+    numeric::Smooth,
+    spectrum::Spectrum,
+};
 use std::path::Path;
 
 pub(super) fn real_sweeps() -> Vec<Spectrum> {

@@ -1,7 +1,7 @@
 //! Tables that were seen to be read wrong, made small.
 
 use super::{Complex64, names, parse};
-use crate::formats::SourcedSpectrum;
+use crate::spectrum::SourcedSpectrum;
 use std::path::Path;
 
 fn read(name: &str, text: &str) -> Result<Vec<SourcedSpectrum>, String> {

@@ -1,7 +1,7 @@
 //! Several sweeps in one file.
 
 use super::{names, parse};
-use crate::formats::SourcedSpectrum;
+use crate::spectrum::SourcedSpectrum;
 use std::{fmt::Write as _, path::Path};
 
 const DOWN: [f64; 9] = [1.0e4, 3.0e3, 1.0e3, 3.0e2, 1.0e2, 30.0, 10.0, 3.0, 1.0];

@@ -2,11 +2,15 @@
 
 use super::names::Quantity;
 use super::table::{self, Column, Curve, Table};
-use crate::formats::Origin;
-use crate::formats::error::FormatError;
-use crate::formats::sweeps::{Key, MeasuredRow, Rows, label_value};
-use crate::formats::text::{self, shorten};
-use crate::spectrum::{Covariance2, ImpedancePoint};
+use crate::{
+    formats::{
+        error::FormatError,
+        sweeps::{Key, MeasuredRow, Rows, label_value},
+        text::{self, shorten},
+    },
+    numeric::Covariance2,
+    spectrum::{ImpedancePoint, Origin},
+};
 use num_complex::Complex64;
 use std::path::Path;
 

@@ -1,12 +1,16 @@
 //! One run with additions.
 
 use super::Laws;
-use crate::effects::{Dynamics, Instant, Modulation};
-use crate::forward::law::{Beyond, Demand, Drive};
-use crate::forward::model::{ForwardError, SimModel, SimState};
-use crate::forward::profile::{Piece, Profile};
-use crate::forward::simulate::{SimOptions, Simulation};
-use crate::forward::trace::{Book, Point};
+use crate::{
+    contract::{Dynamics, Instant, Modulation},
+    forward::{
+        law::{Beyond, Demand, Drive},
+        model::{ForwardError, SimModel, SimState},
+        profile::{Piece, Profile},
+        simulate::{SimOptions, Simulation},
+        trace::{Book, Point},
+    },
+};
 
 /// First step after a change of the demand, as a part of the shortest time constant.
 const FIRST: f64 = 0.25;

@@ -2,9 +2,12 @@
 //! player, and conservation of energy.
 
 use super::*;
-use crate::augmented::{Added, Augmented, Between, Branch, Grid, Kept, Law, Network, Player};
-use crate::effects::{Base, Card, Effect, Facts, Group, Parameter, Record, find};
-use crate::forward::scale::ScaleOptions;
+use crate::{
+    augmented::{Added, Augmented, Between, Grid, Kept, Player},
+    contract::{Base, Branch, Card, Effect, Facts, Group, Law, Network, Parameter, Record},
+    effects::find,
+    forward::scale::ScaleOptions,
+};
 
 fn base(erm: Erm) -> Base {
     let facts = Facts {

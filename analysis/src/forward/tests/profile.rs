@@ -1,4 +1,8 @@
 use super::*;
+use crate::{
+    dataset::write_trace_parquet,
+    formats::{ReadOptions, read_profile},
+};
 use std::fs;
 
 fn read(text: &str, change: impl Fn(&mut ReadOptions)) -> Result<Profile, String> {
@@ -11,7 +15,7 @@ fn read(text: &str, change: impl Fn(&mut ReadOptions)) -> Result<Profile, String
         charge_positive: false,
     };
     change(&mut options);
-    Profile::read(&path, &options).map_err(|e| {
+    read_profile(&path, &options).map_err(|e| {
         e.to_string()
             .replace(&path.display().to_string(), "load.csv")
     })

@@ -1,8 +1,10 @@
 //! The last digits of a ladder: resistances and time constants together, by the same least squares.
 
 use super::solve::{DC_WEIGHT, Met, NOTHING, Rows, pole};
-use crate::fit::{LocalOptions, Smooth, minimise};
-use crate::model::RcBranch;
+use crate::{
+    model::RcBranch,
+    numeric::{LocalOptions, Smooth, minimise},
+};
 use num_complex::Complex64;
 
 /// Iterations at most; the error is judged whether or not they end at the bottom.

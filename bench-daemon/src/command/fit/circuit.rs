@@ -15,11 +15,10 @@ use analysis::{
     fit::{
         CellSweeps, CircuitFit, CircuitOptions, Objective, Search, State, Weight, fit_circuit_cells,
     },
-    formats::SourcedSpectrum,
     model::Circuit,
     plot::{self, ImpedancePlot, Series, SeriesStyle},
     report::{Figure, Level, Report, Table, Verdict},
-    spectrum::Spectrum,
+    spectrum::{SourcedSpectrum, Spectrum},
 };
 
 /// Arguments of `fit` that concern circuits.

@@ -5,9 +5,12 @@ use std::{collections::BTreeMap, path::Path};
 
 use analysis::{
     dataset,
-    forward::OcvSource,
+    forward::{
+        OcvSource,
+        pack::{Draws, Outcome, PlacedCell, ScatterSetup, Spread, drawn_cells},
+    },
     model::Erm,
-    pack::{Draws, Outcome, Pack, PlacedCell, ScatterSetup, Spread, drawn_cells},
+    pack::Pack,
 };
 use serde::Serialize;
 

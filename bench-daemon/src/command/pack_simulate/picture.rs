@@ -4,8 +4,10 @@ use crate::{failure::Failure, files, present::titled};
 use std::path::Path;
 
 use analysis::{
-    forward::Demand,
-    pack::{BandRow, Outcome, Percentiles, Scatter, ScatterSetup},
+    forward::{
+        Demand,
+        pack::{BandRow, Outcome, Percentiles, Scatter, ScatterSetup},
+    },
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
 

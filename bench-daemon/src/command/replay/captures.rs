@@ -7,8 +7,9 @@ use std::path::Path;
 use analysis::{
     dataset,
     formats::scope::{ScopeRecord, open_scope},
+    numeric::Covariance2,
     sine::{self, Channel, FitOptions, Record},
-    spectrum::{ChannelPhasors, Covariance2, ImpedancePoint, PhasorVariance, raw_impedance},
+    spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance, raw_impedance},
 };
 use num_complex::Complex64;
 use serde::Deserialize;

@@ -98,7 +98,7 @@ pub(super) fn averaged(rows: &[Row], step_s: f64) -> Result<(Vec<Row>, Option<Av
 #[cfg(test)]
 mod tests {
     use super::*;
-    use analysis::fit::Rng;
+    use analysis::numeric::Rng;
 
     fn rows(list: &[(f64, f64)]) -> Vec<Row> {
         list.iter()

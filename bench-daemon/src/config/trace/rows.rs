@@ -1,6 +1,9 @@
 //! The rows of a trace: typed as segments, or from a file of one of three kinds.
 
-use analysis::forward::{Demand, Interpolation, Profile, ReadOptions};
+use analysis::{
+    formats::{ReadOptions, first_bare_row, parse_profile},
+    forward::{Demand, Interpolation},
+};
 
 use super::{
     super::{ConfigError, Source, check::Check, raw},
@@ -172,7 +175,7 @@ fn table(source: &Source) -> Result<Vec<Row>, ConfigError> {
     let found = lines.next().map_or("", |(_, line)| line);
     // `simulate` takes bare rows for a power out of the cell; what flows through a cell is not
     // guessed.
-    if let Some((line, row)) = Profile::bare(profile_text(source)) {
+    if let Some((line, row)) = first_bare_row(profile_text(source)) {
         let row: String = row.chars().take(80).collect();
         return Err(complain(line, format!("{WANTED}, found {row:?}")));
     }
@@ -226,7 +229,7 @@ fn profile(source: &Source) -> Result<Vec<Row>, String> {
         interpolation: Interpolation::Hold,
         charge_positive: false,
     };
-    let profile = Profile::parse((source.path(), "profile"), profile_text(source), &options)
+    let profile = parse_profile((source.path(), "profile"), profile_text(source), &options)
         .map_err(|error| error.to_string())?;
     let power = match profile.demand {
         Demand::Power => true,

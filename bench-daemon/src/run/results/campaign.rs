@@ -335,7 +335,7 @@ fn picture(
         );
         seen.push(*cell);
     }
-    let unknown = analysis::spectrum::Covariance2::UNKNOWN;
+    let unknown = analysis::numeric::Covariance2::UNKNOWN;
     let point = |s: &Spread| ImpedancePoint {
         freq_hz: s.freq_hz,
         z_ohm: Complex64::new(s.mean_re_ohm, s.mean_im_ohm),
@@ -409,7 +409,7 @@ fn in_words(campaign: &Campaign, spectra: usize, spread: &[Spread]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use analysis::spectrum::Covariance2;
+    use analysis::numeric::Covariance2;
 
     #[test]
     fn cells_and_repeats_are_told_apart() {

@@ -620,7 +620,7 @@ fn provenance(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use analysis::spectrum::Covariance2;
+    use analysis::numeric::Covariance2;
 
     #[test]
     fn the_spread_of_the_pool_is_told_from_what_the_model_misses() {

@@ -1,15 +1,17 @@
 //! A campaign on a cell, simulated by small Euler steps: what the checks are tried on. Effects are
 //! added by hand, each in a line or two.
 
-use crate::augmented::Between;
-use crate::diagnosis::{
-    BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
-    TimeRecord,
+use crate::{
+    augmented::Between,
+    contract::Below,
+    diagnosis::{
+        BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
+        TimeRecord,
+    },
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+    series::TimeSeries,
 };
-use crate::effects::Below;
-use crate::model::{Erm, RcBranch};
-use crate::ocv::OcvCurve;
-use crate::series::TimeSeries;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 

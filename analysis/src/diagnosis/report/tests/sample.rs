@@ -1,7 +1,6 @@
 //! Diagnoses as they may come out, one per verdict.
 
-use crate::diagnosis::outcome::*;
-use crate::effects::Group;
+use crate::{contract::Group, diagnosis::outcome::*};
 use num_complex::Complex64;
 
 fn block(dimension: &'static str, part: &str, chi2: f64, p_value: f64) -> Block {

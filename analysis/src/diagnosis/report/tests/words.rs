@@ -1,11 +1,16 @@
 //! The words, as a person reads them.
 
 use super::sample;
-use crate::diagnosis::outcome::{Diagnosis, NoiseReport};
-use crate::diagnosis::report::{
-    Distinguishability, catalogue_markdown, catalogue_text, markdown, pictures, text,
+use crate::{
+    contract::Card,
+    diagnosis::{
+        outcome::{Diagnosis, NoiseReport},
+        report::{
+            Distinguishability, catalogue_markdown, catalogue_text, markdown, pictures, text,
+        },
+    },
+    effects::catalogue,
 };
-use crate::effects::{Card, catalogue};
 
 #[test]
 fn every_verdict_for_a_terminal() {

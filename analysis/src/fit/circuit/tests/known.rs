@@ -1,7 +1,10 @@
 //! Circuits whose parameters are known.
 
 use super::{frequencies, noisy, parse, untold};
-use crate::fit::{CircuitOptions, Rng, Search, State, Weight, fit_circuit};
+use crate::{
+    fit::{CircuitOptions, Search, State, Weight, fit_circuit},
+    numeric::Rng,
+};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 

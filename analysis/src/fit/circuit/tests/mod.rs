@@ -6,9 +6,11 @@ mod refusal;
 mod shared;
 mod sums;
 
-use crate::fit::Rng;
-use crate::model::Circuit;
-use crate::spectrum::{Covariance2, ImpedancePoint, Spectrum};
+use crate::{
+    model::Circuit,
+    numeric::{Covariance2, Rng},
+    spectrum::{ImpedancePoint, Spectrum},
+};
 use num_complex::Complex64;
 
 /// `count` frequencies, evenly over the logarithm.

@@ -1,10 +1,11 @@
 //! What is refused, and with which words.
 
 use super::{frequencies, noisy, parse, untold};
-use crate::fit::{
-    CircuitFit, CircuitFitError, CircuitOptions, Objective, Rng, Search, Weight, fit_circuit,
+use crate::{
+    fit::{CircuitFit, CircuitFitError, CircuitOptions, Objective, Search, Weight, fit_circuit},
+    numeric::Rng,
+    spectrum::Spectrum,
 };
-use crate::spectrum::Spectrum;
 use num_complex::Complex64;
 use proptest::prelude::*;
 

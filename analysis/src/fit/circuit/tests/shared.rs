@@ -2,8 +2,11 @@
 //! that model is.
 
 use super::{frequencies, noisy, parse};
-use crate::fit::{CircuitOptions, FitOptions, Objective, Rng, fit_circuit, fit_erm};
-use crate::spectrum::{Covariance2, SharedError, Spectrum};
+use crate::{
+    fit::{CircuitOptions, FitOptions, Objective, fit_circuit, fit_erm},
+    numeric::{Covariance2, Rng},
+    spectrum::{SharedError, Spectrum},
+};
 use num_complex::Complex64;
 
 /// Gains and an inductance, one standard deviation: as large as the noise of ten points together.

@@ -2,12 +2,13 @@
 //! pooling.
 
 use super::{frequencies, noisy, parse, untold};
-use crate::fit::{
-    Bounds, CircuitOptions, FitOptions, Objective, Rng, Weight, fit_circuit, fit_erm,
+use crate::{
+    fit::{Bounds, CircuitOptions, FitOptions, Objective, Weight, fit_circuit, fit_erm},
+    formats::read_unbiased_cells,
+    model::Circuit,
+    numeric::Rng,
+    spectrum::Spectrum,
 };
-use crate::formats::read_unbiased_cells;
-use crate::model::Circuit;
-use crate::spectrum::Spectrum;
 use num_complex::Complex64;
 use std::path::Path;
 
@@ -191,7 +192,7 @@ fn a_full_covariance_is_used_with_its_correlation() {
         .zip([(2.5, 0.5), (1.8, -0.2), (2.1, 0.1)])
     {
         p.z_ohm = Complex64::new(re, im);
-        p.covariance = crate::spectrum::Covariance2 {
+        p.covariance = crate::numeric::Covariance2 {
             re_re: 1.0,
             re_im: 0.9,
             im_im: 1.0,

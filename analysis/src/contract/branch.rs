@@ -24,18 +24,18 @@ const MOST_RAMPS: f64 = 100.0;
 
 /// What one length of step does to a linear branch.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Gain {
+pub(crate) struct Gain {
     /// What is left of the voltage.
-    pub(super) decay: f64,
+    pub(crate) decay: f64,
     /// Ω, per ampere at the start.
-    pub(super) start: f64,
+    pub(crate) start: f64,
     /// Ω, per ampere at the end.
-    pub(super) end: f64,
+    pub(crate) end: f64,
 }
 
 impl Gain {
     /// Of a linear branch whose resistance has changed by a factor while its capacitance stayed.
-    pub(super) fn new(branch: &Branch, factor: f64, step_s: f64, linear: bool) -> Self {
+    pub(crate) fn new(branch: &Branch, factor: f64, step_s: f64, linear: bool) -> Self {
         let r = branch.r_ohm * factor;
         let x = step_s / (branch.tau_s * factor);
         let decay = (-x).exp();
@@ -61,7 +61,7 @@ impl Gain {
 
 /// A branch with a law that is not linear, over a step with a held current. The factor is on the
 /// resistance; voltages of the law stay, as kT/e does.
-pub(super) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s: f64) -> f64 {
+pub(crate) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s: f64) -> f64 {
     let (r, tau) = (branch.r_ohm * factor, branch.tau_s * factor);
     match branch.law {
         Law::Symmetric { beta } if beta > 0.0 => {
@@ -78,7 +78,7 @@ pub(super) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s:
 }
 
 /// The same over a step in which the current goes from one value to another along a straight line.
-pub(super) fn ramp(
+pub(crate) fn ramp(
     branch: &Branch,
     factor: f64,
     v: f64,

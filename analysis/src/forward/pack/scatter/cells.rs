@@ -1,10 +1,9 @@
 //! The cells of a pack one by one, as factors of the model's: drawn from a spread, or given.
 
 use super::super::network::Cell;
-use super::super::{Pack, PackError};
 use super::{Draws, ScatterSetup, Spread, bounds, check, normal};
-use crate::fit::Rng;
-use crate::model::Erm;
+use crate::pack::{Pack, PackError};
+use crate::{model::Erm, numeric::Rng};
 
 /// Cells of all packs that may be listed, at most: a table of a few hundred megabytes.
 const MOST_LISTED: f64 = 1e6;

@@ -5,7 +5,7 @@
 //! All trials of a generation are made from the one before, so that they can be valued together, as
 //! columns that vector instructions like.
 
-use super::rng::Rng;
+use crate::numeric::Rng;
 
 /// Which member of the population a mutant grows from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -7,15 +7,43 @@
 //! in seconds (`Test Time / s`, `test_time_second`), for such files count charge as positive;
 //! `load` is a resistance only with a unit of one.
 
-use super::{Interpolation, Profile, ProfileError};
-use crate::{
-    formats::{SeriesOptions, read_series},
-    forward::law::Demand,
-};
-use std::path::Path;
+use super::{SeriesOptions, SeriesReadError, read_series};
+use crate::forward::{Demand, Interpolation, Profile, ProfileError};
+use std::path::{Path, PathBuf};
 
 /// How the names of measured series end.
 const MEASURED: &str = ".bdf.csv";
+
+/// Why a file is no profile.
+#[derive(Debug, thiserror::Error)]
+pub enum ProfileReadError {
+    /// The file cannot be read.
+    #[error("{}: expected to read a profile: {source}", file.display())]
+    Io {
+        /// The file.
+        file: PathBuf,
+        /// The file system's answer.
+        source: std::io::Error,
+    },
+    /// A measured series that is none.
+    #[error(transparent)]
+    Series(#[from] SeriesReadError),
+    /// A line that is not as expected.
+    #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
+    Line {
+        /// The file.
+        file: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What was expected.
+        expected: String,
+        /// What was met.
+        met: String,
+    },
+    /// Rows that make no profile.
+    #[error(transparent)]
+    Profile(#[from] ProfileError),
+}
 
 /// What the file itself may not say.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -43,130 +71,132 @@ enum Direction {
     Discharge,
 }
 
-impl Profile {
-    /// Reads a profile; its name is that of the file without the extension. A measured series
-    /// (`.bdf.csv`) is taken for its current, or for its power where that is asked for.
-    ///
-    /// # Errors
-    /// [`ProfileError`] with file and line.
-    pub fn read(path: &Path, options: &ReadOptions) -> Result<Self, ProfileError> {
-        if path.to_string_lossy().ends_with(MEASURED) {
-            return Self::measured(path, options);
-        }
-        let bytes = std::fs::read(path).map_err(|source| ProfileError::Io {
-            file: path.to_owned(),
-            source,
-        })?;
-        let text = String::from_utf8_lossy(&bytes);
-        let stem = path.file_stem().map_or_else(
-            || "profile".to_owned(),
-            |s| s.to_string_lossy().into_owned(),
-        );
-        Self::parse((path, &stem), text.trim_start_matches('\u{feff}'), options)
+/// Reads a profile; its name is that of the file without the extension. A measured series
+/// (`.bdf.csv`) is taken for its current, or for its power where that is asked for.
+///
+/// # Errors
+/// [`ProfileReadError`] with file and line.
+pub fn read_profile(path: &Path, options: &ReadOptions) -> Result<Profile, ProfileReadError> {
+    if path.to_string_lossy().ends_with(MEASURED) {
+        return measured(path, options);
     }
+    let bytes = std::fs::read(path).map_err(|source| ProfileReadError::Io {
+        file: path.to_owned(),
+        source,
+    })?;
+    let text = String::from_utf8_lossy(&bytes);
+    let stem = path.file_stem().map_or_else(
+        || "profile".to_owned(),
+        |s| s.to_string_lossy().into_owned(),
+    );
+    parse_profile((path, &stem), text.trim_start_matches('\u{feff}'), options)
+}
 
-    /// The first row of a text that no header stands above, with its line from 1; `parse` takes it
-    /// for the first of the profile.
-    pub fn bare(text: &str) -> Option<(usize, &str)> {
-        lines(text).next().filter(|(_, line)| is_row(line))
-    }
+/// The first row of a text that no header stands above, with its line from 1; `parse` takes it
+/// for the first of the profile.
+pub fn first_bare_row(text: &str) -> Option<(usize, &str)> {
+    lines(text).next().filter(|(_, line)| is_row(line))
+}
 
-    /// What flowed in a measured series.
-    fn measured(path: &Path, options: &ReadOptions) -> Result<Self, ProfileError> {
-        let series = read_series(path, &SeriesOptions::default())?;
-        let demand = match options.demand {
-            Some(Demand::Power) => Demand::Power,
-            _ => Demand::Current,
-        };
-        let value = |(amps, volts): (&f64, &f64)| {
-            if demand == Demand::Power {
-                amps * volts
-            } else {
-                *amps
-            }
-        };
-        let values = series.current_a.iter().zip(&series.voltage_v).map(value);
-        let rows: Vec<(f64, f64)> = series.time_s.iter().copied().zip(values).collect();
-        Self::new(&series.name, (demand, options.interpolation), &rows)
-    }
-
-    /// Reads a profile from the text of a file; `path` is for complaints.
-    ///
-    /// # Errors
-    /// [`ProfileError`] with file and line.
-    pub fn parse(
-        (path, name): (&Path, &str),
-        text: &str,
-        options: &ReadOptions,
-    ) -> Result<Self, ProfileError> {
-        let bad = |line: usize, expected: &str, met: &str| ProfileError::Line {
-            file: path.to_owned(),
-            line,
-            expected: expected.to_owned(),
-            met: if met.is_empty() {
-                "nothing".to_owned()
-            } else {
-                format!("{:?}", met.chars().take(80).collect::<String>())
-            },
-        };
-        let mut header = Header {
-            time_factor: 1.0,
-            demand: options.demand.unwrap_or(Demand::Power),
-            factor: 1.0,
-            direction: None,
-        };
-        let mut rows: Vec<(f64, f64)> = Vec::new();
-        for (index, (line, content)) in lines(text).enumerate() {
-            if index == 0 && !is_row(content) {
-                header = Header::of(content, options.demand)
-                    .map_err(|expected| bad(line, &expected, content))?;
-                if options.charge_positive && header.direction == Some(Direction::Discharge) {
-                    return Err(bad(
-                        line,
-                        "a column that counts charge as positive, as was asked for",
-                        content,
-                    ));
-                }
-                continue;
-            }
-            let fields = split(content);
-            let [time, value] = fields[..] else {
-                return Err(bad(line, "two columns, time and demand", content));
-            };
-            let number = |field: &str, what: &str| -> Result<f64, ProfileError> {
-                field
-                    .parse()
-                    .ok()
-                    .filter(|v: &f64| v.is_finite())
-                    .ok_or_else(|| bad(line, what, field))
-            };
-            let time_s = number(time, "a finite time")? * header.time_factor;
-            let value = number(value, "a finite demand")? * header.factor;
-            if rows.last().is_some_and(|(before, _)| time_s <= *before) {
-                return Err(bad(line, "a time later than the row before", time));
-            }
-            if header.demand == Demand::Resistance && value <= 0.0 {
-                return Err(bad(line, "a load resistance above 0 Ω", fields[1]));
-            }
-            rows.push((time_s, value));
-        }
-        if rows.len() < 2 {
-            return Err(ProfileError::TooShort {
-                name: path.display().to_string(),
-                met: rows.len(),
-            });
-        }
-        let profile = Self::new(name, (header.demand, options.interpolation), &rows)?;
-        let charge = options.charge_positive || header.direction == Some(Direction::Charge);
-        Ok(if charge && header.demand != Demand::Resistance {
-            Self {
-                negated: true,
-                ..profile.scaled(-1.0)
-            }
+/// What flowed in a measured series.
+fn measured(path: &Path, options: &ReadOptions) -> Result<Profile, ProfileReadError> {
+    let series = read_series(path, &SeriesOptions::default())?;
+    let demand = match options.demand {
+        Some(Demand::Power) => Demand::Power,
+        _ => Demand::Current,
+    };
+    let value = |(amps, volts): (&f64, &f64)| {
+        if demand == Demand::Power {
+            amps * volts
         } else {
-            profile
-        })
+            *amps
+        }
+    };
+    let values = series.current_a.iter().zip(&series.voltage_v).map(value);
+    let rows: Vec<(f64, f64)> = series.time_s.iter().copied().zip(values).collect();
+    Ok(Profile::new(
+        &series.name,
+        (demand, options.interpolation),
+        &rows,
+    )?)
+}
+
+/// Reads a profile from the text of a file; `path` is for complaints.
+///
+/// # Errors
+/// [`ProfileReadError`] with file and line.
+pub fn parse_profile(
+    (path, name): (&Path, &str),
+    text: &str,
+    options: &ReadOptions,
+) -> Result<Profile, ProfileReadError> {
+    let bad = |line: usize, expected: &str, met: &str| ProfileReadError::Line {
+        file: path.to_owned(),
+        line,
+        expected: expected.to_owned(),
+        met: if met.is_empty() {
+            "nothing".to_owned()
+        } else {
+            format!("{:?}", met.chars().take(80).collect::<String>())
+        },
+    };
+    let mut header = Header {
+        time_factor: 1.0,
+        demand: options.demand.unwrap_or(Demand::Power),
+        factor: 1.0,
+        direction: None,
+    };
+    let mut rows: Vec<(f64, f64)> = Vec::new();
+    for (index, (line, content)) in lines(text).enumerate() {
+        if index == 0 && !is_row(content) {
+            header = Header::of(content, options.demand)
+                .map_err(|expected| bad(line, &expected, content))?;
+            if options.charge_positive && header.direction == Some(Direction::Discharge) {
+                return Err(bad(
+                    line,
+                    "a column that counts charge as positive, as was asked for",
+                    content,
+                ));
+            }
+            continue;
+        }
+        let fields = split(content);
+        let [time, value] = fields[..] else {
+            return Err(bad(line, "two columns, time and demand", content));
+        };
+        let number = |field: &str, what: &str| -> Result<f64, ProfileReadError> {
+            field
+                .parse()
+                .ok()
+                .filter(|v: &f64| v.is_finite())
+                .ok_or_else(|| bad(line, what, field))
+        };
+        let time_s = number(time, "a finite time")? * header.time_factor;
+        let value = number(value, "a finite demand")? * header.factor;
+        if rows.last().is_some_and(|(before, _)| time_s <= *before) {
+            return Err(bad(line, "a time later than the row before", time));
+        }
+        if header.demand == Demand::Resistance && value <= 0.0 {
+            return Err(bad(line, "a load resistance above 0 Ω", fields[1]));
+        }
+        rows.push((time_s, value));
     }
+    if rows.len() < 2 {
+        return Err(ProfileReadError::from(ProfileError::TooShort {
+            name: path.display().to_string(),
+            met: rows.len(),
+        }));
+    }
+    let profile = Profile::new(name, (header.demand, options.interpolation), &rows)?;
+    let charge = options.charge_positive || header.direction == Some(Direction::Charge);
+    Ok(if charge && header.demand != Demand::Resistance {
+        Profile {
+            negated: true,
+            ..profile.scaled(-1.0)
+        }
+    } else {
+        profile
+    })
 }
 
 /// Lines that are neither empty nor comments, with their numbers from 1.

@@ -13,10 +13,12 @@ use cells::{check_packs, draw};
 pub use outcome::{Outcome, Percentiles};
 
 use super::network::{Cell, Network, Wiring};
-use super::{Pack, PackError, ThermalMass};
-use crate::fit::Rng;
-use crate::forward::{CellWindow, Demand, Interpolation, OcvSource, Profile};
-use crate::model::Erm;
+use crate::{
+    forward::{CellWindow, Demand, Interpolation, OcvSource, Profile},
+    model::Erm,
+    numeric::Rng,
+    pack::{Pack, PackError, ThermalMass, check_window},
+};
 use rayon::prelude::*;
 use serde::Serialize;
 
@@ -294,7 +296,7 @@ fn check(setup: &ScatterSetup<'_>) -> Result<(), PackError> {
     setup.pack.check()?;
     setup.cell.validate()?;
     setup.thermal.check()?;
-    super::check_window((setup.window.low_v, setup.window.high_v))?;
+    check_window((setup.window.low_v, setup.window.high_v))?;
     let fail = |what, expected, met| {
         Err(PackError::Value {
             what,

@@ -58,12 +58,12 @@ impl Facts {
     };
 
     /// Longest time that anything in the data lasts, s: a record or a period.
-    pub(super) fn slowest_s(&self) -> f64 {
+    pub(crate) fn slowest_s(&self) -> f64 {
         self.longest_s.max(self.lowest_hz.map_or(0.0, |f| 1.0 / f))
     }
 
     /// Shortest time that the data resolve, s: a sample or a tenth of a period, about 1/ω.
-    pub(super) fn fastest_s(&self) -> f64 {
+    pub(crate) fn fastest_s(&self) -> f64 {
         self.shortest_s
             .min(self.highest_hz.map_or(f64::INFINITY, |f| 0.1 / f))
     }
@@ -210,7 +210,7 @@ impl Modulation {
     }
 
     /// What it adds to the impedance of a base, Ω.
-    pub(super) fn change_ohm(self, erm: &Erm, freq_hz: f64) -> Complex64 {
+    pub(crate) fn change_ohm(self, erm: &Erm, freq_hz: f64) -> Complex64 {
         let series = Complex64::from((self.series - 1.0) * erm.r_ohm);
         erm.branches.iter().fold(series, |sum, b| {
             let scaled = RcBranch {
