@@ -56,6 +56,7 @@ mod serve_stop;
 mod serve_support;
 mod simulate;
 mod soc_reset;
+mod structure;
 mod study;
 mod support;
 mod sweeps;

@@ -1,0 +1,348 @@
+//! The arrows between the modules of a crate (ARCHITECTURE.md), read from the sources: a module
+//! names only what stands before it in the order of its crate, and circles of files stay small.
+
+use std::{
+    collections::{BTreeMap, BTreeSet},
+    path::{Path, PathBuf},
+};
+
+use proc_macro2::{TokenStream, TokenTree};
+use syn::{
+    UseTree,
+    visit::{self, Visit},
+};
+
+/// Modules of the daemon: each depends on earlier ones only.
+const DAEMON: &[&str] = &[
+    "hash",
+    "loopback",
+    "addresses",
+    "drill",
+    "beneath",
+    "logging",
+    "terminal",
+    "interlock",
+    "plan",
+    "measure",
+    "config",
+    "procedure",
+    "progress",
+    "operator",
+    "wishes",
+    "bench",
+    "sim",
+    "survey",
+    "reconcile",
+    "present",
+    "journal",
+    "story",
+    "record",
+    "thermostat",
+    "executor",
+    "fixture_check",
+    "state",
+    "guardian",
+    "sums",
+    "failure",
+    "custody",
+    "compare",
+    "dataset",
+    "files",
+    "figures",
+    "study",
+    "next_experiment",
+    "doctor",
+    "run",
+    "investigation",
+    "serve",
+    "command",
+    "cli",
+];
+
+/// Modules of the analysis: each depends on earlier ones only.
+const ANALYSIS: &[&str] = &[
+    "brief",
+    "numeric",
+    "sine",
+    "spectrum",
+    "calibration",
+    "multisine",
+    "staircase",
+    "series",
+    "model",
+    "ocv",
+    "pack",
+    "contract",
+    "augmented",
+    "effects",
+    "validity",
+    "fit",
+    "drt",
+    "given",
+    "forward",
+    "sop",
+    "dataset",
+    "thinning",
+    "formats",
+    "plot",
+    "report",
+    "budget",
+    "joint",
+    "diagnosis",
+];
+
+/// Files that name each other in a circle, and how many circles there are, for each crate. Both
+/// numbers may only fall.
+const CIRCLES: [Circles; 4] = [
+    Circles {
+        krate: "analysis",
+        largest: 7,
+        most: 15,
+    },
+    Circles {
+        krate: "bench-daemon",
+        largest: 5,
+        most: 6,
+    },
+    Circles {
+        krate: "instruments",
+        largest: 4,
+        most: 3,
+    },
+    Circles {
+        krate: "fixtures",
+        largest: 5,
+        most: 2,
+    },
+];
+
+struct Circles {
+    krate: &'static str,
+    largest: usize,
+    most: usize,
+}
+
+type Module = Vec<String>;
+
+/// The source files of a crate by module, tests left out.
+fn files(krate: &str) -> BTreeMap<Module, PathBuf> {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("..")
+        .join(krate)
+        .join("src");
+    let mut found = BTreeMap::new();
+    walk(&root, &mut Vec::new(), &mut found);
+    found
+}
+
+fn walk(folder: &Path, at: &mut Module, found: &mut BTreeMap<Module, PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let stem = path.file_stem().unwrap().to_str().unwrap().to_owned();
+        if stem == "tests" {
+            continue;
+        }
+        if path.is_dir() {
+            at.push(stem);
+            walk(&path, at, found);
+            at.pop();
+        } else if path.extension().is_some_and(|end| end == "rs") {
+            let own = (!["lib", "main", "mod"].contains(&stem.as_str())).then_some(stem);
+            found.insert(at.iter().cloned().chain(own).collect(), path);
+        }
+    }
+}
+
+/// The paths that a file names, as they stand there.
+#[derive(Default)]
+struct Named(Vec<Module>);
+
+impl Named {
+    fn tree(&mut self, before: &Module, tree: &UseTree) {
+        let with = |name: &syn::Ident| [before.as_slice(), &[name.to_string()]].concat();
+        match tree {
+            UseTree::Path(path) => self.tree(&with(&path.ident), &path.tree),
+            UseTree::Name(name) => self.0.push(with(&name.ident)),
+            UseTree::Rename(name) => self.0.push(with(&name.ident)),
+            UseTree::Glob(_) => self.0.push(before.clone()),
+            UseTree::Group(group) => group.items.iter().for_each(|tree| self.tree(before, tree)),
+        }
+    }
+
+    /// Paths in the arguments of macros, which are not parsed.
+    fn tokens(&mut self, tokens: TokenStream) {
+        let (mut path, mut colons): (Module, usize) = (Vec::new(), 0);
+        for token in tokens {
+            match token {
+                TokenTree::Ident(name) if path.is_empty() || colons == 2 => {
+                    path.push(name.to_string());
+                    colons = 0;
+                    continue;
+                }
+                TokenTree::Punct(mark) if mark.as_char() == ':' && !path.is_empty() => {
+                    colons += 1;
+                    continue;
+                }
+                TokenTree::Group(group) => self.tokens(group.stream()),
+                _ => (),
+            }
+            self.0.push(std::mem::take(&mut path));
+            colons = 0;
+        }
+        self.0.push(path);
+    }
+}
+
+impl<'ast> Visit<'ast> for Named {
+    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+        let is_test = |attribute: &syn::Attribute| {
+            attribute.path().is_ident("cfg")
+                && attribute
+                    .meta
+                    .require_list()
+                    .is_ok_and(|list| list.tokens.to_string() == "test")
+        };
+        if !item.attrs.iter().any(is_test) {
+            visit::visit_item_mod(self, item);
+        }
+    }
+
+    fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
+        self.tree(&Vec::new(), &item.tree);
+    }
+
+    fn visit_path(&mut self, path: &'ast syn::Path) {
+        let names = path.segments.iter();
+        self.0
+            .push(names.map(|segment| segment.ident.to_string()).collect());
+        visit::visit_path(self, path);
+    }
+
+    fn visit_macro(&mut self, item: &'ast syn::Macro) {
+        self.tokens(item.tokens.clone());
+    }
+}
+
+/// The module that a path means, as seen from a module; none outside the crate.
+fn meant(path: &Module, from: &Module, files: &BTreeMap<Module, PathBuf>) -> Option<Module> {
+    let mut rest = path.iter();
+    let mut at = match rest.next()?.as_str() {
+        "crate" => Vec::new(),
+        "self" => from.clone(),
+        "super" => from[..from.len().checked_sub(1)?].to_vec(),
+        _ => return None,
+    };
+    for name in rest {
+        if name == "super" {
+            at.pop();
+            continue;
+        }
+        at.push(name.clone());
+        if !files.contains_key(&at) {
+            at.pop();
+            break;
+        }
+    }
+    Some(at)
+}
+
+/// Which module names which other ones of its crate; the root of a crate does not count.
+fn arrows(krate: &str) -> BTreeMap<Module, BTreeSet<Module>> {
+    let files = files(krate);
+    let of = |(module, path): (&Module, &PathBuf)| {
+        let mut named = Named::default();
+        named.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+        let to = named
+            .0
+            .iter()
+            .filter_map(|path| meant(path, module, &files));
+        let to = to.filter(|to| to != module && !to.is_empty()).collect();
+        (module.clone(), to)
+    };
+    files
+        .iter()
+        .filter(|(module, _)| !module.is_empty())
+        .map(of)
+        .collect()
+}
+
+/// Arrows that go up in an order of modules.
+fn upward(krate: &str, order: &[&str]) -> Vec<String> {
+    let place = |module: &Module| {
+        let found = order.iter().position(|name| *name == module[0]);
+        found.unwrap_or_else(|| panic!("{} has no place in the order of {krate}", module[0]))
+    };
+    let all = arrows(krate);
+    let each = all
+        .iter()
+        .flat_map(|(from, to)| to.iter().map(move |to| (from, to)));
+    each.filter(|(from, to)| place(to) > place(from))
+        .map(|(from, to)| format!("{} -> {}", from.join("::"), to.join("::")))
+        .collect()
+}
+
+/// What can be reached from a module.
+fn reached<'a>(
+    from: &'a Module,
+    arrows: &'a BTreeMap<Module, BTreeSet<Module>>,
+) -> BTreeSet<&'a Module> {
+    let (mut seen, mut next) = (BTreeSet::new(), vec![from]);
+    while let Some(module) = next.pop() {
+        for to in arrows.get(module).into_iter().flatten() {
+            if seen.insert(to) {
+                next.push(to);
+            }
+        }
+    }
+    seen
+}
+
+/// The circles of files of a crate, the largest first.
+fn circles(krate: &str) -> Vec<Vec<String>> {
+    let arrows = arrows(krate);
+    let reach: BTreeMap<&Module, BTreeSet<&Module>> = arrows
+        .keys()
+        .map(|module| (module, reached(module, &arrows)))
+        .collect();
+    let mut found = BTreeSet::new();
+    for (module, reached) in &reach {
+        let circle: Vec<String> = reached
+            .iter()
+            .filter(|other| reach.get(*other).is_some_and(|back| back.contains(module)))
+            .map(|other| other.join("::"))
+            .collect();
+        if circle.len() > 1 {
+            found.insert(circle);
+        }
+    }
+    let mut found: Vec<_> = found.into_iter().collect();
+    found.sort_by_key(|circle| std::cmp::Reverse(circle.len()));
+    found
+}
+
+#[test]
+fn the_modules_of_the_daemon_depend_one_way_only() {
+    assert_eq!(upward("bench-daemon", DAEMON), [""; 0]);
+}
+
+#[test]
+fn the_modules_of_the_analysis_depend_one_way_only() {
+    assert_eq!(upward("analysis", ANALYSIS), [""; 0]);
+}
+
+#[test]
+fn circles_of_files_become_fewer_and_smaller_only() {
+    for Circles {
+        krate,
+        largest,
+        most,
+    } in CIRCLES
+    {
+        let found = circles(krate);
+        let size = found.first().map_or(0, Vec::len);
+        assert!(
+            size <= largest && found.len() <= most,
+            "{krate}: {found:#?}"
+        );
+    }
+}
