@@ -206,9 +206,9 @@ impl OcvCurve {
                 break;
             }
             if self.voltage_v(middle) < ocv_v {
-                lo = middle
+                lo = middle;
             } else {
-                hi = middle
+                hi = middle;
             }
         }
         Some(0.5 * (lo + hi))

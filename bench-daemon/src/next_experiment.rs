@@ -155,7 +155,7 @@ fn timed(segments: &[(f64, f64)]) -> Vec<(f64, f64)> {
                 *last = (
                     last.0 + span_s,
                     (last.0 * last.1 + span_s * amps) / (last.0 + span_s),
-                )
+                );
             }
             None => all.push((*span_s, *amps)),
         }

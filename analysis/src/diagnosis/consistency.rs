@@ -229,7 +229,7 @@ fn kinds(problem: &Problem, train: &[usize]) -> BTreeMap<&'static str, Classes> 
                 groups.len() - 1
             });
         let mut put = |over, row: usize, class: u32| {
-            kinds.entry(over).or_insert_with(|| empty.clone())[b][row] = Some(class)
+            kinds.entry(over).or_insert_with(|| empty.clone())[b][row] = Some(class);
         };
         let mut turns = Turns::default();
         for row in 0..block.rows() {

@@ -73,7 +73,7 @@ fn scores(problem: &Problem, fit: &Fit) -> [(f64, f64); TAUS_S.len()] {
                 sums.iter_mut()
                     .zip(TAUS_S)
                     .for_each(|([records, _], tau_s)| {
-                        records.add(Kernel::new(time, tau_s).terms(&solved, &inverse))
+                        records.add(Kernel::new(time, tau_s).terms(&solved, &inverse));
                     });
             }
             Kind::Eis { .. } => {

@@ -74,7 +74,7 @@ impl TimeBlock {
             let count = |b: &Bin| (b.to - b.from) as f64;
             bins.iter_mut().for_each(|b| {
                 b.stated_v2 =
-                    sigma_v[b.from..b.to].iter().map(|s| s * s).sum::<f64>() / count(b).powi(2)
+                    sigma_v[b.from..b.to].iter().map(|s| s * s).sum::<f64>() / count(b).powi(2);
             });
         }
         let compared = time_s.partition_point(|t| *t < record.compared_from_s - start_s);

@@ -49,7 +49,7 @@ impl Effect for Warburg {
 
     fn network(&self, p: &[f64], base: &Base, network: &mut Network) {
         branches(&base.facts, |r, tau_s| {
-            network.branches.push(Branch::linear(p[0] * r, tau_s))
+            network.branches.push(Branch::linear(p[0] * r, tau_s));
         });
     }
 }

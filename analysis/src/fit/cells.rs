@@ -142,9 +142,9 @@ fn f_quantile(p: f64, freedom: (f64, f64)) -> f64 {
     for _ in 0..200 {
         let mid = (lo * hi).sqrt();
         if 1.0 - crate::numeric::stats::f_tail(mid, freedom) < p {
-            lo = mid
+            lo = mid;
         } else {
-            hi = mid
+            hi = mid;
         }
     }
     (lo * hi).sqrt()

@@ -193,7 +193,7 @@ pub(super) fn carry(
     rows.iter_mut().enumerate().for_each(|(i, row)| {
         row.iter_mut()
             .enumerate()
-            .for_each(|(j, cell)| *cell += by[i] * by[j])
+            .for_each(|(j, cell)| *cell += by[i] * by[j]);
     });
     let Ok(erm) = Erm::from_log_parameters(x) else {
         return;

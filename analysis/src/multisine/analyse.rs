@@ -155,7 +155,7 @@ pub fn analyse_played(
             .collect();
         for (p, v2) in phasors.iter_mut().zip(seen.onto(&at)) {
             [2, 3].into_iter().for_each(|slot: usize| {
-                p.variance[slot].noise = p.variance[slot].noise + Covariance2::circular(0.5 * v2)
+                p.variance[slot].noise = p.variance[slot].noise + Covariance2::circular(0.5 * v2);
             });
         }
     }

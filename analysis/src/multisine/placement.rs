@@ -149,7 +149,7 @@ fn moved(mut placement: Placement, choice: &Choice<'_>) -> Placement {
         let found = tries.map(|harmonics| Placement::of(harmonics, placement.sampling, choice));
         match found.min_by(|a, b| a.error_ohm().total_cmp(&b.error_ohm())) {
             Some(better) if better.error_ohm() < 0.999 * placement.error_ohm() => {
-                placement = better
+                placement = better;
             }
             _ => break,
         }

@@ -35,9 +35,9 @@ pub(crate) fn t_factor(level: f64, freedom: f64) -> f64 {
             0.5 * (lo + hi)
         };
         if 1.0 - f_tail(mid * mid, (1.0, freedom)) < level {
-            lo = mid
+            lo = mid;
         } else {
-            hi = mid
+            hi = mid;
         }
     }
     0.5 * (lo + hi)

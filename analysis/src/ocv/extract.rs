@@ -555,7 +555,7 @@ mod tests {
                     .unwrap_err()
                     .to_string(),
                 text
-            )
+            );
         };
         bad(
             OcvOptions {

@@ -87,9 +87,9 @@ fn summed_power(record: &Record<'_>, samples: usize) -> Result<Vec<f64>, SineErr
             let values = normalised(values(channel, 2 * pair + index + 1)?);
             for (cell, value) in buffer.iter_mut().zip(values) {
                 if index == 0 {
-                    cell.re = value
+                    cell.re = value;
                 } else {
-                    cell.im = value
+                    cell.im = value;
                 }
             }
         }

@@ -259,7 +259,7 @@ fn piece(
             match narrow(channel, exclude_clipped) {
                 Some(narrow) => part.collect(|piece| {
                     kernel::each_narrow(stage.frame(), narrow, part.chunk(1), |sums| {
-                        piece.add_block(&part, sums)
+                        piece.add_block(&part, sums);
                     });
                 }),
                 None => {

@@ -83,9 +83,9 @@ fn bisected(kept: impl Fn(f64) -> bool) -> f64 {
     for _ in 0..45 {
         let middle = 0.5 * (inside + outside);
         if kept(middle) {
-            inside = middle
+            inside = middle;
         } else {
-            outside = middle
+            outside = middle;
         }
     }
     inside

@@ -225,9 +225,9 @@ impl Ladder {
         let (mut negative, mut positive) = (0.0, 0.0);
         for r in &self.coefficients[SERIES..self.columns] {
             if *r < 0.0 {
-                negative -= r
+                negative -= r;
             } else {
-                positive += r
+                positive += r;
             }
         }
         if positive > 0.0 {

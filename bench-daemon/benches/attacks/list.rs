@@ -69,7 +69,7 @@ pub(crate) fn all() -> Vec<Attack> {
             job,
             deed: *deed,
             from_s,
-        }))
+        }));
     };
     let fault = |role, fault| Deed::Fault(role, fault, 0);
     use Fault::{

@@ -145,9 +145,9 @@ fn clopper_pearson(hits: usize, of: usize) -> (f64, f64) {
         for _ in 0..60 {
             let middle = 0.5 * (low + high);
             if wanted(middle) {
-                high = middle
+                high = middle;
             } else {
-                low = middle
+                low = middle;
             }
         }
         0.5 * (low + high)

@@ -183,7 +183,7 @@ fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> R
         )?;
         match format {
             None if flagged.is_empty() => {
-                dataset::write_spectrum_csv(&path, &spectrum.points).map_err(RecordError::from)?
+                dataset::write_spectrum_csv(&path, &spectrum.points).map_err(RecordError::from)?;
             }
             None => dataset::write_flagged_spectrum_csv(&path, &spectrum.points, &flags)
                 .map_err(RecordError::from)?,

@@ -225,7 +225,7 @@ fn end(holder: &Holder, how: Signal) {
     }
     match (kill(Pid::from_raw(*pid), how), how) {
         (Ok(()), Signal::SIGKILL) => {
-            remark!("process {pid} was killed; its guardian switches off too")
+            remark!("process {pid} was killed; its guardian switches off too");
         }
         (Ok(()), _) => remark!("process {pid} was asked to end its run and to switch off"),
         (Err(error), _) => remark!("process {pid} cannot be ended: {error}"),

@@ -102,7 +102,7 @@ impl Site {
                 Planned::Trace(segments) => {
                     experiment
                         .traces
-                        .push(trace(first, (run, &self.ocv), segments)?)
+                        .push(trace(first, (run, &self.ocv), segments)?);
                 }
                 Planned::Eis {
                     freq_hz,

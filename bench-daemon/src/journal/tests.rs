@@ -78,7 +78,7 @@ fn a_journal_torn_at_any_byte_keeps_its_whole_lines_and_goes_on() {
             Journal::reopen(folder.path(), &clock, &found)
                 .unwrap()
                 .write(Entry::Safe)
-                .unwrap()
+                .unwrap();
         });
         let again = read(folder.path()).unwrap();
         assert_eq!(

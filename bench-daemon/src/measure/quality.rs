@@ -245,7 +245,7 @@ fn distortion(record: &Record<'_>, freq_hz: f64) -> (f64, f64) {
         let (i, v) = pairs(&harmonic);
         let noise = harmonic.totals().map(|total| total.re_re + total.im_im);
         let add = |sum: &mut (f64, f64), value: Complex64, variance: f64| {
-            *sum = (sum.0 + value.norm_sqr(), sum.1 + variance)
+            *sum = (sum.0 + value.norm_sqr(), sum.1 + variance);
         };
         add(
             &mut sums[0],

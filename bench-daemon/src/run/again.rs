@@ -250,12 +250,12 @@ impl Recorded {
                 .collect();
             for point in &own {
                 point.warnings.iter().for_each(|text| {
-                    recorder.known_point_warning(&sweeping.name, point.phasors.freq_hz, text)
+                    recorder.known_point_warning(&sweeping.name, point.phasors.freq_hz, text);
                 });
             }
             let settled = sweeping.settle(&recorder, own)?;
             sweeping::flags(&settled.points, &mut |freq_hz, text| {
-                recorder.known_point_warning(&sweeping.name, freq_hz, text)
+                recorder.known_point_warning(&sweeping.name, freq_hz, text);
             });
             gathered.finish(&mut recorder, of, settled, true)?;
         }

@@ -200,7 +200,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         match stage.purpose {
             Purpose::Sweep(fixture, repeat) => {
                 self.sweep((number, stage), (fixture, repeat), &entrance)
-                    .await?
+                    .await?;
             }
             Purpose::Multisine(repeat) => {
                 let run = multisine::measure(
@@ -246,7 +246,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
                 sweeping.record(recorder, point)?;
                 point.warnings.iter().for_each(|warning| {
-                    recorder.point_warning(&sweeping.name, point.phasors.freq_hz, warning)
+                    recorder.point_warning(&sweeping.name, point.phasors.freq_hz, warning);
                 });
                 Ok(())
             };
@@ -254,7 +254,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         let settled = sweeping.settle(self.executor.recorder, points)?;
         let recorder = &mut *self.executor.recorder;
         let flagged = sweeping::flags(&settled.points, &mut |freq_hz, text| {
-            recorder.point_warning(&sweeping.name, freq_hz, text)
+            recorder.point_warning(&sweeping.name, freq_hz, text);
         });
         if of.1 > 0 {
             let entry = SweepEntry {

@@ -69,7 +69,7 @@ pub(super) async fn measure(
     }
     let recorder = &mut *executor.recorder;
     let flagged = sweeping::flags(&points, &mut |freq_hz, text| {
-        recorder.point_warning("multisine", freq_hz, text)
+        recorder.point_warning("multisine", freq_hz, text);
     });
     let lines = std::mem::take(&mut executor.lines);
     let found: Vec<Found> = points

@@ -217,7 +217,7 @@ impl<'a> Sweeping<'a> {
         }
         for point in known.iter().map(|known| &known.point) {
             point.warnings.iter().for_each(|warning| {
-                recorder.known_point_warning(&self.name, point.phasors.freq_hz, warning)
+                recorder.known_point_warning(&self.name, point.phasors.freq_hz, warning);
             });
         }
         Ok(())

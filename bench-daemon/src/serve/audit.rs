@@ -393,7 +393,7 @@ mod tests {
                     .unwrap()
                     .replacen(from, to, 1),
             )
-            .unwrap()
+            .unwrap();
         };
         alter("first", "other");
         let first = "line 1 of the audit trail is not as it was written";

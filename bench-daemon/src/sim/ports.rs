@@ -145,7 +145,7 @@ pub(super) async fn at(
             drop(mock::serve_vxi11(device, text(host, 0), Some(text(host, *mapper)), clock).await?);
         }
         Address::HiSlip { socket, .. } => {
-            drop(mock::serve_hislip(device, socket.to_string(), clock).await?)
+            drop(mock::serve_hislip(device, socket.to_string(), clock).await?);
         }
         Address::Gpib {
             adapter: Adapter::Tcp(socket),

@@ -212,7 +212,7 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
     let rows = |name: &str| {
         poll(name, || {
             run.join("spectra").join(name).exists().then_some(())
-        })
+        });
     };
 
     let mut child = start(&[

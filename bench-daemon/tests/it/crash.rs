@@ -50,9 +50,9 @@ pub(crate) fn bound(comparisons: usize) -> f64 {
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
         if chance(middle) > BY_CHANCE {
-            low = middle
+            low = middle;
         } else {
-            high = middle
+            high = middle;
         }
     }
     high

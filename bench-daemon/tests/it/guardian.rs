@@ -139,7 +139,7 @@ fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
                     } else {
                         Signal::SIGCONT
                     },
-                )
+                );
             });
             caught.then_some(())
         });

@@ -388,7 +388,7 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
             nix::unistd::Pid::from_raw(i32::try_from(guardian).unwrap()),
             signal,
         )
-        .unwrap()
+        .unwrap();
     };
     signal(nix::sys::signal::Signal::SIGSTOP);
     child.0.kill().unwrap();

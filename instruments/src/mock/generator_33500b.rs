@@ -273,7 +273,7 @@ impl Keysight {
             return fail(ErrorCode::SettingsConflict);
         }
         self.change(index, |channel| {
-            (channel.constant, channel.arbitrary) = (function == "DC", function == "ARB")
+            (channel.constant, channel.arbitrary) = (function == "DC", function == "ARB");
         });
         Ok(())
     }
@@ -290,7 +290,7 @@ impl Keysight {
         )?;
         let freq_hz = self.status.bounded(freq_hz, FREQ_RANGE_HZ)?;
         self.change(index, |channel| {
-            channel.freq_hz = (freq_hz * 1e6).round() / 1e6
+            channel.freq_hz = (freq_hz * 1e6).round() / 1e6;
         });
         Ok(())
     }
@@ -338,7 +338,7 @@ impl Keysight {
     /// `APPLy:SINusoid [freq[,amplitude[,offset]]]`, which also switches the output on.
     fn apply(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         self.change(index, |channel| {
-            (channel.constant, channel.arbitrary) = (false, false)
+            (channel.constant, channel.arbitrary) = (false, false);
         });
         if !arguments.is_empty() {
             self.set_frequency(index, arguments)?;
@@ -471,7 +471,7 @@ impl Keysight {
             return fail(ErrorCode::TriggerIgnored);
         }
         self.change(index, |channel| {
-            (channel.burst.fired, channel.since_s) = (true, now_s + channel.burst.delay_s)
+            (channel.burst.fired, channel.since_s) = (true, now_s + channel.burst.delay_s);
         });
         Ok(())
     }

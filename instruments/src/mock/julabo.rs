@@ -101,7 +101,7 @@ impl Julabo {
                 Ok(celsius) if celsius < SETPOINT_RANGE_C.0 => self.message = Some(TOO_SMALL),
                 Ok(celsius) if celsius > SETPOINT_RANGE_C.1 => self.message = Some(TOO_LARGE),
                 Ok(celsius) if celsius.is_finite() => {
-                    self.state.setpoint_c = (celsius * 100.0).round() / 100.0
+                    self.state.setpoint_c = (celsius * 100.0).round() / 100.0;
                 }
                 _ => self.message = Some(INVALID_COMMAND),
             },

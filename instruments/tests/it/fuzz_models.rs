@@ -128,7 +128,7 @@ fn fuzz_dialects() {
         for number in 0..share {
             let data = random.input(&answers);
             let read = std::panic::catch_unwind(std::panic::AssertUnwindSafe(|| {
-                read_answer(reader, &data)
+                read_answer(reader, &data);
             }));
             assert!(
                 read.is_ok(),

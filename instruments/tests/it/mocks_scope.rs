@@ -463,6 +463,6 @@ fn an_overdriven_channel_clips_beyond_the_screen() {
         assert!(
             AMPLITUDE_V > 4.27 * 0.01,
             "the sine must reach beyond the range"
-        )
+        );
     };
 }

@@ -223,7 +223,7 @@ async fn exercise(rig: &Rig, model: &str, role: &str, judge: &Judge) -> Result<(
         _ => {
             Jig::new(rig.link(Jig::profile()).await)
                 .mount(Fixture::Shunt)
-                .await?
+                .await?;
         }
     }
     Ok(())

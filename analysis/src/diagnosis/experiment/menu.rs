@@ -286,7 +286,7 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
             campaign.limits.highest_hz
         );
         items.push(campaign.swept("eis_high_frequency", words, |run| {
-            run.what = top(0.3 * highest_hz, campaign.limits.highest_hz)
+            run.what = top(0.3 * highest_hz, campaign.limits.highest_hz);
         }));
     }
     let top_hz = campaign.limits.highest_hz.max(highest_hz);

@@ -179,7 +179,7 @@ impl Item {
             Self::Fields(name, fields) => {
                 out.push_str(&format!("\n### {}\n\n", escaped(name)));
                 fields.iter().for_each(|(field, text)| {
-                    out.push_str(&format!("- **{field}:** {}\n", escaped(text)))
+                    out.push_str(&format!("- **{field}:** {}\n", escaped(text)));
                 });
             }
             Self::Verbatim(text) => out.push_str(&format!("\n```text\n{}\n```\n", text.trim_end())),

@@ -84,7 +84,8 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
         }
         // What the samples drop at once is in another term.
         (0..n).for_each(|i| {
-            sums[i * n + i] -= (sigma_a * R0).powi(2) / (time.bins[i].to - time.bins[i].from) as f64
+            sums[i * n + i] -=
+                (sigma_a * R0).powi(2) / (time.bins[i].to - time.bins[i].from) as f64;
         });
         let size = |i: usize| {
             (met[i * n + i].max(0.0)

@@ -87,7 +87,7 @@ impl Ranges {
                     .parameters()
                     .iter()
                     .map(|kind| self.bounds(kind, element.kind)),
-            )
+            );
         });
         for (i, value) in guess {
             let (kind, (lo, hi)) = (&circuit.parameter_kinds()[*i], bounds[*i]);
@@ -140,7 +140,7 @@ impl Ranges {
                     parameters.extend([level, alpha]);
                 }
                 ElementKind::Wo | ElementKind::Ws | ElementKind::G | ElementKind::K => {
-                    parameters.extend([r, 1.0 / omega])
+                    parameters.extend([r, 1.0 / omega]);
                 }
                 ElementKind::Zarc => parameters.extend([r, 1.0 / omega, exponent(draw())]),
                 ElementKind::Gs => {

@@ -233,7 +233,7 @@ fn a_cell_counts_once_however_often_it_was_measured() {
                 rng,
             );
             spectrum.points.iter_mut().for_each(|p| {
-                p.covariance = Covariance2::circular((sigma * p.z_ohm.norm()).powi(2))
+                p.covariance = Covariance2::circular((sigma * p.z_ohm.norm()).powi(2));
             });
             spectrum
         };

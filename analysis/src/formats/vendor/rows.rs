@@ -111,7 +111,8 @@ impl<'a> Reader<'a> {
                     if freq != 0.0 {
                         self.take_row(&line, &table, &name)?;
                         table.others.iter_mut().for_each(|other| {
-                            other.used |= line.number(other.index).is_some_and(|value| value != 0.0)
+                            other.used |=
+                                line.number(other.index).is_some_and(|value| value != 0.0);
                         });
                     }
                 }

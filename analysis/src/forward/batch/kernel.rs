@@ -34,9 +34,9 @@ fn by_ocv<const W: usize, const N: usize, const LAW: u8>(
 ) {
     let arch = pulp::Arch::new();
     if curved {
-        arch.dispatch(All::<W, N, LAW, true>(lanes, plan))
+        arch.dispatch(All::<W, N, LAW, true>(lanes, plan));
     } else {
-        arch.dispatch(All::<W, N, LAW, false>(lanes, plan))
+        arch.dispatch(All::<W, N, LAW, false>(lanes, plan));
     }
 }
 

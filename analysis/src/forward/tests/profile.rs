@@ -115,7 +115,7 @@ fn names_file_and_line_of_what_is_wrong() {
         assert_eq!(read(text, |_| ()).unwrap_err(), message);
     }
     let other = read("time_s,power_w\n0,1\n1,2\n", |o| {
-        o.demand = Some(Demand::Current)
+        o.demand = Some(Demand::Current);
     })
     .unwrap_err();
     assert_eq!(
@@ -197,12 +197,12 @@ fn a_header_of_charge_or_discharge_says_the_sign_and_load_alone_nothing() {
         );
     }
     let said = read("time_s,charge_current_a\n0,5\n1,0\n", |o| {
-        o.charge_positive = true
+        o.charge_positive = true;
     })
     .unwrap();
     assert_eq!(said.value[0], -5.0);
     let against = read("time_s,discharge_a\n0,5\n1,0\n", |o| {
-        o.charge_positive = true
+        o.charge_positive = true;
     })
     .unwrap_err();
     assert!(

@@ -131,7 +131,7 @@ impl Problem<'_> {
             .enumerate()
         {
             let mut put = |j: usize, z: Complex64| {
-                (matrix[(2 * k, j)], matrix[(2 * k + 1, j)]) = (z.re / scale, z.im / scale)
+                (matrix[(2 * k, j)], matrix[(2 * k + 1, j)]) = (z.re / scale, z.im / scale);
             };
             tau_s
                 .iter()

@@ -164,7 +164,7 @@ impl Node {
         match self {
             Self::Element(element) => f(element),
             Self::Series(children) | Self::Parallel(children) => {
-                children.iter().for_each(|child| child.visit(f))
+                children.iter().for_each(|child| child.visit(f));
             }
         }
     }

@@ -438,7 +438,7 @@ mod tests {
             assert!(
                 (met.unwrap() / expected - 1.0).abs() < 1.0e-9,
                 "{met:?}, expected {expected}"
-            )
+            );
         };
         near(Some(s.mean_re_ohm), 0.015);
         // Means of 10 mΩ and 20 mΩ; deviations of 1 mΩ, four of them with two degrees of freedom.

@@ -205,7 +205,7 @@ impl Scope {
                 panel.trigger.level = panel
                     .trigger
                     .level
-                    .clamp(-room - channel.offset, room - channel.offset)
+                    .clamp(-room - channel.offset, room - channel.offset);
             });
         }
     }

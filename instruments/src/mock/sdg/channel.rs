@@ -113,7 +113,7 @@ impl Burst {
             }
             ("STPS", value) => {
                 self.start_deg = to_number(value, "DEG")
-                    .map_or(self.start_deg, |degrees| degrees.rem_euclid(360.0))
+                    .map_or(self.start_deg, |degrees| degrees.rem_euclid(360.0));
             }
             ("DLAY", value) => {
                 self.delay_s = to_number(value, "S").map_or(self.delay_s, |seconds| {
@@ -208,13 +208,13 @@ impl Channel {
     fn set_wave(&mut self, value: &Argument) {
         match value {
             Argument::Word(word) if word.eq_ignore_ascii_case("SINE") => {
-                (self.constant, self.arbitrary) = (false, false)
+                (self.constant, self.arbitrary) = (false, false);
             }
             Argument::Word(word) if word.eq_ignore_ascii_case("DC") => {
-                (self.constant, self.arbitrary) = (true, false)
+                (self.constant, self.arbitrary) = (true, false);
             }
             Argument::Word(word) if word.eq_ignore_ascii_case("ARB") && self.has_wave => {
-                (self.constant, self.arbitrary) = (false, true)
+                (self.constant, self.arbitrary) = (false, true);
             }
             _ => {}
         }
@@ -321,7 +321,7 @@ impl Channel {
             } else if word.eq_ignore_ascii_case("LOAD") {
                 match arguments.next() {
                     Some(Argument::Word(load)) if load.eq_ignore_ascii_case("HZ") => {
-                        self.load_ohm = None
+                        self.load_ohm = None;
                     }
                     Some(load) => {
                         let ohms = to_number(&load, "OHM").ok().filter(|ohms| ohms.is_finite());
@@ -336,12 +336,12 @@ impl Channel {
                     Some(Argument::Word(polarity))
                         if mnemonic_compare(b"NOR", polarity.as_bytes()) =>
                     {
-                        self.inverted = false
+                        self.inverted = false;
                     }
                     Some(Argument::Word(polarity))
                         if mnemonic_compare(b"INVT", polarity.as_bytes()) =>
                     {
-                        self.inverted = true
+                        self.inverted = true;
                     }
                     _ => {}
                 }

@@ -222,7 +222,7 @@ impl<'a> Adapter<'a> {
             ("read", Some("eoi") | None) => self.read(stream, None).await?,
             ("read", Some(_)) => {
                 self.read(stream, number.and_then(|number| u8::try_from(number).ok()))
-                    .await?
+                    .await?;
             }
             ("clr", _) => {
                 if is_there {

@@ -285,7 +285,7 @@ impl Server {
             Ok(Kind::Trigger) => session.delivered(message.control),
             Ok(Kind::Error) => {
                 tracing::warn!(text = %String::from_utf8_lossy(&message.payload), "the client \
-                reports an error")
+                reports an error");
             }
             Ok(Kind::FatalError) => return Err(io::ErrorKind::ConnectionAborted.into()),
             _ => channel.refuse(&message).await?,

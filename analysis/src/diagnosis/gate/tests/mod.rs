@@ -69,7 +69,7 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
                 .time_s
                 .iter_mut()
                 .skip(50)
-                .for_each(|t| *t -= 2.0)
+                .for_each(|t| *t -= 2.0);
         },
         Check::TimesGoBack,
         "profile_1",
@@ -81,7 +81,7 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
                 .time_s
                 .iter_mut()
                 .skip(200)
-                .for_each(|t| *t -= 0.5)
+                .for_each(|t| *t -= 0.5);
         },
         Check::TimesGoBack,
         "discharge_1",
@@ -92,7 +92,7 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
             series(s, "pulse_0")
                 .current_a
                 .iter_mut()
-                .for_each(|i| *i *= 1e3)
+                .for_each(|i| *i *= 1e3);
         },
         Check::Unit,
         "pulse_0",
@@ -103,7 +103,7 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
             series(s, "discharge_0")
                 .current_a
                 .iter_mut()
-                .for_each(|i| *i /= 1e3)
+                .for_each(|i| *i /= 1e3);
         },
         Check::Unit,
         "discharge_0",
@@ -114,7 +114,7 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
             series(s, "profile_2")
                 .voltage_v
                 .iter_mut()
-                .for_each(|v| *v *= 1e3)
+                .for_each(|v| *v *= 1e3);
         },
         Check::Unit,
         "profile_2",
@@ -131,7 +131,7 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
             series(s, "discharge_1")
                 .current_a
                 .iter_mut()
-                .for_each(|i| *i = -*i)
+                .for_each(|i| *i = -*i);
         },
         Check::Sign,
         "discharge_1",
@@ -141,7 +141,7 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
         |s| {
             points(s, "eis_3")
                 .iter_mut()
-                .for_each(|p| p.z_ohm.im = -p.z_ohm.im)
+                .for_each(|p| p.z_ohm.im = -p.z_ohm.im);
         },
         Check::Sign,
         "eis_3",
@@ -151,7 +151,7 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
         |s| {
             points(s, "eis_3")
                 .iter_mut()
-                .for_each(|p| p.z_ohm.re = -p.z_ohm.re)
+                .for_each(|p| p.z_ohm.re = -p.z_ohm.re);
         },
         Check::Sign,
         "eis_3",
@@ -261,7 +261,7 @@ const DAMAGES: &[(&str, Damage, Check, &str)] = &[
             series(s, "pulse_1")
                 .voltage_v
                 .iter_mut()
-                .for_each(|v| *v += 0.05)
+                .for_each(|v| *v += 0.05);
         },
         Check::Repeats,
         "pulse_1",
