@@ -13,6 +13,7 @@ mod bad_day;
 mod bath;
 mod bath_safe;
 mod benches;
+mod book;
 mod campaign;
 mod configuration;
 mod convert;
