@@ -313,7 +313,13 @@ mod tests {
             let c = OcvCurve::monotone(4.2, soc, ocv).unwrap();
             let h = 1e-6;
             let quotient = (c.voltage_v(place + h) - c.voltage_v(place - h)) / (2.0 * h);
-            prop_assert!(quotient >= -1e-6 && (quotient - c.slope_v(place)).abs() < 1e-3 * (1.0 + quotient.abs()), "{} against {}", quotient, c.slope_v(place));
+            prop_assert!(
+                quotient >= -1e-6
+                    && (quotient - c.slope_v(place)).abs() < 1e-3 * (1.0 + quotient.abs()),
+                "{} against {}",
+                quotient,
+                c.slope_v(place)
+            );
             let u = c.voltage_v(place);
             let back = c.soc_at(u).unwrap();
             prop_assert!((c.voltage_v(back) - u).abs() < 1e-9);

@@ -344,8 +344,10 @@ fn outside_quotes(tag: &str) -> String {
 
 const STYLE: &str = "
 :root{color-scheme:light \
-dark;--ink:#1d1f21;--soft:#5c6166;--page:#fff;--line:#d9dcdf;--stripe:#f5f6f7;--good:#00724f;--note:#8a5a00;--bad:#b3261e}
-@media (prefers-color-scheme:dark){:root{--ink:#e7e9ea;--soft:#a3a9ae;--page:#16181a;--line:#3a3f43;--stripe:#1e2124;--good:#4cc79b;--note:#e0ab4a;--bad:#ff8a80}}
+dark;--ink:#1d1f21;--soft:#5c6166;--page:#fff;--line:#d9dcdf;\
+--stripe:#f5f6f7;--good:#00724f;--note:#8a5a00;--bad:#b3261e}
+@media (prefers-color-scheme:dark){:root{--ink:#e7e9ea;--soft:#a3a9ae;--page:#16181a;\
+--line:#3a3f43;--stripe:#1e2124;--good:#4cc79b;--note:#e0ab4a;--bad:#ff8a80}}
 *{box-sizing:border-box}
 body{margin:0;background:var(--page);color:var(--ink);font:16px/1.5 \
 system-ui,-apple-system,\"Segoe UI\",Roboto,sans-serif}
@@ -377,7 +379,8 @@ pre{overflow-x:auto;background:var(--stripe);padding:.6rem \
 .8rem;border-radius:.4rem;font-size:.82rem;line-height:1.4}
 details{margin:.3rem 0;font-size:.9rem}summary{cursor:pointer;color:var(--soft)}
 @media (prefers-color-scheme:dark){figure svg{filter:invert(.91) hue-rotate(180deg)}}
-@media print{:root{--ink:#000;--soft:#444;--page:#fff;--line:#bbb;--stripe:#f5f6f7;--good:#00724f;--note:#8a5a00;--bad:#b3261e}
+@media print{:root{--ink:#000;--soft:#444;--page:#fff;--line:#bbb;--stripe:#f5f6f7;\
+--good:#00724f;--note:#8a5a00;--bad:#b3261e}
 body{font-size:10pt}main{max-width:none;padding:0}figure \
 svg{filter:none;min-width:0}.table,figure,pre{overflow:visible}pre{white-space:pre-wrap}
 th,td{white-space:normal}figure,.table,.verdict \

@@ -1,6 +1,7 @@
 """What a user could pick instead, timed on the same work as `cargo bench`; one JSON object per line on standard output.
 
-Every figure is processor time of one thread, the best of a few repeats, after compilation and warm-up. Needs `requirements.txt`.
+Every figure is processor time of one thread, the best of a few repeats, after compilation and warm-up.
+Needs `requirements.txt`.
 """
 
 import json
@@ -160,20 +161,34 @@ def fits():
     seconds = []
     for seed in range(3):
         z = noisy(seed)
-        seconds.append(best(lambda z=z: differential_evolution(lambda p: np.abs(impedance(p, FREQ_HZ) - z).sum(), bounds, seed=1), 1)[0])
-    report("fit-global-4rc", "scipy differential evolution, the thesis' objective and bounds", seconds=float(np.median(seconds)))
+        seconds.append(
+            best(
+                lambda z=z: differential_evolution(lambda p: np.abs(impedance(p, FREQ_HZ) - z).sum(), bounds, seed=1), 1
+            )[0]
+        )
+    report(
+        "fit-global-4rc",
+        "scipy differential evolution, the thesis' objective and bounds",
+        seconds=float(np.median(seconds)),
+    )
     seconds = []
     for seed in range(3):
         z = noisy(seed)
         value = lambda p, z=z: (np.abs((impedance(np.exp(p), FREQ_HZ) - z) / np.abs(z)) ** 2).sum()  # noqa: E731
         seconds.append(best(lambda value=value: differential_evolution(value, bounds_log, seed=1), 1)[0])
-    report("fit-global-4rc", "scipy differential evolution, relative least squares, logarithmic bounds", seconds=float(np.median(seconds)))
+    report(
+        "fit-global-4rc",
+        "scipy differential evolution, relative least squares, logarithmic bounds",
+        seconds=float(np.median(seconds)),
+    )
     circuit = "R0-p(R1,C1)-p(R2,C2)-p(R3,C3)-p(R4,C4)"
     limits = ([b[0] for b in bounds], [b[1] for b in bounds])
     seconds = []
     for seed in range(5):
         z = noisy(seed)
-        fit = lambda z=z: circuit_fit(FREQ_HZ, z, circuit, list(TRUTH * 1.1), bounds=limits, weight_by_modulus=True)  # noqa: E731
+        fit = lambda z=z: circuit_fit(  # noqa: E731
+            FREQ_HZ, z, circuit, list(TRUTH * 1.1), bounds=limits, weight_by_modulus=True
+        )
         seconds.append(best(fit, 1)[0])
     report("fit-local-4rc", "impedance.py, good start", seconds=float(np.median(seconds)))
 

@@ -20,7 +20,9 @@ def main():
 
     def connect(role):
         port = addresses[role].rsplit(":", 1)[1]
-        return manager.open_resource(f"TCPIP::127.0.0.1::{port}::SOCKET", read_termination="\n", write_termination="\n", timeout=10_000)
+        return manager.open_resource(
+            f"TCPIP::127.0.0.1::{port}::SOCKET", read_termination="\n", write_termination="\n", timeout=10_000
+        )
 
     generator, supply, scope = connect("generator"), connect("supply4q"), connect("scope")
     generator.write("C1:OUTP LOAD,HZ")
@@ -55,7 +57,13 @@ def main():
             measured = time.monotonic()
             phasors = []
             for channel in range(1, 5):
-                for message in (f":WAV:SOUR C{channel}", ":WAV:STAR 0", ":WAV:POIN 0", ":WAV:INT 100", ":WAV:WIDT WORD"):
+                for message in (
+                    f":WAV:SOUR C{channel}",
+                    ":WAV:STAR 0",
+                    ":WAV:POIN 0",
+                    ":WAV:INT 100",
+                    ":WAV:WIDT WORD",
+                ):
                     scope.write(message)
                 block = bytes(scope.query_binary_values(":WAV:PRE?", datatype="B", expect_termination=False))
                 scope.read()

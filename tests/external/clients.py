@@ -4,7 +4,8 @@ Usage: clients.py EIS_BENCH CONFIGS
   EIS_BENCH  the program
   CONFIGS    the folder with benches/demo.toml and benches/mixed.toml
 
-One line for each client: `ok`, `skipped` with the reason where the client itself cannot, or `FAILED`. Ends with 1 where one failed.
+One line for each client: `ok`, `skipped` with the reason where the client itself cannot, or `FAILED`. Ends
+with 1 where one failed.
 """
 
 import asyncio
@@ -64,8 +65,12 @@ SOCKET = {"visa_library": "@py", "read_termination": "\n", "write_termination": 
 def pymeasure_sds1000xhd(a):
     from pymeasure.instruments.siglenttechnologies import SDS1000XHD
 
-    generator = pyvisa.ResourceManager("@py").open_resource(visa(a["generator"]), read_termination="\n", write_termination="\n")
-    supply = pyvisa.ResourceManager("@py").open_resource(visa(a["supply4q"]), read_termination="\n", write_termination="\n")
+    generator = pyvisa.ResourceManager("@py").open_resource(
+        visa(a["generator"]), read_termination="\n", write_termination="\n"
+    )
+    supply = pyvisa.ResourceManager("@py").open_resource(
+        visa(a["supply4q"]), read_termination="\n", write_termination="\n"
+    )
     scope = SDS1000XHD(visa(a["scope"]), **SOCKET)
     try:
         jig = socket.create_connection(("127.0.0.1", port(a["jig"])))
@@ -82,7 +87,8 @@ def pymeasure_sds1000xhd(a):
             channel.display_enabled = True
             channel.coupling = "DC"
             channel.probe = 1
-            # A third of a division at most: the client ends a block at the first byte 0A, which a socket cannot mark as data.
+            # A third of a division at most: the client ends a block at the first byte 0A, which a
+            # socket cannot mark as data.
             channel.scale = 0.2
             channel.offset = 0
         expect("scale", scope.channel_2.scale, 0.2, 1e-9)
@@ -98,7 +104,8 @@ def pymeasure_sds1000xhd(a):
         waveform.source = "C2"
         waveform.interval = 1
         waveform.point = 0
-        # After the block comes 0A 0A, as from the instrument; the client leaves the second one unread, so nothing is asked after it.
+        # After the block comes 0A 0A, as from the instrument; the client leaves the second one
+        # unread, so nothing is asked after it.
         points = scope.acquisition.points
         times, volts = waveform.get_data()
         expect("points", len(volts), points)
@@ -178,7 +185,9 @@ def pymeasure_spd(a):
 def qcodes_siglent(a):
     from qcodes_contrib_drivers.drivers.Siglent.sdg import Siglent_SDG_2042X
 
-    generator = Siglent_SDG_2042X("sdg", f"TCPIP0::127.0.0.1::{port(a['generator'])}::SOCKET", visalib="@py", terminator="\n")
+    generator = Siglent_SDG_2042X(
+        "sdg", f"TCPIP0::127.0.0.1::{port(a['generator'])}::SOCKET", visalib="@py", terminator="\n"
+    )
     with contextlib.closing(generator):
         channel = generator.channel1
         channel.wave_type("sine")
@@ -218,7 +227,9 @@ def julabo_asyncio(a):
 
 def pyvisa_block(a):
     """The samples of the scope, as a script of a few lines fetches them."""
-    scope = pyvisa.ResourceManager("@py").open_resource(visa(a["scope"]), read_termination="\n", write_termination="\n", timeout=10_000)
+    scope = pyvisa.ResourceManager("@py").open_resource(
+        visa(a["scope"]), read_termination="\n", write_termination="\n", timeout=10_000
+    )
     with contextlib.closing(scope):
         identity = scope.query("*IDN?")
         expect("maker", identity.split(",")[0], "Siglent Technologies")
@@ -261,7 +272,9 @@ def pymeasure_agilent33500(b):
 def qcodes_keysight(b):
     from qcodes.instrument_drivers.Keysight import Keysight33512B
 
-    generator = Keysight33512B("wg", f"TCPIP0::127.0.0.1::{port(b['generator'])}::SOCKET", visalib="@py", terminator="\n", silent=True)
+    generator = Keysight33512B(
+        "wg", f"TCPIP0::127.0.0.1::{port(b['generator'])}::SOCKET", visalib="@py", terminator="\n", silent=True
+    )
     with contextlib.closing(generator):
         channel = generator.ch1
         channel.function_type("SIN")
@@ -296,7 +309,10 @@ def pymeasure_e36312a(b):
 
 
 def our_julabo_driver(program):
-    """`eis-bench doctor` reads the bath, sets a set-point, starts and stops; the simulator shows the set-point afterwards."""
+    """`eis-bench doctor` reads the bath, sets a set-point, starts and stops.
+
+    The simulator shows the set-point afterwards.
+    """
     from julabo import JulaboCF, connection_for_url
 
     with socket.socket() as free:
@@ -317,7 +333,9 @@ def our_julabo_driver(program):
             'resistance_sigma = "2 µΩ"\ninductance = "0 nH"\ninductance_sigma = "0.1 nH"\n'
         )
         server = subprocess.Popen(
-            [sys.executable, "-m", "sinstruments.simulator", "-c", str(config)], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+            [sys.executable, "-m", "sinstruments.simulator", "-c", str(config)],
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
         )
         try:
             for _ in range(100):
@@ -334,13 +352,16 @@ def our_julabo_driver(program):
                 finally:
                     await connection.close()
 
-            # It starts in manual mode, which our driver refuses; a first command takes it to remote mode, as its panel would.
+            # It starts in manual mode, which our driver refuses; a first command takes it to remote
+            # mode, as its panel would.
             asyncio.run(client(lambda chiller: chiller.stop()))
             identified = subprocess.run([program, "identify", str(bench), "--json"], capture_output=True, text=True)
             expect("exit code of identify", identified.returncode, 0)
             expect("model", json.loads(identified.stdout)[0]["model"], "julabo")
             examined = subprocess.run(
-                [program, "doctor", str(bench), "--json", "--out", str(folder / "report")], capture_output=True, text=True
+                [program, "doctor", str(bench), "--json", "--out", str(folder / "report")],
+                capture_output=True,
+                text=True,
             )
             expect("exit code of doctor", examined.returncode, 0)
             checks = {check["id"]: check for check in json.loads(examined.stdout)["checks"]}
@@ -360,7 +381,9 @@ def resource(address):
     kind, rest = address.split(":", 1)
     socket_text, device = rest.split("/", 1)
     host, number = socket_text.rsplit(":", 1)
-    return f"TCPIP0::{host},{number}::{device}::INSTR" if kind == "vxi11" else f"TCPIP0::{host}::{device},{number}::INSTR"
+    return (
+        f"TCPIP0::{host},{number}::{device}::INSTR" if kind == "vxi11" else f"TCPIP0::{host}::{device},{number}::INSTR"
+    )
 
 
 def visa_instr(resource_name):

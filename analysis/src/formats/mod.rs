@@ -1,11 +1,13 @@
-//! Impedance spectra from text files, the format told by the content and not by the file's name.
+//! Impedance spectra from text files, the format told by the content and not by the file's name:
+//! by the first line that is not a comment.
 //!
-//! | format | first line that is not a comment | spectra |
-//! |---|---|---|
-//! | the project's | a header with `freq_hz,z_re_ohm,z_im_ohm`, perhaps `sigma_re_ohm,sigma_im_ohm`, `cov_re_im_ohm2`, `amplitude_a`, `flags`, others | one |
-//! | impedance.py's | no header, three numbers: f in Hz, Re Z, Im Z in Ω | one |
-//! | the thesis' | `freq,offset,resistance,theta`: Hz, bias in A, \|Z\| in Ω, arg Z in rad | one per offset |
-//! | the project's tidy table | `fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad` | one per fixture, cell, repeat, bias |
+//! * the project's: a header with `freq_hz,z_re_ohm,z_im_ohm`, perhaps `sigma_re_ohm,sigma_im_ohm`,
+//!   `cov_re_im_ohm2`, `amplitude_a`, `flags`, others; one spectrum
+//! * impedance.py's: no header, three numbers: f in Hz, Re Z, Im Z in Ω; one spectrum
+//! * the thesis': `freq,offset,resistance,theta`: Hz, bias in A, |Z| in Ω, arg Z in rad; one
+//!   spectrum per offset
+//! * the project's tidy table: `fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad`; one
+//!   spectrum per fixture, cell, repeat, bias
 //!
 //! Fields are separated by commas, or by semicolons, between which a comma is a decimal point;
 //! columns may stand in any order where there is a header, columns of other names are passed over.

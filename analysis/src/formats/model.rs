@@ -211,11 +211,14 @@ fn rows(values: &mut dyn Iterator<Item = f64>, indent: &str) -> String {
     lines.join(",\n")
 }
 
-const C_HEADER: &str = r#"/* Model of a lithium-ion cell: @NAME@
- *
- * A series resistance, RC branches, and the open-circuit voltage over the state of charge. Currents in A are positive for discharge, times in s,
- * voltages in V. eis_step() is exact for a current that is constant over the step. No memory is allocated and no state is kept here. C99; link with -lm.
-@NOTES@ */
+const C_HEADER: &str = concat!(
+    "/* Model of a lithium-ion cell: @NAME@\n",
+    " *\n",
+    " * A series resistance, RC branches, and the open-circuit voltage over the state of charge. ",
+    "Currents in A are positive for discharge, times in s,\n",
+    " * voltages in V. eis_step() is exact for a current that is constant over the step. ",
+    "No memory is allocated and no state is kept here. C99; link with -lm.\n",
+    r#"@NOTES@ */
 #ifndef EIS_BENCH_MODEL_H
 #define EIS_BENCH_MODEL_H
 
@@ -304,7 +307,8 @@ static inline double eis_step(eis_state *state, double current_a, double dt_s)
 }
 
 #endif
-"#;
+"#
+);
 
 const PYBAMM: &str = r#"# Parameters of a lithium-ion cell for PyBaMM: @NAME@
 #
@@ -348,10 +352,12 @@ def get_parameter_values():
     }
 "#;
 
-const CASADI: &str = r#"# Model of a lithium-ion cell for trajectory optimisation with CasADi: @NAME@
-#
-# Currents in A are positive for discharge, times in s, voltages in V. The state is (state of charge, voltages over the RC branches).
-@NOTES@import casadi
+const CASADI: &str = concat!(
+    "# Model of a lithium-ion cell for trajectory optimisation with CasADi: @NAME@\n",
+    "#\n",
+    "# Currents in A are positive for discharge, times in s, voltages in V. ",
+    "The state is (state of charge, voltages over the RC branches).\n",
+    r#"@NOTES@import casadi
 
 R_OHM = @R_OHM@
 BRANCH_R_OHM = [
@@ -395,7 +401,8 @@ def rest(soc):
 
 
 def step():
-    """Function (state, current_a, dt_s) -> (next state, voltage at the terminals at the end): exact for a constant current over the step."""
+    """Function (state, current_a, dt_s) -> (next state, voltage at the terminals at the end): "#,
+    r#"exact for a constant current over the step."""
     state = casadi.SX.sym("state", 1 + len(BRANCH_R_OHM))
     current_a, dt_s = casadi.SX.sym("current_a"), casadi.SX.sym("dt_s")
     following = [state[0] - current_a * dt_s / CAPACITY_C]
@@ -404,8 +411,10 @@ def step():
         following.append(decay * state[1 + k] + (1 - decay) * r_ohm * current_a)
     following = casadi.vertcat(*following)
     terminal_v = ocv_v(following[0]) - R_OHM * current_a - casadi.sum1(following[1:])
-    return casadi.Function("step", [state, current_a, dt_s], [following, terminal_v], ["state", "current_a", "dt_s"], ["next", "terminal_v"])
-"#;
+    return casadi.Function("step", [state, current_a, dt_s], [following, terminal_v], "#,
+    r#"["state", "current_a", "dt_s"], ["next", "terminal_v"])
+"#
+);
 
 #[cfg(test)]
 mod tests;

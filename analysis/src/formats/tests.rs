@@ -185,7 +185,9 @@ fn the_tidy_table_is_one_spectrum_per_key() {
 fn errors_name_the_place_and_what_was_expected() {
     let known = "three numbers (frequency, Re, Im) or one of the \
     headers \"freq_hz,z_re_ohm,z_im_ohm[,…]\", \
-                 \"freq,offset,resistance,theta\", \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", a file of Gamry, EC-Lab, ZPlot or Autolab, \
+                 \"freq,offset,resistance,theta\", \
+                 \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", \
+                 a file of Gamry, EC-Lab, ZPlot or Autolab, \
                  or a table that names its columns (`f,re,im`, `Frequency/Hz`, `Zreal`, `|Z|/Ohm`, \
                  `Phase/deg`, …)";
     let header = "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2\n";
@@ -270,13 +272,22 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(256))]
 
     #[test]
-    fn what_is_written_is_read_back(points in prop::collection::vec((1e-6..1e7f64, -10.0..10.0f64, -10.0..10.0f64), 1..30)) {
-        let text: String = points.iter().map(|(f, re, im)| format!("{f},{re},{im}\n")).collect();
+    fn what_is_written_is_read_back(
+        points in prop::collection::vec((1e-6..1e7f64, -10.0..10.0f64, -10.0..10.0f64), 1..30),
+    ) {
+        let text: String = points
+            .iter()
+            .map(|(f, re, im)| format!("{f},{re},{im}\n"))
+            .collect();
         let spectra = read(&text).unwrap();
         let mut sorted = points;
         sorted.sort_by(|a, b| a.0.total_cmp(&b.0));
         // Frequencies by chance may look like those of two sweeps.
-        let mut met: Vec<_> = spectra.iter().flat_map(|s| &s.spectrum.points).map(|p| (p.freq_hz, p.z_ohm.re, p.z_ohm.im)).collect();
+        let mut met: Vec<_> = spectra
+            .iter()
+            .flat_map(|s| &s.spectrum.points)
+            .map(|p| (p.freq_hz, p.z_ohm.re, p.z_ohm.im))
+            .collect();
         met.sort_by(|a, b| a.0.total_cmp(&b.0));
         prop_assert_eq!(met, sorted);
     }
@@ -284,7 +295,8 @@ proptest! {
     #[test]
     fn no_bytes_make_it_panic(
         bytes in prop::collection::vec(any::<u8>(), 0..200),
-        soup in "(freq_hz|z_re_ohm|z_im_ohm|sigma_re_ohm|freq|offset|resistance|theta|fixture|cell|,|\"|\n|#|1e3|-|nan|inf|é){0,40}",
+        soup in "(freq_hz|z_re_ohm|z_im_ohm|sigma_re_ohm|freq|offset|resistance|theta|fixture|cell\
+                 |,|\"|\n|#|1e3|-|nan|inf|é){0,40}",
     ) {
         let _ = parse(Path::new("x"), &bytes);
         let _ = parse(Path::new("x"), soup.as_bytes());

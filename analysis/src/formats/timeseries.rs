@@ -1,15 +1,18 @@
 //! Current and voltage over time from files of cyclers and of the bench, the format told by the
-//! content.
+//! content, with the sign of the current in the file.
 //!
-//! | format | columns | sign of the current in the file |
-//! |---|---|---|
-//! | the bench's own, CSV or Parquet | `time_s,voltage_v,current_a`, perhaps `temperature_c` | charge positive |
-//! | BDF, CSV or Parquet | `Test Time / s`, `Voltage / V`, `Current / A`, perhaps `Surface Temperature T1 / degC` | charge positive (BDF fixes none; cyclers use it) |
-//! | the same for machines | `test_time_second`, `voltage_volt`, `current_ampere`, perhaps `temperature_t1_celsius` | charge positive |
-//! | Arbin's CSV | `Test_Time(s)`, `Voltage(V)`, `Current(A)`, perhaps `Aux_Temperature_1(C)` | charge positive |
-//! | the thesis' cycler, CSV | `Time,Voltage,Current`, perhaps `Temperature` | magnitudes: discharge when the file name has `discharge` in it, charge when it has `charge` |
+//! * the bench's own, CSV or Parquet: `time_s,voltage_v,current_a`, perhaps `temperature_c`; charge
+//!   positive
+//! * BDF, CSV or Parquet: `Test Time / s`, `Voltage / V`, `Current / A`, perhaps
+//!   `Surface Temperature T1 / degC`; charge positive (BDF fixes none; cyclers use it)
+//! * the same for machines: `test_time_second`, `voltage_volt`, `current_ampere`, perhaps
+//!   `temperature_t1_celsius`; charge positive
+//! * Arbin's CSV: `Test_Time(s)`, `Voltage(V)`, `Current(A)`, perhaps `Aux_Temperature_1(C)`;
+//!   charge positive
+//! * the thesis' cycler, CSV: `Time,Voltage,Current`, perhaps `Temperature`; magnitudes: discharge
+//!   when the file name has `discharge` in it, charge when it has `charge`
 //!
-//! [`SeriesOptions::sign`] overrules the table. What is read is positive for discharge. Rows whose
+//! [`SeriesOptions::sign`] overrules these. What is read is positive for discharge. Rows whose
 //! voltage or current is empty or NaN were not measured and are left out. Columns may stand in any
 //! order; others are passed over.
 

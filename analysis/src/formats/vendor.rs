@@ -1,14 +1,14 @@
 //! Spectra in the text files of potentiostats: a head of any kind, a row that names the columns,
-//! and rows of numbers.
+//! and rows of numbers. By program, what tells it and its columns:
 //!
-//! | program | told by | columns |
-//! |---|---|---|
-//! | Gamry `.DTA` | `EXPLAIN`, `ZCURVE` | `Freq`, `Zreal`, `Zimag`; `ZrealDrCor`, `ZimagDrCor` |
-//! | BioLogic EC-Lab `.mpt` | `EC-Lab ASCII FILE` | `freq/Hz`, `Re(Z)/Ohm`, `-Im(Z)/Ohm` |
-//! | ZPlot and ZView `.z` | `ZPLOT2 ASCII` | `Freq(Hz)`, `Z'(a)`, `Z''(b)` |
-//! | ZView's export of others (Autolab) | `Z60W Data File` | `Freq (Hz)`, `Z'(a)`, `Z''(b)` |
-//! | VersaStudio `.par` | `Definition=` | `Frequency(Hz)`, `Z Real`, `Z Imag` |
-//! | Arbin, CH Instruments, Parstat, PowerSuite, Zahner's and Autolab's lists, any other table | such a row | a frequency, and real and imaginary part or modulus and phase |
+//! * Gamry `.DTA`, told by `EXPLAIN`, `ZCURVE`: `Freq`, `Zreal`, `Zimag`; `ZrealDrCor`,
+//!   `ZimagDrCor`
+//! * BioLogic EC-Lab `.mpt`, told by `EC-Lab ASCII FILE`: `freq/Hz`, `Re(Z)/Ohm`, `-Im(Z)/Ohm`
+//! * ZPlot and ZView `.z`, told by `ZPLOT2 ASCII`: `Freq(Hz)`, `Z'(a)`, `Z''(b)`
+//! * ZView's export of others (Autolab), told by `Z60W Data File`: `Freq (Hz)`, `Z'(a)`, `Z''(b)`
+//! * VersaStudio `.par`, told by `Definition=`: `Frequency(Hz)`, `Z Real`, `Z Imag`
+//! * Arbin, CH Instruments, Parstat, PowerSuite, Zahner's and Autolab's lists, any other table,
+//!   told by such a row: a frequency, and real and imaginary part or modulus and phase
 //!
 //! The row of names tells the separator: a tabulator, else a semicolon, else a comma, else blanks.
 //! Rows are parted by the same and have as many fields, or are refused. Units stand in the names or

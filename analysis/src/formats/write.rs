@@ -63,7 +63,8 @@ fn head(spectrum: &Spectrum, format: SpectrumFormat) -> String {
         SpectrumFormat::ImpedancePy => String::new(),
         SpectrumFormat::Gamry => format!(
             "EXPLAIN\nTAG\tEISPOT\nTITLE\tLABEL\t{name}\tTest &Identifier\nZCURVE\tTABLE\t{count}\n\
-             \tPt\tTime\tFreq\tZreal\tZimag\tZsig\tZmod\tZphz\tIdc\tVdc\tIERange\n\t#\ts\tHz\tohm\tohm\tV\tohm\tdeg\tA\tV\t#\n"
+             \tPt\tTime\tFreq\tZreal\tZimag\tZsig\tZmod\tZphz\tIdc\tVdc\tIERange\n\
+             \t#\ts\tHz\tohm\tohm\tV\tohm\tdeg\tA\tV\t#\n"
         ),
         SpectrumFormat::BioLogic => {
             format!(
@@ -88,7 +89,9 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn every_format_comes_back_to_the_last_bit(rows in prop::collection::vec((1.0e-4..1.0e6_f64, -10.0..10.0_f64, -10.0..10.0_f64), 1..20)) {
+        fn every_format_comes_back_to_the_last_bit(
+            rows in prop::collection::vec((1.0e-4..1.0e6_f64, -10.0..10.0_f64, -10.0..10.0_f64), 1..20),
+        ) {
             let mut rows = rows;
             rows.sort_by(|a, b| a.0.total_cmp(&b.0));
             rows.dedup_by(|a, b| a.0 == b.0);
@@ -98,14 +101,28 @@ mod tests {
                 covariance: Covariance2::UNKNOWN,
                 amplitude_a: f64::NAN,
             };
-            let spectrum = Spectrum { name: "a cell".to_owned(), points: rows.iter().map(point).collect(), ..Spectrum::default() };
+            let spectrum = Spectrum {
+                name: "a cell".to_owned(),
+                points: rows.iter().map(point).collect(),
+                ..Spectrum::default()
+            };
             let folder = tempfile::tempdir().unwrap();
-            for format in [SpectrumFormat::ImpedancePy, SpectrumFormat::Gamry, SpectrumFormat::BioLogic, SpectrumFormat::ZView] {
+            for format in [
+                SpectrumFormat::ImpedancePy,
+                SpectrumFormat::Gamry,
+                SpectrumFormat::BioLogic,
+                SpectrumFormat::ZView,
+            ] {
                 // The ending tells nothing: the content does.
                 let path = folder.path().join("spectrum.dat");
                 std::fs::write(&path, spectrum_text(&spectrum, format)).unwrap();
                 let back = read_spectra(&path).unwrap().remove(0).points;
-                let numbers = |points: &[ImpedancePoint]| points.iter().map(|p| (p.freq_hz, p.z_ohm)).collect::<Vec<_>>();
+                let numbers = |points: &[ImpedancePoint]| {
+                    points
+                        .iter()
+                        .map(|p| (p.freq_hz, p.z_ohm))
+                        .collect::<Vec<_>>()
+                };
                 prop_assert_eq!(numbers(&back), numbers(&spectrum.points), "{:?}", format);
             }
         }

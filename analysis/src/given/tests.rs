@@ -3,7 +3,8 @@
 use super::*;
 use crate::model::RcBranch;
 
-const PLAIN: &str = r#"{"r_ohm": 0.00643, "branches": [{"r_ohm": 0.00151, "c_f": 0.553}, {"r_ohm": 0.00477, "c_f": 1084.0}]}"#;
+const PLAIN: &str = r#"{"r_ohm": 0.00643,
+    "branches": [{"r_ohm": 0.00151, "c_f": 0.553}, {"r_ohm": 0.00477, "c_f": 1084.0}]}"#;
 
 fn read(text: &str) -> GivenModel {
     GivenModel::from_json(text, "file", None).unwrap()
@@ -113,7 +114,8 @@ fn what_is_no_model_is_refused_with_what_was_expected() {
 
 #[test]
 fn a_circuit_of_rc_carries_its_uncertainty_and_a_ladder_says_that_it_has_none() {
-    let text = r#"{"fits": [{"circuit": "R0-p(R1,C1)", "values": [0.01, 0.002, 5], "band_hz": [0.1, 1000], "warnings": ["short"],
+    let text = r#"{"fits": [{"circuit": "R0-p(R1,C1)", "values": [0.01, 0.002, 5],
+        "band_hz": [0.1, 1000], "warnings": ["short"],
         "covariance": [[1e-8, 0, 0], [0, 4e-10, 1e-6], [0, 1e-6, 0.25]], "rms_ohm": 1e-6}]}"#;
     let model = read(text);
     let covariance = model.log_covariance.clone().unwrap();
@@ -146,12 +148,16 @@ fn a_circuit_of_rc_carries_its_uncertainty_and_a_ladder_says_that_it_has_none() 
 
 #[test]
 fn additions_to_a_typed_model_are_written_and_read_again() {
-    let text = r#"{"r_ohm": 0.01, "branches": [], "ocv": {"capacity_ah": 4.5, "soc": [0, 1], "ocv_v": [3.0, 4.2], "slope_v": [1.2, 1.2]},
-        "facts": {"lowest_hz": 0.1, "highest_hz": 300, "longest_s": 60, "shortest_s": 0.1, "greatest_a": 40, "widest_soc": 0.1, "soc": 0.5,
-            "temperature_c": 25, "orders": 0, "span_s": 0},
-        "additions": [{"name": "current_gain", "title": "gain error", "group": "bench", "data_set": "d", "added_by": "a",
+    let text = r#"{"r_ohm": 0.01, "branches": [],
+        "ocv": {"capacity_ah": 4.5, "soc": [0, 1], "ocv_v": [3.0, 4.2], "slope_v": [1.2, 1.2]},
+        "facts": {"lowest_hz": 0.1, "highest_hz": 300, "longest_s": 60, "shortest_s": 0.1,
+            "greatest_a": 40, "widest_soc": 0.1, "soc": 0.5, "temperature_c": 25, "orders": 0,
+            "span_s": 0},
+        "additions": [{"name": "current_gain", "title": "gain error", "group": "bench",
+            "data_set": "d", "added_by": "a",
             "parameters": [{"name": "gain", "value": 0.02, "sigma": null, "unit": ""}],
-            "evidence": {"text": "a test", "lambda": 100, "score": 90, "held_out_gap_before_v": null, "held_out_gap_after_v": null}}]}"#;
+            "evidence": {"text": "a test", "lambda": 100, "score": 90,
+                "held_out_gap_before_v": null, "held_out_gap_after_v": null}}]}"#;
     let found = read(text);
     assert!(found.augmented().unwrap().is_some());
     let circuit = read(

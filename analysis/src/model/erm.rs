@@ -301,7 +301,8 @@ mod tests {
 
         #[test]
         fn gradient_is_the_difference_quotient(
-            logs in prop::collection::vec(-7.0..7.0f64, 0..4).prop_map(|v| v.into_iter().flat_map(|x| [x - 6.0, -x]).collect::<Vec<_>>()),
+            logs in prop::collection::vec(-7.0..7.0f64, 0..4)
+                .prop_map(|v| v.into_iter().flat_map(|x| [x - 6.0, -x]).collect::<Vec<_>>()),
             r in -7.0..0.0f64,
             log_f in -3.0..4.0f64,
         ) {
@@ -316,7 +317,13 @@ mod tests {
                 up[i] += h;
                 down[i] -= h;
                 let quotient = (z(&up) - z(&down)) / (2.0 * h);
-                prop_assert!((quotient - g).norm() <= 1e-8 * x[i].exp().max(z(&x).norm()), "parameter {}: {} against {}", i, g, quotient);
+                prop_assert!(
+                    (quotient - g).norm() <= 1e-8 * x[i].exp().max(z(&x).norm()),
+                    "parameter {}: {} against {}",
+                    i,
+                    g,
+                    quotient
+                );
             }
         }
     }

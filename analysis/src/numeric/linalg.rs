@@ -250,11 +250,15 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(300))]
 
         #[test]
-        fn box_quadratic_meets_the_optimality_conditions(rows in prop::collection::vec(prop::array::uniform5(-1.0..1.0f64), 7), c in prop::array::uniform5(-2.0..2.0f64)) {
+        fn box_quadratic_meets_the_optimality_conditions(
+            rows in prop::collection::vec(prop::array::uniform5(-1.0..1.0f64), 7),
+            c in prop::array::uniform5(-2.0..2.0f64),
+        ) {
             let mut problem = BoxQuadratic::new(5);
             for i in 0..5 {
                 for j in 0..5 {
-                    problem.q[i][j] = rows.iter().map(|r| r[i] * r[j]).sum::<f64>() + f64::from(i == j) * 1e-3;
+                    problem.q[i][j] =
+                        rows.iter().map(|r| r[i] * r[j]).sum::<f64>() + f64::from(i == j) * 1e-3;
                 }
                 problem.c[i] = c[i];
                 problem.hi[i] = 0.5;
@@ -263,8 +267,20 @@ mod tests {
             for i in 0..5 {
                 let gradient: f64 = (0..5).map(|k| problem.q[i][k] * x[k]).sum::<f64>() - c[i];
                 prop_assert!((0.0..=0.5).contains(&x[i]));
-                prop_assert!(gradient < 1e-5 || x[i] == 0.0, "x{} = {} wants down: {}", i, x[i], gradient);
-                prop_assert!(gradient > -1e-5 || x[i] == 0.5, "x{} = {} wants up: {}", i, x[i], gradient);
+                prop_assert!(
+                    gradient < 1e-5 || x[i] == 0.0,
+                    "x{} = {} wants down: {}",
+                    i,
+                    x[i],
+                    gradient
+                );
+                prop_assert!(
+                    gradient > -1e-5 || x[i] == 0.5,
+                    "x{} = {} wants up: {}",
+                    i,
+                    x[i],
+                    gradient
+                );
             }
         }
     }

@@ -437,20 +437,34 @@ mod tests {
             slope in 1e-4..0.1f64,
         ) {
             let pack = Pack::new(series, parallel, busbar).unwrap();
-            let input = SizingInput { pack, cell_ocv_v: ocv, dcir_ohm: dcir, window_v: (2.5, 4.2), required_v_per_w: Some(slope) };
+            let input = SizingInput {
+                pack,
+                cell_ocv_v: ocv,
+                dcir_ohm: dcir,
+                window_v: (2.5, 4.2),
+                required_v_per_w: Some(slope),
+            };
             let s = Sizing::new(&input).unwrap();
             let ir = SimpleIr::new(&input).unwrap();
             let points = [s.peak, s.crossing, s.regen];
             for p in points.into_iter().flatten() {
                 let scale = s.theoretical_maximum_w;
-                prop_assert!((ir.voltage_v(p.power_w * (1.0 - 1e-15)).unwrap() - p.voltage_v).abs() < 1e-6 * s.ocv_v);
+                prop_assert!(
+                    (ir.voltage_v(p.power_w * (1.0 - 1e-15)).unwrap() - p.voltage_v).abs()
+                        < 1e-6 * s.ocv_v
+                );
                 prop_assert!((s.ocv_v * p.current_a - p.power_w - p.heat_w).abs() < 1e-9 * scale);
             }
             if let Some(p) = s.crossing {
                 prop_assert!((p.voltage_v - slope * p.power_w).abs() < 1e-9 * s.ocv_v);
             }
             // No voltage of the window gives more than the peak.
-            let best = (0..=1000).map(|k| ir.at_voltage(s.v_min_v + (s.ocv_v.min(s.v_max_v) - s.v_min_v) * f64::from(k) / 1000.0).power_w);
+            let best = (0..=1000).map(|k| {
+                ir.at_voltage(
+                    s.v_min_v + (s.ocv_v.min(s.v_max_v) - s.v_min_v) * f64::from(k) / 1000.0,
+                )
+                .power_w
+            });
             prop_assert!(best.fold(0.0, f64::max) <= s.peak_power_w.unwrap() * (1.0 + 1e-12));
         }
     }

@@ -94,26 +94,64 @@ proptest! {
         extra in (0.0f64..1e-10, 0.0f64..1e-10),
     ) {
         let mut noise = Noise::new(seed);
-        let runs = runs(&Bench { noise_v: 3e-6, ..bench() }, &mut noise);
+        let runs = runs(
+            &Bench {
+                noise_v: 3e-6,
+                ..bench()
+            },
+            &mut noise,
+        );
         let mut controls = controls(&runs);
-        if !with_shunt { controls.shunt = &[]; }
-        if !with_fake { controls.fake_cell = None; }
-        if !with_short { controls.short = None; }
-        if !with_open { controls.open = None; }
-        let correction = Correction::fit(&controls).unwrap_or_else(|_| Correction::none(controls.current_shunt));
+        if !with_shunt {
+            controls.shunt = &[];
+        }
+        if !with_fake {
+            controls.fake_cell = None;
+        }
+        if !with_short {
+            controls.short = None;
+        }
+        if !with_open {
+            controls.open = None;
+        }
+        let correction =
+            Correction::fit(&controls).unwrap_or_else(|_| Correction::none(controls.current_shunt));
         for phasors in &runs.cell {
             let mut phasors = *phasors;
             let (a, rho, b) = shape;
-            let shaped = Covariance2 { re_re: a * 1e-11, re_im: rho * (a * b).sqrt() * 1e-11, im_im: b * 1e-11 };
-            let (quantisation, drift) = (Covariance2::circular(extra.0), Covariance2::circular(extra.1));
-            phasors.variance[3] = PhasorVariance { noise: shaped, quantisation, drift };
+            let shaped = Covariance2 {
+                re_re: a * 1e-11,
+                re_im: rho * (a * b).sqrt() * 1e-11,
+                im_im: b * 1e-11,
+            };
+            let (quantisation, drift) = (
+                Covariance2::circular(extra.0),
+                Covariance2::circular(extra.1),
+            );
+            phasors.variance[3] = PhasorVariance {
+                noise: shaped,
+                quantisation,
+                drift,
+            };
             let point = BudgetPoint::new(&correction, &phasors);
             let sum: Covariance2 = point.parts.iter().map(|part| part.1).sum();
-            prop_assert!(same(sum, correction.apply(&phasors).covariance), "{point:?}");
-            prop_assert!(same(point.correction(), correction.carried_covariance(&phasors)));
+            prop_assert!(
+                same(sum, correction.apply(&phasors).covariance),
+                "{point:?}"
+            );
+            prop_assert!(same(
+                point.correction(),
+                correction.carried_covariance(&phasors)
+            ));
             for (cause, part) in &point.parts {
-                let slack = EXACT_LIMIT * (point.point.covariance.re_re + point.point.covariance.im_im);
-                prop_assert!(part.re_re >= 0.0 && part.im_im >= 0.0 && part.re_im.powi(2) <= part.re_re * part.im_im + slack * slack, "{cause:?}");
+                let slack =
+                    EXACT_LIMIT * (point.point.covariance.re_re + point.point.covariance.im_im);
+                prop_assert!(
+                    part.re_re >= 0.0
+                        && part.im_im >= 0.0
+                        && part.re_im.powi(2) <= part.re_re * part.im_im + slack * slack,
+                    "{cause:?}"
+                );
             }
         }
     }

@@ -69,9 +69,19 @@ fn relative(found: Complex64, truth: Complex64) -> f64 {
 }
 
 prop_compose! {
-    fn any_wave()(amplitude_v in 1e-4..20.0f64, phase_rad in -3.1..3.1f64, offset in -10.0..10.0f64, drift in -1.0..1.0f64)
-        -> (Wave, f64) {
-        (Wave { amplitude_v, phase_rad, offset_v: offset * amplitude_v, drift_v_per_s: 0.0 }, drift * amplitude_v)
+    fn any_wave()(
+        amplitude_v in 1e-4..20.0f64,
+        phase_rad in -3.1..3.1f64,
+        offset in -10.0..10.0f64,
+        drift in -1.0..1.0f64,
+    ) -> (Wave, f64) {
+        let wave = Wave {
+            amplitude_v,
+            phase_rad,
+            offset_v: offset * amplitude_v,
+            drift_v_per_s: 0.0,
+        };
+        (wave, drift * amplitude_v)
     }
 }
 

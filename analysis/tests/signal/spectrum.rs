@@ -226,10 +226,16 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn a_scaled_covariance_is_that_of_the_scaled_number(re in -3.0..3.0f64, im in -3.0..3.0f64, a in -3.0..3.0f64, b in -3.0..3.0f64) {
+    fn a_scaled_covariance_is_that_of_the_scaled_number(
+        re in -3.0..3.0f64,
+        im in -3.0..3.0f64,
+        a in -3.0..3.0f64,
+        b in -3.0..3.0f64,
+    ) {
         let (direction, factor) = (c(re, im), c(a, b));
         let scaled = (Covariance2::along(direction) + Covariance2::circular(0.5)).scaled(factor);
-        let expected = Covariance2::along(direction * factor) + Covariance2::circular(0.5 * factor.norm_sqr());
+        let expected =
+            Covariance2::along(direction * factor) + Covariance2::circular(0.5 * factor.norm_sqr());
         prop_assert!((scaled.re_re - expected.re_re).abs() < 1e-9);
         prop_assert!((scaled.re_im - expected.re_im).abs() < 1e-9);
         prop_assert!((scaled.im_im - expected.im_im).abs() < 1e-9);

@@ -251,7 +251,9 @@ macro_rules! range {
 
 macro_rules! measured {
     ($name:literal, $show:expr) => {
-        Branch! {$name => &get(|load: &mut Dl3000, _| load.measure($show)); Leaf! {b"DC" => &get(|load: &mut Dl3000, _| load.measure($show))}}
+        Branch! {$name => &get(|load: &mut Dl3000, _| load.measure($show));
+            Leaf! {b"DC" => &get(|load: &mut Dl3000, _| load.measure($show))}
+        }
     };
 }
 
@@ -272,7 +274,10 @@ const RESISTANCE: Node<'static, Dl3000> =
 const POWER: Node<'static, Dl3000> = Branch! {b"POWer"; level!(number!("W", 200.0, watts))};
 const FUNCTION: Node<'static, Dl3000> = Branch! {
     b"FUNCtion" => &both(Dl3000::set_function, |load, _| text(load.function()));
-    Leaf! {b"MODE" => &both(Dl3000::set_mode, |load, _| text(MODES[load.settings.mode].trim_end_matches(char::is_lowercase)))}
+    Leaf! {b"MODE" => &both(
+        Dl3000::set_mode,
+        |load, _| text(MODES[load.settings.mode].trim_end_matches(char::is_lowercase)),
+    )}
 };
 const INPUT: Node<'static, Dl3000> = Branch! {
     b"INPut" => &both(Dl3000::set_input, |load, _| bit(load.settings.input_on));
@@ -282,7 +287,9 @@ const SENSE: Node<'static, Dl3000> =
     Leaf! {b"SENSe" => &both(Dl3000::set_sense, |load, _| bit(load.settings.sense))};
 
 const TREE: Node<'static, Dl3000> = Root! {
-    Leaf! {b"*IDN" => &get(|load: &mut Dl3000, _| text(format!("RIGOL TECHNOLOGIES,DL3021,{},00.01.05.00.01", load.serial_number)))},
+    Leaf! {b"*IDN" => &get(|load: &mut Dl3000, _| {
+        text(format!("RIGOL TECHNOLOGIES,DL3021,{},00.01.05.00.01", load.serial_number))
+    })},
     Leaf! {b"*RST" => &set(Dl3000::reset)},
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},

@@ -300,8 +300,12 @@ macro_rules! protection {
                 |supply: &mut Dp832, arguments| supply.set_level(arguments, ($unit, $max, |channel| &mut channel.$field)),
                 |supply, arguments| supply.level(arguments, |channel| &mut channel.$field),
             )},
-            Leaf! {b"QUES" => &get(|supply: &mut Dp832, arguments| supply.tripped(arguments, |channel| &mut channel.$field))},
-            Leaf! {b"CLEAR" => &set(|supply: &mut Dp832, arguments| supply.clear(arguments, |channel| &mut channel.$field))}
+            Leaf! {b"QUES" => &get(|supply: &mut Dp832, arguments| {
+                supply.tripped(arguments, |channel| &mut channel.$field)
+            })},
+            Leaf! {b"CLEAR" => &set(|supply: &mut Dp832, arguments| {
+                supply.clear(arguments, |channel| &mut channel.$field)
+            })}
         }
     };
 }
@@ -309,8 +313,16 @@ macro_rules! protection {
 macro_rules! source {
     ($name:literal, $index:literal) => {
         Branch! {$name;
-            Branch! {b"VOLTage" => &source!(volts $index); Branch! {b"LEVel" => &source!(volts $index); Leaf! {b"IMMediate" => &source!(volts $index)}}},
-            Branch! {b"CURRent" => &source!(amps $index); Branch! {b"LEVel" => &source!(amps $index); Leaf! {b"IMMediate" => &source!(amps $index)}}}
+            Branch! {b"VOLTage" => &source!(volts $index);
+                Branch! {b"LEVel" => &source!(volts $index);
+                    Leaf! {b"IMMediate" => &source!(volts $index)}
+                }
+            },
+            Branch! {b"CURRent" => &source!(amps $index);
+                Branch! {b"LEVel" => &source!(amps $index);
+                    Leaf! {b"IMMediate" => &source!(amps $index)}
+                }
+            }
         }
     };
     (volts $index:literal) => {
@@ -328,7 +340,9 @@ macro_rules! source {
 }
 
 const TREE: Node<'static, Dp832> = Root! {
-    Leaf! {b"*IDN" => &get(|supply: &mut Dp832, _| text(format!("RIGOL TECHNOLOGIES,DP832,{},00.01.19", supply.serial_number)))},
+    Leaf! {b"*IDN" => &get(|supply: &mut Dp832, _| {
+        text(format!("RIGOL TECHNOLOGIES,DP832,{},00.01.19", supply.serial_number))
+    })},
     Leaf! {b"*RST" => &set(Dp832::reset)},
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
@@ -348,9 +362,15 @@ const TREE: Node<'static, Dp832> = Root! {
         protection! {b"OCP", over_current, "A", MAX_OVER_AMPS}
     },
     Branch! {b"MEASure";
-        Leaf! {b"VOLTage" => &get(|supply: &mut Dp832, arguments| supply.measure(arguments, |(volts, _)| format!("{volts:.4}")))},
-        Leaf! {b"CURRent" => &get(|supply: &mut Dp832, arguments| supply.measure(arguments, |(_, amps)| format!("{amps:.4}")))},
-        Leaf! {b"ALL" => &get(|supply: &mut Dp832, arguments| supply.measure(arguments, |(volts, amps)| format!("{volts:.4},{amps:.4},{:.3}", volts * amps)))}
+        Leaf! {b"VOLTage" => &get(|supply: &mut Dp832, arguments| {
+            supply.measure(arguments, |(volts, _)| format!("{volts:.4}"))
+        })},
+        Leaf! {b"CURRent" => &get(|supply: &mut Dp832, arguments| {
+            supply.measure(arguments, |(_, amps)| format!("{amps:.4}"))
+        })},
+        Leaf! {b"ALL" => &get(|supply: &mut Dp832, arguments| {
+            supply.measure(arguments, |(volts, amps)| format!("{volts:.4},{amps:.4},{:.3}", volts * amps))
+        })}
     },
     Branch! {b"SYSTem";
         Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}},

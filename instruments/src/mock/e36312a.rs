@@ -263,7 +263,9 @@ macro_rules! tripped {
 
 const VOLTAGE: Node<'static, Keysight> = Branch! {
     b"VOLTage" => number!("V", MAX_VOLTS, state.voltage_v);
-    Branch! {b"PROTection" => number!("V", MAX_PROTECTION_V, protection_v); Leaf! {b"TRIPped" => tripped!(over_voltage)}},
+    Branch! {b"PROTection" => number!("V", MAX_PROTECTION_V, protection_v);
+        Leaf! {b"TRIPped" => tripped!(over_voltage)}
+    },
     Branch! {b"SENSe"; Leaf! {b"SOURce" => &both(
         Keysight::set_sense,
         |supply, arguments| supply.each(arguments, |_, channel| (if channel.external_sense { "EXT" } else { "INT" }).to_owned()),
@@ -301,8 +303,12 @@ const TREE: Node<'static, Keysight> = Root! {
         Leaf! {b"SELect" => &both(Keysight::select, |supply, _| text(format!("CH{}", supply.selected + 1)))}
     },
     Branch! {b"MEASure";
-        Leaf! {b"VOLTage" => &get(|supply: &mut Keysight, arguments| supply.each(arguments, |index, _| signed_nr3(supply.reading(index).0)))},
-        Leaf! {b"CURRent" => &get(|supply: &mut Keysight, arguments| supply.each(arguments, |index, _| signed_nr3(supply.reading(index).1)))}
+        Leaf! {b"VOLTage" => &get(|supply: &mut Keysight, arguments| {
+            supply.each(arguments, |index, _| signed_nr3(supply.reading(index).0))
+        })},
+        Leaf! {b"CURRent" => &get(|supply: &mut Keysight, arguments| {
+            supply.each(arguments, |index, _| signed_nr3(supply.reading(index).1))
+        })}
     },
     Branch! {b"STATus"; Branch! {b"QUEStionable"; Branch! {b"INSTrument";
         Branch! {b"ISUMmary1"; Leaf! {b"CONDition" => &get(|supply: &mut Keysight, _| supply.condition(0))}},

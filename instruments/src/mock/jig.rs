@@ -72,7 +72,9 @@ impl Jig {
 }
 
 const TREE: Node<'static, Jig> = Root! {
-    Leaf! {b"*IDN" => &get(|jig: &mut Jig, _| text(format!("eis-bench,mock-jig,{},{}", jig.serial_number, env!("CARGO_PKG_VERSION"))))},
+    Leaf! {b"*IDN" => &get(|jig: &mut Jig, _| {
+        text(format!("eis-bench,mock-jig,{},{}", jig.serial_number, env!("CARGO_PKG_VERSION")))
+    })},
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
     Branch! {

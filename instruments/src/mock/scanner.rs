@@ -297,7 +297,12 @@ const TREE: Node<'static, Scanner> = Root! {
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
     Leaf! {b"*WAI" => &set(common::ignore)},
     Branch! {b"CONFigure"; Leaf! {b"TEMPerature" => &set(Scanner::configure_temperature)}},
-    Branch! {b"UNIT"; Leaf! {b"TEMPerature" => &both(Scanner::set_unit, |scanner, arguments| { common::ignore(scanner, arguments)?; text(scanner.settings.unit) })}},
+    Branch! {b"UNIT";
+        Leaf! {b"TEMPerature" => &both(
+            Scanner::set_unit,
+            |scanner, arguments| { common::ignore(scanner, arguments)?; text(scanner.settings.unit) },
+        )}
+    },
     Branch! {b"ROUTe";
         Leaf! {b"SCAN" => &both(Scanner::set_scan, Scanner::scan_list)},
         Branch! {b"MONitor" => &set(Scanner::monitor); Leaf! {b"DATA" => &get(Scanner::monitored)}}

@@ -354,7 +354,9 @@ const INPUT: Node<'static, Sdl> = Branch! {
 };
 
 const TREE: Node<'static, Sdl> = Root! {
-    Leaf! {b"*IDN" => &get(|sdl: &mut Sdl, _| text(format!("Siglent Technologies,SDL1020X-E,{},1.1.1.22", sdl.serial_number)))},
+    Leaf! {b"*IDN" => &get(|sdl: &mut Sdl, _| {
+        text(format!("Siglent Technologies,SDL1020X-E,{},1.1.1.22", sdl.serial_number))
+    })},
     Leaf! {b"*RST" => &set(Sdl::reset)},
     Leaf! {b"*CLS" => &set(common::ignore)},
     Leaf! {b"*OPC" => &both(common::ignore, common::opc_query)},
@@ -362,10 +364,18 @@ const TREE: Node<'static, Sdl> = Root! {
     CURRENT, VOLTAGE, POWER, RESISTANCE, FUNCTION, INPUT,
     Branch! {b"SOURce"; CURRENT, VOLTAGE, POWER, RESISTANCE, FUNCTION, INPUT},
     Branch! {b"MEASure";
-        Branch! {b"VOLTage" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Volts)); Leaf! {b"DC" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Volts))}},
-        Branch! {b"CURRent" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Amps)); Leaf! {b"DC" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Amps))}},
-        Branch! {b"POWer" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Watts)); Leaf! {b"DC" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Watts))}},
-        Branch! {b"RESistance" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Ohms)); Leaf! {b"DC" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Ohms))}}
+        Branch! {b"VOLTage" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Volts));
+            Leaf! {b"DC" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Volts))}
+        },
+        Branch! {b"CURRent" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Amps));
+            Leaf! {b"DC" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Amps))}
+        },
+        Branch! {b"POWer" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Watts));
+            Leaf! {b"DC" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Watts))}
+        },
+        Branch! {b"RESistance" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Ohms));
+            Leaf! {b"DC" => &get(|sdl: &mut Sdl, _| sdl.measure(Quantity::Ohms))}
+        }
     },
     Branch! {b"SYSTem";
         Branch! {b"SENSe" => &both(

@@ -157,8 +157,13 @@ impl Sdm {
 }
 
 const TREE: Node<'static, Sdm> = Root! {
-    Leaf! {b"*IDN" => &get(|sdm: &mut Sdm, _| text(format!("Siglent Technologies,SDM3065X,{},3.01.01.10", sdm.serial_number)))},
-    Leaf! {b"*RST" => &set(|sdm: &mut Sdm, _| { (sdm.temperature, sdm.unit, sdm.samples, sdm.source) = (false, "C", 1, "IMM"); Ok(()) })},
+    Leaf! {b"*IDN" => &get(|sdm: &mut Sdm, _| {
+        text(format!("Siglent Technologies,SDM3065X,{},3.01.01.10", sdm.serial_number))
+    })},
+    Leaf! {b"*RST" => &set(|sdm: &mut Sdm, _| {
+        (sdm.temperature, sdm.unit, sdm.samples, sdm.source) = (false, "C", 1, "IMM");
+        Ok(())
+    })},
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*ESR" => &get(common::esr_query)},
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},

@@ -207,7 +207,9 @@ macro_rules! channel {
 }
 
 const TREE: Node<'static, Spd> = Root! {
-    Leaf! {b"*IDN" => &get(|spd: &mut Spd, _| text(format!("Siglent Technologies,SPD3303X,{},1.01.01.02.07R2,V3.0", spd.serial_number)))},
+    Leaf! {b"*IDN" => &get(|spd: &mut Spd, _| {
+        text(format!("Siglent Technologies,SPD3303X,{},1.01.01.02.07R2,V3.0", spd.serial_number))
+    })},
     Leaf! {b"*RST" => &set(Spd::reset)},
     Leaf! {b"*LOCK" => &set(common::ignore)},
     Leaf! {b"*UNLOCK" => &set(common::ignore)},

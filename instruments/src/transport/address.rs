@@ -1,14 +1,14 @@
 //! Addresses as text; what is written is read back to the same address.
 //!
-//! | text | what it is |
-//! |---|---|
-//! | `tcp://HOST:PORT` | a raw socket |
-//! | `serial:/dev/ttyUSB0?baud=4800&parity=even&data=7&stop=1&flow=rtscts` | a serial port |
-//! | `vxi11:HOST/inst0`, `vxi11:HOST/inst0?portmapper=PORT`, `vxi11:HOST:PORT/inst0` | VXI-11; the port mapper is asked for the port, or the port is known |
-//! | `hislip:HOST/hislip0`, `hislip:HOST:PORT/hislip0` | HiSLIP |
-//! | `usbtmc:/dev/usbtmc0` | USBTMC |
-//! | `gpib:tcp:HOST:1234/ADDRESS`, `gpib:serial:/dev/ttyUSB0/ADDRESS?baud=…` | GPIB behind an adapter of Prologix' kind |
-//! | `memory:NAME` | a pipe inside this process |
+//! * `tcp://HOST:PORT`: a raw socket
+//! * `serial:/dev/ttyUSB0?baud=4800&parity=even&data=7&stop=1&flow=rtscts`: a serial port
+//! * `vxi11:HOST/inst0`, `vxi11:HOST/inst0?portmapper=PORT`, `vxi11:HOST:PORT/inst0`: VXI-11; the
+//!   port mapper is asked for the port, or the port is known
+//! * `hislip:HOST/hislip0`, `hislip:HOST:PORT/hislip0`: HiSLIP
+//! * `usbtmc:/dev/usbtmc0`: USBTMC
+//! * `gpib:tcp:HOST:1234/ADDRESS`, `gpib:serial:/dev/ttyUSB0/ADDRESS?baud=…`: GPIB behind an
+//!   adapter of Prologix' kind
+//! * `memory:NAME`: a pipe inside this process
 
 mod serial;
 #[cfg(test)]

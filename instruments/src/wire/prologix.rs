@@ -224,9 +224,15 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_byte_reaches_the_instrument(data in prop::collection::vec(any::<u8>(), 1..60), cut in any::<prop::sample::Index>()) {
+        fn every_byte_reaches_the_instrument(
+            data in prop::collection::vec(any::<u8>(), 1..60),
+            cut in any::<prop::sample::Index>(),
+        ) {
             let line = escaped(&data);
-            prop_assert_eq!(lines(&line, cut.index(line.len() + 1)), vec![Line::Data(data)]);
+            prop_assert_eq!(
+                lines(&line, cut.index(line.len() + 1)),
+                vec![Line::Data(data)]
+            );
         }
     }
 }

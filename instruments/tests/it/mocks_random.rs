@@ -75,7 +75,11 @@ proptest! {
         for model in MODELS {
             // Small pages keep a capture of ten million points out of this test.
             let paged = model.quirks().any(|quirk| quirk.name == "page_points");
-            let mut bench = if paged { Bench::with(model.key, &MockOptions::quirk("page_points", 100.0)) } else { Bench::new(model.key) };
+            let mut bench = if paged {
+                Bench::with(model.key, &MockOptions::quirk("page_points", 100.0))
+            } else {
+                Bench::new(model.key)
+            };
             for message in &messages {
                 bench.now_s += 1.0;
                 bench.device.handle(bench.now_s, message);

@@ -84,7 +84,9 @@ def simulated():
     augmented["ocv"] = json.loads(CURVE.read_text())
     with_curve = OUT / "with_curve.json"
     with_curve.write_text(json.dumps(augmented))
-    eis_bench("simulate", "--model", with_curve, "--profile", PROFILE, "--soc", "0.6", "--out", OUT / "simulated", "--json")
+    eis_bench(
+        "simulate", "--model", with_curve, "--profile", PROFILE, "--soc", "0.6", "--out", OUT / "simulated", "--json"
+    )
     table = pyarrow.parquet.read_table(next((OUT / "simulated").rglob("*.parquet"))).to_pydict()
     return table["time_s"], table["ccv_v"]
 
@@ -98,7 +100,12 @@ def _():
     expected = numpy.loadtxt(SPECTRUM, delimiter=",", skiprows=1)
     expected = expected[expected[:, 0].argsort()[::-1]]
     told = []
-    readers = {"impedance-py": ("cell.csv", None), "gamry": ("cell.DTA", "gamry"), "biologic": ("cell.mpt", "biologic"), "zview": ("cell.z", "zplot")}
+    readers = {
+        "impedance-py": ("cell.csv", None),
+        "gamry": ("cell.DTA", "gamry"),
+        "biologic": ("cell.mpt", "biologic"),
+        "zview": ("cell.z", "zplot"),
+    }
     for to, (name, instrument) in readers.items():
         eis_bench("convert", SPECTRUM, "--to", to, "--out", OUT / to)
         path = str(OUT / to / name)
@@ -108,7 +115,9 @@ def _():
             f, z = preprocessing.readFile(path, instrument=instrument)
         f, z = numpy.asarray(f), numpy.asarray(z)
         order = f.argsort()[::-1]
-        worst = max(abs(f[order] / expected[:, 0] - 1).max(), abs(z[order] - (expected[:, 1] + 1j * expected[:, 2])).max())
+        worst = max(
+            abs(f[order] / expected[:, 0] - 1).max(), abs(z[order] - (expected[:, 1] + 1j * expected[:, 2])).max()
+        )
         if len(f) != len(expected) or worst > 1e-12:
             raise AssertionError(f"{to}: {len(f)} points, off by {worst}")
         told.append(f"{to} {worst:.0e}")
@@ -120,7 +129,12 @@ def _():
     from impedance import preprocessing
 
     told = []
-    for name, instrument in {"gamry.DTA": "gamry", "biologic.mpt": "biologic", "zplot.z": "zplot", "autolab.txt": "autolab"}.items():
+    for name, instrument in {
+        "gamry.DTA": "gamry",
+        "biologic.mpt": "biologic",
+        "zplot.z": "zplot",
+        "autolab.txt": "autolab",
+    }.items():
         path = ROOT / "fixtures/data/spectra/vendors" / name
         f, z = preprocessing.readFile(str(path), instrument=instrument)
         out = OUT / f"from_{instrument}"
@@ -157,7 +171,9 @@ def _():
     import pandas
     from bdf import io
 
-    frame = pandas.DataFrame({"Test Time / s": [0.0, 1.0, 2.0], "Voltage / V": [3.7, 3.6, 3.5], "Current / A": [0.0, -1.0, -2.0]})
+    frame = pandas.DataFrame(
+        {"Test Time / s": [0.0, 1.0, 2.0], "Voltage / V": [3.7, 3.6, 3.5], "Current / A": [0.0, -1.0, -2.0]}
+    )
     told = []
     for name in ("theirs.bdf.csv", "theirs.bdf.parquet"):
         io.save(frame, OUT / name)
@@ -187,7 +203,9 @@ def _():
     import casadi
 
     current_a = casadi.SX.sym("i")
-    slope = casadi.Function("slope", [current_a], [casadi.jacobian(step(model.rest(0.6), current_a, 10.0)[1], current_a)])
+    slope = casadi.Function(
+        "slope", [current_a], [casadi.jacobian(step(model.rest(0.6), current_a, 10.0)[1], current_a)]
+    )
     if not (worst < 1e-9 and -0.02 < float(slope(5.0)) < -0.006):
         raise AssertionError(f"off by {worst} V, slope {float(slope(5.0))}")
     return f"largest difference {worst:.1e} V, dV/dI {float(slope(5.0)):.5f} Ω"
@@ -206,7 +224,9 @@ def _():
         times += [at, at + duration_s - 1e-3]
         currents += [current_a, current_a]
         at += duration_s
-    values["Current function [A]"] = pybamm.Interpolant(numpy.array(times + [at]), numpy.array(currents + [currents[-1]]), pybamm.t, interpolator="linear")
+    values["Current function [A]"] = pybamm.Interpolant(
+        numpy.array(times + [at]), numpy.array(currents + [currents[-1]]), pybamm.t, interpolator="linear"
+    )
     values["Initial SoC"] = 0.6
     model = pybamm.equivalent_circuit.Thevenin(options={"number of rc elements": 2})
     # The solver stops at every edge of the current.

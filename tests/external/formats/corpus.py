@@ -2,8 +2,9 @@
 
     corpus.py EIS_BENCH [FOLDER]
 
-FOLDER holds files of pyimpspec, impedance.py and PyEIS (default: ../shared/data/formats beside the repository). Prints a table and ends with 1 where a
-file is read with other numbers than a peer reads, or several of its spectra are made one.
+FOLDER holds files of pyimpspec, impedance.py and PyEIS (default: ../shared/data/formats beside the
+repository). Prints a table and ends with 1 where a file is read with other numbers than a peer
+reads, or several of its spectra are made one.
 """
 
 import csv
@@ -42,7 +43,10 @@ PEER_DIFFERS = {}
 def of_pyimpspec(path):
     import pyimpspec
 
-    return [list(zip(s.get_frequencies(masked=None), s.get_impedances(masked=None))) for s in pyimpspec.parse_data(str(path))]
+    return [
+        list(zip(s.get_frequencies(masked=None), s.get_impedances(masked=None)))
+        for s in pyimpspec.parse_data(str(path))
+    ]
 
 
 def of_impedance_py(path):
@@ -74,14 +78,18 @@ PEERS = {"pyimpspec": (of_pyimpspec, True), "impedance.py": (of_impedance_py, Fa
 def ours(path):
     """Spectra by name, or why the file was refused."""
     with tempfile.TemporaryDirectory(prefix="eis-bench-corpus-") as out:
-        done = subprocess.run([str(PROGRAM), "convert", str(path), "--to", "csv", "--out", out], capture_output=True, text=True)
+        done = subprocess.run(
+            [str(PROGRAM), "convert", str(path), "--to", "csv", "--out", out], capture_output=True, text=True
+        )
         if done.returncode != 0:
             return None, (done.stderr.strip().splitlines() or [f"ended with {done.returncode}"])[-1]
         files = [Path(line.rsplit(": ", 1)[0]) for line in done.stdout.splitlines()]
         read = {}
         for file in files:
             rows = list(csv.DictReader(file.open()))
-            read[file.name.removesuffix(".csv")] = [(float(r["freq_hz"]), complex(float(r["z_re_ohm"]), float(r["z_im_ohm"]))) for r in rows]
+            read[file.name.removesuffix(".csv")] = [
+                (float(r["freq_hz"]), complex(float(r["z_re_ohm"]), float(r["z_im_ohm"]))) for r in rows
+            ]
         return read, done.stderr.strip()
 
 
@@ -104,7 +112,11 @@ def compare(theirs, parts, read):
         # All in one, or one of several.
         [whole] = theirs
         differences = [d for d in (worst(points, whole) for points in [sum(spectra, []), *spectra]) if d is not None]
-        return (f"{min(differences):.1e}", min(differences) <= TOLERANCE) if differences else (f"{len(sum(spectra, []))} points against {len(whole)}", False)
+        return (
+            (f"{min(differences):.1e}", min(differences) <= TOLERANCE)
+            if differences
+            else (f"{len(sum(spectra, []))} points against {len(whole)}", False)
+        )
     if len(spectra) != len(theirs):
         return f"{len(spectra)} spectra against {len(theirs)}", False
     differences = [worst(a, b) for a, b in zip(spectra, theirs)]
@@ -129,7 +141,10 @@ def main():
             except BaseException as error:  # noqa: BLE001 - a peer may do anything with a file that is not its own
                 if isinstance(error, KeyboardInterrupt):
                     raise
-        points = ", ".join(f"{peer}: {'+'.join(str(len(s)) for s in theirs)}" for peer, (theirs, _) in peers.items()) or "none reads it"
+        points = (
+            ", ".join(f"{peer}: {'+'.join(str(len(s)) for s in theirs)}" for peer, (theirs, _) in peers.items())
+            or "none reads it"
+        )
         if read is None:
             counts["refused"] += 1
             told = told.removeprefix("eis-bench: ").removeprefix(f"{path}").lstrip(":, ")
@@ -140,7 +155,10 @@ def main():
         wrong = [peer for peer, (_, good) in verdicts.items() if not good and (name, peer) not in PEER_DIFFERS]
         kind = "wrong" if wrong else "right" if any(good for _, good in verdicts.values()) else "alone"
         counts[kind] += 1
-        text = ", ".join(f"{peer} {text}" + (f" ({PEER_DIFFERS[name, peer]})" if not good and (name, peer) in PEER_DIFFERS else "") for peer, (text, good) in verdicts.items())
+        text = ", ".join(
+            f"{peer} {text}" + (f" ({PEER_DIFFERS[name, peer]})" if not good and (name, peer) in PEER_DIFFERS else "")
+            for peer, (text, good) in verdicts.items()
+        )
         mark = "  <-- WRONG" if wrong else ""
         print(f"{name} | {points} | {met} | {text or 'no peer to compare with'}{mark}")
     print(", ".join(f"{count} {kind}" for kind, count in counts.items()))

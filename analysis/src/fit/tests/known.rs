@@ -293,7 +293,10 @@ proptest! {
         let mut scaled = data.clone();
         scaled.points.iter_mut().for_each(|p| p.z_ohm *= k);
         for (objective, power) in [(Objective::SumAbs, 1), (Objective::Modulus, 2)] {
-            let (a, b) = (fit(std::slice::from_ref(&data), 2, objective), fit(std::slice::from_ref(&scaled), 2, objective));
+            let (a, b) = (
+                fit(std::slice::from_ref(&data), 2, objective),
+                fit(std::slice::from_ref(&scaled), 2, objective),
+            );
             prop_assert!((b.objective / a.objective / k.powi(power) - 1.0).abs() < 1e-9);
             prop_assert!((b.erm.r_ohm / a.erm.r_ohm / k - 1.0).abs() < 1e-6);
             prop_assert!((b.erm.branches[1].c_f / a.erm.branches[1].c_f * k - 1.0).abs() < 1e-6);
@@ -309,7 +312,11 @@ proptest! {
         first in 0.6e-3..2e-3f64,
         gap in 6.0..15.0f64,
     ) {
-        let branches: Vec<(f64, f64)> = resistances.iter().zip(0..).map(|(r, k)| (*r, first * gap.powi(k) / r)).collect();
+        let branches: Vec<(f64, f64)> = resistances
+            .iter()
+            .zip(0..)
+            .map(|(r, k)| (*r, first * gap.powi(k) / r))
+            .collect();
         prop_assume!(branches.iter().all(|(_, c)| (0.011..9e4).contains(c)));
         for objective in [Objective::SumAbs, Objective::Complex] {
             let fit = fit(&[exact((r, &branches), 30)], branches.len(), objective);

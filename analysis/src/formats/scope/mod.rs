@@ -1,11 +1,12 @@
-//! Records of oscilloscopes as their own files hold them, the format told by the content.
+//! Records of oscilloscopes as their own files hold them, the format told by the content, with
+//! the source of its layout.
 //!
-//! | format | told by | source of its layout |
-//! |---|---|---|
-//! | Siglent binary, V2.0, V3.0 and V4.0 | its version and plausible header | Siglent, "How to Extract Data from the Binary File"; V4.0 as real files have it |
-//! | Rigol binary (`.bin`) | `RG` | user guides of MSO5000/7000, HDO, DHO: "Binary Data Format" |
-//! | LeCroy `.trc` | `WAVEDESC` | the template LECROY_2_3 that the instruments send |
-//! | Siglent and Rigol CSV, any table of numbers | a row of numbers | the files themselves |
+//! * Siglent binary, V2.0, V3.0 and V4.0, told by its version and plausible header: Siglent, "How
+//!   to Extract Data from the Binary File"; V4.0 as real files have it
+//! * Rigol binary (`.bin`), told by `RG`: user guides of MSO5000/7000, HDO, DHO: "Binary Data
+//!   Format"
+//! * LeCroy `.trc`, told by `WAVEDESC`: the template LECROY_2_3 that the instruments send
+//! * Siglent and Rigol CSV, any table of numbers, told by a row of numbers: the files themselves
 //!
 //! Nothing is loaded as a whole: binary files are read where they are, a table goes once through a
 //! temporary file of numbers. Rigol's `.wfm` is not documented by its maker and refused. Knows no

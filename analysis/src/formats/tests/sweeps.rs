@@ -153,7 +153,9 @@ fn a_column_tells_the_sweeps() {
 
 #[test]
 fn sweeps_of_an_arbin_table_are_told_apart() {
-    let mut text = "Channel_ID,EIS_Test_ID,EIS_Data_Point,Test_Time,Frequency,Zmod,Zphz,Zreal,Zimg,OCV,AC_Amp_RMS\n".to_owned();
+    let mut text = "Channel_ID,EIS_Test_ID,EIS_Data_Point,Test_Time,Frequency,Zmod,Zphz,Zreal,\
+                    Zimg,OCV,AC_Amp_RMS\n"
+        .to_owned();
     for sweep in 0..27 {
         for k in 0..40 {
             let f = 1.0e4 * 10f64.powf(-f64::from(k) / 7.0);

@@ -413,34 +413,68 @@ mod tests {
         #[test]
         fn kirchhoff_and_energy(
             factors in prop::collection::vec(0.7..1.3f64, 12),
-            (parallel, tab, per_group) in (prop::sample::select(vec![1usize, 2, 3, 4, 6, 12]), 0.0..0.002f64, 0.0..0.001f64),
+            (parallel, tab, per_group) in (
+                prop::sample::select(vec![1usize, 2, 3, 4, 6, 12]),
+                0.0..0.002f64,
+                0.0..0.001f64,
+            ),
             share in 0.2..0.9f64,
         ) {
             let (ocv, cells) = (curve(), uneven(&factors));
             let interconnect = per_group * (12 / parallel) as f64;
-            let mut network = Network::new(&cells, &ocv, Wiring { parallel, tab_ohm: tab, interconnect_ohm: interconnect });
+            let mut network = Network::new(
+                &cells,
+                &ocv,
+                Wiring {
+                    parallel,
+                    tab_ohm: tab,
+                    interconnect_ohm: interconnect,
+                },
+            );
             let (mut chemical, mut delivered, mut lost) = (0.0, 0.0, 0.0);
             let step = 5e-4;
             let mut before: Option<[f64; 3]> = None;
             for k in 0..=4000 {
                 // 12 cells of 3.6 V behind at most 21 mΩ and 12 mΩ of busbar could give 1.1 kW. The
                 // start is at rest: no jump for the trapezoids to miss.
-                let demand = (Demand::Power, share * 500.0 * (f64::from(k) * step * 2.0).sin());
-                let sound = if k == 0 { network.look(demand) } else { network.advance(step, demand) };
+                let demand = (
+                    Demand::Power,
+                    share * 500.0 * (f64::from(k) * step * 2.0).sin(),
+                );
+                let sound = if k == 0 {
+                    network.look(demand)
+                } else {
+                    network.advance(step, demand)
+                };
                 prop_assert!(sound);
                 let now = &network.now;
                 prop_assert!(!now.infeasible);
                 prop_assert!((now.ccv_v * now.current_a - demand.1).abs() < 1e-9);
                 let mut terminal = -now.current_a * interconnect;
-                for (currents, voltages) in now.cell_a.chunks(parallel).zip(now.cell_v.chunks(parallel)) {
-                    prop_assert!((currents.iter().sum::<f64>() - now.current_a).abs() < 1e-11 * (1.0 + now.current_a.abs()));
-                    let bus: Vec<f64> = currents.iter().zip(voltages).map(|(i, v)| v - tab * i).collect();
+                for (currents, voltages) in
+                    now.cell_a.chunks(parallel).zip(now.cell_v.chunks(parallel))
+                {
+                    prop_assert!(
+                        (currents.iter().sum::<f64>() - now.current_a).abs()
+                            < 1e-11 * (1.0 + now.current_a.abs())
+                    );
+                    let bus: Vec<f64> = currents
+                        .iter()
+                        .zip(voltages)
+                        .map(|(i, v)| v - tab * i)
+                        .collect();
                     prop_assert!(bus.iter().all(|v| (v - bus[0]).abs() < 1e-12 * 4.0));
                     terminal += bus[0];
                 }
                 prop_assert!((terminal - now.ccv_v).abs() < 1e-12 * 50.0);
-                let work = now.cell_a.iter().zip(&network.soc).map(|(i, z)| i * network.ocv_at(*z).0).sum::<f64>();
-                let copper = now.current_a.powi(2) * interconnect + now.cell_a.iter().map(|i| i * i * tab).sum::<f64>();
+                let work = now
+                    .cell_a
+                    .iter()
+                    .zip(&network.soc)
+                    .map(|(i, z)| i * network.ocv_at(*z).0)
+                    .sum::<f64>();
+                let copper = now.current_a.powi(2) * interconnect
+                    + now.cell_a.iter().map(|i| i * i * tab).sum::<f64>();
                 let rates = [work, demand.1, copper + now.heat_w.iter().sum::<f64>()];
                 if let Some(old) = before {
                     chemical += 0.5 * step * (old[0] + rates[0]);
@@ -450,7 +484,10 @@ mod tests {
                 before = Some(rates);
             }
             let missing = chemical - delivered - lost - network.stored_j();
-            prop_assert!(missing.abs() < 2e-4 * chemical.abs().max(delivered.abs()).max(lost), "{missing} J of {chemical} J");
+            prop_assert!(
+                missing.abs() < 2e-4 * chemical.abs().max(delivered.abs()).max(lost),
+                "{missing} J of {chemical} J"
+            );
         }
     }
 }

@@ -27,31 +27,105 @@ proptest! {
     ) {
         let demand = [Demand::Power, Demand::Current, Demand::Resistance][kind];
         let offset = if kind == 2 { 0.02 } else { 0.0 };
-        let list: Vec<(f64, f64)> = values.iter().enumerate().map(|(k, v)| (0.01 * k as f64 + 0.001 * (k % 3) as f64, v * [1.0, 0.3, 0.001][kind] + offset)).collect();
+        let list: Vec<(f64, f64)> = values
+            .iter()
+            .enumerate()
+            .map(|(k, v)| {
+                (
+                    0.01 * k as f64 + 0.001 * (k % 3) as f64,
+                    v * [1.0, 0.3, 0.001][kind] + offset,
+                )
+            })
+            .collect();
         let profile = rows(demand, Interpolation::Linear, &list);
-        let beyond = if tangent { Beyond::Extrapolate { fraction: 0.6 } } else { Beyond::Clamp };
-        let models: Vec<(SimModel, SimState)> = cells.iter().map(|(n, spread, soc, _, curved)| {
-            let ocv = if *curved { OcvSource::Curve(curve()) } else { OcvSource::Constant(3.7) };
-            let model = SimModel::pack(&erm(*n, *spread), ocv, Pack::new(2, 3, 0.004).unwrap()).unwrap();
-            let state = model.rest(*soc).unwrap();
-            (model, state)
-        }).collect();
-        let lanes: Vec<BatchCell<'_>> = models.iter().zip(&cells).map(|((model, state), c)| BatchCell { model, state, scale: 6.0 * c.3 }).collect();
-        let outcomes = simulate_batch(&lanes, &profile, &BatchOptions { beyond, max_step_s: 2e-5 }).unwrap();
+        let beyond = if tangent {
+            Beyond::Extrapolate { fraction: 0.6 }
+        } else {
+            Beyond::Clamp
+        };
+        let models: Vec<(SimModel, SimState)> = cells
+            .iter()
+            .map(|(n, spread, soc, _, curved)| {
+                let ocv = if *curved {
+                    OcvSource::Curve(curve())
+                } else {
+                    OcvSource::Constant(3.7)
+                };
+                let model = SimModel::pack(&erm(*n, *spread), ocv, Pack::new(2, 3, 0.004).unwrap())
+                    .unwrap();
+                let state = model.rest(*soc).unwrap();
+                (model, state)
+            })
+            .collect();
+        let lanes: Vec<BatchCell<'_>> = models
+            .iter()
+            .zip(&cells)
+            .map(|((model, state), c)| BatchCell {
+                model,
+                state,
+                scale: 6.0 * c.3,
+            })
+            .collect();
+        let outcomes = simulate_batch(
+            &lanes,
+            &profile,
+            &BatchOptions {
+                beyond,
+                max_step_s: 2e-5,
+            },
+        )
+        .unwrap();
         for (lane, met) in lanes.iter().zip(&outcomes) {
-            let options = SimOptions { beyond, ..SimOptions::default() };
-            let run = simulate(lane.model, lane.state, &profile.scaled(lane.scale), &options).unwrap();
+            let options = SimOptions {
+                beyond,
+                ..SimOptions::default()
+            };
+            let run = simulate(
+                lane.model,
+                lane.state,
+                &profile.scaled(lane.scale),
+                &options,
+            )
+            .unwrap();
             let s = &run.summary;
             // Both find extremes at the ends of their own steps only, so a peak in between may
             // differ by what it bends within a step.
-            prop_assert!((met.min_ccv_v - s.min_ccv_v).abs() < 3e-5, "{} against {}", met.min_ccv_v, s.min_ccv_v);
-            prop_assert!((2.5 + s.margin_low_v - met.min_cell_v).abs() < 3e-5 && (4.2 - s.margin_high_v - met.max_cell_v).abs() < 3e-5);
-            prop_assert!((met.charge_c - s.charge_c).abs() < 1e-5 * (1.0 + s.charge_c.abs()), "{} against {}", met.charge_c, s.charge_c);
-            prop_assert!((met.energy_j - s.energy_j).abs() < 1e-4 * (1.0 + s.energy_j.abs()), "{} against {}", met.energy_j, s.energy_j);
+            prop_assert!(
+                (met.min_ccv_v - s.min_ccv_v).abs() < 3e-5,
+                "{} against {}",
+                met.min_ccv_v,
+                s.min_ccv_v
+            );
+            prop_assert!(
+                (2.5 + s.margin_low_v - met.min_cell_v).abs() < 3e-5
+                    && (4.2 - s.margin_high_v - met.max_cell_v).abs() < 3e-5
+            );
+            prop_assert!(
+                (met.charge_c - s.charge_c).abs() < 1e-5 * (1.0 + s.charge_c.abs()),
+                "{} against {}",
+                met.charge_c,
+                s.charge_c
+            );
+            prop_assert!(
+                (met.energy_j - s.energy_j).abs() < 1e-4 * (1.0 + s.energy_j.abs()),
+                "{} against {}",
+                met.energy_j,
+                s.energy_j
+            );
             // The scalar's error control allows a microvolt, and hundreds of amperes into some
             // milliohms bring the batch's fixed steps near it.
-            let last = met.end.v_rc_v.iter().zip(&run.end.v_rc_v).all(|(a, b)| (a - b).abs() < 5e-6);
-            prop_assert!(last && (met.end.soc - run.end.soc).abs() < 1e-8, "{:?} against {:?}", met.end, run.end);
+            let last = met
+                .end
+                .v_rc_v
+                .iter()
+                .zip(&run.end.v_rc_v)
+                .all(|(a, b)| (a - b).abs() < 5e-6);
+            prop_assert!(
+                last && (met.end.soc - run.end.soc).abs() < 1e-8,
+                "{:?} against {:?}",
+                met.end,
+                run.end
+            );
             prop_assert_eq!(met.infeasible_s.is_none(), s.feasible);
         }
     }

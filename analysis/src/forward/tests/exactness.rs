@@ -327,25 +327,54 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn a_constant_current_has_its_closed_form(current in -80.0..80.0f64, duration in 1e-3..30.0f64) {
+    fn a_constant_current_has_its_closed_form(
+        current in -80.0..80.0f64,
+        duration in 1e-3..30.0f64,
+    ) {
         let model = flat_cell();
         let profile = Profile::constant(Demand::Current, current, duration).unwrap();
-        let options = SimOptions { max_step_s: duration / 7.0, ..SimOptions::default() };
+        let options = SimOptions {
+            max_step_s: duration / 7.0,
+            ..SimOptions::default()
+        };
         let run = simulate(&model, &model.rest(0.5).unwrap(), &profile, &options).unwrap();
         let cell = thesis_cell();
-        let drop = |t: f64| cell.branches.iter().map(|b| current * b.r_ohm * (1.0 - (-t / (b.r_ohm * b.c_f)).exp())).sum::<f64>();
+        let drop = |t: f64| {
+            cell.branches
+                .iter()
+                .map(|b| current * b.r_ohm * (1.0 - (-t / (b.r_ohm * b.c_f)).exp()))
+                .sum::<f64>()
+        };
         for (t, ccv) in run.trace.time_s.iter().zip(&run.trace.ccv_v) {
             let expected = 3.72 - current * cell.r_ohm - drop(*t);
-            prop_assert!((ccv - expected).abs() < 1e-11, "{} against {} at {} s", ccv, expected, t);
+            prop_assert!(
+                (ccv - expected).abs() < 1e-11,
+                "{} against {} at {} s",
+                ccv,
+                expected,
+                t
+            );
         }
         // ∫v²/R of one charging branch: i²R·(t − 2τ(1 − e) + τ/2·(1 − e²)).
-        let heat: f64 = cell.branches.iter().map(|b| {
-            let tau = b.r_ohm * b.c_f;
-            let e = (-duration / tau).exp();
-            current * current * b.r_ohm * (duration - 2.0 * tau * (1.0 - e) + 0.5 * tau * (1.0 - e * e))
-        }).sum::<f64>() + current * current * cell.r_ohm * duration;
-        prop_assert!((run.summary.heat_j - heat).abs() < 1e-5 * heat.max(1e-9), "{} J against {} \
-        J", run.summary.heat_j, heat);
+        let heat: f64 = cell
+            .branches
+            .iter()
+            .map(|b| {
+                let tau = b.r_ohm * b.c_f;
+                let e = (-duration / tau).exp();
+                current
+                    * current
+                    * b.r_ohm
+                    * (duration - 2.0 * tau * (1.0 - e) + 0.5 * tau * (1.0 - e * e))
+            })
+            .sum::<f64>()
+            + current * current * cell.r_ohm * duration;
+        prop_assert!(
+            (run.summary.heat_j - heat).abs() < 1e-5 * heat.max(1e-9),
+            "{} J against {} J",
+            run.summary.heat_j,
+            heat
+        );
     }
 
     #[test]
@@ -355,29 +384,86 @@ proptest! {
         linear in any::<bool>(),
         soc in 0.2..0.9f64,
     ) {
-        let interpolation = if linear { Interpolation::Linear } else { Interpolation::Hold };
-        let list: Vec<(f64, f64)> = values.iter().enumerate().map(|(k, v)| (k as f64 * step * (1.0 + 0.1 * k as f64), *v)).collect();
+        let interpolation = if linear {
+            Interpolation::Linear
+        } else {
+            Interpolation::Hold
+        };
+        let list: Vec<(f64, f64)> = values
+            .iter()
+            .enumerate()
+            .map(|(k, v)| (k as f64 * step * (1.0 + 0.1 * k as f64), *v))
+            .collect();
         let model = curved_cell();
-        let options = SimOptions { beyond: Beyond::Clamp, ..SimOptions::default() };
-        let s = simulate(&model, &model.rest(soc).unwrap(), &rows(Demand::Power, interpolation, &list), &options).unwrap().summary;
+        let options = SimOptions {
+            beyond: Beyond::Clamp,
+            ..SimOptions::default()
+        };
+        let s = simulate(
+            &model,
+            &model.rest(soc).unwrap(),
+            &rows(Demand::Power, interpolation, &list),
+            &options,
+        )
+        .unwrap()
+        .summary;
         let scale = s.chemical_j.abs() + s.heat_j;
-        prop_assert!((s.chemical_j - s.energy_j - s.heat_j - s.stored_j).abs() < 1e-5 * scale, "{:?}", s);
+        prop_assert!(
+            (s.chemical_j - s.energy_j - s.heat_j - s.stored_j).abs() < 1e-5 * scale,
+            "{:?}",
+            s
+        );
         if s.feasible {
-            let asked: f64 = list.windows(2).map(|w| (w[1].0 - w[0].0) * if linear { 0.5 * (w[0].1 + w[1].1) } else { w[0].1 }).sum();
-            prop_assert!((s.energy_j - asked).abs() < 1e-5 * scale, "{} J against {} J", s.energy_j, asked);
+            let asked: f64 = list
+                .windows(2)
+                .map(|w| {
+                    (w[1].0 - w[0].0)
+                        * if linear {
+                            0.5 * (w[0].1 + w[1].1)
+                        } else {
+                            w[0].1
+                        }
+                })
+                .sum();
+            prop_assert!(
+                (s.energy_j - asked).abs() < 1e-5 * scale,
+                "{} J against {} J",
+                s.energy_j,
+                asked
+            );
         }
     }
 
     #[test]
-    fn a_pack_does_what_its_cells_do(power in -60.0..110.0f64, series in 1..40u32, parallel in 1..10u32) {
+    fn a_pack_does_what_its_cells_do(
+        power in -60.0..110.0f64,
+        series in 1..40u32,
+        parallel in 1..10u32,
+    ) {
         let cell = curved_cell();
-        let pack = SimModel::pack(&thesis_cell(), OcvSource::Curve(curve()), Pack::new(series, parallel, 0.0).unwrap()).unwrap();
+        let pack = SimModel::pack(
+            &thesis_cell(),
+            OcvSource::Curve(curve()),
+            Pack::new(series, parallel, 0.0).unwrap(),
+        )
+        .unwrap();
         let run = |model: &SimModel, p: f64| {
             let profile = Profile::constant(Demand::Power, p, 2.0).unwrap();
-            simulate(model, &model.rest(0.6).unwrap(), &profile, &SimOptions::default()).unwrap()
+            simulate(
+                model,
+                &model.rest(0.6).unwrap(),
+                &profile,
+                &SimOptions::default(),
+            )
+            .unwrap()
         };
-        let (one, all) = (run(&cell, power), run(&pack, power * f64::from(series * parallel)));
-        prop_assert!((all.summary.min_ccv_v / f64::from(series) - one.summary.min_ccv_v).abs() < 1e-7);
+        let (one, all) = (
+            run(&cell, power),
+            run(&pack, power * f64::from(series * parallel)),
+        );
+        prop_assert!(
+            (all.summary.min_ccv_v / f64::from(series) - one.summary.min_ccv_v).abs() < 1e-7
+        );
         prop_assert!((all.summary.margin_low_v - one.summary.margin_low_v).abs() < 1e-7);
         prop_assert!((all.end.soc - one.end.soc).abs() < 1e-9);
     }

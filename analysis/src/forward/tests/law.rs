@@ -22,7 +22,11 @@ proptest! {
     }
 
     #[test]
-    fn the_tangent_joins_with_its_derivative_and_goes_on_to_any_power(e in 0.5..70.0f64, r in 1e-3..0.1f64, fraction in 0.3..0.999f64) {
+    fn the_tangent_joins_with_its_derivative_and_goes_on_to_any_power(
+        e in 0.5..70.0f64,
+        r in 1e-3..0.1f64,
+        fraction in 0.3..0.999f64,
+    ) {
         let d = drive(Beyond::Extrapolate { fraction }, r);
         let p0 = fraction * d.available_w(e);
         let ccv = |p: f64| e - r * d.reply(e, p).current_a;
@@ -32,11 +36,29 @@ proptest! {
         for factor in [1.0 + 1e-9, 1.3, 2.0, 50.0] {
             let p = p0 * factor;
             let line = v0 + slope * (p - p0);
-            prop_assert!((ccv(p) - line).abs() < 1e-9 * line.abs().max(e), "{} against {}", ccv(p), line);
+            prop_assert!(
+                (ccv(p) - line).abs() < 1e-9 * line.abs().max(e),
+                "{} against {}",
+                ccv(p),
+                line
+            );
         }
-        let (below, above) = (d.reply(e, p0 * (1.0 - 1e-12)), d.reply(e, p0 * (1.0 + 1e-12)));
-        for (a, b) in [(below.current_a, above.current_a), (below.d_e, above.d_e), (below.d_demand, above.d_demand), (below.d_r, above.d_r)] {
-            prop_assert!((a - b).abs() < 1e-6 * a.abs().max(b.abs()), "{:?} {:?}", below, above);
+        let (below, above) = (
+            d.reply(e, p0 * (1.0 - 1e-12)),
+            d.reply(e, p0 * (1.0 + 1e-12)),
+        );
+        for (a, b) in [
+            (below.current_a, above.current_a),
+            (below.d_e, above.d_e),
+            (below.d_demand, above.d_demand),
+            (below.d_r, above.d_r),
+        ] {
+            prop_assert!(
+                (a - b).abs() < 1e-6 * a.abs().max(b.abs()),
+                "{:?} {:?}",
+                below,
+                above
+            );
         }
     }
 
@@ -47,8 +69,15 @@ proptest! {
         share in -2.0..3.0f64,
         kind in 0..3usize,
     ) {
-        let d = Drive { demand: [Demand::Power, Demand::Current, Demand::Resistance][kind], ..drive(Beyond::Extrapolate { fraction: 0.9 }, r) };
-        let demand = match kind { 0 => share * d.available_w(e), 1 => 100.0 * share, _ => share.abs() + 0.01 };
+        let d = Drive {
+            demand: [Demand::Power, Demand::Current, Demand::Resistance][kind],
+            ..drive(Beyond::Extrapolate { fraction: 0.9 }, r)
+        };
+        let demand = match kind {
+            0 => share * d.available_w(e),
+            1 => 100.0 * share,
+            _ => share.abs() + 0.01,
+        };
         // At the joint the second derivative jumps; a quotient over it means little.
         prop_assume!((share - 0.9).abs() > 0.02);
         let at = d.reply(e, demand);
@@ -59,10 +88,23 @@ proptest! {
             (i(e, demand + hd, r) - i(e, demand - hd, r)) / (2.0 * hd),
             (i(e, demand, r + hr) - i(e, demand, r - hr)) / (2.0 * hr),
         ];
-        let scale = [at.current_a.abs() / e, at.current_a.abs() / demand.abs().max(1e-3), at.current_a.abs() / r];
-        for ((met, quotient), scale) in [at.d_e, at.d_demand, at.d_r].into_iter().zip(quotients).zip(scale) {
-            prop_assert!((met - quotient).abs() < 1e-5 * (quotient.abs() + scale), "{:?}: {} \
-            against {}", d, met, quotient);
+        let scale = [
+            at.current_a.abs() / e,
+            at.current_a.abs() / demand.abs().max(1e-3),
+            at.current_a.abs() / r,
+        ];
+        for ((met, quotient), scale) in [at.d_e, at.d_demand, at.d_r]
+            .into_iter()
+            .zip(quotients)
+            .zip(scale)
+        {
+            prop_assert!(
+                (met - quotient).abs() < 1e-5 * (quotient.abs() + scale),
+                "{:?}: {} against {}",
+                d,
+                met,
+                quotient
+            );
         }
     }
 }

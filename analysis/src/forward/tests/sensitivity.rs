@@ -46,37 +46,81 @@ proptest! {
         let state = SimState { soc, v_rc_v: v };
         let demand_kind = [Demand::Power, Demand::Current, Demand::Resistance][kind];
         let e = model.ocv_v(soc).0 - state.v_rc_v.iter().sum::<f64>();
-        let demand = [share * e * e / (4.0 * model.erm.r_ohm), 60.0 * share, share.abs() + 0.02][kind];
+        let demand = [
+            share * e * e / (4.0 * model.erm.r_ohm),
+            60.0 * share,
+            share.abs() + 0.02,
+        ][kind];
         prop_assume!((share - 0.9).abs() > 0.1);
-        let options = StepOptions { demand: demand_kind, beyond: Beyond::Extrapolate { fraction: 0.9 }, step_s, parts };
-        let step = |model: &SimModel, state: &SimState, demand: f64| step_with_jacobian(model, state, demand, &options);
-        let Ok(at) = step(&model, &state, demand) else { return Ok(()) };
+        let options = StepOptions {
+            demand: demand_kind,
+            beyond: Beyond::Extrapolate { fraction: 0.9 },
+            step_s,
+            parts,
+        };
+        let step = |model: &SimModel, state: &SimState, demand: f64| {
+            step_with_jacobian(model, state, demand, &options)
+        };
+        let Ok(at) = step(&model, &state, demand) else {
+            return Ok(());
+        };
         // A kink (knot of the curve, joint of the tangent within the step) shows as a difference
         // between the two sides: such cases say nothing.
-        let compare = |met: (&[f64], f64), h: f64, moved: &dyn Fn(f64) -> Option<Jacobian>| -> Result<(), TestCaseError> {
-            let (Some(up), Some(down), Some(half_up), Some(half_down)) = (moved(h), moved(-h), moved(0.5 * h), moved(-0.5 * h)) else { return Ok(()) };
-            let outputs = |j: &Jacobian| -> Vec<f64> { flat(&j.next).into_iter().chain([j.ccv_v]).collect() };
-            let quotient = |a: &Jacobian, b: &Jacobian, h: f64| -> Vec<f64> { outputs(a).iter().zip(outputs(b)).map(|(a, b)| (a - b) / (2.0 * h)).collect() };
-            let (coarse, fine) = (quotient(&up, &down, h), quotient(&half_up, &half_down, 0.5 * h));
+        let compare = |met: (&[f64], f64),
+                       h: f64,
+                       moved: &dyn Fn(f64) -> Option<Jacobian>|
+         -> Result<(), TestCaseError> {
+            let (Some(up), Some(down), Some(half_up), Some(half_down)) =
+                (moved(h), moved(-h), moved(0.5 * h), moved(-0.5 * h))
+            else {
+                return Ok(());
+            };
+            let outputs =
+                |j: &Jacobian| -> Vec<f64> { flat(&j.next).into_iter().chain([j.ccv_v]).collect() };
+            let quotient = |a: &Jacobian, b: &Jacobian, h: f64| -> Vec<f64> {
+                outputs(a)
+                    .iter()
+                    .zip(outputs(b))
+                    .map(|(a, b)| (a - b) / (2.0 * h))
+                    .collect()
+            };
+            let (coarse, fine) = (
+                quotient(&up, &down, h),
+                quotient(&half_up, &half_down, 0.5 * h),
+            );
             for ((met, coarse), fine) in met.0.iter().chain([&met.1]).zip(coarse).zip(fine) {
                 let scale = fine.abs() + 1e-6 / h * 1e-4;
                 if (coarse - fine).abs() < 1e-3 * scale {
-                    prop_assert!((met - fine).abs() < 3e-3 * scale, "{} against {}", met, fine);
+                    prop_assert!(
+                        (met - fine).abs() < 3e-3 * scale,
+                        "{} against {}",
+                        met,
+                        fine
+                    );
                 }
             }
             Ok(())
         };
         for k in 0..5 {
             let column: Vec<f64> = at.a.column(k).iter().copied().collect();
-            compare((&column, at.c[k]), 1e-6, &|h| step(&model, &shifted(&state, k, h), demand).ok())?;
+            compare((&column, at.c[k]), 1e-6, &|h| {
+                step(&model, &shifted(&state, k, h), demand).ok()
+            })?;
         }
         let column: Vec<f64> = at.b.iter().copied().collect();
-        compare((&column, at.d), 1e-5 * demand.abs().max(0.1), &|h| step(&model, &state, demand + h).ok())?;
+        compare((&column, at.d), 1e-5 * demand.abs().max(0.1), &|h| {
+            step(&model, &state, demand + h).ok()
+        })?;
         let cell = thesis_cell();
-        let sizes: Vec<f64> = std::iter::once(cell.r_ohm).chain(cell.branches.iter().flat_map(|b| [b.r_ohm, b.c_f])).chain([3.7]).collect();
+        let sizes: Vec<f64> = std::iter::once(cell.r_ohm)
+            .chain(cell.branches.iter().flat_map(|b| [b.r_ohm, b.c_f]))
+            .chain([3.7])
+            .collect();
         for (k, size) in sizes.iter().enumerate() {
             let column: Vec<f64> = at.next_by_parameter.column(k).iter().copied().collect();
-            compare((&column, at.ccv_by_parameter[k]), 1e-5 * size, &|h| step(&moved(&model, k, h), &state, demand).ok())?;
+            compare((&column, at.ccv_by_parameter[k]), 1e-5 * size, &|h| {
+                step(&moved(&model, k, h), &state, demand).ok()
+            })?;
         }
     }
 }

@@ -85,7 +85,13 @@ fn state_of(bench: &config::Bench) -> Result<Option<state::State>, Refusal> {
 }
 
 /// Who the token belongs to, and what it opens. Every token may ask.
-#[utoipa::path(get, path = "/api/v1/whoami", tag = "access", responses((status = 200, body = Caller)), security(("token" = [])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/whoami",
+    tag = "access",
+    responses((status = 200, body = Caller)),
+    security(("token" = []))
+)]
 pub async fn whoami(caller: Known, State(app): State<App>) -> Json<Caller> {
     let benches = app
         .server
@@ -102,7 +108,13 @@ pub async fn whoami(caller: Known, State(app): State<App>) -> Json<Caller> {
 }
 
 /// All benches as they are now.
-#[utoipa::path(get, path = "/api/v1/benches", tag = "benches", responses((status = 200, body = [Live])), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/benches",
+    tag = "benches",
+    responses((status = 200, body = [Live])),
+    security(("token" = ["read"]))
+)]
 pub async fn list(_caller: Reader, State(app): State<App>) -> Json<Vec<Live>> {
     let live = app.server.live();
     Json(
@@ -116,8 +128,14 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Json<Vec<Live>> {
 }
 
 /// A bench as it is now: the live state.
-#[utoipa::path(get, path = "/api/v1/benches/{bench}", tag = "benches", params(("bench" = String, Path)), responses((status = 200, body = Live)),
-    security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/benches/{bench}",
+    tag = "benches",
+    params(("bench" = String, Path)),
+    responses((status = 200, body = Live)),
+    security(("token" = ["read"]))
+)]
 pub async fn detail(
     _caller: Reader,
     State(app): State<App>,
@@ -130,8 +148,14 @@ pub async fn detail(
 }
 
 /// The instruments of a bench and their health.
-#[utoipa::path(get, path = "/api/v1/benches/{bench}/instruments", tag = "benches", params(("bench" = String, Path)),
-    responses((status = 200, body = [InstrumentNow])), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/benches/{bench}/instruments",
+    tag = "benches",
+    params(("bench" = String, Path)),
+    responses((status = 200, body = [InstrumentNow])),
+    security(("token" = ["read"]))
+)]
 pub async fn instruments(
     caller: Reader,
     app: State<App>,
@@ -142,8 +166,14 @@ pub async fn instruments(
 
 /// Asks every instrument who it is; changes nothing on any of them. Refused while a run is in work,
 /// for instruments take one client.
-#[utoipa::path(post, path = "/api/v1/benches/{bench}/identify", tag = "benches", params(("bench" = String, Path)),
-    responses((status = 200, body = Identified)), security(("token" = ["operate"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/benches/{bench}/identify",
+    tag = "benches",
+    params(("bench" = String, Path)),
+    responses((status = 200, body = Identified)),
+    security(("token" = ["operate"]))
+)]
 pub async fn identify(
     _caller: Operator,
     State(app): State<App>,
@@ -217,8 +247,14 @@ pub struct IdentifiedOne {
 
 /// Stops whatever runs on a bench and reads every output back. Answers when that is done; events
 /// tell how it goes. Every token may stop, and nobody is told that they ask too often.
-#[utoipa::path(post, path = "/api/v1/benches/{bench}/stop", tag = "benches", params(("bench" = String, Path)),
-    responses((status = 200, body = StopReport)), security(("token" = [])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/benches/{bench}/stop",
+    tag = "benches",
+    params(("bench" = String, Path)),
+    responses((status = 200, body = StopReport)),
+    security(("token" = []))
+)]
 pub async fn stop(
     caller: Known,
     State(app): State<App>,
@@ -233,7 +269,13 @@ pub async fn stop(
 }
 
 /// Stops every bench at once, as the stop of each of them does. Answers when all is done.
-#[utoipa::path(post, path = "/api/v1/stop", tag = "benches", responses((status = 200, body = [StopReport])), security(("token" = [])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/stop",
+    tag = "benches",
+    responses((status = 200, body = [StopReport])),
+    security(("token" = []))
+)]
 pub async fn stop_all(
     caller: Known,
     State(app): State<App>,
@@ -252,8 +294,14 @@ pub async fn stop_all(
 }
 
 /// Every latch and every clearing of a bench, the latest last.
-#[utoipa::path(get, path = "/api/v1/benches/{bench}/trips", tag = "trips", params(("bench" = String, Path), Most),
-    responses((status = 200, body = Trips)), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/benches/{bench}/trips",
+    tag = "trips",
+    params(("bench" = String, Path), Most),
+    responses((status = 200, body = Trips)),
+    security(("token" = ["read"]))
+)]
 pub async fn trips(
     _caller: Reader,
     State(app): State<App>,
@@ -319,8 +367,15 @@ pub struct Happened {
 }
 
 /// Clears a latched bench: somebody has looked at it and at the cell.
-#[utoipa::path(post, path = "/api/v1/benches/{bench}/trips/clear", tag = "trips", params(("bench" = String, Path)), request_body = Confirm,
-    responses((status = 200, body = TripNow)), security(("token" = ["clear-trip"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/benches/{bench}/trips/clear",
+    tag = "trips",
+    params(("bench" = String, Path)),
+    request_body = Confirm,
+    responses((status = 200, body = TripNow)),
+    security(("token" = ["clear-trip"]))
+)]
 pub async fn clear(
     caller: Clearer,
     State(app): State<App>,
@@ -351,7 +406,14 @@ pub async fn clear(
 }
 
 /// Who did what, the latest last.
-#[utoipa::path(get, path = "/api/v1/audit", tag = "access", params(Most), responses((status = 200, body = [Deed])), security(("token" = ["operate"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/audit",
+    tag = "access",
+    params(Most),
+    responses((status = 200, body = [Deed])),
+    security(("token" = ["operate"]))
+)]
 pub async fn audit(
     _caller: Operator,
     State(app): State<App>,

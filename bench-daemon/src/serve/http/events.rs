@@ -49,8 +49,14 @@ impl Drop for Listener {
 /// Everything that changes: `live` (a bench), `spectrum`, `run`, `queue`, `stop`; first `hello`,
 /// and `lost` where some were missed: then ask for the present state. With the header
 /// `Last-Event-ID` it goes on behind that event.
-#[utoipa::path(get, path = "/api/v1/events", tag = "events", params(From, ("Last-Event-ID" = Option<String>, Header)),
-    responses((status = 200, body = String, content_type = "text/event-stream")), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/events",
+    tag = "events",
+    params(From, ("Last-Event-ID" = Option<String>, Header)),
+    responses((status = 200, body = String, content_type = "text/event-stream")),
+    security(("token" = ["read"]))
+)]
 pub async fn events(
     caller: Reader,
     State(app): State<App>,

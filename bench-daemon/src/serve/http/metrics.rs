@@ -15,8 +15,13 @@ use crate::serve::{
 };
 
 /// Figures of the server and its benches, in the text format of Prometheus.
-#[utoipa::path(get, path = "/metrics", tag = "events", responses((status = 200, body = String, content_type = "text/plain")),
-    security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/metrics",
+    tag = "events",
+    responses((status = 200, body = String, content_type = "text/plain")),
+    security(("token" = ["read"]))
+)]
 pub async fn metrics(_caller: Reader, State(app): State<App>) -> Response {
     (
         [(header::CONTENT_TYPE, "text/plain; version=0.0.4")],

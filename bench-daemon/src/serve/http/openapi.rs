@@ -17,10 +17,39 @@ use super::{benches, events, metrics, problem, queue, runs};
     info(title = "eis-bench", description = "A battery test bench: queue, runs, live state, \
     trips."),
     paths(
-        document, benches::whoami, benches::list, benches::detail, benches::instruments, benches::identify, benches::stop, benches::stop_all, benches::trips,
-        benches::clear, benches::audit, queue::list, queue::experiments, queue::plan, queue::submit, queue::cancel, queue::reorder, queue::hold,
-        queue::release, runs::list, runs::detail, runs::spectra, runs::fits, runs::readings, runs::log, runs::files, runs::file, runs::pause,
-        runs::go_on, runs::order, runs::resume, events::events, metrics::metrics
+        document,
+        benches::whoami,
+        benches::list,
+        benches::detail,
+        benches::instruments,
+        benches::identify,
+        benches::stop,
+        benches::stop_all,
+        benches::trips,
+        benches::clear,
+        benches::audit,
+        queue::list,
+        queue::experiments,
+        queue::plan,
+        queue::submit,
+        queue::cancel,
+        queue::reorder,
+        queue::hold,
+        queue::release,
+        runs::list,
+        runs::detail,
+        runs::spectra,
+        runs::fits,
+        runs::readings,
+        runs::log,
+        runs::files,
+        runs::file,
+        runs::pause,
+        runs::go_on,
+        runs::order,
+        runs::resume,
+        events::events,
+        metrics::metrics
     ),
     components(schemas(problem::Problem)),
     modifiers(&Common)
@@ -94,7 +123,12 @@ pub fn openapi() -> utoipa::openapi::OpenApi {
 }
 
 /// This document.
-#[utoipa::path(get, path = "/api/v1/openapi.json", tag = "access", responses((status = 200, body = serde_json::Value)))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/openapi.json",
+    tag = "access",
+    responses((status = 200, body = serde_json::Value))
+)]
 pub async fn document() -> Json<utoipa::openapi::OpenApi> {
     Json(openapi())
 }

@@ -153,13 +153,25 @@ async fn aside<T: Send + 'static>(
 }
 
 /// What is in work and what waits.
-#[utoipa::path(get, path = "/api/v1/queue", tag = "queue", responses((status = 200, body = QueueNow)), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/queue",
+    tag = "queue",
+    responses((status = 200, body = QueueNow)),
+    security(("token" = ["read"]))
+)]
 pub async fn list(_caller: Reader, State(app): State<App>) -> Json<QueueNow> {
     Json(QueueNow::of(&app.server))
 }
 
 /// Experiments that can be submitted by name.
-#[utoipa::path(get, path = "/api/v1/experiments", tag = "queue", responses((status = 200, body = [Offered])), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/experiments",
+    tag = "queue",
+    responses((status = 200, body = [Offered])),
+    security(("token" = ["read"]))
+)]
 pub async fn experiments(_caller: Reader, State(app): State<App>) -> Json<Vec<Offered>> {
     Json(
         submission::experiments(&app.server.settings)
@@ -170,8 +182,14 @@ pub async fn experiments(_caller: Reader, State(app): State<App>) -> Json<Vec<Of
 }
 
 /// What an experiment would do, step by step. Touches nothing.
-#[utoipa::path(get, path = "/api/v1/experiments/{experiment}/plan", tag = "queue", params(("experiment" = String, Path), On),
-    responses((status = 200, body = Planned)), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/experiments/{experiment}/plan",
+    tag = "queue",
+    params(("experiment" = String, Path), On),
+    responses((status = 200, body = Planned)),
+    security(("token" = ["read"]))
+)]
 pub async fn plan(
     _caller: Reader,
     State(app): State<App>,
@@ -204,8 +222,14 @@ pub async fn plan(
 
 /// Puts an experiment at the end of the queue, once it is checked. It begins by itself when its
 /// bench is free: that lets current flow.
-#[utoipa::path(post, path = "/api/v1/queue", tag = "queue", request_body = Submit, responses((status = 201, body = Item)),
-    security(("token" = ["energise"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/queue",
+    tag = "queue",
+    request_body = Submit,
+    responses((status = 201, body = Item)),
+    security(("token" = ["energise"]))
+)]
 pub async fn submit(
     caller: Energiser,
     State(app): State<App>,
@@ -247,8 +271,14 @@ pub async fn submit(
 }
 
 /// Takes a place that waits out of the queue.
-#[utoipa::path(delete, path = "/api/v1/queue/{id}", tag = "queue", params(("id" = u64, Path)), responses((status = 200, body = Item)),
-    security(("token" = ["operate"])))]
+#[utoipa::path(
+    delete,
+    path = "/api/v1/queue/{id}",
+    tag = "queue",
+    params(("id" = u64, Path)),
+    responses((status = 200, body = Item)),
+    security(("token" = ["operate"]))
+)]
 pub async fn cancel(
     _caller: Operator,
     State(app): State<App>,
@@ -260,8 +290,14 @@ pub async fn cancel(
 }
 
 /// Says what comes first.
-#[utoipa::path(post, path = "/api/v1/queue/order", tag = "queue", request_body = Order, responses((status = 200, body = QueueNow)),
-    security(("token" = ["operate"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/queue/order",
+    tag = "queue",
+    request_body = Order,
+    responses((status = 200, body = QueueNow)),
+    security(("token" = ["operate"]))
+)]
 pub async fn reorder(
     _caller: Operator,
     State(app): State<App>,
@@ -273,8 +309,15 @@ pub async fn reorder(
 }
 
 /// From now on nothing is begun on a bench; what is in work goes on.
-#[utoipa::path(post, path = "/api/v1/benches/{bench}/hold", tag = "queue", params(("bench" = String, Path)), request_body = Option<Why>,
-    responses((status = 200, body = QueueNow)), security(("token" = ["operate"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/benches/{bench}/hold",
+    tag = "queue",
+    params(("bench" = String, Path)),
+    request_body = Option<Why>,
+    responses((status = 200, body = QueueNow)),
+    security(("token" = ["operate"]))
+)]
 pub async fn hold(
     caller: Operator,
     State(app): State<App>,
@@ -294,8 +337,14 @@ pub async fn hold(
 }
 
 /// What waits for a bench may be begun again: that lets current flow.
-#[utoipa::path(post, path = "/api/v1/benches/{bench}/release", tag = "queue", params(("bench" = String, Path)),
-    responses((status = 200, body = QueueNow)), security(("token" = ["energise"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/benches/{bench}/release",
+    tag = "queue",
+    params(("bench" = String, Path)),
+    responses((status = 200, body = QueueNow)),
+    security(("token" = ["energise"]))
+)]
 pub async fn release(
     _caller: Energiser,
     State(app): State<App>,

@@ -112,7 +112,14 @@ async fn aside<T: Send + 'static>(
 }
 
 /// All runs that were begun here, the latest first.
-#[utoipa::path(get, path = "/api/v1/runs", tag = "runs", params(Most), responses((status = 200, body = [Job])), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs",
+    tag = "runs",
+    params(Most),
+    responses((status = 200, body = [Job])),
+    security(("token" = ["read"]))
+)]
 pub async fn list(
     _caller: Reader,
     State(app): State<App>,
@@ -131,8 +138,14 @@ pub async fn list(
 }
 
 /// A run: what was asked for, where it is, how it ended.
-#[utoipa::path(get, path = "/api/v1/runs/{run}", tag = "runs", params(("run" = String, Path)), responses((status = 200, body = Run)),
-    security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{run}",
+    tag = "runs",
+    params(("run" = String, Path)),
+    responses((status = 200, body = Run)),
+    security(("token" = ["read"]))
+)]
 pub async fn detail(
     _caller: Reader,
     State(app): State<App>,
@@ -155,8 +168,14 @@ pub async fn detail(
 }
 
 /// The spectra of a run, as far as they are measured: `spectrum…` corrected, `raw_…` as read.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/spectra", tag = "runs", params(("run" = String, Path)),
-    responses((status = 200, body = [Spectrum])), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{run}/spectra",
+    tag = "runs",
+    params(("run" = String, Path)),
+    responses((status = 200, body = [Spectrum])),
+    security(("token" = ["read"]))
+)]
 pub async fn spectra(
     _caller: Reader,
     State(app): State<App>,
@@ -175,8 +194,14 @@ pub async fn spectra(
 }
 
 /// The fitted models of a run, by name, as their files hold them.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/fits", tag = "runs", params(("run" = String, Path)),
-    responses((status = 200, body = BTreeMap<String, serde_json::Value>)), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{run}/fits",
+    tag = "runs",
+    params(("run" = String, Path)),
+    responses((status = 200, body = BTreeMap<String, serde_json::Value>)),
+    security(("token" = ["read"]))
+)]
 pub async fn fits(
     _caller: Reader,
     State(app): State<App>,
@@ -187,8 +212,14 @@ pub async fn fits(
 }
 
 /// The readings of a run, thinned to at most so many rows.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/readings", tag = "runs", params(("run" = String, Path), Most),
-    responses((status = 200, body = Readings)), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{run}/readings",
+    tag = "runs",
+    params(("run" = String, Path), Most),
+    responses((status = 200, body = Readings)),
+    security(("token" = ["read"]))
+)]
 pub async fn readings(
     _caller: Reader,
     State(app): State<App>,
@@ -221,8 +252,14 @@ pub async fn readings(
 }
 
 /// What a run said last: its log, and behind it what its process wrote.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/log", tag = "runs", params(("run" = String, Path), Most), responses((status = 200, body = Log)),
-    security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{run}/log",
+    tag = "runs",
+    params(("run" = String, Path), Most),
+    responses((status = 200, body = Log)),
+    security(("token" = ["read"]))
+)]
 pub async fn log(
     _caller: Reader,
     State(app): State<App>,
@@ -265,8 +302,14 @@ fn text(folder: &std::path::Path, name: &str) -> Result<String, Refusal> {
 }
 
 /// The files of a run.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/files", tag = "runs", params(("run" = String, Path)),
-    responses((status = 200, body = [FileEntry])), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{run}/files",
+    tag = "runs",
+    params(("run" = String, Path)),
+    responses((status = 200, body = [FileEntry])),
+    security(("token" = ["read"]))
+)]
 pub async fn files(
     _caller: Reader,
     State(app): State<App>,
@@ -286,8 +329,14 @@ pub async fn files(
 }
 
 /// A file of a run, to be kept: it is not shown as a page of this server.
-#[utoipa::path(get, path = "/api/v1/runs/{run}/files/{path}", tag = "runs", params(("run" = String, Path), ("path" = String, Path)),
-    responses((status = 200, body = [u8], content_type = "application/octet-stream")), security(("token" = ["read"])))]
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{run}/files/{path}",
+    tag = "runs",
+    params(("run" = String, Path), ("path" = String, Path)),
+    responses((status = 200, body = [u8], content_type = "application/octet-stream")),
+    security(("token" = ["read"]))
+)]
 pub async fn file(
     _caller: Reader,
     State(app): State<App>,
@@ -356,8 +405,14 @@ async fn wish(
 }
 
 /// Lets a run wait without any current from the next point on.
-#[utoipa::path(post, path = "/api/v1/runs/{run}/pause", tag = "runs", params(("run" = String, Path)), responses((status = 200, body = Conveyed)),
-    security(("token" = ["operate"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/runs/{run}/pause",
+    tag = "runs",
+    params(("run" = String, Path)),
+    responses((status = 200, body = Conveyed)),
+    security(("token" = ["operate"]))
+)]
 pub async fn pause(
     _caller: Operator,
     State(app): State<App>,
@@ -367,8 +422,14 @@ pub async fn pause(
 }
 
 /// Lets a run that waits go on: that lets current flow.
-#[utoipa::path(post, path = "/api/v1/runs/{run}/go-on", tag = "runs", params(("run" = String, Path)), responses((status = 200, body = Conveyed)),
-    security(("token" = ["energise"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/runs/{run}/go-on",
+    tag = "runs",
+    params(("run" = String, Path)),
+    responses((status = 200, body = Conveyed)),
+    security(("token" = ["energise"]))
+)]
 pub async fn go_on(
     _caller: Energiser,
     State(app): State<App>,
@@ -378,8 +439,15 @@ pub async fn go_on(
 }
 
 /// Says which runs of a campaign come next.
-#[utoipa::path(post, path = "/api/v1/runs/{run}/order", tag = "runs", params(("run" = String, Path)), request_body = CampaignOrder,
-    responses((status = 200, body = Conveyed)), security(("token" = ["operate"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/runs/{run}/order",
+    tag = "runs",
+    params(("run" = String, Path)),
+    request_body = CampaignOrder,
+    responses((status = 200, body = Conveyed)),
+    security(("token" = ["operate"]))
+)]
 pub async fn order(
     _caller: Operator,
     State(app): State<App>,
@@ -397,8 +465,14 @@ pub async fn order(
 
 /// Puts a run that was interrupted into the queue again, to go on where it was: that lets current
 /// flow.
-#[utoipa::path(post, path = "/api/v1/runs/{run}/resume", tag = "runs", params(("run" = String, Path)), responses((status = 201, body = Item)),
-    security(("token" = ["energise"])))]
+#[utoipa::path(
+    post,
+    path = "/api/v1/runs/{run}/resume",
+    tag = "runs",
+    params(("run" = String, Path)),
+    responses((status = 201, body = Item)),
+    security(("token" = ["energise"]))
+)]
 pub async fn resume(
     caller: Energiser,
     State(app): State<App>,

@@ -2,10 +2,35 @@
 "use strict";
 
 import { Refused, file, get, listen, post, remove, server, stopNow, useToken } from "./server.js";
-import { $, drawInstruments, drawMissed, drawNow, drawOthers, drawRun, drawStop, drawTrip, duration, el, fill, outcome, person, text, when } from "./bench.js";
+import {
+  $,
+  drawInstruments,
+  drawMissed,
+  drawNow,
+  drawOthers,
+  drawRun,
+  drawStop,
+  drawTrip,
+  duration,
+  el,
+  fill,
+  outcome,
+  person,
+  text,
+  when,
+} from "./bench.js";
 import { MARKS, bode, make, mark, nyquist } from "./plots.js";
 
-const known = { benches: new Map(), bench: "", scopes: [], queue: { items: [], held: {} }, runs: [], spectra: new Map(), chosen: [], missed: [] };
+const known = {
+  benches: new Map(),
+  bench: "",
+  scopes: [],
+  queue: { items: [], held: {} },
+  runs: [],
+  spectra: new Map(),
+  chosen: [],
+  missed: [],
+};
 
 const may = (scope) => known.scopes.includes(scope);
 const live = () => known.benches.get(known.bench);
@@ -32,10 +57,11 @@ async function attempt(work, done) {
   }
 }
 
-// ---- the stop ------------------------------------------------------------------------------------------------------------------------------------
+// ---- the stop -----------------------------------------------------------------------------------
 
-// Stops the bench that is shown, or all of them. A request that hangs is given up after some seconds and sent again: the server does a stop once, and tells
-// everybody who asks meanwhile how it went.
+// Stops the bench that is shown, or all of them. A request that hangs is given up after some
+// seconds and sent again: the server does a stop once, and tells everybody who asks meanwhile how
+// it went.
 async function stop(all) {
   const button = $(all ? "stopall" : "stop");
   const label = all ? "■ STOP ALL" : "■ STOP";
@@ -54,15 +80,27 @@ async function stop(all) {
     } catch (error) {
       const waited = Math.round((Date.now() - began) / 1000);
       if (error instanceof Refused && (error.status === 401 || error.status === 403)) {
-        say(`The stop was refused: log in first (${error.message}). Without a token: the emergency switch, or on the machine: eis-bench safe`, true);
+        say(
+          `The stop was refused: log in first (${error.message}). ` +
+            "Without a token: the emergency switch, or on the machine: eis-bench safe",
+          true,
+        );
         break;
       }
       if (error instanceof Refused && error.status < 500 && error.status !== 429) {
-        say(`The stop was refused: ${error.message}. NOTHING WAS STOPPED, and it is not sent again. Use the emergency switch, or on the machine: eis-bench safe`, true);
+        say(
+          `The stop was refused: ${error.message}. NOTHING WAS STOPPED, and it is not sent again. ` +
+            "Use the emergency switch, or on the machine: eis-bench safe",
+          true,
+        );
         break;
       }
       const why = error.name === "TimeoutError" ? "no answer yet" : error.message;
-      say(`No word after ${waited} s that the bench is off (${why}). The stop is sent again. Use the emergency switch, or on the machine: eis-bench safe`, true);
+      say(
+        `No word after ${waited} s that the bench is off (${why}). The stop is sent again. ` +
+          "Use the emergency switch, or on the machine: eis-bench safe",
+        true,
+      );
       if (error.name !== "TimeoutError") await new Promise((done) => setTimeout(done, 500));
     }
   }
@@ -71,18 +109,27 @@ async function stop(all) {
 }
 
 // On such a bench a current may flow.
-const loud = (bench) => bench.state === "running" || bench.state === "unknown" || (bench.state === "latched" && !bench.verified);
+const loud = (bench) =>
+  bench.state === "running" || bench.state === "unknown" || (bench.state === "latched" && !bench.verified);
 
 // Benches that are as they were after a stop of another one.
 function miss(reports) {
   const off = new Set(reports.map((report) => report.bench));
-  known.missed = [...known.benches.values()].filter((bench) => !off.has(bench.bench) && loud(bench)).map((bench) => bench.bench);
+  known.missed = [...known.benches.values()]
+    .filter((bench) => !off.has(bench.bench) && loud(bench))
+    .map((bench) => bench.bench);
   drawMiss();
 }
 
 function drawMiss() {
   known.missed = known.missed.filter((name) => known.benches.has(name) && loud(known.benches.get(name)));
-  drawMissed(known.missed.map((name) => known.benches.get(name)), () => { known.missed = []; drawMiss(); });
+  drawMissed(
+    known.missed.map((name) => known.benches.get(name)),
+    () => {
+      known.missed = [];
+      drawMiss();
+    },
+  );
 }
 
 function stopped(report) {
@@ -104,7 +151,7 @@ document.addEventListener("keydown", (event) => {
   }
 });
 
-// ---- spectra -------------------------------------------------------------------------------------------------------------------------------------
+// ---- spectra ------------------------------------------------------------------------------------
 
 async function load(run) {
   const found = await get(`/runs/${run}/spectra`);
@@ -124,7 +171,13 @@ function shown(run) {
 function curves() {
   const runs = known.chosen.length ? known.chosen : [live() && live().run && live().run.run].filter(Boolean);
   const found = [];
-  for (const run of runs) for (const one of shown(run)) found.push({ name: runs.length > 1 ? `${run}: ${named(one.name)}` : named(one.name), points: one.points, corrected: one.corrected });
+  for (const run of runs)
+    for (const one of shown(run))
+      found.push({
+        name: runs.length > 1 ? `${run}: ${named(one.name)}` : named(one.name),
+        points: one.points,
+        corrected: one.corrected,
+      });
   return found.slice(0, 12).map((one, index) => ({ ...one, index }));
 }
 
@@ -132,36 +185,105 @@ function drawSpectra() {
   const found = curves();
   nyquist($("nyquist"), found);
   bode($("bode"), found);
-  $("legend").replaceChildren(...found.map((one) => {
-    const sample = make("svg", { viewBox: "0 0 34 14", class: `sample curve c${one.index % MARKS.length}`, "aria-hidden": "true" },
-      make("polyline", { points: "1,7 33,7" }), mark(MARKS[one.index % MARKS.length], 17, 7, 4));
-    sample.lastChild.classList.add("mark");
-    return el("span", {}, sample, ` ${one.name} (${one.points.length} ${one.points.length === 1 ? "point" : "points"}${one.corrected ? "" : ", as read"})`);
-  }), found.length ? el("span", { class: "quiet" }, "bars: ±2σ") : "");
+  $("legend").replaceChildren(
+    ...found.map((one) => {
+      const sample = make(
+        "svg",
+        { viewBox: "0 0 34 14", class: `sample curve c${one.index % MARKS.length}`, "aria-hidden": "true" },
+        make("polyline", { points: "1,7 33,7" }),
+        mark(MARKS[one.index % MARKS.length], 17, 7, 4),
+      );
+      sample.lastChild.classList.add("mark");
+      return el(
+        "span",
+        {},
+        sample,
+        ` ${one.name} (${one.points.length} ${one.points.length === 1 ? "point" : "points"}` +
+          `${one.corrected ? "" : ", as read"})`,
+      );
+    }),
+    found.length ? el("span", { class: "quiet" }, "bars: ±2σ") : "",
+  );
   const head = ["Spectrum", "f / Hz", "Re Z / mΩ", "Im Z / mΩ", "±σ Re / µΩ"];
   const cell = (value, digits) => el("td", {}, value === null ? "–" : value.toPrecision(digits));
-  $("points").replaceChildren(el("table", {}, el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
-    el("tbody", {}, ...found.flatMap((one) => one.points.map((p) => el("tr", {}, el("td", {}, one.name), cell(p.freq_hz, 5), cell(1e3 * p.re_ohm, 6),
-      cell(1e3 * p.im_ohm, 5), cell(p.re_sigma_ohm === null ? null : 1e6 * p.re_sigma_ohm, 3)))))));
+  $("points").replaceChildren(
+    el(
+      "table",
+      {},
+      el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
+      el(
+        "tbody",
+        {},
+        ...found.flatMap((one) =>
+          one.points.map((p) =>
+            el(
+              "tr",
+              {},
+              el("td", {}, one.name),
+              cell(p.freq_hz, 5),
+              cell(1e3 * p.re_ohm, 6),
+              cell(1e3 * p.im_ohm, 5),
+              cell(p.re_sigma_ohm === null ? null : 1e6 * p.re_sigma_ohm, 3),
+            ),
+          ),
+        ),
+      ),
+    ),
+  );
 }
 
-// ---- queue and history ---------------------------------------------------------------------------------------------------------------------------
+// ---- queue and history --------------------------------------------------------------------------
 
 function drawQueue() {
   const items = known.queue.items;
   const waiting = items.filter((item) => !item.process);
   const move = (item) => post("/queue/order", { ids: [item.id] });
-  fill($("items"), ...(items.length ? items : [null]).map((item) => {
-    if (!item) return el("li", { class: "quiet" }, "Empty.");
-    const words = `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}about ${duration(item.expected_s)} of bench time, by ${person(item.by)}`;
-    const cancel = !item.process && may("operate") ? el("button", { type: "button", onclick: () => attempt(() => remove(`/queue/${item.id}`), () => `${item.run} was taken out.`) }, "Take out") : null;
-    const first = cancel && waiting[0] !== item ? el("button", { type: "button", onclick: () => attempt(() => move(item)) }, "First") : null;
-    return el("li", {}, item.process ? el("b", {}, "▶ in work: ") : "", words, " ", first, cancel);
-  }));
+  fill(
+    $("items"),
+    ...(items.length ? items : [null]).map((item) => {
+      if (!item) return el("li", { class: "quiet" }, "Empty.");
+      const words =
+        `${item.run} on ${item.bench}, ${item.kind === "resume" ? "to go on, " : ""}` +
+        `about ${duration(item.expected_s)} of bench time, by ${person(item.by)}`;
+      const cancel =
+        !item.process && may("operate")
+          ? el(
+              "button",
+              {
+                type: "button",
+                onclick: () =>
+                  attempt(
+                    () => remove(`/queue/${item.id}`),
+                    () => `${item.run} was taken out.`,
+                  ),
+              },
+              "Take out",
+            )
+          : null;
+      const first =
+        cancel && waiting[0] !== item
+          ? el("button", { type: "button", onclick: () => attempt(() => move(item)) }, "First")
+          : null;
+      return el("li", {}, item.process ? el("b", {}, "▶ in work: ") : "", words, " ", first, cancel);
+    }),
+  );
   const why = known.queue.held[known.bench];
   $("held").hidden = !why;
   if (why) {
-    const release = may("energise") ? el("button", { type: "button", onclick: () => attempt(() => post(`/benches/${known.bench}/release`), () => "The queue goes on.") }, "Let the queue go on") : null;
+    const release = may("energise")
+      ? el(
+          "button",
+          {
+            type: "button",
+            onclick: () =>
+              attempt(
+                () => post(`/benches/${known.bench}/release`),
+                () => "The queue goes on.",
+              ),
+          },
+          "Let the queue go on",
+        )
+      : null;
     fill($("held"), `❚❚ Nothing is begun on ${known.bench}: ${why}. `, release || "");
   }
 }
@@ -170,12 +292,41 @@ function drawHistory() {
   const row = (job) => {
     const run = job.item.run;
     const how = !job.ended ? "▶ in work" : outcome(job.ended);
-    const box = el("input", { type: "checkbox", "aria-label": `Compare ${run}`, checked: known.chosen.includes(run), onchange: (event) => compare(run, event.target.checked) });
+    const box = el("input", {
+      type: "checkbox",
+      "aria-label": `Compare ${run}`,
+      checked: known.chosen.includes(run),
+      onchange: (event) => compare(run, event.target.checked),
+    });
     const acts = [];
-    if (job.ended && job.ended.finished) acts.push(el("button", { type: "button", onclick: () => keep(run, "report.html") }, "Report"));
-    if (job.ended && !job.ended.finished && may("energise")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run}/resume`), () => `${run} waits to go on.`) }, "Go on"));
-    return el("tr", {}, el("td", { "data-name": "Compare" }, box), el("th", { scope: "row" }, run), el("td", { "data-name": "Bench" }, job.item.bench),
-      el("td", { "data-name": "Submitted" }, when(job.item.submitted_unix_s)), el("td", { "data-name": "By" }, person(job.item.by)), el("td", {}, how), el("td", {}, ...acts));
+    if (job.ended && job.ended.finished)
+      acts.push(el("button", { type: "button", onclick: () => keep(run, "report.html") }, "Report"));
+    if (job.ended && !job.ended.finished && may("energise"))
+      acts.push(
+        el(
+          "button",
+          {
+            type: "button",
+            onclick: () =>
+              attempt(
+                () => post(`/runs/${run}/resume`),
+                () => `${run} waits to go on.`,
+              ),
+          },
+          "Go on",
+        ),
+      );
+    return el(
+      "tr",
+      {},
+      el("td", { "data-name": "Compare" }, box),
+      el("th", { scope: "row" }, run),
+      el("td", { "data-name": "Bench" }, job.item.bench),
+      el("td", { "data-name": "Submitted" }, when(job.item.submitted_unix_s)),
+      el("td", { "data-name": "By" }, person(job.item.by)),
+      el("td", {}, how),
+      el("td", {}, ...acts),
+    );
   };
   fill($("runs"), ...known.runs.slice(0, 100).map(row));
 }
@@ -201,29 +352,70 @@ function drawActs() {
   const run = live() && live().run;
   const acts = [];
   if (run && run.going && run.run && run.time !== "virtual") {
-    if (live().state === "paused" && may("energise")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run.run}/go-on`), (r) => r.said) }, "Go on"));
-    else if (live().state === "running" && may("operate")) acts.push(el("button", { type: "button", onclick: () => attempt(() => post(`/runs/${run.run}/pause`), (r) => r.said) }, "Pause after this step"));
+    if (live().state === "paused" && may("energise"))
+      acts.push(
+        el(
+          "button",
+          {
+            type: "button",
+            onclick: () =>
+              attempt(
+                () => post(`/runs/${run.run}/go-on`),
+                (r) => r.said,
+              ),
+          },
+          "Go on",
+        ),
+      );
+    else if (live().state === "running" && may("operate"))
+      acts.push(
+        el(
+          "button",
+          {
+            type: "button",
+            onclick: () =>
+              attempt(
+                () => post(`/runs/${run.run}/pause`),
+                (r) => r.said,
+              ),
+          },
+          "Pause after this step",
+        ),
+      );
   }
   const key = acts.map((act) => act.textContent).join();
   if ($("runacts").dataset.key !== key) $("runacts").replaceChildren(...acts);
   $("runacts").dataset.key = key;
 }
 
-// ---- the whole -----------------------------------------------------------------------------------------------------------------------------------
+// ---- the whole ----------------------------------------------------------------------------------
 
 function draw() {
   const now = live();
   if (!now) return;
   document.title = `${now.state === "latched" ? "▲ " : now.state === "running" ? "▶ " : ""}${now.bench} – eis-bench`;
   drawNow(now);
-  drawRun(now, known.runs.find((job) => now.run && job.item.run === now.run.run), $("runbody"));
+  drawRun(
+    now,
+    known.runs.find((job) => now.run && job.item.run === now.run.run),
+    $("runbody"),
+  );
   drawActs();
   drawInstruments(now);
-  drawOthers([...known.benches.values()].filter((one) => one.bench !== known.bench), choose);
+  drawOthers(
+    [...known.benches.values()].filter((one) => one.bench !== known.bench),
+    choose,
+  );
   drawMiss();
-  drawTrip(now, (one) => attempt(() => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause }), () => `${one.bench} is cleared.`));
+  drawTrip(now, (one) =>
+    attempt(
+      () => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause }),
+      () => `${one.bench} is cleared.`,
+    ),
+  );
   // What a stop has shown is no longer so once something runs again, or has tripped since.
-  const over = now.state === "running" || now.state === "paused" || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
+  const over =
+    now.state === "running" || now.state === "paused" || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
   if (over) $("stopped").hidden = true;
   else if (now.stop) stopped(now.stop);
   $("identify").hidden = !may("operate");
@@ -238,9 +430,15 @@ async function choose(bench) {
 }
 
 async function refresh() {
-  const [benches, queue, runs, offered] = await Promise.all([get("/benches"), get("/queue"), get("/runs"), get("/experiments")]);
+  const [benches, queue, runs, offered] = await Promise.all([
+    get("/benches"),
+    get("/queue"),
+    get("/runs"),
+    get("/experiments"),
+  ]);
   known.benches = new Map(benches.map((one) => [one.bench, one]));
-  if (!known.benches.has(known.bench)) known.bench = (benches.find((one) => one.run && one.run.going) || benches[0]).bench;
+  if (!known.benches.has(known.bench))
+    known.bench = (benches.find((one) => one.run && one.run.going) || benches[0]).bench;
   [known.queue, known.runs] = [queue, runs];
   fill($("bench"), ...benches.map((one) => el("option", { selected: one.bench === known.bench }, one.bench)));
   $("choose").hidden = $("stopall").hidden = benches.length < 2;
@@ -262,7 +460,8 @@ function heard(kind, data) {
     const before = known.benches.get(data.bench);
     known.benches.set(data.bench, data);
     draw();
-    if (data.bench === known.bench && before && (before.run && before.run.run) !== (data.run && data.run.run)) drawSpectra();
+    if (data.bench === known.bench && before && (before.run && before.run.run) !== (data.run && data.run.run))
+      drawSpectra();
   }
   if (kind === "stop") stopped(data);
   if (kind === "queue") {
@@ -282,7 +481,11 @@ function heard(kind, data) {
 }
 
 function link(state) {
-  const words = { up: "● connected", down: "○ connection lost: what is shown is old", refused: "✕ the token is refused" };
+  const words = {
+    up: "● connected",
+    down: "○ connection lost: what is shown is old",
+    refused: "✕ the token is refused",
+  };
   text($("link"), words[state]);
   $("link").className = `chip ${state}`;
   document.body.classList.toggle("stale", state !== "up");
@@ -303,7 +506,8 @@ async function begin() {
     known.bench ||= who.benches.length === 1 ? who.benches[0] : "";
     $("leave").hidden = !server.token;
   } catch (error) {
-    if (error instanceof Refused && (error.status === 401 || error.status === 403)) return login(server.token ? error.message : "");
+    if (error instanceof Refused && (error.status === 401 || error.status === 403))
+      return login(server.token ? error.message : "");
     text($("link"), "○ not reached, trying again");
     setTimeout(begin, 1000);
     return;
@@ -320,7 +524,10 @@ async function begin() {
 $("stop").addEventListener("click", () => stop(false));
 $("stopall").addEventListener("click", () => stop(true));
 window.addEventListener("resize", drawSpectra);
-$("leave").addEventListener("click", () => { useToken(""); location.reload(); });
+$("leave").addEventListener("click", () => {
+  useToken("");
+  location.reload();
+});
 $("bench").addEventListener("change", () => choose($("bench").value));
 $("login").addEventListener("submit", (event) => {
   event.preventDefault();
@@ -328,19 +535,42 @@ $("login").addEventListener("submit", (event) => {
   $("token").value = "";
   begin();
 });
-$("identify").addEventListener("click", () => attempt(() => post(`/benches/${known.bench}/identify`), (found) => found.trouble || `${found.answers.length} instruments answered.`));
+$("identify").addEventListener("click", () =>
+  attempt(
+    () => post(`/benches/${known.bench}/identify`),
+    (found) => found.trouble || `${found.answers.length} instruments answered.`,
+  ),
+);
 $("submit").addEventListener("submit", (event) => {
   event.preventDefault();
   const body = { experiment: $("experiment").value, bench: known.bench };
   if ($("seed").value !== "") body.seed = Number($("seed").value);
-  attempt(() => post("/queue", body), (item) => `${item.run} is in the queue.`);
+  attempt(
+    () => post("/queue", body),
+    (item) => `${item.run} is in the queue.`,
+  );
 });
 $("showplan").addEventListener("click", async () => {
   const plan = await attempt(() => get(`/experiments/${$("experiment").value}/plan?bench=${known.bench}`));
   $("plan").hidden = !plan;
   if (!plan) return;
-  const stages = plan.stages.map((stage) => el("li", {}, `${stage.purpose}, about ${duration(stage.expected_s)}`, el("ol", {}, ...stage.steps.map((step) => el("li", {}, step)))));
-  $("plan").replaceChildren(el("p", {}, `${plan.experiment} on ${plan.bench}: about ${duration(plan.expected_s)} of bench time, at most ${duration(plan.longest_s)}.`), el("ol", {}, ...stages));
+  const stages = plan.stages.map((stage) =>
+    el(
+      "li",
+      {},
+      `${stage.purpose}, about ${duration(stage.expected_s)}`,
+      el("ol", {}, ...stage.steps.map((step) => el("li", {}, step))),
+    ),
+  );
+  $("plan").replaceChildren(
+    el(
+      "p",
+      {},
+      `${plan.experiment} on ${plan.bench}: about ${duration(plan.expected_s)} of bench time, ` +
+        `at most ${duration(plan.longest_s)}.`,
+    ),
+    el("ol", {}, ...stages),
+  );
 });
 
 begin();

@@ -46,7 +46,8 @@ export const person = (who) => (who === "local" ? "somebody on this machine" : w
 
 const ROLES = { supply4q: "bipolar supply" };
 
-const fixed = (value, digits) => (value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−"));
+const fixed = (value, digits) =>
+  value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "−");
 
 const STATES = {
   unknown: ["?", "Unknown: nobody has verified that every output is off"],
@@ -62,12 +63,14 @@ const DRIVES = ["supply4q", "generator", "load", "supply"];
 // As the interlock has it, A.
 const NO_CURRENT_A = 0.1;
 
-// Where a run is in work, whether a current may flow: by each output's own word and by the meter. What is not known may be a current.
+// Where a run is in work, whether a current may flow: by each output's own word and by the meter.
+// What is not known may be a current.
 function running(live) {
   const drives = live.instruments.filter((one) => DRIVES.includes(one.role));
   if (!drives.length || drives.some((one) => one.output !== false)) return STATES.running;
   const amps = live.reading && live.reading.fresh ? live.reading.current_a : null;
-  if (amps === null || amps === undefined) return ["▶", "Running: every output says that it is off, no current was read yet"];
+  if (amps === null || amps === undefined)
+    return ["▶", "Running: every output says that it is off, no current was read yet"];
   if (Math.abs(amps) < NO_CURRENT_A) return ["▶", "Running: every output is off"];
   return ["▲", `Running: ${fixed(Math.abs(amps), 2)} A flow, though every output says that it is off`];
 }
@@ -80,19 +83,48 @@ export function drawNow(live) {
   const fresh = reading && reading.fresh;
   const soc = live.soc ? `${(100 * live.soc.share).toFixed(1)} %` : "–";
   const control = reading && reading.fixture !== "cell";
-  figures($("reading"), [
-    [control ? `Voltage (${reading.fixture})` : "Cell voltage", fixed(reading && reading.voltage_v, 4), "V"],
-    ["Current", fixed(reading && reading.current_a, 3), "A", !fresh ? "" : reading && reading.current_a > 0.05 ? "charge" : reading && reading.current_a < -0.05 ? "discharge" : ""],
-    ["Cell temperature", fixed(reading && reading.temperature_c, 2), "°C"],
-    ["State of charge", soc, "", live.soc && !fresh ? "" : live.soc ? "from the voltage at rest" : "not known yet"],
-  ], reading && !fresh ? "old reading" : "");
+  figures(
+    $("reading"),
+    [
+      [control ? `Voltage (${reading.fixture})` : "Cell voltage", fixed(reading && reading.voltage_v, 4), "V"],
+      [
+        "Current",
+        fixed(reading && reading.current_a, 3),
+        "A",
+        !fresh
+          ? ""
+          : reading && reading.current_a > 0.05
+            ? "charge"
+            : reading && reading.current_a < -0.05
+              ? "discharge"
+              : "",
+      ],
+      ["Cell temperature", fixed(reading && reading.temperature_c, 2), "°C"],
+      ["State of charge", soc, "", live.soc && !fresh ? "" : live.soc ? "from the voltage at rest" : "not known yet"],
+    ],
+    reading && !fresh ? "old reading" : "",
+  );
   for (const part of ["reading", "limits"]) $(part).classList.toggle("old", Boolean(reading) && !fresh);
   $("limits").replaceChildren(...live.limits.map(bar));
 }
 
 function figures(list, rows, remark) {
-  list.replaceChildren(...rows.map(([name, value, unit, more]) =>
-    el("div", {}, el("dt", {}, name), el("dd", {}, el("b", {}, value), unit && value !== "–" ? ` ${unit}` : "", el("small", {}, more || remark || "")))));
+  list.replaceChildren(
+    ...rows.map(([name, value, unit, more]) =>
+      el(
+        "div",
+        {},
+        el("dt", {}, name),
+        el(
+          "dd",
+          {},
+          el("b", {}, value),
+          unit && value !== "–" ? ` ${unit}` : "",
+          el("small", {}, more || remark || ""),
+        ),
+      ),
+    ),
+  );
 }
 
 // Where a value lies between its limits, with the margin in words.
@@ -105,7 +137,14 @@ function bar(limit) {
   const level = margin !== null && margin < 0 ? "bad" : share < 0.1 ? "near" : "fine";
   const by = unit === "°C" ? "K" : unit;
   const end = least === null || greatest - value <= value - least ? "upper" : "lower";
-  const words = margin === null ? (value === null ? "no reading" : "old reading") : margin < 0 ? `▲ beyond by ${fixed(-margin, digits)} ${by}` : `${level === "near" ? "▲ only " : ""}${fixed(margin, digits)} ${by} left to the cell's ${end} limit`;
+  const words =
+    margin === null
+      ? value === null
+        ? "no reading"
+        : "old reading"
+      : margin < 0
+        ? `▲ beyond by ${fixed(-margin, digits)} ${by}`
+        : `${level === "near" ? "▲ only " : ""}${fixed(margin, digits)} ${by} left to the cell's ${end} limit`;
   const at = value === null ? null : Math.max(0, Math.min(100, (100 * (value - low)) / (greatest - low)));
   const meter = el("div", { class: `meter ${level}`, role: "img", "aria-label": `${quantity}: ${words} of ${range}` });
   if (at !== null) {
@@ -113,7 +152,14 @@ function bar(limit) {
     needle.style.setProperty("left", `${at}%`);
     meter.append(needle);
   }
-  return el("div", { class: "limit" }, el("span", {}, quantity), meter, el("span", { class: level }, words), el("small", {}, unit === "A" ? `${range}; the step in work is judged tighter` : range));
+  return el(
+    "div",
+    { class: "limit" },
+    el("span", {}, quantity),
+    meter,
+    el("span", { class: level }, words),
+    el("small", {}, unit === "A" ? `${range}; the step in work is judged tighter` : range),
+  );
 }
 
 // How a run ended that this server began.
@@ -130,15 +176,24 @@ export function drawRun(live, job, body) {
     body.replaceChildren(el("p", { class: "quiet" }, "No run yet. Submit an experiment below."));
     return;
   }
-  const point = run.point ? `point ${run.point.number} of ${run.point.of}, ${Number(run.point.freq_hz.toPrecision(4))} Hz` : "";
+  const point = run.point
+    ? `point ${run.point.number} of ${run.point.of}, ${Number(run.point.freq_hz.toPrecision(4))} Hz`
+    : "";
   const known = job && job.ended && run.ended === "finished" ? outcome(job.ended) : "✓ finished";
-  const ended = run.going ? null : run.ended === "finished" ? known : `✕ ${run.ended || "its process ended without a word"}`;
+  const ended = run.going
+    ? null
+    : run.ended === "finished"
+      ? known
+      : `✕ ${run.ended || "its process ended without a word"}`;
   const percent = Math.round(100 * run.done);
   const progress = el("progress", { max: 100, value: percent, "aria-label": "share of the plan that is done" });
   const rows = [
     ["Experiment", `${run.experiment}${run.run ? ` (${run.run})` : ""}`],
     ["Stage", run.stage_number ? `${run.stage_number} of ${run.stages}: ${run.stage}` : "beginning"],
-    ["Step", run.step_number && run.going ? `${run.step_number} of ${run.steps}: ${run.step.replace(/\s+/g, " ")}` : "–"],
+    [
+      "Step",
+      run.step_number && run.going ? `${run.step_number} of ${run.steps}: ${run.step.replace(/\s+/g, " ")}` : "–",
+    ],
     ["Point in work", run.going && point ? point : "–"],
     ["Points", `${run.points_done} of ${run.points} finished`],
     ["Time left", run.going ? (run.left_s === null ? "unknown" : `about ${duration(run.left_s)}`) : "–"],
@@ -146,44 +201,98 @@ export function drawRun(live, job, body) {
   body.replaceChildren(
     el("div", { class: "progress" }, progress, el("b", {}, `${percent} %`)),
     el("dl", { class: "facts" }, ...rows.flatMap(([name, value]) => [el("dt", {}, name), el("dd", {}, value)])),
-    ...(ended ? [el("p", { class: run.ended !== "finished" ? "bad" : known === "✓ finished" ? "good" : "" }, ended)] : []),
+    ...(ended
+      ? [el("p", { class: run.ended !== "finished" ? "bad" : known === "✓ finished" ? "good" : "" }, ended)]
+      : []),
   );
 }
 
 export function drawInstruments(live) {
   const now = live.run ? live.run.bench_time_s : 0;
   const going = live.run && live.run.going;
-  $("instrumentrows").replaceChildren(...live.instruments.map((one) => {
-    const output = one.output === true ? el("b", { class: "on" }, "● ON") : one.output === false ? el("span", { class: "off" }, "○ off") : "–";
-    const age = one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "last run";
-    const who = one.identity ? `${one.model}${one.recognised === false ? " ✕ another model answers" : ""}` : `${one.model} (not asked yet)`;
-    const proven = one.output_by ? `read back by ${one.output_by === "guardian" ? "the guardian" : one.output_by === "stop" ? "the stop" : "eis-bench safe"}` : null;
-    const answer = proven ? proven : one.trouble ? `▲ ${one.trouble}` : one.answered_s === null ? "not asked" : going ? `answered ${age}` : "in the last run";
-    return el("tr", { class: one.trouble ? "trouble" : "" }, el("th", { scope: "row", title: one.role }, ROLES[one.role] || one.role), el("td", {}, output, el("small", {}, answer)),
-      el("td", { title: one.identity || "" }, who, el("small", {}, one.address)));
-  }));
+  $("instrumentrows").replaceChildren(
+    ...live.instruments.map((one) => {
+      const output =
+        one.output === true
+          ? el("b", { class: "on" }, "● ON")
+          : one.output === false
+            ? el("span", { class: "off" }, "○ off")
+            : "–";
+      const age =
+        one.answered_s === null ? "–" : going ? `${duration(Math.max(0, now - one.answered_s))} ago` : "last run";
+      const who = one.identity
+        ? `${one.model}${one.recognised === false ? " ✕ another model answers" : ""}`
+        : `${one.model} (not asked yet)`;
+      const by =
+        one.output_by === "guardian" ? "the guardian" : one.output_by === "stop" ? "the stop" : "eis-bench safe";
+      const proven = one.output_by ? `read back by ${by}` : null;
+      const answer = proven
+        ? proven
+        : one.trouble
+          ? `▲ ${one.trouble}`
+          : one.answered_s === null
+            ? "not asked"
+            : going
+              ? `answered ${age}`
+              : "in the last run";
+      return el(
+        "tr",
+        { class: one.trouble ? "trouble" : "" },
+        el("th", { scope: "row", title: one.role }, ROLES[one.role] || one.role),
+        el("td", {}, output, el("small", {}, answer)),
+        el("td", { title: one.identity || "" }, who, el("small", {}, one.address)),
+      );
+    }),
+  );
 }
 
 // What the benches that are not shown want a person to know.
 export function drawOthers(others, choose) {
-  const loud = others.filter((one) => one.trip || one.state === "unknown" || (one.stop && one.stop.over && !one.stop.verified && !one.stop.simulated));
-  const words = loud.map((one) => [one.bench, one.trip ? `${one.bench} is latched: ${one.trip.cause}` : one.state === "unknown" ? `${one.bench}: nobody has verified that its outputs are off` : `${one.bench} was stopped, but not verified: LOOK AT THE BENCH`]);
+  const loud = others.filter(
+    (one) =>
+      one.trip || one.state === "unknown" || (one.stop && one.stop.over && !one.stop.verified && !one.stop.simulated),
+  );
+  const words = loud.map((one) => [
+    one.bench,
+    one.trip
+      ? `${one.bench} is latched: ${one.trip.cause}`
+      : one.state === "unknown"
+        ? `${one.bench}: nobody has verified that its outputs are off`
+        : `${one.bench} was stopped, but not verified: LOOK AT THE BENCH`,
+  ]);
   const banner = $("others");
   banner.hidden = !words.length;
   const key = JSON.stringify(words);
   if (banner.dataset.key === key) return;
   banner.dataset.key = key;
-  banner.replaceChildren(...words.map(([bench, text]) => el("p", {}, el("strong", {}, "▲ "), `${text} `, el("button", { type: "button", onclick: () => choose(bench) }, `Show ${bench}`))));
+  banner.replaceChildren(
+    ...words.map(([bench, text]) =>
+      el(
+        "p",
+        {},
+        el("strong", {}, "▲ "),
+        `${text} `,
+        el("button", { type: "button", onclick: () => choose(bench) }, `Show ${bench}`),
+      ),
+    ),
+  );
 }
 
-// Benches that a stop of another one has left as they were, as long as current may flow on them: it stays until that is no longer so, or a person has read it.
+// Benches that a stop of another one has left as they were, as long as current may flow on them: it
+// stays until that is no longer so, or a person has read it.
 export function drawMissed(benches, close) {
   const banner = $("missed");
-  const words = benches.map((one) => `${one.bench} (${one.state === "latched" ? "latched, its outputs are not verified" : one.state})`).join(", ");
+  const words = benches
+    .map((one) => `${one.bench} (${one.state === "latched" ? "latched, its outputs are not verified" : one.state})`)
+    .join(", ");
   banner.hidden = !words;
   if (banner.dataset.key === words) return;
   banner.dataset.key = words;
-  banner.replaceChildren(el("strong", {}, `▲ NOT stopped: ${words}. `), "STOP ALL stops every bench. ", el("button", { type: "button", onclick: close }, "Close this message"));
+  banner.replaceChildren(
+    el("strong", {}, `▲ NOT stopped: ${words}. `),
+    "STOP ALL stops every bench. ",
+    el("button", { type: "button", onclick: close }, "Close this message"),
+  );
 }
 
 export function drawTrip(live, clear) {
@@ -195,7 +304,8 @@ export function drawTrip(live, clear) {
   banner.dataset.key = key;
   banner.replaceChildren(
     el("strong", {}, `▲ ${live.bench} is latched. `),
-    `${live.trip.cause}${live.trip.step ? `, in step “${live.trip.step}”` : ""}. Found by the ${live.trip.by}, ${when(live.trip.unix_s)}. Look at the bench and at the cell. `,
+    `${live.trip.cause}${live.trip.step ? `, in step “${live.trip.step}”` : ""}. ` +
+      `Found by the ${live.trip.by}, ${when(live.trip.unix_s)}. Look at the bench and at the cell. `,
     el("button", { type: "button", onclick: () => clear(live) }, "I have looked: clear"),
   );
 }
@@ -204,14 +314,48 @@ export function drawStop(report) {
   const banner = $("stopped");
   banner.hidden = !report;
   if (!report) return;
-  const head = !report.over ? `■ Stopping ${report.bench} …` : report.simulated ? "✓ Stopped: this bench is simulated within the run's process, and that has ended. There is no output to read back." : report.verified ? `✓ Stopped ${report.bench}: every output is off, read back.` : `▲ ${report.bench} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`;
+  const head = !report.over
+    ? `■ Stopping ${report.bench} …`
+    : report.simulated
+      ? "✓ Stopped: this bench is simulated within the run's process, and that has ended. " +
+        "There is no output to read back."
+      : report.verified
+        ? `✓ Stopped ${report.bench}: every output is off, read back.`
+        : `▲ ${report.bench} STOPPED, BUT NOT VERIFIED: LOOK AT THE BENCH.`;
   const key = `${report.unix_s} ${report.over} ${report.steps.length}`;
   if (banner.dataset.key === key) return;
   banner.dataset.key = key;
   banner.className = `banner ${!report.over ? "note" : report.verified || report.simulated ? "fine" : "bad"}`;
   banner.replaceChildren(
-    el("strong", {}, head), ` By ${person(report.by)}, ${when(report.unix_s)}.`,
-    el("details", { open: report.over && !report.verified && !report.simulated }, el("summary", {}, "What was done and read back"), el("ul", {}, ...report.steps.map((step) => el("li", {}, step)), ...report.outputs.map((output) => el("li", { class: output.verified ? "" : "bad" }, `${output.verified ? "○" : "▲"} ${output.text}`)))),
-    ...(report.over ? [el("button", { type: "button", onclick: () => { banner.hidden = true; banner.dataset.gone = String(report.unix_s); } }, "Close this message")] : []),
+    el("strong", {}, head),
+    ` By ${person(report.by)}, ${when(report.unix_s)}.`,
+    el(
+      "details",
+      { open: report.over && !report.verified && !report.simulated },
+      el("summary", {}, "What was done and read back"),
+      el(
+        "ul",
+        {},
+        ...report.steps.map((step) => el("li", {}, step)),
+        ...report.outputs.map((output) =>
+          el("li", { class: output.verified ? "" : "bad" }, `${output.verified ? "○" : "▲"} ${output.text}`),
+        ),
+      ),
+    ),
+    ...(report.over
+      ? [
+          el(
+            "button",
+            {
+              type: "button",
+              onclick: () => {
+                banner.hidden = true;
+                banner.dataset.gone = String(report.unix_s);
+              },
+            },
+            "Close this message",
+          ),
+        ]
+      : []),
   );
 }

@@ -33,19 +33,22 @@ function step(span, wanted) {
 function ticks(least, greatest, wanted) {
   const by = step(greatest - least || 1, wanted);
   const found = [];
-  for (let value = Math.ceil(least / by) * by; value <= greatest + 1e-9 * by; value += by) found.push(Math.abs(value) < 1e-9 * by ? 0 : value);
+  for (let value = Math.ceil(least / by) * by; value <= greatest + 1e-9 * by; value += by)
+    found.push(Math.abs(value) < 1e-9 * by ? 0 : value);
   return found;
 }
 
 function decades(least, greatest) {
   const found = [];
-  for (let power = Math.floor(Math.log10(least)); power <= Math.ceil(Math.log10(greatest)); power += 1) found.push(10 ** power);
+  for (let power = Math.floor(Math.log10(least)); power <= Math.ceil(Math.log10(greatest)); power += 1)
+    found.push(10 ** power);
   const inside = (values) => values.filter((value) => value >= least * 0.999 && value <= greatest * 1.001);
   const whole = inside(found);
   return whole.length > 2 ? whole : inside(found.flatMap((value) => [value, 2 * value, 5 * value]));
 }
 
-const short = (value) => (Math.abs(value) >= 1000 ? `${value / 1000}k` : String(Number(value.toPrecision(6)))).replace("-", "−");
+const short = (value) =>
+  (Math.abs(value) >= 1000 ? `${value / 1000}k` : String(Number(value.toPrecision(6)))).replace("-", "−");
 
 // As wide as it is shown, so that letters have their size on a phone too.
 function reset(svg) {
@@ -60,7 +63,8 @@ function reset(svg) {
 function frame(svg, box, x, y) {
   const [left, top, width, height] = box;
   const sx = (value) => left + (width * (x.at(value) - x.at(x.range[0]))) / (x.at(x.range[1]) - x.at(x.range[0]) || 1);
-  const sy = (value) => top + height - (height * (y.at(value) - y.at(y.range[0]))) / (y.at(y.range[1]) - y.at(y.range[0]) || 1);
+  const sy = (value) =>
+    top + height - (height * (y.at(value) - y.at(y.range[0]))) / (y.at(y.range[1]) - y.at(y.range[0]) || 1);
   for (const value of x.ticks) {
     const px = sx(value);
     svg.append(make("line", { class: "grid", x1: px, y1: top, x2: px, y2: top + height }));
@@ -72,9 +76,14 @@ function frame(svg, box, x, y) {
     svg.append(make("text", { class: "tick", x: left - 6, y: py + 4, "text-anchor": "end" }, short(value)));
   }
   svg.append(make("rect", { class: "frame", x: left, y: top, width, height }));
-  if (x.title) svg.append(make("text", { class: "title", x: left + width / 2, y: top + height + 34, "text-anchor": "middle" }, x.title));
+  if (x.title)
+    svg.append(
+      make("text", { class: "title", x: left + width / 2, y: top + height + 34, "text-anchor": "middle" }, x.title),
+    );
   const ty = top + height / 2;
-  svg.append(make("text", { class: "title", x: 12, y: ty, "text-anchor": "middle", transform: `rotate(-90 12 ${ty})` }, y.title));
+  svg.append(
+    make("text", { class: "title", x: 12, y: ty, "text-anchor": "middle", transform: `rotate(-90 12 ${ty})` }, y.title),
+  );
   return [sx, sy];
 }
 
@@ -89,8 +98,10 @@ function around(values, least) {
 
 function curve(svg, points, index, errors) {
   const group = make("g", { class: `curve c${index % MARKS.length}` });
-  if (points.length > 1) group.append(make("polyline", { points: points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ") }));
-  for (const bar of errors || []) group.append(make("line", { class: "bar", x1: bar[0], y1: bar[1], x2: bar[2], y2: bar[3] }));
+  if (points.length > 1)
+    group.append(make("polyline", { points: points.map(([x, y]) => `${x.toFixed(1)},${y.toFixed(1)}`).join(" ") }));
+  for (const bar of errors || [])
+    group.append(make("line", { class: "bar", x1: bar[0], y1: bar[1], x2: bar[2], y2: bar[3] }));
   points.forEach(([x, y, text], place) => {
     const node = mark(MARKS[index % MARKS.length], x, y, place === points.length - 1 ? 5 : 3.5);
     node.classList.add("mark");
@@ -104,7 +115,9 @@ function empty(svg, width, height, text) {
   svg.append(make("text", { class: "none", x: width / 2, y: height / 2, "text-anchor": "middle" }, text));
 }
 
-const say = (p) => `${p.freq_hz.toPrecision(4)} Hz: ${(1e3 * p.re_ohm).toPrecision(4)} ${p.im_ohm < 0 ? "−" : "+"} j ${(1e3 * Math.abs(p.im_ohm)).toPrecision(4)} mΩ`;
+const say = (p) =>
+  `${p.freq_hz.toPrecision(4)} Hz: ${(1e3 * p.re_ohm).toPrecision(4)} ` +
+  `${p.im_ohm < 0 ? "−" : "+"} j ${(1e3 * Math.abs(p.im_ohm)).toPrecision(4)} mΩ`;
 
 // −Im over Re in mΩ, the same scale on both axes.
 export function nyquist(svg, curves) {
@@ -112,7 +125,10 @@ export function nyquist(svg, curves) {
   const all = curves.flatMap((one) => one.points);
   if (!all.length) return empty(svg, width, height, "no point yet");
   const box = [58, 14, width - 72, height - 64];
-  let xr = around(all.map((p) => 1e3 * p.re_ohm), 0.05);
+  let xr = around(
+    all.map((p) => 1e3 * p.re_ohm),
+    0.05,
+  );
   let yr = around([...all.map((p) => -1e3 * p.im_ohm), 0], 0.05);
   const scale = Math.max((xr[1] - xr[0]) / box[2], (yr[1] - yr[0]) / box[3]);
   const widen = (range, pixels) => {
@@ -125,12 +141,22 @@ export function nyquist(svg, curves) {
   const y = { range: yr, at: linear, ticks: ticks(...yr, 5), title: "−Im Z / mΩ" };
   const [sx, sy] = frame(svg, box, x, y);
   curves.forEach((one, index) => {
-    const bars = one.points.filter((p) => p.re_sigma_ohm !== null).flatMap((p) => {
-      const [cx, cy] = [sx(1e3 * p.re_ohm), sy(-1e3 * p.im_ohm)];
-      const [dx, dy] = [(2e3 * p.re_sigma_ohm) / scale, (2e3 * (p.im_sigma_ohm || 0)) / scale];
-      return [[cx - dx, cy, cx + dx, cy], [cx, cy - dy, cx, cy + dy]];
-    });
-    curve(svg, one.points.map((p) => [sx(1e3 * p.re_ohm), sy(-1e3 * p.im_ohm), say(p)]), one.index ?? index, bars);
+    const bars = one.points
+      .filter((p) => p.re_sigma_ohm !== null)
+      .flatMap((p) => {
+        const [cx, cy] = [sx(1e3 * p.re_ohm), sy(-1e3 * p.im_ohm)];
+        const [dx, dy] = [(2e3 * p.re_sigma_ohm) / scale, (2e3 * (p.im_sigma_ohm || 0)) / scale];
+        return [
+          [cx - dx, cy, cx + dx, cy],
+          [cx, cy - dy, cx, cy + dy],
+        ];
+      });
+    curve(
+      svg,
+      one.points.map((p) => [sx(1e3 * p.re_ohm), sy(-1e3 * p.im_ohm), say(p)]),
+      one.index ?? index,
+      bars,
+    );
   });
 }
 
@@ -147,11 +173,28 @@ export function bode(svg, curves) {
   const half = (height - 84) / 2;
   const upper = around(all.map(abs), 0.05);
   const lower = around(all.map(angle), 1);
-  const [ux, uy] = frame(svg, [58, 14, width - 72, half], { ...x }, { range: upper, at: linear, ticks: ticks(...upper, 4), title: "|Z| / mΩ" });
-  const [lx, ly] = frame(svg, [58, 40 + half, width - 72, half - 8], { ...x, title: "frequency / Hz" },
-    { range: lower, at: linear, ticks: ticks(...lower, 4), title: "phase / °" });
+  const [ux, uy] = frame(
+    svg,
+    [58, 14, width - 72, half],
+    { ...x },
+    { range: upper, at: linear, ticks: ticks(...upper, 4), title: "|Z| / mΩ" },
+  );
+  const [lx, ly] = frame(
+    svg,
+    [58, 40 + half, width - 72, half - 8],
+    { ...x, title: "frequency / Hz" },
+    { range: lower, at: linear, ticks: ticks(...lower, 4), title: "phase / °" },
+  );
   curves.forEach((one, index) => {
-    curve(svg, one.points.map((p) => [ux(p.freq_hz), uy(abs(p)), say(p)]), one.index ?? index);
-    curve(svg, one.points.map((p) => [lx(p.freq_hz), ly(angle(p)), say(p)]), one.index ?? index);
+    curve(
+      svg,
+      one.points.map((p) => [ux(p.freq_hz), uy(abs(p)), say(p)]),
+      one.index ?? index,
+    );
+    curve(
+      svg,
+      one.points.map((p) => [lx(p.freq_hz), ly(angle(p)), say(p)]),
+      one.index ?? index,
+    );
   });
 }

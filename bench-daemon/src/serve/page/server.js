@@ -1,4 +1,5 @@
-// Speaking with the server: requests with the token, and the stream of events, which comes back by itself where it was cut off.
+// Speaking with the server: requests with the token, and the stream of events, which comes back by
+// itself where it was cut off.
 "use strict";
 
 export const server = { token: sessionStorage.getItem("token") || "", lastId: "" };
@@ -21,13 +22,18 @@ function headers(more) {
   return server.token ? { Authorization: `Bearer ${server.token}`, ...more } : { ...more };
 }
 
-// A request that is not answered within this time is given up: a browser gives each host few connections, and one that hangs keeps the others out.
+// A request that is not answered within this time is given up: a browser gives each host few
+// connections, and one that hangs keeps the others out.
 const PATIENCE_MS = 15000;
 // A stop is tried again so soon: whoever asks again joins the stop under way.
 const STOP_MS = 4000;
 
 async function asked(method, path, body, patience = PATIENCE_MS) {
-  const init = { method, headers: headers(body === undefined ? {} : { "Content-Type": "application/json" }), signal: AbortSignal.timeout(patience) };
+  const init = {
+    method,
+    headers: headers(body === undefined ? {} : { "Content-Type": "application/json" }),
+    signal: AbortSignal.timeout(patience),
+  };
   if (body !== undefined) init.body = JSON.stringify(body);
   const response = await fetch(`/api/v1${path}`, init);
   if (!response.ok) throw new Refused(response.status, await response.json().catch(() => ({})));
@@ -42,18 +48,29 @@ export const file = async (path) => (await asked("GET", path)).blob();
 
 // Whoever hears nothing for so long is no longer connected, whatever the system says: the server speaks every 15 s.
 const SILENCE_MS = 40000;
-// A tab that hears nothing for so long of the one that listens takes its place: that one says more often that it is there, connected or not.
+// A tab that hears nothing for so long of the one that listens takes its place: that one says more
+// often that it is there, connected or not.
 const ABSENCE_MS = SILENCE_MS + 15000;
 const BEAT_MS = 5000;
 
-// Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. All tabs of a browser with the same token share one stream: the
-// tab that holds the lock listens and passes on what it hears, and that it tries where it hears nothing; when it is closed, the next one takes over. From a tab
-// that says nothing any more, for a browser may freeze a tab that nobody looks at, the lock is taken. So there is never a second stream, for a browser gives
-// each host few connections, and the stop needs one.
+// Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. All
+// tabs of a browser with the same token share one stream: the tab that holds the lock listens and
+// passes on what it hears, and that it tries where it hears nothing; when it is closed, the next
+// one takes over. From a tab that says nothing any more, for a browser may freeze a tab that nobody
+// looks at, the lock is taken. So there is never a second stream, for a browser gives each host few
+// connections, and the stop needs one.
 export async function listen(on, link) {
   if (!navigator.locks || !window.BroadcastChannel) return stream(on, link);
   const name = `events ${await digest(server.token)}`;
-  const tab = { on, link, channel: new BroadcastChannel(name), leads: false, state: "down", heard: Date.now(), over: new AbortController() };
+  const tab = {
+    on,
+    link,
+    channel: new BroadcastChannel(name),
+    leads: false,
+    state: "down",
+    heard: Date.now(),
+    over: new AbortController(),
+  };
   tab.channel.onmessage = ({ data }) => hear(tab, data);
   // Who comes later asks for what it has missed.
   tab.channel.postMessage({ ask: true });
@@ -85,18 +102,22 @@ function hear(tab, data) {
   }
 }
 
-// Waits for the lock, or takes it, and listens for all as long as it is not taken from this tab; whether it is to be taken in the next turn.
+// Waits for the lock, or takes it, and listens for all as long as it is not taken from this tab;
+// whether it is to be taken in the next turn.
 async function turn(tab, name, steal) {
   const waits = new AbortController();
   const robbed = new AbortController();
   const over = () => waits.abort();
   tab.over.signal.addEventListener("abort", over);
   // Not all look at the same time: the first to take the lock tells the others.
-  const watch = setInterval(() => {
-    if (tab.leads || Date.now() - tab.heard < ABSENCE_MS) return;
-    linked(tab, "down");
-    waits.abort();
-  }, BEAT_MS * (0.5 + Math.random()));
+  const watch = setInterval(
+    () => {
+      if (tab.leads || Date.now() - tab.heard < ABSENCE_MS) return;
+      linked(tab, "down");
+      waits.abort();
+    },
+    BEAT_MS * (0.5 + Math.random()),
+  );
   try {
     await navigator.locks.request(name, steal ? { steal } : { signal: waits.signal }, () => lead(tab, robbed.signal));
     return false;
@@ -125,7 +146,9 @@ async function lead(tab, robbed) {
     beat();
   };
   // While it is connected, the server's own words tell that it is: a timer would go on without them.
-  const tries = setInterval(() => { if (tab.state === "down") beat(); }, BEAT_MS);
+  const tries = setInterval(() => {
+    if (tab.state === "down") beat();
+  }, BEAT_MS);
   try {
     beat();
     await stream(pass, link, beat, robbed);
@@ -139,8 +162,9 @@ async function digest(secret) {
   return Array.from(new Uint8Array(bytes).slice(0, 8), (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
-// Ends when the token is refused, or with the signal `ends`; `beat()` comes with whatever the server says, its comments too. A server that does not answer at all
-// is given up and asked again, like any other request.
+// Ends when the token is refused, or with the signal `ends`; `beat()` comes with whatever the
+// server says, its comments too. A server that does not answer at all is given up and asked again,
+// like any other request.
 async function stream(on, link, beat = () => {}, ends = new AbortController().signal) {
   for (let pause = 500; !ends.aborted; pause = Math.min(pause * 2, 8000)) {
     const request = new AbortController();
@@ -174,7 +198,9 @@ async function read(reader, on, beat) {
   let text = "";
   for (;;) {
     let timer;
-    const silence = new Promise((_, fail) => { timer = setTimeout(() => fail(new Error("silence")), SILENCE_MS); });
+    const silence = new Promise((_, fail) => {
+      timer = setTimeout(() => fail(new Error("silence")), SILENCE_MS);
+    });
     let part;
     try {
       part = await Promise.race([reader.read(), silence]);

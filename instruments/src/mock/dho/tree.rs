@@ -34,15 +34,24 @@ macro_rules! channel {
                 |s: &mut Dho, a| s.set_number(($index, |channel| &mut channel.offset), a),
                 |s, _| real(s.panel.channels[$index].offset),
             )},
-            Leaf! {b"COUPling" => &both(|s: &mut Dho, a| s.set_coupling($index, a), |s, _| text(s.panel.channels[$index].coupling))},
+            Leaf! {b"COUPling" => &both(
+                |s: &mut Dho, a| s.set_coupling($index, a),
+                |s, _| text(s.panel.channels[$index].coupling),
+            )},
             Leaf! {b"BWLimit" => &both(
                 |s: &mut Dho, a| s.set_limit($index, a),
                 |s, _| text(if s.panel.channels[$index].limited { "20M" } else { "OFF" }),
             )},
             Leaf! {b"INVert" => switch!($index, inverted)},
             Leaf! {b"VERNier" => switch!($index, vernier)},
-            Leaf! {b"PROBe" => &both(|s: &mut Dho, a| s.set_probe($index, a), |s, _| real(s.panel.channels[$index].probe))},
-            Leaf! {b"UNITs" => &both(|s: &mut Dho, a| s.set_unit($index, a), |s, _| text(s.panel.channels[$index].unit))}
+            Leaf! {b"PROBe" => &both(
+                |s: &mut Dho, a| s.set_probe($index, a),
+                |s, _| real(s.panel.channels[$index].probe),
+            )},
+            Leaf! {b"UNITs" => &both(
+                |s: &mut Dho, a| s.set_unit($index, a),
+                |s, _| text(s.panel.channels[$index].unit),
+            )}
         }
     };
 }

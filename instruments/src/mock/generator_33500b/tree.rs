@@ -81,14 +81,22 @@ macro_rules! source {
                     |device: &mut Keysight, arguments| device.set_offset($index, arguments),
                     |device, _| device.at_load($index, |channel| channel.offset_v),
                 )},
-                Leaf! {b"HIGH" => &get(|device: &mut Keysight, _| device.at_load($index, |channel| channel.offset_v + channel.amplitude_vpp / 2.0))},
-                Leaf! {b"LOW" => &get(|device: &mut Keysight, _| device.at_load($index, |channel| channel.offset_v - channel.amplitude_vpp / 2.0))}
+                Leaf! {b"HIGH" => &get(|device: &mut Keysight, _| {
+                    device.at_load($index, |channel| channel.offset_v + channel.amplitude_vpp / 2.0)
+                })},
+                Leaf! {b"LOW" => &get(|device: &mut Keysight, _| {
+                    device.at_load($index, |channel| channel.offset_v - channel.amplitude_vpp / 2.0)
+                })}
             },
             Branch! {b"PHASe" => &both(
                 |device: &mut Keysight, arguments| device.set_phase($index, arguments),
                 |device, _| number(device.channels[$index].phase_deg),
             ); Leaf! {b"SYNChronize" => &set(Keysight::align_phases)}},
-            Branch! {b"APPLy"; Leaf! {b"SINusoid" => &set(|device: &mut Keysight, arguments| device.apply($index, arguments))}},
+            Branch! {b"APPLy";
+                Leaf! {b"SINusoid" => &set(|device: &mut Keysight, arguments| {
+                    device.apply($index, arguments)
+                })}
+            },
             Branch! {b"BURSt";
                 Leaf! {b"STATe" => &both(
                     |device: &mut Keysight, arguments| device.set_burst_state($index, arguments),
@@ -152,7 +160,9 @@ macro_rules! output {
 }
 
 pub(super) const TREE: Node<'static, Keysight> = Root! {
-    Leaf! {b"*IDN" => &get(|device: &mut Keysight, _| text(format!("Agilent Technologies,33522B,{},5.00-1.19-2.00-58-00", device.serial_number)))},
+    Leaf! {b"*IDN" => &get(|device: &mut Keysight, _| {
+        text(format!("Agilent Technologies,33522B,{},5.00-1.19-2.00-58-00", device.serial_number))
+    })},
     Leaf! {b"*RST" => &set(Keysight::reset)},
     Leaf! {b"*CLS" => &set(common::cls)},
     Leaf! {b"*OPC" => &both(common::opc, common::opc_query)},
@@ -169,5 +179,9 @@ pub(super) const TREE: Node<'static, Keysight> = Root! {
     output! {b"OUTPut", 0},
     output! {b"OUTPut1", 0},
     output! {b"OUTPut2", 1},
-    Branch! {b"SYSTem"; Branch! {b"ERRor" => &get(common::signed_error_query); Leaf! {b"NEXT" => &get(common::signed_error_query)}}}
+    Branch! {b"SYSTem";
+        Branch! {b"ERRor" => &get(common::signed_error_query);
+            Leaf! {b"NEXT" => &get(common::signed_error_query)}
+        }
+    }
 };

@@ -183,9 +183,18 @@ fn update_memory(_: &mut Kepco, arguments: &mut Arguments) -> Fallible {
 macro_rules! bounds {
     ($name:literal, $which:expr; $($more:expr),*) => {
         Branch! {$name => &both(|k, a| set_bounds(k, a, $which, Side::Both), |k, _| get_bounds(k, $which, Side::Both));
-            Leaf! {b"BOTH" => &both(|k, a| set_bounds(k, a, $which, Side::Both), |k, _| get_bounds(k, $which, Side::Both))},
-            Leaf! {b"POSitive" => &both(|k, a| set_bounds(k, a, $which, Side::Positive), |k, _| get_bounds(k, $which, Side::Positive))},
-            Leaf! {b"NEGative" => &both(|k, a| set_bounds(k, a, $which, Side::Negative), |k, _| get_bounds(k, $which, Side::Negative))}
+            Leaf! {b"BOTH" => &both(
+                |k, a| set_bounds(k, a, $which, Side::Both),
+                |k, _| get_bounds(k, $which, Side::Both),
+            )},
+            Leaf! {b"POSitive" => &both(
+                |k, a| set_bounds(k, a, $which, Side::Positive),
+                |k, _| get_bounds(k, $which, Side::Positive),
+            )},
+            Leaf! {b"NEGative" => &both(
+                |k, a| set_bounds(k, a, $which, Side::Negative),
+                |k, _| get_bounds(k, $which, Side::Negative),
+            )}
             $(, $more)*
         }
     };
@@ -256,6 +265,8 @@ pub(super) const TREE: Node<'static, Kepco> = Root! {
     },
     Branch! {b"SYSTem";
         Branch! {b"ERRor" => &get(common::error_query); Leaf! {b"NEXT" => &get(common::error_query)}},
-        Branch! {b"REMote" => &set(|_, arguments| arguments.switch().map(|_| ())); Leaf! {b"STATe" => &set(|_, arguments| arguments.switch().map(|_| ()))}}
+        Branch! {b"REMote" => &set(|_, arguments| arguments.switch().map(|_| ()));
+            Leaf! {b"STATe" => &set(|_, arguments| arguments.switch().map(|_| ()))}
+        }
     }
 };

@@ -17,14 +17,38 @@ fn settle(scope: &mut Scope, action: fn(&mut Scope)) -> Fallible {
 macro_rules! channel {
     ($name:literal, $index:literal) => {
         Branch! {$name;
-            Leaf! {b"SWITch" => &both(|s: &mut Scope, a| s.set_switch($index, a), |s, _| on_off(s.panel.channels[$index].on))},
-            Leaf! {b"SCALe" => &both(|s: &mut Scope, a| s.set_scale($index, a), |s, _| s.real(s.panel.channels[$index].scale))},
-            Leaf! {b"OFFSet" => &both(|s: &mut Scope, a| s.set_offset($index, a), |s, _| s.real(s.panel.channels[$index].offset))},
-            Leaf! {b"COUPling" => &both(|s: &mut Scope, a| s.set_coupling($index, a), |s, _| text(s.panel.channels[$index].coupling))},
-            Leaf! {b"IMPedance" => &both(|_: &mut Scope, a| a.word(&["ONEMeg", "FIFTy"]).map(|_| ()), |_, _| text("ONEMeg"))},
-            Leaf! {b"BWLimit" => &both(|s: &mut Scope, a| s.set_bandwidth($index, a), |s, _| text(s.panel.channels[$index].bandwidth))},
-            Leaf! {b"PROBe" => &both(|s: &mut Scope, a| s.set_probe($index, a), |s, _| s.real(s.panel.channels[$index].probe))},
-            Leaf! {b"UNIT" => &both(|s: &mut Scope, a| s.set_unit($index, a), |s, _| text(s.panel.channels[$index].unit))}
+            Leaf! {b"SWITch" => &both(
+                |s: &mut Scope, a| s.set_switch($index, a),
+                |s, _| on_off(s.panel.channels[$index].on),
+            )},
+            Leaf! {b"SCALe" => &both(
+                |s: &mut Scope, a| s.set_scale($index, a),
+                |s, _| s.real(s.panel.channels[$index].scale),
+            )},
+            Leaf! {b"OFFSet" => &both(
+                |s: &mut Scope, a| s.set_offset($index, a),
+                |s, _| s.real(s.panel.channels[$index].offset),
+            )},
+            Leaf! {b"COUPling" => &both(
+                |s: &mut Scope, a| s.set_coupling($index, a),
+                |s, _| text(s.panel.channels[$index].coupling),
+            )},
+            Leaf! {b"IMPedance" => &both(
+                |_: &mut Scope, a| a.word(&["ONEMeg", "FIFTy"]).map(|_| ()),
+                |_, _| text("ONEMeg"),
+            )},
+            Leaf! {b"BWLimit" => &both(
+                |s: &mut Scope, a| s.set_bandwidth($index, a),
+                |s, _| text(s.panel.channels[$index].bandwidth),
+            )},
+            Leaf! {b"PROBe" => &both(
+                |s: &mut Scope, a| s.set_probe($index, a),
+                |s, _| s.real(s.panel.channels[$index].probe),
+            )},
+            Leaf! {b"UNIT" => &both(
+                |s: &mut Scope, a| s.set_unit($index, a),
+                |s, _| text(s.panel.channels[$index].unit),
+            )}
         }
     };
 }
@@ -33,7 +57,10 @@ const TIMEBASE: Node<'static, Scope> = Branch! {b"TIMebase";
     Leaf! {b"SCALe" => &both(Scope::set_time_scale, |s, _| s.real(s.panel.time_scale))},
     Leaf! {b"DELay" => &both(Scope::set_delay, |s, _| s.real(s.panel.delay_s))},
     Branch! {b"REFerence" => &both(Scope::set_reference, |s, _| text(if s.panel.keep_position { "POSition" } else { "DELay" }));
-        Leaf! {b"POSition" => &both(Scope::set_reference_position, |s, _| text(format!("{}", s.panel.reference_percent)))}
+        Leaf! {b"POSition" => &both(
+            Scope::set_reference_position,
+            |s, _| text(format!("{}", s.panel.reference_percent)),
+        )}
     }
 };
 

@@ -291,8 +291,14 @@ macro_rules! channel {
                 },
             )},
             // Sweep and modulation are off and stay off.
-            Leaf! {b"SWWV" => &both(common::ignore, |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":SWWV "), "STATE,OFF"))},
-            Leaf! {b"MDWV" => &both(common::ignore, |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":MDWV "), "STATE,OFF"))}
+            Leaf! {b"SWWV" => &both(
+                common::ignore,
+                |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":SWWV "), "STATE,OFF"),
+            )},
+            Leaf! {b"MDWV" => &both(
+                common::ignore,
+                |sdg: &mut Sdg, _| sdg.answer(concat!($prefix, ":MDWV "), "STATE,OFF"),
+            )}
         }
     };
 }

@@ -288,7 +288,9 @@ mod tests {
     proptest! {
         #[test]
         fn messages_with_blocks_survive_every_cut(
-            payload in prop::collection::vec(any::<u8>(), 0..60), value in -100.0..100.0_f64, cut in any::<prop::sample::Index>(),
+            payload in prop::collection::vec(any::<u8>(), 0..60),
+            value in -100.0..100.0_f64,
+            cut in any::<prop::sample::Index>(),
         ) {
             let first = Command::new("SOUR:VOLT").fixed(value, 3).build().unwrap();
             let mut second = b"DATA:ARB name,".to_vec();

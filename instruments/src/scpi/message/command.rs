@@ -215,9 +215,18 @@ mod tests {
     proptest! {
         #[test]
         fn what_is_written_is_read_back(
-            value in -1.0e6_f64..1.0e6, text in "[ -~]{0,20}", word in "[A-Z]{1,8}", channels in prop::collection::vec(0_u32..2000, 1..5),
+            value in -1.0e6_f64..1.0e6,
+            text in "[ -~]{0,20}",
+            word in "[A-Z]{1,8}",
+            channels in prop::collection::vec(0_u32..2000, 1..5),
         ) {
-            let message = Command::new("A:B").fixed(value, 6).string(&text).word(&word).channels(&channels).build().unwrap();
+            let message = Command::new("A:B")
+                .fixed(value, 6)
+                .string(&text)
+                .word(&word)
+                .channels(&channels)
+                .build()
+                .unwrap();
             let units = parse_program(message.as_bytes()).unwrap();
             prop_assert_eq!(units.len(), 1);
             let arguments = &units[0].arguments;

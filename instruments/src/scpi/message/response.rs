@@ -128,7 +128,10 @@ mod tests {
     proptest! {
         #[test]
         fn quoted_fields_survive(fields in prop::collection::vec("[ -~]{0,12}", 1..6)) {
-            let answer: Vec<String> = fields.iter().map(|field| format!("\"{}\"", field.replace('"', "\"\""))).collect();
+            let answer: Vec<String> = fields
+                .iter()
+                .map(|field| format!("\"{}\"", field.replace('"', "\"\"")))
+                .collect();
             prop_assert_eq!(texts(&answer.join(",")), fields);
         }
     }

@@ -326,7 +326,9 @@ proptest! {
     }
 
     #[test]
-    fn no_text_makes_the_reader_panic(text in "(tcp://|serial:/|memory:|vxi11:|hislip:|usbtmc:/|gpib:tcp:|gpib:serial:/)?[ -~]{0,30}") {
+    fn no_text_makes_the_reader_panic(
+        text in "(tcp://|serial:/|memory:|vxi11:|hislip:|usbtmc:/|gpib:tcp:|gpib:serial:/)?[ -~]{0,30}",
+    ) {
         if let Ok(address) = text.parse::<Address>() {
             prop_assert_eq!(address.to_string().parse(), Ok(address));
         }

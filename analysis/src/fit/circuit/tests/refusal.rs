@@ -147,22 +147,54 @@ proptest! {
     #[test]
     fn no_data_make_the_fit_panic(
         points in prop::collection::vec((-6.0..6.0f64, -1e3..1e3f64, -1e3..1e3f64), 1..8),
-        text in prop::sample::select(vec!["R0", "R0-C1", "p(R0,CPE1)", "L0-Wo1", "Gs1-La1", "W1-Ws1", "p(R0-p(R1,C1),C2)"]),
-        objective in prop::sample::select(vec![Objective::SumAbs, Objective::Modulus, Objective::Complex]),
+        text in prop::sample::select(vec![
+            "R0",
+            "R0-C1",
+            "p(R0,CPE1)",
+            "L0-Wo1",
+            "Gs1-La1",
+            "W1-Ws1",
+            "p(R0-p(R1,C1),C2)",
+        ]),
+        objective in prop::sample::select(vec![
+            Objective::SumAbs,
+            Objective::Modulus,
+            Objective::Complex,
+        ]),
     ) {
         let mut spectrum = resistor(2);
         let template = spectrum.points[0];
-        spectrum.points = points.iter().map(|(log_f, re, im)| crate::spectrum::ImpedancePoint {
-            freq_hz: 10f64.powf(*log_f), z_ohm: Complex64::new(*re, *im), ..template
-        }).collect();
-        let options = CircuitOptions { objective, starts: Some(4), ..CircuitOptions::default() };
+        spectrum.points = points
+            .iter()
+            .map(|(log_f, re, im)| crate::spectrum::ImpedancePoint {
+                freq_hz: 10f64.powf(*log_f),
+                z_ohm: Complex64::new(*re, *im),
+                ..template
+            })
+            .collect();
+        let options = CircuitOptions {
+            objective,
+            starts: Some(4),
+            ..CircuitOptions::default()
+        };
         match fit_circuit(&[spectrum], &parse(text), &options) {
             Ok(fit) => {
                 prop_assert!(fit.objective.is_finite() && fit.values.iter().all(|v| v.is_finite()));
-                let inside = fit.values.iter().zip(&fit.bounds).all(|(v, (lo, hi))| *v >= lo * (1.0 - 1e-9) && *v <= hi * (1.0 + 1e-9));
+                let inside = fit
+                    .values
+                    .iter()
+                    .zip(&fit.bounds)
+                    .all(|(v, (lo, hi))| *v >= lo * (1.0 - 1e-9) && *v <= hi * (1.0 + 1e-9));
                 prop_assert!(inside, "{:?}", fit);
             }
-            Err(error) => prop_assert!(matches!(error, CircuitFitError::TooFewFrequencies { .. } | CircuitFitError::Data(_)), "{}", error),
+            Err(error) => prop_assert!(
+                matches!(
+                    error,
+                    CircuitFitError::TooFewFrequencies { .. } | CircuitFitError::Data(_)
+                ),
+                "{}",
+                error
+            ),
         }
     }
 }

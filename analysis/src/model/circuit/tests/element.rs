@@ -326,11 +326,20 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(128))]
 
     #[test]
-    fn the_jacobian_is_the_difference_quotient(logs in prop::collection::vec(-3.0..3.0f64, 27), log_f in -4.0..5.0f64) {
+    fn the_jacobian_is_the_difference_quotient(
+        logs in prop::collection::vec(-3.0..3.0f64, 27),
+        log_f in -4.0..5.0f64,
+    ) {
         let circuit: Circuit = EVERYTHING.parse().unwrap();
         let n = circuit.parameter_names().len();
         prop_assert!(n <= logs.len(), "{} parameters", n);
-        let from = |(k, x): (usize, &f64)| if circuit.parameter_kinds()[k].role == Role::Exponent { 0.6 + x / 10.0 } else { x.exp() };
+        let from = |(k, x): (usize, &f64)| {
+            if circuit.parameter_kinds()[k].role == Role::Exponent {
+                0.6 + x / 10.0
+            } else {
+                x.exp()
+            }
+        };
         let p: Vec<f64> = logs[..n].iter().enumerate().map(from).collect();
         let freq_hz = 10f64.powf(log_f);
         let mut slopes = vec![Complex64::ZERO; n];
@@ -346,7 +355,13 @@ proptest! {
             // Five points: the error is of fourth order.
             let quotient = (8.0 * (at(h) - at(-h)) - at(2.0 * h) + at(-2.0 * h)) / (12.0 * h);
             let error = (quotient - slopes[i]).norm() * p[i];
-            prop_assert!(error <= 3e-9 * z.norm() + 1e-9 * slopes[i].norm() * p[i], "{}: {} against {}", circuit.parameter_names()[i], slopes[i], quotient);
+            prop_assert!(
+                error <= 3e-9 * z.norm() + 1e-9 * slopes[i].norm() * p[i],
+                "{}: {} against {}",
+                circuit.parameter_names()[i],
+                slopes[i],
+                quotient
+            );
         }
     }
 }

@@ -205,7 +205,16 @@ proptest! {
         prop_assume!(text.chars().filter(char::is_ascii_digit).count() < 100);
         if let Ok(circuit) = text.parse::<Circuit>() {
             prop_assert_eq!(&circuit.to_string(), &text);
-            let spaced: String = text.chars().flat_map(|c| if "-,()".contains(c) { vec![' ', c, '\t'] } else { vec![c] }).collect();
+            let spaced: String = text
+                .chars()
+                .flat_map(|c| {
+                    if "-,()".contains(c) {
+                        vec![' ', c, '\t']
+                    } else {
+                        vec![c]
+                    }
+                })
+                .collect();
             prop_assert_eq!(spaced.parse::<Circuit>().unwrap(), circuit);
         } else {
             prop_assert!(shape.matches('#').count() > MAX_ELEMENTS);
