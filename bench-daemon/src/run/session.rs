@@ -83,7 +83,7 @@ impl Session {
     /// of the run before.
     ///
     /// # Errors
-    /// As [`super::run`].
+    /// As [`Self::play`].
     pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
         let stop = self.signals()?;
         let outcome = self.play(experiment, folder, None);
@@ -93,7 +93,7 @@ impl Session {
     /// Goes on with a run in its folder.
     ///
     /// # Errors
-    /// As [`super::run`].
+    /// As [`Self::play`].
     pub(crate) fn go_on(
         &mut self,
         experiment: &Experiment,
