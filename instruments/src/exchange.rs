@@ -6,11 +6,11 @@
 
 mod expect;
 mod identity;
-mod words;
+pub(crate) mod words;
 
-pub use expect::{Expect, after_header, field, hex_word, leading_number};
+pub use expect::{Expect, after_header, field, hex_word, leading_number, plain};
 pub use identity::Identity;
-pub use words::{CHOSEN, ON_OFF, Says, Setting, Shows, plain};
+pub use words::{CHOSEN, ON_OFF, Says, Setting, Shows};
 
 use crate::{
     link::{Link, LinkError},

@@ -27,7 +27,7 @@ use guard::Refusal;
 
 use crate::{
     clock::{Clock, TimeMode},
-    exchange::Setting,
+    exchange::words::Setting,
     scpi::{
         decode::{Expect, Response},
         excerpt,

@@ -106,13 +106,13 @@ const CIRCLES: [Circles; 4] = [
     },
     Circles {
         krate: "instruments",
-        largest: 4,
-        most: 3,
+        largest: 0,
+        most: 0,
     },
     Circles {
         krate: "fixtures",
-        largest: 5,
-        most: 2,
+        largest: 0,
+        most: 0,
     },
 ];
 

@@ -1,6 +1,5 @@
 //! What an answer must show, and how numbers and fields are read out of answers. Sends nothing.
 
-use super::words::plain;
 use crate::scpi::{
     message::parse_response,
     number::{parse_bool, parse_quantity},
@@ -197,6 +196,13 @@ fn judge_number(answer: &str, value: f64, tolerance: f64, what: &str) -> Result<
     }
 }
 
+/// A number as a person writes it: six digits, and nothing of how a computer keeps it. No sign
+/// before a zero.
+pub fn plain(value: f64) -> String {
+    let rounded = format!("{value:.5e}").parse::<f64>().unwrap_or(value);
+    format!("{}", rounded + 0.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -279,5 +285,18 @@ mod tests {
             .judge("0x0224")
             .is_ok()
         );
+    }
+
+    #[test]
+    fn a_number_is_written_without_what_a_computer_adds() {
+        for (value, text) in [
+            (0.1 + 0.2, "0.3"),
+            (1.2240000000000002, "1.224"),
+            (-0.0, "0"),
+            (25.0, "25"),
+            (12_345.678_9, "12345.7"),
+        ] {
+            assert_eq!(plain(value), text);
+        }
     }
 }

@@ -147,11 +147,3 @@ impl Channel {
         }
     }
 }
-
-/// What is left of a channel on which a message was cut off while it was sent.
-pub(super) fn cut_off() -> io::Error {
-    io::Error::new(
-        io::ErrorKind::BrokenPipe,
-        "a message was cut off while it was sent",
-    )
-}

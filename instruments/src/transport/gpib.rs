@@ -9,7 +9,7 @@ use std::io;
 
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
-use super::{Arrival, Stream, channel::cut_off};
+use super::{Arrival, Stream, cut_off};
 use crate::{
     scpi::excerpt,
     wire::prologix::{Marked, escaped},

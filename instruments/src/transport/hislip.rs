@@ -9,7 +9,7 @@ use tokio::{
     net::TcpStream,
 };
 
-use super::{Arrival, Socket, channel::cut_off, tcp};
+use super::{Arrival, Socket, cut_off, tcp};
 use crate::wire::hislip::{FIRST_ID, HEADER_BYTES, ID_STEP, Kind, Message, Messages, VERSION};
 
 /// Greatest message that is taken, bytes.

@@ -161,3 +161,11 @@ impl AsyncWrite for Stream {
         }
     }
 }
+
+/// Error of a channel on which a message was cut off while it was sent.
+fn cut_off() -> io::Error {
+    io::Error::new(
+        io::ErrorKind::BrokenPipe,
+        "a message was cut off while it was sent",
+    )
+}

@@ -8,7 +8,7 @@ use tokio::{
     net::TcpStream,
 };
 
-use super::{Arrival, Vxi11Port, channel::cut_off, tcp};
+use super::{Arrival, Vxi11Port, cut_off, tcp};
 use crate::wire::{
     rpc::{self, Call, Reader, Records, Reply, Verdict, Writer},
     vxi11::{ABORT, CORE, DEVICE_ABORT, FLAG_END, REASON_END, Request, Response, Status},
