@@ -157,9 +157,6 @@ enum Command {
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
     Token(command::token::TokenArgs),
-    /// Blind study of the diagnosis: effects hidden by the simulation, diagnosed without labels,
-    /// scored.
-    Study(command::study::StudyArgs),
 }
 
 /// Runs the command line of this process.
@@ -199,7 +196,6 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => command::verify::verify(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
-        Command::Study(args) => command::study::study(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -46,7 +46,6 @@ pub mod serve;
 pub mod sim;
 pub mod state;
 pub mod story;
-pub mod study;
 pub mod sums;
 pub mod survey;
 pub mod terminal;

@@ -28,7 +28,6 @@ pub mod safe;
 pub mod serve;
 pub mod simulate;
 pub mod sop;
-pub mod study;
 pub mod token;
 pub mod verify;
 pub mod wish;

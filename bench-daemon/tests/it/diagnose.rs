@@ -11,7 +11,7 @@ use analysis::{
     ocv::OcvCurve,
 };
 use bench_daemon::dataset::read_dataset;
-use fixtures::hidden::{Case, Corruption, Spec};
+use study::hidden::{Case, Corruption, Spec};
 
 fn eis_bench(args: &[&Path]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_eis-bench"))

@@ -49,7 +49,6 @@ const DAEMON: &[&str] = &[
     "dataset",
     "files",
     "figures",
-    "study",
     "next_experiment",
     "doctor",
     "run",

@@ -583,7 +583,7 @@ fn what_is_no_model_is_refused_with_the_place() {
 #[test]
 fn diagnose_takes_a_model_in_each_way_and_repeats_it() {
     let folder = tempfile::tempdir().unwrap();
-    let spec = fixtures::hidden::Spec::null(3);
+    let spec = study::hidden::Spec::null(3);
     crate::diagnose::campaign(folder.path(), &spec);
     let model = json(&folder.path().join("model.json"));
     let erm = &model["fit"]["erm"];
