@@ -185,7 +185,9 @@ impl Executor<'_> {
 
 /// What is wrong with the mean of a record, and by how much it may be off, A; and with its change
 /// since the first record on the same scales. The zeros of the channels do not change from record
-/// to record, and the supply has shown that nothing flowed before the first.
+/// to record, and the supply has shown that nothing flowed before the first: a change may be as
+/// large as one of the two allowances for the mean, not as their sum. Records come some seconds
+/// apart, and a drift goes on between them.
 fn direct(
     (mean_a, greatest): (f64, f64),
     (zero_a, amplitude_a): (f64, f64),
@@ -193,7 +195,7 @@ fn direct(
     let change = (
         "change of the mean of the cell current from record to record",
         mean_a - zero_a,
-        0.1 * amplitude_a + NO_CURRENT_A,
+        (0.1 * amplitude_a).max(NO_CURRENT_A),
     );
     let whole = ("mean of the cell current in a record", mean_a, greatest);
     [whole, change]
