@@ -14,31 +14,18 @@
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
-pub mod augmented;
-pub mod brief;
-pub mod budget;
-pub mod calibration;
-pub mod contract;
-pub mod dataset;
-pub mod diagnosis;
-pub mod drt;
-pub mod effects;
-pub mod fit;
-pub mod formats;
-pub mod forward;
-pub mod given;
-pub mod joint;
-pub mod model;
-pub mod multisine;
-pub mod numeric;
-pub mod ocv;
-pub mod pack;
-pub mod plot;
-pub mod report;
-pub mod series;
-pub mod sine;
-pub mod sop;
-pub mod spectrum;
-pub mod staircase;
-pub mod thinning;
-pub mod validity;
+pub use analysis_diagnosis as diagnosis;
+pub use analysis_effects::{augmented, contract, effects};
+pub use analysis_files::{dataset, formats, thinning};
+pub use analysis_fit::{drt, fit, given, joint, validity};
+pub use analysis_forward::{forward, sop};
+pub use analysis_model::{model, ocv, pack};
+pub use analysis_numeric::{self as numeric, brief};
+pub use analysis_plot::report;
+pub use analysis_signal::{budget, calibration, multisine, series, sine, spectrum, staircase};
+
+/// Charts and plots.
+pub mod plot {
+    pub use analysis_fit::figures::*;
+    pub use analysis_plot::*;
+}

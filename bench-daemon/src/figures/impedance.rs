@@ -13,7 +13,7 @@ pub(crate) fn bode_plot(title: &str, spectra: &[Spectrum], fits: &[ErmFit]) -> I
         .iter()
         .enumerate()
         .map(|(index, spectrum)| {
-            let data = Series::data(spectrum, 0);
+            let data = spectrum.series(0);
             let data = if many {
                 data.styled(SeriesStyle::Cloud)
             } else {
@@ -44,9 +44,8 @@ pub(crate) fn model_curves(spectra: &[Spectrum], fits: &[ErmFit]) -> Vec<Series>
         return Vec::new();
     }
     let curve = |(index, fit): (usize, &ErmFit)| {
-        Series::fit(
+        fit.series(
             &format!("{} RC", fit.erm.branches.len()),
-            fit,
             (low, high),
             index + 1,
         )

@@ -10,9 +10,27 @@ fn manifest(krate: &str) -> toml::Table {
     std::fs::read_to_string(path).unwrap().parse().unwrap()
 }
 
+/// Folders of the crates, each after those that it may depend on.
+const FOLDERS: [&str; 14] = [
+    "analysis/numeric",
+    "analysis/plot",
+    "analysis/signal",
+    "analysis/model",
+    "analysis/effects",
+    "analysis/fit",
+    "analysis/forward",
+    "analysis/files",
+    "analysis/diagnosis",
+    "analysis",
+    "instruments",
+    "fixtures",
+    "fixtures/study",
+    "bench-daemon",
+];
+
 /// Name of the crate in a folder.
-fn name(folder: &str) -> &str {
-    folder.rsplit('/').next().unwrap_or(folder)
+fn name(folder: &str) -> String {
+    folder.strip_prefix("fixtures/").unwrap_or(folder).replace('/', "-")
 }
 
 fn dependencies(krate: &str, tables: &[&str]) -> BTreeSet<String> {
@@ -26,13 +44,7 @@ fn dependencies(krate: &str, tables: &[&str]) -> BTreeSet<String> {
 
 #[test]
 fn the_arrows_between_the_crates_are_these_and_no_others() {
-    let folders = [
-        "instruments",
-        "analysis",
-        "fixtures",
-        "fixtures/study",
-        "bench-daemon",
-    ];
+    let folders = FOLDERS;
     let names = folders.map(name);
     let found: BTreeSet<(String, String)> = folders
         .iter()
@@ -42,11 +54,48 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
                 &["dependencies", "dev-dependencies", "build-dependencies"],
             )
             .into_iter()
-            .filter(|dependency| names.contains(&dependency.as_str()))
-            .map(|dependency| (name(folder).to_owned(), dependency))
+            .filter(|dependency| names.contains(dependency))
+            .map(|dependency| (name(folder), dependency))
         })
         .collect();
     let expected = [
+        ("analysis-plot", "analysis-numeric"),
+        ("analysis-signal", "analysis-numeric"),
+        ("analysis-signal", "analysis-plot"),
+        ("analysis-model", "analysis-numeric"),
+        ("analysis-model", "analysis-signal"),
+        ("analysis-effects", "analysis-model"),
+        ("analysis-fit", "analysis-effects"),
+        ("analysis-fit", "analysis-model"),
+        ("analysis-fit", "analysis-numeric"),
+        ("analysis-fit", "analysis-plot"),
+        ("analysis-fit", "analysis-signal"),
+        ("analysis-forward", "analysis-effects"),
+        ("analysis-forward", "analysis-model"),
+        ("analysis-forward", "analysis-numeric"),
+        ("analysis-files", "analysis-fit"),
+        ("analysis-files", "analysis-forward"),
+        ("analysis-files", "analysis-model"),
+        ("analysis-files", "analysis-numeric"),
+        ("analysis-files", "analysis-signal"),
+        ("analysis-diagnosis", "analysis-effects"),
+        ("analysis-diagnosis", "analysis-fit"),
+        ("analysis-diagnosis", "analysis-model"),
+        ("analysis-diagnosis", "analysis-numeric"),
+        ("analysis-diagnosis", "analysis-plot"),
+        ("analysis-diagnosis", "analysis-signal"),
+        // Tests of fits read files of others and simulate.
+        ("analysis-fit", "analysis-files"),
+        ("analysis-fit", "analysis-forward"),
+        ("analysis", "analysis-diagnosis"),
+        ("analysis", "analysis-effects"),
+        ("analysis", "analysis-files"),
+        ("analysis", "analysis-fit"),
+        ("analysis", "analysis-forward"),
+        ("analysis", "analysis-model"),
+        ("analysis", "analysis-numeric"),
+        ("analysis", "analysis-plot"),
+        ("analysis", "analysis-signal"),
         ("bench-daemon", "analysis"),
         ("bench-daemon", "fixtures"),
         ("bench-daemon", "instruments"),
@@ -76,23 +125,19 @@ fn the_workspace_has_these_crates() {
         .collect();
     assert_eq!(
         members,
-        BTreeSet::from([
-            "instruments",
-            "analysis",
-            "fixtures",
-            "fixtures/study",
-            "bench-daemon"
-        ])
+        BTreeSet::from(FOLDERS)
     );
 }
 
 #[test]
 fn numbers_know_no_sockets_and_sockets_know_no_files_of_ours() {
-    for forbidden in ["tokio", "tokio-serial", "toml", "clap", "scpi"] {
-        assert!(
-            !dependencies("analysis", &["dependencies"]).contains(forbidden),
-            "analysis depends on {forbidden}"
-        );
+    for folder in FOLDERS.iter().filter(|folder| folder.starts_with("analysis")) {
+        for forbidden in ["tokio", "tokio-serial", "toml", "clap", "scpi"] {
+            assert!(
+                !dependencies(folder, &["dependencies"]).contains(forbidden),
+                "{folder} depends on {forbidden}"
+            );
+        }
     }
     for forbidden in ["polars", "plotters", "toml", "clap", "rustfft"] {
         assert!(
@@ -133,4 +178,16 @@ fn hidden_cases_name_nothing_of_the_analysis() {
         }
     }
     assert!(read > 10, "{read} files");
+}
+
+/// What only one crate may use: tables of files by polars, pictures by plotters.
+#[test]
+fn polars_and_plotters_have_one_user_each() {
+    for (library, user) in [("polars", "analysis/files"), ("plotters", "analysis/plot")] {
+        let users: Vec<&str> = FOLDERS
+            .into_iter()
+            .filter(|folder| dependencies(folder, &["dependencies"]).contains(library))
+            .collect();
+        assert_eq!(users, [user], "{library}");
+    }
 }

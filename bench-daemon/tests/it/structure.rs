@@ -58,38 +58,6 @@ const DAEMON: &[&str] = &[
     "cli",
 ];
 
-/// Modules of the analysis: each depends on earlier ones only.
-const ANALYSIS: &[&str] = &[
-    "brief",
-    "numeric",
-    "sine",
-    "spectrum",
-    "calibration",
-    "multisine",
-    "staircase",
-    "series",
-    "model",
-    "ocv",
-    "pack",
-    "contract",
-    "augmented",
-    "effects",
-    "validity",
-    "fit",
-    "drt",
-    "given",
-    "forward",
-    "sop",
-    "dataset",
-    "thinning",
-    "formats",
-    "plot",
-    "report",
-    "budget",
-    "joint",
-    "diagnosis",
-];
-
 /// Files that name each other in a circle, and how many circles there are, for each crate. Both
 /// numbers may only fall.
 const CIRCLES: [Circles; 4] = [
@@ -322,11 +290,6 @@ fn circles(krate: &str) -> Vec<Vec<String>> {
 #[test]
 fn the_modules_of_the_daemon_depend_one_way_only() {
     assert_eq!(upward("bench-daemon", DAEMON), [""; 0]);
-}
-
-#[test]
-fn the_modules_of_the_analysis_depend_one_way_only() {
-    assert_eq!(upward("analysis", ANALYSIS), [""; 0]);
 }
 
 #[test]

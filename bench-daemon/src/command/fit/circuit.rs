@@ -349,7 +349,9 @@ fn picture(group: &Group, circuit: &Circuit) -> ImpedancePlot {
         "measured".to_owned()
     };
     let data = |(index, spectrum): (usize, &Spectrum)| {
-        let series = Series::data(spectrum, 0).labelled((index == 0).then_some(label.as_str()));
+        let series = spectrum
+            .series(0)
+            .labelled((index == 0).then_some(label.as_str()));
         if many {
             series.styled(SeriesStyle::Cloud)
         } else {

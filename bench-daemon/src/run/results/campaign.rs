@@ -329,7 +329,8 @@ fn picture(
             .map_or_else(String::new, |known| format!("cell {}", known.name));
         let label = (!seen.contains(cell)).then_some(name.as_str());
         series.push(
-            Series::data(spectrum, cell.saturating_sub(1))
+            spectrum
+                .series(cell.saturating_sub(1))
                 .styled(SeriesStyle::Cloud)
                 .labelled(label),
         );
@@ -347,7 +348,7 @@ fn picture(
         points: spread.iter().map(point).collect(),
         ..Spectrum::default()
     };
-    series.push(Series::data(&mean, campaign.cells.len()).styled(SeriesStyle::Curve));
+    series.push(mean.series(campaign.cells.len()).styled(SeriesStyle::Curve));
     ImpedancePlot::new(
         &format!("All {} spectra of the campaign", cells.len()),
         &experiment.cell.name,

@@ -227,13 +227,14 @@ fn plots(
     );
     let (data, to): (Vec<Series>, String) = if let [only] = pool {
         (
-            vec![Series::data(only, 0).labelled(Some("measured, 2σ"))],
+            vec![only.series(0).labelled(Some("measured, 2σ"))],
             String::new(),
         )
     } else {
         let label = format!("measured, {} spectra", pool.len());
         let light = |(index, spectrum): (usize, &Spectrum)| {
-            Series::data(spectrum, 0)
+            spectrum
+                .series(0)
                 .styled(SeriesStyle::Cloud)
                 .labelled((index == 0).then_some(label.as_str()))
         };
@@ -290,11 +291,9 @@ fn controls_plot(experiment: &Experiment, measured: &Measured) -> (String, Strin
             significant(1.0e3 * control.known.r_ohm, 4)
         );
         series.push(
-            Series::data(
-                &spectrum(fixture_check::raw_points(&experiment.bench, points)),
-                2 * index,
-            )
-            .labelled(Some(&known)),
+            spectrum(fixture_check::raw_points(&experiment.bench, points))
+                .series(2 * index)
+                .labelled(Some(&known)),
         );
         if control.corrected.is_some() {
             let corrected = points
@@ -302,7 +301,11 @@ fn controls_plot(experiment: &Experiment, measured: &Measured) -> (String, Strin
                 .map(|point| measured.correction.apply(&point.phasors))
                 .collect();
             let label = format!("{}, corrected", control.control);
-            series.push(Series::data(&spectrum(corrected), 2 * index + 1).labelled(Some(&label)));
+            series.push(
+                spectrum(corrected)
+                    .series(2 * index + 1)
+                    .labelled(Some(&label)),
+            );
         }
     }
     let caption = "The control impedances: what the bench reads without and with the correction \

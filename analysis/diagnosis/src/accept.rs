@@ -1,0 +1,196 @@
+//! Everything that must speak for an addition before it is named.
+
+use super::attempts::{Attempt, is_outside};
+use super::data::Role;
+use super::guards::{
+    CONVERGED, CONVERGED_PART, FORMULA_SHARE, GOOD_FIT_Z, HELD_OUT_PART, HELD_OUT_SUM, HELD_OUT_Z,
+    INTEGRATION_PART, LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE, beyond_formula,
+};
+use super::outcome::Evidence;
+use super::problem::Fit;
+use super::select::{Search, excess_z};
+use super::whitening::dot;
+
+/// Whether an attempt's gain says that something is missing beside what has gained so much already.
+pub(super) fn tells(attempt: &Attempt, gained: f64) -> bool {
+    let penalty = attempt.lambda - attempt.score;
+    beyond_formula(attempt.lambda, gained) - penalty >= LEAST_SCORE
+}
+
+impl Search<'_> {
+    /// The evidence for one member of an attempt's fit against the fit without it; the reason where
+    /// something does not speak for it.
+    pub(super) fn accept(
+        &mut self,
+        (base, before): (&Fit, &Fit),
+        attempt: &Attempt,
+        member: usize,
+    ) -> Result<Evidence, String> {
+        let dof = self.problem.degrees_of_freedom(before);
+        let (excess, left) = (
+            before.chi2 - dof,
+            excess_z(
+                attempt.fit.chi2,
+                self.problem.degrees_of_freedom(&attempt.fit),
+            ),
+        );
+        let share = if excess > 0.0 {
+            (attempt.lambda / excess).min(1.0)
+        } else {
+            1.0
+        };
+        if attempt.score < LEAST_SCORE {
+            return Err(format!(
+                "penalised gain {:.1}: expected at least {LEAST_SCORE}",
+                attempt.score
+            ));
+        }
+        if !tells(attempt, base.chi2 - before.chi2) {
+            let percent = 100.0 * FORMULA_SHARE;
+            return Err(format!(
+                "penalised gain {:.1}, no more than {percent:.0} % of an effect can look like",
+                attempt.score
+            ));
+        }
+        if is_outside(attempt.name) {
+            return Err("it is no effect of the catalogue".to_owned());
+        }
+        let promise = before.promise.max(attempt.fit.promise);
+        if self.guards.convergence && promise > CONVERGED.max(CONVERGED_PART * attempt.lambda) {
+            return Err("its fit did not converge".to_owned());
+        }
+        if self.guards.material_share && share < MATERIAL_SHARE && left >= GOOD_FIT_Z {
+            return Err(format!(
+                "removes {:.0} % of the excess: expected at least {:.0} %",
+                100.0 * share,
+                100.0 * MATERIAL_SHARE
+            ));
+        }
+        if self.guards.bound && attempt.fit.member_at_bound(member, self.problem.branches()) {
+            return Err("a parameter lies at its bound".to_owned());
+        }
+        if attempt.lambda < LEAST_LAMBDA {
+            return Err("its interval does not leave zero out".to_owned());
+        }
+        let held_out_change = self.held_out(before, &attempt.fit)?;
+        let integration_error = self.integration_error(&attempt.fit);
+        if self.guards.integration && integration_error > INTEGRATION_PART {
+            return Err(format!(
+                "integration is wrong by {integration_error:.2} of the floor: expected at most \
+                {INTEGRATION_PART}"
+            ));
+        }
+        Ok(Evidence {
+            lambda: attempt.lambda,
+            score: attempt.score,
+            share_of_excess: share,
+            held_out_change,
+            integration_error,
+        })
+    }
+
+    /// Change of the held-out χ²; an error where one run becomes worse.
+    fn held_out(&mut self, before: &Fit, after: &Fit) -> Result<f64, String> {
+        let mut change = 0.0;
+        for k in self.problem.of_role(Role::HeldOut) {
+            let old = self
+                .problem
+                .block_chi2((&before.structure, &before.x), k, &mut self.desk);
+            let new = self
+                .problem
+                .block_chi2((&after.structure, &after.x), k, &mut self.desk);
+            if self.guards.held_out && new > old * (1.0 + HELD_OUT_PART) + HELD_OUT_SUM {
+                return Err(format!(
+                    "held-out run {} becomes worse: χ² from {old:.0} to {new:.0}",
+                    self.problem.blocks[k].name
+                ));
+            }
+            change += new - old;
+        }
+        let z = self.contradiction(before, after);
+        if self.guards.held_out && z.abs() > HELD_OUT_Z {
+            return Err(format!(
+                "held-out runs contradict the size of what it predicts for them by {z:.1} standard \
+                deviations"
+            ));
+        }
+        Ok(change)
+    }
+
+    /// What the held-out runs still say along the change that the addition makes to their
+    /// prediction, in standard deviations of noise and parameters: u·r/√(1 + uᵀJΣJᵀu) with u the
+    /// direction of the change. A true effect leaves nothing there but noise.
+    fn contradiction(&mut self, before: &Fit, after: &Fit) -> f64 {
+        let problem = self.problem;
+        let old = problem.whitened_of(
+            Role::HeldOut,
+            (&before.structure, &before.x),
+            &mut self.desk,
+        );
+        let new = problem.whitened_of(Role::HeldOut, (&after.structure, &after.x), &mut self.desk);
+        let mut u: Vec<f64> = new.iter().zip(&old).map(|(n, o)| n - o).collect();
+        let size = dot(&u, &u).sqrt();
+        let n = after.x.len();
+        let (Some(covariance), true) = (after.covariance(), size > 1e-6) else {
+            return 0.0;
+        };
+        u.iter_mut().for_each(|u| *u /= size);
+        let (left, columns) = problem.held_out(after, &mut self.desk);
+        let along: Vec<f64> = columns.iter().map(|c| dot(&u, c)).collect();
+        let spread: f64 = (0..n * n)
+            .map(|ij| along[ij / n] * along[ij % n] * covariance[ij])
+            .sum();
+        let along = dot(&u, &left);
+        let beyond = (along.abs() - FORMULA_SHARE * size)
+            .max(0.0)
+            .copysign(along);
+        beyond / (1.0 + spread.max(0.0)).sqrt()
+    }
+
+    /// Largest change of any whitened row by halving all steps: what an error of integration would
+    /// look like among noise of variance 1.
+    pub(super) fn integration_error(&mut self, fit: &Fit) -> f64 {
+        let at = (&fit.structure, fit.x.as_slice());
+        let mut worst: f64 = 0.0;
+        for k in 0..self.problem.blocks.len() {
+            let once = self.problem.predict(at, k, 1, &mut self.desk);
+            let halves = self.problem.predict(at, k, 2, &mut self.desk);
+            let change: Vec<f64> = once.iter().zip(&halves).map(|(a, b)| a - b).collect();
+            let mut white = Vec::with_capacity(change.len());
+            self.problem.whiteners[k].apply(&change, &mut white);
+            worst = white.iter().fold(worst, |w, e| w.max(e.abs()));
+        }
+        worst
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::structure::Structure;
+
+    /// 3 % of an effect of λ = 10⁴ are worth 9 of χ²: a second one that gains 30 beside it may be
+    /// no more than that, one that gains 100 is more.
+    #[test]
+    fn what_differs_from_a_formula_is_no_second_effect() {
+        let fit = Fit {
+            structure: Structure::default(),
+            x: vec![],
+            axes: vec![],
+            chi2: 0.0,
+            residuals: vec![],
+            columns: vec![],
+            promise: 0.0,
+        };
+        let attempt = |lambda: f64| Attempt {
+            name: "rc_slow",
+            fit: fit.clone(),
+            lambda,
+            score: lambda - 14.0,
+            distinct: lambda - 14.0,
+        };
+        assert!(tells(&attempt(30.0), 0.0) && tells(&attempt(30.0), 100.0));
+        assert!(!tells(&attempt(30.0), 1e4) && tells(&attempt(100.0), 1e4));
+        assert!(!tells(&attempt(100.0), 1e6) && tells(&attempt(2000.0), 1e6));
+    }
+}

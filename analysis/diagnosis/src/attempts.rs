@@ -1,0 +1,324 @@
+//! Fits of candidates on top of a fit, from several starts.
+//!
+//! Where a fit misses, it may stand in a minimum that no single addition leaves: the base has bent
+//! its branches to imitate what it lacks. Candidates are then also fitted from the model file's own
+//! parameters, where the linear test tells another strength and shape.
+
+use super::guards::{
+    ALWAYS_FITTED, INTEGRATION_PART, LEAST_LAGRANGE, LEAST_SCORE, MISFIT_Z, MOST_FITTED,
+    MOST_PARTS, NEAR_BEST,
+};
+use super::outcome::Candidate;
+use super::problem::{Fit, Tangent};
+use super::propose::{Proposal, propose};
+use super::select::{Search, excess_z};
+use super::structure::Member;
+use analysis_effects::{contract::Effect, effects::outside};
+
+/// χ² that a shape at its bound must gain over a held one to be believed.
+const DRIFT: f64 = 12.0;
+/// Starts with held shapes at the fit itself.
+const HELD_STARTS: usize = 2;
+/// Lagrange score from which on every start is tried: of so strong an effect the linear test does
+/// not know which shape it has.
+const STRONG: f64 = 300.0;
+/// Part of its Lagrange score that a fit must keep.
+const KEPT: f64 = 0.5;
+/// Weaker starts, as parts of what the linear test wants.
+const WEAKER: [f64; 3] = [0.6, 0.36, 0.2];
+
+/// A fitted addition.
+#[derive(Debug, Clone)]
+pub(super) struct Attempt {
+    pub(super) name: &'static str,
+    pub(super) fit: Fit,
+    pub(super) lambda: f64,
+    pub(super) score: f64,
+    /// Score of the best fit with shapes held at their starts, where it is none of the effects that
+    /// it contains.
+    pub(super) distinct: f64,
+}
+
+/// Where an addition may start from, and its ways from there, best first.
+struct Origin {
+    fit: Fit,
+    /// One entry per effect that applies, in the order of the candidates.
+    proposals: Vec<Vec<Proposal>>,
+}
+
+impl Origin {
+    /// Greatest Lagrange score of an effect.
+    fn lagrange(&self, name: &str) -> f64 {
+        self.of(name).map_or(0.0, |p| p[0].lagrange)
+    }
+
+    fn of(&self, name: &str) -> Option<&Vec<Proposal>> {
+        self.proposals.iter().find(|p| p[0].member.name() == name)
+    }
+
+    /// Names by falling Lagrange score.
+    fn names(&self) -> Vec<&'static str> {
+        let mut all: Vec<&Vec<Proposal>> = self.proposals.iter().collect();
+        all.sort_by(|a, b| b[0].lagrange.total_cmp(&a[0].lagrange));
+        all.iter().map(|p| p[0].member.name()).collect()
+    }
+}
+
+/// True for an effect that is never named.
+pub(super) fn is_outside(name: &str) -> bool {
+    outside().iter().any(|e| e.card().name == name)
+}
+
+impl Search<'_> {
+    /// Fits of the promising candidates on top of a fit, best score first; `instead` leaves that
+    /// member's own effect out.
+    pub(super) fn attempts(
+        &mut self,
+        fit: &Fit,
+        instead: Option<&'static str>,
+    ) -> (Vec<Attempt>, Vec<Candidate>) {
+        let origins: Vec<Origin> = self
+            .starts(fit)
+            .into_iter()
+            .map(|f| self.origin(f, instead))
+            .collect();
+        let names = origins[0].names();
+        let best = names.first().map_or(0.0, |n| origins[0].lagrange(n));
+        let elsewhere: Vec<&'static str> = origins.get(1).map_or_else(Vec::new, |o| {
+            o.names().into_iter().take(ALWAYS_FITTED).collect()
+        });
+        let (mut attempts, mut ranking) = (Vec::new(), Vec::new());
+        for (rank, name) in names.into_iter().enumerate() {
+            let lagrange = origins[0].lagrange(name);
+            let near =
+                lagrange > LEAST_LAGRANGE && (rank < MOST_FITTED || lagrange > NEAR_BEST * best);
+            let keep = rank < ALWAYS_FITTED || near || elsewhere.contains(&name);
+            let attempt = if keep {
+                self.attempt(fit, name, &origins)
+            } else {
+                None
+            };
+            ranking.push(Candidate {
+                name,
+                lagrange,
+                lambda: attempt.as_ref().map(|a| a.lambda),
+                score: attempt.as_ref().map(|a| a.score),
+                refused_because: if keep {
+                    String::new()
+                } else {
+                    "Lagrange score too low to fit it".to_owned()
+                },
+            });
+            attempts.extend(attempt);
+        }
+        attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
+        ranking.sort_by(|a, b| {
+            b.score
+                .unwrap_or(f64::NEG_INFINITY)
+                .total_cmp(&a.score.unwrap_or(f64::NEG_INFINITY))
+                .then(b.lagrange.total_cmp(&a.lagrange))
+        });
+        (attempts, ranking)
+    }
+
+    /// The fit, and where it misses the model file's base with the same effects.
+    fn starts(&mut self, fit: &Fit) -> Vec<Fit> {
+        let mut starts = vec![fit.clone()];
+        if excess_z(fit.chi2, self.problem.degrees_of_freedom(fit)) > MISFIT_Z {
+            let mut x = self.problem.start();
+            x.extend_from_slice(&fit.x[x.len()..]);
+            starts.push(
+                self.problem
+                    .at(&fit.structure, x, fit.axes.clone(), &mut self.desk),
+            );
+        }
+        starts
+    }
+
+    fn origin(&mut self, fit: Fit, instead: Option<&'static str>) -> Origin {
+        let tangent = if self.guards.tangent_projection {
+            fit.tangent()
+        } else {
+            Tangent::default()
+        };
+        let more: &[&'static dyn Effect] = if self.guards.outside { outside() } else { &[] };
+        let predicted = self
+            .problem
+            .prediction((&fit.structure, &fit.x), &mut self.desk);
+        let mut proposals = Vec::new();
+        for effect in self.candidates.iter().chain(more) {
+            let name = effect.card().name;
+            if instead == Some(name) || fit.structure.members.iter().any(|m| m.name() == name) {
+                continue;
+            }
+            let of = propose(
+                self.problem,
+                (&fit, &predicted, &tangent),
+                *effect,
+                &mut self.desk,
+            );
+            if !of.is_empty() {
+                proposals.push(of);
+            }
+        }
+        Origin { fit, proposals }
+    }
+
+    /// The best fit of one candidate. A choice that gives a further parameter its meaning makes
+    /// another law of it, which is fitted by itself.
+    fn attempt(&mut self, fit: &Fit, name: &str, origins: &[Origin]) -> Option<Attempt> {
+        let mut laws: Vec<usize> = origins[0]
+            .of(name)?
+            .iter()
+            .map(|p| p.member.free())
+            .collect();
+        laws.sort_unstable();
+        laws.dedup();
+        let attempts: Vec<Attempt> = laws
+            .into_iter()
+            .filter_map(|free| self.attempt_law(fit, (name, free), origins))
+            .collect();
+        attempts
+            .into_iter()
+            .max_by(|a, b| a.score.total_cmp(&b.score))
+    }
+
+    /// The best fit of a candidate's law with so many free parameters: from its most promising
+    /// starts with the shapes held there, and from the best of them, of a strong effect the best
+    /// two, with the shapes free. What the shapes gain must be worth their number.
+    fn attempt_law(
+        &mut self,
+        fit: &Fit,
+        (name, free): (&str, usize),
+        origins: &[Origin],
+    ) -> Option<Attempt> {
+        let strong = origins[0].lagrange(name) > STRONG;
+        let mut all: Vec<(Attempt, &Member)> = Vec::new();
+        for (n, origin) in origins.iter().enumerate() {
+            let of_law = origin
+                .of(name)?
+                .iter()
+                .filter(|p| p.lagrange > 0.0 && p.member.free() == free);
+            let most = match n {
+                0 if strong => usize::MAX,
+                0 => HELD_STARTS,
+                _ => 1,
+            };
+            all.extend(
+                of_law
+                    .take(most)
+                    .map(|p| (self.hold(fit, &origin.fit, p), &p.member)),
+            );
+        }
+        all.retain(|(a, _)| a.score.is_finite());
+        all.sort_by(|a, b| b.0.score.total_cmp(&a.0.score));
+        let (held, member) = all.first()?.clone();
+        if member.frozen().free() == member.free() {
+            return Some(held);
+        }
+        // A strong effect has minima between the starts' shapes: the best one is not always reached
+        // from the best start.
+        let other = all
+            .iter()
+            .find(|(_, m)| strong && m.start[1..] != member.start[1..]);
+        let freed: Vec<Attempt> = [Some(&all[0]), other]
+            .into_iter()
+            .flatten()
+            .map(|(held, member)| self.set_free(fit, held, member))
+            .collect();
+        let at_bound = |a: &Attempt| {
+            self.guards.bound
+                && a.fit
+                    .member_at_bound(a.fit.structure.members.len() - 1, self.problem.branches())
+        };
+        let worth = |a: &Attempt| a.score - if at_bound(a) { DRIFT } else { 0.0 };
+        let freed = freed.into_iter().filter(|a| a.score.is_finite());
+        let Some(free) = freed.max_by(|a, b| worth(a).total_cmp(&worth(b))) else {
+            return Some(held);
+        };
+        let bound = at_bound(&free);
+        // Shapes that the data do not fix drift to a bound: they say nothing then.
+        let drifted = bound && free.lambda < held.lambda + DRIFT;
+        let distinct = held.score;
+        Some(if drifted || held.score >= free.score {
+            held
+        } else {
+            Attempt { distinct, ..free }
+        })
+    }
+
+    /// The fit with the shapes held. What grows faster than in proportion to its strength, as the
+    /// depletion of an electrolyte does near its end, is far overshot by the linear test, and the
+    /// way back can end at nothing: where a strong effect's fit does not keep what the test
+    /// promised, weaker starts are tried.
+    fn hold(&mut self, fit: &Fit, from: &Fit, proposal: &Proposal) -> Attempt {
+        let member = proposal.member.frozen();
+        let mut best = self.try_member(fit, (from, &member));
+        for weaker in WEAKER {
+            // What the test promised, it promised over the fit that is started from.
+            if proposal.lagrange <= STRONG || from.chi2 - best.fit.chi2 >= KEPT * proposal.lagrange
+            {
+                break;
+            }
+            let mut start = member.start.clone();
+            start[0] *= weaker;
+            let other = self.try_member(fit, (from, &member.from(&start)));
+            if other.score > best.score || best.score.is_nan() {
+                best = other;
+            }
+        }
+        best
+    }
+
+    /// The fit with the shapes free, from where it ended with them held.
+    fn set_free(&mut self, fit: &Fit, held: &Attempt, member: &Member) -> Attempt {
+        let strength = held
+            .fit
+            .decode(self.problem.branches())
+            .1
+            .pop()
+            .and_then(|v| v.first().copied())
+            .unwrap_or(member.start[0]);
+        let mut start = member.start.clone();
+        start[0] = strength;
+        self.try_member(fit, (&held.fit.base_of(fit), &member.from(&start)))
+    }
+
+    /// A fit with one effect more than `before` has, from another fit's base.
+    fn try_member(&mut self, before: &Fit, (from, member): (&Fit, &Member)) -> Attempt {
+        let found = self.problem.fit_added(from, member, &mut self.desk);
+        let lambda = before.chi2 - found.chi2;
+        let score = lambda - self.problem.penalty(member);
+        Attempt {
+            name: member.name(),
+            score,
+            lambda,
+            distinct: score,
+            fit: found,
+        }
+    }
+
+    /// The attempt with steps so fine that integration is no question; as it is where it has no say
+    /// anyway.
+    pub(super) fn integrated(&mut self, before: &Fit, mut attempt: Attempt) -> Attempt {
+        while self.guards.integration
+            && attempt.score >= LEAST_SCORE
+            && attempt.fit.structure.parts < MOST_PARTS
+            && self.integration_error(&attempt.fit) > INTEGRATION_PART
+        {
+            let mut structure = attempt.fit.structure.clone();
+            structure.parts *= 2;
+            let fit =
+                self.problem
+                    .fit_from(&structure, attempt.fit.x, attempt.fit.axes, &mut self.desk);
+            let lambda = before.chi2 - fit.chi2;
+            attempt = Attempt {
+                score: attempt.score + lambda - attempt.lambda,
+                lambda,
+                fit,
+                ..attempt
+            };
+        }
+        attempt
+    }
+}

@@ -1,0 +1,507 @@
+//! One run made ready: rows that model and measurement are compared in, and how to predict them.
+//!
+//! A spectrum has two rows per point. A record has one row per bin: the samples after an edge of
+//! the current are averaged over times that grow with the time since the edge, so that a row is
+//! wide where nothing happens. The model is played on all samples and averaged in the same way.
+
+use super::data::{Fixture, Role, Run, RunData, Start};
+use super::time_block::{Bin, TimeBlock};
+use analysis_effects::{
+    augmented::{Added, Player, impedance},
+    contract::{Base, Below, Moved, Network, Point, Record},
+};
+use num_complex::Complex64;
+
+/// Within which repeats have the same derivatives: state of charge, temperature in K, and parts of
+/// currents and times, these on top of so many seconds.
+const ALIKE_SOC: f64 = 5e-4;
+const ALIKE_K: f64 = 0.05;
+const ALIKE_PART: f64 = 0.01;
+const ALIKE_S: f64 = 0.01;
+/// One run as the fit sees it.
+#[derive(Debug, Clone)]
+pub(super) struct Block {
+    pub(super) name: String,
+    pub(super) group: String,
+    pub(super) role: Role,
+    /// Circumstances, with the frequency of no point.
+    pub(super) at: Point,
+    pub(super) kind: Kind,
+    /// Measured rows: Ω or V.
+    pub(super) measured: Vec<f64>,
+    /// Charge before it, see [`Record::before`].
+    pub(super) before: Vec<Moved>,
+    /// The first block that this one repeats so closely that derivatives are the same.
+    pub(super) alike: Option<usize>,
+}
+
+/// What is predicted, and how.
+#[derive(Debug, Clone)]
+pub(super) enum Kind {
+    /// A spectrum: frequencies and amplitudes, stated sigmas, and the control in the jig.
+    Eis {
+        points: Vec<Point>,
+        sigma_ohm: Vec<Option<(f64, f64)>>,
+        control_ohm: Option<f64>,
+    },
+    /// A record.
+    Time(Box<TimeBlock>),
+}
+
+/// Which current a record is predicted for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Current {
+    /// As it was logged.
+    Logged,
+    /// Without the logger's noise.
+    Driven,
+}
+
+/// Why a run cannot be prepared.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum DataSetError {
+    /// A run without data.
+    #[error("run {run:?}: expected {expected}, met {met}")]
+    Run {
+        /// Name of the run.
+        run: String,
+        /// What was expected.
+        expected: &'static str,
+        /// What was met.
+        met: String,
+    },
+    /// A data set that cannot be diagnosed.
+    #[error("data set {name:?}: expected {expected}")]
+    Set {
+        /// Name of the data set.
+        name: String,
+        /// What was expected.
+        expected: &'static str,
+    },
+}
+
+impl Block {
+    /// Makes a run ready. The base's OCV turns a start voltage into a state of charge; the current
+    /// of two samples differs by `jitter_a` (one σ) where it stays.
+    pub(super) fn new(run: &Run, base: &Base, jitter_a: f64) -> Result<Self, DataSetError> {
+        let fail = |expected, met: String| DataSetError::Run {
+            run: run.name.clone(),
+            expected,
+            met,
+        };
+        let soc = match run.start {
+            Start::Soc(soc) if (0.0..=1.0).contains(&soc) => soc,
+            Start::Soc(soc) => return Err(fail("a state of charge from 0 to 1", soc.to_string())),
+            Start::Ocv(v) => base.ocv.soc_at(v).ok_or_else(|| {
+                fail(
+                    "a start voltage that the model's OCV curve reaches",
+                    format!("{v} V"),
+                )
+            })?,
+        };
+        let is_cell = matches!(run.fixture, Fixture::Cell(_));
+        let at = Point {
+            freq_hz: f64::NAN,
+            amplitude_a: None,
+            bias_a: 0.0,
+            soc,
+            temperature_c: run.temperature_c,
+            order: f64::from(run.order),
+            start_s: run.start_s,
+            is_cell,
+            below: if let RunData::Eis(sweep) = &run.data {
+                sweep.below
+            } else {
+                Below::default()
+            },
+        };
+        let (kind, measured) = match &run.data {
+            RunData::Eis(sweep) => {
+                if sweep.points.is_empty() {
+                    return Err(fail("at least one frequency", "none".to_owned()));
+                }
+                if !sweep.elapsed_s.is_empty() && sweep.elapsed_s.len() != sweep.points.len() {
+                    return Err(fail(
+                        "a time for each point",
+                        format!(
+                            "{} for {} points",
+                            sweep.elapsed_s.len(),
+                            sweep.points.len()
+                        ),
+                    ));
+                }
+                let point = |(k, p): (usize, &super::data::SweepPoint)| Point {
+                    freq_hz: p.freq_hz,
+                    amplitude_a: p.amplitude_a,
+                    bias_a: sweep.bias_a,
+                    start_s: at.start_s + sweep.elapsed_s.get(k).copied().unwrap_or(0.0),
+                    ..at
+                };
+                let control_ohm = match run.fixture {
+                    Fixture::Cell(_) => None,
+                    Fixture::Shunt(ohm) | Fixture::FakeCell(ohm) => Some(ohm),
+                };
+                let kind = Kind::Eis {
+                    points: sweep.points.iter().enumerate().map(point).collect(),
+                    sigma_ohm: sweep.points.iter().map(|p| p.sigma_ohm).collect(),
+                    control_ohm,
+                };
+                (
+                    kind,
+                    sweep
+                        .points
+                        .iter()
+                        .flat_map(|p| [p.z_ohm.re, p.z_ohm.im])
+                        .collect(),
+                )
+            }
+            RunData::Time(record) => {
+                record
+                    .series
+                    .validate()
+                    .map_err(|e| fail("a time series", e.to_string()))?;
+                if let Some(count) = record
+                    .sigma_v
+                    .as_ref()
+                    .map(Vec::len)
+                    .filter(|count| *count != record.series.len())
+                {
+                    return Err(fail(
+                        "a stated noise for each sample",
+                        format!("{count} for {} samples", record.series.len()),
+                    ));
+                }
+                if let Some(count) = record
+                    .averaged_s
+                    .as_ref()
+                    .map(Vec::len)
+                    .filter(|count| *count != record.series.len())
+                {
+                    return Err(fail(
+                        "a window for each sample",
+                        format!("{count} for {} samples", record.series.len()),
+                    ));
+                }
+                if !is_cell {
+                    return Err(fail(
+                        "a record in time of a cell",
+                        "one of a control".to_owned(),
+                    ));
+                }
+                let time = TimeBlock::new(record, jitter_a);
+                if time.bins.is_empty() {
+                    return Err(fail(
+                        "samples that are compared",
+                        format!("none from {} s on", record.compared_from_s),
+                    ));
+                }
+                let measured = time.average(&time.voltage_v);
+                (Kind::Time(Box::new(time)), measured)
+            }
+        };
+        Ok(Self {
+            name: run.name.clone(),
+            group: run.repeat_group.clone(),
+            role: run.role,
+            at,
+            kind,
+            measured,
+            before: Vec::new(),
+            alike: None,
+        })
+    }
+
+    /// Number of rows.
+    pub(super) fn rows(&self) -> usize {
+        self.measured.len()
+    }
+
+    /// Writes what is predicted for every sample under a current into the desk's voltages.
+    pub(super) fn play(
+        &self,
+        time: &TimeBlock,
+        cell: (&Base, &[Added<'_>]),
+        current_a: &[f64],
+        (parts, desk): (usize, &mut Desk),
+    ) {
+        let Some(windows) = &time.windows else {
+            desk.player.play(
+                cell,
+                &self.record((&time.time_s, current_a)),
+                (&time.grid, parts),
+                &mut desk.voltage_v,
+            );
+            return;
+        };
+        windows.current(current_a, &mut desk.within_a);
+        let record = self.record((&windows.time_s, &desk.within_a));
+        desk.player
+            .play(cell, &record, (&time.grid, parts), &mut desk.within_v);
+        windows.means(&desk.within_v, &mut desk.voltage_v);
+    }
+
+    /// The record of a block in time.
+    fn record<'a>(&'a self, (time_s, current_a): (&'a [f64], &'a [f64])) -> Record<'a> {
+        Record {
+            time_s,
+            current_a,
+            soc: self.at.soc,
+            temperature_c: self.at.temperature_c,
+            order: self.at.order,
+            start_s: self.at.start_s,
+            is_cell: self.at.is_cell,
+            before: &self.before,
+        }
+    }
+
+    /// Lets a planned sweep lie as far above the ground of the channels as what was measured of its
+    /// kind. A control that was not measured yet lies in the same jig as the cell, but nobody told
+    /// where: it is taken for no higher than its own resistance, so that a plan does not promise
+    /// too much.
+    pub(super) fn lies_as(&mut self, measured: &[Self]) {
+        let is_cell = self.at.is_cell;
+        // Where nobody told it is not where nothing lies below.
+        let told = |b: &&Self| matches!(b.kind, Kind::Eis { .. }) && b.at.below != Below::default();
+        let below = |cell: bool| {
+            measured
+                .iter()
+                .filter(told)
+                .find(|b| b.at.is_cell == cell)
+                .map(|b| b.at.below)
+        };
+        let Kind::Eis {
+            points,
+            control_ohm,
+            ..
+        } = &mut self.kind
+        else {
+            return;
+        };
+        let guess = || {
+            below(true).map(|below| {
+                control_ohm.map_or(below, |own| Below {
+                    r_ohm: below.r_ohm.min(own),
+                    l_h: 0.0,
+                })
+            })
+        };
+        if let Some(below) = below(is_cell).or_else(guess) {
+            points.iter_mut().for_each(|p| p.below = below);
+        }
+    }
+
+    /// Tells each block which one before it has the same derivatives.
+    pub(super) fn find_alike(blocks: &mut [Self]) {
+        for k in 0..blocks.len() {
+            blocks[k].alike = (0..k)
+                .find(|first| blocks[*first].alike.is_none() && blocks[*first].is_like(&blocks[k]));
+        }
+    }
+
+    /// Whether derivatives of a record are those of another one: a repeat from the same state of
+    /// charge, sampled and driven alike. Spectra are quickly played.
+    fn is_like(&self, other: &Self) -> bool {
+        let (Kind::Time(a), Kind::Time(b)) = (&self.kind, &other.kind) else {
+            return false;
+        };
+        let same = |a: f64, b: f64, within: f64| (a - b).abs() <= within;
+        let greatest_a = a
+            .bins
+            .iter()
+            .fold(0.0f64, |m, bin| m.max(bin.current_a.abs()));
+        let bins_alike = |(a, b): (&Bin, &Bin)| {
+            same(a.time_s, b.time_s, ALIKE_PART * (a.since_edge_s + ALIKE_S))
+                && same(a.current_a, b.current_a, ALIKE_PART * greatest_a)
+        };
+        let at_alike = same(self.at.soc, other.at.soc, ALIKE_SOC)
+            && same(self.at.temperature_c, other.at.temperature_c, ALIKE_K);
+        let kind = self.group == other.group
+            && self.role == other.role
+            && a.linear == b.linear
+            && a.bins.len() == b.bins.len();
+        kind && at_alike && a.bins.iter().zip(&b.bins).all(bins_alike)
+    }
+
+    /// Predicted rows, appended to `rows`.
+    pub(super) fn predict(
+        &self,
+        model: (&Base, &[Added<'_>], &Network),
+        parts: usize,
+        desk: &mut Desk,
+        rows: &mut Vec<f64>,
+    ) {
+        self.predict_under(model, (Current::Logged, parts), desk, rows);
+    }
+
+    /// The same under the current as it was logged or driven.
+    pub(super) fn predict_under(
+        &self,
+        (base, added, network): (&Base, &[Added<'_>], &Network),
+        (current, parts): (Current, usize),
+        desk: &mut Desk,
+        rows: &mut Vec<f64>,
+    ) {
+        match &self.kind {
+            Kind::Eis {
+                points,
+                control_ohm,
+                ..
+            } => {
+                for point in points {
+                    let z = impedance(
+                        network,
+                        base,
+                        added,
+                        point,
+                        control_ohm.map(|r| Complex64::new(r, 0.0)),
+                    );
+                    rows.extend([z.re, z.im]);
+                }
+            }
+            Kind::Time(time) => {
+                let current_a = if current == Current::Logged {
+                    &time.current_a
+                } else {
+                    &time.driven_a
+                };
+                self.play(time, (base, added), current_a, (parts, desk));
+                time.average_into(&desk.voltage_v, rows);
+            }
+        }
+    }
+}
+
+/// Buffers of a prediction.
+#[derive(Debug, Default)]
+pub(super) struct Desk {
+    pub(super) player: Player,
+    pub(super) voltage_v: Vec<f64>,
+    within_a: Vec<f64>,
+    within_v: Vec<f64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::TimeRecord;
+    use analysis_effects::{
+        augmented::{Between, network},
+        contract::Facts,
+    };
+    use analysis_model::{
+        model::{Erm, RcBranch},
+        ocv::OcvCurve,
+    };
+    use analysis_signal::series::TimeSeries;
+
+    const R_OHM: f64 = 6e-3;
+    const BRANCH: (f64, f64) = (5e-3, 5.6);
+
+    /// What a branch and a resistance drop at a time after a step of 9 A that lasts 20 s, and its
+    /// mean over a window on one side of the steps.
+    fn mean_v((from_s, to_s): (f64, f64)) -> f64 {
+        let (r_ohm, tau_s) = BRANCH;
+        let decay = |t: f64| (-t / tau_s).exp();
+        let mean = |from_s: f64, to_s: f64| {
+            if to_s > from_s {
+                tau_s * (decay(from_s) - decay(to_s)) / (to_s - from_s)
+            } else {
+                decay(from_s)
+            }
+        };
+        match from_s {
+            f if f < 1.0 => 3.7,
+            f if f < 21.0 => 3.7 - 9.0 * (R_OHM + r_ohm * (1.0 - mean(from_s - 1.0, to_s - 1.0))),
+            _ => 3.7 - 9.0 * r_ohm * (1.0 - decay(20.0)) * mean(from_s - 21.0, to_s - 21.0),
+        }
+    }
+
+    /// A record of means as the bench logs them is predicted as such, to less than its noise.
+    #[test]
+    fn means_are_predicted_as_means() {
+        let mut rows = vec![(0.0, 0.0, (0.0_f64, 0.0_f64))];
+        for (begin_s, end_s, amps) in [(0.0, 1.0, 0.0), (1.0, 21.0, 9.0), (21.0, 60.0, 0.0)] {
+            let mut from_s: f64 = begin_s + 0.002;
+            rows.push((begin_s + 0.0004, amps, (begin_s + 0.0003, begin_s + 0.0005)));
+            while from_s < end_s - 0.02 {
+                let to_s = (from_s + (0.2 * (from_s - begin_s)).max(0.002)).min(end_s - 0.01);
+                rows.push((0.5 * (from_s + to_s), amps, (from_s, to_s)));
+                from_s = to_s;
+            }
+            if end_s < 60.0 {
+                rows.push((end_s - 0.0004, amps, (from_s, end_s - 0.0001)));
+            }
+        }
+        let record: Vec<f64> = rows.iter().map(|(_, _, window)| mean_v(*window)).collect();
+        let series = TimeSeries {
+            name: "s".to_owned(),
+            time_s: rows.iter().map(|row| row.0).collect(),
+            current_a: rows.iter().map(|row| row.1).collect(),
+            voltage_v: record,
+            temperature_c: None,
+        };
+        let facts = Facts {
+            lowest_hz: None,
+            highest_hz: None,
+            longest_s: 60.0,
+            shortest_s: 1e-3,
+            greatest_a: 9.0,
+            widest_soc: 0.1,
+            soc: 0.5,
+            temperature_c: 25.0,
+            orders: 0.0,
+            span_s: 0.0,
+        };
+        let erm = Erm {
+            r_ohm: R_OHM,
+            branches: vec![RcBranch {
+                r_ohm: BRANCH.0,
+                c_f: BRANCH.1 / BRANCH.0,
+            }],
+        };
+        let base = Base {
+            erm,
+            ocv: OcvCurve::monotone(1e9, vec![0.0, 1.0], vec![3.7 - 1e-6, 3.7 + 1e-6]).unwrap(),
+            facts,
+        };
+        let worst = |averaged_s: Option<Vec<(f64, f64)>>| {
+            let data = RunData::Time(TimeRecord {
+                series: series.clone(),
+                between: Between::Linear,
+                compared_from_s: 0.0,
+                level_sigma_v: 0.0,
+                sigma_v: None,
+                averaged_s,
+            });
+            let run = Run {
+                name: "s".to_owned(),
+                fixture: Fixture::Cell("cell".to_owned()),
+                role: Role::Train,
+                repeat_group: "s".to_owned(),
+                order: 0,
+                start_s: 0.0,
+                temperature_c: 25.0,
+                start: Start::Soc(0.5),
+                data,
+            };
+            let (block, mut desk) = (Block::new(&run, &base, 0.0).unwrap(), Desk::default());
+            let Kind::Time(time) = &block.kind else {
+                unreachable!()
+            };
+            block.play(time, (&base, &[]), &time.current_a, (1, &mut desk));
+            assert_eq!(network(&base, &[]).branches.len(), 1);
+            let off = desk
+                .voltage_v
+                .iter()
+                .zip(&series.voltage_v)
+                .map(|(p, m)| (p - m).abs());
+            off.fold(0.0, f64::max)
+        };
+        let windows: Vec<(f64, f64)> = rows.iter().map(|row| row.2).collect();
+        let (as_means, as_instants) = (worst(Some(windows)), worst(None));
+        assert!(
+            as_instants > 2e-5 && as_means < 2e-6,
+            "as means off by {as_means} V, as instants by {as_instants} V"
+        );
+    }
+}

@@ -1,0 +1,175 @@
+//! The data set of a diagnosis: runs with their circumstances, and what the bench's history says of
+//! its errors.
+
+use super::edges::UNIFORM;
+use analysis_effects::{augmented::Between, contract::Below};
+use analysis_signal::{calibration::CommonError, series::TimeSeries};
+use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
+
+/// Runs that belong together.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DataSet {
+    /// Name for reports.
+    pub name: String,
+    /// The runs, in any order.
+    pub runs: Vec<Run>,
+    /// What the bench's past says of its errors; none where nothing is known.
+    pub history: Option<BenchHistory>,
+    /// What the correction by control impedances leaves in all spectra alike; the points' own σ are
+    /// without it then.
+    pub calibration: Option<CommonError>,
+}
+
+/// One run.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Run {
+    /// Name, unique within the data set.
+    pub name: String,
+    /// What was in the jig.
+    pub fixture: Fixture,
+    /// What the run is used for.
+    pub role: Role,
+    /// Runs of one group repeat each other.
+    pub repeat_group: String,
+    /// Place in the order of time, 0 for the first.
+    pub order: u32,
+    /// Start since the start of the first run, s.
+    pub start_s: f64,
+    /// Temperature of the cell at the start, °C.
+    pub temperature_c: f64,
+    /// State of charge at the start.
+    pub start: Start,
+    /// What was measured.
+    pub data: RunData,
+}
+
+/// What was in the jig.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Fixture {
+    /// A cell of this name.
+    Cell(String),
+    /// A shunt of this resistance, Ω.
+    Shunt(f64),
+    /// A fake cell of this resistance, Ω.
+    FakeCell(f64),
+}
+
+pub use analysis_signal::series::Role;
+
+/// Where a run starts, at rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Start {
+    /// At a state of charge, 0…1.
+    Soc(f64),
+    /// At an open-circuit voltage, V.
+    Ocv(f64),
+}
+
+/// What was measured.
+#[derive(Debug, Clone, PartialEq)]
+pub enum RunData {
+    /// A spectrum.
+    Eis(Sweep),
+    /// A record in time.
+    Time(TimeRecord),
+}
+
+/// A spectrum.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Sweep {
+    /// Direct current under the sweep, A, discharge positive.
+    pub bias_a: f64,
+    /// What lies between the lower tap of what was swept and the ground of the channels; nothing
+    /// where it is not stated.
+    pub below: Below,
+    /// Time of each point since the start of the run, s; empty where it is not told.
+    pub elapsed_s: Vec<f64>,
+    /// Its points, by rising frequency.
+    pub points: Vec<SweepPoint>,
+}
+
+/// One point of a spectrum.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SweepPoint {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Impedance, Ω.
+    pub z_ohm: Complex64,
+    /// Standard uncertainty of real and imaginary part, Ω, where stated.
+    pub sigma_ohm: Option<(f64, f64)>,
+    /// Amplitude of the current, A, where stated.
+    pub amplitude_a: Option<f64>,
+}
+
+/// A record in time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimeRecord {
+    /// Current (discharge positive) and voltage. Times start at 0 where the cell is at rest.
+    pub series: TimeSeries,
+    /// What the current does between two samples.
+    pub between: Between,
+    /// Samples before this time are played but not compared, s: a record that begins under current
+    /// has to settle first.
+    pub compared_from_s: f64,
+    /// Standard deviation of the level beyond the bench's, V: where the open-circuit voltage at the
+    /// start is not known. Above zero, gaps are taken about their mean.
+    pub level_sigma_v: f64,
+    /// Standard deviation of each voltage's own noise, V, where it is stated: rows that are means
+    /// of more or fewer samples.
+    pub sigma_v: Option<Vec<f64>>,
+    /// From when to when each sample is the mean of what was measured, s, where it is told: a mean
+    /// of what decays is not its value in the middle.
+    pub averaged_s: Option<Vec<(f64, f64)>>,
+}
+
+/// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data
+/// sheets, zero checks.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct BenchHistory {
+    /// White noise of one voltage sample, V.
+    pub voltage_noise_v: f64,
+    /// Step of the voltage channel's codes, V; 0 where unknown.
+    pub voltage_resolution_v: f64,
+    /// Level of a run's voltage, V.
+    pub voltage_offset_v: f64,
+    /// Slow drift of the voltage, V.
+    pub voltage_drift_v: f64,
+    /// Its correlation time, s.
+    pub voltage_drift_s: f64,
+    /// Run-to-run spread of all resistances, as a fraction.
+    pub resistance_rel: f64,
+    /// Gain of the current channel from run to run, as a fraction.
+    pub current_gain_rel: f64,
+    /// Zero of the current channel from run to run, A.
+    pub current_offset_a: f64,
+    /// White noise of one current sample, A.
+    pub current_noise_a: f64,
+    /// Step of the current channel's codes, A; 0 where unknown.
+    pub current_resolution_a: f64,
+    /// Noise of one part of a spectrum's point, as a fraction of |Z|.
+    pub eis_noise_rel: f64,
+    /// Error of the meter that start voltages are read with, V: the state of charge at the start is
+    /// off by as much over the curve's slope.
+    #[serde(default)]
+    pub start_voltage_v: f64,
+    /// Error that the calibration of the current channel leaves, as a fraction: the same in all
+    /// runs, so that repeats do not show it.
+    #[serde(default)]
+    pub calibration_rel: f64,
+    /// Gain that the channels of current and voltage have in common, as a fraction: an impedance
+    /// does not show it, a record that moves along the curve does.
+    #[serde(default)]
+    pub channel_gain_rel: f64,
+}
+
+impl BenchHistory {
+    /// Standard deviation of the difference of two samples of a current that stays, A.
+    pub(super) fn current_jitter_a(&self) -> f64 {
+        2f64.sqrt()
+            * self
+                .current_noise_a
+                .hypot(self.current_resolution_a * UNIFORM)
+    }
+}

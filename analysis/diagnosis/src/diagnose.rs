@@ -1,0 +1,535 @@
+//! The workflow from a data set to a verdict.
+
+use super::block::{DataSetError, Desk, Kind};
+use super::consistency::inconsistencies;
+use super::data::{DataSet, Role};
+use super::experiment::{Advice, BenchLimits, PlannedRun, Playable, recommend};
+use super::guards::{Guards, SENTINEL_Z};
+use super::intervals::named;
+use super::judge::{Doubts, judge};
+use super::localise::localise;
+use super::noise::{TERMS, Term};
+use super::outcome::{
+    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport, NoiseTerm,
+    Quality, Rival, RunCurves, SpectrumGap, Verdict,
+};
+use super::prepare::{BaseModel, Prepared, prepare};
+use super::problem::{Fit, Problem};
+use super::select::{Search, Selection, excess_z};
+use super::structure::Structure;
+use super::whitening::dot;
+use analysis_effects::{
+    contract::{Effect, Facts},
+    effects::catalogue,
+};
+use analysis_model::model::Erm;
+use analysis_numeric::linalg::{cholesky, cholesky_substitute};
+use num_complex::Complex64;
+
+/// How far the time constants of other starts of the base lie from the model's, as a factor.
+const OTHER_STARTS: [f64; 2] = [0.6, 1.7];
+
+/// What a diagnosis may do.
+#[derive(Clone)]
+pub struct DiagnosisOptions {
+    /// Candidates; all effects of the catalogue unless told otherwise.
+    pub candidates: Vec<&'static dyn Effect>,
+    /// Guards; all on unless told otherwise.
+    pub guards: Guards,
+    /// How far a recommended run may go; as far as the data unless told otherwise.
+    pub limits: Option<BenchLimits>,
+    /// Which planned runs may be recommended; all unless told otherwise.
+    pub playable: Option<Playable>,
+}
+
+impl Default for DiagnosisOptions {
+    fn default() -> Self {
+        Self {
+            candidates: catalogue().to_vec(),
+            guards: Guards::default(),
+            limits: None,
+            playable: None,
+        }
+    }
+}
+
+/// A diagnosis and the curves behind its pictures.
+#[derive(Debug, Clone)]
+pub struct Outcome {
+    /// What is written.
+    pub diagnosis: Diagnosis,
+    /// One entry per run.
+    pub curves: Vec<RunCurves>,
+    /// What the data reach, which an augmented model file keeps; none for data that cannot be used.
+    pub facts: Option<Facts>,
+    /// The runs of [`Diagnosis::next_experiment`].
+    pub next_runs: Vec<PlannedRun>,
+}
+
+/// Diagnoses a data set against a model.
+///
+/// # Errors
+/// [`DataSetError`] for a set or run that cannot be used at all.
+pub fn diagnose(
+    set: &DataSet,
+    model: &BaseModel,
+    options: &DiagnosisOptions,
+) -> Result<Outcome, DataSetError> {
+    let guards = options.guards;
+    let mut prepared = prepare(set, model, guards)?;
+    let mut desk = Desk::default();
+    let mut base = base_fit(&prepared.problem, &model.erm, &mut desk);
+    if prepared.problem.degrees_of_freedom(&base) < 1.0 {
+        return Err(DataSetError::Set {
+            name: set.name.clone(),
+            expected: "more training rows than the model has parameters",
+        });
+    }
+    let mut selection = search(&prepared, options).run(&base);
+    let mut moved = if guards.sentinel {
+        moved_floor(&prepared)
+    } else {
+        None
+    };
+    if moved.is_some() {
+        // A missing effect can look like noise that moved: judge the repeats again by what is left
+        // of them.
+        prepared = prepared.again(&selection.fit, guards)?;
+        moved = moved_floor(&prepared);
+        if moved.is_some() && prepared.prior.known {
+            // What is missing may have been counted as noise from the start: it is looked for under
+            // the noise that the bench had before.
+            prepared = prepared.of_history(guards)?;
+            let base = base_fit(&prepared.problem, &model.erm, &mut desk);
+            let fit = search(&prepared, options).run(&base).fit;
+            prepared = prepared.again(&fit, guards)?;
+            moved = moved_floor(&prepared);
+        }
+        base = base_fit(&prepared.problem, &model.erm, &mut desk);
+        selection = if moved.is_some() {
+            Selection::nothing(&base)
+        } else {
+            search(&prepared, options).run(&base)
+        };
+    }
+    let again = if selection.taken.is_empty() {
+        None
+    } else {
+        refitted(&prepared, [&selection.base, &selection.fit], guards)
+    };
+    let again = again.map(|(prepared, [base, fit])| {
+        (
+            prepared,
+            Selection {
+                base,
+                fit,
+                ..selection.clone()
+            },
+        )
+    });
+    let (judged, last) = again
+        .as_ref()
+        .map_or((&prepared, &selection), |(prepared, selection)| {
+            (prepared, selection)
+        });
+    // The search may have met a deeper minimum of the base.
+    let (problem, base, fit) = (&judged.problem, &last.base, &last.fit);
+    let mut d = Diagnosis {
+        schema: DIAGNOSIS_SCHEMA,
+        schema_version: DIAGNOSIS_SCHEMA_VERSION,
+        data_set: set.name.clone(),
+        model: model.name.clone(),
+        verdict: Verdict::Unexplained,
+        summary: String::new(),
+        effects: named(problem, last, &mut desk),
+        rivals: rivals(&selection),
+        blocks: localise(problem, base, guards.tangent_projection, &mut desk),
+        where_after: localise(problem, fit, guards.tangent_projection, &mut desk),
+        gap: gaps(judged, &model.erm, (base, fit), &mut desk),
+        gap_spectra: spectrum_gaps(problem, &model.erm, (base, fit), &mut desk),
+        next_experiment: None,
+        inseparable: Vec::new(),
+        notes: Vec::new(),
+        quality: quality(problem, base, fit),
+        noise: noise_report(judged),
+        ranking: selection.ranking.clone(),
+        base: Some(base.decode(problem.branches()).0),
+        augmented: Some(fit.decode(problem.branches()).0),
+    };
+    let held_out_z = held_out_z(problem, fit, &mut desk);
+    let asked = guards.consistency && measured(judged);
+    let differs = if asked {
+        inconsistencies(problem, (base, fit), &mut desk)
+    } else {
+        Vec::new()
+    };
+    judge(
+        &mut d,
+        &selection,
+        Doubts {
+            moved,
+            held_out_z,
+            differs,
+        },
+    );
+    let curves = curves(judged, &model.erm, (base, fit), &mut desk);
+    let advice = recommend(
+        &prepared,
+        d.verdict,
+        (&selection.base, &selection),
+        (options.limits, options.playable.as_ref()),
+    );
+    d.notes.extend(advice.notes());
+    let Advice { next, inseparable } = advice;
+    d.inseparable = inseparable;
+    if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
+        d.notes
+            .push("no run of the menu would tell apart what is open".to_owned());
+    }
+    let (next_experiment, next_runs) = next.unzip();
+    d.next_experiment = next_experiment;
+    Ok(Outcome {
+        diagnosis: d,
+        curves,
+        facts: Some(prepared.problem.base.facts),
+        next_runs: next_runs.unwrap_or_default(),
+    })
+}
+
+/// Base and named effects fitted again under noise that is taken about the cell with its effects: a
+/// scatter of all resistances spares a contact, and what a wrong current does to the voltage hangs
+/// on what is missing in the base.
+pub(super) fn refitted(
+    prepared: &Prepared,
+    [base, fit]: [&Fit; 2],
+    guards: Guards,
+) -> Option<(Prepared, [Fit; 2])> {
+    let prepared = prepared.clone().again(fit, guards).ok()?;
+    let mut desk = Desk::default();
+    let again = [base, fit].map(|fit| {
+        prepared
+            .problem
+            .fit_from(&fit.structure, fit.x.clone(), fit.axes.clone(), &mut desk)
+    });
+    Some((prepared, again))
+}
+
+/// The base refitted to spectra and training records: from the model, and from other time constants
+/// where that does not reach the floor.
+pub(super) fn base_fit(problem: &Problem, erm: &Erm, desk: &mut Desk) -> Fit {
+    let structure = Structure::default();
+    let mut best = problem.fit(&structure, erm, desk);
+    let dof = problem.training_rows() as f64 - best.x.len() as f64;
+    if excess_z(best.chi2, dof) > 3.0 {
+        for factor in OTHER_STARTS {
+            let mut start = erm.clone();
+            start.branches.iter_mut().for_each(|b| b.c_f *= factor);
+            let other = problem.fit(&structure, &start, desk);
+            if other.chi2 < best.chi2 {
+                best = other;
+            }
+        }
+    }
+    best
+}
+
+/// The reason why the repeats cannot be believed; none where they can.
+fn moved_floor(prepared: &Prepared) -> Option<String> {
+    let e = &prepared.estimate;
+    if let Some(z) = e.repeat_z.filter(|z| *z > SENTINEL_Z) {
+        return Some(format!(
+            "repeats differ from each other by more than any noise that the bench has: {z:.1} \
+            standard deviations"
+        ));
+    }
+    if !prepared.prior.known {
+        return None;
+    }
+    let (k, z) =
+        e.z.iter()
+            .enumerate()
+            .filter_map(|(k, z)| z.map(|z| (k, z)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    // Quieter repeats than usual are chance or luck.
+    (z > SENTINEL_Z).then(|| {
+        format!(
+            "{} has left the bench's history by {z:.1} standard deviations",
+            TERMS[k].1
+        )
+    })
+}
+
+fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions) -> Search<'a> {
+    let (problem, candidates) = (&prepared.problem, &options.candidates);
+    Search {
+        problem,
+        candidates,
+        guards: options.guards,
+        measured: measured(prepared),
+        desk: Desk::default(),
+    }
+}
+
+fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {
+    let dof = problem.degrees_of_freedom(base);
+    Quality {
+        base_chi2: base.chi2,
+        degrees_of_freedom: dof,
+        base_z: excess_z(base.chi2, dof),
+        augmented_chi2: after.chi2,
+        augmented_z: excess_z(after.chi2, problem.degrees_of_freedom(after)),
+    }
+}
+
+fn rivals(selection: &Selection) -> Vec<Rival> {
+    let taken = selection
+        .taken
+        .iter()
+        .flat_map(|t| t.rivals.iter().map(|r| (t.name, r)));
+    taken
+        .map(|(instead_of, r)| Rival {
+            name: r.name,
+            instead_of,
+            score_gap: r.score_gap,
+            discriminability: r.discriminability,
+        })
+        .collect()
+}
+
+/// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted, under noise and the
+/// uncertainty of the parameters: rᵀ(I + JΣJᵀ)⁻¹r = rᵀr − (Jᵀr)ᵀ(Σ⁻¹ + JᵀJ)⁻¹(Jᵀr).
+fn held_out_z(problem: &Problem, fit: &Fit, desk: &mut Desk) -> f64 {
+    let (left, columns) = problem.held_out(fit, desk);
+    if left.is_empty() {
+        return 0.0;
+    }
+    let n = columns.len();
+    let mut information: Vec<f64> = (0..n * n)
+        .map(|ij| {
+            dot(&columns[ij / n], &columns[ij % n])
+                + dot(&fit.columns[ij / n], &fit.columns[ij % n])
+        })
+        .collect();
+    (0..n).for_each(|i| information[i * n + i] += 1e-8);
+    let along: Vec<f64> = columns.iter().map(|c| dot(c, &left)).collect();
+    let mut solved = along.clone();
+    let taken = if cholesky(&mut information, n) {
+        cholesky_substitute(&information, n, &mut solved);
+        dot(&along, &solved)
+    } else {
+        0.0
+    };
+    excess_z(dot(&left, &left) - taken, left.len() as f64)
+}
+
+fn noise_report(prepared: &Prepared) -> NoiseReport {
+    let e = &prepared.estimate;
+    let terms = TERMS
+        .iter()
+        .enumerate()
+        .map(|(k, (_, name))| NoiseTerm {
+            name,
+            sigma: e.log_sigmas[k].exp(),
+            history: prepared
+                .prior
+                .known
+                .then(|| prepared.prior.log_sigmas[k].exp()),
+            z: if prepared.prior.known { e.z[k] } else { None },
+        })
+        .collect();
+    NoiseReport {
+        from_repeats: measured(prepared),
+        terms,
+    }
+}
+
+/// Whether repeats have measured the noise.
+fn measured(prepared: &Prepared) -> bool {
+    prepared.estimate.repeats >= 3
+}
+
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (count, sum) = values.fold((0usize, 0.0), |(n, s), v| (n + 1, s + v * v));
+    (sum / count.max(1) as f64).sqrt()
+}
+
+/// Predictions of a record's samples that are compared.
+fn samples(
+    problem: &Problem,
+    (structure, x): (&Structure, &[f64]),
+    block: usize,
+    desk: &mut Desk,
+) -> Vec<f64> {
+    let _ = problem.predict((structure, x), block, 1, desk);
+    match &problem.blocks[block].kind {
+        Kind::Time(time) => desk.voltage_v[time.compared()].to_vec(),
+        Kind::Eis { .. } => Vec::new(),
+    }
+}
+
+pub(super) fn gaps(
+    prepared: &Prepared,
+    erm: &Erm,
+    (base, after): (&Fit, &Fit),
+    desk: &mut Desk,
+) -> Vec<Gap> {
+    let problem = &prepared.problem;
+    let empty = Structure::default();
+    let start = empty.encode(erm);
+    let mut gaps = Vec::new();
+    for k in problem.of_role(Role::HeldOut) {
+        let block = &problem.blocks[k];
+        let Kind::Time(time) = &block.kind else {
+            continue;
+        };
+        let mut gap = |at: (&Structure, &[f64])| {
+            let predicted = samples(problem, at, k, desk);
+            let missed: Vec<f64> = predicted
+                .iter()
+                .zip(&time.voltage_v[time.compared()])
+                .map(|(p, m)| p - m)
+                .collect();
+            let mean = missed.iter().sum::<f64>() / missed.len() as f64;
+            let level = if time.level_sigma_v > 0.0 { mean } else { 0.0 };
+            1e3 * rms(missed.iter().map(|v| v - level))
+        };
+        gaps.push(Gap {
+            run: block.name.clone(),
+            eis_only_mv: gap((&empty, &start)),
+            base_mv: gap((&base.structure, &base.x)),
+            augmented_mv: gap((&after.structure, &after.x)),
+            floor_mv: 1e3 * rms(sample_floor(prepared, k, time).into_iter()),
+        });
+    }
+    gaps
+}
+
+/// Standard deviation per sample: the rows' own, with the white noise of a single sample instead of
+/// the mean's.
+fn sample_floor(
+    prepared: &Prepared,
+    block: usize,
+    time: &super::time_block::TimeBlock,
+) -> Vec<f64> {
+    let white = prepared.sample_noise_v.powi(2);
+    // A level that is free is no part of a gap about the mean.
+    let level = if time.level_sigma_v > 0.0 {
+        time.level_sigma_v.powi(2) + prepared.estimate.variance(Term::Level)
+    } else {
+        0.0
+    };
+    let mut floor = Vec::with_capacity(time.voltage_v.len());
+    for (bin, sigma) in time.bins.iter().zip(&prepared.problem.floors[block]) {
+        let count = (bin.to - bin.from) as f64;
+        let single = white * (1.0 - 1.0 / count) + bin.stated_v2 * (count - 1.0);
+        floor.extend(std::iter::repeat_n(
+            (sigma * sigma - level + single).max(0.0).sqrt(),
+            bin.to - bin.from,
+        ));
+    }
+    floor
+}
+
+fn spectrum_gaps(
+    problem: &Problem,
+    erm: &Erm,
+    (base, after): (&Fit, &Fit),
+    desk: &mut Desk,
+) -> Vec<SpectrumGap> {
+    let empty = Structure::default();
+    let start = empty.encode(erm);
+    let mut gaps = Vec::new();
+    for k in problem.of_role(Role::HeldOut) {
+        let block = &problem.blocks[k];
+        if !matches!(block.kind, Kind::Eis { .. }) {
+            continue;
+        }
+        let size = |n: usize| block.measured[n & !1].hypot(block.measured[n | 1]);
+        let mut gap = |at: (&Structure, &[f64])| {
+            let rows = problem.predict(at, k, 1, desk);
+            100.0
+                * 2f64.sqrt()
+                * rms(rows
+                    .iter()
+                    .zip(&block.measured)
+                    .enumerate()
+                    .map(|(n, (p, m))| (p - m) / size(n)))
+        };
+        gaps.push(SpectrumGap {
+            run: block.name.clone(),
+            eis_only_percent: gap((&empty, &start)),
+            base_percent: gap((&base.structure, &base.x)),
+            augmented_percent: gap((&after.structure, &after.x)),
+            floor_percent: 100.0
+                * 2f64.sqrt()
+                * rms(problem.floors[k]
+                    .iter()
+                    .enumerate()
+                    .map(|(n, f)| f / size(n))),
+        });
+    }
+    gaps
+}
+
+fn curves(
+    prepared: &Prepared,
+    erm: &Erm,
+    (base, after): (&Fit, &Fit),
+    desk: &mut Desk,
+) -> Vec<RunCurves> {
+    let problem = &prepared.problem;
+    let empty = Structure::default();
+    let start = empty.encode(erm);
+    let all: [(&Structure, &[f64]); 3] = [
+        (&empty, &start),
+        (&base.structure, &base.x),
+        (&after.structure, &after.x),
+    ];
+    let complex = |rows: &[f64]| {
+        rows.chunks_exact(2)
+            .map(|z| Complex64::new(z[0], z[1]))
+            .collect::<Vec<Complex64>>()
+    };
+    problem
+        .blocks
+        .iter()
+        .enumerate()
+        .map(|(k, block)| {
+            let curves = match &block.kind {
+                Kind::Eis { points, .. } => {
+                    let [eis_only_ohm, base_ohm, augmented_ohm] =
+                        all.map(|at| complex(&problem.predict(at, k, 1, desk)));
+                    Curves::Eis {
+                        freq_hz: points.iter().map(|p| p.freq_hz).collect(),
+                        measured_ohm: complex(&block.measured),
+                        eis_only_ohm,
+                        base_ohm,
+                        augmented_ohm,
+                        floor_ohm: problem.floors[k]
+                            .chunks_exact(2)
+                            .map(|f| f[0].hypot(f[1]))
+                            .collect(),
+                    }
+                }
+                Kind::Time(time) => {
+                    let [eis_only_v, base_v, augmented_v] =
+                        all.map(|at| samples(problem, at, k, desk));
+                    Curves::Time {
+                        time_s: time.time_s[time.compared()].to_vec(),
+                        current_a: time.current_a[time.compared()].to_vec(),
+                        measured_v: time.voltage_v[time.compared()].to_vec(),
+                        eis_only_v,
+                        base_v,
+                        augmented_v,
+                        floor_v: sample_floor(prepared, k, time),
+                    }
+                }
+            };
+            RunCurves {
+                name: block.name.clone(),
+                held_out: block.role == Role::HeldOut,
+                curves,
+            }
+        })
+        .collect()
+}

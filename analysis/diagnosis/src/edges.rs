@@ -1,0 +1,151 @@
+//! What a logger does not tell of an edge of the current, where the current goes along a line
+//! between samples: when it was, and what its channels were doing. Two errors per edge, each as
+//! what one standard deviation of it does to the rows of a record.
+
+use super::time_block::{Bin, TimeBlock};
+use analysis_effects::contract::Base;
+
+/// 1/√12: standard deviation of a uniform error of one code, and of an edge anywhere between two
+/// samples.
+pub(super) const UNIFORM: f64 = 0.288_675_134_594_812_9;
+
+/// The errors of one edge, by the number of its first sample.
+pub(super) fn errors(time: &TimeBlock, edge: usize, base: &Base) -> [Vec<f64>; 2] {
+    [shift(time, edge, base), lag(time, edge, base)]
+}
+
+/// What it does to the rows when an edge lies anywhere between two samples, one standard deviation:
+/// the step response's change over that time. The first sample after the edge may be read while the
+/// current still changes: its voltage may lack any part of the series resistance's drop.
+fn shift(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
+    let (step_s, step_a) = (
+        time.time_s[edge] - time.time_s[edge - 1],
+        time.current_a[edge] - time.current_a[edge - 1],
+    );
+    let at_s = time.time_s[edge] - 0.5 * step_s;
+    time.bins
+        .iter()
+        .map(|b| {
+            let t = b.time_s - at_s;
+            if t < 0.0 {
+                return 0.0;
+            }
+            let change = |tau_s: f64| {
+                (-(t - 0.5 * step_s).max(0.0) / tau_s).exp() - (-(t + 0.5 * step_s) / tau_s).exp()
+            };
+            let series_ohm = if b.from <= edge && edge < b.to {
+                base.erm.r_ohm / (b.to - b.from) as f64
+            } else {
+                0.0
+            };
+            UNIFORM
+                * step_a
+                * (series_ohm
+                    + base
+                        .erm
+                        .branches
+                        .iter()
+                        .map(|b| b.r_ohm * change(b.time_constant_s()))
+                        .sum::<f64>())
+        })
+        .collect()
+}
+
+/// What it does to the later rows when the logger's voltage channel averages over about a sampling
+/// interval, one standard deviation: what the series resistance drops at the edge comes late,
+/// e-fold by interval.
+fn lag(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
+    let (step_s, step_a) = (
+        time.time_s[edge] - time.time_s[edge - 1],
+        time.current_a[edge] - time.current_a[edge - 1],
+    );
+    let late = |b: &Bin| {
+        if b.from <= edge {
+            0.0
+        } else {
+            ((time.time_s[edge] - b.time_s) / step_s).exp()
+        }
+    };
+    time.bins
+        .iter()
+        .map(|b| UNIFORM * step_a * base.erm.r_ohm * late(b))
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::TimeRecord;
+    use analysis_effects::{augmented::Between, contract::Facts};
+    use analysis_model::{
+        model::{Erm, RcBranch},
+        ocv::OcvCurve,
+    };
+    use analysis_signal::series::TimeSeries;
+
+    #[test]
+    fn the_first_sample_may_lack_the_whole_step_and_the_next_what_comes_late() {
+        let time_s: Vec<f64> = (0..40).map(|k| 0.1 * f64::from(k)).collect();
+        let current_a: Vec<f64> = (0..40).map(|k| if k < 10 { 0.0 } else { 2.0 }).collect();
+        let series = TimeSeries {
+            name: "s".to_owned(),
+            voltage_v: vec![3.7; 40],
+            current_a,
+            time_s,
+            temperature_c: None,
+        };
+        let record = TimeRecord {
+            series,
+            between: Between::Linear,
+            compared_from_s: 0.5,
+            level_sigma_v: 0.0,
+            sigma_v: None,
+            averaged_s: None,
+        };
+        let time = TimeBlock::new(&record, 0.0);
+        let facts = Facts {
+            lowest_hz: None,
+            highest_hz: None,
+            longest_s: 4.0,
+            shortest_s: 0.1,
+            greatest_a: 2.0,
+            widest_soc: 0.1,
+            soc: 0.5,
+            temperature_c: 25.0,
+            orders: 0.0,
+            span_s: 0.0,
+        };
+        let erm = Erm {
+            r_ohm: 0.02,
+            branches: vec![RcBranch {
+                r_ohm: 0.01,
+                c_f: 1e5,
+            }],
+        };
+        let base = Base {
+            erm,
+            ocv: OcvCurve::monotone(1.0, vec![0.0, 1.0], vec![3.0, 4.0]).unwrap(),
+            facts,
+        };
+        let [shift, lag] = errors(&time, 10, &base);
+        let first = time.bins.iter().position(|b| b.from == 10).unwrap();
+        // Rows before 0.5 s are not compared, those before the edge know nothing of it.
+        assert!(
+            time.bins[0].from >= 5
+                && shift[..first]
+                    .iter()
+                    .chain(&lag[..=first])
+                    .all(|v| *v == 0.0),
+            "{shift:?} {lag:?}"
+        );
+        let step_v = UNIFORM * 2.0 * 0.02;
+        assert!(
+            (shift[first] / step_v - 1.0).abs() < 1e-3 && shift[first + 1].abs() < 1e-3 * step_v,
+            "{shift:?}"
+        );
+        assert!(
+            (lag[first + 1] / step_v - (-1f64).exp()).abs() < 1e-9 && lag[first + 2] < 0.3 * step_v,
+            "{lag:?}"
+        );
+    }
+}

@@ -1,0 +1,283 @@
+//! The next experiment: which planned runs tell rivals apart, and how well (discrimination designs,
+//! Hunter and Reiner 1965; Atkinson and Fedorov 1975).
+//!
+//! Not here: playing the runs. Reading order: `planned`, runs as data; `menu`, what a bench can do;
+//! `separate`, λ of a pair; `open`, which pairs; here, the choice.
+
+mod menu;
+mod open;
+mod planned;
+mod separate;
+
+pub use planned::{BenchLimits, Planned, PlannedRun, Playable};
+
+use super::block::Desk;
+use super::outcome::{NextExperiment, Verdict};
+use super::prepare::Prepared;
+use super::problem::Fit;
+use super::select::Selection;
+use analysis_effects::effects::find;
+use menu::{Campaign, MenuItem, menu, sentinel_repeat};
+use open::{Open, absences};
+
+/// How many times as often as the menu says a run may be measured, where less does not settle what
+/// is open.
+const MOST_TIMES: usize = 8;
+/// What more repeats or a second run must bring to be worth their time, as a factor of how far
+/// everything is settled.
+const WORTH: f64 = 1.1;
+/// Items whose λ is found by more than one step.
+const REFINED: usize = 3;
+/// Second runs that are tried beside the best.
+const SECONDS: usize = 2;
+/// Steps of a refined refit.
+const STEPS: usize = 3;
+
+/// What was recommended, as words and as runs.
+pub(super) type Recommended = (NextExperiment, Vec<PlannedRun>);
+
+/// What to do next, and what no run of the menu would tell.
+#[derive(Debug, Default)]
+pub(super) struct Advice {
+    pub(super) next: Option<Recommended>,
+    /// A truth and what would imitate it in every run; the second is empty where a name would never
+    /// become certain.
+    pub(super) inseparable: Vec<[&'static str; 2]>,
+}
+
+impl Advice {
+    /// In words: what no run tells, and which experiment outside the menu would.
+    pub(super) fn notes(&self) -> Vec<String> {
+        let title = |name: &'static str| find(name).map_or(name, |e| e.card().title);
+        let note = |pair: &[&'static str; 2]| {
+            let [truth, other] = *pair;
+            if other.is_empty() {
+                return format!(
+                    "{}: its signal is too small for any run of the menu to make it certain",
+                    title(truth)
+                );
+            }
+            let would = find(truth).map_or("", |e| e.card().experiment);
+            format!(
+                "no run of the menu, however often it is repeated, tells {} from {}; what would: \
+                {would}",
+                title(truth),
+                title(other)
+            )
+        };
+        self.inseparable.iter().map(note).collect()
+    }
+}
+
+/// An item with what it would tell: λ of each pair.
+struct Rated {
+    item: MenuItem,
+    then: Vec<f64>,
+}
+
+/// What runs are chosen by.
+struct Planner<'a> {
+    prepared: &'a Prepared,
+    open: Open<'a>,
+    playable: Option<&'a Playable>,
+}
+
+impl Planner<'_> {
+    fn allowed(&self, item: &MenuItem) -> bool {
+        self.playable
+            .is_none_or(|playable| playable(item.name, &item.runs))
+    }
+
+    /// The best of some items, and what none of them would tell.
+    fn choose(&mut self, items: Vec<MenuItem>, others: Vec<MenuItem>, desk: &mut Desk) -> Advice {
+        let mut all: Vec<Rated> = items
+            .into_iter()
+            .filter_map(|item| self.rated(item, 1, desk))
+            .collect();
+        // What cannot be played here, or not any more, would tell all the same.
+        let elsewhere: Vec<Rated> = others
+            .into_iter()
+            .filter_map(|item| self.rated(item, 1, desk))
+            .collect();
+        let thens: Vec<&[f64]> = all
+            .iter()
+            .chain(&elsewhere)
+            .map(|r| r.then.as_slice())
+            .collect();
+        let inseparable = self.open.leave_out(&thens, MOST_TIMES);
+        all.sort_by(|a, b| self.order(a, b));
+        let mut best: Vec<Rated> = all
+            .iter()
+            .take(REFINED)
+            .filter_map(|first| self.repeated(first, desk))
+            .collect();
+        best.sort_by(|a, b| self.order(a, b));
+        let Some(mut best) = best.into_iter().next() else {
+            return Advice {
+                next: None,
+                inseparable,
+            };
+        };
+        if self.open.least(&best.then) < 1.0 {
+            best = self.joined(&best, &all, desk).unwrap_or(best);
+        }
+        let open = &self.open;
+        let moved = open.moved(&best.then);
+        let least = |lambdas: &[f64]| {
+            moved
+                .iter()
+                .map(|k| lambdas[*k])
+                .fold(f64::INFINITY, f64::min)
+        };
+        let expected = (least(&best.then), least(&open.now));
+        let next = (!moved.is_empty()).then(|| {
+            told(
+                best.item,
+                open.names(&moved),
+                expected,
+                open.all_settled(&best.then),
+            )
+        });
+        Advice { next, inseparable }
+    }
+
+    fn rated(&self, item: MenuItem, steps: usize, desk: &mut Desk) -> Option<Rated> {
+        let planned = self.prepared.planned(&item.runs, desk).ok()?;
+        let then = self.open.lambdas(Some(&planned), steps, desk);
+        Some(Rated { item, then })
+    }
+
+    /// Better first: what settles all that can be settled, by the least λ per minute; among what
+    /// does not, by how far it does.
+    fn order(&self, a: &Rated, b: &Rated) -> std::cmp::Ordering {
+        let all = |r: &Rated| self.open.least(&r.then) >= 1.0;
+        let worth = |r: &Rated| {
+            if all(r) {
+                self.open.least(&r.then) / r.item.duration_min()
+            } else {
+                self.open.settled(&r.then)
+            }
+        };
+        all(b).cmp(&all(a)).then(worth(b).total_cmp(&worth(a)))
+    }
+
+    /// The item measured as often as it takes, as long as that brings something.
+    fn repeated(&self, first: &Rated, desk: &mut Desk) -> Option<Rated> {
+        let mut times = self.open.times(&self.open.now, &first.then, MOST_TIMES);
+        while times > 1 && !self.allowed(&first.item.times(times)) {
+            times /= 2;
+        }
+        let mut best = self.rated(first.item.times(times), STEPS, desk)?;
+        while self.open.least(&best.then) < 1.0 && 2 * times <= MOST_TIMES {
+            times *= 2;
+            let Some(item) = Some(first.item.times(times)).filter(|item| self.allowed(item)) else {
+                break;
+            };
+            let Some(more) = self.rated(item, STEPS, desk) else {
+                break;
+            };
+            if self.open.settled(&more.then) < WORTH * self.open.settled(&best.then) {
+                break;
+            }
+            best = more;
+        }
+        Some(best)
+    }
+
+    /// The best item with a second one for what it leaves open; none where that brings little.
+    fn joined(&self, best: &Rated, all: &[Rated], desk: &mut Desk) -> Option<Rated> {
+        let both = |other: &Rated| {
+            let sum: Vec<f64> = best
+                .then
+                .iter()
+                .zip(&other.then)
+                .zip(&self.open.now)
+                .map(|((a, b), now)| a + b - now)
+                .collect();
+            self.open.settled(&sum)
+        };
+        let mut seconds: Vec<&Rated> = all
+            .iter()
+            .filter(|other| best.item.joins(&other.item))
+            .collect();
+        seconds.sort_by(|a, b| both(b).total_cmp(&both(a)));
+        let mut found: Vec<Rated> = Vec::new();
+        for second in seconds.into_iter().take(SECONDS) {
+            let times = self.open.times(&best.then, &second.then, MOST_TIMES);
+            let item = best.item.and(&second.item.times(times));
+            if self.allowed(&item) {
+                found.extend(self.rated(item, STEPS, desk));
+            }
+        }
+        found.sort_by(|a, b| self.order(a, b));
+        let enough = WORTH * self.open.settled(&best.then);
+        found
+            .into_iter()
+            .next()
+            .filter(|f| self.open.least(&f.then) >= 1.0 || self.open.settled(&f.then) >= enough)
+    }
+}
+
+/// The runs that tell what is open apart; none where nothing is open or no run of the menu that can
+/// be played would.
+pub(super) fn recommend(
+    prepared: &Prepared,
+    verdict: Verdict,
+    (base, selection): (&Fit, &Selection),
+    (limits, playable): (Option<BenchLimits>, Option<&Playable>),
+) -> Advice {
+    if !matches!(verdict, Verdict::Ambiguous | Verdict::Unexplained) {
+        return Advice::default();
+    }
+    let campaign = Campaign::new(&prepared.problem, limits);
+    let mut desk = Desk::default();
+    let without = absences(&prepared.problem, (base, selection), &mut desk);
+    let open = Open::new(
+        prepared.estimate.repeats >= 3,
+        verdict,
+        (&without, selection),
+        &mut desk,
+    );
+    let mut planner = Planner {
+        prepared,
+        open,
+        playable,
+    };
+    if planner.open.pairs.is_empty() {
+        // No names to tell apart: what changed by itself shows when the first run is repeated.
+        let next = sentinel_repeat(&campaign)
+            .filter(|item| planner.allowed(item))
+            .map(|item| told(item, Vec::new(), (0.0, 0.0), false));
+        return Advice {
+            next,
+            inseparable: Vec::new(),
+        };
+    }
+    let (mut items, others): (Vec<MenuItem>, Vec<MenuItem>) = menu(&campaign)
+        .into_iter()
+        .partition(|item| planner.allowed(item));
+    items.dedup_by(|later, first| later.name == first.name);
+    planner.choose(items, others, &mut desk)
+}
+
+fn told(
+    item: MenuItem,
+    separates: Vec<&'static str>,
+    (then, now): (f64, f64),
+    settles: bool,
+) -> Recommended {
+    let next = NextExperiment {
+        name: item.name,
+        duration_min: item.duration_min(),
+        charge_ah: item.charge_ah(),
+        description: item.description,
+        separates,
+        separation_sigma: then.sqrt(),
+        separation_now_sigma: now.sqrt(),
+        settles,
+    };
+    (next, item.runs)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,203 @@
+//! A run that was not measured yet, as data.
+
+use crate::data::{Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
+use analysis_effects::{augmented::Between, contract::Below};
+use analysis_signal::series::TimeSeries;
+use num_complex::Complex64;
+
+/// Time of a sweep per point: so many periods …
+const PERIODS: f64 = 4.0;
+/// … of a slow point, after which the cell has to forget the one before …
+const SLOW_PERIODS: f64 = 8.0;
+/// … below this, Hz.
+const SLOW_HZ: f64 = 0.05;
+/// … and so long, in which the step from one frequency to the next dies away, s.
+const POINT_S: f64 = 20.0;
+/// Rest between repeats of a run at most, s.
+const BETWEEN_REPEATS_S: f64 = 600.0;
+/// Shortest and longest distance of samples in time, s.
+const SAMPLING_S: (f64, f64) = (0.01, 5.0);
+/// Distance of samples as a part of the time since the last edge.
+const SAMPLING_PART: f64 = 0.1;
+
+/// How far a planned run may go on bench and cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BenchLimits {
+    /// Largest current discharging, A.
+    pub discharge_a: f64,
+    /// Largest current charging, A, positive; 0 where the cell must not be charged.
+    pub charge_a: f64,
+    /// Highest frequency of a sweep, Hz.
+    pub highest_hz: f64,
+    /// The one shunt that can be put in the place of the cell, Ω; none where any can.
+    pub shunt_ohm: Option<f64>,
+}
+
+/// Says of a planned run, by the name of its item, whether bench, cell and budget allow it and it
+/// is worth playing.
+pub type Playable = std::sync::Arc<dyn Fn(&str, &[PlannedRun]) -> bool + Send + Sync>;
+
+/// A run that is to be measured.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlannedRun {
+    /// Name of letters, digits and `_`.
+    pub name: String,
+    /// What is in the jig.
+    pub fixture: Fixture,
+    /// State of charge at the start, 0…1.
+    pub soc: f64,
+    /// Temperature of the cell, °C.
+    pub temperature_c: f64,
+    /// How often it is measured.
+    pub repeat: usize,
+    /// Runs of one group repeat each other.
+    pub repeat_group: String,
+    /// Place of the first repeat in the order of time; the others follow.
+    pub order: u32,
+    /// Time before it in which cell and bench settle, s.
+    pub settle_s: f64,
+    /// Start of the first repeat since the start of the campaign's first run, s.
+    pub start_s: f64,
+    /// What is done.
+    pub what: Planned,
+}
+
+/// What is done in a planned run.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Planned {
+    /// Currents one after the other: how long (s) and how much (A, discharge positive).
+    Trace(Vec<(f64, f64)>),
+    /// A sweep.
+    Eis {
+        /// Frequencies, Hz, rising.
+        freq_hz: Vec<f64>,
+        /// Amplitude of the current, A.
+        amplitude_a: f64,
+    },
+}
+
+impl Planned {
+    /// How long it takes once, s.
+    pub fn span_s(&self) -> f64 {
+        match self {
+            Self::Trace(segments) => segments.iter().map(|(span_s, _)| span_s).sum(),
+            Self::Eis { freq_hz, .. } => freq_hz
+                .iter()
+                .map(|f| if *f < SLOW_HZ { SLOW_PERIODS } else { PERIODS } / f + POINT_S)
+                .sum(),
+        }
+    }
+
+    /// Charge moved once, in either direction together, C.
+    pub fn charge_c(&self) -> f64 {
+        match self {
+            Self::Trace(segments) => segments
+                .iter()
+                .map(|(span_s, amps)| span_s * amps.abs())
+                .sum(),
+            // The mean of |sin| is 2/π.
+            Self::Eis { amplitude_a, .. } => {
+                std::f64::consts::FRAC_2_PI * amplitude_a * self.span_s()
+            }
+        }
+    }
+}
+
+impl PlannedRun {
+    /// How long it takes with its repeats and all settling, s.
+    pub fn duration_s(&self) -> f64 {
+        let more = self.repeat.saturating_sub(1) as f64;
+        self.settle_s
+            + self.what.span_s()
+            + more * (self.settle_s.min(BETWEEN_REPEATS_S) + self.what.span_s())
+    }
+
+    /// Charge moved with its repeats, in either direction together, Ah; none where a control is in
+    /// the jig.
+    pub fn charge_ah(&self) -> f64 {
+        let cell = matches!(self.fixture, Fixture::Cell(_));
+        if cell {
+            self.repeat as f64 * self.what.charge_c() / 3600.0
+        } else {
+            0.0
+        }
+    }
+
+    /// Start of a repeat, counted from 0, s.
+    pub fn repeat_start_s(&self, nth: usize) -> f64 {
+        self.start_s + nth as f64 * (self.settle_s.min(BETWEEN_REPEATS_S) + self.what.span_s())
+    }
+
+    /// The first repeat with zeros for what will be measured, sampled as a campaign's runs are:
+    /// dense after an edge.
+    pub(crate) fn unmeasured(&self, between: Between, sigma_v: Option<f64>) -> Run {
+        let data = match &self.what {
+            Planned::Trace(segments) => {
+                let (time_s, current_a) = samples(segments);
+                let voltage_v = vec![0.0; time_s.len()];
+                let series = TimeSeries {
+                    name: self.name.clone(),
+                    time_s,
+                    current_a,
+                    voltage_v,
+                    temperature_c: None,
+                };
+                let sigma_v = sigma_v.map(|sigma_v| vec![sigma_v; series.len()]);
+                RunData::Time(TimeRecord {
+                    series,
+                    between,
+                    compared_from_s: 0.0,
+                    level_sigma_v: 0.0,
+                    sigma_v,
+                    averaged_s: None,
+                })
+            }
+            Planned::Eis {
+                freq_hz,
+                amplitude_a,
+            } => {
+                let point = |f: &f64| SweepPoint {
+                    freq_hz: *f,
+                    z_ohm: Complex64::ZERO,
+                    sigma_ohm: None,
+                    amplitude_a: Some(*amplitude_a),
+                };
+                RunData::Eis(Sweep {
+                    bias_a: 0.0,
+                    below: Below::default(),
+                    elapsed_s: Vec::new(),
+                    points: freq_hz.iter().map(point).collect(),
+                })
+            }
+        };
+        Run {
+            name: self.name.clone(),
+            fixture: self.fixture.clone(),
+            role: Role::Train,
+            repeat_group: self.repeat_group.clone(),
+            order: self.order,
+            start_s: self.start_s,
+            temperature_c: self.temperature_c,
+            start: Start::Soc(self.soc),
+            data,
+        }
+    }
+}
+
+/// Instants in whole milliseconds and the currents from each on.
+fn samples(segments: &[(f64, f64)]) -> (Vec<f64>, Vec<f64>) {
+    let whole = |t: f64| (t * 1e3).round() / 1e3;
+    let (mut time_s, mut current_a, mut start_s) = (Vec::new(), Vec::new(), 0.0);
+    for (span_s, amps) in segments {
+        let mut since_s = 0.0;
+        while since_s < span_s - 0.5 * SAMPLING_S.0 {
+            time_s.push(whole(start_s + since_s));
+            current_a.push(*amps);
+            since_s += whole((SAMPLING_PART * since_s).clamp(SAMPLING_S.0, SAMPLING_S.1));
+        }
+        start_s = whole(start_s + span_s);
+    }
+    time_s.push(start_s);
+    current_a.push(segments.last().map_or(0.0, |(_, amps)| *amps));
+    (time_s, current_a)
+}

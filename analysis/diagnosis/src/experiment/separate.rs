@@ -1,0 +1,108 @@
+//! λ of a pair: the χ² that stays when one structure is refitted to what another predicts, on the
+//! training runs and planned ones, without noise.
+//!
+//! On the training runs the refit is linear around its fit, so that only planned runs are played;
+//! on those it is Gauss–Newton.
+
+use crate::{
+    block::Desk,
+    problem::{Fit, Problem, step},
+    whitening::dot,
+};
+
+/// Damping of a step, as a part of the diagonal.
+const DAMPING: f64 = 1e-7;
+
+/// What a fit predicts for planned runs.
+#[derive(Debug, Default)]
+pub(super) struct View {
+    predicted: Vec<f64>,
+    columns: Vec<Vec<f64>>,
+}
+
+impl View {
+    /// Empty without planned runs.
+    pub(super) fn new(fit: &Fit, planned: Option<&Problem>, desk: &mut Desk) -> Self {
+        planned.map_or_else(Self::default, |p| Self::at(fit, &fit.x, p, desk))
+    }
+
+    fn at(fit: &Fit, x: &[f64], planned: &Problem, desk: &mut Desk) -> Self {
+        let predicted = planned.prediction((&fit.structure, x), desk);
+        let columns = planned.columns(&fit.structure, (x, &fit.axes), &predicted, desk);
+        Self {
+            predicted: predicted.white,
+            columns,
+        }
+    }
+}
+
+/// λ of a truth against another structure. One step gives what a linear refit leaves; more are
+/// played.
+pub(super) fn separation_chi2(
+    (truth, shown): (&Fit, &View),
+    (other, view, planned): (&Fit, &View, Option<&Problem>),
+    steps: usize,
+    desk: &mut Desk,
+) -> f64 {
+    // Residuals are measured less predicted: what was measured cancels.
+    let mut known: Vec<f64> = other
+        .residuals
+        .iter()
+        .zip(&truth.residuals)
+        .map(|(o, t)| o - t)
+        .collect();
+    let away = |v: &View| {
+        shown
+            .predicted
+            .iter()
+            .zip(&v.predicted)
+            .map(|(t, p)| t - p)
+            .collect::<Vec<f64>>()
+    };
+    let joined = |v: &View| {
+        other
+            .columns
+            .iter()
+            .enumerate()
+            .map(|(k, c)| joint(c, v.columns.get(k).map_or(&[], Vec::as_slice)))
+            .collect::<Vec<_>>()
+    };
+    let (mut x, mut residuals) = (other.x.clone(), joint(&known, &away(view)));
+    let mut columns = joined(view);
+    let mut chi2 = dot(&residuals, &residuals);
+    for n in 0..steps {
+        let Some((moves, promise)) = step(&columns, &residuals, (&x, &other.axes), DAMPING) else {
+            break;
+        };
+        let Some(planned) = planned.filter(|_| steps > 1) else {
+            return (chi2 - promise).max(0.0);
+        };
+        let trial: Vec<f64> = x
+            .iter()
+            .zip(&moves)
+            .zip(&other.axes)
+            .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
+            .collect();
+        let moved = View::at(other, &trial, planned, desk);
+        let mut left = known.clone();
+        trial
+            .iter()
+            .zip(&x)
+            .zip(&other.columns)
+            .for_each(|((t, x), c)| left.iter_mut().zip(c).for_each(|(l, c)| *l -= (t - x) * c));
+        let whole = joint(&left, &away(&moved));
+        let value = dot(&whole, &whole);
+        if value >= chi2 {
+            break;
+        }
+        (x, known, residuals, chi2) = (trial, left, whole, value);
+        if n + 1 < steps {
+            columns = joined(&moved);
+        }
+    }
+    chi2
+}
+
+fn joint(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().chain(b).copied().collect()
+}

@@ -1,0 +1,148 @@
+//! A logged current that lags behind the voltage.
+//!
+//! A first-order lag τ of the current is one of the voltage that is predicted from it, for both
+//! pass through the same linear cell: the measured voltage, delayed by τ, then fits the prediction.
+//! The τ that fits best is the lag. What all records share is the catalogue's `current_smoothing`
+//! and passes; a record that lags more than its like is damaged.
+
+use super::super::data::TimeRecord;
+use super::{Check, Findings, Inspection, Subject, median};
+use analysis_effects::augmented::Between;
+
+/// Lags that are tried, s: from and to, and how many in between.
+const TRIED_S: (f64, f64, usize) = (1e-3, 10.0, 41);
+/// A lag is believed where it leaves less than this share of the squares.
+const SHARE_LEFT: f64 = 0.3;
+/// The delayed voltage must be explained by the prediction but for this share of its squares: else
+/// it is something else that is wrong.
+const UNEXPLAINED: f64 = 0.1;
+/// A record lags alone where it does so this many times more than its like.
+const TIMES_OTHERS: f64 = 3.0;
+
+pub(super) fn check(at: &Inspection<'_>) -> Findings {
+    let mut found = Findings::default();
+    let lags: Vec<(&Subject<'_>, f64, f64)> = at
+        .runs
+        .iter()
+        .filter_map(|subject| {
+            let (record, expected_v) = subject.record()?;
+            Some((
+                subject,
+                lag_s(record, expected_v, at.sample_noise_v(record)),
+                interval_s(record),
+            ))
+        })
+        .collect();
+    let mut shared: Vec<f64> = Vec::new();
+    for (k, (subject, lag_s, interval_s)) in lags.iter().enumerate() {
+        let others = |same_group: bool| -> Vec<f64> {
+            let like = |(j, other): &(usize, &(&Subject<'_>, f64, f64))| {
+                *j != k && (!same_group || other.0.run.repeat_group == subject.run.repeat_group)
+            };
+            lags.iter()
+                .enumerate()
+                .filter(like)
+                .map(|(_, other)| other.1)
+                .collect()
+        };
+        let like = Some(others(true))
+            .filter(|all| !all.is_empty())
+            .unwrap_or_else(|| others(false));
+        let alone = !like.is_empty() && *lag_s > (TIMES_OTHERS * median(like)).max(*interval_s);
+        if alone {
+            let text = format!(
+                "its logged current lags by {lag_s:.2} s behind the voltage, the other records' \
+                does not"
+            );
+            found.add(Check::CurrentLags, subject.run, text);
+        } else if *lag_s > 0.0 {
+            shared.push(*lag_s);
+        }
+    }
+    if !shared.is_empty() {
+        found.notes.push(format!(
+            "the logged current of {} records lags behind the voltage, by {:.3} s in the middle",
+            shared.len(),
+            median(shared)
+        ));
+    }
+    found
+}
+
+/// Typical distance of two samples while something happens, s.
+fn interval_s(record: &TimeRecord) -> f64 {
+    median(
+        record
+            .series
+            .time_s
+            .windows(2)
+            .map(|w| w[1] - w[0])
+            .collect(),
+    )
+}
+
+/// The lag that explains most of what the prediction misses, s; zero where none explains much.
+fn lag_s(record: &TimeRecord, expected_v: &[f64], noise_v: f64) -> f64 {
+    let (now, _) = squares(&record.series.voltage_v, expected_v);
+    let floor = noise_v * noise_v * expected_v.len() as f64;
+    let (low, high, count) = TRIED_S;
+    let tried = (0..count).map(|k| low * (high / low).powf(k as f64 / (count - 1) as f64));
+    let best = tried
+        .map(|tau_s| (tau_s, squares(&delayed(record, tau_s), expected_v)))
+        .min_by(|a, b| a.1.0.total_cmp(&b.1.0));
+    match best {
+        Some((tau_s, (left, whole)))
+            if now > 4.0 * floor && left < SHARE_LEFT * now && left < UNEXPLAINED * whole =>
+        {
+            tau_s
+        }
+        _ => 0.0,
+    }
+}
+
+/// The voltage through a first-order low-pass, V.
+fn delayed(record: &TimeRecord, tau_s: f64) -> Vec<f64> {
+    let (t, v) = (&record.series.time_s, &record.series.voltage_v);
+    let mut state = v[0];
+    let mut all = Vec::with_capacity(v.len());
+    all.push(state);
+    for k in 1..v.len() {
+        let x = (t[k] - t[k - 1]) / tau_s;
+        let decay = (-x).exp();
+        state = match record.between {
+            Between::Hold => decay * state + (1.0 - decay) * v[k - 1],
+            Between::Linear => {
+                let slope = (v[k] - v[k - 1]) / x;
+                // The answer to a ramp lags by one τ.
+                v[k] - slope + decay * (state - v[k - 1] + slope)
+            }
+        };
+        all.push(state);
+    }
+    all
+}
+
+/// Squares that a + b·expected leaves, for level and resistance may differ, and those of the
+/// voltage about its mean.
+fn squares(voltage_v: &[f64], expected_v: &[f64]) -> (f64, f64) {
+    let n = voltage_v.len() as f64;
+    let mean = |all: &[f64]| all.iter().sum::<f64>() / n;
+    let (mv, me) = (mean(voltage_v), mean(expected_v));
+    let pairs = || {
+        voltage_v
+            .iter()
+            .zip(expected_v)
+            .map(|(v, e)| (v - mv, e - me))
+    };
+    let (vv, ve, ee) = pairs().fold((0.0, 0.0, 0.0), |(a, b, c), (v, e)| {
+        (a + v * v, b + v * e, c + e * e)
+    });
+    (
+        if ee > 0.0 {
+            (vv - ve * ve / ee).max(0.0)
+        } else {
+            vv
+        },
+        vv,
+    )
+}

@@ -1,0 +1,73 @@
+//! Whether something is left that all repeats of a kind of run have in common: their mean has all
+//! of it and, by the root of their number, less noise.
+//!
+//! With rₖ the whitened residuals of m repeats, |Σ rₖ|²/m is χ² of one run's rows where only noise
+//! is left. Errors that may be the same in repeats (codes of the current, where an edge fell
+//! between two samples) are taken out of it.
+
+use super::consistency::Inconsistency;
+use super::guards::beyond_formula;
+use super::problem::{Fit, Problem, Tangent};
+use super::whitening::dot;
+use analysis_fit::validity::tail::{chi2_tail, holm};
+use std::collections::BTreeMap;
+
+/// Repeats: their blocks, and the sum of their whitened residuals.
+#[derive(Default)]
+struct Repeats {
+    blocks: Vec<usize>,
+    sum: Vec<f64>,
+}
+
+/// Each group of repeats, and all of them together, probabilities corrected for their number;
+/// `gained` is the λ of what was named.
+pub(super) fn in_common(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
+    let mut groups: BTreeMap<(&str, usize), Repeats> = BTreeMap::new();
+    for (k, block, left) in problem.left(fit) {
+        let repeats = groups.entry((&block.group, block.rows())).or_default();
+        repeats.blocks.push(k);
+        repeats.sum.resize(block.rows(), 0.0);
+        repeats
+            .sum
+            .iter_mut()
+            .zip(left)
+            .for_each(|(sum, r)| *sum += r);
+    }
+    let mut asked: Vec<(String, f64, usize)> = Vec::new();
+    for ((group, rows), Repeats { blocks, mut sum }) in groups
+        .into_iter()
+        .filter(|(_, repeats)| repeats.blocks.len() > 1)
+    {
+        let mut common = Tangent::default();
+        problem.repeating[blocks[0]]
+            .iter()
+            .for_each(|v| common.add(v.clone()));
+        common.project(&mut sum);
+        asked.push((
+            group.to_owned(),
+            dot(&sum, &sum) / blocks.len() as f64,
+            rows - common.basis.len().min(rows),
+        ));
+    }
+    if asked.len() > 1 {
+        let (chi2, rows) = asked
+            .iter()
+            .fold((0.0, 0), |(chi2, rows), of| (chi2 + of.1, rows + of.2));
+        asked.push(("every kind".to_owned(), chi2, rows));
+    }
+    asked.retain(|(_, _, dof)| *dof > 0);
+    let p_values = asked.iter().map(|(_, chi2, dof)| {
+        chi2_tail(
+            *dof as f64 + beyond_formula(chi2 - *dof as f64, gained),
+            *dof as f64,
+        )
+    });
+    let corrected = holm(&p_values.collect::<Vec<f64>>());
+    let found = |((group, chi2, dof), p_value): (&(String, f64, usize), f64)| Inconsistency {
+        said: format!("all repeats of {group} have more in common than the model"),
+        chi2: *chi2,
+        dof: *dof,
+        p_value,
+    };
+    asked.iter().zip(corrected).map(found).collect()
+}

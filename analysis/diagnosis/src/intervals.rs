@@ -1,0 +1,150 @@
+//! The named effects with their parameters and 95 % intervals by profile likelihood: the values at
+//! which χ², with everything else refitted, is 3.84 above its least. Shapes that were held while
+//! effects were chosen are free here, so that an interval knows of them.
+
+use super::block::Desk;
+use super::outcome::{FittedParameter, NamedEffect};
+use super::problem::{Fit, Problem};
+use super::select::Selection;
+use super::structure::searched;
+use analysis_effects::contract::Scale;
+
+/// 97.5 % quantile of the normal distribution.
+const TWO_SIDED_95: f64 = 1.959_964;
+/// Refits to find one end at most.
+const MOST_REFITS: usize = 8;
+/// How near to the quantile an end must lie, in standard deviations.
+const NEAR: f64 = 0.1;
+
+/// The effects taken, with values, intervals and evidence.
+pub(super) fn named(problem: &Problem, selection: &Selection, desk: &mut Desk) -> Vec<NamedEffect> {
+    let fit = &selection.fit;
+    let (_, values) = fit.decode(problem.branches());
+    let mut all = Vec::new();
+    for (k, (member, taken)) in fit
+        .structure
+        .members
+        .iter()
+        .zip(&selection.taken)
+        .enumerate()
+    {
+        let open = with_free_shapes(problem, fit, k, desk);
+        let covariance = open.covariance();
+        let n = open.x.len();
+        let mut at = open.structure.first(k, problem.branches());
+        let mut parameters = Vec::new();
+        for (p, value) in open.structure.members[k].parameters.iter().zip(&values[k]) {
+            if p.scale == Scale::Choice {
+                let interval = (p.range.lower, p.range.upper);
+                parameters.push(FittedParameter {
+                    name: p.name,
+                    value: *value,
+                    sigma: None,
+                    interval,
+                    unit: p.unit,
+                });
+                continue;
+            }
+            let deviation = covariance.as_ref().map(|c| c[at * n + at].sqrt());
+            let ends = [-1.0, 1.0]
+                .map(|side| end(problem, &open, (at, side), covariance.as_deref(), desk));
+            let linear = p.scale == Scale::Linear;
+            let natural = |x: f64| if linear { x * p.typical } else { x.exp() };
+            let interval = (
+                natural(ends[0]).min(*value).max(p.range.lower),
+                natural(ends[1]).max(*value).min(p.range.upper),
+            );
+            let sigma = deviation.map(|s| s * if linear { p.typical } else { *value });
+            parameters.push(FittedParameter {
+                name: p.name,
+                value: *value,
+                sigma,
+                interval,
+                unit: p.unit,
+            });
+            at += 1;
+        }
+        let card = member.effect.card();
+        all.push(NamedEffect {
+            name: card.name,
+            title: card.title,
+            group: card.group,
+            parameters,
+            evidence: taken.evidence,
+            falsified_by: format!(
+                "{} — without the signature \"{}\" the name is wrong",
+                card.experiment, card.signature
+            ),
+        });
+    }
+    all
+}
+
+/// The fit with all shapes of a member searched; as it is where they are.
+fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, desk: &mut Desk) -> Fit {
+    let (erm, values) = fit.decode(problem.branches());
+    let own = searched(
+        fit.structure.members[member].effect,
+        &problem.base,
+        &values[member],
+    );
+    if fit.structure.members[member].parameters == own {
+        return fit.clone();
+    }
+    let mut structure = fit.structure.clone();
+    structure
+        .members
+        .iter_mut()
+        .zip(&values)
+        .for_each(|(m, v)| m.start.clone_from(v));
+    structure.members[member].parameters = own;
+    problem.fit(&structure, &erm, desk)
+}
+
+/// One end of a coordinate's interval, on the side of the sign; its bound where the data leave it
+/// open. Each refit begins where the last one within the interval ended: a valley that bends is
+/// followed, and not left for good by one long jump.
+fn end(
+    problem: &Problem,
+    fit: &Fit,
+    (k, side): (usize, f64),
+    covariance: Option<&[f64]>,
+    desk: &mut Desk,
+) -> f64 {
+    let axis = &fit.axes[k];
+    let bound = if side > 0.0 { axis.upper } else { axis.lower };
+    // Where everything else goes when this coordinate moves by 1.
+    let along =
+        |j: usize| covariance.map_or(0.0, |c| c[j * fit.x.len() + k] / c[k * fit.x.len() + k]);
+    let mut inside = (fit.x.clone(), 0.0);
+    let mut step = TWO_SIDED_95
+        * covariance.map_or(0.1 * (axis.upper - axis.lower), |c| {
+            c[k * fit.x.len() + k].sqrt()
+        });
+    for _ in 0..MOST_REFITS {
+        let from = inside.0[k];
+        let at = (from + side * step).clamp(axis.lower, axis.upper);
+        let mut axes = fit.axes.clone();
+        (axes[k].lower, axes[k].upper) = (at, at);
+        let x = inside
+            .0
+            .iter()
+            .enumerate()
+            .map(|(j, x)| (x + along(j) * (at - from)).clamp(axes[j].lower, axes[j].upper))
+            .collect();
+        let found = problem.fit_from(&fit.structure, x, axes, desk);
+        let deviations = (found.chi2 - fit.chi2).max(0.0).sqrt();
+        if (deviations - TWO_SIDED_95).abs() < NEAR || (at == bound && deviations <= TWO_SIDED_95) {
+            return at;
+        }
+        // χ² is a parabola from the least: deviations grow in proportion.
+        let left = (TWO_SIDED_95 - inside.1) / (deviations - inside.1).max(0.1);
+        if deviations < TWO_SIDED_95 {
+            step = (at - from).abs() * (left - 1.0).clamp(0.05, 2.0);
+            inside = (found.x, deviations);
+        } else {
+            step = (at - from).abs() * left.clamp(0.1, 0.8);
+        }
+    }
+    (inside.0[k] + side * step).clamp(axis.lower, axis.upper)
+}

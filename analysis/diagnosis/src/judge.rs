@@ -1,0 +1,189 @@
+//! The verdict: what a search has found, and whether what is left is noise.
+
+use super::consistency::Inconsistency;
+use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P, beyond_formula};
+use super::outcome::{Block, Diagnosis, Verdict};
+use super::select::Selection;
+use analysis_effects::effects::find;
+
+/// What speaks against taking what is left for noise, beside its χ² and its blocks.
+pub(super) struct Doubts {
+    /// Why the repeats cannot be believed.
+    pub(super) moved: Option<String>,
+    /// (χ² − dof)/√(2·dof) of the held-out runs.
+    pub(super) held_out_z: f64,
+    /// What may differ between circumstances, most significant first.
+    pub(super) differs: Vec<Inconsistency>,
+}
+
+/// Verdict, summary and notes.
+pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
+    let Doubts {
+        moved,
+        held_out_z,
+        differs,
+    } = doubts;
+    let gained = d.quality.base_chi2 - d.quality.augmented_chi2;
+    let quiet = d
+        .where_after
+        .iter()
+        .all(|left| left.p_value > LEAST_BLOCK_P || within_formula(gained, left));
+    let differs = differs.first().filter(|d| d.p_value <= LEAST_BLOCK_P);
+    let fits =
+        d.quality.augmented_z < GOOD_FIT_Z && held_out_z < GOOD_FIT_Z && quiet && differs.is_none();
+    let names: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
+    if !d.noise.from_repeats {
+        d.notes.push(
+            "fewer than three repeats of any spectrum or any record: the noise is assumed, so that \
+            no noise floor can be claimed"
+                .to_owned(),
+        );
+    }
+    if held_out_z >= GOOD_FIT_Z {
+        d.notes.push(format!(
+            "held-out runs are missed by {held_out_z:.1} standard deviations of their χ²"
+        ));
+    }
+    if let Some(differs) = differs {
+        let Inconsistency {
+            said,
+            chi2,
+            dof,
+            p_value,
+        } = differs;
+        d.notes
+            .push(format!("{said}: χ² {chi2:.0} of {dof}, p {p_value:.1e}"));
+    }
+    if let Some(reason) = moved {
+        d.verdict = Verdict::Unexplained;
+        d.summary = format!(
+            "The noise floor itself moved: {reason}. Nothing is named; look for a loose contact or \
+            hum."
+        );
+        return;
+    }
+    if let Some(title) = selection.outside {
+        d.verdict = Verdict::Unexplained;
+        d.summary = format!(
+            "Something is missing that no effect of the catalogue explains: {title} would explain \
+            it better."
+        );
+        hint(d, selection);
+        return;
+    }
+    for taken in selection.taken.iter().filter(|_| fits) {
+        for container in taken.limit_of.iter().filter_map(|name| find(name)) {
+            let (title, named) = (
+                container.card().title,
+                find(taken.name).map_or(taken.name, |e| e.card().title),
+            );
+            d.notes.push(format!(
+                "{title} is not excluded: it becomes {named} at a limit of its \
+                shape, from which these runs do not tell it"
+            ));
+        }
+    }
+    (d.verdict, d.summary) = match (fits, names.is_empty()) {
+        (true, true) if d.noise.from_repeats => (
+            Verdict::AtNoiseFloor,
+            "Nothing is missing that these repeats could show: the residual is at the noise floor."
+                .to_owned(),
+        ),
+        (true, true) => (
+            Verdict::Unexplained,
+            "The residual is within the assumed noise; without repeats this is not a finding."
+                .to_owned(),
+        ),
+        (true, false)
+            if d.rivals.is_empty()
+                && d.effects.iter().any(|e| e.evidence.lambda < CERTAIN_LAMBDA) =>
+        {
+            let text = "Missing: {} – but the signal is so weak that something outside the \
+            catalogue would look the same.";
+            (Verdict::Ambiguous, text.replace("{}", &names.join(", ")))
+        }
+        (true, false) if d.rivals.is_empty() && selection.doubt.is_some() => {
+            let doubt = selection.doubt.as_deref().unwrap_or_default();
+            (
+                Verdict::Ambiguous,
+                format!(
+                    "Missing: {} – but not for certain: {doubt}.",
+                    names.join(", ")
+                ),
+            )
+        }
+        (true, false) if d.rivals.is_empty() => (
+            Verdict::Explained,
+            format!("Missing and now added: {}.", names.join(", ")),
+        ),
+        (true, false) => {
+            let others: Vec<&str> = d.rivals.iter().map(|r| r.name).collect();
+            (
+                Verdict::Ambiguous,
+                format!(
+                    "Missing: {} – or {}: these data cannot tell.",
+                    names.join(", "),
+                    others.join(", ")
+                ),
+            )
+        }
+        (false, false) => (
+            Verdict::Unexplained,
+            format!(
+                "{} explains a part; the rest has no name in the catalogue.",
+                names.join(", ")
+            ),
+        ),
+        (false, true) => (
+            Verdict::Unexplained,
+            "Something is missing that no effect of the catalogue explains.".to_owned(),
+        ),
+    };
+    hint(d, selection);
+}
+
+/// Whether what is left in a block is no more than what was named, which has gained so much, may
+/// differ from nature.
+fn within_formula(gained: f64, left: &Block) -> bool {
+    let excess = (left.chi2 - left.expected_chi2).max(left.mean_z * left.mean_z);
+    beyond_formula(excess, gained) <= 0.0
+}
+
+/// What would help but may not be named.
+fn hint(d: &mut Diagnosis, selection: &Selection) {
+    if let Some((name, score, reason)) = &selection.refused {
+        d.notes.push(format!(
+            "hint only, not named: {name} would gain {score:.0} but {reason}"
+        ));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// 3 % of an effect of λ = 10⁶ are worth 900 of χ², or 30 standard deviations of a mean.
+    #[test]
+    fn a_block_may_keep_what_a_formula_differs_by() {
+        let block = |chi2: f64, mean_z: f64| Block {
+            dimension: "sign",
+            part: "charge".to_owned(),
+            count: 100,
+            chi2,
+            expected_chi2: 100.0,
+            mean_z,
+            p_value: 1e-9,
+            rms: 1.0,
+        };
+        assert!(
+            within_formula(1e6, &block(800.0, 20.0)) && !within_formula(1e6, &block(1100.0, 20.0))
+        );
+        assert!(
+            !within_formula(1e6, &block(800.0, -35.0)) && !within_formula(1e4, &block(800.0, 1.0))
+        );
+        assert!(
+            !within_formula(0.0, &block(180.0, 1.0)),
+            "where nothing was named"
+        );
+    }
+}

@@ -1,0 +1,263 @@
+//! Where the model misses: whitened residuals outside its tangent space, by blocks.
+//!
+//! r⊥ = (I − QQᵀ)r with Q an orthonormal basis of the derivatives: what is left can not be a wrong
+//! parameter. Each block of r⊥ is tested for its χ² (against the trace of I − QQᵀ over the block)
+//! and for its mean; the smaller of both probabilities, doubled, is corrected after Holm over all
+//! blocks.
+
+use super::block::{Block as Run, Desk, Kind};
+use super::data::Role;
+use super::outcome::Block;
+use super::problem::{Fit, Problem, Tangent};
+use analysis_fit::validity::tail::{chi2_tail, deviate_tail, holm};
+use std::collections::BTreeMap;
+
+/// Fewer residuals than this make no block.
+const FEWEST: usize = 4;
+
+/// One row's place: dimension, sorting key and part.
+pub(super) type Place = (&'static str, u32, String);
+
+/// Blocks of the training residuals of a fit, most significant first; `project` false leaves the
+/// tangent space in.
+pub(super) fn localise(problem: &Problem, fit: &Fit, project: bool, desk: &mut Desk) -> Vec<Block> {
+    let tangent = if project {
+        fit.tangent()
+    } else {
+        Tangent::default()
+    };
+    let mut residuals = fit.residuals.clone();
+    tangent.project(&mut residuals);
+    let mut cells: BTreeMap<Place, Sums> = BTreeMap::new();
+    let mut row = 0;
+    let ranges = Ranges::new(problem);
+    for k in problem.of_role(Role::Train) {
+        let run = &problem.blocks[k];
+        let raw = raw(run, &problem.predict((&fit.structure, &fit.x), k, 1, desk));
+        for (n, raw) in raw.iter().enumerate() {
+            let basis: Vec<f64> = tangent.basis.iter().map(|q| q[row]).collect();
+            for place in places(run, n, &ranges) {
+                cells
+                    .entry(place)
+                    .or_default()
+                    .add(residuals[row], &basis, *raw);
+            }
+            row += 1;
+        }
+    }
+    let mut blocks: Vec<Block> = cells
+        .into_iter()
+        .filter(|(_, s)| s.count >= FEWEST)
+        .map(|((dimension, _, part), s)| s.block(dimension, part))
+        .collect();
+    let corrected = holm(&blocks.iter().map(|b| b.p_value).collect::<Vec<f64>>());
+    blocks
+        .iter_mut()
+        .zip(corrected)
+        .for_each(|(b, p)| b.p_value = p);
+    blocks.sort_by(|a, b| {
+        a.p_value
+            .total_cmp(&b.p_value)
+            .then((b.chi2 / b.expected_chi2).total_cmp(&(a.chi2 / a.expected_chi2)))
+    });
+    blocks
+}
+
+/// Residuals before whitening: V for a record, part of |Z| for a spectrum.
+fn raw(run: &Run, predicted: &[f64]) -> Vec<f64> {
+    let scale = |n: usize| match &run.kind {
+        Kind::Eis { .. } => 1.0 / run.measured[n & !1].hypot(run.measured[n | 1]),
+        Kind::Time(_) => 1.0,
+    };
+    run.measured
+        .iter()
+        .zip(predicted)
+        .enumerate()
+        .map(|(n, (m, p))| (m - p) * scale(n))
+        .collect()
+}
+
+#[derive(Default)]
+struct Sums {
+    count: usize,
+    chi2: f64,
+    expected: f64,
+    sum: f64,
+    square: f64,
+    /// Sum of each vector of the tangent space's basis over the block.
+    along: Vec<f64>,
+}
+
+impl Sums {
+    fn add(&mut self, r: f64, basis: &[f64], raw: f64) {
+        self.count += 1;
+        self.chi2 += r * r;
+        self.expected += 1.0 - basis.iter().map(|q| q * q).sum::<f64>();
+        self.along.resize(basis.len(), 0.0);
+        self.along.iter_mut().zip(basis).for_each(|(a, q)| *a += q);
+        self.sum += r;
+        self.square += raw * raw;
+    }
+
+    fn block(&self, dimension: &'static str, part: String) -> Block {
+        let expected = self.expected.max(1e-9);
+        // Variance of the sum: 1ᵀ(I − QQᵀ)1 over the block; none is left where the model can move
+        // all of it together.
+        let variance = self.count as f64 - self.along.iter().map(|a| a * a).sum::<f64>();
+        let mean_z = if variance > 1e-6 * self.count as f64 {
+            self.sum / variance.sqrt()
+        } else {
+            0.0
+        };
+        let p =
+            (2.0 * chi2_tail(self.chi2, expected).min(deviate_tail(mean_z.abs(), None))).min(1.0);
+        let rms = 1e3 * (self.square / self.count as f64).sqrt();
+        Block {
+            dimension,
+            part,
+            count: self.count,
+            chi2: self.chi2,
+            expected_chi2: self.expected,
+            mean_z,
+            p_value: p,
+            rms,
+        }
+    }
+}
+
+/// What the blocks' limits are taken from.
+pub(super) struct Ranges {
+    lowest_hz: f64,
+    highest_hz: f64,
+    greatest_a: f64,
+    socs: (f64, f64),
+    temperatures_c: (f64, f64),
+    orders: (f64, f64),
+    greatest_c: f64,
+}
+
+impl Ranges {
+    pub(super) fn new(problem: &Problem) -> Self {
+        let span = |pick: &dyn Fn(&Run) -> f64| {
+            problem
+                .of_role(Role::Train)
+                .map(|k| pick(&problem.blocks[k]))
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| {
+                    (a.min(v), b.max(v))
+                })
+        };
+        let f = &problem.base.facts;
+        Self {
+            lowest_hz: f.lowest_hz.unwrap_or(1.0),
+            highest_hz: f.highest_hz.unwrap_or(1.0),
+            greatest_a: f.greatest_a,
+            socs: span(&|b| b.at.soc),
+            temperatures_c: span(&|b| b.at.temperature_c),
+            orders: span(&|b| b.at.order),
+            greatest_c: 3600.0 * problem.base.ocv.capacity_ah * f.widest_soc,
+        }
+    }
+}
+
+/// Where a row belongs, in every dimension that tells runs or rows apart.
+pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
+    let mut places = Vec::with_capacity(8);
+    let third = |x: f64, (low, high): (f64, f64)| (((x - low) / (high - low) * 3.0) as u32).min(2);
+    let mut thirds = |dimension: &'static str, x: f64, span: (f64, f64), unit: &str| {
+        // All alike: nothing to tell apart.
+        if span.1 - span.0 > 1e-6 * span.1.abs().max(1e-9) {
+            let t = third(x, span);
+            let edge = |k: u32| span.0 + (span.1 - span.0) * f64::from(k) / 3.0;
+            places.push((
+                dimension,
+                t,
+                format!("{:.3} to {:.3}{unit}", edge(t), edge(t + 1)),
+            ));
+        }
+    };
+    thirds("state of charge at the start", run.at.soc, ranges.socs, "");
+    thirds(
+        "temperature",
+        run.at.temperature_c,
+        ranges.temperatures_c,
+        " °C",
+    );
+    thirds("run order", run.at.order, ranges.orders, "");
+    match &run.kind {
+        Kind::Eis {
+            points,
+            control_ohm,
+            ..
+        } => {
+            let at = (points[n / 2].freq_hz / ranges.lowest_hz).ln()
+                / (ranges.highest_hz / ranges.lowest_hz).ln().max(1e-9);
+            let band = ((at * 3.0) as u32).min(2);
+            let part = if n.is_multiple_of(2) {
+                "real"
+            } else {
+                "imaginary"
+            };
+            let edge = |k: u32| {
+                ranges.lowest_hz * (ranges.highest_hz / ranges.lowest_hz).powf(f64::from(k) / 3.0)
+            };
+            let of = if control_ohm.is_some() {
+                "control, "
+            } else {
+                ""
+            };
+            let order = 4 * band + u32::from(n % 2 == 1) * 2 + u32::from(control_ohm.is_some());
+            places.push((
+                "frequency",
+                order,
+                format!(
+                    "{of}{:.3} to {:.3} Hz, {part} part",
+                    edge(band),
+                    edge(band + 1)
+                ),
+            ));
+        }
+        Kind::Time(time) => {
+            let b = &time.bins[n];
+            let resting = b.current_a.abs() < 0.03 * ranges.greatest_a;
+            let (order, part) = match b.since_edge_s {
+                t if t < 0.01 => (0, "below 10 ms"),
+                t if t < 0.1 => (1, "10 to 100 ms"),
+                t if t < 1.0 => (2, "0.1 to 1 s"),
+                t if t < 5.0 => (3, "1 to 5 s"),
+                t if t < 60.0 => (4, "5 to 60 s"),
+                _ => (5, "beyond 60 s"),
+            };
+            let phase = if resting { "rest" } else { "under current" };
+            places.push((
+                "time since edge",
+                2 * order + u32::from(resting),
+                format!("{part}, {phase}"),
+            ));
+            if !resting {
+                let t = third(b.current_a.abs(), (0.0, ranges.greatest_a));
+                let edge = |k: u32| ranges.greatest_a * f64::from(k) / 3.0;
+                places.push((
+                    "current",
+                    t,
+                    format!("{:.1} to {:.1} A", edge(t), edge(t + 1)),
+                ));
+            }
+            if b.last_current_a != 0.0 {
+                let (order, sign) = if b.last_current_a > 0.0 {
+                    (0, "discharge")
+                } else {
+                    (1, "charge")
+                };
+                places.push(("sign", order, format!("{sign} or the rest after it")));
+            }
+            let t = third(b.charge_c.abs(), (0.0, ranges.greatest_c.max(1e-9)));
+            let edge = |k: u32| ranges.greatest_c * f64::from(k) / 3.0;
+            places.push((
+                "charge passed",
+                t,
+                format!("{:.0} to {:.0} C", edge(t), edge(t + 1)),
+            ));
+        }
+    }
+    places
+}

@@ -1,0 +1,321 @@
+//! What a diagnosis says: `diagnosis.json`, and the curves behind its pictures.
+
+use analysis_effects::contract::Group;
+use analysis_model::model::Erm;
+use num_complex::Complex64;
+use serde::Serialize;
+
+/// Name of the file's schema.
+pub const DIAGNOSIS_SCHEMA: &str = "eis-bench/diagnosis";
+/// Version of the file's schema.
+pub const DIAGNOSIS_SCHEMA_VERSION: u32 = 1;
+
+/// How a diagnosis ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Verdict {
+    /// Nothing is missing that repeats could show.
+    AtNoiseFloor,
+    /// The named effects were missing.
+    Explained,
+    /// Something is missing; these data cannot tell which of several effects.
+    Ambiguous,
+    /// Something is missing that no effect of the catalogue explains.
+    Unexplained,
+    /// The data cannot be used.
+    Invalid,
+}
+
+impl Verdict {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::AtNoiseFloor => "at the noise floor",
+            Self::Explained => "explained",
+            Self::Ambiguous => "ambiguous",
+            Self::Unexplained => "unexplained",
+            Self::Invalid => "invalid",
+        }
+    }
+}
+
+/// A diagnosis as it is written.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Diagnosis {
+    /// [`DIAGNOSIS_SCHEMA`].
+    pub schema: &'static str,
+    /// [`DIAGNOSIS_SCHEMA_VERSION`].
+    pub schema_version: u32,
+    /// Name of the data set.
+    pub data_set: String,
+    /// Name of the model.
+    pub model: String,
+    /// The end.
+    pub verdict: Verdict,
+    /// The verdict in words.
+    pub summary: String,
+    /// Effects that were added and stay; for [`Verdict::Ambiguous`] the best representative.
+    pub effects: Vec<NamedEffect>,
+    /// Effects that explain the data about as well as a named one.
+    pub rivals: Vec<Rival>,
+    /// Where the base model misses what was measured, most significant first.
+    #[serde(rename = "where")]
+    pub blocks: Vec<Block>,
+    /// The same with the named effects added.
+    pub where_after: Vec<Block>,
+    /// Gap per held-out record in time.
+    pub gap: Vec<Gap>,
+    /// Gap per held-out spectrum.
+    pub gap_spectra: Vec<SpectrumGap>,
+    /// The run that would settle what is open.
+    pub next_experiment: Option<NextExperiment>,
+    /// Effects, and what would imitate each in every run of the menu however often it is repeated;
+    /// the second name is empty where the signal is too small for any of them to make the name
+    /// certain.
+    pub inseparable: Vec<[&'static str; 2]>,
+    /// What a user must know.
+    pub notes: Vec<String>,
+    /// How good the fits are.
+    pub quality: Quality,
+    /// The noise that everything was judged by.
+    pub noise: NoiseReport,
+    /// All candidates of the first round, best first.
+    pub ranking: Vec<Candidate>,
+    /// The base model refitted to spectra and training records.
+    pub base: Option<Erm>,
+    /// The base model refitted together with the named effects.
+    pub augmented: Option<Erm>,
+}
+
+/// An effect with its parameters and evidence.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NamedEffect {
+    /// Name in the catalogue.
+    pub name: &'static str,
+    /// Name in words.
+    pub title: &'static str,
+    /// Cell or bench.
+    pub group: Group,
+    /// Its parameters, the strength first.
+    pub parameters: Vec<FittedParameter>,
+    /// Why it was added.
+    pub evidence: Evidence,
+    /// What would falsify it.
+    pub falsified_by: String,
+}
+
+/// A fitted parameter of an effect.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FittedParameter {
+    /// Name with unit.
+    pub name: &'static str,
+    /// Value.
+    pub value: f64,
+    /// Standard uncertainty; none where the data do not fix it.
+    pub sigma: Option<f64>,
+    /// Ends of the 95 % interval; equal to the bound where the data leave it open.
+    pub interval: (f64, f64),
+    /// Unit.
+    pub unit: &'static str,
+}
+
+/// Why an effect was added.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Evidence {
+    /// λ: χ² that it removes from the training runs.
+    pub lambda: f64,
+    /// λ less k·ln N, the penalised gain.
+    pub score: f64,
+    /// Part of the excess of χ² over its degrees of freedom that it removes.
+    pub share_of_excess: f64,
+    /// Change of the whitened χ² of the held-out runs; negative is better.
+    pub held_out_change: f64,
+    /// Largest error of integration on any sample, as a part of the noise floor.
+    pub integration_error: f64,
+}
+
+/// An effect that would do as well.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Rival {
+    /// Name in the catalogue.
+    pub name: &'static str,
+    /// The named effect it could stand for.
+    pub instead_of: &'static str,
+    /// Penalised gain less that of the named one.
+    pub score_gap: f64,
+    /// r: part of the named effect's λ that this one cannot imitate, 0 identical, 1 distinct.
+    pub discriminability: f64,
+}
+
+/// One block of residuals.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Block {
+    /// What the residuals are divided by: `frequency`, `time since edge`, `current`, ….
+    pub dimension: &'static str,
+    /// Which part of it: `below 1 Hz, imaginary part`.
+    pub part: String,
+    /// Residuals in the block.
+    pub count: usize,
+    /// Their χ², outside the tangent space of the model.
+    pub chi2: f64,
+    /// What it would be by noise alone.
+    pub expected_chi2: f64,
+    /// Mean of the residuals in standard deviations of that mean.
+    pub mean_z: f64,
+    /// Probability of as much by noise alone, corrected for the number of blocks (Holm).
+    pub p_value: f64,
+    /// Root mean square of the residuals: mV for records, parts per thousand of |Z| for spectra.
+    pub rms: f64,
+}
+
+/// Gap between prediction and measurement of a held-out record, root mean square over its samples.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Gap {
+    /// Name of the run.
+    pub run: String,
+    /// Prediction from the model file alone, mV.
+    pub eis_only_mv: f64,
+    /// Base model after the joint refit, mV.
+    pub base_mv: f64,
+    /// With the named effects, mV.
+    pub augmented_mv: f64,
+    /// What noise and repeatability leave to any model, mV.
+    pub floor_mv: f64,
+}
+
+/// The same for a held-out spectrum, root mean square of |ΔZ|/|Z|.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SpectrumGap {
+    /// Name of the run.
+    pub run: String,
+    /// Prediction from the model file alone, %.
+    pub eis_only_percent: f64,
+    /// Base model after the joint refit, %.
+    pub base_percent: f64,
+    /// With the named effects, %.
+    pub augmented_percent: f64,
+    /// What noise and repeatability leave to any model, %.
+    pub floor_percent: f64,
+}
+
+/// The run that separates the rivals most per minute.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NextExperiment {
+    /// Name in the menu: `zero_net_charge_bursts`.
+    pub name: &'static str,
+    /// What is done, in words.
+    pub description: String,
+    /// Effects it tells apart.
+    pub separates: Vec<&'static str>,
+    /// Expected separation √λ of the closest pair, in standard deviations.
+    pub separation_sigma: f64,
+    /// The same with the data at hand.
+    pub separation_now_sigma: f64,
+    /// True where it is expected to settle all that is open; false where it brings some of it
+    /// forward.
+    pub settles: bool,
+    /// Time on the bench, min.
+    pub duration_min: f64,
+    /// Charge moved in either direction, Ah.
+    pub charge_ah: f64,
+}
+
+/// How good the fits to the training runs are.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Quality {
+    /// χ² of the base model.
+    pub base_chi2: f64,
+    /// Its degrees of freedom.
+    pub degrees_of_freedom: f64,
+    /// (χ² − dof)/√(2·dof) of the base model.
+    pub base_z: f64,
+    /// χ² with the named effects.
+    pub augmented_chi2: f64,
+    /// The same measure with the named effects.
+    pub augmented_z: f64,
+}
+
+/// The noise model and where it comes from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NoiseReport {
+    /// True where repeats measured it; false where it was assumed, so that no floor can be claimed.
+    pub from_repeats: bool,
+    /// One entry per term.
+    pub terms: Vec<NoiseTerm>,
+}
+
+/// One term of the noise model.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct NoiseTerm {
+    /// Name with unit.
+    pub name: &'static str,
+    /// Standard deviation used.
+    pub sigma: f64,
+    /// What the bench's history says; none where it says nothing.
+    pub history: Option<f64>,
+    /// How far the repeats are from the history, in standard deviations of its logarithm.
+    pub z: Option<f64>,
+}
+
+/// A candidate of the first round.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Candidate {
+    /// Name in the catalogue.
+    pub name: &'static str,
+    /// Lagrange-multiplier score: χ² that a small step of it would remove.
+    pub lagrange: f64,
+    /// χ² removed by the full fit; none where the score was too low to fit it.
+    pub lambda: Option<f64>,
+    /// Penalised gain.
+    pub score: Option<f64>,
+    /// Why it was not taken; empty for the one taken.
+    pub refused_because: String,
+}
+
+/// One run's curves for the pictures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RunCurves {
+    /// Name of the run.
+    pub name: String,
+    /// True for a held-out run.
+    pub held_out: bool,
+    /// The curves.
+    pub curves: Curves,
+}
+
+/// Measured and predicted curves of a run.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Curves {
+    /// A record: time (s), measured voltage (V), predictions (V), floor (V) per sample.
+    Time {
+        /// Time, s.
+        time_s: Vec<f64>,
+        /// Current, A, discharge positive.
+        current_a: Vec<f64>,
+        /// Measured, V.
+        measured_v: Vec<f64>,
+        /// From the model file alone, V.
+        eis_only_v: Vec<f64>,
+        /// Base after the joint refit, V.
+        base_v: Vec<f64>,
+        /// With the named effects, V.
+        augmented_v: Vec<f64>,
+        /// Standard deviation of noise and repeatability, V.
+        floor_v: Vec<f64>,
+    },
+    /// A spectrum.
+    Eis {
+        /// Frequency, Hz.
+        freq_hz: Vec<f64>,
+        /// Measured, Ω.
+        measured_ohm: Vec<Complex64>,
+        /// From the model file alone, Ω.
+        eis_only_ohm: Vec<Complex64>,
+        /// Base after the joint refit, Ω.
+        base_ohm: Vec<Complex64>,
+        /// With the named effects, Ω.
+        augmented_ohm: Vec<Complex64>,
+        /// Standard deviation of |Z|, Ω.
+        floor_ohm: Vec<f64>,
+    },
+}

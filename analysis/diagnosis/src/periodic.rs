@@ -1,0 +1,128 @@
+//! Whether what is left swings: hum that the sampling has folded to a slow wave, or a thermostat
+//! that goes on and off. Such a wave is the same in all records but for its phase, and small in
+//! each of them: no block of residuals and no χ² of a thousand rows shows it.
+//!
+//! Per record and frequency a sine and a cosine, averaged over the samples of each row and
+//! whitened, take up χ² of two degrees of freedom where nothing swings (the periodogram of unevenly
+//! sampled data, Lomb 1976, Scargle 1982); the sum over all records is asked, at as many
+//! frequencies as the longest record can tell apart, and its probability multiplied by their
+//! number.
+
+use super::block::{Block, Kind};
+use super::problem::{Fit, Problem};
+use super::time_block::TimeBlock;
+use super::whitening::dot;
+use analysis_fit::validity::tail::chi2_tail;
+use std::f64::consts::TAU;
+
+/// Periods that are looked for, s: shorter ones a row averages out, longer ones a branch of the
+/// model can be.
+const PERIODS_S: (f64, f64) = (2.0, 60.0);
+/// Frequencies per width of a peak, and as many at most: what is seen must not cost minutes.
+const PER_PEAK: f64 = 1.5;
+const MOST: f64 = 1500.0;
+/// Periods that a record must hold: fewer are its level and slope.
+const LEAST_PERIODS: f64 = 1.5;
+/// Keeps a quotient finite.
+const TINY: f64 = 1e-12;
+
+/// The wave that takes up most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Wave {
+    pub(super) period_s: f64,
+    /// χ² that it takes up, and as how many quantities.
+    pub(super) chi2: f64,
+    pub(super) dof: usize,
+    /// Probability that as much beyond what may be left is taken up where nothing swings, at any of
+    /// the periods.
+    pub(super) p_value: f64,
+}
+
+/// The least probable wave in what a fit leaves of the training records; none without records that
+/// are long enough. `beyond` is what of a χ² is more than may be left.
+pub(super) fn wave<'a>(
+    problem: &'a Problem,
+    fit: &'a Fit,
+    beyond: impl Fn(f64) -> f64,
+) -> Option<Wave> {
+    let of_record = |(k, block, left): (usize, &'a Block, &'a [f64])| match &block.kind {
+        Kind::Time(time) => Some((k, time.as_ref(), left)),
+        Kind::Eis { .. } => None,
+    };
+    let records: Vec<(usize, &TimeBlock, &[f64])> =
+        problem.left(fit).filter_map(of_record).collect();
+    let longest_s = records
+        .iter()
+        .filter_map(|(_, time, _)| time.time_s.last().copied())
+        .fold(0.0, f64::max);
+    let (slowest_hz, fastest_hz) = (
+        PERIODS_S.1.recip().max(2.0 / longest_s),
+        PERIODS_S.0.recip(),
+    );
+    let count = (PER_PEAK * longest_s * (fastest_hz - slowest_hz))
+        .floor()
+        .min(MOST);
+    if !(count >= 1.0 && count.is_finite()) {
+        return None;
+    }
+    let step_hz = (fastest_hz - slowest_hz) / count;
+    let at = |freq_hz: f64| {
+        let held = |record: &&(usize, &TimeBlock, &[f64])| {
+            record
+                .1
+                .time_s
+                .last()
+                .is_some_and(|span_s| span_s * freq_hz >= LEAST_PERIODS)
+        };
+        let (chi2, dof) = records
+            .iter()
+            .filter(held)
+            .fold((0.0, 0), |(chi2, dof), r| {
+                (chi2 + taken_up(problem, r, freq_hz), dof + 2)
+            });
+        let p_value = if dof == 0 {
+            1.0
+        } else {
+            (chi2_tail(beyond(chi2), f64::from(dof)) * (count + 1.0)).min(1.0)
+        };
+        Wave {
+            period_s: freq_hz.recip(),
+            chi2,
+            dof: dof as usize,
+            p_value,
+        }
+    };
+    (0..=count as usize)
+        .map(|n| at(slowest_hz + step_hz * n as f64))
+        .min_by(|a, b| {
+            a.p_value
+                .total_cmp(&b.p_value)
+                .then(b.chi2.total_cmp(&a.chi2))
+        })
+}
+
+/// χ² of a record that a wave of this frequency takes up.
+fn taken_up(
+    problem: &Problem,
+    (block, time, residuals): &(usize, &TimeBlock, &[f64]),
+    freq_hz: f64,
+) -> f64 {
+    let (sines, cosines): (Vec<f64>, Vec<f64>) = time
+        .time_s
+        .iter()
+        .map(|t| (TAU * freq_hz * t).sin_cos())
+        .unzip();
+    let column = |samples: &[f64]| {
+        let mut white = Vec::with_capacity(residuals.len());
+        problem.whiteners[*block].apply(&time.average(samples), &mut white);
+        white
+    };
+    let (sine, mut cosine) = (column(&sines), column(&cosines));
+    let part = dot(&sine, &cosine) / dot(&sine, &sine).max(TINY);
+    cosine
+        .iter_mut()
+        .zip(&sine)
+        .for_each(|(c, s)| *c -= part * s);
+    let of = |column: &[f64]| dot(column, residuals).powi(2) / dot(column, column).max(TINY);
+    of(&sine) + of(&cosine)
+}

@@ -1,0 +1,595 @@
+//! Residuals, derivatives and fits of a structure to the training runs.
+
+use super::block::{Block, Current, Desk};
+use super::data::Role;
+use super::shared::Shared;
+use super::structure::{Axis, Member, Structure, at_bound};
+use super::whitening::{Whitener, dot};
+use analysis_effects::{augmented::network, contract::Base};
+use analysis_model::model::Erm;
+use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
+
+/// Steps of a fit at most.
+const ITERATIONS: usize = 60;
+/// A fit ends when less χ² than this is promised.
+const PROMISE: f64 = 2e-3;
+/// Information given to a coordinate in any case: a move by 1 changes the prediction by less than
+/// 1e-4 standard deviations.
+const UNMOVED: f64 = 1e-8;
+
+/// Everything that stays while structures change.
+#[derive(Debug, Clone)]
+pub(super) struct Problem {
+    pub(super) base: Base,
+    pub(super) blocks: Vec<Block>,
+    /// Of what is a run's own for training runs, of everything for others.
+    pub(super) whiteners: Vec<Whitener>,
+    /// Takes what all training runs share out of their whitened rows.
+    pub(super) shared: Shared,
+    /// Standard deviation of every row of every block.
+    pub(super) floors: Vec<Vec<f64>>,
+    /// Whitened errors of every block that its repeats may have too.
+    pub(super) repeating: Vec<Vec<Vec<f64>>>,
+}
+
+/// What is predicted for the runs of a role.
+#[derive(Debug, Clone)]
+pub(super) struct Prediction {
+    /// Whitened rows of all of them.
+    pub(super) white: Vec<f64>,
+    /// Rows by block; empty for other blocks.
+    rows: Vec<Vec<f64>>,
+}
+
+/// A fitted structure.
+#[derive(Debug, Clone)]
+pub(super) struct Fit {
+    pub(super) structure: Structure,
+    pub(super) x: Vec<f64>,
+    pub(super) axes: Vec<Axis>,
+    /// χ² of the training rows.
+    pub(super) chi2: f64,
+    /// Whitened residuals of the training rows, measured less predicted.
+    pub(super) residuals: Vec<f64>,
+    /// Derivatives of the whitened prediction, one column per parameter.
+    pub(super) columns: Vec<Vec<f64>>,
+    /// χ² that a further step still promises.
+    pub(super) promise: f64,
+}
+
+impl Problem {
+    /// Without any noise yet.
+    pub(super) fn unweighed(base: Base, blocks: Vec<Block>) -> Self {
+        Self {
+            base,
+            blocks,
+            whiteners: Vec::new(),
+            shared: Shared::default(),
+            floors: Vec::new(),
+            repeating: Vec::new(),
+        }
+    }
+
+    pub(super) fn branches(&self) -> usize {
+        self.base.erm.branches.len()
+    }
+
+    /// Where a fit with one member less begins: at what the others have.
+    pub(super) fn without(&self, fit: &Fit, member: usize) -> (Structure, Vec<f64>, Vec<Axis>) {
+        let structure = fit.structure.without(member);
+        let axes = structure.axes(&self.base.erm);
+        let first = fit.structure.first(member, self.branches());
+        let mut x = fit.x.clone();
+        x.drain(first..first + fit.structure.members[member].free());
+        (structure, x, axes)
+    }
+
+    /// Coordinates of the model file's own base.
+    pub(super) fn start(&self) -> Vec<f64> {
+        Structure::default().encode(&self.base.erm)
+    }
+
+    /// Rows of the training runs.
+    pub(super) fn training_rows(&self) -> usize {
+        self.of_role(Role::Train)
+            .map(|k| self.blocks[k].rows())
+            .sum()
+    }
+
+    /// What parameters and choices of an effect cost: k·ln N, and twice the logarithm of the number
+    /// of choices.
+    pub(super) fn penalty(&self, member: &Member) -> f64 {
+        member.free() as f64 * (self.training_rows() as f64).ln()
+            + 2.0 * (member.choices() as f64).ln()
+    }
+
+    /// Training rows less parameters.
+    pub(super) fn degrees_of_freedom(&self, fit: &Fit) -> f64 {
+        self.training_rows() as f64 - fit.x.len() as f64
+    }
+
+    pub(super) fn of_role(&self, role: Role) -> impl Iterator<Item = usize> {
+        self.blocks
+            .iter()
+            .enumerate()
+            .filter(move |(_, b)| b.role == role)
+            .map(|(k, _)| k)
+    }
+
+    /// What a fit leaves of each training run, whitened.
+    pub(super) fn left<'a>(
+        &'a self,
+        fit: &'a Fit,
+    ) -> impl Iterator<Item = (usize, &'a Block, &'a [f64])> {
+        let mut rest = fit.residuals.as_slice();
+        self.of_role(Role::Train).map(move |k| {
+            let (own, others) = rest.split_at(self.blocks[k].rows());
+            rest = others;
+            (k, &self.blocks[k], own)
+        })
+    }
+
+    /// The base with another ERM.
+    pub(super) fn base_with(&self, erm: Erm) -> Base {
+        Base {
+            erm,
+            ..self.base.clone()
+        }
+    }
+
+    /// Predicted rows of one block, every step divided into `parts` times as many as the structure
+    /// wants.
+    pub(super) fn predict(
+        &self,
+        (structure, x): (&Structure, &[f64]),
+        block: usize,
+        parts: usize,
+        desk: &mut Desk,
+    ) -> Vec<f64> {
+        self.predict_under((structure, x), block, (Current::Logged, parts), desk)
+    }
+
+    /// The same under the current as it was logged or driven.
+    pub(super) fn predict_under(
+        &self,
+        (structure, x): (&Structure, &[f64]),
+        block: usize,
+        (current, parts): (Current, usize),
+        desk: &mut Desk,
+    ) -> Vec<f64> {
+        let (erm, values) = structure.decode(x, self.branches());
+        let base = self.base_with(erm);
+        let added = structure.added(&values);
+        let mut rows = Vec::with_capacity(self.blocks[block].rows());
+        let model = (&base, added.as_slice(), &network(&base, &added));
+        self.blocks[block].predict_under(
+            model,
+            (current, structure.parts * parts),
+            desk,
+            &mut rows,
+        );
+        rows
+    }
+
+    /// What is predicted for the training runs.
+    pub(super) fn prediction(&self, at: (&Structure, &[f64]), desk: &mut Desk) -> Prediction {
+        self.prediction_of(Role::Train, at, desk)
+    }
+
+    /// Whitened predictions of the rows of a role.
+    pub(super) fn whitened_of(
+        &self,
+        role: Role,
+        at: (&Structure, &[f64]),
+        desk: &mut Desk,
+    ) -> Vec<f64> {
+        self.prediction_of(role, at, desk).white
+    }
+
+    fn prediction_of(
+        &self,
+        role: Role,
+        (structure, x): (&Structure, &[f64]),
+        desk: &mut Desk,
+    ) -> Prediction {
+        let (erm, values) = structure.decode(x, self.branches());
+        let base = self.base_with(erm);
+        let added = structure.added(&values);
+        let network = network(&base, &added);
+        let mut white = Vec::with_capacity(self.training_rows());
+        let mut rows: Vec<Vec<f64>> = vec![Vec::new(); self.blocks.len()];
+        for k in self.of_role(role) {
+            rows[k].reserve(self.blocks[k].rows());
+            self.blocks[k].predict(
+                (&base, &added, &network),
+                structure.parts,
+                desk,
+                &mut rows[k],
+            );
+            self.whiteners[k].apply(&rows[k], &mut white);
+        }
+        self.take_shared(role, &mut white);
+        Prediction { white, rows }
+    }
+
+    fn take_shared(&self, role: Role, rows: &mut [f64]) {
+        if role == Role::Train {
+            self.shared.apply(rows);
+        }
+    }
+
+    /// Whitened measured training rows.
+    fn target(&self) -> Vec<f64> {
+        self.target_of(Role::Train)
+    }
+
+    /// Whitened measured rows of a role.
+    pub(super) fn target_of(&self, role: Role) -> Vec<f64> {
+        let mut all = Vec::with_capacity(self.training_rows());
+        self.of_role(role)
+            .for_each(|k| self.whiteners[k].apply(&self.blocks[k].measured, &mut all));
+        self.take_shared(role, &mut all);
+        all
+    }
+
+    /// Whitened residuals of the held-out rows, and derivatives of their prediction, one column per
+    /// coordinate.
+    pub(super) fn held_out(&self, fit: &Fit, desk: &mut Desk) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let predicted = self.whitened_of(Role::HeldOut, (&fit.structure, &fit.x), desk);
+        let left = self
+            .target_of(Role::HeldOut)
+            .iter()
+            .zip(&predicted)
+            .map(|(t, p)| t - p)
+            .collect();
+        let column = |k: usize| {
+            let mut x = fit.x.clone();
+            let step = fit.axes[k].inwards(x[k]);
+            x[k] += step;
+            let moved = self.whitened_of(Role::HeldOut, (&fit.structure, &x), desk);
+            moved
+                .iter()
+                .zip(&predicted)
+                .map(|(m, p)| (m - p) / step)
+                .collect()
+        };
+        (left, (0..fit.x.len()).map(column).collect())
+    }
+
+    /// Whitened χ² of one block at a vector.
+    pub(super) fn block_chi2(
+        &self,
+        at: (&Structure, &[f64]),
+        block: usize,
+        desk: &mut Desk,
+    ) -> f64 {
+        let rows = self.predict(at, block, 1, desk);
+        let difference: Vec<f64> = self.blocks[block]
+            .measured
+            .iter()
+            .zip(&rows)
+            .map(|(m, p)| m - p)
+            .collect();
+        let mut w = Vec::with_capacity(rows.len());
+        self.whiteners[block].apply(&difference, &mut w);
+        dot(&w, &w)
+    }
+
+    /// The change of the whitened prediction when a coordinate changes by a step. A run that
+    /// repeats another one changes as that one does, unless an effect tells repeats apart.
+    pub(super) fn change(
+        &self,
+        structure: &Structure,
+        at: (&[f64], &Prediction),
+        (moved, step): (usize, f64),
+        desk: &mut Desk,
+    ) -> Vec<f64> {
+        self.changes(
+            structure,
+            at,
+            (moved, step),
+            (structure.tells_repeats_apart(), desk),
+        )
+    }
+
+    /// The same, of each run by itself or by the one that it repeats.
+    fn changes(
+        &self,
+        structure: &Structure,
+        (x, predicted): (&[f64], &Prediction),
+        (moved, step): (usize, f64),
+        (each, desk): (bool, &mut Desk),
+    ) -> Vec<f64> {
+        let mut x = x.to_vec();
+        x[moved] += step;
+        let (erm, values) = structure.decode(&x, self.branches());
+        let base = self.base_with(erm);
+        let added = structure.added(&values);
+        let network = network(&base, &added);
+        let mut white = Vec::with_capacity(self.training_rows());
+        let mut changes: Vec<Vec<f64>> = vec![Vec::new(); self.blocks.len()];
+        for k in self.of_role(Role::Train) {
+            let of = self.blocks[k].alike.filter(|_| !each).unwrap_or(k);
+            if of == k {
+                self.blocks[k].predict(
+                    (&base, &added, &network),
+                    structure.parts,
+                    desk,
+                    &mut changes[k],
+                );
+                changes[k]
+                    .iter_mut()
+                    .zip(&predicted.rows[k])
+                    .for_each(|(c, p)| *c -= p);
+            }
+            self.whiteners[k].apply(&changes[of], &mut white);
+        }
+        self.shared.apply(&mut white);
+        white
+    }
+
+    /// What a fit can imitate in each run by itself, repeats not taken for each other.
+    pub(super) fn exact_tangent(&self, fit: &Fit, desk: &mut Desk) -> Tangent {
+        let predicted = self.prediction((&fit.structure, &fit.x), desk);
+        let mut tangent = Tangent::default();
+        for (k, axis) in fit.axes.iter().enumerate() {
+            tangent.add(self.changes(
+                &fit.structure,
+                (&fit.x, &predicted),
+                (k, axis.inwards(fit.x[k])),
+                (true, desk),
+            ));
+        }
+        tangent
+    }
+
+    /// Derivatives of the whitened prediction of the training rows.
+    pub(super) fn columns(
+        &self,
+        structure: &Structure,
+        (x, axes): (&[f64], &[Axis]),
+        predicted: &Prediction,
+        desk: &mut Desk,
+    ) -> Vec<Vec<f64>> {
+        (0..x.len())
+            .map(|k| {
+                let step = axes[k].inwards(x[k]);
+                let mut column = self.change(structure, (x, predicted), (k, step), desk);
+                column.iter_mut().for_each(|c| *c /= step);
+                column
+            })
+            .collect()
+    }
+
+    /// Fits a structure from its members' starts and a base.
+    pub(super) fn fit(&self, structure: &Structure, start: &Erm, desk: &mut Desk) -> Fit {
+        let axes = structure.axes(&self.base.erm);
+        let mut x = structure.encode(start);
+        x.iter_mut()
+            .zip(&axes)
+            .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        self.fit_from(structure, x, axes, desk)
+    }
+
+    /// Fits a structure with one effect more, from where a fit without it stands.
+    pub(super) fn fit_added(&self, fit: &Fit, member: &Member, desk: &mut Desk) -> Fit {
+        let structure = fit.structure.with(member.clone());
+        let axes = structure.axes(&self.base.erm);
+        let mut x = fit.x.clone();
+        x.extend(member.encode());
+        x.iter_mut()
+            .zip(&axes)
+            .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        self.fit_from(&structure, x, axes, desk)
+    }
+
+    /// A structure at a vector, as it is.
+    pub(super) fn at(
+        &self,
+        structure: &Structure,
+        x: Vec<f64>,
+        axes: Vec<Axis>,
+        desk: &mut Desk,
+    ) -> Fit {
+        let predicted = self.prediction((structure, &x), desk);
+        let residuals: Vec<f64> = self
+            .target()
+            .iter()
+            .zip(&predicted.white)
+            .map(|(t, p)| t - p)
+            .collect();
+        let columns = self.columns(structure, (&x, &axes), &predicted, desk);
+        Fit {
+            structure: structure.clone(),
+            x,
+            axes,
+            chi2: dot(&residuals, &residuals),
+            residuals,
+            columns,
+            promise: f64::INFINITY,
+        }
+    }
+
+    /// Fits a structure from a vector.
+    pub(super) fn fit_from(
+        &self,
+        structure: &Structure,
+        mut x: Vec<f64>,
+        axes: Vec<Axis>,
+        desk: &mut Desk,
+    ) -> Fit {
+        let target = self.target();
+        let difference = |p: &Prediction| {
+            target
+                .iter()
+                .zip(&p.white)
+                .map(|(t, p)| t - p)
+                .collect::<Vec<f64>>()
+        };
+        let mut predicted = self.prediction((structure, &x), desk);
+        let mut residuals = difference(&predicted);
+        let mut chi2 = dot(&residuals, &residuals);
+        let mut columns = self.columns(structure, (&x, &axes), &predicted, desk);
+        let mut damping = 1e-4;
+        for _ in 0..ITERATIONS {
+            let Some((step, promise)) = step(&columns, &residuals, (&x, &axes), damping) else {
+                break;
+            };
+            if promise < PROMISE {
+                break;
+            }
+            let trial: Vec<f64> = x
+                .iter()
+                .zip(&step)
+                .zip(&axes)
+                .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
+                .collect();
+            let moved = self.prediction((structure, &trial), desk);
+            let left = difference(&moved);
+            let value = dot(&left, &left);
+            if value < chi2 {
+                let gained = chi2 - value;
+                (x, predicted, residuals, chi2) = (trial, moved, left, value);
+                damping = if gained > 0.5 * promise {
+                    damping * 0.1
+                } else {
+                    damping
+                };
+                columns = self.columns(structure, (&x, &axes), &predicted, desk);
+                if gained < PROMISE {
+                    break;
+                }
+            } else {
+                damping = (damping * 10.0).max(1e-6);
+                if damping > 1e8 {
+                    break;
+                }
+            }
+        }
+        let promise =
+            step(&columns, &residuals, (&x, &axes), 0.0).map_or(0.0, |(_, promise)| promise);
+        Fit {
+            structure: structure.clone(),
+            x,
+            axes,
+            chi2,
+            residuals,
+            columns,
+            promise,
+        }
+    }
+}
+
+/// A damped Gauss–Newton step of the coordinates that no bound holds, and the decrease of χ² that
+/// it promises.
+pub(super) fn step(
+    columns: &[Vec<f64>],
+    residuals: &[f64],
+    (x, axes): (&[f64], &[Axis]),
+    damping: f64,
+) -> Option<(Vec<f64>, f64)> {
+    let gradient: Vec<f64> = columns.iter().map(|c| dot(c, residuals)).collect();
+    let held = |k: usize| {
+        let tiny = 1e-12 * (1.0 + x[k].abs());
+        (x[k] <= axes[k].lower + tiny && gradient[k] <= 0.0)
+            || (x[k] >= axes[k].upper - tiny && gradient[k] >= 0.0)
+    };
+    let free: Vec<usize> = (0..x.len()).filter(|k| !held(*k)).collect();
+    let m = free.len();
+    if m == 0 {
+        return None;
+    }
+    let mut a = vec![0.0; m * m];
+    for (i, k) in free.iter().enumerate() {
+        for (j, l) in free.iter().enumerate().take(i + 1) {
+            let value = dot(&columns[*k], &columns[*l]);
+            a[i * m + j] = value;
+            a[j * m + i] = value;
+        }
+    }
+    let diagonal: Vec<f64> = (0..m).map(|i| a[i * m + i]).collect();
+    for i in 0..m {
+        a[i * m + i] += damping * diagonal[i] + 1e-9;
+    }
+    let mut part: Vec<f64> = free.iter().map(|k| gradient[*k]).collect();
+    if !cholesky(&mut a, m) {
+        return None;
+    }
+    cholesky_substitute(&a, m, &mut part);
+    let promise: f64 = part.iter().zip(&free).map(|(s, k)| s * gradient[*k]).sum();
+    let mut step = vec![0.0; x.len()];
+    // Each by itself: one that the data hardly fix must not hold the others up.
+    free.iter()
+        .zip(&part)
+        .for_each(|(k, s)| step[*k] = s.clamp(-axes[*k].longest, axes[*k].longest));
+    Some((step, promise))
+}
+
+impl Fit {
+    /// The fitted ERM and the values of the effects.
+    pub(super) fn decode(&self, branches: usize) -> (Erm, Vec<Vec<f64>>) {
+        self.structure.decode(&self.x, branches)
+    }
+
+    /// Covariance of the coordinates, row-major; none where the data do not fix them.
+    pub(super) fn covariance(&self) -> Option<Vec<f64>> {
+        let n = self.x.len();
+        let mut information: Vec<f64> = (0..n * n)
+            .map(|ij| dot(&self.columns[ij / n], &self.columns[ij % n]))
+            .collect();
+        // A coordinate that moves nothing must not take the uncertainty of all others away.
+        (0..n).for_each(|i| information[i * n + i] += UNMOVED);
+        invert(&information, n)
+    }
+
+    /// True where a coordinate of a member lies at a bound.
+    pub(super) fn member_at_bound(&self, member: usize, branches: usize) -> bool {
+        let first = self.structure.first(member, branches);
+        (first..first + self.structure.members[member].free())
+            .any(|k| at_bound(self.x[k], &self.axes[k]))
+    }
+
+    /// Another fit's structure at the coordinates that this one, which has one effect more, gives
+    /// to it.
+    pub(super) fn base_of(&self, other: &Self) -> Self {
+        Self {
+            x: self.x[..other.x.len()].to_vec(),
+            ..other.clone()
+        }
+    }
+
+    /// An orthonormal basis of the tangent space.
+    pub(super) fn tangent(&self) -> Tangent {
+        let mut tangent = Tangent::default();
+        self.columns.iter().for_each(|c| tangent.add(c.clone()));
+        tangent
+    }
+}
+
+/// An orthonormal basis of what a model can already imitate.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Tangent {
+    pub(super) basis: Vec<Vec<f64>>,
+}
+
+impl Tangent {
+    /// Takes the part of a vector outside the basis into it, unless nothing is left.
+    pub(super) fn add(&mut self, mut column: Vec<f64>) {
+        let size = dot(&column, &column).sqrt();
+        self.project(&mut column);
+        self.project(&mut column);
+        let left = dot(&column, &column).sqrt();
+        if left > 1e-7 * size && left > 0.0 {
+            column.iter_mut().for_each(|c| *c /= left);
+            self.basis.push(column);
+        }
+    }
+
+    /// Takes the part inside the basis off a vector.
+    pub(super) fn project(&self, v: &mut [f64]) {
+        for q in &self.basis {
+            let along = dot(q, v);
+            v.iter_mut().zip(q).for_each(|(v, q)| *v -= along * q);
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! What a diagnosis tells a person: words for a terminal and for Markdown, and the pictures.
+//!
+//! "Where" comes before "what", and what is not claimed is said. Everything here is a string or a
+//! described picture; who called writes the files. What is not here: `diagnosis.json`, which is
+//! [`Diagnosis`] itself, and any judgement.
+
+mod catalogue;
+mod numbers;
+mod page;
+mod pictures;
+mod reserve;
+mod sections;
+#[cfg(test)]
+mod tests;
+
+pub use catalogue::{Distinguishability, catalogue_markdown, catalogue_text};
+pub use pictures::{Kind, Picture, pictures};
+
+use super::outcome::{Block, Diagnosis};
+use analysis_effects::effects;
+use analysis_plot::{
+    PlotError,
+    report::{Level, Report, Section, Verdict},
+};
+
+/// Probability below which a block of residuals counts as outside the noise, after Holm's
+/// correction.
+pub const SIGNIFICANT_P: f64 = 0.05;
+/// Penalised gain λ − k·ln N that an effect needs to be named.
+pub const SCORE_THRESHOLD: f64 = super::guards::LEAST_SCORE;
+
+/// A diagnosis for a terminal, at most 100 characters wide.
+pub fn text(d: &Diagnosis) -> String {
+    sections::page(d).text()
+}
+
+/// A diagnosis as Markdown; `pictures` are those of [`pictures`], expected as `NAME.png` beside the
+/// text.
+pub fn markdown(d: &Diagnosis, pictures: &[Picture]) -> String {
+    sections::page(d).markdown(pictures)
+}
+
+/// A diagnosis as a page that opens by itself; `pictures` are those of [`pictures`]. Where it comes
+/// from is the caller's to add.
+///
+/// # Errors
+/// A picture that cannot be drawn.
+pub fn html(d: &Diagnosis, pictures: &[Picture]) -> Result<Report, PlotError> {
+    use super::outcome::Verdict as Found;
+    let level = match d.verdict {
+        Found::AtNoiseFloor | Found::Explained => Level::Good,
+        Found::Ambiguous | Found::Unexplained => Level::Note,
+        Found::Invalid => Level::Bad,
+    };
+    let page = sections::page(d);
+    // The first section is the verdict itself.
+    let verdicts = vec![Verdict {
+        level,
+        text: d.summary.clone(),
+    }];
+    let sections: Result<Vec<Section>, PlotError> = page
+        .sections
+        .iter()
+        .skip(1)
+        .map(|section| section.html(pictures))
+        .collect();
+    Ok(Report {
+        title: page.title,
+        verdicts,
+        sections: sections?,
+        ..Report::default()
+    })
+}
+
+fn is_significant(block: &Block) -> bool {
+    block.p_value < SIGNIFICANT_P
+}
+
+/// Root of χ² over its expectation: 1 is noise alone.
+fn misfit(block: &Block) -> f64 {
+    (block.chi2 / block.expected_chi2).sqrt()
+}
+
+/// The same block with the named effects added.
+fn after<'a>(d: &'a Diagnosis, block: &Block) -> Option<&'a Block> {
+    d.where_after
+        .iter()
+        .find(|b| b.dimension == block.dimension && b.part == block.part)
+}
+
+/// Title and name of an effect.
+fn titled(name: &str) -> String {
+    effects::find(name).map_or_else(
+        || name.to_owned(),
+        |effect| format!("{} ({name})", effect.card().title),
+    )
+}
+
+/// A number and a noun in its number.
+fn counted(count: usize, one: &str, many: &str) -> String {
+    format!("{count} {}", if count == 1 { one } else { many })
+}

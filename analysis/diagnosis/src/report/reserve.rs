@@ -1,0 +1,212 @@
+//! The reserves of a diagnosis: what would falsify it, what to measure next, what stays open, what
+//! is not claimed, the noise behind it.
+
+use super::is_significant;
+use super::numbers::{percent, plain, quantity, times};
+use super::page::{Item, Section};
+use super::titled;
+use crate::outcome::{Block, Diagnosis, NoiseTerm, Verdict};
+use analysis_effects::contract::Group;
+
+/// Most blocks listed as left over.
+const MOST_BLOCKS: usize = 5;
+/// Distance of χ² from its expectation from which on something is missing, σ.
+const POOR_FIT_Z: f64 = 5.0;
+
+pub(super) fn falsifiers(d: &Diagnosis) -> Section {
+    let mut points: Vec<String> = d
+        .effects
+        .iter()
+        .filter(|e| !e.falsified_by.is_empty())
+        .map(|e| format!("{}: {}", e.title, e.falsified_by))
+        .collect();
+    if d.verdict == Verdict::AtNoiseFloor {
+        points.push(
+            "A further run of these currents, frequencies and temperatures whose gap is \
+        larger than its noise."
+                .into(),
+        );
+    }
+    let items = if points.is_empty() {
+        Vec::new()
+    } else {
+        vec![Item::List(points)]
+    };
+    Section::new("What would falsify it", items)
+}
+
+pub(super) fn next_experiment(d: &Diagnosis) -> Section {
+    let Some(next) = &d.next_experiment else {
+        return Section::default();
+    };
+    let mut points = Vec::new();
+    if !next.separates.is_empty() {
+        let names: Vec<String> = next.separates.iter().map(|n| titled(n)).collect();
+        points.push(format!("Tells apart: {}.", names.join(", ")));
+        let (now, then) = (
+            times(next.separation_now_sigma),
+            times(next.separation_sigma),
+        );
+        points.push(format!(
+            "Expected separation of the closest pair: {then} σ; with the data at hand {now} σ."
+        ));
+    }
+    points.push(format!(
+        "Takes {} min on the bench and moves {} Ah in either direction.",
+        plain(next.duration_min),
+        plain(next.charge_ah)
+    ));
+    Section::new(
+        "Next experiment",
+        vec![
+            Item::Text(format!("{}: {}", next.name, next.description)),
+            Item::List(points),
+        ],
+    )
+}
+
+pub(super) fn unexplained(d: &Diagnosis) -> Section {
+    let (blocks, z) = if d.effects.is_empty() {
+        (&d.blocks, d.quality.base_z)
+    } else {
+        (&d.where_after, d.quality.augmented_z)
+    };
+    let left: Vec<&Block> = blocks.iter().filter(|b| is_significant(b)).collect();
+    let mut points: Vec<String> = left
+        .iter()
+        .take(MOST_BLOCKS)
+        .map(|b| format!("{}: {}", b.dimension, b.part))
+        .collect();
+    if left.len() > MOST_BLOCKS {
+        points.push(format!("and {} more blocks", left.len() - MOST_BLOCKS));
+    }
+    let lead = match (left.is_empty(), z >= POOR_FIT_Z) {
+        (true, false) => "Nothing beyond the noise.".to_owned(),
+        (true, true) => format!(
+            "χ² is still {} σ above noise, spread over all blocks.",
+            times(z)
+        ),
+        (false, _) => format!("Still outside the noise (χ² {} σ above it):", times(z)),
+    };
+    let mut items = vec![Item::Text(lead)];
+    if !points.is_empty() {
+        items.push(Item::List(points));
+    }
+    if d.verdict == Verdict::Unexplained {
+        items.extend(hint(d));
+    }
+    Section::new("What stays unexplained", items)
+}
+
+/// The candidate that helps most without explaining.
+fn hint(d: &Diagnosis) -> Option<Item> {
+    let excess = d.quality.base_chi2 - d.quality.degrees_of_freedom;
+    let helped = d
+        .ranking
+        .iter()
+        .filter(|c| !d.effects.iter().any(|e| e.name == c.name))
+        .filter_map(|c| c.lambda.map(|l| (c, l)));
+    let (best, lambda) = helped
+        .max_by(|a, b| a.1.total_cmp(&b.1))
+        .filter(|(_, l)| *l > 0.0 && excess > 0.0)?;
+    Some(Item::Text(format!(
+        "A hint, not a name: {} helps most; alone it would remove {} of an excess χ² of {} ({}).",
+        titled(best.name),
+        plain(lambda),
+        plain(excess),
+        percent(lambda / excess)
+    )))
+}
+
+pub(super) fn not_claimed(d: &Diagnosis) -> Section {
+    let mut points = Vec::new();
+    if !d.noise.from_repeats {
+        points.push(
+            "That the model is at the noise floor: there are no repeats, so that nobody \
+        knows the floor."
+                .to_owned(),
+        );
+    }
+    if d.verdict == Verdict::AtNoiseFloor {
+        points.push("That no effect acts: one too weak for these runs stays hidden.".to_owned());
+    }
+    if d.verdict == Verdict::Unexplained {
+        points.push("A name for what is missing.".to_owned());
+    }
+    let rivals = d.rivals.iter().map(|r| {
+        format!(
+            "That it is {} and not {}.",
+            titled(r.instead_of),
+            titled(r.name)
+        )
+    });
+    points.extend(rivals.filter(|_| d.verdict == Verdict::Ambiguous));
+    points.extend(
+        d.effects
+            .iter()
+            .filter(|e| e.group == Group::Bench)
+            .map(|e| format!("That the cell has changed: {} sits in the bench.", e.title)),
+    );
+    let loose = d.effects.iter().flat_map(|e| {
+        e.parameters
+            .iter()
+            .filter(|p| p.sigma.is_none())
+            .map(move |p| (e, p))
+    });
+    points.extend(loose.map(|(e, p)| {
+        format!(
+            "A value of {} of {}: the data leave it open.",
+            p.name, e.name
+        )
+    }));
+    if d.gap.is_empty() && d.gap_spectra.is_empty() {
+        points.push("Any better prediction: no run was held out.".to_owned());
+    }
+    points.push(
+        "Anything beyond the currents, frequencies, states of charge and temperatures of \
+    this data set."
+            .to_owned(),
+    );
+    Section::new("Not claimed", vec![Item::List(points)])
+}
+
+pub(super) fn noise(d: &Diagnosis) -> Section {
+    if d.noise.terms.is_empty() {
+        return Section::default();
+    }
+    let source = match d.noise.from_repeats {
+        true => {
+            "Measured on repeated runs, with the bench's history as prior; never taken from the \
+            misfit."
+        }
+        false => {
+            "Assumed, not measured: the data hold no repeats. All significances and scores above \
+            stand and fall with it."
+        }
+    };
+    let row = |t: &NoiseTerm| {
+        let z = t.z.map_or("–".to_owned(), |z| format!("{} σ", times(z)));
+        vec![
+            t.name.to_owned(),
+            quantity(t.sigma, ""),
+            t.history.map_or("–".to_owned(), |h| quantity(h, "")),
+            z,
+        ]
+    };
+    let table = Item::Table(
+        vec!["Term", "Used", "History of the bench", "Distance from it"],
+        d.noise.terms.iter().map(row).collect(),
+    );
+    Section::new("Noise", vec![Item::Text(source.into()), table])
+}
+
+pub(super) fn notes(d: &Diagnosis) -> Section {
+    Section::new(
+        "Notes",
+        if d.notes.is_empty() {
+            Vec::new()
+        } else {
+            vec![Item::List(d.notes.clone())]
+        },
+    )
+}

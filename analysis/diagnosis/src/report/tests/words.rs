@@ -1,0 +1,126 @@
+//! The words, as a person reads them.
+
+use super::sample;
+use crate::{
+    outcome::{Diagnosis, NoiseReport},
+    report::{Distinguishability, catalogue_markdown, catalogue_text, markdown, pictures, text},
+};
+use analysis_effects::{contract::Card, effects::catalogue};
+
+#[test]
+fn every_verdict_for_a_terminal() {
+    let cases: [(&str, Diagnosis); 5] = [
+        ("explained", sample::explained()),
+        ("ambiguous", sample::ambiguous()),
+        ("unexplained", sample::unexplained()),
+        ("at_floor", sample::at_floor()),
+        ("invalid", sample::invalid()),
+    ];
+    for (name, d) in cases {
+        let words = text(&d);
+        assert!(
+            words.lines().all(|l| l.chars().count() <= 100),
+            "{name}: {words}"
+        );
+        insta::assert_snapshot!(name, words);
+    }
+}
+
+#[test]
+fn markdown_has_its_pictures_in_their_places() {
+    let d = sample::explained();
+    let page = markdown(&d, &pictures(&d, &sample::runs()));
+    insta::assert_snapshot!("explained_markdown", page);
+    let at = |needle: &str| page.find(needle).unwrap_or_else(|| panic!("{needle}"));
+    let order = [
+        "## Where",
+        "(where.png)",
+        "(residual-1-profile_B.png)",
+        "## What\n",
+        "(ranking.png)",
+        "## Gap",
+        "(gap.png)",
+    ];
+    assert!(order.windows(2).all(|w| at(w[0]) < at(w[1])));
+}
+
+#[test]
+fn no_floor_is_claimed_without_repeats() {
+    for base in [
+        sample::explained(),
+        sample::unexplained(),
+        sample::at_floor(),
+    ] {
+        let d = Diagnosis {
+            noise: NoiseReport {
+                from_repeats: false,
+                ..base.noise.clone()
+            },
+            ..base
+        };
+        let words = text(&d);
+        assert!(
+            words.contains("no floor is claimed") && words.contains("there are no repeats"),
+            "{words}"
+        );
+        assert!(
+            !words.contains("Floor  ") && !words.contains("At the noise floor"),
+            "{words}"
+        );
+    }
+}
+
+#[test]
+fn the_catalogue_with_its_matrix() {
+    let cards: Vec<&Card> = ["rc_slow", "time_skew"]
+        .iter()
+        .filter_map(|n| analysis_effects::effects::find(n))
+        .map(|e| e.card())
+        .collect();
+    let matrix = matrix();
+    insta::assert_snapshot!("catalogue", catalogue_text(&cards, Some(&matrix)));
+    let all: Vec<&Card> = catalogue().iter().map(|e| e.card()).collect();
+    let page = catalogue_markdown(&all, Some(&matrix), &matrix.pictures());
+    assert!(
+        all.iter()
+            .all(|c| page.contains(&format!("### {}: ", c.name.replace('_', "\\_")))),
+        "{page}"
+    );
+    assert!(page.contains("(distinguishability.png)") && page.contains("(separation.png)"));
+}
+
+pub(super) fn matrix() -> Distinguishability {
+    let labels = [
+        "rc_slow",
+        "diffusion",
+        "hysteresis",
+        "self_heating",
+        "soc_resistance",
+        "inductance",
+        "time_skew",
+    ]
+    .map(str::to_owned);
+    let mut r = vec![vec![0.97; 7]; 7];
+    for (a, b, v) in [
+        (0, 1, 0.03),
+        (1, 0, 0.04),
+        (0, 2, 0.6),
+        (1, 2, 0.34),
+        (2, 0, 0.64),
+        (3, 4, 0.42),
+        (4, 3, 0.99),
+        (5, 6, 0.0007),
+    ] {
+        r[a][b] = v;
+    }
+    r[2][3] = f64::NAN;
+    let separation_sigma = r
+        .iter()
+        .map(|row| row.iter().map(|v| (v * 100.0).sqrt()).collect())
+        .collect();
+    Distinguishability {
+        labels: labels.to_vec(),
+        r,
+        separation_sigma,
+    }
+}

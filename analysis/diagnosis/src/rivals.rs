@@ -1,0 +1,85 @@
+//! Which other effects would do as well in the place of one that was taken.
+
+use super::attempts::{Attempt, is_outside};
+use super::guards::{SUFFICES, naming_lead};
+use super::problem::Fit;
+use super::select::{RivalFit, Search, Selection};
+use super::whitening::dot;
+use analysis_effects::effects::find;
+
+impl Search<'_> {
+    /// For every effect taken, those that would do as well in its place.
+    pub(super) fn find_rivals(&mut self, selection: &mut Selection) {
+        let names: Vec<&'static str> = selection.taken.iter().map(|t| t.name).collect();
+        for (k, name) in names.iter().enumerate() {
+            let without = self.refit_without(&selection.base, &selection.fit, k);
+            let lambda = without.chi2 - selection.fit.chi2;
+            let own = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
+            // What came later may have taken a share of it.
+            selection.taken[k].evidence.lambda = lambda;
+            selection.taken[k].evidence.score = own;
+            let (attempts, _) = self.attempts(&without, Some(name));
+            for other in attempts {
+                if !rivals(
+                    (name, lambda, own),
+                    &other,
+                    naming_lead(self.measured, lambda),
+                ) || names.contains(&other.name)
+                {
+                    if contains(&other, name) && other.lambda > lambda - SUFFICES {
+                        selection.taken[k].limit_of.push(other.name);
+                    }
+                    continue;
+                }
+                let index = other.fit.structure.members.len() - 1;
+                if self.guards.bound
+                    && !is_outside(other.name)
+                    && other.fit.member_at_bound(index, self.problem.branches())
+                {
+                    continue;
+                }
+                let distinct = self.discriminability(&selection.fit, &without, &other.fit);
+                let gap = other.score - own;
+                selection.taken[k].rivals.push(RivalFit {
+                    name: other.name,
+                    score_gap: gap,
+                    discriminability: distinct,
+                    fit: other.fit,
+                });
+            }
+        }
+    }
+
+    /// r: part of what the named effect adds that the other cannot imitate, to first order around
+    /// its fit.
+    fn discriminability(&self, named: &Fit, without: &Fit, other: &Fit) -> f64 {
+        let difference = |a: &Fit, b: &Fit| {
+            b.residuals
+                .iter()
+                .zip(&a.residuals)
+                .map(|(b, a)| b - a)
+                .collect::<Vec<f64>>()
+        };
+        let mut apart = difference(named, other);
+        other.tangent().project(&mut apart);
+        let whole = difference(named, without);
+        (dot(&apart, &apart) / dot(&whole, &whole).max(1e-12)).min(1.0)
+    }
+}
+
+/// Whether another effect becomes a named one at a limit of its shape.
+fn contains(other: &Attempt, name: &str) -> bool {
+    find(other.name).is_some_and(|e| e.card().contains.contains(&name))
+}
+
+/// Whether another effect is a rival of a named one of this λ and score. What contains the named
+/// effect as a limit fits as well by necessity: where the interval of its shape holds the limit,
+/// only its forms away from there count.
+fn rivals((name, lambda, own): (&str, f64, f64), other: &Attempt, lead: f64) -> bool {
+    let near = |score: f64| score - own >= -lead;
+    if !contains(other, name) {
+        return near(other.score);
+    }
+    let suffices = other.lambda - lambda < SUFFICES;
+    other.score >= own || near(other.distinct) || (!suffices && near(other.score))
+}

@@ -1,0 +1,313 @@
+//! Adds effects one by one, each only if everything speaks for it, and takes back what later ones
+//! make needless.
+
+use super::accept::tells;
+use super::attempts::{Attempt, is_outside};
+use super::block::Desk;
+use super::guards::{Guards, MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE, outside_lead};
+use super::outcome::{Candidate, Evidence};
+use super::problem::{Fit, Problem};
+use super::structure::searched;
+use analysis_effects::{contract::Effect, effects::outside};
+
+/// χ² by which another minimum of a fit must be deeper to be taken for it.
+const DEEPER: f64 = 1.0;
+/// Times that a search begins again from a deeper minimum.
+const MOST_RESTARTS: usize = 2;
+/// Refused additions that are kept.
+const MOST_REFUSED: usize = 3;
+/// An effect that was taken.
+#[derive(Debug, Clone)]
+pub(super) struct Taken {
+    pub(super) name: &'static str,
+    pub(super) evidence: Evidence,
+    pub(super) rivals: Vec<RivalFit>,
+    /// Effects that become this one at a limit, which these data do not tell them from.
+    pub(super) limit_of: Vec<&'static str>,
+}
+
+/// What would do as well in the place of an effect that was taken.
+#[derive(Debug, Clone)]
+pub(super) struct RivalFit {
+    pub(super) name: &'static str,
+    pub(super) score_gap: f64,
+    pub(super) discriminability: f64,
+    pub(super) fit: Fit,
+}
+
+/// How the search ended.
+#[derive(Debug, Clone)]
+pub(super) struct Selection {
+    /// The base alone, at the deepest minimum that was met.
+    pub(super) base: Fit,
+    pub(super) fit: Fit,
+    pub(super) taken: Vec<Taken>,
+    /// Candidates of the first round.
+    pub(super) ranking: Vec<Candidate>,
+    /// The best addition that was refused in the last round, with the reason.
+    pub(super) refused: Option<(&'static str, f64, String)>,
+    /// The best that were refused in the last round.
+    pub(super) refused_fits: Vec<Attempt>,
+    /// What no effect of the catalogue explains as well as something outside of it does; names are
+    /// withdrawn then.
+    pub(super) outside: Option<&'static str>,
+    /// Why the names are not certain although none has a rival.
+    pub(super) doubt: Option<String>,
+}
+
+impl Selection {
+    /// Nothing was looked for.
+    pub(super) fn nothing(base: &Fit) -> Self {
+        Self {
+            base: base.clone(),
+            fit: base.clone(),
+            taken: Vec::new(),
+            ranking: Vec::new(),
+            refused: None,
+            refused_fits: Vec::new(),
+            outside: None,
+            doubt: None,
+        }
+    }
+
+    /// Takes all names back: something outside the catalogue does better.
+    fn withdraw(&mut self, title: &'static str) {
+        self.fit = self.base.clone();
+        self.taken.clear();
+        self.outside = Some(title);
+    }
+}
+
+/// What a search works with.
+pub(super) struct Search<'a> {
+    pub(super) problem: &'a Problem,
+    pub(super) candidates: &'a [&'static dyn Effect],
+    pub(super) guards: Guards,
+    /// The noise was measured by repeats, not assumed.
+    pub(super) measured: bool,
+    pub(super) desk: Desk,
+}
+
+/// (χ² − dof)/√(2·dof).
+pub(super) fn excess_z(chi2: f64, dof: f64) -> f64 {
+    (chi2 - dof) / (2.0 * dof).sqrt()
+}
+
+impl Search<'_> {
+    /// Adds and prunes, from the base's fit.
+    pub(super) fn run(&mut self, base: &Fit) -> Selection {
+        let mut selection = Selection::nothing(base);
+        // The best of what is outside the catalogue, on top of the base.
+        let mut alone: Option<(&'static str, f64)> = None;
+        let mut restarts = 0;
+        while selection.taken.len() < MOST_EFFECTS {
+            let (attempts, mut ranking) = self.attempts(&selection.fit, None);
+            let first = selection.taken.is_empty();
+            if first {
+                alone = attempts
+                    .iter()
+                    .find(|a| is_outside(a.name))
+                    .map(|a| (a.name, a.score));
+            }
+            let accepted = self.first_accepted(&mut selection, attempts, &mut ranking);
+            if first {
+                if let Some((taken, _)) = &accepted {
+                    let rest = ranking
+                        .iter_mut()
+                        .filter(|c| c.name != taken.name && c.refused_because.is_empty());
+                    rest.for_each(|c| c.refused_because = "another explains more".to_owned());
+                }
+                selection.ranking = ranking;
+            }
+            let Some((attempt, evidence)) = accepted else {
+                break;
+            };
+            if let Some(deeper) = self
+                .deeper(&selection.fit, &attempt.fit)
+                .filter(|_| restarts < MOST_RESTARTS)
+            {
+                restarts += 1;
+                if first {
+                    selection.base = deeper.clone();
+                }
+                selection.fit = deeper;
+                continue;
+            }
+            // What fits clearly better but may not be named leaves nothing to be named with
+            // confidence.
+            if selection
+                .refused
+                .as_ref()
+                .is_some_and(|r| r.1 > attempt.score + NAMING_LEAD)
+            {
+                break;
+            }
+            selection.refused = None;
+            selection.fit = attempt.fit;
+            selection.taken.push(Taken {
+                name: attempt.name,
+                evidence,
+                rivals: Vec::new(),
+                limit_of: Vec::new(),
+            });
+        }
+        self.gate_again(&mut selection);
+        self.find_rivals(&mut selection);
+        self.free_shapes(&mut selection);
+        self.look_outside(&mut selection, alone);
+        selection
+    }
+
+    /// The best attempt that everything speaks for; what stands before it is noted with the reason.
+    fn first_accepted(
+        &mut self,
+        selection: &mut Selection,
+        attempts: Vec<Attempt>,
+        ranking: &mut [Candidate],
+    ) -> Option<(Attempt, Evidence)> {
+        selection.refused = None;
+        selection.refused_fits.clear();
+        for attempt in attempts {
+            let attempt = self.integrated(&selection.fit, attempt);
+            let last = attempt.fit.structure.members.len() - 1;
+            let gained = selection.base.chi2 - selection.fit.chi2;
+            let reason = match self.accept((&selection.base, &selection.fit), &attempt, last) {
+                Ok(evidence) => return Some((attempt, evidence)),
+                Err(reason) => reason,
+            };
+            let tells = tells(&attempt, gained);
+            if tells && selection.refused.is_none() {
+                selection.refused = Some((attempt.name, attempt.score, reason.clone()));
+            }
+            if let Some(c) = ranking.iter_mut().find(|c| c.name == attempt.name) {
+                c.refused_because = reason;
+            }
+            if tells && selection.refused_fits.len() < MOST_REFUSED {
+                selection.refused_fits.push(attempt);
+            }
+        }
+        None
+    }
+
+    /// The fit again from where an addition has left its parameters; none where that is no deeper
+    /// minimum. What an addition gains over a fit that stands in a wrong minimum is no evidence for
+    /// it.
+    fn deeper(&mut self, fit: &Fit, with: &Fit) -> Option<Fit> {
+        let again = self.problem.fit_from(
+            &fit.structure,
+            with.x[..fit.x.len()].to_vec(),
+            fit.axes.clone(),
+            &mut self.desk,
+        );
+        (again.chi2 < fit.chi2 - DEEPER).then_some(again)
+    }
+
+    /// Takes back effects that later ones have made needless: all that spoke for each must still
+    /// do.
+    fn gate_again(&mut self, selection: &mut Selection) {
+        let mut k = 0;
+        while selection.taken.len() > 1 && k < selection.taken.len() {
+            let without = self.refit_without(&selection.base, &selection.fit, k);
+            let lambda = without.chi2 - selection.fit.chi2;
+            let score = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
+            let attempt = Attempt {
+                name: selection.taken[k].name,
+                lambda,
+                score,
+                distinct: score,
+                fit: selection.fit.clone(),
+            };
+            if let Ok(evidence) = self.accept((&selection.base, &without), &attempt, k) {
+                selection.taken[k].evidence = evidence;
+                k += 1;
+            } else {
+                selection.fit = without;
+                selection.taken.remove(k);
+                k = 0;
+            }
+        }
+    }
+
+    /// Asks whether one effect outside the catalogue does as well as all names together, and
+    /// whether something refused stays on top of them.
+    fn look_outside(&mut self, selection: &mut Selection, alone: Option<(&'static str, f64)>) {
+        let title = |name: &str| {
+            outside()
+                .iter()
+                .find(|e| e.card().name == name)
+                .map(|e| e.card().title)
+        };
+        let spent: f64 = selection
+            .fit
+            .structure
+            .members
+            .iter()
+            .map(|m| self.problem.penalty(m))
+            .sum();
+        let gained = selection.base.chi2 - selection.fit.chi2 - spent;
+        let led = |t: &Taken| {
+            t.rivals
+                .iter()
+                .find(|r| is_outside(r.name) && r.score_gap >= outside_lead(t.evidence.lambda))
+                .map(|r| r.name)
+        };
+        let beaten = selection.taken.iter().find_map(led);
+        let refused = selection
+            .refused
+            .as_ref()
+            .filter(|r| selection.taken.is_empty() && r.1 >= OUTSIDE_ALONE)
+            .map(|r| r.0);
+        let stands_alone = alone
+            .filter(|a| selection.taken.len() > 1 && a.1 >= gained)
+            .map(|a| a.0);
+        if let Some(title) = beaten.or(stands_alone).or(refused).and_then(title) {
+            selection.withdraw(title);
+            return;
+        }
+        if let Some((name, score, _)) = &selection.refused {
+            selection.doubt = Some(format!(
+                "{name} would gain {score:.0} on top of it but may not be named"
+            ));
+        } else if let Some(title) = alone
+            .filter(|a| selection.taken.len() > 1 && a.1 > gained - NAMING_LEAD)
+            .and_then(|a| title(a.0))
+        {
+            selection.doubt = Some(format!("{title} alone would do as well"));
+        }
+    }
+
+    /// The fit with one member less, from the better of two starts: where it stands, and the base.
+    pub(super) fn refit_without(&mut self, base: &Fit, fit: &Fit, member: usize) -> Fit {
+        let branches = self.problem.branches();
+        let (structure, x, axes) = self.problem.without(fit, member);
+        let mut y = base.x[..1 + 2 * branches].to_vec();
+        y.extend_from_slice(&x[1 + 2 * branches..]);
+        let stay = self
+            .problem
+            .fit_from(&structure, x, axes.clone(), &mut self.desk);
+        let fresh = self.problem.fit_from(&structure, y, axes, &mut self.desk);
+        if stay.chi2 <= fresh.chi2 { stay } else { fresh }
+    }
+
+    /// Lets shapes go that were held while effects were chosen, so that intervals know of them; as
+    /// they are where that drives one to a bound.
+    fn free_shapes(&mut self, selection: &mut Selection) {
+        let branches = self.problem.branches();
+        for k in 0..selection.taken.len() {
+            let (erm, values) = selection.fit.decode(branches);
+            let mut structure = selection.fit.structure.clone();
+            for (member, value) in structure.members.iter_mut().zip(&values) {
+                member.start.clone_from(value);
+            }
+            let own = searched(structure.members[k].effect, &self.problem.base, &values[k]);
+            if structure.members[k].parameters == own {
+                continue;
+            }
+            structure.members[k].parameters = own;
+            let free = self.problem.fit(&structure, &erm, &mut self.desk);
+            if !free.member_at_bound(k, branches) && free.chi2 <= selection.fit.chi2 + 1.0 {
+                selection.fit = free;
+            }
+        }
+    }
+}

@@ -1,0 +1,169 @@
+//! Errors that are the same in all runs of a campaign: what the calibration left of the current's
+//! gain, what it cannot see because current and voltage share it, the error of the meter that start
+//! voltages are read with, and what a correction by control impedances leaves in spectra. Repeats
+//! do not show them, and more repeats do not make them smaller.
+//!
+//! With v what one standard deviation of such an error does to the whitened rows of all runs, their
+//! covariance is I + v·vᵀ. The operator I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes it I
+//! again; for several errors one such operator after the other, each with v as the ones before it
+//! leave it. That is the same as to fit every error once, for all runs together, with its standard
+//! deviation as the prior.
+
+use super::block::{Block, Kind};
+use super::data::BenchHistory;
+use super::time_block::TimeBlock;
+use super::whitening::dot;
+use analysis_effects::contract::{Base, Point};
+use analysis_signal::calibration::{COMMON, CommonError};
+use num_complex::Complex64;
+
+/// What one standard deviation of each shared error does to the rows of a block: of the
+/// calibration, of the gain of both channels, of the start voltage, and of each independent error
+/// that the correction leaves.
+pub(super) type Errors = [Vec<f64>; OWN + COMMON];
+
+/// Errors beside those of the correction.
+const OWN: usize = 3;
+
+/// Of a record with these predicted rows; `gain` is what the current's gain does to them, per unit.
+pub(super) fn of_record(
+    (block, time): (&Block, &TimeBlock),
+    base: &Base,
+    (predicted, gain): (&[f64], &[f64]),
+    history: &BenchHistory,
+) -> Errors {
+    let capacity_c = 3600.0 * base.ocv.capacity_ah;
+    let slope_v = |charge_c: f64| base.ocv.slope_v(block.at.soc - charge_c / capacity_c);
+    let start_v = slope_v(0.0).max(1e-6);
+    // The level is read by the same meter: what is left is the curve's slope, which is read off at
+    // the wrong place.
+    let started = time
+        .bins
+        .iter()
+        .map(|b| history.start_voltage_v * (1.0 - slope_v(b.charge_c) / start_v))
+        .collect();
+    // The voltage counts from rest: both channels too large by a part show that part more of every
+    // change.
+    let rest_v = base.ocv.voltage_v(block.at.soc);
+    let both = predicted
+        .iter()
+        .zip(gain)
+        .map(|(v, g)| history.channel_gain_rel * (v - rest_v - g))
+        .collect();
+    // Microseconds are nothing to a record.
+    let mut errors: Errors = std::array::from_fn(|_| vec![0.0; predicted.len()]);
+    [errors[0], errors[1], errors[2]] = [
+        gain.iter().map(|v| history.calibration_rel * v).collect(),
+        both,
+        started,
+    ];
+    errors
+}
+
+/// Of a spectrum with these predicted rows. A control is what the calibration goes by: there its
+/// error cannot be seen.
+pub(super) fn of_spectrum(
+    kind: &Kind,
+    predicted: &[f64],
+    (history, calibration): (&BenchHistory, Option<CommonError>),
+) -> Errors {
+    let Kind::Eis {
+        points,
+        control_ohm,
+        ..
+    } = kind
+    else {
+        return Errors::default();
+    };
+    let is_cell = control_ohm.is_none();
+    let gain = if is_cell {
+        history.calibration_rel
+    } else {
+        0.0
+    };
+    let left = |error: usize| -> Vec<f64> {
+        let of = |(point, z): (&Point, &[f64])| {
+            let off = calibration.map_or(Complex64::ZERO, |left| {
+                left.at(error, point.freq_hz, Complex64::new(z[0], z[1]), is_cell)
+            });
+            [off.re, off.im]
+        };
+        points
+            .iter()
+            .zip(predicted.chunks_exact(2))
+            .flat_map(of)
+            .collect()
+    };
+    // A ratio of two channels does not know what they share.
+    std::array::from_fn(|k| match k {
+        0 => predicted.iter().map(|z| gain * z).collect(),
+        1 | 2 => vec![0.0; predicted.len()],
+        _ => left(k - OWN),
+    })
+}
+
+/// The operator that takes shared errors out of whitened rows.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Shared {
+    /// u and c of each error.
+    directions: Vec<(Vec<f64>, f64)>,
+}
+
+impl Shared {
+    /// From what one standard deviation of each error does to the whitened rows of all runs.
+    pub(super) fn new(errors: impl IntoIterator<Item = Vec<f64>>) -> Self {
+        let mut shared = Self::default();
+        for mut v in errors {
+            shared.apply(&mut v);
+            let size = dot(&v, &v).sqrt();
+            if size > 1e-9 {
+                v.iter_mut().for_each(|x| *x /= size);
+                shared.directions.push((v, 1.0 - 1.0 / size.hypot(1.0)));
+            }
+        }
+        shared
+    }
+
+    /// Takes them out.
+    pub(super) fn apply(&self, rows: &mut [f64]) {
+        for (u, part) in &self.directions {
+            let along = part * dot(u, rows);
+            rows.iter_mut().zip(u).for_each(|(r, u)| *r -= along * u);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// For r ~ N(0, I + a·aᵀ + b·bᵀ) the operator A gives A·(I + a·aᵀ + b·bᵀ)·Aᵀ = I.
+    #[test]
+    fn what_is_left_is_white() {
+        let a: Vec<f64> = (0..6).map(|k| 3.0 * f64::from(k)).collect();
+        let b: Vec<f64> = (0..6).map(|k| 2.0 + 0.5 * f64::from(k * k)).collect();
+        let shared = Shared::new([a.clone(), b.clone(), vec![0.0; 6]]);
+        let applied = |v: &[f64]| {
+            let mut v = v.to_vec();
+            shared.apply(&mut v);
+            v
+        };
+        let unit = |k: usize| {
+            (0..6)
+                .map(|i| f64::from(u8::from(i == k)))
+                .collect::<Vec<f64>>()
+        };
+        let columns: Vec<Vec<f64>> = (0..6).map(|k| applied(&unit(k))).collect();
+        let (a, b) = (applied(&a), applied(&b));
+        for i in 0..6 {
+            for j in 0..6 {
+                let covariance =
+                    columns.iter().map(|c| c[i] * c[j]).sum::<f64>() + a[i] * a[j] + b[i] * b[j];
+                assert!(
+                    (covariance - f64::from(u8::from(i == j))).abs() < 1e-12,
+                    "{i} {j} {covariance}"
+                );
+            }
+        }
+    }
+}

@@ -1,0 +1,618 @@
+//! Each guard: with it the workflow ends as it should, without it and it alone it does not.
+
+use super::bench::{Hidden, campaign, model};
+use crate::{
+    DataSet, Diagnosis, DiagnosisOptions, Guards, Role, RunData, Verdict,
+    block::Desk,
+    diagnose,
+    diagnose::base_fit,
+    prepare::prepare,
+    select::{Search, excess_z},
+};
+
+fn with(set: &DataSet, guards: Guards) -> Diagnosis {
+    diagnose(
+        set,
+        &model(),
+        &DiagnosisOptions {
+            guards,
+            ..DiagnosisOptions::default()
+        },
+    )
+    .unwrap()
+    .diagnosis
+}
+
+fn names(d: &Diagnosis) -> Vec<&'static str> {
+    d.effects.iter().map(|e| e.name).collect()
+}
+
+#[test]
+fn noise_of_the_current_channel_is_no_physics() {
+    let mut false_names = 0;
+    for seed in 20..26 {
+        let set = campaign(seed, &Hidden::default(), &Hidden::default());
+        assert_eq!(
+            names(&with(&set, Guards::default())),
+            [""; 0],
+            "seed {seed}"
+        );
+        let off = Guards {
+            current_channel_noise: false,
+            sentinel: false,
+            held_out: false,
+            ..Guards::default()
+        };
+        let kept = Guards {
+            current_channel_noise: true,
+            ..off
+        };
+        assert_eq!(names(&with(&set, kept)), [""; 0], "seed {seed}");
+        false_names += usize::from(!names(&with(&set, off)).is_empty());
+    }
+    assert!(false_names >= 3, "{false_names} of 6 without the guard");
+}
+
+#[test]
+fn what_a_parameter_of_the_base_can_do_is_outside_the_score() {
+    // Many an effect is mostly what the base's own resistances can do as well: only what is left of
+    // it may be compared.
+    let hidden = Hidden {
+        heat_per_j: 2e-4,
+        ..Hidden::default()
+    };
+    let set = campaign(31, &hidden, &hidden);
+    let on = with(&set, Guards::default());
+    let off = with(
+        &set,
+        Guards {
+            tangent_projection: false,
+            ..Guards::default()
+        },
+    );
+    let lagrange = |d: &Diagnosis, name: &str| {
+        d.ranking
+            .iter()
+            .find(|c| c.name == name)
+            .map_or(0.0, |c| c.lagrange)
+    };
+    let gain = on
+        .ranking
+        .iter()
+        .map(|c| c.lagrange / lagrange(&off, c.name).max(1.0))
+        .fold(0.0, f64::max);
+    assert!(gain > 5.0, "{gain}");
+    let expected = |d: &Diagnosis| {
+        d.blocks
+            .iter()
+            .map(|b| b.expected_chi2 / b.count as f64)
+            .fold(1.0, f64::min)
+    };
+    assert!(
+        expected(&on) < 0.985 && expected(&off) == 1.0,
+        "{} and {}",
+        expected(&on),
+        expected(&off)
+    );
+}
+
+#[test]
+fn held_out_runs_that_contradict_are_heard() {
+    let set = campaign(
+        41,
+        &Hidden {
+            per_soc: -0.6,
+            ..Hidden::default()
+        },
+        &Hidden::default(),
+    );
+    let on = with(&set, Guards::default());
+    assert!(
+        names(&on).is_empty() && on.verdict == Verdict::Unexplained,
+        "{:?} {}",
+        names(&on),
+        on.summary
+    );
+    let off = with(
+        &set,
+        Guards {
+            held_out: false,
+            ..Guards::default()
+        },
+    );
+    assert_eq!(names(&off), ["soc_resistance"]);
+}
+
+#[test]
+fn a_small_help_is_no_name() {
+    let hidden = Hidden {
+        ripple_v: 8e-3,
+        ..Hidden::default()
+    };
+    let set = campaign(51, &hidden, &hidden);
+    let kept = Guards {
+        held_out: false,
+        outside: false,
+        ..Guards::default()
+    };
+    let on = with(&set, kept);
+    let off = with(
+        &set,
+        Guards {
+            material_share: false,
+            ..kept
+        },
+    );
+    assert_eq!(
+        (on.verdict, names(&on).len()),
+        (Verdict::Unexplained, 0),
+        "{:?}",
+        names(&on)
+    );
+    assert!(!names(&off).is_empty(), "{:?}", off.ranking);
+}
+
+#[test]
+fn repeats_that_disagree_stop_everything() {
+    let hidden = Hidden {
+        telegraph_ohm: 4e-4,
+        ..Hidden::default()
+    };
+    let set = campaign(61, &hidden, &hidden);
+    let on = with(&set, Guards::default());
+    assert_eq!((on.verdict, names(&on).len()), (Verdict::Unexplained, 0));
+    assert!(
+        on.summary.contains("The noise floor itself moved"),
+        "{} {:?}",
+        on.summary,
+        on.noise
+    );
+    let off = with(
+        &set,
+        Guards {
+            sentinel: false,
+            ..Guards::default()
+        },
+    );
+    assert!(
+        !off.summary.contains("The noise floor itself moved"),
+        "{}",
+        off.summary
+    );
+}
+
+#[test]
+fn a_parameter_at_its_bound_is_no_name() {
+    // Twice the slope: the curve is another cell's, which no error of a capacity reaches.
+    let hidden = Hidden {
+        slope: 0.9,
+        ..Hidden::default()
+    };
+    let set = campaign(71, &hidden, &hidden);
+    assert!(!names(&with(&set, Guards::default())).contains(&"ocv_slope"));
+    let kept = Guards {
+        held_out: false,
+        outside: false,
+        ..Guards::default()
+    };
+    let slope = |guards: Guards| {
+        let candidates = vec![analysis_effects::effects::find("ocv_slope").unwrap()];
+        diagnose(
+            &set,
+            &model(),
+            &DiagnosisOptions {
+                candidates,
+                guards,
+                ..DiagnosisOptions::default()
+            },
+        )
+        .unwrap()
+        .diagnosis
+    };
+    let off = slope(Guards {
+        bound: false,
+        ..kept
+    });
+    assert!(names(&off).contains(&"ocv_slope"), "{:?}", off.ranking);
+    assert!(!names(&slope(kept)).contains(&"ocv_slope"));
+}
+
+#[test]
+fn steps_are_as_fine_as_integration_needs() {
+    // Few samples: heat between two of them matters.
+    let hidden = Hidden {
+        heat_per_j: 3e-4,
+        ..Hidden::default()
+    };
+    let mut set = campaign(81, &hidden, &hidden);
+    for run in &mut set.runs {
+        if let (RunData::Time(record), Role::Train | Role::HeldOut) = (&mut run.data, run.role) {
+            thin(&mut record.series);
+        }
+    }
+    let (on, off) = (
+        with(&set, Guards::default()),
+        with(
+            &set,
+            Guards {
+                integration: false,
+                ..Guards::default()
+            },
+        ),
+    );
+    let error = |d: &Diagnosis| {
+        d.effects
+            .iter()
+            .map(|e| e.evidence.integration_error)
+            .fold(0.0, f64::max)
+    };
+    assert!(
+        names(&on).contains(&"self_heating") && error(&on) <= 0.1,
+        "{:?} {}",
+        names(&on),
+        error(&on)
+    );
+    assert!(error(&off) > 0.1, "{:?} {}", names(&off), error(&off));
+}
+
+/// An error that all rows of a record share is small beside each row's noise and large beside what
+/// the row says in which it shows: the guard asks the whitened rows.
+#[test]
+fn integration_is_judged_by_what_it_does_to_whitened_rows() {
+    let hidden = Hidden {
+        heat_per_j: 3e-4,
+        ..Hidden::default()
+    };
+    let mut set = campaign(81, &hidden, &hidden);
+    for run in &mut set.runs {
+        if let RunData::Time(record) = &mut run.data {
+            thin(&mut record.series);
+        }
+    }
+    let prepared = prepare(&set, &model(), Guards::default()).unwrap();
+    let problem = &prepared.problem;
+    let candidates = [analysis_effects::effects::find("self_heating").unwrap()];
+    let mut search = Search {
+        problem,
+        candidates: &candidates,
+        guards: Guards::default(),
+        measured: true,
+        desk: Desk::default(),
+    };
+    let base = base_fit(problem, &model().erm, &mut search.desk);
+    let attempt = search
+        .attempts(&base, None)
+        .0
+        .into_iter()
+        .find(|a| a.name == "self_heating")
+        .unwrap();
+    let at = (&attempt.fit.structure, attempt.fit.x.as_slice());
+    let (mut white, mut by_row) = (0.0f64, 0.0f64);
+    for k in 0..problem.blocks.len() {
+        let [once, halves] = [1, 2].map(|parts| problem.predict(at, k, parts, &mut search.desk));
+        let change: Vec<f64> = once.iter().zip(&halves).map(|(a, b)| a - b).collect();
+        by_row = change
+            .iter()
+            .zip(&problem.floors[k])
+            .fold(by_row, |worst, (c, f)| worst.max((c / f).abs()));
+        let mut rows = Vec::new();
+        problem.whiteners[k].apply(&change, &mut rows);
+        white = rows.iter().fold(white, |worst, r| worst.max(r.abs()));
+    }
+    let told = search.integration_error(&attempt.fit);
+    assert!(
+        (told / white - 1.0).abs() < 1e-9 && (white / by_row - 1.0).abs() > 0.2,
+        "{told}, {white} whitened, {by_row} by row"
+    );
+}
+
+/// Codes that the noise does not dither leave an error that looks like structure. Their term in the
+/// noise takes most of that misfit away; at ten times the noise not all of it, for a code's error
+/// is not normal.
+#[test]
+fn coarse_codes_are_noise_and_no_misfit() {
+    let step_v = 5e-3;
+    let mut set = campaign(85, &Hidden::default(), &Hidden::default());
+    for run in &mut set.runs {
+        if let RunData::Time(record) = &mut run.data {
+            record
+                .series
+                .voltage_v
+                .iter_mut()
+                .for_each(|v| *v = (*v / step_v).round() * step_v);
+        }
+    }
+    let z = |resolution_v: f64| {
+        let mut set = set.clone();
+        if let Some(history) = &mut set.history {
+            history.voltage_resolution_v = resolution_v;
+        }
+        // The noise of the history: repeats, which show the codes too, must not make up for the
+        // term.
+        let prepared = prepare(&set, &model(), Guards::default())
+            .unwrap()
+            .of_history(Guards::default())
+            .unwrap();
+        let base = base_fit(&prepared.problem, &model().erm, &mut Desk::default());
+        excess_z(base.chi2, prepared.problem.degrees_of_freedom(&base))
+    };
+    let (told, untold) = (z(step_v), z(0.0));
+    assert!(untold > 50.0 && told < 0.2 * untold, "{told} and {untold}");
+}
+
+#[test]
+fn a_name_that_something_outside_the_catalogue_beats_is_withdrawn() {
+    // A contact that was made worse between two runs looks like ageing to a catalogue that knows
+    // nothing else.
+    let hidden = Hidden {
+        later_rel: 0.05,
+        ..Hidden::default()
+    };
+    let set = campaign(91, &hidden, &hidden);
+    let kept = Guards {
+        sentinel: false,
+        ..Guards::default()
+    };
+    let off = with(
+        &set,
+        Guards {
+            outside: false,
+            ..kept
+        },
+    );
+    assert_eq!(names(&off), ["ageing"], "{} {:?}", off.summary, off.ranking);
+    let on = with(&set, kept);
+    assert_eq!(
+        (on.verdict, names(&on).len()),
+        (Verdict::Unexplained, 0),
+        "{} {:?}",
+        on.summary,
+        on.ranking
+    );
+    assert!(
+        on.summary
+            .contains("something like a change of the resistances between two runs"),
+        "{}",
+        on.summary
+    );
+}
+
+/// A campaign with a current channel that reads more where the current is large.
+fn ranged(seed: u64, gain: f64) -> DataSet {
+    let mut set = campaign(seed, &Hidden::default(), &Hidden::default());
+    for run in &mut set.runs {
+        if let RunData::Time(record) = &mut run.data {
+            record
+                .series
+                .current_a
+                .iter_mut()
+                .filter(|i| i.abs() > 30.0)
+                .for_each(|i| *i *= 1.0 + gain);
+        }
+    }
+    set
+}
+
+#[test]
+fn what_differs_between_circumstances_is_no_noise() {
+    // So little that the sum of all squares takes it for noise.
+    let set = ranged(101, 0.003);
+    let differs = |d: &Diagnosis| {
+        d.notes
+            .iter()
+            .any(|n| n.contains("the resistance is not the same over"))
+    };
+    let on = with(&set, Guards::default());
+    assert!(
+        on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && differs(&on),
+        "{:?} {:?}",
+        on.quality,
+        on.notes
+    );
+    assert!(!differs(&with(
+        &set,
+        Guards {
+            consistency: false,
+            ..Guards::default()
+        }
+    )));
+    assert!(!differs(&with(&ranged(101, 0.0), Guards::default())));
+}
+
+/// A ripple over the charge is no effect of the catalogue. In each record it is a third of the
+/// noise; the mean of three has all of it.
+#[test]
+fn what_all_repeats_have_in_common_is_no_noise() {
+    let set = |ripple_v: f64| {
+        let hidden = Hidden {
+            ripple_v,
+            ..Hidden::default()
+        };
+        campaign(107, &hidden, &hidden)
+    };
+    let told = |d: &Diagnosis| {
+        d.notes
+            .iter()
+            .any(|n| n.contains("have more in common than the model"))
+    };
+    let on = with(&set(4.5e-4), Guards::default());
+    assert!(
+        on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on),
+        "{:?} {:?}",
+        on.quality,
+        on.notes
+    );
+    let off = with(
+        &set(4.5e-4),
+        Guards {
+            consistency: false,
+            ..Guards::default()
+        },
+    );
+    assert_eq!(
+        off.verdict,
+        Verdict::AtNoiseFloor,
+        "{} {:?}",
+        off.summary,
+        off.notes
+    );
+    let still = with(&set(0.0), Guards::default());
+    assert!(
+        still.verdict == Verdict::AtNoiseFloor && !told(&still),
+        "{:?}",
+        still.notes
+    );
+}
+
+/// 15 µΩ at 20 to 60 A are 0.3 to 0.9 mV for some samples of some pulses, in another way in each
+/// repeat.
+#[test]
+fn a_contact_that_comes_and_goes_is_no_noise() {
+    let set = |telegraph_ohm: f64| {
+        let hidden = Hidden {
+            telegraph_ohm,
+            ..Hidden::default()
+        };
+        campaign(103, &hidden, &hidden)
+    };
+    let told = |d: &Diagnosis| {
+        d.notes
+            .iter()
+            .any(|n| n.contains("what is left under current comes and goes"))
+    };
+    let on = with(&set(15e-6), Guards::default());
+    assert!(
+        on.quality.augmented_z < 5.0 && on.verdict == Verdict::Unexplained && told(&on),
+        "{:?} {:?}",
+        on.quality,
+        on.notes
+    );
+    let off = with(
+        &set(15e-6),
+        Guards {
+            consistency: false,
+            ..Guards::default()
+        },
+    );
+    assert_eq!(
+        off.verdict,
+        Verdict::AtNoiseFloor,
+        "{} {:?}",
+        off.summary,
+        off.notes
+    );
+    let still = with(&set(0.0), Guards::default());
+    assert!(
+        still.verdict == Verdict::AtNoiseFloor && !told(&still),
+        "{:?}",
+        still.notes
+    );
+}
+
+#[test]
+fn a_fit_that_did_not_converge_is_no_evidence() {
+    let hidden = Hidden {
+        per_soc: -0.6,
+        ..Hidden::default()
+    };
+    let set = campaign(3, &hidden, &hidden);
+    let prepared = prepare(&set, &model(), Guards::default()).unwrap();
+    let problem = &prepared.problem;
+    let candidates = [analysis_effects::effects::find("soc_resistance").unwrap()];
+    let verdict = |guards: Guards, converged: bool| {
+        let mut search = Search {
+            problem,
+            candidates: &candidates,
+            guards,
+            measured: true,
+            desk: Desk::default(),
+        };
+        let base = base_fit(problem, &model().erm, &mut search.desk);
+        let mut attempt = search
+            .attempts(&base, None)
+            .0
+            .into_iter()
+            .find(|a| a.name == "soc_resistance")
+            .unwrap();
+        assert!(base.promise < 0.1 && attempt.fit.promise < 0.1);
+        if !converged {
+            attempt.fit.promise = attempt.lambda;
+        }
+        search.accept((&base, &base), &attempt, 0)
+    };
+    let off = Guards {
+        convergence: false,
+        ..Guards::default()
+    };
+    assert!(verdict(Guards::default(), true).is_ok() && verdict(off, false).is_ok());
+    assert_eq!(
+        verdict(Guards::default(), false).unwrap_err(),
+        "its fit did not converge"
+    );
+}
+
+#[test]
+fn a_wave_that_is_small_in_every_record_is_seen_in_all_of_them() {
+    const PERIOD_S: f64 = 7.3;
+    let swinging = |amplitude_v: f64| {
+        let mut set = campaign(91, &Hidden::default(), &Hidden::default());
+        for run in &mut set.runs {
+            if let RunData::Time(record) = &mut run.data {
+                // Another phase in every record: none knows when the wave began.
+                let phase = f64::from(run.order * run.order);
+                let wave =
+                    record.series.time_s.iter().map(|t| {
+                        amplitude_v * (std::f64::consts::TAU * t / PERIOD_S + phase).sin()
+                    });
+                record
+                    .series
+                    .voltage_v
+                    .iter_mut()
+                    .zip(wave)
+                    .for_each(|(v, wave)| *v += wave);
+            }
+        }
+        set
+    };
+    let off = Guards {
+        consistency: false,
+        ..Guards::default()
+    };
+    let [still, small] = [0.0, 3e-4].map(swinging);
+    let ends = [
+        with(&still, Guards::default()),
+        with(&small, off),
+        with(&small, Guards::default()),
+    ];
+    assert_eq!(
+        ends.each_ref().map(|d| d.verdict),
+        [
+            Verdict::AtNoiseFloor,
+            Verdict::AtNoiseFloor,
+            Verdict::Unexplained
+        ],
+        "{:?}",
+        ends[2].notes
+    );
+    let note = ends[2]
+        .notes
+        .iter()
+        .find(|note| note.contains("a wave of"))
+        .expect("the wave is told");
+    let period_s: f64 = note
+        .split("a wave of ")
+        .nth(1)
+        .and_then(|rest| rest.split(' ').next()?.parse().ok())
+        .unwrap();
+    assert!((period_s / PERIOD_S - 1.0).abs() < 0.02, "{note}");
+}
+
+/// Keeps the samples at edges and every eighth in between.
+fn thin(s: &mut analysis_signal::series::TimeSeries) {
+    let keep: Vec<usize> = (0..s.len())
+        .filter(|k| k % 8 == 0 || *k == 0 || (s.current_a[*k] - s.current_a[k - 1]).abs() > 1.0)
+        .collect();
+    s.time_s = keep.iter().map(|k| s.time_s[*k]).collect();
+    s.current_a = keep.iter().map(|k| s.current_a[*k]).collect();
+    s.voltage_v = keep.iter().map(|k| s.voltage_v[*k]).collect();
+}

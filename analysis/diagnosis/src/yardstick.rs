@@ -1,0 +1,75 @@
+//! What a study of the workflow measures it by: how much there was to find, and how well a model
+//! that knows the truth would do.
+//!
+//! Nothing here is used by a diagnosis.
+
+use super::block::{DataSetError, Desk};
+use super::data::DataSet;
+use super::diagnose::{base_fit, gaps, refitted};
+use super::guards::Guards;
+use super::outcome::Gap;
+use super::prepare::{BaseModel, prepare};
+use super::propose::propose;
+use analysis_effects::effects::find;
+
+/// λ: χ² that is left in noise-free data when the base model is refitted to them, under the noise
+/// of the noisy ones. What the true structure would remove.
+///
+/// # Errors
+/// [`DataSetError`] for a set that cannot be used.
+pub fn removable_chi2(
+    noisy: &DataSet,
+    clean: &DataSet,
+    model: &BaseModel,
+) -> Result<f64, DataSetError> {
+    let prepared = prepare(noisy, model, Guards::default())?.with_runs(clean)?;
+    Ok(base_fit(&prepared.problem, &model.erm, &mut Desk::default()).chi2)
+}
+
+/// Gaps on the held-out records of the base with the named effects, fitted without any question
+/// whether they belong there.
+///
+/// # Errors
+/// [`DataSetError`] for a set that cannot be used or a name that is not in the catalogue.
+pub fn oracle(
+    set: &DataSet,
+    model: &BaseModel,
+    names: &[&str],
+) -> Result<(f64, Vec<Gap>), DataSetError> {
+    let prepared = prepare(set, model, Guards::default())?;
+    let problem = &prepared.problem;
+    let mut desk = Desk::default();
+    let base = base_fit(problem, &model.erm, &mut desk);
+    let mut fit = base.clone();
+    for name in names {
+        let effect = find(name).ok_or_else(|| DataSetError::Set {
+            name: set.name.clone(),
+            expected: "effects of the catalogue",
+        })?;
+        let proposals = propose(
+            problem,
+            (
+                &fit,
+                &problem.prediction((&fit.structure, &fit.x), &mut desk),
+                &fit.tangent(),
+            ),
+            effect,
+            &mut desk,
+        );
+        let mut best: Option<super::problem::Fit> = None;
+        for proposal in proposals.iter().take(4) {
+            let found = problem.fit_added(&fit, &proposal.member, &mut desk);
+            if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
+                best = Some(found);
+            }
+        }
+        fit = best.unwrap_or(fit);
+    }
+    // As a diagnosis does with what it has named.
+    let again = refitted(&prepared, [&base, &fit], Guards::default());
+    let (prepared, [base, fit]) = again.unwrap_or((prepared, [base, fit]));
+    Ok((
+        fit.chi2,
+        gaps(&prepared, &model.erm, (&base, &fit), &mut desk),
+    ))
+}

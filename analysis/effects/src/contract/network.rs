@@ -1,0 +1,160 @@
+//! The network between the open-circuit voltage and the terminals.
+
+use super::branch::{self, Gain};
+use analysis_model::model::{Erm, RcBranch};
+use num_complex::Complex64;
+
+/// How the resistor of a branch answers to its voltage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Law {
+    /// i = v/R.
+    Linear,
+    /// i = sinh(βv/R)/β: Butler–Volmer with α = ½, β = 1/(2i₀), 1/A.
+    Symmetric {
+        /// β, 1/A, above zero.
+        beta: f64,
+    },
+    /// i = (exp(2αβv/R) − exp(−2(1 − α)βv/R))/(2β): Butler–Volmer with any α and i₀ = 1/(2β); α = ½
+    /// is [`Law::Symmetric`].
+    Asymmetric {
+        /// β = 1/(2i₀), 1/A, above zero.
+        beta: f64,
+        /// Transfer coefficient of the discharge direction, 0…1.
+        alpha: f64,
+    },
+}
+
+/// A parallel RC element in series.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Branch {
+    /// Resistance for small signals, Ω.
+    pub r_ohm: f64,
+    /// Time constant for small signals, s.
+    pub tau_s: f64,
+    /// How its resistor answers.
+    pub law: Law,
+}
+
+impl Branch {
+    /// A linear branch.
+    pub fn linear(r_ohm: f64, tau_s: f64) -> Self {
+        Self {
+            r_ohm,
+            tau_s,
+            law: Law::Linear,
+        }
+    }
+
+    /// True where the resistor's current is proportional to its voltage.
+    pub fn is_linear(&self) -> bool {
+        !matches!(self.law, Law::Symmetric { beta } | Law::Asymmetric { beta, .. } if beta > 0.0)
+    }
+
+    /// Current through the resistor, A, at a voltage, its resistance times a factor.
+    pub fn conducted_a(&self, v: f64, factor: f64) -> f64 {
+        match self.law {
+            Law::Symmetric { beta } if beta > 0.0 => {
+                (beta * v / self.r_ohm).sinh() / (beta * factor)
+            }
+            Law::Asymmetric { beta, alpha } if beta > 0.0 => {
+                let x = 2.0 * beta * v / self.r_ohm;
+                ((alpha * x).exp() - (-(1.0 - alpha) * x).exp()) / (2.0 * beta * factor)
+            }
+            _ => v / (self.r_ohm * factor),
+        }
+    }
+}
+
+/// Series resistance and branches. The first branches are the base's, in its order, unless an
+/// effect has replaced one.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Network {
+    /// Series resistance, Ω.
+    pub r_ohm: f64,
+    /// Branches in series.
+    pub branches: Vec<Branch>,
+}
+
+impl Network {
+    /// The network of an extended Randles model.
+    pub fn of(erm: &Erm) -> Self {
+        let branches = erm
+            .branches
+            .iter()
+            .map(|b| Branch::linear(b.r_ohm, b.time_constant_s()))
+            .collect();
+        Self {
+            r_ohm: erm.r_ohm,
+            branches,
+        }
+    }
+
+    /// The same for small signals as an extended Randles model. Branches without resistance are
+    /// left out.
+    pub fn linearised(&self) -> Erm {
+        let branches = self.branches.iter().filter(|b| b.r_ohm != 0.0);
+        Erm {
+            r_ohm: self.r_ohm,
+            branches: branches
+                .map(|b| RcBranch {
+                    r_ohm: b.r_ohm,
+                    c_f: b.tau_s / b.r_ohm,
+                })
+                .collect(),
+        }
+    }
+
+    /// Moves the voltages (V) of the branches over a step in which the current (A) and a factor on
+    /// the resistances go straight from one value to another. In a branch that is far faster than
+    /// the step the end alone counts; one that is not linear sees the mean that a linear one would.
+    pub fn advance(
+        &self,
+        states_v: &mut [f64],
+        factors: (f64, f64),
+        currents_a: (f64, f64),
+        step_s: f64,
+    ) {
+        let mean = 0.5 * (factors.0 + factors.1);
+        let (from_a, to_a) = (
+            currents_a.0 * factors.0 / mean,
+            currents_a.1 * factors.1 / mean,
+        );
+        for (v, b) in states_v.iter_mut().zip(&self.branches) {
+            let gain = Gain::new(b, mean, step_s, true);
+            let pushed_v = gain.start * from_a + gain.end * to_a;
+            *v = if b.is_linear() {
+                gain.decay * *v + pushed_v
+            } else {
+                branch::step(b, mean, *v, pushed_v / (gain.start + gain.end), step_s)
+            };
+        }
+    }
+
+    /// Power that goes into the capacitances, W, at voltages (V) of the branches, a current (A) and
+    /// a factor on their resistances.
+    pub fn stored_w(&self, states_v: &[f64], current_a: f64, factor: f64) -> f64 {
+        states_v
+            .iter()
+            .zip(&self.branches)
+            .filter(|(_, b)| b.r_ohm != 0.0)
+            .map(|(v, b)| v * (current_a - b.conducted_a(*v, factor)))
+            .sum()
+    }
+
+    /// Impedance for small signals, Ω.
+    pub fn impedance(&self, freq_hz: f64) -> Complex64 {
+        let omega = std::f64::consts::TAU * freq_hz;
+        self.branches
+            .iter()
+            .fold(Complex64::new(self.r_ohm, 0.0), |z, b| {
+                let x = omega * b.tau_s;
+                let scale = b.r_ohm / (1.0 + x * x);
+                z + Complex64::new(scale, -scale * x)
+            })
+    }
+
+    /// Resistance at zero frequency, Ω.
+    pub fn dc_resistance_ohm(&self) -> f64 {
+        self.r_ohm + self.branches.iter().map(|b| b.r_ohm).sum::<f64>()
+    }
+}

@@ -1,0 +1,225 @@
+//! What an effect is told of model, data and moment.
+
+use analysis_model::{
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+};
+use num_complex::Complex64;
+
+/// The base model and what bounds are derived from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Base {
+    /// The fitted extended Randles model of one cell.
+    pub erm: Erm,
+    /// Open-circuit voltage over SOC, with the capacity.
+    pub ocv: OcvCurve,
+    /// What the data reach.
+    pub facts: Facts,
+}
+
+/// What the data reach.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Facts {
+    /// Lowest frequency of a spectrum, Hz; none without spectra.
+    pub lowest_hz: Option<f64>,
+    /// Highest frequency of a spectrum, Hz; none without spectra.
+    pub highest_hz: Option<f64>,
+    /// Longest record in time, s; zero without any.
+    pub longest_s: f64,
+    /// Shortest distance of two samples, s; infinite without records, null in files.
+    #[serde(deserialize_with = "null_is_infinite")]
+    pub shortest_s: f64,
+    /// Largest current of a record, A.
+    pub greatest_a: f64,
+    /// Most charge moved within one record, as a part of the capacity.
+    pub widest_soc: f64,
+    /// SOC that resistances refer to: the spectra's mean, else the records'.
+    pub soc: f64,
+    /// Temperature that resistances refer to, °C.
+    pub temperature_c: f64,
+    /// Span of run orders; zero where all are equal.
+    pub orders: f64,
+    /// Span of the runs' start times, s.
+    pub span_s: f64,
+}
+
+impl Facts {
+    /// Of no data at all.
+    pub const NONE: Self = Self {
+        lowest_hz: None,
+        highest_hz: None,
+        longest_s: 0.0,
+        shortest_s: f64::INFINITY,
+        greatest_a: 0.0,
+        widest_soc: 0.0,
+        soc: 0.5,
+        temperature_c: 25.0,
+        orders: 0.0,
+        span_s: 0.0,
+    };
+
+    /// Longest time that anything in the data lasts, s: a record or a period.
+    pub(crate) fn slowest_s(&self) -> f64 {
+        self.longest_s.max(self.lowest_hz.map_or(0.0, |f| 1.0 / f))
+    }
+
+    /// Shortest time that the data resolve, s: a sample or a tenth of a period, about 1/ω.
+    pub(crate) fn fastest_s(&self) -> f64 {
+        self.shortest_s
+            .min(self.highest_hz.map_or(f64::INFINITY, |f| 0.1 / f))
+    }
+}
+
+/// JSON has no infinity and writes null.
+fn null_is_infinite<'de, D: serde::Deserializer<'de>>(from: D) -> Result<f64, D::Error> {
+    Ok(<Option<f64> as serde::Deserialize>::deserialize(from)?.unwrap_or(f64::INFINITY))
+}
+
+/// One point of a spectrum and the circumstances of its run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Amplitude of the current, A; none where it is not stated.
+    pub amplitude_a: Option<f64>,
+    /// Direct current under the sweep, A, discharge positive.
+    pub bias_a: f64,
+    /// SOC of the run.
+    pub soc: f64,
+    /// Temperature of the run, °C.
+    pub temperature_c: f64,
+    /// Order of the run in time, 0 for the first.
+    pub order: f64,
+    /// Start of the run since the start of the campaign, s; of a point whose time within the sweep
+    /// is told, that time.
+    pub start_s: f64,
+    /// False for a control impedance in the jig: only the bench acts then.
+    pub is_cell: bool,
+    /// What lies below what was swept.
+    pub below: Below,
+}
+
+/// What lies between the lower tap of what was swept and the ground of the channels; nothing where
+/// a channel sees the difference of both taps.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Below {
+    /// Resistance, Ω.
+    pub r_ohm: f64,
+    /// Inductance, H.
+    pub l_h: f64,
+}
+
+impl Below {
+    /// Its impedance, Ω.
+    pub fn impedance(&self, freq_hz: f64) -> Complex64 {
+        Complex64::new(self.r_ohm, std::f64::consts::TAU * freq_hz * self.l_h)
+    }
+}
+
+/// One record in time and the circumstances of its run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Record<'a> {
+    /// Time since the start of the record, s.
+    pub time_s: &'a [f64],
+    /// Logged current, A, discharge positive.
+    pub current_a: &'a [f64],
+    /// SOC at the start.
+    pub soc: f64,
+    /// Temperature of the run, °C.
+    pub temperature_c: f64,
+    /// Order of the run in time, 0 for the first.
+    pub order: f64,
+    /// Start of the run since the start of the campaign, s.
+    pub start_s: f64,
+    /// False for a control impedance in the jig.
+    pub is_cell: bool,
+    /// Charge that the runs before it and what went on between them moved through the cell, in the
+    /// order of time.
+    pub before: &'a [Moved],
+}
+
+/// Charge that went through a cell.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Moved {
+    /// What is in the cell more than before, C.
+    pub charge_c: f64,
+    /// What has gone in and out together, C: the size of the charge where there was no reversal,
+    /// more than it for a sweep's swings.
+    pub through_c: f64,
+}
+
+impl Moved {
+    /// A charge without a reversal, C.
+    pub fn one_way(charge_c: f64) -> Self {
+        Self {
+            charge_c,
+            through_c: charge_c.abs(),
+        }
+    }
+}
+
+/// One moment within a record.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Instant {
+    /// Time since the start of the record, s.
+    pub time_s: f64,
+    /// Current through the cell, A, discharge positive.
+    pub current_a: f64,
+    /// SOC.
+    pub soc: f64,
+    /// OCV at this SOC, V.
+    pub ocv_v: f64,
+    /// dOCV/dSOC at this SOC, V.
+    pub slope_v: f64,
+    /// Overpotential: what current and branches take off the OCV, V, positive under discharge.
+    pub overpotential_v: f64,
+    /// Power that goes into the capacitances of the branches, W; negative where they give it back
+    /// to their resistances.
+    pub stored_w: f64,
+}
+
+impl Instant {
+    /// Power that the resistances turn into heat, W.
+    pub fn heat_w(&self) -> f64 {
+        self.current_a * self.overpotential_v - self.stored_w
+    }
+}
+
+/// Factors on resistances. Capacitances stay, so that a branch's time constant follows its
+/// resistance.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Modulation {
+    /// On the series resistance.
+    pub series: f64,
+    /// On the resistances of all branches.
+    pub branches: f64,
+}
+
+impl Modulation {
+    /// No change.
+    pub const NONE: Self = Self {
+        series: 1.0,
+        branches: 1.0,
+    };
+
+    /// The same factor on everything.
+    pub fn all(factor: f64) -> Self {
+        Self {
+            series: factor,
+            branches: factor,
+        }
+    }
+
+    /// What it adds to the impedance of a base, Ω.
+    pub(crate) fn change_ohm(self, erm: &Erm, freq_hz: f64) -> Complex64 {
+        let series = Complex64::from((self.series - 1.0) * erm.r_ohm);
+        erm.branches.iter().fold(series, |sum, b| {
+            let scaled = RcBranch {
+                r_ohm: b.r_ohm * self.branches,
+                c_f: b.c_f,
+            };
+            sum + scaled.impedance(freq_hz) - b.impedance(freq_hz)
+        })
+    }
+}

@@ -1,0 +1,616 @@
+//! The files of a run: their columns with unit and meaning, in one place, and how they are written
+//! and read.
+//!
+//! Captures are Parquet: the ADC codes as they came, and the scaling as metadata of the file, so
+//! that nothing is lost. Spectra and time series are CSV, which grows by a row as the run goes, and
+//! Parquet. Whole files appear atomically (written beside, synced, renamed), equal input gives
+//! equal bytes, and numbers come back to the last bit. A row torn off by a crash is not there:
+//! readers leave it out and the next append removes it.
+//!
+//! Knows no run folder and no file name; foreign formats are in [`crate::formats`].
+
+mod capture;
+mod disk;
+mod frame;
+mod index;
+mod rows;
+pub(crate) mod shared;
+mod stored;
+mod trace;
+
+use std::path::{Path, PathBuf};
+
+pub use capture::{
+    CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture,
+};
+pub use disk::{write_atomically, write_private};
+pub use index::{Commanded, CurrentBetween, CurrentPositive, RunIndex, SweepEntry, TraceEntry};
+pub use stored::{CaptureFile, open_capture};
+pub use trace::write_trace_parquet;
+
+use analysis_numeric::Covariance2;
+use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
+use num_complex::Complex64;
+
+/// One column of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ColumnSpec {
+    /// Name, with the unit in it.
+    pub name: &'static str,
+    /// Unit; `1` for a pure number.
+    pub unit: &'static str,
+    /// What it holds.
+    pub doc: &'static str,
+}
+
+/// Columns of a spectrum.
+pub const SPECTRUM_COLUMNS: &[ColumnSpec] = &[
+    ColumnSpec {
+        name: "freq_hz",
+        unit: "Hz",
+        doc: "frequency",
+    },
+    ColumnSpec {
+        name: "z_re_ohm",
+        unit: "Ω",
+        doc: "real part of the impedance",
+    },
+    ColumnSpec {
+        name: "z_im_ohm",
+        unit: "Ω",
+        doc: "imaginary part of the impedance",
+    },
+    ColumnSpec {
+        name: "sigma_re_ohm",
+        unit: "Ω",
+        doc: "standard deviation of the real part; NaN if unknown",
+    },
+    ColumnSpec {
+        name: "sigma_im_ohm",
+        unit: "Ω",
+        doc: "standard deviation of the imaginary part; NaN if unknown",
+    },
+    ColumnSpec {
+        name: "cov_re_im_ohm2",
+        unit: "Ω²",
+        doc: "covariance of real and imaginary part; NaN if unknown",
+    },
+    ColumnSpec {
+        name: "amplitude_a",
+        unit: "A",
+        doc: "amplitude of the current, zero to peak; NaN if unknown",
+    },
+];
+
+/// Columns of a time series.
+pub const SERIES_COLUMNS: &[ColumnSpec] = &[
+    ColumnSpec {
+        name: "time_s",
+        unit: "s",
+        doc: "bench time",
+    },
+    ColumnSpec {
+        name: "voltage_v",
+        unit: "V",
+        doc: "voltage of the cell; NaN if not measured",
+    },
+    ColumnSpec {
+        name: "current_a",
+        unit: "A",
+        doc: "current into the cell, charge positive; NaN if not measured",
+    },
+    ColumnSpec {
+        name: "temperature_c",
+        unit: "°C",
+        doc: "temperature of the cell's surface; NaN if not measured",
+    },
+];
+
+/// Columns of a trace: those of BDF (battery data format), and how many samples a row is the mean
+/// of.
+pub const TRACE_COLUMNS: &[ColumnSpec] = &[
+    ColumnSpec {
+        name: "Test Time / s",
+        unit: "s",
+        doc: "time since the start of the trace",
+    },
+    ColumnSpec {
+        name: "Current / A",
+        unit: "A",
+        doc: "current into the cell, charge positive",
+    },
+    ColumnSpec {
+        name: "Voltage / V",
+        unit: "V",
+        doc: "voltage of the cell",
+    },
+    ColumnSpec {
+        name: "Surface Temperature T1 / degC",
+        unit: "°C",
+        doc: "temperature of the cell's surface; NaN if not measured",
+    },
+    ColumnSpec {
+        name: "Averaged Samples / 1",
+        unit: "1",
+        doc: "samples of the scope that current and voltage are the mean of",
+    },
+    ColumnSpec {
+        name: "Averaged From / s",
+        unit: "s",
+        doc: "start of that mean, in test time; NaN if unknown",
+    },
+    ColumnSpec {
+        name: "Averaged To / s",
+        unit: "s",
+        doc: "its end",
+    },
+];
+
+/// Columns of a leg of direct current: those of BDF, and the charge.
+pub const LEG_COLUMNS: &[ColumnSpec] = &[
+    ColumnSpec {
+        name: "Test Time / s",
+        unit: "s",
+        doc: "time since the start of the first leg",
+    },
+    ColumnSpec {
+        name: "Current / A",
+        unit: "A",
+        doc: "current into the cell, charge positive",
+    },
+    ColumnSpec {
+        name: "Voltage / V",
+        unit: "V",
+        doc: "voltage at the load's sense terminals",
+    },
+    ColumnSpec {
+        name: "Surface Temperature T1 / degC",
+        unit: "°C",
+        doc: "temperature of the cell's surface; NaN if not measured",
+    },
+    ColumnSpec {
+        name: "Charge / C",
+        unit: "C",
+        doc: "charge that has flowed into the cell since the start of the first leg",
+    },
+];
+
+/// One reading of a leg of direct current or of rest.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LegRow {
+    /// Time since the start of the first leg, s.
+    pub time_s: f64,
+    /// Current into the cell, charge positive, A.
+    pub current_a: f64,
+    /// Voltage at the load's sense terminals, V.
+    pub voltage_v: f64,
+    /// Temperature of the cell's surface, °C; not a number if not measured.
+    pub temperature_c: f64,
+    /// Charge that has flowed into the cell since the start of the first leg, C.
+    pub charge_c: f64,
+}
+
+/// One row of a trace.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TraceRow {
+    /// Time since the start of the trace, s.
+    pub time_s: f64,
+    /// Current into the cell, charge positive, A.
+    pub current_a: f64,
+    /// Voltage of the cell, V.
+    pub voltage_v: f64,
+    /// Temperature of the cell's surface, °C; not a number if not measured.
+    pub temperature_c: f64,
+    /// Samples that current and voltage are the mean of.
+    pub samples: f64,
+    /// Start and end of that mean, s; not numbers if unknown. The last row before a step stands
+    /// nearer to the step than its mean.
+    pub averaged_s: (f64, f64),
+}
+
+/// One row of a time series.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct SeriesRow {
+    /// Bench time, s.
+    pub time_s: f64,
+    /// Voltage of the cell, V; not a number if not measured.
+    pub voltage_v: f64,
+    /// Current into the cell, charge positive, A; not a number if not measured.
+    pub current_a: f64,
+    /// Temperature of the cell's surface, °C; not a number if not measured.
+    pub temperature_c: f64,
+}
+
+/// Why a file of a run could not be written or read.
+#[derive(Debug, thiserror::Error)]
+pub enum DatasetError {
+    /// The file system refused.
+    #[error("{}: could not {action}", path.display())]
+    Io {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// The file system's answer.
+        #[source]
+        source: std::io::Error,
+    },
+    /// The file is no Parquet, or the table cannot become one.
+    #[error("{}: could not {action}", path.display())]
+    Parquet {
+        /// The file.
+        path: PathBuf,
+        /// What was tried.
+        action: &'static str,
+        /// What the library says.
+        #[source]
+        source: polars::prelude::PolarsError,
+    },
+    /// A column is missing or not what it should be.
+    #[error("{}, column {column}: expected {expected}, met {found}", path.display())]
+    Column {
+        /// The file.
+        path: PathBuf,
+        /// The column.
+        column: String,
+        /// What it should be.
+        expected: String,
+        /// What it is.
+        found: String,
+    },
+    /// The bytes are not those that were written.
+    #[error("{}: expected a file of this program with the checksum {expected}, met {found}; it is \
+    damaged or comes from elsewhere", path.display())]
+    Checksum {
+        /// The file.
+        path: PathBuf,
+        /// The checksum in the file.
+        expected: String,
+        /// That of its bytes.
+        found: String,
+    },
+    /// The metadata of a file lacks something or does not parse.
+    #[error("{}, metadata {key}: expected {expected}, met {found}", path.display())]
+    Metadata {
+        /// The file.
+        path: PathBuf,
+        /// The key.
+        key: String,
+        /// What it should be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+    /// The first line of a CSV file is not the header of its kind.
+    #[error("{}, line 1: expected the header {expected:?}, met {found:?}", path.display())]
+    Header {
+        /// The file.
+        path: PathBuf,
+        /// The header of this kind of file.
+        expected: String,
+        /// The first line.
+        found: String,
+    },
+    /// A field of a CSV file is wrong.
+    #[error("{}, line {line}, column {column}: expected {expected}, met {found:?}", path.display())]
+    Field {
+        /// The file.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// The column.
+        column: String,
+        /// What it should be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+}
+
+impl rows::Row for ImpedancePoint {
+    const COLUMNS: &'static [ColumnSpec] = SPECTRUM_COLUMNS;
+
+    fn values(&self) -> Vec<f64> {
+        let Covariance2 {
+            re_re,
+            re_im,
+            im_im,
+        } = self.covariance;
+        vec![
+            self.freq_hz,
+            self.z_ohm.re,
+            self.z_ohm.im,
+            re_re.sqrt(),
+            im_im.sqrt(),
+            re_im,
+            self.amplitude_a,
+        ]
+    }
+
+    fn from_values(values: &[f64]) -> Option<Self> {
+        let [freq_hz, re, im, sigma_re, sigma_im, re_im, amplitude_a] = *values else {
+            return None;
+        };
+        let covariance = Covariance2 {
+            re_re: sigma_re * sigma_re,
+            re_im,
+            im_im: sigma_im * sigma_im,
+        };
+        Some(Self {
+            freq_hz,
+            z_ohm: Complex64::new(re, im),
+            covariance,
+            amplitude_a,
+        })
+    }
+}
+
+impl rows::Row for SeriesRow {
+    const COLUMNS: &'static [ColumnSpec] = SERIES_COLUMNS;
+
+    fn values(&self) -> Vec<f64> {
+        vec![
+            self.time_s,
+            self.voltage_v,
+            self.current_a,
+            self.temperature_c,
+        ]
+    }
+
+    fn from_values(values: &[f64]) -> Option<Self> {
+        let [time_s, voltage_v, current_a, temperature_c] = *values else {
+            return None;
+        };
+        Some(Self {
+            time_s,
+            voltage_v,
+            current_a,
+            temperature_c,
+        })
+    }
+}
+
+impl rows::Row for TraceRow {
+    const COLUMNS: &'static [ColumnSpec] = TRACE_COLUMNS;
+    // Earlier runs do not tell the windows.
+    const NEEDED: usize = 5;
+
+    fn values(&self) -> Vec<f64> {
+        vec![
+            self.time_s,
+            self.current_a,
+            self.voltage_v,
+            self.temperature_c,
+            self.samples,
+            self.averaged_s.0,
+            self.averaged_s.1,
+        ]
+    }
+
+    fn from_values(values: &[f64]) -> Option<Self> {
+        let [
+            time_s,
+            current_a,
+            voltage_v,
+            temperature_c,
+            samples,
+            from_s,
+            to_s,
+        ] = *values
+        else {
+            return None;
+        };
+        Some(Self {
+            time_s,
+            current_a,
+            voltage_v,
+            temperature_c,
+            samples,
+            averaged_s: (from_s, to_s),
+        })
+    }
+}
+
+impl rows::Row for LegRow {
+    const COLUMNS: &'static [ColumnSpec] = LEG_COLUMNS;
+
+    fn values(&self) -> Vec<f64> {
+        vec![
+            self.time_s,
+            self.current_a,
+            self.voltage_v,
+            self.temperature_c,
+            self.charge_c,
+        ]
+    }
+
+    fn from_values(values: &[f64]) -> Option<Self> {
+        let [time_s, current_a, voltage_v, temperature_c, charge_c] = *values else {
+            return None;
+        };
+        Some(Self {
+            time_s,
+            current_a,
+            voltage_v,
+            temperature_c,
+            charge_c,
+        })
+    }
+}
+
+/// Writes legs of direct current as BDF CSV, [`LEG_COLUMNS`].
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_legs_csv(path: &Path, rows: &[LegRow]) -> Result<(), DatasetError> {
+    rows::write_csv(path, rows)
+}
+
+/// Reads legs that [`write_legs_csv`] wrote.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Header`], [`DatasetError::Field`].
+pub fn read_legs_csv(path: &Path) -> Result<Vec<LegRow>, DatasetError> {
+    rows::read_csv(path)
+}
+
+/// Writes a trace as BDF CSV, [`TRACE_COLUMNS`].
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_trace_csv(path: &Path, trace: &[TraceRow]) -> Result<(), DatasetError> {
+    rows::write_csv(path, trace)
+}
+
+/// Reads a trace that [`write_trace_csv`] wrote.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Header`], [`DatasetError::Field`].
+pub fn read_trace_csv(path: &Path) -> Result<Vec<TraceRow>, DatasetError> {
+    rows::read_csv(path)
+}
+
+/// Writes a spectrum as CSV, [`SPECTRUM_COLUMNS`].
+///
+/// The variances are stored as standard deviations and come back to within their rounding; all else
+/// comes back to the last bit, and a file read and written again is the same.
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_spectrum_csv(path: &Path, points: &[ImpedancePoint]) -> Result<(), DatasetError> {
+    rows::write_csv(path, points)
+}
+
+/// Writes a spectrum as CSV with the errors that its points share: behind [`SPECTRUM_COLUMNS`] two
+/// columns per error, `shared_re_ohm[NAME]` and `shared_im_ohm[NAME]`, the deviation of the point
+/// by one standard deviation of the error, Ω. The standard deviations of the points hold them.
+/// `flags` follow as [`write_flagged_spectrum_csv`] has them, where a point was refused; none are
+/// given for a spectrum without a gate.
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_whole_spectrum_csv(
+    path: &Path,
+    spectrum: &Spectrum,
+    flags: &[String],
+) -> Result<(), DatasetError> {
+    let (mut header, mut rows) = shared::columns(spectrum);
+    if is_flagged(flags) {
+        header.push_str(FLAGS);
+        rows.iter_mut()
+            .zip(flags)
+            .for_each(|(row, flag)| row.push_str(&flag_field(flag)));
+    }
+    rows::write_csv_with(path, &spectrum.points, (&header, &rows))
+}
+
+/// The column of what a gate has refused, in a header.
+const FLAGS: &str = ",flags";
+/// The same in Parquet.
+const FLAGS_COLUMN: ColumnSpec = ColumnSpec {
+    name: "flags",
+    unit: "1",
+    doc: "why a quality gate refused the point; empty for the others",
+};
+
+/// Whether any point was refused.
+fn is_flagged(flags: &[String]) -> bool {
+    flags.iter().any(|flag| !flag.is_empty())
+}
+
+/// Reasons as the last field of a line.
+fn flag_field(flag: &str) -> String {
+    format!(",{}", flag.replace([',', '"', '\n'], " "))
+}
+
+/// Writes a spectrum as CSV with a column `flags` behind [`SPECTRUM_COLUMNS`]: why a point was
+/// refused, reasons separated by `; `; empty for the others.
+///
+/// # Errors
+/// [`DatasetError::Io`].
+pub fn write_flagged_spectrum_csv(
+    path: &Path,
+    points: &[ImpedancePoint],
+    flags: &[String],
+) -> Result<(), DatasetError> {
+    let rows: Vec<String> = flags.iter().map(|flag| flag_field(flag)).collect();
+    rows::write_csv_with(path, points, (FLAGS, &rows))
+}
+
+/// Appends one point to a spectrum in CSV, or starts the file; it is on disk when this returns. A
+/// torn last line is removed first.
+///
+/// # Errors
+/// [`DatasetError::Io`]; [`DatasetError::Header`] if the file is something else.
+pub fn append_spectrum_csv(path: &Path, point: &ImpedancePoint) -> Result<(), DatasetError> {
+    rows::append_csv(path, point)
+}
+
+/// Reads a spectrum from CSV. A last line without its end is a torn one and left out.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Header`], [`DatasetError::Field`].
+pub fn read_spectrum_csv(path: &Path) -> Result<Vec<ImpedancePoint>, DatasetError> {
+    rows::read_csv(path)
+}
+
+/// Writes a spectrum as Parquet, [`SPECTRUM_COLUMNS`].
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`].
+pub fn write_spectrum_parquet(path: &Path, points: &[ImpedancePoint]) -> Result<(), DatasetError> {
+    rows::write_parquet(path, points)
+}
+
+/// Writes a spectrum as Parquet with a column `flags` behind [`SPECTRUM_COLUMNS`], as
+/// [`write_flagged_spectrum_csv`]; without it where no point was refused.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`].
+pub fn write_flagged_spectrum_parquet(
+    path: &Path,
+    points: &[ImpedancePoint],
+    flags: &[String],
+) -> Result<(), DatasetError> {
+    if !is_flagged(flags) || flags.len() != points.len() {
+        return rows::write_parquet(path, points);
+    }
+    rows::write_parquet_with(path, points, (FLAGS_COLUMN, flags))
+}
+
+/// Reads a spectrum from Parquet.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Checksum`], [`DatasetError::Parquet`],
+/// [`DatasetError::Column`].
+pub fn read_spectrum_parquet(path: &Path) -> Result<Vec<ImpedancePoint>, DatasetError> {
+    rows::read_parquet(path)
+}
+
+/// Writes a time series as Parquet, [`SERIES_COLUMNS`].
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`].
+pub fn write_series_parquet(path: &Path, series: &[SeriesRow]) -> Result<(), DatasetError> {
+    rows::write_parquet(path, series)
+}
+
+/// Writes any columns as Parquet; all must have the same length.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Parquet`].
+pub fn write_columns_parquet(
+    path: &Path,
+    columns: &[(ColumnSpec, &[f64])],
+) -> Result<(), DatasetError> {
+    rows::write_columns(path, columns)
+}
+
+/// Reads a time series from Parquet.
+///
+/// # Errors
+/// [`DatasetError::Io`], [`DatasetError::Checksum`], [`DatasetError::Parquet`],
+/// [`DatasetError::Column`].
+pub fn read_series_parquet(path: &Path) -> Result<Vec<SeriesRow>, DatasetError> {
+    rows::read_parquet(path)
+}

@@ -1,0 +1,148 @@
+//! The index of a run folder, `traces.json`: which file holds which sweep of the cell and which
+//! trace, and under which circumstances it was measured, so that the folder can be read as a data
+//! set. Controls are not runs of it.
+
+use analysis_signal::{calibration::CommonError, series::Role, spectrum::FlaggedPoint};
+use serde::{Deserialize, Serialize};
+
+/// What a run folder holds, in the order of time.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct RunIndex {
+    /// Name of the cell.
+    pub cell: String,
+    /// Capacity of the cell as stated, C.
+    pub capacity_c: f64,
+    /// Spectra.
+    pub sweeps: Vec<SweepEntry>,
+    /// Time series.
+    pub traces: Vec<TraceEntry>,
+}
+
+/// One spectrum.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SweepEntry {
+    /// File in the run folder, [`super::SPECTRUM_COLUMNS`].
+    pub file: String,
+    /// What was in the jig: `cell` or `shunt`.
+    pub fixture: String,
+    /// Name of the cell in a campaign of several; without it, that of the index.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<String>,
+    /// Known resistance of the fixture, Ω; none for a cell.
+    pub fixture_ohm: Option<f64>,
+    /// The harness is corrected by control impedances.
+    pub corrected: bool,
+    /// Amplitude of the current as commanded, A.
+    pub amplitude_a: f64,
+    /// Number of the repeat, from 1.
+    pub repeat: usize,
+    /// Place among all sweeps and traces of the run, from 0.
+    pub order: usize,
+    /// Bench time of the start, s.
+    pub start_time_s: f64,
+    /// Voltage at rest before it, V; none where it was not measured.
+    pub start_ocv_v: Option<f64>,
+    /// Temperature of the cell's surface at the start, °C; none where it was not measured.
+    pub temperature_c: Option<f64>,
+    /// What it is for.
+    pub role: Role,
+    /// Runs of one group repeat each other.
+    pub repeat_group: String,
+    /// Points that a quality gate refused to the end; a run without a gate has none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub flagged: Vec<FlaggedPoint>,
+    /// Standard deviations of real and imaginary part that each point has of its own records, in
+    /// the order of the file, Ω: the file's are together with what the correction leaves.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub own_sigma_ohm: Vec<[f64; 2]>,
+    /// What the correction leaves in all spectra of the cell alike; none where nothing was
+    /// corrected, or for a control.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub common_error: Option<CommonError>,
+    /// Resistance between the lower tap of what was swept and the ground of the channels, Ω: the
+    /// voltage of that tap's channel over the current.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub below_ohm: Option<f64>,
+    /// Inductance there, H.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub below_h: Option<f64>,
+    /// Time of each point's record since the start of the sweep, in the order of the file, s.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub elapsed_s: Vec<f64>,
+}
+
+/// One time series.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct TraceEntry {
+    /// File in the run folder, [`super::TRACE_COLUMNS`].
+    pub file: String,
+    /// Name of the trace in the experiment.
+    pub name: String,
+    /// Name of the cell in a campaign of several; without it, that of the index.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cell: Option<String>,
+    /// Number of the repeat, from 1.
+    pub repeat: usize,
+    /// Place among all sweeps and traces of the run, from 0.
+    pub order: usize,
+    /// Bench time of test time 0, s.
+    pub start_time_s: f64,
+    /// Voltage at rest before it, V.
+    pub start_ocv_v: f64,
+    /// Charge that the traces before it have left in the cell, C; charge positive.
+    pub charge_before_c: f64,
+    /// Temperature of the cell's surface at the start, °C; none where it was not measured.
+    pub temperature_c: Option<f64>,
+    /// What it is for.
+    pub role: Role,
+    /// Runs of one group repeat each other.
+    pub repeat_group: String,
+    /// Which direction is positive.
+    pub current_positive: CurrentPositive,
+    /// What the current does between two rows.
+    pub current_between_samples: CurrentBetween,
+    /// Test times of the steps of the current, s.
+    pub steps_s: Vec<f64>,
+    /// Scatter of one sample of the current, A rms.
+    pub sample_sigma_a: f64,
+    /// Scatter of one sample of the voltage, V rms.
+    pub sample_sigma_v: f64,
+    /// What was commanded when; none where the instruments' own meters recorded.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub commanded: Option<Commanded>,
+}
+
+/// What was commanded when: no capture tells it, and steps are looked for near it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Commanded {
+    /// Bench times, s, and the current from each of them on, A, charge positive.
+    Steps(Vec<(f64, f64)>),
+    /// One wave of many steps.
+    Wave {
+        /// Bench time after the message that let it begin, s.
+        sent_s: f64,
+        /// Length of a step by the generator's clock, s.
+        step_s: f64,
+    },
+}
+
+/// Which direction of the current a file counts positive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CurrentPositive {
+    /// Into the cell.
+    Charge,
+    /// Out of the cell.
+    Discharge,
+}
+
+/// What the current does between two rows of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum CurrentBetween {
+    /// It runs straight from one to the next.
+    Linear,
+    /// It holds the earlier one.
+    Hold,
+}

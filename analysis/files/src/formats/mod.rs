@@ -1,0 +1,137 @@
+//! Impedance spectra from text files, the format told by the content and not by the file's name:
+//! by the first line that is not a comment.
+//!
+//! * the project's: a header with `freq_hz,z_re_ohm,z_im_ohm`, perhaps `sigma_re_ohm,sigma_im_ohm`,
+//!   `cov_re_im_ohm2`, `amplitude_a`, `flags`, others; one spectrum
+//! * impedance.py's: no header, three numbers: f in Hz, Re Z, Im Z in Ω; one spectrum
+//! * the thesis': `freq,offset,resistance,theta`: Hz, bias in A, |Z| in Ω, arg Z in rad; one
+//!   spectrum per offset
+//! * the project's tidy table: `fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad`; one
+//!   spectrum per fixture, cell, repeat, bias
+//!
+//! Fields are separated by commas, or by semicolons, between which a comma is a decimal point;
+//! columns may stand in any order where there is a header, columns of other names are passed over.
+//! Blank lines, CRLF, a byte order mark, blanks and double quotes around a field, and comments (`#`
+//! first in a line) are tolerated. Points are sorted by frequency. What cannot be a measurement is
+//! refused: the error names file, line, column, what was expected and what was met.
+//!
+//! A file may hold several sweeps. They are told apart by a column that names a cycle, a loop or an
+//! id, and by a frequency that starts again (`sweeps`); [`read_file`] says by what.
+//!
+//! Names: a file that holds one spectrum gives it the file's name without extension. The tidy
+//! table's are `cell0_3` (cell 0, repeat 3), `shunt_0`, `fake_cell_0` (fixture, repeat), with the
+//! bias at the end where it is not zero: `cell0_0_-2A`, `cell0_0_+5A`. Sweeps of one file are
+//! called after the whole file name and what tells them apart: `file.mpt#cycle2`, `file.mpt#loop1`.
+//!
+//! Files of potentiostats' programs (Gamry, BioLogic, ZPlot, Autolab, …): the module `vendor`.
+//! Records of oscilloscopes: [`scope`]. Current and voltage over time: [`read_series`]. What is
+//! written for others: [`spectrum_text`].
+
+mod bdf;
+mod error;
+mod flags;
+mod foreign;
+mod layout;
+pub mod model;
+mod profile;
+pub mod scope;
+pub(crate) mod shared;
+mod sweeps;
+mod text;
+mod timeseries;
+mod vendor;
+mod write;
+
+pub use bdf::{bdf_text, write_bdf_parquet};
+pub use error::FormatError;
+pub use profile::{ProfileReadError, ReadOptions, first_bare_row, parse_profile, read_profile};
+pub use timeseries::{CurrentSign, SeriesOptions, SeriesReadError, read_series};
+pub use write::{SpectrumFormat, spectrum_text};
+
+use analysis_signal::spectrum::{SourcedSpectrum, Spectrum};
+use std::path::Path;
+
+/// Reads all spectra of a file, in the order of their first row.
+///
+/// # Errors
+/// [`FormatError`] when the file cannot be read, is of no known format, or holds what cannot be a
+/// measurement.
+pub fn read_spectra(path: &Path) -> Result<Vec<Spectrum>, FormatError> {
+    Ok(read_sourced(path)?
+        .into_iter()
+        .map(|s| s.spectrum)
+        .collect())
+}
+
+/// Reads the spectra of cells measured without bias: all of a file that names no fixture and no
+/// bias, and of a table those rows.
+///
+/// # Errors
+/// As [`read_spectra`]. A file without any such spectrum gives an empty list.
+pub fn read_unbiased_cells(path: &Path) -> Result<Vec<Spectrum>, FormatError> {
+    Ok(read_sourced(path)?
+        .into_iter()
+        .filter(|s| s.origin.is_unbiased_cell())
+        .map(|s| s.spectrum)
+        .collect())
+}
+
+/// Reads all spectra of a file with what it tells of their origin.
+///
+/// # Errors
+/// As [`read_spectra`].
+pub fn read_sourced(path: &Path) -> Result<Vec<SourcedSpectrum>, FormatError> {
+    Ok(read_file(path)?.spectra)
+}
+
+/// The spectra of a file, and remarks on how they were read, which whoever asked for them ought to
+/// see.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct FileSpectra {
+    /// The spectra, in the order of their first row.
+    pub spectra: Vec<SourcedSpectrum>,
+    /// Sentences that begin with the file's name: by what spectra were told apart, what was left
+    /// out or taken for granted.
+    pub notes: Vec<String>,
+}
+
+/// Reads all spectra of a file, with remarks on how.
+///
+/// # Errors
+/// As [`read_spectra`].
+pub fn read_file(path: &Path) -> Result<FileSpectra, FormatError> {
+    let bytes = std::fs::read(path).map_err(|source| FormatError::Read {
+        file: path.to_owned(),
+        source,
+    })?;
+    parse_file(path, &bytes)
+}
+
+/// As [`read_sourced`], from bytes already read; `path` serves names and messages only.
+///
+/// # Errors
+/// As [`read_spectra`], but for reading.
+pub fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<SourcedSpectrum>, FormatError> {
+    Ok(parse_file(path, bytes)?.spectra)
+}
+
+/// As [`read_file`], from bytes already read; `path` serves names and messages only.
+///
+/// # Errors
+/// As [`read_spectra`], but for reading.
+pub fn parse_file(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
+    if let Some(error) = foreign::binary(path, bytes) {
+        return Err(error);
+    }
+    let own = text::Text::new(path, bytes).and_then(|text| layout::parse(&text));
+    match own {
+        Err(error @ (FormatError::UnknownFormat { .. } | FormatError::NotText { .. })) => {
+            vendor::parse(path, bytes)
+                .unwrap_or_else(|| Err(foreign::text(path, bytes).unwrap_or(error)))
+        }
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests;

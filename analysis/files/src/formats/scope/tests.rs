@@ -1,0 +1,202 @@
+//! Real files of scopes, and files that are none. Provenance: `fixtures/data/captures/README.md`.
+
+use std::path::PathBuf;
+
+use super::*;
+use analysis_signal::sine::{FitOptions, Record, fit_known_frequency};
+
+fn fixture(name: &str) -> PathBuf {
+    PathBuf::from(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../fixtures/data/captures"
+    ))
+    .join(name)
+}
+
+fn near(met: f64, expected: f64, within: f64) {
+    assert!(
+        (met - expected).abs() <= within,
+        "{met}, expected {expected}"
+    );
+}
+
+#[test]
+fn a_siglent_of_known_voltage_reads_that_voltage() {
+    // 4.5 V, probe 10:1, 0 V far off the screen: a wrong sign of the offset or a forgotten probe
+    // would be off by volts.
+    let record = open_scope(&fixture("SDS814X-4v5-dc.bin"), None).unwrap();
+    assert_eq!(
+        (record.kind, record.samples, record.names.as_slice()),
+        ("Siglent binary", 10_000, ["C1".to_owned()].as_slice())
+    );
+    near(record.interval_s, 5.0e-7, 1.0e-15);
+    let volts = record.volts(0, 0, 10_000).unwrap();
+    near(volts.iter().sum::<f64>() / 10_000.0, 4.522_127, 1.0e-6);
+    // Twelve bits in the upper part of sixteen.
+    let Some(Channel::Stored(stored)) = record.channel(0) else {
+        panic!("no channel")
+    };
+    assert_eq!(stored.scale.unwrap().code_step, 16);
+    let record = open_scope(&fixture("SDS814X-3v0-probe10x.bin"), None).unwrap();
+    let mut volts = record.volts(0, 0, 2000).unwrap();
+    volts.sort_by(f64::total_cmp);
+    near(volts[1500], 2.987_5, 1.0e-6);
+}
+
+#[test]
+fn a_rigol_binary_gives_its_floats_channel_by_channel() {
+    let record = open_scope(&fixture("DHO824-ch12.bin"), None).unwrap();
+    assert_eq!((record.kind, record.samples), ("Rigol binary", 10_000));
+    assert_eq!(record.names, ["CH1", "CH2"]);
+    near(record.interval_s, 4.0e-7, 1.0e-13);
+    assert_eq!(
+        record.volts(0, 0, 2).unwrap(),
+        [
+            f64::from(f32::from_le_bytes([0x21, 0x89, 0xde, 0x3d])),
+            f64::from(f32::from_le_bytes([0x01, 0x30, 0x1e, 0x3e]))
+        ]
+    );
+    assert!(record.volts(1, 9_999, 1).unwrap()[0].is_finite() && record.channel(2).is_none());
+}
+
+#[test]
+fn a_lecroy_trace_gives_gain_times_code_less_offset() {
+    let record = open_scope(&fixture("lecroy_4.trc"), None).unwrap();
+    assert_eq!((record.kind, record.samples), ("LeCroy trace", 502));
+    near(record.interval_s, 1.0e-9, 1.0e-15);
+    let volts = record.volts(0, 0, 2).unwrap();
+    near(volts[0], -0.023_959_04, 1.0e-8);
+    near(volts[1], 0.008_039_68, 1.0e-8);
+    let message = open_scope(&fixture("lecroy_3.trc"), None)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        message.ends_with(
+            "lecroy_3.trc: LeCroy trace, segments: expected one record, met a sequence of 20"
+        ),
+        "{message}"
+    );
+}
+
+#[test]
+fn a_rigol_table_takes_its_interval_from_its_header() {
+    let record = open_scope(&fixture("DS1074Z-A.csv"), None).unwrap();
+    assert_eq!(
+        (record.kind, record.names.as_slice()),
+        ("table", ["CH1", "CH2", "CH3"].map(str::to_owned).as_slice())
+    );
+    near(record.interval_s, 2.0e-5, 1.0e-18);
+    assert_eq!(
+        (0..3)
+            .map(|k| record.volts(k, 0, 1).unwrap()[0])
+            .collect::<Vec<_>>(),
+        [0.0, -1.0, 0.0]
+    );
+}
+
+#[test]
+fn siglents_tables_and_plain_ones_are_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.csv");
+    // The heads as in public examples of files; the numbers are made up.
+    let new = "Record Length,Analog:4,\nSample Interval,Analog:1.000000E-03,\n\
+    Vertical Units,CH1:V,CH3:V,\n,,\nSource,CH1,CH3\nSecond,Value,Value\n\
+    +0.0E+00,+1.0E-02,+3.0E-02\n\
+               +1.0E-03,+2.0E-02,+4.0E-02\n+2.0E-03,+1.0E-02,+3.0E-02\n\
+               +3.0E-03,+2.0E-02,+4.0E-02\n";
+    let old = "Record Length,Analog:3\nSample Rate,1000.0\nVertical Scale,CH1: 0.05\n\
+    Vertical Offset,CH1:0.00000\nHorizontal Scale, 0.01\n\
+               Second,Volt\n-0.001,-0.194\n0.000,-0.192\n0.001,-0.194\n";
+    for (text, names, last) in [
+        (new, vec!["CH1", "CH3"], 0.02),
+        (old, vec!["Volt"], -0.194),
+        ("time_s,a\n0,1\n0.001,2\n", vec!["a"], 2.0),
+    ] {
+        std::fs::write(&path, text).unwrap();
+        let record = open_scope(&path, None).unwrap();
+        near(record.interval_s, 1.0e-3, 1.0e-12);
+        assert_eq!(record.names, names);
+        assert_eq!(record.volts(0, record.samples - 1, 1).unwrap(), [last]);
+    }
+    std::fs::write(&path, "1 2\n3 4\n").unwrap();
+    assert_eq!(open_scope(&path, Some(0.5)).unwrap().interval_s, 0.5);
+    let message = open_scope(&path, None).unwrap_err().to_string();
+    assert!(
+        message.ends_with(
+            "line 1: expected the time between two samples, in the header or a column of times; or \
+            given as `interval`, met none"
+        ),
+        "{message}"
+    );
+    std::fs::write(&path, "a,b\n1,2\n3\n").unwrap();
+    let message = open_scope(&path, Some(1.0)).unwrap_err().to_string();
+    assert!(
+        message.ends_with("a.csv, line 3: expected 2 numbers, met \"3\""),
+        "{message}"
+    );
+    std::fs::write(&path, [0_u8, 1, 2, 3]).unwrap();
+    let message = open_scope(&path, None).unwrap_err().to_string();
+    assert!(
+        message.ends_with("or a CSV with rows of numbers), met bytes 00 01 02 03"),
+        "{message}"
+    );
+}
+
+#[test]
+fn damaged_files_are_refused_and_nothing_panics() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut state = 3_u64;
+    for name in [
+        "SDS814X-3v0-probe10x.bin",
+        "DHO824-ch12.bin",
+        "lecroy_4.trc",
+    ] {
+        let whole = std::fs::read(fixture(name)).unwrap();
+        let path = folder.path().join(name);
+        std::fs::write(&path, &whole[..whole.len() - 3]).unwrap();
+        assert!(open_scope(&path, None).is_err(), "{name} cut short");
+        for _ in 0..300 {
+            state = state
+                .wrapping_mul(6_364_136_223_846_793_005)
+                .wrapping_add(1);
+            let mut bytes = whole.clone();
+            let at = (state >> 20) as usize % 0x300.min(bytes.len());
+            bytes[at] ^= (state >> 50) as u8 | 1;
+            std::fs::write(&path, bytes).unwrap();
+            // Whatever comes of it.
+            let _ =
+                open_scope(&path, None).map(|record| record.volts(0, 0, record.samples.min(100)));
+        }
+    }
+}
+
+#[test]
+fn samples_on_disk_give_the_same_fit_as_samples_in_memory() {
+    let record = open_scope(&fixture("DHO824-ch12.bin"), None).unwrap();
+    let stored = [record.channel(0).unwrap(), record.channel(1).unwrap()];
+    let volts = [0, 1].map(|k| record.volts(k, 0, record.samples).unwrap());
+    let whole = volts.each_ref().map(|v| Channel::volts(v));
+    let fit = |channels: &[Channel<'_>]| {
+        fit_known_frequency(
+            &Record {
+                channels,
+                interval_s: record.interval_s,
+            },
+            1000.0,
+            &FitOptions::default(),
+        )
+        .unwrap()
+    };
+    assert_eq!(
+        fit(&stored)
+            .channels
+            .iter()
+            .map(|c| c.phasor)
+            .collect::<Vec<_>>(),
+        fit(&whole)
+            .channels
+            .iter()
+            .map(|c| c.phasor)
+            .collect::<Vec<_>>()
+    );
+}

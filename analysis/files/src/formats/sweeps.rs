@@ -1,0 +1,426 @@
+//! Which rows of a file belong to one spectrum.
+//!
+//! Rows are told apart by the table that they stand in, by the curve where a row holds several, by
+//! a column that names a cycle, a loop or an id, and within these by the frequency: a sweep that
+//! starts again is another sweep.
+//!
+//! A run is a stretch of rows whose frequency moves one way. A run that goes against the one before
+//! it begins another sweep when it measures the sweep again: it begins or ends with the frequency
+//! with which the sweep began and covers at least a quarter of it, or it holds more than half of
+//! its frequencies, or all of them. A run that only repeats a few points, fills gaps or measures
+//! another part of the band belongs to the same sweep.
+
+use super::FileSpectra;
+use analysis_signal::spectrum::{ImpedancePoint, Origin, SourcedSpectrum, Spectrum};
+use std::{collections::BTreeMap, path::Path};
+
+/// Two frequencies closer than this are one, relative. Half a step of a grid with 100 points per
+/// decade is 1.2 %; generators round far finer.
+const SAME: f64 = 0.01;
+/// Fewest points of a run that goes back to the start and is a sweep by itself: a line and a
+/// direction that it turns to.
+const FEWEST: usize = 3;
+
+/// A row of a file.
+#[derive(Debug, Clone)]
+pub(super) struct MeasuredRow {
+    /// From 1.
+    pub(super) line: usize,
+    pub(super) origin: Origin,
+    /// By which its spectrum is told apart, in the order of [`Rows::keys`].
+    pub(super) key: Vec<String>,
+    pub(super) point: ImpedancePoint,
+}
+
+/// The rows of a file and what tells their spectra apart.
+#[derive(Debug, Default)]
+pub(super) struct Rows {
+    pub(super) rows: Vec<MeasuredRow>,
+    /// Kinds of the keys.
+    pub(super) keys: Vec<Key>,
+}
+
+/// Kind of a key.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Key {
+    /// Table of a file with several.
+    Table,
+    /// Evaluation of one measurement of which a row holds several.
+    Curve,
+    /// Column that counts or names spectra.
+    Column(&'static str),
+}
+
+/// Rows of one spectrum.
+struct Part {
+    origin: Origin,
+    key: Vec<String>,
+    rows: Vec<(usize, ImpedancePoint)>,
+    /// Number of the loop, where the frequency starts again.
+    number: Option<usize>,
+}
+
+/// The kind of a column that tells spectra apart, by its name.
+pub(super) fn label(name: &str) -> Option<&'static str> {
+    let plain: String = name
+        .chars()
+        .filter(char::is_ascii_alphanumeric)
+        .collect::<String>()
+        .to_ascii_lowercase();
+    match plain.as_str() {
+        "cycle" | "cyclenumber" | "cycleindex" | "cycleno" | "cyclenr" | "cycleid" => Some("cycle"),
+        "loop" | "loopnumber" | "loopindex" | "loopno" => Some("loop"),
+        "id" | "testid" | "eistestid" | "spectrumid" | "sweepid" | "scanid" | "measurementid" => {
+            Some("id")
+        }
+        "spectrum" | "spectrumnumber" | "spectrumindex" => Some("spectrum"),
+        "sweep" | "sweepnumber" | "sweepindex" | "scan" | "scannumber" => Some("sweep"),
+        _ => None,
+    }
+}
+
+/// The value of a label as it stands in a name: `2` for `2.000E+00`.
+pub(super) fn label_value(field: &str) -> String {
+    let number = field
+        .replace(',', ".")
+        .parse::<f64>()
+        .ok()
+        .filter(|value| value.is_finite());
+    number.map_or_else(|| field.to_owned(), |value| value.to_string())
+}
+
+/// Sorts rows into spectra. `name` is that of a spectrum that needs no telling apart; where it is
+/// the file's without extension, parts of it are called after the whole name, as `file.mpt#loop2`.
+pub(super) fn sort(
+    path: &Path,
+    mut all: Rows,
+    name: impl Fn(&Origin, bool) -> String,
+) -> FileSpectra {
+    all.drop_row_numbers();
+    let mut parts: Vec<Part> = Vec::new();
+    for MeasuredRow {
+        line,
+        origin,
+        key,
+        point,
+    } in all.rows
+    {
+        match parts
+            .iter_mut()
+            .rev()
+            .find(|part| part.key == key && part.origin == origin)
+        {
+            Some(part) => part.rows.push((line, point)),
+            None => parts.push(Part {
+                origin,
+                key,
+                rows: vec![(line, point)],
+                number: None,
+            }),
+        }
+    }
+    let several = parts.iter().any(|part| part.origin != parts[0].origin);
+    let mut notes = Vec::new();
+    let mut restarts = Vec::new();
+    let parts: Vec<Part> = parts
+        .into_iter()
+        .flat_map(|part| part.split(&mut restarts, &mut notes))
+        .collect();
+    let file = path.file_name().map_or_else(
+        || "spectrum".to_owned(),
+        |name| name.to_string_lossy().into_owned(),
+    );
+    let stem = path.file_stem().map_or_else(
+        || "spectrum".to_owned(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    let spectra: Vec<SourcedSpectrum> = parts
+        .into_iter()
+        .map(|part| {
+            let plain = name(&part.origin, several);
+            part.finish(&all.keys, plain, (&stem, &file))
+        })
+        .collect();
+    for note in &mut notes {
+        *note = format!("{file}: {note}");
+    }
+    if let Some(note) = told(&all.keys, &restarts, &spectra) {
+        notes.insert(0, format!("{file}: {note}"));
+    }
+    FileSpectra { spectra, notes }
+}
+
+/// By what spectra were told apart, in a sentence; none where they were not.
+fn told(keys: &[Key], restarts: &[usize], spectra: &[SourcedSpectrum]) -> Option<String> {
+    let mut by: Vec<String> = keys
+        .iter()
+        .map(|key| match key {
+            Key::Table => "by table".to_owned(),
+            Key::Curve => {
+                "two curves of one measurement, with and without correction of its drift".to_owned()
+            }
+            Key::Column(kind) => format!("by the column of the {kind}"),
+        })
+        .collect();
+    if let [first, rest @ ..] = restarts {
+        let more = if rest.is_empty() {
+            String::new()
+        } else {
+            format!(" and {} more", rest.len())
+        };
+        by.push(format!(
+            "where the frequency starts again (line {first}{more})"
+        ));
+    }
+    let names = spectra
+        .iter()
+        .map(|s| format!("{} ({} points)", s.spectrum.name, s.spectrum.points.len()))
+        .collect::<Vec<_>>()
+        .join(", ");
+    (!by.is_empty()).then(|| {
+        format!(
+            "{} spectra, told apart {}: {names}",
+            spectra.len(),
+            by.join(", ")
+        )
+    })
+}
+
+impl Rows {
+    /// Leaves out keys that tell no spectra apart: those of one value, and numbers of rows or
+    /// points, whose every value has one frequency of many.
+    fn drop_row_numbers(&mut self) {
+        for place in (0..self.keys.len()).rev() {
+            let mut groups: BTreeMap<&str, Vec<f64>> = BTreeMap::new();
+            for row in &self.rows {
+                groups
+                    .entry(row.key.get(place).map_or("", String::as_str))
+                    .or_default()
+                    .push(row.point.freq_hz);
+            }
+            let all = distinct(
+                &self
+                    .rows
+                    .iter()
+                    .map(|row| row.point.freq_hz)
+                    .collect::<Vec<_>>(),
+            );
+            let different: usize = groups.values().map(|freqs| distinct(freqs).len()).sum();
+            let numbers = matches!(self.keys[place], Key::Column(_))
+                && different < 2 * groups.len()
+                && all.len() > 1;
+            if groups.len() < 2 || numbers {
+                self.keys.remove(place);
+                for row in self.rows.iter_mut().filter(|row| place < row.key.len()) {
+                    row.key.remove(place);
+                }
+            }
+        }
+    }
+}
+
+impl Part {
+    /// Cuts it where the frequency starts again.
+    fn split(self, restarts: &mut Vec<usize>, notes: &mut Vec<String>) -> Vec<Self> {
+        let freqs: Vec<f64> = self.rows.iter().map(|(_, point)| point.freq_hz).collect();
+        let Cuts { starts, again } = cuts(&freqs);
+        if let Some(first) = again.first() {
+            let (line, count) = (self.rows[*first].0, again.len());
+            let points = if count == 1 {
+                "a frequency is".to_owned()
+            } else {
+                format!("{count} frequencies are")
+            };
+            notes.push(format!(
+                "{points} measured again (from line {line}) within one sweep, which is left whole"
+            ));
+        }
+        if starts.len() == 1 {
+            return vec![self];
+        }
+        restarts.extend(starts[1..].iter().map(|start| self.rows[*start].0));
+        let ends = starts.iter().skip(1).copied().chain([freqs.len()]);
+        starts
+            .iter()
+            .zip(ends)
+            .enumerate()
+            .map(|(k, (start, end))| Self {
+                origin: self.origin.clone(),
+                key: self.key.clone(),
+                rows: self.rows[*start..end].to_vec(),
+                number: Some(k + 1),
+            })
+            .collect()
+    }
+
+    fn finish(self, keys: &[Key], plain: String, (stem, file): (&str, &str)) -> SourcedSpectrum {
+        let mut words: Vec<String> = keys
+            .iter()
+            .zip(&self.key)
+            .map(|(key, value)| match key {
+                Key::Table | Key::Curve => value.clone(),
+                Key::Column(kind) => format!("{kind}{value}"),
+            })
+            .collect();
+        words.extend(self.number.map(|number| format!("loop{number}")));
+        let name = match (words.is_empty(), plain == stem) {
+            (true, _) => plain,
+            (false, true) => format!("{file}#{}", words.join("-")),
+            (false, false) => format!("{plain}#{}", words.join("-")),
+        };
+        let mut points: Vec<ImpedancePoint> =
+            self.rows.into_iter().map(|(_, point)| point).collect();
+        points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
+        let curve = keys
+            .iter()
+            .position(|key| *key == Key::Curve)
+            .and_then(|place| self.key.get(place).cloned());
+        SourcedSpectrum {
+            origin: Origin {
+                curve,
+                ..self.origin
+            },
+            spectrum: Spectrum {
+                name,
+                points,
+                ..Spectrum::default()
+            },
+            flagged: Vec::new(),
+        }
+    }
+}
+
+/// Where sweeps begin, and rows that measure a frequency of their sweep again after it had moved
+/// on.
+#[derive(Debug)]
+struct Cuts {
+    starts: Vec<usize>,
+    again: Vec<usize>,
+}
+
+fn cuts(freqs: &[f64]) -> Cuts {
+    let mut cuts = Cuts {
+        starts: vec![0],
+        again: Vec::new(),
+    };
+    let runs = runs(freqs);
+    let mut start = 0;
+    for run in runs.iter().skip(1) {
+        let (sweep, next) = (&freqs[start..run.start], &freqs[run.start..run.end]);
+        if measures_again(sweep, next) {
+            start = run.start;
+            cuts.starts.push(start);
+        } else {
+            let known = distinct(sweep);
+            cuts.again
+                .extend((run.start..run.end).filter(|row| holds(&known, freqs[*row])));
+        }
+    }
+    cuts
+}
+
+/// Rows whose frequency moves one way; standing still is no move.
+#[derive(Debug, Clone, Copy)]
+struct Run {
+    start: usize,
+    end: usize,
+    /// Greater than zero for rising; zero for one frequency only.
+    direction: i8,
+}
+
+fn runs(freqs: &[f64]) -> Vec<Run> {
+    let mut runs: Vec<Run> = Vec::new();
+    // The run at hand, and the frequency that its moves are counted from.
+    let (mut run, mut anchor) = (
+        Run {
+            start: 0,
+            end: 0,
+            direction: 0,
+        },
+        freqs.first().copied().unwrap_or(1.0),
+    );
+    for (row, freq) in freqs.iter().enumerate() {
+        let step = match freq.total_cmp(&anchor) {
+            _ if same(*freq, anchor) => 0,
+            std::cmp::Ordering::Greater => 1,
+            _ => -1,
+        };
+        if step != 0 {
+            if run.direction != 0 && step != run.direction {
+                runs.push(Run { end: row, ..run });
+                run = Run {
+                    start: row,
+                    end: row,
+                    direction: 0,
+                };
+            } else {
+                run.direction = step;
+            }
+            anchor = *freq;
+        }
+    }
+    runs.push(Run {
+        end: freqs.len(),
+        ..run
+    });
+    // A frequency that is measured twice where the sweep turns belongs to both ways.
+    for k in 1..runs.len() {
+        let (before, after) = (runs[k - 1], runs[k]);
+        let turn = after.start;
+        let turns = before.direction * after.direction < 0;
+        if turns && turn >= before.start + 2 && same(freqs[turn - 1], freqs[turn - 2]) {
+            runs[k - 1].end -= 1;
+            runs[k].start -= 1;
+        }
+    }
+    runs
+}
+
+/// Whether a run measures a sweep again, by the rule of the module.
+fn measures_again(sweep: &[f64], run: &[f64]) -> bool {
+    if run.len() < FEWEST && sweep.len() > FEWEST {
+        return false;
+    }
+    let (known, new) = (distinct(sweep), distinct(run));
+    let longer = known.len().max(new.len());
+    let shared = new.iter().filter(|freq| holds(&known, **freq)).count();
+    let within = |these: &[f64], those: &[f64]| {
+        let (low, high) = (
+            those[0] * (1.0 - SAME),
+            those[those.len() - 1] * (1.0 + SAME),
+        );
+        these
+            .iter()
+            .filter(|freq| (low..=high).contains(*freq))
+            .count()
+    };
+    let covered = within(&new, &known).min(within(&known, &new));
+    let from_the_start = [run[0], run[run.len() - 1]]
+        .into_iter()
+        .any(|freq| same(freq, sweep[0]));
+    let all = shared >= 2 && known.len() == shared && new.len() == shared;
+    all || (shared >= FEWEST && 2 * shared > longer)
+        || (from_the_start && covered >= FEWEST && 4 * covered >= longer)
+}
+
+/// Frequencies that differ, by rising value; never empty where the list is not.
+fn distinct(freqs: &[f64]) -> Vec<f64> {
+    let mut sorted = freqs.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.dedup_by(|a, b| same(*a, *b));
+    sorted
+}
+
+/// Whether sorted frequencies hold one.
+fn holds(sorted: &[f64], freq: f64) -> bool {
+    let above = sorted.partition_point(|known| *known < freq);
+    sorted
+        .iter()
+        .skip(above.saturating_sub(1))
+        .take(2)
+        .any(|known| same(*known, freq))
+}
+
+fn same(a: f64, b: f64) -> bool {
+    (a - b).abs() <= SAME * a.max(b)
+}

@@ -1,0 +1,132 @@
+//! Spectra as files that other programs read.
+
+use std::fmt::Write as _;
+
+use analysis_signal::spectrum::Spectrum;
+
+/// What a spectrum can be written as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SpectrumFormat {
+    /// impedance.py's: frequency, real and imaginary part, without a header.
+    ImpedancePy,
+    /// Gamry's `.DTA`.
+    Gamry,
+    /// BioLogic EC-Lab's `.mpt`.
+    BioLogic,
+    /// ZPlot's and ZView's `.z`.
+    ZView,
+}
+
+impl SpectrumFormat {
+    /// The ending of its files, with the dot.
+    pub fn extension(self) -> &'static str {
+        match self {
+            Self::ImpedancePy => ".csv",
+            Self::Gamry => ".DTA",
+            Self::BioLogic => ".mpt",
+            Self::ZView => ".z",
+        }
+    }
+}
+
+/// The text of a file with one spectrum, by falling frequency as those programs have it. Numbers
+/// come back to the last bit; uncertainties have no place in these formats and are left out.
+pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
+    let mut text = head(spectrum, format);
+    let mut points: Vec<_> = spectrum.points.iter().collect();
+    points.sort_by(|a, b| b.freq_hz.total_cmp(&a.freq_hz));
+    for (number, point) in points.into_iter().enumerate() {
+        let (f, re, im) = (point.freq_hz, point.z_ohm.re, point.z_ohm.im);
+        let (modulus, degrees) = (point.z_ohm.norm(), point.z_ohm.arg().to_degrees());
+        // Writing to a string cannot fail.
+        let _ = match format {
+            SpectrumFormat::ImpedancePy => writeln!(text, "{f:?},{re:?},{im:?}"),
+            SpectrumFormat::Gamry => writeln!(
+                text,
+                "\t{number}\t{number}\t{f:?}\t{re:?}\t{im:?}\t0\t{modulus:?}\t{degrees:?}\t0\t0\t0"
+            ),
+            SpectrumFormat::BioLogic => {
+                writeln!(text, "{f:?}\t{re:?}\t{:?}\t{modulus:?}\t{degrees:?}", -im)
+            }
+            SpectrumFormat::ZView => writeln!(text, "{f:?}\t0\t0\t0\t{re:?}\t{im:?}\t0\t0\t0"),
+        };
+    }
+    text
+}
+
+fn head(spectrum: &Spectrum, format: SpectrumFormat) -> String {
+    let (name, count) = (
+        spectrum.name.replace(['\t', '\n', '\r'], " "),
+        spectrum.points.len(),
+    );
+    match format {
+        SpectrumFormat::ImpedancePy => String::new(),
+        SpectrumFormat::Gamry => format!(
+            "EXPLAIN\nTAG\tEISPOT\nTITLE\tLABEL\t{name}\tTest &Identifier\nZCURVE\tTABLE\t{count}\n\
+             \tPt\tTime\tFreq\tZreal\tZimag\tZsig\tZmod\tZphz\tIdc\tVdc\tIERange\n\
+             \t#\ts\tHz\tohm\tohm\tV\tohm\tdeg\tA\tV\t#\n"
+        ),
+        SpectrumFormat::BioLogic => {
+            format!(
+                "EC-Lab ASCII FILE\nNb header lines : 5\n\nComments : {name}\n\
+                freq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\t|Z|/Ohm\tPhase(Z)/deg\n"
+            )
+        }
+        SpectrumFormat::ZView => format!(
+            "ZPLOT2 ASCII\n  Title: {name}\n  Data Points:                {count}\n  \
+            Freq(Hz)\tAmpl\tBias\tTime(Sec)\tZ'(a)\tZ''(b)\tGD\tErr\tRange\nEnd Comments\n"
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::formats::read_spectra;
+    use analysis_numeric::Covariance2;
+    use analysis_signal::spectrum::ImpedancePoint;
+    use num_complex::Complex64;
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+        #[test]
+        fn every_format_comes_back_to_the_last_bit(
+            rows in prop::collection::vec((1.0e-4..1.0e6_f64, -10.0..10.0_f64, -10.0..10.0_f64), 1..20),
+        ) {
+            let mut rows = rows;
+            rows.sort_by(|a, b| a.0.total_cmp(&b.0));
+            rows.dedup_by(|a, b| a.0 == b.0);
+            let point = |(freq_hz, re, im): &(f64, f64, f64)| ImpedancePoint {
+                freq_hz: *freq_hz,
+                z_ohm: Complex64::new(*re, *im),
+                covariance: Covariance2::UNKNOWN,
+                amplitude_a: f64::NAN,
+            };
+            let spectrum = Spectrum {
+                name: "a cell".to_owned(),
+                points: rows.iter().map(point).collect(),
+                ..Spectrum::default()
+            };
+            let folder = tempfile::tempdir().unwrap();
+            for format in [
+                SpectrumFormat::ImpedancePy,
+                SpectrumFormat::Gamry,
+                SpectrumFormat::BioLogic,
+                SpectrumFormat::ZView,
+            ] {
+                // The ending tells nothing: the content does.
+                let path = folder.path().join("spectrum.dat");
+                std::fs::write(&path, spectrum_text(&spectrum, format)).unwrap();
+                let back = read_spectra(&path).unwrap().remove(0).points;
+                let numbers = |points: &[ImpedancePoint]| {
+                    points
+                        .iter()
+                        .map(|p| (p.freq_hz, p.z_ohm))
+                        .collect::<Vec<_>>()
+                };
+                prop_assert_eq!(numbers(&back), numbers(&spectrum.points), "{:?}", format);
+            }
+        }
+    }
+}

@@ -1,0 +1,111 @@
+//! The elements of the model and the normal equations.
+
+use crate::validity::Noise;
+use analysis_signal::spectrum::Spectrum;
+use nalgebra::{DMatrix, DVector};
+use num_complex::Complex64;
+use std::f64::consts::TAU;
+
+/// Elements before the continuum: R∞, L, 1/C, A.
+pub(super) const SERIES: usize = 4;
+const PER_DECADE: f64 = 10.0;
+/// How far the grid may reach beyond the band.
+pub(super) const REACH: f64 = 4.0;
+const MOST_NODES: usize = 160;
+
+/// The linear problem of a spectrum: normal equations in whitened data, and the penalty.
+#[derive(Debug)]
+pub(super) struct Design {
+    pub(super) tau_s: Vec<f64>,
+    pub(super) omega: Vec<f64>,
+    /// AᵀA.
+    pub(super) normal: DMatrix<f64>,
+    /// Aᵀb.
+    pub(super) right: DVector<f64>,
+    /// bᵀb.
+    pub(super) square: f64,
+    /// DᵀD of the second differences, zero for the series elements.
+    pub(super) penalty: DMatrix<f64>,
+    /// Spacing of ln τ.
+    pub(super) step: f64,
+}
+
+impl Design {
+    /// The problem with a grid that reaches as far beyond the slow end of the band as told.
+    pub(super) fn new(spectrum: &Spectrum, noise: &Noise, slow_reach: f64) -> Self {
+        let omega: Vec<f64> = spectrum.points.iter().map(|p| TAU * p.freq_hz).collect();
+        let tau_s = grid((omega[0] / slow_reach, omega[omega.len() - 1] * REACH));
+        let n = SERIES + tau_s.len();
+        let mut rows = DMatrix::zeros(2 * omega.len(), n);
+        let mut data = DVector::zeros(2 * omega.len());
+        for (k, (point, w)) in spectrum.points.iter().zip(noise.whitening()).enumerate() {
+            data[2 * k] = w.a * point.z_ohm.re;
+            data[2 * k + 1] = w.b * point.z_ohm.re + w.c * point.z_ohm.im;
+            for j in 0..n {
+                let z = element(j, omega[k], &tau_s);
+                rows[(2 * k, j)] = w.a * z.re;
+                rows[(2 * k + 1, j)] = w.b * z.re + w.c * z.im;
+            }
+        }
+        let step = if tau_s.len() > 1 {
+            (tau_s[1] / tau_s[0]).ln()
+        } else {
+            1.0
+        };
+        Self {
+            normal: rows.transpose() * &rows,
+            right: rows.transpose() * &data,
+            square: data.dot(&data),
+            penalty: penalty(tau_s.len()),
+            omega,
+            tau_s,
+            step,
+        }
+    }
+
+    /// The model's impedance at the measured frequencies, Ω.
+    pub(super) fn impedance(&self, x: &DVector<f64>) -> Vec<Complex64> {
+        let at = |omega: &f64| {
+            x.iter()
+                .enumerate()
+                .map(|(j, x)| *x * element(j, *omega, &self.tau_s))
+                .sum()
+        };
+        self.omega.iter().map(at).collect()
+    }
+}
+
+fn grid((omega_low, omega_high): (f64, f64)) -> Vec<f64> {
+    let (first, last) = (1.0 / omega_high, 1.0 / omega_low);
+    let nodes = ((PER_DECADE * (last / first).log10()).ceil() as usize + 1).min(MOST_NODES);
+    (0..nodes)
+        .map(|k| first * (last / first).powf(k as f64 / (nodes - 1) as f64))
+        .collect()
+}
+
+/// Impedance of an element of unit size.
+fn element(j: usize, omega: f64, tau_s: &[f64]) -> Complex64 {
+    match j {
+        0 => Complex64::new(1.0, 0.0),
+        1 => Complex64::new(0.0, omega),
+        2 => Complex64::new(0.0, -1.0 / omega),
+        3 => Complex64::new(1.0, -1.0) / (2.0 * omega).sqrt(),
+        node => Complex64::new(1.0, omega * tau_s[node - SERIES]).inv(),
+    }
+}
+
+/// Second differences with zeros beyond both ends.
+fn penalty(nodes: usize) -> DMatrix<f64> {
+    let mut differences = DMatrix::zeros(nodes + 2, SERIES + nodes);
+    for row in 0..nodes + 2 {
+        for (offset, value) in [(-2_i64, 1.0), (-1, -2.0), (0, 1.0)] {
+            if let Some(node) = usize::try_from(row as i64 + offset)
+                .ok()
+                .filter(|node| *node < nodes)
+            {
+                differences[(row, SERIES + node)] = value;
+            }
+        }
+    }
+    differences.transpose() * differences
+}

@@ -1,0 +1,186 @@
+//! The choice of λ, and the solution with its uncertainty.
+
+use super::design::{Design, REACH, SERIES};
+use super::nonnegative::{Solution, solve};
+use super::peaks::peaks;
+use super::{Drt, DrtError, Estimate};
+use crate::validity::Noise;
+use analysis_signal::spectrum::Spectrum;
+use nalgebra::{DMatrix, DVector};
+
+const FEWEST_POINTS: usize = 6;
+const PENALTY_ON_FREEDOM: f64 = 1.4;
+/// Of all λ whose score is within this factor of the best, the smoothest is taken: the best is
+/// often one of many alike.
+const AS_GOOD: f64 = 1.03;
+/// Decades of λ that are tried, relative to the size of the data's normal matrix.
+const DECADES: (i32, i32) = (-9, 1);
+const PER_DECADE: i32 = 2;
+
+/// A solution for one λ and how good cross-validation finds it.
+struct Candidate {
+    solution: Solution,
+    lambda: f64,
+    rss: f64,
+    freedom: f64,
+    score: f64,
+}
+
+/// The distribution of relaxation times of a spectrum, weighted by its noise.
+///
+/// # Errors
+/// [`DrtError`] for a spectrum that is none or too short, or numbers that cannot be squared.
+pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {
+    spectrum.validate()?;
+    if spectrum.points.len() < FEWEST_POINTS {
+        return Err(DrtError::TooFewPoints {
+            spectrum: spectrum.name.clone(),
+            expected: FEWEST_POINTS,
+            met: spectrum.points.len(),
+        });
+    }
+    let singular = || DrtError::Singular {
+        spectrum: spectrum.name.clone(),
+    };
+    // What lies below the band is either slow elements of the continuum or the tail of the series
+    // elements. Both together can always be made of the continuum alone, in steps; so the two are
+    // tried apart.
+    let tried = [REACH, 1.0].map(|reach| {
+        let design = Design::new(spectrum, noise, reach);
+        choose(&design).map(|best| (design, best))
+    });
+    let found = tried
+        .into_iter()
+        .flatten()
+        .min_by(|a, b| a.1.score.total_cmp(&b.1.score));
+    let (design, best) = found.ok_or_else(singular)?;
+    let covariance = covariance(&design, &best).ok_or_else(singular)?;
+    Ok(result(&design, &best, &covariance))
+}
+
+fn choose(design: &Design) -> Option<Candidate> {
+    let nodes = design.normal.nrows() - SERIES;
+    let size = (SERIES..design.normal.nrows())
+        .map(|j| design.normal[(j, j)])
+        .sum::<f64>()
+        / nodes as f64;
+    let mut free: Vec<usize> = (0..design.normal.nrows()).collect();
+    let mut candidates = Vec::new();
+    // From smooth to rough, each start with the free set of the last.
+    for k in (DECADES.0 * PER_DECADE..=DECADES.1 * PER_DECADE).rev() {
+        let lambda = size * 10f64.powf(f64::from(k) / f64::from(PER_DECADE));
+        let Some(candidate) = candidate(design, lambda, &free) else {
+            continue;
+        };
+        free.clone_from(&candidate.solution.free);
+        candidates.push(candidate);
+    }
+    let best = candidates
+        .iter()
+        .map(|c| c.score)
+        .fold(f64::INFINITY, f64::min);
+    candidates.into_iter().find(|c| c.score <= AS_GOOD * best)
+}
+
+fn candidate(design: &Design, lambda: f64, guess: &[usize]) -> Option<Candidate> {
+    let matrix = &design.normal + &design.penalty * lambda;
+    let solution = solve(&matrix, &design.right, guess)?;
+    let x = &solution.x;
+    let rss = (design.square - 2.0 * x.dot(&design.right) + x.dot(&(&design.normal * x))).max(0.0);
+    let free = &solution.free;
+    let penalty = DMatrix::from_fn(free.len(), free.len(), |a, b| {
+        lambda * design.penalty[(free[a], free[b])]
+    });
+    let freedom = free.len() as f64 - solution.factor.solve(&penalty).trace();
+    let numbers = 2.0 * design.omega.len() as f64;
+    let left = numbers - PENALTY_ON_FREEDOM * freedom;
+    let score = if left > 0.0 {
+        rss / (left * left)
+    } else {
+        f64::INFINITY
+    };
+    Some(Candidate {
+        solution,
+        lambda,
+        rss,
+        freedom,
+        score,
+    })
+}
+
+/// Posterior covariance of all unknowns: of those at zero, as if each alone were freed.
+fn covariance(design: &Design, best: &Candidate) -> Option<DMatrix<f64>> {
+    let n = design.normal.nrows();
+    let free = &best.solution.free;
+    let inverse = best.solution.factor.inverse();
+    let scale = reduced_chi2(design, best).max(1.0);
+    let mut covariance = DMatrix::zeros(n, n);
+    for (a, i) in free.iter().enumerate() {
+        for (b, j) in free.iter().enumerate() {
+            covariance[(*i, *j)] = scale * inverse[(a, b)];
+        }
+    }
+    let matrix = &design.normal + &design.penalty * best.lambda;
+    for i in (0..n).filter(|i| !free.contains(i)) {
+        let coupling = DVector::from_fn(free.len(), |a, _| matrix[(i, free[a])]);
+        let own = matrix[(i, i)] - coupling.dot(&(&inverse * &coupling));
+        covariance[(i, i)] = if own > 0.0 { scale / own } else { 0.0 };
+    }
+    covariance
+        .iter()
+        .all(|v| v.is_finite())
+        .then_some(covariance)
+}
+
+fn reduced_chi2(design: &Design, best: &Candidate) -> f64 {
+    best.rss / (2.0 * design.omega.len() as f64 - best.freedom).max(1.0)
+}
+
+fn result(design: &Design, best: &Candidate, covariance: &DMatrix<f64>) -> Drt {
+    let x = &best.solution.x;
+    let estimate = |j: usize| Estimate {
+        value: x[j],
+        sigma: covariance[(j, j)].sqrt(),
+    };
+    let nodes = SERIES..x.len();
+    let held = |j: &usize| best.solution.free.contains(j);
+    let area_variance: f64 = nodes
+        .clone()
+        .filter(held)
+        .flat_map(|i| nodes.clone().filter(held).map(move |j| (i, j)))
+        .map(|ij| covariance[ij])
+        .sum();
+    let band = (
+        1.0 / design.omega[design.omega.len() - 1],
+        1.0 / design.omega[0],
+    );
+    Drt {
+        gamma_ohm: nodes.clone().map(|j| x[j] / design.step).collect(),
+        sigma_ohm: nodes
+            .clone()
+            .map(|j| covariance[(j, j)].sqrt() / design.step)
+            .collect(),
+        r_inf_ohm: estimate(0),
+        inductance_h: estimate(1),
+        elastance_per_f: estimate(2),
+        warburg_ohm_per_sqrt_s: estimate(3),
+        polarisation_ohm: Estimate {
+            value: nodes.map(|j| x[j]).sum(),
+            sigma: area_variance.max(0.0).sqrt(),
+        },
+        lambda: best.lambda,
+        freedom: best.freedom,
+        reduced_chi2: reduced_chi2(design, best),
+        peaks: peaks(
+            &design.tau_s,
+            (
+                &x.as_slice()[SERIES..],
+                &covariance.view_range(SERIES.., SERIES..).into_owned(),
+            ),
+            band,
+        ),
+        band_tau_s: band,
+        tau_s: design.tau_s.clone(),
+        fitted_ohm: design.impedance(x),
+    }
+}

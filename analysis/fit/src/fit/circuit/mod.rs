@@ -1,0 +1,370 @@
+//! Parameters of any equivalent circuit from impedance spectra, without start values.
+//!
+//! Local fits (bounded Levenberg–Marquardt in the logarithms of the parameters, exponents as they
+//! are) run from many starts that are drawn from ranges which the data give, until several of them
+//! end at the same best optimum. Whether the circuit is the right one is not told here; the
+//! corrected Akaike criterion compares circuits on the same data, objective and weight.
+
+mod data;
+mod options;
+mod order;
+mod problem;
+mod search;
+mod starts;
+mod uncertainty;
+mod warnings;
+
+pub use options::{CircuitFitError, CircuitOptions, MAX_STARTS, Search, Weight};
+
+use super::cells::CellSweeps;
+use super::clusters::Clusters;
+use super::options::Objective;
+use analysis_model::model::Circuit;
+use analysis_numeric::Smooth;
+use analysis_signal::spectrum::Spectrum;
+use data::Data;
+use num_complex::Complex64;
+use problem::{Problem, is_log};
+use serde::{Deserialize, Serialize};
+use starts::{Ranges, Starter};
+use uncertainty::Uncertainty;
+
+/// A parameter this near to a bound counts as held by it: a fraction of its value, or, of an
+/// exponent, a difference.
+const NEAR_BOUND: f64 = 1e-6;
+
+/// What became of a parameter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum State {
+    /// Fitted.
+    Free,
+    /// Held at a given value.
+    Constant,
+    /// Fitted, and stopped by the lower bound.
+    AtLowerBound,
+    /// Fitted, and stopped by the upper bound.
+    AtUpperBound,
+}
+
+/// A fitted circuit and what is known of it. The lists about parameters stand in the order of the
+/// circuit's string.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct CircuitFit {
+    /// The circuit's string.
+    pub circuit: String,
+    /// Names of the parameters, as impedance.py's: `R0`, `CPE1_0`, …
+    pub names: Vec<String>,
+    /// Their values, in their units. Equal blocks stand by rising time constant.
+    pub values: Vec<f64>,
+    /// Standard uncertainties (1σ), in the same units; none where the data do not fix one, a bound
+    /// holds it, or it is a constant.
+    pub sigmas: Vec<Option<f64>>,
+    /// Units; empty for a pure number.
+    pub units: Vec<String>,
+    /// What became of each.
+    pub states: Vec<State>,
+    /// Bounds each was kept in.
+    pub bounds: Vec<(f64, f64)>,
+    /// Covariance of the values to first order, row by row; none as for the sigmas.
+    pub covariance: Vec<Vec<Option<f64>>>,
+    /// Value of the objective.
+    pub objective: f64,
+    /// What was made small.
+    pub objective_kind: Objective,
+    /// What residuals were compared with.
+    pub weight: Weight,
+    /// Numbers minus fitted parameters.
+    pub degrees_of_freedom: usize,
+    /// χ² per degree of freedom; only where residuals were compared with a measured covariance.
+    pub reduced_chi2: Option<f64>,
+    /// Corrected Akaike criterion, to compare circuits on the same data, objective and weight: less
+    /// is better. None for too few numbers.
+    pub aicc: Option<f64>,
+    /// Root mean square of |Z_model − Z_data|, Ω. Errors that the points have in common count as
+    /// part of the model.
+    pub rms_ohm: f64,
+    /// Condition number of the parameters' information, scaled to a unit diagonal; none where the
+    /// data fix only combinations.
+    pub condition: Option<f64>,
+    /// Number of points fitted, over all spectra.
+    pub points: usize,
+    /// Lowest and highest frequency of the points fitted, Hz; none in files of programs that did
+    /// not write it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub band_hz: Option<(f64, f64)>,
+    /// Names of the spectra fitted together.
+    pub spectra: Vec<String>,
+    /// Starts tried.
+    pub starts: usize,
+    /// How many of them ended at the best optimum.
+    pub starts_at_optimum: usize,
+    /// Seed of the starts.
+    pub seed: u64,
+    /// What a user of the model must know, in sentences; empty when there is nothing.
+    pub warnings: Vec<String>,
+}
+
+/// Fits a circuit to all points of all spectra together. The result depends on the data and the
+/// options alone.
+///
+/// # Errors
+/// [`CircuitFitError`] for data or options that cannot be fitted.
+pub fn fit_circuit(
+    spectra: &[Spectrum],
+    circuit: &Circuit,
+    options: &CircuitOptions,
+) -> Result<CircuitFit, CircuitFitError> {
+    fit(spectra, circuit, (options, Clusters::sweeps(spectra.len())))
+}
+
+/// As [`fit_circuit`], with sigmas from the scatter of the cells where two or more are known.
+///
+/// # Errors
+/// As [`fit_circuit`].
+pub fn fit_circuit_cells(
+    cells: &[CellSweeps],
+    circuit: &Circuit,
+    options: &CircuitOptions,
+) -> Result<CircuitFit, CircuitFitError> {
+    let (spectra, clusters) = Clusters::of_cells(cells);
+    fit(&spectra, circuit, (options, clusters))
+}
+
+fn fit(
+    spectra: &[Spectrum],
+    circuit: &Circuit,
+    (options, clusters): (&CircuitOptions, Clusters),
+) -> Result<CircuitFit, CircuitFitError> {
+    check_values(circuit, options)?;
+    let data = Data::new(spectra, clusters, options)?;
+    let held = |i: &usize| options.constants.iter().any(|(c, _)| c == i);
+    let free: Vec<usize> = (0..circuit.parameter_names().len())
+        .filter(|i| !held(i))
+        .collect();
+    check_size(circuit, &data, free.len())?;
+    let ranges = Ranges::of(&data);
+    let bounds = ranges.all_bounds(circuit, &options.guess);
+    let given: Vec<(usize, f64)> = options
+        .guess
+        .iter()
+        .chain(&options.constants)
+        .copied()
+        .collect();
+    let mut base = vec![1.0; circuit.parameter_names().len()];
+    options
+        .constants
+        .iter()
+        .for_each(|(i, value)| base[*i] = *value);
+    let problem = Problem {
+        circuit,
+        data: &data,
+        base,
+        free,
+        exact: false,
+        corner: 0.0,
+    };
+    let starter = Starter {
+        circuit,
+        data: &data,
+        ranges,
+        given,
+        bounds: &bounds,
+    };
+    let found = search::search(&problem, &starter, options).ok_or_else(|| {
+        CircuitFitError::NoFiniteValue {
+            circuit: circuit.to_string(),
+        }
+    })?;
+    let mut values = problem.parameters(&found.minimum.x);
+    order::order(circuit, &options.constants, &mut values);
+    let mut fit = describe(&problem, values, &bounds);
+    fit.spectra = spectra.iter().map(|s| s.name.clone()).collect();
+    (fit.starts, fit.starts_at_optimum, fit.seed) = (found.starts, found.agreeing, options.seed);
+    fit.warnings = warnings::warnings(&fit, &data, found.minimum.converged);
+    fit.warnings.extend(data.clusters.remark(data.is_chi2()));
+    fit.warnings
+        .extend(crate::validity::wrong_sign_remarks(spectra));
+    Ok(fit)
+}
+
+fn check_values(circuit: &Circuit, options: &CircuitOptions) -> Result<(), CircuitFitError> {
+    if let Some(met) = options
+        .starts
+        .filter(|starts| !(1..=MAX_STARTS).contains(starts))
+    {
+        return Err(CircuitFitError::BadStarts { met });
+    }
+    for (list, values) in [
+        ("start values", &options.guess),
+        ("constants", &options.constants),
+    ] {
+        for (index, value) in values {
+            let range = circuit
+                .parameter_kinds()
+                .get(*index)
+                .map(|kind| kind.bounds);
+            if !range.is_some_and(|(lower, upper)| (lower..=upper).contains(value)) {
+                return Err(CircuitFitError::BadValue {
+                    circuit: circuit.to_string(),
+                    list,
+                    index: *index,
+                    value: *value,
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+fn check_size(circuit: &Circuit, data: &Data, parameters: usize) -> Result<(), CircuitFitError> {
+    let frequencies = data.groups.len();
+    let numbers = if data.objective == Objective::Modulus {
+        frequencies
+    } else {
+        2 * frequencies
+    };
+    // Readings that repeat to the last digit are one reading: what is fitted through it has no
+    // residual to tell an uncertainty from.
+    if parameters == numbers && data.points > frequencies && data.is_repeated() {
+        return Err(CircuitFitError::Repeated {
+            circuit: circuit.to_string(),
+            parameters,
+            points: data.points,
+            frequencies,
+            numbers,
+        });
+    }
+    if parameters <= numbers {
+        return Ok(());
+    }
+    Err(CircuitFitError::TooFewFrequencies {
+        circuit: circuit.to_string(),
+        parameters,
+        numbers,
+        frequencies,
+        objective: data.objective,
+    })
+}
+
+/// All that can be said of an optimum, without how it was found.
+fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> CircuitFit {
+    let (circuit, data) = (problem.circuit, problem.data);
+    let n = values.len();
+    let x = problem.variables(&values);
+    let states: Vec<State> = (0..n)
+        .map(|i| state(problem, i, values[i], bounds[i]))
+        .collect();
+    let at_bound: Vec<bool> = problem
+        .free
+        .iter()
+        .map(|i| states[*i] != State::Free)
+        .collect();
+    let uncertainty = Uncertainty::of(problem, &x, &at_bound);
+    let stretch = problem.stretch(&values);
+    let place = |i: usize| problem.free.iter().position(|f| *f == i);
+    let entry = |i: usize, j: usize| {
+        let (a, b) = (place(i)?, place(j)?);
+        uncertainty
+            .covariance(a, b)
+            .map(|c| c * stretch[a] * stretch[b])
+    };
+    let objective = problem.value(&x);
+    let chi2 = data.is_chi2() && uncertainty.freedom > 0;
+    CircuitFit {
+        circuit: circuit.to_string(),
+        names: circuit.parameter_names().to_vec(),
+        sigmas: (0..n)
+            .map(|i| entry(i, i).map(|v| v.max(0.0).sqrt()))
+            .collect(),
+        units: circuit
+            .parameter_kinds()
+            .iter()
+            .map(|kind| kind.unit.to_owned())
+            .collect(),
+        states,
+        bounds: bounds.to_vec(),
+        covariance: (0..n)
+            .map(|i| (0..n).map(|j| entry(i, j)).collect())
+            .collect(),
+        objective,
+        objective_kind: data.objective,
+        weight: data.weight,
+        degrees_of_freedom: uncertainty.freedom,
+        reduced_chi2: chi2.then(|| objective / uncertainty.freedom as f64),
+        aicc: aicc(data, objective, problem.free.len()),
+        rms_ohm: rms_ohm(problem, &values),
+        condition: uncertainty.condition,
+        points: data.points,
+        band_hz: band_hz(data),
+        spectra: Vec::new(),
+        starts: 0,
+        starts_at_optimum: 0,
+        seed: 0,
+        warnings: Vec::new(),
+        values,
+    }
+}
+
+/// Lowest and highest frequency of the data.
+fn band_hz(data: &Data) -> Option<(f64, f64)> {
+    let freqs = || data.groups.iter().map(|group| group.freq_hz);
+    Some((
+        freqs().min_by(f64::total_cmp)?,
+        freqs().max_by(f64::total_cmp)?,
+    ))
+}
+
+fn rms_ohm(problem: &Problem, values: &[f64]) -> f64 {
+    let square = |(g, seen): (&data::Group, &Vec<Complex64>)| {
+        g.points
+            .iter()
+            .zip(seen)
+            .map(|(p, z)| (z - p.z).norm_sqr())
+            .sum::<f64>()
+    };
+    (problem
+        .data
+        .groups
+        .iter()
+        .zip(&problem.seen(values))
+        .map(square)
+        .sum::<f64>()
+        / problem.data.points as f64)
+        .sqrt()
+}
+
+fn state(problem: &Problem, i: usize, value: f64, (lower, upper): (f64, f64)) -> State {
+    let near = if is_log(problem.circuit, i) {
+        NEAR_BOUND * value
+    } else {
+        NEAR_BOUND
+    };
+    if !problem.free.contains(&i) {
+        State::Constant
+    } else if value <= lower + near {
+        State::AtLowerBound
+    } else if value >= upper - near {
+        State::AtUpperBound
+    } else {
+        State::Free
+    }
+}
+
+/// −2 ln likelihood + 2k with the correction for few numbers. The likelihood is normal for least
+/// squares and ∝ exp(−|r|/b) for the sum of norms; a scale that the weights do not state counts as
+/// a parameter.
+fn aicc(data: &Data, objective: f64, free: usize) -> Option<f64> {
+    let n = data.numbers() as f64;
+    let (deviance, k) = match (data.objective, data.weight) {
+        (Objective::SumAbs, _) => (2.0 * n * (objective / n).ln(), free + 1),
+        (_, Weight::Covariance) => (objective, free),
+        _ => (n * (objective / n).ln(), free + 1),
+    };
+    let k = k as f64;
+    let correction = 2.0 * k * (k + 1.0) / (n - k - 1.0);
+    Some(deviance + 2.0 * k + correction).filter(|a| a.is_finite() && n > k + 1.0)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,101 @@
+//! Which sweeps scatter together: those of one cell share its making, its clamping and its state,
+//! and are no independent witnesses.
+
+use super::cells::CellSweeps;
+use analysis_numeric::stats::t_factor;
+use analysis_signal::spectrum::Spectrum;
+
+/// So many cells tell their scatter well enough (to a tenth) for the sigmas to need no remark.
+const MANY: usize = 50;
+
+/// Clusters of sweeps, for the scatter of the objective's gradient.
+#[derive(Debug, Clone)]
+pub(super) struct Clusters {
+    /// The cluster of each sweep.
+    of: Vec<usize>,
+    /// Number of clusters.
+    pub(super) count: usize,
+    /// Number of cells where they are known.
+    cells: Option<usize>,
+}
+
+impl Clusters {
+    /// Every sweep for itself: nothing is known of cells.
+    pub(super) fn sweeps(count: usize) -> Self {
+        Self {
+            of: (0..count).collect(),
+            count,
+            cells: None,
+        }
+    }
+
+    /// The sweeps one cell after the other, and their clusters: the cells where there are two or
+    /// more and they are known, else the sweeps.
+    pub(super) fn of_cells(cells: &[CellSweeps]) -> (Vec<Spectrum>, Self) {
+        let spectra: Vec<Spectrum> = cells.iter().flat_map(|c| c.sweeps.clone()).collect();
+        let known = cells.iter().all(|c| c.named) || cells.len() < spectra.len();
+        let by_sweep = Self {
+            cells: known.then_some(cells.len()),
+            ..Self::sweeps(spectra.len())
+        };
+        if !known || cells.len() < 2 {
+            return (spectra, by_sweep);
+        }
+        let of = cells
+            .iter()
+            .enumerate()
+            .flat_map(|(k, c)| vec![k; c.sweeps.len()])
+            .collect();
+        (
+            spectra,
+            Self {
+                of,
+                count: cells.len(),
+                ..by_sweep
+            },
+        )
+    }
+
+    pub(super) fn of(&self, sweep: usize) -> usize {
+        self.of.get(sweep).copied().unwrap_or(0)
+    }
+
+    /// Two or more known cells.
+    pub(super) fn cells(&self) -> Option<usize> {
+        self.cells.filter(|cells| *cells > 1)
+    }
+
+    /// True where clusters tell the noise: known cells always, sweeps where there are more of them
+    /// than parameters.
+    pub(super) fn tell_noise(&self, parameters: usize) -> bool {
+        self.cells().is_some() || self.count > parameters
+    }
+
+    /// What a user must know of the sigmas; none where nothing is known of cells. `absolute` where
+    /// stated covariances make the sigmas.
+    pub(super) fn remark(&self, absolute: bool) -> Option<String> {
+        let cells = self
+            .cells
+            .filter(|cells| *cells < MANY && self.of.len() > 1)?;
+        if cells == 1 {
+            return Some(
+                "all sweeps are of one cell: the sigmas say how well that cell is known, \
+            not how cells differ"
+                    .to_owned(),
+            );
+        }
+        if absolute {
+            return Some(format!(
+                "the sigmas come from the stated covariances, which tell the noise of sweeps: by \
+                how much the {cells} cells differ is not in them"
+            ));
+        }
+        let freedom = (cells - 1) as f64;
+        Some(format!(
+            "the sigmas rest on how only {cells} cells scatter: they are themselves known to about \
+            {:.0} %, and a 95 % interval takes {:.2} sigma, not 1.96",
+            100.0 / (2.0 * freedom).sqrt(),
+            t_factor(0.95, freedom)
+        ))
+    }
+}

@@ -1,0 +1,278 @@
+//! What to fit and how, checked before any work is done.
+
+use analysis_signal::spectrum::Spectrum;
+use serde::{Deserialize, Serialize};
+use std::fmt;
+use std::str::FromStr;
+
+/// Most RC branches a fit may have.
+pub const MAX_RC: usize = 8;
+
+/// What the fit makes small.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Objective {
+    /// Σ|Z_model − Z_data|, Ω: what the thesis minimised (complex, though its text speaks of
+    /// magnitudes). Robust against outliers.
+    SumAbs,
+    /// Σ(|Z_model| − |Z_data|)², Ω²: magnitudes only, as the thesis' text says. The phase is
+    /// ignored, and with it most of what tells slow branches apart: with four branches and one
+    /// sweep, seeds may end up to 1e-4 apart in the value. Squares were chosen over absolute values
+    /// because they are smooth and the best estimate under normal noise.
+    Modulus,
+    /// Complex least squares. With a covariance at every point the weight is its inverse and the
+    /// objective is χ², without unit; otherwise every residual is taken relative to |Z_data|, also
+    /// without unit.
+    Complex,
+}
+
+impl Objective {
+    /// Name on the command line and in files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::SumAbs => "sum-abs",
+            Self::Modulus => "modulus",
+            Self::Complex => "complex",
+        }
+    }
+
+    /// Unit of the objective's value; empty where it has none.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::SumAbs => "Ω",
+            Self::Modulus => "Ω²",
+            Self::Complex => "",
+        }
+    }
+}
+
+impl fmt::Display for Objective {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(self.name())
+    }
+}
+
+impl FromStr for Objective {
+    type Err = FitError;
+
+    fn from_str(text: &str) -> Result<Self, FitError> {
+        let all = [Self::SumAbs, Self::Modulus, Self::Complex];
+        all.into_iter()
+            .find(|o| o.name() == text)
+            .ok_or_else(|| FitError::UnknownObjective {
+                met: text.to_owned(),
+            })
+    }
+}
+
+/// Where the parameters may lie: (lower, upper).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Bounds {
+    /// Every resistance, Ω.
+    pub r_ohm: (f64, f64),
+    /// Every capacitance, F.
+    pub c_f: (f64, f64),
+}
+
+impl Default for Bounds {
+    /// The thesis' bounds: 1 µΩ…100 mΩ, 10 mF…100 kF.
+    fn default() -> Self {
+        Self {
+            r_ohm: (1e-6, 0.1),
+            c_f: (0.01, 1e5),
+        }
+    }
+}
+
+impl Bounds {
+    /// The thesis' bounds, which suit power cells; moved by powers of ten for impedances of another
+    /// size.
+    pub fn for_spectra(spectra: &[Spectrum]) -> Self {
+        let thesis = Self::default();
+        let greatest = spectra
+            .iter()
+            .flat_map(|spectrum| &spectrum.points)
+            .map(|point| point.z_ohm.norm())
+            .fold(0.0, f64::max);
+        let suits = 0.01 * thesis.r_ohm.1..=0.5 * thesis.r_ohm.1;
+        if greatest <= 0.0 || !greatest.is_finite() || suits.contains(&greatest) {
+            return thesis;
+        }
+        let factor = 10.0_f64.powf((greatest / (0.5 * thesis.r_ohm.1)).log10().ceil());
+        Self {
+            r_ohm: (thesis.r_ohm.0 * factor, thesis.r_ohm.1 * factor),
+            c_f: (thesis.c_f.0 / factor, thesis.c_f.1 / factor),
+        }
+    }
+}
+
+/// What to fit and how.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct FitOptions {
+    /// Number of RC branches, 0…[`MAX_RC`].
+    pub rc: usize,
+    /// What to make small.
+    pub objective: Objective,
+    /// Where the parameters may lie.
+    pub bounds: Bounds,
+    /// Seed of the global search; equal seeds give equal fits.
+    pub seed: u64,
+}
+
+impl Default for FitOptions {
+    /// 4 RC branches, the thesis' objective and bounds.
+    fn default() -> Self {
+        Self {
+            rc: 4,
+            objective: Objective::SumAbs,
+            bounds: Bounds::default(),
+            seed: 0,
+        }
+    }
+}
+
+/// Why a fit was refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum FitError {
+    /// No points at all.
+    #[error("fit: expected at least one point, met none in {spectra} spectra")]
+    NoPoints {
+        /// Number of spectra given.
+        spectra: usize,
+    },
+    /// A point that is no measurement.
+    #[error(
+        "fit: spectrum \"{spectrum}\", point {index} (counted from 1): expected {expected}, met \
+        {met}"
+    )]
+    BadPoint {
+        /// Name of the spectrum.
+        spectrum: String,
+        /// Number of the point, from 1.
+        index: usize,
+        /// What was expected.
+        expected: &'static str,
+        /// What was met.
+        met: String,
+    },
+    /// More parameters than the data have numbers.
+    #[error(
+        "fit: {rc} RC branches have {parameters} parameters and need as many numbers, met \
+        {numbers} \
+         ({frequencies} distinct frequencies, objective {objective})"
+    )]
+    TooFewFrequencies {
+        /// Branches asked for.
+        rc: usize,
+        /// Their parameters.
+        parameters: usize,
+        /// Independent numbers in the data.
+        numbers: usize,
+        /// Distinct frequencies in the data.
+        frequencies: usize,
+        /// The objective: magnitudes alone give one number per frequency, complex values two.
+        objective: Objective,
+    },
+    /// More branches than supported.
+    #[error("fit: expected 0 to {MAX_RC} RC branches, met {met}")]
+    TooManyBranches {
+        /// Branches asked for.
+        met: usize,
+    },
+    /// Bounds that hold nothing.
+    #[error(
+        "fit: bounds of {parameter}: expected 0 < lower < upper, both finite, met {lower} to \
+        {upper} {unit}"
+    )]
+    BadBounds {
+        /// R or C.
+        parameter: &'static str,
+        /// The lower bound met.
+        lower: f64,
+        /// The upper bound met.
+        upper: f64,
+        /// Unit.
+        unit: &'static str,
+    },
+    /// A name that is no objective.
+    #[error("objective: expected sum-abs, modulus or complex, met \"{met}\"")]
+    UnknownObjective {
+        /// The name met.
+        met: String,
+    },
+}
+
+impl FitOptions {
+    /// Number of parameters of the model asked for.
+    pub fn parameter_count(&self) -> usize {
+        1 + 2 * self.rc
+    }
+
+    pub(crate) fn check(&self) -> Result<(), FitError> {
+        if self.rc > MAX_RC {
+            return Err(FitError::TooManyBranches { met: self.rc });
+        }
+        for (parameter, unit, (lower, upper)) in
+            [("R", "Ω", self.bounds.r_ohm), ("C", "F", self.bounds.c_f)]
+        {
+            if !(lower > 0.0 && upper > lower && upper.is_finite()) {
+                return Err(FitError::BadBounds {
+                    parameter,
+                    lower,
+                    upper,
+                    unit,
+                });
+            }
+        }
+        Ok(())
+    }
+
+    pub(crate) fn check_size(&self, frequencies: usize) -> Result<(), FitError> {
+        let (rc, parameters, objective) = (self.rc, self.parameter_count(), self.objective);
+        let numbers = if objective == Objective::Modulus {
+            frequencies
+        } else {
+            2 * frequencies
+        };
+        if parameters > numbers {
+            return Err(FitError::TooFewFrequencies {
+                rc,
+                parameters,
+                numbers,
+                frequencies,
+                objective,
+            });
+        }
+        Ok(())
+    }
+}
+
+pub(crate) fn check_spectra(spectra: &[Spectrum]) -> Result<(), FitError> {
+    if spectra.iter().all(|s| s.points.is_empty()) {
+        return Err(FitError::NoPoints {
+            spectra: spectra.len(),
+        });
+    }
+    for s in spectra {
+        for (i, p) in s.points.iter().enumerate() {
+            let bad = |expected, met| {
+                Err(FitError::BadPoint {
+                    spectrum: s.name.clone(),
+                    index: i + 1,
+                    expected,
+                    met,
+                })
+            };
+            if !(p.freq_hz.is_finite() && p.freq_hz > 0.0) {
+                return bad("a positive finite frequency in Hz", p.freq_hz.to_string());
+            }
+            if !(p.z_ohm.is_finite() && p.z_ohm.norm_sqr() > 0.0) {
+                return bad(
+                    "a finite impedance other than zero in Ω",
+                    p.z_ohm.to_string(),
+                );
+            }
+        }
+    }
+    Ok(())
+}

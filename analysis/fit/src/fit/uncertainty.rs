@@ -1,0 +1,231 @@
+//! How well the data fix the parameters of the extended Randles model; what the data say is
+//! [`Evidence`]'s. A parameter held by a bound has no sigma.
+
+use super::clusters::Clusters;
+use super::evidence::{CELL_CORNER, Evidence, FrequencyShare, NORM_CORNER, Normal, PointShare};
+use super::options::{FitOptions, Objective};
+use super::problem::{Group, Problem, impedance, quadratic};
+use super::search::log_bounds;
+use analysis_model::model::Erm;
+use analysis_numeric::{
+    Smooth,
+    linalg::{invert, product},
+};
+use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
+
+/// Standard uncertainty of a branch; none where the data do not fix it.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct RcSigma {
+    /// Of the resistance, Ω.
+    pub r_ohm: Option<f64>,
+    /// Of the capacitance, F.
+    pub c_f: Option<f64>,
+    /// Of the time constant, s.
+    pub time_constant_s: Option<f64>,
+}
+
+/// Standard uncertainty of a model's parameters; none where the data do not fix them.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ErmSigma {
+    /// Of the series resistance, Ω.
+    pub r_ohm: Option<f64>,
+    /// Of the branches, in their order.
+    pub branches: Vec<RcSigma>,
+    /// Of the resistance at zero frequency, Ω.
+    pub dc_resistance_ohm: Option<f64>,
+}
+
+pub(crate) struct Uncertainty {
+    pub(crate) sigma: ErmSigma,
+    pub(crate) log_covariance: Option<Vec<Vec<f64>>>,
+    /// Degrees of freedom; zero when there are no more numbers than parameters.
+    pub(crate) freedom: f64,
+}
+
+impl Uncertainty {
+    pub(crate) fn of(
+        problem: &Problem,
+        erm: &Erm,
+        options: &FitOptions,
+        clusters: &Clusters,
+    ) -> Self {
+        let x = erm.log_parameters();
+        let n = x.len();
+        let per_point = if problem.kind == Objective::Modulus {
+            1
+        } else {
+            2
+        };
+        let freedom = (per_point * problem.points).saturating_sub(n) as f64;
+        let bounds = log_bounds(options);
+        let free: Vec<usize> = (0..n)
+            .filter(|i| x[*i] > bounds[*i].0 + 1e-9 && x[*i] < bounds[*i].1 - 1e-9)
+            .collect();
+        let covariance = covariance(
+            problem,
+            &x,
+            &free,
+            (freedom, clusters),
+            taken(problem, &x, &free),
+        );
+        let entry = |i: usize, j: usize| -> Option<f64> {
+            let (row, column) = (
+                free.iter().position(|f| *f == i)?,
+                free.iter().position(|f| *f == j)?,
+            );
+            covariance.as_ref().map(|c| c[row * free.len() + column])
+        };
+        let sigma = sigma_of(erm, &entry);
+        let log_covariance = (0..n)
+            .map(|i| (0..n).map(|j| entry(i, j)).collect())
+            .collect();
+        Self {
+            sigma,
+            log_covariance,
+            freedom,
+        }
+    }
+}
+
+/// Standard uncertainties from entries of the covariance of the logarithmic parameters.
+pub(crate) fn sigma_of(erm: &Erm, entry: &impl Fn(usize, usize) -> Option<f64>) -> ErmSigma {
+    let root = |variance: f64| Some(variance.max(0.0).sqrt()).filter(|s| s.is_finite());
+    let relative = |i: usize| entry(i, i).and_then(root);
+    let branch = |(k, b): (usize, &analysis_model::model::RcBranch)| {
+        let (i, j) = (2 * k + 1, 2 * k + 2);
+        let sum = || root(entry(i, i)? + entry(j, j)? + 2.0 * entry(i, j)?);
+        RcSigma {
+            r_ohm: relative(i).map(|s| s * b.r_ohm),
+            c_f: relative(j).map(|s| s * b.c_f),
+            time_constant_s: sum().map(|s| s * b.time_constant_s()),
+        }
+    };
+    let resistances: Vec<(usize, f64)> = std::iter::once((0, erm.r_ohm))
+        .chain(
+            erm.branches
+                .iter()
+                .enumerate()
+                .map(|(k, b)| (2 * k + 1, b.r_ohm)),
+        )
+        .collect();
+    let pairs = resistances
+        .iter()
+        .flat_map(|a| resistances.iter().map(move |b| (a, b)));
+    let dc: Option<f64> = pairs
+        .map(|(a, b)| entry(a.0, b.0).map(|c| c * a.1 * b.1))
+        .sum();
+    ErmSigma {
+        r_ohm: relative(0).map(|s| s * erm.r_ohm),
+        branches: erm.branches.iter().enumerate().map(branch).collect(),
+        dc_resistance_ohm: dc.and_then(root),
+    }
+}
+
+/// Covariance of the free logarithmic parameters, row-major; none when the data do not fix them or
+/// leave no freedom to tell.
+///
+/// `shared` is what common errors take from the information.
+fn covariance(
+    problem: &Problem,
+    x: &[f64],
+    free: &[usize],
+    (freedom, clusters): (f64, &Clusters),
+    shared: Option<Vec<f64>>,
+) -> Option<Vec<f64>> {
+    let (n, m) = (x.len(), free.len());
+    let evidence = Evidence {
+        kind: problem.kind,
+        absolute_weights: problem.absolute_weights,
+        value: problem.value(x),
+        numbers: freedom + n as f64,
+        freedom,
+        clusters,
+        frequencies: shares(problem, x, free)?,
+        shared,
+    };
+    let hessian = |corner: f64| {
+        let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
+        problem
+            .smoothed(corner.max(1e-6 * problem.scale_ohm))
+            .expand(x, &mut gradient, &mut hessian);
+        free.iter()
+            .flat_map(|i| {
+                free.iter()
+                    .map(|j| hessian[i * n + j])
+                    .collect::<Vec<f64>>()
+            })
+            .collect()
+    };
+    let Normal {
+        bread,
+        meat,
+        factor,
+    } = evidence.normal(hessian);
+    let (inverse, factor) = (invert(&bread, m)?, factor?);
+    let covariance = match meat {
+        Some(meat) => product(&product(&inverse, &meat, m), &inverse, m),
+        None => inverse,
+    };
+    Some(covariance.iter().map(|v| v * factor).collect())
+}
+
+/// Covariance of all logarithmic parameters as if common errors were known, row by row.
+pub(super) fn own_noise(problem: &Problem, x: &[f64], of: (f64, &Clusters)) -> Option<Vec<f64>> {
+    covariance(problem, x, &(0..x.len()).collect::<Vec<usize>>(), of, None)
+}
+
+/// What common errors take from the information on the free parameters, row by row; none without
+/// them.
+fn taken(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<f64>> {
+    let (common, n) = (problem.common.as_ref()?, x.len());
+    let all = common.taken_from_hessian(&problem.mixed(x), n);
+    Some(
+        free.iter()
+            .flat_map(|i| free.iter().map(|j| all[i * n + j]).collect::<Vec<f64>>())
+            .collect(),
+    )
+}
+
+/// Every frequency at the optimum; none for parameters that make no model.
+fn shares(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<FrequencyShare>> {
+    let erm = Erm::from_log_parameters(x).ok()?;
+    let seen = problem.seen(x);
+    let of = |(group, g): (usize, &Group)| {
+        let slopes = erm.log_gradient(g.freq_hz);
+        let point = |(p, z): (&super::problem::DataPoint, &Complex64)| PointShare {
+            norm: quadratic(&p.weight, *z - p.z).sqrt(),
+            size: z.norm(),
+            weight: p.weight,
+            gradient: problem.point_gradient(p, *z),
+            spectrum: p.spectrum,
+        };
+        FrequencyShare {
+            slopes: free.iter().map(|i| slopes[*i]).collect(),
+            weight: g.weight,
+            points: g.points.iter().zip(&seen[group]).map(point).collect(),
+        }
+    };
+    Some(problem.groups.iter().enumerate().map(of).collect())
+}
+
+/// The problem with the norm's corner as round as the residuals are large, as for the sigmas.
+pub(super) fn rounded(problem: &Problem, x: &[f64], by_cell: bool) -> Problem {
+    problem.smoothed(
+        if by_cell { CELL_CORNER } else { NORM_CORNER }
+            * median_residual_ohm(problem, x).max(1e-6 * problem.scale_ohm),
+    )
+}
+
+fn median_residual_ohm(problem: &Problem, x: &[f64]) -> f64 {
+    let of = |g: &Group| {
+        let z = impedance(x, g.freq_hz);
+        g.points
+            .iter()
+            .map(move |p| (z - p.z).norm())
+            .collect::<Vec<f64>>()
+    };
+    let mut residuals: Vec<f64> = problem.groups.iter().flat_map(of).collect();
+    residuals.sort_by(f64::total_cmp);
+    residuals.get(residuals.len() / 2).copied().unwrap_or(0.0)
+}

@@ -1,0 +1,198 @@
+//! What a user of a fitted model must know, in sentences.
+
+use super::erm::ErmFit;
+use super::options::Objective;
+use super::problem::Problem;
+use analysis_signal::spectrum::Spectrum;
+use std::f64::consts::TAU;
+
+/// A parameter this near to a bound (as a ratio) counts as held by it.
+const NEAR_BOUND: f64 = 1.02;
+/// Relative sigma above which a parameter counts as not identified.
+const UNIDENTIFIED: f64 = 0.5;
+/// Reduced χ² above which the model misses the data or the uncertainty is understated.
+pub(super) const HIGH_CHI2: f64 = 2.0;
+
+pub(crate) fn warnings(
+    fit: &ErmFit,
+    problem: &Problem,
+    spectra: &[Spectrum],
+    converged: bool,
+) -> Vec<String> {
+    let mut found = Vec::new();
+    if !converged {
+        found.push(
+            "the polish stopped before it converged: the parameters may differ in their \
+        last digits"
+                .to_owned(),
+        );
+    }
+    at_bounds(fit, &mut found);
+    not_identified(fit, &mut found);
+    outside_the_band(fit, problem, &mut found);
+    if fit.objective_kind == Objective::Complex && !problem.absolute_weights {
+        found.extend(no_weights(spectra));
+    }
+    if let Some(chi2) = fit.reduced_chi2.filter(|c| *c > HIGH_CHI2) {
+        found.push(format!(
+            "reduced χ² is {chi2:.3}: data and model differ by {:.2} times the stated uncertainty; \
+            the sigmas were widened by it",
+            chi2.sqrt()
+        ));
+    }
+    found
+}
+
+/// Why stated uncertainties were not used; nothing where none are stated.
+fn no_weights(spectra: &[Spectrum]) -> Option<String> {
+    const INSTEAD: &str = "all residuals were weighted relative to |Z| instead";
+    let covariances = || {
+        spectra
+            .iter()
+            .flat_map(|s| &s.points)
+            .map(|p| &p.covariance)
+    };
+    let points = covariances().count();
+    let zero = covariances()
+        .filter(|c| c.re_re == 0.0 || c.im_im == 0.0)
+        .count();
+    let usable = covariances()
+        .filter(|c| c.re_re > 0.0 && c.im_im > 0.0)
+        .count();
+    let place = if zero == points {
+        format!("all {points}")
+    } else {
+        format!("{zero} of {points}")
+    };
+    match (zero, usable) {
+        (0, 0) => None,
+        (0, _) => Some(format!(
+            "only {usable} of {points} points have a usable covariance: {INSTEAD}"
+        )),
+        _ => Some(format!(
+            "σ is zero at {place} points: expected a positive σ, or nothing where it is not known; \
+            {INSTEAD}"
+        )),
+    }
+}
+
+/// One parameter by its name in the thesis.
+struct Parameter {
+    name: String,
+    value: f64,
+    sigma: Option<f64>,
+    bounds: (f64, f64),
+    unit: &'static str,
+}
+
+fn parameters(fit: &ErmFit) -> Vec<Parameter> {
+    let resistance = |name: String, value, sigma| Parameter {
+        name,
+        value,
+        sigma,
+        bounds: fit.bounds.r_ohm,
+        unit: "Ω",
+    };
+    let mut all = vec![resistance("R".to_owned(), fit.erm.r_ohm, fit.sigma.r_ohm)];
+    for (k, (b, s)) in fit.erm.branches.iter().zip(&fit.sigma.branches).enumerate() {
+        all.push(resistance(format!("R{}", k + 1), b.r_ohm, s.r_ohm));
+        all.push(Parameter {
+            name: format!("C{}", k + 1),
+            value: b.c_f,
+            sigma: s.c_f,
+            bounds: fit.bounds.c_f,
+            unit: "F",
+        });
+    }
+    all
+}
+
+/// Names of the parameters that stand at a bound.
+pub(super) fn held_by_bounds(fit: &ErmFit) -> Vec<String> {
+    let held =
+        |p: &Parameter| p.value <= p.bounds.0 * NEAR_BOUND || p.value >= p.bounds.1 / NEAR_BOUND;
+    parameters(fit)
+        .into_iter()
+        .filter(held)
+        .map(|p| p.name)
+        .collect()
+}
+
+fn at_bounds(fit: &ErmFit, found: &mut Vec<String>) {
+    for Parameter {
+        name,
+        value,
+        bounds: (lo, hi),
+        unit,
+        ..
+    } in parameters(fit)
+    {
+        if value <= lo * NEAR_BOUND {
+            found.push(format!("{name} is at its lower bound of {lo} {unit}"));
+        } else if value >= hi / NEAR_BOUND {
+            found.push(format!("{name} is at its upper bound of {hi} {unit}"));
+        }
+    }
+}
+
+fn not_identified(fit: &ErmFit, found: &mut Vec<String>) {
+    if fit.sigma.r_ohm.is_none()
+        && fit
+            .sigma
+            .branches
+            .iter()
+            .all(|b| b.r_ohm.is_none() && b.c_f.is_none())
+    {
+        let parameters = fit.erm.parameter_count();
+        found.push(format!(
+            "the data do not fix all {parameters} parameters: no uncertainty can be \
+        given; try fewer RC branches"
+        ));
+        return;
+    }
+    for Parameter {
+        name, value, sigma, ..
+    } in parameters(fit)
+    {
+        if let Some(relative) = sigma.map(|s| s / value).filter(|s| *s > UNIDENTIFIED) {
+            let percent = if relative < 10.0 {
+                format!("{:.0} %", relative * 100.0)
+            } else {
+                "more than 1000 %".to_owned()
+            };
+            found.push(format!(
+                "{name} is not identified by the data: its standard uncertainty is {percent}"
+            ));
+        }
+    }
+}
+
+fn outside_the_band(fit: &ErmFit, problem: &Problem, found: &mut Vec<String>) {
+    let (Some(first), Some(last)) = (problem.groups.first(), problem.groups.last()) else {
+        return;
+    };
+    let (slow_s, fast_s) = (1.0 / (TAU * first.freq_hz), 1.0 / (TAU * last.freq_hz));
+    for (k, tau) in fit.erm.time_constants_s().into_iter().enumerate() {
+        let k = k + 1;
+        if tau > slow_s {
+            found.push(format!(
+                "branch {k}: its time constant of {tau:.3} s is beyond the {slow_s:.3} s of the \
+                lowest frequency ({} Hz): R{k} and C{k} are extrapolated",
+                short(first.freq_hz)
+            ));
+        } else if tau < fast_s {
+            found.push(format!(
+                "branch {k}: its time constant of {:.3} ms is below the {:.3} ms of the highest \
+                frequency ({} Hz): R{k} and C{k} are extrapolated",
+                tau * 1e3,
+                fast_s * 1e3,
+                short(last.freq_hz)
+            ));
+        }
+    }
+}
+
+/// Five digits are enough for a frequency in a sentence.
+fn short(freq_hz: f64) -> f64 {
+    format!("{freq_hz:.4e}").parse().unwrap_or(freq_hz)
+}

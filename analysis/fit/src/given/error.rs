@@ -1,0 +1,145 @@
+//! Why what was given is no model of a cell.
+
+use super::ladder::{MOST_BRANCHES, REFUSED};
+
+/// Why a circuit has no ladder.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum LadderError {
+    /// Values of another circuit.
+    #[error("circuit {circuit}: expected {expected} values, one for each parameter, met {met}")]
+    Count {
+        /// The circuit.
+        circuit: String,
+        /// Parameters of the circuit.
+        expected: usize,
+        /// Values met.
+        met: usize,
+    },
+    /// A value that no passive element has.
+    #[error(
+        "{name} of the circuit: expected {expected}, met {met} {unit}: no ladder of resistances \
+        and capacitances represents it"
+    )]
+    Value {
+        /// Name of the parameter.
+        name: String,
+        /// Its unit.
+        unit: &'static str,
+        /// What was expected.
+        expected: &'static str,
+        /// The value met.
+        met: f64,
+    },
+    /// A band that is none.
+    #[error("{name}: expected a lower and a higher frequency above 0 Hz, met {low} and {high}")]
+    Band {
+        /// Where it stands.
+        name: &'static str,
+        /// Lower end met, Hz.
+        low: f64,
+        /// Upper end met, Hz.
+        high: f64,
+    },
+    /// A circuit whose data are not known.
+    #[error(
+        "circuit: expected the field band_hz, the lowest and the highest frequency of the data, \
+        met none (an older program wrote the file): fit again, \
+         or give the band for the ladder"
+    )]
+    NoBand,
+    /// Nothing that acts at once.
+    #[error(
+        "circuit {circuit}: expected a resistance in series, met none: a model that is simulated \
+        needs one above 0 Ω"
+    )]
+    NoSeriesResistance {
+        /// The circuit.
+        circuit: String,
+    },
+    /// A system without a solution.
+    #[error(
+        "{blocks}: expected impedances that a ladder can be fitted to, met some too large or too \
+        unequal"
+    )]
+    Unsolved {
+        /// The blocks.
+        blocks: String,
+    },
+    /// No passive ladder follows it.
+    #[error(
+        "{blocks}: expected what resistances and capacitances above zero follow within {} %, met \
+        {percent:.1} % of |Z| at {freq_hz:.4} Hz with up to \
+         {MOST_BRANCHES} branches: is there an inductive loop",
+        100.0 * REFUSED
+    )]
+    NotPassive {
+        /// The blocks.
+        blocks: String,
+        /// Worst error, %.
+        percent: f64,
+        /// Where it is, Hz.
+        freq_hz: f64,
+    },
+    /// Components that cannot be.
+    #[error(transparent)]
+    Model(#[from] analysis_model::model::ModelError),
+}
+
+/// Why a text is no model of a cell.
+#[derive(Debug, thiserror::Error)]
+pub enum GivenError {
+    /// Not JSON, or not of this shape.
+    #[error("expected a model as JSON: {0}")]
+    Syntax(#[from] serde_json::Error),
+    /// JSON of something else.
+    #[error(
+        "expected a model file (schema, …), a typed model {{\"r_ohm\": …, \"branches\": \
+        [{{\"r_ohm\": …, \"c_f\": …}}]}} or a fitted circuit (circuit.json: \
+         fits, …), met {met}"
+    )]
+    Kind {
+        /// The fields met.
+        met: String,
+    },
+    /// A model file that is not as it must be.
+    #[error(transparent)]
+    File(#[from] crate::fit::JsonError),
+    /// A typed model that is not as it must be.
+    #[error("typed model: {0}")]
+    Plain(serde_json::Error),
+    /// Components that cannot be.
+    #[error("typed model: {0}")]
+    Model(#[from] analysis_model::model::ModelError),
+    /// An OCV curve that cannot be.
+    #[error("typed model: {0}")]
+    Ocv(#[from] analysis_model::ocv::OcvError),
+    /// Another number of fits than one.
+    #[error(
+        "fits: expected one fitted circuit, met {met}: take one cell's circuit.json, or fit them \
+        together with --pool"
+    )]
+    Fits {
+        /// Number of fits.
+        met: usize,
+    },
+    /// Fits of the extended Randles model.
+    #[error(
+        "fits: expected a fitted circuit, met a list of extended Randles models: take the \
+        model_Nrc.json that `fit --out` writes"
+    )]
+    RandlesFits,
+    /// A circuit that is not as it must be.
+    #[error("fitted circuit: {0}")]
+    CircuitFile(serde_json::Error),
+    /// A circuit's string that is none.
+    #[error("fitted circuit: {0}")]
+    Circuit(#[from] analysis_model::model::ParseError),
+    /// A circuit that has no ladder.
+    #[error("fitted circuit: {0}")]
+    Ladder(#[from] LadderError),
+    /// A band for a ladder where there is none.
+    #[error(
+        "band of the ladder: expected a fitted circuit to follow, met a model that is no circuit"
+    )]
+    BandWithoutCircuit,
+}

@@ -1,0 +1,211 @@
+//! A cell's model from whatever it was given as: a model file, a typed model of nothing but
+//! resistances and capacitances, or a fitted circuit.
+//!
+//! All that reads a model reads it here. What the source does not know (uncertainty, provenance,
+//! OCV) is absent, and [`GivenModel::notes`] says so.
+
+mod circuit;
+mod error;
+mod ladder;
+mod plain;
+
+pub use error::{GivenError, LadderError};
+pub use ladder::{Bands, Followed, Ladder, LeftOut, MOST_BRANCHES, REFUSED, TARGET, follow};
+pub use plain::PlainModel;
+
+use crate::fit::{Addition, JsonError, ModelFile, RefusedPoint, augmented};
+use analysis_effects::{augmented::Augmented, contract::Facts};
+use analysis_model::{
+    model::{Erm, ModelError},
+    ocv::OcvCurve,
+};
+use serde_json::Value;
+
+/// A cell's model and all that is known of it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GivenModel {
+    /// Name: of the cell, of the file, of the circuit.
+    pub name: String,
+    /// The model.
+    pub erm: Erm,
+    /// Open-circuit voltage over state of charge, where it is known.
+    pub ocv: Option<OcvCurve>,
+    /// Covariance of the logarithmic parameters of `erm`, row by row, where it is known.
+    pub log_covariance: Option<Vec<Vec<f64>>>,
+    /// Warnings of the fit.
+    pub warnings: Vec<String>,
+    /// Effects that a diagnosis has added.
+    pub additions: Vec<Addition>,
+    /// What the data of the additions reach.
+    pub facts: Option<Facts>,
+    /// How the model follows the circuit that it was made of.
+    pub ladder: Option<Ladder>,
+    /// The model file; none for what was typed and for circuits.
+    fitted: Option<Box<ModelFile>>,
+}
+
+impl GivenModel {
+    /// A model of nothing but its components.
+    ///
+    /// # Errors
+    /// [`ModelError`] for components that no cell has.
+    pub fn typed(name: &str, erm: Erm) -> Result<Self, ModelError> {
+        erm.validate()?;
+        Ok(PlainModel::new(name, erm).into())
+    }
+
+    /// Reads the text of a model file, a typed model or a fitted circuit. `name` is that of a model
+    /// without one; `band_hz` the band that a circuit's ladder is to follow, else that of its data
+    /// and a decade more on each side.
+    ///
+    /// # Errors
+    /// [`GivenError`].
+    pub fn from_json(
+        text: &str,
+        name: &str,
+        band_hz: Option<(f64, f64)>,
+    ) -> Result<Self, GivenError> {
+        let value: Value = serde_json::from_str(text)?;
+        let has = |field: &str| value.get(field).is_some();
+        if has("fits") || has("circuit") {
+            return circuit::read(value, band_hz);
+        }
+        if band_hz.is_some() {
+            return Err(GivenError::BandWithoutCircuit);
+        }
+        if has("schema") {
+            return Ok(ModelFile::from_json(text)?.into());
+        }
+        if has("r_ohm") || has("branches") {
+            return plain::read(text, name);
+        }
+        let fields = value.as_object().map(|fields| {
+            fields
+                .keys()
+                .take(8)
+                .cloned()
+                .collect::<Vec<_>>()
+                .join(", ")
+        });
+        let met = match fields {
+            Some(fields) if fields.is_empty() => "an object without fields".to_owned(),
+            Some(fields) => format!("the fields {fields}"),
+            None => "no object".to_owned(),
+        };
+        Err(GivenError::Kind { met })
+    }
+
+    /// The same with another OCV curve, where one is given.
+    #[must_use]
+    pub fn with_ocv(mut self, curve: Option<OcvCurve>) -> Self {
+        if let Some(curve) = curve {
+            if let Some(file) = &mut self.fitted {
+                file.ocv = Some(curve.clone());
+            }
+            self.ocv = Some(curve);
+        }
+        self
+    }
+
+    /// Base and additions; none for a model without additions.
+    ///
+    /// # Errors
+    /// As [`ModelFile::augmented`].
+    pub fn augmented(&self) -> Result<Option<Augmented>, JsonError> {
+        augmented(&self.erm, self.ocv.as_ref(), self.facts, &self.additions)
+    }
+
+    /// The same with additions to a base that was refitted together with them. What the first fit
+    /// knew of its uncertainty, and how its ladder followed a circuit, belong to another base and
+    /// go.
+    #[must_use]
+    pub fn with_additions(self, erm: Erm, facts: Facts, additions: Vec<Addition>) -> Self {
+        if let Some(file) = self.fitted {
+            return file.with_additions(erm, facts, additions).into();
+        }
+        let warnings = Vec::new();
+        Self {
+            erm,
+            facts: Some(facts),
+            additions,
+            log_covariance: None,
+            ladder: None,
+            warnings,
+            fitted: None,
+            ..self
+        }
+    }
+
+    /// The same with what the gate of the data has refused, beside what its first fit knew of that:
+    /// a model that is no model file has no place for it.
+    #[must_use]
+    pub fn with_refused(mut self, refused: Vec<RefusedPoint>) -> Self {
+        if let Some(file) = &mut self.fitted {
+            let fresh: Vec<RefusedPoint> = refused
+                .into_iter()
+                .filter(|point| !file.refused.contains(point))
+                .collect();
+            file.refused.extend(fresh);
+        }
+        self
+    }
+
+    /// Resistance at zero frequency, Ω; none for a circuit whose resistance grows without end.
+    pub fn dc_resistance_ohm(&self) -> Option<f64> {
+        let grows = self
+            .ladder
+            .as_ref()
+            .is_some_and(|ladder| ladder.dc_resistance_ohm.is_none());
+        (!grows).then(|| self.erm.dc_resistance_ohm())
+    }
+
+    /// What the source does not tell, in sentences; empty for a model file, which has warnings of
+    /// its own.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = self
+            .ladder
+            .as_ref()
+            .map_or_else(Vec::new, |ladder| ladder.notes(&self.erm));
+        if self.fitted.is_none() && self.log_covariance.is_none() {
+            notes.push(match &self.ladder {
+                Some(_) => "the ladder has no uncertainty: that of the circuit's fit is not \
+                carried over"
+                    .to_owned(),
+                None => "the model was typed: it has no uncertainty, and the band in which it \
+                holds is not known"
+                    .to_owned(),
+            });
+        }
+        notes
+    }
+
+    /// The text of a file with all of it: a model file as one, everything else as a typed model.
+    ///
+    /// # Errors
+    /// [`JsonError::Syntax`] when a value cannot be written.
+    pub fn to_json(&self) -> Result<String, JsonError> {
+        match &self.fitted {
+            Some(file) => file.to_json(),
+            None => Ok(serde_json::to_string_pretty(&PlainModel::from(self.clone()))? + "\n"),
+        }
+    }
+}
+
+impl From<ModelFile> for GivenModel {
+    fn from(file: ModelFile) -> Self {
+        Self {
+            name: file.name.clone(),
+            erm: file.fit.erm.clone(),
+            ocv: file.ocv.clone(),
+            log_covariance: file.fit.log_covariance.clone(),
+            warnings: file.fit.warnings.clone(),
+            additions: file.additions.clone(),
+            facts: file.facts,
+            ladder: None,
+            fitted: Some(Box::new(file)),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

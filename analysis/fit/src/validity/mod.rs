@@ -1,0 +1,77 @@
+//! Is a spectrum one of a linear, causal system that did not change while it was measured?
+//!
+//! [`kramers_kronig`] and [`z_hit`] look at one spectrum, [`linearity`] at sweeps of different
+//! amplitude, [`stationarity`] at repeats; [`assess`] does all of it for the spectra of one cell
+//! and says in words what may be believed. Every test judges by the noise ([`Noise`]) and has a
+//! stated rate of false alarms: of a hundred valid spectra at most one is called bad.
+
+mod assess;
+mod kramers_kronig;
+mod ladder;
+mod linearity;
+mod noise;
+mod signs;
+mod smooth;
+mod stationarity;
+pub mod tail;
+mod thin;
+mod verdict;
+mod z_hit;
+
+pub use assess::{Assessed, Assessment, Record, assess, assess_by};
+pub use kramers_kronig::{FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, kramers_kronig};
+pub use linearity::{Harmonic, Linearity, LinearityPoint, beyond_noise, linearity};
+pub use noise::{FEWEST_REPEATS, Noise, NoiseSource};
+pub use signs::{inductive_from_hz, sign_remarks, wrong_sign_remarks};
+pub use stationarity::{Drift, DriftShape, Stationarity, StationarityPoint, stationarity};
+pub use thin::{MOST_POINTS, thinned};
+pub use verdict::{Grade, PointVerdict, SpectrumVerdict};
+pub use z_hit::{ZHit, ZHitPoint, z_hit};
+
+use analysis_signal::spectrum::{Spectrum, SpectrumError};
+
+/// Share of valid spectra that may be called bad.
+pub const FALSE_ALARM_RATE: f64 = 0.01;
+/// Share of valid spectra in which something may be called doubtful.
+pub const DOUBTFUL_RATE: f64 = 0.05;
+
+/// Why spectra cannot be judged.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ValidityError {
+    /// Numbers that are no spectrum.
+    #[error(transparent)]
+    Spectrum(#[from] SpectrumError),
+    /// A point that nothing can be measured against.
+    #[error(
+        "spectrum {spectrum:?}, point {number} ({freq_hz} Hz): expected an impedance other than 0 \
+        Ω, met 0 Ω"
+    )]
+    Zero {
+        /// Its name.
+        spectrum: String,
+        /// Number of the point, from 1.
+        number: usize,
+        /// Its frequency, Hz.
+        freq_hz: f64,
+    },
+    /// Nothing to judge by.
+    #[error("spectrum {spectrum:?}: expected at least {expected} points to judge it by, met {met}")]
+    TooFewPoints {
+        /// Its name.
+        spectrum: String,
+        /// Points needed.
+        expected: usize,
+        /// Points met.
+        met: usize,
+    },
+}
+
+/// Both have the same frequencies, to a part in a thousand.
+fn same_grid(a: &Spectrum, b: &Spectrum) -> bool {
+    let equal = |(a, b): (&f64, &f64)| (a / b - 1.0).abs() < 1e-3;
+    let freqs = |s: &Spectrum| s.points.iter().map(|p| p.freq_hz).collect::<Vec<_>>();
+    a.points.len() == b.points.len() && freqs(a).iter().zip(&freqs(b)).all(equal)
+}
+
+#[cfg(test)]
+mod tests;

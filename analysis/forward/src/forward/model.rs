@@ -1,0 +1,339 @@
+//! The model that is simulated: an ERM, its open-circuit voltage, and how many cells of it there
+//! are.
+
+use super::additions::Laws;
+use super::law::Demand;
+use analysis_effects::augmented::Augmented;
+use analysis_model::{
+    model::Erm,
+    ocv::OcvCurve,
+    pack::{Pack, PackError},
+};
+use serde::Serialize;
+use std::sync::Arc;
+
+/// Open-circuit voltage of one cell.
+#[derive(Debug, Clone, PartialEq)]
+pub enum OcvSource {
+    /// The same at every state of charge, V: for profiles too short to move it. The state of charge
+    /// is then not known.
+    Constant(f64),
+    /// A curve over state of charge, with the capacity.
+    Curve(OcvCurve),
+}
+
+/// A cell or a pack of equal cells, as seen from its terminals.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SimModel {
+    /// Series resistance (interconnect included) and RC branches at the terminals.
+    pub erm: Erm,
+    /// Open-circuit voltage of one cell.
+    pub ocv: OcvSource,
+    /// How many cells; 1S1P for a cell.
+    pub pack: Pack,
+    /// Additions that no linear branch stands for; `erm` is then the model for small signals.
+    pub(crate) laws: Option<Arc<Laws>>,
+}
+
+/// Where a model stands.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct SimState {
+    /// State of charge, 0…1; without meaning and constant for [`OcvSource::Constant`].
+    pub soc: f64,
+    /// Voltages over the RC branches at the terminals, V, in the order of the model's branches,
+    /// positive after a discharge.
+    pub v_rc_v: Vec<f64>,
+}
+
+/// Why a simulation cannot be made.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ForwardError {
+    /// A pack or a cell's model that cannot be.
+    #[error(transparent)]
+    Pack(#[from] PackError),
+    /// A number that is not what it must be.
+    #[error("{what}: expected {expected}, met {met}")]
+    Value {
+        /// What it is.
+        what: &'static str,
+        /// What was expected.
+        expected: &'static str,
+        /// What was met.
+        met: f64,
+    },
+    /// A voltage that the OCV curve does not reach.
+    #[error(
+        "open-circuit voltage: expected one that the model's curve reaches, {low_v:.3} to \
+        {high_v:.3} V, met {met} V"
+    )]
+    OcvRange {
+        /// Lowest voltage of the curve, V.
+        low_v: f64,
+        /// Highest voltage of the curve, V.
+        high_v: f64,
+        /// What was met, V.
+        met: f64,
+    },
+    /// A state of another model.
+    #[error("state: expected {expected} branch voltages, as the model has branches, met {met}")]
+    Branches {
+        /// Branches of the model.
+        expected: usize,
+        /// Voltages of the state.
+        met: usize,
+    },
+    /// More branches than a batch takes.
+    #[error("batch: expected at most {most} RC branches, met {met}")]
+    TooManyBranches {
+        /// Most that are possible.
+        most: usize,
+        /// What was met.
+        met: usize,
+    },
+    /// The voltage behind the series resistance is gone: the model means nothing there.
+    #[error(
+        "after {time_s} s: expected a positive voltage behind the series resistance, met {e_v} V; \
+        the demand is far beyond the model"
+    )]
+    Collapsed {
+        /// Time, s.
+        time_s: f64,
+        /// OCV less the branch voltages, V.
+        e_v: f64,
+    },
+    /// A step with which explicit Euler diverges.
+    #[error(
+        "explicit Euler: expected steps below {:.4} ms, twice the shortest time constant of {:.4} \
+        ms, met {:.4} ms; {:.4} ms is usable",
+        2e3 * tau_s, 1e3 * tau_s, 1e3 * step_s, 1e3 * usable_s
+    )]
+    Unstable {
+        /// Longest step met, s.
+        step_s: f64,
+        /// Shortest time constant, s.
+        tau_s: f64,
+        /// A step that is usable, s: a quarter of it.
+        usable_s: f64,
+    },
+    /// A demand that a method cannot answer.
+    #[error("{demand:?} demand: expected {expected}")]
+    Demand {
+        /// Kind of the demand.
+        demand: Demand,
+        /// What was expected.
+        expected: &'static str,
+    },
+    /// Additions that a method or a source of the OCV cannot honour.
+    #[error("{what}: expected {expected}, met a model with {names}")]
+    Additions {
+        /// What was asked for.
+        what: &'static str,
+        /// What was expected.
+        expected: &'static str,
+        /// Names of the additions.
+        names: String,
+    },
+    /// Additions whose integration does not settle.
+    #[error(
+        "additions {names}: expected halved steps to agree within {tolerance_v:.1e} V, met \
+        {met_v:.1e} V"
+    )]
+    Unresolved {
+        /// Names of the additions.
+        names: String,
+        /// Largest difference allowed, V.
+        tolerance_v: f64,
+        /// Difference met with the shortest steps, V.
+        met_v: f64,
+    },
+}
+
+impl SimModel {
+    /// One cell.
+    ///
+    /// # Errors
+    /// As [`SimModel::pack`].
+    pub fn cell(erm: &Erm, ocv: OcvSource) -> Result<Self, ForwardError> {
+        Self::pack(
+            erm,
+            ocv,
+            Pack {
+                series: 1,
+                parallel: 1,
+                interconnect_ohm: 0.0,
+            },
+        )
+    }
+
+    /// A pack of equal cells: ERM by [`Pack::erm`], OCV times S, capacity times P.
+    ///
+    /// # Errors
+    /// [`ForwardError::Pack`] for a cell model or a pack that cannot be, [`ForwardError::Value`]
+    /// for an OCV that is not positive or a curve that [`OcvCurve::validate`] refuses.
+    pub fn pack(cell: &Erm, ocv: OcvSource, pack: Pack) -> Result<Self, ForwardError> {
+        match &ocv {
+            OcvSource::Constant(v) if !(v.is_finite() && *v > 0.0) => {
+                return Err(ForwardError::Value {
+                    what: "open-circuit voltage",
+                    expected: "a positive number of volts",
+                    met: *v,
+                });
+            }
+            OcvSource::Curve(curve) if curve.validate().is_err() => {
+                return Err(ForwardError::Value {
+                    what: "open-circuit voltage",
+                    expected: "a valid OCV curve; number of its knots follows",
+                    met: curve.soc.len() as f64,
+                });
+            }
+            _ => {}
+        }
+        Ok(Self {
+            erm: pack.erm(cell)?,
+            ocv,
+            pack,
+            laws: None,
+        })
+    }
+
+    /// A pack of equal cells with additions: those of the cell act, those of the bench are left out
+    /// ([`Augmented::left_out`]). Linear branches become branches of the ERM; what else there is
+    /// goes on in every cell while time passes, and starts at rest.
+    ///
+    /// # Errors
+    /// As [`SimModel::pack`]; [`ForwardError::Additions`] for a constant OCV where an addition
+    /// needs the state of charge.
+    pub fn augmented(cell: &Augmented, ocv: OcvSource, pack: Pack) -> Result<Self, ForwardError> {
+        let (erm, laws) = Laws::of(cell)?;
+        let model = Self::pack(&erm, ocv, pack)?;
+        if let (Some(laws), OcvSource::Constant(_)) = (&laws, &model.ocv) {
+            let expected = "a state of charge on the model's OCV curve";
+            return Err(ForwardError::Additions {
+                what: "open-circuit voltage that stays",
+                expected,
+                names: laws.names(),
+            });
+        }
+        Ok(Self {
+            laws: laws.map(Arc::new),
+            ..model
+        })
+    }
+
+    /// Names of the additions that no linear branch stands for; none where there are none.
+    pub fn laws(&self) -> Option<String> {
+        self.laws.as_ref().map(|laws| laws.names())
+    }
+
+    /// Refuses what knows linear branches only.
+    pub(super) fn linear_only(&self, what: &'static str) -> Result<(), ForwardError> {
+        let expected = "linear branches only";
+        self.laws().map_or(Ok(()), |names| {
+            Err(ForwardError::Additions {
+                what,
+                expected,
+                names,
+            })
+        })
+    }
+
+    /// The same with the DC resistance alone: what is left when the transients are left out
+    /// (simple-IR model).
+    #[must_use]
+    pub fn simple_ir(&self) -> Self {
+        Self {
+            erm: Erm {
+                r_ohm: self.erm.dc_resistance_ohm(),
+                branches: Vec::new(),
+            },
+            laws: None,
+            ..self.clone()
+        }
+    }
+
+    /// Open-circuit voltage at the terminals, V, and its slope with SOC, V.
+    pub fn ocv_v(&self, soc: f64) -> (f64, f64) {
+        let series = f64::from(self.pack.series);
+        match &self.ocv {
+            OcvSource::Constant(v) => (series * v, 0.0),
+            OcvSource::Curve(curve) => {
+                let (v, slope) = curve.at(soc);
+                (series * v, series * slope)
+            }
+        }
+    }
+
+    /// Charge of the terminals between SOC 0 and 1, C; infinite for a constant OCV.
+    pub fn capacity_c(&self) -> f64 {
+        match &self.ocv {
+            OcvSource::Constant(_) => f64::INFINITY,
+            OcvSource::Curve(curve) => curve.capacity_ah * 3600.0 * f64::from(self.pack.parallel),
+        }
+    }
+
+    /// The state after a long rest at a state of charge.
+    ///
+    /// # Errors
+    /// [`ForwardError::Value`] unless the SOC is within 0…1.
+    pub fn rest(&self, soc: f64) -> Result<SimState, ForwardError> {
+        if !(0.0..=1.0).contains(&soc) {
+            return Err(ForwardError::Value {
+                what: "state of charge",
+                expected: "a fraction from 0 to 1",
+                met: soc,
+            });
+        }
+        Ok(SimState {
+            soc,
+            v_rc_v: vec![0.0; self.erm.branches.len()],
+        })
+    }
+
+    /// The state after a long rest at a cell's open-circuit voltage, V. A constant OCV has one
+    /// state only, whatever the voltage.
+    ///
+    /// # Errors
+    /// [`ForwardError::OcvRange`] for a voltage that the curve does not reach.
+    pub fn rest_at(&self, ocv_cell_v: f64) -> Result<SimState, ForwardError> {
+        match &self.ocv {
+            OcvSource::Constant(_) => self.rest(0.5),
+            OcvSource::Curve(curve) => {
+                let ends = (
+                    curve.voltage_v(curve.soc[0]),
+                    curve.voltage_v(curve.soc[curve.soc.len() - 1]),
+                );
+                let soc = curve.soc_at(ocv_cell_v);
+                self.rest(soc.ok_or(ForwardError::OcvRange {
+                    low_v: ends.0,
+                    high_v: ends.1,
+                    met: ocv_cell_v,
+                })?)
+            }
+        }
+    }
+
+    /// Mean voltage of one cell, V, at a voltage and a current of the terminals: the interconnect
+    /// is not the cells'.
+    pub fn cell_v(&self, ccv_v: f64, current_a: f64) -> f64 {
+        (ccv_v + current_a * self.pack.interconnect_ohm) / f64::from(self.pack.series)
+    }
+
+    /// Checks that a state belongs to the model.
+    pub(super) fn check(&self, state: &SimState) -> Result<(), ForwardError> {
+        let (expected, met) = (self.erm.branches.len(), state.v_rc_v.len());
+        if expected != met {
+            return Err(ForwardError::Branches { expected, met });
+        }
+        match std::iter::once(&state.soc)
+            .chain(&state.v_rc_v)
+            .find(|v| !v.is_finite())
+        {
+            Some(met) => Err(ForwardError::Value {
+                what: "state",
+                expected: "finite numbers",
+                met: *met,
+            }),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,549 @@
+//! A pack of cells that scatter, under a profile, many times over: which cell is worst, and how
+//! often the pack leaves its window.
+//!
+//! Resistances, capacitances and capacities are drawn per cell, the state of charge per group:
+//! cells in parallel rest at one voltage, hence at one state of charge. Factors are log-normal, so
+//! that none is negative. Equal seeds give equal draws on any number of cores.
+
+mod cells;
+mod outcome;
+
+pub use cells::{PlacedCell, drawn_cells};
+use cells::{check_packs, draw};
+pub use outcome::{Outcome, Percentiles};
+
+use super::network::{Cell, Network, Wiring};
+use crate::forward::{CellWindow, Demand, Interpolation, OcvSource, Profile};
+use analysis_model::{
+    model::Erm,
+    pack::{Pack, PackError, ThermalMass, check_window},
+};
+use analysis_numeric::Rng;
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Steps of one draw at most.
+const MOST_STEPS: f64 = 2e6;
+/// Cells of a pack, draws, and cells of all draws at most: beyond it a run fills the memory or
+/// never ends.
+const MOST_CELLS: f64 = 1e5;
+const MOST_DRAWS: f64 = 1e5;
+const MOST_DRAWN: f64 = 1e8;
+/// Stretches of the profile of which the bands keep the instants of lowest and highest voltage.
+const STRETCHES: usize = 250;
+
+/// How much cells differ, one standard deviation.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// All resistances of a cell together, relative.
+    pub r: f64,
+    /// Each branch resistance by itself, on top, relative.
+    pub rk: f64,
+    /// Each branch capacitance by itself, relative.
+    pub ck: f64,
+    /// Capacity of a cell, relative; without effect for a constant OCV.
+    pub capacity: f64,
+    /// State of charge of a group, absolute; without effect for a constant OCV.
+    pub soc: f64,
+}
+
+impl Spread {
+    /// No spread: identical cells.
+    pub const NONE: Self = Self {
+        r: 0.0,
+        rk: 0.0,
+        ck: 0.0,
+        capacity: 0.0,
+        soc: 0.0,
+    };
+
+    fn check(&self) -> Result<(), PackError> {
+        let fields = [
+            ("R", self.r),
+            ("branch R", self.rk),
+            ("branch C", self.ck),
+            ("capacity", self.capacity),
+            ("SOC", self.soc),
+        ];
+        match fields
+            .into_iter()
+            .find(|(_, sigma)| !(0.0..=0.5).contains(sigma))
+        {
+            Some((_, met)) => Err(PackError::Value {
+                what: "spread between cells",
+                expected: "a standard deviation from 0 to 0.5",
+                met,
+            }),
+            None => Ok(()),
+        }
+    }
+}
+
+/// What is simulated.
+#[derive(Debug, Clone, Copy)]
+pub struct ScatterSetup<'a> {
+    /// The cell that all others are factors of.
+    pub cell: &'a Erm,
+    /// Open-circuit voltage of a cell.
+    pub ocv: &'a OcvSource,
+    /// Size and interconnect.
+    pub pack: Pack,
+    /// Resistance between each cell and the busbar of its group, Ω.
+    pub tab_ohm: f64,
+    /// State of charge at the start, at rest; without meaning for a constant OCV.
+    pub soc: f64,
+    /// Power or current at the pack's terminals, discharge positive.
+    pub profile: &'a Profile,
+    /// Limits of a cell.
+    pub window: CellWindow,
+    /// For the temperature rise.
+    pub thermal: ThermalMass,
+    /// Longest step, s.
+    pub max_step_s: f64,
+}
+
+/// How often and from what seed.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Draws {
+    /// Number of packs.
+    pub draws: usize,
+    /// Seed of all of them.
+    pub seed: u64,
+}
+
+/// An instant of all draws.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BandRow {
+    /// Time, s.
+    pub time_s: f64,
+    /// Demand, W or A.
+    pub demand: f64,
+    /// Voltage of the cells of the pack of identical cells, V.
+    pub identical_v: f64,
+    /// Of each draw's lowest cell, V.
+    pub lowest_v: Percentiles,
+    /// Of each draw's highest cell, V.
+    pub highest_v: Percentiles,
+}
+
+/// All draws.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scatter {
+    /// The pack of identical cells.
+    pub identical: Outcome,
+    /// One per draw.
+    pub outcomes: Vec<Outcome>,
+    /// Over time.
+    pub bands: Vec<BandRow>,
+    /// How much the lowest cell voltage of the identical pack changes with half the step, V.
+    pub step_error_v: f64,
+}
+
+impl Scatter {
+    /// Share of the draws that cannot deliver all the power asked for.
+    pub fn short_of_power(&self) -> f64 {
+        self.outcomes.iter().filter(|o| !o.feasible).count() as f64 / self.outcomes.len() as f64
+    }
+
+    /// Share of the draws that leave the window or cannot deliver, and its 95 % interval (Wilson).
+    pub fn leaving(&self) -> (f64, [f64; 2]) {
+        let n = self.outcomes.len() as f64;
+        let p = self.outcomes.iter().filter(|o| !o.within()).count() as f64 / n;
+        let z2 = 1.959_964_f64.powi(2);
+        let (centre, half) = (
+            p + 0.5 * z2 / n,
+            (z2 * (p * (1.0 - p) / n + 0.25 * z2 / (n * n))).sqrt(),
+        );
+        (
+            p,
+            [
+                if p > 0.0 {
+                    (centre - half) / (1.0 + z2 / n)
+                } else {
+                    0.0
+                },
+                (centre + half) / (1.0 + z2 / n),
+            ],
+        )
+    }
+}
+
+/// Draws packs and runs the profile through each.
+///
+/// # Errors
+/// [`PackError`] for a pack, a cell, a spread or numbers that cannot be.
+pub fn scatter(
+    setup: &ScatterSetup<'_>,
+    spread: &Spread,
+    draws: Draws,
+) -> Result<Scatter, PackError> {
+    check(setup)?;
+    spread.check()?;
+    bounds(setup, draws.draws)?;
+    let mut rng = Rng::new(draws.seed);
+    let seeds: Vec<u64> = (0..draws.draws).map(|_| rng.next_u64()).collect();
+    Ok(each(setup, seeds.len(), &|k| {
+        draw(spread, setup, &mut Rng::new(seeds[k]))
+    }))
+}
+
+/// Runs the profile through packs whose cells are given, group by group.
+///
+/// # Errors
+/// [`PackError`] for a pack, cells or numbers that cannot be.
+pub fn scatter_cells(
+    setup: &ScatterSetup<'_>,
+    packs: &[Vec<PlacedCell>],
+) -> Result<Scatter, PackError> {
+    check(setup)?;
+    bounds(setup, packs.len())?;
+    check_packs(setup, packs)?;
+    Ok(each(setup, packs.len(), &|k| packs[k].clone()))
+}
+
+/// Refuses more packs or cells than fit.
+fn bounds(setup: &ScatterSetup<'_>, draws: usize) -> Result<(), PackError> {
+    let (cells, count) = (setup.pack.cells(), draws as f64);
+    let bounds = [
+        (
+            "cells of the pack, S·P",
+            "at most 1e5",
+            cells,
+            cells <= MOST_CELLS,
+        ),
+        (
+            "number of draws",
+            "from 1 to 1e5",
+            count,
+            (1.0..=MOST_DRAWS).contains(&count),
+        ),
+        (
+            "cells of all draws, S·P times draws",
+            "at most 1e8",
+            cells * count,
+            cells * count <= MOST_DRAWN,
+        ),
+    ];
+    match bounds.into_iter().find(|(.., fits)| !fits) {
+        Some((what, expected, met, _)) => Err(PackError::Value {
+            what,
+            expected,
+            met,
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Runs the profile through so many packs and through one of identical cells.
+fn each(
+    setup: &ScatterSetup<'_>,
+    packs: usize,
+    pack: &(dyn Fn(usize) -> Vec<PlacedCell> + Sync),
+) -> Scatter {
+    let pieces = pieces(setup.profile, setup.max_step_s);
+    let cells = |placed: Vec<PlacedCell>| {
+        placed
+            .iter()
+            .map(|cell| cell.cell(setup.cell))
+            .collect::<Vec<Cell>>()
+    };
+    let alike = cells(draw(&Spread::NONE, setup, &mut Rng::new(0)));
+    let (identical, all) = run(setup, &alike, &pieces, &|_| true);
+    let kept = telling(&all);
+    let line: Vec<Instant> = all
+        .into_iter()
+        .zip(&kept)
+        .filter(|(_, kept)| **kept)
+        .map(|(instant, _)| instant)
+        .collect();
+    let halved = self::pieces(
+        setup.profile,
+        0.5 * pieces.iter().fold(0.0, |longest, p| p.step_s.max(longest)),
+    );
+    let (finer, _) = run(setup, &alike, &halved, &|_| false);
+    let runs: Vec<(Outcome, Vec<Instant>)> = (0..packs)
+        .into_par_iter()
+        .map(|k| {
+            run(setup, &cells(pack(k)), &pieces, &|k| {
+                kept.get(k) == Some(&true)
+            })
+        })
+        .collect();
+    let bands = line.iter().enumerate().map(|(k, instant)| {
+        // A draw that broke down early has no later instants.
+        let all = |which: fn(&Instant) -> f64| {
+            Percentiles::of(runs.iter().filter_map(|r| r.1.get(k)).map(which))
+        };
+        BandRow {
+            time_s: instant.time_s,
+            demand: instant.demand,
+            identical_v: instant.lowest_v,
+            lowest_v: all(|i| i.lowest_v),
+            highest_v: all(|i| i.highest_v),
+        }
+    });
+    let bands = bands.filter(|row| row.lowest_v.p50.is_finite()).collect();
+    let step_error_v = (identical.min_cell_v - finer.min_cell_v).abs();
+    Scatter {
+        identical,
+        bands,
+        step_error_v,
+        outcomes: runs.into_iter().map(|r| r.0).collect(),
+    }
+}
+
+fn check(setup: &ScatterSetup<'_>) -> Result<(), PackError> {
+    setup.pack.check()?;
+    setup.cell.validate()?;
+    setup.thermal.check()?;
+    check_window((setup.window.low_v, setup.window.high_v))?;
+    let fail = |what, expected, met| {
+        Err(PackError::Value {
+            what,
+            expected,
+            met,
+        })
+    };
+    if !(setup.tab_ohm.is_finite() && setup.tab_ohm >= 0.0) {
+        return fail(
+            "resistance of a cell's tab",
+            "zero or more in Ω",
+            setup.tab_ohm,
+        );
+    }
+    if !(0.0..=1.0).contains(&setup.soc) {
+        return fail("state of charge", "a fraction from 0 to 1", setup.soc);
+    }
+    let steps = setup.profile.duration_s() / setup.max_step_s;
+    if setup.max_step_s.is_nan() || setup.max_step_s <= 0.0 || steps > MOST_STEPS {
+        return fail(
+            "longest step",
+            "seconds above 0 that make fewer than 2e6 steps",
+            setup.max_step_s,
+        );
+    }
+    Ok(())
+}
+
+/// Part of a profile.
+#[derive(Debug, Clone, Copy)]
+struct Piece {
+    end_s: f64,
+    step_s: f64,
+    from: f64,
+    to: f64,
+}
+
+fn pieces(profile: &Profile, max_step_s: f64) -> Vec<Piece> {
+    let mut pieces = Vec::new();
+    for (times, values) in profile.time_s.windows(2).zip(profile.value.windows(2)) {
+        let last = if profile.interpolation == Interpolation::Linear {
+            values[1]
+        } else {
+            values[0]
+        };
+        let whole = times[1] - times[0];
+        let parts = (whole / max_step_s * (1.0 - 1e-9)).ceil().max(1.0);
+        let at = |part: f64| values[0] + (last - values[0]) * part / parts;
+        for part in 0..parts as usize {
+            let part = part as f64;
+            let end_s = times[0] + whole * (part + 1.0) / parts;
+            pieces.push(Piece {
+                end_s,
+                step_s: whole / parts,
+                from: at(part),
+                to: at(part + 1.0),
+            });
+        }
+    }
+    pieces
+}
+
+/// Extremes over the cells at an instant.
+#[derive(Debug, Clone, Copy)]
+struct Instant {
+    time_s: f64,
+    demand: f64,
+    lowest_v: f64,
+    highest_v: f64,
+}
+
+/// What is kept of a run.
+struct Watch {
+    outcome: Outcome,
+    largest_mean_a: f64,
+    parallel: usize,
+}
+
+impl Watch {
+    fn new(parallel: usize) -> Self {
+        let (most, least) = (f64::INFINITY, f64::NEG_INFINITY);
+        let outcome = Outcome {
+            min_cell_v: most,
+            min_cell_time_s: 0.0,
+            min_cell_group: 0,
+            max_cell_v: least,
+            min_ccv_v: most,
+            margin_low_v: 0.0,
+            margin_high_v: 0.0,
+            largest_cell_a: 0.0,
+            largest_share: 1.0,
+            soc_spread_end: None,
+            hottest_heat_j: 0.0,
+            hottest_rise_k: 0.0,
+            energy_j: 0.0,
+            feasible: true,
+        };
+        Self {
+            outcome,
+            largest_mean_a: 0.0,
+            parallel,
+        }
+    }
+
+    fn see(&mut self, time_s: f64, network: &Network<'_>) -> (f64, f64) {
+        let now = &network.now;
+        let o = &mut self.outcome;
+        let (mut lowest, mut highest, mut place) = (f64::INFINITY, f64::NEG_INFINITY, 0);
+        for (k, &v) in now.cell_v.iter().enumerate() {
+            if v < lowest {
+                (lowest, place) = (v, k);
+            }
+            highest = highest.max(v);
+        }
+        if lowest < o.min_cell_v {
+            (o.min_cell_v, o.min_cell_time_s, o.min_cell_group) =
+                (lowest, time_s, place / self.parallel + 1);
+        }
+        o.max_cell_v = o.max_cell_v.max(highest);
+        o.min_ccv_v = o.min_ccv_v.min(now.ccv_v);
+        o.feasible &= !now.infeasible;
+        o.largest_cell_a = now
+            .cell_a
+            .iter()
+            .fold(o.largest_cell_a, |most, i| most.max(i.abs()));
+        self.largest_mean_a = self
+            .largest_mean_a
+            .max(now.current_a.abs() / self.parallel as f64);
+        (lowest, highest)
+    }
+
+    fn close(mut self, setup: &ScatterSetup<'_>, heat_j: &[f64], soc: &[f64]) -> Outcome {
+        let o = &mut self.outcome;
+        (o.margin_low_v, o.margin_high_v) = (
+            setup.window.margin_low_v(o.min_cell_v),
+            setup.window.margin_high_v(o.max_cell_v),
+        );
+        if self.largest_mean_a > 0.0 {
+            o.largest_share = o.largest_cell_a / self.largest_mean_a;
+        }
+        o.hottest_heat_j = heat_j.iter().copied().fold(0.0, f64::max);
+        o.hottest_rise_k = setup.thermal.rise_k(o.hottest_heat_j);
+        if matches!(setup.ocv, OcvSource::Curve(_)) {
+            let (low, high) = soc
+                .iter()
+                .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), z| {
+                    (l.min(*z), h.max(*z))
+                });
+            o.soc_spread_end = Some(high - low);
+        }
+        self.outcome
+    }
+}
+
+/// The first and the last instant, and of every stretch those of lowest and highest voltage: a peak
+/// of one step must not get lost.
+fn telling(all: &[Instant]) -> Vec<bool> {
+    let mut kept = vec![false; all.len()];
+    let stretch = all.len().div_ceil(STRETCHES).max(1);
+    for (index, instants) in all.chunks(stretch).enumerate() {
+        let by_voltage =
+            |a: &(usize, &Instant), b: &(usize, &Instant)| a.1.lowest_v.total_cmp(&b.1.lowest_v);
+        let places = || instants.iter().enumerate();
+        for (place, _) in places()
+            .min_by(by_voltage)
+            .into_iter()
+            .chain(places().max_by(by_voltage))
+        {
+            kept[index * stretch + place] = true;
+        }
+    }
+    for end in [0, all.len().saturating_sub(1)] {
+        if let Some(end) = kept.get_mut(end) {
+            *end = true;
+        }
+    }
+    kept
+}
+
+/// One pack under the profile; keeps the instants at the start and after each piece that are asked
+/// for by their number.
+fn run(
+    setup: &ScatterSetup<'_>,
+    cells: &[Cell],
+    pieces: &[Piece],
+    keep: &dyn Fn(usize) -> bool,
+) -> (Outcome, Vec<Instant>) {
+    let parallel = setup.pack.parallel as usize;
+    let wiring = Wiring {
+        parallel,
+        tab_ohm: setup.tab_ohm,
+        interconnect_ohm: setup.pack.interconnect_ohm,
+    };
+    let mut network = Network::new(cells, setup.ocv, wiring);
+    let mut watch = Watch::new(parallel);
+    let mut heat_j = vec![0.0; cells.len()];
+    let mut heat_before = heat_j.clone();
+    let mut instants = Vec::new();
+    let kind: Demand = setup.profile.demand;
+    let mut demand = f64::NAN;
+    for (index, piece) in pieces.iter().enumerate() {
+        if piece.from != demand {
+            if !network.look((kind, piece.from)) {
+                watch.outcome.feasible = false;
+                break;
+            }
+            let (lowest_v, highest_v) = watch.see(piece.end_s - piece.step_s, &network);
+            if index == 0 && keep(0) {
+                instants.push(Instant {
+                    time_s: piece.end_s - piece.step_s,
+                    demand: piece.from,
+                    lowest_v,
+                    highest_v,
+                });
+            }
+        }
+        heat_before.copy_from_slice(&network.now.heat_w);
+        let power = network.now.current_a * network.now.ccv_v;
+        if !network.advance(piece.step_s, (kind, piece.to)) {
+            watch.outcome.feasible = false;
+            break;
+        }
+        demand = piece.to;
+        for ((sum, old), new) in heat_j.iter_mut().zip(&heat_before).zip(&network.now.heat_w) {
+            *sum += 0.5 * piece.step_s * (old + new);
+        }
+        watch.outcome.energy_j +=
+            0.5 * piece.step_s * (power + network.now.current_a * network.now.ccv_v);
+        let (lowest_v, highest_v) = watch.see(piece.end_s, &network);
+        if keep(index + 1) {
+            instants.push(Instant {
+                time_s: piece.end_s,
+                demand: piece.to,
+                lowest_v,
+                highest_v,
+            });
+        }
+    }
+    let outcome = watch.close(setup, &heat_j, &network.soc);
+    (outcome, instants)
+}
+
+/// A number of the standard normal distribution (Box and Muller).
+fn normal(rng: &mut Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.uniform()).ln()).sqrt();
+    radius * (std::f64::consts::TAU * rng.uniform()).cos()
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,289 @@
+use super::*;
+use analysis_model::{model::RcBranch, ocv::OcvCurve};
+
+fn erm() -> Erm {
+    Erm {
+        r_ohm: 0.007,
+        branches: vec![
+            RcBranch {
+                r_ohm: 0.0015,
+                c_f: 10.0,
+            },
+            RcBranch {
+                r_ohm: 0.003,
+                c_f: 2000.0,
+            },
+        ],
+    }
+}
+
+fn ocv() -> OcvSource {
+    OcvSource::Curve(
+        OcvCurve::monotone(4.2, vec![0.0, 0.2, 0.5, 1.0], vec![2.5, 3.4, 3.7, 4.2]).unwrap(),
+    )
+}
+
+fn setup<'a>(cell: &'a Erm, ocv: &'a OcvSource, profile: &'a Profile) -> ScatterSetup<'a> {
+    ScatterSetup {
+        cell,
+        ocv,
+        pack: Pack::new(4, 3, 0.01).unwrap(),
+        tab_ohm: 0.0,
+        soc: 0.5,
+        profile,
+        window: CellWindow::THESIS,
+        thermal: ThermalMass::P45B,
+        max_step_s: 0.01,
+    }
+}
+
+fn pulse(power_w: f64) -> Profile {
+    Profile::new(
+        "pulse",
+        (Demand::Power, Interpolation::Hold),
+        &[(0.0, power_w), (2.0, 0.0), (3.0, 0.0)],
+    )
+    .unwrap()
+}
+
+#[test]
+fn without_spread_every_draw_is_the_identical_pack() {
+    let (cell, ocv, profile) = (erm(), ocv(), pulse(800.0));
+    let met = scatter(
+        &setup(&cell, &ocv, &profile),
+        &Spread::NONE,
+        Draws { draws: 5, seed: 1 },
+    )
+    .unwrap();
+    assert!(met.outcomes.iter().all(|o| *o == met.identical));
+    assert!(
+        (met.identical.largest_share - 1.0).abs() < 1e-12
+            && met.identical.soc_spread_end.unwrap() < 1e-15
+    );
+    assert!(met.step_error_v < 1e-5, "{}", met.step_error_v);
+    // At t = 0 the branches are empty: V = (E + √(E² − 4PR))/2 of 14.8 V behind 7 mΩ·4/3 + 10 mΩ;
+    // the end of the pulse is lower.
+    let r = 0.007 * 4.0 / 3.0 + 0.01;
+    let first = 0.5 * (14.8 + (14.8f64.powi(2) - 4.0 * 800.0 * r).sqrt());
+    let current = (14.8 - first) / r;
+    assert!((met.bands[0].identical_v - (3.7 - 0.007 * current / 3.0)).abs() < 1e-12);
+    assert!(
+        met.identical.min_cell_v < met.bands[0].identical_v
+            && (met.identical.min_cell_time_s - 2.0).abs() < 1e-9
+    );
+    assert!((met.identical.energy_j - 1600.0).abs() < 1e-6);
+    assert_eq!(met.leaving().0, 0.0);
+}
+
+#[test]
+fn a_peak_of_one_step_is_in_the_bands() {
+    let rows: Vec<(f64, f64)> = (0..5000)
+        .map(|k| (0.002 * f64::from(k), if k == 2345 { 900.0 } else { 50.0 }))
+        .collect();
+    let profile = Profile::new("peak", (Demand::Power, Interpolation::Hold), &rows).unwrap();
+    let (cell, ocv) = (erm(), ocv());
+    let met = scatter(
+        &setup(&cell, &ocv, &profile),
+        &Spread::NONE,
+        Draws { draws: 2, seed: 1 },
+    )
+    .unwrap();
+    let lowest = met
+        .bands
+        .iter()
+        .map(|r| r.lowest_v.p50)
+        .fold(f64::INFINITY, f64::min);
+    assert_eq!(lowest, met.identical.min_cell_v);
+    assert!(met.bands.len() <= 502 && met.bands.iter().any(|r| r.demand == 900.0));
+}
+
+#[test]
+fn shares_at_the_first_instant_follow_the_spread_of_resistance() {
+    // Of three cells with conductances 1 ± σ each takes its part of the mean: the standard
+    // deviation of a share is σ·√(2/3), the largest of twelve such is above 1. Only R scatters; a
+    // current step, one step long.
+    let (cell, ocv) = (
+        Erm {
+            r_ohm: 0.01,
+            branches: Vec::new(),
+        },
+        OcvSource::Constant(3.7),
+    );
+    let profile = Profile::new(
+        "step",
+        (Demand::Current, Interpolation::Hold),
+        &[(0.0, 30.0), (0.001, 30.0)],
+    )
+    .unwrap();
+    let one_group = ScatterSetup {
+        pack: Pack::new(1, 3, 0.0).unwrap(),
+        ..setup(&cell, &ocv, &profile)
+    };
+    let spread = Spread {
+        r: 0.01,
+        ..Spread::NONE
+    };
+    let met = scatter(
+        &one_group,
+        &spread,
+        Draws {
+            draws: 4000,
+            seed: 3,
+        },
+    )
+    .unwrap();
+    let mean = met
+        .outcomes
+        .iter()
+        .map(|o| o.largest_share - 1.0)
+        .sum::<f64>()
+        / 4000.0;
+    // Mean of the largest of three normals is 0.8463 σ; subtracting the mean of the three does not
+    // change it.
+    assert!((mean - 0.008_463).abs() < 3.0e-4, "{mean}");
+}
+
+#[test]
+fn weaker_cells_leave_the_window_first_and_a_seed_is_a_result() {
+    let (cell, ocv, profile) = (erm(), ocv(), pulse(1000.0));
+    let base = setup(&cell, &ocv, &profile);
+    let spread = Spread {
+        r: 0.05,
+        rk: 0.02,
+        ck: 0.02,
+        capacity: 0.01,
+        soc: 0.01,
+    };
+    let first = scatter(
+        &base,
+        &spread,
+        Draws {
+            draws: 200,
+            seed: 9,
+        },
+    )
+    .unwrap();
+    let again = rayon::ThreadPoolBuilder::new()
+        .num_threads(1)
+        .build()
+        .unwrap();
+    let again = again.install(|| {
+        scatter(
+            &base,
+            &spread,
+            Draws {
+                draws: 200,
+                seed: 9,
+            },
+        )
+        .unwrap()
+    });
+    assert_eq!(first, again);
+    assert_ne!(
+        first.outcomes,
+        scatter(
+            &base,
+            &spread,
+            Draws {
+                draws: 200,
+                seed: 10
+            }
+        )
+        .unwrap()
+        .outcomes
+    );
+    let lowest = Percentiles::of(first.outcomes.iter().map(|o| o.min_cell_v));
+    assert!(
+        lowest.p50 < first.identical.min_cell_v,
+        "the worst of twelve is below the mean"
+    );
+    // A limit at the median of the lowest voltages is broken by half of the draws.
+    let tight = ScatterSetup {
+        window: CellWindow {
+            low_v: lowest.p50,
+            high_v: 4.2,
+        },
+        ..base
+    };
+    let (share, [low, high]) = scatter(
+        &tight,
+        &spread,
+        Draws {
+            draws: 200,
+            seed: 9,
+        },
+    )
+    .unwrap()
+    .leaving();
+    assert!(
+        (share - 0.5).abs() < 0.006 && low < 0.44 && high > 0.56,
+        "{share} {low} {high}"
+    );
+    assert!(
+        first
+            .outcomes
+            .iter()
+            .all(|o| o.largest_share > 1.0 && o.soc_spread_end.unwrap() > 0.0)
+    );
+}
+
+#[test]
+fn too_much_power_is_a_result_and_nonsense_an_error() {
+    let (cell, ocv, profile) = (erm(), ocv(), pulse(1e5));
+    let met = scatter(
+        &setup(&cell, &ocv, &profile),
+        &Spread::NONE,
+        Draws { draws: 2, seed: 0 },
+    )
+    .unwrap();
+    assert!(!met.identical.feasible && met.leaving().0 == 1.0 && met.short_of_power() == 1.0);
+    let bad = Spread {
+        r: -0.1,
+        ..Spread::NONE
+    };
+    let text = scatter(
+        &setup(&cell, &ocv, &profile),
+        &bad,
+        Draws { draws: 2, seed: 0 },
+    )
+    .unwrap_err()
+    .to_string();
+    assert_eq!(
+        text,
+        "spread between cells: expected a standard deviation from 0 to 0.5, met -0.1"
+    );
+    let nothing = scatter(
+        &setup(&cell, &ocv, &profile),
+        &Spread::NONE,
+        Draws { draws: 0, seed: 0 },
+    )
+    .unwrap_err()
+    .to_string();
+    assert_eq!(nothing, "number of draws: expected from 1 to 1e5, met 0");
+}
+
+#[test]
+fn more_cells_than_fit_are_refused() {
+    let (cell, ocv, profile) = (erm(), ocv(), pulse(800.0));
+    let met = |series, parallel, draws| {
+        let setup = ScatterSetup {
+            pack: Pack::new(series, parallel, 0.0).unwrap(),
+            ..setup(&cell, &ocv, &profile)
+        };
+        scatter(&setup, &Spread::NONE, Draws { draws, seed: 1 })
+            .unwrap_err()
+            .to_string()
+    };
+    assert_eq!(
+        met(100_000, 100_000, 1),
+        "cells of the pack, S·P: expected at most 1e5, met 10000000000"
+    );
+    assert_eq!(
+        met(1, 1, 1_000_000),
+        "number of draws: expected from 1 to 1e5, met 1000000"
+    );
+    assert_eq!(
+        met(100, 100, 20_000),
+        "cells of all draws, S·P times draws: expected at most 1e8, met 200000000"
+    );
+}

@@ -1,0 +1,12 @@
+//! Models of a cell's impedance: the extended Randles model (ERM), a resistance in series with
+//! parallel RC branches, and equivalent circuits in general, of which it is one.
+//!
+//! Frequency domain only; how the model behaves in time is not told here, nor how its parameters
+//! are found (see [`analysis_fit::fit`]).
+
+mod circuit;
+mod erm;
+
+pub use circuit::Node;
+pub use circuit::{Circuit, ElementKind, MAX_DEPTH, MAX_ELEMENTS, ParameterKind, ParseError, Role};
+pub use erm::{Erm, ModelError, RcBranch};

@@ -1,0 +1,245 @@
+//! From a cell to a pack of S cells in series, P in parallel (thesis 3.3.4).
+//!
+//! All cells are taken as identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances
+//! times S/P and capacitances times P/S fulfil (equations 3.4, 3.6, 3.10; the proof there is for
+//! one RC circuit, the law holds branch by branch). [`Sizing`] is what the simple-IR model says a
+//! pack can do; [`analysis_forward::forward::pack::scatter`] drops the assumption of identical cells. OCV and capacity of a pack are
+//! in [`analysis_forward::forward::SimModel`].
+
+mod heat;
+mod sizing;
+
+pub use heat::{Hold, ThermalMass};
+pub use sizing::{OperatingPoint, PeakLimit, SimpleIr, Sizing, SizingInput, check_window};
+
+use crate::model::{Erm, ModelError, RcBranch};
+use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
+
+/// Size of a pack and the resistance of what connects its cells.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Pack {
+    /// Cells in series, at least 1.
+    pub series: u32,
+    /// Cells in parallel, at least 1.
+    pub parallel: u32,
+    /// Resistance of busbars, wires and connectors over the whole pack, Ω, zero or more.
+    pub interconnect_ohm: f64,
+}
+
+/// Why a cell cannot be mapped to a pack.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PackError {
+    /// A pack without cells.
+    #[error("pack: expected at least 1 cell in series and 1 in parallel, met {series}S{parallel}P")]
+    Empty {
+        /// Cells in series.
+        series: u32,
+        /// Cells in parallel.
+        parallel: u32,
+    },
+    /// An interconnect that is no resistance.
+    #[error("pack: expected an interconnect resistance of zero or more in Ω, met {met}")]
+    Interconnect {
+        /// The value met.
+        met: f64,
+    },
+    /// A cell model that is not valid.
+    #[error(transparent)]
+    Cell(#[from] ModelError),
+    /// A number that makes no sense.
+    #[error("{what}: expected {expected}, met {met}")]
+    Value {
+        /// What it is of.
+        what: &'static str,
+        /// What was expected.
+        expected: &'static str,
+        /// The value met.
+        met: f64,
+    },
+    /// A voltage window that is none.
+    #[error("voltage window of a cell: expected 0 ≤ lower < upper in V, met {low_v} to {high_v}")]
+    Window {
+        /// Lower end, V.
+        low_v: f64,
+        /// Upper end, V.
+        high_v: f64,
+    },
+    /// More than any load could draw.
+    #[error("power of {power_w} W: expected at most {most_w:.1} W, OCV²/4r")]
+    Infeasible {
+        /// The power met, W.
+        power_w: f64,
+        /// The most possible, W.
+        most_w: f64,
+    },
+}
+
+impl Pack {
+    /// The thesis' pack: 16S3P, ideal interconnect.
+    pub const THESIS: Self = Self {
+        series: 16,
+        parallel: 3,
+        interconnect_ohm: 0.0,
+    };
+
+    /// Number of its cells.
+    pub fn cells(&self) -> f64 {
+        f64::from(self.series) * f64::from(self.parallel)
+    }
+
+    /// A pack.
+    ///
+    /// # Errors
+    /// [`PackError`] for a pack without cells or an interconnect that is negative or not finite.
+    pub fn new(series: u32, parallel: u32, interconnect_ohm: f64) -> Result<Self, PackError> {
+        let pack = Self {
+            series,
+            parallel,
+            interconnect_ohm,
+        };
+        pack.check()?;
+        Ok(pack)
+    }
+
+    /// S/P: how much larger the pack's impedance is than the cell's, interconnect apart.
+    pub fn ratio(&self) -> f64 {
+        f64::from(self.series) / f64::from(self.parallel)
+    }
+
+    /// The pack's model from the cell's: R·S/P plus interconnect, Rₖ·S/P, Cₖ·P/S. Time constants
+    /// stay.
+    ///
+    /// # Errors
+    /// [`PackError`] for a pack that cannot be or a cell model that is not valid.
+    pub fn erm(&self, cell: &Erm) -> Result<Erm, PackError> {
+        self.check()?;
+        cell.validate()?;
+        let ratio = self.ratio();
+        let branches = cell
+            .branches
+            .iter()
+            .map(|b| RcBranch {
+                r_ohm: b.r_ohm * ratio,
+                c_f: b.c_f / ratio,
+            })
+            .collect();
+        Ok(Erm {
+            r_ohm: cell.r_ohm * ratio + self.interconnect_ohm,
+            branches,
+        })
+    }
+
+    /// The pack's impedance from a cell's measured one, Ω (equation 3.3 plus the interconnect).
+    pub fn impedance(&self, cell_ohm: Complex64) -> Complex64 {
+        cell_ohm * self.ratio() + self.interconnect_ohm
+    }
+
+    /// The pack as engineers write it: `16S3P`.
+    pub fn name(&self) -> String {
+        format!("{}S{}P", self.series, self.parallel)
+    }
+
+    /// Checks that counts and resistances are usable.
+    ///
+    /// # Errors
+    /// [`PackError`] for a count of zero, a number that is not finite or a negative resistance.
+    pub fn check(&self) -> Result<(), PackError> {
+        let Self {
+            series,
+            parallel,
+            interconnect_ohm,
+        } = *self;
+        if series == 0 || parallel == 0 {
+            return Err(PackError::Empty { series, parallel });
+        }
+        if !(interconnect_ohm.is_finite() && interconnect_ohm >= 0.0) {
+            return Err(PackError::Interconnect {
+                met: interconnect_ohm,
+            });
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn the_thesis_pack_by_hand() {
+        let cell = Erm {
+            r_ohm: 0.006,
+            branches: vec![RcBranch {
+                r_ohm: 0.003,
+                c_f: 160.0,
+            }],
+        };
+        let pack = Pack::THESIS.erm(&cell).unwrap();
+        // 0.006 · 16/3, 0.003 · 16/3, 160 · 3/16.
+        assert!(
+            (pack.r_ohm - 0.032).abs() < 1e-15 && (pack.branches[0].r_ohm - 0.016).abs() < 1e-15
+        );
+        assert!((pack.branches[0].c_f - 30.0).abs() < 1e-12);
+        assert_eq!(Pack::THESIS.name(), "16S3P");
+    }
+
+    #[test]
+    fn refuses_what_cannot_be() {
+        let cases = [
+            (
+                Pack::new(0, 3, 0.0),
+                "pack: expected at least 1 cell in series and 1 in parallel, met 0S3P",
+            ),
+            (
+                Pack::new(16, 0, 0.0),
+                "pack: expected at least 1 cell in series and 1 in parallel, met 16S0P",
+            ),
+            (
+                Pack::new(16, 3, -0.001),
+                "pack: expected an interconnect resistance of zero or more in Ω, met -0.001",
+            ),
+            (
+                Pack::new(16, 3, f64::NAN),
+                "pack: expected an interconnect resistance of zero or more in Ω, met NaN",
+            ),
+        ];
+        for (result, message) in cases {
+            assert_eq!(result.unwrap_err().to_string(), message);
+        }
+        let dead = Erm {
+            r_ohm: -1.0,
+            branches: Vec::new(),
+        };
+        assert_eq!(
+            Pack::THESIS.erm(&dead).unwrap_err().to_string(),
+            "R of the ERM: expected a positive finite number in Ω, met -1"
+        );
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(128))]
+
+        #[test]
+        fn impedance_scales_by_s_over_p_for_any_number_of_branches(
+            r_ohm in 1e-4..0.1f64,
+            branches in prop::collection::vec((1e-5..0.1f64, 1e-2..1e4f64), 0..8),
+            (series, parallel) in (1..200u32, 1..200u32),
+            log_f in -4.0..5.0f64,
+        ) {
+            let branches = branches.into_iter().map(|(r_ohm, c_f)| RcBranch { r_ohm, c_f }).collect();
+            let cell = Erm { r_ohm, branches };
+            let pack = Pack::new(series, parallel, 0.0).unwrap();
+            let freq_hz = 10f64.powf(log_f);
+            // S/P in this order by hand, not through `ratio`.
+            let expected = cell.impedance(freq_hz) * f64::from(series) / f64::from(parallel);
+            let met = pack.erm(&cell).unwrap().impedance(freq_hz);
+            prop_assert!((met - expected).norm() < 1e-12 * expected.norm());
+            let wired = Pack { interconnect_ohm: 0.01, ..pack };
+            let difference = wired.erm(&cell).unwrap().impedance(freq_hz) - met;
+            prop_assert!((difference - 0.01).norm() < 1e-12 * met.norm().max(0.01));
+            prop_assert!((wired.impedance(cell.impedance(freq_hz)) - met - 0.01).norm() < 1e-12 * met.norm().max(0.01));
+        }
+    }
+}

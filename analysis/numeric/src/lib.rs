@@ -1,0 +1,15 @@
+//! What the rest is computed with: small linear algebra, minimisers, random numbers, tails of
+//! distributions, covariances. Knows no battery.
+
+pub mod brief;
+mod covariance;
+mod global;
+pub mod linalg;
+mod local;
+mod rng;
+pub mod stats;
+
+pub use covariance::Covariance2;
+pub use global::{Columns, DeOptions, Evolution, Member, Strategy, differential_evolution};
+pub use local::{LocalOptions, Minimum, Smooth, minimise};
+pub use rng::Rng;

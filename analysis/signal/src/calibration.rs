@@ -1,0 +1,601 @@
+//! Correction of the harness by the measured control impedances.
+//!
+//! Along the loop, from earth: return wire – C1 | current shunt | C2 – wire – C3 | thing in the
+//! jig | C4, every channel single-ended. Channel k shows cₖ = aₖ·exp(−jωτₖ) times the potential of
+//! its tip, relative to channel 1 (c₁ = 1), and the loop of the voltage leads picks up jωM·i at C4:
+//!
+//! * i = (V₂/c₂ − V₁)/(R_s + jωL_s)
+//! * u = V₄/c₄ − V₃/c₃ − jωM·i
+//! * Z = u/i
+//!
+//! Since the potential that C3 and C4 share is several times the voltage between them, a mismatch
+//! of their gains *adds* an error to Z that is proportional to that shared potential. No factor on
+//! Z can take it off, and one found on the shunt is wrong on the cell.
+//!
+//! Controls determine the parameters, each as far as it was measured: the voltage probes on the
+//! shunt (V₃/c₃ = V₁; V₄/c₄ − V₂/c₂ = jωM_shunt·i), a fake cell and a short of known impedance in
+//! the jig (u = (R + jωL)·i), and an open jig, whose stray admittance Y takes the current Y·u past
+//! the cell: Z = u/(i − Y·u). Every parameter has a Gaussian prior, so that what was not measured
+//! stays as uncertain as it was, and the uncertainty of the correction travels with every
+//! impedance. Combinations that the controls cannot tell apart, such as a skew of C4 and the
+//! pick-up, share their prior uncertainty; where they act alike on the cell too, that cancels.
+//!
+//! What each control is for: the shunt equals C3 to C1 and C4 to C2. The short shows, at a voltage
+//! near zero, what the shared potential adds. The fake cell differs from the short by a known
+//! voltage, so that only both together tell the skew of C2, which turns the current, from the
+//! pick-up; with the fake cell alone that skew stays as uncertain as its prior. The open bounds a
+//! leak beside the cell; no other control sees one.
+//!
+//! Sources: the estimate is linear in the errors of the priors and the noise of the controls, and
+//! with C the covariance in units of the priors the error of prior k enters as C·eₖ, the noise of
+//! the controls as C − C². These parts add up to C exactly, whatever the parameters' correlations:
+//! [`Correction::parts`].
+//!
+//! Knows no file and no fit of sinusoids: phasors with their noise come in.
+
+mod model;
+mod modes;
+mod solve;
+mod verdict;
+
+use num_complex::Complex64;
+
+use crate::spectrum::{ChannelPhasors, ImpedancePoint};
+use analysis_numeric::{
+    Covariance2,
+    linalg::{cholesky, cholesky_substitute},
+};
+use model::{COUNT, Harness, Slope};
+pub use modes::CorrectionModes;
+pub use verdict::{ControlTolerance, ControlVerdict, check_control, check_short};
+
+/// An impedance R + jωL known from elsewhere, with standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct KnownImpedance {
+    /// Resistance, Ω; positive.
+    pub r_ohm: f64,
+    /// Standard deviation of the resistance, Ω.
+    pub r_sigma_ohm: f64,
+    /// Inductance, H.
+    pub l_h: f64,
+    /// Standard deviation of the inductance, H.
+    pub l_sigma_h: f64,
+}
+
+impl KnownImpedance {
+    /// Impedance at a frequency, Ω.
+    pub fn at(&self, freq_hz: f64) -> Complex64 {
+        Complex64::new(self.r_ohm, std::f64::consts::TAU * freq_hz * self.l_h)
+    }
+}
+
+/// Conductance and capacitance between the contacts of the empty jig, beside whatever is clamped
+/// into it, with standard deviations.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct StrayAdmittance {
+    /// Conductance, S.
+    pub g_s: f64,
+    /// Its standard deviation, S.
+    pub g_sigma_s: f64,
+    /// Capacitance, F.
+    pub c_f: f64,
+    /// Its standard deviation, F.
+    pub c_sigma_f: f64,
+}
+
+impl StrayAdmittance {
+    /// None, exactly.
+    pub const NONE: Self = Self {
+        g_s: 0.0,
+        g_sigma_s: 0.0,
+        c_f: 0.0,
+        c_sigma_f: 0.0,
+    };
+
+    /// What is known from bounds: a leak of at least `least_ohm` and a capacitance of at most
+    /// `greatest_f`, anything between nothing and the bound being as likely.
+    pub fn within(least_ohm: f64, greatest_f: f64) -> Self {
+        let middle = |bound: f64| (0.5 * bound, bound / 12.0f64.sqrt());
+        let ((g_s, g_sigma_s), (c_f, c_sigma_f)) = (middle(least_ohm.recip()), middle(greatest_f));
+        Self {
+            g_s,
+            g_sigma_s,
+            c_f,
+            c_sigma_f,
+        }
+    }
+}
+
+/// Where the uncertainty of a correction comes from.
+#[derive(
+    Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
+)]
+#[serde(rename_all = "snake_case")]
+pub enum Source {
+    /// The current shunt's resistance and inductance as they are known.
+    Shunt,
+    /// Gains, as far as no control tells them.
+    Gain,
+    /// Time skews, as far as no control tells them.
+    Skew,
+    /// Mutual inductances, as far as no control tells them.
+    Mutual,
+    /// The fake cell's impedance as it is known.
+    FakeCell,
+    /// The short's impedance as it is known.
+    Short,
+    /// The admittance of the open jig as it is known.
+    Open,
+    /// Noise of the runs over the controls.
+    ControlNoise,
+}
+
+impl Source {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Shunt,
+        Self::Gain,
+        Self::Skew,
+        Self::Mutual,
+        Self::FakeCell,
+        Self::Short,
+        Self::Open,
+        Self::ControlNoise,
+    ];
+}
+
+/// Standard deviations of what the harness is before anything is measured.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Priors {
+    /// Of the gain of channels 2…4 relative to channel 1, around 1.
+    pub gain_sigma: f64,
+    /// Of the time skew of channels 2…4 against channel 1, s, around 0.
+    pub skew_sigma_s: f64,
+    /// Of the mutual inductance between current and voltage leads, H, around 0.
+    pub mutual_sigma_h: f64,
+}
+
+impl Default for Priors {
+    /// Gains within 1 %, skews within 1 µs, mutual inductances within 1 µH: looser than any bench
+    /// that works.
+    fn default() -> Self {
+        Self {
+            gain_sigma: 0.01,
+            skew_sigma_s: 1e-6,
+            mutual_sigma_h: 1e-6,
+        }
+    }
+}
+
+/// What was measured to correct the harness by.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Controls<'a> {
+    /// The current shunt, between C1 and C2 in all runs.
+    pub current_shunt: KnownImpedance,
+    /// Run with C3 and C4 moved onto the current shunt; may be empty.
+    pub shunt: &'a [ChannelPhasors],
+    /// Run with a fake cell of known impedance in the jig.
+    pub fake_cell: Option<(KnownImpedance, &'a [ChannelPhasors])>,
+    /// Run with a short in the jig.
+    pub short: Option<(KnownImpedance, &'a [ChannelPhasors])>,
+    /// What a meter says of the open jig. Where it was not measured, nothing is claimed: no
+    /// admittance, and no uncertainty of it.
+    pub open: Option<StrayAdmittance>,
+    /// What is known of the harness beforehand.
+    pub priors: Priors,
+}
+
+/// The harness as it turned out, to correct measurements by.
+#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Correction {
+    values: [f64; COUNT],
+    covariance: [[f64; COUNT]; COUNT],
+    prior_sigmas: [f64; COUNT],
+    told: [bool; COUNT],
+    /// Sum of squared deviations, each over its standard deviation, per degree of freedom: near 1
+    /// if model and noise are right. `None` if nothing was measured.
+    pub reduced_chi2: Option<f64>,
+    /// Degrees of freedom: real numbers measured. Every parameter has a prior and so takes none.
+    pub dof: usize,
+    /// Factor on the stated noise of the controls that the scatter asked for; 1 unless
+    /// `reduced_chi2` is significantly above 1.
+    pub noise_factor: f64,
+    /// Lowest and highest frequency of the controls, Hz.
+    pub span_hz: Option<(f64, f64)>,
+}
+
+/// Independent errors that a correction leaves.
+pub const COMMON: usize = 5;
+
+/// What a correction leaves in all impedances corrected by it alike: each of some independent
+/// errors, here one standard deviation of each, makes Z of a cell wrong by jω·(τ·Z + L) + ω²·q, and
+/// Z of the shunt by jω·L′ + ω²·q′. Repeats do not show them, and no mean makes them smaller. The
+/// squares matter beyond the frequencies of the controls.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CommonError {
+    /// τ, s.
+    pub skew_s: [f64; COMMON],
+    /// L, H.
+    pub inductance_h: [f64; COMMON],
+    /// q, Ω·s².
+    pub square_ohm_s2: [f64; COMMON],
+    /// L′, H: with the voltage probes on the shunt.
+    pub at_shunt_h: [f64; COMMON],
+    /// q′, Ω·s².
+    pub at_shunt_ohm_s2: [f64; COMMON],
+}
+
+impl CommonError {
+    /// Whether all are numbers.
+    pub fn is_finite(&self) -> bool {
+        let all = [
+            self.skew_s,
+            self.inductance_h,
+            self.square_ohm_s2,
+            self.at_shunt_h,
+            self.at_shunt_ohm_s2,
+        ];
+        all.iter().flatten().all(|v| v.is_finite())
+    }
+
+    /// What one standard deviation of an error, by its number, adds to an impedance at a frequency
+    /// (Hz): to that of the cell, or to that of the shunt.
+    pub fn at(&self, error: usize, freq_hz: f64, z_ohm: Complex64, is_cell: bool) -> Complex64 {
+        let omega = std::f64::consts::TAU * freq_hz;
+        if is_cell {
+            Complex64::new(0.0, omega) * (self.skew_s[error] * z_ohm + self.inductance_h[error])
+                + omega * omega * self.square_ohm_s2[error]
+        } else {
+            Complex64::new(
+                omega * omega * self.at_shunt_ohm_s2[error],
+                omega * self.at_shunt_h[error],
+            )
+        }
+    }
+}
+
+/// Units in which skews, inductances and squares are found, s, H and Ω·s².
+const SKEW_UNIT_S: f64 = 1e-6;
+const INDUCTANCE_UNIT_H: f64 = 1e-9;
+const SQUARE_UNIT: f64 = 1e-12;
+
+/// How an inductance (H), a square (Ω·s²) and, with four columns, a skew (s) follow each parameter:
+/// least squares of relative errors, with a gain beside them.
+fn follow(points: impl Iterator<Item = (f64, Slope)>, count: usize) -> Option<[[f64; COUNT]; 3]> {
+    let mut normal = vec![0.0; count * count];
+    let mut sides = vec![[0.0; COUNT]; count];
+    let along = |a: Complex64, b: Complex64| a.re * b.re + a.im * b.im;
+    for (freq_hz, impedance) in points {
+        let (z, j_omega) = (
+            impedance.value,
+            Complex64::new(0.0, std::f64::consts::TAU * freq_hz),
+        );
+        let columns = [
+            Complex64::ONE,
+            INDUCTANCE_UNIT_H * j_omega / z,
+            -SQUARE_UNIT * j_omega * j_omega / z,
+            SKEW_UNIT_S * j_omega,
+        ];
+        let slopes = impedance.by_parameters();
+        for (row, a) in columns[..count].iter().enumerate() {
+            columns[..count]
+                .iter()
+                .enumerate()
+                .for_each(|(column, b)| normal[row * count + column] += along(*a, *b));
+            slopes
+                .iter()
+                .zip(&mut sides[row])
+                .for_each(|(slope, side)| *side += along(*a, slope / z));
+        }
+    }
+    let solvable = cholesky(&mut normal, count);
+    let mut found = [[0.0; COUNT]; 3];
+    for k in 0..COUNT {
+        let mut x: Vec<f64> = sides.iter().map(|side| side[k]).collect();
+        cholesky_substitute(&normal, count, &mut x);
+        let units = [INDUCTANCE_UNIT_H, SQUARE_UNIT, SKEW_UNIT_S];
+        found
+            .iter_mut()
+            .zip(x[1..].iter().zip(units))
+            .for_each(|(found, (x, unit))| found[k] = unit * x);
+    }
+    solvable.then_some(found)
+}
+
+/// Independent errors, the columns, that have this covariance: the lower triangle L of L·Lᵀ, with
+/// nothing where nothing is left.
+fn independent(covariance: &[[f64; COMMON]; COMMON]) -> [[f64; COMMON]; COMMON] {
+    let mut l = [[0.0; COMMON]; COMMON];
+    for i in 0..COMMON {
+        for j in 0..=i {
+            let known: f64 = (0..j).map(|k| l[i][k] * l[j][k]).sum();
+            let left = covariance[i][j] - known;
+            l[i][j] = if i != j {
+                if l[j][j] > 0.0 { left / l[j][j] } else { 0.0 }
+            } else if left > ROUNDING * covariance[i][i] {
+                left.sqrt()
+            } else {
+                // What is left of a row that follows from the ones before it is rounding.
+                0.0
+            };
+        }
+    }
+    l
+}
+
+/// Part of a variance that is rounding.
+const ROUNDING: f64 = 1e-12;
+
+/// A parameter of the harness.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct HarnessParameter {
+    /// Name.
+    pub name: &'static str,
+    /// Value, in `unit`.
+    pub value: f64,
+    /// Standard deviation, in `unit`.
+    pub sigma: f64,
+    /// SI unit; `1` for a pure number.
+    pub unit: &'static str,
+}
+
+/// Why controls give no correction.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum CalibrationError {
+    /// There is nothing to correct by.
+    #[error("expected points of at least one control, met none")]
+    NoPoints,
+    /// A known impedance is none.
+    #[error(
+        "{name}: expected a positive resistance, a finite inductance and standard deviations of 0 \
+        or more, met {known:?}"
+    )]
+    Known {
+        /// Which one.
+        name: &'static str,
+        /// What was given.
+        known: KnownImpedance,
+    },
+    /// An open jig is none.
+    #[error(
+        "open jig: expected a finite conductance and capacitance and standard deviations of 0 or \
+        more, met {stray:?}"
+    )]
+    Stray {
+        /// What was given.
+        stray: StrayAdmittance,
+    },
+    /// A prior leaves nothing open, or all.
+    #[error("expected priors with positive, finite standard deviations, met {priors:?}")]
+    Priors {
+        /// What was given.
+        priors: Priors,
+    },
+    /// A measured point is unusable.
+    #[error("{control} control, point {number} ({freq_hz} Hz): expected {expected}, met {found}")]
+    Point {
+        /// Which control.
+        control: &'static str,
+        /// Number of the point, from 1.
+        number: usize,
+        /// Frequency, Hz.
+        freq_hz: f64,
+        /// What it should be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+    /// The parameters do not settle.
+    #[error(
+        "correction did not settle after {steps} steps; the sum of squares stands at \
+        {sum_squares:.3}"
+    )]
+    NotConverged {
+        /// Steps taken.
+        steps: usize,
+        /// Where they ended.
+        sum_squares: f64,
+    },
+}
+
+impl Correction {
+    /// Finds the harness that explains the controls best, by weighted least squares with priors.
+    ///
+    /// Where the controls scatter significantly more than their stated noise, the noise is taken
+    /// for that much larger.
+    ///
+    /// # Errors
+    /// [`CalibrationError`] for unusable input, or if the parameters do not settle.
+    pub fn fit(controls: &Controls<'_>) -> Result<Self, CalibrationError> {
+        solve::check(controls)?;
+        solve::fit(controls)
+    }
+
+    /// Nothing measured, nothing corrected: the current shunt as given, and all else at the default
+    /// [`Priors`] with their uncertainty.
+    pub fn none(current_shunt: KnownImpedance) -> Self {
+        let controls = Controls {
+            current_shunt,
+            shunt: &[],
+            fake_cell: None,
+            short: None,
+            open: None,
+            priors: Priors::default(),
+        };
+        solve::unmeasured(&controls)
+    }
+
+    /// Corrected impedance, with the covariance that the noise of the phasors and the uncertainty
+    /// of the correction give it together. Not finite where there is no current.
+    pub fn apply(&self, phasors: &ChannelPhasors) -> ImpedancePoint {
+        let harness = Harness::new(&self.values, phasors);
+        let (current, impedance) = (harness.current(), harness.impedance());
+        let covariance = impedance.noise(&phasors.totals()) + impedance.carried(&self.covariance);
+        ImpedancePoint {
+            freq_hz: phasors.freq_hz,
+            z_ohm: impedance.value,
+            covariance,
+            amplitude_a: current.value.norm(),
+        }
+    }
+
+    /// As [`Self::apply`], of records with the voltage probes on the current shunt: the leads lie
+    /// otherwise there than at the jig, and nothing is beside it.
+    pub fn apply_at_shunt(&self, phasors: &ChannelPhasors) -> ImpedancePoint {
+        let harness = Harness::new(&self.values, phasors);
+        let (current, impedance) = (harness.current(), harness.impedance_at_shunt());
+        let covariance = impedance.noise(&phasors.totals()) + impedance.carried(&self.covariance);
+        ImpedancePoint {
+            freq_hz: phasors.freq_hz,
+            z_ohm: impedance.value,
+            covariance,
+            amplitude_a: current.value.norm(),
+        }
+    }
+
+    /// Direct current through the shunt, A, and direct voltage across the jig, V, from the four
+    /// channels, V, less what they show where nothing flows: offsets are not the harness's. A gain
+    /// that all channels share is in both and not seen.
+    pub fn direct(&self, volts: [f64; 4]) -> (f64, f64) {
+        model::direct(&self.values, volts)
+    }
+
+    /// Part of the covariance of [`Self::apply`] that comes from the uncertainty of the correction,
+    /// Ω². It is common to all measurements corrected so: averaging them does not lower it.
+    pub fn carried_covariance(&self, phasors: &ChannelPhasors) -> Covariance2 {
+        Harness::new(&self.values, phasors)
+            .impedance()
+            .carried(&self.covariance)
+    }
+
+    /// Parts of the covariance of [`Self::apply`] that the noise of the phasors, their rounding and
+    /// their drift have, Ω².
+    pub fn measured_parts(&self, phasors: &ChannelPhasors) -> [Covariance2; 3] {
+        let impedance = Harness::new(&self.values, phasors).impedance();
+        [
+            impedance.noise(&phasors.variance.map(|variance| variance.noise)),
+            impedance.noise(&phasors.variance.map(|variance| variance.quantisation)),
+            impedance.noise(&phasors.variance.map(|variance| variance.drift)),
+        ]
+    }
+
+    /// Parts of [`Self::carried_covariance`] by source, Ω²; they add up to it.
+    pub fn parts(&self, phasors: &ChannelPhasors) -> Vec<(Source, Covariance2)> {
+        let impedance = Harness::new(&self.values, phasors).impedance();
+        let slopes = impedance.by_parameters();
+        let along = |prior: usize| {
+            let direction: Complex64 = slopes
+                .iter()
+                .zip(&self.covariance)
+                .map(|(slope, row)| *slope * row[prior])
+                .sum();
+            Covariance2::along(direction / self.prior_sigmas[prior])
+        };
+        let of = |source: Source| {
+            let known =
+                |prior: &usize| model::NAMES[*prior].2 == source && self.prior_sigmas[*prior] > 0.0;
+            (0..COUNT).filter(known).map(along).sum::<Covariance2>()
+        };
+        let mut parts: Vec<(Source, Covariance2)> = Source::ALL
+            .into_iter()
+            .map(|source| (source, of(source)))
+            .collect();
+        let told: Covariance2 = parts.iter().map(|(_, part)| *part).sum();
+        let rest = impedance.carried(&self.covariance) + told.times(-1.0);
+        if let Some((_, noise)) = parts
+            .iter_mut()
+            .find(|(source, _)| *source == Source::ControlNoise)
+        {
+            // Rounding must not leave a negative variance where the controls tell nothing.
+            *noise = Covariance2 {
+                re_re: rest.re_re.max(0.0),
+                im_im: rest.im_im.max(0.0),
+                ..rest
+            };
+        }
+        parts
+    }
+
+    /// What the uncertainty of the correction does to all impedances corrected so at once:
+    /// derivatives by the parameters of the harness, taken apart by least squares into a gain,
+    /// which is left out, a skew, an inductance and a resistance that grows as the square of the
+    /// frequency. `jig` are points of the cell, `shunt` such with the voltage probes on the shunt;
+    /// none where that is never measured again. None for fewer than two points of the cell.
+    pub fn common_error(
+        &self,
+        jig: &[ChannelPhasors],
+        shunt: &[ChannelPhasors],
+    ) -> Option<CommonError> {
+        if jig.len() < 2 {
+            return None;
+        }
+        let of = |points: &[ChannelPhasors], at_shunt: bool| -> Option<[[f64; COUNT]; 3]> {
+            let impedance = |phasors: &ChannelPhasors| {
+                let harness = Harness::new(&self.values, phasors);
+                if at_shunt {
+                    harness.impedance_at_shunt()
+                } else {
+                    harness.impedance()
+                }
+            };
+            // On a resistance a skew and an inductance are one.
+            let count = if at_shunt { 3 } else { 4 };
+            follow(
+                points
+                    .iter()
+                    .map(|phasors| (phasors.freq_hz, impedance(phasors))),
+                count,
+            )
+        };
+        let [inductance, square, skew] = of(jig, false)?;
+        let [at_shunt, square_at_shunt, _] = if shunt.len() < 2 {
+            [[0.0; COUNT]; 3]
+        } else {
+            of(shunt, true)?
+        };
+        let rows = [skew, inductance, square, at_shunt, square_at_shunt];
+        let between = |a: &[f64; COUNT], b: &[f64; COUNT]| -> f64 {
+            self.covariance
+                .iter()
+                .zip(a)
+                .map(|(row, a)| a * row.iter().zip(b).map(|(c, b)| c * b).sum::<f64>())
+                .sum()
+        };
+        let parts = independent(&std::array::from_fn(|i| {
+            std::array::from_fn(|j| between(&rows[i], &rows[j]))
+        }));
+        let [
+            skew_s,
+            inductance_h,
+            square_ohm_s2,
+            at_shunt_h,
+            at_shunt_ohm_s2,
+        ] = parts;
+        Some(CommonError {
+            skew_s,
+            inductance_h,
+            square_ohm_s2,
+            at_shunt_h,
+            at_shunt_ohm_s2,
+        })
+        .filter(CommonError::is_finite)
+    }
+
+    /// The parameters with standard deviations.
+    pub fn parameters(&self) -> Vec<HarnessParameter> {
+        let parameter = |index: usize| {
+            let (name, unit, _) = model::NAMES[index];
+            HarnessParameter {
+                name,
+                value: self.values[index],
+                sigma: self.covariance[index][index].sqrt(),
+                unit,
+            }
+        };
+        (0..COUNT)
+            .filter(|index| self.told[*index])
+            .map(parameter)
+            .collect()
+    }
+}

@@ -1,0 +1,14 @@
+//! From samples to impedances.
+//!
+//! [`sine`] fits sinusoids to samples, [`spectrum`] holds complex impedances with their
+//! uncertainty, [`calibration`] corrects the harness from the control impedances, [`budget`] tells
+//! where the uncertainty comes from, [`multisine`] measures many frequencies in one record,
+//! [`staircase`] finds a stair of milliseconds in its record, [`series`] holds time series.
+
+pub mod budget;
+pub mod calibration;
+pub mod multisine;
+pub mod series;
+pub mod sine;
+pub mod spectrum;
+pub mod staircase;

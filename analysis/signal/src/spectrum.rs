@@ -1,0 +1,251 @@
+//! Phasors of the four probe channels, and complex impedances with their uncertainty.
+//!
+//! A phasor `p` stands for the signal Re{p · exp(jωt)}; all phasors of one point share the same
+//! time zero. The voltage pair is channel 4 minus channel 3, the current pair channel 2 minus
+//! channel 1 over the shunt (thesis 3.3.1).
+
+mod frozen;
+mod phasors;
+mod shared;
+mod sourced;
+
+use analysis_numeric::Covariance2;
+use analysis_plot::{Series, SeriesPoint};
+use num_complex::Complex64;
+
+pub use frozen::at_one_time;
+pub use phasors::{ChannelPhasors, PhasorVariance};
+pub use shared::{OCV_SLOPE, OcvSlope, SharedError};
+pub use sourced::cell_in_name;
+pub use sourced::{FlaggedPoint, Origin, SourcedSpectrum};
+
+/// A complex impedance at one frequency with the covariance of its parts.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct ImpedancePoint {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Impedance, Ω.
+    pub z_ohm: Complex64,
+    /// Covariance of (Re, Im), Ω².
+    pub covariance: Covariance2,
+    /// Amplitude of the current, A (zero to peak); not a number where a file does not tell.
+    pub amplitude_a: f64,
+}
+
+/// Impedance over frequency of one fixture in one run.
+#[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
+pub struct Spectrum {
+    /// Where it comes from: a file name, a run.
+    pub name: String,
+    /// The points, by rising frequency.
+    pub points: Vec<ImpedancePoint>,
+    /// Errors that the points have in common. The covariance of a point holds its share of each.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub shared: Vec<SharedError>,
+    /// Slope of the open-circuit voltage whose share was taken out of the points; none where they
+    /// are as measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub less: Option<OcvSlope>,
+}
+
+/// Why fits or points are no spectrum.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SpectrumError {
+    /// The record does not have the four probe channels.
+    #[error("expected fits of 4 channels, met {found}")]
+    Channels {
+        /// Channels met.
+        found: usize,
+    },
+    /// There is no point.
+    #[error("spectrum {name:?}: expected at least one point, met none")]
+    Empty {
+        /// Name of the spectrum.
+        name: String,
+    },
+    /// A shared error does not have one value per point.
+    #[error(
+        "spectrum {name:?}: expected one value of the shared error {error:?} per point, {points} \
+        in all, met {found}"
+    )]
+    Shared {
+        /// Name of the spectrum.
+        name: String,
+        /// Name of the error.
+        error: String,
+        /// Points of the spectrum.
+        points: usize,
+        /// Values met.
+        found: usize,
+    },
+    /// A number of a point is unusable.
+    #[error("spectrum {name:?}, point {number} ({freq_hz} Hz): expected {expected}, met {found}")]
+    Point {
+        /// Name of the spectrum.
+        name: String,
+        /// Number of the point, from 1.
+        number: usize,
+        /// Its frequency, Hz.
+        freq_hz: f64,
+        /// What it should be.
+        expected: &'static str,
+        /// What it is.
+        found: String,
+    },
+}
+
+/// Impedance by the voltage pair over the current pair, (V₄ − V₃)/(V₂ − V₁) · R_shunt, without any
+/// correction, with the covariance that the noise of the four channels gives it. Not finite where
+/// there is no current.
+///
+/// The quotient is analytic in every channel, so a derivative turns and stretches the covariance of
+/// its phasor: R/(V₂ − V₁) towards V₄ and −V₃, and Z/(V₂ − V₁) towards V₁ and −V₂.
+pub fn raw_impedance(phasors: &ChannelPhasors, shunt_ohm: f64) -> ImpedancePoint {
+    let [v1, v2, v3, v4] = phasors.volts;
+    let across_shunt = v2 - v1;
+    let z_ohm = (v4 - v3) / across_shunt * shunt_ohm;
+    let by_voltage = Complex64::from(shunt_ohm) / across_shunt;
+    let by_current = z_ohm / across_shunt;
+    let [n1, n2, n3, n4] = phasors.totals();
+    let noise = (n3 + n4).scaled(by_voltage) + (n1 + n2).scaled(by_current);
+    ImpedancePoint {
+        freq_hz: phasors.freq_hz,
+        z_ohm,
+        covariance: noise,
+        amplitude_a: across_shunt.norm() / shunt_ohm.abs(),
+    }
+}
+
+impl ImpedancePoint {
+    /// Magnitude |Z|, Ω.
+    pub fn magnitude_ohm(&self) -> f64 {
+        self.z_ohm.norm()
+    }
+
+    /// Standard deviation of the magnitude, Ω, to first order.
+    pub fn magnitude_sigma_ohm(&self) -> f64 {
+        self.covariance.variance_along(self.z_ohm.arg()).sqrt()
+    }
+
+    /// Phase arg Z, rad, −π…π.
+    pub fn phase_rad(&self) -> f64 {
+        self.z_ohm.arg()
+    }
+
+    /// Standard deviation of the phase, rad, to first order; no more than π/√3, that of a phase of
+    /// which nothing is known.
+    pub fn phase_sigma_rad(&self) -> f64 {
+        let across = self
+            .covariance
+            .variance_along(self.z_ohm.arg() + std::f64::consts::FRAC_PI_2)
+            .sqrt();
+        let sigma = across / self.z_ohm.norm();
+        if sigma.is_nan() {
+            sigma
+        } else {
+            sigma.min(std::f64::consts::PI / 3f64.sqrt())
+        }
+    }
+
+    /// What is wrong with the numbers of this point: what was expected and what was met.
+    fn fault(&self) -> Option<(&'static str, String)> {
+        if !(self.freq_hz > 0.0 && self.freq_hz.is_finite()) {
+            return Some(("a frequency above 0 Hz", format!("{} Hz", self.freq_hz)));
+        }
+        if !(self.z_ohm.re.is_finite() && self.z_ohm.im.is_finite()) {
+            return Some(("a finite impedance", format!("{} Ω", self.z_ohm)));
+        }
+        let Covariance2 {
+            re_re,
+            re_im,
+            im_im,
+        } = self.covariance;
+        let unknown = re_re.is_nan() && re_im.is_nan() && im_im.is_nan();
+        if !unknown && !self.covariance.is_valid() {
+            return Some((
+                "a covariance of positive variances, or none",
+                format!("{re_re}, {re_im}, {im_im} Ω²"),
+            ));
+        }
+        if self.amplitude_a < 0.0 || self.amplitude_a.is_infinite() {
+            return Some((
+                "an amplitude of 0 A or more, or none",
+                format!("{} A", self.amplitude_a),
+            ));
+        }
+        None
+    }
+}
+
+impl Spectrum {
+    /// The spectrum as points with 2σ, its name in the legend.
+    pub fn series(&self, colour: usize) -> Series {
+        let point = |p: &ImpedancePoint| SeriesPoint {
+            freq_hz: p.freq_hz,
+            z_ohm: p.z_ohm,
+            covariance: p.covariance,
+        };
+        Series::data(&self.name, self.points.iter().map(point).collect(), colour)
+    }
+
+    /// Checks that there are points, that their frequencies rise, and that their numbers are
+    /// usable. An unknown covariance or amplitude (not a number) is allowed.
+    ///
+    /// # Errors
+    /// [`SpectrumError::Empty`] or [`SpectrumError::Point`] with the first point that is wrong.
+    pub fn validate(&self) -> Result<(), SpectrumError> {
+        if self.points.is_empty() {
+            return Err(SpectrumError::Empty {
+                name: self.name.clone(),
+            });
+        }
+        let mut last_hz = 0.0;
+        for (index, point) in self.points.iter().enumerate() {
+            let falling = point.freq_hz <= last_hz && point.freq_hz > 0.0;
+            let fault = point.fault().or_else(|| {
+                falling.then(|| {
+                    (
+                        "rising frequencies",
+                        format!("{} Hz after {last_hz} Hz", point.freq_hz),
+                    )
+                })
+            });
+            if let Some((expected, found)) = fault {
+                return Err(SpectrumError::Point {
+                    name: self.name.clone(),
+                    number: index + 1,
+                    freq_hz: point.freq_hz,
+                    expected,
+                    found,
+                });
+            }
+            last_hz = point.freq_hz;
+        }
+        if let Some(error) = self
+            .shared
+            .iter()
+            .find(|error| error.at_ohm.len() != self.points.len())
+        {
+            return Err(SpectrumError::Shared {
+                name: self.name.clone(),
+                error: error.name.clone(),
+                points: self.points.len(),
+                found: error.at_ohm.len(),
+            });
+        }
+        Ok(())
+    }
+
+    /// Sorts the points by rising frequency.
+    pub fn sort(&mut self) {
+        let mut order: Vec<usize> = (0..self.points.len()).collect();
+        order.sort_by(|a, b| self.points[*a].freq_hz.total_cmp(&self.points[*b].freq_hz));
+        self.points = order.iter().map(|k| self.points[*k]).collect();
+        for error in &mut self.shared {
+            error.at_ohm = order
+                .iter()
+                .filter_map(|k| error.at_ohm.get(*k).copied())
+                .collect();
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! A spectrum and what is known of where it comes from.
+
+use serde::{Deserialize, Serialize};
+
+use super::Spectrum;
+
+/// What a file tells of where a spectrum comes from, beyond its name; none where it does not tell.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Origin {
+    /// What was clamped in: `cell`, `shunt`, `fake_cell`, …
+    pub fixture: Option<String>,
+    /// Which of them.
+    pub cell: Option<String>,
+    /// Which repetition.
+    pub repeat: Option<String>,
+    /// Direct current superposed, A; charging is positive.
+    pub bias_a: Option<f64>,
+    /// Which evaluation of one measurement it is, where the file holds several: they are no
+    /// repeats.
+    pub curve: Option<String>,
+}
+
+impl Origin {
+    /// Nothing says that this is another fixture than a cell, or that a bias flowed.
+    pub fn is_unbiased_cell(&self) -> bool {
+        self.fixture.as_deref().is_none_or(|f| f == "cell") && self.bias_a.is_none_or(|b| b == 0.0)
+    }
+}
+
+/// A spectrum and where it comes from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SourcedSpectrum {
+    /// Where it comes from.
+    pub origin: Origin,
+    /// The spectrum.
+    pub spectrum: Spectrum,
+    /// Points of it that the quality gate of the measurement has refused, where the file says so:
+    /// they are in the spectrum all the same.
+    pub flagged: Vec<FlaggedPoint>,
+}
+
+impl SourcedSpectrum {
+    /// Takes the points out of the spectrum that a quality gate has refused.
+    pub fn leave_out_flagged(&mut self) {
+        let flagged: Vec<f64> = self.flagged.iter().map(|point| point.freq_hz).collect();
+        self.spectrum
+            .keep(|point| !flagged.contains(&point.freq_hz));
+    }
+
+    /// Which cell it is of: as the file's column tells, else as the name does; none where neither
+    /// tells.
+    pub fn cell(&self) -> Option<&str> {
+        self.origin
+            .cell
+            .as_deref()
+            .or_else(|| cell_in_name(&self.spectrum.name))
+    }
+}
+
+/// The number of the cell in a name like `cell0_3`, cell and repeat; none of another form, as
+/// `cellm2_0`, which was taken under bias.
+pub fn cell_in_name(name: &str) -> Option<&str> {
+    let number = |text: &str| !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
+    let (cell, repeat) = name.strip_prefix("cell")?.split_once('_')?;
+    (number(cell) && number(repeat)).then_some(cell)
+}
+
+/// A point that is kept under protest.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct FlaggedPoint {
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// What was expected and what was found.
+    pub reasons: Vec<String>,
+}
