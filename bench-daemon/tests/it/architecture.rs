@@ -30,7 +30,10 @@ const FOLDERS: [&str; 14] = [
 
 /// Name of the crate in a folder.
 fn name(folder: &str) -> String {
-    folder.strip_prefix("fixtures/").unwrap_or(folder).replace('/', "-")
+    folder
+        .strip_prefix("fixtures/")
+        .unwrap_or(folder)
+        .replace('/', "-")
 }
 
 fn dependencies(krate: &str, tables: &[&str]) -> BTreeSet<String> {
@@ -123,15 +126,15 @@ fn the_workspace_has_these_crates() {
         .iter()
         .filter_map(toml::Value::as_str)
         .collect();
-    assert_eq!(
-        members,
-        BTreeSet::from(FOLDERS)
-    );
+    assert_eq!(members, BTreeSet::from(FOLDERS));
 }
 
 #[test]
 fn numbers_know_no_sockets_and_sockets_know_no_files_of_ours() {
-    for folder in FOLDERS.iter().filter(|folder| folder.starts_with("analysis")) {
+    for folder in FOLDERS
+        .iter()
+        .filter(|folder| folder.starts_with("analysis"))
+    {
         for forbidden in ["tokio", "tokio-serial", "toml", "clap", "scpi"] {
             assert!(
                 !dependencies(folder, &["dependencies"]).contains(forbidden),
