@@ -35,7 +35,7 @@ use instruments::{
 pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
-pub(crate) use multisine::{BandFit, capture_name, fit_band};
+pub(crate) use multisine::{BandFit, fit_band};
 pub(crate) use record::{Asked, Taken, analyse};
 pub use trace::charge_of;
 pub(crate) use trace_rows::{Frames, Recorded as RecordedTrace, zeros};

@@ -14,16 +14,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use analysis::run_folder::{JOURNAL, TORN_JOURNAL};
 use instruments::clock::{Clock, TimeMode};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::{drill::Drill, interlock::Reading, measure::SweepPoint, reconcile::Found};
 
-/// Its name in a run folder.
-pub const JOURNAL: &str = "journal.jsonl";
-/// Where a torn last line is kept.
-pub const TORN: &str = "journal.torn";
 /// What comes before the checksum.
 const CHECKSUM: &str = ",\"sha256\":\"";
 
@@ -280,7 +277,7 @@ impl Journal {
             let mut aside = OpenOptions::new()
                 .append(true)
                 .create(true)
-                .open(folder.join(TORN))
+                .open(folder.join(TORN_JOURNAL))
                 .map_err(io("cannot put a torn line aside"))?;
             aside
                 .write_all(&read.torn)

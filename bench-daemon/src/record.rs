@@ -21,10 +21,16 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use analysis::dataset::{self, DatasetError, RunIndex, SeriesRow};
+use analysis::{
+    dataset::{self, DatasetError, RunIndex, SeriesRow},
+    run_folder::{
+        self, EVENT_COLUMNS, EVENTS, READING_COLUMNS, READINGS, READINGS_PARQUET, ReadingRow,
+    },
+};
 use instruments::{clock::Clock, transcript::Tap};
 use serde::Serialize;
 
+pub use analysis::run_folder::Event;
 pub use measured::CaptureFile;
 pub use names::sweep_name;
 pub(crate) use names::{capture_of, code_scale};
@@ -36,9 +42,6 @@ use crate::{
     measure::SweepPoint,
     present::quoted,
 };
-
-/// The index of sweeps and traces.
-const INDEX: &str = "traces.json";
 
 /// A file that cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -97,46 +100,6 @@ pub struct Recorder {
     point_warnings: Vec<(String, Vec<(String, f64)>)>,
 }
 
-/// The columns of `events.csv`.
-const EVENT_COLUMNS: &str = "time_s,kind,event";
-
-/// What kind of event a row of `events.csv` tells.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Event {
-    /// A stage begins.
-    Stage,
-    /// A step begins.
-    Step,
-    /// What an instrument is found in, or what it does beside the plan.
-    Bench,
-    /// A check, and what it says.
-    Check,
-    /// Something is measured or done again.
-    Again,
-    /// A person's request is heeded.
-    Request,
-    /// The run goes on.
-    Resumed,
-    /// Something odd, which stands in the report too.
-    Note,
-}
-
-impl Event {
-    /// Its word in the file.
-    pub fn word(self) -> &'static str {
-        match self {
-            Self::Stage => "stage",
-            Self::Step => "step",
-            Self::Bench => "bench",
-            Self::Check => "check",
-            Self::Again => "again",
-            Self::Request => "request",
-            Self::Resumed => "resumed",
-            Self::Note => "note",
-        }
-    }
-}
-
 impl Recorder {
     /// Makes a run folder.
     ///
@@ -148,19 +111,20 @@ impl Recorder {
                 path: folder.to_owned(),
             });
         }
-        for part in ["config", "captures", "plots", "transcripts"] {
+        for part in [
+            run_folder::CONFIG,
+            run_folder::CAPTURES,
+            run_folder::PLOTS,
+            run_folder::TRANSCRIPTS,
+        ] {
             let path = folder.join(part);
             fs::create_dir_all(&path).map_err(io(&path, "cannot be made"))?;
         }
         let journal = Journal::create(folder, &clock)?;
-        let mut events = create(&folder.join("events.csv"))?;
-        let mut readings = create(&folder.join("readings.csv"))?;
-        line(&mut events, &folder.join("events.csv"), EVENT_COLUMNS)?;
-        line(
-            &mut readings,
-            &folder.join("readings.csv"),
-            "time_s,phase,voltage_v,current_a,temperature_c",
-        )?;
+        let mut events = create(&folder.join(EVENTS))?;
+        let mut readings = create(&folder.join(READINGS))?;
+        line(&mut events, &folder.join(EVENTS), EVENT_COLUMNS)?;
+        line(&mut readings, &folder.join(READINGS), READING_COLUMNS)?;
         Ok(Self {
             folder: folder.to_owned(),
             clock,
@@ -198,7 +162,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be made.
     pub fn tap(&mut self, role: &str) -> Result<Tap, RecordError> {
-        let name = format!("transcripts/{role}.txt");
+        let name = run_folder::transcript(role);
         let path = self.path(&name);
         let file = File::options()
             .append(true)
@@ -258,14 +222,9 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn event(&mut self, kind: Event, text: &str) -> Result<(), RecordError> {
-        let row = format!(
-            "{:.3},{},\"{}\"",
-            self.clock.now_s(),
-            kind.word(),
-            text.replace('"', "'")
-        );
-        self.room("events.csv")?;
-        line(&mut self.events, &self.folder.join("events.csv"), &row)
+        let row = kind.row(self.clock.now_s(), text);
+        self.room(EVENTS)?;
+        line(&mut self.events, &self.folder.join(EVENTS), &row)
     }
 
     /// Writes a reading.
@@ -273,24 +232,21 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn reading(&mut self, phase: &str, reading: &Reading) -> Result<(), RecordError> {
-        let cell = |value: Option<f64>, digits: usize| {
-            value.map_or_else(String::new, |value| format!("{value:.digits$}"))
+        let row = ReadingRow {
+            time_s: reading.time_s,
+            phase,
+            voltage_v: reading.voltage_v,
+            current_a: reading.current_a,
+            temperature_c: reading.temperature_c,
         };
-        let row = format!(
-            "{:.3},{phase},{},{},{}",
-            reading.time_s,
-            cell(reading.voltage_v, 6),
-            cell(reading.current_a, 6),
-            cell(reading.temperature_c, 4)
-        );
         self.series.push(SeriesRow {
             time_s: reading.time_s,
             voltage_v: reading.voltage_v.unwrap_or(f64::NAN),
             current_a: reading.current_a.unwrap_or(f64::NAN),
             temperature_c: reading.temperature_c.unwrap_or(f64::NAN),
         });
-        self.room("readings.csv")?;
-        line(&mut self.readings, &self.folder.join("readings.csv"), &row)
+        self.room(READINGS)?;
+        line(&mut self.readings, &self.folder.join(READINGS), &row.row())
     }
 
     /// Writes all readings again as one table with full digits, at the end of a run.
@@ -298,9 +254,9 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish_readings(&self) -> Result<(), RecordError> {
-        self.room("readings.parquet")?;
+        self.room(READINGS_PARQUET)?;
         Ok(dataset::write_series_parquet(
-            &self.path("readings.parquet"),
+            &self.path(READINGS_PARQUET),
             &self.series,
         )?)
     }

@@ -10,13 +10,13 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use analysis::dataset::{self, DatasetError};
+use analysis::{
+    dataset::{self, DatasetError},
+    run_folder::SUMS,
+};
 use rayon::prelude::*;
 
 use crate::hash;
-
-/// Its name in a run folder.
-pub const SUMS: &str = "SHA256SUMS";
 
 /// Hashes that cannot be written or read.
 #[derive(Debug, thiserror::Error)]

@@ -7,11 +7,11 @@
 
 use std::path::Path;
 
-use analysis::dataset::{self, DatasetError};
+use analysis::{
+    dataset::{self, DatasetError},
+    run_folder::WISHES,
+};
 use serde::{Deserialize, Serialize};
-
-/// Its name in the run folder.
-const FILE: &str = "wishes.json";
 
 /// To go on or not.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -46,9 +46,9 @@ impl Wishes {
     /// What is said; nothing where no file is there or none that can be read. Who waits on request
     /// goes on waiting then: somebody may be at the jig.
     pub fn said(folder: &Path) -> Option<Self> {
-        let text = std::fs::read_to_string(folder.join(FILE)).ok()?;
+        let text = std::fs::read_to_string(folder.join(WISHES)).ok()?;
         serde_json::from_str(&text)
-            .inspect_err(|error| tracing::warn!("{FILE}: {error}: not heeded"))
+            .inspect_err(|error| tracing::warn!("{WISHES}: {error}: not heeded"))
             .ok()
     }
 
@@ -58,12 +58,12 @@ impl Wishes {
     /// A file that cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), DatasetError> {
         let text = serde_json::to_string(self).unwrap_or_default();
-        dataset::write_atomically(&folder.join(FILE), text.as_bytes())
+        dataset::write_atomically(&folder.join(WISHES), text.as_bytes())
     }
 
     /// Nothing is wanted any more.
     pub fn forget(folder: &Path) {
-        let _ = std::fs::remove_file(folder.join(FILE));
+        let _ = std::fs::remove_file(folder.join(WISHES));
     }
 }
 
@@ -142,10 +142,10 @@ mod tests {
         };
         wishes.write(folder.path()).unwrap();
         assert_eq!(Wishes::read(folder.path()), wishes);
-        std::fs::write(folder.path().join(FILE), "{\"course\":\"dance\"}").unwrap();
+        std::fs::write(folder.path().join(WISHES), "{\"course\":\"dance\"}").unwrap();
         assert_eq!(Wishes::read(folder.path()), Wishes::default());
         Wishes::forget(folder.path());
-        assert!(!folder.path().join(FILE).exists());
+        assert!(!folder.path().join(WISHES).exists());
     }
 
     #[test]

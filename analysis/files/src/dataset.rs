@@ -505,7 +505,7 @@ pub fn write_whole_spectrum_csv(
 }
 
 /// The column of what a gate has refused, in a header.
-const FLAGS: &str = ",flags";
+pub const FLAGS: &str = ",flags";
 /// The same in Parquet.
 const FLAGS_COLUMN: ColumnSpec = ColumnSpec {
     name: "flags",

@@ -1,6 +1,7 @@
-//! Files: [`dataset`] are those of a run, [`formats`] those of other programs, [`thinning`] averages
+//! Files: [`run_folder`] owns the names in the folder of a run, [`dataset`] its tables, [`formats`] those of other programs, [`thinning`] averages
 //! frames of direct currents to rows.
 
 pub mod dataset;
 pub mod formats;
+pub mod run_folder;
 pub mod thinning;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use analysis::{
     diagnosis::{BaseModel, DiagnosisOptions, Fixture, Outcome, Verdict, gate, report},
     given::GivenModel,
+    run_folder::{self, JOURNAL, SUMS},
 };
 
 use super::model_args::ModelArgs;
@@ -14,11 +15,10 @@ use crate::{
     dataset::{Loaded, Reading, read_as},
     failure::Failure,
     files, hash,
-    journal::JOURNAL,
     next_experiment::{Setting, experiment_file},
     present::quoted,
     run::{Finished, Recorded},
-    sums::{self, SUMS},
+    sums,
     terminal::say,
 };
 
@@ -159,7 +159,7 @@ fn of_run(run: &Path, rc: usize) -> String {
 fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
     let mut all = Judged::read(
         run,
-        &ModelArgs::file(run.join(format!("model_{rc}rc.json"))),
+        &ModelArgs::file(run.join(run_folder::model(rc))),
         (None, false),
     )?;
     all.within = Some(run.to_owned());

@@ -22,6 +22,7 @@ use analysis::{
     pack::Pack,
     plot::{self, FigureInput},
     report::{Figure, Report},
+    run_folder,
     spectrum::{SourcedSpectrum, Spectrum},
 };
 
@@ -392,7 +393,7 @@ fn write(
         let json = model
             .to_json()
             .map_err(|error| Failure::Analysis(error.to_string()))?;
-        text(&format!("model_{}rc.json", model.rc), &json)?;
+        text(&run_folder::model(model.rc), &json)?;
     }
     let input = FigureInput {
         sweeps: &group.spectra,
@@ -439,7 +440,7 @@ fn write(
         ..Report::default()
     };
     text(
-        "report.html",
+        run_folder::REPORT,
         &report
             .to_html()
             .map_err(|error| Failure::Analysis(error.to_string()))?,

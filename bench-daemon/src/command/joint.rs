@@ -18,6 +18,7 @@ use analysis::{
     },
     ocv::{OcvCurve, OcvOptions, extract},
     pack::Pack,
+    run_folder::MODEL,
     spectrum::SourcedSpectrum,
 };
 
@@ -306,7 +307,7 @@ impl Job<'_> {
             held_out_rms_v: self.study.rms_v(Role::HeldOut).map(|r| r.1),
         });
         let text = model.to_json().map_err(|error| failed(&error))?;
-        files::write_text(folder, "model.json", &text)?;
+        files::write_text(folder, MODEL, &text)?;
         let charts = [
             ("pulses", self.study.pulses_chart(self.series)),
             ("gaps", self.study.gaps_chart(self.series)),

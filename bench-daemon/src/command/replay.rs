@@ -15,14 +15,15 @@ use std::{
 
 use analysis::{
     dataset::{self, RunIndex},
+    run_folder::{EVENTS, INDEX, JOURNAL, MANIFEST, READINGS, TRANSCRIPTS},
     spectrum::ImpedancePoint,
 };
 use clap::Args;
 use instruments::clock::{Clock, TimeMode};
 
 use crate::{
-    compare::compare, failure::Failure, journal::JOURNAL, present::significant,
-    record::RecordError, run::Recorded, terminal::say,
+    compare::compare, failure::Failure, present::significant, record::RecordError, run::Recorded,
+    terminal::say,
 };
 
 /// Changed points that are told of each spectrum.
@@ -248,7 +249,7 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<usize, Failure> {
 
 /// Compares the spectra of the index.
 fn tell(folder: &Path, again: &Path) -> Result<(), Failure> {
-    let text = fs::read_to_string(folder.join("traces.json")).unwrap_or_default();
+    let text = fs::read_to_string(folder.join(INDEX)).unwrap_or_default();
     let index: RunIndex = serde_json::from_str(&text).unwrap_or_default();
     let files = index.sweeps.iter().map(|sweep| sweep.file.as_str());
     let (mut spectra, mut identical) = (0, 0);
@@ -339,14 +340,7 @@ fn tidy(out: &Path) -> Result<(), Failure> {
     for entry in fs::read_dir(out)? {
         let entry = entry?;
         let name = entry.file_name().to_string_lossy().into_owned();
-        let served = [
-            JOURNAL,
-            "manifest.json",
-            "events.csv",
-            "readings.csv",
-            "transcripts",
-        ]
-        .contains(&name.as_str());
+        let served = [JOURNAL, MANIFEST, EVENTS, READINGS, TRANSCRIPTS].contains(&name.as_str());
         if entry.file_type()?.is_symlink() || (served && entry.path().is_file()) {
             fs::remove_file(entry.path())?;
         } else if served {

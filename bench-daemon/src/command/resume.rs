@@ -11,6 +11,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use analysis::{
+    dataset::FLAGS,
+    run_folder::{JOURNAL, READINGS_PARQUET},
+};
 use instruments::{clock::TimeMode, transport::Address};
 
 use crate::{
@@ -18,7 +22,7 @@ use crate::{
     config::Experiment,
     custody,
     failure::Failure,
-    journal::{self, Entry, JOURNAL, Line},
+    journal::{self, Entry, Line},
     record::RecordError,
     run::{Past, Session},
     terminal::say,
@@ -40,8 +44,6 @@ pub struct ResumeArgs {
 const GROWING: [&str; 4] = ["csv", "txt", "jsonl", "torn"];
 /// Files that are written anew as the run goes.
 const REWRITTEN: [&str; 1] = ["json"];
-/// Readings are written as one table when a run ends, however it ends.
-const AT_THE_END: &str = "readings.parquet";
 
 /// Goes on with a run.
 ///
@@ -169,7 +171,8 @@ fn same((old, new): (&Path, &Path), name: &Path, begun_s: f64) -> Result<(), Fai
     });
     if REWRITTEN.contains(&extension.as_str())
         || extension == "torn"
-        || name == Path::new(AT_THE_END)
+        // Readings are written as one table when a run ends, however it ends.
+        || name == Path::new(READINGS_PARQUET)
     {
         return Ok(());
     }
@@ -219,7 +222,7 @@ fn unflagged(table: Vec<u8>) -> Vec<u8> {
         .split(|byte| *byte == b'\n')
         .next()
         .unwrap_or_default();
-    if !header.ends_with(b",flags") {
+    if !header.ends_with(FLAGS.as_bytes()) {
         return table;
     }
     let own = |line: &[u8]| {

@@ -6,6 +6,9 @@
 
 use std::path::{Path, PathBuf};
 
+use analysis::run_folder::{
+    CAPTURES, EVENTS, JOURNAL, LOG, MANIFEST, READINGS, REPORT, SUMS, TRANSCRIPTS,
+};
 use clap::Args;
 use rayon::prelude::*;
 
@@ -14,19 +17,19 @@ use crate::{
     compare::{Difference, compare},
     failure::Failure,
     run::{Again, Beside, Known, Recorded},
-    sums::{self, Altered, SUMS},
+    sums::{self, Altered},
     terminal::say,
 };
 
 /// What is kept in a folder only as it was read: no capture tells it anew.
 const AS_READ: [&str; 7] = [
-    "journal.jsonl",
-    "manifest.json",
-    "events.csv",
-    "readings.csv",
-    "captures",
-    "transcripts",
-    "log.txt",
+    JOURNAL,
+    MANIFEST,
+    EVENTS,
+    READINGS,
+    CAPTURES,
+    TRANSCRIPTS,
+    LOG,
 ];
 
 /// Arguments of `verify`.
@@ -60,7 +63,7 @@ fn of_run(folder: &Path) -> Result<bool, Failure> {
     // A report is written at the end: where there is one, it must follow from the captures,
     // whatever the journal says of the end.
     if !folder.join(SUMS).exists()
-        && !folder.join("report.html").exists()
+        && !folder.join(REPORT).exists()
         && let Some(how) = Recorded::read(folder)?.stopped()
     {
         say!(

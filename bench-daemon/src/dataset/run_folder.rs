@@ -12,6 +12,7 @@ use analysis::{
     contract::Below,
     dataset::{TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
+    run_folder::{CONFIG, EVENTS, INDEX, MANIFEST, READINGS, ReadingRow, SPECTRUM},
     series::TimeSeries,
     spectrum::FlaggedPoint,
 };
@@ -25,13 +26,6 @@ use super::{
 };
 use crate::{config::ConfigError, executor::OUTPUT_ON};
 
-const INDEX: &str = "traces.json";
-/// Copies of the files that the run was made from.
-const CONFIG: &str = "config";
-const MANIFEST: &str = "manifest.json";
-const SPECTRUM: &str = "spectrum.csv";
-const READINGS: &str = "readings.csv";
-const EVENTS: &str = "events.csv";
 /// Standard deviation of a voltage that nobody has measured, V: by as much can an offset of the
 /// supply move it.
 const UNSEEN_V: f64 = 3e-3;
@@ -412,26 +406,18 @@ impl Reader<'_> {
         let path = self.folder.join(READINGS);
         let text = std::fs::read_to_string(&path)
             .map_err(|error| unreadable(&path, &error.to_string()))?;
-        let rows: Vec<Vec<&str>> = text
-            .lines()
-            .skip(1)
-            .map(|line| line.split(',').collect())
-            .collect();
-        let number = |row: &[&str], column: usize| {
-            row.get(column).and_then(|field| field.parse::<f64>().ok())
-        };
-        let of = |phase: &'static str| move |row: &&Vec<&str>| row.get(1) == Some(&phase);
+        let rows: Vec<ReadingRow<'_>> = text.lines().filter_map(ReadingRow::parse).collect();
         let rest_v = rows
             .iter()
             .rev()
-            .filter(of("rest"))
-            .find_map(|row| number(row, 2));
+            .filter(|row| row.phase == "rest")
+            .find_map(|row| row.voltage_v);
         let swept: Vec<f64> = rows
             .iter()
             .rev()
-            .skip_while(|row| !of("sine")(row))
-            .take_while(of("sine"))
-            .filter_map(|row| number(row, 2))
+            .skip_while(|row| row.phase != "sine")
+            .take_while(|row| row.phase == "sine")
+            .filter_map(|row| row.voltage_v)
             .collect();
         let mean_v = (!swept.is_empty()).then(|| swept.iter().sum::<f64>() / swept.len() as f64);
         let ocv_v = rest_v.or(mean_v).ok_or_else(|| {
@@ -440,7 +426,7 @@ impl Reader<'_> {
                 "expected a voltage at rest or under the sweep, found none",
             )
         })?;
-        Ok((ocv_v, rows.iter().rev().find_map(|row| number(row, 4))))
+        Ok((ocv_v, rows.iter().rev().find_map(|row| row.temperature_c)))
     }
 
     /// A sweep, and what the quality gate has refused of it as its file says.

@@ -5,6 +5,7 @@ use analysis::{
     multisine::{
         Line, MultisineFit, analyse, analyse_played, clock_offset, nonlinear, with_distortion,
     },
+    run_folder,
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
 };
 use instruments::{
@@ -48,15 +49,6 @@ impl BandFit {
             phasors: with_distortion(fit),
             lines: nonlinear(fit),
         }
-    }
-}
-
-/// What the file of a band's record is called, by the number of the attempt, from 0.
-pub(crate) fn capture_name(band: &Band, attempt: usize) -> String {
-    if attempt == 0 {
-        format!("band{}", band.number)
-    } else {
-        format!("band{}_again{attempt}", band.number)
     }
 }
 
@@ -234,8 +226,8 @@ impl Executor<'_> {
         );
         let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
         self.recorder.write_capture(
-            &format!("multisine_{}", self.repeat),
-            &capture_name(band, attempt),
+            &run_folder::multisine_captures(self.repeat),
+            &run_folder::band_capture(band.number, attempt),
             &capture,
         )?;
         Ok(Some(waveforms))

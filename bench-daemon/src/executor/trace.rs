@@ -5,8 +5,9 @@
 //! current and voltage from the rest, and the voltmeter at the jig the voltage at rest that the
 //! change counts from.
 
-use analysis::dataset::{
-    Capture, Commanded, CurrentBetween, CurrentPositive, TraceEntry, TraceRow,
+use analysis::{
+    dataset::{Capture, Commanded, CurrentBetween, CurrentPositive, TraceEntry, TraceRow},
+    run_folder,
 };
 use instruments::{
     fixture::Fixture,
@@ -149,7 +150,9 @@ impl Executor<'_> {
         self.trace_ranges(trace, ocv_v);
         self.arm(&ZERO_FRAME).await?;
         self.clock.sleep_s(ZERO_FRAME.span_s + FILL_S).await;
-        let capture = self.fetch(&ZERO_FRAME, (trace, "zero")).await?;
+        let capture = self
+            .fetch(&ZERO_FRAME, (trace, run_folder::ZERO_FRAME))
+            .await?;
         let Some(volts) = zeros(&capture) else {
             return Err(disobeyed(
                 &trace.name,
@@ -372,7 +375,7 @@ impl Executor<'_> {
         let label = format!("trace {} repeat {} {name}", trace.name, trace.repeat);
         let capture = capture_of(label, 0.0, start_s, &waveforms);
         self.recorder.write_capture(
-            &format!("trace_{}_{}", trace.name, trace.repeat),
+            &run_folder::trace_name(&trace.name, trace.repeat),
             name,
             &capture,
         )?;
@@ -460,7 +463,7 @@ impl Executor<'_> {
         let charge_c = charge_of(&recorded.rows);
         let scatter = recorded.scatter();
         let entry = TraceEntry {
-            file: format!("series_{}_{}.bdf.csv", trace.name, trace.repeat),
+            file: run_folder::series(&trace.name, trace.repeat),
             name: trace.name.clone(),
             cell: self.specimen.as_ref().map(|specimen| specimen.name.clone()),
             repeat: trace.repeat,

@@ -5,6 +5,7 @@ use std::path::Path;
 use analysis::{
     ocv::OcvExtraction,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
+    run_folder::{OCV, OCV_COLUMNS, OCV_CURVE},
 };
 
 use crate::{failure::Failure, files};
@@ -18,16 +19,16 @@ const TABLE_STEPS: u32 = 200;
 pub(crate) fn write(folder: &Path, found: &OcvExtraction) -> Result<(), Failure> {
     files::make_folder(folder)?;
     let put = |name: &str, text: &str| files::write_text(folder, name, text);
-    let mut table = "soc,ocv_v,docv_dsoc_v\n".to_owned();
+    let mut table = format!("{OCV_COLUMNS}\n");
     for k in 0..=TABLE_STEPS {
         let soc = f64::from(k) / f64::from(TABLE_STEPS);
         let (ocv_v, slope_v) = found.curve.at(soc);
         table.push_str(&format!("{soc:.4},{ocv_v:.6},{slope_v:.6}\n"));
     }
-    put("ocv.csv", &table)?;
+    put(OCV, &table)?;
     let json = serde_json::to_string_pretty(&found.curve)
         .map_err(|error| Failure::Analysis(error.to_string()))?;
-    put("ocv.json", &(json + "\n"))
+    put(OCV_CURVE, &(json + "\n"))
 }
 
 /// The measured and the compensated curve as figure 3.3 of the thesis, the slope, and the samples

@@ -7,6 +7,7 @@ use analysis::{
     dataset::RunIndex,
     diagnosis::{Planned, PlannedRun, RunData},
     fit::RefusedPoint,
+    run_folder::INDEX,
 };
 
 use crate::{
@@ -80,7 +81,7 @@ pub(super) fn add(
 
 /// Bench time of a folder's first run, s.
 fn begin_s(folder: &Path) -> Result<f64, Failure> {
-    let path = folder.join("traces.json");
+    let path = folder.join(INDEX);
     let fail = |reason: String| {
         Failure::Config(ConfigError::Unreadable {
             path: path.clone(),

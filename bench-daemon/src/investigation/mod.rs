@@ -22,6 +22,7 @@ use analysis::{
     },
     fit::{Bounds, CellSweeps, FitOptions, ModelFile, OrderOptions, fit_erm, select_order},
     ocv::OcvCurve,
+    run_folder::MODEL,
     spectrum::Spectrum,
 };
 use follow_up::Site;
@@ -446,7 +447,7 @@ fn base_model(
     );
     file.ocv = Some(means.ocv.clone());
     file.refused = gated.into_iter().map(|(_, point)| point).collect();
-    let path: PathBuf = means.out.join("model.json");
+    let path: PathBuf = means.out.join(MODEL);
     let text = file.to_json().map_err(|error| refused(&error))?;
     analysis::dataset::write_atomically(&path, text.as_bytes()).map_err(|error| refused(&error))?;
     Ok(BaseModel {

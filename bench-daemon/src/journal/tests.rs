@@ -90,7 +90,7 @@ fn a_journal_torn_at_any_byte_keeps_its_whole_lines_and_goes_on() {
             again.lines.last().map(|line| &line.entry),
             Some(&Entry::Safe)
         );
-        let aside = std::fs::read(folder.path().join(TORN)).unwrap_or_default();
+        let aside = std::fs::read(folder.path().join(TORN_JOURNAL)).unwrap_or_default();
         assert_eq!(
             aside,
             whole[found.whole_bytes as usize..length],

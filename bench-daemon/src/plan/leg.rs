@@ -3,6 +3,8 @@
 
 use std::fmt;
 
+use analysis::run_folder::{OCV_CHARGE, OCV_DISCHARGE};
+
 use super::minutes;
 use crate::interlock::Limits;
 
@@ -57,8 +59,8 @@ impl Log {
     /// The file in the run folder.
     pub fn file(self) -> &'static str {
         match self {
-            Self::Discharge => "ocv_discharge.bdf.csv",
-            Self::Charge => "ocv_charge.bdf.csv",
+            Self::Discharge => OCV_DISCHARGE,
+            Self::Charge => OCV_CHARGE,
         }
     }
 }

@@ -4,11 +4,12 @@ use std::fs;
 
 use analysis::{
     dataset::{self, Capture, LegRow, RunIndex, SweepEntry, TraceEntry, TraceRow},
+    run_folder::{self, CAPTURES, INDEX},
     spectrum::{ImpedancePoint, Spectrum},
 };
 use instruments::{fixture::Fixture, scope::Waveform};
 
-use super::{INDEX, RecordError, Recorder, capture_of, io, names::sweep_name, reopen};
+use super::{RecordError, Recorder, capture_of, io, names::sweep_name, reopen};
 
 /// Which capture it is.
 #[derive(Debug, Clone, Copy)]
@@ -46,12 +47,7 @@ impl Recorder {
             file.attempt + 1,
             file.amplitude_a
         );
-        let again = if file.attempt == 0 {
-            String::new()
-        } else {
-            format!("_again{}", file.attempt)
-        };
-        let point = format!("point{:02}_{:.6}Hz{again}", file.index + 1, file.freq_hz);
+        let point = run_folder::point_capture(file.index + 1, file.freq_hz, file.attempt);
         self.write_capture(
             &name,
             &point,
@@ -60,7 +56,7 @@ impl Recorder {
         if file.attempt == 0 {
             self.fresh.clear();
         }
-        let relative = format!("captures/{name}/{point}.parquet");
+        let relative = run_folder::capture(&name, &point);
         let sha256 = reopen::sha256_of(&self.path(&relative))?;
         self.fresh.push((relative, sha256));
         Ok(())
@@ -76,13 +72,11 @@ impl Recorder {
         name: &str,
         capture: &Capture,
     ) -> Result<(), RecordError> {
-        self.room(&format!("captures/{folder}"))?;
-        let folder = self.path("captures").join(folder);
+        let file = run_folder::capture(folder, name);
+        self.room(&file)?;
+        let folder = self.path(CAPTURES).join(folder);
         fs::create_dir_all(&folder).map_err(io(&folder, "cannot be made"))?;
-        Ok(dataset::write_capture(
-            &folder.join(format!("{name}.parquet")),
-            capture,
-        )?)
+        Ok(dataset::write_capture(&self.path(&file), capture)?)
     }
 
     /// Writes a trace and enters it into the index.

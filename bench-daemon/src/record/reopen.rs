@@ -9,11 +9,12 @@ use std::{
 
 use analysis::{
     dataset::{self, RunIndex, SeriesRow},
+    run_folder::{CAPTURES, EVENT_COLUMNS, EVENTS, INDEX, LOG, READINGS, ReadingRow, TRANSCRIPTS},
     spectrum::ImpedancePoint,
 };
 use instruments::clock::Clock;
 
-use super::{EVENT_COLUMNS, INDEX, RecordError, Recorder, io};
+use super::{RecordError, Recorder, io};
 use crate::{
     drill::Drill,
     hash,
@@ -33,10 +34,10 @@ impl Recorder {
         (read, story): (&Read, &Story),
     ) -> Result<Self, RecordError> {
         let journal = Journal::reopen(folder, &clock, read)?;
-        for name in ["events.csv", "readings.csv", "log.txt"] {
+        for name in [EVENTS, READINGS, LOG] {
             cut_torn_line(&folder.join(name))?;
         }
-        let events = folder.join("events.csv");
+        let events = folder.join(EVENTS);
         let columns = fs::read_to_string(&events).unwrap_or_default();
         let columns = columns.lines().next().unwrap_or_default();
         // Killed before the first line was whole.
@@ -50,7 +51,7 @@ impl Recorder {
                 &columns,
             ));
         }
-        let transcripts = folder.join("transcripts");
+        let transcripts = folder.join(TRANSCRIPTS);
         for entry in fs::read_dir(&transcripts).map_err(io(&transcripts, "cannot be read"))? {
             cut_torn_line(&entry.map_err(io(&transcripts, "cannot be read"))?.path())?;
         }
@@ -66,9 +67,9 @@ impl Recorder {
             drill: Drill::none(),
             fresh: Vec::new(),
             taps: Vec::new(),
-            events: append(&folder.join("events.csv"))?,
-            readings: append(&folder.join("readings.csv"))?,
-            series: readings(&folder.join("readings.csv")),
+            events: append(&folder.join(EVENTS))?,
+            readings: append(&folder.join(READINGS))?,
+            series: readings(&folder.join(READINGS)),
             folder: folder.to_owned(),
             clock,
             index,
@@ -136,19 +137,19 @@ impl Recorder {
     /// # Errors
     /// A folder that cannot be read.
     pub fn drop_captures(&self, sweep: &str, points: &[&PointDone]) -> Result<(), RecordError> {
-        let folder = self.path("captures").join(sweep);
+        let folder = self.path(CAPTURES).join(sweep);
         let Ok(entries) = fs::read_dir(&folder) else {
             return Ok(());
         };
         for entry in entries {
             let entry = entry.map_err(io(&folder, "cannot be read"))?;
-            let relative = format!("captures/{sweep}/{}", entry.file_name().to_string_lossy());
+            let path = entry.path();
             if !points
                 .iter()
                 .flat_map(|point| &point.files)
-                .any(|(file, _)| *file == relative)
+                .any(|(file, _)| self.path(file) == path)
             {
-                fs::remove_file(entry.path()).map_err(io(&entry.path(), "cannot be removed"))?;
+                fs::remove_file(&path).map_err(io(&path, "cannot be removed"))?;
             }
         }
         Ok(())
@@ -223,29 +224,14 @@ fn readings(path: &Path) -> Vec<SeriesRow> {
     rows.flatten().collect()
 }
 
+/// A row of the readings; what was not read is not a number.
 fn reading(line: &str) -> Option<SeriesRow> {
-    let cells: Vec<&str> = line.split(',').collect();
-    let [time, _, volts, amps, celsius] = cells.as_slice() else {
-        return None;
-    };
-    let number = |cell: &str| {
-        if cell.is_empty() {
-            Some(f64::NAN)
-        } else {
-            cell.parse::<f64>().ok()
-        }
-    };
-    let (time_s, voltage_v, current_a, temperature_c) = (
-        number(time)?,
-        number(volts)?,
-        number(amps)?,
-        number(celsius)?,
-    );
+    let row = ReadingRow::parse_whole(line)?;
     Some(SeriesRow {
-        time_s,
-        voltage_v,
-        current_a,
-        temperature_c,
+        time_s: row.time_s,
+        voltage_v: row.voltage_v.unwrap_or(f64::NAN),
+        current_a: row.current_a.unwrap_or(f64::NAN),
+        temperature_c: row.temperature_c.unwrap_or(f64::NAN),
     })
 }
 

@@ -25,7 +25,7 @@ use crate::{
     config::Experiment,
     executor::{Asked, Taken, analyse},
     failure::Failure,
-    journal::{self, Entry, JOURNAL, Line},
+    journal::{self, Entry, Line},
     measure::SweepPoint,
     plan::{Plan, Purpose, Step},
     procedure,
@@ -36,6 +36,9 @@ use analysis::{
     calibration::Correction,
     dataset::{self, Capture, CaptureFile, CaptureMeta},
     ocv::OcvCurve,
+    run_folder::{
+        self, CORRECTION, INDEX, JOURNAL, MANIFEST, PLOTS, READINGS, SPECTRA, TRANSCRIPTS,
+    },
     sine::Channel,
 };
 use instruments::{
@@ -46,8 +49,6 @@ use instruments::{
 /// Captures above this size are read by pieces, bytes: what is in memory at once is this for each
 /// core, decoded.
 const LARGE_BYTES: u64 = 1 << 23;
-/// What of a run cannot be recomputed and is read by what follows from its sweeps.
-const READ_BESIDE: [&str; 3] = ["series_", "ocv_", "captures"];
 
 /// A run as its folder tells it.
 pub(crate) struct Recorded {
@@ -202,7 +203,7 @@ impl Recorded {
         let (mut recorder, mut beside) = (self.recorder(out)?, Beside::default());
         let inherited = self.inherited_correction()?;
         if let Some(correction) = &inherited {
-            recorder.json("correction.json", correction)?;
+            recorder.json(CORRECTION, correction)?;
         }
         let mut gathered = Gathered::new(&self.experiment, inherited);
         let mut stages: Vec<usize> = self
@@ -387,7 +388,7 @@ impl Recorded {
 
     /// The correction of a run before, where this one had no controls of its own.
     fn inherited_correction(&self) -> Result<Option<Correction>, Failure> {
-        let path = self.folder.join("correction.json");
+        let path = self.folder.join(CORRECTION);
         if self.experiment.fixture_check.is_some() || !path.exists() {
             return Ok(None);
         }
@@ -406,18 +407,22 @@ impl Recorded {
             }
             .into());
         }
-        for part in ["plots", "spectra", "transcripts"] {
+        for part in [PLOTS, SPECTRA, TRANSCRIPTS] {
             fs::create_dir_all(out.join(part))?;
         }
         let own = fs::canonicalize(&self.folder)?;
         for entry in fs::read_dir(&own)? {
             let entry = entry?;
             let name = entry.file_name().to_string_lossy().into_owned();
-            if READ_BESIDE.iter().any(|prefix| name.starts_with(prefix)) {
+            // What cannot be recomputed and is read by what follows from the sweeps.
+            if run_folder::RECORDED
+                .iter()
+                .any(|prefix| name.starts_with(prefix))
+            {
                 symlink(entry.path(), out.join(&name))?;
             }
         }
-        for name in ["traces.json", "readings.csv", "manifest.json"] {
+        for name in [INDEX, READINGS, MANIFEST] {
             if own.join(name).exists() {
                 fs::copy(own.join(name), out.join(name))?;
             }

@@ -1,7 +1,7 @@
 //! A plan played stage by stage: sweeps and traces go into the index, and what follows from them is
 //! gathered.
 
-use analysis::{calibration::Correction, dataset::SweepEntry};
+use analysis::{calibration::Correction, dataset::SweepEntry, run_folder::CORRECTION};
 use instruments::{
     clock::{Clock, TimeMode},
     fixture::Fixture,
@@ -54,7 +54,7 @@ pub(super) async fn drive(
         (operator, progress),
     );
     if let Some(correction) = inherited {
-        executor.recorder.json("correction.json", &correction)?;
+        executor.recorder.json(CORRECTION, &correction)?;
         executor.correction = correction;
     }
     let mut drive = Drive {

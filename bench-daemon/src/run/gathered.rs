@@ -6,7 +6,11 @@ use std::collections::{
     btree_map::Entry::{Occupied, Vacant},
 };
 
-use analysis::{calibration::Correction, spectrum::Spectrum};
+use analysis::{
+    calibration::Correction,
+    run_folder::{CONTROLS, CORRECTION, SPECTRUM_PARQUET},
+    spectrum::Spectrum,
+};
 use instruments::fixture::Fixture;
 
 use super::{
@@ -143,7 +147,7 @@ impl<'a> Gathered<'a> {
                 .points
                 .first()
                 .map_or_else(Vec::new, |points| sweeping::flag_texts(points));
-            recorder.flagged_parquet("spectrum.parquet", &measured.spectrum.points, &flags)?;
+            recorder.flagged_parquet(SPECTRUM_PARQUET, &measured.spectrum.points, &flags)?;
         }
         Ok(measured)
     }
@@ -174,7 +178,7 @@ fn judge(
     tell(recorder, &text)?;
     let passed = result.raw.passed;
     measured.controls.push(result);
-    recorder.json("controls.json", &measured.controls)?;
+    recorder.json(CONTROLS, &measured.controls)?;
     if passed {
         Ok(())
     } else {
@@ -202,7 +206,7 @@ fn correct(
         fixture_check::correction(&experiment.bench, &measured.sweeps).map_err(|error| {
             Failure::FixtureCheck(format!("no correction can be computed: {error}"))
         })?;
-    recorder.json("correction.json", &correction)?;
+    recorder.json(CORRECTION, &correction)?;
     measured.correction = correction;
     let mut wrong = None;
     for fixture in [Fixture::FakeCell, Fixture::Short] {
@@ -235,6 +239,6 @@ fn correct(
         }
         control.corrected = Some(verdict);
     }
-    recorder.json("controls.json", &measured.controls)?;
+    recorder.json(CONTROLS, &measured.controls)?;
     wrong.map_or(Ok(()), |text| Err(Failure::FixtureCheck(text)))
 }

@@ -3,6 +3,7 @@
 
 use std::collections::BTreeMap;
 
+use analysis::run_folder::{self, MANIFEST};
 use instruments::clock::{self, TimeMode};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -48,16 +49,16 @@ pub(super) fn copies(experiment: &config::Experiment) -> std::io::Result<Vec<Con
         let name = path
             .file_name()
             .map_or_else(|| "config.toml".into(), |name| name.to_string_lossy());
-        let mut copy = format!("config/{}_{name}", folder_of(&path));
+        let mut named = format!("{}_{name}", folder_of(&path));
         while files
             .iter()
-            .any(|known| known.copy == copy && known.path != path)
+            .any(|known| known.copy == run_folder::config_copy(&named) && known.path != path)
         {
-            copy.insert_str("config/".len(), "other_");
+            named.insert_str(0, "other_");
         }
         files.push(ConfigCopy {
             path,
-            copy,
+            copy: run_folder::config_copy(&named),
             sha256: hash::sha256(source.text()),
         });
     }
@@ -112,6 +113,6 @@ impl Run<'_> {
             status,
             bench_time_s: (self.clock.now_s() * 1.0e3).round() / 1.0e3,
         };
-        Ok(self.recorder.json("manifest.json", &manifest)?)
+        Ok(self.recorder.json(MANIFEST, &manifest)?)
     }
 }

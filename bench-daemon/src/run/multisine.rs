@@ -6,6 +6,7 @@ use std::{fmt::Write as _, path::Path};
 use analysis::{
     dataset::SweepEntry,
     multisine::Line,
+    run_folder::{LINE_COLUMNS, Multisine},
     series::Role,
     spectrum::{ChannelPhasors, FlaggedPoint, ImpedancePoint, Spectrum, raw_impedance},
 };
@@ -54,7 +55,7 @@ pub(super) async fn measure(
     let (experiment, start_s) = (executor.experiment, executor.clock.now_s());
     executor
         .recorder
-        .forget_sweep(&named("multisine.csv", repeat));
+        .forget_sweep(&Multisine::Spectrum.file(repeat));
     // A multisine that was interrupted is done again whole: it takes back what it gives.
     let points = executor
         .stage((number, stage), &Entrance::default(), &mut |_, _| Ok(()))
@@ -129,10 +130,10 @@ pub(super) fn write(
         .iter()
         .map(|(phasors, ..)| reasons(&flagged, phasors.freq_hz))
         .collect();
-    recorder.flagged_spectrum(&named("raw_multisine.csv", repeat), &raw, &flags)?;
-    recorder.flagged_spectrum(&named("multisine.csv", repeat), &corrected, &flags)?;
-    recorder.text(&named("multisine_lines.csv", repeat), &table(&lines))?;
-    recorder.flagged_parquet(&named("multisine.parquet", repeat), &corrected, &flags)?;
+    recorder.flagged_spectrum(&Multisine::Raw.file(repeat), &raw, &flags)?;
+    recorder.flagged_spectrum(&Multisine::Spectrum.file(repeat), &corrected, &flags)?;
+    recorder.text(&Multisine::Lines.file(repeat), &table(&lines))?;
+    recorder.flagged_parquet(&Multisine::SpectrumParquet.file(repeat), &corrected, &flags)?;
     let own = |((phasors, ..), point): (&Found, &ImpedancePoint)| {
         let covariance = correction.measured_parts(phasors).into_iter().sum();
         ImpedancePoint {
@@ -154,7 +155,7 @@ pub(super) fn write(
     );
     sweeping::write_shared(
         recorder,
-        &named("multisine.csv", repeat),
+        &Multisine::Spectrum.file(repeat),
         (&spectrum, &flags),
     )?;
     let volts_per_div = found
@@ -170,7 +171,7 @@ pub(super) fn write(
         volts_per_div,
         took_s,
     };
-    recorder.json(&named("multisine.json", repeat), &run)?;
+    recorder.json(&Multisine::Whole.file(repeat), &run)?;
     Ok(run)
 }
 
@@ -187,7 +188,7 @@ fn reasons(flagged: &[FlaggedPoint], freq_hz: f64) -> String {
 
 /// What a multisine of an earlier process measured.
 pub(super) fn restore(folder: &Path, repeat: usize) -> Result<MultisineRun, Failure> {
-    let path = folder.join(named("multisine.json", repeat));
+    let path = folder.join(Multisine::Whole.file(repeat));
     let text = std::fs::read_to_string(&path)
         .map_err(|error| Failure::Analysis(format!("{}: {error}", path.display())))?;
     serde_json::from_str(&text)
@@ -208,7 +209,7 @@ fn entry(
         }
     };
     SweepEntry {
-        file: named("multisine.csv", repeat),
+        file: Multisine::Spectrum.file(repeat),
         fixture: fixture_name(Fixture::Cell).to_owned(),
         cell: None,
         fixture_ohm: None,
@@ -248,17 +249,8 @@ fn noise_dof(stage: &Stage) -> f64 {
         .fold(f64::INFINITY, f64::min)
 }
 
-/// A file of the first repeat is called as it is, of a further one with its number.
-pub(super) fn named(file: &str, repeat: usize) -> String {
-    if repeat == 1 {
-        file.to_owned()
-    } else {
-        file.replacen('.', &format!("_{repeat}."), 1)
-    }
-}
-
 fn table(lines: &[Line]) -> String {
-    let mut text = "freq_hz,noise,even,odd,sigma,images\n".to_owned();
+    let mut text = format!("{LINE_COLUMNS}\n");
     for line in lines {
         let _ = writeln!(
             text,

@@ -3,6 +3,10 @@
 
 use std::{path::Path, sync::Arc};
 
+use analysis::{
+    dataset::RunIndex,
+    run_folder::{self, INDEX},
+};
 use instruments::clock::{self, TimeMode};
 
 use super::{FINISHED, play::Run};
@@ -72,8 +76,8 @@ impl Past {
         bench(&experiment)?;
         let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
         same_plan(&story.started, plan.plan()).map_err(usage)?;
-        let index = std::fs::read_to_string(folder.join("traces.json")).unwrap_or_default();
-        let index: analysis::dataset::RunIndex = serde_json::from_str(&index).unwrap_or_default();
+        let index = std::fs::read_to_string(folder.join(INDEX)).unwrap_or_default();
+        let index: RunIndex = serde_json::from_str(&index).unwrap_or_default();
         let recorded = |step: &Step| match step {
             Step::Trace(trace) => index
                 .traces
@@ -111,11 +115,8 @@ impl Past {
     /// Bench time at which the run goes on, s: in real time as if it had gone on all the while, on
     /// scaled mocks the time of the last entry.
     pub(crate) fn time_s(&self, folder: &Path) -> f64 {
-        let manifest = std::fs::read_to_string(folder.join("manifest.json")).unwrap_or_default();
-        let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();
         let real = self.story.started.time == TimeMode::Real.to_string();
-        let passed_s = manifest["started_unix_s"]
-            .as_f64()
+        let passed_s = run_folder::started_unix_s(folder)
             .filter(|_| real)
             .map_or(0.0, |start_s| clock::unix_time_s() - start_s);
         passed_s.max(self.story.last_s)

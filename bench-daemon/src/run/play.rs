@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use analysis::calibration::Correction;
+use analysis::{calibration::Correction, run_folder::FAULTS};
 use instruments::{clock::Clock, transport::MemoryHub};
 
 use super::{
@@ -162,10 +162,10 @@ impl Run<'_> {
             .unwrap_or_default();
         if !happened.is_empty() {
             self.recorder.warning(&format!(
-                "{} faults were played on the simulated instruments: faults.json",
+                "{} faults were played on the simulated instruments: {FAULTS}",
                 happened.len()
             ));
-            self.recorder.json("faults.json", &happened)?;
+            self.recorder.json(FAULTS, &happened)?;
         }
         let readings = self.recorder.finish_readings();
         match outcome {

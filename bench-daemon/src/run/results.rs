@@ -15,6 +15,7 @@ use analysis::{
     budget::Budget,
     fit::{Bounds, CellSweeps, ErmFit, FitOptions, ModelFile, PackModel, RefusedPoint, fit_cells},
     pack::Pack,
+    run_folder,
     spectrum::Spectrum,
     validity::{Noise, linearity},
 };
@@ -101,12 +102,12 @@ fn evaluate(
         let text = model
             .to_json()
             .map_err(|error| Failure::Analysis(error.to_string()))?;
-        recorder.text(&format!("model_{}rc.json", model.rc), &text)?;
+        recorder.text(&run_folder::model(model.rc), &text)?;
     }
     for (name, points) in &measured.sweeps {
         let raw = fixture_check::raw_points(&experiment.bench, points);
         recorder.flagged_parquet(
-            &format!("raw_{name}.parquet"),
+            &run_folder::raw_parquet(name),
             &raw,
             &super::sweeping::flag_texts(points),
         )?;
@@ -119,8 +120,8 @@ fn evaluate(
         &measured.correction,
         cell.iter().map(|point| &point.phasors),
     );
-    recorder.text("budget.csv", &budget.to_csv())?;
-    recorder.json("budget.json", &budget)?;
+    recorder.text(run_folder::BUDGET, &budget.to_csv())?;
+    recorder.json(run_folder::BUDGET_JSON, &budget)?;
     let judged = validity::judge(measured, experiment.bench.wiring.shunt.r_ohm);
     let campaign = experiment.campaign.as_ref();
     let told = campaign
@@ -423,10 +424,10 @@ fn summary(
     }
     lines.push(String::new());
     lines.push(format!("run folder: {}", recorder.folder().display()));
-    if recorder.path("report.html").exists() {
+    if recorder.path(run_folder::REPORT).exists() {
         lines.push(format!(
             "report:     {}",
-            recorder.path("report.html").display()
+            recorder.path(run_folder::REPORT).display()
         ));
     }
     // What has nothing to say leaves no gap.

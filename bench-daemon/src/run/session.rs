@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use analysis::calibration::Correction;
+use analysis::{calibration::Correction, run_folder::LOG};
 use instruments::{
     clock::{Clock, TimeMode},
     fixture::Fixture,
@@ -148,7 +148,7 @@ impl Session {
                 Some(past) => Recorder::reopen(folder, clock.clone(), (&past.read, &past.story))?,
             };
             recorder.drill(&drill);
-            logging::log_to(&recorder.path("log.txt"), &clock)?;
+            logging::log_to(&recorder.path(LOG), &clock)?;
             let before = (simulation, inherited);
             Box::pin(
                 Run {

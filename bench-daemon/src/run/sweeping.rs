@@ -4,6 +4,7 @@ use analysis::{
     calibration::{Correction, CorrectionModes},
     contract::Below,
     dataset::SweepEntry,
+    run_folder,
     series::Role,
     spectrum::{ChannelPhasors, FlaggedPoint, ImpedancePoint, Spectrum, at_one_time},
 };
@@ -68,13 +69,12 @@ impl<'a> Sweeping<'a> {
             .and_then(|campaign| campaign.run(repeat));
         let name = sweep_name(fixture, repeat);
         let corrected = cell || (repeat > 0 && correction.reduced_chi2.is_some());
-        let file = match (cell, repeat, &run) {
-            (_, _, Some(run)) => format!("spectra/{}.csv", run.name()),
-            (true, 0 | 1, None) => "spectrum.csv".to_owned(),
-            (true, _, None) => format!("spectrum_{repeat}.csv"),
-            (false, _, None) => format!("spectrum_{name}.csv"),
+        let file = match (cell, &run) {
+            (_, Some(run)) => run_folder::campaign_spectrum(&run.name()),
+            (true, None) => run_folder::spectrum(repeat),
+            (false, None) => run_folder::control_spectrum(&name),
         };
-        let (raw, file) = (format!("raw_{name}.csv"), corrected.then_some(file));
+        let (raw, file) = (run_folder::raw(&name), corrected.then_some(file));
         Self {
             experiment,
             fixture,
@@ -352,8 +352,7 @@ pub(super) fn write_shared(
     if spectrum.shared.is_empty() {
         return Ok(());
     }
-    let name = file.strip_prefix("spectra/").unwrap_or(file);
-    recorder.whole_spectrum(&format!("shared/{name}"), spectrum, flags)
+    recorder.whole_spectrum(&run_folder::shared_spectrum(file), spectrum, flags)
 }
 
 /// What lies between the lower tap and the ground of the channels: the median of the resistance

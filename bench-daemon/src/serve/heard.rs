@@ -4,6 +4,7 @@
 
 use std::{path::Path, str::FromStr};
 
+use analysis::run_folder;
 use instruments::transcript::{Direction, Payload, Transcript};
 
 use super::follow::Follow;
@@ -27,7 +28,7 @@ pub struct Heard {
 impl Heard {
     /// The instrument of a role in a run folder.
     pub fn new(run: &Path, role: &str) -> Self {
-        let follow = Follow::new(run.join("transcripts").join(format!("{role}.txt")));
+        let follow = Follow::new(run.join(run_folder::transcript(role)));
         Self {
             follow,
             asked: None,

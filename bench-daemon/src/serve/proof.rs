@@ -4,11 +4,12 @@
 
 use std::{os::unix::fs::MetadataExt, path::Path};
 
+use analysis::run_folder::JOURNAL;
+
 use super::live::StopReport;
 use crate::{
     bench::SafeReport,
     guardian::{DRIVES, Report, Status},
-    journal::JOURNAL,
     state::State,
 };
 

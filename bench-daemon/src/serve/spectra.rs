@@ -3,7 +3,11 @@
 
 use std::{collections::BTreeMap, os::unix::fs::MetadataExt, path::Path};
 
-use analysis::{dataset::read_spectrum_csv, spectrum::ImpedancePoint};
+use analysis::{
+    dataset::read_spectrum_csv,
+    run_folder::{self, SPECTRA},
+    spectrum::ImpedancePoint,
+};
 use serde::Serialize;
 use utoipa::ToSchema;
 
@@ -73,10 +77,10 @@ pub fn stamps(run: &Path) -> Stamps {
     };
     let root = below("")
         .into_iter()
-        .filter(|name| name.starts_with("spectrum") || name.starts_with("raw_"));
-    let more = below("spectra")
+        .filter(|name| run_folder::is_spectrum(name));
+    let more = below(SPECTRA)
         .into_iter()
-        .map(|name| format!("spectra/{name}"));
+        .map(|name| format!("{SPECTRA}/{name}"));
     let csv =
         |name: &String| name.ends_with(".csv") && !name.contains("/.") && !name.starts_with('.');
     root.chain(more)
@@ -96,7 +100,7 @@ pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
     points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
     let name = file.trim_end_matches(".csv").to_owned();
     Some(Spectrum {
-        corrected: !name.contains("raw_"),
+        corrected: !run_folder::is_raw(&name),
         name,
         points,
     })
@@ -108,7 +112,7 @@ pub fn fits(run: &Path) -> Vec<(String, serde_json::Value)> {
     let mut names: Vec<String> = entries
         .filter_map(|entry| entry.file_name().into_string().ok())
         .collect();
-    names.retain(|name| name.starts_with("model") && name.ends_with(".json"));
+    names.retain(|name| run_folder::is_model(name));
     names.sort();
     let read = |name: String| {
         let value = serde_json::from_reader(beneath::open(run, &name)?).ok()?;

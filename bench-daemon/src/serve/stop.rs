@@ -5,6 +5,7 @@
 
 use std::{path::PathBuf, process::Stdio, sync::Arc, time::Duration};
 
+use analysis::run_folder::JOURNAL;
 use instruments::clock;
 use nix::{
     sys::signal::{Signal, kill},
@@ -15,7 +16,6 @@ use super::{Server, live::StopReport, locks};
 use crate::{
     bench::SafeReport,
     config,
-    journal::JOURNAL,
     state::{Holder, State},
     wishes::{Course, Wishes},
 };

@@ -14,6 +14,7 @@ use std::{
     thread::JoinHandle,
 };
 
+use analysis::run_folder::{JOURNAL, MANIFEST};
 use instruments::clock;
 use nix::{
     sys::signal::{Signal, kill},
@@ -36,7 +37,6 @@ use super::{
 use crate::{
     config,
     failure::{Failure, GATE_REFUSED},
-    journal::JOURNAL,
     state::{Holder, State},
 };
 
@@ -651,7 +651,7 @@ fn how_it_ended(ended: Option<&str>, word: Option<String>) -> String {
 fn identities(run: &Path) -> Vec<Identity> {
     let read = || {
         serde_json::from_str::<serde_json::Value>(
-            &std::fs::read_to_string(run.join("manifest.json")).ok()?,
+            &std::fs::read_to_string(run.join(MANIFEST)).ok()?,
         )
         .ok()
     };

@@ -7,6 +7,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use analysis::run_folder::{JOURNAL, READINGS, ReadingRow};
 use instruments::{clock::TimeMode, fixture::Fixture};
 
 use super::{
@@ -17,7 +18,7 @@ use super::{
 use crate::{
     config::Experiment,
     interlock::NO_CURRENT_A,
-    journal::{Entry, JOURNAL, Line},
+    journal::{Entry, Line},
     plan::{Plan, Purpose, Step, fixture_name},
     procedure,
     run::begun_experiment,
@@ -67,7 +68,7 @@ impl Watch {
             folder: folder.to_owned(),
             inode: 0,
             journal: Follow::new(folder.join(JOURNAL)),
-            readings: Follow::new(folder.join("readings.csv")),
+            readings: Follow::new(folder.join(READINGS)),
             experiment: None,
             plan: None,
             factor: None,
@@ -169,20 +170,13 @@ impl Watch {
         }
     }
 
-    /// `time_s,phase,voltage_v,current_a,temperature_c`.
     fn read(&mut self, line: &str) {
-        let mut cells = line.split(',');
-        let (Some(Ok(time_s)), Some(phase)) = (cells.next().map(str::parse::<f64>), cells.next())
-        else {
+        let Some(row) = ReadingRow::parse(line) else {
             return;
         };
-        let mut number = || {
-            cells
-                .next()
-                .and_then(|cell| cell.parse::<f64>().ok())
-                .filter(|value| value.is_finite())
-        };
-        let (voltage_v, current_a, temperature_c) = (number(), number(), number());
+        let (time_s, phase) = (row.time_s, row.phase);
+        let (voltage_v, current_a, temperature_c) =
+            (row.voltage_v, row.current_a, row.temperature_c);
         let before = self.reading.take();
         let fixture = self.fixture_at(time_s).map_or("cell", fixture_name);
         self.count((time_s, phase), (voltage_v, current_a), before.as_ref());

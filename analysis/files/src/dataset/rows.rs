@@ -8,7 +8,7 @@ use polars::prelude::{Column, DataFrame, DataType};
 
 use super::disk::{append_line, io_error, write_atomically};
 use super::frame::{parquet_error, read_frame, write_frame};
-use super::{ColumnSpec, DatasetError};
+use super::{ColumnSpec, DatasetError, FLAGS, shared};
 
 /// A row of numbers.
 pub(super) trait Row: Sized {
@@ -45,8 +45,8 @@ pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     let mut lines = text.split('\n').map(|line| line.trim_end_matches('\r'));
     let (expected, found) = (header::<R>(), lines.next().unwrap_or(""));
     // Errors that rows share follow behind the columns that every row has: another reader's.
-    let own = MORE
-        .iter()
+    let own = [&format!(",{}", shared::RE), FLAGS]
+        .into_iter()
         .filter_map(|more| found.find(more))
         .min()
         .map_or(found, |at| &found[..at]);
@@ -166,9 +166,6 @@ fn numbers(path: &Path, frame: &DataFrame, spec: &ColumnSpec) -> Result<Vec<f64>
     // An empty cell says what NaN says: not known.
     Ok(cells.iter().map(|cell| cell.unwrap_or(f64::NAN)).collect())
 }
-
-/// How columns begin that stand behind those of every row: shared errors, and what a gate has said.
-const MORE: [&str; 2] = [",shared_re_ohm[", ",flags"];
 
 /// The first fields of a line.
 fn first_fields(line: &str, count: usize) -> &str {

@@ -14,11 +14,12 @@ use analysis_model::{
 };
 use serde::{Deserialize, Serialize};
 
-/// Name of the model file's schema.
+/// Name of the schema of a model file.
 pub const MODEL_SCHEMA: &str = "eis-bench/model";
-/// Version of the model file's schema; readers refuse a newer one. 2 has additions, which a reader
-/// of 1 would pass over in silence.
+/// Version of the schema of a model file; readers refuse a newer one. 2 has additions, which a
+/// reader of 1 would pass over in silence.
 pub const MODEL_SCHEMA_VERSION: u32 = 2;
+
 /// Version of a file without additions, so that older readers take it.
 const PLAIN_VERSION: u32 = 1;
 

@@ -18,6 +18,7 @@ use analysis::{
     model::Circuit,
     plot::{self, ImpedancePlot, Series, SeriesStyle},
     report::{Figure, Level, Report, Table, Verdict},
+    run_folder::REPORT,
     spectrum::{SourcedSpectrum, Spectrum},
 };
 
@@ -314,7 +315,7 @@ fn write(folder: &Path, group: &Group, circuit: &Circuit) -> Result<(), Failure>
         ..Report::default()
     };
     text(
-        "report.html",
+        REPORT,
         &report
             .to_html()
             .map_err(|error| Failure::Analysis(error.to_string()))?,

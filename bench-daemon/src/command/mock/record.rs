@@ -9,7 +9,10 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use analysis::dataset::read_capture;
+use analysis::{
+    dataset::read_capture,
+    run_folder::{CAPTURES, MANIFEST},
+};
 use instruments::{
     chiller,
     clock::{Clock, TimeMode},
@@ -60,14 +63,14 @@ pub fn load(path: &Path, model: Option<&str>) -> Result<(Replay, Outcome), Failu
         .map(str::to_owned)
         .or_else(|| told_model(path))
         .ok_or_else(|| {
-            complain(
-            "expected a manifest.json beside the folder of the transcript that names the model, \
-            found none: give --model KEY".to_owned(),
-        )
+            complain(format!(
+                "expected a {MANIFEST} beside the folder of the transcript that names the model, \
+                found none: give --model KEY"
+            ))
         })?;
     let terminator = terminator(&key)
         .ok_or_else(|| complain(format!("expected the key of a known model, found {key:?}")))?;
-    if let Some(captures) = beside(path, "captures") {
+    if let Some(captures) = beside(path, CAPTURES) {
         restore(&mut transcript, &captures);
     }
     Ok(Replay::new(&transcript, &link, terminator))
@@ -128,8 +131,7 @@ fn told_model(path: &Path) -> Option<String> {
         return Some(stem.to_owned());
     }
     let manifest: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(beside(path, "manifest.json")?).ok()?)
-            .ok()?;
+        serde_json::from_str(&std::fs::read_to_string(beside(path, MANIFEST)?).ok()?).ok()?;
     let instruments = manifest.get("instruments")?.as_array()?;
     let of_role = instruments
         .iter()

@@ -8,6 +8,7 @@ use analysis::{
     dataset,
     formats::scope::{ScopeRecord, open_scope},
     numeric::Covariance2,
+    run_folder::SPECTRUM,
     sine::{self, Channel, FitOptions, Record},
     spectrum::{ChannelPhasors, ImpedancePoint, PhasorVariance, raw_impedance},
 };
@@ -119,9 +120,8 @@ pub(super) fn replay(path: &Path, out: Option<&Path>) -> Result<(), Failure> {
             .into());
         }
         std::fs::create_dir_all(out)?;
-        dataset::write_spectrum_csv(&out.join("spectrum.csv"), &points)
-            .map_err(RecordError::from)?;
-        say!("  written: {}", out.join("spectrum.csv").display());
+        dataset::write_spectrum_csv(&out.join(SPECTRUM), &points).map_err(RecordError::from)?;
+        say!("  written: {}", out.join(SPECTRUM).display());
     }
     Ok(())
 }

@@ -12,12 +12,13 @@ use std::fs;
 use analysis::{
     calibration::Correction,
     dataset::{self, Capture, Commanded, TraceEntry, TraceRow},
+    run_folder::{self, Multisine},
     spectrum::raw_impedance,
 };
 
 use super::{Recorded, told};
 use crate::{
-    executor::{BandFit, Frames, RecordedTrace, capture_name, fit_band, zeros},
+    executor::{BandFit, Frames, RecordedTrace, fit_band, zeros},
     failure::Failure,
     plan::{Band, Stage, Step, Through, TracePlan},
     record::{RecordError, Recorder},
@@ -48,12 +49,8 @@ impl Recorded {
         repeat: usize,
     ) -> Result<(Vec<Found>, MultisineRun), Failure> {
         let kept = multisine::restore(&self.folder, repeat)?;
-        let raw = dataset::read_spectrum_csv(
-            &self
-                .folder
-                .join(multisine::named("raw_multisine.csv", repeat)),
-        )
-        .map_err(RecordError::from)?;
+        let raw = dataset::read_spectrum_csv(&self.folder.join(Multisine::Raw.file(repeat)))
+            .map_err(RecordError::from)?;
         let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
         let mut found: Vec<Found> = Vec::new();
         for band in stage.steps.iter().filter_map(|step| {
@@ -95,9 +92,9 @@ impl Recorded {
     fn attempts(&self, band: &Band, repeat: usize) -> Result<Vec<Vec<Found>>, Failure> {
         let (mut attempts, mut wrong) = (Vec::new(), None);
         for attempt in 0_usize.. {
-            let path = self.folder.join(format!(
-                "captures/multisine_{repeat}/{}.parquet",
-                capture_name(band, attempt)
+            let path = self.folder.join(run_folder::capture(
+                &run_folder::multisine_captures(repeat),
+                &run_folder::band_capture(band.number, attempt),
             ));
             if attempt > 0 && !path.exists() {
                 break;
@@ -164,7 +161,7 @@ impl Recorded {
                 trace.name
             ))
         };
-        let zero_v = zeros(&self.frame(trace, "zero")?).ok_or_else(empty)?;
+        let zero_v = zeros(&self.frame(trace, run_folder::ZERO_FRAME)?).ok_or_else(empty)?;
         let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
         let frames = Frames {
             trace,
@@ -234,9 +231,9 @@ impl Recorded {
     }
 
     fn frame(&self, trace: &TracePlan, name: &str) -> Result<Capture, Failure> {
-        let path = self.folder.join(format!(
-            "captures/trace_{}_{}/{name}.parquet",
-            trace.name, trace.repeat
+        let path = self.folder.join(run_folder::capture(
+            &run_folder::trace_name(&trace.name, trace.repeat),
+            name,
         ));
         dataset::read_capture(&path).map_err(|error| Failure::Usage(told(&error)))
     }

@@ -5,6 +5,7 @@ use analysis::{
     multisine::Line,
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle, chart_svg},
     report::{Figure, Table},
+    run_folder,
     spectrum::ImpedancePoint,
 };
 
@@ -33,10 +34,10 @@ pub(super) fn write(recorder: &Recorder, measured: &Measured) -> Result<Shown, F
         .zip(&measured.multisines)
         .filter(|(_, run)| !run.spectrum.points.is_empty())
     {
-        let (file, title) = if number == 1 {
-            ("multisine".to_owned(), "Multisine".to_owned())
+        let title = if number == 1 {
+            "Multisine".to_owned()
         } else {
-            (format!("multisine_{number}"), format!("Multisine {number}"))
+            format!("Multisine {number}")
         };
         let caption = format!(
             "{title}: magnitude and phase with 2σ, and what each line shows of noise and of \
@@ -44,7 +45,7 @@ pub(super) fn write(recorder: &Recorder, measured: &Measured) -> Result<Shown, F
         );
         shown.figures.push(draw(
             recorder,
-            &file,
+            &run_folder::multisine_figure(number),
             (&multisine_chart(&title, run), caption),
         )?);
         shown.tables.push(lines_table(&title, run));
@@ -61,7 +62,7 @@ pub(super) fn write(recorder: &Recorder, measured: &Measured) -> Result<Shown, F
         );
         shown.figures.push(draw(
             recorder,
-            &format!("trace_{}_{}", trace.name, trace.repeat),
+            &run_folder::trace_name(&trace.name, trace.repeat),
             (&trace_chart(trace, &rows), caption),
         )?);
     }
@@ -78,7 +79,7 @@ pub(super) fn draw(
     file: &str,
     (chart, caption): (&Chart, String),
 ) -> Result<Figure, Failure> {
-    files::write_chart(&recorder.path("plots"), file, chart)?;
+    files::write_chart(&recorder.path(run_folder::PLOTS), file, chart)?;
     Ok(Figure {
         svg: chart_svg(chart).map_err(|error| Failure::Analysis(error.to_string()))?,
         caption,

@@ -5,6 +5,7 @@ use analysis::{
     fit::ErmFit,
     plot::{self, ImpedancePlot, Series, SeriesStyle},
     report::{Figure, Table},
+    run_folder,
     spectrum::{ImpedancePoint, Spectrum},
 };
 use num_complex::Complex64;
@@ -22,8 +23,6 @@ use crate::{
 
 use super::validity::Judged;
 
-/// Name of the schema of `campaign.json`.
-const SCHEMA: &str = "eis-bench/campaign";
 /// Frequencies in the table of the report, at most.
 const ROWS: usize = 20;
 
@@ -117,17 +116,17 @@ pub(super) fn write(
         .map(|spectrum| (cell_of(spectrum), *spectrum))
         .collect();
     let spread = spread(&cells);
-    recorder.text("spread.csv", &csv(&spread))?;
+    recorder.text(run_folder::SPREAD, &csv(&spread))?;
     let models = fits.iter().map(|fit| ModelRow {
         rc: fit.erm.branches.len(),
-        file: format!("model_{}rc.json", fit.erm.branches.len()),
+        file: run_folder::model(fit.erm.branches.len()),
         r_ohm: fit.erm.r_ohm,
         dc_resistance_ohm: fit.erm.dc_resistance_ohm(),
         rms_ohm: fit.rms_ohm,
         reduced_chi2: fit.reduced_chi2,
     });
     let file = CampaignFile {
-        schema: SCHEMA,
+        schema: run_folder::CAMPAIGN_SCHEMA,
         name: &experiment.name,
         cells: campaign.cells.iter().map(AsRef::as_ref).collect(),
         repeats: campaign.repeats,
@@ -135,13 +134,15 @@ pub(super) fn write(
         models: models.collect(),
         spread: &spread,
     };
-    recorder.json("campaign.json", &file)?;
+    recorder.json(run_folder::CAMPAIGN, &file)?;
     let plot = picture(experiment, campaign, &cells, &spread);
     let drawn = |error: plot::PlotError| Failure::Analysis(error.to_string());
     for extension in ["svg", "png"] {
         plot::nyquist(
             &plot,
-            &recorder.path(&format!("plots/campaign.{extension}")),
+            &recorder
+                .path(run_folder::PLOTS)
+                .join(format!("campaign.{extension}")),
         )
         .map_err(drawn)?;
     }
@@ -161,7 +162,7 @@ pub(super) fn write(
 fn runs(recorder: &Recorder, campaign: &Campaign, judged: &[Judged]) -> Vec<RunRow> {
     let warnings = recorder.warnings();
     let row = |run: crate::config::CampaignRun| {
-        let file = format!("spectra/{}.csv", run.name());
+        let file = run_folder::campaign_spectrum(&run.name());
         let entry = recorder
             .index()
             .sweeps
@@ -285,9 +286,7 @@ impl Scatter {
 }
 
 fn csv(spread: &[Spread]) -> String {
-    let mut text = "freq_hz,spectra,mean_re_ohm,mean_im_ohm,cells_re_ohm,cells_im_ohm,repeats_re_ohm,repeats_im_ohm,cells_magnitude_rel,\
-                    repeats_magnitude_rel,stated_re_ohm,stated_im_ohm\n"
-        .to_owned();
+    let mut text = format!("{}\n", run_folder::SPREAD_COLUMNS);
     let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
     for s in spread {
         let cells = [

@@ -1,6 +1,7 @@
 //! When and in which state the cell was measured, from the journal and the manifest of the run
 //! folder.
 
+use analysis::run_folder;
 use instruments::{clock::TimeMode, fixture::Fixture};
 
 use crate::{
@@ -29,10 +30,8 @@ pub(super) fn rows(
             None
         }
     });
-    let manifest = std::fs::read_to_string(recorder.path("manifest.json")).unwrap_or_default();
-    let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap_or_default();
     let real = mode.as_deref() == Some(TimeMode::Real.to_string().as_str());
-    let date = match manifest["started_unix_s"].as_f64().filter(|_| real) {
+    let date = match run_folder::started_unix_s(recorder.folder()).filter(|_| real) {
         Some(unix_s) => format!("{} (UTC)", date(unix_s)),
         None => format!(
             "none: the bench ran in {} time",

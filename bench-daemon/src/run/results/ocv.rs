@@ -8,6 +8,7 @@ use analysis::{
         extract, interrupted,
     },
     report::Table,
+    run_folder::{OCV, OCV_FOUND},
     series::TimeSeries,
 };
 use serde::Serialize;
@@ -102,7 +103,7 @@ pub(super) fn write(
         reach,
         monotone: found.curve.ocv_v.windows(2).all(|pair| pair[1] >= pair[0]),
     };
-    recorder.json("ocv_found.json", &known)?;
+    recorder.json(OCV_FOUND, &known)?;
     found
         .warnings
         .iter()
@@ -175,7 +176,7 @@ fn tables(found: &OcvExtraction, interruptions: &[Interruption]) -> [Table; 2] {
     };
     [
         Table {
-            caption: "Open-circuit voltage; all of it is in ocv.csv".to_owned(),
+            caption: format!("Open-circuit voltage; all of it is in {OCV}"),
             header: words(&["SOC", "OCV / V", "slope / V"]),
             rows: (0..=10).map(at).collect(),
         },

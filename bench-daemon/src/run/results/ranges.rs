@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use analysis::{brief::brief, dataset};
+use analysis::{brief::brief, dataset, run_folder};
 
 use crate::{
     failure::Failure,
@@ -72,9 +72,9 @@ pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), F
         .filter(|_| !controls.is_empty())
     {
         // The channels keep their ranges from the frame of the zeros on.
-        let zero = recorder.path(&format!(
-            "captures/trace_{}_{}/zero.parquet",
-            trace.name, trace.repeat
+        let zero = recorder.path(&run_folder::capture(
+            &run_folder::trace_name(&trace.name, trace.repeat),
+            run_folder::ZERO_FRAME,
         ));
         // Meters recorded it: no channel, and nothing to correct.
         if !zero.exists() {

@@ -5,6 +5,7 @@ use analysis::{
     fit::ErmFit,
     plot::{self, ImpedancePlot, PlotError, Series, SeriesStyle},
     report::{Figure, Level, Report, Table, Verdict},
+    run_folder::{MANIFEST, PLOTS, REPORT, SUMS},
     spectrum::{ImpedancePoint, Spectrum},
 };
 use num_complex::Complex64;
@@ -24,7 +25,6 @@ use crate::{
     present::{branches_table, fit_warnings, models_table, quoted, significant},
     record::Recorder,
     run::{Measured, manifest},
-    sums::SUMS,
 };
 
 /// A reduced χ² above this says that the model leaves something out.
@@ -149,7 +149,7 @@ fn page(
     let html = report
         .to_html()
         .map_err(|error| Failure::Analysis(error.to_string()))?;
-    Ok(recorder.text("report.html", &html)?)
+    Ok(recorder.text(REPORT, &html)?)
 }
 
 /// A Nyquist plot, by name, caption and plot, as files and as a figure.
@@ -157,7 +157,7 @@ fn nyquist(
     recorder: &Recorder,
     (name, caption, plot): (String, String, ImpedancePlot),
 ) -> Result<Figure, Failure> {
-    files::write_picture(&recorder.path("plots"), &name, |path| {
+    files::write_picture(&recorder.path(PLOTS), &name, |path| {
         plot::nyquist(&plot, path)
     })?;
     Ok(Figure {
@@ -183,7 +183,7 @@ fn models_figures(
         figures.push(nyquist(recorder, plot)?);
     }
     let bode = bode_plot(&format!("Bode plot, {}", whose(experiment)), &pool, fits);
-    files::write_picture(&recorder.path("plots"), "bode", |path| {
+    files::write_picture(&recorder.path(PLOTS), "bode", |path| {
         plot::bode(&bode, path)
     })?;
     let caption = match pool.len() {
@@ -599,7 +599,7 @@ fn provenance(
     }));
     rows.push((
         "instruments".to_owned(),
-        "manifest.json beside this page".to_owned(),
+        format!("{MANIFEST} beside this page"),
     ));
     rows.push((
         "all files' hashes".to_owned(),

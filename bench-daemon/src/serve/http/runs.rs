@@ -9,6 +9,7 @@ use std::{
     time::Duration,
 };
 
+use analysis::run_folder::{LOG, READINGS, ReadingRow};
 use axum::{
     Json,
     body::Body,
@@ -228,23 +229,18 @@ pub async fn readings(
 ) -> Result<Json<Readings>, Refusal> {
     let (folder, most) = (folder(&app, &run)?, most.or(1000)?);
     aside(move || {
-        let text = text(&folder, "readings.csv")?;
+        let text = text(&folder, READINGS)?;
         let rows = text.lines().count().saturating_sub(1);
         let every = rows.div_ceil(most).max(1);
         let mut readings = Readings::default();
         for line in text.lines().skip(1).step_by(every) {
-            let cells: Vec<&str> = line.split(',').collect();
-            let number = |place: usize| {
-                cells
-                    .get(place)
-                    .and_then(|cell| cell.parse::<f64>().ok())
-                    .filter(|value| value.is_finite())
+            let Some(row) = ReadingRow::parse(line) else {
+                continue;
             };
-            let Some(time_s) = number(0) else { continue };
-            readings.time_s.push(time_s);
-            readings.voltage_v.push(number(2));
-            readings.current_a.push(number(3));
-            readings.temperature_c.push(number(4));
+            readings.time_s.push(row.time_s);
+            readings.voltage_v.push(row.voltage_v);
+            readings.current_a.push(row.current_a);
+            readings.temperature_c.push(row.temperature_c);
         }
         Ok(Json(readings))
     })
@@ -269,7 +265,7 @@ pub async fn log(
     let (folder, most) = (folder(&app, &run)?, most.or(200)?);
     aside(move || {
         let logs = app.server.settings.data.join("logs");
-        let mut lines = tail(&folder, "log.txt");
+        let mut lines = tail(&folder, LOG);
         lines.extend(tail(&logs, &format!("{run}.log")));
         lines.drain(..lines.len().saturating_sub(most));
         Ok(Json(Log { lines }))

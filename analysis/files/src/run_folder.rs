@@ -1,0 +1,275 @@
+//! The names of the files of a run folder, their columns and the versions of their schemas. No
+//! other module spells them.
+//!
+//! The tables of numbers have their columns in [`crate::dataset`], which reads and writes them.
+
+mod events;
+mod readings;
+
+use std::path::Path;
+
+pub use analysis_fit::fit::{MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
+pub use events::{EVENT_COLUMNS, Event};
+pub use readings::{READING_COLUMNS, ReadingRow};
+
+/// What was intended and what was done, line by line.
+pub const JOURNAL: &str = "journal.jsonl";
+/// Where a torn last line of the journal is kept.
+pub const TORN_JOURNAL: &str = "journal.torn";
+/// Version, hashes, seed, and who answered.
+pub const MANIFEST: &str = "manifest.json";
+/// What happened, [`EVENT_COLUMNS`].
+pub const EVENTS: &str = "events.csv";
+/// Readings of the instruments as they came, [`READING_COLUMNS`].
+pub const READINGS: &str = "readings.csv";
+/// The same at the end of the run, with all digits.
+pub const READINGS_PARQUET: &str = "readings.parquet";
+/// The log.
+pub const LOG: &str = "log.txt";
+/// What a person wants of a run that is going on.
+pub const WISHES: &str = "wishes.json";
+/// Which sweeps and traces there are ([`crate::dataset::RunIndex`]).
+pub const INDEX: &str = "traces.json";
+/// The hashes of all other files.
+pub const SUMS: &str = "SHA256SUMS";
+/// The report.
+pub const REPORT: &str = "report.html";
+/// The correction by the controls.
+pub const CORRECTION: &str = "correction.json";
+/// How the controls came out.
+pub const CONTROLS: &str = "controls.json";
+/// The faults that were played on simulated instruments.
+pub const FAULTS: &str = "faults.json";
+/// The first spectrum of the cell, corrected.
+pub const SPECTRUM: &str = "spectrum.csv";
+/// The same as Parquet.
+pub const SPECTRUM_PARQUET: &str = "spectrum.parquet";
+/// Where the uncertainty comes from.
+pub const BUDGET: &str = "budget.csv";
+/// The same as JSON.
+pub const BUDGET_JSON: &str = "budget.json";
+/// Mean and spread of a campaign's cells, [`SPREAD_COLUMNS`].
+pub const SPREAD: &str = "spread.csv";
+/// The runs and models of a campaign.
+pub const CAMPAIGN: &str = "campaign.json";
+/// The open-circuit voltage over the state of charge, [`OCV_COLUMNS`].
+pub const OCV: &str = "ocv.csv";
+/// The same as a curve that other commands read.
+pub const OCV_CURVE: &str = "ocv.json";
+/// How the open-circuit voltage was found.
+pub const OCV_FOUND: &str = "ocv_found.json";
+/// The readings of the way down.
+pub const OCV_DISCHARGE: &str = "ocv_discharge.bdf.csv";
+/// The readings of the way up.
+pub const OCV_CHARGE: &str = "ocv_charge.bdf.csv";
+/// The one model of a command that fits one order.
+pub const MODEL: &str = "model.json";
+
+/// Folder of the copies of the files that were read.
+pub const CONFIG: &str = "config";
+/// Folder of raw ADC codes.
+pub const CAPTURES: &str = "captures";
+/// Folder of figures.
+pub const PLOTS: &str = "plots";
+/// Folder of the conversations with the instruments.
+pub const TRANSCRIPTS: &str = "transcripts";
+/// Folder of the spectra of a campaign.
+pub const SPECTRA: &str = "spectra";
+/// Folder of spectra with the errors that points share.
+pub const SHARED: &str = "shared";
+
+/// Frame of the zeros among the captures of a trace.
+pub const ZERO_FRAME: &str = "zero";
+/// How names of files and folders begin that were recorded beside the sweeps.
+pub const RECORDED: [&str; 3] = ["series_", "ocv_", CAPTURES];
+
+/// Columns of the lines of a multisine.
+pub const LINE_COLUMNS: &str = "freq_hz,noise,even,odd,sigma,images";
+/// Columns of [`OCV`].
+pub const OCV_COLUMNS: &str = "soc,ocv_v,docv_dsoc_v";
+/// Columns of [`SPREAD`].
+pub const SPREAD_COLUMNS: &str = "freq_hz,spectra,mean_re_ohm,mean_im_ohm,cells_re_ohm,\
+    cells_im_ohm,repeats_re_ohm,repeats_im_ohm,cells_magnitude_rel,repeats_magnitude_rel,\
+    stated_re_ohm,stated_im_ohm";
+
+/// Name of the schema of [`CAMPAIGN`].
+pub const CAMPAIGN_SCHEMA: &str = "eis-bench/campaign";
+
+/// Unix time at bench time 0, s, as [`MANIFEST`] tells it; none in virtual time.
+pub fn started_unix_s(folder: &Path) -> Option<f64> {
+    let text = std::fs::read_to_string(folder.join(MANIFEST)).ok()?;
+    let manifest: serde_json::Value = serde_json::from_str(&text).ok()?;
+    manifest["started_unix_s"].as_f64()
+}
+
+/// The model with so many RC pairs.
+pub fn model(rc: usize) -> String {
+    format!("model_{rc}rc.json")
+}
+
+/// Whether a file of this name is a model.
+pub fn is_model(name: &str) -> bool {
+    name.starts_with("model") && name.ends_with(".json")
+}
+
+/// The copy of a file that was read.
+pub fn config_copy(name: &str) -> String {
+    format!("{CONFIG}/{name}")
+}
+
+/// The conversation with the instrument of a role.
+pub fn transcript(role: &str) -> String {
+    format!("{TRANSCRIPTS}/{role}.txt")
+}
+
+/// The impedances of a sweep as read.
+pub fn raw(sweep: &str) -> String {
+    format!("raw_{sweep}.csv")
+}
+
+/// The same as Parquet.
+pub fn raw_parquet(sweep: &str) -> String {
+    format!("raw_{sweep}.parquet")
+}
+
+/// Whether a spectrum of this name is as read.
+pub fn is_raw(name: &str) -> bool {
+    name.contains("raw_")
+}
+
+/// Whether a file of this name, beside the journal, is a spectrum: corrected or as read.
+pub fn is_spectrum(name: &str) -> bool {
+    name.starts_with("spectrum") || name.starts_with("raw_")
+}
+
+/// The corrected spectrum of a repeat of the cell's sweep, by its number.
+pub fn spectrum(repeat: usize) -> String {
+    match repeat {
+        0 | 1 => SPECTRUM.to_owned(),
+        _ => format!("spectrum_{repeat}.csv"),
+    }
+}
+
+/// The corrected spectrum of a control.
+pub fn control_spectrum(sweep: &str) -> String {
+    format!("spectrum_{sweep}.csv")
+}
+
+/// The corrected spectrum of a run of a campaign.
+pub fn campaign_spectrum(run: &str) -> String {
+    format!("{SPECTRA}/{run}.csv")
+}
+
+/// A spectrum with the errors that its points share, by the file of the spectrum.
+pub fn shared_spectrum(file: &str) -> String {
+    let own = file
+        .strip_prefix(SPECTRA)
+        .and_then(|rest| rest.strip_prefix('/'));
+    format!("{SHARED}/{}", own.unwrap_or(file))
+}
+
+/// The files of a multisine.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Multisine {
+    /// The corrected spectrum.
+    Spectrum,
+    /// The same as Parquet.
+    SpectrumParquet,
+    /// The impedances as read.
+    Raw,
+    /// What the lines show of noise and distortion, [`LINE_COLUMNS`].
+    Lines,
+    /// All that is told of it.
+    Whole,
+}
+
+impl Multisine {
+    /// The file of a repeat, by its number from 1; the first has no number in its name.
+    pub fn file(self, repeat: usize) -> String {
+        let (name, ending) = match self {
+            Self::Spectrum => ("multisine", "csv"),
+            Self::SpectrumParquet => ("multisine", "parquet"),
+            Self::Raw => ("raw_multisine", "csv"),
+            Self::Lines => ("multisine_lines", "csv"),
+            Self::Whole => ("multisine", "json"),
+        };
+        format!("{}.{ending}", numbered(name, repeat))
+    }
+}
+
+/// Name of the figure of a repeat of a multisine.
+pub fn multisine_figure(repeat: usize) -> String {
+    numbered("multisine", repeat)
+}
+
+/// A name with the number of a repeat from the second on.
+fn numbered(name: &str, repeat: usize) -> String {
+    match repeat {
+        1 => name.to_owned(),
+        _ => format!("{name}_{repeat}"),
+    }
+}
+
+/// The rows of a repeat of a trace.
+pub fn series(trace: &str, repeat: usize) -> String {
+    format!("series_{trace}_{repeat}.bdf.csv")
+}
+
+/// A file of [`CAPTURES`], by its folder there and its name.
+pub fn capture(folder: &str, name: &str) -> String {
+    format!("{CAPTURES}/{folder}/{name}.parquet")
+}
+
+/// Folder of the captures of a repeat of a trace, and name of its figure.
+pub fn trace_name(trace: &str, repeat: usize) -> String {
+    format!("trace_{trace}_{repeat}")
+}
+
+/// Folder of the captures of a repeat of a multisine.
+pub fn multisine_captures(repeat: usize) -> String {
+    format!("multisine_{repeat}")
+}
+
+/// Name of the capture of a point, by its number in the sweep from 1 and the number of the attempt
+/// from 0.
+pub fn point_capture(number: usize, freq_hz: f64, attempt: usize) -> String {
+    format!("point{number:02}_{freq_hz:.6}Hz{}", again(attempt))
+}
+
+/// Name of the capture of a band of a multisine, by the number of the attempt from 0.
+pub fn band_capture(band: usize, attempt: usize) -> String {
+    format!("band{band}{}", again(attempt))
+}
+
+/// What a name ends in from the second attempt on.
+fn again(attempt: usize) -> String {
+    match attempt {
+        0 => String::new(),
+        _ => format!("_again{attempt}"),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_of_several_has_no_number() {
+        let files = [1, 2].map(|repeat| Multisine::Lines.file(repeat));
+        assert_eq!(files, ["multisine_lines.csv", "multisine_lines_2.csv"]);
+        assert_eq!(
+            [0, 1, 2].map(spectrum),
+            ["spectrum.csv", "spectrum.csv", "spectrum_2.csv"]
+        );
+        let points = [0, 2].map(|attempt| point_capture(3, 0.5, attempt));
+        assert_eq!(points, ["point03_0.500000Hz", "point03_0.500000Hz_again2"]);
+    }
+
+    #[test]
+    fn shared_errors_stand_under_the_name_of_the_spectrum() {
+        assert_eq!(
+            ["spectra/a_1.csv", "spectrum.csv"].map(shared_spectrum),
+            ["shared/a_1.csv", "shared/spectrum.csv"]
+        );
+    }
+}
