@@ -164,16 +164,20 @@ impl Named {
     }
 }
 
+/// Whether a module is compiled for tests only.
+fn is_test(item: &syn::ItemMod) -> bool {
+    item.attrs.iter().any(|attribute| {
+        attribute.path().is_ident("cfg")
+            && attribute
+                .meta
+                .require_list()
+                .is_ok_and(|list| list.tokens.to_string() == "test")
+    })
+}
+
 impl<'ast> Visit<'ast> for Named {
     fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
-        let is_test = |attribute: &syn::Attribute| {
-            attribute.path().is_ident("cfg")
-                && attribute
-                    .meta
-                    .require_list()
-                    .is_ok_and(|list| list.tokens.to_string() == "test")
-        };
-        if !item.attrs.iter().any(is_test) {
+        if !is_test(item) {
             visit::visit_item_mod(self, item);
         }
     }
@@ -311,4 +315,148 @@ fn circles_of_files_become_fewer_and_smaller_only() {
             "{krate}: {found:#?}"
         );
     }
+}
+
+/// The module that alone spells the names of a run folder.
+const OWNER: &str = "run_folder";
+/// Names of folders that are plain words too: they count where a path is made of them.
+const PLAIN_WORDS: [&str; 5] = ["config", "plots", "shared", "spectra", "zero"];
+
+/// The texts of a file, attributes and tests left out: all of them, those of constants, and those
+/// that are handed to `join` and `path`.
+#[derive(Default)]
+struct Texts {
+    all: Vec<String>,
+    constant: Vec<String>,
+    joined: Vec<String>,
+}
+
+impl Texts {
+    fn of(path: &Path) -> Self {
+        let mut texts = Self::default();
+        texts.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+        texts
+    }
+
+    /// Texts in the arguments of macros, which are not parsed.
+    fn tokens(&mut self, tokens: TokenStream) {
+        for token in tokens {
+            match token {
+                TokenTree::Literal(literal) => {
+                    if let syn::Lit::Str(text) = syn::Lit::new(literal) {
+                        self.all.push(text.value());
+                    }
+                }
+                TokenTree::Group(group) => self.tokens(group.stream()),
+                _ => (),
+            }
+        }
+    }
+}
+
+impl<'ast> Visit<'ast> for Texts {
+    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+        if !is_test(item) {
+            visit::visit_item_mod(self, item);
+        }
+    }
+
+    fn visit_attribute(&mut self, _: &'ast syn::Attribute) {}
+
+    fn visit_item_const(&mut self, item: &'ast syn::ItemConst) {
+        let before = self.all.len();
+        visit::visit_item_const(self, item);
+        self.constant.extend_from_slice(&self.all[before..]);
+    }
+
+    fn visit_lit_str(&mut self, text: &'ast syn::LitStr) {
+        self.all.push(text.value());
+    }
+
+    fn visit_expr_method_call(&mut self, call: &'ast syn::ExprMethodCall) {
+        if call.method == "join" || call.method == "path" {
+            let texts = call.args.iter().filter_map(|argument| match argument {
+                syn::Expr::Lit(syn::ExprLit {
+                    lit: syn::Lit::Str(text),
+                    ..
+                }) => Some(text.value()),
+                _ => None,
+            });
+            self.joined.extend(texts);
+        }
+        visit::visit_expr_method_call(self, call);
+    }
+
+    fn visit_macro(&mut self, item: &'ast syn::Macro) {
+        self.tokens(item.tokens.clone());
+    }
+}
+
+/// What the owner spells: whole names, and how names begin that depend on something.
+struct Spelled {
+    names: BTreeSet<String>,
+    beginnings: BTreeSet<String>,
+}
+
+impl Spelled {
+    fn read() -> Self {
+        let (mut names, mut beginnings) = (BTreeSet::new(), BTreeSet::new());
+        let own = files("analysis").into_iter();
+        for (_, path) in own.filter(|(module, _)| module.first().is_some_and(|m| m == OWNER)) {
+            let texts = Texts::of(&path);
+            names.extend(texts.constant);
+            let depending = texts.all.iter().filter_map(|text| text.split_once('{'));
+            beginnings.extend(
+                depending
+                    .filter(|(beginning, _)| beginning.ends_with('_'))
+                    .map(|(beginning, _)| format!("{beginning}{{")),
+            );
+        }
+        Self { names, beginnings }
+    }
+
+    /// Whether a text spells a name: all of it, a file in a sentence, or the beginning of a path.
+    fn is_in(&self, text: &str, joined: bool) -> bool {
+        let whole = text.trim();
+        let is_whole = self.names.contains(whole) && (joined || !PLAIN_WORDS.contains(&whole));
+        let parts = text.split(|c: char| !(c.is_ascii_alphanumeric() || "._-".contains(c)));
+        let is_file = |part: &str| part.contains(|c: char| c == '.' || c.is_ascii_uppercase());
+        let mut files = parts
+            .map(|part| part.trim_end_matches('.'))
+            .filter(|part| is_file(part) && self.names.contains(*part));
+        let in_folder = |name: &String| {
+            text.strip_prefix(name.as_str())
+                .is_some_and(|rest| rest.starts_with('/'))
+        };
+        is_whole
+            || files.next().is_some()
+            || self.names.iter().any(in_folder)
+            || self.beginnings.iter().any(|start| text.starts_with(start))
+    }
+}
+
+#[test]
+fn the_names_of_a_run_folder_have_one_owner() {
+    let spelled = Spelled::read();
+    assert!(spelled.names.contains("journal.jsonl") && spelled.beginnings.contains("model_{"));
+    let mut found = Vec::new();
+    for krate in ["analysis", "bench-daemon"] {
+        for (module, path) in files(krate) {
+            // The help of the command line may name files.
+            if module
+                .first()
+                .is_some_and(|first| first == OWNER || first == "cli")
+            {
+                continue;
+            }
+            let texts = Texts::of(&path);
+            let all = texts.all.iter().map(|text| (text, false));
+            let spelt = all
+                .chain(texts.joined.iter().map(|text| (text, true)))
+                .filter(|(text, joined)| spelled.is_in(text, *joined))
+                .map(|(text, _)| format!("{krate}::{}: {text:?}", module.join("::")));
+            found.extend(spelt);
+        }
+    }
+    assert_eq!(found, [""; 0]);
 }
