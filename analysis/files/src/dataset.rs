@@ -24,7 +24,7 @@ pub use capture::{
     CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture,
 };
 pub use disk::{write_atomically, write_private};
-pub use index::{Commanded, CurrentBetween, CurrentPositive, RunIndex, SweepEntry, TraceEntry};
+pub use index::{Commanded, CurrentPositive, RunIndex, SweepEntry, TraceEntry};
 pub use stored::{CaptureFile, open_capture};
 pub use trace::write_trace_parquet;
 

@@ -1,5 +1,5 @@
-//! Files: [`run_folder`] owns the names in the folder of a run, [`dataset`] its tables, [`formats`] those of other programs, [`thinning`] averages
-//! frames of direct currents to rows.
+//! Files: [`run_folder`] owns the names in the folder of a run, [`dataset`] its tables, [`formats`]
+//! reads files of other programs, [`thinning`] averages frames of direct currents to rows.
 
 pub mod dataset;
 pub mod formats;

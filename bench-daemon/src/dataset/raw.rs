@@ -3,6 +3,7 @@
 use analysis::{
     augmented::Between,
     calibration::CommonError,
+    dataset::CurrentPositive,
     diagnosis::{BenchHistory, Role},
     formats::CurrentSign,
 };
@@ -36,7 +37,7 @@ pub(super) struct Run {
     pub(super) order: Option<u32>,
     pub(super) start_s: Option<f64>,
     pub(super) role: Option<Role>,
-    pub(super) current_positive: Option<Direction>,
+    pub(super) current_positive: Option<CurrentPositive>,
     pub(super) current_between_samples: Option<Between>,
     pub(super) from_s: Option<f64>,
     pub(super) to_s: Option<f64>,
@@ -70,19 +71,10 @@ pub(super) enum Fixture {
     FakeCell,
 }
 
-/// The direction that a file's currents count positive.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(super) enum Direction {
-    Charge,
-    Discharge,
-}
-
-impl Direction {
-    pub(super) fn sign(self) -> CurrentSign {
-        match self {
-            Self::Charge => CurrentSign::Charge,
-            Self::Discharge => CurrentSign::Discharge,
-        }
+/// The sign convention of a file whose current is positive in this direction.
+pub(super) fn sign(positive: CurrentPositive) -> CurrentSign {
+    match positive {
+        CurrentPositive::Charge => CurrentSign::Charge,
+        CurrentPositive::Discharge => CurrentSign::Discharge,
     }
 }

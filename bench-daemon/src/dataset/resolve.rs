@@ -5,6 +5,7 @@ use std::{ops::RangeInclusive, path::Path};
 use analysis::{
     augmented::Between,
     contract::Below,
+    dataset::CurrentPositive,
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, TimeRecord},
     formats::CurrentSign,
     series::TimeSeries,
@@ -223,7 +224,7 @@ impl Resolver<'_> {
         let path = self.source.relative(&entry.file);
         let series = match self
             .files
-            .series(&path, entry.current_positive.map(raw::Direction::sign))
+            .series(&path, entry.current_positive.map(raw::sign))
         {
             Ok(series) => series,
             Err(error) => return at.damaged(error),
@@ -323,10 +324,7 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigE
         Err(error) => return at.damaged(error),
     };
     // As Origin counts: charge positive.
-    let sign = entry
-        .current_positive
-        .unwrap_or(raw::Direction::Charge)
-        .sign();
+    let sign = raw::sign(entry.current_positive.unwrap_or(CurrentPositive::Charge));
     let stated_a = at.finite("bias_a", entry.bias_a)?.map(|bias| {
         if sign == CurrentSign::Charge {
             bias

@@ -7,10 +7,8 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    augmented::Between,
-    calibration::CommonError,
     contract::Below,
-    dataset::{TraceRow, read_trace_csv},
+    dataset::{RunIndex, SweepEntry, TraceEntry, TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
     run_folder::{CONFIG, EVENTS, INDEX, MANIFEST, READINGS, ReadingRow, SPECTRUM},
     series::TimeSeries,
@@ -21,7 +19,7 @@ use serde::Deserialize;
 use super::{
     DataSetProblem, Loaded, Reading,
     files::{self, FileError, Files},
-    raw::Direction,
+    raw::sign,
     resolve::{CONTROL_SOC, stem},
 };
 use crate::{config::ConfigError, executor::OUTPUT_ON};
@@ -58,7 +56,7 @@ pub(super) fn read(folder: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         reader.loaded.leave_out_refused();
         return Ok(reader.loaded);
     }
-    let index: Index = json(&folder.join(INDEX), "expected the index of a run")?;
+    let index: RunIndex = json(&folder.join(INDEX), "expected the index of a run")?;
     let first_s = index
         .sweeps
         .iter()
@@ -104,56 +102,9 @@ struct Cell {
     name: String,
 }
 
-/// What is read of `traces.json`.
-#[derive(Debug, Deserialize)]
-struct Index {
-    cell: String,
-    sweeps: Vec<SweepEntry>,
-    traces: Vec<TraceEntry>,
-}
-
-#[derive(Debug, Deserialize)]
-struct SweepEntry {
-    file: String,
-    fixture: String,
-    #[serde(default)]
-    cell: Option<String>,
-    fixture_ohm: Option<f64>,
-    corrected: bool,
-    order: u32,
-    start_time_s: f64,
-    start_ocv_v: Option<f64>,
-    temperature_c: Option<f64>,
-    role: Role,
-    repeat_group: String,
-    #[serde(default)]
-    own_sigma_ohm: Vec<[f64; 2]>,
-    #[serde(default)]
-    common_error: Option<CommonError>,
-    #[serde(default)]
-    below_ohm: Option<f64>,
-    #[serde(default)]
-    below_h: Option<f64>,
-    #[serde(default)]
-    elapsed_s: Vec<f64>,
-    #[serde(default)]
-    flagged: Vec<FlaggedPoint>,
-}
-
-#[derive(Debug, Deserialize)]
-struct TraceEntry {
-    file: String,
-    #[serde(default)]
-    cell: Option<String>,
-    order: u32,
-    start_time_s: f64,
-    start_ocv_v: f64,
-    temperature_c: Option<f64>,
-    role: Role,
-    repeat_group: String,
-    current_positive: Direction,
-    current_between_samples: Between,
-    sample_sigma_v: f64,
+/// Place among all runs.
+fn order(place: usize) -> u32 {
+    u32::try_from(place).unwrap_or(u32::MAX)
 }
 
 /// From when to when each row is a mean, s.
@@ -282,7 +233,7 @@ impl Reader<'_> {
             fixture,
             role: entry.role,
             repeat_group: entry.repeat_group.clone(),
-            order: entry.order,
+            order: order(entry.order),
             start_s: entry.start_time_s - first_s,
             temperature_c,
             start,
@@ -295,7 +246,7 @@ impl Reader<'_> {
         let name = stem(&entry.file);
         let read = self.files.series(
             &self.folder.join(&entry.file),
-            Some(entry.current_positive.sign()),
+            Some(sign(entry.current_positive)),
         );
         let part = read.map(|series| {
             files::window(series, f64::NEG_INFINITY, f64::INFINITY)
@@ -318,7 +269,7 @@ impl Reader<'_> {
             fixture: Fixture::Cell(cell.to_owned()),
             role: entry.role,
             repeat_group: entry.repeat_group.clone(),
-            order: entry.order,
+            order: order(entry.order),
             start_s: entry.start_time_s - first_s,
             temperature_c,
             start: Start::Ocv(entry.start_ocv_v),

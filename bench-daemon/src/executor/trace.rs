@@ -6,7 +6,8 @@
 //! change counts from.
 
 use analysis::{
-    dataset::{Capture, Commanded, CurrentBetween, CurrentPositive, TraceEntry, TraceRow},
+    augmented::Between,
+    dataset::{Capture, Commanded, CurrentPositive, TraceEntry, TraceRow},
     run_folder,
 };
 use instruments::{
@@ -478,7 +479,7 @@ impl Executor<'_> {
                 |specimen| format!("{}_{}", trace.repeat_group, specimen.name),
             ),
             current_positive: CurrentPositive::Charge,
-            current_between_samples: CurrentBetween::Linear,
+            current_between_samples: Between::Linear,
             steps_s: recorded.steps_s,
             sample_sigma_a: scatter[0],
             sample_sigma_v: scatter[1],

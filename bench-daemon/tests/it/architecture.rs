@@ -76,6 +76,7 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("analysis-forward", "analysis-effects"),
         ("analysis-forward", "analysis-model"),
         ("analysis-forward", "analysis-numeric"),
+        ("analysis-files", "analysis-effects"),
         ("analysis-files", "analysis-fit"),
         ("analysis-files", "analysis-forward"),
         ("analysis-files", "analysis-model"),

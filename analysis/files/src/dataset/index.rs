@@ -2,6 +2,7 @@
 //! trace, and under which circumstances it was measured, so that the folder can be read as a data
 //! set. Controls are not runs of it.
 
+use analysis_effects::augmented::Between;
 use analysis_signal::{calibration::CommonError, series::Role, spectrum::FlaggedPoint};
 use serde::{Deserialize, Serialize};
 
@@ -100,7 +101,7 @@ pub struct TraceEntry {
     /// Which direction is positive.
     pub current_positive: CurrentPositive,
     /// What the current does between two rows.
-    pub current_between_samples: CurrentBetween,
+    pub current_between_samples: Between,
     /// Test times of the steps of the current, s.
     pub steps_s: Vec<f64>,
     /// Scatter of one sample of the current, A rms.
@@ -135,14 +136,4 @@ pub enum CurrentPositive {
     Charge,
     /// Out of the cell.
     Discharge,
-}
-
-/// What the current does between two rows of a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum CurrentBetween {
-    /// It runs straight from one to the next.
-    Linear,
-    /// It holds the earlier one.
-    Hold,
 }
