@@ -33,6 +33,7 @@ pub mod journal;
 pub mod logging;
 pub mod loopback;
 pub mod measure;
+mod mocks;
 pub mod next_experiment;
 pub mod operator;
 pub mod plan;

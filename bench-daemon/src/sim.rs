@@ -12,13 +12,15 @@ use std::{
 use fixtures::{Scenario, SimulatedBench};
 use instruments::{
     clock::Clock,
-    mock::{self, FaultLog, Happened, MockOptions, Schedule, plant::SharedPlant, quirks::Quirks},
     transport::{Address, MemoryHub},
 };
 
 pub use ports::{Over, Transport};
 
-use crate::config::{Bench, ConfigError, Source};
+use crate::{
+    config::{Bench, ConfigError, Source},
+    mocks::{self, FaultLog, Happened, MockOptions, Quirks, Schedule, SharedPlant},
+};
 
 /// What stands in the way of a simulation.
 #[derive(Debug, thiserror::Error)]
@@ -147,7 +149,7 @@ impl Simulation {
                 address: instrument.address.to_string(),
                 reason,
             };
-            mock::serve_memory(device, hub, name, clock.clone())
+            mocks::serve_memory(device, hub, name, clock.clone())
                 .map_err(|error| port(error.to_string()))?;
         }
         Ok(())
@@ -196,15 +198,15 @@ impl Simulation {
         Ok(served)
     }
 
-    fn device(&self, role: &'static str, model: &str) -> Result<Box<dyn mock::Device>, SimError> {
+    fn device(&self, role: &'static str, model: &str) -> Result<Box<dyn mocks::Device>, SimError> {
         let plant: SharedPlant = self.world.clone();
         let options = MockOptions {
             quirks: self.quirks.get(role).cloned().unwrap_or_default(),
             ..MockOptions::default()
         };
         let made = match &self.faults {
-            Some(faults) => mock::make_troubled(model, (plant, &options), faults, &self.happened),
-            None => mock::make(model, plant, &options),
+            Some(faults) => mocks::make_troubled(model, (plant, &options), faults, &self.happened),
+            None => mocks::make(model, plant, &options),
         };
         made.map_err(|error| SimError::Model {
             role,

@@ -6,13 +6,10 @@ use analysis::{
     calibration::{KnownImpedance, StrayAdmittance},
     diagnosis::BenchHistory,
 };
-use instruments::{
-    clock::TimeMode,
-    mock::{Schedule, quirks::Quirks},
-    transport::Address,
-};
+use instruments::{clock::TimeMode, transport::Address};
 
 use super::resolve_bench;
+use crate::mocks::{Quirks, Schedule};
 
 /// A bench.
 #[derive(Debug, Clone)]

@@ -6,14 +6,15 @@ use analysis::{
     fit::{MAX_RC, Objective},
 };
 use instruments::{
-    chiller, fixture::Fixture, generator, instrument::by_key, load, mock::plant::HISTORY_S, scope,
-    supply, supply4q, units::Seconds,
+    chiller, fixture::Fixture, generator, instrument::by_key, load, scope, supply, supply4q,
+    units::Seconds,
 };
 
 use super::{
     Acceptance, Bench, Cell, ConfigError, Eis, Fit, FixtureCheck, SocReset, Source, Temperature,
     Tolerance, raw,
 };
+use crate::mocks::HISTORY_S;
 
 /// How far the end of a charge lies below the limit of the supply at least, V.
 const CHARGE_MARGIN_V: f64 = 0.02;

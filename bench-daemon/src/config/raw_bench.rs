@@ -4,12 +4,12 @@
 use std::collections::BTreeMap;
 
 use analysis::diagnosis::BenchHistory;
-use instruments::mock::{Fault, quirks::Value};
 use serde::Deserialize;
 
 use super::quantity::{
     Capacitance, Duration, Inductance, Quantity, Resistance, TemperatureDifference, Voltage,
 };
+use crate::mocks::{Fault, Value};
 
 /// A bench: its instruments, its wiring, its controls, and the simulation behind it, if there is
 /// one.

@@ -3,12 +3,8 @@
 
 use std::collections::BTreeMap;
 
-use instruments::mock::{
-    self, Fault, MakeError, Schedule,
-    quirks::{Quirks, Value},
-};
-
 use super::{ConfigError, Instruments, Source, Thermostat, raw_bench};
+use crate::mocks::{self, Fault, MakeError, Quirks, Schedule, Value};
 
 pub(super) fn faults(source: &Source, raw: &raw_bench::Faults) -> Result<Schedule, ConfigError> {
     if !(0.0..=1.0).contains(&raw.per_message) {
@@ -16,11 +12,11 @@ pub(super) fn faults(source: &Source, raw: &raw_bench::Faults) -> Result<Schedul
         return Err(source.complain("simulation.faults.per_message", reason));
     }
     let faults = raw.kinds.clone().unwrap_or_else(|| Fault::ALL.to_vec());
-    if let Some(role) = raw
-        .role
-        .as_ref()
-        .filter(|role| !mock::MODELS.iter().any(|model| model.role == role.as_str()))
-    {
+    if let Some(role) = raw.role.as_ref().filter(|role| {
+        !mocks::MODELS
+            .iter()
+            .any(|model| model.role == role.as_str())
+    }) {
         return Err(source.complain(
             "simulation.faults.role",
             format!("expected the role of an instrument, found {role:?}"),
@@ -60,7 +56,7 @@ pub(super) fn quirks(
             ));
         };
         let quirks: Quirks = switches.clone().into_iter().collect();
-        match mock::check_quirks(&instrument.model, &quirks) {
+        match mocks::check_quirks(&instrument.model, &quirks) {
             Ok(_) => told.insert(*role, quirks),
             Err(MakeError::Quirk(error)) => {
                 let reason = format!("{}: {error}", instrument.model);

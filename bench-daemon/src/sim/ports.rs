@@ -4,9 +4,10 @@ use std::{io, path::Path, str::FromStr};
 
 use instruments::{
     clock::Clock,
-    mock::{self, Device},
     transport::{Adapter, Address, SerialSettings, Socket, Vxi11Port},
 };
+
+use crate::mocks::{self, Device};
 
 /// What a mock can be put behind on a free port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -90,33 +91,35 @@ pub(super) async fn on_a_free_port(
         device: "inst0".to_owned(),
     };
     Ok(match transport {
-        Transport::Tcp => Address::Tcp(socket(mock::serve_tcp(device, any, clock).await?.0.port())),
+        Transport::Tcp => {
+            Address::Tcp(socket(mocks::serve_tcp(device, any, clock).await?.0.port()))
+        }
         Transport::Vxi11 => vxi11(Vxi11Port::Fixed(
-            mock::serve_vxi11(device, any, None, clock)
+            mocks::serve_vxi11(device, any, None, clock)
                 .await?
                 .0
                 .core
                 .port(),
         )),
         Transport::Vxi11Mapped => {
-            let (ports, _task) = mock::serve_vxi11(device, any, Some(any), clock).await?;
+            let (ports, _task) = mocks::serve_vxi11(device, any, Some(any), clock).await?;
             vxi11(Vxi11Port::Mapped(
                 ports.port_mapper.map_or(0, |mapper| mapper.port()),
             ))
         }
         Transport::HiSlip => Address::HiSlip {
-            socket: socket(mock::serve_hislip(device, any, clock).await?.0.port()),
+            socket: socket(mocks::serve_hislip(device, any, clock).await?.0.port()),
             device: "hislip0".to_owned(),
         },
         Transport::Gpib => {
-            let (bound, _task) = mock::serve_gpib(device, any, GPIB_ADDRESS, clock).await?;
+            let (bound, _task) = mocks::serve_gpib(device, any, GPIB_ADDRESS, clock).await?;
             Address::Gpib {
                 adapter: Adapter::Tcp(socket(bound.port())),
                 address: GPIB_ADDRESS,
             }
         }
         Transport::Serial => {
-            Address::Serial(SerialSettings::new(&mock::serve_pty(device, clock)?.0))
+            Address::Serial(SerialSettings::new(&mocks::serve_pty(device, clock)?.0))
         }
     })
 }
@@ -131,34 +134,36 @@ pub(super) async fn at(
     let text = |host: &str, port: u16| format!("{host}:{port}");
     let mut address = address.clone();
     match &mut address {
-        Address::Tcp(socket) => drop(mock::serve_tcp(device, socket.to_string(), clock).await?),
+        Address::Tcp(socket) => drop(mocks::serve_tcp(device, socket.to_string(), clock).await?),
         Address::Vxi11 {
             host,
             port: Vxi11Port::Fixed(port),
             ..
-        } => drop(mock::serve_vxi11(device, text(host, *port), None, clock).await?),
+        } => drop(mocks::serve_vxi11(device, text(host, *port), None, clock).await?),
         Address::Vxi11 {
             host,
             port: Vxi11Port::Mapped(mapper),
             ..
         } => {
-            drop(mock::serve_vxi11(device, text(host, 0), Some(text(host, *mapper)), clock).await?);
+            drop(
+                mocks::serve_vxi11(device, text(host, 0), Some(text(host, *mapper)), clock).await?,
+            );
         }
         Address::HiSlip { socket, .. } => {
-            drop(mock::serve_hislip(device, socket.to_string(), clock).await?);
+            drop(mocks::serve_hislip(device, socket.to_string(), clock).await?);
         }
         Address::Gpib {
             adapter: Adapter::Tcp(socket),
             address,
         } => {
-            drop(mock::serve_gpib(device, socket.to_string(), *address, clock).await?);
+            drop(mocks::serve_gpib(device, socket.to_string(), *address, clock).await?);
         }
         Address::Gpib {
             adapter: Adapter::Serial(settings),
             address,
-        } => settings.path = mock::serve_gpib_pty(device, *address, clock)?.0,
-        Address::Serial(settings) => settings.path = mock::serve_pty(device, clock)?.0,
-        Address::UsbTmc { path } => drop(mock::serve_usbtmc(device, Path::new(path), clock)?),
+        } => settings.path = mocks::serve_gpib_pty(device, *address, clock)?.0,
+        Address::Serial(settings) => settings.path = mocks::serve_pty(device, clock)?.0,
+        Address::UsbTmc { path } => drop(mocks::serve_usbtmc(device, Path::new(path), clock)?),
         Address::Memory { .. } => {
             return Err(io::Error::other(
                 "expected a port, found a name in this process",

@@ -24,6 +24,7 @@ const DAEMON: &[&str] = &[
     "interlock",
     "plan",
     "measure",
+    "mocks",
     "config",
     "procedure",
     "progress",
@@ -459,4 +460,19 @@ fn the_names_of_a_run_folder_have_one_owner() {
         }
     }
     assert_eq!(found, [""; 0]);
+}
+
+#[test]
+fn one_file_of_the_daemon_names_the_mocks() {
+    let found: Vec<String> = files("bench-daemon")
+        .into_iter()
+        .filter(|(_, path)| {
+            let mut named = Named::default();
+            named.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+            let is_mocks = |path: &Module| path.iter().take(2).eq(["instruments", "mock"]);
+            named.0.iter().any(is_mocks)
+        })
+        .map(|(module, _)| module.join("::"))
+        .collect();
+    assert_eq!(found, ["mocks"]);
 }

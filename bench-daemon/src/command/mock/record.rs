@@ -19,15 +19,19 @@ use instruments::{
     generator,
     instrument::{Model, by_key},
     jig::{self, Jig},
-    load, logger,
-    mock::{self, Outcome, Replay},
-    scope,
+    load, logger, scope,
     scpi::decode::Terminator,
     supply, supply4q,
     transcript::{BlockRecord, Payload, Record, Transcript},
 };
 
-use crate::{command::mock::MockArgs, failure::Failure, run::StopSignals, terminal::say};
+use crate::{
+    command::mock::MockArgs,
+    failure::Failure,
+    mocks::{self, Outcome, Replay},
+    run::StopSignals,
+    terminal::say,
+};
 
 /// Between two looks at how far the conversation has come, s.
 const LOOK_S: f64 = 0.1;
@@ -86,7 +90,7 @@ pub(super) fn serve_record(path: &Path, args: &MockArgs) -> Result<(), Failure> 
     Clock::runtime(TimeMode::Real)?.block_on(async {
         let mut stop = StopSignals::install()?;
         let clock = Clock::start(TimeMode::Real);
-        let served = mock::serve_tcp(Box::new(device), args.listen.as_str(), clock.clone()).await;
+        let served = mocks::serve_tcp(Box::new(device), args.listen.as_str(), clock.clone()).await;
         let (bound, _task) = served.map_err(|error| Failure::Usage(format!("--listen {}: {error}", args.listen)))?;
         if args.json {
             say!(
