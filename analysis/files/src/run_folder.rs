@@ -97,9 +97,17 @@ pub const CAMPAIGN_SCHEMA: &str = "eis-bench/campaign";
 
 /// Unix time at bench time 0, s, as [`MANIFEST`] tells it; none in virtual time.
 pub fn started_unix_s(folder: &Path) -> Option<f64> {
+    manifest(folder)?.get("started_unix_s")?.as_f64()
+}
+
+/// The instruments of a run as [`MANIFEST`] tells them: what each said of itself, by role.
+pub fn instruments(folder: &Path) -> Option<serde_json::Value> {
+    manifest(folder)?.get("instruments").cloned()
+}
+
+fn manifest(folder: &Path) -> Option<serde_json::Value> {
     let text = std::fs::read_to_string(folder.join(MANIFEST)).ok()?;
-    let manifest: serde_json::Value = serde_json::from_str(&text).ok()?;
-    manifest["started_unix_s"].as_f64()
+    serde_json::from_str(&text).ok()
 }
 
 /// The model with so many RC pairs.

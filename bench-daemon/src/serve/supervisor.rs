@@ -14,7 +14,7 @@ use std::{
     thread::JoinHandle,
 };
 
-use analysis::run_folder::{JOURNAL, MANIFEST};
+use analysis::run_folder::{self, JOURNAL};
 use instruments::clock;
 use nix::{
     sys::signal::{Signal, kill},
@@ -649,14 +649,8 @@ fn how_it_ended(ended: Option<&str>, word: Option<String>) -> String {
 
 /// What the instruments of a run said of themselves.
 fn identities(run: &Path) -> Vec<Identity> {
-    let read = || {
-        serde_json::from_str::<serde_json::Value>(
-            &std::fs::read_to_string(run.join(MANIFEST)).ok()?,
-        )
-        .ok()
-    };
-    read()
-        .and_then(|manifest| serde_json::from_value(manifest["instruments"].clone()).ok())
+    run_folder::instruments(run)
+        .and_then(|instruments| serde_json::from_value(instruments).ok())
         .unwrap_or_default()
 }
 

@@ -11,7 +11,7 @@ use std::{
 
 use analysis::{
     dataset::read_capture,
-    run_folder::{CAPTURES, MANIFEST},
+    run_folder::{self, CAPTURES, MANIFEST},
 };
 use instruments::{
     chiller,
@@ -134,10 +134,9 @@ fn told_model(path: &Path) -> Option<String> {
     if terminator(stem).is_some() {
         return Some(stem.to_owned());
     }
-    let manifest: serde_json::Value =
-        serde_json::from_str(&std::fs::read_to_string(beside(path, MANIFEST)?).ok()?).ok()?;
-    let instruments = manifest.get("instruments")?.as_array()?;
+    let instruments = run_folder::instruments(path.parent()?.parent()?)?;
     let of_role = instruments
+        .as_array()?
         .iter()
         .find(|instrument| instrument.get("role").and_then(|role| role.as_str()) == Some(stem))?;
     Some(of_role.get("model")?.as_str()?.to_owned())
