@@ -152,9 +152,6 @@ pub struct Executor<'a> {
     told: bool,
 }
 
-/// The event from which on current may flow.
-pub const OUTPUT_ON: &str = "bipolar supply: output on";
-
 impl<'a> Executor<'a> {
     /// Makes an executor.
     pub fn new(

@@ -9,7 +9,7 @@ mod readings;
 use std::path::Path;
 
 pub use analysis_fit::fit::{MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
-pub use events::{EVENT_COLUMNS, Event};
+pub use events::{EVENT_COLUMNS, Event, EventRow, OUTPUT_ON};
 pub use readings::{READING_COLUMNS, ReadingRow};
 
 /// What was intended and what was done, line by line.

@@ -10,7 +10,9 @@ use analysis::{
     contract::Below,
     dataset::{RunIndex, SweepEntry, TraceEntry, TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
-    run_folder::{CONFIG, EVENTS, INDEX, MANIFEST, READINGS, ReadingRow, SPECTRUM},
+    run_folder::{
+        CONFIG, EVENTS, Event, EventRow, INDEX, MANIFEST, READINGS, ReadingRow, SPECTRUM,
+    },
     series::TimeSeries,
     spectrum::FlaggedPoint,
 };
@@ -22,7 +24,7 @@ use super::{
     raw::sign,
     resolve::{CONTROL_SOC, stem},
 };
-use crate::{config::ConfigError, executor::OUTPUT_ON};
+use crate::config::ConfigError;
 
 /// Standard deviation of a voltage that nobody has measured, V: by as much can an offset of the
 /// supply move it.
@@ -297,8 +299,9 @@ impl Reader<'_> {
             .map_err(|error| unreadable(&path, &error.to_string()))?;
         let ups = text
             .lines()
-            .filter(|line| line.contains(OUTPUT_ON))
-            .filter_map(|line| line.split(',').next()?.parse::<f64>().ok());
+            .filter_map(EventRow::parse)
+            .filter(|row| row.kind == Some(Event::OutputOn))
+            .map(|row| row.time_s);
         let Some(up_s) = ups.rev().find(|up_s| *up_s < entry.start_time_s) else {
             return Ok(());
         };

@@ -557,7 +557,7 @@ fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
         ),
     };
     let series_csv: String = SERIES.lines().enumerate().map(rows).collect();
-    let events = format!("time_s,event\n157.0,{}\n", crate::executor::OUTPUT_ON);
+    let events = format!("time_s,event\n157.0,{}\n", analysis::run_folder::OUTPUT_ON);
     let folder = run_folder(&[
         ("traces.json", index),
         ("series_pulse_1.bdf.csv", &series_csv),

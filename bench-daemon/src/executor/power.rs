@@ -1,12 +1,13 @@
 //! The bipolar supply goes on at zero current, within limits that were read back, and off again.
 
+use analysis::run_folder::OUTPUT_ON;
 use instruments::{
     fixture::Fixture,
     supply4q,
     units::{Amps, Volts},
 };
 
-use super::{ExecuteError, Executor, OUTPUT_ON, require};
+use super::{ExecuteError, Executor, require};
 use crate::{
     interlock::NO_CURRENT_A,
     plan::{Step, fixture_name},
@@ -129,7 +130,7 @@ impl Executor<'_> {
             .output(true)
             .await
             .map_err(generator_error)?;
-        self.recorder.event(Event::Bench, OUTPUT_ON)?;
+        self.recorder.event(Event::OutputOn, OUTPUT_ON)?;
         require(&mut self.bench.supply4q, "supply4q")?
             .energise()
             .await
