@@ -402,7 +402,7 @@ struct Spelled {
 impl Spelled {
     fn read() -> Self {
         let (mut names, mut beginnings) = (BTreeSet::new(), BTreeSet::new());
-        let own = files("analysis").into_iter();
+        let own = files("analysis/files").into_iter();
         for (_, path) in own.filter(|(module, _)| module.first().is_some_and(|m| m == OWNER)) {
             let texts = Texts::of(&path);
             names.extend(texts.constant);
@@ -441,7 +441,10 @@ fn the_names_of_a_run_folder_have_one_owner() {
     let spelled = Spelled::read();
     assert!(spelled.names.contains("journal.jsonl") && spelled.beginnings.contains("model_{"));
     let mut found = Vec::new();
-    for krate in ["analysis", "bench-daemon"] {
+    for krate in CIRCLES.map(|circles| circles.krate) {
+        if krate.starts_with("instruments") || krate.starts_with("fixtures") {
+            continue;
+        }
         for (module, path) in files(krate) {
             // The help of the command line may name files.
             if module
