@@ -75,7 +75,8 @@ impl Check<'_> {
     pub(super) fn campaign(
         &self,
         raw: &raw::Campaign,
-        (eis, traces): (Option<&Eis>, &[Trace]),
+        eis: Option<&Eis>,
+        traces: &[Trace],
     ) -> Result<Campaign, ConfigError> {
         if let Some(trace) = traces.iter().find(|trace| trace.repeat != 1) {
             let reason = format!(
@@ -98,13 +99,13 @@ impl Check<'_> {
         self.within(
             "campaign.cells",
             raw.cells.len() as f64,
-            (1.0, 32.0),
+            1.0..=32.0,
             "cells",
         )?;
         self.within(
             "campaign.repeats",
             raw.repeats as f64,
-            (1.0, 1000.0),
+            1.0..=1000.0,
             "repeats",
         )?;
         if raw.cells.len() > 1 {
@@ -157,7 +158,8 @@ impl Check<'_> {
     pub(super) fn specimens(
         &self,
         campaign: &Campaign,
-        (file, scenario): (&Source, &Scenario),
+        file: &Source,
+        scenario: &Scenario,
     ) -> Result<(), ConfigError> {
         let there = scenario.specimens.count.max(1);
         let Some(first) = campaign.cells.get(there) else {

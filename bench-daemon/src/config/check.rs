@@ -1,6 +1,8 @@
 //! The sections of an experiment against its bench and its cell: nothing that the bench cannot do
 //! or the cell must not bear gets through.
 
+use std::ops::RangeInclusive;
+
 use analysis::{
     calibration::ControlTolerance,
     fit::{MAX_RC, Objective},
@@ -26,6 +28,17 @@ pub(crate) const LOAD_CUT_OFF_V: f64 = 0.05;
 const SIMULATED_SLACK_PERIODS: f64 = 3.0;
 /// Samples per period below which a sinusoid is not to be believed.
 const MIN_SAMPLES_PER_PERIOD: f64 = 8.0;
+
+/// Frequencies that the instruments of a sweep reach.
+#[derive(Clone, Copy)]
+struct Reach {
+    /// Least that the generator sets.
+    least_hz: f64,
+    /// Greatest that the generator sets.
+    greatest_hz: f64,
+    /// Greatest that the supply follows, too.
+    driven_hz: f64,
+}
 
 /// Refuses a sweep whose slowest frame a simulated bench would have forgotten before it is fetched.
 pub(crate) fn check_frames(bench: &Bench, eis: &Eis) -> Result<(), String> {
@@ -69,9 +82,10 @@ impl Check<'_> {
         &self,
         field: &str,
         value: f64,
-        (least, greatest): (f64, f64),
+        range: RangeInclusive<f64>,
         unit: &str,
     ) -> Result<f64, ConfigError> {
+        let (least, greatest) = range.into_inner();
         if (least..=greatest).contains(&value) {
             return Ok(value);
         }
@@ -121,9 +135,9 @@ impl Check<'_> {
             )
         });
         Ok(Temperature {
-            setpoint_c: self.within("temperature.setpoint", raw.setpoint.si, (low, high), "°C")?,
-            within_k: self.within("temperature.within", raw.within.si, (0.01, 5.0), "K")?,
-            timeout_s: self.within("temperature.timeout", raw.timeout.si, (1.0, 86_400.0), "s")?,
+            setpoint_c: self.within("temperature.setpoint", raw.setpoint.si, low..=high, "°C")?,
+            within_k: self.within("temperature.within", raw.within.si, 0.01..=5.0, "K")?,
+            timeout_s: self.within("temperature.timeout", raw.timeout.si, 1.0..=86_400.0, "s")?,
         })
     }
 
@@ -156,13 +170,13 @@ impl Check<'_> {
                     magnitude_rel: self.within(
                         &field("magnitude"),
                         tolerance.magnitude.si,
-                        (1.0e-4, 0.5),
+                        1.0e-4..=0.5,
                         "(share)",
                     )?,
                     phase_deg: self.within(
                         &field("phase"),
                         tolerance.phase.si,
-                        (0.01, 45.0),
+                        0.01..=45.0,
                         "°",
                     )?,
                 }),
@@ -172,7 +186,7 @@ impl Check<'_> {
             let error_ohm = self.within(
                 "fixture_check.short.error",
                 short.error.si,
-                (1.0e-7, 0.1),
+                1.0e-7..=0.1,
                 "Ω",
             )?;
             controls.push((Fixture::Short, Tolerance::Absolute(error_ohm)));
@@ -180,7 +194,7 @@ impl Check<'_> {
         let corrected_tolerance = self.within(
             "fixture_check.corrected_tolerance",
             raw.corrected_tolerance.si,
-            (1.0e-4, 0.1),
+            1.0e-4..=0.1,
             "(share)",
         )?;
         let supply = self
@@ -206,7 +220,7 @@ impl Check<'_> {
                 );
                 return Err(self.complain("fixture_check.beyond", reason));
             }
-            beyond_hz.push(self.within("fixture_check.beyond", asked_hz, (1.0e-3, 1.0e5), "Hz")?);
+            beyond_hz.push(self.within("fixture_check.beyond", asked_hz, 1.0e-3..=1.0e5, "Hz")?);
         }
         beyond_hz.sort_by(f64::total_cmp);
         beyond_hz.dedup();
@@ -229,14 +243,14 @@ impl Check<'_> {
             .map_or(0.0, |d| d.capabilities().max_current.value());
         let supply_max = by_key(supply::DIALECTS, &supply.model)
             .map_or(0.0, |d| d.capabilities().max_current.value());
-        let window = (limits.min_v, limits.max_v);
+        let window = limits.min_v..=limits.max_v;
         // The load's own cut-off lies between the end of the discharge and the cell's limit.
-        let discharge_window = (limits.min_v + LOAD_CUT_OFF_V, limits.max_v);
+        let discharge_window = limits.min_v + LOAD_CUT_OFF_V..=limits.max_v;
         let reset = SocReset {
             discharge_a: self.within(
                 "soc_reset.discharge_current",
                 raw.discharge_current.si,
-                (0.01, limits.discharge_a.min(load_max)),
+                0.01..=limits.discharge_a.min(load_max),
                 "A",
             )?,
             discharge_until_v: self.within(
@@ -248,13 +262,13 @@ impl Check<'_> {
             charge_a: self.within(
                 "soc_reset.charge_current",
                 raw.charge_current.si,
-                (0.01, limits.charge_a.min(supply_max)),
+                0.01..=limits.charge_a.min(supply_max),
                 "A",
             )?,
             charge_limit_v: self.within(
                 "soc_reset.charge_voltage",
                 raw.charge_voltage.si,
-                window,
+                window.clone(),
                 "V",
             )?,
             charge_until_v: self.within(
@@ -263,23 +277,23 @@ impl Check<'_> {
                 window,
                 "V",
             )?,
-            rest_min_s: self.within("soc_reset.rest_min", raw.rest_min.si, (1.0, 86_400.0), "s")?,
+            rest_min_s: self.within("soc_reset.rest_min", raw.rest_min.si, 1.0..=86_400.0, "s")?,
             rest_max_s: self.within(
                 "soc_reset.rest_max",
                 raw.rest_max.si,
-                (raw.rest_min.si, 86_400.0),
+                raw.rest_min.si..=86_400.0,
                 "s",
             )?,
             rest_slope_v_per_s: self.within(
                 "soc_reset.rest_slope",
                 raw.rest_slope.si,
-                (1.0e-9, 1.0e-2),
+                1.0e-9..=1.0e-2,
                 "V/s",
             )?,
             max_s: self.within(
                 "soc_reset.max_duration",
                 raw.max_duration.si,
-                (1.0, 172_800.0),
+                1.0..=172_800.0,
                 "s",
             )?,
             acceptance: self.acceptance(raw)?,
@@ -321,7 +335,7 @@ impl Check<'_> {
             .within(
                 "soc_reset.attempts",
                 raw.attempts as f64,
-                (1.0, 20.0),
+                1.0..=20.0,
                 "times",
             )
             .map(|_| raw.attempts)?;
@@ -349,23 +363,26 @@ impl Check<'_> {
         let driven_hz = supply4q_capabilities.map_or(greatest_hz, |capabilities| {
             capabilities.max_freq.value().min(greatest_hz)
         });
-        let freqs_hz = self.frequencies(raw, (least_hz, greatest_hz, driven_hz))?;
+        let freqs_hz = self.frequencies(
+            raw,
+            Reach {
+                least_hz,
+                greatest_hz,
+                driven_hz,
+            },
+        )?;
         if raw.fixture == raw::SweptFixture::Shunt {
             self.needs(instruments.jig.as_ref(), "jig", "eis")?;
         }
-        self.within("eis.repeat", raw.repeat as f64, (0.0, 1000.0), "sweeps")?;
+        self.within("eis.repeat", raw.repeat as f64, 0.0..=1000.0, "sweeps")?;
         let full_scale =
             supply4q_capabilities.map_or(0.0, |capabilities| capabilities.full_scale.value());
         let greatest_a = full_scale
             .min(self.cell.limits.charge_a)
             .min(self.cell.limits.discharge_a);
-        let amplitude_a =
-            self.within("eis.amplitude", raw.amplitude.si, (0.01, greatest_a), "A")?;
+        let amplitude_a = self.within("eis.amplitude", raw.amplitude.si, 0.01..=greatest_a, "A")?;
         if raw.fixture != raw::SweptFixture::Shunt {
-            self.half_period(
-                "eis.start",
-                (freqs_hz.first().copied().unwrap_or(1.0), amplitude_a),
-            )?;
+            self.half_period("eis.start", &freqs_hz, amplitude_a)?;
         }
         let eis = Eis {
             fixture: if raw.fixture == raw::SweptFixture::Shunt {
@@ -375,16 +392,16 @@ impl Check<'_> {
             },
             repeat: raw.repeat,
             rest_s: raw.rest_first.map_or(Ok(0.0), |rest| {
-                self.within("eis.rest_first", rest.si, (0.0, 86_400.0), "s")
+                self.within("eis.rest_first", rest.si, 0.0..=86_400.0, "s")
             })?,
             freqs_hz,
             amplitude_a,
-            periods: self.within("eis.periods", raw.periods, (2.0, 10_000.0), "periods")?,
-            extra_wait_s: self.within("eis.extra_wait", raw.extra_wait.si, (0.0, 3600.0), "s")?,
+            periods: self.within("eis.periods", raw.periods, 2.0..=10_000.0, "periods")?,
+            extra_wait_s: self.within("eis.extra_wait", raw.extra_wait.si, 0.0..=3600.0, "s")?,
             periods_on_screen: self.within(
                 "eis.periods_on_screen",
                 raw.periods_on_screen,
-                (2.0, 1000.0),
+                2.0..=1000.0,
                 "periods",
             )?,
             record_points: raw.record_points,
@@ -392,7 +409,7 @@ impl Check<'_> {
             mains_hz: raw
                 .mains
                 .as_ref()
-                .map(|mains| self.within("eis.mains", mains.si, (10.0, 1000.0), "Hz"))
+                .map(|mains| self.within("eis.mains", mains.si, 10.0..=1000.0, "Hz"))
                 .transpose()?,
             order: raw.order,
             steps_a: self.steps(raw, amplitude_a)?,
@@ -407,7 +424,7 @@ impl Check<'_> {
         self.within(
             "eis.memory_points",
             raw.memory_points as f64,
-            (1_000.0, 1.0e7),
+            1_000.0..=1.0e7,
             "points",
         )?;
         // The 1–2–5 series of the time base can put 2.5 times the asked periods on the screen.
@@ -415,7 +432,7 @@ impl Check<'_> {
         self.within(
             "eis.record_points",
             raw.record_points as f64,
-            (least_points, raw.memory_points as f64),
+            least_points..=raw.memory_points as f64,
             "points",
         )?;
         self.check_grid(&eis)?;
@@ -427,8 +444,10 @@ impl Check<'_> {
     fn half_period(
         &self,
         field: &str,
-        (freq_hz, amplitude_a): (f64, f64),
+        freqs_hz: &[f64],
+        amplitude_a: f64,
     ) -> Result<(), ConfigError> {
+        let freq_hz = freqs_hz.first().copied().unwrap_or(1.0);
         let (moved_c, most_c) = (
             amplitude_a / (std::f64::consts::PI * freq_hz),
             MOST_SWING * self.cell.capacity_c,
@@ -451,7 +470,7 @@ impl Check<'_> {
         };
         let mut steps_a = Vec::new();
         for step in list {
-            steps_a.push(self.within("eis.amplitude_steps", step.si, (0.01, amplitude_a), "A")?);
+            steps_a.push(self.within("eis.amplitude_steps", step.si, 0.01..=amplitude_a, "A")?);
         }
         let differ = steps_a
             .iter()
@@ -468,11 +487,12 @@ impl Check<'_> {
 
     /// The list as given, or the logarithmic grid, rising; between what the generator can set and
     /// what the supply can follow.
-    fn frequencies(
-        &self,
-        raw: &raw::Eis,
-        (least_hz, greatest_hz, driven_hz): (f64, f64, f64),
-    ) -> Result<Vec<f64>, ConfigError> {
+    fn frequencies(&self, raw: &raw::Eis, reach: Reach) -> Result<Vec<f64>, ConfigError> {
+        let Reach {
+            least_hz,
+            greatest_hz,
+            driven_hz,
+        } = reach;
         match (&raw.frequencies, raw.start, raw.stop, raw.points) {
             (Some(list), None, None, None) => {
                 let mut freqs_hz = Vec::new();
@@ -480,7 +500,7 @@ impl Check<'_> {
                     freqs_hz.push(self.within(
                         "eis.frequencies",
                         microhertz(frequency.si),
-                        (least_hz, driven_hz),
+                        least_hz..=driven_hz,
                         "Hz",
                     )?);
                 }
@@ -488,15 +508,15 @@ impl Check<'_> {
                 self.within(
                     "eis.frequencies",
                     freqs_hz.len() as f64,
-                    (2.0, 1000.0),
+                    2.0..=1000.0,
                     "points",
                 )?;
                 Ok(freqs_hz)
             }
             (None, Some(start), Some(stop), Some(points)) => {
-                let start_hz = self.within("eis.start", start.si, (least_hz, greatest_hz), "Hz")?;
-                let stop_hz = self.within("eis.stop", stop.si, (start_hz, driven_hz), "Hz")?;
-                self.within("eis.points", points as f64, (2.0, 1000.0), "points")?;
+                let start_hz = self.within("eis.start", start.si, least_hz..=greatest_hz, "Hz")?;
+                let stop_hz = self.within("eis.stop", stop.si, start_hz..=driven_hz, "Hz")?;
+                self.within("eis.points", points as f64, 2.0..=1000.0, "points")?;
                 if stop_hz <= start_hz {
                     return Err(self.complain(
                         "eis.stop",

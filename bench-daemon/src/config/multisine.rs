@@ -124,7 +124,7 @@ impl Check<'_> {
         let driven_hz = supply.map_or(0.0, |capabilities| capabilities.max_freq.value());
         let mut bands = Vec::new();
         for band in &raw.bands {
-            bands.push(self.band(band, (driven_hz, most_steps, raw.record_points))?);
+            bands.push(self.band(band, driven_hz, most_steps, raw.record_points)?);
         }
         if bands.is_empty() {
             return Err(self.complain("multisine.bands", "expected at least one band, found none"));
@@ -141,27 +141,22 @@ impl Check<'_> {
         self.within(
             "multisine.memory_points",
             raw.memory_points as f64,
-            (1_000.0, 1.0e7),
+            1_000.0..=1.0e7,
             "points",
         )?;
         self.within(
             "multisine.record_points",
             raw.record_points as f64,
-            (1_000.0, raw.memory_points as f64),
+            1_000.0..=raw.memory_points as f64,
             "points",
         )?;
         Ok(Multisine {
-            peak_a: self.within("multisine.peak", raw.peak.si, (0.01, greatest_a), "A")?,
+            peak_a: self.within("multisine.peak", raw.peak.si, 0.01..=greatest_a, "A")?,
             repeat: self
-                .within(
-                    "multisine.repeat",
-                    raw.repeat as f64,
-                    (1.0, 1000.0),
-                    "times",
-                )
+                .within("multisine.repeat", raw.repeat as f64, 1.0..=1000.0, "times")
                 .map(|_| raw.repeat)?,
             rest_s: raw.rest_first.map_or(Ok(0.0), |rest| {
-                self.within("multisine.rest_first", rest.si, (0.0, 86_400.0), "s")
+                self.within("multisine.rest_first", rest.si, 0.0..=86_400.0, "s")
             })?,
             bands,
             memory_points: raw.memory_points,
@@ -177,26 +172,23 @@ impl Check<'_> {
     fn band(
         &self,
         raw: &RawBand,
-        (driven_hz, most_steps, record_points): (f64, usize, u64),
+        driven_hz: f64,
+        most_steps: usize,
+        record_points: u64,
     ) -> Result<Band, ConfigError> {
-        let base_hz = self.within("multisine.bands.base", raw.base.si, (1.0e-3, 1.0e3), "Hz")?;
+        let base_hz = self.within("multisine.bands.base", raw.base.si, 1.0e-3..=1.0e3, "Hz")?;
         let start_hz = raw.start.map_or(base_hz, |start| start.si);
-        self.within(
-            "multisine.bands.start",
-            start_hz,
-            (base_hz, driven_hz),
-            "Hz",
-        )?;
+        self.within("multisine.bands.start", start_hz, base_hz..=driven_hz, "Hz")?;
         let stop_hz = self.within(
             "multisine.bands.stop",
             raw.stop.si,
-            (start_hz, driven_hz),
+            start_hz..=driven_hz,
             "Hz",
         )?;
         self.within(
             "multisine.bands.lines",
             raw.lines as f64,
-            (2.0, 200.0),
+            2.0..=200.0,
             "lines",
         )?;
         let held = |lines: usize| odd_grid(base_hz, (start_hz, stop_hz), lines).len();
@@ -216,7 +208,7 @@ impl Check<'_> {
         self.within(
             "multisine.bands.periods",
             f64::from(raw.periods),
-            (3.0, 1000.0),
+            3.0..=1000.0,
             "periods",
         )?;
         let last = (stop_hz / base_hz).floor() as usize;
@@ -233,7 +225,7 @@ impl Check<'_> {
         self.within(
             "multisine.bands.periods",
             span_s,
-            (SHORTEST_SPAN_S, LONGEST_FRAME_S),
+            SHORTEST_SPAN_S..=LONGEST_FRAME_S,
             "s",
         )?;
         let scope = self
@@ -260,7 +252,7 @@ impl Check<'_> {
                 format!("expected at least {needed:.0} points, found {record_points}"),
             ));
         }
-        let settle_s = self.within("multisine.bands.settle", raw.settle.si, (0.0, 3600.0), "s")?;
+        let settle_s = self.within("multisine.bands.settle", raw.settle.si, 0.0..=3600.0, "s")?;
         let steps = (steps, most_steps.min(GREATEST_STEPS).max(steps));
         Ok(Band {
             base_hz,

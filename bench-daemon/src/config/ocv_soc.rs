@@ -92,36 +92,36 @@ impl Check<'_> {
             instrument_a.min(limit_a).min(self.cell.capacity_c / 3600.0)
         };
         let least_a = 0.01 * self.cell.capacity_c / 3600.0;
-        let window = (limits.min_v, limits.max_v);
+        let window = limits.min_v..=limits.max_v;
         let charge_a = self.within(
             "ocv_soc.charge_current",
             raw.charge_current.si,
-            (least_a, greatest_a(supply_a, limits.charge_a)),
+            least_a..=greatest_a(supply_a, limits.charge_a),
             "A",
         )?;
         let discharge_a = self.within(
             "ocv_soc.discharge_current",
             raw.discharge_current.si,
-            (least_a, greatest_a(load_a, limits.discharge_a)),
+            least_a..=greatest_a(load_a, limits.discharge_a),
             "A",
         )?;
         let tail = raw.tail_current.map_or(discharge_a, |tail| tail.si);
         let dcir = raw
             .dcir
-            .map(|dcir| self.within("ocv_soc.dcir", dcir.si, (0.0, 1.0), "Ω"))
+            .map(|dcir| self.within("ocv_soc.dcir", dcir.si, 0.0..=1.0, "Ω"))
             .transpose()?;
         let found = OcvSoc {
             charge_a,
             charge_limit_v: self.within(
                 "ocv_soc.charge_voltage",
                 raw.charge_voltage.si,
-                window,
+                window.clone(),
                 "V",
             )?,
             cut_off_a: self.within(
                 "ocv_soc.cut_off",
                 raw.cut_off.si,
-                (0.02, 0.5 * charge_a),
+                0.02..=0.5 * charge_a,
                 "A",
             )?,
             discharge_a,
@@ -134,36 +134,36 @@ impl Check<'_> {
             tail_a: self.within(
                 "ocv_soc.tail_current",
                 tail,
-                (LEAST_TAIL * discharge_a, discharge_a),
+                LEAST_TAIL * discharge_a..=discharge_a,
                 "A",
             )?,
             interruptions: self
                 .within(
                     "ocv_soc.interruptions",
                     raw.interruptions as f64,
-                    (0.0, 50.0),
+                    0.0..=50.0,
                     "times",
                 )
                 .map(|_| raw.interruptions)?,
             interruption_s: self.within(
                 "ocv_soc.interruption",
                 raw.interruption.si,
-                (30.0, 7200.0),
+                30.0..=7200.0,
                 "s",
             )?,
             rest_s: (
-                self.within("ocv_soc.rest_min", raw.rest_min.si, (1.0, 86_400.0), "s")?,
+                self.within("ocv_soc.rest_min", raw.rest_min.si, 1.0..=86_400.0, "s")?,
                 self.within(
                     "ocv_soc.rest_max",
                     raw.rest_max.si,
-                    (raw.rest_min.si, 86_400.0),
+                    raw.rest_min.si..=86_400.0,
                     "s",
                 )?,
             ),
             rest_slope_v_per_s: self.within(
                 "ocv_soc.rest_slope",
                 raw.rest_slope.si,
-                (1.0e-9, 1.0e-2),
+                1.0e-9..=1.0e-2,
                 "V/s",
             )?,
             both_directions: raw.both_directions,
@@ -186,7 +186,7 @@ impl Check<'_> {
             self.within(
                 "ocv_soc.polynomial",
                 order as f64,
-                (1.0, analysis::ocv::MAX_ORDER as f64),
+                1.0..=analysis::ocv::MAX_ORDER as f64,
                 "(order)",
             )?;
         }

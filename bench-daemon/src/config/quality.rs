@@ -53,7 +53,7 @@ impl Check<'_> {
             self.within(
                 &format!("{section}.quality.{part}"),
                 value,
-                (1.0e-5, 1.0),
+                1.0e-5..=1.0,
                 "(share)",
             )
         };
@@ -67,20 +67,20 @@ impl Check<'_> {
                 .within(
                     &format!("{section}.quality.again"),
                     raw.again as f64,
-                    (0.0, 10.0),
+                    0.0..=10.0,
                     "times",
                 )
                 .map(|_| raw.again)?,
             time_s: self.within(
                 &format!("{section}.quality.time"),
                 raw.time.si,
-                (0.0, 86_400.0),
+                0.0..=86_400.0,
                 "s",
             )?,
             charge_c: self.within(
                 &format!("{section}.quality.charge"),
                 raw.charge.si,
-                (0.0, 10.0 * self.cell.capacity_c),
+                0.0..=10.0 * self.cell.capacity_c,
                 "C",
             )?,
         })

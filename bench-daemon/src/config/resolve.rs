@@ -116,7 +116,7 @@ pub fn resolve_experiment(
     let campaign = raw
         .campaign
         .as_ref()
-        .map(|section| check.campaign(section, (eis.as_ref(), &traces)))
+        .map(|section| check.campaign(section, eis.as_ref(), &traces))
         .transpose()?;
     if campaign.is_some() && (ocv_soc.is_some() || multisine.is_some()) {
         return Err(source.complain(
@@ -125,7 +125,7 @@ pub fn resolve_experiment(
         ));
     }
     if let (Some(campaign), Some((file, scenario))) = (&campaign, &scenario) {
-        check.specimens(campaign, (file, scenario))?;
+        check.specimens(campaign, file, scenario)?;
     }
     if eis.as_ref().is_none_or(|eis| eis.repeat == 0)
         && traces.is_empty()

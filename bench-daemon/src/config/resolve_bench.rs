@@ -341,7 +341,15 @@ fn resolve_instruments(
 ) -> Result<Instruments, ConfigError> {
     let resolve = |role: &str, instrument: &Option<raw_bench::Instrument>, keys: &[&str]| {
         let resolve = |raw: &raw_bench::Instrument| {
-            let resolved = resolve_instrument(source, role, (&raw.model, &raw.address), keys)?;
+            let resolved = resolve_instrument(
+                source,
+                role,
+                Typed {
+                    model: &raw.model,
+                    address: &raw.address,
+                },
+                keys,
+            )?;
             Ok(Instrument {
                 accept: raw.accept.clone(),
                 ..resolved
@@ -356,7 +364,10 @@ fn resolve_instruments(
             let instrument = resolve_instrument(
                 source,
                 "logger",
-                (&raw.model, &raw.address),
+                Typed {
+                    model: &raw.model,
+                    address: &raw.address,
+                },
                 &keys(logger::DIALECTS),
             )?;
             let dialect = by_key(logger::DIALECTS, &raw.model);
@@ -414,12 +425,20 @@ fn keys<D: Model + ?Sized>(dialects: &[&'static D]) -> Vec<&'static str> {
     dialects.iter().map(|dialect| dialect.key()).collect()
 }
 
+/// An instrument as it is typed.
+#[derive(Clone, Copy)]
+struct Typed<'a> {
+    model: &'a str,
+    address: &'a str,
+}
+
 fn resolve_instrument(
     source: &Source,
     role: &str,
-    (model, address): (&str, &str),
+    typed: Typed<'_>,
     keys: &[&str],
 ) -> Result<Instrument, ConfigError> {
+    let Typed { model, address } = typed;
     if !keys.contains(&model) {
         let reason = format!("expected one of {}, found {model:?}", keys.join(", "));
         return Err(source.complain(&format!("instruments.{role}.model"), reason));
@@ -441,10 +460,16 @@ fn resolve_jig(source: &Source, raw: &raw_bench::Jig) -> Result<Jig, ConfigError
             "instruments.jig.address",
             "a person has no address: leave it out",
         )),
-        (_, Some(address)) => {
-            resolve_instrument(source, "jig", (&raw.model, address), &[jig::MOCK_JIG])
-                .map(Jig::Device)
-        }
+        (_, Some(address)) => resolve_instrument(
+            source,
+            "jig",
+            Typed {
+                model: &raw.model,
+                address,
+            },
+            &[jig::MOCK_JIG],
+        )
+        .map(Jig::Device),
         (_, None) => {
             let reason = format!(
                 "expected \"person\", or {:?} with an address, found {:?}",

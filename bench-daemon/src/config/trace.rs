@@ -102,7 +102,7 @@ impl Check<'_> {
         let part = if source.is_some() { "file" } else { "segments" };
         let (rows, averaged) = match raw.step {
             Some(step) => {
-                let step_s = self.within(&field("step"), step.si, (1.0e-3, 3600.0), "s")?;
+                let step_s = self.within(&field("step"), step.si, 1.0e-3..=3600.0, "s")?;
                 let length_s = rows.iter().map(|row| row.duration_s).sum::<f64>();
                 if step_s > length_s + average::ROUNDING_S {
                     let reason = format!(
@@ -131,7 +131,7 @@ impl Check<'_> {
         let per_decade = self.within(
             &field("samples_per_decade"),
             raw.samples_per_decade,
-            (2.0, 100.0),
+            2.0..=100.0,
             "samples",
         )?;
         let trace = Trace {
@@ -139,38 +139,33 @@ impl Check<'_> {
             role: raw.role,
             repeat_group: raw.repeat_group.clone().unwrap_or_else(|| raw.name.clone()),
             repeat: self
-                .within(&field("repeat"), raw.repeat as f64, (1.0, 1000.0), "times")
+                .within(&field("repeat"), raw.repeat as f64, 1.0..=1000.0, "times")
                 .map(|_| raw.repeat)?,
-            rest_s: self.within(
-                &field("rest_first"),
-                raw.rest_first.si,
-                (0.0, 86_400.0),
-                "s",
-            )?,
+            rest_s: self.within(&field("rest_first"), raw.rest_first.si, 0.0..=86_400.0, "s")?,
             start_v: (low, high),
             resistance_max_ohm: self.within(
                 &field("resistance_max"),
                 raw.resistance_max.si,
-                (1.0e-4, 1.0),
+                1.0e-4..=1.0,
                 "Ω",
             )?,
             segments,
             through,
             averaged,
             lead_ohm: raw.lead_resistance.map_or(Ok(0.0), |lead| {
-                self.within(&field("lead_resistance"), lead.si, (0.0, 0.1), "Ω")
+                self.within(&field("lead_resistance"), lead.si, 0.0..=0.1, "Ω")
             })?,
             first_sample_s: self.within(
                 &field("first_sample"),
                 raw.first_sample.si,
-                (2.0e-4, 1.0),
+                2.0e-4..=1.0,
                 "s",
             )?,
             growth: 10.0_f64.powf(1.0 / per_decade) - 1.0,
             longest_s: self.within(
                 &field("longest_interval"),
                 raw.longest_interval.si,
-                (1.0, 3600.0),
+                1.0..=3600.0,
                 "s",
             )?,
         };

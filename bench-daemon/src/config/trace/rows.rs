@@ -120,7 +120,7 @@ impl Check<'_> {
         let scale = self.within(
             &field("scale"),
             raw.scale.unwrap_or(1.0),
-            (-1.0e3, 1.0e3),
+            -1.0e3..=1.0e3,
             "(factor)",
         )?;
         if scale == 0.0 {
@@ -145,7 +145,7 @@ impl Check<'_> {
             let amps = self.within(
                 &format!("{field}.amplitudes"),
                 amplitude.si,
-                (1.0e-3, 1.0e3),
+                1.0e-3..=1.0e3,
                 "A",
             )?;
             for current_a in [-amps, amps] {

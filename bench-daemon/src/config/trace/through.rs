@@ -1,5 +1,7 @@
 //! What a trace is played through: each way against what its instruments can, row by row.
 
+use std::ops::RangeInclusive;
+
 use instruments::{generator, instrument::by_key, load, scope, supply, supply4q, units::Seconds};
 
 use super::{
@@ -64,8 +66,9 @@ impl Check<'_> {
         self.present(self.bench.instruments.load.is_some(), "load")?;
         self.each(
             rows,
-            (SHORTEST_BIPOLAR_S, "the bipolar supply step by step"),
-            |row| within(row, least_v, (-greatest_a, greatest_a), &what),
+            SHORTEST_BIPOLAR_S,
+            "the bipolar supply step by step",
+            |row| within(row, least_v, -greatest_a..=greatest_a, &what),
         )?;
         Ok(Through::Bipolar)
     }
@@ -73,8 +76,8 @@ impl Check<'_> {
     fn wave(&self, rows: &[Row]) -> Result<Through, String> {
         let ((greatest_a, what), least_v) = (self.driven_a()?, self.cell.limits.min_v);
         self.present(self.bench.instruments.load.is_some(), "load")?;
-        self.each(rows, (SHORTEST_WAVE_S, "a wave of the generator"), |row| {
-            within(row, least_v, (-greatest_a, greatest_a), &what)
+        self.each(rows, SHORTEST_WAVE_S, "a wave of the generator", |row| {
+            within(row, least_v, -greatest_a..=greatest_a, &what)
         })?;
         let generator = self
             .bench
@@ -140,10 +143,10 @@ impl Check<'_> {
             ))
         });
         let least_v = self.cell.limits.min_v;
-        self.each(rows, (SHORTEST_METERED_S, "load and supply"), |row| {
+        self.each(rows, SHORTEST_METERED_S, "load and supply", |row| {
             if let (true, Some((load, can))) = (row.value < 0.0, &draws) {
                 let what = format!("the load {}", load.model);
-                within(row, least_v, (-can.max_current.value(), 0.0), &what)?;
+                within(row, least_v, -can.max_current.value()..=0.0, &what)?;
                 let asked_w = if row.power {
                     row.value
                 } else {
@@ -160,7 +163,7 @@ impl Check<'_> {
                 within(
                     row,
                     least_v,
-                    (0.0, can.max_current.value()),
+                    0.0..=can.max_current.value(),
                     &format!("the supply {}", supply.model),
                 )?;
             }
@@ -173,7 +176,8 @@ impl Check<'_> {
     fn each(
         &self,
         rows: &[Row],
-        (shortest_s, what): (f64, &str),
+        shortest_s: f64,
+        what: &str,
         judge: impl Fn(&Row) -> Result<(), String>,
     ) -> Result<(), String> {
         for (index, row) in rows.iter().enumerate() {
@@ -253,12 +257,8 @@ impl Check<'_> {
 }
 
 /// The current of a row, of a power at the least voltage of the cell.
-fn within(
-    row: &Row,
-    least_v: f64,
-    (least_a, greatest_a): (f64, f64),
-    what: &str,
-) -> Result<(), String> {
+fn within(row: &Row, least_v: f64, range_a: RangeInclusive<f64>, what: &str) -> Result<(), String> {
+    let (least_a, greatest_a) = range_a.into_inner();
     let amps = row.current_a(least_v);
     if (least_a..=greatest_a).contains(&amps) {
         return Ok(());
