@@ -67,6 +67,15 @@ pub struct Deed {
     pub chain: String,
 }
 
+/// Who did something.
+#[derive(Debug, Clone, Copy)]
+pub struct By<'a> {
+    /// Name; `-` for somebody whom nobody knows.
+    pub who: &'a str,
+    /// Address; `-` for the server itself.
+    pub from: &'a str,
+}
+
 /// How far a trail goes.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 struct Head {
@@ -111,7 +120,14 @@ impl Audit {
         };
         for what in wrong {
             tracing::warn!("{}: {what}", audit.path.display());
-            audit.write((SERVER, "-"), "look at the audit trail", &what)?;
+            audit.write(
+                By {
+                    who: SERVER,
+                    from: "-",
+                },
+                "look at the audit trail",
+                &what,
+            )?;
         }
         Ok(audit)
     }
@@ -120,19 +136,14 @@ impl Audit {
     ///
     /// # Errors
     /// The system's.
-    pub fn write(
-        &self,
-        (who, from): (&str, &str),
-        what: &str,
-        outcome: &str,
-    ) -> std::io::Result<()> {
+    pub fn write(&self, by: By<'_>, what: &str, outcome: &str) -> std::io::Result<()> {
         let mut open = self.open.lock().unwrap_or_else(PoisonError::into_inner);
         let text = |text: &str| text.chars().take(300).collect::<String>();
         let unix_s = (clock::unix_time_s() * 1.0e3).round() / 1.0e3;
         let mut deed = Deed {
             unix_s,
-            who: text(who),
-            from: text(from),
+            who: text(by.who),
+            from: text(by.from),
             what: text(what),
             outcome: text(outcome),
             chain: String::new(),
@@ -291,16 +302,19 @@ fn end_torn_line(file: &mut File) -> std::io::Result<()> {
 mod tests {
     use super::*;
 
+    const ANN: By<'_> = By {
+        who: "ann",
+        from: "127.0.0.1",
+    };
+
     #[test]
     fn the_trail_goes_on_after_a_restart_and_what_was_altered_or_cut_off_shows() {
         let folder = tempfile::tempdir().unwrap();
         let (path, head) = (folder.path().join(FILE), folder.path().join(HEAD));
         for what in ["first", "second"] {
             let audit = Audit::open(folder.path()).unwrap();
-            audit.write(("ann", "127.0.0.1"), what, "200").unwrap();
-            audit
-                .write(("ann", "127.0.0.1"), &format!("{what} again"), "200")
-                .unwrap();
+            audit.write(ANN, what, "200").unwrap();
+            audit.write(ANN, &format!("{what} again"), "200").unwrap();
         }
         let wrong = || check(&path).unwrap().1;
         assert_eq!(wrong(), [""; 0]);
@@ -375,7 +389,7 @@ mod tests {
         let path = folder.path().join(FILE);
         let audit = Audit::open(folder.path()).unwrap();
         for what in ["first", "second"] {
-            audit.write(("ann", "127.0.0.1"), what, "200").unwrap();
+            audit.write(ANN, what, "200").unwrap();
         }
         drop(audit);
         let told = || -> Vec<String> {
@@ -422,7 +436,7 @@ mod tests {
         let path = folder.path().join(FILE);
         Audit::open(folder.path())
             .unwrap()
-            .write(("ann", "127.0.0.1"), "first", "200")
+            .write(ANN, "first", "200")
             .unwrap();
         let mut bytes = std::fs::read(&path).unwrap();
         bytes.extend(b"{\"who\":\"J\xc3");
@@ -442,7 +456,7 @@ mod tests {
         let head = folder.path().join(HEAD);
         Audit::open(folder.path())
             .unwrap()
-            .write(("ann", "127.0.0.1"), "first", "200")
+            .write(ANN, "first", "200")
             .unwrap();
         std::fs::set_permissions(&head, std::fs::Permissions::from_mode(0o666)).unwrap();
         let told = Audit::open(folder.path())
@@ -473,7 +487,7 @@ mod tests {
         let (path, head) = (folder.path().join(FILE), folder.path().join(HEAD));
         Audit::open(folder.path())
             .unwrap()
-            .write(("ann", "127.0.0.1"), "first", "200")
+            .write(ANN, "first", "200")
             .unwrap();
         for damaged in [&b""[..], b"{\"lines\":", b"{}", b"\xff"] {
             std::fs::write(&head, damaged).unwrap();

@@ -35,6 +35,17 @@ pub enum Refused {
     Kept(String),
 }
 
+/// The experiment that is asked for.
+#[derive(Debug, Clone, Copy)]
+pub struct Asked<'a> {
+    /// Its name.
+    pub name: &'a str,
+    /// Its text; none for that of the file of this name.
+    pub text: Option<&'a str>,
+    /// The bench; none for the one that the experiment names.
+    pub bench: Option<&'a str>,
+}
+
 /// An experiment that may be run.
 pub struct Submission {
     /// The experiment, on the bench that it is to be run on.
@@ -80,16 +91,12 @@ fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
 }
 
 impl Submission {
-    /// An experiment by its name, or by its text, on a bench: on the one that it names where
-    /// `bench` is none.
+    /// An experiment as it is asked for.
     ///
     /// # Errors
     /// Whatever keeps it from being run.
-    pub fn new(
-        settings: &Settings,
-        (name, text): (&str, Option<&str>),
-        bench: Option<&str>,
-    ) -> Result<Self, Refused> {
+    pub fn new(settings: &Settings, asked: Asked<'_>) -> Result<Self, Refused> {
+        let Asked { name, text, bench } = asked;
         let text = text.map_or_else(|| text_of(settings, name), |text| Ok(text.to_owned()))?;
         let path = settings
             .configs

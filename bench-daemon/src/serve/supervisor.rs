@@ -238,7 +238,7 @@ impl Post {
         if item.kind == Kind::Run && folder.join(JOURNAL).exists() {
             // It was begun, and the server died before it could write that down.
             let pid = locks::holder(&folder.join(JOURNAL)).unwrap_or(0);
-            self.begun(server, &item, (pid, last_stop));
+            self.begun(server, &item, pid, last_stop);
             return;
         }
         match command(server, &item, &self.bench)
@@ -247,7 +247,7 @@ impl Post {
             Ok(child) => {
                 let pid = i32::try_from(child.id()).unwrap_or(0);
                 self.child = Some((item.id, child));
-                self.begun(server, &item, (pid, last_stop));
+                self.begun(server, &item, pid, last_stop);
             }
             Err(how) => self.over(
                 server,
@@ -265,7 +265,7 @@ impl Post {
     /// Writes down that a place is in work. No lock is held from the look at the stops to here, so
     /// that a slow disk never holds up a stop: one that came in between finds no process, or finds
     /// it late, and so the process is ended here.
-    fn begun(&self, server: &Server, item: &Item, (pid, last_stop): (i32, Option<f64>)) {
+    fn begun(&self, server: &Server, item: &Item, pid: i32, last_stop: Option<f64>) {
         let process = Process {
             pid,
             started_unix_s: clock::unix_time_s(),

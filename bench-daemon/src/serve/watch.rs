@@ -179,7 +179,16 @@ impl Watch {
             (row.voltage_v, row.current_a, row.temperature_c);
         let before = self.reading.take();
         let fixture = self.fixture_at(time_s).map_or("cell", fixture_name);
-        self.count((time_s, phase), (voltage_v, current_a), before.as_ref());
+        let now = ReadingNow {
+            time_s,
+            phase: phase.to_owned(),
+            fixture: fixture.to_owned(),
+            voltage_v,
+            current_a,
+            temperature_c,
+            fresh: true,
+        };
+        self.count(&now, before.as_ref());
         self.latest_s = self.latest_s.max(time_s);
         let kept_c = before.as_ref().and_then(|before| before.temperature_c);
         let (voltage_v, current_a) = match (voltage_v, current_a, &before) {
@@ -191,31 +200,24 @@ impl Watch {
             _ => (voltage_v, current_a),
         };
         self.reading = Some(ReadingNow {
-            time_s,
-            phase: phase.to_owned(),
-            fixture: fixture.to_owned(),
             voltage_v,
             current_a,
             temperature_c: temperature_c.or(kept_c),
-            fresh: true,
+            ..now
         });
     }
 
     /// The state of charge: from the voltage at rest, and from there on by the charge that was
     /// read. In a sweep no net charge flows, and its readings are means over a part of a period.
-    fn count(
-        &mut self,
-        (time_s, phase): (f64, &str),
-        (voltage_v, current_a): (Option<f64>, Option<f64>),
-        before: Option<&ReadingNow>,
-    ) {
+    fn count(&mut self, now: &ReadingNow, before: Option<&ReadingNow>) {
+        let (time_s, phase) = (now.time_s, now.phase.as_str());
         let Some(experiment) = self.experiment.as_ref().filter(|_| {
             self.fixture_at(time_s)
                 .is_none_or(|fixture| fixture == Fixture::Cell)
         }) else {
             return;
         };
-        let (Some(volts), Some(amps)) = (voltage_v, current_a) else {
+        let (Some(volts), Some(amps)) = (now.voltage_v, now.current_a) else {
             return;
         };
         let rests = matches!(phase, "rest" | "idle" | "paused") && amps.abs() < NO_CURRENT_A;

@@ -138,7 +138,7 @@ impl Listener {
             let counted = Counted::new(&server);
             let task = tokio::spawn(async move {
                 let _counted = counted;
-                serve(&server, (router, place), (socket, peer), tls).await;
+                serve(&server, router, place, socket, peer, tls).await;
             });
             let (peer, since_s) = (peer.ip(), server_clock.now_s());
             places.enter(
@@ -353,17 +353,19 @@ impl Drop for Counted {
 
 async fn serve(
     server: &Server,
-    (router, place): (Router, Place),
-    (socket, peer): (TcpStream, SocketAddr),
+    router: Router,
+    place: Place,
+    socket: TcpStream,
+    peer: SocketAddr,
     tls: Option<TlsAcceptor>,
 ) {
     let _ = socket.set_nodelay(true);
     let patience = Duration::from_secs_f64(server.settings.limits.patience_s);
     match tls {
-        None => requests(&server.clock, (router, place), (socket, peer), patience).await,
+        None => requests(&server.clock, router, place, socket, peer, patience).await,
         Some(tls) => {
             if let Ok(Ok(stream)) = server.clock.deadline(patience, tls.accept(socket)).await {
-                requests(&server.clock, (router, place), (stream, peer), patience).await;
+                requests(&server.clock, router, place, stream, peer, patience).await;
             }
         }
     }
@@ -371,8 +373,10 @@ async fn serve(
 
 async fn requests<S>(
     clock: &Clock,
-    (router, place): (Router, Place),
-    (stream, peer): (S, SocketAddr),
+    router: Router,
+    place: Place,
+    stream: S,
+    peer: SocketAddr,
     patience: Duration,
 ) where
     S: AsyncRead + AsyncWrite + Unpin + Send + 'static,

@@ -22,7 +22,7 @@ use super::{
     caller::Named,
     problem::{Code, Refusal},
 };
-use crate::loopback::names_loopback;
+use crate::{loopback::names_loopback, serve::audit::By};
 
 /// Who is at the other end.
 #[derive(Debug, Clone, Copy)]
@@ -103,7 +103,10 @@ pub async fn guard(State(app): State<App>, mut request: Request, next: Next) -> 
         let outcome = format!("{}{code}", response.status().as_u16());
         let who = named.0.get().map_or("-", String::as_str);
         if let Err(error) = app.server.audit.write(
-            (who, &peer.to_string()),
+            By {
+                who,
+                from: &peer.to_string(),
+            },
             &format!("{method} {path}"),
             &outcome,
         ) {

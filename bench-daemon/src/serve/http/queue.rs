@@ -20,7 +20,7 @@ use crate::{
     serve::{
         Server,
         queue::{Item, Kind, QueueError, Wanted},
-        submission::{self, Refused, Submission},
+        submission::{self, Asked, Refused, Submission},
     },
 };
 use instruments::clock;
@@ -197,7 +197,14 @@ pub async fn plan(
     Query(on): Query<On>,
 ) -> Result<Json<Planned>, Refusal> {
     aside(move || {
-        let submission = Submission::new(&app.server.settings, (&name, None), on.bench.as_deref())?;
+        let submission = Submission::new(
+            &app.server.settings,
+            Asked {
+                name: &name,
+                text: None,
+                bench: on.bench.as_deref(),
+            },
+        )?;
         let plan = procedure::plan(&submission.experiment);
         let stages = plan.stages.iter().map(|stage| PlannedStage {
             purpose: stage.purpose.to_string(),
@@ -247,7 +254,14 @@ pub async fn submit(
             }
         };
         let server = &app.server;
-        let submission = Submission::new(&server.settings, (name, text), submit.bench.as_deref())?;
+        let submission = Submission::new(
+            &server.settings,
+            Asked {
+                name,
+                text,
+                bench: submit.bench.as_deref(),
+            },
+        )?;
         let experiment = &submission.experiment;
         let wanted = Wanted {
             kind: Kind::Run,

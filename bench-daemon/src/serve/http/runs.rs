@@ -368,7 +368,8 @@ pub async fn file(
 async fn wish(
     app: &App,
     run: &str,
-    (word, more): (&str, &[u32]),
+    word: &'static str,
+    more: &[u32],
 ) -> Result<Json<Conveyed>, Refusal> {
     let folder = folder(app, run)?;
     let mut command = tokio::process::Command::new(&app.server.program);
@@ -414,7 +415,7 @@ pub async fn pause(
     State(app): State<App>,
     Path(run): Path<String>,
 ) -> Result<Json<Conveyed>, Refusal> {
-    wish(&app, &run, ("pause", &[])).await
+    wish(&app, &run, "pause", &[]).await
 }
 
 /// Lets a run that waits go on: that lets current flow.
@@ -431,7 +432,7 @@ pub async fn go_on(
     State(app): State<App>,
     Path(run): Path<String>,
 ) -> Result<Json<Conveyed>, Refusal> {
-    wish(&app, &run, ("go-on", &[])).await
+    wish(&app, &run, "go-on", &[]).await
 }
 
 /// Says which runs of a campaign come next.
@@ -456,7 +457,7 @@ pub async fn order(
             "runs: expected 1 to 1000 numbers",
         ));
     }
-    wish(&app, &run, ("reorder", &order.runs)).await
+    wish(&app, &run, "reorder", &order.runs).await
 }
 
 /// Puts a run that was interrupted into the queue again, to go on where it was: that lets current

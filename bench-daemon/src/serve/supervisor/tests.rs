@@ -48,7 +48,7 @@ fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
     }
     let post = Post::new(&server, &bench).unwrap();
     let mut child = Command::new("sleep").arg("600").spawn().unwrap();
-    post.begun(&server, &item, (i32::try_from(child.id()).unwrap(), seen));
+    post.begun(&server, &item, i32::try_from(child.id()).unwrap(), seen);
     // Whoever was not asked to end is killed here.
     let kept = server.stops().get(&bench.name).map(|stop| stop.unix_s);
     assert!(server.queue().in_work(&bench.name).is_some());
