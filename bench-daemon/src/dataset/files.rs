@@ -119,7 +119,8 @@ pub(super) const WINDOW_COLUMNS: [&str; 2] = [TRACE_COLUMNS[5].name, TRACE_COLUM
 pub(super) fn column(
     path: &Path,
     name: &str,
-    (samples, fits): (usize, fn(&f64) -> bool),
+    samples: usize,
+    fits: fn(&f64) -> bool,
 ) -> Result<Option<Vec<f64>>, FileError> {
     if path.extension().is_none_or(|extension| extension != "csv") {
         return Ok(None);

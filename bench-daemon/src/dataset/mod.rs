@@ -83,14 +83,28 @@ pub struct Reading {
     pub refused_points: bool,
 }
 
+/// What a quality gate has refused of a sweep.
+struct Flagged {
+    run: String,
+    file: String,
+    /// How many points it has.
+    points: usize,
+    flagged: Vec<FlaggedPoint>,
+    /// They are used all the same.
+    wanted: bool,
+}
+
 impl Loaded {
-    /// Notes what a quality gate has refused of a run of so many points.
-    fn flag(
-        &mut self,
-        (run, file): (&str, &str),
-        (flagged, points): (&[FlaggedPoint], usize),
-        fitted: bool,
-    ) {
+    /// Notes what a quality gate has refused of a sweep.
+    fn flag(&mut self, refused: &Flagged) {
+        let Flagged {
+            run,
+            file,
+            points,
+            flagged,
+            ..
+        } = refused;
+        let fitted = refused.wanted;
         if flagged.is_empty() {
             return;
         }
@@ -109,10 +123,9 @@ impl Loaded {
             "{run}: {} of {points} points {what} the quality gate refused them: {told}{asked}",
             flagged.len()
         ));
-        let (spectrum, file) = (run.to_owned(), file.to_owned());
         self.refused
             .extend(flagged.iter().map(|point| RefusedPoint {
-                spectrum: spectrum.clone(),
+                spectrum: run.clone(),
                 file: file.clone(),
                 freq_hz: point.freq_hz,
                 reasons: point.reasons.clone(),

@@ -13,7 +13,7 @@ use analysis::{
 };
 
 use super::{
-    DataSetProblem, Loaded, Reading,
+    DataSetProblem, Flagged, Loaded, Reading,
     files::{self, FileError, Files},
     raw,
 };
@@ -74,19 +74,11 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         notes: Vec::new(),
         refused: Vec::new(),
     };
-    for Flagged {
-        run,
-        file,
-        points,
-        flagged,
-        wanted,
-    } in &resolver.flagged
-    {
-        loaded.flag(
-            (run, file),
-            (flagged, *points),
-            *wanted || how.refused_points,
-        );
+    for flagged in resolver.flagged {
+        loaded.flag(&Flagged {
+            wanted: flagged.wanted || how.refused_points,
+            ..flagged
+        });
     }
     loaded.leave_out_refused();
     Ok(loaded)
@@ -155,17 +147,6 @@ struct Resolver<'a> {
     files: Files,
     /// What quality gates have refused of the sweeps so far.
     flagged: Vec<Flagged>,
-}
-
-/// What a quality gate has refused of a sweep.
-struct Flagged {
-    run: String,
-    file: String,
-    /// How many points it has.
-    points: usize,
-    flagged: Vec<FlaggedPoint>,
-    /// They are used all the same.
-    wanted: bool,
 }
 
 /// A run, or why its file gives none.
@@ -277,7 +258,7 @@ impl Resolver<'_> {
             .unwrap_or(0.0);
         let between = entry.current_between_samples.unwrap_or(Between::Linear);
         let stated = |name, fits| {
-            files::column(&path, name, (series.len(), fits))
+            files::column(&path, name, series.len(), fits)
                 .map(|column| column.map(|all| all[window.clone()].to_vec()))
         };
         let [from, to] = files::WINDOW_COLUMNS;

@@ -19,7 +19,7 @@ use analysis::{
 use serde::Deserialize;
 
 use super::{
-    DataSetProblem, Loaded, Reading,
+    DataSetProblem, Flagged, Loaded, Reading,
     files::{self, FileError, Files},
     raw::sign,
     resolve::{CONTROL_SOC, stem},
@@ -206,11 +206,13 @@ impl Reader<'_> {
                 r_ohm: entry.below_ohm.unwrap_or(0.0),
                 l_h: entry.below_h.unwrap_or(0.0),
             };
-            self.loaded.flag(
-                (&name, &entry.file),
-                (&flagged, sweep.points.len()),
-                self.refused_points,
-            );
+            self.loaded.flag(&Flagged {
+                run: name.clone(),
+                file: entry.file.clone(),
+                points: sweep.points.len(),
+                flagged,
+                wanted: self.refused_points,
+            });
             if sweep.points.len() == entry.elapsed_s.len() {
                 sweep.elapsed_s.clone_from(&entry.elapsed_s);
             }
@@ -259,11 +261,10 @@ impl Reader<'_> {
         };
         let rows = read_trace_csv(&self.folder.join(&entry.file))
             .map_err(|error| self.complain(&entry.file, error.to_string()))?;
-        let row_s = rows.first().map_or(0.0, |row| row.time_s);
-        let (mut sigma_v, mut averaged_s) =
-            told_of(&rows, (entry.sample_sigma_v, row_s), series.len());
+        let row_s = first_row_s(&rows);
+        let (mut sigma_v, mut averaged_s) = told_of(&rows, entry.sample_sigma_v, series.len());
         if let Some(sigma_v) = &mut sigma_v {
-            self.rest_before((entry, row_s), (&mut series, sigma_v, averaged_s.as_mut()))?;
+            self.rest_before(entry, row_s, &mut series, sigma_v, averaged_s.as_mut())?;
         }
         let temperature_c = self.temperature(&name, entry.temperature_c);
         self.loaded.set.runs.push(Run {
@@ -291,8 +292,11 @@ impl Reader<'_> {
     /// supply is up, its offset flows. Nothing is seen of the voltage then.
     fn rest_before(
         &self,
-        (entry, row_s): (&TraceEntry, f64),
-        (series, sigma_v, averaged_s): (&mut TimeSeries, &mut Vec<f64>, Option<&mut Windows>),
+        entry: &TraceEntry,
+        row_s: f64,
+        series: &mut TimeSeries,
+        sigma_v: &mut Vec<f64>,
+        averaged_s: Option<&mut Windows>,
     ) -> Result<(), ConfigError> {
         let path = self.folder.join(EVENTS);
         let text = std::fs::read_to_string(&path)
@@ -332,11 +336,13 @@ impl Reader<'_> {
             return Ok(());
         };
         if let RunData::Eis(sweep) = &data {
-            self.loaded.flag(
-                ("spectrum", SPECTRUM),
-                (&flagged, sweep.points.len()),
-                self.refused_points,
-            );
+            self.loaded.flag(&Flagged {
+                run: "spectrum".to_owned(),
+                file: SPECTRUM.to_owned(),
+                points: sweep.points.len(),
+                flagged,
+                wanted: self.refused_points,
+            });
         }
         let (ocv_v, temperature_c) = self.readings()?;
         let temperature_c = self.temperature("spectrum", temperature_c);
@@ -443,14 +449,20 @@ impl Reader<'_> {
     }
 }
 
+/// Test time of the first row, s.
+fn first_row_s(rows: &[TraceRow]) -> f64 {
+    rows.first().map_or(0.0, |row| row.time_s)
+}
+
 /// Noise of each of so many rows, that of one sample of the scope (V), less by as many as the row
-/// is the mean of; and the window of that mean. In the series' own time, whose first row, at
-/// `row_s` of test time, is at zero.
+/// is the mean of; and the window of that mean. In the series' own time, whose first row is at
+/// zero.
 fn told_of(
     read: &[TraceRow],
-    (sample_sigma_v, row_s): (f64, f64),
+    sample_sigma_v: f64,
     rows: usize,
 ) -> (Option<Vec<f64>>, Option<Windows>) {
+    let row_s = first_row_s(read);
     let sigma_v: Vec<f64> = read
         .iter()
         .map(|row| sample_sigma_v / row.samples.max(1.0).sqrt())
