@@ -61,7 +61,8 @@ pub fn plan(experiment: &Experiment) -> Plan {
         for run in campaign.runs() {
             let traces = experiment.traces.iter().map(|trace| {
                 trace::stage(
-                    (trace, run.number),
+                    trace,
+                    run.number,
                     &experiment.cell,
                     held,
                     time_base(experiment),
@@ -115,20 +116,15 @@ pub fn plan(experiment: &Experiment) -> Plan {
             .multisine
             .iter()
             .filter(|multisine| round <= multisine.repeat);
-        stages.extend(due.map(|multisine| {
-            multisine::stage((multisine, round), limits, (held, experiment.seed))
-        }));
+        stages.extend(
+            due.map(|multisine| multisine::stage(multisine, round, limits, held, experiment.seed)),
+        );
         let due = experiment
             .traces
             .iter()
             .filter(|trace| round <= trace.repeat);
         stages.extend(due.map(|trace| {
-            trace::stage(
-                (trace, round),
-                &experiment.cell,
-                held,
-                time_base(experiment),
-            )
+            trace::stage(trace, round, &experiment.cell, held, time_base(experiment))
         }));
     }
     Plan { stages }

@@ -43,7 +43,11 @@ fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
     let steps: Vec<usize> = std::iter::successors(Some(band.steps.0), |steps| Some(2 * steps))
         .take_while(|s| *s <= band.steps.1)
         .collect();
-    let samples = record_sizes((multisine.memory_points, multisine.record_points), periods);
+    let depth = Depth {
+        memory_points: multisine.memory_points,
+        record_points: multisine.record_points,
+    };
+    let samples = record_sizes(depth, periods);
     let range = (
         (band.range_hz.0 / band.base_hz).round() as usize,
         (band.range_hz.1 / band.base_hz * (1.0 + 1.0e-9)).floor() as usize,
@@ -75,9 +79,22 @@ fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
     })
 }
 
+/// Points that are asked for.
+#[derive(Clone, Copy)]
+struct Depth {
+    /// Of the scope's memory.
+    memory_points: u64,
+    /// Of the record.
+    record_points: u64,
+}
+
 /// Points that a record can have: every n-th of the memory, whole numbers of them in a period, as
 /// many as asked for and not too many more. The depths of the scopes' memories are decades.
-fn record_sizes((memory_points, record_points): (u64, u64), periods: usize) -> Vec<usize> {
+fn record_sizes(wanted: Depth, periods: usize) -> Vec<usize> {
+    let Depth {
+        memory_points,
+        record_points,
+    } = wanted;
     let depth = 10.0_f64
         .powf((memory_points as f64).max(LEAST_DEPTH).log10().ceil())
         .round() as usize;
@@ -100,9 +117,11 @@ fn record_sizes((memory_points, record_points): (u64, u64), periods: usize) -> V
 }
 
 pub(super) fn stage(
-    (multisine, repeat): (&Multisine, usize),
+    multisine: &Multisine,
+    repeat: usize,
     limits: &Limits,
-    (held, seed): (Holds, u64),
+    held: Holds,
+    seed: u64,
 ) -> Stage {
     let peak_a = multisine.peak_a;
     let mut steps = vec![Step::Mount(Fixture::Cell)];
@@ -223,14 +242,21 @@ mod tests {
 
     #[test]
     fn records_are_whole_periods_of_the_memory() {
+        let sizes = |memory_points, record_points, periods| {
+            let depth = Depth {
+                memory_points,
+                record_points,
+            };
+            record_sizes(depth, periods)
+        };
         assert_eq!(
-            record_sizes((1_000_000, 100_000), 10),
+            sizes(1_000_000, 100_000, 10),
             [100_000, 125_000, 200_000, 250_000]
         );
         assert_eq!(
-            record_sizes((300_000, 100_000), 10),
+            sizes(300_000, 100_000, 10),
             [100_000, 125_000, 200_000, 250_000]
         );
-        assert_eq!(record_sizes((1_000_000, 1_000_000), 7), [1_000_000]);
+        assert_eq!(sizes(1_000_000, 1_000_000, 7), [1_000_000]);
     }
 }

@@ -2,7 +2,7 @@
 //! while it is read, records frames around the steps and short ones between them. A wave in the
 //! generator's memory is one frame; what load and supply play, their own meters record.
 
-use std::sync::Arc;
+use std::{ops::RangeInclusive, sync::Arc};
 
 use instruments::{fixture::Fixture, supply4q::Holds};
 
@@ -36,7 +36,8 @@ const LIMIT: (f64, f64) = (1.02, 0.5);
 /// `held` as for a sweep; `screen_s`: the time that the scope's screen spans when it is to hold at
 /// least a given span.
 pub(super) fn stage(
-    (trace, repeat): (&Trace, usize),
+    trace: &Trace,
+    repeat: usize,
     cell: &Cell,
     held: Holds,
     screen_s: impl Fn(f64) -> f64,
@@ -167,7 +168,7 @@ fn frames(
     while let Some(step) = levels.get(first) {
         let start_s = (step.at_s - BEFORE_S).max(free_s);
         spots(
-            (free_s, start_s - GAP_S - SPOT_S),
+            free_s..=start_s - GAP_S - SPOT_S,
             stepped_s,
             trace,
             &mut frames,
@@ -196,11 +197,12 @@ fn frames(
         });
         (free_s, first, stepped_s) = (start_s + span_s + GAP_S, last + 1, levels[last].at_s);
     }
-    spots((free_s, end_s - SPOT_S), stepped_s, trace, &mut frames);
+    spots(free_s..=end_s - SPOT_S, stepped_s, trace, &mut frames);
     frames
 }
 
-fn spots((mut at_s, latest_s): (f64, f64), stepped_s: f64, trace: &Trace, frames: &mut Vec<Frame>) {
+fn spots(range_s: RangeInclusive<f64>, stepped_s: f64, trace: &Trace, frames: &mut Vec<Frame>) {
+    let (mut at_s, latest_s) = range_s.into_inner();
     // Nothing is to be seen before the first step.
     while at_s <= latest_s && !frames.is_empty() {
         frames.push(Frame {
