@@ -142,6 +142,13 @@ impl Allowance {
     }
 }
 
+/// Charge and time: at a moment, or passed since then.
+#[derive(Debug, Clone, Copy)]
+struct Passed {
+    charge_c: f64,
+    time_s: f64,
+}
+
 /// A value, and the charge, C, and the bench time, s, at which it was seen to change last.
 #[derive(Debug, Clone, Copy, Default)]
 struct Last {
@@ -152,19 +159,19 @@ struct Last {
 }
 
 impl Last {
-    /// Charge, C, and time, s, that have passed since the value changed.
-    fn since(&mut self, value: f64, (charge_c, time_s): (f64, f64)) -> (f64, f64) {
+    /// Charge and time that have passed since the value changed.
+    fn since(&mut self, value: f64, now: Passed) -> Passed {
         if self.value != Some(value) {
             *self = Self {
                 value: Some(value),
-                charge_c,
+                charge_c: now.charge_c,
                 time_s: None,
             };
         }
-        (
-            (charge_c - self.charge_c).abs(),
-            time_s - *self.time_s.get_or_insert(time_s),
-        )
+        Passed {
+            charge_c: (now.charge_c - self.charge_c).abs(),
+            time_s: now.time_s - *self.time_s.get_or_insert(now.time_s),
+        }
     }
 }
 
@@ -540,7 +547,11 @@ impl Interlock {
     }
 
     fn frozen(&mut self, reading: &Reading) -> Option<Trip> {
-        let (now, settings) = ((self.charge_c, reading.time_s), self.settings);
+        let settings = self.settings;
+        let now = Passed {
+            charge_c: self.charge_c,
+            time_s: reading.time_s,
+        };
         let volts = reading
             .voltage_v
             .map(|volts| self.voltage.since(volts, now));
@@ -554,11 +565,11 @@ impl Interlock {
         let held = reading
             .voltage_v
             .is_some_and(|volts| volts >= self.allowance.held_v);
-        let cell = |since: Option<(f64, f64)>| since.filter(|_| self.allowance.cell);
-        let charge = |since: Option<(f64, f64)>| Some((cell(since)?.0, settings.frozen_c, "C"));
+        let cell = |since: Option<Passed>| since.filter(|_| self.allowance.cell);
+        let charge = |since: Option<Passed>| Some((cell(since)?.charge_c, settings.frozen_c, "C"));
         let swing_s = self.allowance.swing_s.filter(|_| !self.silent);
-        let time = |since: Option<(f64, f64)>| {
-            Some((since?.1, settings.frozen_s.max(SWINGS * swing_s?), "s"))
+        let time = |since: Option<Passed>| {
+            Some((since?.time_s, settings.frozen_s.max(SWINGS * swing_s?), "s"))
         };
         let stood = [
             (
