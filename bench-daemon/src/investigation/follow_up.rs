@@ -102,12 +102,12 @@ impl Site {
                 Planned::Trace(segments) => {
                     experiment
                         .traces
-                        .push(trace(first, (run, &self.ocv), segments)?);
+                        .push(trace(first, run, &self.ocv, segments)?);
                 }
                 Planned::Eis {
                     freq_hz,
                     amplitude_a,
-                } => experiment.eis = Some(sweep(first, run, (freq_hz, *amplitude_a))?),
+                } => experiment.eis = Some(sweep(first, run, freq_hz, *amplitude_a)?),
             }
         }
         let plan = procedure::plan(&experiment)
@@ -183,7 +183,8 @@ fn moved_c(run: &PlannedRun) -> f64 {
 fn sweep(
     first: &Experiment,
     run: &PlannedRun,
-    (freq_hz, amplitude_a): (&Vec<f64>, f64),
+    freq_hz: &Vec<f64>,
+    amplitude_a: f64,
 ) -> Result<Eis, String> {
     let mut eis = first.eis.clone().ok_or("the campaign sweeps nothing")?;
     eis.fixture = fixture(first, &run.fixture)?;
@@ -199,7 +200,8 @@ fn sweep(
 
 fn trace(
     first: &Experiment,
-    (run, ocv): (&PlannedRun, &OcvCurve),
+    run: &PlannedRun,
+    ocv: &OcvCurve,
     segments: &[(f64, f64)],
 ) -> Result<Trace, String> {
     let like = first
@@ -296,7 +298,7 @@ mod tests {
         else {
             unreachable!()
         };
-        let eis = sweep(&first, &run, (freq_hz, *amplitude_a)).unwrap();
+        let eis = sweep(&first, &run, freq_hz, *amplitude_a).unwrap();
         let experiment = Experiment {
             fixture_check: None,
             soc_reset: None,

@@ -16,13 +16,23 @@ use crate::{
     failure::Failure,
 };
 
+/// The run folders that are joined.
+#[derive(Clone, Copy)]
+pub(super) struct Folders<'a> {
+    /// The campaign's, whose first run begins the count of time.
+    pub(super) first: &'a Path,
+    /// The experiment's after it.
+    pub(super) later: &'a Path,
+}
+
 /// Adds the runs of an experiment to those before it: they come later, and repeat what the plan
 /// says that they repeat.
 pub(super) fn add(
     loaded: &mut Loaded,
-    (first, folder): (&Path, &Path),
+    folders: Folders<'_>,
     planned: &[PlannedRun],
 ) -> Result<(), Failure> {
+    let folder = folders.later;
     let refused_points = loaded.refused.iter().any(|point| point.fitted);
     let mut more = read_as(
         folder,
@@ -31,7 +41,7 @@ pub(super) fn add(
             refused_points,
         },
     )?;
-    let later_s = begin_s(folder)? - begin_s(first)?;
+    let later_s = begin_s(folder)? - begin_s(folders.first)?;
     let orders = loaded
         .set
         .runs

@@ -164,12 +164,12 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
     let (mut outcome, mut asked) = desk.diagnose(&[])?;
     let mut steps = vec![step(&first, None, &outcome.diagnosis)];
     let (end, end_text) = loop {
-        let (next, experiment) = match desk.next((&outcome, &asked), &steps) {
+        let (next, experiment) = match desk.next(&outcome, &asked, &steps) {
             Ok(next) => next,
             Err(end) => break end,
         };
         let folder = means.out.join(format!("{}_{}", steps.len(), next.name));
-        let minutes = desk.buy(&experiment, (&next, &outcome.next_runs), &folder)?;
+        let minutes = desk.buy(&experiment, &next, &outcome.next_runs, &folder)?;
         (outcome, asked) = desk.diagnose(
             &steps
                 .iter()
@@ -310,7 +310,8 @@ impl Desk<'_> {
     /// The experiment that is worth its price, or why the investigation ends.
     fn next(
         &self,
-        (outcome, asked): (&Outcome, &Asked),
+        outcome: &Outcome,
+        asked: &Asked,
         steps: &[Step],
     ) -> Result<(NextExperiment, Experiment), (End, String)> {
         let diagnosis = &outcome.diagnosis;
@@ -369,7 +370,8 @@ impl Desk<'_> {
     fn buy(
         &mut self,
         experiment: &Experiment,
-        (next, runs): (&NextExperiment, &[PlannedRun]),
+        next: &NextExperiment,
+        runs: &[PlannedRun],
         folder: &Path,
     ) -> Result<f64, Failure> {
         let start_s = self.session.now_s();
@@ -379,7 +381,10 @@ impl Desk<'_> {
         self.spent.charge_ah += next.charge_ah;
         join::add(
             &mut self.loaded,
-            (&self.means.out.join("campaign"), folder),
+            join::Folders {
+                first: &self.means.out.join("campaign"),
+                later: folder,
+            },
             runs,
         )?;
         Ok(minutes)
