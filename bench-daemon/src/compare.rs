@@ -34,7 +34,7 @@ pub fn compare(stored: &Path, again: &Path, file: &str) -> std::io::Result<Vec<D
         serde_json::from_str(&is_text),
     ) {
         let mut places = Vec::new();
-        of_values("", (&was, &is), &mut places);
+        of_values("", &was, &is, &mut places);
         places
     } else {
         Vec::new()
@@ -104,7 +104,7 @@ fn of_tables(was: &str, is: &str) -> Vec<String> {
     places
 }
 
-fn of_values(at: &str, (was, is): (&Value, &Value), places: &mut Vec<String>) {
+fn of_values(at: &str, was: &Value, is: &Value, places: &mut Vec<String>) {
     match (was, is) {
         (Value::Object(a), Value::Object(b)) => {
             let keys: BTreeSet<&String> = a.keys().chain(b.keys()).collect();
@@ -116,19 +116,16 @@ fn of_values(at: &str, (was, is): (&Value, &Value), places: &mut Vec<String>) {
                 };
                 of_values(
                     &below,
-                    (
-                        a.get(key).unwrap_or(&Value::Null),
-                        b.get(key).unwrap_or(&Value::Null),
-                    ),
+                    a.get(key).unwrap_or(&Value::Null),
+                    b.get(key).unwrap_or(&Value::Null),
                     places,
                 );
             }
         }
         (Value::Array(a), Value::Array(b)) if a.len() == b.len() => {
-            a.iter()
-                .zip(b)
-                .enumerate()
-                .for_each(|(index, pair)| of_values(&format!("{at}[{index}]"), pair, places));
+            a.iter().zip(b).enumerate().for_each(|(index, (was, is))| {
+                of_values(&format!("{at}[{index}]"), was, is, places);
+            });
         }
         (was, is) if was != is => {
             let short = |value: &Value| value.to_string().chars().take(80).collect::<String>();

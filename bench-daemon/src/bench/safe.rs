@@ -154,7 +154,7 @@ impl Bench {
     pub async fn off_again(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
         let clock = self.clock.clone();
-        let driven = off(&mut self.generator, &mut self.supply4q, (&clock, offset));
+        let driven = off(&mut self.generator, &mut self.supply4q, &clock, offset);
         let ((supply4q, generator, _), load, supply) = tokio::join!(
             driven,
             end(&mut self.load, &clock),
@@ -178,12 +178,8 @@ impl Bench {
     /// The first that could not be read back as off.
     pub async fn drive_off(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
-        let ((supply4q, _), generator, _) = off(
-            &mut self.generator,
-            &mut self.supply4q,
-            (&self.clock, offset),
-        )
-        .await;
+        let ((supply4q, _), generator, _) =
+            off(&mut self.generator, &mut self.supply4q, &self.clock, offset).await;
         supply4q.map_err(|source| wrap("supply4q", self.model("supply4q"), source))?;
         generator.map_err(|source| wrap("generator", self.model("generator"), source))
     }
@@ -222,7 +218,7 @@ impl Bench {
         } = self;
         // What moves charge waits for no bath.
         let driven = async {
-            let driven = off(generator, supply4q, (&clock, offset));
+            let driven = off(generator, supply4q, &clock, offset);
             let ((drive, commands, held), loaded, charged) =
                 tokio::join!(driven, end(load, &clock), end(supply, &clock));
             let found = tokio::join!(
@@ -447,7 +443,8 @@ async fn open_relays(bath: Option<&mut Chiller>) -> Option<Output> {
 async fn off(
     generator: &mut Option<Generator>,
     supply4q: &mut Option<Supply4q>,
-    (clock, offset): (&Clock, Volts),
+    clock: &Clock,
+    offset: Volts,
 ) -> (Ended, Result<(), LinkError>, bool) {
     let quiet = match generator.as_mut() {
         // Not worth waiting for long: what drives the cell is the supply.
