@@ -114,7 +114,12 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
         };
         let read = named.read(None)?;
         files::make_folder(&args.out)?;
-        return model(args, (read, "--erm".to_owned(), TYPED.to_owned()), goal);
+        let given = Given {
+            model: read,
+            named: "--erm".to_owned(),
+            stem: TYPED.to_owned(),
+        };
+        return model(args, given, goal);
     }
     files::make_folder(&args.out)?;
     args.files.iter().try_for_each(|file| match args.to {
@@ -133,25 +138,45 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
             let fail = |error: String| Failure::Usage(format!("{}: {error}", file.display()));
             let read = model_args::read_model(file, band_hz).map_err(fail)?;
             args.to.of_model().map_or(Ok(()), |goal| {
-                model(args, (read, file.display().to_string(), stem(file)), goal)
+                let given = Given {
+                    model: read,
+                    named: file.display().to_string(),
+                    stem: stem(file),
+                };
+                model(args, given, goal)
             })
         }
     })
 }
 
 /// What a model is written as, and the end of the file's name.
-type Goal = (Option<ModelFormat>, &'static str);
+#[derive(Clone, Copy)]
+struct Goal {
+    /// None for the project's JSON.
+    format: Option<ModelFormat>,
+    ending: &'static str,
+}
+
+/// A model that was read.
+struct Given {
+    model: GivenModel,
+    /// Its file or option, for errors.
+    named: String,
+    /// Name of the file that is written, without its end.
+    stem: String,
+}
 
 impl To {
     /// The goal of a model; none for what a model cannot be written as.
     fn of_model(self) -> Option<Goal> {
-        match self {
-            Self::C => Some((Some(ModelFormat::CHeader), ".h")),
-            Self::Pybamm => Some((Some(ModelFormat::PyBamm), "_pybamm.py")),
-            Self::Casadi => Some((Some(ModelFormat::CasAdi), "_casadi.py")),
-            Self::Model => Some((None, "_model.json")),
-            _ => None,
-        }
+        let (format, ending) = match self {
+            Self::C => (Some(ModelFormat::CHeader), ".h"),
+            Self::Pybamm => (Some(ModelFormat::PyBamm), "_pybamm.py"),
+            Self::Casadi => (Some(ModelFormat::CasAdi), "_casadi.py"),
+            Self::Model => (None, "_model.json"),
+            _ => return None,
+        };
+        Some(Goal { format, ending })
     }
 }
 
@@ -215,11 +240,8 @@ fn series(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {
     Ok(())
 }
 
-fn model(
-    args: &ConvertArgs,
-    (read, named, stem): (GivenModel, String, String),
-    (format, ending): Goal,
-) -> Result<(), Failure> {
+fn model(args: &ConvertArgs, given: Given, goal: Goal) -> Result<(), Failure> {
+    let Given { model, named, stem } = given;
     let usage = |error: &dyn std::fmt::Display| Failure::Usage(format!("{named}: {error}"));
     let curve = match (&args.ocv, args.ocv_v, args.capacity_ah) {
         (Some(path), ..) => Some(files::read_curve(path)?),
@@ -233,14 +255,14 @@ fn model(
         ),
         _ => None,
     };
-    let read = read.with_ocv(curve);
-    let text = match format {
+    let read = model.with_ocv(curve);
+    let text = match goal.format {
         Some(format) => CellModel::new(&read, (args.low_v, args.high_v), args.temperature_c)
             .map_err(|error| usage(&error))?
             .text(format),
         None => read.to_json().map_err(|error| usage(&error))?,
     };
-    let path = free(args, &stem, ending)?;
+    let path = free(args, &stem, goal.ending)?;
     write(&path, &text)?;
     say!("{}: {} RC", path.display(), read.erm.branches.len());
     read.notes().iter().for_each(|note| say!("  note: {note}"));

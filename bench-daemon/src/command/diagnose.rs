@@ -67,7 +67,8 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     let judged = Judged::read(
         &args.data,
         &args.model,
-        (args.ocv.as_deref(), args.refused_points),
+        args.ocv.as_deref(),
+        args.refused_points,
     )?;
     let cells = judged.cells(args.specimen.as_deref())?;
     if args.bench.is_some() && cells.len() > 1 {
@@ -84,9 +85,7 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
         let outcome = judged.diagnose()?;
         if let Some(folder) = &folder {
             write(folder, &outcome, &judged)?;
-            if let (Some(bench), Some(cell)) = (&args.bench, &args.cell) {
-                write_next(folder, &outcome, &judged, (bench, cell))?;
-            }
+            write_next(folder, &outcome, &judged, args)?;
         }
         if !args.json {
             if cells.len() > 1 {
@@ -160,7 +159,8 @@ fn diagnose_run(run: &Path, rc: usize) -> Result<Vec<String>, Failure> {
     let mut all = Judged::read(
         run,
         &ModelArgs::file(run.join(run_folder::model(rc))),
-        (None, false),
+        None,
+        false,
     )?;
     all.within = Some(run.to_owned());
     let cells = all.cells(None)?;
@@ -223,7 +223,8 @@ impl Judged {
     pub(super) fn read(
         data: &Path,
         named: &ModelArgs,
-        (ocv, refused_points): (Option<&Path>, bool),
+        ocv: Option<&Path>,
+        refused_points: bool,
     ) -> Result<Self, Failure> {
         let option = if named.model.is_some() {
             "--model "
@@ -406,14 +407,16 @@ impl Judged {
     }
 }
 
-/// The recommended run as an experiment file, where there is one.
+/// The recommended run as an experiment file, where there is one, and a bench and a cell for it.
 fn write_next(
     folder: &Path,
     outcome: &Outcome,
     judged: &Judged,
-    (bench, cell): (&Path, &Path),
+    args: &DiagnoseArgs,
 ) -> Result<(), Failure> {
-    let (Some(next), false) = (
+    let (Some(bench), Some(cell), Some(next), false) = (
+        &args.bench,
+        &args.cell,
         &outcome.diagnosis.next_experiment,
         outcome.next_runs.is_empty(),
     ) else {

@@ -59,7 +59,7 @@ pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
                 erm: args.erm.clone(),
                 ladder_band_hz: None,
             };
-            let judged = Judged::read(data, &named, (args.ocv.as_deref(), false))?;
+            let judged = Judged::read(data, &named, args.ocv.as_deref(), false)?;
             let matrix = distinguish(&judged.loaded.set, &judged.model, catalogue());
             Some(matrix.map_err(|error| Failure::Usage(error.to_string()))?)
         }

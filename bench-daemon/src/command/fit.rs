@@ -169,7 +169,7 @@ fn fit_group(
         })
         .collect();
     let cells = CellSweeps::sort(&sweeps);
-    let mut more = More::choose(&name, &cells, (orders.is_none(), args.seed))?;
+    let mut more = More::choose(&name, &cells, orders.is_none(), args.seed)?;
     let chosen: Vec<usize> = more.order_selection.iter().map(|s| s.recommended).collect();
     let spectra: Vec<Spectrum> = sweeps.iter().map(|s| s.spectrum.clone()).collect();
     let mut fits = Vec::new();

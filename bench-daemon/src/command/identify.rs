@@ -135,11 +135,7 @@ fn bench(config: &config::Bench, quiet: bool) -> Result<Vec<Found>, Failure> {
             };
             let start_s = clock.machine_s();
             let outcome = ask(&one, instrument, &connections).await;
-            let found = found(
-                (Some(role), instrument),
-                outcome,
-                clock.machine_s() - start_s,
-            );
+            let found = found(Some(role), instrument, outcome, clock.machine_s() - start_s);
             if !quiet {
                 print(&found);
             }
@@ -167,7 +163,8 @@ async fn ask(
 }
 
 fn found(
-    (role, instrument): (Option<&'static str>, &config::Instrument),
+    role: Option<&'static str>,
+    instrument: &config::Instrument,
     outcome: Result<Said, BenchError>,
     took_s: f64,
 ) -> Found {

@@ -70,15 +70,21 @@ pub struct OcvArgs {
 pub fn ocv(args: &OcvArgs) -> Result<(), Failure> {
     let discharge = within(
         &read(&args.discharge, args.positive)?,
-        (args.from, args.to),
-        ("--from", "--to"),
+        Window {
+            from_s: args.from,
+            to_s: args.to,
+            names: "--from, --to",
+        },
     )?;
     let charge = |path: &Path| {
         let whole = read(path, args.positive)?;
         within(
             &whole,
-            (args.charge_from, args.charge_to),
-            ("--charge-from", "--charge-to"),
+            Window {
+                from_s: args.charge_from,
+                to_s: args.charge_to,
+                names: "--charge-from, --charge-to",
+            },
         )
     };
     let charge = args.charge.as_deref().map(charge).transpose()?;
@@ -115,20 +121,25 @@ fn duration(text: &str) -> Result<f64, String> {
     Quantity::<Duration>::parse(text).map(|duration| duration.si)
 }
 
-/// The part of a record that a window chooses, s in the record's own time.
-fn within(
-    series: &TimeSeries,
-    (from, to): (Option<f64>, Option<f64>),
-    names: (&str, &str),
-) -> Result<TimeSeries, Failure> {
+/// A part of a record, in the record's own time.
+#[derive(Clone, Copy)]
+struct Window {
+    from_s: Option<f64>,
+    to_s: Option<f64>,
+    /// Names of the two options.
+    names: &'static str,
+}
+
+/// The part of a record that a window chooses.
+fn within(series: &TimeSeries, window: Window) -> Result<TimeSeries, Failure> {
+    let (from, to, names) = (window.from_s, window.to_s, window.names);
     let (from_s, to_s) = (
         from.unwrap_or(f64::NEG_INFINITY),
         to.unwrap_or(f64::INFINITY),
     );
     if from_s >= to_s {
         return Err(Failure::Usage(format!(
-            "{}, {}: expected a window that ends after it begins, found {from_s} s to {to_s} s",
-            names.0, names.1
+            "{names}: expected a window that ends after it begins, found {from_s} s to {to_s} s"
         )));
     }
     let part = series.between(from_s, to_s);

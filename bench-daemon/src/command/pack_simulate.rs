@@ -262,7 +262,7 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
         draws: args.draws,
         seed: args.seed,
     };
-    let packs = cells::packs(args, &setup, (&spread, draws))?;
+    let packs = cells::packs(args, &setup, &spread, draws)?;
     let met = match &packs {
         Some(packs) if args.cells.is_some() => scatter_cells(&setup, packs),
         _ => scatter(&setup, &spread, draws),
@@ -270,7 +270,8 @@ pub fn simulate(args: &PackSimulateArgs) -> Result<(), Failure> {
     let met = met.map_err(|error| usage(&error))?;
     let report = report(
         &setup,
-        (&model, args),
+        &model,
+        args,
         &met,
         cells::Means::new(args, &setup, packs.as_deref()),
     );
@@ -350,7 +351,8 @@ fn start(args: &PackSimulateArgs, model: &GivenModel) -> Result<(OcvSource, f64)
 
 fn report(
     setup: &ScatterSetup<'_>,
-    (model, args): (&GivenModel, &PackSimulateArgs),
+    model: &GivenModel,
+    args: &PackSimulateArgs,
     met: &Scatter,
     means: cells::Means,
 ) -> PackReport {
@@ -496,7 +498,7 @@ fn print_text(r: &PackReport, setup: &ScatterSetup<'_>, packs: Option<&[Vec<Plac
             worst.min_cell_time_s
         );
         if let Some(names) =
-            packs.and_then(|packs| cells::lowest(packs, r.worst_draw, (worst, setup.pack)))
+            packs.and_then(|packs| cells::lowest(packs, r.worst_draw, worst, setup.pack))
         {
             say!("  its cells: {names}");
         }

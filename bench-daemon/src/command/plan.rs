@@ -9,7 +9,7 @@ use instruments::{
 };
 
 use crate::{
-    config::{Experiment, Instruments, Jig, load_experiment},
+    config::{Experiment, Instrument, Instruments, Jig, load_experiment},
     failure::Failure,
     interlock::Limits,
     plan::{Flow, Leg, Plan, Step, Through},
@@ -82,11 +82,7 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
             .as_ref()
             .and_then(|load| Some((load, by_key(load::DIALECTS, &load.model)?)));
         texts.extend(load.map(|(load, dialect)| {
-            unattended(
-                ("load", &load.model),
-                dialect.capabilities().unattended,
-                limits,
-            )
+            unattended("load", load, dialect.capabilities().unattended, limits)
         }));
     }
     if moves(|step| {
@@ -105,11 +101,7 @@ fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
             .as_ref()
             .and_then(|supply| Some((supply, by_key(supply::DIALECTS, &supply.model)?)));
         texts.extend(supply.map(|(supply, dialect)| {
-            unattended(
-                ("charger", &supply.model),
-                dialect.capabilities().unattended,
-                limits,
-            )
+            unattended("charger", supply, dialect.capabilities().unattended, limits)
         }));
     }
     texts
@@ -147,7 +139,8 @@ fn metered(step: &Step) -> bool {
 }
 
 /// What ends the current of a load or charger where no message arrives any more, in words.
-fn unattended((role, model): (&str, &str), how: Unattended, limits: &Limits) -> String {
+fn unattended(role: &str, instrument: &Instrument, how: Unattended, limits: &Limits) -> String {
+    let model = &instrument.model;
     match how {
         Unattended::StopsBelow => format!(
             "without a further message the {role} ({model}) stops by itself at {} V or above",

@@ -131,7 +131,11 @@ fn replay(
         return Err(Failure::Usage(text));
     }
     let finished = run_experiment(experiment, &scratch)?;
-    compare((folder, &scratch), Path::new(""), begun_s(folder))?;
+    let folders = Folders {
+        old: folder,
+        new: &scratch,
+    };
+    compare(folders, Path::new(""), begun_s(folder))?;
     replace(&scratch, folder)?;
     fs::remove_dir_all(&scratch)?;
     let (from, to) = (scratch.display().to_string(), folder.display().to_string());
@@ -150,22 +154,30 @@ fn begun_s(folder: &Path) -> f64 {
     begun.map_or(0.0, |line| line.time_s)
 }
 
+/// What was finished of a run, and the run played again.
+#[derive(Clone, Copy)]
+struct Folders<'a> {
+    old: &'a Path,
+    new: &'a Path,
+}
+
 /// Everything in the old folder is in the new one, or the beginning of it.
-fn compare((old, new): (&Path, &Path), below: &Path, begun_s: f64) -> Result<(), Failure> {
-    for entry in fs::read_dir(old.join(below))? {
+fn compare(folders: Folders<'_>, below: &Path, begun_s: f64) -> Result<(), Failure> {
+    for entry in fs::read_dir(folders.old.join(below))? {
         let entry = entry?;
         let name = below.join(entry.file_name());
         // Files that had not got their names yet are nobody's.
         if entry.file_type()?.is_dir() {
-            compare((old, new), &name, begun_s)?;
+            compare(folders, &name, begun_s)?;
         } else if !entry.file_name().to_string_lossy().starts_with('.') {
-            same((old, new), &name, begun_s)?;
+            same(folders, &name, begun_s)?;
         }
     }
     Ok(())
 }
 
-fn same((old, new): (&Path, &Path), name: &Path, begun_s: f64) -> Result<(), Failure> {
+fn same(folders: Folders<'_>, name: &Path, begun_s: f64) -> Result<(), Failure> {
+    let Folders { old, new } = folders;
     let extension = name.extension().map_or_else(String::new, |extension| {
         extension.to_string_lossy().into_owned()
     });

@@ -74,7 +74,8 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         // Where somebody else holds the connections, that nothing is known is no reason to latch:
         // he is asked to end, and has a guardian.
         let latch = state.filter(|_| gone);
-        let off = switch_off((&bench, &clock), (state, latch), args.json)
+        let states = States { told: state, latch };
+        let off = switch_off(&bench, &clock, states, args.json)
             .await
             .inspect_err(|_| {
                 if !gone {
@@ -90,7 +91,11 @@ pub fn safe(args: &SafeArgs) -> Result<(), Failure> {
         if ended(state, &clock, ENDS_S.1).await {
             guarded(state, &clock).await;
             remark!("the process that ran the bench has ended by now; once more:");
-            return switch_off((&bench, &clock), (state, state), args.json)
+            let states = States {
+                told: state,
+                latch: state,
+            };
+            return switch_off(&bench, &clock, states, args.json)
                 .await
                 .map(drop);
         }
@@ -232,12 +237,20 @@ fn end(holder: &Holder, how: Signal) {
     }
 }
 
+/// The state of a bench, for what it is used while switching off.
+#[derive(Clone, Copy)]
+struct States<'a> {
+    /// Tells what the cell bears.
+    told: Option<&'a State>,
+    /// Is latched where something is not verified.
+    latch: Option<&'a State>,
+}
+
 /// Switches off and prints what was read back, a line for each instrument, or the report as it is.
-/// The first state tells what the cell bears; the second is latched where something is not
-/// verified.
 async fn switch_off(
-    (config, clock): (&config::Bench, &Clock),
-    (place, state): (Option<&State>, Option<&State>),
+    config: &config::Bench,
+    clock: &Clock,
+    states: States<'_>,
     json: bool,
 ) -> Result<SafeReport, Failure> {
     let connections = Connections {
@@ -248,7 +261,10 @@ async fn switch_off(
     let mut bench = Bench::unconnected(config, &connections)?;
     // A bath that closes its own loop moves no charge: nothing waits for it but the report.
     let mut beside = Bench::unconnected(config, &connections)?;
-    let (report, bath) = tokio::join!(bench.safe_state(), beside.bath(place.and_then(last_cell_c)));
+    let (report, bath) = tokio::join!(
+        bench.safe_state(),
+        beside.bath(states.told.and_then(last_cell_c))
+    );
     let report = report.with_bath(bath);
     tell(&report, json);
     if !json {
@@ -262,8 +278,9 @@ async fn switch_off(
         return Ok(report);
     };
     let failure = Failure::from(unproven);
-    if let Some(Err(error)) =
-        state.map(|state| state.latch(&Latched::new("safe", &failure.to_string())))
+    if let Some(Err(error)) = states
+        .latch
+        .map(|state| state.latch(&Latched::new("safe", &failure.to_string())))
     {
         remark!("eis-bench: {error}");
     }

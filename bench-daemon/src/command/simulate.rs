@@ -189,12 +189,13 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
         let profile = read_profile(path, &args.read.options()).map_err(usage)?;
         check_euler(args, &model, &profile)?;
         let options = options(args, &profile, window);
-        let case = Case::run((&file, &model, &state), profile, (options, args.dcir_ohm)).map_err(
-            |error| match error {
-                ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
-                other => usage(other),
-            },
-        )?;
+        let case =
+            Case::run(&file, &model, &state, profile, options, args.dcir_ohm).map_err(|error| {
+                match error {
+                    ForwardError::Unstable { .. } => Failure::Usage(format!("--step-s: {error}")),
+                    other => usage(other),
+                }
+            })?;
         let trace = trace_path(args, &case.profile.name, &outputs);
         write_trace_parquet(&trace, &case.full.trace, window)
             .map_err(|error| Failure::Analysis(error.to_string()))?;
@@ -202,12 +203,12 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
         cases.push(case);
     }
     if let Some(folder) = &args.out {
-        figure::write(folder, (&cases, &model), window)?;
+        figure::write(folder, &cases, &model, window)?;
     }
     if args.json {
         print_json(&outputs)
     } else {
-        print_text(&outputs, (&model, &cases), args)
+        print_text(&outputs, &model, &cases, args)
     }
 }
 
@@ -338,7 +339,8 @@ fn print_json(outputs: &[Output]) -> Result<(), Failure> {
 
 fn print_text(
     outputs: &[Output],
-    (model, cases): (&SimModel, &[Case]),
+    model: &SimModel,
+    cases: &[Case],
     args: &SimulateArgs,
 ) -> Result<(), Failure> {
     let (fast, slow) = (1e3 * model.erm.r_ohm, 1e3 * model.erm.dc_resistance_ohm());

@@ -66,7 +66,8 @@ impl More {
     pub(super) fn choose(
         name: &str,
         cells: &[CellSweeps],
-        (auto, seed): (bool, u64),
+        auto: bool,
+        seed: u64,
     ) -> Result<Self, Failure> {
         let all: Vec<Spectrum> = cells.iter().flat_map(|c| c.sweeps.clone()).collect();
         let options = OrderOptions {

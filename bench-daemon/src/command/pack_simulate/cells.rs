@@ -21,7 +21,8 @@ use crate::{failure::Failure, terminal::say};
 pub(super) fn packs(
     args: &PackSimulateArgs,
     setup: &ScatterSetup<'_>,
-    (spread, draws): (&Spread, Draws),
+    spread: &Spread,
+    draws: Draws,
 ) -> Result<Option<Vec<Vec<PlacedCell>>>, Failure> {
     let packs = match (&args.cells, &args.export_cells) {
         (Some(path), _) => Table::read(path, setup)?.packs()?,
@@ -176,7 +177,7 @@ impl<'a> Table<'a> {
             row.number("group", pack.series.into())?.unwrap_or(0),
         );
         let place = row.number("place", pack.parallel.into())?.unwrap_or(0);
-        let cell = row.cell((group, place))?;
+        let cell = row.cell(format!("g{group}p{place}"))?;
         let key = (draw as usize, group as u32, place as u32);
         if self.cells.insert(key, cell).is_some() {
             let place = if self.columns.iter().any(|column| column == "draw") {
@@ -301,12 +302,11 @@ impl Row<'_> {
             .ok_or_else(|| self.fail(column, "a factor above 0, or nothing for 1"))
     }
 
-    fn cell(&self, (group, place): (u64, u64)) -> Result<PlacedCell, Failure> {
+    /// The cell, with a name for the case that the line gives none.
+    fn cell(&self, usual_name: String) -> Result<PlacedCell, Failure> {
         let setup = self.table.setup;
         let branches = setup.cell.branches.len();
-        let name = self
-            .text("name")
-            .map_or_else(|| format!("g{group}p{place}"), str::to_owned);
+        let name = self.text("name").map_or(usual_name, str::to_owned);
         let mut cell = PlacedCell::plain(name, branches, setup.soc);
         cell.r = self.factor("r")?.unwrap_or(1.0);
         for k in 0..branches {
@@ -353,7 +353,8 @@ impl Row<'_> {
 pub(super) fn lowest(
     packs: &[Vec<PlacedCell>],
     draw: Option<usize>,
-    (worst, pack): (&Outcome, Pack),
+    worst: &Outcome,
+    pack: Pack,
 ) -> Option<String> {
     let cells = packs.get(draw?.checked_sub(1)?)?;
     let group = cells

@@ -71,10 +71,10 @@ struct Typing {
 pub(super) fn replay(path: &Path, out: Option<&Path>) -> Result<(), Failure> {
     let source = Source::read(path)?;
     let typed: Typed = source.parse()?;
-    let (current, voltage) = (
-        Scaled::current(&source, &typed.current)?,
-        Scaled::voltage(&source, &typed.voltage)?,
-    );
+    let probes = Probes {
+        current: Scaled::current(&source, &typed.current)?,
+        voltage: Scaled::voltage(&source, &typed.voltage)?,
+    };
     let mut points: Vec<ImpedancePoint> = Vec::new();
     say!(
         "{}: {} captures of {}",
@@ -104,8 +104,9 @@ pub(super) fn replay(path: &Path, out: Option<&Path>) -> Result<(), Failure> {
             .collect::<Result<_, _>>()?;
         let (point, remark) = impedance(
             &records,
-            (current, voltage),
-            (capture.frequency.si, typed.mains.map(|mains| mains.si)),
+            probes,
+            capture.frequency.si,
+            typed.mains.map(|mains| mains.si),
         )
         .map_err(complain)?;
         tell(&point, &remark);
@@ -172,7 +173,7 @@ impl Scaled {
                     .into());
             }
         };
-        Self::checked(source, ("current", pair), factor)
+        Self::checked(source, "current", pair, factor)
     }
 
     fn voltage(source: &Source, pair: &Pair) -> Result<Self, Failure> {
@@ -184,14 +185,10 @@ impl Scaled {
                 )
                 .into());
         }
-        Self::checked(source, ("voltage", pair), pair.gain.unwrap_or(1.0))
+        Self::checked(source, "voltage", pair, pair.gain.unwrap_or(1.0))
     }
 
-    fn checked(
-        source: &Source,
-        (field, pair): (&str, &Pair),
-        factor: f64,
-    ) -> Result<Self, Failure> {
+    fn checked(source: &Source, field: &str, pair: &Pair, factor: f64) -> Result<Self, Failure> {
         if pair.plus == 0 || pair.minus == Some(0) || pair.minus == Some(pair.plus) {
             return Err(source
                 .complain(field, "expected two channels that differ, counted from 1")
@@ -213,6 +210,13 @@ impl Scaled {
     }
 }
 
+/// The channels of current and voltage.
+#[derive(Clone, Copy)]
+struct Probes {
+    current: Scaled,
+    voltage: Scaled,
+}
+
 /// What is to be said of a capture besides its impedance.
 struct Remark {
     clipped: f64,
@@ -223,9 +227,11 @@ struct Remark {
 
 fn impedance(
     records: &[ScopeRecord],
-    (current, voltage): (Scaled, Scaled),
-    (freq_hz, mains_hz): (f64, Option<f64>),
+    probes: Probes,
+    freq_hz: f64,
+    mains_hz: Option<f64>,
 ) -> Result<(ImpedancePoint, Remark), String> {
+    let Probes { current, voltage } = probes;
     let first = records.first().ok_or("expected at least one file")?;
     if let Some(other) = records
         .iter()

@@ -40,9 +40,12 @@ pub(super) struct Parameter {
 
 impl Case {
     pub(super) fn run(
-        (file, model, state): (&GivenModel, &SimModel, &SimState),
+        file: &GivenModel,
+        model: &SimModel,
+        state: &SimState,
         profile: Profile,
-        (options, dcir_ohm): (SimOptions, Option<f64>),
+        options: SimOptions,
+        dcir_ohm: Option<f64>,
     ) -> Result<Self, ForwardError> {
         let full = simulate(model, state, &profile, &options)?;
         let mut bare = model.simple_ir();
@@ -78,7 +81,7 @@ impl Case {
         // Where the run stopped the voltage has no derivative, and there is no lowest one. With
         // additions the fit's parameters are not all.
         let slopes_v = if full.summary.feasible && file.additions.is_empty() {
-            slopes_v(file, (model, state), &profile, (&full, &options))?
+            slopes_v(file, model, state, &profile, &full, &options)?
         } else {
             Vec::new()
         };
@@ -215,9 +218,11 @@ impl Case {
 /// V.
 fn slopes_v(
     file: &GivenModel,
-    (model, state): (&SimModel, &SimState),
+    model: &SimModel,
+    state: &SimState,
     profile: &Profile,
-    (run, options): (&Simulation, &SimOptions),
+    run: &Simulation,
+    options: &SimOptions,
 ) -> Result<Vec<f64>, ForwardError> {
     // Steps as fine as the ones that error control took on average, but not more than a quarter of
     // a million.

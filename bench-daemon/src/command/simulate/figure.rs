@@ -14,7 +14,8 @@ use super::case::Case;
 /// One picture per profile, and for several one over all.
 pub(super) fn write(
     folder: &Path,
-    (cases, model): (&[Case], &SimModel),
+    cases: &[Case],
+    model: &SimModel,
     window: CellWindow,
 ) -> Result<(), Failure> {
     for case in cases {
