@@ -72,7 +72,8 @@ impl Custody {
     pub async fn take(
         experiment: &Experiment,
         run: &Path,
-        (clock, doing): (&Clock, &Doing),
+        clock: &Clock,
+        doing: &Doing,
     ) -> Result<Self, Failure> {
         let limits = &experiment.cell.limits;
         let source = experiment
@@ -88,7 +89,8 @@ impl Custody {
                 cell_c: Some((limits.min_c, limits.max_c)),
                 sha256,
             },
-            (clock, doing),
+            clock,
+            doing,
         )
         .await
     }
@@ -99,7 +101,8 @@ impl Custody {
     /// As [`Custody::take`].
     pub async fn take_for(
         charge: &Charge<'_>,
-        (clock, doing): (&Clock, &Doing),
+        clock: &Clock,
+        doing: &Doing,
     ) -> Result<Self, Failure> {
         let Some(state) = State::of(charge.bench)? else {
             return Ok(Self {
@@ -118,7 +121,7 @@ impl Custody {
             cell_c: charge.cell_c,
             sha256: charge.sha256.clone(),
         };
-        let keeper = Keeper::start(&charge, (clock, doing)).await?;
+        let keeper = Keeper::start(&charge, clock, doing).await?;
         if let Err(error) = state.begin(&run) {
             keeper.dismiss(clock).await;
             return Err(error.into());

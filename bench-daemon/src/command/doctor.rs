@@ -18,7 +18,7 @@ use crate::{
     custody::Custody,
     doctor::{
         self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report,
-        Verdict,
+        Texts, Verdict,
     },
     failure::Failure,
     guardian::{Charge, GuardianError},
@@ -100,9 +100,8 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
     let runtime = Clock::runtime(mode)?;
     if args.hang {
         let sha256 = hash::sha256(source.text());
-        return runtime.block_on(async {
-            doctor::hold((&config, sha256), &Clock::start(mode), &folder).await
-        });
+        return runtime
+            .block_on(async { doctor::hold(&config, sha256, &Clock::start(mode), &folder).await });
     }
     confirmed(&config, args)?;
     if fixture == Some(Fixture::FakeCell) && config.fake_cell.is_none() {
@@ -259,7 +258,7 @@ impl Visit<'_> {
     async fn go(self) -> Result<(Findings, Vec<Instrument>), Failure> {
         doctor::free(self.config, &self.clock).await?;
         let mut findings = Findings::default();
-        doctor::machine(&mut findings, (self.config, &self.clock), self.folder).await;
+        doctor::machine(&mut findings, self.config, &self.clock, self.folder).await;
         if findings.stopped().is_some() {
             self.unasked(&mut findings);
             return Ok((findings, Vec::new()));
@@ -299,7 +298,8 @@ impl Visit<'_> {
             Some(fixture) if findings.stopped().is_none() => {
                 doctor::lease(
                     &mut findings,
-                    (self.config, &self.clock),
+                    self.config,
+                    &self.clock,
                     self.folder,
                     fixture,
                 )
@@ -378,7 +378,10 @@ impl Visit<'_> {
             if !found.iter().any(|instrument| instrument.role == role) && self.fixture.is_some() {
                 findings.judge(
                     &format!("reach.{role}"),
-                    ("one on the bench", "none"),
+                    Texts {
+                        expected: "one on the bench",
+                        met: "none",
+                    },
                     false,
                     "without it nothing can be proven",
                 );
@@ -405,7 +408,7 @@ impl Visit<'_> {
         let mut stop = StopSignals::install()?;
         let expected = "a guardian that reaches every instrument that can move charge";
         let taken = tokio::select! {
-            taken = Custody::take_for(&charge, (&self.clock, progress.doing())) => taken,
+            taken = Custody::take_for(&charge, &self.clock, progress.doing()) => taken,
             () = stop.requested() => return Err(Failure::Interrupted(self.folder.display().to_string())),
         };
         let mut custody = match taken {
@@ -417,7 +420,15 @@ impl Visit<'_> {
                         "",
                     );
                 } else {
-                    findings.judge("guardian.start", (expected, "it is there"), true, "");
+                    findings.judge(
+                        "guardian.start",
+                        Texts {
+                            expected,
+                            met: "it is there",
+                        },
+                        true,
+                        "",
+                    );
                 }
                 custody
             }
@@ -429,7 +440,10 @@ impl Visit<'_> {
             Err(failure) => {
                 findings.judge(
                     "guardian.start",
-                    (expected, failure.to_string()),
+                    Texts {
+                        expected,
+                        met: failure.to_string(),
+                    },
                     false,
                     "nothing may be energised without it",
                 );
@@ -447,7 +461,7 @@ impl Visit<'_> {
         if let Err(failure) = nobody_drives(&mut bench).await {
             return custody.end(Err(failure)).await;
         }
-        let mut examination = Examination::new((self.config, self.clock.clone()), bench, findings);
+        let mut examination = Examination::new(self.config, self.clock.clone(), bench, findings);
         let examined = tokio::select! {
             examined = caught(self.examine(&mut examination)) => examined,
             () = stop.requested() => Err(Failure::Interrupted(self.folder.display().to_string())),
@@ -463,7 +477,10 @@ impl Visit<'_> {
         if safe.is_ok() {
             findings.add(
                 "safe.end",
-                ("every output off and read back, no current", "it is so"),
+                Texts {
+                    expected: "every output off and read back, no current",
+                    met: "it is so",
+                },
                 Verdict::Ok,
                 "",
             );

@@ -44,6 +44,14 @@ pub struct Check {
     pub advice: String,
 }
 
+/// The texts of a check.
+pub struct Texts<E, M> {
+    /// What was expected.
+    pub expected: E,
+    /// What was met.
+    pub met: M,
+}
+
 /// The checks so far, and whether the next one would be unsafe.
 #[derive(Debug, Default)]
 pub struct Findings {
@@ -57,12 +65,12 @@ impl Findings {
     pub fn judge(
         &mut self,
         id: &str,
-        (expected, met): (impl Into<String>, impl Into<String>),
+        texts: Texts<impl Into<String>, impl Into<String>>,
         good: bool,
         advice: &str,
     ) -> bool {
         let verdict = if good { Verdict::Ok } else { Verdict::Fail };
-        self.add(id, (expected, met), verdict, if good { "" } else { advice });
+        self.add(id, texts, verdict, if good { "" } else { advice });
         good
     }
 
@@ -70,14 +78,14 @@ impl Findings {
     pub fn add(
         &mut self,
         id: &str,
-        (expected, met): (impl Into<String>, impl Into<String>),
+        texts: Texts<impl Into<String>, impl Into<String>>,
         verdict: Verdict,
         advice: &str,
     ) {
         let check = Check {
             id: id.to_owned(),
-            expected: expected.into(),
-            met: met.into(),
+            expected: texts.expected.into(),
+            met: texts.met.into(),
             verdict,
             advice: advice.to_owned(),
         };
@@ -94,7 +102,15 @@ impl Findings {
     /// Adds checks that are not done, and why not.
     pub fn skip(&mut self, ids: &[&str], why: &str, advice: &str) {
         for id in ids {
-            self.add(id, ("", why), Verdict::Skipped, advice);
+            self.add(
+                id,
+                Texts {
+                    expected: "",
+                    met: why,
+                },
+                Verdict::Skipped,
+                advice,
+            );
         }
     }
 

@@ -8,7 +8,7 @@ use instruments::{
     units::{Amps, Celsius, Volts},
 };
 
-use super::{Examination, Findings, Verdict, live::LIMITS};
+use super::{Examination, Findings, Texts, Verdict, live::LIMITS};
 use crate::{bench::BenchError, survey::Said};
 
 /// Temperatures of a laboratory, °C, and how far two thermometers at rest may be apart, K.
@@ -28,12 +28,28 @@ pub fn reached(
         Err(error) => {
             let advice = "see that it is switched on, that its address is right, and that nobody \
             else is connected to it";
-            findings.judge(&id, (expected, error), false, advice)
+            findings.judge(
+                &id,
+                Texts {
+                    expected,
+                    met: error,
+                },
+                false,
+                advice,
+            )
         }
         Ok(said) if !said.recognised => {
             let advice = "check model and address in the bench file; `eis-bench identify` tells \
             which dialects could be forced";
-            findings.judge(&id, (expected, said.identity.raw.clone()), false, advice)
+            findings.judge(
+                &id,
+                Texts {
+                    expected,
+                    met: said.identity.raw.clone(),
+                },
+                false,
+                advice,
+            )
         }
         Ok(said) => {
             let healthy = said.health.is_empty();
@@ -48,7 +64,7 @@ pub fn reached(
             } else {
                 "what was in its error queue is gone by now; look at its panel"
             };
-            findings.add(&id, (expected, met), verdict, advice);
+            findings.add(&id, Texts { expected, met }, verdict, advice);
             true
         }
     }
@@ -66,7 +82,10 @@ impl Examination<'_> {
         let advice = "LOOK AT THE BENCH: switch off by hand what this names";
         if !self.findings.judge(
             "safe.begin",
-            ("every output off and read back, no current", met),
+            Texts {
+                expected: "every output off and read back, no current",
+                met,
+            },
             safe.verified,
             advice,
         ) {
@@ -106,7 +125,7 @@ impl Examination<'_> {
         );
         self.findings.judge(
             id,
-            (expected, met),
+            Texts { expected, met },
             good,
             "set it to remote control on its panel, and clear its alarm",
         );
@@ -156,7 +175,10 @@ impl Examination<'_> {
             );
             if !self.findings.judge(
                 id,
-                (limits, met),
+                Texts {
+                    expected: limits,
+                    met,
+                },
                 good,
                 "no output goes on without its limits: see why they are not taken",
             ) {
@@ -225,7 +247,10 @@ impl Examination<'_> {
         );
         self.findings.add(
             "meters.thermometers",
-            (expected, met.join(", ")),
+            Texts {
+                expected,
+                met: met.join(", "),
+            },
             verdict,
             &advice,
         );

@@ -16,7 +16,7 @@ use instruments::{
 };
 use nix::sys::signal::{Signal, raise};
 
-use super::{Findings, Verdict, live::LIMITS};
+use super::{Findings, Texts, Verdict, live::LIMITS};
 use crate::{
     bench::{Bench, BenchError, Connections},
     config,
@@ -39,7 +39,8 @@ const POLL_S: f64 = 0.2;
 /// report.
 pub async fn lease(
     findings: &mut Findings,
-    (config, clock): (&config::Bench, &Clock),
+    config: &config::Bench,
+    clock: &Clock,
     folder: &Path,
     fixture: Fixture,
 ) {
@@ -50,20 +51,29 @@ pub async fn lease(
     );
     let advice = "do not leave the bench alone: nothing would switch it off when the daemon dies; \
     see guardian.log in the state folder";
-    match drill((config, clock), folder, fixture).await {
+    match drill(config, clock, folder, fixture).await {
         Ok(took_s) => {
             let met = format!("off and read back {took_s:.1} s after the guardian stepped in");
-            findings.judge(id, (expected, met), true, "");
+            findings.judge(id, Texts { expected, met }, true, "");
         }
         Err(reason) => {
-            findings.add(id, (expected, reason), Verdict::Fail, advice);
+            findings.add(
+                id,
+                Texts {
+                    expected,
+                    met: reason,
+                },
+                Verdict::Fail,
+                advice,
+            );
             findings.stop();
         }
     }
 }
 
 async fn drill(
-    (config, clock): (&config::Bench, &Clock),
+    config: &config::Bench,
+    clock: &Clock,
     folder: &Path,
     fixture: Fixture,
 ) -> Result<f64, String> {
@@ -168,7 +178,8 @@ async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
 /// # Errors
 /// Whatever keeps it from that.
 pub async fn hold(
-    (config, sha256): (&config::Bench, String),
+    config: &config::Bench,
+    sha256: String,
     clock: &Clock,
     folder: &Path,
 ) -> Result<(), Failure> {
@@ -180,7 +191,7 @@ pub async fn hold(
         cell_c: None,
         sha256,
     };
-    let custody = Custody::take_for(&charge, (clock, progress.doing())).await?;
+    let custody = Custody::take_for(&charge, clock, progress.doing()).await?;
     let connections = Connections {
         clock: clock.clone(),
         hub: MemoryHub::new(),

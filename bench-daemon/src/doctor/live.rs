@@ -15,7 +15,7 @@ use instruments::{
 };
 
 use super::{
-    Examination, Verdict,
+    Examination, Texts, Verdict,
     probes::{Known, Loop},
     scope::Level,
     steps::{self, Step},
@@ -86,10 +86,10 @@ impl Examination<'_> {
             .await?
             .each_ref()
             .map(|waveform| Level::of(waveform).mean_v);
-        let texts = (
-            format!("less than {COPPER_V} V at the jig with every output off"),
-            format!("{volts:.3} V"),
-        );
+        let texts = Texts {
+            expected: format!("less than {COPPER_V} V at the jig with every output off"),
+            met: format!("{volts:.3} V"),
+        };
         // A reading that is not a number is refused too.
         let advice =
             "take the cell out of the jig: the control belongs in its place, never beside it";
@@ -135,10 +135,10 @@ impl Examination<'_> {
         } else {
             advice
         };
-        let texts = (
-            format!("less than {} A with the command at zero", ZERO_A.0),
-            format!("{:+.4} A", seen.amps),
-        );
+        let texts = Texts {
+            expected: format!("less than {} A with the command at zero", ZERO_A.0),
+            met: format!("{:+.4} A", seen.amps),
+        };
         self.findings.add("zero.current", texts, verdict, &advice);
         self.channels(&seen.levels);
         Ok(verdict != Verdict::Fail)
@@ -162,10 +162,10 @@ impl Examination<'_> {
         };
         let dead = channels(|level| level.sigma_v <= 0.0);
         let loud = channels(|level| level.sigma_v > NOISE_DIV * level.per_div_v);
-        let texts = (
-            format!("some, and below {NOISE_DIV} divisions rms"),
-            format!("{} µV of C1 … C4", micro(|level| level.sigma_v)),
-        );
+        let texts = Texts {
+            expected: format!("some, and below {NOISE_DIV} divisions rms"),
+            met: format!("{} µV of C1 … C4", micro(|level| level.sigma_v)),
+        };
         let (good, advice) = if dead.is_empty() {
             (
                 loud.is_empty(),
@@ -186,10 +186,10 @@ impl Examination<'_> {
         };
         self.findings.judge("scope.noise", texts, good, &advice);
         let far = channels(|level| level.mean_v.abs() > OFFSET_DIV * level.per_div_v);
-        let texts = (
-            format!("within {OFFSET_DIV} divisions of zero"),
-            format!("{} µV of C1 … C4", micro(|level| level.mean_v)),
-        );
+        let texts = Texts {
+            expected: format!("within {OFFSET_DIV} divisions of zero"),
+            met: format!("{} µV of C1 … C4", micro(|level| level.mean_v)),
+        };
         let advice = format!(
             "{}: let the scope adjust itself (self-calibration) and look at the lead",
             far.join(", ")
@@ -208,10 +208,10 @@ impl Examination<'_> {
         let [first, second, ..] =
             [0, 1, 2, 3].map(|slot| after.levels[slot].mean_v - before.levels[slot].mean_v);
         let by_shunt = (second - first).abs() / self.config.wiring.shunt.r_ohm;
-        let texts = (
-            format!("at most {FIRST_MOST_A} A for a command of {FIRST_A} A"),
-            format!("{by_meter:.3} A by the ammeter, {by_shunt:.3} A by the shunt"),
-        );
+        let texts = Texts {
+            expected: format!("at most {FIRST_MOST_A} A for a command of {FIRST_A} A"),
+            met: format!("{by_meter:.3} A by the ammeter, {by_shunt:.3} A by the shunt"),
+        };
         let advice = "the drive is far too strong: check model and range of the supply, and the \
         factor of the generator";
         // A probe of another factor makes a small current look large; two of them that agree are
@@ -267,8 +267,15 @@ impl Examination<'_> {
         let Some((volts, freq_hz)) = fitted(&waveforms) else {
             let advice =
                 "no sine is found in the record: look at the generator's function and the cable";
-            self.findings
-                .add("drive.sine", (expected.0, "no sine"), Verdict::Fail, advice);
+            self.findings.add(
+                "drive.sine",
+                Texts {
+                    expected: expected.0,
+                    met: "no sine",
+                },
+                Verdict::Fail,
+                advice,
+            );
             return Ok(());
         };
         let amps = volts / self.config.wiring.shunt.r_ohm;
@@ -277,7 +284,10 @@ impl Examination<'_> {
         let good = (amps / TEST_A - 1.0).abs() <= 0.15;
         self.findings.judge(
             "drive.sine",
-            (expected.0, format!("{amps:.4} A")),
+            Texts {
+                expected: expected.0,
+                met: format!("{amps:.4} A"),
+            },
             good,
             advice,
         );
@@ -286,7 +296,10 @@ impl Examination<'_> {
             "scope and generator disagree about time: which of them is on an external clock?";
         self.findings.judge(
             "scope.timebase",
-            (expected.1, format!("{freq_hz:.4} Hz")),
+            Texts {
+                expected: expected.1,
+                met: format!("{freq_hz:.4} Hz"),
+            },
             good,
             advice,
         );
@@ -313,10 +326,10 @@ impl Examination<'_> {
         let kept = amps.abs() <= limit_a * (1.0 + KEPT.0) + KEPT.1;
         let advice = "the limit does not bound the analog input of this unit: nothing but the \
         plan, the interlock and a fuse bound its current";
-        let texts = (
-            format!("at most {limit_a} A, against a command of {command_a} A"),
-            format!("{amps:.3} A"),
-        );
+        let texts = Texts {
+            expected: format!("at most {limit_a} A, against a command of {command_a} A"),
+            met: format!("{amps:.3} A"),
+        };
         self.findings.add(
             id,
             texts,
@@ -350,14 +363,15 @@ impl Examination<'_> {
         if amps.value() > most_a || volts.value() > 0.9 {
             let advice = "the charger does not keep its current limit, or drives into an open \
             circuit: do not charge a cell with it";
-            self.findings.judge(id, (expected, met), false, advice);
+            self.findings
+                .judge(id, Texts { expected, met }, false, advice);
             self.findings.stop();
         } else if amps.value() < 0.5 * AGAINST.0 {
             let advice = "its current does not flow: look at its leads to the jig";
             self.findings
-                .add(id, (expected, met), Verdict::Warn, advice);
+                .add(id, Texts { expected, met }, Verdict::Warn, advice);
         } else {
-            self.findings.judge(id, (expected, met), true, "");
+            self.findings.judge(id, Texts { expected, met }, true, "");
         }
         Ok(())
     }
@@ -410,10 +424,10 @@ impl Examination<'_> {
         let advice = "LOOK AT THE BENCH: what is named here did not go off";
         if !self.findings.judge(
             "safe.state",
-            (
-                "every output off and read back, no current by any meter",
+            Texts {
+                expected: "every output off and read back, no current by any meter",
                 met,
-            ),
+            },
             wrong.is_empty(),
             advice,
         ) {

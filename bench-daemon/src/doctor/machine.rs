@@ -5,7 +5,7 @@ use std::{fs, io::Write, path::Path};
 
 use instruments::clock::{self, Clock, TimeMode};
 
-use super::{Findings, Verdict};
+use super::{Findings, Texts, Verdict};
 use crate::{
     config,
     failure::Failure,
@@ -35,7 +35,8 @@ pub async fn free(config: &config::Bench, clock: &Clock) -> Result<(), Failure> 
 /// Checks the machine; none of it touches an instrument.
 pub async fn machine(
     findings: &mut Findings,
-    (config, clock): (&config::Bench, &Clock),
+    config: &config::Bench,
+    clock: &Clock,
     folder: &Path,
 ) {
     calendar(findings, config, clock).await;
@@ -57,7 +58,7 @@ async fn calendar(findings: &mut Findings, config: &config::Bench, clock: &Clock
         let met = format!("{:.0} s before it", written_s - now_s);
         findings.judge(
             id,
-            (expected, met),
+            Texts { expected, met },
             false,
             "set the date of this machine: every record carries it",
         );
@@ -66,7 +67,10 @@ async fn calendar(findings: &mut Findings, config: &config::Bench, clock: &Clock
     if clock.mode() == TimeMode::Virtual {
         findings.add(
             id,
-            (expected, "a calendar not before it; bench time is virtual"),
+            Texts {
+                expected,
+                met: "a calendar not before it; bench time is virtual",
+            },
             Verdict::Ok,
             "",
         );
@@ -78,10 +82,10 @@ async fn calendar(findings: &mut Findings, config: &config::Bench, clock: &Clock
     let advice = "the calendar of this machine jumps: let one time service set it, and no other";
     findings.judge(
         id,
-        (
+        Texts {
             expected,
-            format!("{:.1} ms apart after a moment", 1.0e3 * apart_s),
-        ),
+            met: format!("{:.1} ms apart after a moment", 1.0e3 * apart_s),
+        },
         apart_s <= DRIFT_S,
         advice,
     );
@@ -108,7 +112,7 @@ fn data(findings: &mut Findings, folder: &Path) {
     let expected = format!("{} can be written", folder.display());
     findings.judge(
         "machine.folder",
-        (expected, met),
+        Texts { expected, met },
         tried.is_ok(),
         "give this account the right to write there, or name another folder",
     );
@@ -134,10 +138,10 @@ fn data(findings: &mut Findings, folder: &Path) {
     } else {
         "make room: every capture is on disk before it is analysed"
     };
-    let texts = (
-        format!("{:.1} GB free", 1.0e-9 * ROOM.0),
-        format!("{:.1} GB", 1.0e-9 * free),
-    );
+    let texts = Texts {
+        expected: format!("{:.1} GB free", 1.0e-9 * ROOM.0),
+        met: format!("{:.1} GB", 1.0e-9 * free),
+    };
     findings.add("machine.disk", texts, verdict, advice);
 }
 
@@ -155,7 +159,10 @@ fn state(findings: &mut Findings, config: &config::Bench) {
         Err(error) => {
             findings.judge(
                 "bench.free",
-                ("a state folder", error.to_string()),
+                Texts {
+                    expected: "a state folder",
+                    met: error.to_string(),
+                },
                 false,
                 "see to the state folder",
             );
@@ -171,7 +178,7 @@ fn state(findings: &mut Findings, config: &config::Bench) {
         let met = found
             .as_ref()
             .map_or_else(ToString::to_string, |()| "it is so".to_owned());
-        if !findings.judge(id, (expected, met), found.is_ok(), advice) {
+        if !findings.judge(id, Texts { expected, met }, found.is_ok(), advice) {
             findings.stop();
         }
     };

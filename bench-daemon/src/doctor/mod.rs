@@ -20,7 +20,7 @@ mod steps;
 
 use ::instruments::{clock::Clock, fixture::Fixture};
 
-pub use findings::{Check, Findings, Verdict};
+pub use findings::{Check, Findings, Texts, Verdict};
 pub use instruments::reached;
 pub use lease::{hold, lease};
 pub use machine::{free, machine};
@@ -72,11 +72,7 @@ pub struct Examination<'a> {
 
 impl<'a> Examination<'a> {
     /// Begins with an open bench and what the machine was found to be.
-    pub fn new(
-        (config, clock): (&'a config::Bench, Clock),
-        bench: Bench,
-        findings: Findings,
-    ) -> Self {
+    pub fn new(config: &'a config::Bench, clock: Clock, bench: Bench, findings: Findings) -> Self {
         let scope = scope::Ranges::new(&config.wiring.scale_per_ampere_v);
         Self {
             config,
@@ -113,7 +109,10 @@ impl<'a> Examination<'a> {
             let advice = "see that the instrument answers and obeys, then begin again";
             self.findings.add(
                 "instrument",
-                ("an instrument that answers and obeys", error.to_string()),
+                Texts {
+                    expected: "an instrument that answers and obeys",
+                    met: error.to_string(),
+                },
                 Verdict::Fail,
                 advice,
             );

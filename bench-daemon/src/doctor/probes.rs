@@ -102,7 +102,7 @@ impl Loop {
                 }
             }
             let largest = largest(&readings);
-            if readings[slot].abs() < self.bound(self.sigma_ohm((largest, 0.0), None))
+            if readings[slot].abs() < self.bound(self.sigma_ohm(largest, 0.0, None))
                 && self.possible(readings, Some(slot))
             {
                 found.push(Mistake::Dead(slot + 1));
@@ -144,7 +144,7 @@ impl Loop {
 
     /// Standard deviation of the difference of two readings, Ω: of their gains, and where a control
     /// lies between them, of its value and of the current.
-    pub(super) fn sigma_ohm(&self, (low, high): (f64, f64), known: Option<Known>) -> f64 {
+    pub(super) fn sigma_ohm(&self, low: f64, high: f64, known: Option<Known>) -> f64 {
         let control = known.map_or(0.0, |known| known.sigma_ohm.hypot(METER_SIGMA * known.ohm));
         (self.gain_sigma * low.hypot(high)).hypot(control)
     }
@@ -158,10 +158,10 @@ impl Loop {
     fn possible(&self, readings: [f64; 4], without: Option<usize>) -> bool {
         let near = |(low, high): (f64, f64), known: Option<Known>| {
             let value = known.map_or(0.0, |known| known.ohm);
-            (high - low - value).abs() <= self.bound(self.sigma_ohm((low, high), known))
+            (high - low - value).abs() <= self.bound(self.sigma_ohm(low, high, known))
         };
         let wire = |(low, high): (f64, f64)| {
-            (-self.bound(self.sigma_ohm((low, high), None))..=MOST_WIRE_OHM).contains(&(high - low))
+            (-self.bound(self.sigma_ohm(low, high, None))..=MOST_WIRE_OHM).contains(&(high - low))
         };
         let known = |a: usize, b: usize| without.is_some_and(|slot| slot == a || slot == b);
         let [a, b, c, d] = readings;
@@ -404,7 +404,8 @@ mod tests {
         // shows beside that.
         let sigma = |sigma_ohm| {
             FAKE.sigma_ohm(
-                (39.0e-3, 42.75e-3),
+                39.0e-3,
+                42.75e-3,
                 Some(Known {
                     ohm: 3.75e-3,
                     sigma_ohm,

@@ -25,12 +25,13 @@ pub fn standing(config: &config::Bench, text: &str, identities: &[Identified]) -
             path.display()
         ));
     };
-    judge(&report, (config, text), identities)
+    judge(&report, config, text, identities)
 }
 
 fn judge(
     report: &Report,
-    (config, text): (&config::Bench, &str),
+    config: &config::Bench,
+    text: &str,
     identities: &[Identified],
 ) -> Option<String> {
     let of = format!("the doctor's report of {}", report.date);

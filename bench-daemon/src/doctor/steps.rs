@@ -4,7 +4,7 @@
 use instruments::fixture::Fixture;
 
 use super::{
-    findings::{Findings, Verdict},
+    findings::{Findings, Texts, Verdict},
     probes::{COVERAGE, Known, Loop, METER_SIGMA, Mistake},
 };
 
@@ -51,7 +51,15 @@ pub(super) fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> boo
         let advice = "no current follows the command: look at wiring.generator_channel and the \
         cable from that output to the analog input, at the \
                       output of the generator, and whether the supply's analog input is selected";
-        findings.add("drive.gain", (wanted(step), met), Verdict::Fail, advice);
+        findings.add(
+            "drive.gain",
+            Texts {
+                expected: wanted(step),
+                met,
+            },
+            Verdict::Fail,
+            advice,
+        );
         return false;
     }
     let explained = if none(step.ammeter_a) {
@@ -76,11 +84,15 @@ pub(super) fn judge(findings: &mut Findings, circuit: &Loop, step: &Step) -> boo
     let sound = mistakes == [Mistake::None];
     let readings = by(current_a);
     let sigma =
-        circuit.sigma_ohm((readings[0], readings[1]), Some(circuit.shunt)) / circuit.shunt.ohm;
-    let metered = ammeter(findings, step, (sound, shunt_a, sigma.hypot(METER_SIGMA)));
-    probes(findings, circuit, (&mistakes, readings), command);
+        circuit.sigma_ohm(readings[0], readings[1], Some(circuit.shunt)) / circuit.shunt.ohm;
+    let by_shunt = ByShunt {
+        current_a: shunt_a,
+        ratio_sigma: sigma.hypot(METER_SIGMA),
+    };
+    let metered = ammeter(findings, step, sound, by_shunt);
+    probes(findings, circuit, &mistakes, readings, command);
     let gain = drive(findings, step, current_a, sound || !mistakes.is_empty());
-    voltmeter(findings, (circuit, step), (sound, [c2, c3, c4]));
+    voltmeter(findings, circuit, step, sound, [c2, c3, c4]);
     sound && gain && metered
 }
 
@@ -88,19 +100,29 @@ fn wanted(step: &Step) -> String {
     format!("{:+.3} A", step.wanted_a)
 }
 
-/// `sigma`: of the two readings' ratio.
-fn ammeter(
-    findings: &mut Findings,
-    step: &Step,
-    (sound, shunt_a, sigma): (bool, f64, f64),
-) -> bool {
+/// The current by the shunt, against which the ammeter is judged.
+#[derive(Clone, Copy)]
+struct ByShunt {
+    current_a: f64,
+    /// Standard deviation of the ratio of the two readings.
+    ratio_sigma: f64,
+}
+
+fn ammeter(findings: &mut Findings, step: &Step, sound: bool, by_shunt: ByShunt) -> bool {
+    let ByShunt {
+        current_a: shunt_a,
+        ratio_sigma: sigma,
+    } = by_shunt;
     let within = |k: f64| format!("{:.4} A", k * sigma * shunt_a.abs());
     let expected = format!(
         "{shunt_a:+.4} A, as the shunt carries, ± {} (95 %), ± {} (99 %)",
         within(COVERAGE.0),
         within(COVERAGE.1)
     );
-    let texts = (expected, format!("{:+.4} A", step.ammeter_a));
+    let texts = Texts {
+        expected,
+        met: format!("{:+.4} A", step.ammeter_a),
+    };
     if !sound {
         findings.skip(
             &["meters.ammeter"],
@@ -143,7 +165,8 @@ fn verdict(off: f64, sigma: f64) -> Verdict {
 fn probes(
     findings: &mut Findings,
     circuit: &Loop,
-    (mistakes, readings): (&[Mistake], [f64; 4]),
+    mistakes: &[Mistake],
+    readings: [f64; 4],
     command: [bool; 2],
 ) {
     let [a, b, c, d] = readings;
@@ -160,7 +183,7 @@ fn probes(
     ];
     let unexplained = mistakes.is_empty();
     for (id, (low, high), known) in pairs {
-        let (met, sigma_ohm) = (high - low, circuit.sigma_ohm((low, high), Some(known)));
+        let (met, sigma_ohm) = (high - low, circuit.sigma_ohm(low, high, Some(known)));
         let expected = expected(known, sigma_ohm);
         let mine: Vec<_> = mistakes
             .iter()
@@ -172,7 +195,10 @@ fn probes(
             the probe factor of each channel";
             findings.add(
                 id,
-                (expected, format!("{} of C1 … C4 at {each}", milli(met))),
+                Texts {
+                    expected,
+                    met: format!("{} of C1 … C4 at {each}", milli(met)),
+                },
                 Verdict::Fail,
                 advice,
             );
@@ -181,7 +207,7 @@ fn probes(
             let met = format!("{}: {}", milli(met), what.join(", or "));
             findings.add(
                 id,
-                (expected, met),
+                Texts { expected, met },
                 Verdict::Fail,
                 &advice(circuit, &mine, command),
             );
@@ -202,7 +228,7 @@ fn probes(
             let met = format!("{} ({:+.1} %)", milli(met), 100.0 * (met / known.ohm - 1.0));
             findings.add(
                 id,
-                (expected, met),
+                Texts { expected, met },
                 if verdict == Verdict::Ok {
                     Verdict::Ok
                 } else {
@@ -225,10 +251,10 @@ fn probes(
             );
             findings.add(
                 id,
-                (
+                Texts {
                     expected,
-                    format!("{} and {}: {what}", milli(b - a), milli(d - c)),
-                ),
+                    met: format!("{} and {}: {what}", milli(b - a), milli(d - c)),
+                },
                 Verdict::Fail,
                 &advice,
             );
@@ -243,10 +269,10 @@ fn probes(
         None if unexplained => findings.skip(&[id], "probes or controls cannot be believed", ""),
         None => findings.add(
             id,
-            (
-                "each pair on its own resistance",
-                "each pair on its own resistance",
-            ),
+            Texts {
+                expected: "each pair on its own resistance",
+                met: "each pair on its own resistance",
+            },
             Verdict::Ok,
             "",
         ),
@@ -354,15 +380,25 @@ fn drive(findings: &mut Findings, step: &Step, current_a: f64, known: bool) -> b
             advice,
         )
     };
-    findings.add("drive.gain", (wanted(step), met), verdict, &advice);
+    findings.add(
+        "drive.gain",
+        Texts {
+            expected: wanted(step),
+            met,
+        },
+        verdict,
+        &advice,
+    );
     verdict != Verdict::Fail
 }
 
 /// The load's leads see the wire to the jig and what is in it.
 fn voltmeter(
     findings: &mut Findings,
-    (circuit, step): (&Loop, &Step),
-    (sound, [c2, c3, c4]): (bool, [f64; 3]),
+    circuit: &Loop,
+    step: &Step,
+    sound: bool,
+    [c2, c3, c4]: [f64; 3],
 ) {
     let id = "meters.voltmeter";
     let (jig_v, fixture_v) = (c4 - c2, c4 - c3);
@@ -414,7 +450,15 @@ fn voltmeter(
     };
     let advice = "the load's voltmeter does not follow the voltage at the jig: it watches over the \
     cell; look at its sense leads and its sense setting";
-    findings.judge(id, (expected, milli(load_v)), good, advice);
+    findings.judge(
+        id,
+        Texts {
+            expected,
+            met: milli(load_v),
+        },
+        good,
+        advice,
+    );
 }
 
 #[cfg(test)]

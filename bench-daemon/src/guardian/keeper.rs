@@ -112,7 +112,8 @@ impl Keeper {
     /// Whatever keeps it from watching.
     pub async fn start(
         charge: &Charge<'_>,
-        (clock, doing): (&Clock, &Doing),
+        clock: &Clock,
+        doing: &Doing,
     ) -> Result<Self, GuardianError> {
         let mut child = spawn(charge).map_err(GuardianError::Start)?;
         let pid = child.id();
@@ -124,7 +125,7 @@ impl Keeper {
         let answers = Arc::new(AtomicU64::new(0));
         std::thread::spawn({
             let (tell, answers) = (tell.clone(), answers.clone());
-            move || listen((child, stdout), &tell, &answers)
+            move || listen(child, stdout, &tell, &answers)
         });
         let stall_s = charge.bench.guardian.stall_s;
         let renewal = Renewal {
@@ -234,7 +235,8 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
 
 /// Hears what the guardian says until it has ended.
 fn listen(
-    (mut child, stdout): (Child, ChildStdout),
+    mut child: Child,
+    stdout: ChildStdout,
     tell: &UnboundedSender<Heard>,
     answers: &AtomicU64,
 ) {

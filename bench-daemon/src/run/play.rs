@@ -106,7 +106,7 @@ impl Run<'_> {
             .for_each(|text| self.recorder.warning(text));
         let progress = Progress::new(self.plan.plan());
         let mut custody = tokio::select! {
-            taken = Custody::take(self.experiment, self.recorder.folder(), (&self.clock, progress.doing())) => taken?,
+            taken = Custody::take(self.experiment, self.recorder.folder(), &self.clock, progress.doing()) => taken?,
             () = stop.requested() => return Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         let (mut bench, identities) = match self.open(&connections).await {
