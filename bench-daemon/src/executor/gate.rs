@@ -88,7 +88,11 @@ impl Executor<'_> {
     /// Whether another record of a point is within the sweep's budget.
     fn afford(&self, quality: &Quality, step: &Step) -> bool {
         let time_s = step.expected_s();
-        self.spent.allows(quality, (time_s, moved_c(step, time_s)))
+        let more = Spent {
+            time_s,
+            charge_c: moved_c(step, time_s),
+        };
+        self.spent.allows(quality, more)
     }
 
     /// Holds the points of a finished sweep against each other, measures again those that do not
@@ -301,10 +305,7 @@ mod tests {
                 charge_c: 40.0
             }
         );
-        assert!(
-            spent.allows(&quality, (20.0, 20.0))
-                && !spent.allows(&quality, (20.1, 0.0))
-                && !spent.allows(&quality, (1.0, 20.1))
-        );
+        let allows = |time_s, charge_c| spent.allows(&quality, Spent { time_s, charge_c });
+        assert!(allows(20.0, 20.0) && !allows(20.1, 0.0) && !allows(1.0, 20.1));
     }
 }

@@ -155,6 +155,10 @@ impl Executor<'_> {
 
     fn afford_band(&self, quality: &Quality, band: &Band) -> bool {
         let time_s = band.settle_s + band.span_s;
-        self.spent.allows(quality, (time_s, band.mean_a() * time_s))
+        let more = Spent {
+            time_s,
+            charge_c: band.mean_a() * time_s,
+        };
+        self.spent.allows(quality, more)
     }
 }

@@ -136,7 +136,7 @@ pub(crate) fn analyse(
         .iter()
         .map(|channel| channel.clipped_samples as f64 / fit.samples as f64)
         .fold(0.0, f64::max);
-    let measures = measure(&record, (&phasors, &beside), clipped);
+    let measures = measure(&record, &phasors, &beside, clipped);
     Ok(SweepPoint {
         fixture,
         index,

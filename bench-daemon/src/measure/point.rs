@@ -70,7 +70,8 @@ impl Spent {
     }
 
     /// Whether so much more is within the budget.
-    pub(crate) fn allows(&self, quality: &Quality, (time_s, charge_c): (f64, f64)) -> bool {
-        self.time_s + time_s <= quality.time_s && self.charge_c + charge_c <= quality.charge_c
+    pub(crate) fn allows(&self, quality: &Quality, more: Self) -> bool {
+        let spent = *self + more;
+        spent.time_s <= quality.time_s && spent.charge_c <= quality.charge_c
     }
 }

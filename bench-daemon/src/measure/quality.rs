@@ -180,7 +180,8 @@ pub fn severity(failing: &[Failing]) -> f64 {
 /// clipped samples.
 pub fn measure(
     record: &Record<'_>,
-    (phasors, beside): (&ChannelPhasors, &Beside),
+    phasors: &ChannelPhasors,
+    beside: &Beside,
     clipped: f64,
 ) -> Measures {
     let magnitude = |variance: fn(&PhasorVariance) -> analysis::numeric::Covariance2| {
