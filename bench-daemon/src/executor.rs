@@ -44,7 +44,7 @@ use crate::{
     bench::{Bench, BenchError},
     config::{self, Experiment},
     interlock::{Interlock, Reading},
-    journal::Entry,
+    journal::{Entry, PointDone},
     measure::{Spent, SweepPoint},
     operator::Operator,
     plan::{Purpose, Specimen, Stage, Step},
@@ -283,8 +283,13 @@ impl<'a> Executor<'a> {
                 Step::Recheck { .. } => {
                     for at in self.recheck(fixture, stage, &mut points).await? {
                         // The later entry of a step counts.
-                        self.recorder
-                            .point((number, at.0), self.idle, &points[at.1])?;
+                        self.recorder.point(PointDone {
+                            stage: number,
+                            step: at.0,
+                            files: Vec::new(),
+                            idle: self.idle,
+                            point: points[at.1].clone(),
+                        })?;
                     }
                     self.recorder.journal(Entry::Done {
                         stage: number,
@@ -300,7 +305,13 @@ impl<'a> Executor<'a> {
                 }
                 _ => {
                     if let Some(point) = self.play(fixture, step).await? {
-                        self.recorder.point((number, index), self.idle, &point)?;
+                        self.recorder.point(PointDone {
+                            stage: number,
+                            step: index,
+                            files: Vec::new(),
+                            idle: self.idle,
+                            point: point.clone(),
+                        })?;
                         on_point(self.recorder, &point)?;
                         points.push(point);
                     } else {

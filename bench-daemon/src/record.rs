@@ -39,7 +39,6 @@ use crate::{
     drill::Drill,
     interlock::Reading,
     journal::{Entry, Journal, JournalError, PointDone},
-    measure::SweepPoint,
     present::quoted,
 };
 
@@ -197,24 +196,13 @@ impl Recorder {
     }
 
     /// Writes a finished point of a sweep into the journal, with the captures since the point
-    /// before it.
+    /// before it in the place of its own files.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn point(
-        &mut self,
-        (stage, step): (usize, usize),
-        idle: Reading,
-        point: &SweepPoint,
-    ) -> Result<(), RecordError> {
+    pub fn point(&mut self, done: PointDone) -> Result<(), RecordError> {
         let files = std::mem::take(&mut self.fresh);
-        self.journal(Entry::Point(Box::new(PointDone {
-            stage,
-            step,
-            files,
-            idle,
-            point: point.clone(),
-        })))
+        self.journal(Entry::Point(Box::new(PointDone { files, ..done })))
     }
 
     /// Writes down that something begins, before it does.

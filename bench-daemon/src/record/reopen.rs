@@ -31,7 +31,8 @@ impl Recorder {
     pub fn reopen(
         folder: &Path,
         clock: Clock,
-        (read, story): (&Read, &Story),
+        read: &Read,
+        story: &Story,
     ) -> Result<Self, RecordError> {
         let journal = Journal::reopen(folder, &clock, read)?;
         for name in [EVENTS, READINGS, LOG] {
@@ -328,7 +329,7 @@ mod tests {
             torn: Vec::new(),
         };
         let story = Story::of(&read.lines).unwrap();
-        drop(Recorder::reopen(&run, clock, (&read, &story)).unwrap());
+        drop(Recorder::reopen(&run, clock, &read, &story).unwrap());
         for name in growing {
             let text = fs::read_to_string(run.join(name)).unwrap();
             assert!(text.ends_with("1.000,whole\n"), "{name}: {text:?}");

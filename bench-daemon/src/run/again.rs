@@ -433,7 +433,7 @@ impl Recorded {
         let read = journal::read(out).map_err(|error| Failure::Usage(error.to_string()))?;
         // Of no meaning here; virtual time spares the disk.
         let clock = Clock::start(TimeMode::Virtual);
-        Ok(Recorder::reopen(out, clock, (&read, &self.story))?)
+        Ok(Recorder::reopen(out, clock, &read, &self.story)?)
     }
 }
 
