@@ -114,7 +114,8 @@ pub fn believed_as_read(
         .map_or(0.0, |check| check.corrected_tolerance);
     reach(
         &raw_points(&experiment.bench, points),
-        (experiment, fixture),
+        experiment,
+        fixture,
         share,
     )
 }
@@ -123,21 +124,23 @@ pub fn believed_as_read(
 pub fn believed(
     experiment: &Experiment,
     fixture: Fixture,
-    (correction, share): (&Correction, f64),
+    correction: &Correction,
+    share: f64,
     points: &[SweepPoint],
 ) -> Believed {
     let corrected: Vec<ImpedancePoint> = points
         .iter()
         .map(|point| correction.apply(&point.phasors))
         .collect();
-    reach(&corrected, (experiment, fixture), share)
+    reach(&corrected, experiment, fixture, share)
 }
 
 /// Points by rising frequency. A point counts as right while the error of its impedance, magnitude
 /// and phase together, is within the share.
 fn reach(
     points: &[ImpedancePoint],
-    (experiment, fixture): (&Experiment, Fixture),
+    experiment: &Experiment,
+    fixture: Fixture,
     share: f64,
 ) -> Believed {
     let known = known(&experiment.bench, fixture);
@@ -264,7 +267,8 @@ pub fn correction(
 pub fn judge_corrected(
     bench: &Bench,
     fixture: Fixture,
-    (correction, share): (&Correction, f64),
+    correction: &Correction,
+    share: f64,
     points: &[SweepPoint],
 ) -> ControlVerdict {
     let corrected: Vec<ImpedancePoint> = points

@@ -222,15 +222,16 @@ fn correct(
         let points: Vec<SweepPoint> = measured.sweeps.get(name).map_or_else(Vec::new, |points| {
             fixture_check::let_through(points).cloned().collect()
         });
-        let correction = (&measured.correction, check.corrected_tolerance);
+        let (correction, share) = (&measured.correction, check.corrected_tolerance);
         let verdict = fixture_check::judge_corrected(
             &experiment.bench,
             fixture,
             correction,
+            share,
             fixture_check::swept(experiment, &points),
         );
         control.believed = Some(fixture_check::believed(
-            experiment, fixture, correction, &points,
+            experiment, fixture, correction, share, &points,
         ));
         let text = format!("{name} after the correction: {}", verdict.text);
         tell(recorder, &text)?;
