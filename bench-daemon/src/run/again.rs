@@ -227,23 +227,34 @@ impl Recorded {
             if let Purpose::Multisine(repeat) = stage.purpose {
                 let (found, kept) = self.multisine(stage, repeat)?;
                 beside.lines += found.len();
-                let known = (&gathered.measured, kept.flagged, kept.took_s);
-                let run =
-                    multisine::write(&recorder, (&self.experiment, stage, repeat), &found, known)?;
+                let told = multisine::Told {
+                    flagged: kept.flagged,
+                    took_s: kept.took_s,
+                };
+                let run = multisine::write(
+                    &recorder,
+                    &self.experiment,
+                    stage,
+                    repeat,
+                    &found,
+                    &gathered.measured,
+                    told,
+                )?;
                 gathered.measured.multisines.push(run);
             }
             for step in &stage.steps {
                 let Step::Trace(trace) = step else { continue };
                 self.trace(
-                    (&mut recorder, &gathered.measured.correction),
+                    &mut recorder,
+                    &gathered.measured.correction,
                     trace,
                     &mut beside,
                 )?;
             }
-            let Some(of) = self.swept(number) else {
+            let Some((fixture, repeat)) = self.swept(number) else {
                 continue;
             };
-            let sweeping = gathered.sweeping(of);
+            let sweeping = gathered.sweeping(fixture, repeat);
             let own: Vec<SweepPoint> = points
                 .iter()
                 .filter(|(stage, _)| *stage == number)
@@ -258,7 +269,7 @@ impl Recorded {
             sweeping::flags(&settled.points, &mut |freq_hz, text| {
                 recorder.known_point_warning(&sweeping.name, freq_hz, text);
             });
-            gathered.finish(&mut recorder, of, settled, true)?;
+            gathered.finish(&mut recorder, fixture, repeat, settled, true)?;
         }
         let measured = gathered.whole(&recorder)?;
         beside.refused = measured.refused();

@@ -34,12 +34,20 @@ pub(super) struct Before<'a> {
     pub(super) past: Option<&'a Past>,
 }
 
+/// What a run needs besides its bench: its clock, who answers its questions, and its progress.
+pub(super) struct Around<'a> {
+    pub(super) clock: &'a Clock,
+    pub(super) operator: &'a Operator,
+    pub(super) progress: &'a Progress,
+}
+
 /// Executes the plan, stage by stage, and judges the controls as soon as they are measured.
 pub(super) async fn drive(
-    (bench, recorder): (&mut Bench, &mut Recorder),
+    bench: &mut Bench,
+    recorder: &mut Recorder,
     experiment: &Experiment,
     plan: &Checked,
-    (clock, operator, progress): (&Clock, &Operator, &Progress),
+    around: Around<'_>,
     before: Before<'_>,
 ) -> Result<Measured, Failure> {
     bench.made_safe().await?;
@@ -50,8 +58,8 @@ pub(super) async fn drive(
     let mut executor = Executor::new(
         (bench, recorder),
         experiment,
-        clock.clone(),
-        (operator, progress),
+        around.clock.clone(),
+        (around.operator, around.progress),
     );
     if let Some(correction) = inherited {
         executor.recorder.json(CORRECTION, &correction)?;
@@ -110,7 +118,7 @@ impl<'a, 'b> Drive<'a, 'b> {
                 .stages
                 .get(&number)
                 .map_or_else(Vec::new, |story| story.points.values().collect());
-            let sweeping = self.gathered.sweeping((fixture, repeat));
+            let sweeping = self.gathered.sweeping(fixture, repeat);
             sweeping.restore(self.executor.recorder, &points)?;
             let settled = sweeping.settle(
                 self.executor.recorder,
@@ -124,7 +132,7 @@ impl<'a, 'b> Drive<'a, 'b> {
                     .recorder
                     .known_point_warning(&sweeping.name, freq_hz, text);
             });
-            self.finish((fixture, repeat), settled, true)?;
+            self.finish(fixture, repeat, settled, true)?;
         }
         Ok(())
     }
@@ -199,13 +207,15 @@ impl<'a, 'b> Drive<'a, 'b> {
         };
         match stage.purpose {
             Purpose::Sweep(fixture, repeat) => {
-                self.sweep((number, stage), (fixture, repeat), &entrance)
+                self.sweep(number, stage, fixture, repeat, &entrance)
                     .await?;
             }
             Purpose::Multisine(repeat) => {
                 let run = multisine::measure(
                     &mut self.executor,
-                    ((number, stage), repeat),
+                    number,
+                    stage,
+                    repeat,
                     &self.gathered.measured,
                 )
                 .await?;
@@ -227,15 +237,17 @@ impl<'a, 'b> Drive<'a, 'b> {
     /// index.
     async fn sweep(
         &mut self,
-        stage: (usize, &Stage),
-        of: (Fixture, usize),
+        number: usize,
+        stage: &Stage,
+        fixture: Fixture,
+        repeat: usize,
         entrance: &Entrance<'_>,
     ) -> Result<(), Failure> {
-        let sweeping = self.gathered.sweeping(of);
+        let sweeping = self.gathered.sweeping(fixture, repeat);
         let start_time_s = self
             .past
             .filter(|_| !entrance.points.is_empty())
-            .and_then(|past| past.story.stages.get(&stage.0));
+            .and_then(|past| past.story.stages.get(&number));
         let start_time_s =
             start_time_s.map_or_else(|| self.executor.clock.now_s(), |story| story.began_s);
         let recorder = &mut *self.executor.recorder;
@@ -250,31 +262,35 @@ impl<'a, 'b> Drive<'a, 'b> {
                 });
                 Ok(())
             };
-        let points = self.executor.stage(stage, entrance, &mut on_point).await?;
+        let points = self
+            .executor
+            .stage((number, stage), entrance, &mut on_point)
+            .await?;
         let settled = sweeping.settle(self.executor.recorder, points)?;
         let recorder = &mut *self.executor.recorder;
         let flagged = sweeping::flags(&settled.points, &mut |freq_hz, text| {
             recorder.point_warning(&sweeping.name, freq_hz, text);
         });
-        if of.1 > 0 {
+        if repeat > 0 {
             let entry = SweepEntry {
                 flagged,
-                ..sweeping.entry(&self.executor, (stage.1, start_time_s), &settled)
+                ..sweeping.entry(&self.executor, stage, start_time_s, &settled)
             };
             self.executor.recorder.sweep(entry)?;
         }
-        self.finish(of, settled, false)
+        self.finish(fixture, repeat, settled, false)
     }
 
     /// What follows from a whole sweep.
     fn finish(
         &mut self,
-        of: (Fixture, usize),
+        fixture: Fixture,
+        repeat: usize,
         settled: Settled,
         restored: bool,
     ) -> Result<(), Failure> {
         self.gathered
-            .finish(self.executor.recorder, of, settled, restored)?;
+            .finish(self.executor.recorder, fixture, repeat, settled, restored)?;
         self.executor.correction = self.gathered.measured.correction.clone();
         Ok(())
     }

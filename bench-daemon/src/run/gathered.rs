@@ -62,15 +62,16 @@ impl<'a> Gathered<'a> {
         }
     }
 
-    pub(super) fn sweeping(&self, of: (Fixture, usize)) -> Sweeping<'a> {
-        Sweeping::new(self.experiment, of, &self.measured)
+    pub(super) fn sweeping(&self, fixture: Fixture, repeat: usize) -> Sweeping<'a> {
+        Sweeping::new(self.experiment, fixture, repeat, &self.measured)
     }
 
     /// What follows from a whole sweep. `restored`: it was told before.
     pub(super) fn finish(
         &mut self,
         recorder: &mut Recorder,
-        (fixture, repeat): (Fixture, usize),
+        fixture: Fixture,
+        repeat: usize,
         settled: Settled,
         restored: bool,
     ) -> Result<(), Failure> {
@@ -94,8 +95,10 @@ impl<'a> Gathered<'a> {
             judge(
                 recorder,
                 self.experiment,
-                (fixture, &points),
-                (&mut self.measured, &tell),
+                fixture,
+                &points,
+                &mut self.measured,
+                &tell,
             )?;
         }
         let first = repeat <= 1;
@@ -111,7 +114,7 @@ impl<'a> Gathered<'a> {
             .as_ref()
             .map_or(0, |check| check.controls.len());
         if repeat == 0 && self.measured.controls.len() == controls {
-            correct(recorder, self.experiment, (&mut self.measured, &tell))?;
+            correct(recorder, self.experiment, &mut self.measured, &tell)?;
         }
         Ok(())
     }
@@ -160,8 +163,10 @@ type Tell<'a> = &'a dyn Fn(&mut Recorder, &str) -> Result<(), RecordError>;
 fn judge(
     recorder: &mut Recorder,
     experiment: &Experiment,
-    (fixture, points): (Fixture, &[SweepPoint]),
-    (measured, tell): (&mut Measured, Tell<'_>),
+    fixture: Fixture,
+    points: &[SweepPoint],
+    measured: &mut Measured,
+    tell: Tell<'_>,
 ) -> Result<(), Failure> {
     let tolerance = experiment
         .fixture_check
@@ -190,7 +195,8 @@ fn judge(
 fn correct(
     recorder: &mut Recorder,
     experiment: &Experiment,
-    (measured, tell): (&mut Measured, Tell<'_>),
+    measured: &mut Measured,
+    tell: Tell<'_>,
 ) -> Result<(), Failure> {
     let Some(check) = &experiment.fixture_check else {
         return Ok(());
@@ -222,16 +228,19 @@ fn correct(
         let points: Vec<SweepPoint> = measured.sweeps.get(name).map_or_else(Vec::new, |points| {
             fixture_check::let_through(points).cloned().collect()
         });
-        let (correction, share) = (&measured.correction, check.corrected_tolerance);
         let verdict = fixture_check::judge_corrected(
             &experiment.bench,
             fixture,
-            correction,
-            share,
+            &measured.correction,
+            check.corrected_tolerance,
             fixture_check::swept(experiment, &points),
         );
         control.believed = Some(fixture_check::believed(
-            experiment, fixture, correction, share, &points,
+            experiment,
+            fixture,
+            &measured.correction,
+            check.corrected_tolerance,
+            &points,
         ));
         let text = format!("{name} after the correction: {}", verdict.text);
         tell(recorder, &text)?;

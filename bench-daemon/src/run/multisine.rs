@@ -44,12 +44,22 @@ pub struct MultisineRun {
 /// A line: its phasors, the scope's V/div, what it says of noise and distortion.
 pub(super) type Found = (ChannelPhasors, [f64; 4], Line);
 
+/// What is told of a measured multisine besides its lines.
+pub(super) struct Told {
+    /// Points that the quality gate refused to the end.
+    pub(super) flagged: Vec<FlaggedPoint>,
+    /// Bench time that it took with all that belongs to it, s.
+    pub(super) took_s: f64,
+}
+
 /// Measures a multisine and writes its files: `multisine.csv`, `raw_multisine.csv`,
 /// `multisine_lines.csv`, and all that is told of it in `multisine.json`; `shared/multisine.csv`
 /// has what its points share.
 pub(super) async fn measure(
     executor: &mut Executor<'_>,
-    ((number, stage), repeat): ((usize, &Stage), usize),
+    number: usize,
+    stage: &Stage,
+    repeat: usize,
     measured: &Measured,
 ) -> Result<MultisineRun, Failure> {
     let (experiment, start_s) = (executor.experiment, executor.clock.now_s());
@@ -80,9 +90,12 @@ pub(super) async fn measure(
         .collect();
     let run = write(
         executor.recorder,
-        (experiment, stage, repeat),
+        experiment,
+        stage,
+        repeat,
         &found,
-        (measured, flagged, took_s),
+        measured,
+        Told { flagged, took_s },
     )?;
     let corrected = measured.correction.reduced_chi2.is_some();
     let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
@@ -103,7 +116,7 @@ pub(super) async fn measure(
         },
         below_ohm: below.map(|below| below.r_ohm),
         below_h: below.map(|below| below.l_h),
-        ..entry(executor, (stage, repeat), (start_s, measured))
+        ..entry(executor, stage, repeat, start_s, measured)
     };
     executor.recorder.sweep(entry)?;
     Ok(run)
@@ -112,10 +125,14 @@ pub(super) async fn measure(
 /// Writes all files of a multisine, from its lines and what was measured before it.
 pub(super) fn write(
     recorder: &Recorder,
-    (experiment, stage, repeat): (&Experiment, &Stage, usize),
+    experiment: &Experiment,
+    stage: &Stage,
+    repeat: usize,
     found: &[Found],
-    (measured, flagged, took_s): (&Measured, Vec<FlaggedPoint>, f64),
+    measured: &Measured,
+    told: Told,
 ) -> Result<MultisineRun, Failure> {
+    let Told { flagged, took_s } = told;
     let correction = &measured.correction;
     let corrected: Vec<ImpedancePoint> = found
         .iter()
@@ -151,12 +168,14 @@ pub(super) fn write(
     let spectrum = sweeping::with_shared(
         spectrum,
         &phasors,
-        (correction, &sweeping::jig_phasors(measured)),
+        correction,
+        &sweeping::jig_phasors(measured),
     );
     sweeping::write_shared(
         recorder,
         &Multisine::Spectrum.file(repeat),
-        (&spectrum, &flags),
+        &spectrum,
+        &flags,
     )?;
     let volts_per_div = found
         .iter()
@@ -198,8 +217,10 @@ pub(super) fn restore(folder: &Path, repeat: usize) -> Result<MultisineRun, Fail
 /// The multisine in words of the index.
 fn entry(
     executor: &Executor<'_>,
-    (stage, repeat): (&Stage, usize),
-    (start_time_s, measured): (f64, &Measured),
+    stage: &Stage,
+    repeat: usize,
+    start_time_s: f64,
+    measured: &Measured,
 ) -> SweepEntry {
     let driven = |step: &Step| {
         if let Step::Multisine(band) = step {

@@ -157,7 +157,8 @@ impl Session {
     /// What becomes of a run whose first part ended so.
     pub(super) fn persevere(
         &mut self,
-        (experiment, folder): (&Experiment, &Path),
+        experiment: &Experiment,
+        folder: &Path,
         mut outcome: Result<Finished, Failure>,
         mut stop: StopSignals,
     ) -> Result<Finished, Failure> {

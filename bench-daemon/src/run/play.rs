@@ -8,7 +8,7 @@ use instruments::{clock::Clock, transport::MemoryHub};
 
 use super::{
     FINISHED, Finished, Measured, Past,
-    drive::{self, Before},
+    drive::{self, Around, Before},
     results,
     stop::{StopSignals, caught},
 };
@@ -113,13 +113,17 @@ impl Run<'_> {
             Ok(opened) => opened,
             Err(failure) => return custody.end(Err(failure)).await,
         };
-        let around = (&self.clock, &self.operator, &progress);
+        let around = Around {
+            clock: &self.clock,
+            operator: &self.operator,
+            progress: &progress,
+        };
         let before = Before {
             inherited: self.before.1.take(),
             past: self.past.as_ref(),
         };
         let outcome = tokio::select! {
-            outcome = caught(drive::drive((&mut bench, &mut self.recorder), self.experiment, self.plan, around, before)) => outcome,
+            outcome = caught(drive::drive(&mut bench, &mut self.recorder, self.experiment, self.plan, around, before)) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
             lost = custody.lost() => Err(lost.into()),
         };
@@ -141,14 +145,16 @@ impl Run<'_> {
         // itself.
         drop(bench);
         let outcome = custody.end(outcome).await;
-        self.conclude(outcome, (&identities, connections, simulation))
+        self.conclude(outcome, &identities, &connections, simulation)
     }
 
     /// Writes down how it ended; results are made of what was measured.
     fn conclude(
         mut self,
         outcome: Result<Measured, Failure>,
-        (identities, connections, simulation): (&[Identified], Connections, Option<Simulation>),
+        identities: &[Identified],
+        connections: &Connections,
+        simulation: Option<Simulation>,
     ) -> Result<Finished, Failure> {
         for (role, tap) in &connections.taps {
             if let Some(error) = tap.take_error() {

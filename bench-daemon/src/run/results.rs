@@ -42,7 +42,7 @@ pub(super) fn write(
     let mut shown = beside::write(recorder, measured)?;
     let ocv = ocv::write(recorder, experiment, &mut shown)?;
     ranges::warn(recorder, measured)?;
-    let text = evaluate(recorder, experiment, (measured, shown))?;
+    let text = evaluate(recorder, experiment, measured, shown)?;
     Ok(text.replacen("\nrun folder:", &format!("{ocv}\nrun folder:"), 1))
 }
 
@@ -75,11 +75,12 @@ fn tell_controls(recorder: &mut Recorder, measured: &Measured) {
 fn evaluate(
     recorder: &mut Recorder,
     experiment: &Experiment,
-    (measured, shown): (&Measured, beside::Shown),
+    measured: &Measured,
+    shown: beside::Shown,
 ) -> Result<String, Failure> {
     if measured.spectrum.points.is_empty() {
-        report::without_sweeps(recorder, experiment, (measured, shown))?;
-        return Ok(summary(recorder, experiment, measured, (&[], None, None)));
+        report::without_sweeps(recorder, experiment, measured, shown)?;
+        return Ok(summary(recorder, experiment, measured, &[], None, None));
     }
     let fits = fit_orders(recorder, experiment, measured);
     let pack = Pack::new(experiment.cell.series, experiment.cell.parallel, 0.0)
@@ -125,7 +126,7 @@ fn evaluate(
     let judged = validity::judge(measured, experiment.bench.wiring.shunt.r_ohm);
     let campaign = experiment.campaign.as_ref();
     let told = campaign
-        .map(|campaign| campaign::write(recorder, experiment, campaign, (measured, &fits, &judged)))
+        .map(|campaign| campaign::write(recorder, experiment, campaign, measured, &fits, &judged))
         .transpose()?;
     let mut text = told.as_ref().map(|told| told.text.clone());
     if judged.len() > 1 {
@@ -148,7 +149,9 @@ fn evaluate(
         recorder,
         experiment,
         measured,
-        (&fits, Some(&budget), text.as_deref()),
+        &fits,
+        Some(&budget),
+        text.as_deref(),
     ))
 }
 
@@ -340,7 +343,9 @@ fn summary(
     recorder: &Recorder,
     experiment: &Experiment,
     measured: &Measured,
-    (fits, budget, campaign): (&[ErmFit], Option<&Budget>, Option<&str>),
+    fits: &[ErmFit],
+    budget: Option<&Budget>,
+    campaign: Option<&str>,
 ) -> String {
     let mut lines = vec![
         format!(

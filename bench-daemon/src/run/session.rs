@@ -87,7 +87,7 @@ impl Session {
     pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
         let stop = self.signals()?;
         let outcome = self.play(experiment, folder, None);
-        self.persevere((experiment, folder), outcome, stop)
+        self.persevere(experiment, folder, outcome, stop)
     }
 
     /// Goes on with a run in its folder.
@@ -102,7 +102,7 @@ impl Session {
     ) -> Result<Finished, Failure> {
         let stop = self.signals()?;
         let outcome = self.play(experiment, folder, Some(past));
-        self.persevere((experiment, folder), outcome, stop)
+        self.persevere(experiment, folder, outcome, stop)
     }
 
     /// What asks for the end from here on, whether or not anybody looks just then.

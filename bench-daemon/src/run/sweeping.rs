@@ -56,7 +56,8 @@ pub(super) struct Settled {
 impl<'a> Sweeping<'a> {
     pub(super) fn new(
         experiment: &'a Experiment,
-        (fixture, repeat): (Fixture, usize),
+        fixture: Fixture,
+        repeat: usize,
         measured: &Measured,
     ) -> Self {
         let correction = measured.correction.clone();
@@ -170,7 +171,7 @@ impl<'a> Sweeping<'a> {
         let phasors: Vec<ChannelPhasors> = points.iter().map(|point| point.phasors).collect();
         let spectrum = self.with_shared(named(corrected), &phasors);
         if let Some(file) = &self.file {
-            write_shared(recorder, file, (&spectrum, &flags))?;
+            write_shared(recorder, file, &spectrum, &flags)?;
         }
         Ok(Settled {
             points,
@@ -186,7 +187,7 @@ impl<'a> Sweeping<'a> {
         if self.fixture != Fixture::Cell || self.file.is_none() {
             return spectrum;
         }
-        with_shared(spectrum, phasors, (&self.correction, &self.jig))
+        with_shared(spectrum, phasors, &self.correction, &self.jig)
     }
 
     /// Makes the tables what the finished points say.
@@ -237,7 +238,8 @@ impl<'a> Sweeping<'a> {
     pub(super) fn entry(
         &self,
         executor: &Executor<'_>,
-        (stage, start_time_s): (&Stage, f64),
+        stage: &Stage,
+        start_time_s: f64,
         settled: &Settled,
     ) -> SweepEntry {
         let (experiment, cell) = (self.experiment, self.fixture == Fixture::Cell);
@@ -331,7 +333,8 @@ pub(super) fn jig_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
 pub(super) fn with_shared(
     spectrum: Spectrum,
     phasors: &[ChannelPhasors],
-    (correction, jig): (&Correction, &[ChannelPhasors]),
+    correction: &Correction,
+    jig: &[ChannelPhasors],
 ) -> Spectrum {
     let text = serde_json::to_string(correction).unwrap_or_default();
     let run: String = crate::hash::sha256(text).chars().take(12).collect();
@@ -347,7 +350,8 @@ pub(super) fn with_shared(
 pub(super) fn write_shared(
     recorder: &Recorder,
     file: &str,
-    (spectrum, flags): (&Spectrum, &[String]),
+    spectrum: &Spectrum,
+    flags: &[String],
 ) -> Result<(), RecordError> {
     if spectrum.shared.is_empty() {
         return Ok(());

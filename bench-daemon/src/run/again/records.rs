@@ -135,7 +135,8 @@ impl Recorded {
     /// A trace from its frames, into the new folder: its rows, and what the index says of them.
     pub(super) fn trace(
         &self,
-        (recorder, correction): (&mut Recorder, &Correction),
+        recorder: &mut Recorder,
+        correction: &Correction,
         trace: &TracePlan,
         beside: &mut Beside,
     ) -> Result<(), Failure> {

@@ -46,7 +46,8 @@ pub(super) fn write(recorder: &Recorder, measured: &Measured) -> Result<Shown, F
         shown.figures.push(draw(
             recorder,
             &run_folder::multisine_figure(number),
-            (&multisine_chart(&title, run), caption),
+            &multisine_chart(&title, run),
+            caption,
         )?);
         shown.tables.push(lines_table(&title, run));
     }
@@ -63,7 +64,8 @@ pub(super) fn write(recorder: &Recorder, measured: &Measured) -> Result<Shown, F
         shown.figures.push(draw(
             recorder,
             &run_folder::trace_name(&trace.name, trace.repeat),
-            (&trace_chart(trace, &rows), caption),
+            &trace_chart(trace, &rows),
+            caption,
         )?);
     }
     shown.tables.extend(traces_table(&recorder.index().traces));
@@ -77,7 +79,8 @@ pub(super) fn write(recorder: &Recorder, measured: &Measured) -> Result<Shown, F
 pub(super) fn draw(
     recorder: &Recorder,
     file: &str,
-    (chart, caption): (&Chart, String),
+    chart: &Chart,
+    caption: String,
 ) -> Result<Figure, Failure> {
     files::write_chart(&recorder.path(run_folder::PLOTS), file, chart)?;
     Ok(Figure {

@@ -102,7 +102,9 @@ pub(super) fn write(
     recorder: &Recorder,
     experiment: &Experiment,
     campaign: &Campaign,
-    (measured, fits, judged): (&Measured, &[ErmFit], &[Judged]),
+    measured: &Measured,
+    fits: &[ErmFit],
+    judged: &[Judged],
 ) -> Result<Told, Failure> {
     let spectra: Vec<&Spectrum> = measured.spectra().collect();
     let cell_of = |spectrum: &Spectrum| {

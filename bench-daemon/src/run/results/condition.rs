@@ -44,14 +44,14 @@ pub(super) fn rows(
     };
     let idle: Vec<_> = lines.iter().filter_map(idle).collect();
     let mut rows = vec![("date".to_owned(), date)];
-    if let Some(text) = range(idle.iter().filter_map(|idle| idle.voltage_v), (4, "V")) {
+    if let Some(text) = range(idle.iter().filter_map(|idle| idle.voltage_v), 4, "V") {
         rows.push(("cell at rest before its records".to_owned(), text));
     }
     let held = experiment.temperature.as_ref().map_or_else(
         || "not held".to_owned(),
         |held| format!("held at {} °C", held.setpoint_c),
     );
-    let measured = range(idle.iter().filter_map(|idle| idle.temperature_c), (2, "°C"));
+    let measured = range(idle.iter().filter_map(|idle| idle.temperature_c), 2, "°C");
     rows.push((
         "temperature of the cell".to_owned(),
         measured.map_or_else(|| held.clone(), |text| format!("{text} ({held})")),
@@ -60,7 +60,7 @@ pub(super) fn rows(
 }
 
 /// The least and the greatest in words; none where there is none.
-fn range(values: impl Iterator<Item = f64>, (digits, unit): (usize, &str)) -> Option<String> {
+fn range(values: impl Iterator<Item = f64>, digits: usize, unit: &str) -> Option<String> {
     let (least, most) = values.fold(
         (f64::INFINITY, f64::NEG_INFINITY),
         |(least, most), value| (least.min(value), most.max(value)),
@@ -103,13 +103,13 @@ mod tests {
     #[test]
     fn a_range_of_one_value_is_that_value() {
         assert_eq!(
-            range([3.8, 3.80001].into_iter(), (4, "V")).unwrap(),
+            range([3.8, 3.80001].into_iter(), 4, "V").unwrap(),
             "3.8000 V"
         );
         assert_eq!(
-            range([24.9, 25.1].into_iter(), (2, "°C")).unwrap(),
+            range([24.9, 25.1].into_iter(), 2, "°C").unwrap(),
             "24.90 °C to 25.10 °C"
         );
-        assert_eq!(range([].into_iter(), (2, "°C")), None);
+        assert_eq!(range([].into_iter(), 2, "°C"), None);
     }
 }

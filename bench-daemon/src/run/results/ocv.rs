@@ -93,7 +93,8 @@ pub(super) fn write(
     shown.figures.push(draw(
         recorder,
         "ocv",
-        (&picture(&experiment.cell.name, &points, &found), caption),
+        &picture(&experiment.cell.name, &points, &found),
+        caption,
     )?);
     shown.tables.extend(tables(&found, &down.interruptions));
     let known = Found {

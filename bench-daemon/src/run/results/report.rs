@@ -64,7 +64,7 @@ pub(super) fn write(
         figures.push(figure);
         tables.push(table);
     }
-    figures.extend(models_figures(recorder, experiment, (measured, fits))?);
+    figures.extend(models_figures(recorder, experiment, measured, fits)?);
     let first = measured.first_of_several();
     let of = first
         .as_ref()
@@ -80,7 +80,7 @@ pub(super) fn write(
         "Where the uncertainty of the corrected spectrum{of} comes from; the parts add up in \
         squares."
     );
-    figures.push(draw(recorder, "budget", (&chart, caption))?);
+    figures.push(draw(recorder, "budget", &chart, caption)?);
     figures.extend(validity::pictures(measured, judged)?);
     figures.extend(shown.figures);
     let mut verdicts = verdicts(recorder, measured);
@@ -102,14 +102,15 @@ pub(super) fn write(
             records,
         ])
         .chain(shown.tables);
-    page(recorder, experiment, (verdicts, figures, tables.collect()))
+    page(recorder, experiment, verdicts, figures, tables.collect())
 }
 
 /// The page of a run that swept nothing, or controls only.
 pub(super) fn without_sweeps(
     recorder: &Recorder,
     experiment: &Experiment,
-    (measured, shown): (&Measured, Shown),
+    measured: &Measured,
+    shown: Shown,
 ) -> Result<(), Failure> {
     let mut figures = shown.figures;
     let mut tables = shown.tables;
@@ -119,13 +120,15 @@ pub(super) fn without_sweeps(
     }
     let mut verdicts = verdicts(recorder, measured);
     verdicts.extend(noted(recorder, &[]));
-    page(recorder, experiment, (verdicts, figures, tables))
+    page(recorder, experiment, verdicts, figures, tables)
 }
 
 fn page(
     recorder: &Recorder,
     experiment: &Experiment,
-    (verdicts, figures, tables): (Vec<Verdict>, Vec<Figure>, Vec<Table>),
+    verdicts: Vec<Verdict>,
+    figures: Vec<Figure>,
+    tables: Vec<Table>,
 ) -> Result<(), Failure> {
     let title = format!(
         "{}: {} on bench {}",
@@ -152,17 +155,22 @@ fn page(
     Ok(recorder.text(REPORT, &html)?)
 }
 
-/// A Nyquist plot, by name, caption and plot, as files and as a figure.
-fn nyquist(
-    recorder: &Recorder,
-    (name, caption, plot): (String, String, ImpedancePlot),
-) -> Result<Figure, Failure> {
-    files::write_picture(&recorder.path(PLOTS), &name, |path| {
-        plot::nyquist(&plot, path)
+/// A Nyquist plot of the report.
+struct NyquistPlot {
+    /// Name of its files, without the extension.
+    name: String,
+    caption: String,
+    plot: ImpedancePlot,
+}
+
+/// A Nyquist plot as files and as a figure.
+fn nyquist(recorder: &Recorder, shown: NyquistPlot) -> Result<Figure, Failure> {
+    files::write_picture(&recorder.path(PLOTS), &shown.name, |path| {
+        plot::nyquist(&shown.plot, path)
     })?;
     Ok(Figure {
-        svg: plot::nyquist_svg(&plot).map_err(drawn)?,
-        caption,
+        svg: plot::nyquist_svg(&shown.plot).map_err(drawn)?,
+        caption: shown.caption,
     })
 }
 
@@ -175,11 +183,12 @@ fn drawn(error: PlotError) -> Failure {
 fn models_figures(
     recorder: &Recorder,
     experiment: &Experiment,
-    (measured, fits): (&Measured, &[ErmFit]),
+    measured: &Measured,
+    fits: &[ErmFit],
 ) -> Result<Vec<Figure>, Failure> {
     let pool: Vec<Spectrum> = super::alike_sweeps(measured).into_iter().cloned().collect();
     let mut figures = Vec::new();
-    for plot in plots(experiment, measured, (&pool, fits)) {
+    for plot in plots(experiment, measured, &pool, fits) {
         figures.push(nyquist(recorder, plot)?);
     }
     let bode = bode_plot(&format!("Bode plot, {}", whose(experiment)), &pool, fits);
@@ -215,12 +224,13 @@ fn whose(experiment: &Experiment) -> String {
     }
 }
 
-/// Nyquist plots: name, caption, plot.
+/// Nyquist plots of the cell, its models and the controls.
 fn plots(
     experiment: &Experiment,
     measured: &Measured,
-    (pool, fits): (&[Spectrum], &[ErmFit]),
-) -> Vec<(String, String, ImpedancePlot)> {
+    pool: &[Spectrum],
+    fits: &[ErmFit],
+) -> Vec<NyquistPlot> {
     let subtitle = format!(
         "{} A, corrected by the control impedances",
         amplitude_a(experiment)
@@ -249,11 +259,11 @@ fn plots(
         .cloned()
         .chain(model_curves(pool, fits))
         .collect();
-    let mut plots = vec![(
-        "nyquist".to_owned(),
-        format!("The cell and the models{to}; both axes have the same scale."),
-        ImpedancePlot::new(&title, &subtitle, all),
-    )];
+    let mut plots = vec![NyquistPlot {
+        name: "nyquist".to_owned(),
+        caption: format!("The cell and the models{to}; both axes have the same scale."),
+        plot: ImpedancePlot::new(&title, &subtitle, all),
+    }];
     for (fit, curve) in fits.iter().zip(model_curves(pool, fits)) {
         let rc = fit.erm.branches.len();
         let plot = ImpedancePlot::new(
@@ -261,11 +271,11 @@ fn plots(
             &subtitle,
             data.iter().cloned().chain([curve]).collect(),
         );
-        plots.push((
-            format!("nyquist_fit_{rc}rc"),
-            format!("The model with {rc} RC{to}."),
+        plots.push(NyquistPlot {
+            name: format!("nyquist_fit_{rc}rc"),
+            caption: format!("The model with {rc} RC{to}."),
             plot,
-        ));
+        });
     }
     if !measured.controls.is_empty() {
         plots.push(controls_plot(experiment, measured));
@@ -273,7 +283,7 @@ fn plots(
     plots
 }
 
-fn controls_plot(experiment: &Experiment, measured: &Measured) -> (String, String, ImpedancePlot) {
+fn controls_plot(experiment: &Experiment, measured: &Measured) -> NyquistPlot {
     let mut series = Vec::new();
     for (index, control) in measured.controls.iter().enumerate() {
         let points = measured
@@ -316,14 +326,14 @@ fn controls_plot(experiment: &Experiment, measured: &Measured) -> (String, Strin
         &format!("{} A", amplitude_a(experiment)),
         series,
     );
-    (
-        "nyquist_controls".to_owned(),
+    NyquistPlot {
+        name: "nyquist_controls".to_owned(),
         caption,
-        ImpedancePlot {
+        plot: ImpedancePlot {
             mark_decades: false,
             ..plot
         },
-    )
+    }
 }
 
 fn amplitude_a(experiment: &Experiment) -> f64 {
