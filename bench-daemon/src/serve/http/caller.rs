@@ -1,14 +1,17 @@
 //! Who asks, and whether they may. An argument of a handler: without the scope that it names, the
 //! handler is not reached.
 
-use std::sync::{Arc, OnceLock};
+use std::{
+    net::IpAddr,
+    sync::{Arc, OnceLock},
+};
 
 use axum::{
     extract::FromRequestParts,
     http::{StatusCode, header, request::Parts},
 };
 
-use super::{App, guard::Peer, problem::Refusal};
+use super::{App, problem::Refusal};
 use crate::serve::token::{Scope, Token, TokenError};
 
 /// Who asks where no token exists at all: anybody on this machine.
@@ -35,6 +38,10 @@ pub type Operator = With<1>;
 pub type Energiser = With<2>;
 /// May clear a latch.
 pub type Clearer = With<3>;
+
+/// Who is at the other end.
+#[derive(Debug, Clone, Copy)]
+pub struct Peer(pub IpAddr);
 
 /// The name of who asked, for the audit trail, as soon as it is known.
 #[derive(Debug, Clone, Default)]

@@ -39,7 +39,8 @@ use tokio_rustls::TlsAcceptor;
 
 use super::{
     App,
-    guard::{Peer, is_stop},
+    caller::Peer,
+    guard::is_stop,
     problem::{Problem, Refusal, code_of},
     router,
 };

@@ -19,14 +19,10 @@ use axum::{
 
 use super::{
     App,
-    caller::Named,
+    caller::{Named, Peer},
     problem::{Code, Refusal},
 };
 use crate::{loopback::names_loopback, serve::audit::By};
-
-/// Who is at the other end.
-#[derive(Debug, Clone, Copy)]
-pub struct Peer(pub IpAddr);
 
 /// Wrong tokens of one peer, and attempts of one without any that are written down, per second in
 /// the long run and at once.
