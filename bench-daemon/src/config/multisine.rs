@@ -2,12 +2,11 @@
 
 use analysis::multisine::odd_grid;
 use instruments::{generator, instrument::by_key, scope, supply4q, units::Seconds};
-use serde::Deserialize;
 
 use super::{
     ConfigError,
     check::Check,
-    quantity::{Current, Duration, Frequency, Quantity},
+    raw_multisine::{Raw, RawBand},
 };
 use crate::{measure::quality::Quality, plan::LONGEST_FRAME_S};
 
@@ -47,43 +46,6 @@ pub struct Band {
     pub steps: (usize, usize),
     /// Up to here the bipolar supply follows, Hz.
     pub followed_hz: f64,
-}
-
-/// As it is typed.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Raw {
-    peak: Quantity<Current>,
-    #[serde(default = "one")]
-    repeat: usize,
-    rest_first: Option<Quantity<Duration>>,
-    bands: Vec<RawBand>,
-    #[serde(default = "million")]
-    memory_points: u64,
-    #[serde(default = "hundred_thousand")]
-    record_points: u64,
-    quality: Option<super::quality::Raw>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawBand {
-    base: Quantity<Frequency>,
-    start: Option<Quantity<Frequency>>,
-    stop: Quantity<Frequency>,
-    lines: usize,
-    periods: u32,
-    settle: Quantity<Duration>,
-}
-
-fn one() -> usize {
-    1
-}
-fn million() -> u64 {
-    1_000_000
-}
-fn hundred_thousand() -> u64 {
-    100_000
 }
 
 /// Steps of the generator in a period of the fastest line, at least. Their images are no part of

@@ -2,13 +2,8 @@
 //! cell.
 
 use instruments::{instrument::by_key, load, supply};
-use serde::Deserialize;
 
-use super::{
-    ConfigError,
-    check::Check,
-    quantity::{Current, Duration, Quantity, Resistance, Voltage, VoltageSlope},
-};
+use super::{ConfigError, check::Check, raw_ocv_soc::Raw};
 
 /// The measurement of the open-circuit voltage (thesis 3.1).
 #[derive(Debug, Clone, Copy)]
@@ -41,36 +36,6 @@ pub struct OcvSoc {
     pub dcir_ohm: Option<f64>,
     /// Order of a polynomial besides, where one is wanted.
     pub polynomial: Option<usize>,
-}
-
-/// As it is typed.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Raw {
-    charge_current: Quantity<Current>,
-    charge_voltage: Quantity<Voltage>,
-    cut_off: Quantity<Current>,
-    discharge_current: Quantity<Current>,
-    discharge_until: Quantity<Voltage>,
-    tail_current: Option<Quantity<Current>>,
-    #[serde(default = "nine")]
-    interruptions: usize,
-    #[serde(default = "minute")]
-    interruption: Quantity<Duration>,
-    rest_min: Quantity<Duration>,
-    rest_max: Quantity<Duration>,
-    rest_slope: Quantity<VoltageSlope>,
-    #[serde(default)]
-    both_directions: bool,
-    dcir: Option<Quantity<Resistance>>,
-    polynomial: Option<usize>,
-}
-
-fn nine() -> usize {
-    9
-}
-fn minute() -> Quantity<Duration> {
-    Quantity::of(60.0)
 }
 
 /// A tail of less than this share of the discharge current would no longer count as one discharge

@@ -1,50 +1,8 @@
 //! The quality gate of a sweep or of a multisine: the sections `[eis.quality]` and
-//! `[multisine.quality]`. Every limit has a default with its reason.
+//! `[multisine.quality]` against the cell.
 
-use serde::Deserialize;
-
-use super::{
-    ConfigError,
-    check::Check,
-    quantity::{Charge, Duration, Quantity, Share},
-};
+use super::{ConfigError, check::Check, raw_quality::Raw};
 use crate::measure::quality::Quality;
-
-/// As it is typed.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields, default)]
-pub(super) struct Raw {
-    /// Half a per cent: below what separates the orders of the thesis' fits, and a hundred times
-    /// what the bench shows.
-    noise: Quantity<Share>,
-    /// A third harmonic of 1 % may stand for an error of Z of 3 %.
-    distortion: Quantity<Share>,
-    /// As the noise, for it acts like it.
-    drift: Quantity<Share>,
-    /// Twice the noise: the difference of two numbers.
-    repeatability: Quantity<Share>,
-    /// What is commonly asked of a valid spectrum (Schönleber et al. 2014 show residuals below 1
-    /// %).
-    kramers_kronig: Quantity<Share>,
-    again: usize,
-    time: Quantity<Duration>,
-    charge: Quantity<Charge>,
-}
-
-impl Default for Raw {
-    fn default() -> Self {
-        Self {
-            noise: Quantity::of(0.005),
-            distortion: Quantity::of(0.01),
-            drift: Quantity::of(0.005),
-            repeatability: Quantity::of(0.01),
-            kramers_kronig: Quantity::of(0.01),
-            again: 2,
-            time: Quantity::of(600.0),
-            charge: Quantity::of(720.0),
-        }
-    }
-}
 
 impl Check<'_> {
     /// The gate of `section`, `eis` or `multisine`.

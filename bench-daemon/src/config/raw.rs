@@ -21,9 +21,9 @@ pub(super) struct Experiment {
     pub(super) temperature: Option<TemperatureSection>,
     pub(super) fixture_check: Option<FixtureCheck>,
     pub(super) soc_reset: Option<SocReset>,
-    pub(super) ocv_soc: Option<super::ocv_soc::Raw>,
+    pub(super) ocv_soc: Option<super::raw_ocv_soc::Raw>,
     pub(super) eis: Option<Eis>,
-    pub(super) multisine: Option<super::multisine::Raw>,
+    pub(super) multisine: Option<super::raw_multisine::Raw>,
     pub(super) campaign: Option<Campaign>,
     #[serde(default)]
     pub(super) traces: Vec<Trace>,
@@ -133,7 +133,7 @@ pub(super) struct Eis {
     pub(super) compensate_drift: bool,
     /// The next point settles while the record of this one is fetched and analysed.
     pub(super) overlap: Option<bool>,
-    pub(super) quality: Option<super::quality::Raw>,
+    pub(super) quality: Option<super::raw_quality::Raw>,
 }
 
 /// What the sweeps of `[eis]` are of.

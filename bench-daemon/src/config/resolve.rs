@@ -9,7 +9,7 @@ use instruments::transport::Address;
 
 use super::{
     Cell, ConfigError, Experiment, Instruments, Perseverance, Source, check::Check, limits, raw,
-    resolve_bench::resolve_bench,
+    resolve_bench::resolve_bench, source::in_field,
 };
 use crate::interlock::Limits;
 
@@ -211,11 +211,6 @@ fn read_scenario(bench: &Source, path: &Path) -> Result<(Source, Scenario), Conf
         .validate()
         .map_err(|error| source.complain(&error.field, error.to_string()))?;
     Ok((source, scenario))
-}
-
-/// A complaint about a file, as one about the field that names it.
-pub(super) fn in_field(source: &Source, field: &str, error: &ConfigError) -> ConfigError {
-    source.complain(field, error.to_string())
 }
 
 /// The built-in mocks are a whole bench or none: they share one simulated world.

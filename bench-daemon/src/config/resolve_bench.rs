@@ -14,7 +14,7 @@ use instruments::{
 
 use super::{
     Bench, ConfigError, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring,
-    raw_bench, resolve::in_field, simulation,
+    raw_bench, simulation, source::in_field,
 };
 use crate::{addresses::meet, loopback::names_loopback};
 

@@ -315,6 +315,11 @@ fn holds(value: &DeValue<'_>, span: Range<usize>, at: usize) -> bool {
     inner || span.contains(&at)
 }
 
+/// A complaint about a file, as one about the field that names it.
+pub(super) fn in_field(source: &Source, field: &str, error: &ConfigError) -> ConfigError {
+    source.complain(field, error.to_string())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -75,7 +75,7 @@ const CIRCLES: [Circles; 14] = [
     Circles::of("instruments", 0, 0),
     Circles::of("fixtures", 0, 0),
     Circles::of("fixtures/study", 0, 0),
-    Circles::of("bench-daemon", 5, 6),
+    Circles::of("bench-daemon", 3, 3),
 ];
 
 struct Circles {
