@@ -4,7 +4,10 @@ use crate::fit::ErmFit;
 use analysis_numeric::brief::brief;
 use analysis_plot::{ImpedancePlot, PlotError, Series, SeriesStyle, nyquist};
 use analysis_signal::spectrum::{Spectrum, cell_in_name};
-use std::path::{Path, PathBuf};
+use std::{
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+};
 
 impl ErmFit {
     /// The fitted model as a curve over a band (lowest, highest frequency in Hz, both above zero),
@@ -105,7 +108,7 @@ pub fn fit_figure(sweeps: &[Spectrum], fit: &ErmFit) -> ImpedancePlot {
     });
     let value = format!("{} = {:.4} {}", symbol(fit), scaled(fit), unit(fit));
     let name = format!("fit with {rc} RC, {value}");
-    let curve = band(sweeps).map(|band| fit.series(&name, band, 1));
+    let curve = band_hz(sweeps).map(|band_hz| fit.series(&name, band_hz, 1));
     let series = data.chain(curve).collect();
     let title = format!(
         "Extended Randles model with {rc} RC {}",
@@ -167,20 +170,20 @@ fn count(sweeps: &[Spectrum], cells: &[String]) -> String {
 }
 
 /// Lowest and highest frequency, Hz.
-fn band(spectra: &[Spectrum]) -> Option<(f64, f64)> {
+fn band_hz(spectra: &[Spectrum]) -> Option<RangeInclusive<f64>> {
     let all = spectra.iter().flat_map(|s| &s.points).map(|p| p.freq_hz);
     let (lo, hi) = all.fold((f64::INFINITY, 0.0f64), |(lo, hi), f| {
         (lo.min(f), hi.max(f))
     });
-    (lo.is_finite() && lo > 0.0 && hi >= lo).then_some((lo, hi))
+    (lo.is_finite() && lo > 0.0 && hi >= lo).then_some(lo..=hi)
 }
 
 fn band_text(spectra: &[Spectrum]) -> String {
-    band(spectra).map_or_else(String::new, |(lo, hi)| {
+    band_hz(spectra).map_or_else(String::new, |band_hz| {
         format!(
             "{} to {} Hz, axes equally scaled",
-            brief(lo, 3),
-            brief(hi, 3)
+            brief(*band_hz.start(), 3),
+            brief(*band_hz.end(), 3)
         )
     })
 }

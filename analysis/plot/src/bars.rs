@@ -4,9 +4,9 @@
 use super::PlotError;
 use super::axis::Axis;
 use super::chart::{AxisSpec, dashes};
-use super::frame::{BOTTOM, Entry, RIGHT, TEXT, label, strip, widest, words, wrapped};
+use super::frame::{BOTTOM, Entry, RIGHT, TEXT, Titles, label, strip, widest, words, wrapped};
 use super::marks::{GREY, INK, PALE, palette};
-use super::scene::{HPos, Label, Place, Scene, Shape, VPos};
+use super::scene::{Anchor, Colour, Label, Scene, Shape};
 
 const SMALL: f64 = 13.0;
 const BAR: f64 = 14.0;
@@ -181,15 +181,21 @@ pub(super) fn layout(chart: &BarChart) -> Result<Scene, PlotError> {
         .map(|(text, colour)| Entry {
             text,
             sample: Box::new(move |at| {
-                vec![rectangle(
-                    (at.0 - 13.0, at.0 + 13.0),
-                    (at.1 - BAR / 2.0, at.1 + BAR / 2.0),
-                    palette(*colour),
-                )]
+                let sample = Rectangle {
+                    left: at.0 - 13.0,
+                    right: at.0 + 13.0,
+                    top: at.1 - BAR / 2.0,
+                    bottom: at.1 + BAR / 2.0,
+                };
+                vec![sample.filled(palette(*colour))]
             }),
         })
         .collect();
-    let (mut shapes, mut top) = strip((&chart.title, &chart.subtitle), &entries, width)?;
+    let titles = Titles {
+        title: &chart.title,
+        subtitle: &chart.subtitle,
+    };
+    let (mut shapes, mut top) = strip(titles, &entries, width)?;
     // Bold letters are about a tenth wider.
     let names = 1.1
         * widest(
@@ -229,7 +235,7 @@ fn draw(panel: &BarPanel, columns: &Columns, top: f64) -> Result<(Vec<Shape>, f6
                 &group.heading,
                 (MARGIN, y + HEADING / 2.0),
                 TEXT,
-                (HPos::Left, VPos::Center),
+                Anchor::Left,
             );
             front.push(Shape::Label(Label {
                 colour: GREY,
@@ -238,20 +244,26 @@ fn draw(panel: &BarPanel, columns: &Columns, top: f64) -> Result<(Vec<Shape>, f6
             y += HEADING;
         }
         for row in &group.rows {
-            let (drawn, height) = draw_row((panel, columns), row, y)?;
+            let (drawn, height) = draw_row(panel, columns, row, y)?;
             front.extend(drawn);
             y += height + ROW_GAP;
         }
     }
-    let mut shapes = grid(panel, columns, (first, y));
+    let area = Rectangle {
+        left: columns.bars.0,
+        right: columns.bars.1,
+        top: first,
+        bottom: y,
+    };
+    let mut shapes = grid(panel, columns, &area);
     shapes.extend(front);
-    shapes.extend(reference(panel, columns, (first, y)));
+    shapes.extend(reference(panel, columns, &area));
     if !panel.note_heading.is_empty() {
         let heading = label(
             &panel.note_heading,
             (columns.notes, top + 8.0),
             SMALL,
-            (HPos::Left, VPos::Center),
+            Anchor::Left,
         );
         shapes.push(Shape::Label(Label {
             colour: GREY,
@@ -262,7 +274,8 @@ fn draw(panel: &BarPanel, columns: &Columns, top: f64) -> Result<(Vec<Shape>, f6
 }
 
 fn draw_row(
-    (panel, columns): (&BarPanel, &Columns),
+    panel: &BarPanel,
+    columns: &Columns,
     row: &BarRow,
     top: f64,
 ) -> Result<(Vec<Shape>, f64), PlotError> {
@@ -281,7 +294,7 @@ fn draw_row(
             text,
             (columns.bars.0 - 9.0, line(names.len(), k)),
             SMALL,
-            (HPos::Right, VPos::Center),
+            Anchor::Right,
         );
         shapes.push(Shape::Label(Label {
             bold: row.marked,
@@ -293,7 +306,7 @@ fn draw_row(
             text,
             (columns.notes, line(notes.len(), k)),
             SMALL,
-            (HPos::Left, VPos::Center),
+            Anchor::Left,
         ));
     }
     for (k, bar) in row.bars.iter().enumerate() {
@@ -311,11 +324,13 @@ fn draw_row(
             } else {
                 colour
             };
-            shapes.push(rectangle(
-                (start.min(end), start.max(end)),
-                (y - BAR / 2.0, y + BAR / 2.0),
-                colour,
-            ));
+            let drawn = Rectangle {
+                left: start.min(end),
+                right: start.max(end),
+                top: y - BAR / 2.0,
+                bottom: y + BAR / 2.0,
+            };
+            shapes.push(drawn.filled(colour));
         }
         // Words stand right of the reference rather than on it.
         let reference = panel
@@ -327,14 +342,19 @@ fn draw_row(
             &bar.text,
             (start.max(end).max(reference) + 6.0, y),
             SMALL,
-            (HPos::Left, VPos::Center),
+            Anchor::Left,
         ));
     }
     Ok((shapes, lines * STEP))
 }
 
-fn grid(panel: &BarPanel, columns: &Columns, (top, bottom): (f64, f64)) -> Vec<Shape> {
-    let (left, right) = columns.bars;
+fn grid(panel: &BarPanel, columns: &Columns, area: &Rectangle) -> Vec<Shape> {
+    let Rectangle {
+        left,
+        right,
+        top,
+        bottom,
+    } = *area;
     let x = |v: f64| left + (right - left) * columns.axis.fraction(v);
     let upright = |at: f64, colour, width| Shape::Line {
         points: vec![(at, top), (at, bottom)],
@@ -356,23 +376,19 @@ fn grid(panel: &BarPanel, columns: &Columns, (top, bottom): (f64, f64)) -> Vec<S
         shapes.push(upright(at, GREY, 1.0));
     }
     for (v, text) in &columns.axis.ticks {
-        shapes.push(words(
-            text,
-            (x(*v), bottom + 8.0),
-            TEXT - 1.0,
-            (HPos::Center, VPos::Top),
-        ));
+        shapes.push(words(text, (x(*v), bottom + 8.0), TEXT - 1.0, Anchor::Top));
     }
     shapes.push(words(
         &panel.axis.name,
         ((left + right) / 2.0, bottom + 31.0),
         TEXT,
-        (HPos::Center, VPos::Top),
+        Anchor::Top,
     ));
     shapes
 }
 
-fn reference(panel: &BarPanel, columns: &Columns, (top, bottom): (f64, f64)) -> Vec<Shape> {
+fn reference(panel: &BarPanel, columns: &Columns, area: &Rectangle) -> Vec<Shape> {
+    let Rectangle { top, bottom, .. } = *area;
     let Some(reference) = &panel.reference else {
         return Vec::new();
     };
@@ -388,20 +404,32 @@ fn reference(panel: &BarPanel, columns: &Columns, (top, bottom): (f64, f64)) -> 
         &reference.label,
         (at, top - 11.0),
         SMALL,
-        (HPos::Center, VPos::Center),
+        Anchor::Centre,
     ));
     shapes
 }
 
-fn rectangle(
-    (left, right): (f64, f64),
-    (top, bottom): (f64, f64),
-    colour: super::scene::Colour,
-) -> Shape {
-    let corners: Vec<Place> = vec![(left, top), (right, top), (right, bottom), (left, bottom)];
-    Shape::Area {
-        points: corners,
-        colour,
+/// An upright rectangle, its edges in logical pixels from the upper left.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Rectangle {
+    left: f64,
+    right: f64,
+    top: f64,
+    bottom: f64,
+}
+
+impl Rectangle {
+    fn filled(&self, colour: Colour) -> Shape {
+        let Self {
+            left,
+            right,
+            top,
+            bottom,
+        } = *self;
+        Shape::Area {
+            points: vec![(left, top), (right, top), (right, bottom), (left, bottom)],
+            colour,
+        }
     }
 }
 

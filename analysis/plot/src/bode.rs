@@ -73,7 +73,7 @@ fn panel(
         bar(
             series,
             place(p, 0.0).0,
-            (inside(place(p, half).1), inside(place(p, -half).1)),
+            [inside(place(p, half).1), inside(place(p, -half).1)],
         )
     });
     bars.chain(draw(series, &places)).collect()

@@ -3,7 +3,7 @@
 
 use super::PlotError;
 use super::axis::Axis;
-use super::frame::{BOTTOM, Entry, Frame, LEFT, RIGHT, strip};
+use super::frame::{BOTTOM, Entry, Frame, LEFT, RIGHT, Room, Titles, strip};
 use super::marks::{palette, symbol, thinned};
 use super::scene::{Place, Scene, Shape};
 use std::path::Path;
@@ -157,7 +157,8 @@ impl Panel {
         }
     }
 
-    fn frame(&self, (top, width): (f64, f64)) -> Frame {
+    fn frame(&self, room: Room) -> Frame {
+        let Room { top, width } = room;
         let all = || self.traces.iter().flat_map(|t| &t.points);
         let ends = self.traces.iter().flat_map(|t| {
             let ends = |(i, p): (usize, &(f64, f64))| {
@@ -268,14 +269,21 @@ pub(super) fn layout(chart: &Chart) -> Result<Scene, PlotError> {
             });
         }
     }
-    let (mut shapes, mut top) = strip((&chart.title, &chart.subtitle), &entries, width)?;
+    let titles = Titles {
+        title: &chart.title,
+        subtitle: &chart.subtitle,
+    };
+    let (mut shapes, mut top) = strip(titles, &entries, width)?;
     for (index, panel) in chart.panels.iter().enumerate() {
         // An axis that the next panel repeats is named there.
         let named = chart
             .panels
             .get(index + 1)
             .is_none_or(|next| next.x != panel.x);
-        let frame = panel.frame((top, width - LEFT - RIGHT));
+        let frame = panel.frame(Room {
+            top,
+            width: width - LEFT - RIGHT,
+        });
         shapes.extend(frame.shapes(if named { &panel.x.name } else { "" }, &panel.y.name));
         for trace in &panel.traces {
             shapes.extend(draw(panel, &frame, trace));
@@ -337,7 +345,7 @@ fn draw(panel: &Panel, frame: &Frame, trace: &Trace) -> Vec<Shape> {
                     colour: colour.faded(0.8),
                     width: 1.2,
                 };
-                let marker = symbol(trace.colour, at(p.0, p.1), (4.0, colour));
+                let marker = symbol(trace.colour, at(p.0, p.1), 4.0, colour);
                 if spread > 0.0 {
                     vec![bar, marker]
                 } else {
@@ -362,7 +370,7 @@ fn sample(trace: &Trace, at: Place) -> Vec<Shape> {
             colour,
             width: 1.5,
         }),
-        TraceStyle::Points => vec![symbol(trace.colour, at, (4.0, colour))],
+        TraceStyle::Points => vec![symbol(trace.colour, at, 4.0, colour)],
         TraceStyle::Band => {
             let corners = [(-13.0, -6.0), (13.0, -6.0), (13.0, 6.0), (-13.0, 6.0)];
             vec![Shape::Area {

@@ -2,7 +2,7 @@
 
 use super::axis::Axis;
 use super::marks::{GREY, INK, PALE, sample};
-use super::scene::{HPos, Label, Place, Shape, VPos, text_width};
+use super::scene::{Anchor, Label, Place, Shape, text_width};
 use super::{ImpedancePlot, PlotError};
 
 pub(super) const TEXT: f64 = 15.0;
@@ -13,6 +13,13 @@ pub(super) const LEFT: f64 = 78.0;
 pub(super) const BOTTOM: f64 = 58.0;
 /// Margin right of a frame.
 pub(super) const RIGHT: f64 = 26.0;
+
+/// The room for a frame, in logical pixels from the upper left.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Room {
+    pub(super) top: f64,
+    pub(super) width: f64,
+}
 
 /// A rectangle with axes.
 #[derive(Debug, Clone, PartialEq)]
@@ -82,7 +89,7 @@ impl Frame {
             shapes.push(word(
                 label,
                 (self.left - 9.0, self.place(self.x.lo, *y).1),
-                (HPos::Right, VPos::Center),
+                Anchor::Right,
             ));
         }
         let middle = (self.left + self.width / 2.0, self.top + self.height / 2.0);
@@ -92,7 +99,7 @@ impl Frame {
                 y_name,
                 (self.left - LEFT + 14.0, middle.1),
                 TEXT,
-                (HPos::Center, VPos::Center),
+                Anchor::Centre,
             )
         };
         shapes.push(Shape::Label(upright));
@@ -101,15 +108,10 @@ impl Frame {
                 shapes.push(word(
                     label,
                     (self.place(*x, self.y.lo).0, bottom + 8.0),
-                    (HPos::Center, VPos::Top),
+                    Anchor::Top,
                 ));
             }
-            shapes.push(words(
-                x_name,
-                (middle.0, bottom + 33.0),
-                TEXT,
-                (HPos::Center, VPos::Top),
-            ));
+            shapes.push(words(x_name, (middle.0, bottom + 33.0), TEXT, Anchor::Top));
         }
         shapes
     }
@@ -133,29 +135,41 @@ pub(super) fn heading(plot: &ImpedancePlot, width: f64) -> Result<(Vec<Shape>, f
             });
         }
     }
-    strip((&plot.title, &plot.subtitle), &entries, width)
+    let titles = Titles {
+        title: &plot.title,
+        subtitle: &plot.subtitle,
+    };
+    strip(titles, &entries, width)
+}
+
+/// The two lines of words at the upper edge; an empty one takes no room.
+pub(super) struct Titles<'a> {
+    /// First line, bold.
+    pub(super) title: &'a str,
+    /// Second line, grey.
+    pub(super) subtitle: &'a str,
 }
 
 /// Title, subtitle and legend from the upper edge down, and the height they take.
 pub(super) fn strip(
-    (title, subtitle): (&str, &str),
+    titles: Titles<'_>,
     entries: &[Entry<'_>],
     width: f64,
 ) -> Result<(Vec<Shape>, f64), PlotError> {
+    let Titles { title, subtitle } = titles;
     let mut shapes = Vec::new();
     let mut y = 16.0;
-    let anchor = || (HPos::Left, VPos::Top);
     if !title.is_empty() {
         shapes.push(Shape::Label(Label {
             bold: true,
-            ..label(title, (LEFT, y), TITLE, anchor())
+            ..label(title, (LEFT, y), TITLE, Anchor::TopLeft)
         }));
         y += TITLE + 8.0;
     }
     if !subtitle.is_empty() {
         shapes.push(Shape::Label(Label {
             colour: GREY,
-            ..label(subtitle, (LEFT, y), TEXT, anchor())
+            ..label(subtitle, (LEFT, y), TEXT, Anchor::TopLeft)
         }));
         y += TEXT + 10.0;
     }
@@ -167,12 +181,7 @@ pub(super) fn strip(
             y += LINE;
         }
         shapes.extend(sample((x + 14.0, y + LINE / 2.0)));
-        shapes.push(words(
-            text,
-            (x + 34.0, y + LINE / 2.0),
-            TEXT,
-            (HPos::Left, VPos::Center),
-        ));
+        shapes.push(words(text, (x + 34.0, y + LINE / 2.0), TEXT, Anchor::Left));
         x += entry + 24.0;
     }
     if !entries.is_empty() {
@@ -182,7 +191,7 @@ pub(super) fn strip(
 }
 
 /// Dark text at a place.
-pub(super) fn words(text: &str, at: Place, size: f64, anchor: (HPos, VPos)) -> Shape {
+pub(super) fn words(text: &str, at: Place, size: f64, anchor: Anchor) -> Shape {
     Shape::Label(label(text, at, size, anchor))
 }
 
@@ -209,7 +218,7 @@ pub(super) fn widest<'a>(
 }
 
 /// A dark label; its fields may be changed before it becomes a shape.
-pub(super) fn label(text: &str, at: Place, size: f64, anchor: (HPos, VPos)) -> Label {
+pub(super) fn label(text: &str, at: Place, size: f64, anchor: Anchor) -> Label {
     Label {
         text: text.to_owned(),
         at,

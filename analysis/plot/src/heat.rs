@@ -1,9 +1,9 @@
 //! A matrix as coloured squares with numbers.
 
 use super::PlotError;
-use super::frame::{LEFT, RIGHT, label, strip, widest, words};
+use super::frame::{LEFT, RIGHT, Titles, label, strip, widest, words};
 use super::marks::{GREY, INK};
-use super::scene::{Colour, HPos, Label, Scene, Shape, VPos, text_width};
+use super::scene::{Anchor, Colour, Label, Scene, Shape, text_width};
 
 const SMALL: f64 = 13.0;
 const MARGIN: f64 = 24.0;
@@ -54,7 +54,11 @@ pub(super) fn layout(map: &HeatMap) -> Result<Scene, PlotError> {
     let left = MARGIN + widest(rows)? + 10.0;
     let side = (640.0 / columns.len().max(1) as f64).clamp(34.0, 64.0);
     let width = (left + side * columns.len() as f64 + RIGHT).max(640.0);
-    let (mut shapes, head) = strip((&map.title, &map.subtitle), &[], width)?;
+    let titles = Titles {
+        title: &map.title,
+        subtitle: &map.subtitle,
+    };
+    let (mut shapes, head) = strip(titles, &[], width)?;
     shapes.extend(key(&map.scale, head)?);
     let top = head + 40.0 + widest(columns)? + 8.0;
     for (k, name) in columns.iter().enumerate() {
@@ -64,7 +68,7 @@ pub(super) fn layout(map: &HeatMap) -> Result<Scene, PlotError> {
         );
         shapes.push(Shape::Label(Label {
             upright: true,
-            ..label(name, at, SMALL, (HPos::Center, VPos::Center))
+            ..label(name, at, SMALL, Anchor::Centre)
         }));
     }
     for (row, values) in map.values.iter().enumerate() {
@@ -74,14 +78,15 @@ pub(super) fn layout(map: &HeatMap) -> Result<Scene, PlotError> {
             name,
             (left - 9.0, y + side / 2.0),
             SMALL,
-            (HPos::Right, VPos::Center),
+            Anchor::Right,
         ));
         for (column, value) in values.iter().enumerate() {
-            shapes.extend(square(
-                &map.scale,
-                (left + side * column as f64, y, side),
-                *value,
-            ));
+            let square = Square {
+                left: left + side * column as f64,
+                top: y,
+                side,
+            };
+            shapes.extend(square.shapes(&map.scale, *value));
         }
     }
     Ok(Scene {
@@ -92,35 +97,50 @@ pub(super) fn layout(map: &HeatMap) -> Result<Scene, PlotError> {
     })
 }
 
-fn square(scale: &HeatScale, (x, y, side): (f64, f64, f64), value: f64) -> Vec<Shape> {
-    if !value.is_finite() {
-        return Vec::new();
+/// The square of one value, in logical pixels from the upper left.
+#[derive(Debug, Clone, Copy, PartialEq)]
+struct Square {
+    left: f64,
+    top: f64,
+    side: f64,
+}
+
+impl Square {
+    fn shapes(self, scale: &HeatScale, value: f64) -> Vec<Shape> {
+        let Self {
+            left: x,
+            top: y,
+            side,
+        } = self;
+        if !value.is_finite() {
+            return Vec::new();
+        }
+        let fraction = ((value - scale.ends.0) / (scale.ends.1 - scale.ends.0)).clamp(0.0, 1.0);
+        let corners =
+            |x0: f64, x1: f64, y1: f64| vec![(x0, y + 0.5), (x1, y + 0.5), (x1, y1), (x0, y1)];
+        let ink = if fraction < 0.5 {
+            Colour(255, 255, 255, 1.0)
+        } else {
+            INK
+        };
+        let text = format!("{value:.*}", scale.decimals);
+        let word = label(
+            &text,
+            (x + side / 2.0, y + side / 2.0),
+            SMALL - 1.0,
+            Anchor::Centre,
+        );
+        vec![
+            Shape::Area {
+                points: corners(x + 0.5, x + side - 0.5, y + side - 0.5),
+                colour: ramp(fraction),
+            },
+            Shape::Label(Label {
+                colour: ink,
+                ..word
+            }),
+        ]
     }
-    let fraction = ((value - scale.ends.0) / (scale.ends.1 - scale.ends.0)).clamp(0.0, 1.0);
-    let corners =
-        |x0: f64, x1: f64, y1: f64| vec![(x0, y + 0.5), (x1, y + 0.5), (x1, y1), (x0, y1)];
-    let ink = if fraction < 0.5 {
-        Colour(255, 255, 255, 1.0)
-    } else {
-        INK
-    };
-    let text = format!("{value:.*}", scale.decimals);
-    let word = label(
-        &text,
-        (x + side / 2.0, y + side / 2.0),
-        SMALL - 1.0,
-        (HPos::Center, VPos::Center),
-    );
-    vec![
-        Shape::Area {
-            points: corners(x + 0.5, x + side - 0.5, y + side - 0.5),
-            colour: ramp(fraction),
-        },
-        Shape::Label(Label {
-            colour: ink,
-            ..word
-        }),
-    ]
 }
 
 /// The scale of colours with its ends in words.
@@ -133,12 +153,7 @@ fn key(scale: &HeatScale, top: f64) -> Result<Vec<Shape>, PlotError> {
     );
     let start = LEFT + text_width(&low, SMALL)? + 10.0;
     let middle = top + 12.0;
-    let mut shapes = vec![words(
-        &low,
-        (LEFT, middle),
-        SMALL,
-        (HPos::Left, VPos::Center),
-    )];
+    let mut shapes = vec![words(&low, (LEFT, middle), SMALL, Anchor::Left)];
     for k in 0..PIECES {
         let (x0, x1) = (
             start + LENGTH * f64::from(k) / f64::from(PIECES),
@@ -171,7 +186,7 @@ fn key(scale: &HeatScale, top: f64) -> Result<Vec<Shape>, PlotError> {
         &high,
         (start + LENGTH + 10.0, middle),
         SMALL,
-        (HPos::Left, VPos::Center),
+        Anchor::Left,
     ));
     Ok(shapes)
 }

@@ -30,7 +30,10 @@ pub use heat::{HeatMap, HeatScale};
 
 use analysis_numeric::Covariance2;
 use num_complex::Complex64;
-use std::path::{Path, PathBuf};
+use std::{
+    ops::RangeInclusive,
+    path::{Path, PathBuf},
+};
 
 /// Points of a fitted curve over its band.
 const CURVE_POINTS: u32 = 240;
@@ -81,14 +84,14 @@ impl Series {
         }
     }
 
-    /// Any impedance in Ω as a curve over a band (lowest, highest frequency in Hz, both above
-    /// zero).
+    /// Any impedance in Ω as a curve over a band of frequencies in Hz, above zero.
     pub fn curve(
         label: &str,
-        (low_hz, high_hz): (f64, f64),
+        band_hz: RangeInclusive<f64>,
         colour: usize,
         impedance: impl Fn(f64) -> Complex64,
     ) -> Self {
+        let (low_hz, high_hz) = band_hz.into_inner();
         let at = |k: u32| low_hz * (high_hz / low_hz).powf(f64::from(k) / f64::from(CURVE_POINTS));
         let point = |freq_hz| SeriesPoint {
             freq_hz,

@@ -66,11 +66,11 @@ pub(super) fn sample(series: &Series, at: Place) -> Vec<Shape> {
 }
 
 fn marker(series: &Series, at: Place) -> Shape {
-    symbol(series.colour, at, (radius(series), colour(series)))
+    symbol(series.colour, at, radius(series), colour(series))
 }
 
 /// Five shapes of about equal area, by the colour's index.
-pub(super) fn symbol(index: usize, at: Place, (r, colour): (f64, Colour)) -> Shape {
+pub(super) fn symbol(index: usize, at: Place, r: f64, colour: Colour) -> Shape {
     let polygon = |corners: &[(f64, f64)]| Shape::Area {
         points: corners
             .iter()
@@ -124,7 +124,8 @@ pub(super) fn ellipse(
 }
 
 /// A vertical bar with caps between two heights; nothing where it would be hidden by the marker.
-pub(super) fn bar(series: &Series, x: f64, (y0, y1): (f64, f64)) -> Vec<Shape> {
+pub(super) fn bar(series: &Series, x: f64, heights: [f64; 2]) -> Vec<Shape> {
+    let [y0, y1] = heights;
     if series.style != SeriesStyle::Points || (y1 - y0).is_nan() || (y1 - y0).abs() <= 3.0 {
         return Vec::new();
     }

@@ -1,9 +1,9 @@
 //! −Im Z against Re Z with equal scaling.
 
 use super::axis::{Axis, round_step};
-use super::frame::{BOTTOM, Frame, LEFT, RIGHT, TEXT, heading, words};
+use super::frame::{BOTTOM, Frame, LEFT, RIGHT, Room, TEXT, heading, words};
 use super::marks::{INK, draw, ellipse};
-use super::scene::{HPos, Place, Scene, Shape, VPos, text_width};
+use super::scene::{Anchor, Place, Scene, Shape, text_width};
 use super::{ImpedancePlot, PlotError, Series, SeriesStyle};
 use num_complex::Complex64;
 
@@ -38,7 +38,11 @@ pub(super) fn layout(plot: &ImpedancePlot) -> Result<Scene, PlotError> {
     let width = f64::from(plot.width_px.clamp(320, 4000));
     let unit = unit(plot);
     let (mut shapes, top) = heading(plot, width)?;
-    let frame = frame(plot, unit, (width - LEFT - RIGHT, top));
+    let room = Room {
+        top,
+        width: width - LEFT - RIGHT,
+    };
+    let frame = frame(plot, unit, room);
     shapes.extend(frame.shapes(
         &format!("Re Z / {}", unit.name),
         &format!("−Im Z / {}", unit.name),
@@ -65,7 +69,7 @@ pub(super) fn layout(plot: &ImpedancePlot) -> Result<Scene, PlotError> {
                 &[]
             }
         });
-        let notes = decades(plot, &frame, (place, taken.copied().collect()))?;
+        let notes = decades(plot, &frame, place, taken.copied().collect())?;
         shapes.extend(notes);
     }
     shapes.extend(ellipses);
@@ -79,7 +83,8 @@ pub(super) fn layout(plot: &ImpedancePlot) -> Result<Scene, PlotError> {
 
 /// The frame whose pixels are as many units wide as high, its height following the data within
 /// reason.
-fn frame(plot: &ImpedancePlot, unit: Unit, (width, top): (f64, f64)) -> Frame {
+fn frame(plot: &ImpedancePlot, unit: Unit, room: Room) -> Frame {
+    let Room { top, width } = room;
     let (mut x, mut y) = (
         (f64::INFINITY, f64::NEG_INFINITY),
         (f64::INFINITY, f64::NEG_INFINITY),
@@ -120,7 +125,8 @@ fn frame(plot: &ImpedancePlot, unit: Unit, (width, top): (f64, f64)) -> Frame {
 fn decades(
     plot: &ImpedancePlot,
     frame: &Frame,
-    (place, mut taken): (impl Fn(Complex64) -> Place, Vec<Place>),
+    place: impl Fn(Complex64) -> Place,
+    mut taken: Vec<Place>,
 ) -> Result<Vec<Shape>, PlotError> {
     let curve = plot
         .series
@@ -138,7 +144,10 @@ fn decades(
             continue;
         };
         let text = format!("{} Hz", super::axis::power_of_ten(decade));
-        let size = (text_width(&text, TEXT - 2.0)?, TEXT - 2.0);
+        let size = Size {
+            width: text_width(&text, TEXT - 2.0)?,
+            height: TEXT - 2.0,
+        };
         let Some(note) = Note::free(at, size, frame, &taken) else {
             continue;
         };
@@ -148,36 +157,55 @@ fn decades(
     Ok(shapes)
 }
 
+/// The size of a word, logical pixels.
+#[derive(Debug, Clone, Copy)]
+struct Size {
+    width: f64,
+    height: f64,
+}
+
+/// Where a leader ends, seen from its point.
+#[derive(Debug, Clone, Copy)]
+struct Reach {
+    /// Length, logical pixels.
+    length: f64,
+    /// Direction, counted from the right upwards.
+    angle_rad: f64,
+}
+
 /// A word beside a point with a leader to it.
 struct Note {
     /// Ends of the leader: at the point, at the word.
     leader: (Place, Place),
     /// Middle of the word.
     middle: Place,
-    size: (f64, f64),
+    size: Size,
 }
 
 impl Note {
     /// The first place around a point, near before far and above before below, that covers nothing;
     /// none when all do.
-    fn free(at: Place, size: (f64, f64), frame: &Frame, taken: &[Place]) -> Option<Self> {
+    fn free(at: Place, size: Size, frame: &Frame, taken: &[Place]) -> Option<Self> {
         const DIRECTIONS: [f64; 10] = [
             90.0, 120.0, 60.0, 150.0, 30.0, 180.0, 0.0, -90.0, -60.0, -120.0,
         ];
-        let candidates = [24.0, 44.0, 70.0, 100.0]
-            .into_iter()
-            .flat_map(|reach| DIRECTIONS.map(|d| (reach, f64::to_radians(d))));
+        let candidates = [24.0, 44.0, 70.0, 100.0].into_iter().flat_map(|length| {
+            DIRECTIONS.map(|d| Reach {
+                length,
+                angle_rad: f64::to_radians(d),
+            })
+        });
         candidates
-            .map(|(reach, angle)| Self::towards(at, size, (reach, angle)))
+            .map(|reach| Self::towards(at, size, reach))
             .find(|n| n.inside(frame) && !n.covers(taken))
     }
 
-    fn towards(at: Place, size: (f64, f64), (reach, angle): (f64, f64)) -> Self {
-        let (ux, uy) = (angle.cos(), -angle.sin());
-        let end = (at.0 + reach * ux, at.1 + reach * uy);
+    fn towards(at: Place, size: Size, reach: Reach) -> Self {
+        let (ux, uy) = (reach.angle_rad.cos(), -reach.angle_rad.sin());
+        let end = (at.0 + reach.length * ux, at.1 + reach.length * uy);
         let middle = (
-            end.0 + ux * (size.0 / 2.0 + 4.0),
-            end.1 + uy * (size.1 / 2.0 + 3.0),
+            end.0 + ux * (size.width / 2.0 + 4.0),
+            end.1 + uy * (size.height / 2.0 + 3.0),
         );
         Self {
             leader: ((at.0 + 7.0 * ux, at.1 + 7.0 * uy), end),
@@ -187,7 +215,7 @@ impl Note {
     }
 
     fn inside(&self, frame: &Frame) -> bool {
-        let (half_w, half_h) = (self.size.0 / 2.0 + 4.0, self.size.1 / 2.0 + 4.0);
+        let (half_w, half_h) = (self.size.width / 2.0 + 4.0, self.size.height / 2.0 + 4.0);
         self.middle.0 - half_w > frame.left
             && self.middle.0 + half_w < frame.left + frame.width
             && self.middle.1 - half_h > frame.top
@@ -195,7 +223,7 @@ impl Note {
     }
 
     fn covers(&self, taken: &[Place]) -> bool {
-        let (half_w, half_h) = (self.size.0 / 2.0 + 7.0, self.size.1 / 2.0 + 6.0);
+        let (half_w, half_h) = (self.size.width / 2.0 + 7.0, self.size.height / 2.0 + 6.0);
         taken
             .iter()
             .any(|p| (p.0 - self.middle.0).abs() < half_w && (p.1 - self.middle.1).abs() < half_h)
@@ -207,7 +235,7 @@ impl Note {
         (-2..=2)
             .map(|k| {
                 (
-                    self.middle.0 + f64::from(k) / 4.0 * self.size.0,
+                    self.middle.0 + f64::from(k) / 4.0 * self.size.width,
                     self.middle.1,
                 )
             })
@@ -220,10 +248,7 @@ impl Note {
             colour: INK,
             width: 1.0,
         };
-        [
-            leader,
-            words(text, self.middle, TEXT - 2.0, (HPos::Center, VPos::Center)),
-        ]
+        [leader, words(text, self.middle, TEXT - 2.0, Anchor::Centre)]
     }
 }
 

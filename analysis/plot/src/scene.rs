@@ -33,19 +33,14 @@ impl Colour {
 /// A place in logical pixels, from the upper left.
 pub(super) type Place = (f64, f64);
 
-/// Which side of a text stands at its place.
+/// Which point of a text stands at its place: its centre, or the middle or corner of an edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum HPos {
+pub(super) enum Anchor {
     Left,
-    Center,
+    Centre,
     Right,
-}
-
-/// Which edge of a text stands at its place.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum VPos {
+    TopLeft,
     Top,
-    Center,
 }
 
 /// Words at a place.
@@ -59,7 +54,7 @@ pub(super) struct Label {
     pub(super) bold: bool,
     /// Read from below to above.
     pub(super) upright: bool,
-    pub(super) anchor: (HPos, VPos),
+    pub(super) anchor: Anchor,
 }
 
 /// What can be drawn.
@@ -236,9 +231,9 @@ fn draw_label<B: DrawingBackend>(
         .pos(anchor(label.anchor));
     let [top, centre] = pen.sink_em;
     let sink = label.size
-        * match label.anchor.1 {
-            VPos::Top => top,
-            VPos::Center => centre,
+        * match label.anchor {
+            Anchor::TopLeft | Anchor::Top => top,
+            Anchor::Left | Anchor::Centre | Anchor::Right => centre,
         };
     let at = if label.upright {
         (label.at.0 + sink, label.at.1)
@@ -248,15 +243,14 @@ fn draw_label<B: DrawingBackend>(
     drawn(backend.draw_text(&label.text, &style, pen.place(&at)))
 }
 
-fn anchor((h, v): (HPos, VPos)) -> text_anchor::Pos {
-    let h = match h {
-        HPos::Left => text_anchor::HPos::Left,
-        HPos::Center => text_anchor::HPos::Center,
-        HPos::Right => text_anchor::HPos::Right,
-    };
-    let v = match v {
-        VPos::Top => text_anchor::VPos::Top,
-        VPos::Center => text_anchor::VPos::Center,
+fn anchor(anchor: Anchor) -> text_anchor::Pos {
+    use text_anchor::{HPos, VPos};
+    let (h, v) = match anchor {
+        Anchor::Left => (HPos::Left, VPos::Center),
+        Anchor::Centre => (HPos::Center, VPos::Center),
+        Anchor::Right => (HPos::Right, VPos::Center),
+        Anchor::TopLeft => (HPos::Left, VPos::Top),
+        Anchor::Top => (HPos::Center, VPos::Top),
     };
     text_anchor::Pos::new(h, v)
 }

@@ -27,7 +27,7 @@ fn sweep(scale: f64) -> Vec<SeriesPoint> {
 fn plot() -> ImpedancePlot {
     let series = vec![
         Series::data("a", sweep(1.0), 0),
-        Series::curve("model", (0.1, 201.0), 1, cell),
+        Series::curve("model", 0.1..=201.0, 1, cell),
     ];
     ImpedancePlot::new("Title", "Subtitle", series)
 }

@@ -46,7 +46,7 @@ pub(crate) fn model_curves(spectra: &[Spectrum], fits: &[ErmFit]) -> Vec<Series>
     let curve = |(index, fit): (usize, &ErmFit)| {
         fit.series(
             &format!("{} RC", fit.erm.branches.len()),
-            (low, high),
+            low..=high,
             index + 1,
         )
     };

@@ -371,7 +371,7 @@ fn picture(group: &Group, circuit: &Circuit) -> ImpedancePlot {
     if low < high {
         series.push(Series::curve(
             &group.fit.circuit,
-            (low, high),
+            low..=high,
             1,
             |freq_hz| circuit.impedance(&group.fit.values, freq_hz),
         ));
