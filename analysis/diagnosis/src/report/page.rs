@@ -101,10 +101,24 @@ impl Item {
                 push_table(out, header, rows);
                 out.push('\n');
             }
-            Self::Text(text) => push_wrapped(out, text, ("  ", "  ")),
-            Self::List(points) => points
-                .iter()
-                .for_each(|point| push_wrapped(out, point, ("  - ", "    "))),
+            Self::Text(text) => push_wrapped(
+                out,
+                text,
+                Indents {
+                    first: "  ",
+                    other: "  ",
+                },
+            ),
+            Self::List(points) => points.iter().for_each(|point| {
+                push_wrapped(
+                    out,
+                    point,
+                    Indents {
+                        first: "  - ",
+                        other: "    ",
+                    },
+                )
+            }),
             Self::Fields(name, fields) => {
                 out.push_str(if out.ends_with("\n\n") { "" } else { "\n" });
                 out.push_str(&format!("  {name}\n"));
@@ -117,7 +131,10 @@ impl Item {
                     push_wrapped(
                         out,
                         text,
-                        (&format!("    {field:<most$}  "), &" ".repeat(most + 6)),
+                        Indents {
+                            first: &format!("    {field:<most$}  "),
+                            other: &" ".repeat(most + 6),
+                        },
                     );
                 }
             }
@@ -212,7 +229,14 @@ fn escaped(text: &str) -> String {
         })
 }
 
-fn push_wrapped(out: &mut String, text: &str, (first, other): (&str, &str)) {
+/// What stands before the first line of a text and before the others.
+struct Indents<'a> {
+    first: &'a str,
+    other: &'a str,
+}
+
+fn push_wrapped(out: &mut String, text: &str, indents: Indents<'_>) {
+    let Indents { first, other } = indents;
     let room = WIDTH.saturating_sub(other.chars().count()).max(NARROW);
     for (k, line) in wrapped(text, room).iter().enumerate() {
         out.push_str(if k == 0 { first } else { other });

@@ -5,6 +5,7 @@ use super::{AFTER, ALONE, BEFORE, Kind, NOISE, Picture, effect_names, has_after}
 use crate::outcome::{Curves, Diagnosis, RunCurves};
 use analysis_plot::{AxisSpec, Chart, Drawing, Panel, Trace, TraceStyle};
 use num_complex::Complex64;
+use std::ops::RangeInclusive;
 
 /// Most pieces a record is drawn in.
 const PIECES: usize = 250;
@@ -163,10 +164,10 @@ fn time_panels(d: &Diagnosis, curves: &Curves) -> Option<(Vec<Panel>, Option<f64
     let y = AxisSpec::linear("Voltage residual / mV");
     let (y, beyond_mv) = match range {
         Some(ends) => (
-            y.between(ends.0, ends.1),
+            y.between(*ends.start(), *ends.end()),
             traces
                 .iter_mut()
-                .map(|trace| cut(trace, ends))
+                .map(|trace| cut(trace, &ends))
                 .fold(None, f64_max),
         ),
         None => (y, None),
@@ -334,7 +335,7 @@ fn thinned(label: &str, colour: usize, x: &[f64], y: &[f64]) -> Vec<Trace> {
 
 /// Ends of an axis that show all lines but their outermost pieces, and zero; none where all pieces
 /// need hardly more room.
-fn range(traces: &[Trace]) -> Option<(f64, f64)> {
+fn range(traces: &[Trace]) -> Option<RangeInclusive<f64>> {
     let wider = |(lo, hi): (f64, f64), (a, b): (f64, f64)| (lo.min(a), hi.max(b));
     let most = |line: &Trace| {
         let mut values: Vec<f64> = line.points.iter().map(|p| p.1).collect();
@@ -362,11 +363,12 @@ fn range(traces: &[Trace]) -> Option<(f64, f64)> {
         .fold((low, high), wider);
     let room = ROOM * (high - low);
     (high > low && highest - lowest > SHORTER * (high - low + 2.0 * room))
-        .then_some((low - room, high + room))
+        .then_some(low - room..=high + room)
 }
 
 /// Cuts what of a trace lies beyond an axis off; how far a line reached, where it did.
-fn cut(trace: &mut Trace, (low, high): (f64, f64)) -> Option<f64> {
+fn cut(trace: &mut Trace, ends: &RangeInclusive<f64>) -> Option<f64> {
+    let (low, high) = (*ends.start(), *ends.end());
     let (mut farthest, is_noise) = (
         None,
         trace.style == TraceStyle::Band && trace.label.is_some(),
@@ -453,20 +455,20 @@ mod tests {
         .with_spread(vec![1.0, 300.0]);
         let ends = range(&[band.clone(), line(-100.0)]).unwrap();
         assert!(
-            ends.1 > 9.0 && ends.1 < 12.0 && ends.0 < 0.0 && ends.0 > -3.0,
+            (9.0..12.0).contains(ends.end()) && (-3.0..0.0).contains(ends.start()),
             "{ends:?}"
         );
         let (mut band, mut spiked) = (band, line(-100.0));
         assert_eq!(
-            (cut(&mut band, ends), cut(&mut spiked, ends)),
+            (cut(&mut band, &ends), cut(&mut spiked, &ends)),
             (None, Some(100.0))
         );
         assert!(
-            spiked.points.iter().all(|p| p.1 >= ends.0)
+            spiked.points.iter().all(|p| p.1 >= *ends.start())
                 && spiked.points[59] == line(0.0).points[59]
         );
         assert!(
-            (band.points[1].1 + band.spread[1] - ends.1).abs() < 1e-12 && band.spread[0] == 1.0
+            (band.points[1].1 + band.spread[1] - ends.end()).abs() < 1e-12 && band.spread[0] == 1.0
         );
         assert_eq!(range(&[line(-3.0)]), None, "it fits");
     }
