@@ -46,8 +46,8 @@ pub(super) fn named(problem: &Problem, selection: &Selection, desk: &mut Desk) -
                 continue;
             }
             let deviation = covariance.as_ref().map(|c| c[at * n + at].sqrt());
-            let ends = [-1.0, 1.0]
-                .map(|side| end(problem, &open, (at, side), covariance.as_deref(), desk));
+            let ends =
+                [-1.0, 1.0].map(|side| end(problem, &open, at, side, covariance.as_deref(), desk));
             let linear = p.scale == Scale::Linear;
             let natural = |x: f64| if linear { x * p.typical } else { x.exp() };
             let interval = (
@@ -107,7 +107,8 @@ fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, desk: &mut Desk
 fn end(
     problem: &Problem,
     fit: &Fit,
-    (k, side): (usize, f64),
+    k: usize,
+    side: f64,
     covariance: Option<&[f64]>,
     desk: &mut Desk,
 ) -> f64 {

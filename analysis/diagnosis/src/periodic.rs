@@ -38,6 +38,14 @@ pub(super) struct Wave {
     pub(super) p_value: f64,
 }
 
+/// What a fit leaves of one training record.
+struct Record<'a> {
+    block: usize,
+    time: &'a TimeBlock,
+    /// Whitened.
+    residuals: &'a [f64],
+}
+
 /// The least probable wave in what a fit leaves of the training records; none without records that
 /// are long enough. `beyond` is what of a χ² is more than may be left.
 pub(super) fn wave<'a>(
@@ -45,15 +53,18 @@ pub(super) fn wave<'a>(
     fit: &'a Fit,
     beyond: impl Fn(f64) -> f64,
 ) -> Option<Wave> {
-    let of_record = |(k, block, left): (usize, &'a Block, &'a [f64])| match &block.kind {
-        Kind::Time(time) => Some((k, time.as_ref(), left)),
+    let of_record = |(block, run, residuals): (usize, &'a Block, &'a [f64])| match &run.kind {
+        Kind::Time(time) => Some(Record {
+            block,
+            time,
+            residuals,
+        }),
         Kind::Eis { .. } => None,
     };
-    let records: Vec<(usize, &TimeBlock, &[f64])> =
-        problem.left(fit).filter_map(of_record).collect();
+    let records: Vec<Record<'_>> = problem.left(fit).filter_map(of_record).collect();
     let longest_s = records
         .iter()
-        .filter_map(|(_, time, _)| time.time_s.last().copied())
+        .filter_map(|record| record.time.time_s.last().copied())
         .fold(0.0, f64::max);
     let (slowest_hz, fastest_hz) = (
         PERIODS_S.1.recip().max(2.0 / longest_s),
@@ -67,9 +78,9 @@ pub(super) fn wave<'a>(
     }
     let step_hz = (fastest_hz - slowest_hz) / count;
     let at = |freq_hz: f64| {
-        let held = |record: &&(usize, &TimeBlock, &[f64])| {
+        let held = |record: &&Record<'_>| {
             record
-                .1
+                .time
                 .time_s
                 .last()
                 .is_some_and(|span_s| span_s * freq_hz >= LEAST_PERIODS)
@@ -102,11 +113,12 @@ pub(super) fn wave<'a>(
 }
 
 /// χ² of a record that a wave of this frequency takes up.
-fn taken_up(
-    problem: &Problem,
-    (block, time, residuals): &(usize, &TimeBlock, &[f64]),
-    freq_hz: f64,
-) -> f64 {
+fn taken_up(problem: &Problem, record: &Record<'_>, freq_hz: f64) -> f64 {
+    let Record {
+        block,
+        time,
+        residuals,
+    } = *record;
     let (sines, cosines): (Vec<f64>, Vec<f64>) = time
         .time_s
         .iter()
@@ -114,7 +126,7 @@ fn taken_up(
         .unzip();
     let column = |samples: &[f64]| {
         let mut white = Vec::with_capacity(residuals.len());
-        problem.whiteners[*block].apply(&time.average(samples), &mut white);
+        problem.whiteners[block].apply(&time.average(samples), &mut white);
         white
     };
     let (sine, mut cosine) = (column(&sines), column(&cosines));

@@ -3,7 +3,7 @@
 use super::attempts::{Attempt, is_outside};
 use super::guards::{SUFFICES, naming_lead};
 use super::problem::Fit;
-use super::select::{RivalFit, Search, Selection};
+use super::select::{RivalFit, Search, Selection, Taken};
 use super::whitening::dot;
 use analysis_effects::effects::find;
 
@@ -20,12 +20,8 @@ impl Search<'_> {
             selection.taken[k].evidence.score = own;
             let (attempts, _) = self.attempts(&without, Some(name));
             for other in attempts {
-                if !rivals(
-                    (name, lambda, own),
-                    &other,
-                    naming_lead(self.measured, lambda),
-                ) || names.contains(&other.name)
-                {
+                let lead = naming_lead(self.measured, lambda);
+                if !rivals(&selection.taken[k], &other, lead) || names.contains(&other.name) {
                     if contains(&other, name) && other.lambda > lambda - SUFFICES {
                         selection.taken[k].limit_of.push(other.name);
                     }
@@ -72,12 +68,12 @@ fn contains(other: &Attempt, name: &str) -> bool {
     find(other.name).is_some_and(|e| e.card().contains.contains(&name))
 }
 
-/// Whether another effect is a rival of a named one of this λ and score. What contains the named
-/// effect as a limit fits as well by necessity: where the interval of its shape holds the limit,
+/// Whether another effect is a rival of a named one. What contains the named effect as a limit fits as well by necessity: where the interval of its shape holds the limit,
 /// only its forms away from there count.
-fn rivals((name, lambda, own): (&str, f64, f64), other: &Attempt, lead: f64) -> bool {
+fn rivals(named: &Taken, other: &Attempt, lead: f64) -> bool {
+    let (lambda, own) = (named.evidence.lambda, named.evidence.score);
     let near = |score: f64| score - own >= -lead;
-    if !contains(other, name) {
+    if !contains(other, named.name) {
         return near(other.score);
     }
     let suffices = other.lambda - lambda < SUFFICES;
