@@ -69,26 +69,16 @@ impl TimeBlock {
         // much.
         let sampled = record.sigma_v.is_none() && record.averaged_s.is_none();
         let driven_a = driven(&s.current_a, &edges, if sampled { jitter_a } else { 0.0 });
-        let mut bins = bins(&time_s, (&s.current_a, &driven_a), &edges);
-        if let Some(sigma_v) = &record.sigma_v {
-            let count = |b: &Bin| (b.to - b.from) as f64;
-            bins.iter_mut().for_each(|b| {
-                b.stated_v2 =
-                    sigma_v[b.from..b.to].iter().map(|s| s * s).sum::<f64>() / count(b).powi(2);
-            });
-        }
-        let compared = time_s.partition_point(|t| *t < record.compared_from_s - start_s);
-        bins.retain(|b| b.from >= compared);
         let windows = record
             .averaged_s
             .as_ref()
             .filter(|_| linear)
-            .map(|averaged_s| Windows::new((&time_s, &edges), averaged_s, start_s));
+            .map(|averaged_s| Windows::new(&time_s, &edges, averaged_s, start_s));
         let grid = Grid::new(
             windows.as_ref().map_or(&time_s, |windows| &windows.time_s),
             record.between,
         );
-        Self {
+        let mut block = Self {
             time_s,
             current_a: s.current_a.clone(),
             driven_a,
@@ -97,9 +87,79 @@ impl TimeBlock {
             level_sigma_v: record.level_sigma_v,
             grid,
             windows,
-            bins,
+            bins: Vec::new(),
             edges,
+        };
+        block.bins = block.all_bins();
+        if let Some(sigma_v) = &record.sigma_v {
+            let count = |b: &Bin| (b.to - b.from) as f64;
+            block.bins.iter_mut().for_each(|b| {
+                b.stated_v2 =
+                    sigma_v[b.from..b.to].iter().map(|s| s * s).sum::<f64>() / count(b).powi(2);
+            });
         }
+        let compared = block
+            .time_s
+            .partition_point(|t| *t < record.compared_from_s - start_s);
+        block.bins.retain(|b| b.from >= compared);
+        block
+    }
+
+    /// Bins of all samples, those that are not compared among them.
+    fn all_bins(&self) -> Vec<Bin> {
+        let Self {
+            time_s,
+            current_a,
+            driven_a,
+            edges,
+            ..
+        } = self;
+        let mut ratio = 0.3;
+        let mut cuts = cuts(time_s, edges, ratio);
+        while cuts.len() > MOST_BINS + 1 && ratio < 4.0 {
+            ratio *= 1.5;
+            cuts = self::cuts(time_s, edges, ratio);
+        }
+        // More edges than bins: neighbours are merged.
+        while cuts.len() > MOST_BINS + 1 {
+            let last = cuts[cuts.len() - 1];
+            cuts = cuts
+                .iter()
+                .copied()
+                .step_by(2)
+                .filter(|k| *k != last)
+                .chain([last])
+                .collect();
+        }
+        let mut charge_c = vec![0.0; time_s.len()];
+        for k in 1..time_s.len() {
+            charge_c[k] = charge_c[k - 1]
+                + 0.5 * (current_a[k] + current_a[k - 1]) * (time_s[k] - time_s[k - 1]);
+        }
+        let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
+        let mut last_current_a = 0.0;
+        cuts.windows(2)
+            .map(|w| {
+                let (from, to) = (w[0], w[1]);
+                let mean = |v: &[f64]| v[from..to].iter().sum::<f64>() / (to - from) as f64;
+                let edge = edges[edges.partition_point(|e| *e <= from).saturating_sub(1)];
+                let current = mean(driven_a);
+                if current.abs() > EDGE_PART * greatest {
+                    last_current_a = current;
+                }
+                let time = mean(time_s);
+                Bin {
+                    from,
+                    to,
+                    time_s: time,
+                    since_edge_s: time - time_s[edge],
+                    current_a: current,
+                    charge_c: mean(&charge_c),
+                    last_current_a,
+                    stated_v2: 0.0,
+                }
+            })
+            .collect()
     }
 
     /// Samples that are compared.
@@ -164,55 +224,6 @@ fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
         }
     }
     driven_a
-}
-
-fn bins(time_s: &[f64], (current_a, driven_a): (&[f64], &[f64]), edges: &[usize]) -> Vec<Bin> {
-    let mut ratio = 0.3;
-    let mut cuts = cuts(time_s, edges, ratio);
-    while cuts.len() > MOST_BINS + 1 && ratio < 4.0 {
-        ratio *= 1.5;
-        cuts = self::cuts(time_s, edges, ratio);
-    }
-    // More edges than bins: neighbours are merged.
-    while cuts.len() > MOST_BINS + 1 {
-        let last = cuts[cuts.len() - 1];
-        cuts = cuts
-            .iter()
-            .copied()
-            .step_by(2)
-            .filter(|k| *k != last)
-            .chain([last])
-            .collect();
-    }
-    let mut charge_c = vec![0.0; time_s.len()];
-    for k in 1..time_s.len() {
-        charge_c[k] =
-            charge_c[k - 1] + 0.5 * (current_a[k] + current_a[k - 1]) * (time_s[k] - time_s[k - 1]);
-    }
-    let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
-    let mut last_current_a = 0.0;
-    cuts.windows(2)
-        .map(|w| {
-            let (from, to) = (w[0], w[1]);
-            let mean = |v: &[f64]| v[from..to].iter().sum::<f64>() / (to - from) as f64;
-            let edge = edges[edges.partition_point(|e| *e <= from).saturating_sub(1)];
-            let current = mean(driven_a);
-            if current.abs() > EDGE_PART * greatest {
-                last_current_a = current;
-            }
-            let time = mean(time_s);
-            Bin {
-                from,
-                to,
-                time_s: time,
-                since_edge_s: time - time_s[edge],
-                current_a: current,
-                charge_c: mean(&charge_c),
-                last_current_a,
-                stated_v2: 0.0,
-            }
-        })
-        .collect()
 }
 
 /// Where bins begin, and the end.

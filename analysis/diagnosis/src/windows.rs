@@ -26,7 +26,8 @@ impl Windows {
     /// From samples, the first ones after edges of the current, and the windows that samples are
     /// means of; these in the record's own time, which begins at `start_s`.
     pub(super) fn new(
-        (samples_s, edges): (&[f64], &[usize]),
+        samples_s: &[f64],
+        edges: &[usize],
         averaged_s: &[(f64, f64)],
         start_s: f64,
     ) -> Self {
@@ -119,7 +120,7 @@ mod tests {
     #[test]
     fn means_of_an_exponential_are_met() {
         let (samples_s, averaged_s) = logged();
-        let windows = Windows::new((&samples_s, &[]), &averaged_s, 0.0);
+        let windows = Windows::new(&samples_s, &[], &averaged_s, 0.0);
         assert!(
             windows.time_s.is_sorted_by(|a, b| a < b),
             "{:?}",
@@ -155,7 +156,7 @@ mod tests {
     #[test]
     fn the_current_keeps_its_edge() {
         let (samples_s, averaged_s) = logged();
-        let windows = Windows::new((&samples_s, &[]), &averaged_s, 0.0);
+        let windows = Windows::new(&samples_s, &[], &averaged_s, 0.0);
         let last = samples_s.len() - 1;
         let levels: Vec<f64> = (0..=last)
             .map(|k| if k == last { -3.0 } else { 2.0 })
