@@ -18,11 +18,12 @@ pub(super) fn tells(attempt: &Attempt, gained: f64) -> bool {
 }
 
 impl Search<'_> {
-    /// The evidence for one member of an attempt's fit against the fit without it; the reason where
-    /// something does not speak for it.
+    /// The evidence for one member of an attempt's fit against the fit without it, which has gained
+    /// so much over the base already; the reason where something does not speak for it.
     pub(super) fn accept(
         &mut self,
-        (base, before): (&Fit, &Fit),
+        before: &Fit,
+        gained: f64,
         attempt: &Attempt,
         member: usize,
     ) -> Result<Evidence, String> {
@@ -45,7 +46,7 @@ impl Search<'_> {
                 attempt.score
             ));
         }
-        if !tells(attempt, base.chi2 - before.chi2) {
+        if !tells(attempt, gained) {
             let percent = 100.0 * FORMULA_SHARE;
             return Err(format!(
                 "penalised gain {:.1}, no more than {percent:.0} % of an effect can look like",
@@ -93,12 +94,8 @@ impl Search<'_> {
     fn held_out(&mut self, before: &Fit, after: &Fit) -> Result<f64, String> {
         let mut change = 0.0;
         for k in self.problem.of_role(Role::HeldOut) {
-            let old = self
-                .problem
-                .block_chi2((&before.structure, &before.x), k, &mut self.desk);
-            let new = self
-                .problem
-                .block_chi2((&after.structure, &after.x), k, &mut self.desk);
+            let old = self.problem.block_chi2(before.at(), k, &mut self.desk);
+            let new = self.problem.block_chi2(after.at(), k, &mut self.desk);
             if self.guards.held_out && new > old * (1.0 + HELD_OUT_PART) + HELD_OUT_SUM {
                 return Err(format!(
                     "held-out run {} becomes worse: χ² from {old:.0} to {new:.0}",
@@ -122,12 +119,8 @@ impl Search<'_> {
     /// direction of the change. A true effect leaves nothing there but noise.
     fn contradiction(&mut self, before: &Fit, after: &Fit) -> f64 {
         let problem = self.problem;
-        let old = problem.whitened_of(
-            Role::HeldOut,
-            (&before.structure, &before.x),
-            &mut self.desk,
-        );
-        let new = problem.whitened_of(Role::HeldOut, (&after.structure, &after.x), &mut self.desk);
+        let old = problem.whitened_of(Role::HeldOut, before.at(), &mut self.desk);
+        let new = problem.whitened_of(Role::HeldOut, after.at(), &mut self.desk);
         let mut u: Vec<f64> = new.iter().zip(&old).map(|(n, o)| n - o).collect();
         let size = dot(&u, &u).sqrt();
         let n = after.x.len();
@@ -150,11 +143,10 @@ impl Search<'_> {
     /// Largest change of any whitened row by halving all steps: what an error of integration would
     /// look like among noise of variance 1.
     pub(super) fn integration_error(&mut self, fit: &Fit) -> f64 {
-        let at = (&fit.structure, fit.x.as_slice());
         let mut worst: f64 = 0.0;
         for k in 0..self.problem.blocks.len() {
-            let once = self.problem.predict(at, k, 1, &mut self.desk);
-            let halves = self.problem.predict(at, k, 2, &mut self.desk);
+            let once = self.problem.predict(fit.at(), k, 1, &mut self.desk);
+            let halves = self.problem.predict(fit.at(), k, 2, &mut self.desk);
             let change: Vec<f64> = once.iter().zip(&halves).map(|(a, b)| a - b).collect();
             let mut white = Vec::with_capacity(change.len());
             self.problem.whiteners[k].apply(&change, &mut white);

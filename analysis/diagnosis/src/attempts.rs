@@ -142,9 +142,7 @@ impl Search<'_> {
             Tangent::default()
         };
         let more: &[&'static dyn Effect] = if self.guards.outside { outside() } else { &[] };
-        let predicted = self
-            .problem
-            .prediction((&fit.structure, &fit.x), &mut self.desk);
+        let predicted = self.problem.prediction(fit.at(), &mut self.desk);
         let mut proposals = Vec::new();
         for effect in self.candidates.iter().chain(more) {
             let name = effect.card().name;
@@ -153,7 +151,9 @@ impl Search<'_> {
             }
             let of = propose(
                 self.problem,
-                (&fit, &predicted, &tangent),
+                &fit,
+                &predicted,
+                &tangent,
                 *effect,
                 &mut self.desk,
             );
@@ -176,7 +176,7 @@ impl Search<'_> {
         laws.dedup();
         let attempts: Vec<Attempt> = laws
             .into_iter()
-            .filter_map(|free| self.attempt_law(fit, (name, free), origins))
+            .filter_map(|free| self.attempt_law(fit, name, free, origins))
             .collect();
         attempts
             .into_iter()
@@ -189,7 +189,8 @@ impl Search<'_> {
     fn attempt_law(
         &mut self,
         fit: &Fit,
-        (name, free): (&str, usize),
+        name: &str,
+        free: usize,
         origins: &[Origin],
     ) -> Option<Attempt> {
         let strong = origins[0].lagrange(name) > STRONG;
@@ -253,7 +254,7 @@ impl Search<'_> {
     /// promised, weaker starts are tried.
     fn hold(&mut self, fit: &Fit, from: &Fit, proposal: &Proposal) -> Attempt {
         let member = proposal.member.frozen();
-        let mut best = self.try_member(fit, (from, &member));
+        let mut best = self.try_member(fit.chi2, from, &member);
         for weaker in WEAKER {
             // What the test promised, it promised over the fit that is started from.
             if proposal.lagrange <= STRONG || from.chi2 - best.fit.chi2 >= KEPT * proposal.lagrange
@@ -262,7 +263,7 @@ impl Search<'_> {
             }
             let mut start = member.start.clone();
             start[0] *= weaker;
-            let other = self.try_member(fit, (from, &member.from(&start)));
+            let other = self.try_member(fit.chi2, from, &member.from(&start));
             if other.score > best.score || best.score.is_nan() {
                 best = other;
             }
@@ -281,13 +282,13 @@ impl Search<'_> {
             .unwrap_or(member.start[0]);
         let mut start = member.start.clone();
         start[0] = strength;
-        self.try_member(fit, (&held.fit.base_of(fit), &member.from(&start)))
+        self.try_member(fit.chi2, &held.fit.base_of(fit), &member.from(&start))
     }
 
-    /// A fit with one effect more than `before` has, from another fit's base.
-    fn try_member(&mut self, before: &Fit, (from, member): (&Fit, &Member)) -> Attempt {
+    /// A fit with one effect more, from a fit's base; its λ counts from `before_chi2`.
+    fn try_member(&mut self, before_chi2: f64, from: &Fit, member: &Member) -> Attempt {
         let found = self.problem.fit_added(from, member, &mut self.desk);
-        let lambda = before.chi2 - found.chi2;
+        let lambda = before_chi2 - found.chi2;
         let score = lambda - self.problem.penalty(member);
         Attempt {
             name: member.name(),

@@ -7,7 +7,7 @@
 use super::data::{Fixture, Role, Run, RunData, Start};
 use super::time_block::{Bin, TimeBlock};
 use analysis_effects::{
-    augmented::{Added, Player, impedance},
+    augmented::{Added, Player, impedance, network},
     contract::{Base, Below, Moved, Network, Point, Record},
 };
 use num_complex::Complex64;
@@ -55,6 +55,24 @@ pub(super) enum Current {
     Logged,
     /// Without the logger's noise.
     Driven,
+}
+
+/// The base with the effects that are added to it, and the network of both.
+#[derive(Clone)]
+pub(super) struct Model<'a> {
+    pub(super) base: &'a Base,
+    pub(super) added: &'a [Added<'a>],
+    network: Network,
+}
+
+impl<'a> Model<'a> {
+    pub(super) fn new(base: &'a Base, added: &'a [Added<'a>]) -> Self {
+        Self {
+            base,
+            added,
+            network: network(base, added),
+        }
+    }
 }
 
 /// Why a run cannot be prepared.
@@ -220,31 +238,38 @@ impl Block {
     pub(super) fn play(
         &self,
         time: &TimeBlock,
-        cell: (&Base, &[Added<'_>]),
+        model: &Model<'_>,
         current_a: &[f64],
-        (parts, desk): (usize, &mut Desk),
+        parts: usize,
+        desk: &mut Desk,
     ) {
+        let cell = (model.base, model.added);
         let Some(windows) = &time.windows else {
-            desk.player.play(
-                cell,
-                &self.record((&time.time_s, current_a)),
-                (&time.grid, parts),
-                &mut desk.voltage_v,
-            );
+            let record = Record {
+                time_s: &time.time_s,
+                current_a,
+                ..self.circumstances()
+            };
+            desk.player
+                .play(cell, &record, (&time.grid, parts), &mut desk.voltage_v);
             return;
         };
         windows.current(current_a, &mut desk.within_a);
-        let record = self.record((&windows.time_s, &desk.within_a));
+        let record = Record {
+            time_s: &windows.time_s,
+            current_a: &desk.within_a,
+            ..self.circumstances()
+        };
         desk.player
             .play(cell, &record, (&time.grid, parts), &mut desk.within_v);
         windows.means(&desk.within_v, &mut desk.voltage_v);
     }
 
-    /// The record of a block in time.
-    fn record<'a>(&'a self, (time_s, current_a): (&'a [f64], &'a [f64])) -> Record<'a> {
+    /// A record of a block in time, still without samples.
+    fn circumstances(&self) -> Record<'_> {
         Record {
-            time_s,
-            current_a,
+            time_s: &[],
+            current_a: &[],
             soc: self.at.soc,
             temperature_c: self.at.temperature_c,
             order: self.at.order,
@@ -325,19 +350,20 @@ impl Block {
     /// Predicted rows, appended to `rows`.
     pub(super) fn predict(
         &self,
-        model: (&Base, &[Added<'_>], &Network),
+        model: &Model<'_>,
         parts: usize,
         desk: &mut Desk,
         rows: &mut Vec<f64>,
     ) {
-        self.predict_under(model, (Current::Logged, parts), desk, rows);
+        self.predict_under(model, Current::Logged, parts, desk, rows);
     }
 
     /// The same under the current as it was logged or driven.
     pub(super) fn predict_under(
         &self,
-        (base, added, network): (&Base, &[Added<'_>], &Network),
-        (current, parts): (Current, usize),
+        model: &Model<'_>,
+        current: Current,
+        parts: usize,
         desk: &mut Desk,
         rows: &mut Vec<f64>,
     ) {
@@ -349,9 +375,9 @@ impl Block {
             } => {
                 for point in points {
                     let z = impedance(
-                        network,
-                        base,
-                        added,
+                        &model.network,
+                        model.base,
+                        model.added,
                         point,
                         control_ohm.map(|r| Complex64::new(r, 0.0)),
                     );
@@ -364,7 +390,7 @@ impl Block {
                 } else {
                     &time.driven_a
                 };
-                self.play(time, (base, added), current_a, (parts, desk));
+                self.play(time, model, current_a, parts, desk);
                 time.average_into(&desk.voltage_v, rows);
             }
         }
@@ -383,11 +409,7 @@ pub(super) struct Desk {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::data::TimeRecord;
-    use analysis_effects::{
-        augmented::{Between, network},
-        contract::Facts,
-    };
+    use analysis_effects::{augmented::Between, contract::Facts};
     use analysis_model::{
         model::{Erm, RcBranch},
         ocv::OcvCurve,
@@ -488,8 +510,9 @@ mod tests {
             let Kind::Time(time) = &block.kind else {
                 unreachable!()
             };
-            block.play(time, (&base, &[]), &time.current_a, (1, &mut desk));
-            assert_eq!(network(&base, &[]).branches.len(), 1);
+            let model = Model::new(&base, &[]);
+            block.play(time, &model, &time.current_a, 1, &mut desk);
+            assert_eq!(model.network.branches.len(), 1);
             let off = desk
                 .voltage_v
                 .iter()

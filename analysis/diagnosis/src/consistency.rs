@@ -57,14 +57,14 @@ struct Quantity {
 /// Rows of each class of one kind of circumstances: per training block the class of every row.
 type Classes = Vec<Vec<Option<u32>>>;
 
-/// All quantities over all kinds of circumstances, most significant first. `base` is the fit
-/// without the named effects.
+/// All quantities over all kinds of circumstances, most significant first. `gained` is the χ² that
+/// the named effects have removed.
 pub(super) fn inconsistencies(
     problem: &Problem,
-    (base, fit): (&Fit, &Fit),
+    fit: &Fit,
+    gained: f64,
     desk: &mut Desk,
 ) -> Vec<Inconsistency> {
-    let gained = base.chi2 - fit.chi2;
     let train: Vec<usize> = problem.of_role(Role::Train).collect();
     let kinds = kinds(problem, &train);
     // What one value for all runs makes must be in it to the last digit.
@@ -73,11 +73,11 @@ pub(super) fn inconsistencies(
     let predict = |x: &[f64], desk: &mut Desk| -> Vec<Vec<f64>> {
         train
             .iter()
-            .map(|k| problem.predict((&fit.structure, x), *k, 1, desk))
+            .map(|k| problem.predict(fit.structure.at(x), *k, 1, desk))
             .collect()
     };
     let plain = predict(&fit.x, desk);
-    let left = free_of_current_noise(problem, (&train, fit), desk);
+    let left = free_of_current_noise(problem, &train, fit, desk);
     for (n, quantity) in quantities(problem, fit).into_iter().enumerate() {
         let mut x = fit.x.clone();
         quantity.moves.iter().for_each(|(k, step)| x[*k] += step);
@@ -92,7 +92,7 @@ pub(super) fn inconsistencies(
             if *over == PULSES && n > 0 {
                 continue;
             }
-            let (q, dof) = between(problem, (&train, &change, classes), &tangent, &left);
+            let (q, dof) = between(problem, &train, &change, classes, &tangent, &left);
             let beyond = beyond_formula(q, gained);
             if dof > 0 {
                 let p_value = chi2_tail(beyond, dof as f64);
@@ -143,14 +143,14 @@ pub(super) fn inconsistencies(
 /// that goes by the sign of the current, a rest is something else with noise than without.
 fn free_of_current_noise(
     problem: &Problem,
-    (train, fit): (&[usize], &Fit),
+    train: &[usize],
+    fit: &Fit,
     desk: &mut Desk,
 ) -> Vec<f64> {
     let (structure, base) = (Structure::default(), &fit.x[..=2 * problem.branches()]);
     let mut noise = Vec::with_capacity(fit.residuals.len());
     for k in train {
-        let mut predict =
-            |current| problem.predict_under((&structure, base), *k, (current, 1), desk);
+        let mut predict = |current| problem.predict_under(structure.at(base), *k, current, 1, desk);
         let (logged, driven) = (predict(Current::Logged), predict(Current::Driven));
         let rows: Vec<f64> = logged.iter().zip(driven).map(|(l, d)| l - d).collect();
         problem.whiteners[*k].apply(&rows, &mut noise);
@@ -263,7 +263,9 @@ fn kinds(problem: &Problem, train: &[usize]) -> BTreeMap<&'static str, Classes> 
 /// Q of a quantity with a value per class, and its degrees of freedom.
 fn between(
     problem: &Problem,
-    (train, change, classes): (&[usize], &[Vec<f64>], &Classes),
+    train: &[usize],
+    change: &[Vec<f64>],
+    classes: &Classes,
     tangent: &Tangent,
     residuals: &[f64],
 ) -> (f64, usize) {

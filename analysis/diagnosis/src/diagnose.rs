@@ -16,7 +16,7 @@ use super::outcome::{
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
 use super::select::{Search, Selection, excess_z};
-use super::structure::Structure;
+use super::structure::{At, Structure};
 use super::whitening::dot;
 use analysis_effects::{
     contract::{Effect, Facts},
@@ -134,6 +134,10 @@ pub fn diagnose(
         });
     // The search may have met a deeper minimum of the base.
     let (problem, base, fit) = (&judged.problem, &last.base, &last.fit);
+    let fits = Fits {
+        base,
+        augmented: fit,
+    };
     let mut d = Diagnosis {
         schema: DIAGNOSIS_SCHEMA,
         schema_version: DIAGNOSIS_SCHEMA_VERSION,
@@ -145,8 +149,8 @@ pub fn diagnose(
         rivals: rivals(&selection),
         blocks: localise(problem, base, guards.tangent_projection, &mut desk),
         where_after: localise(problem, fit, guards.tangent_projection, &mut desk),
-        gap: gaps(judged, &model.erm, (base, fit), &mut desk),
-        gap_spectra: spectrum_gaps(problem, &model.erm, (base, fit), &mut desk),
+        gap: gaps(judged, &model.erm, fits, &mut desk),
+        gap_spectra: spectrum_gaps(problem, &model.erm, fits, &mut desk),
         next_experiment: None,
         inseparable: Vec::new(),
         notes: Vec::new(),
@@ -159,7 +163,7 @@ pub fn diagnose(
     let held_out_z = held_out_z(problem, fit, &mut desk);
     let asked = guards.consistency && measured(judged);
     let differs = if asked {
-        inconsistencies(problem, (base, fit), &mut desk)
+        inconsistencies(problem, fit, base.chi2 - fit.chi2, &mut desk)
     } else {
         Vec::new()
     };
@@ -172,12 +176,13 @@ pub fn diagnose(
             differs,
         },
     );
-    let curves = curves(judged, &model.erm, (base, fit), &mut desk);
+    let curves = curves(judged, &model.erm, fits, &mut desk);
     let advice = recommend(
         &prepared,
         d.verdict,
-        (&selection.base, &selection),
-        (options.limits, options.playable.as_ref()),
+        &selection,
+        options.limits,
+        options.playable.as_ref(),
     );
     d.notes.extend(advice.notes());
     let Advice { next, inseparable } = advice;
@@ -354,25 +359,23 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Predictions of a record's samples that are compared.
-fn samples(
-    problem: &Problem,
-    (structure, x): (&Structure, &[f64]),
-    block: usize,
-    desk: &mut Desk,
-) -> Vec<f64> {
-    let _ = problem.predict((structure, x), block, 1, desk);
+fn samples(problem: &Problem, at: At<'_>, block: usize, desk: &mut Desk) -> Vec<f64> {
+    let _ = problem.predict(at, block, 1, desk);
     match &problem.blocks[block].kind {
         Kind::Time(time) => desk.voltage_v[time.compared()].to_vec(),
         Kind::Eis { .. } => Vec::new(),
     }
 }
 
-pub(super) fn gaps(
-    prepared: &Prepared,
-    erm: &Erm,
-    (base, after): (&Fit, &Fit),
-    desk: &mut Desk,
-) -> Vec<Gap> {
+/// The fits that are held against the model file.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fits<'a> {
+    pub(super) base: &'a Fit,
+    /// The base with the named effects.
+    pub(super) augmented: &'a Fit,
+}
+
+pub(super) fn gaps(prepared: &Prepared, erm: &Erm, fits: Fits<'_>, desk: &mut Desk) -> Vec<Gap> {
     let problem = &prepared.problem;
     let empty = Structure::default();
     let start = empty.encode(erm);
@@ -382,7 +385,7 @@ pub(super) fn gaps(
         let Kind::Time(time) = &block.kind else {
             continue;
         };
-        let mut gap = |at: (&Structure, &[f64])| {
+        let mut gap = |at: At<'_>| {
             let predicted = samples(problem, at, k, desk);
             let missed: Vec<f64> = predicted
                 .iter()
@@ -395,9 +398,9 @@ pub(super) fn gaps(
         };
         gaps.push(Gap {
             run: block.name.clone(),
-            eis_only_mv: gap((&empty, &start)),
-            base_mv: gap((&base.structure, &base.x)),
-            augmented_mv: gap((&after.structure, &after.x)),
+            eis_only_mv: gap(empty.at(&start)),
+            base_mv: gap(fits.base.at()),
+            augmented_mv: gap(fits.augmented.at()),
             floor_mv: 1e3 * rms(sample_floor(prepared, k, time).into_iter()),
         });
     }
@@ -433,7 +436,7 @@ fn sample_floor(
 fn spectrum_gaps(
     problem: &Problem,
     erm: &Erm,
-    (base, after): (&Fit, &Fit),
+    fits: Fits<'_>,
     desk: &mut Desk,
 ) -> Vec<SpectrumGap> {
     let empty = Structure::default();
@@ -445,7 +448,7 @@ fn spectrum_gaps(
             continue;
         }
         let size = |n: usize| block.measured[n & !1].hypot(block.measured[n | 1]);
-        let mut gap = |at: (&Structure, &[f64])| {
+        let mut gap = |at: At<'_>| {
             let rows = problem.predict(at, k, 1, desk);
             100.0
                 * 2f64.sqrt()
@@ -457,9 +460,9 @@ fn spectrum_gaps(
         };
         gaps.push(SpectrumGap {
             run: block.name.clone(),
-            eis_only_percent: gap((&empty, &start)),
-            base_percent: gap((&base.structure, &base.x)),
-            augmented_percent: gap((&after.structure, &after.x)),
+            eis_only_percent: gap(empty.at(&start)),
+            base_percent: gap(fits.base.at()),
+            augmented_percent: gap(fits.augmented.at()),
             floor_percent: 100.0
                 * 2f64.sqrt()
                 * rms(problem.floors[k]
@@ -471,20 +474,11 @@ fn spectrum_gaps(
     gaps
 }
 
-fn curves(
-    prepared: &Prepared,
-    erm: &Erm,
-    (base, after): (&Fit, &Fit),
-    desk: &mut Desk,
-) -> Vec<RunCurves> {
+fn curves(prepared: &Prepared, erm: &Erm, fits: Fits<'_>, desk: &mut Desk) -> Vec<RunCurves> {
     let problem = &prepared.problem;
     let empty = Structure::default();
     let start = empty.encode(erm);
-    let all: [(&Structure, &[f64]); 3] = [
-        (&empty, &start),
-        (&base.structure, &base.x),
-        (&after.structure, &after.x),
-    ];
+    let all = [empty.at(&start), fits.base.at(), fits.augmented.at()];
     let complex = |rows: &[f64]| {
         rows.chunks_exact(2)
             .map(|z| Complex64::new(z[0], z[1]))

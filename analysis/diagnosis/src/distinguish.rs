@@ -40,7 +40,7 @@ pub fn distinguish(
     let mut desk = Desk::default();
     let fit = base_fit(problem, &model.erm, &mut desk);
     let tangent = fit.tangent();
-    let predicted = problem.prediction((&fit.structure, &fit.x), &mut desk);
+    let predicted = problem.prediction(fit.at(), &mut desk);
     let mut found: Vec<Directions> = Vec::new();
     for effect in effects {
         let members = variants(*effect, &problem.base);
@@ -51,8 +51,10 @@ pub fn distinguish(
         for member in members {
             let Some(mut d) = direction(
                 problem,
-                (&fit, &predicted),
-                (&fit.structure.with(member), 1.0),
+                &fit,
+                &predicted,
+                &fit.structure.with(member),
+                1.0,
                 &mut desk,
             ) else {
                 continue;

@@ -8,20 +8,15 @@
 //! every row with them are carried from sample to sample. A current that goes along a line between
 //! samples is taken as held, and branches of effects are left out.
 
-use super::block::Block;
 use super::time_block::{Bin, TimeBlock};
 use super::whitening::dot;
 use analysis_effects::contract::Base;
 
 /// Covariance of the rows of a record by noise of the current of this variance (A²), V², row-major;
-/// without what each sample drops over the series resistance by itself.
-pub(super) fn covariance(
-    (block, time): (&Block, &TimeBlock),
-    base: &Base,
-    variance_a2: f64,
-) -> Vec<f64> {
+/// without what each sample drops over the series resistance by itself. The record starts at `soc`.
+pub(super) fn covariance(time: &TimeBlock, soc: f64, base: &Base, variance_a2: f64) -> Vec<f64> {
     let capacity_c = 3600.0 * base.ocv.capacity_ah;
-    let per_c = |bin: &Bin| base.ocv.slope_v(block.at.soc - bin.charge_c / capacity_c) / capacity_c;
+    let per_c = |bin: &Bin| base.ocv.slope_v(soc - bin.charge_c / capacity_c) / capacity_c;
     // The charge is the last component.
     let branches = &base.erm.branches;
     let (n, count) = (time.bins.len(), branches.len() + 1);

@@ -33,7 +33,7 @@ pub(super) fn localise(problem: &Problem, fit: &Fit, project: bool, desk: &mut D
     let ranges = Ranges::new(problem);
     for k in problem.of_role(Role::Train) {
         let run = &problem.blocks[k];
-        let raw = raw(run, &problem.predict((&fit.structure, &fit.x), k, 1, desk));
+        let raw = raw(run, &problem.predict(fit.at(), k, 1, desk));
         for (n, raw) in raw.iter().enumerate() {
             let basis: Vec<f64> = tangent.basis.iter().map(|q| q[row]).collect();
             for place in places(run, n, &ranges) {

@@ -7,19 +7,15 @@
 //! white noise of the current does to branches and charge, see `followed`. How the σ are found is
 //! in `estimate`.
 
-use super::block::{Block, Desk, Kind};
+use super::block::{Block, Desk, Kind, Model};
 use super::codes::Codes;
 use super::data::BenchHistory;
 use super::edges::{self, UNIFORM};
 use super::followed;
-use super::shared::{self, Errors};
+use super::shared::{self, Errors, RecordRows};
 use super::time_block::TimeBlock;
 use super::whitening::{Whitener, dot};
-use analysis_effects::{
-    augmented::{Added, network},
-    contract::Base,
-    effects::resistance_spread,
-};
+use analysis_effects::{augmented::Added, contract::Base, effects::resistance_spread};
 use analysis_signal::calibration::CommonError;
 
 /// Standard deviation of the logarithm of a history's σ.
@@ -69,7 +65,8 @@ pub(super) struct Prior {
 
 impl Prior {
     pub(super) fn new(
-        (history, calibration): (Option<BenchHistory>, Option<CommonError>),
+        history: Option<BenchHistory>,
+        calibration: Option<CommonError>,
         base: &Base,
     ) -> Self {
         let greatest = base.facts.greatest_a;
@@ -158,20 +155,10 @@ pub(super) struct Shape {
 
 impl Shape {
     /// The shape at a base model with effects.
-    pub(super) fn new(
-        block: &Block,
-        (base, added): (&Base, &[Added<'_>]),
-        prior: &Prior,
-        desk: &mut Desk,
-    ) -> Self {
+    pub(super) fn new(block: &Block, model: &Model<'_>, prior: &Prior, desk: &mut Desk) -> Self {
         let mut predicted = Vec::new();
-        block.predict(
-            (base, added, &network(base, added)),
-            1,
-            desk,
-            &mut predicted,
-        );
-        let resistance = resistance(block, (base, added, &predicted), desk);
+        block.predict(model, 1, desk, &mut predicted);
+        let resistance = resistance(block, model, &predicted, desk);
         match &block.kind {
             Kind::Eis { sigma_ohm, .. } => {
                 let size: Vec<f64> = predicted
@@ -192,31 +179,28 @@ impl Shape {
                     shared: shared::of_spectrum(
                         &block.kind,
                         &predicted,
-                        (&prior.history, prior.calibration),
+                        &prior.history,
+                        prior.calibration,
                     ),
                     vectors: vec![(Term::Resistance, resistance)],
                     known: Vec::new(),
                     codes: Vec::new(),
                 }
             }
-            Kind::Time(time) => Self::time(
-                (block, time),
-                (base, added, &predicted),
-                resistance,
-                prior,
-                desk,
-            ),
+            Kind::Time(time) => Self::time(block, time, model, &predicted, resistance, prior, desk),
         }
     }
 
     fn time(
-        (block, time): (&Block, &TimeBlock),
-        (base, added, predicted): (&Base, &[Added<'_>], &[f64]),
+        block: &Block,
+        time: &TimeBlock,
+        model: &Model<'_>,
+        predicted: &[f64],
         resistance: Vec<f64>,
         prior: &Prior,
         desk: &mut Desk,
     ) -> Self {
-        let h = &prior.history;
+        let (base, h) = (model.base, &prior.history);
         let n = time.bins.len();
         let counts: Vec<f64> = time.bins.iter().map(|b| (b.to - b.from) as f64).collect();
         // Rows that state their noise are means of many samples, whose own noise is far above a
@@ -244,7 +228,7 @@ impl Shape {
                 .enumerate()
                 .map(|(k, i)| i + change(k, *i))
                 .collect();
-            block.play(time, (base, added), &current_a, (1, &mut *desk));
+            block.play(time, model, &current_a, 1, &mut *desk);
             time.average(&desk.voltage_v)
                 .iter()
                 .zip(predicted)
@@ -252,7 +236,11 @@ impl Shape {
                 .collect::<Vec<f64>>()
         };
         let gain = respond(&|_, i| 1e-2 * i, 1e2);
-        let shared = shared::of_record((block, time), base, (predicted, &gain), h);
+        let rows = RecordRows {
+            predicted_v: predicted,
+            gain_v: &gain,
+        };
+        let shared = shared::of_record(time, block.at.soc, base, rows, h);
         let vectors = vec![
             (Term::Level, vec![1.0; n]),
             (Term::Resistance, resistance),
@@ -296,7 +284,7 @@ impl Shape {
             followed: if stated || fresh_a2 <= 0.0 {
                 Vec::new()
             } else {
-                followed::covariance((block, time), base, fresh_a2)
+                followed::covariance(time, block.at.soc, base, fresh_a2)
             },
             drift: (0..n * n).map(|ij| correlation(ij / n, ij % n)).collect(),
             vectors,
@@ -449,15 +437,12 @@ fn current_variance_a2(h: &BenchHistory) -> f64 {
 }
 
 /// What all resistances larger by a part do to the rows, per unit. A control is larger as a whole.
-fn resistance(
-    block: &Block,
-    (base, added, predicted): (&Base, &[Added<'_>], &[f64]),
-    desk: &mut Desk,
-) -> Vec<f64> {
+fn resistance(block: &Block, model: &Model<'_>, predicted: &[f64], desk: &mut Desk) -> Vec<f64> {
     if !block.at.is_cell {
         return predicted.to_vec();
     }
-    let larger: Vec<Added<'_>> = added
+    let larger: Vec<Added<'_>> = model
+        .added
         .iter()
         .copied()
         .chain([Added {
@@ -466,7 +451,7 @@ fn resistance(
         }])
         .collect();
     let mut rows = Vec::with_capacity(predicted.len());
-    block.predict((base, &larger, &network(base, &larger)), 1, desk, &mut rows);
+    block.predict(&Model::new(model.base, &larger), 1, desk, &mut rows);
     rows.iter()
         .zip(predicted)
         .map(|(r, p)| (r - p) / LARGER)

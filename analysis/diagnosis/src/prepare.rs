@@ -1,6 +1,6 @@
 //! From a data set and a model to a problem: facts, blocks, noise.
 
-use super::block::{Block, DataSetError, Desk, Kind};
+use super::block::{Block, DataSetError, Desk, Kind, Model};
 use super::data::{DataSet, Fixture, Role, Run, RunData, Start};
 use super::estimate::{Estimate, estimate};
 use super::experiment::PlannedRun;
@@ -10,7 +10,7 @@ use super::problem::{Fit, Problem};
 use super::shared::{Errors, Shared};
 use super::whitening::Whitener;
 use analysis_effects::{
-    augmented::{Added, Between, network},
+    augmented::Between,
     contract::{Base, Facts},
 };
 use analysis_model::{model::Erm, ocv::OcvCurve};
@@ -57,14 +57,15 @@ pub(super) fn prepare(
         facts: facts(set, &model.ocv),
     };
     let blocks = blocks(set, &base)?;
-    let prior = Prior::new((set.history, set.calibration), &base);
+    let prior = Prior::new(set.history, set.calibration, &base);
     let mut desk = Desk::default();
-    let shapes = guarded_shapes(&blocks, (&base, &[], &prior), (guards, &mut desk));
+    let alone = Model::new(&base, &[]);
+    let shapes = guarded_shapes(&blocks, &alone, &prior, guards, &mut desk);
     let residuals: Vec<Vec<f64>> = blocks
         .iter()
         .map(|b| {
             let mut rows = Vec::new();
-            b.predict((&base, &[], &network(&base, &[])), 1, &mut desk, &mut rows);
+            b.predict(&alone, 1, &mut desk, &mut rows);
             b.measured.iter().zip(rows).map(|(m, p)| m - p).collect()
         })
         .collect();
@@ -112,11 +113,8 @@ fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
     Ok(blocks)
 }
 
-/// The model with its effects that the noise is taken about, and what is known of the bench.
-type About<'a> = (&'a Base, &'a [Added<'a>], &'a Prior);
-
-/// The shape of every block's noise.
-fn shapes(blocks: &[Block], (base, added, prior): About<'_>, desk: &mut Desk) -> Vec<Shape> {
+/// The shape of every block's noise about a model.
+fn shapes(blocks: &[Block], model: &Model<'_>, prior: &Prior, desk: &mut Desk) -> Vec<Shape> {
     let repeats = |b: &Block| {
         blocks
             .iter()
@@ -124,7 +122,7 @@ fn shapes(blocks: &[Block], (base, added, prior): About<'_>, desk: &mut Desk) ->
             .count()
     };
     let shape = |b: &Block| {
-        let mut shape = Shape::new(b, (base, added), prior, desk);
+        let mut shape = Shape::new(b, model, prior, desk);
         shape.share_codes(repeats(b));
         shape
     };
@@ -134,10 +132,12 @@ fn shapes(blocks: &[Block], (base, added, prior): About<'_>, desk: &mut Desk) ->
 /// The same, without the errors of the current channel where they are not to count.
 fn guarded_shapes(
     blocks: &[Block],
-    about: About<'_>,
-    (guards, desk): (Guards, &mut Desk),
+    model: &Model<'_>,
+    prior: &Prior,
+    guards: Guards,
+    desk: &mut Desk,
 ) -> Vec<Shape> {
-    let mut shapes = shapes(blocks, about, desk);
+    let mut shapes = shapes(blocks, model, prior, desk);
     if !guards.current_channel_noise {
         shapes.iter_mut().for_each(Shape::forget_current_channel);
     }
@@ -194,14 +194,11 @@ impl Prepared {
         let problem = &self.problem;
         let (erm, values) = fit.decode(problem.branches());
         let (base, added) = (problem.base_with(erm), fit.structure.added(&values));
-        let shapes = guarded_shapes(
-            &problem.blocks,
-            (&base, &added, &self.prior),
-            (guards, &mut desk),
-        );
+        let model = Model::new(&base, &added);
+        let shapes = guarded_shapes(&problem.blocks, &model, &self.prior, guards, &mut desk);
         let residuals: Vec<Vec<f64>> = (0..problem.blocks.len())
             .map(|k| {
-                let rows = problem.predict((&fit.structure, &fit.x), k, 1, &mut desk);
+                let rows = problem.predict(fit.at(), k, 1, &mut desk);
                 problem.blocks[k]
                     .measured
                     .iter()
@@ -219,8 +216,10 @@ impl Prepared {
         let problem = &self.problem;
         let shapes = guarded_shapes(
             &problem.blocks,
-            (&problem.base, &[], &self.prior),
-            (guards, &mut Desk::default()),
+            &Model::new(&problem.base, &[]),
+            &self.prior,
+            guards,
+            &mut Desk::default(),
         );
         self.estimate.log_sigmas = self.prior.log_sigmas;
         self.weighed(&shapes)
@@ -242,7 +241,8 @@ impl Prepared {
         let mut desk = Desk::default();
         let shapes = shapes(
             &problem.blocks,
-            (&problem.base, &[], &self.prior),
+            &Model::new(&problem.base, &[]),
+            &self.prior,
             &mut desk,
         );
         weigh(problem, &shapes, &self.estimate)?;
@@ -282,7 +282,7 @@ impl Prepared {
                 last.charge_until(run.soc, base.ocv.capacity_ah)
             });
             block.lies_as(&self.problem.blocks);
-            let mut shape = Shape::new(&block, (base, &[]), &self.prior, desk);
+            let mut shape = Shape::new(&block, &Model::new(base, &[]), &self.prior, desk);
             shape.share_codes(run.repeat);
             let covariance = shape.whole_covariance(&self.estimate.log_sigmas, run.repeat);
             let singular = DataSetError::Run {

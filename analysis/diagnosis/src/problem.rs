@@ -1,11 +1,11 @@
 //! Residuals, derivatives and fits of a structure to the training runs.
 
-use super::block::{Block, Current, Desk};
+use super::block::{Block, Current, Desk, Model};
 use super::data::Role;
 use super::shared::Shared;
-use super::structure::{Axis, Member, Structure, at_bound};
+use super::structure::{At, Axis, Member, Structure, at_bound};
 use super::whitening::{Whitener, dot};
-use analysis_effects::{augmented::network, contract::Base};
+use analysis_effects::contract::Base;
 use analysis_model::model::Erm;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
 
@@ -141,30 +141,32 @@ impl Problem {
     /// wants.
     pub(super) fn predict(
         &self,
-        (structure, x): (&Structure, &[f64]),
+        at: At<'_>,
         block: usize,
         parts: usize,
         desk: &mut Desk,
     ) -> Vec<f64> {
-        self.predict_under((structure, x), block, (Current::Logged, parts), desk)
+        self.predict_under(at, block, Current::Logged, parts, desk)
     }
 
     /// The same under the current as it was logged or driven.
     pub(super) fn predict_under(
         &self,
-        (structure, x): (&Structure, &[f64]),
+        at: At<'_>,
         block: usize,
-        (current, parts): (Current, usize),
+        current: Current,
+        parts: usize,
         desk: &mut Desk,
     ) -> Vec<f64> {
+        let At { structure, x } = at;
         let (erm, values) = structure.decode(x, self.branches());
         let base = self.base_with(erm);
         let added = structure.added(&values);
         let mut rows = Vec::with_capacity(self.blocks[block].rows());
-        let model = (&base, added.as_slice(), &network(&base, &added));
         self.blocks[block].predict_under(
-            model,
-            (current, structure.parts * parts),
+            &Model::new(&base, &added),
+            current,
+            structure.parts * parts,
             desk,
             &mut rows,
         );
@@ -172,40 +174,26 @@ impl Problem {
     }
 
     /// What is predicted for the training runs.
-    pub(super) fn prediction(&self, at: (&Structure, &[f64]), desk: &mut Desk) -> Prediction {
+    pub(super) fn prediction(&self, at: At<'_>, desk: &mut Desk) -> Prediction {
         self.prediction_of(Role::Train, at, desk)
     }
 
     /// Whitened predictions of the rows of a role.
-    pub(super) fn whitened_of(
-        &self,
-        role: Role,
-        at: (&Structure, &[f64]),
-        desk: &mut Desk,
-    ) -> Vec<f64> {
+    pub(super) fn whitened_of(&self, role: Role, at: At<'_>, desk: &mut Desk) -> Vec<f64> {
         self.prediction_of(role, at, desk).white
     }
 
-    fn prediction_of(
-        &self,
-        role: Role,
-        (structure, x): (&Structure, &[f64]),
-        desk: &mut Desk,
-    ) -> Prediction {
+    fn prediction_of(&self, role: Role, at: At<'_>, desk: &mut Desk) -> Prediction {
+        let At { structure, x } = at;
         let (erm, values) = structure.decode(x, self.branches());
         let base = self.base_with(erm);
         let added = structure.added(&values);
-        let network = network(&base, &added);
+        let model = Model::new(&base, &added);
         let mut white = Vec::with_capacity(self.training_rows());
         let mut rows: Vec<Vec<f64>> = vec![Vec::new(); self.blocks.len()];
         for k in self.of_role(role) {
             rows[k].reserve(self.blocks[k].rows());
-            self.blocks[k].predict(
-                (&base, &added, &network),
-                structure.parts,
-                desk,
-                &mut rows[k],
-            );
+            self.blocks[k].predict(&model, structure.parts, desk, &mut rows[k]);
             self.whiteners[k].apply(&rows[k], &mut white);
         }
         self.take_shared(role, &mut white);
@@ -235,7 +223,7 @@ impl Problem {
     /// Whitened residuals of the held-out rows, and derivatives of their prediction, one column per
     /// coordinate.
     pub(super) fn held_out(&self, fit: &Fit, desk: &mut Desk) -> (Vec<f64>, Vec<Vec<f64>>) {
-        let predicted = self.whitened_of(Role::HeldOut, (&fit.structure, &fit.x), desk);
+        let predicted = self.whitened_of(Role::HeldOut, fit.at(), desk);
         let left = self
             .target_of(Role::HeldOut)
             .iter()
@@ -246,7 +234,7 @@ impl Problem {
             let mut x = fit.x.clone();
             let step = fit.axes[k].inwards(x[k]);
             x[k] += step;
-            let moved = self.whitened_of(Role::HeldOut, (&fit.structure, &x), desk);
+            let moved = self.whitened_of(Role::HeldOut, fit.structure.at(&x), desk);
             moved
                 .iter()
                 .zip(&predicted)
@@ -257,12 +245,7 @@ impl Problem {
     }
 
     /// Whitened χ² of one block at a vector.
-    pub(super) fn block_chi2(
-        &self,
-        at: (&Structure, &[f64]),
-        block: usize,
-        desk: &mut Desk,
-    ) -> f64 {
+    pub(super) fn block_chi2(&self, at: At<'_>, block: usize, desk: &mut Desk) -> f64 {
         let rows = self.predict(at, block, 1, desk);
         let difference: Vec<f64> = self.blocks[block]
             .measured
@@ -279,44 +262,39 @@ impl Problem {
     /// repeats another one changes as that one does, unless an effect tells repeats apart.
     pub(super) fn change(
         &self,
-        structure: &Structure,
-        at: (&[f64], &Prediction),
-        (moved, step): (usize, f64),
+        at: At<'_>,
+        predicted: &Prediction,
+        moved: usize,
+        step: f64,
         desk: &mut Desk,
     ) -> Vec<f64> {
-        self.changes(
-            structure,
-            at,
-            (moved, step),
-            (structure.tells_repeats_apart(), desk),
-        )
+        let each = at.structure.tells_repeats_apart();
+        self.changes(at, predicted, moved, step, each, desk)
     }
 
     /// The same, of each run by itself or by the one that it repeats.
     fn changes(
         &self,
-        structure: &Structure,
-        (x, predicted): (&[f64], &Prediction),
-        (moved, step): (usize, f64),
-        (each, desk): (bool, &mut Desk),
+        at: At<'_>,
+        predicted: &Prediction,
+        moved: usize,
+        step: f64,
+        each: bool,
+        desk: &mut Desk,
     ) -> Vec<f64> {
-        let mut x = x.to_vec();
+        let structure = at.structure;
+        let mut x = at.x.to_vec();
         x[moved] += step;
         let (erm, values) = structure.decode(&x, self.branches());
         let base = self.base_with(erm);
         let added = structure.added(&values);
-        let network = network(&base, &added);
+        let model = Model::new(&base, &added);
         let mut white = Vec::with_capacity(self.training_rows());
         let mut changes: Vec<Vec<f64>> = vec![Vec::new(); self.blocks.len()];
         for k in self.of_role(Role::Train) {
             let of = self.blocks[k].alike.filter(|_| !each).unwrap_or(k);
             if of == k {
-                self.blocks[k].predict(
-                    (&base, &added, &network),
-                    structure.parts,
-                    desk,
-                    &mut changes[k],
-                );
+                self.blocks[k].predict(&model, structure.parts, desk, &mut changes[k]);
                 changes[k]
                     .iter_mut()
                     .zip(&predicted.rows[k])
@@ -330,15 +308,11 @@ impl Problem {
 
     /// What a fit can imitate in each run by itself, repeats not taken for each other.
     pub(super) fn exact_tangent(&self, fit: &Fit, desk: &mut Desk) -> Tangent {
-        let predicted = self.prediction((&fit.structure, &fit.x), desk);
+        let predicted = self.prediction(fit.at(), desk);
         let mut tangent = Tangent::default();
         for (k, axis) in fit.axes.iter().enumerate() {
-            tangent.add(self.changes(
-                &fit.structure,
-                (&fit.x, &predicted),
-                (k, axis.inwards(fit.x[k])),
-                (true, desk),
-            ));
+            let step = axis.inwards(fit.x[k]);
+            tangent.add(self.changes(fit.at(), &predicted, k, step, true, desk));
         }
         tangent
     }
@@ -346,15 +320,15 @@ impl Problem {
     /// Derivatives of the whitened prediction of the training rows.
     pub(super) fn columns(
         &self,
-        structure: &Structure,
-        (x, axes): (&[f64], &[Axis]),
+        at: At<'_>,
+        axes: &[Axis],
         predicted: &Prediction,
         desk: &mut Desk,
     ) -> Vec<Vec<f64>> {
-        (0..x.len())
+        (0..at.x.len())
             .map(|k| {
-                let step = axes[k].inwards(x[k]);
-                let mut column = self.change(structure, (x, predicted), (k, step), desk);
+                let step = axes[k].inwards(at.x[k]);
+                let mut column = self.change(at, predicted, k, step, desk);
                 column.iter_mut().for_each(|c| *c /= step);
                 column
             })
@@ -391,14 +365,14 @@ impl Problem {
         axes: Vec<Axis>,
         desk: &mut Desk,
     ) -> Fit {
-        let predicted = self.prediction((structure, &x), desk);
+        let predicted = self.prediction(structure.at(&x), desk);
         let residuals: Vec<f64> = self
             .target()
             .iter()
             .zip(&predicted.white)
             .map(|(t, p)| t - p)
             .collect();
-        let columns = self.columns(structure, (&x, &axes), &predicted, desk);
+        let columns = self.columns(structure.at(&x), &axes, &predicted, desk);
         Fit {
             structure: structure.clone(),
             x,
@@ -426,13 +400,13 @@ impl Problem {
                 .map(|(t, p)| t - p)
                 .collect::<Vec<f64>>()
         };
-        let mut predicted = self.prediction((structure, &x), desk);
+        let mut predicted = self.prediction(structure.at(&x), desk);
         let mut residuals = difference(&predicted);
         let mut chi2 = dot(&residuals, &residuals);
-        let mut columns = self.columns(structure, (&x, &axes), &predicted, desk);
+        let mut columns = self.columns(structure.at(&x), &axes, &predicted, desk);
         let mut damping = 1e-4;
         for _ in 0..ITERATIONS {
-            let Some((step, promise)) = step(&columns, &residuals, (&x, &axes), damping) else {
+            let Some((step, promise)) = step(&columns, &residuals, &axes, &x, damping) else {
                 break;
             };
             if promise < PROMISE {
@@ -444,7 +418,7 @@ impl Problem {
                 .zip(&axes)
                 .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
                 .collect();
-            let moved = self.prediction((structure, &trial), desk);
+            let moved = self.prediction(structure.at(&trial), desk);
             let left = difference(&moved);
             let value = dot(&left, &left);
             if value < chi2 {
@@ -455,7 +429,7 @@ impl Problem {
                 } else {
                     damping
                 };
-                columns = self.columns(structure, (&x, &axes), &predicted, desk);
+                columns = self.columns(structure.at(&x), &axes, &predicted, desk);
                 if gained < PROMISE {
                     break;
                 }
@@ -467,7 +441,7 @@ impl Problem {
             }
         }
         let promise =
-            step(&columns, &residuals, (&x, &axes), 0.0).map_or(0.0, |(_, promise)| promise);
+            step(&columns, &residuals, &axes, &x, 0.0).map_or(0.0, |(_, promise)| promise);
         Fit {
             structure: structure.clone(),
             x,
@@ -485,7 +459,8 @@ impl Problem {
 pub(super) fn step(
     columns: &[Vec<f64>],
     residuals: &[f64],
-    (x, axes): (&[f64], &[Axis]),
+    axes: &[Axis],
+    x: &[f64],
     damping: f64,
 ) -> Option<(Vec<f64>, f64)> {
     let gradient: Vec<f64> = columns.iter().map(|c| dot(c, residuals)).collect();
@@ -526,6 +501,10 @@ pub(super) fn step(
 }
 
 impl Fit {
+    pub(super) fn at(&self) -> At<'_> {
+        self.structure.at(&self.x)
+    }
+
     /// The fitted ERM and the values of the effects.
     pub(super) fn decode(&self, branches: usize) -> (Erm, Vec<Vec<f64>>) {
         self.structure.decode(&self.x, branches)

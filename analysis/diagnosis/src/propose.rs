@@ -28,7 +28,9 @@ pub(super) struct Proposal {
 /// effect does not apply.
 pub(super) fn propose(
     problem: &Problem,
-    (fit, predicted, tangent): (&Fit, &Prediction, &Tangent),
+    fit: &Fit,
+    predicted: &Prediction,
+    tangent: &Tangent,
     effect: &'static dyn Effect,
     desk: &mut Desk,
 ) -> Vec<Proposal> {
@@ -40,7 +42,7 @@ pub(super) fn propose(
         let (range, typical) = (member.parameters[0].range, member.parameters[0].typical);
         let mut best = 0.0;
         for step in STEPS {
-            let Some(mut outside) = direction(problem, (fit, predicted), (&structure, step), desk)
+            let Some(mut outside) = direction(problem, fit, predicted, &structure, step, desk)
             else {
                 continue;
             };
@@ -75,8 +77,10 @@ pub(super) fn propose(
 /// a step in that unit. `predicted` is [`Problem::prediction`] of the fit.
 pub(super) fn direction(
     problem: &Problem,
-    (fit, predicted): (&Fit, &Prediction),
-    (structure, step): (&Structure, f64),
+    fit: &Fit,
+    predicted: &Prediction,
+    structure: &Structure,
+    step: f64,
     desk: &mut Desk,
 ) -> Option<Vec<f64>> {
     let last = structure.members.len().checked_sub(1)?;
@@ -90,7 +94,7 @@ pub(super) fn direction(
     } else {
         (-step).max(0.5 * axes[first].lower)
     };
-    let mut change = problem.change(structure, (&x, predicted), (first, step), desk);
+    let mut change = problem.change(structure.at(&x), predicted, first, step, desk);
     change.iter_mut().for_each(|c| *c /= step);
     change.iter().all(|c| c.is_finite()).then_some(change)
 }

@@ -171,7 +171,7 @@ impl Search<'_> {
             let attempt = self.integrated(&selection.fit, attempt);
             let last = attempt.fit.structure.members.len() - 1;
             let gained = selection.base.chi2 - selection.fit.chi2;
-            let reason = match self.accept((&selection.base, &selection.fit), &attempt, last) {
+            let reason = match self.accept(&selection.fit, gained, &attempt, last) {
                 Ok(evidence) => return Some((attempt, evidence)),
                 Err(reason) => reason,
             };
@@ -217,7 +217,8 @@ impl Search<'_> {
                 distinct: score,
                 fit: selection.fit.clone(),
             };
-            if let Ok(evidence) = self.accept((&selection.base, &without), &attempt, k) {
+            let gained = selection.base.chi2 - without.chi2;
+            if let Ok(evidence) = self.accept(&without, gained, &attempt, k) {
                 selection.taken[k].evidence = evidence;
                 k += 1;
             } else {

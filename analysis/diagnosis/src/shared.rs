@@ -9,7 +9,7 @@
 //! leave it. That is the same as to fit every error once, for all runs together, with its standard
 //! deviation as the prior.
 
-use super::block::{Block, Kind};
+use super::block::Kind;
 use super::data::BenchHistory;
 use super::time_block::TimeBlock;
 use super::whitening::dot;
@@ -25,15 +25,25 @@ pub(super) type Errors = [Vec<f64>; OWN + COMMON];
 /// Errors beside those of the correction.
 const OWN: usize = 3;
 
-/// Of a record with these predicted rows; `gain` is what the current's gain does to them, per unit.
+/// Rows of a record, V.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct RecordRows<'a> {
+    pub(super) predicted_v: &'a [f64],
+    /// What the current's gain does to them, per unit.
+    pub(super) gain_v: &'a [f64],
+}
+
+/// Of a record with these rows that starts at this state of charge.
 pub(super) fn of_record(
-    (block, time): (&Block, &TimeBlock),
+    time: &TimeBlock,
+    soc: f64,
     base: &Base,
-    (predicted, gain): (&[f64], &[f64]),
+    rows: RecordRows<'_>,
     history: &BenchHistory,
 ) -> Errors {
+    let (predicted, gain) = (rows.predicted_v, rows.gain_v);
     let capacity_c = 3600.0 * base.ocv.capacity_ah;
-    let slope_v = |charge_c: f64| base.ocv.slope_v(block.at.soc - charge_c / capacity_c);
+    let slope_v = |charge_c: f64| base.ocv.slope_v(soc - charge_c / capacity_c);
     let start_v = slope_v(0.0).max(1e-6);
     // The level is read by the same meter: what is left is the curve's slope, which is read off at
     // the wrong place.
@@ -44,7 +54,7 @@ pub(super) fn of_record(
         .collect();
     // The voltage counts from rest: both channels too large by a part show that part more of every
     // change.
-    let rest_v = base.ocv.voltage_v(block.at.soc);
+    let rest_v = base.ocv.voltage_v(soc);
     let both = predicted
         .iter()
         .zip(gain)
@@ -65,7 +75,8 @@ pub(super) fn of_record(
 pub(super) fn of_spectrum(
     kind: &Kind,
     predicted: &[f64],
-    (history, calibration): (&BenchHistory, Option<CommonError>),
+    history: &BenchHistory,
+    calibration: Option<CommonError>,
 ) -> Errors {
     let Kind::Eis {
         points,

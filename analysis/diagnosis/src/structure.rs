@@ -115,6 +115,13 @@ impl Default for Structure {
     }
 }
 
+/// A structure with the values of its vector.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct At<'a> {
+    pub(super) structure: &'a Structure,
+    pub(super) x: &'a [f64],
+}
+
 /// Where in the search a vector entry comes from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Axis {
@@ -148,6 +155,10 @@ impl Axis {
 }
 
 impl Structure {
+    pub(super) fn at<'a>(&'a self, x: &'a [f64]) -> At<'a> {
+        At { structure: self, x }
+    }
+
     pub(super) fn with(&self, member: Member) -> Self {
         let mut members = self.members.clone();
         members.push(member);

@@ -5,7 +5,7 @@
 
 use super::block::{DataSetError, Desk};
 use super::data::DataSet;
-use super::diagnose::{base_fit, gaps, refitted};
+use super::diagnose::{Fits, base_fit, gaps, refitted};
 use super::guards::Guards;
 use super::outcome::Gap;
 use super::prepare::{BaseModel, prepare};
@@ -48,11 +48,9 @@ pub fn oracle(
         })?;
         let proposals = propose(
             problem,
-            (
-                &fit,
-                &problem.prediction((&fit.structure, &fit.x), &mut desk),
-                &fit.tangent(),
-            ),
+            &fit,
+            &problem.prediction(fit.at(), &mut desk),
+            &fit.tangent(),
             effect,
             &mut desk,
         );
@@ -68,8 +66,9 @@ pub fn oracle(
     // As a diagnosis does with what it has named.
     let again = refitted(&prepared, [&base, &fit], Guards::default());
     let (prepared, [base, fit]) = again.unwrap_or((prepared, [base, fit]));
-    Ok((
-        fit.chi2,
-        gaps(&prepared, &model.erm, (&base, &fit), &mut desk),
-    ))
+    let fits = Fits {
+        base: &base,
+        augmented: &fit,
+    };
+    Ok((fit.chi2, gaps(&prepared, &model.erm, fits, &mut desk)))
 }

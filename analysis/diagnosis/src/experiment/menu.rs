@@ -8,6 +8,7 @@ use crate::{
     problem::Problem,
     time_block::TimeBlock,
 };
+use std::ops::RangeInclusive;
 
 /// How often each run is measured: one could be an accident.
 const REPEAT: usize = 3;
@@ -263,7 +264,10 @@ pub(super) fn menu(campaign: &Campaign<'_>) -> Vec<MenuItem> {
             .into_iter()
             .flatten(),
     );
-    items.extend(WALK.iter().filter_map(|ends| range_walk(campaign, *ends)));
+    items.extend(
+        WALK.into_iter()
+            .filter_map(|(low, high)| range_walk(campaign, low..=high)),
+    );
     items.extend(sentinel_repeat(campaign));
     items
 }
@@ -498,12 +502,12 @@ fn minor_loops(campaign: &Campaign<'_>) -> Option<MenuItem> {
 
 /// Down, up and back at the current of one hour: a charge counted wrong shows where the curve
 /// bends, a voltage read wrong where it is far from the start.
-fn range_walk(campaign: &Campaign<'_>, (low, high): (f64, f64)) -> Option<MenuItem> {
+fn range_walk(campaign: &Campaign<'_>, soc: RangeInclusive<f64>) -> Option<MenuItem> {
     let capacity_ah = campaign.problem.base.ocv.capacity_ah;
     let amps = campaign.both_ways_a().min(capacity_ah);
     let (down, up) = (
-        (campaign.soc - low).max(0.0),
-        (high - campaign.soc).max(0.0),
+        (campaign.soc - soc.start()).max(0.0),
+        (soc.end() - campaign.soc).max(0.0),
     );
     let span_s = |part: f64| 3600.0 * capacity_ah * part / amps;
     let legs = [

@@ -14,7 +14,6 @@ pub use planned::{BenchLimits, Planned, PlannedRun, Playable};
 use super::block::Desk;
 use super::outcome::{NextExperiment, Verdict};
 use super::prepare::Prepared;
-use super::problem::Fit;
 use super::select::Selection;
 use analysis_effects::effects::find;
 use menu::{Campaign, MenuItem, menu, sentinel_repeat};
@@ -129,7 +128,10 @@ impl Planner<'_> {
                 .map(|k| lambdas[*k])
                 .fold(f64::INFINITY, f64::min)
         };
-        let expected = (least(&best.then), least(&open.now));
+        let expected = Separation {
+            then: least(&best.then),
+            now: least(&open.now),
+        };
         let next = (!moved.is_empty()).then(|| {
             told(
                 best.item,
@@ -223,19 +225,21 @@ impl Planner<'_> {
 pub(super) fn recommend(
     prepared: &Prepared,
     verdict: Verdict,
-    (base, selection): (&Fit, &Selection),
-    (limits, playable): (Option<BenchLimits>, Option<&Playable>),
+    selection: &Selection,
+    limits: Option<BenchLimits>,
+    playable: Option<&Playable>,
 ) -> Advice {
     if !matches!(verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         return Advice::default();
     }
     let campaign = Campaign::new(&prepared.problem, limits);
     let mut desk = Desk::default();
-    let without = absences(&prepared.problem, (base, selection), &mut desk);
+    let without = absences(&prepared.problem, selection, &mut desk);
     let open = Open::new(
         prepared.estimate.repeats >= 3,
         verdict,
-        (&without, selection),
+        &without,
+        selection,
         &mut desk,
     );
     let mut planner = Planner {
@@ -247,7 +251,7 @@ pub(super) fn recommend(
         // No names to tell apart: what changed by itself shows when the first run is repeated.
         let next = sentinel_repeat(&campaign)
             .filter(|item| planner.allowed(item))
-            .map(|item| told(item, Vec::new(), (0.0, 0.0), false));
+            .map(|item| told(item, Vec::new(), Separation::default(), false));
         return Advice {
             next,
             inseparable: Vec::new(),
@@ -260,10 +264,19 @@ pub(super) fn recommend(
     planner.choose(items, others, &mut desk)
 }
 
+/// The least λ of the pairs that a run brings forward.
+#[derive(Debug, Clone, Copy, Default)]
+struct Separation {
+    /// With the run measured too.
+    then: f64,
+    /// In the data at hand.
+    now: f64,
+}
+
 fn told(
     item: MenuItem,
     separates: Vec<&'static str>,
-    (then, now): (f64, f64),
+    expected: Separation,
     settles: bool,
 ) -> Recommended {
     let next = NextExperiment {
@@ -272,8 +285,8 @@ fn told(
         charge_ah: item.charge_ah(),
         description: item.description,
         separates,
-        separation_sigma: then.sqrt(),
-        separation_now_sigma: now.sqrt(),
+        separation_sigma: expected.then.sqrt(),
+        separation_now_sigma: expected.now.sqrt(),
         settles,
     };
     (next, item.runs)

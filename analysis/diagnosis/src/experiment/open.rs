@@ -48,7 +48,8 @@ impl<'a> Open<'a> {
     pub(super) fn new(
         measured: bool,
         verdict: Verdict,
-        (without, selection): (&'a [Option<Fit>], &'a Selection),
+        without: &'a [Option<Fit>],
+        selection: &'a Selection,
         desk: &mut Desk,
     ) -> Self {
         let mut open = Self {
@@ -145,14 +146,13 @@ impl<'a> Open<'a> {
         steps: usize,
         desk: &mut Desk,
     ) -> Vec<f64> {
-        let views: Vec<View> = self
+        let views: Vec<View<'_>> = self
             .fits
             .iter()
             .map(|(_, fit)| View::new(fit, planned, desk))
             .collect();
         let lambda = |p: &Pair, desk: &mut Desk| {
-            let other = (self.fits[p.other].1, &views[p.other], planned);
-            separation_chi2((self.fits[p.truth].1, &views[p.truth]), other, steps, desk)
+            separation_chi2(&views[p.truth], &views[p.other], planned, steps, desk)
         };
         self.pairs.iter().map(|p| lambda(p, desk)).collect()
     }
@@ -264,7 +264,7 @@ fn enough(need: f64, found: f64) -> f64 {
 /// the names.
 pub(super) fn absences(
     problem: &Problem,
-    (base, selection): (&Fit, &Selection),
+    selection: &Selection,
     desk: &mut Desk,
 ) -> Vec<Option<Fit>> {
     let alone = selection.taken.len() == 1;
@@ -273,7 +273,7 @@ pub(super) fn absences(
             return None;
         }
         if alone {
-            return Some(base.clone());
+            return Some(selection.base.clone());
         }
         let (structure, x, axes) = problem.without(&selection.fit, k);
         Some(problem.fit_from(&structure, x, axes, desk))

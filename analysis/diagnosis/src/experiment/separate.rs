@@ -13,53 +13,63 @@ use crate::{
 /// Damping of a step, as a part of the diagonal.
 const DAMPING: f64 = 1e-7;
 
-/// What a fit predicts for planned runs.
-#[derive(Debug, Default)]
-pub(super) struct View {
+/// A fit with what it predicts for planned runs.
+#[derive(Debug)]
+pub(super) struct View<'a> {
+    fit: &'a Fit,
     predicted: Vec<f64>,
     columns: Vec<Vec<f64>>,
 }
 
-impl View {
-    /// Empty without planned runs.
-    pub(super) fn new(fit: &Fit, planned: Option<&Problem>, desk: &mut Desk) -> Self {
-        planned.map_or_else(Self::default, |p| Self::at(fit, &fit.x, p, desk))
+impl<'a> View<'a> {
+    /// Without rows where no runs are planned.
+    pub(super) fn new(fit: &'a Fit, planned: Option<&Problem>, desk: &mut Desk) -> Self {
+        let alone = || Self {
+            fit,
+            predicted: Vec::new(),
+            columns: Vec::new(),
+        };
+        planned.map_or_else(alone, |p| Self::at(fit, &fit.x, p, desk))
     }
 
-    fn at(fit: &Fit, x: &[f64], planned: &Problem, desk: &mut Desk) -> Self {
-        let predicted = planned.prediction((&fit.structure, x), desk);
-        let columns = planned.columns(&fit.structure, (x, &fit.axes), &predicted, desk);
+    fn at(fit: &'a Fit, x: &[f64], planned: &Problem, desk: &mut Desk) -> Self {
+        let at = fit.structure.at(x);
+        let predicted = planned.prediction(at, desk);
+        let columns = planned.columns(at, &fit.axes, &predicted, desk);
         Self {
+            fit,
             predicted: predicted.white,
             columns,
         }
     }
 }
 
-/// λ of a truth against another structure. One step gives what a linear refit leaves; more are
-/// played.
+/// λ of a truth against another structure, which is refitted. One step gives what a linear refit
+/// leaves; more are played.
 pub(super) fn separation_chi2(
-    (truth, shown): (&Fit, &View),
-    (other, view, planned): (&Fit, &View, Option<&Problem>),
+    truth: &View<'_>,
+    other: &View<'_>,
+    planned: Option<&Problem>,
     steps: usize,
     desk: &mut Desk,
 ) -> f64 {
+    let (view, other) = (other, other.fit);
     // Residuals are measured less predicted: what was measured cancels.
     let mut known: Vec<f64> = other
         .residuals
         .iter()
-        .zip(&truth.residuals)
+        .zip(&truth.fit.residuals)
         .map(|(o, t)| o - t)
         .collect();
-    let away = |v: &View| {
-        shown
+    let away = |v: &View<'_>| {
+        truth
             .predicted
             .iter()
             .zip(&v.predicted)
             .map(|(t, p)| t - p)
             .collect::<Vec<f64>>()
     };
-    let joined = |v: &View| {
+    let joined = |v: &View<'_>| {
         other
             .columns
             .iter()
@@ -71,7 +81,7 @@ pub(super) fn separation_chi2(
     let mut columns = joined(view);
     let mut chi2 = dot(&residuals, &residuals);
     for n in 0..steps {
-        let Some((moves, promise)) = step(&columns, &residuals, (&x, &other.axes), DAMPING) else {
+        let Some((moves, promise)) = step(&columns, &residuals, &other.axes, &x, DAMPING) else {
             break;
         };
         let Some(planned) = planned.filter(|_| steps > 1) else {

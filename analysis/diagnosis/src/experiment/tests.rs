@@ -54,10 +54,12 @@ fn prepared(set: &DataSet) -> Prepared {
 /// The base with one effect, fitted.
 fn fitted(p: &Prepared, name: &str, desk: &mut Desk) -> Fit {
     let base = p.problem.fit(&Structure::default(), &model().erm, desk);
-    let predicted = p.problem.prediction((&base.structure, &base.x), desk);
+    let predicted = p.problem.prediction(base.at(), desk);
     let proposal = propose(
         &p.problem,
-        (&base, &predicted, &base.tangent()),
+        &base,
+        &predicted,
+        &base.tangent(),
         find(name).unwrap(),
         desk,
     )
@@ -67,7 +69,7 @@ fn fitted(p: &Prepared, name: &str, desk: &mut Desk) -> Fit {
 }
 
 /// The first effect named at this λ, the others as its rivals.
-fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> (Fit, Selection) {
+fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> Selection {
     let mut desk = Desk::default();
     let base = p
         .problem
@@ -91,19 +93,18 @@ fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> (Fit, Selectio
         rivals: names[1..].iter().map(rival).collect(),
         limit_of: Vec::new(),
     };
-    let selection = Selection {
+    Selection {
         fit: fitted(p, names[0], &mut desk),
         taken: vec![taken],
         ..Selection::nothing(&base)
-    };
-    (base, selection)
+    }
 }
 
 #[test]
 fn an_inductance_is_told_from_a_skew_by_a_shunt() {
     let p = prepared(&cell_runs(inductive));
-    let (base, selection) = selected(&p, 1e3, &["inductance", "time_skew"]);
-    let (next, runs) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None))
+    let selection = selected(&p, 1e3, &["inductance", "time_skew"]);
+    let (next, runs) = recommend(&p, Verdict::Ambiguous, &selection, None, None)
         .next
         .unwrap();
     assert!(next.name.starts_with("shunt_sweep"), "{next:?}");
@@ -133,20 +134,14 @@ fn an_inductance_is_told_from_a_skew_by_a_shunt() {
 #[test]
 fn what_cannot_be_played_is_not_recommended() {
     let p = prepared(&cell_runs(inductive));
-    let (base, selection) = selected(&p, 1e3, &["inductance", "time_skew"]);
+    let selection = selected(&p, 1e3, &["inductance", "time_skew"]);
     let asked = std::sync::Arc::new(std::sync::Mutex::new(Vec::new()));
     let seen = asked.clone();
     let playable: Playable = std::sync::Arc::new(move |name: &str, runs: &[PlannedRun]| {
         seen.lock().unwrap().push((name.to_owned(), runs.len()));
         !name.starts_with("shunt")
     });
-    let next = recommend(
-        &p,
-        Verdict::Ambiguous,
-        (&base, &selection),
-        (None, Some(&playable)),
-    )
-    .next;
+    let next = recommend(&p, Verdict::Ambiguous, &selection, None, Some(&playable)).next;
     assert!(next.is_none_or(|(next, _)| !next.name.starts_with("shunt")));
     assert!(
         asked
@@ -174,8 +169,8 @@ fn what_cannot_be_played_is_not_recommended() {
 #[test]
 fn what_is_too_weak_to_be_certain_is_to_be_seen_better() {
     let p = prepared(&cell_runs(weakly_inductive));
-    let (base, selection) = selected(&p, 60.0, &["inductance"]);
-    let (next, _) = recommend(&p, Verdict::Ambiguous, (&base, &selection), (None, None))
+    let selection = selected(&p, 60.0, &["inductance"]);
+    let (next, _) = recommend(&p, Verdict::Ambiguous, &selection, None, None)
         .next
         .unwrap();
     assert_eq!(next.separates, ["inductance"]);
@@ -194,13 +189,11 @@ fn what_is_settled_needs_no_experiment() {
     let nothing = Selection::nothing(&base);
     for verdict in [Verdict::AtNoiseFloor, Verdict::Explained, Verdict::Invalid] {
         assert!(
-            recommend(&p, verdict, (&base, &nothing), (None, None))
-                .next
-                .is_none(),
+            recommend(&p, verdict, &nothing, None, None).next.is_none(),
             "{verdict:?}"
         );
     }
-    let (next, runs) = recommend(&p, Verdict::Unexplained, (&base, &nothing), (None, None))
+    let (next, runs) = recommend(&p, Verdict::Unexplained, &nothing, None, None)
         .next
         .unwrap();
     assert_eq!(
@@ -231,7 +224,7 @@ fn a_structure_does_not_differ_from_itself_and_more_data_never_bring_it_nearer()
             View::new(a, planned, &mut desk),
             View::new(b, planned, &mut desk),
         );
-        separation_chi2((a, &shown), (b, &view, planned), steps, &mut desk)
+        separation_chi2(&shown, &view, planned, steps, &mut desk)
     };
     assert!(between(&skew, &skew, true, 3) < 1e-6);
     let (now, then) = (
@@ -264,17 +257,12 @@ fn the_expected_separation_is_what_a_full_refit_leaves() {
         View::new(&truth, Some(&planned), &mut desk),
         View::new(&other, Some(&planned), &mut desk),
     );
-    let expected = separation_chi2(
-        (&truth, &shown),
-        (&other, &view, Some(&planned)),
-        3,
-        &mut desk,
-    );
+    let expected = separation_chi2(&shown, &view, Some(&planned), 3, &mut desk);
     let mut whole = prepared(&cell_runs(inductive)).problem;
     whole.blocks.extend(planned.blocks);
     whole.whiteners.extend(planned.whiteners);
     for k in 0..whole.blocks.len() {
-        whole.blocks[k].measured = whole.predict((&truth.structure, &truth.x), k, 1, &mut desk);
+        whole.blocks[k].measured = whole.predict(truth.at(), k, 1, &mut desk);
     }
     let full = whole
         .fit_from(
@@ -425,7 +413,8 @@ fn nothing_refused_and_nothing_named_leaves_nothing_open() {
             Open::new(
                 true,
                 verdict,
-                (&[], &Selection::nothing(&base)),
+                &[],
+                &Selection::nothing(&base),
                 &mut Desk::default()
             )
             .pairs
@@ -466,11 +455,12 @@ fn a_second_run_comes_after_all_repeats_of_the_first_and_only_one_is_a_sweep() {
 #[test]
 fn what_no_run_brings_forward_is_named_and_does_not_count() {
     let p = prepared(&cell_runs(inductive));
-    let (_, selection) = selected(&p, 1e3, &["inductance", "time_skew", "rc_slow"]);
+    let selection = selected(&p, 1e3, &["inductance", "time_skew", "rc_slow"]);
     let mut open = Open::new(
         true,
         Verdict::Ambiguous,
-        (&[None], &selection),
+        &[None],
+        &selection,
         &mut Desk::default(),
     );
     let more = |by: f64| open.now.iter().map(|l| l + by).collect::<Vec<f64>>();

@@ -286,7 +286,7 @@ fn integration_is_judged_by_what_it_does_to_whitened_rows() {
         .into_iter()
         .find(|a| a.name == "self_heating")
         .unwrap();
-    let at = (&attempt.fit.structure, attempt.fit.x.as_slice());
+    let at = attempt.fit.at();
     let (mut white, mut by_row) = (0.0f64, 0.0f64);
     for k in 0..problem.blocks.len() {
         let [once, halves] = [1, 2].map(|parts| problem.predict(at, k, parts, &mut search.desk));
@@ -538,7 +538,7 @@ fn a_fit_that_did_not_converge_is_no_evidence() {
         if !converged {
             attempt.fit.promise = attempt.lambda;
         }
-        search.accept((&base, &base), &attempt, 0)
+        search.accept(&base, 0.0, &attempt, 0)
     };
     let off = Guards {
         convergence: false,

@@ -53,10 +53,9 @@ fn repeats_share_derivatives_and_what_tells_them_apart_does_not() {
     );
     let mut desk = Desk::default();
     let fit = base_fit(problem, &model().erm, &mut desk);
-    let predicted = problem.prediction((&fit.structure, &fit.x), &mut desk);
-    let mut columns = |problem: &Problem| {
-        problem.columns(&fit.structure, (&fit.x, &fit.axes), &predicted, &mut desk)
-    };
+    let predicted = problem.prediction(fit.at(), &mut desk);
+    let mut columns =
+        |problem: &Problem| problem.columns(fit.at(), &fit.axes, &predicted, &mut desk);
     let (near, exact) = (columns(problem), columns(&each));
     // Repeats are driven by currents that differ by a part in a thousand.
     assert!(
@@ -68,7 +67,7 @@ fn repeats_share_derivatives_and_what_tells_them_apart_does_not() {
         let member = variants(find(name).unwrap(), &problem.base).remove(0);
         let structure = fit.structure.with(member);
         let mut of = |problem: &Problem| {
-            direction(problem, (&fit, &predicted), (&structure, 0.3), &mut desk).unwrap()
+            direction(problem, &fit, &predicted, &structure, 0.3, &mut desk).unwrap()
         };
         assert_eq!(of(problem) == of(&each), same, "{name}");
     }

@@ -1,6 +1,6 @@
 //! What the scatter of resistances from run to run does to the rows, about a cell with effects.
 
-use super::super::block::{Block, Desk};
+use super::super::block::{Block, Desk, Model};
 use super::super::noise::{Prior, Shape};
 use super::bench::{BLOCK, BRANCHES, Chance, HISTORY, Hidden, R0, campaign, model, record};
 use crate::{Run, RunData};
@@ -32,8 +32,8 @@ fn scatter(run: &Run, effects: &[(&str, &[f64])]) -> Vec<f64> {
     let block = Block::new(run, &base, 0.0).unwrap();
     Shape::new(
         &block,
-        (&base, &added),
-        &Prior::new((Some(HISTORY), None), &base),
+        &Model::new(&base, &added),
+        &Prior::new(Some(HISTORY), None, &base),
         &mut Desk::default(),
     )
     .trend(1.0)
