@@ -8,7 +8,7 @@ use super::guards::{
 };
 use super::outcome::Evidence;
 use super::problem::Fit;
-use super::select::{Search, excess_z};
+use super::search::{Search, excess_z};
 use super::whitening::dot;
 
 /// Whether an attempt's gain says that something is missing beside what has gained so much already.

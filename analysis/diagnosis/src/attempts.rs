@@ -11,7 +11,7 @@ use super::guards::{
 use super::outcome::Candidate;
 use super::problem::{Fit, Tangent};
 use super::propose::{Proposal, propose};
-use super::select::{Search, excess_z};
+use super::search::{Search, excess_z};
 use super::structure::Member;
 use analysis_effects::{contract::Effect, effects::outside};
 

@@ -20,6 +20,7 @@ use super::block::{Current, Desk, Kind};
 use super::data::Role;
 use super::guards::beyond_formula;
 use super::in_common::in_common;
+use super::inconsistency::Inconsistency;
 use super::intermittent::comes_and_goes;
 use super::localise::{Ranges, places};
 use super::periodic::{Wave, wave};
@@ -35,18 +36,6 @@ const LEFT: f64 = 0.02;
 const STEP: f64 = 1e-3;
 /// A pulse has at least this part of the largest current: smaller ones tell little.
 const FLOWS: f64 = 0.2;
-
-/// What may say that something is left.
-#[derive(Debug, Clone, PartialEq)]
-pub(super) struct Inconsistency {
-    /// In words: what differs between which circumstances.
-    pub(super) said: String,
-    /// χ² that would go if it could, and as how many quantities.
-    pub(super) chi2: f64,
-    pub(super) dof: usize,
-    /// Probability of so much by noise, corrected for the number of questions.
-    pub(super) p_value: f64,
-}
 
 /// A quantity: its name and how the coordinates move with it.
 struct Quantity {

@@ -1,7 +1,6 @@
 //! The data set of a diagnosis: runs with their circumstances, and what the bench's history says of
 //! its errors.
 
-use super::edges::UNIFORM;
 use analysis_effects::{augmented::Between, contract::Below};
 use analysis_signal::{calibration::CommonError, series::TimeSeries};
 use num_complex::Complex64;
@@ -162,14 +161,4 @@ pub struct BenchHistory {
     /// does not show it, a record that moves along the curve does.
     #[serde(default)]
     pub channel_gain_rel: f64,
-}
-
-impl BenchHistory {
-    /// Standard deviation of the difference of two samples of a current that stays, A.
-    pub(super) fn current_jitter_a(&self) -> f64 {
-        2f64.sqrt()
-            * self
-                .current_noise_a
-                .hypot(self.current_resolution_a * UNIFORM)
-    }
 }

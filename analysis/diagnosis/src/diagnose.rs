@@ -15,7 +15,8 @@ use super::outcome::{
 };
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
-use super::select::{Search, Selection, excess_z};
+use super::search::{Search, excess_z};
+use super::select::Selection;
 use super::structure::{At, Structure};
 use super::whitening::dot;
 use analysis_effects::{

@@ -5,8 +5,8 @@
 //! is left. Errors that may be the same in repeats (codes of the current, where an edge fell
 //! between two samples) are taken out of it.
 
-use super::consistency::Inconsistency;
 use super::guards::beyond_formula;
+use super::inconsistency::Inconsistency;
 use super::problem::{Fit, Problem, Tangent};
 use super::whitening::dot;
 use analysis_fit::validity::tail::{chi2_tail, holm};

@@ -17,8 +17,8 @@
 //! records say something by themselves.
 
 use super::block::Kind;
-use super::consistency::Inconsistency;
 use super::guards::beyond_formula;
+use super::inconsistency::Inconsistency;
 use super::problem::{Fit, Problem};
 use super::time_block::TimeBlock;
 use super::whitening::dot;

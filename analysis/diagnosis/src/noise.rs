@@ -426,6 +426,16 @@ impl Shape {
     }
 }
 
+impl BenchHistory {
+    /// Standard deviation of the difference of two samples of a current that stays, A.
+    pub(super) fn current_jitter_a(&self) -> f64 {
+        2f64.sqrt()
+            * self
+                .current_noise_a
+                .hypot(self.current_resolution_a * UNIFORM)
+    }
+}
+
 /// Variance of what is new in every sample of the current, its codes included, A².
 fn current_variance_a2(h: &BenchHistory) -> f64 {
     h.current_noise_a.powi(2)

@@ -3,7 +3,7 @@
 use super::block::{Block, DataSetError, Desk, Kind, Model};
 use super::data::{DataSet, Fixture, Role, Run, RunData, Start};
 use super::estimate::{Estimate, estimate};
-use super::experiment::PlannedRun;
+use super::experiment::planned::PlannedRun;
 use super::guards::Guards;
 use super::noise::{Prior, Shape, Term};
 use super::problem::{Fit, Problem};

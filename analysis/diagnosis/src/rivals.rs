@@ -3,7 +3,8 @@
 use super::attempts::{Attempt, is_outside};
 use super::guards::{SUFFICES, naming_lead};
 use super::problem::Fit;
-use super::select::{RivalFit, Search, Selection, Taken};
+use super::search::Search;
+use super::select::{RivalFit, Selection, Taken};
 use super::whitening::dot;
 use analysis_effects::effects::find;
 

@@ -3,12 +3,12 @@
 
 use super::accept::tells;
 use super::attempts::{Attempt, is_outside};
-use super::block::Desk;
-use super::guards::{Guards, MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE, outside_lead};
+use super::guards::{MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE, outside_lead};
 use super::outcome::{Candidate, Evidence};
-use super::problem::{Fit, Problem};
+use super::problem::Fit;
+use super::search::Search;
 use super::structure::searched;
-use analysis_effects::{contract::Effect, effects::outside};
+use analysis_effects::effects::outside;
 
 /// χ² by which another minimum of a fit must be deeper to be taken for it.
 const DEEPER: f64 = 1.0;
@@ -76,21 +76,6 @@ impl Selection {
         self.taken.clear();
         self.outside = Some(title);
     }
-}
-
-/// What a search works with.
-pub(super) struct Search<'a> {
-    pub(super) problem: &'a Problem,
-    pub(super) candidates: &'a [&'static dyn Effect],
-    pub(super) guards: Guards,
-    /// The noise was measured by repeats, not assumed.
-    pub(super) measured: bool,
-    pub(super) desk: Desk,
-}
-
-/// (χ² − dof)/√(2·dof).
-pub(super) fn excess_z(chi2: f64, dof: f64) -> f64 {
-    (chi2 - dof) / (2.0 * dof).sqrt()
 }
 
 impl Search<'_> {

@@ -70,7 +70,7 @@ const CIRCLES: [Circles; 14] = [
     Circles::of("analysis/fit", 7, 8),
     Circles::of("analysis/forward", 5, 1),
     Circles::of("analysis/files", 0, 0),
-    Circles::of("analysis/diagnosis", 3, 4),
+    Circles::of("analysis/diagnosis", 0, 0),
     Circles::of("analysis", 0, 0),
     Circles::of("instruments", 0, 0),
     Circles::of("fixtures", 0, 0),

@@ -6,7 +6,7 @@
 
 mod menu;
 mod open;
-mod planned;
+pub(super) mod planned;
 mod separate;
 
 pub use planned::{BenchLimits, Planned, PlannedRun, Playable};

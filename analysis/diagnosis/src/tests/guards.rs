@@ -4,10 +4,9 @@ use super::bench::{Hidden, campaign, model};
 use crate::{
     DataSet, Diagnosis, DiagnosisOptions, Guards, Role, RunData, Verdict,
     block::Desk,
-    diagnose,
-    diagnose::base_fit,
+    diagnose::{self, base_fit},
     prepare::prepare,
-    select::{Search, excess_z},
+    search::{Search, excess_z},
 };
 
 fn with(set: &DataSet, guards: Guards) -> Diagnosis {

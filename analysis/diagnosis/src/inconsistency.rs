@@ -1,0 +1,14 @@
+//! A reason not to take what is left for noise, as `consistency`, `intermittent` and `in_common`
+//! find it.
+
+/// What may say that something is left.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Inconsistency {
+    /// In words: what differs between which circumstances.
+    pub(super) said: String,
+    /// χ² that would go if it could, and as how many quantities.
+    pub(super) chi2: f64,
+    pub(super) dof: usize,
+    /// Probability of so much by noise, corrected for the number of questions.
+    pub(super) p_value: f64,
+}

@@ -1,0 +1,22 @@
+//! What a search for missing effects works with. Its parts: `attempts` fits candidates, `accept`
+//! judges them, `rivals` asks what would do as well, `select` puts them together.
+
+use super::block::Desk;
+use super::guards::Guards;
+use super::problem::Problem;
+use analysis_effects::contract::Effect;
+
+/// What a search works with.
+pub(super) struct Search<'a> {
+    pub(super) problem: &'a Problem,
+    pub(super) candidates: &'a [&'static dyn Effect],
+    pub(super) guards: Guards,
+    /// The noise was measured by repeats, not assumed.
+    pub(super) measured: bool,
+    pub(super) desk: Desk,
+}
+
+/// (χ² − dof)/√(2·dof).
+pub(super) fn excess_z(chi2: f64, dof: f64) -> f64 {
+    (chi2 - dof) / (2.0 * dof).sqrt()
+}
