@@ -1,4 +1,4 @@
-//! One branch over one step.
+//! A branch of a network, and what one step does to it.
 //!
 //! Linear: v' = a·v + R(φ − a)·i₀ + R(1 − φ)·i₁ with a = exp(−h/τ), φ = (1 − a)τ/h; for a held
 //! current v' = a·v + R(1 − a)·i₀. Symmetric Butler–Volmer under a held current: with u =
@@ -6,8 +6,6 @@
 //! coefficients and has the closed solution of [`symmetric`]. Asymmetric: exponential Rosenbrock
 //! steps, exact at rest and in the steady state. A ramp is cut into parts, each with the held
 //! current that would move a linear branch as the ramp does.
-
-use super::network::{Branch, Law};
 
 /// Change of the exponent per sub-step of the asymmetric law at most.
 const EXPONENT_STEP: f64 = 0.1;
@@ -21,6 +19,67 @@ const MOST_SUBSTEPS: usize = 400;
 const RAMPS: f64 = 32.0;
 /// Parts of a ramp at most.
 const MOST_RAMPS: f64 = 100.0;
+
+/// How the resistor of a branch answers to its voltage.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Law {
+    /// i = v/R.
+    Linear,
+    /// i = sinh(βv/R)/β: Butler–Volmer with α = ½, β = 1/(2i₀), 1/A.
+    Symmetric {
+        /// β, 1/A, above zero.
+        beta: f64,
+    },
+    /// i = (exp(2αβv/R) − exp(−2(1 − α)βv/R))/(2β): Butler–Volmer with any α and i₀ = 1/(2β); α = ½
+    /// is [`Law::Symmetric`].
+    Asymmetric {
+        /// β = 1/(2i₀), 1/A, above zero.
+        beta: f64,
+        /// Transfer coefficient of the discharge direction, 0…1.
+        alpha: f64,
+    },
+}
+
+/// A parallel RC element in series.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Branch {
+    /// Resistance for small signals, Ω.
+    pub r_ohm: f64,
+    /// Time constant for small signals, s.
+    pub tau_s: f64,
+    /// How its resistor answers.
+    pub law: Law,
+}
+
+impl Branch {
+    /// A linear branch.
+    pub fn linear(r_ohm: f64, tau_s: f64) -> Self {
+        Self {
+            r_ohm,
+            tau_s,
+            law: Law::Linear,
+        }
+    }
+
+    /// True where the resistor's current is proportional to its voltage.
+    pub fn is_linear(&self) -> bool {
+        !matches!(self.law, Law::Symmetric { beta } | Law::Asymmetric { beta, .. } if beta > 0.0)
+    }
+
+    /// Current through the resistor, A, at a voltage, its resistance times a factor.
+    pub fn conducted_a(&self, v: f64, factor: f64) -> f64 {
+        match self.law {
+            Law::Symmetric { beta } if beta > 0.0 => {
+                (beta * v / self.r_ohm).sinh() / (beta * factor)
+            }
+            Law::Asymmetric { beta, alpha } if beta > 0.0 => {
+                let x = 2.0 * beta * v / self.r_ohm;
+                ((alpha * x).exp() - (-(1.0 - alpha) * x).exp()) / (2.0 * beta * factor)
+            }
+            _ => v / (self.r_ohm * factor),
+        }
+    }
+}
 
 /// What one length of step does to a linear branch.
 #[derive(Debug, Clone, Copy)]

@@ -8,7 +8,8 @@ mod situation;
 
 use num_complex::Complex64;
 
-pub use network::{Branch, Law, Network};
+pub use branch::{Branch, Law};
+pub use network::Network;
 pub use quantity::{Parameter, Range, Scale};
 pub use situation::{Base, Below, Facts, Instant, Modulation, Moved, Point, Record};
 
