@@ -1,26 +1,16 @@
 //! All tests over the spectra of one cell, and the verdicts.
 
 use super::kramers_kronig::{KramersKronig, kramers_kronig};
-use super::linearity::{Harmonic, Linearity, amplitude, linearity};
+use super::linearity::{Linearity, amplitude, linearity};
 use super::noise::Noise;
-use super::stationarity::{Drift, Stationarity, stationarity};
+use super::record::Record;
+use super::stationarity::{Stationarity, stationarity};
 use super::thin::{remark, thinned};
 use super::verdict::{Findings, SpectrumVerdict, verdict};
 use super::z_hit::{ZHit, z_hit};
 use super::{ValidityError, same_grid};
 use analysis_signal::spectrum::Spectrum;
 use serde::Serialize;
-
-/// What the record of one point shows besides the fundamental.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Record {
-    /// Frequency, Hz.
-    pub freq_hz: f64,
-    /// Harmonics of the voltage.
-    pub harmonics: Vec<Harmonic>,
-    /// Drift of the offset that no trend term took up.
-    pub drift: Option<Drift>,
-}
 
 /// One spectrum and what is to be thought of it.
 #[derive(Debug, Clone, PartialEq, Serialize)]

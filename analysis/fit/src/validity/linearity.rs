@@ -1,14 +1,8 @@
-//! Does the cell answer in proportion? From sweeps at different amplitudes, or from the harmonics
-//! in the records.
+//! Does the cell answer in proportion? From sweeps at different amplitudes.
 //!
-//! For amplitudes the change of Z from the smallest to the largest is held against its uncertainty
-//! at every frequency, the probabilities corrected for their number after Holm. For harmonics the
-//! size of an error of Z is told: in a polynomial without memory, v = Σ aₙ iⁿ, the term of odd
-//! order n puts C(n, (n−1)/2) times its n-th harmonic into the fundamental (3 times the third, 10
-//! times the fifth), even orders nothing. A sweep has many harmonics, so that these probabilities
-//! are corrected, too.
+//! The change of Z from the smallest to the largest is held against its uncertainty at every
+//! frequency, the probabilities corrected for their number after Holm.
 
-use super::assess::Record;
 use super::noise::Noise;
 use super::tail::{holm, pair_tail};
 use super::{FALSE_ALARM_RATE, same_grid};
@@ -120,53 +114,4 @@ fn mean<'a>(
 pub(super) fn squared_distance(d: Complex64, c: Covariance2) -> f64 {
     let determinant = c.re_re * c.im_im - c.re_im * c.re_im;
     (c.im_im * d.re * d.re - 2.0 * c.re_im * d.re * d.im + c.re_re * d.im * d.im) / determinant
-}
-
-/// A harmonic in the voltage of a record.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct Harmonic {
-    /// Its order, 2 or more.
-    pub order: u32,
-    /// Amplitude over that of the fundamental.
-    pub ratio: f64,
-    /// Standard deviation of the ratio.
-    pub sigma: f64,
-}
-
-/// Which harmonics are larger than noise explains, record by record, with one false alarm in a
-/// hundred sweeps: the probabilities are corrected after Holm for all harmonics of all records that
-/// can speak against a point. Even orders do not (see [`Harmonic::error_percent`]) and are not
-/// counted.
-pub fn beyond_noise(records: &[Record]) -> Vec<Vec<bool>> {
-    let can = |harmonic: &&Harmonic| !harmonic.order.is_multiple_of(2);
-    let tested: Vec<f64> = records
-        .iter()
-        .flat_map(|record| record.harmonics.iter().filter(can))
-        .map(Harmonic::p)
-        .collect();
-    let mut adjusted = holm(&tested).into_iter();
-    let mut judge = |harmonic: &Harmonic| {
-        can(&harmonic) && adjusted.next().is_some_and(|p| p < FALSE_ALARM_RATE)
-    };
-    records
-        .iter()
-        .map(|record| record.harmonics.iter().map(&mut judge).collect())
-        .collect()
-}
-
-impl Harmonic {
-    /// Probability that noise alone makes as much, by itself.
-    fn p(&self) -> f64 {
-        pair_tail((self.ratio / self.sigma).powi(2), None)
-    }
-
-    /// How much the same nonlinearity may have changed Z, %.
-    pub fn error_percent(&self) -> f64 {
-        if self.order.is_multiple_of(2) {
-            return 0.0;
-        }
-        let half = (self.order.saturating_sub(1) / 2).min(20);
-        let binomial = (0..half).fold(1.0, |c, k| c * f64::from(self.order - k) / f64::from(k + 1));
-        100.0 * binomial * self.ratio
-    }
 }

@@ -1,9 +1,9 @@
 //! What the tests say together, in words: one verdict per point, one per spectrum.
 
-use super::assess::Record;
 use super::kramers_kronig::{KkOutcome, KkPoint, KramersKronig};
-use super::linearity::{Linearity, beyond_noise};
+use super::linearity::Linearity;
 use super::noise::NoiseSource;
+use super::record::{Record, beyond_noise};
 use super::signs::{WRONG_SIGN, inductive};
 use super::stationarity::Stationarity;
 use super::z_hit::ZHit;
