@@ -10,10 +10,11 @@ mod kernel;
 mod lanes;
 mod plan;
 
+use super::error::ForwardError;
 use super::law::{Beyond, Demand};
-use super::model::{ForwardError, OcvSource, SimModel, SimState};
+use super::model::{OcvSource, SimModel, SimState};
+use super::options::SimOptions;
 use super::profile::Profile;
-use super::simulate::SimOptions;
 use lanes::Lanes;
 use plan::Plan;
 use rayon::prelude::*;

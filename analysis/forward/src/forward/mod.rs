@@ -15,9 +15,12 @@
 
 mod additions;
 mod batch;
+mod error;
 mod law;
 mod limits;
 mod model;
+mod nonlinear;
+mod options;
 pub mod pack;
 mod profile;
 mod scale;
@@ -27,15 +30,17 @@ mod step;
 mod trace;
 
 pub use batch::{BatchCell, BatchOptions, BatchOutcome, MAX_BATCH_RC, simulate_batch};
+pub use error::ForwardError;
 pub use law::{Beyond, Demand, Drive, Reply};
 pub use limits::CellWindow;
-pub use model::{ForwardError, OcvSource, SimModel, SimState};
+pub use model::{OcvSource, SimModel, SimState};
+pub use options::{Method, SimOptions, Simulation};
 pub use profile::{Interpolation, Profile, ProfileError};
 pub use scale::{ScaleBound, ScaleLimit, ScaleOptions, largest_scale};
 pub use sensitivity::{
     Jacobian, Sensitivity, SensitivityRow, StepOptions, sensitivity, step_with_jacobian,
 };
-pub use simulate::{Method, SimOptions, Simulation, simulate};
+pub use simulate::simulate;
 pub use trace::{Infeasible, Summary, TRACE_BRANCHES, TangentEnd, Trace};
 
 #[cfg(test)]

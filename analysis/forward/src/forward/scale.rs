@@ -2,11 +2,13 @@
 //! the window.
 
 use super::batch::{BatchCell, BatchOptions, BatchOutcome, MAX_BATCH_RC, simulate_batch};
+use super::error::ForwardError;
 use super::law::Beyond;
 use super::limits::CellWindow;
-use super::model::{ForwardError, SimModel, SimState};
+use super::model::{SimModel, SimState};
+use super::options::SimOptions;
 use super::profile::Profile;
-use super::simulate::{SimOptions, simulate};
+use super::simulate::simulate;
 use rayon::prelude::*;
 use serde::Serialize;
 

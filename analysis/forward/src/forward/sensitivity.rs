@@ -5,10 +5,11 @@
 //! equation: an optimiser that uses both sees one consistent function. The tangent beyond P₀ is
 //! part of it and joins with continuous derivative.
 
+use super::error::ForwardError;
 use super::law::{Beyond, Demand, Drive};
-use super::model::{ForwardError, SimModel, SimState};
+use super::model::{SimModel, SimState};
+use super::options::SimOptions;
 use super::profile::Profile;
-use super::simulate::SimOptions;
 use super::step::{Coefficients, Ends, Mover};
 use nalgebra::{DMatrix, DVector};
 

@@ -6,13 +6,13 @@
 //! shortest time constant only: unless told otherwise it takes a quarter of that.
 
 use super::additions;
+use super::error::ForwardError;
 use super::law::{Beyond, Demand, Drive};
-use super::limits::CellWindow;
-use super::model::{ForwardError, SimModel, SimState};
+use super::model::{SimModel, SimState};
+use super::options::{Method, SimOptions, Simulation};
 use super::profile::{Piece, Profile};
 use super::step::{Coefficients, Ends, Mover};
-use super::trace::{Book, Point, Summary, Trace};
-use serde::{Deserialize, Serialize};
+use super::trace::{Book, Point};
 
 /// Halvings of a piece at most.
 const DEEPEST: usize = 30;
@@ -23,83 +23,10 @@ const CURRENT_ACCURACY: f64 = 1e-5;
 const BEND_V: f64 = 4e-6;
 /// Explicit Euler's step unless told otherwise, as a part of the shortest time constant.
 const EULER_PART: f64 = 0.25;
-/// Pieces of a profile at most: beyond it a trace would fill the memory.
-const MOST_PIECES: f64 = 1e8;
 /// Steps of explicit Euler at most, which leave nothing behind but time.
 const MOST_STEPS: f64 = 1e10;
 
-/// How a step is made.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Method {
-    /// Exponential steps of second order with error control.
-    Exact,
-    /// The thesis' three steps: explicit Euler.
-    Thesis,
-}
-
-/// How a simulation is made.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct SimOptions {
-    /// Kind of step.
-    pub method: Method,
-    /// What is done about power that cannot be had.
-    pub beyond: Beyond,
-    /// Error of a sub-step at most, V per cell in series.
-    pub tolerance_v: f64,
-    /// Longest distance of two rows of the trace, s; infinite for the rows of the profile.
-    pub max_step_s: f64,
-    /// Longest step of [`Method::Thesis`], s; none for a quarter of the shortest time constant.
-    pub thesis_step_s: Option<f64>,
-    /// Limits of a cell.
-    pub window: CellWindow,
-}
-
-impl Default for SimOptions {
-    fn default() -> Self {
-        Self {
-            method: Method::Exact,
-            beyond: Beyond::Stop,
-            tolerance_v: 1e-8,
-            max_step_s: f64::INFINITY,
-            thesis_step_s: None,
-            window: CellWindow::THESIS,
-        }
-    }
-}
-
 impl SimOptions {
-    pub(super) fn check(&self, profile: &Profile) -> Result<(), ForwardError> {
-        let bad = |what, expected, met| {
-            Err(ForwardError::Value {
-                what,
-                expected,
-                met,
-            })
-        };
-        if let (false, Beyond::Extrapolate { fraction }) = (self.beyond.is_valid(), self.beyond) {
-            return bad(
-                "fraction of the available power",
-                "a number above 0 and below 1",
-                fraction,
-            );
-        }
-        if self.tolerance_v.is_nan() || self.tolerance_v <= 0.0 {
-            return bad("tolerance", "a number of volts above 0", self.tolerance_v);
-        }
-        if self.max_step_s.is_nan()
-            || self.max_step_s <= 0.0
-            || profile.duration_s() / self.max_step_s > MOST_PIECES
-        {
-            return bad(
-                "longest step",
-                "a number of seconds above 0 that makes fewer than 1e8 steps",
-                self.max_step_s,
-            );
-        }
-        Ok(())
-    }
-
     /// Longest step of explicit Euler, s, if it is stable.
     fn euler_step_s(&self, model: &SimModel, profile: &Profile) -> Result<f64, ForwardError> {
         let tau_s = model
@@ -135,17 +62,6 @@ impl SimOptions {
 /// How many steps a piece takes.
 fn parts(piece_s: f64, step_s: f64) -> u64 {
     (piece_s / step_s * (1.0 - 1e-9)).ceil().max(1.0) as u64
-}
-
-/// All that a simulation delivers.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Simulation {
-    /// Figures of the whole run.
-    pub summary: Summary,
-    /// The run over time.
-    pub trace: Trace,
-    /// The state at the end.
-    pub end: SimState,
 }
 
 /// Runs a profile through a model from a state.

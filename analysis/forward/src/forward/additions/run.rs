@@ -1,11 +1,12 @@
 //! One run with additions.
 
-use super::Laws;
 use crate::forward::{
+    error::ForwardError,
     law::{Beyond, Demand, Drive},
-    model::{ForwardError, SimModel, SimState},
+    model::{SimModel, SimState},
+    nonlinear::Laws,
+    options::{SimOptions, Simulation},
     profile::{Piece, Profile},
-    simulate::{SimOptions, Simulation},
     trace::{Book, Point},
 };
 use analysis_effects::contract::{Dynamics, Instant, Modulation};
