@@ -1,8 +1,7 @@
 //! The additions of a model file: effects of the catalogue that a diagnosis has found missing, each
 //! with its provenance.
 
-use super::json::JsonError;
-use super::json::ModelFile;
+use super::schema::JsonError;
 use analysis_effects::{
     augmented::{Augmented, Kept},
     contract::{Base, Facts, Group, Scale},
@@ -62,43 +61,10 @@ pub struct AdditionEvidence {
     pub held_out_gap_after_v: Option<f64>,
 }
 
-impl ModelFile {
-    /// Base and additions; none for a model without additions.
-    ///
-    /// # Errors
-    /// [`JsonError`] for additions that lack an OCV curve or the facts of their data, or that the
-    /// catalogue does not know as they are.
-    pub fn augmented(&self) -> Result<Option<Augmented>, JsonError> {
-        augmented(
-            &self.fit.erm,
-            self.ocv.as_ref(),
-            self.facts,
-            &self.additions,
-        )
-    }
-
-    /// The file with additions to a base that was refitted together with them. What the first fit
-    /// knew of its uncertainty, and its pack, belong to another base and go.
-    #[must_use]
-    pub fn with_additions(mut self, erm: Erm, facts: Facts, additions: Vec<Addition>) -> Self {
-        self.schema_version = super::json::MODEL_SCHEMA_VERSION;
-        self.rc = erm.branches.len();
-        self.dc_resistance_ohm = erm.dc_resistance_ohm();
-        self.time_constants_s = erm.time_constants_s();
-        self.fit.sigma = super::sigma_of(&erm, &|_, _| None);
-        self.fit.log_covariance = None;
-        self.fit.other_minima = Vec::new();
-        self.fit.erm = erm;
-        self.pack = None;
-        (self.facts, self.additions) = (Some(facts), additions);
-        self
-    }
-}
-
 /// Base and additions; none without additions.
 ///
 /// # Errors
-/// As [`ModelFile::augmented`].
+/// As [`super::ModelFile::augmented`].
 pub(crate) fn augmented(
     erm: &Erm,
     ocv: Option<&OcvCurve>,

@@ -6,9 +6,8 @@
 use nalgebra::{DMatrix, SymmetricEigen};
 
 use super::clusters::Clusters;
-use super::erm::to_erm;
 use super::options::FitOptions;
-use super::problem::Problem;
+use super::problem::{Problem, to_erm};
 use super::search::{log_bounds, polish};
 use super::uncertainty::{Uncertainty, own_noise, sigma_of};
 use analysis_model::model::Erm;

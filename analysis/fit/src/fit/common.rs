@@ -10,13 +10,15 @@ use std::f64::consts::SQRT_2;
 
 use num_complex::Complex64;
 
-use super::problem::Sym2;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute};
 use analysis_signal::spectrum::Spectrum;
 
 /// Scale of the noise of relative weights before anything is fitted: a standard deviation of 0.3 %
 /// of |Z|, as the thesis' repeats have.
 const FIRST_NOISE: f64 = 1.0e-5;
+
+/// A symmetric 2×2 matrix over (Re, Im): xx, xy, yy.
+pub(crate) type Sym2 = [f64; 3];
 
 /// The names of all errors that spectra share.
 pub(super) fn names(spectra: &[Spectrum]) -> Vec<&str> {

@@ -3,64 +3,19 @@
 use super::between::{Between, between_cells};
 use super::cells::CellSweeps;
 use super::clusters::Clusters;
-use super::minima::{LocalMinimum, other_minima};
-use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
+use super::minima::other_minima;
+use super::options::{FitError, FitOptions, check_spectra};
 use super::outliers;
-use super::problem::Problem;
+use super::problem::{Problem, to_erm};
+use super::result::ErmFit;
 use super::search::search;
 use super::storage::{ChargeStorage, Fitted, carry, charge_storage, settle_noise};
-use super::uncertainty::{ErmSigma, Uncertainty};
+use super::uncertainty::Uncertainty;
 use super::warnings::warnings;
 use crate::validity::sign_remarks;
-use analysis_model::model::{Erm, RcBranch};
-use analysis_numeric::{Smooth, stats::t_factor};
-use analysis_signal::spectrum::{OcvSlope, Spectrum};
+use analysis_numeric::Smooth;
+use analysis_signal::spectrum::Spectrum;
 use num_complex::Complex64;
-use serde::{Deserialize, Serialize};
-
-/// A fitted model and what is known of it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct ErmFit {
-    /// The model, branches by rising time constant.
-    pub erm: Erm,
-    /// Value of the objective at the model, in the unit of its kind.
-    pub objective: f64,
-    /// What was made small.
-    pub objective_kind: Objective,
-    /// Number of points fitted, over all spectra.
-    pub points: usize,
-    /// Number of spectra pooled.
-    pub spectra: usize,
-    /// Number of cells whose scatter the sigmas rest on; none where they rest on the noise of
-    /// points or sweeps.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub cells: Option<usize>,
-    /// Standard uncertainty (1σ) of the parameters.
-    pub sigma: ErmSigma,
-    /// Covariance of the logarithmic parameters ln R, ln R₁, ln C₁, … (so: relative), row by row;
-    /// none when the data do not fix them all.
-    pub log_covariance: Option<Vec<Vec<f64>>>,
-    /// Slope of the open-circuit voltage beside the model; none where the spectra hold it or it was
-    /// left in them.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub charge_storage: Option<ChargeStorage>,
-    /// Root mean square of |Z_model − Z_data|, Ω. Errors that the points have in common count as
-    /// part of the model.
-    pub rms_ohm: f64,
-    /// χ² per degree of freedom; only for complex least squares with a covariance at every point.
-    /// Where the sigmas rest on cells, of the fits to each cell.
-    pub reduced_chi2: Option<f64>,
-    /// What a user of the model must know, in sentences; empty when there is nothing.
-    pub warnings: Vec<String>,
-    /// Other minima of the objective that the search met, deepest first: a fit that starts badly
-    /// ends in one of these.
-    #[serde(default)]
-    pub other_minima: Vec<LocalMinimum>,
-    /// Bounds the parameters were kept in.
-    pub bounds: Bounds,
-    /// Seed of the global search.
-    pub seed: u64,
-}
 
 /// Fits one model to all points of all spectra together.
 ///
@@ -172,48 +127,6 @@ fn fit(
             .chain(outliers::remarks(spectra, &fit.erm)),
     );
     Ok(fit)
-}
-
-/// Degrees of freedom of noise that is known.
-const MANY: f64 = 1e8;
-
-impl ErmFit {
-    /// Half width of a 95 % interval in sigmas: 1.96, more where the sigmas rest on few cells
-    /// (Student's t).
-    pub fn sigmas_of_95(&self) -> f64 {
-        t_factor(
-            0.95,
-            self.cells
-                .map_or(MANY, |cells| cells.saturating_sub(1) as f64),
-        )
-    }
-
-    /// Impedance that the fit expects to be measured: the model and, where it was taken out, the
-    /// share of the open-circuit voltage, Ω.
-    pub fn impedance(&self, freq_hz: f64) -> Complex64 {
-        let storage = |s: ChargeStorage| {
-            OcvSlope {
-                v_per_c: s.v_per_c,
-                sigma_v_per_c: 0.0,
-            }
-            .impedance(freq_hz)
-        };
-        self.erm.impedance(freq_hz) + self.charge_storage.map_or(Complex64::ZERO, storage)
-    }
-}
-
-pub(super) fn to_erm(x: &[f64]) -> Erm {
-    let branches = x[1..]
-        .chunks_exact(2)
-        .map(|p| RcBranch {
-            r_ohm: p[0].exp(),
-            c_f: p[1].exp(),
-        })
-        .collect();
-    Erm {
-        r_ohm: x[0].exp(),
-        branches,
-    }
 }
 
 fn rms_ohm(problem: &Problem, x: &[f64]) -> f64 {

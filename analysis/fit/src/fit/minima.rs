@@ -1,19 +1,16 @@
 //! The minima beside the best: which are distinct, the proof that they are minima, and how often
 //! seeds and descents end in each.
 
-use super::erm::to_erm;
 use super::options::{FitError, FitOptions, check_spectra};
-use super::problem::{Problem, impedance};
-use super::search::{Basin, Found, log_bounds, search, sharp};
+use super::problem::{Problem, to_erm};
+use super::search::{Basin, Found, log_bounds, same_minimum, search, sharp};
 use analysis_model::model::Erm;
-use analysis_numeric::{Minimum, Smooth, linalg::cholesky};
+use analysis_numeric::{Smooth, linalg::cholesky};
 use analysis_signal::spectrum::Spectrum;
 use nalgebra::{DMatrix, SymmetricEigen};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Curves nearer than this everywhere, in typical impedances, are one.
-const SAME_CURVE: f64 = 1e-5;
 /// A resistance within this ratio of its lower bound makes a branch that is not there: a minimum of
 /// a lower order.
 const GONE: f64 = 1.02;
@@ -202,23 +199,4 @@ fn smallest_eigenvalue(hessian: &[f64], m: usize) -> f64 {
     SymmetricEigen::new(DMatrix::from_row_slice(m, m, hessian))
         .eigenvalues
         .min()
-}
-
-/// The curves through the measured frequencies agree.
-pub(super) fn same_curve(problem: &Problem, a: &Minimum, b: &Minimum) -> bool {
-    curves_within(problem, (a, b), SAME_CURVE)
-}
-
-/// One minimum reached twice: equal values, and curves that agree or differ by what the value does
-/// not feel.
-pub(super) fn same_minimum(problem: &Problem, a: &Minimum, b: &Minimum) -> bool {
-    let equal = (a.value - b.value).abs() <= 1e-8 * a.value.abs().max(b.value.abs());
-    curves_within(problem, (a, b), if equal { 1e-3 } else { SAME_CURVE })
-}
-
-fn curves_within(problem: &Problem, (a, b): (&Minimum, &Minimum), tolerance: f64) -> bool {
-    problem.groups.iter().all(|g| {
-        (impedance(&a.x, g.freq_hz) - impedance(&b.x, g.freq_hz)).norm()
-            < tolerance * problem.scale_ohm
-    })
 }

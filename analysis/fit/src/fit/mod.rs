@@ -25,6 +25,8 @@ mod outliers;
 mod problem;
 mod profile;
 mod projection;
+mod result;
+mod schema;
 mod search;
 mod spread;
 mod storage;
@@ -40,19 +42,19 @@ pub use circuit::{
     CircuitFit, CircuitFitError, CircuitOptions, MAX_STARTS, Search, State, Weight, fit_circuit,
     fit_circuit_cells,
 };
-pub use erm::{ErmFit, fit_cells, fit_erm};
-pub use json::{
-    FitEntry, FitReport, JointProvenance, JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION, ModelFile,
-    PackModel, RefusedPoint,
-};
+pub use erm::{fit_cells, fit_erm};
+pub use json::{FitEntry, FitReport, JointProvenance, ModelFile, PackModel, RefusedPoint};
 pub use minima::{LocalMinimum, SeedSurvey, survey_seeds};
 pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};
-pub use order::{OrderOptions, OrderRow, OrderSelection, select_order};
+pub use order::{OrderOptions, OrderSelection, select_order};
 pub use profile::{Interval, Profile, profiles};
+pub use result::ErmFit;
+pub use schema::{JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
 pub use spread::{CellSpread, ParameterSpread, QuantitySpread, cell_spread};
 pub use storage::ChargeStorage;
 pub(crate) use uncertainty::sigma_of;
 pub use uncertainty::{ErmSigma, RcSigma};
+pub use verdict::OrderRow;
 
 #[cfg(test)]
 mod tests;

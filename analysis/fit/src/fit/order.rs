@@ -9,11 +9,12 @@
 //! approximate here.
 
 use super::cells::{CellSweeps, cell_means};
-use super::erm::{ErmFit, fit_erm};
+use super::erm::fit_erm;
 use super::options::{Bounds, FitError, FitOptions, Objective, check_spectra};
 use super::outliers::standing_out;
 use super::problem::Problem;
-use super::verdict::{for_other_cells, judge};
+use super::result::ErmFit;
+use super::verdict::{OrderRow, for_other_cells, judge};
 use super::whiteness::{Lag1, lag1};
 use analysis_numeric::{
     Covariance2,
@@ -32,46 +33,6 @@ pub struct OrderOptions {
     pub bounds: Bounds,
     /// Seed of the searches.
     pub seed: u64,
-}
-
-/// What speaks for and against one order.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct OrderRow {
-    /// Number of RC branches.
-    pub rc: usize,
-    /// Weighted sum of squares over all cells.
-    pub chi2: f64,
-    /// Numbers fitted, over all cells.
-    pub numbers: usize,
-    /// Parameters, over all cells.
-    pub parameters: usize,
-    /// Corrected Akaike criterion with unknown scale of the noise; the smallest is best.
-    pub aicc: f64,
-    /// Probability of the gain over the order below if the branch added were not there.
-    pub f_test_p: Option<f64>,
-    /// Mean lag-1 autocorrelation of the residuals over ln f.
-    pub lag1: Option<f64>,
-    /// Probability of such an autocorrelation in noise.
-    pub whiteness_p: Option<f64>,
-    /// Probability of such residuals if the model held and the noise were that of the repeats; none
-    /// without repeats.
-    pub lack_of_fit_p: Option<f64>,
-    /// Root mean square of |ΔZ/Z| in predicting a cell from the others; none below three cells.
-    pub left_out_cell: Option<f64>,
-    /// Change of the mean square of that against the order below, with its standard error over
-    /// cells.
-    pub left_out_change: Option<(f64, f64)>,
-    /// Parameters that are at a bound in at least half of the cells.
-    #[serde(default)]
-    pub held_by_bounds: Vec<String>,
-    /// χ² per degree of freedom; none where the noise is not known.
-    #[serde(default)]
-    pub reduced_chi2: Option<f64>,
-    /// Of at least one cell a residual stands out of the others.
-    #[serde(default)]
-    pub stands_out: bool,
-    /// Parameters that are at a bound or uncertain by more than 50 % in at least half of the cells.
-    pub unidentified: Vec<String>,
 }
 
 /// The orders tried, and what follows.

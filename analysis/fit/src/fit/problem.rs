@@ -5,15 +5,13 @@
 //! quadratic objectives need only each frequency's mean and scatter; the sum of norms needs every
 //! point.
 
-use super::common::{self, Common, Seen};
+use super::common::{self, Common, Seen, Sym2};
 use super::options::Objective;
+use analysis_model::model::{Erm, RcBranch};
 use analysis_numeric::{Covariance2, Smooth};
 use analysis_signal::spectrum::Spectrum;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
-
-/// A symmetric 2×2 matrix over (Re, Im): xx, xy, yy.
-pub(crate) type Sym2 = [f64; 3];
 
 /// One measured point with its weight.
 #[derive(Debug, Clone, Copy)]
@@ -459,6 +457,21 @@ impl Group {
             .iter()
             .map(|p| (p.z.norm() - self.mean_abs).powi(2))
             .sum();
+    }
+}
+
+/// The model of logarithmic parameters.
+pub(super) fn to_erm(x: &[f64]) -> Erm {
+    let branches = x[1..]
+        .chunks_exact(2)
+        .map(|p| RcBranch {
+            r_ohm: p[0].exp(),
+            c_f: p[1].exp(),
+        })
+        .collect();
+    Erm {
+        r_ohm: x[0].exp(),
+        branches,
     }
 }
 

@@ -9,9 +9,9 @@
 //! profile and sigma agree. Limits are squares of Student's t, for the noise is known no better
 //! than its degrees of freedom: of few cells, their number less one.
 
-use super::erm::ErmFit;
 use super::options::{FitError, FitOptions, Objective, check_spectra};
 use super::problem::Problem;
+use super::result::ErmFit;
 use super::search::{log_bounds, polish, sharp};
 use super::uncertainty::rounded;
 use analysis_numeric::{LocalOptions, Minimum, Smooth, linalg::invert, minimise, stats::t_factor};

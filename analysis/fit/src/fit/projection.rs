@@ -6,8 +6,9 @@
 //! The sum of norms and the moduli are not quadratic: a few reweighted quadratics come close enough
 //! to rank basins. The digits are made later.
 
+use super::common::Sym2;
 use super::options::{Bounds, Objective};
-use super::problem::{Group, Problem, Sym2};
+use super::problem::{Group, Problem};
 use analysis_numeric::linalg::{BoxQuadratic, MAX_UNKNOWNS};
 use num_complex::Complex64;
 use std::f64::consts::TAU;

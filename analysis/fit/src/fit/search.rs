@@ -3,9 +3,8 @@
 //! minimum kept of each basin.
 
 use super::batch::Batch;
-use super::minima::{same_curve, same_minimum};
 use super::options::{Bounds, FitOptions, Objective};
-use super::problem::Problem;
+use super::problem::{Problem, impedance};
 use super::projection::Projection;
 use analysis_numeric::{
     DeOptions, Evolution, LocalOptions, Member, Minimum, Rng, Smooth, Strategy,
@@ -15,6 +14,9 @@ use std::f64::consts::TAU;
 
 /// Corners of the smoothed norm, in typical impedances, from the first descent to the last digits.
 const CORNERS: [f64; 4] = [1e-3, 1e-5, 1e-7, 1e-9];
+
+/// Curves nearer than this everywhere, in typical impedances, are one.
+const SAME_CURVE: f64 = 1e-5;
 
 /// A basin's bottom and how many descents ended there.
 #[derive(Debug, Clone)]
@@ -244,4 +246,23 @@ fn to_the_bottom(problem: &Problem, mut minimum: Minimum, bounds: &[(f64, f64)])
 /// The problem at the sharpest corner that is still differentiable.
 pub(super) fn sharp(problem: &Problem) -> Problem {
     problem.smoothed(CORNERS[CORNERS.len() - 1] * problem.scale_ohm)
+}
+
+/// The curves through the measured frequencies agree.
+fn same_curve(problem: &Problem, a: &Minimum, b: &Minimum) -> bool {
+    curves_within(problem, a, b, SAME_CURVE)
+}
+
+/// One minimum reached twice: equal values, and curves that agree or differ by what the value does
+/// not feel.
+pub(super) fn same_minimum(problem: &Problem, a: &Minimum, b: &Minimum) -> bool {
+    let equal = (a.value - b.value).abs() <= 1e-8 * a.value.abs().max(b.value.abs());
+    curves_within(problem, a, b, if equal { 1e-3 } else { SAME_CURVE })
+}
+
+fn curves_within(problem: &Problem, a: &Minimum, b: &Minimum, tolerance: f64) -> bool {
+    problem.groups.iter().all(|g| {
+        (impedance(&a.x, g.freq_hz) - impedance(&b.x, g.freq_hz)).norm()
+            < tolerance * problem.scale_ohm
+    })
 }

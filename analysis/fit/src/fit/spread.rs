@@ -3,8 +3,9 @@
 //! quantities that they do fix.
 
 use super::cells::{CellSweeps, Components, FrequencySpread, components, frequency_spread};
-use super::erm::{ErmFit, fit_erm};
+use super::erm::fit_erm;
 use super::options::{FitError, FitOptions};
+use super::result::ErmFit;
 use analysis_signal::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

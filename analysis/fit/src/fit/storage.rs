@@ -3,7 +3,7 @@
 
 use super::common::Common;
 use super::options::{FitOptions, Objective};
-use super::problem::Problem;
+use super::problem::{Problem, to_erm};
 use super::search::{log_bounds, polish};
 use super::uncertainty::{Uncertainty, sigma_of};
 use analysis_model::model::Erm;
@@ -132,7 +132,7 @@ pub(super) fn charge_storage(
         v_per_c: given.v_per_c + moved * given.sigma_v_per_c,
         sigma_v_per_c: sigma.map(|sigma| sigma * given.sigma_v_per_c),
         given,
-        apparent_dc_resistance_ohm: super::erm::to_erm(&apparent.x).dc_resistance_ohm(),
+        apparent_dc_resistance_ohm: to_erm(&apparent.x).dc_resistance_ohm(),
     })
 }
 

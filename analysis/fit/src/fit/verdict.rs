@@ -1,7 +1,7 @@
 //! One recommended order out of the rows of [`super::order`], with reasons in words.
 
-use super::order::OrderRow;
 use super::warnings::HIGH_CHI2;
+use serde::{Deserialize, Serialize};
 use std::cmp::Ordering;
 
 /// Lower orders whose criterion is within this of the best are not told from it: odds of about one
@@ -14,6 +14,46 @@ const PLAUSIBLE_ABOVE: f64 = 1.5;
 const AS_WELL: f64 = 1.05;
 /// Below this probability a test speaks against an order.
 const LEVEL: f64 = 0.01;
+
+/// What speaks for and against one order.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct OrderRow {
+    /// Number of RC branches.
+    pub rc: usize,
+    /// Weighted sum of squares over all cells.
+    pub chi2: f64,
+    /// Numbers fitted, over all cells.
+    pub numbers: usize,
+    /// Parameters, over all cells.
+    pub parameters: usize,
+    /// Corrected Akaike criterion with unknown scale of the noise; the smallest is best.
+    pub aicc: f64,
+    /// Probability of the gain over the order below if the branch added were not there.
+    pub f_test_p: Option<f64>,
+    /// Mean lag-1 autocorrelation of the residuals over ln f.
+    pub lag1: Option<f64>,
+    /// Probability of such an autocorrelation in noise.
+    pub whiteness_p: Option<f64>,
+    /// Probability of such residuals if the model held and the noise were that of the repeats; none
+    /// without repeats.
+    pub lack_of_fit_p: Option<f64>,
+    /// Root mean square of |ΔZ/Z| in predicting a cell from the others; none below three cells.
+    pub left_out_cell: Option<f64>,
+    /// Change of the mean square of that against the order below, with its standard error over
+    /// cells.
+    pub left_out_change: Option<(f64, f64)>,
+    /// Parameters that are at a bound in at least half of the cells.
+    #[serde(default)]
+    pub held_by_bounds: Vec<String>,
+    /// χ² per degree of freedom; none where the noise is not known.
+    #[serde(default)]
+    pub reduced_chi2: Option<f64>,
+    /// Of at least one cell a residual stands out of the others.
+    #[serde(default)]
+    pub stands_out: bool,
+    /// Parameters that are at a bound or uncertain by more than 50 % in at least half of the cells.
+    pub unidentified: Vec<String>,
+}
 
 /// The order to use, the orders that cannot be told from the best, and the reasons.
 pub(super) fn judge(rows: &[OrderRow]) -> (usize, Vec<usize>, Vec<String>) {

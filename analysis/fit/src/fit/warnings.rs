@@ -1,8 +1,8 @@
 //! What a user of a fitted model must know, in sentences.
 
-use super::erm::ErmFit;
 use super::options::Objective;
 use super::problem::Problem;
+use super::result::ErmFit;
 use analysis_signal::spectrum::Spectrum;
 use std::f64::consts::TAU;
 

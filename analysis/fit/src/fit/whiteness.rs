@@ -6,8 +6,8 @@
 //! independent, so mean and variance are those of least-squares residuals (Cliff and Ord, *Spatial
 //! Processes*, 1981, section 8.3.2), from the projection that the parameters span.
 
-use super::erm::ErmFit;
 use super::problem::Problem;
+use super::result::ErmFit;
 use nalgebra::DMatrix;
 
 /// Lag-1 autocorrelation of one spectrum's residuals, and how many standard deviations it is above

@@ -1,0 +1,83 @@
+//! A fitted model.
+
+use super::minima::LocalMinimum;
+use super::options::{Bounds, Objective};
+use super::storage::ChargeStorage;
+use super::uncertainty::ErmSigma;
+use analysis_model::model::Erm;
+use analysis_numeric::stats::t_factor;
+use analysis_signal::spectrum::OcvSlope;
+use num_complex::Complex64;
+use serde::{Deserialize, Serialize};
+
+/// A fitted model and what is known of it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct ErmFit {
+    /// The model, branches by rising time constant.
+    pub erm: Erm,
+    /// Value of the objective at the model, in the unit of its kind.
+    pub objective: f64,
+    /// What was made small.
+    pub objective_kind: Objective,
+    /// Number of points fitted, over all spectra.
+    pub points: usize,
+    /// Number of spectra pooled.
+    pub spectra: usize,
+    /// Number of cells whose scatter the sigmas rest on; none where they rest on the noise of
+    /// points or sweeps.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub cells: Option<usize>,
+    /// Standard uncertainty (1σ) of the parameters.
+    pub sigma: ErmSigma,
+    /// Covariance of the logarithmic parameters ln R, ln R₁, ln C₁, … (so: relative), row by row;
+    /// none when the data do not fix them all.
+    pub log_covariance: Option<Vec<Vec<f64>>>,
+    /// Slope of the open-circuit voltage beside the model; none where the spectra hold it or it was
+    /// left in them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub charge_storage: Option<ChargeStorage>,
+    /// Root mean square of |Z_model − Z_data|, Ω. Errors that the points have in common count as
+    /// part of the model.
+    pub rms_ohm: f64,
+    /// χ² per degree of freedom; only for complex least squares with a covariance at every point.
+    /// Where the sigmas rest on cells, of the fits to each cell.
+    pub reduced_chi2: Option<f64>,
+    /// What a user of the model must know, in sentences; empty when there is nothing.
+    pub warnings: Vec<String>,
+    /// Other minima of the objective that the search met, deepest first: a fit that starts badly
+    /// ends in one of these.
+    #[serde(default)]
+    pub other_minima: Vec<LocalMinimum>,
+    /// Bounds the parameters were kept in.
+    pub bounds: Bounds,
+    /// Seed of the global search.
+    pub seed: u64,
+}
+
+/// Degrees of freedom of noise that is known.
+const MANY: f64 = 1e8;
+
+impl ErmFit {
+    /// Half width of a 95 % interval in sigmas: 1.96, more where the sigmas rest on few cells
+    /// (Student's t).
+    pub fn sigmas_of_95(&self) -> f64 {
+        t_factor(
+            0.95,
+            self.cells
+                .map_or(MANY, |cells| cells.saturating_sub(1) as f64),
+        )
+    }
+
+    /// Impedance that the fit expects to be measured: the model and, where it was taken out, the
+    /// share of the open-circuit voltage, Ω.
+    pub fn impedance(&self, freq_hz: f64) -> Complex64 {
+        let storage = |s: ChargeStorage| {
+            OcvSlope {
+                v_per_c: s.v_per_c,
+                sigma_v_per_c: 0.0,
+            }
+            .impedance(freq_hz)
+        };
+        self.erm.impedance(freq_hz) + self.charge_storage.map_or(Complex64::ZERO, storage)
+    }
+}
