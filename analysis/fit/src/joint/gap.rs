@@ -1,8 +1,8 @@
 //! By how much a model misses a pulse.
 
+use super::apparent::apparent;
 use super::fit::JointFit;
 use super::noise::NoiseModel;
-use super::pulse::apparent;
 use super::response::add_step;
 use super::window::PulseWindow;
 use analysis_model::ocv::OcvCurve;

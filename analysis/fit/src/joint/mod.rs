@@ -11,6 +11,7 @@
 //! The time domain here is the response to steps of current, in closed form. Power profiles are not
 //! simulated here.
 
+mod apparent;
 mod figures;
 mod fit;
 mod gap;
@@ -22,13 +23,14 @@ mod response;
 mod study;
 mod window;
 
+pub use apparent::{Apparent, apparent};
 pub use fit::{
     JointError, JointFit, JointInput, JointOptions, choose_order, fit_joint, fit_spectra,
 };
 pub use gap::{Gap, GapAt, Source, gaps, overlay};
 pub use noise::NoiseModel;
 pub use pooled::{PooledError, PooledPoint, PooledSpectrum};
-pub use pulse::{Apparent, Pulse, PulseOptions, SLOWEST_EDGE_S, apparent, find_pulses};
+pub use pulse::{Pulse, PulseOptions, SLOWEST_EDGE_S, find_pulses};
 pub use response::{step_resistance_ohm, step_resistance_sigma_ohm};
 pub use study::{
     OrderResult, PulseResult, Role, Study, StudyError, StudyInput, StudyOptions, TIMES_S, study,
