@@ -1,6 +1,10 @@
 //! Why what was given is no model of a cell.
 
-use super::ladder::{MOST_BRANCHES, REFUSED};
+/// Relative error beyond which there is no ladder: the thesis' cells differ by 0.9 %, and what lies
+/// farther off is another cell.
+pub const REFUSED: f64 = 1e-2;
+/// Most branches of a ladder.
+pub const MOST_BRANCHES: usize = 32;
 
 /// Why a circuit has no ladder.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

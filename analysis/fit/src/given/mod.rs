@@ -9,8 +9,8 @@ mod error;
 mod ladder;
 mod plain;
 
-pub use error::{GivenError, LadderError};
-pub use ladder::{Bands, Followed, Ladder, LeftOut, MOST_BRANCHES, REFUSED, TARGET, follow};
+pub use error::{GivenError, LadderError, MOST_BRANCHES, REFUSED};
+pub use ladder::{Bands, Followed, Ladder, LeftOut, TARGET, follow};
 pub use plain::PlainModel;
 
 use crate::fit::{Addition, JsonError, ModelFile, RefusedPoint, augmented};

@@ -18,9 +18,10 @@
 
 mod blocks;
 mod polish;
+mod rows;
 mod solve;
 
-use super::error::LadderError;
+use super::error::{LadderError, REFUSED};
 use analysis_model::model::{Circuit, Erm, RcBranch};
 use analysis_numeric::brief::brief;
 use blocks::{Blocking, Blocks};
@@ -35,11 +36,6 @@ const WIDER: f64 = 10.0;
 /// Relative error that ends the search: a third of the 0.3 % by which the thesis' sweeps of one
 /// cell repeat.
 pub const TARGET: f64 = 1e-3;
-/// Relative error beyond which there is no ladder: the thesis' cells differ by 0.9 %, and what lies
-/// farther off is another cell.
-pub const REFUSED: f64 = 1e-2;
-/// Most branches of a ladder.
-pub const MOST_BRANCHES: usize = 32;
 /// A DC resistance of the ladder that differs from the circuit's by less counts as the same.
 const SAME_DC: f64 = TARGET;
 

@@ -1,6 +1,6 @@
 //! The last digits of a ladder: resistances and time constants together, by the same least squares.
 
-use super::solve::{DC_WEIGHT, Met, NOTHING, Rows, pole};
+use super::rows::{DC_WEIGHT, Met, NOTHING, Rows, pole};
 use analysis_model::model::RcBranch;
 use analysis_numeric::{LocalOptions, Smooth, minimise};
 use num_complex::Complex64;

@@ -1,9 +1,11 @@
 //! Resistances of a ladder over given time constants: least squares of the relative error, none
 //! negative. Then the time constants move too.
 
+use super::TARGET;
 use super::polish::polish;
-use super::{MOST_BRANCHES, TARGET};
+use super::rows::{DC_WEIGHT, Met, NOTHING, Rows, pole};
 use crate::drt::nonnegative;
+use crate::given::error::MOST_BRANCHES;
 use analysis_model::model::RcBranch;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
@@ -16,11 +18,6 @@ const CHECKED_PER_DECADE: f64 = 50.0;
 /// How far time constants reach beyond the reciprocals of the band's ends.
 const REACH_FAST: f64 = 3.0;
 const REACH_SLOW: f64 = 10.0;
-/// Weight of the DC resistance among the rows of the band.
-pub(super) const DC_WEIGHT: f64 = 3.0;
-/// A resistance that is a smaller part of the largest |Z| is none.
-pub(super) const NOTHING: f64 = 1e-9;
-
 /// What a ladder is to follow.
 pub(super) struct Problem<'a> {
     /// Impedance to be followed, by angular frequency.
@@ -33,18 +30,6 @@ pub(super) struct Problem<'a> {
     pub(super) stores: bool,
     /// DC resistance of the rest, Ω, where it has one.
     pub(super) dc_ohm: Option<f64>,
-}
-
-/// A ladder and its error.
-#[derive(Debug, Clone)]
-pub(super) struct Met {
-    pub(super) r_ohm: f64,
-    pub(super) branches: Vec<RcBranch>,
-    pub(super) elastance_per_f: f64,
-    /// Largest relative error.
-    pub(super) worst: f64,
-    /// Where it is, rad/s.
-    pub(super) worst_omega: f64,
 }
 
 /// The shortest ladder that is good enough, else the best of all; none where no system could be
@@ -66,18 +51,6 @@ pub(super) fn best_ladder(problem: &Problem) -> Option<Met> {
         }
     }
     best
-}
-
-/// The rows of the least squares: what is to be followed at the frequencies that are fitted.
-pub(super) struct Rows {
-    pub(super) omega: Vec<f64>,
-    pub(super) z_ohm: Vec<Complex64>,
-    /// |Z| that errors are relative to.
-    pub(super) scale_ohm: Vec<f64>,
-    /// DC resistance of the rest and of all, Ω.
-    pub(super) dc_ohm: Option<(f64, f64)>,
-    /// Limits of the time constants, s.
-    pub(super) tau_s: (f64, f64),
 }
 
 impl Problem<'_> {
@@ -205,11 +178,6 @@ impl Problem<'_> {
         );
         met
     }
-}
-
-/// Impedance of a capacitance by its inverse.
-pub(super) fn pole(omega: f64, elastance_per_f: f64) -> Complex64 {
-    Complex64::new(0.0, -elastance_per_f / omega)
 }
 
 /// Values with equal quotients from end to end, at least so many per decade.

@@ -2,6 +2,7 @@
 //! their answers in time.
 
 use super::*;
+use crate::given::MOST_BRANCHES;
 use analysis_forward::forward::{
     Demand, Interpolation, OcvSource, Profile, SimModel, SimOptions, simulate,
 };
