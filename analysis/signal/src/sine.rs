@@ -15,6 +15,7 @@
 //! of periods need not be whole. Knows no impedance and no file.
 
 mod basis;
+mod block;
 mod error;
 mod guess;
 mod kernel;

@@ -6,7 +6,8 @@
 
 use pulp::{Simd, WithSimd};
 
-use super::table::{BLOCK, Fixed, Table};
+use super::block::{BLOCK, products};
+use super::table::{Fixed, Table};
 
 /// Greatest distance between the bounds of codes that the integer kernel can take: samples within
 /// them differ from the pivot by 2047 at most.
@@ -301,10 +302,6 @@ pub(super) fn each_narrow(
     );
 }
 
-/// Sums kept side by side: the compiler puts them into vector registers, which the order of a
-/// single sum forbids.
-const LANES: usize = 16;
-
 /// Sums of a block of any samples as `f64`, less a pivot.
 pub(super) fn floating<S: Copy + Into<f64>>(
     frame: &Frame<'_>,
@@ -343,23 +340,6 @@ impl WithSimd for Floating<'_> {
             lagged: products(self.x, self.later),
         }
     }
-}
-
-/// Sum of the products of two blocks.
-#[inline(always)]
-pub(super) fn products(a: &[f64; BLOCK], b: &[f64; BLOCK]) -> f64 {
-    let mut sums = [0.0; LANES];
-    for (a, b) in a
-        .as_chunks::<LANES>()
-        .0
-        .iter()
-        .zip(b.as_chunks::<LANES>().0)
-    {
-        for lane in 0..LANES {
-            sums[lane] += a[lane] * b[lane];
-        }
-    }
-    sums.iter().sum()
 }
 
 #[cfg(test)]

@@ -8,9 +8,10 @@
 use rayon::prelude::*;
 
 use super::basis::{Basis, Doubling, Shift, Square};
+use super::block::BLOCK;
 use super::kernel::{self, BlockSums, Frame, NARROW_SPAN, Narrow};
 use super::sample::{Bounds, Sample, all_inside, code_bounds, code_pivot, is_inside, pivot};
-use super::table::{BLOCK, Table};
+use super::table::Table;
 use super::{Channel, Record, SineError};
 
 /// Blocks per chunk.

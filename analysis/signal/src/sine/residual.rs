@@ -7,9 +7,9 @@
 use rayon::prelude::*;
 
 use super::basis::dot;
+use super::block::BLOCK;
 use super::moments::{CHUNK, Moments, Stage};
 use super::sample::{Bounds, Sample, code_bounds, is_inside, pivot};
-use super::table::BLOCK;
 use super::{Channel, SineError};
 
 /// Share of the sum of squares that must be left for the sums of the first pass to tell it: they

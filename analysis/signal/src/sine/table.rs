@@ -7,10 +7,7 @@
 //! [`super::solve`] takes it back.
 
 use super::basis::{Basis, Square};
-use super::kernel;
-
-/// Samples per block: a lane of the integer kernel holds 64 products of 12 and 15 bits.
-pub(super) const BLOCK: usize = 512;
+use super::block::{self, BLOCK};
 
 /// A column in fixed point.
 #[derive(Debug)]
@@ -91,7 +88,7 @@ impl Table {
     /// Σ ψψᵀ over a block.
     pub(super) fn gram(&self) -> Square {
         products(self.exact.len(), |row, column| {
-            kernel::products(&self.exact[row], &self.exact[column])
+            block::products(&self.exact[row], &self.exact[column])
         })
     }
 
@@ -105,9 +102,9 @@ impl Table {
         };
         let rounded: Vec<_> = (0..self.exact.len()).map(rounded).collect();
         products(self.exact.len(), |row, column| {
-            rounded[row].as_ref().map_or(0.0, |rounded| {
-                kernel::products(rounded, &self.exact[column])
-            })
+            rounded[row]
+                .as_ref()
+                .map_or(0.0, |rounded| block::products(rounded, &self.exact[column]))
         })
     }
 }
