@@ -38,7 +38,7 @@ pub(super) struct Wave {
     pub(super) p_value: f64,
 }
 
-/// What a fit leaves of one training record.
+/// The rest that a fit leaves of one training record.
 struct Record<'a> {
     block: usize,
     time: &'a TimeBlock,

@@ -1,5 +1,5 @@
-//! What a search for missing effects works with. Its parts: `attempts` fits candidates, `accept`
-//! judges them, `rivals` asks what would do as well, `select` puts them together.
+//! The tools of a search for missing effects. `attempts` fits candidates, `accept` judges them,
+//! `rivals` looks for others that would do as well, `select` puts all of it together.
 
 use super::block::Desk;
 use super::guards::Guards;

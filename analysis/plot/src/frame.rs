@@ -143,6 +143,7 @@ pub(super) fn heading(plot: &ImpedancePlot, width: f64) -> Result<(Vec<Shape>, f
 }
 
 /// The two lines of words at the upper edge; an empty one takes no room.
+#[derive(Debug, Clone, Copy)]
 pub(super) struct Titles<'a> {
     /// First line, bold.
     pub(super) title: &'a str,

@@ -164,7 +164,7 @@ struct Size {
     height: f64,
 }
 
-/// Where a leader ends, seen from its point.
+/// End of a leader, seen from its point.
 #[derive(Debug, Clone, Copy)]
 struct Reach {
     /// Length, logical pixels.

@@ -33,7 +33,7 @@ impl Colour {
 /// A place in logical pixels, from the upper left.
 pub(super) type Place = (f64, f64);
 
-/// Which point of a text stands at its place: its centre, or the middle or corner of an edge.
+/// Point of a text that stands at its place: its centre, or the middle or corner of an edge.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Anchor {
     Left,

@@ -101,24 +101,10 @@ impl Item {
                 push_table(out, header, rows);
                 out.push('\n');
             }
-            Self::Text(text) => push_wrapped(
-                out,
-                text,
-                Indents {
-                    first: "  ",
-                    other: "  ",
-                },
-            ),
-            Self::List(points) => points.iter().for_each(|point| {
-                push_wrapped(
-                    out,
-                    point,
-                    Indents {
-                        first: "  - ",
-                        other: "    ",
-                    },
-                )
-            }),
+            Self::Text(text) => push_wrapped(out, text, Indents::TEXT),
+            Self::List(points) => points
+                .iter()
+                .for_each(|point| push_wrapped(out, point, Indents::POINT)),
             Self::Fields(name, fields) => {
                 out.push_str(if out.ends_with("\n\n") { "" } else { "\n" });
                 out.push_str(&format!("  {name}\n"));
@@ -229,10 +215,22 @@ fn escaped(text: &str) -> String {
         })
 }
 
-/// What stands before the first line of a text and before the others.
+/// Indents of the first line of a text and of the others.
+#[derive(Debug, Clone, Copy)]
 struct Indents<'a> {
     first: &'a str,
     other: &'a str,
+}
+
+impl Indents<'static> {
+    const TEXT: Self = Self {
+        first: "  ",
+        other: "  ",
+    };
+    const POINT: Self = Self {
+        first: "  - ",
+        other: "    ",
+    };
 }
 
 fn push_wrapped(out: &mut String, text: &str, indents: Indents<'_>) {

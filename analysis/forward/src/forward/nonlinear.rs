@@ -1,4 +1,4 @@
-//! What of a model's additions no linear branch stands for.
+//! The additions of a model that no linear branch stands for.
 
 use super::error::ForwardError;
 use analysis_effects::{
