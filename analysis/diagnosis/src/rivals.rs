@@ -69,8 +69,9 @@ fn contains(other: &Attempt, name: &str) -> bool {
     find(other.name).is_some_and(|e| e.card().contains.contains(&name))
 }
 
-/// Whether another effect is a rival of a named one. What contains the named effect as a limit fits as well by necessity: where the interval of its shape holds the limit,
-/// only its forms away from there count.
+/// Whether another effect is a rival of a named one. What contains the named effect as a limit fits
+/// as well by necessity: where the interval of its shape holds the limit, only its forms away from
+/// there count.
 fn rivals(named: &Taken, other: &Attempt, lead: f64) -> bool {
     let (lambda, own) = (named.evidence.lambda, named.evidence.score);
     let near = |score: f64| score - own >= -lead;
