@@ -409,6 +409,7 @@ pub(super) struct Desk {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::data::TimeRecord;
     use analysis_effects::{augmented::Between, contract::Facts};
     use analysis_model::{
         model::{Erm, RcBranch},

@@ -4,7 +4,8 @@ use super::bench::{Hidden, campaign, model};
 use crate::{
     DataSet, Diagnosis, DiagnosisOptions, Guards, Role, RunData, Verdict,
     block::Desk,
-    diagnose::{self, base_fit},
+    diagnose,
+    diagnose::base_fit,
     prepare::prepare,
     search::{Search, excess_z},
 };
