@@ -22,8 +22,7 @@ pub(crate) fn meet(one: &Address, other: &Address) -> bool {
     keys(other).iter().any(|key| known.contains(key))
 }
 
-/// What an address means: the name as it is typed, and what it stands for at present. One in common
-/// is enough.
+/// Names of an address: as it is typed, and as it resolves at present. One in common is enough.
 pub(crate) fn keys(address: &Address) -> Vec<String> {
     match address {
         Address::Tcp(socket) => tcp(socket),

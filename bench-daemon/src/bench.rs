@@ -47,7 +47,7 @@ macro_rules! for_roles {
 }
 pub(crate) use for_roles;
 
-/// What stands in the way of using a bench.
+/// Reason why a bench cannot be used.
 #[derive(Debug, thiserror::Error)]
 pub enum BenchError {
     /// An instrument does not answer as it must.
@@ -57,7 +57,7 @@ pub enum BenchError {
         role: &'static str,
         /// Its model in the configuration.
         model: String,
-        /// What happened.
+        /// Error of the link.
         source: Box<LinkError>,
     },
     /// Another model answers than the configuration says.
@@ -94,7 +94,7 @@ pub enum BenchError {
     },
 }
 
-/// What all links of a bench share.
+/// Resources that all links of a bench share.
 pub struct Connections {
     /// Bench time.
     pub clock: Clock,
@@ -141,7 +141,7 @@ pub struct Identified {
     pub model: String,
     /// Its address.
     pub address: String,
-    /// What it says of itself.
+    /// Identity by its own answer.
     pub identity: Identity,
     /// Whether that is what the configuration says.
     pub recognised: bool,

@@ -1,5 +1,5 @@
-//! What is around a run on a bench with instruments outside this process: the lock, the latch, and
-//! the guardian. A bench that is simulated in this process has none of them.
+//! Lease of a bench during a run: the lock, the latch, and the guardian. Only a bench with
+//! instruments outside this process has one.
 
 mod aftermath;
 
@@ -41,7 +41,7 @@ pub fn refuse(bench: &config::Bench) -> Result<(), Failure> {
     })
 }
 
-/// What an earlier run has left, once its guardian is done, which may latch the bench.
+/// Handles what an earlier run has left, once its guardian has ended. This may latch the bench.
 async fn left(bench: &config::Bench, state: &State, clock: &Clock) -> Result<(), Failure> {
     wait_for_earlier(state, clock).await?;
     state.refuse_latched()?;
@@ -183,7 +183,7 @@ impl Custody {
     }
 }
 
-/// What latches a bench.
+/// Cause that latches a bench; `None` where the failure does not.
 fn cause(failure: &Failure) -> Option<Latched> {
     match failure {
         Failure::Execute(ExecuteError::Trip(trip)) => Some(Latched::of_trip("daemon", trip)),

@@ -38,7 +38,7 @@ enum Kind {
     Full(String),
 }
 
-/// What the system says of a full disk (ENOSPC).
+/// Error number of the operating system for a full disk (ENOSPC).
 const NO_SPACE: i32 = 28;
 
 impl Drill {

@@ -60,7 +60,7 @@ const POLL_S: f64 = 1.0;
 pub struct Executor<'a> {
     /// The instruments.
     pub bench: &'a mut Bench,
-    /// What is being done.
+    /// Experiment in work.
     pub experiment: &'a Experiment,
     /// Bench time.
     pub clock: Clock,
@@ -68,24 +68,24 @@ pub struct Executor<'a> {
     pub recorder: &'a mut Recorder,
     /// Who changes the fixture, where no device does.
     pub operator: &'a Operator,
-    /// What the person watching sees.
+    /// Progress that the person at the terminal sees.
     pub progress: &'a Progress,
-    /// What takes the harness off the channels.
+    /// Correction of the harness for the channels.
     pub correction: Correction,
-    /// What was read of the cell before the bipolar supply went on last.
+    /// Last reading of the cell before the bipolar supply went on.
     pub idle: Reading,
-    /// What the lines of multisines say besides their impedance, until somebody takes it.
+    /// Lines of multisines, with their noise and distortion, until somebody takes them.
     pub lines: Vec<Line>,
-    /// What the scope's channels are to be set to.
+    /// Vertical settings that the scope's channels are to have.
     verticals: [Option<Vertical>; 4],
-    /// What they were last set to.
+    /// Vertical settings that were applied last.
     applied: [Option<Vertical>; 4],
     /// Level of the trigger; follows the signal.
     trigger_v: Volts,
-    /// What the step in work may expose the cell to.
+    /// Interlock with the allowance of the step in work.
     interlock: Interlock,
     polls: u32,
-    /// What was clamped into the jig last, and which of the cells it was, where there are several.
+    /// Fixture that was clamped in last, and which cell it was, where there are several.
     mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
     /// The cell that is in use, where there are several.
     specimen: Option<Arc<Specimen>>,
@@ -95,7 +95,7 @@ pub struct Executor<'a> {
     repeat: usize,
     /// Points that the scope's memory was last set to.
     memory_points: Option<u64>,
-    /// What the channels show while nothing flows.
+    /// Channels while no current flows.
     zero: Option<trace::Zero>,
     /// Charge that traces have left in the cell, C.
     charge_c: f64,
@@ -111,9 +111,9 @@ pub struct Executor<'a> {
     ends_early: bool,
     /// When it was looked for such a request last, bench s.
     heeded_s: f64,
-    /// What the voltmeter at the jig has shown last, V.
+    /// Last reading of the voltmeter at the jig, V.
     shown_v: Option<f64>,
-    /// What the power-up in work allows of the current, A.
+    /// Current that the power-up in work allows, A.
     powered_a: Option<f64>,
     /// Scales of the shunt's channels, V per division, and what a record on them shows while no
     /// direct current flows, A: from the first since the power-up.
@@ -142,7 +142,7 @@ pub struct Executor<'a> {
     watch_took_s: f64,
     /// Where the reset of the state of charge stands.
     reset: dc::Reset,
-    /// What went into measuring points of the sweep again.
+    /// Effort of the retried points of the sweep.
     spent: Spent,
     /// The chiller was started here, and is to go on running.
     chiller_runs: bool,

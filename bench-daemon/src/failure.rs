@@ -87,9 +87,9 @@ pub enum Failure {
     /// The outputs may be on.
     #[error("LOOK AT THE BENCH: {failures}{cause}")]
     Unsafe {
-        /// What still flows or is not known, and what to unplug.
+        /// Currents that still flow or are not known, and what to unplug.
         failures: String,
-        /// What went wrong before.
+        /// Error that ended the run before.
         cause: String,
     },
     /// A bench that is in use, or latched, or whose state cannot be written.
@@ -137,8 +137,8 @@ impl From<Unsafe> for Failure {
 }
 
 impl Failure {
-    /// What could not be switched off outweighs everything else; what ended the run before stands
-    /// behind it.
+    /// Puts a bench that could not be switched off before every other failure. The error that ended
+    /// the run is told behind it.
     ///
     /// # Errors
     /// [`Failure::Unsafe`], or that of the outcome.

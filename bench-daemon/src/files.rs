@@ -115,7 +115,7 @@ pub(crate) fn sim_model(
     }
 }
 
-/// What becomes of a model's additions, in sentences.
+/// Treatment of a model's additions, in sentences.
 pub(crate) fn addition_notes(file: &GivenModel) -> Vec<String> {
     let names = |group: Group| -> Vec<&str> {
         file.additions

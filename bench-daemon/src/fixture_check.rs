@@ -30,7 +30,7 @@ const DEGREES_PER_SHARE: f64 = 180.0 / std::f64::consts::PI;
 pub struct ControlResult {
     /// Its name.
     pub control: &'static str,
-    /// What it is known to be.
+    /// Known impedance.
     pub known: KnownImpedance,
     /// As read.
     pub raw: ControlVerdict,

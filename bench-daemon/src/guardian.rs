@@ -7,8 +7,8 @@
 //! the middle. Then the guardian connects by itself, switches off in the order of
 //! [`Bench::safe_state`], reads back, and tries again until it has succeeded.
 //!
-//! What moves charge comes first. Relays of a bath are opened beside it, and a bath that closes its
-//! own loop is looked at behind it; neither keeps the guardian from verifying the rest.
+//! Drives are switched off first. The relays of a bath are opened beside them, and a bath that
+//! closes its own loop is looked at afterwards. Neither keeps the guardian from verifying the rest.
 //!
 //! Every instrument of the bench is to be treated as one that takes a single client. So the
 //! guardian reaches and identifies each of them before the daemon connects, lets go of them, and
@@ -53,9 +53,9 @@ const READY: &str = "ready";
 const REFUSED: &str = "refused ";
 
 const REPORT: &str = "guardian.json";
-/// What can move charge.
+/// Roles that can move charge.
 pub const DRIVES: [&str; 4] = ["supply4q", "generator", "load", "supply"];
-/// What is switched off or looked at.
+/// Roles that are switched off or looked at.
 const ROLES: [&str; 5] = ["supply4q", "generator", "load", "supply", "chiller"];
 /// So long after everything else was off it goes on trying to reach a board of relays, s: the
 /// longest pulse of one has ended by then.
@@ -68,7 +68,7 @@ const PATIENCE: u32 = 30;
 /// A killed process is gone after this time, or the system hangs.
 const DEATH: Duration = Duration::from_secs(5);
 
-/// What a guardian is told at its start.
+/// Orders that a guardian gets at its start.
 pub struct Charge<'a> {
     /// The bench.
     pub bench: &'a config::Bench,
@@ -117,8 +117,8 @@ pub struct Report {
     pub step: String,
     /// How often it has switched off.
     pub attempts: u32,
-    /// What the last of these times has shown, as `eis-bench safe --json` prints it; not in the
-    /// file of an older guardian.
+    /// Result of the last of these times, as `eis-bench safe --json` prints it; absent in the file
+    /// of an older guardian.
     #[serde(flatten)]
     pub safe: Option<SafeReport>,
     /// Least and greatest temperature of the cell, °C.
@@ -127,7 +127,7 @@ pub struct Report {
     /// At which set-point the run has started a bath that closes its own loop, °C.
     #[serde(default)]
     pub bath_c: Option<f64>,
-    /// What became of the bath, where something did.
+    /// End state of the bath, where it was changed.
     #[serde(default)]
     pub bath_ended: Option<String>,
     /// From stepping in to everything that moves charge verified, bench s.
@@ -274,7 +274,8 @@ impl<'a> Watch<'a> {
         self.switch_off().await
     }
 
-    /// What is in the jig, at which set-point the bath was started, and the step.
+    /// Notes what the daemon says: fixture in the jig, set-point at which the bath was started, and
+    /// step.
     fn heard(&mut self, doing: &str) {
         let mut words = doing.splitn(3, ' ');
         let (Some(fixture), Some(bath), Some(step)) = (words.next(), words.next(), words.next())

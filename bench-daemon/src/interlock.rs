@@ -1,6 +1,6 @@
-//! What the cell may be exposed to, and whether a reading leaves it. Pure: readings in, a trip or
-//! nothing out. [`judge`] looks at one reading, [`Interlock`] also at those before it: rates,
-//! charge, age, and values that do not move.
+//! Limits of what the cell may be exposed to, and the check of a reading against them. Pure:
+//! readings in, a trip or nothing out. [`judge`] looks at one reading, [`Interlock`] also at those
+//! before it: rates, charge, age, and values that do not move.
 
 mod history;
 mod noise;
@@ -49,7 +49,7 @@ impl Limits {
     }
 }
 
-/// What was read at one time; what an instrument does not tell is `None`.
+/// Readings at one time; a quantity that no instrument tells is `None`.
 #[derive(Debug, Clone, Copy, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Reading {
     /// Bench time, s.
@@ -70,7 +70,7 @@ pub enum Trip {
     Limit {
         /// The quantity.
         what: &'static str,
-        /// What was read.
+        /// Value that was read.
         value: f64,
         /// Its unit.
         unit: &'static str,
@@ -84,7 +84,7 @@ pub enum Trip {
     /// More flows than the step asks for, and why, as far as the instruments say.
     #[error("{trip}: {cause}")]
     Caused {
-        /// What left its limits.
+        /// Limit that was left.
         trip: Box<Trip>,
         /// Whose setting is not what this run has set.
         cause: String,
@@ -99,7 +99,7 @@ pub enum Trip {
     },
 }
 
-/// What was read, and that it may not be so.
+/// Value that was read, and that it left its limits.
 fn left(value: f64, unit: &str) -> String {
     if value.is_finite() {
         format!("{value:.4} {unit} left its limits")
@@ -178,7 +178,7 @@ impl Trip {
 const CONTROL_V: f64 = 1.0;
 const CELL_VOLTAGE: &str = "cell voltage";
 const NET_CHARGE: &str = "net charge of the step";
-/// What a meter may show where nothing flows, A: its zero error.
+/// Largest reading of an ammeter where no current flows, A: its zero error.
 pub const NO_CURRENT_A: f64 = 0.1;
 /// Share of the current limits that a meter's own error may add.
 const CURRENT_MARGIN: f64 = 1.02;

@@ -32,9 +32,9 @@ pub enum JournalError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried.
+        /// Operation that was tried.
         what: &'static str,
-        /// What the system says.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// A folder without one.
@@ -42,7 +42,7 @@ pub enum JournalError {
     Unread {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// A line that is not as it was written.
@@ -52,9 +52,9 @@ pub enum JournalError {
         path: PathBuf,
         /// Number of the line, from 1.
         line: usize,
-        /// What should be there.
+        /// Expected content.
         expected: String,
-        /// What is.
+        /// Content that was found.
         found: String,
     },
 }
@@ -100,7 +100,7 @@ pub enum Entry {
         /// In words.
         text: String,
     },
-    /// What a run that goes on found of an instrument before it changed anything.
+    /// State of an instrument that a resumed run found before it changed anything.
     Found(Found),
     /// The run goes on after its process had died or been stopped.
     Resumed {
@@ -120,7 +120,7 @@ pub enum Entry {
     },
 }
 
-/// What runs: enough to know whether a run that goes on is the same.
+/// Identity of a run: enough to know whether a resumed run is the same.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Started {
     /// Version of the program.
@@ -161,7 +161,7 @@ pub struct PointDone {
     /// Its captures, relative to the run folder, the last being the one that counts, with their
     /// SHA-256.
     pub files: Vec<(String, String)>,
-    /// What was read of the cell before its current went on.
+    /// Last reading of the cell before its current went on.
     pub idle: Reading,
     /// The point itself.
     pub point: SweepPoint,
@@ -174,7 +174,7 @@ pub struct Line {
     pub number: u64,
     /// Bench time, s.
     pub time_s: f64,
-    /// What it tells.
+    /// Entry that the line holds.
     pub entry: Entry,
 }
 
@@ -407,7 +407,7 @@ pub struct Read {
     pub lines: Vec<Line>,
     /// How long they are, bytes.
     pub whole_bytes: u64,
-    /// What follows them.
+    /// Bytes that follow them.
     pub torn: Vec<u8>,
 }
 

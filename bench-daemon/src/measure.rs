@@ -1,4 +1,4 @@
-//! What is measured of one point of a sweep, and what its record says of its own quality. Pure.
+//! Measurement of one point of a sweep, and the quality of its record. Pure.
 
 pub mod beside;
 pub mod point;

@@ -83,8 +83,8 @@ impl Operator {
     }
 }
 
-/// What is asked for. A control begins with taking the cell out: a bar or a copper dummy clamped
-/// across a cell is a dead short.
+/// Request to the operator. A control begins with taking the cell out: a bar or a copper dummy
+/// clamped across a cell is a dead short.
 fn request(fixture: Fixture, specimen: Option<&Specimen>) -> String {
     let text = match (fixture, specimen) {
         (Fixture::Cell, None) => {

@@ -1,4 +1,4 @@
-//! What is to be done, as data: stages of steps, each with an upper bound in time, checked before
+//! Plan of a run, as data: stages of steps, each with an upper bound in time. It is checked before
 //! anything is energised.
 
 mod check;
@@ -35,13 +35,13 @@ pub struct Plan {
 /// Steps that belong together; the outputs are off before and after.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stage {
-    /// What it is for.
+    /// Purpose of the stage.
     pub purpose: Purpose,
     /// Its steps, in order.
     pub steps: Vec<Step>,
 }
 
-/// What a stage is for: decides what is done with its records.
+/// Purpose of a stage: decides what is done with its records.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Purpose {
     /// Bringing the cell to its temperature.
@@ -109,7 +109,7 @@ pub enum Step {
     Accept {
         /// The band, V.
         band_v: (f64, f64),
-        /// What becomes of a cell that misses it; none where the charge is tried again.
+        /// Treatment of a cell that misses it; `None` where the charge is tried again.
         missed: Option<Missed>,
     },
     /// Direct current through load or supply, or rest, every reading of which is kept.
@@ -121,7 +121,7 @@ pub enum Step {
         /// Current limit, A: the daemon judges its readings by it, and the supply holds it where it
         /// can.
         limit_a: f64,
-        /// What of it the supply holds by itself while the generator commands the current.
+        /// Limit that the supply holds by itself while the generator commands the current.
         held: Holds,
     },
     /// One sinusoid is driven and captured.
@@ -157,7 +157,7 @@ pub enum Step {
     PowerDown,
 }
 
-/// What becomes of a run whose cell misses the band of its state of charge to the end.
+/// Treatment of a run whose cell misses the band of its state of charge to the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Missed {

@@ -68,7 +68,7 @@ pub fn quoted(path: &Path) -> String {
     }
 }
 
-/// What a picture or a page shows, and of what, where that has a name.
+/// Title of a picture or a page, with the name of the object where it has one.
 pub fn titled(what: &str, name: &str) -> String {
     if name.is_empty() {
         what.to_owned()
@@ -188,7 +188,7 @@ pub fn significant(value: f64, digits: i32) -> String {
 /// Points that are told one by one.
 const MOST_TOLD: usize = 6;
 
-/// What a quality gate has refused, and why.
+/// Points that a quality gate has refused, with the reasons.
 pub fn refused_in_words(flagged: &[FlaggedPoint]) -> String {
     let told = flagged.iter().take(MOST_TOLD).map(|point| {
         format!(

@@ -1,4 +1,4 @@
-//! What the person watching sees: a bar with the time left.
+//! Progress for the person at the terminal: a bar with the time left.
 
 use std::{
     cell::Cell,
@@ -24,7 +24,7 @@ pub struct Progress {
     doing: Doing,
 }
 
-/// What is being done at the moment; clones tell the same, also on other threads.
+/// Present action of the run; clones share it, also across threads.
 #[derive(Debug, Clone, Default)]
 pub struct Doing(Arc<Mutex<Now>>);
 
@@ -33,14 +33,14 @@ pub struct Doing(Arc<Mutex<Now>>);
 pub struct Now {
     /// In words; empty before the first.
     pub step: String,
-    /// What is in the jig, where it is known.
+    /// Fixture in the jig, where it is known.
     pub fixture: Option<Fixture>,
     /// At which set-point this run has started a bath that closes its own loop, °C.
     pub bath_c: Option<f64>,
 }
 
 impl Doing {
-    /// What is being done now.
+    /// Present action.
     pub fn now(&self) -> Now {
         self.0
             .lock()
@@ -85,7 +85,7 @@ impl Progress {
         }
     }
 
-    /// What is being done, for whoever wants to know it later.
+    /// Present action, as a handle that others can read later.
     pub fn doing(&self) -> &Doing {
         &self.doing
     }

@@ -1,5 +1,5 @@
-//! What a bench is found to be before anything is done to it: outputs are asked for and currents
-//! measured; nothing is changed.
+//! Reads the state of a bench before anything is done to it: outputs are asked for and currents
+//! measured. Nothing is changed.
 //!
 //! After a crash nobody knows what the instruments were last told. A run that goes on writes down
 //! what it found before it switches anything off.
@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 
 use crate::bench::{Bench, BenchError};
 
-/// What was found of one instrument.
+/// State in which one instrument was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Found {
     /// Its role.
     pub role: String,
     /// Its output is off, or opened so that nothing can flow.
     pub off: bool,
-    /// What it answered.
+    /// Answers of the instrument.
     pub answers: Vec<Answer>,
     /// Voltage that it measures, V; none where it measures nothing.
     pub volts: Option<f64>,

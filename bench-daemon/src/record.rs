@@ -50,9 +50,9 @@ pub enum RecordError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was tried.
+        /// Operation that was tried.
         what: &'static str,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// A table.
@@ -66,9 +66,9 @@ pub enum RecordError {
     Differs {
         /// The file.
         path: PathBuf,
-        /// What it should be.
+        /// Expected content.
         expected: String,
-        /// What it is.
+        /// Content that was found.
         found: String,
     },
     /// The folder is already in use.

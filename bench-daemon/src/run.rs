@@ -1,7 +1,7 @@
 //! A run: from a checked experiment to its folder, from the first exchange to its models.
 //!
-//! Whatever happens once the instruments are known to be the configured ones, a panic and a request
-//! to stop included, the bench is brought into safe state before this returns.
+//! The bench is brought into safe state before this returns, once the instruments are known to be
+//! the configured ones. This also holds after a panic and after a request to stop.
 
 mod again;
 mod drive;
@@ -32,7 +32,7 @@ use crate::{failure::Failure, fixture_check::ControlResult, measure::SweepPoint,
 pub use multisine::MultisineRun;
 pub use session::Session;
 
-/// What a run measured.
+/// Measurements of a run.
 #[derive(Debug)]
 pub struct Measured {
     /// The controls' verdicts.
@@ -55,9 +55,9 @@ pub struct Measured {
     pub campaign: bool,
     /// The file of each of them.
     pub files: Vec<String>,
-    /// What the quality gate has refused of the controls, by their names.
+    /// Points of the controls that the quality gate has refused, with the name of the control.
     pub refused_controls: Vec<(&'static str, FlaggedPoint)>,
-    /// What multisines measured of the cell.
+    /// Multisine measurements of the cell.
     pub multisines: Vec<MultisineRun>,
 }
 
@@ -69,7 +69,7 @@ impl Measured {
             .filter(|spectrum| !spectrum.points.is_empty())
     }
 
-    /// What each of them is called among the others; nothing where there is no other.
+    /// Name of each of them among the others; empty where there is no other.
     pub fn names(&self) -> Vec<String> {
         let several = self
             .repeats
@@ -100,7 +100,7 @@ impl Measured {
                 .sum::<usize>()
     }
 
-    /// What the first of them is called, where there are others.
+    /// Name of the first of them, where there are others.
     pub(super) fn first_of_several(&self) -> Option<String> {
         self.names()
             .into_iter()
@@ -111,16 +111,16 @@ impl Measured {
 
 /// A run that went to its end.
 pub struct Finished {
-    /// What was measured.
+    /// Measurements of the run.
     pub measured: Measured,
-    /// What the terminal shows.
+    /// Summary for the terminal.
     pub summary: String,
     /// The simulated world, where there is one in this process.
     pub simulation: Option<Simulation>,
 }
 
 impl Finished {
-    /// What the terminal shows, and what the quality gate makes of it.
+    /// Returns the summary for the terminal, and the judgement of the quality gate.
     pub(crate) fn told(self) -> (String, Result<(), Failure>) {
         let gated = self.gated();
         (self.summary, gated)

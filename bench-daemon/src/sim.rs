@@ -22,7 +22,7 @@ use crate::{
     mocks::{self, FaultLog, Happened, MockOptions, Quirks, Schedule, SharedPlant},
 };
 
-/// What stands in the way of a simulation.
+/// Reason why a simulation cannot be made.
 #[derive(Debug, thiserror::Error)]
 pub enum SimError {
     /// The scenario file.

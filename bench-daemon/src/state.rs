@@ -36,7 +36,7 @@ const OPEN: &str = "open.json";
 const SETTLED: &str = "settled.json";
 const HISTORY: &str = "trips.jsonl";
 
-/// What is wrong with the state of a bench.
+/// Fault in the state of a bench.
 #[derive(Debug, thiserror::Error)]
 pub enum StateError {
     /// The file system.
@@ -45,9 +45,9 @@ pub enum StateError {
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was tried.
+        /// Operation that was tried.
         what: &'static str,
-        /// What the system says.
+        /// Error of the operating system.
         source: std::io::Error,
     },
     /// No account, no folder.

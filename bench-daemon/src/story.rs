@@ -1,5 +1,5 @@
-//! What a journal tells: how far a run came, and where it may go on. Pure: lines in, a decision
-//! out.
+//! Journal replay: reads from a journal how far a run came, and where it may go on. Pure: lines in,
+//! a decision out.
 //!
 //! A stage whose end was written down is never played again, nor is a finished point. What else is
 //! played again depends on what a crash in a step means ([`Step::after_crash`]): charge whose
@@ -30,13 +30,13 @@ pub struct StageStory {
 /// How far a run came.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Story {
-    /// What ran.
+    /// First entry of the run.
     pub started: Started,
     /// Bench time of the last entry, s.
     pub last_s: f64,
     /// Its stages, as far as they were begun.
     pub stages: BTreeMap<usize, StageStory>,
-    /// What was odd.
+    /// Warnings of the run.
     pub notes: Vec<String>,
     /// The stage that was begun last.
     pub latest: Option<usize>,

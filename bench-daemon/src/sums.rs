@@ -26,7 +26,7 @@ pub enum SumsError {
     Read {
         /// The file or folder.
         path: PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         source: io::Error,
     },
     /// The list itself.
@@ -39,7 +39,7 @@ pub enum SumsError {
 pub struct Altered {
     /// The file, relative to the folder.
     pub file: String,
-    /// What is wrong with it.
+    /// Difference of the file, in words.
     pub what: String,
 }
 

@@ -23,18 +23,18 @@ use serde_json::Value;
 
 use crate::bench::{Bench, for_roles};
 
-/// What an instrument says of itself.
+/// Statement of an instrument about itself.
 #[derive(Debug, Clone, Serialize)]
 pub struct Said {
     /// Its identity.
     pub identity: Identity,
     /// That is a model that the dialect is made for.
     pub recognised: bool,
-    /// What the dialect knows of the model: ranges, channels, smallest steps.
+    /// Capabilities of the model by its dialect: ranges, channels, smallest steps.
     pub capabilities: Value,
-    /// What is programmed at present: questions and answers.
+    /// Settings at present: questions and answers.
     pub programmed: Vec<Answer>,
-    /// What its error queue held, or what is wrong by its own word.
+    /// Entries of its error queue, or faults by its own answer.
     pub health: Vec<String>,
 }
 

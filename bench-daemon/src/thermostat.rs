@@ -15,7 +15,7 @@ const REVERSAL_S: f64 = 60.0;
 /// anybody, s of full power.
 const UNMOVED_S: f64 = 120.0;
 
-/// What is to be done now.
+/// Action to take now.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action {
     /// Heat for so many seconds, or cool for a negative number of them; zero switches both off.
@@ -39,7 +39,7 @@ pub enum Fault {
         direction"
     )]
     Unmoved {
-        /// What it shows, °C.
+        /// Reading, °C.
         celsius: f64,
         /// Seconds of full power.
         spent_s: f64,
@@ -60,7 +60,7 @@ pub struct Thermostat {
     good_s: f64,
     /// Sign and end of the last pulse.
     last: (f64, f64),
-    /// What was shown, and the full power in one direction since it changed last, s.
+    /// Reading at the last change, and the time of full power in one direction since then, s.
     unmoved: (f64, f64),
 }
 
@@ -89,7 +89,8 @@ impl Thermostat {
         now_s >= self.due_s
     }
 
-    /// What a reading of the sensor at `now_s` calls for; none where it cannot be believed.
+    /// Action that a reading of the sensor at `now_s` calls for. `None` as reading stands for one
+    /// that cannot be believed.
     pub fn step(&mut self, reading_c: Option<f64>, now_s: f64) -> Action {
         let window_s = self.settings.window_s;
         self.due_s = now_s + window_s;

@@ -1,6 +1,6 @@
-//! What a person wants of a run that is going on, said from another terminal: to pause, to go on,
-//! to end, to do what is left in another order. A small file in the run folder, looked at between
-//! points.
+//! Run control requests: a person tells a run from another terminal to pause, to go on, to end, or
+//! to change the order of the rest. They are a small file in the run folder, which the run reads
+//! between points.
 //!
 //! In virtual time nobody is asked: the run is over in seconds, and played again it must be the
 //! same.
@@ -26,7 +26,7 @@ pub enum Course {
     Abort,
 }
 
-/// What is wanted.
+/// Run control request.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Wishes {
@@ -37,14 +37,14 @@ pub struct Wishes {
 }
 
 impl Wishes {
-    /// What is wanted of the run in a folder. A file that cannot be read says nothing: it must not
-    /// stop a run.
+    /// Reads the run control request in a run folder. A file that cannot be read counts as no
+    /// request: it must not stop a run.
     pub fn read(folder: &Path) -> Self {
         Self::said(folder).unwrap_or_default()
     }
 
-    /// What is said; nothing where no file is there or none that can be read. Who waits on request
-    /// goes on waiting then: somebody may be at the jig.
+    /// Reads the request; `None` where there is no file or none that can be read. A paused run then
+    /// stays paused: somebody may be at the jig.
     pub fn said(folder: &Path) -> Option<Self> {
         let text = std::fs::read_to_string(folder.join(WISHES)).ok()?;
         serde_json::from_str(&text)
@@ -117,7 +117,7 @@ pub fn in_words(numbers: impl Iterator<Item = usize>) -> String {
     }
 }
 
-/// What is left, in the order that is wanted: first what is named, then the rest as it was.
+/// Sorts the remaining items as requested: first the named ones, then the rest in their old order.
 /// `number` tells an item's number.
 pub fn reorder<T>(left: &mut [T], order: &[usize], number: impl Fn(&T) -> Option<usize>) {
     let place = |item: &T| {

@@ -2,7 +2,7 @@
 
 use instruments::mock::Fault;
 
-/// What runs meanwhile.
+/// Measurement that runs while the attack is made.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Job {
     /// Points from 0.2 Hz to 2 Hz.
@@ -13,7 +13,7 @@ pub(crate) enum Job {
     Reset,
 }
 
-/// What is done.
+/// Attack: a fault of an instrument, a signal to a process, or nothing.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Deed {
     /// A fault of one instrument, and which of its variants.

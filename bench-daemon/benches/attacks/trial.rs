@@ -43,12 +43,12 @@ const GOES_OVER_S: f64 = 200.0;
 const NOTHING_A: f64 = 0.1;
 /// Longest wait for a process, of the wall.
 const PATIENCE: Duration = Duration::from_secs(300);
-/// What a process has said comes within this time after its end, of the wall.
+/// Time after the end of a process within which its last output arrives, wall clock.
 const LINGER: Duration = Duration::from_secs(2);
 /// Share by which a number may be off without being wrong.
 const OFF: f64 = 0.01;
 
-/// What has come of an attack.
+/// Result of one attack.
 pub(crate) struct Row {
     name: String,
     job: Job,
@@ -104,7 +104,7 @@ impl Row {
         )
     }
 
-    /// What must not be.
+    /// Violations of the safety rules, in words; empty where there are none.
     pub(crate) fn wrong(&self) -> Vec<String> {
         let period_s: f64 = if self.job == Job::Slow { 5.0 } else { 0.1 };
         let mut wrong = Vec::new();
@@ -505,8 +505,8 @@ fn beyond(job: Job, samples: &[(f64, f64)]) -> (f64, f64) {
     (charge, first.map_or(0.0, |first| last - first))
 }
 
-/// What a bench without a fixture check measures, over the truth, for each point: that of a run in
-/// which nothing happens.
+/// Ratio of measured to true impedance at each point of an undisturbed run, by job. The bench has
+/// no fixture check.
 pub(crate) type Usual = Mutex<BTreeMap<Job, Vec<Complex64>>>;
 
 /// The points of the cell's spectrum, each over the truth, with their frequencies, Hz.

@@ -24,7 +24,7 @@ pub(crate) struct Row {
 pub(crate) struct Tally {
     rows: BTreeMap<(usize, String), Row>,
     failed: Vec<String>,
-    /// What else was counted: name, hits, of.
+    /// Further counts: name, hits, total.
     counts: BTreeMap<String, (usize, usize)>,
 }
 

@@ -1,7 +1,6 @@
-//! What becomes of a bath that closes its own loop when everything else is off. It moves no charge
-//! and may be what cools the cell, so that it keeps its set-point, unless that is known to be
-//! wrong. Nothing that moves charge waits for it, and it is not asked for long: it may serve
-//! another client.
+//! Handles a bath that closes its own loop, once everything else is off. It moves no charge and may
+//! be what cools the cell. It keeps its set-point, unless that is known to be wrong. No drive waits
+//! for it. It is asked for a short time only, because it may serve another client.
 
 use std::time::Duration;
 
@@ -14,7 +13,7 @@ use super::{Bench, BenchError, safe::fresh, wrap};
 /// Longest wait for its answers.
 const ASKED: Duration = Duration::from_secs(5);
 
-/// What a bath was left in.
+/// State in which a bath was left.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 pub struct BathLeft {
     /// In words.
@@ -92,9 +91,9 @@ impl Bench {
         self.stray_bath().await
     }
 
-    /// What a bath that closes its own loop does, for a person. Where its set-point lies beyond
-    /// what the cell bears, °C, it is stopped; where that is not known it is left alone. Nothing on
-    /// a bench without such a bath.
+    /// State of a bath that closes its own loop, for a person. A bath whose set-point lies outside
+    /// the limits of the cell, °C, is stopped. Where the limits are not known it is left alone.
+    /// Returns `None` on a bench without such a bath.
     pub async fn bath(&mut self, cell_c: Option<(f64, f64)>) -> Option<BathLeft> {
         let model = self.model("chiller").to_owned();
         let bath = self

@@ -1,6 +1,6 @@
-//! What each output was left in, and the one sentence that says it: which current still flows, by
-//! whose reading, what bounds it, and what to unplug. The daemon, its guardian, `eis-bench safe`
-//! and the server share it.
+//! State in which each output was left, and the one sentence that reports it. The sentence says
+//! which current still flows, by whose reading, what bounds it, and what to unplug. The daemon, its
+//! guardian, `eis-bench safe` and the server share it.
 
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
@@ -8,7 +8,7 @@ use utoipa::ToSchema;
 use super::BathLeft;
 use crate::interlock::NO_CURRENT_A;
 
-/// What one instrument was left in.
+/// State in which one instrument was left.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Output {
     /// Its role.
@@ -29,16 +29,16 @@ pub struct Output {
     pub out_of_step: bool,
     /// By what its current was brought to zero while its output stayed on.
     pub by: Option<String>,
-    /// What bounds its current, where it could not be verified to be off.
+    /// Limit of its current, in words, where it could not be verified to be off.
     pub bound: Option<String>,
     /// It was not reached, or did not answer; told of a bath only.
     #[serde(default)]
     pub silent: bool,
-    /// What went wrong, in the words of the link: for the log.
+    /// Error in the words of the link, for the log.
     pub trouble: Option<String>,
 }
 
-/// What a generator is left at where the supply that it commands is not known to be off.
+/// Setting of a generator whose supply is not known to be off.
 pub(super) const LEAST_SINE: &str = "its least sine";
 /// The roles that have a meter of their own current.
 pub(super) const METERED: [&str; 3] = ["supply4q", "load", "supply"];
@@ -179,24 +179,24 @@ impl Output {
     }
 }
 
-/// What a bench was left in.
+/// State in which a bench was left.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct SafeReport {
     /// Its name.
     pub bench: String,
     /// Every output was read back as off, and no current flows by any meter.
     pub verified: bool,
-    /// What it was left in, in one sentence.
+    /// State in which it was left, in one sentence.
     pub message: String,
     /// Every instrument that was switched off.
     pub outputs: Vec<Output>,
-    /// What a bath that closes its own loop does, where it was looked at.
+    /// State of a bath that closes its own loop, where it was looked at.
     #[serde(default)]
     pub bath: Option<BathLeft>,
 }
 
 impl SafeReport {
-    /// What follows from the outputs.
+    /// Builds the report from the outputs.
     pub(super) fn of(bench: &str, outputs: Vec<Output>) -> Self {
         let drive_off = outputs
             .iter()
@@ -287,7 +287,7 @@ impl SafeReport {
         }
     }
 
-    /// What went wrong, in the words of the links: for a log.
+    /// Errors in the words of the links, for a log.
     pub fn troubles(&self) -> String {
         let told = self
             .outputs

@@ -99,7 +99,7 @@ drives! {
     Supply, max_current;
 }
 
-/// What switching off has come to: by the instrument's own word, and by which other way.
+/// Result of switching off by the instrument's own answer, and the other way that was used, if any.
 type Ended = (Result<(), LinkError>, Option<&'static str>);
 
 impl Bench {
@@ -343,8 +343,8 @@ async fn at_rest<D: Drive>(
     }
 }
 
-/// What an instrument measures after it was switched off, and what bounds it where it is not known
-/// to be off.
+/// Reads an instrument after it was switched off. Reports what it measures, and what bounds it
+/// where it is not known to be off.
 async fn found<D: Drive>(
     drive: &mut Option<D>,
     (mut off, mut by): Ended,

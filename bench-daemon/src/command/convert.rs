@@ -42,7 +42,7 @@ pub struct ConvertArgs {
     /// the band of its data, a decade more on each side]
     #[arg(long, value_name = "LOW,HIGH")]
     pub ladder_band_hz: Option<String>,
-    /// What to write.
+    /// Kind of file to write.
     #[arg(long, value_enum)]
     pub to: To,
     /// The folder to write into. Nothing that is there is written over.
@@ -68,7 +68,7 @@ pub struct ConvertArgs {
     pub temperature_c: f64,
 }
 
-/// What can be written.
+/// Kind of file that can be written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub enum To {
     /// Spectra as the project's CSV.

@@ -391,7 +391,8 @@ impl Visit<'_> {
         found
     }
 
-    /// What needs the bench for itself, with a guardian beside it; always ends in safe state.
+    /// Runs the checks that need the bench for themselves, with a guardian beside them. Always ends
+    /// in safe state.
     async fn guarded(
         &self,
         mut findings: Findings,

@@ -50,8 +50,8 @@ pub struct FitArgs {
     /// that the data bear.
     #[arg(long, default_value = "all", value_name = "N|all|auto")]
     pub rc: String,
-    /// What is minimised: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only) or
-    /// `complex` (least squares).
+    /// Objective to minimise: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only)
+    /// or `complex` (least squares).
     #[arg(long, default_value = "complex")]
     pub objective: String,
     /// Charge storage of the cell.
@@ -139,7 +139,7 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
     }
 }
 
-/// What is wanted of each group.
+/// Request for the fit of each group.
 struct Wanted<'a> {
     orders: Option<&'a [usize]>,
     objective: Objective,

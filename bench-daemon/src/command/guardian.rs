@@ -42,7 +42,7 @@ pub struct GuardianArgs {
 /// Watches the process that started it and switches the bench off when that ends without a goodbye.
 ///
 /// # Errors
-/// Whatever keeps it from watching or from verifying safe state.
+/// Any failure to watch, or to verify safe state.
 pub fn guardian(args: &GuardianArgs) -> Result<(), Failure> {
     let (bench, source) = load_bench(&args.bench)?;
     let found = hash::sha256(source.text());

@@ -35,7 +35,7 @@ pub struct IdentifyArgs {
     pub json: bool,
 }
 
-/// What was found at one address.
+/// Instrument found at one address.
 #[derive(Debug, Serialize)]
 struct Found {
     /// Its role; of a single address, that of the dialect.
@@ -45,11 +45,11 @@ struct Found {
     address: String,
     #[serde(flatten)]
     said: Option<Said>,
-    /// What kept it from answering.
+    /// Reason why it did not answer.
     failure: Option<String>,
     /// Wall time from connecting to the last answer, s.
     took_s: f64,
-    /// What an instrument that no dialect knows could be tried as: lines for the bench file.
+    /// Lines for the bench file that would force a dialect on an instrument that no dialect knows.
     could_be_forced: Vec<String>,
 }
 

@@ -36,9 +36,8 @@ pub struct KkArgs {
     /// Also the distribution of relaxation times, with start values for a fit.
     #[arg(long)]
     pub drt: bool,
-    /// What the records show besides the sine: CSV with `freq_hz` and any of
-    /// `periods,drift_over_amplitude`, `h2,sigma_h2`, `h3,sigma_h3`, … (relative to the
-    /// fundamental).
+    /// Records beside the sine: CSV with `freq_hz` and any of `periods,drift_over_amplitude`,
+    /// `h2,sigma_h2`, `h3,sigma_h3`, … (relative to the fundamental).
     #[arg(long, value_name = "FILE")]
     pub records: Option<PathBuf>,
     /// Write plots and `kk.json` into this folder.

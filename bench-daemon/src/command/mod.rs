@@ -1,4 +1,4 @@
-//! What the command line does, one file per command.
+//! Commands of the command line, one file per command.
 
 pub mod clear;
 pub mod convert;

@@ -26,7 +26,7 @@ pub struct SlopeArgs {
     pub ocv_slope: Option<String>,
 }
 
-/// What is done about the slope.
+/// Treatment of the slope of the open-circuit voltage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Slope {
     /// It stays in the impedances.
@@ -38,7 +38,7 @@ pub enum Slope {
 }
 
 impl Slope {
-    /// What the arguments ask for.
+    /// Slope that the arguments ask for.
     ///
     /// # Errors
     /// A curve that cannot be read or does not reach the voltage; a slope that is none; a fit of
@@ -88,8 +88,8 @@ impl Slope {
         }
     }
 
-    /// What the arguments ask for where a circuit is fitted: it says by its own elements what
-    /// stores charge, so that nothing is taken out unasked.
+    /// Slope that the arguments ask for where a circuit is fitted. The elements of the circuit say
+    /// what stores charge, so that nothing is taken out by default.
     ///
     /// # Errors
     /// As [`Slope::asked`]; a slope that is to be fitted.
@@ -118,7 +118,7 @@ impl Slope {
     }
 }
 
-/// What a fit says of charge storage, in words.
+/// Charge storage that a fit found, in words.
 pub fn in_words(storage: &ChargeStorage) -> String {
     let micro = |v: f64| significant(1.0e6 * v, 3);
     let sigma = storage

@@ -180,7 +180,7 @@ pub struct PackSimulateArgs {
     pub json: bool,
 }
 
-/// What `--json` prints.
+/// Report that `--json` prints.
 #[derive(Serialize)]
 struct PackReport {
     profile: String,
@@ -223,9 +223,9 @@ struct PackReport {
     hottest_rise_k: Percentiles,
     /// Change of the lowest voltage with half the step, V.
     step_error_v: f64,
-    /// What the model's fit warned of.
+    /// Warnings of the model's fit.
     model_warnings: Vec<String>,
-    /// What the model does not tell, and what became of its additions.
+    /// Limits of the model, and the treatment of its additions.
     notes: Vec<String>,
 }
 

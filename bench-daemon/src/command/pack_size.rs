@@ -115,7 +115,7 @@ struct SizeReport {
     hold: Option<Hold>,
     /// DC resistance of a cell, Ω.
     dcir_ohm: f64,
-    /// What the model that it comes from does not tell.
+    /// Limits of the model that it comes from.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     model_notes: Vec<String>,
 }

@@ -27,7 +27,7 @@ pub struct PlanArgs {
     pub bench: Option<PathBuf>,
 }
 
-/// What ends by itself where no message arrives any more, in words.
+/// Ways in which a current ends by itself when no further message arrives, in words.
 fn endings(experiment: &Experiment, plan: &Plan) -> Vec<String> {
     let (bench, limits) = (&experiment.bench, &experiment.cell.limits);
     let generator = bench

@@ -6,13 +6,13 @@ use analysis::{
 };
 use clap::Args;
 
-/// What the file of a profile may not say itself.
+/// Properties of a profile that its file may not state.
 #[derive(Debug, Clone, Copy, Args)]
 pub struct ProfileArgs {
-    /// What the second column is, where no header says it [default: power].
+    /// Quantity of the second column, where no header says it [default: power].
     #[arg(long, value_enum)]
     pub kind: Option<Kind>,
-    /// What happens between rows.
+    /// Course between rows.
     #[arg(long, value_enum, default_value_t = Between::Hold)]
     pub interpolation: Between,
     /// The profile counts charge as positive.
@@ -31,7 +31,7 @@ pub enum Kind {
     Resistance,
 }
 
-/// What happens between rows.
+/// Course between rows.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 pub enum Between {
     /// A row holds until the next.
@@ -60,7 +60,7 @@ impl ProfileArgs {
     }
 }
 
-/// What a profile was taken for, in words.
+/// Interpretation of a profile, in words.
 pub(super) fn taken(profile: &Profile) -> String {
     let kind = match profile.demand {
         Demand::Power => "power in W",

@@ -86,8 +86,8 @@ pub struct SimulateArgs {
     /// a quarter of the shortest time constant or by --step-s.
     #[arg(long, value_enum, default_value_t = Steps::Exact)]
     pub method: Steps,
-    /// What is done about power that cannot be had: `stop`, or `extrapolate` along the tangent from
-    /// 95 % of it (thesis 4.2.1), which ends at 0 V.
+    /// Treatment of power that cannot be had: `stop`, or `extrapolate` along the tangent from 95 %
+    /// of it (thesis 4.2.1), which ends at 0 V.
     #[arg(long, value_enum, default_value_t = Policy::Stop)]
     pub beyond: Policy,
     /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the
@@ -121,7 +121,7 @@ pub enum Steps {
     Thesis,
 }
 
-/// What is done about power that cannot be had.
+/// Treatment of power that cannot be had.
 #[derive(Debug, Clone, Copy, clap::ValueEnum)]
 pub enum Policy {
     /// The simulation ends.
@@ -130,7 +130,7 @@ pub enum Policy {
     Extrapolate,
 }
 
-/// What `--json` prints for a profile.
+/// Report that `--json` prints for a profile.
 #[derive(Debug, Clone, Serialize)]
 struct Output {
     profile: String,
@@ -143,7 +143,7 @@ struct Output {
     /// One standard deviation of the lowest voltage that comes from the model's fit; null where
     /// that has no covariance.
     min_ccv_sigma_v: Option<f64>,
-    /// What 1 % more of a parameter of the cell does to the lowest voltage at the terminals, V.
+    /// Change of the lowest terminal voltage when one parameter of the cell rises by 1 %, V.
     min_ccv_per_percent_v: Vec<Parameter>,
     /// The largest factor of the profile within the window.
     largest_factor: Option<f64>,
@@ -155,7 +155,7 @@ struct Output {
     /// How much more peak power, without sign, the transient model allows than the simple-IR model,
     /// W.
     freed_peak_power_w: Option<f64>,
-    /// What to know of the numbers.
+    /// Notes on how to read the numbers.
     notes: Vec<String>,
     trace: PathBuf,
 }

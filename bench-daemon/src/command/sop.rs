@@ -95,7 +95,7 @@ pub struct SopArgs {
     pub json: bool,
 }
 
-/// What `--json` prints.
+/// Report that `--json` prints.
 #[derive(Serialize)]
 struct SopReport {
     model: String,
@@ -105,7 +105,7 @@ struct SopReport {
     max_discharge_a: Option<f64>,
     max_charge_a: Option<f64>,
     map: Vec<SopEntry>,
-    /// What to know of the numbers.
+    /// Notes on how to read the numbers.
     notes: Vec<String>,
 }
 
@@ -205,7 +205,7 @@ fn check_ocv(ocv_v: f64, window: &CellWindow, file: &GivenModel) -> Result<(), F
     ends.map_or(Ok(()), |ends| within(ends, "the model's OCV curve"))
 }
 
-/// What would mislead if it were not said.
+/// Notes without which the result would mislead.
 fn notes(args: &SopArgs, file: &GivenModel, map: &[SopEntry]) -> Vec<String> {
     let mut notes = model_args::notes(file);
     let most = |of: fn(&SopEntry) -> f64| map.iter().map(of).fold(0.0, f64::max);

@@ -28,7 +28,7 @@ enum Act {
         config: PathBuf,
         /// Whose it is.
         name: String,
-        /// What it opens; several with commas.
+        /// Scopes that it opens; several with commas.
         #[arg(long, value_enum, value_delimiter = ',', default_value = "read")]
         scope: Vec<Scope>,
     },

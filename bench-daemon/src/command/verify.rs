@@ -21,7 +21,7 @@ use crate::{
     terminal::say,
 };
 
-/// What is kept in a folder only as it was read: no capture tells it anew.
+/// Files that a folder holds only as they were read: no capture reproduces them.
 const AS_READ: [&str; 7] = [
     JOURNAL,
     MANIFEST,

@@ -195,7 +195,7 @@ fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
     )
 }
 
-/// What a run has left its bench in, by what is written down of it.
+/// State in which a run has left its bench, by its records.
 fn left(bench: &config::Bench) -> String {
     let safe = format!(
         "`eis-bench safe {}` switches off at any time",

@@ -28,7 +28,7 @@ pub struct Bench {
     pub open: Option<StrayAdmittance>,
     /// The simulation behind the addresses, if there is one.
     pub simulation: Option<Simulation>,
-    /// What its past says of its errors, where anything is known.
+    /// Known errors of the bench from its past, where any are known.
     pub history: Option<BenchHistory>,
     /// The file that this was read from.
     pub path: PathBuf,
@@ -38,7 +38,7 @@ pub struct Bench {
     pub guardian: Guardian,
     /// How a bath is held whose loop the daemon closes.
     pub thermostat: Thermostat,
-    /// What a run asks of the last look of the doctor.
+    /// Requirement of a run on the last report of `eis-bench doctor`.
     pub doctor: Doctor,
 }
 
@@ -92,11 +92,11 @@ pub struct Thermostat {
     pub window_s: f64,
     /// Without a reading for longer the run is stopped, s.
     pub stale_s: f64,
-    /// What the sensor shows too much, K.
+    /// Offset of the sensor: shown less true temperature, K.
     pub sensor_offset_k: f64,
 }
 
-/// What a run asks of the last report of `eis-bench doctor`.
+/// Requirement of a run on the last report of `eis-bench doctor`.
 #[derive(Debug, Clone, Copy)]
 pub struct Doctor {
     /// Without a valid report nothing is energised; else its want is remarked.
@@ -122,7 +122,7 @@ pub struct Instruments {
     pub chiller: Option<Instrument>,
     /// Temperature logger, with the channels of cell and air.
     pub logger: Option<(Instrument, u16, Option<u16>)>,
-    /// What changes the fixture: a device, or a person.
+    /// Changes the fixture: a device, or a person.
     pub jig: Option<Jig>,
 }
 
@@ -177,8 +177,7 @@ pub struct Instrument {
     pub model: String,
     /// Where it is reached.
     pub address: Address,
-    /// What the identity of another model contains that is to be spoken to as this one all the
-    /// same.
+    /// Text in the identity of another model that is accepted as this one.
     pub accept: Option<String>,
 }
 
@@ -215,8 +214,8 @@ pub struct Simulation {
     pub scenario: PathBuf,
     /// How bench time runs.
     pub time: TimeMode,
-    /// What goes wrong between the simulated instruments and their client.
+    /// Faults between the simulated instruments and their client.
     pub faults: Option<Schedule>,
-    /// What a mock is told to do differently, by role.
+    /// Quirks of the mocks, by role.
     pub quirks: BTreeMap<&'static str, Quirks>,
 }

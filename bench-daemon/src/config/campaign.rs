@@ -57,12 +57,12 @@ impl Campaign {
 }
 
 impl CampaignRun {
-    /// What files are called after.
+    /// Name of its files.
     pub fn name(&self) -> String {
         format!("{}_{}", self.cell.name, self.repeat)
     }
 
-    /// What a note about it begins with.
+    /// Prefix of a note about it.
     pub fn prefix(&self) -> String {
         format!(
             "run {} (cell {}, repeat {}): ",

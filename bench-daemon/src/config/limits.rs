@@ -99,7 +99,7 @@ const USUAL_C_RATE: (f64, f64) = (3.05, 15.0);
 /// Surface temperatures beyond which a lithium cell ages or plates fast, °C.
 const USUAL_C: (f64, f64) = (-20.0, 60.0);
 
-/// What of a cell's limits is beyond its data or common sense, in words.
+/// Limits of a cell that lie beyond its data or common values, in words.
 pub(super) fn wide(cell: &Cell) -> Vec<String> {
     let (limits, settings) = (&cell.limits, &cell.interlock);
     let (ocv, table) = cell

@@ -71,7 +71,7 @@ pub struct Experiment {
     /// The order of the fitted model that is diagnosed with the run's own data at its end, where
     /// that is asked for.
     pub diagnosed_rc: Option<usize>,
-    /// What it does by itself when something has ended it.
+    /// Automatic retries after something has ended it.
     pub perseverance: Perseverance,
     /// The files that this was read from.
     pub sources: Vec<Source>,
@@ -98,9 +98,9 @@ pub struct Cell {
     pub name: String,
     /// Capacity, C.
     pub capacity_c: f64,
-    /// What may be done to it.
+    /// Limits of the cell.
     pub limits: crate::interlock::Limits,
-    /// What the interlock allows beside them.
+    /// Settings of the interlock beside the limits.
     pub interlock: crate::interlock::Settings,
     /// Cells in series in the pack that the model is mapped to.
     pub series: u32,
@@ -109,7 +109,7 @@ pub struct Cell {
     /// Open-circuit voltage as the data sheet or an earlier cell shows it.
     #[serde(skip)]
     pub ocv: Option<OcvCurve>,
-    /// What of its limits is beyond its data or common sense, in words.
+    /// Limits that lie beyond its data or common values, in words.
     #[serde(skip)]
     pub wide: Vec<String>,
 }
@@ -178,14 +178,14 @@ pub struct Acceptance {
     pub band_v: (f64, f64),
     /// Resets at most.
     pub attempts: usize,
-    /// What becomes of a cell that misses it to the end.
+    /// Treatment of a cell that misses it to the end.
     pub missed: Missed,
 }
 
 /// The sweeps.
 #[derive(Debug, Clone)]
 pub struct Eis {
-    /// What is swept, beside the controls.
+    /// Fixture that is swept, beside the controls.
     pub fixture: Fixture,
     /// How often; 0 where only the controls are.
     pub repeat: usize,
@@ -217,7 +217,7 @@ pub struct Eis {
     /// The next point settles while the record of this one is fetched and analysed; where it is not
     /// said, in real time only.
     pub overlap: Option<bool>,
-    /// What a point must be to be kept without a flag, where it is asked for.
+    /// Limits that a point must keep to be stored without a flag, where they are asked for.
     pub quality: Option<Quality>,
 }
 
@@ -241,7 +241,7 @@ pub enum Order {
 pub struct Fit {
     /// Orders.
     pub rc: Vec<usize>,
-    /// What is minimised.
+    /// Objective that is minimised.
     pub objective: Objective,
     /// Points that the quality gate has refused are fitted, too.
     pub refused_points: bool,

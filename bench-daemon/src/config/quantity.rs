@@ -5,7 +5,7 @@ use std::{fmt, marker::PhantomData};
 
 use serde::de::{self, Deserialize, Deserializer, Visitor};
 
-/// What a field measures.
+/// Physical dimension of a field.
 pub trait Dimension {
     /// "a current".
     const NAME: &'static str;
@@ -46,7 +46,7 @@ impl<D: Dimension> Quantity<D> {
     /// Reads `"500 mA"`.
     ///
     /// # Errors
-    /// What was expected and what was found.
+    /// Expected and found text.
     pub fn parse(text: &str) -> Result<Self, String> {
         let fail = || {
             format!(

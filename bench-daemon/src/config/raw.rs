@@ -136,7 +136,7 @@ pub(super) struct Eis {
     pub(super) quality: Option<super::raw_quality::Raw>,
 }
 
-/// What the sweeps of `[eis]` are of.
+/// Fixture that the sweeps of `[eis]` measure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum SweptFixture {
@@ -184,7 +184,7 @@ pub(super) struct Trace {
     pub(super) rest_first: Quantity<Duration>,
     /// Open-circuit voltages at which it may begin.
     pub(super) start_voltage: [Quantity<Voltage>; 2],
-    /// What the cell may resist with at most, leads to the voltmeter included.
+    /// Highest resistance of the cell, leads to the voltmeter included.
     pub(super) resistance_max: Quantity<Resistance>,
     pub(super) segments: Option<Vec<Segment>>,
     pub(super) pulses: Option<Pulses>,
@@ -193,7 +193,7 @@ pub(super) struct Trace {
     pub(super) scale: Option<f64>,
     #[serde(default)]
     pub(super) through: Through,
-    /// What lies between the cell and the load's voltmeter where load and supply drive.
+    /// Resistance between the cell and the load's voltmeter where load and supply drive.
     pub(super) lead_resistance: Option<Quantity<Resistance>>,
     /// Rows are averaged over steps of this length.
     pub(super) step: Option<Quantity<Duration>>,
@@ -216,7 +216,7 @@ pub(super) struct Pulses {
     pub(super) relaxation: Quantity<Duration>,
 }
 
-/// What a trace is played through.
+/// Instruments that play a trace.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Through {

@@ -44,7 +44,7 @@ pub(super) struct Thermostat {
     pub(super) sensor_offset: Option<Quantity<TemperatureDifference>>,
 }
 
-/// What a run asks of the last `eis-bench doctor`.
+/// Requirement of a run on the last report of `eis-bench doctor`.
 #[derive(Debug, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Doctor {
@@ -77,7 +77,7 @@ pub(super) struct Instruments {
 pub(super) struct Instrument {
     pub(super) model: String,
     pub(super) address: String,
-    /// What the identity of another model contains that is to be spoken to as this one.
+    /// Text in the identity of another model that is accepted as this one.
     pub(super) accept: Option<String>,
 }
 
@@ -127,7 +127,7 @@ pub(super) struct Controls {
     pub(super) open: Option<Open>,
 }
 
-/// What a meter says of the empty jig: bounds.
+/// Bounds of a meter's reading of the empty jig.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Open {
@@ -146,7 +146,7 @@ pub(super) struct Simulation {
     pub(super) quirks: BTreeMap<String, BTreeMap<String, Value>>,
 }
 
-/// What goes wrong between the simulated instruments and their client.
+/// Faults between the simulated instruments and their client.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Faults {

@@ -186,7 +186,7 @@ fn resolve_doctor(source: &Source, raw: &raw_bench::Doctor) -> Result<Doctor, Co
     })
 }
 
-/// What the open jig may leak at most; the leak itself is anything from nothing to that.
+/// Largest stray admittance of the open jig; the true one is anything from zero to that.
 fn stray(source: &Source, raw: &raw_bench::Open) -> Result<StrayAdmittance, ConfigError> {
     let (least_ohm, greatest_f) = (raw.resistance_min.si, raw.capacitance_max.si);
     if least_ohm <= 0.0 {

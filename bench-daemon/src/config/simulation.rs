@@ -35,7 +35,7 @@ pub(super) fn faults(source: &Source, raw: &raw_bench::Faults) -> Result<Schedul
     })
 }
 
-/// What the mocks are told, by role; each is checked against what its model has.
+/// Quirks of the mocks, by role; each is checked against the quirks of its model.
 pub(super) fn quirks(
     source: &Source,
     raw: &BTreeMap<String, BTreeMap<String, Value>>,

@@ -21,7 +21,7 @@ pub enum ConfigError {
     Unreadable {
         /// The file.
         path: PathBuf,
-        /// What the system says.
+        /// Message of the operating system.
         reason: String,
     },
     /// A field is not as expected.
@@ -34,7 +34,7 @@ pub enum ConfigError {
         /// The field, from the top, such as `eis.amplitude`; items of a list by their number, from
         /// 1: `runs.2.file`.
         field: String,
-        /// What was expected and what was found.
+        /// Expected and found value.
         reason: String,
     },
 }
@@ -58,7 +58,7 @@ enum Others {
     Fenced(Arc<Fence>),
 }
 
-/// What a file of somebody else may name.
+/// Limits on what a file from another person may name.
 #[derive(Debug)]
 pub struct Fence {
     /// Everything below this folder …

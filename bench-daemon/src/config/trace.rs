@@ -17,7 +17,7 @@ pub(crate) use through::AFTER_WAVE_S;
 pub struct Trace {
     /// Its name: files are called after it.
     pub name: String,
-    /// What it is for.
+    /// Purpose of the trace.
     pub role: Role,
     /// Traces of one group repeat each other.
     pub repeat_group: String,
@@ -31,9 +31,9 @@ pub struct Trace {
     pub resistance_max_ohm: f64,
     /// Currents, one after the other.
     pub segments: Vec<Segment>,
-    /// What they are played through.
+    /// Instruments that play them.
     pub through: Through,
-    /// What became of rows that are shorter than a step.
+    /// Averaging of rows that are shorter than a step.
     pub averaged: Option<Averaged>,
     /// Resistance between the cell and the load's voltmeter where load and supply drive, Ω: their
     /// current flows through it.

@@ -23,7 +23,7 @@ use analysis::{
 pub struct DataSetProblem {
     /// Name of the run.
     pub run: String,
-    /// What is wrong with the file, with its name and the place in it.
+    /// Error in the file, with its name and the place in it.
     pub text: String,
 }
 

@@ -67,7 +67,7 @@ pub struct Loaded {
     pub set: DataSet,
     /// The runs that could not.
     pub problems: Vec<DataSetProblem>,
-    /// What had to be assumed.
+    /// Assumptions that had to be made.
     pub notes: Vec<String>,
     /// Points that the quality gate of their measurement has refused, by the names of their runs,
     /// and whether they are used all the same.
@@ -77,7 +77,7 @@ pub struct Loaded {
 /// How a data set is read.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Reading {
-    /// What an inherited correction leaves, which a run that measured no controls cannot tell.
+    /// Error that an inherited correction leaves, which a run without its own controls cannot tell.
     pub known: Option<CommonError>,
     /// Points that a quality gate has refused are used, too.
     pub refused_points: bool,

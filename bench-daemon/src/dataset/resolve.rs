@@ -145,7 +145,7 @@ fn check_history(source: &Source, history: Option<&BenchHistory>) -> Result<(), 
 struct Resolver<'a> {
     source: &'a Source,
     files: Files,
-    /// What quality gates have refused of the sweeps so far.
+    /// Points of the sweeps so far that quality gates have refused.
     flagged: Vec<Flagged>,
 }
 

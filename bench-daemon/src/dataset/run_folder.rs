@@ -121,8 +121,8 @@ struct Reader<'a> {
 }
 
 impl Reader<'_> {
-    /// What the bench's file says of its past, and whether the experiment wanted refused points:
-    /// the run keeps copies among its configuration.
+    /// Reads the bench's past from its file, and whether the experiment wanted refused points. The
+    /// run keeps copies of both among its configuration.
     fn configured(&mut self) {
         let Ok(entries) = std::fs::read_dir(self.folder.join(CONFIG)) else {
             return;

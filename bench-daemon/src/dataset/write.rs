@@ -21,7 +21,7 @@ pub enum WriteError {
     Folder {
         /// The folder.
         path: std::path::PathBuf,
-        /// What the system says.
+        /// Error of the operating system.
         #[source]
         source: std::io::Error,
     },

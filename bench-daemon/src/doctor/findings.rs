@@ -1,5 +1,5 @@
-//! What the doctor found: one check after the other, each with what was expected, what was met, and
-//! what to do.
+//! Findings of the doctor: one check after the other, each with what was expected, what was met,
+//! and what to do.
 
 use serde::{Deserialize, Serialize};
 
@@ -34,13 +34,13 @@ impl Verdict {
 pub struct Check {
     /// Its name, the same in every report.
     pub id: String,
-    /// What was expected.
+    /// Expected value or state, in words.
     pub expected: String,
-    /// What was met.
+    /// Value or state that was met, in words.
     pub met: String,
     /// How it ended.
     pub verdict: Verdict,
-    /// What to do; empty where nothing is to be done.
+    /// Remedy, in words; empty where nothing is to be done.
     pub advice: String,
 }
 

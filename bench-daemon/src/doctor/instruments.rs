@@ -1,4 +1,4 @@
-//! What is found with every output off: who answers, whether limits are taken and read back,
+//! Checks with every output off: which instruments answer, whether limits are taken and read back,
 //! whether the thermometers make sense.
 
 use instruments::{
@@ -15,7 +15,7 @@ use crate::{bench::BenchError, survey::Said};
 const ROOM_C: (f64, f64) = (-20.0, 80.0);
 const APART_K: f64 = 10.0;
 
-/// What one instrument said of itself, or why it did not.
+/// Records the answer of one instrument, or why it did not answer.
 pub fn reached(
     findings: &mut Findings,
     role: &str,

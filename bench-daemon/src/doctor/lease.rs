@@ -176,7 +176,7 @@ async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
 /// itself.
 ///
 /// # Errors
-/// Whatever keeps it from that.
+/// Any failure to do that.
 pub async fn hold(
     config: &config::Bench,
     sha256: String,

@@ -1,4 +1,5 @@
-//! What needs current: on copper in the place of the cell, half an ampere at most, around zero.
+//! Checks that need current: on copper in the place of the cell, half an ampere at most, around
+//! zero.
 
 use analysis::{
     calibration::{KnownImpedance, Priors},

@@ -1,11 +1,10 @@
 //! `eis-bench doctor`: walks through a bench before it is used for the first time, and after each
 //! change of it.
 //!
-//! What can be asked without any current is asked first: the machine, the instruments, their limits
-//! with every output off. Then, on a control that a person has clamped in the place of the cell,
-//! half an ampere proves drive, meters, probes, limits and safe state. After a failure that makes
-//! the next check unsafe nothing is energised any more, and whatever happens the bench ends in safe
-//! state.
+//! Checks without current come first: the machine, the instruments, their limits with every output
+//! off. Then a person clamps a control in the place of the cell. Half an ampere proves drive,
+//! meters, probes, limits and safe state. After a failure that makes the next check unsafe, nothing
+//! is energised any more. The bench always ends in safe state.
 
 mod findings;
 mod instruments;
@@ -32,7 +31,7 @@ use crate::{
     config,
 };
 
-/// What is done with current, in this order.
+/// Checks with current, in this order.
 pub const LIVE: [&str; 16] = [
     "fixture.no_cell",
     "zero.current",
@@ -52,7 +51,7 @@ pub const LIVE: [&str; 16] = [
     "safe.state",
 ];
 
-/// What a guardian may find at a jig with copper in it, V.
+/// Voltages that a guardian may find at a jig with copper in it, V.
 pub const COPPER_WINDOW_V: (f64, f64) = (-1.0, 1.0);
 
 /// A bench under examination.
@@ -63,10 +62,10 @@ pub struct Examination<'a> {
     pub clock: Clock,
     /// The instruments.
     pub bench: Bench,
-    /// What was found.
+    /// Findings so far.
     pub findings: Findings,
     scope: scope::Ranges,
-    /// What the channels show without current, V.
+    /// Voltages of channels 1 to 4 without current, V.
     zero_v: [f64; 4],
 }
 

@@ -1,5 +1,5 @@
-//! What the four probes say of a known change of the current: which of them sits where, and whether
-//! it reads what it should. Pure.
+//! Reads the positions of the four probes from a known change of the current: which of them sits
+//! where, and whether it reads what it should. Pure.
 //!
 //! The loop is earth, return wire, (1) shunt (2), wire, (3) fixture (4), all voltages against
 //! earth. So for one ampere the four readings rise in this order, by the unknown resistance of a
@@ -14,10 +14,10 @@
 
 use instruments::fixture::Fixture;
 
-/// What the bench file says of the loop.
+/// Loop of the current, as the bench file describes it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Loop {
-    /// What the probes C3 and C4 are on.
+    /// Fixture that the probes C3 and C4 are on.
     pub(super) fixture: Fixture,
     /// The current shunt.
     pub(super) shunt: Known,
@@ -149,7 +149,7 @@ impl Loop {
         (self.gain_sigma * low.hypot(high)).hypot(control)
     }
 
-    /// What 99 % of the readings of a sound bench stay within, Ω.
+    /// Bound within which 99 % of the readings of a sound bench stay, Ω.
     fn bound(&self, sigma_ohm: f64) -> f64 {
         COVERAGE.1 * sigma_ohm + FLOOR_OHM
     }
@@ -189,7 +189,7 @@ impl Mistake {
         }
     }
 
-    /// What is wrong, and what to do.
+    /// Mistake, and its remedy.
     pub(super) fn words(&self) -> (String, String) {
         match *self {
             Self::None => ("every probe where it belongs".to_owned(), String::new()),

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::{Check, Verdict};
 use crate::{failure::Failure, hash};
 
-/// What came out.
+/// Outcome of the checks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Outcome {
@@ -52,11 +52,11 @@ pub struct Report {
     pub date: String,
     /// The same, s since 1970.
     pub unix_s: f64,
-    /// What was in the jig, by the operator's word.
+    /// Fixture in the jig, by the operator's word.
     pub fixture: Option<String>,
     /// The instruments.
     pub instruments: Vec<Instrument>,
-    /// What came out.
+    /// Outcome of the checks.
     pub outcome: Outcome,
     /// The checks.
     pub checks: Vec<Check>,

@@ -1,4 +1,4 @@
-//! What a known step of the command did: which of drive, ammeter, probes and voltmeter is to be
+//! Judges a known step of the command: which of drive, ammeter, probes and voltmeter can be
 //! believed. Pure.
 
 use instruments::fixture::Fixture;
@@ -15,7 +15,7 @@ const NOTHING: f64 = 0.05;
 /// Resolution of a bench voltmeter, V.
 const VOLTMETER_V: f64 = 2.0e-3;
 
-/// What changed from the lower to the upper level of the command.
+/// Changes from the lower to the upper level of the command.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Step {
     /// The current that the configured gain should give, A.
@@ -303,7 +303,7 @@ fn expected(known: Known, sigma_ohm: f64) -> String {
     )
 }
 
-/// What to do; where a value of the bench file may be wrong, what decides.
+/// Remedy, in words. Where a value of the bench file may be wrong, it says how to decide.
 fn advice(circuit: &Loop, mine: &[&Mistake], command: [bool; 2]) -> String {
     let each: Vec<String> = mine.iter().map(|mistake| mistake.words().1).collect();
     let either = if each.len() > 1 {

@@ -22,9 +22,9 @@ const LEADS_OHM: f64 = 0.1;
 /// A cell that carries no current for long has the bath's temperature, but for what its mounting
 /// lets through, K.
 const COLDER_K: f64 = 10.0;
-/// What a cell may be warmer under a periodic current, K: half of the way from 20 °C to the 60 °C
-/// at which cells are no longer discharged. Under a great direct current it may have all of that
-/// way.
+/// Allowed warming of a cell under a periodic current, K. It is half of the way from 20 °C to 60
+/// °C, at which cells are no longer discharged. Under a large direct current the cell may use all
+/// of that way.
 const WARMER_K: f64 = 20.0;
 /// How far the effective value by the supply's readings may be from that by the shunt, as a share:
 /// readings a second apart of a period of five.
@@ -159,8 +159,8 @@ impl Executor<'_> {
         )
     }
 
-    /// What the charger shows at its terminals while it charges: the cell's voltage, and what its
-    /// leads drop.
+    /// Compares the charger's terminal voltage while it charges with the cell's voltage and the
+    /// drop of its leads.
     pub(super) fn agree_with_charger(
         &self,
         terminal_v: f64,

@@ -2,8 +2,8 @@
 //! goes on to the next point, whose settling passes while the record is fetched, analysed and
 //! written down.
 //!
-//! What is begun is in the journal before it is begun, as everything is. A record that is to be
-//! taken again brings the generator back.
+//! Every step is in the journal before it is begun, as always. A record that is to be taken again
+//! brings the generator back.
 
 use instruments::{clock::TimeMode, fixture::Fixture};
 

@@ -1,5 +1,5 @@
-//! What a fast current does to the cell between two readings: meters average over it, so that its
-//! crests are looked at beforehand and in the record.
+//! Checks the effect of a fast current on the cell between two readings. Meters average over its
+//! crests, so that they are checked beforehand and in the record.
 
 use instruments::{fixture::Fixture, scope::Waveform};
 
@@ -9,7 +9,7 @@ use crate::interlock::{NO_CURRENT_A, Trip};
 /// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells
 /// the truth a moment later.
 const MOST_OHM: f64 = 0.025;
-/// What noise and gains of the channels may add to a crest, V.
+/// Margin of a crest for noise and gains of the channels, V.
 const MARGIN_V: f64 = 0.02;
 /// Least correlation of neighbouring samples of a signal.
 const SMOOTH: f64 = 0.5;
@@ -183,7 +183,7 @@ impl Executor<'_> {
     }
 }
 
-/// What is wrong with the mean of a record, and by how much it may be off, A; and with its change
+/// Error of the mean of a record: name, value and limit, A. It is the mean itself, or its change
 /// since the first record on the same scales. The zeros of the channels do not change from record
 /// to record, and the supply has shown that nothing flowed before the first: a change may be as
 /// large as one of the two allowances for the mean, not as their sum. Records come some seconds

@@ -35,7 +35,7 @@ const GREATEST_SHIFT_V: f64 = 0.1;
 /// dies away.
 const BELOW_LIMIT_V: f64 = 0.02;
 
-/// What begins a note about a state of charge that was missed.
+/// Prefix of a note about a state of charge that was missed.
 pub const SOC_MISSED: &str = "SOC reset";
 
 /// Where the reset of the state of charge stands.
@@ -410,7 +410,7 @@ pub(super) fn bound(
     }
 }
 
-/// What a thermometer showed of the cell, in words.
+/// Temperature of the cell by its thermometer, in words.
 fn at_in_words(temperature_c: Option<f64>) -> String {
     temperature_c.map_or_else(
         || "no temperature was read".to_owned(),

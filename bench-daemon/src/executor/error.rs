@@ -1,9 +1,9 @@
-//! What ends a stage early: an instrument, the interlock, a file, a person, a bound, or a bench
-//! that does something else than it was told to.
+//! Errors that end a stage early: from an instrument, the interlock, a file, a person, a bound, or
+//! a bench that does something else than it was told to.
 
 use crate::{bench::BenchError, interlock::Trip, operator::OperatorError, record::RecordError};
 
-/// What ends a stage early.
+/// Error that ends a stage early.
 #[derive(Debug, thiserror::Error)]
 pub enum ExecuteError {
     /// An instrument.
@@ -14,7 +14,7 @@ pub enum ExecuteError {
     Meddled {
         /// Its role.
         role: &'static str,
-        /// What it says.
+        /// State by its own answer.
         met: String,
     },
     /// Two meters of one quantity say different things.
@@ -22,9 +22,9 @@ pub enum ExecuteError {
     Disagree {
         /// The quantity.
         what: &'static str,
-        /// What one shows.
+        /// First reading, in words.
         one: String,
-        /// What the other shows.
+        /// Second reading, in words.
         other: String,
         /// How far they may be apart.
         allowed: String,
@@ -41,9 +41,9 @@ pub enum ExecuteError {
         meter: &'static str,
         /// How many readings.
         times: u32,
-        /// What all of them are.
+        /// Value that all readings share, in words.
         value: String,
-        /// What another meter shows, in words that follow.
+        /// Reading of another meter, in words that follow.
         other: String,
     },
     /// The interlock.
@@ -65,17 +65,17 @@ pub enum ExecuteError {
         step: String,
         /// The bound, s.
         max_s: f64,
-        /// What was reached instead.
+        /// State that was reached instead.
         state: String,
     },
     /// The bench does something else than it was told to.
     #[error("{what}: expected {expected}, measured {met}")]
     Disobeyed {
-        /// What was commanded.
+        /// Command that was given.
         what: String,
-        /// What it should have done.
+        /// Expected reaction.
         expected: String,
-        /// What it did.
+        /// Reaction that was met.
         met: String,
     },
     /// A control is asked for, and something with a voltage is in the jig.
@@ -84,7 +84,7 @@ pub enum ExecuteError {
         in?"
     )]
     CellLeftIn {
-        /// What was about to be done.
+        /// Action that was about to be done.
         what: String,
         /// Voltage at the jig with every output off, V.
         volts: f64,

@@ -1,4 +1,4 @@
-//! What a person wants of a run that is going on, between two points of it: to wait without any
+//! Handles run control requests between two points of a run that is going on: to wait without any
 //! current, or to end.
 
 use instruments::{clock::TimeMode, fixture::Fixture};

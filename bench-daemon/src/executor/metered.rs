@@ -32,7 +32,7 @@ const READING_S: f64 = 0.15;
 /// A row is the mean of one reading.
 const ONE: f64 = 1.0;
 
-/// What is switched on.
+/// Output that is switched on.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Flowing {
     Nothing,
@@ -322,8 +322,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// What is switched off must carry nothing: judged from the second reading after a step on, for
-    /// the first may still see what was before.
+    /// Checks that an output that is off carries no current. It judges from the second reading
+    /// after a step on, because the first may still show the state before.
     async fn nothing_else(&mut self, work: &Work<'_>, drawn_a: f64) -> Result<(), ExecuteError> {
         if work.polls < 2 {
             return Ok(());

@@ -35,11 +35,11 @@ const GREATEST_TURN_RAD: f64 = 0.3;
 /// How far the current of a line may be from its command, as a share.
 const CURRENT_TOLERANCE: f64 = 0.2;
 
-/// What a record of one band gives.
+/// Result of the record of one band.
 pub(crate) struct BandFit {
     /// A point per line, what distortion may do to it in its variance.
     pub(crate) phasors: Vec<ChannelPhasors>,
-    /// What each line says of noise and distortion.
+    /// Noise and distortion of each line.
     pub(crate) lines: Vec<Line>,
 }
 
@@ -359,8 +359,8 @@ impl Executor<'_> {
     }
 }
 
-/// What is said where the record does not have the images of the generator's steps where the rates
-/// put them.
+/// Warning where the images of the generator's steps are not where the rates put them; `None` where
+/// they are.
 fn judge_images(fit: &MultisineFit) -> Option<String> {
     let proof = fit.proof.filter(analysis::multisine::Proof::contradicts)?;
     let missing = format!(

@@ -154,8 +154,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// What the bipolar supply's ammeter shows with its output off, A: the mean of some readings,
-    /// of which one is there already.
+    /// Zero of the bipolar supply's ammeter with its output off, A: the mean of several readings,
+    /// of which `first_a` is the first.
     async fn zero_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
         let mut sum_a = first_a;
         for _ in 1..ZERO_READINGS {

@@ -31,7 +31,7 @@ const MAINS_ORDERS: u32 = 3;
 /// How far a free fit may find the frequency from the one that was set.
 const FREQ_TOLERANCE: f64 = 2.0e-3;
 
-/// What a record was taken of.
+/// Point to which a record belongs.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Asked {
     pub(crate) fixture: Fixture,
@@ -51,7 +51,7 @@ pub(crate) struct Taken<'a> {
 }
 
 impl<'a> Taken<'a> {
-    /// What the scope has just handed over.
+    /// Record as the scope has just returned it.
     pub(crate) fn of(waveforms: &'a [Waveform; 4]) -> Self {
         Self {
             channels: waveforms
@@ -180,8 +180,8 @@ fn unsteady(fit: &SineFit, beside: &Beside) -> Option<String> {
     ))
 }
 
-/// What is odd about a fit, in words. Harmonics and mains beyond half the sampling rate are no
-/// news, nor is a mains of less than a period in the record of a fast sinusoid: there it is drift.
+/// Remarks on a fit, in words. Harmonics and mains beyond half the sampling rate are no news, nor
+/// is a mains of less than a period in the record of a fast sinusoid: there it is drift.
 fn remarks(fit: &SineFit) -> Vec<String> {
     let known = |note: &&Note| {
         !matches!(

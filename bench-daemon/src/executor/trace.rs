@@ -1,9 +1,9 @@
 //! A current trace: the generator's offset commands steps of direct current through the bipolar
 //! supply, the scope records frames around them.
 //!
-//! What the channels show while nothing flows is taken off; the correction of the harness gives
-//! current and voltage from the rest, and the voltmeter at the jig the voltage at rest that the
-//! change counts from.
+//! The zeros of the channels, read while no current flows, are subtracted first. The correction of
+//! the harness then gives current and voltage. The voltmeter at the jig gives the voltage at rest,
+//! from which the change of voltage counts.
 
 use analysis::{
     augmented::Between,
@@ -53,7 +53,7 @@ const FOLLOWS: (f64, f64) = (0.1, 0.3);
 /// Least current that the vertical scales are set for, A.
 const LEAST_SCALE_A: f64 = 0.5;
 
-/// What is seen of the cell while nothing flows.
+/// State of the channels and the voltmeter while no current flows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Zero {
     /// Channels 1…4, V.
@@ -66,7 +66,7 @@ pub(super) struct Zero {
     pub(super) temperature_c: Option<f64>,
 }
 
-/// What is done when.
+/// Action at one instant of a trace.
 #[derive(Debug, Clone, Copy)]
 enum Action {
     Arm(Frame),
@@ -411,7 +411,7 @@ impl Executor<'_> {
         Ok(generator.direct(offset).await.map_err(error)?)
     }
 
-    /// What the frames of a trace are read by.
+    /// Settings by which the frames of a trace are read.
     pub(super) fn frames<'f>(&'f self, trace: &'f TracePlan, zero: &Zero) -> Frames<'f> {
         let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
         Frames {

@@ -15,15 +15,15 @@ pub(super) const SETTLE_S: f64 = 2.5e-4;
 /// A step shows in the record from this much before the command to this much after it, s.
 const STEP_WINDOW_S: (f64, f64) = (0.05, 0.25);
 
-/// What a trace's frames are read by.
+/// Settings by which the frames of a trace are read.
 pub(crate) struct Frames<'a> {
-    /// What was planned.
+    /// Plan of the trace.
     pub(crate) trace: &'a TracePlan,
-    /// What takes the harness off the channels.
+    /// Correction of the harness for the channels.
     pub(crate) correction: &'a Correction,
     /// Resistance of the current shunt, Ω.
     pub(crate) shunt_ohm: f64,
-    /// What channels 1…4 show while nothing flows, V.
+    /// Voltages of channels 1…4 while no current flows, V.
     pub(crate) zero_v: [f64; 4],
     /// Voltage at rest by the voltmeter, V.
     pub(crate) ocv_v: f64,
@@ -34,7 +34,7 @@ pub(crate) struct Frames<'a> {
 pub(crate) struct Recorded {
     /// Rows; the scope knows no temperature.
     pub(crate) rows: Vec<TraceRow>,
-    /// What was commanded at each row, A; of rows of the scope only.
+    /// Commanded current at each row, A; of rows of the scope only.
     pub(crate) levels_a: Vec<f64>,
     /// Test times of the steps, s.
     pub(crate) steps_s: Vec<f64>,
@@ -42,7 +42,7 @@ pub(crate) struct Recorded {
     pub(crate) squares: [f64; 2],
     /// Frames.
     pub(crate) frames: usize,
-    /// What the frames should hold and do not, in words: expected, measured.
+    /// Feature that the frames should hold and do not, in words: expected, measured.
     pub(crate) missing: Option<(String, String)>,
 }
 
@@ -67,7 +67,7 @@ impl Recorded {
     }
 }
 
-/// What the channels of a frame show on average, V; none of an empty one.
+/// Mean voltage of each channel of a frame, V; `None` for an empty frame.
 pub(crate) fn zeros(capture: &Capture) -> Option<[f64; 4]> {
     let thinned = thin(
         capture,

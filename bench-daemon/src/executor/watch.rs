@@ -21,7 +21,7 @@ const DRIVES: usize = 5;
 const CAUSE: Duration = Duration::from_millis(500);
 /// Pairs that must say the same before a mean trips.
 const PAIRS: usize = 2;
-/// What a reading takes at most as a rule, s.
+/// Longest usual duration of a reading, s.
 const READ_S: f64 = 0.2;
 /// A reading that takes longer than this share of a period is of an unknown place in it: by so much
 /// a mean of an amplitude of 1 A may be off by a third of what it may be.
@@ -32,7 +32,7 @@ const METER_GAIN: f64 = 1.1;
 const TEMPERATURE_EVERY: u32 = 10;
 /// Readings in a period from which on each of them must differ from the one before.
 const FOLLOWED: f64 = 5.0;
-/// What is judged of an instrument that is to carry nothing.
+/// Names of the currents of instruments that must carry none.
 pub(super) const LOAD_CURRENT: &str = "current of the load";
 pub(super) const CHARGER_CURRENT: &str = "current of the charger";
 /// The swing of the cell's voltage under a smaller amplitude may be lost between two digits of a
@@ -42,8 +42,7 @@ const SEEN_A: f64 = 0.5;
 const HELD_V: f64 = 0.1;
 
 impl Executor<'_> {
-    /// What may flow during a step is far less than what the cell could bear, and so is the charge
-    /// that it may move.
+    /// Allowance of a step: current and charge, which are far less than the limits of the cell.
     pub(super) fn allowance(&self, fixture: Fixture, step: &Step) -> Allowance {
         let cell = self.experiment.cell.limits;
         let settings = &self.experiment.cell.interlock;
@@ -582,13 +581,12 @@ impl Executor<'_> {
     }
 }
 
-/// What a meter may show of a current that is asked for, A: its gain and its zero error.
+/// Largest reading of a meter for a requested current, A: with its gain and its zero error.
 pub(super) fn drawn(amps: f64) -> f64 {
     METER_GAIN * amps + NO_CURRENT_A
 }
 
-/// What the mean of a sinusoid may be: the zero errors of supply and meter, and a tenth of its
-/// amplitude.
+/// Allowed mean of a sinusoid: the zero errors of supply and meter, and a share of its amplitude.
 fn mean(period_s: f64, amplitude_a: f64) -> Option<Mean> {
     Some(Mean {
         period_s,

@@ -138,7 +138,7 @@ impl Executor<'_> {
         Ok(1.0 / (freq_hz * steps as f64))
     }
 
-    /// What flowed against what was asked for.
+    /// Compares the current that flowed with the current that was asked for.
     fn tell_energy(
         &mut self,
         trace: &TracePlan,

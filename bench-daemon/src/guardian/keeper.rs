@@ -36,7 +36,7 @@ const EARLIER_S: (f64, f64) = (120.0, 0.2);
 /// Longest wait for a guardian that was dismissed.
 const END: Duration = Duration::from_secs(15);
 
-/// What goes wrong with a guardian.
+/// Error of a guardian.
 #[derive(Debug, thiserror::Error)]
 pub enum GuardianError {
     /// The state of the bench.
@@ -101,15 +101,14 @@ pub struct Keeper {
 }
 
 impl Keeper {
-    /// What a guardian says behind its refusal where that is for a fault of the wire, which may
-    /// pass.
+    /// Suffix of a guardian's refusal that is due to a fault of the wire, which may pass.
     pub const MAY_PASS: &str = "may pass";
 
     /// Starts a guardian and waits until it has proven that it can reach its instruments. `clock`
     /// is the executor's, whose progress renews the lease.
     ///
     /// # Errors
-    /// Whatever keeps it from watching.
+    /// Any failure to watch.
     pub async fn start(
         charge: &Charge<'_>,
         clock: &Clock,
@@ -270,7 +269,7 @@ struct Renewal {
 }
 
 impl Renewal {
-    /// What is to be said now; nothing while the executor hangs.
+    /// Next message to the guardian; `None` while the executor hangs.
     fn word(&self, known: &mut Option<Now>) -> Option<String> {
         if self.clock.overdue_s() > self.stall_s {
             return None;

@@ -1,5 +1,5 @@
-//! What only several readings together show: the rate of the temperature, the charge that has
-//! moved, readings that are late or missing, values that do not move.
+//! Checks that need several readings: the rate of the temperature, the charge that has moved,
+//! readings that are late or missing, values that do not move.
 
 use std::collections::VecDeque;
 
@@ -7,7 +7,7 @@ use instruments::chiller;
 
 use super::{Limits, NET_CHARGE, NO_CURRENT_A, Reading, Trip, judge, noise::Noise};
 
-/// What the interlock allows beside the limits of the cell.
+/// Settings of the interlock beside the limits of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Settings {
     /// Greatest rate of the surface temperature, rising or falling, K/s.
@@ -99,7 +99,7 @@ const POLLS: f64 = 8.0;
 /// amplitude to the limit there.
 const PAIR_S: f64 = 0.1;
 
-/// What the step in work may do.
+/// Allowance of the step in work.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allowance {
     /// Limits of each reading.
@@ -115,7 +115,7 @@ pub struct Allowance {
     /// The period of a sinusoid that is slow enough to be followed reading by reading, s: current
     /// and, of a cell, voltage must move with it.
     pub swing_s: Option<f64>,
-    /// What the mean of the current may be.
+    /// Allowed mean of the current.
     pub mean: Option<Mean>,
     /// The cell is in the jig: its voltage moves with the charge.
     pub cell: bool,
@@ -185,7 +185,7 @@ pub struct Interlock {
     /// Temperatures within the window, with their bench times, s.
     temperatures: VecDeque<(f64, f64)>,
     charge_c: f64,
-    /// What the ammeter shows while nothing flows, A.
+    /// Reading of the ammeter while no current flows, A.
     zero_a: f64,
     /// Current that was read last, with its bench time, s.
     current: Option<(f64, f64)>,
@@ -201,8 +201,8 @@ pub struct Interlock {
     noise: Noises,
 }
 
-/// What the noise of each meter is known to be: that of voltage and current in the step in work,
-/// for their ranges change from step to step.
+/// Known noise of each meter. That of voltage and current holds for the step in work, because their
+/// ranges change from step to step.
 #[derive(Debug, Default)]
 struct Noises {
     volts: Noise,
@@ -213,15 +213,15 @@ struct Noises {
 /// A meter that shows the same for longer than its noise allows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Stuck {
-    /// What it measures.
+    /// Quantity that it measures.
     pub quantity: Quantity,
     /// How often it was read alike.
     pub times: u32,
-    /// What it shows, in V, A or °C.
+    /// Value that it shows, in V, A or °C.
     pub value: f64,
 }
 
-/// What a meter measures.
+/// Quantity that a meter measures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Quantity {
     /// The cell's voltage.
@@ -311,7 +311,8 @@ impl Interlock {
         self.silent = silent;
     }
 
-    /// What was read of the period so far is not of one signal, or not of known times.
+    /// Drops the readings of the period so far, because they are not of one signal or not of known
+    /// times.
     pub fn lose_period(&mut self) {
         self.period.clear();
     }
@@ -414,8 +415,8 @@ impl Interlock {
         })
     }
 
-    /// What the ammeter of the steps to come shows while their output is off, A: that is no charge.
-    /// More than a zero error is none.
+    /// Sets the reading of the ammeter with the output off, A: that is no charge. A reading beyond
+    /// a zero error is taken as 0.
     pub fn zero(&mut self, zero_a: f64) {
         self.zero_a = if zero_a.abs() <= NO_CURRENT_A {
             zero_a
@@ -528,7 +529,7 @@ impl Interlock {
         self.allowance.tempering
     }
 
-    /// What the mean of the current may be in the step in work.
+    /// Allowed mean of the current in the step in work; `None` while no reading is to be judged.
     pub fn allowed_mean(&self) -> Option<Mean> {
         self.allowance.mean.filter(|_| !self.silent)
     }

@@ -54,7 +54,7 @@ const BENCH_A: f64 = 20.0;
 /// Highest frequency of a planned sweep, Hz: beyond it the bipolar supply falls behind.
 const HIGHEST_HZ: f64 = 1000.0;
 
-/// What may be spent after the first campaign.
+/// Budget after the first campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Budget {
     /// Time on the bench, min.
@@ -63,14 +63,14 @@ pub struct Budget {
     pub charge_ah: f64,
 }
 
-/// What an investigation works with.
+/// Settings of an investigation.
 #[derive(Debug, Clone)]
 pub struct Means<'a> {
     /// Folder of everything that is written; new or empty.
     pub out: &'a Path,
     /// The open-circuit voltage that the model is given.
     pub ocv: OcvCurve,
-    /// What may be spent.
+    /// Budget that may be spent.
     pub budget: Budget,
 }
 
@@ -78,7 +78,7 @@ pub struct Means<'a> {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum End {
-    /// What is missing has a name.
+    /// The missing effect has a name.
     Explained,
     /// Nothing is missing.
     AtNoiseFloor,
@@ -86,14 +86,14 @@ pub enum End {
     Invalid,
     /// No run of the menu that this bench can play and that was not played yet would tell more.
     NoExperiment,
-    /// What is left of the budget does not pay for a run that might tell more.
+    /// The rest of the budget does not pay for a run that might tell more.
     Budget,
 }
 
 /// A run that was bought to settle what was open.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Bought {
-    /// What was recommended.
+    /// Experiment that was recommended.
     pub experiment: NextExperiment,
     /// Time that it took on the bench, min.
     pub minutes: f64,
@@ -123,9 +123,9 @@ pub struct Investigation {
     pub schema: &'static str,
     /// Name of the experiment.
     pub name: String,
-    /// What might be spent.
+    /// Budget that might be spent.
     pub budget: Budget,
-    /// What was spent of it.
+    /// Part of it that was spent.
     pub spent: Budget,
     /// Measurements and verdicts in order.
     pub steps: Vec<Step>,
@@ -214,7 +214,7 @@ struct Desk<'a> {
     refused: usize,
 }
 
-/// What became of the runs of the menu.
+/// Results of the runs of the menu.
 #[derive(Debug, Clone, Default)]
 struct Asked {
     /// Names of those that can be played.

@@ -1,5 +1,5 @@
-//! What a record shows besides its sinusoid: harmonics, and a drift that is not straight. A fit of
-//! its own, so that the phasors of the sinusoid stay what they are.
+//! Content of a record besides its sinusoid: harmonics, and a drift that is not straight. It is a
+//! separate fit, so that the phasors of the sinusoid do not change.
 
 use analysis::{
     numeric::Covariance2,
@@ -10,7 +10,7 @@ use analysis::{
 /// Harmonics that are looked for: what an asymmetric and what a symmetric nonlinearity makes first.
 const ORDERS: [u32; 2] = [2, 3];
 
-/// What a record shows besides its sinusoid.
+/// Content of a record besides its sinusoid.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
 pub struct Beside {
     /// Orders and phasors of the harmonics that the record can tell apart.

@@ -11,7 +11,7 @@ use super::{
 /// A finished point of a sweep.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct SweepPoint {
-    /// What was in the jig.
+    /// Fixture in the jig.
     pub fixture: Fixture,
     /// Number in the sweep, from 0.
     pub index: usize,
@@ -24,9 +24,9 @@ pub struct SweepPoint {
     /// Greatest lag-1 correlation of the residuals: near 0 for noise, near 1 for a signal that the
     /// sinusoid leaves out.
     pub residual_lag1: f64,
-    /// What the record shows besides the sinusoid.
+    /// Content of the record besides the sinusoid.
     pub beside: Beside,
-    /// What is odd about it.
+    /// Warnings about it.
     pub warnings: Vec<String>,
     /// Bench time of the middle of its record, s, to a period and a half.
     pub time_s: f64,
@@ -34,16 +34,16 @@ pub struct SweepPoint {
     pub captures: usize,
     /// How often it was measured again because the finished sweep refused it.
     pub rechecked: usize,
-    /// What went into measuring it again.
+    /// Effort of its retries.
     #[serde(default)]
     pub spent: Spent,
-    /// What its record says of its own quality.
+    /// Quality of its record.
     pub measures: Measures,
-    /// What of that the quality gate refuses.
+    /// Limits of the quality gate that it misses.
     pub failing: Vec<Failing>,
 }
 
-/// What went into measuring again: a point, or all points of a sweep.
+/// Effort of retries: of a point, or of all points of a sweep.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Spent {
     /// Time, s.
@@ -64,7 +64,7 @@ impl std::ops::Add for Spent {
 }
 
 impl Spent {
-    /// What the finished points of a sweep have taken; it counts on after a resume.
+    /// Effort of the finished points of a sweep; it goes on counting after a resume.
     pub(crate) fn of<'a>(points: impl Iterator<Item = &'a SweepPoint>) -> Self {
         points.fold(Self::default(), |sum, point| sum + point.spent)
     }

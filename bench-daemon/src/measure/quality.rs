@@ -26,7 +26,7 @@ pub struct Quality {
     pub noise: f64,
     /// Harmonics of current and voltage over their fundamentals.
     pub distortion: f64,
-    /// What the drift of the voltage may have put into Z.
+    /// Largest share of the voltage's drift in Z.
     pub drift: f64,
     /// Z of the first half of the record against the second.
     pub repeatability: f64,
@@ -40,7 +40,7 @@ pub struct Quality {
     pub charge_c: f64,
 }
 
-/// What a record says of its own quality.
+/// Quality of a record.
 #[derive(Debug, Clone, Copy, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Measures {
     /// Greatest share of clipped samples of a channel.
@@ -49,14 +49,14 @@ pub struct Measures {
     pub noise: f64,
     /// Greater of the distortions of current and voltage, and what noise makes of it.
     pub distortion: (f64, f64),
-    /// What the drift of the voltage may have put into Z, over |Z|.
+    /// Error that the drift of the voltage may have put into Z, over |Z|.
     pub drift: f64,
     /// Difference of Z between the halves of the record over |Z|, and what noise makes of it;
     /// nothing where a half is too short.
     pub repeatability: Option<(f64, f64)>,
 }
 
-/// What is judged.
+/// Quantity that is judged.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Criterion {
@@ -90,7 +90,7 @@ impl std::fmt::Display for Criterion {
 /// A number that is too large.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Failing {
-    /// What it is.
+    /// Quantity that fails.
     pub criterion: Criterion,
     /// The number, as a share.
     pub value: f64,
@@ -124,7 +124,7 @@ impl std::fmt::Display for Failing {
 }
 
 impl Quality {
-    /// What of a record is too much.
+    /// Limits that a record misses.
     pub fn judge(&self, measures: &Measures) -> Vec<Failing> {
         let beyond = |(value, sigma): (f64, f64), limit: f64| value > limit.max(CERTAIN * sigma);
         let mut failing = Vec::new();
@@ -176,8 +176,8 @@ pub fn severity(failing: &[Failing]) -> f64 {
     failing.iter().map(of).fold(0.0, f64::max)
 }
 
-/// What a record of four channels and its fits say of its quality. `clipped`: greatest share of
-/// clipped samples.
+/// Quality of a record of four channels, from its fits. `clipped`: greatest share of clipped
+/// samples.
 pub fn measure(
     record: &Record<'_>,
     phasors: &ChannelPhasors,

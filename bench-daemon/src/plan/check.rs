@@ -1,5 +1,6 @@
-//! What of a plan is refused before anything is energised: what could leave the limits of the cell,
-//! drive without a supply that is up, change a fixture under power, or wait without end. Pure.
+//! Checks of a plan before anything is energised. Refused are plans that could leave the limits of
+//! the cell, drive without a supply that is up, change a fixture under power, or wait without end.
+//! Pure.
 
 use instruments::{fixture::Fixture, supply4q::Holds};
 

@@ -1,9 +1,9 @@
-//! What a crash in a step means for a run that goes on: decided for every kind of step, here and
-//! nowhere else.
+//! Effect of a crash in a step on a resumed run: decided here, for every kind of step, and nowhere
+//! else.
 
 use super::Step;
 
-/// What a crash in a step means for a run that goes on afterwards.
+/// Effect of a crash in a step on a resumed run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum AfterCrash {
     /// Nothing that lasts was moved: it is played again.
@@ -17,7 +17,7 @@ pub enum AfterCrash {
 }
 
 impl Step {
-    /// What a crash in it means.
+    /// Effect of a crash in this step.
     pub fn after_crash(&self) -> AfterCrash {
         match self {
             Self::Specimen(..)

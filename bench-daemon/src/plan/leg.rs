@@ -11,7 +11,7 @@ use crate::interlock::Limits;
 /// A stretch of direct current or of rest that is recorded.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Leg {
-    /// What flows.
+    /// Current or power that flows.
     pub flow: Flow,
     /// Upper bound, s; a rest lasts that long.
     pub max_s: f64,
@@ -19,7 +19,7 @@ pub struct Leg {
     pub log: Log,
 }
 
-/// What flows in a leg.
+/// Current or power that flows in a leg.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Flow {
     /// Out of the cell, by the load.

@@ -47,7 +47,7 @@ impl Band {
         self.span_s * self.base_hz
     }
 
-    /// What it takes besides its upper bound, s.
+    /// Expected duration besides its upper bound, s.
     pub(super) fn expected_s(&self) -> f64 {
         self.settle_s + self.span_s
     }
@@ -101,7 +101,7 @@ impl fmt::Display for Band {
 }
 
 impl Band {
-    /// What the plan says of the images of the generator's steps.
+    /// Writes the images of the generator's steps, as the plan prints them.
     fn fmt_images(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let hertz = |harmonic: usize| harmonic as f64 * self.base_hz;
         write!(

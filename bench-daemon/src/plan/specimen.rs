@@ -26,7 +26,7 @@ impl Stage {
         self.of_campaign().map(|(_, run)| run)
     }
 
-    /// What it is for; in a campaign also which run and which cell it belongs to.
+    /// Purpose of the stage; in a campaign also the run and the cell that it belongs to.
     pub fn title(&self) -> String {
         let of_run = self
             .of_campaign()

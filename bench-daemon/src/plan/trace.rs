@@ -5,7 +5,7 @@ use analysis::series::Role;
 
 use crate::interlock::Limits;
 
-/// What a trace is played through.
+/// Instruments that play a trace.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Through {
     /// The bipolar supply, step by step.
@@ -21,7 +21,7 @@ pub enum Through {
     LoadAndSupply,
 }
 
-/// What became of rows that are shorter than a step.
+/// Averaging of rows that are shorter than a step.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Averaged {
     /// Length of a step, s.
@@ -67,13 +67,13 @@ pub struct TracePlan {
     pub name: String,
     /// Number of the repeat, from 1.
     pub repeat: usize,
-    /// What it is for.
+    /// Purpose of the trace.
     pub role: Role,
     /// Traces of one group repeat each other.
     pub repeat_group: String,
-    /// What it is played through.
+    /// Instruments that play it.
     pub through: Through,
-    /// What became of rows that are shorter than a step.
+    /// Averaging of rows that are shorter than a step.
     pub averaged: Option<Averaged>,
     /// Resistance between the cell and the load's voltmeter where load and supply drive, Ω.
     pub lead_ohm: f64,

@@ -27,13 +27,13 @@ const FRAME_MARGIN_S: f64 = 0.2;
 
 /// One sweep.
 pub(super) struct Sweep<'a> {
-    /// What is swept.
+    /// Fixture that is swept.
     pub(super) fixture: Fixture,
     /// 0 where the fixture is a control.
     pub(super) repeat: usize,
     /// Amplitude, A.
     pub(super) amplitude_a: f64,
-    /// What the bipolar supply limits by itself.
+    /// Limit that the bipolar supply holds by itself.
     pub(super) held: Holds,
     /// Frequencies beyond those of the sweep, for a control, Hz.
     pub(super) beyond_hz: &'a [f64],

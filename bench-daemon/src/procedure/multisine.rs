@@ -18,15 +18,15 @@ const COMPLIANCE: (f64, f64) = (0.3, 0.1);
 /// The current limit lies above the peak by this factor and this much, A.
 const LIMIT: (f64, f64) = (1.1, 0.5);
 
-/// What an image may put into the impedance at a line, Ω: half the standard deviation that the
-/// noise of the demo's records has there (6 µΩ), so that it becomes an eighth larger. What is left
-/// is measured in the record, and is in its uncertainty.
+/// Largest error of the impedance at a line due to an image, Ω. It is half the standard deviation
+/// that the noise of the demo's records has there (6 µΩ), so that the sum is an eighth larger. The
+/// remaining error is measured in the record, and is part of its uncertainty.
 const TOLERATED_OHM: f64 = 3.0e-6;
 /// A loop of two metres of wire, a microhenry each.
 const LOOP_H: f64 = 2.0e-6;
 /// How much later one probe is than the other, assumed.
 const SKEW_S: f64 = 150.0e-9;
-/// What two untwisted probe leads pick up, assumed.
+/// Pickup of two untwisted probe leads, assumed.
 const PICKUP_H: f64 = 100.0e-9;
 /// Corner of a supply's response over the frequency that it follows within a seventh.
 const CORNER: f64 = 2.0;

@@ -1,4 +1,4 @@
-//! What a run measures: captures, spectra, traces, readings of legs, and their index.
+//! Writes the measurements of a run: captures, spectra, traces, readings of legs, and their index.
 
 use std::fs;
 
@@ -14,7 +14,7 @@ use super::{RecordError, Recorder, capture_of, io, names::sweep_name, reopen};
 /// Which capture it is.
 #[derive(Debug, Clone, Copy)]
 pub struct CaptureFile {
-    /// What was in the jig.
+    /// Fixture in the jig.
     pub fixture: Fixture,
     /// Number of the sweep, 0 for a control.
     pub repeat: usize,

@@ -89,7 +89,7 @@ pub(crate) fn capture_of(
     }
 }
 
-/// What a waveform's codes mean: on disk as in the fit.
+/// Scale of a waveform's codes, the same on disk as in the fit.
 pub(crate) fn code_scale(waveform: &Waveform) -> CodeScale {
     let preamble = &waveform.preamble;
     CodeScale {

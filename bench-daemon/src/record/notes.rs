@@ -1,4 +1,4 @@
-//! What was odd in a run, for its report.
+//! Collects the warnings of a run for its report.
 
 use super::{Event, Recorder, names};
 use crate::journal::Entry;
@@ -42,7 +42,7 @@ impl Recorder {
         }
     }
 
-    /// What was odd.
+    /// Warnings of the run.
     pub fn warnings(&self) -> Vec<String> {
         let points = self
             .point_warnings
@@ -52,7 +52,7 @@ impl Recorder {
     }
 }
 
-/// What is odd, without the command that looks at it: a resumed run may spell the path in it
+/// Text of a warning without the command that looks at it: a resumed run may spell the path in it
 /// another way.
 fn odd(text: &str) -> &str {
     text.split_once("; `eis-bench ")

@@ -2,8 +2,8 @@
 //! program, and everything that follows from them is gathered and evaluated as in the run itself.
 //! Knows no instrument and changes nothing in the run folder.
 //!
-//! What no capture tells is taken from the journal: which record of a point counts, when it was
-//! taken, and what was read beside it.
+//! The journal supplies what no capture holds: which record of a point counts, when it was taken,
+//! and what was read beside it.
 
 mod records;
 
@@ -67,7 +67,7 @@ pub(crate) struct Known {
     pub(crate) stage: usize,
     /// All captures that were taken of it, relative to the folder.
     pub(crate) files: Vec<String>,
-    /// What the run made of the one that counts.
+    /// Result of the run from the record that counts.
     pub(crate) point: SweepPoint,
 }
 

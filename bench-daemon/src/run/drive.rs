@@ -27,8 +27,8 @@ use crate::{
     wishes::{self, Wishes},
 };
 
-/// What came before: the correction of another run on the same bench, or the part of this one that
-/// was done before its process died.
+/// Results from before: the correction of another run on the same bench, or the part of this run
+/// that was done before its process died.
 pub(super) struct Before<'a> {
     pub(super) inherited: Option<Correction>,
     pub(super) past: Option<&'a Past>,
@@ -86,7 +86,7 @@ struct Drive<'a, 'b> {
 }
 
 impl<'a, 'b> Drive<'a, 'b> {
-    /// What finished stages have given, from the run folder.
+    /// Restores the results of finished stages from the run folder.
     fn restore(&mut self) -> Result<(), Failure> {
         let Some(past) = self.past else { return Ok(()) };
         let latest = past
@@ -281,7 +281,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         self.finish(fixture, repeat, settled, false)
     }
 
-    /// What follows from a whole sweep.
+    /// Evaluates a whole sweep.
     fn finish(
         &mut self,
         fixture: Fixture,

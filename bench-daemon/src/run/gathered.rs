@@ -1,5 +1,6 @@
-//! What the finished stages of a run give: sweeps, the controls' verdicts, the correction. Knows no
-//! instrument: a run that goes on and one that is recomputed from its captures gather the same way.
+//! Gathers the results of the finished stages of a run: sweeps, the controls' verdicts, the
+//! correction. Knows no instrument: a resumed run and one that is recomputed from its captures
+//! gather the same way.
 
 use std::collections::{
     BTreeMap,
@@ -26,7 +27,7 @@ use crate::{
     record::{Event, RecordError, Recorder},
 };
 
-/// What finished stages have given so far.
+/// Results of the finished stages so far.
 pub(super) struct Gathered<'a> {
     experiment: &'a Experiment,
     pub(super) measured: Measured,
@@ -66,7 +67,7 @@ impl<'a> Gathered<'a> {
         Sweeping::new(self.experiment, fixture, repeat, &self.measured)
     }
 
-    /// What follows from a whole sweep. `restored`: it was told before.
+    /// Evaluates a whole sweep. `restored`: its results were told before.
     pub(super) fn finish(
         &mut self,
         recorder: &mut Recorder,

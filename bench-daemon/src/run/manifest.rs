@@ -1,5 +1,5 @@
-//! What runs, in words of the run folder: the manifest, for whoever wants to run it again, and the
-//! first entry of the journal.
+//! Identity of a run, as the run folder holds it: the manifest, for whoever wants to run it again,
+//! and the first entry of the journal.
 
 use std::collections::BTreeMap;
 
@@ -17,7 +17,7 @@ use crate::{
     journal::{ConfigCopy, Entry, Started},
 };
 
-/// What ran, for whoever wants to run it again.
+/// Manifest of a run, for whoever wants to run it again.
 #[derive(Debug, Serialize)]
 struct Manifest<'a> {
     program: &'static str,

@@ -21,7 +21,7 @@ use crate::{
     record::Recorder,
 };
 
-/// What one multisine measured.
+/// Result of one multisine.
 #[derive(Debug, serde::Serialize, serde::Deserialize)]
 pub struct MultisineRun {
     /// The corrected spectrum.
@@ -30,7 +30,7 @@ pub struct MultisineRun {
     pub own_noise: Spectrum,
     /// Degrees of freedom of that noise: it is found from the bins between the harmonics.
     pub noise_dof: f64,
-    /// What the quality gate refused to the end.
+    /// Lines that the quality gate refused to the end.
     pub flagged: Vec<FlaggedPoint>,
     /// Its lines.
     pub lines: Vec<Line>,
@@ -205,7 +205,7 @@ fn reasons(flagged: &[FlaggedPoint], freq_hz: f64) -> String {
         .join("; ")
 }
 
-/// What a multisine of an earlier process measured.
+/// Reads the multisine that an earlier process measured.
 pub(super) fn restore(folder: &Path, repeat: usize) -> Result<MultisineRun, Failure> {
     let path = folder.join(Multisine::Whole.file(repeat));
     let text = std::fs::read_to_string(&path)

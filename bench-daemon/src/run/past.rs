@@ -1,5 +1,5 @@
-//! What was done of a run before its process died or was stopped, and whether it is still the same
-//! run.
+//! Reads the finished part of a run whose process died or was stopped, and checks that it is still
+//! the same run.
 
 use std::{path::Path, sync::Arc};
 
@@ -28,14 +28,14 @@ use crate::{
 /// voltmeters differ by a few more. Beyond it the cell has another state of charge.
 const MOVED_V: f64 = 0.02;
 
-/// What was done, and where it goes on.
+/// Finished part of a run, and the point where it goes on.
 pub(crate) struct Past {
     pub(super) read: Read,
     pub(super) story: Story,
     pub(super) next: Next,
     /// A person has looked at the cell.
     accepted: bool,
-    /// What it goes on after, where it does so by itself.
+    /// Reason of an automatic retry, in words; `None` where a person resumes it.
     after: Option<String>,
 }
 
@@ -139,8 +139,8 @@ impl Past {
             .sum()
     }
 
-    /// What is to be said when the points of the open sweep were measured at another state of
-    /// charge than the cell has now.
+    /// Warning where the points of the open sweep were measured at another state of charge than the
+    /// cell has now.
     fn moved(&self, volts: f64) -> Option<String> {
         let (open, _) = self.next.open?;
         let points = &self.story.stages.get(&open)?.points;
@@ -313,7 +313,8 @@ pub(super) fn copied_experiment(folder: &Path, started: &Started) -> Result<Expe
     Ok(experiment)
 }
 
-/// What a program makes of the same files may have changed with it.
+/// Checks that the program still makes the same plan of the same files: another version may make
+/// another one.
 fn same_plan(started: &Started, plan: &Plan) -> Result<(), String> {
     let found = fingerprints(plan);
     if let Some(number) = (0..found.len().max(started.plan.len()))

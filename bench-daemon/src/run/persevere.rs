@@ -36,8 +36,8 @@ pub(super) struct Budget {
     driven: usize,
 }
 
-/// What comes again and again behind an output that was on, with nothing done in between, does not
-/// pass.
+/// Most retries without progress. A failure that comes again behind an output that was on, with
+/// nothing done in between, does not pass.
 const MOST_STALLED: usize = 2;
 /// The wait before it goes on is doubled so often at most.
 const MOST_DOUBLED: usize = 6;
@@ -114,8 +114,9 @@ fn unreached(failure: &Failure) -> bool {
     matches!(failure, Failure::Bench(_) | Failure::Guardian(_))
 }
 
-/// Whatever an instrument did, as long as no limit of the cell was touched and every output is off.
-/// A person, a file, a plan and a control that is wrong do not change by waiting.
+/// Decides whether a failure of an instrument may pass with time. No limit of the cell was touched
+/// and every output is off. A person, a file, a plan and a control that is wrong do not change by
+/// waiting.
 fn may_pass(failure: &Failure) -> bool {
     matches!(
         failure,
@@ -154,7 +155,7 @@ fn held(experiment: &Experiment, folder: &Path) -> Result<Option<(State, Lock)>,
 }
 
 impl Session {
-    /// What becomes of a run whose first part ended so.
+    /// Continues a run whose first part ended with `outcome`, where a retry is allowed.
     pub(super) fn persevere(
         &mut self,
         experiment: &Experiment,

@@ -40,7 +40,7 @@ pub(super) struct Run<'a> {
     pub(super) before: (Option<Simulation>, Option<Correction>),
     /// A run before has used this simulated world.
     pub(super) inherited_world: bool,
-    /// What was done of this run before its process died or was stopped.
+    /// Finished part of this run, where its process died or was stopped before.
     pub(super) past: Option<Past>,
 }
 
@@ -74,7 +74,7 @@ impl Run<'_> {
     /// Plays the plan; the bench is in safe state when this returns.
     ///
     /// # Errors
-    /// Whatever ended the run early.
+    /// Any failure that ended the run early.
     pub(super) async fn go(mut self) -> Result<Finished, Failure> {
         match &self.past {
             None => self.begin()?,

@@ -1,5 +1,4 @@
-//! What is made of a finished run: fits, model files, plots, the report, and a summary for the
-//! terminal.
+//! Results of a finished run: fits, model files, plots, the report, and a summary for the terminal.
 
 mod beside;
 mod campaign;
@@ -71,7 +70,7 @@ fn tell_controls(recorder: &mut Recorder, measured: &Measured) {
     }
 }
 
-/// What follows from the sweeps of the cell.
+/// Evaluates the sweeps of the cell.
 fn evaluate(
     recorder: &mut Recorder,
     experiment: &Experiment,
@@ -230,8 +229,8 @@ pub(crate) fn leave_out<'a>(
     count
 }
 
-/// What the quality gate has refused to the end, with the place of its sweep among all, and whether
-/// it is fitted all the same: only the chosen sweeps are.
+/// Points that the quality gate has refused to the end: the place of the sweep among all, and
+/// whether the point is fitted all the same. Only the chosen sweeps are fitted.
 pub(crate) fn refused_points(
     measured: &Measured,
     chosen: &[usize],

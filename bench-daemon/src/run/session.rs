@@ -37,7 +37,7 @@ impl Session {
     /// A bench on which nothing was run yet.
     ///
     /// # Errors
-    /// What the system says when it has no event queue.
+    /// Error of the operating system when it has no event queue.
     pub fn new(bench: &config::Bench) -> Result<Self, Failure> {
         let mode = bench
             .simulation
@@ -105,7 +105,8 @@ impl Session {
         self.persevere(experiment, folder, outcome, stop)
     }
 
-    /// What asks for the end from here on, whether or not anybody looks just then.
+    /// Installs the signals that ask for the end from here on, whether or not anybody looks just
+    /// then.
     fn signals(&self) -> Result<StopSignals, Failure> {
         let Some(runtime) = &self.runtime else {
             return Err(ended());

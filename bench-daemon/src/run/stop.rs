@@ -1,5 +1,5 @@
-//! What ends a run from outside or by mistake, and must end it in safe state all the same: signals,
-//! and panics.
+//! Ends of a run from outside or by mistake that must lead to safe state all the same: signals, and
+//! panics.
 
 use std::{panic::AssertUnwindSafe, task::Poll};
 

@@ -28,9 +28,9 @@ pub(super) struct Sweeping<'a> {
     fixture: Fixture,
     repeat: usize,
     correction: Correction,
-    /// What the channels showed of the shunt.
+    /// Channels' phasors of the shunt.
     shunt: Vec<ChannelPhasors>,
-    /// What they showed in the jig before the first cell; empty without a fake cell.
+    /// Channels' phasors in the jig before the first cell; empty without a fake cell.
     jig: Vec<ChannelPhasors>,
     /// The run of the campaign that it is of.
     run: Option<CampaignRun>,
@@ -41,7 +41,7 @@ pub(super) struct Sweeping<'a> {
     file: Option<String>,
 }
 
-/// What a whole sweep comes to.
+/// Result of a whole sweep.
 pub(super) struct Settled {
     /// Its points, each frequency once.
     pub(super) points: Vec<SweepPoint>,
@@ -118,9 +118,9 @@ impl<'a> Sweeping<'a> {
         recorder.spectrum_point(file, &self.corrected(point))
     }
 
-    /// What a whole sweep comes to, in the tables too: by rising frequency, with the records that
-    /// count, each frequency once; where it was visited twice, at the time in the middle of the
-    /// sweep.
+    /// Settles a whole sweep, in the tables too. Points are sorted by rising frequency, with the
+    /// records that count, and each frequency once. A frequency that was visited twice is stated
+    /// for the middle of the sweep.
     pub(super) fn settle(
         &self,
         recorder: &Recorder,
@@ -305,12 +305,12 @@ impl<'a> Sweeping<'a> {
     }
 }
 
-/// What the channels showed of the shunt in the check of the fixture.
+/// Channels' phasors of the shunt from the check of the fixture.
 pub(super) fn shunt_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
     phasors_of(measured, Fixture::Shunt)
 }
 
-/// What the channels showed of a control.
+/// Channels' phasors of a control.
 fn phasors_of(measured: &Measured, fixture: Fixture) -> Vec<ChannelPhasors> {
     let all = measured
         .sweeps
@@ -323,7 +323,7 @@ fn phasors_of(measured: &Measured, fixture: Fixture) -> Vec<ChannelPhasors> {
         .collect()
 }
 
-/// What they showed of the fake cell before the first cell; empty without one.
+/// Channels' phasors of the fake cell before the first cell; empty without one.
 pub(super) fn jig_phasors(measured: &Measured) -> Vec<ChannelPhasors> {
     phasors_of(measured, Fixture::FakeCell)
 }
@@ -359,9 +359,9 @@ pub(super) fn write_shared(
     recorder.whole_spectrum(&run_folder::shared_spectrum(file), spectrum, flags)
 }
 
-/// What lies between the lower tap and the ground of the channels: the median of the resistance
-/// over the points, and of the inductance over the upper half of the frequencies, where it tells;
-/// none without any.
+/// Impedance between the lower tap and the ground of the channels. The resistance is the median
+/// over the points, the inductance that over the upper half of the frequencies, where it shows.
+/// `None` without any points.
 pub(super) fn below(phasors: &[ChannelPhasors], shunt_ohm: f64) -> Option<Below> {
     let of = |point: &ChannelPhasors| {
         let [low, high, tap, _] = point.volts;
@@ -405,7 +405,7 @@ pub(super) fn own_sigma_ohm(own_noise: &Spectrum) -> Vec<[f64; 2]> {
     }
 }
 
-/// What the quality gate refused of each point, in words of the tables; empty for the others.
+/// Refusals of the quality gate for each point, in words of the tables; empty for the others.
 pub(super) fn flag_texts(points: &[SweepPoint]) -> Vec<String> {
     points
         .iter()
@@ -420,7 +420,8 @@ pub(super) fn flag_texts(points: &[SweepPoint]) -> Vec<String> {
         .collect()
 }
 
-/// What the quality gate refused to the end: told, and in words of the index.
+/// Points that the quality gate refused to the end. Each is told, and returned in words of the
+/// index.
 pub(super) fn flags(points: &[SweepPoint], tell: &mut dyn FnMut(f64, &str)) -> Vec<FlaggedPoint> {
     let mut flagged = Vec::new();
     for point in points.iter().filter(|point| !point.failing.is_empty()) {

@@ -58,7 +58,7 @@ pub struct Deed {
     pub who: String,
     /// Address of the peer.
     pub from: String,
-    /// What was asked for: method and path.
+    /// Request: method and path.
     pub what: String,
     /// How it was answered: the status, and for a refusal its code.
     pub outcome: String,
@@ -285,7 +285,7 @@ fn altered(lines: &[usize]) -> String {
     )
 }
 
-/// What is left of a line that was being written when a server died stays a line of its own.
+/// Ends a line that was cut off when a server died, so that it stays a line of its own.
 fn end_torn_line(file: &mut File) -> std::io::Result<()> {
     let mut last = [b'\n'];
     if file.seek(SeekFrom::End(-1)).is_ok() {

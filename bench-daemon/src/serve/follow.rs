@@ -18,7 +18,7 @@ pub struct Follow {
     at: u64,
 }
 
-/// What a look found.
+/// Result of one look at a file.
 #[derive(Debug, Default, PartialEq, Eq)]
 pub struct Grown {
     /// Whole lines that are new.
@@ -37,7 +37,7 @@ impl Follow {
         }
     }
 
-    /// What is new.
+    /// Reads the lines that are new.
     ///
     /// # Errors
     /// The system's; a file that is not there has nothing new.

@@ -1,6 +1,6 @@
-//! What an instrument was heard to say last, from the transcript that a run writes: when it
-//! answered, and whether its output is on. A run reads every switch back, so that the answer to
-//! such a question is what the instrument itself says.
+//! Reads the last answers of an instrument from the transcript that a run writes: when it answered,
+//! and whether its output is on. A run reads every switch back, so that the answer to such a
+//! question is the instrument's own statement.
 
 use std::{path::Path, str::FromStr};
 
@@ -21,7 +21,7 @@ pub struct Heard {
     pub answered_s: Option<f64>,
     /// Whether its output is on, and the bench time at which it said so, s.
     pub output: Option<(bool, f64)>,
-    /// What its link remarked last, such as that it was dropped, with the bench time, s.
+    /// Last remark of its link, such as that it was dropped, with the bench time, s.
     pub remark: Option<(String, f64)>,
 }
 
@@ -68,7 +68,7 @@ impl Heard {
     }
 }
 
-/// What an answer says of the output; nothing where it was not asked about it.
+/// State of the output by an answer; `None` where the question was about something else.
 fn output(asked: &str, answer: &str) -> Option<bool> {
     let asked = asked.trim().to_ascii_uppercase();
     let answer = answer.trim().to_ascii_uppercase();

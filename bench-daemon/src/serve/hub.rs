@@ -1,6 +1,6 @@
-//! What changes, for whoever listens. Events are kept once, for all listeners together; each reads
-//! at its own pace, and one that is too slow finds that it has missed some. Nothing here ever waits
-//! for a listener.
+//! Events of the server, for whoever listens. Events are kept once, for all listeners together;
+//! each reads at its own pace, and one that is too slow finds that it has missed some. Nothing here
+//! ever waits for a listener.
 
 use std::{
     collections::VecDeque,
@@ -20,7 +20,7 @@ const AT_ONCE: usize = 64;
 pub struct Event {
     /// Its number, from 1.
     pub number: u64,
-    /// What it is about.
+    /// Kind of the event.
     pub kind: &'static str,
     /// JSON on one line.
     pub data: String,

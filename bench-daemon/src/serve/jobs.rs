@@ -1,5 +1,5 @@
-//! What became of each run that was begun here: one small file each beside the run folders, written
-//! when it is begun and when it has ended.
+//! Record of each run that was begun here: one small file each beside the run folders. It is
+//! written when the run begins and when it has ended.
 
 use std::path::{Path, PathBuf};
 
@@ -12,7 +12,7 @@ use super::queue::Item;
 /// A run that was begun here.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Job {
-    /// What was asked for.
+    /// Request for the run.
     pub item: Item,
     /// How it ended; none while it goes on.
     pub ended: Option<Ended>,
@@ -44,7 +44,7 @@ pub fn write(data: &Path, job: &Job) -> Result<(), String> {
     write_atomically(&path(data, &job.item.run), text.as_bytes()).map_err(|error| error.to_string())
 }
 
-/// What is known of a run; `run` must be a plain name.
+/// Reads the record of a run; `run` must be a plain name.
 pub fn read(data: &Path, run: &str) -> Option<Job> {
     serde_json::from_str(&std::fs::read_to_string(path(data, run)).ok()?).ok()
 }

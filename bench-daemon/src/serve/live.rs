@@ -14,7 +14,7 @@ use crate::{
 pub struct Live {
     /// Its name.
     pub bench: String,
-    /// What it does.
+    /// State of the bench.
     pub state: BenchState,
     /// Why nothing is begun on it; none where nothing holds it.
     pub held: Option<String>,
@@ -24,21 +24,21 @@ pub struct Live {
     pub reading: Option<ReadingNow>,
     /// State of charge, where the cell's open-circuit voltage is known.
     pub soc: Option<Soc>,
-    /// What the reading may be by the limits of the cell, with the margin left. The step in work is
-    /// judged by limits of its own within these, that of current above all: it may trip while there
-    /// is a margin here.
+    /// Limits of the cell for the reading, with the margin left. The step in work is judged by
+    /// limits of its own within these, that of current above all: it may trip while there is a
+    /// margin here.
     pub limits: Vec<Limit>,
     /// The instruments.
     pub instruments: Vec<InstrumentNow>,
     /// Why it is latched, if it is.
     pub trip: Option<TripNow>,
-    /// What the last stop has shown.
+    /// Report of the last stop.
     pub stop: Option<StopReport>,
     /// Nothing runs, and no run has left an output of which nobody has verified that it is off.
     pub verified: bool,
 }
 
-/// What a bench does.
+/// State of a bench.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum BenchState {
@@ -114,9 +114,9 @@ pub struct PointNow {
 pub struct ReadingNow {
     /// Bench time, s.
     pub time_s: f64,
-    /// What was being done.
+    /// Step at that time.
     pub phase: String,
-    /// What was in the jig: `cell` or a control.
+    /// Fixture in the jig: `cell` or a control.
     pub fixture: String,
     /// Voltage, V.
     pub voltage_v: Option<f64>,
@@ -144,7 +144,7 @@ pub struct Limit {
     pub quantity: &'static str,
     /// Its unit.
     pub unit: &'static str,
-    /// What was read last.
+    /// Value that was read last.
     pub value: Option<f64>,
     /// Lower limit; none where there is none.
     pub least: Option<f64>,
@@ -164,7 +164,7 @@ pub struct InstrumentNow {
     pub model: String,
     /// Where it is reached.
     pub address: String,
-    /// What it says of itself, when it was asked last.
+    /// Identity by its own last answer.
     pub identity: Option<String>,
     /// Whether that is the configured model.
     pub recognised: Option<bool>,
@@ -178,7 +178,7 @@ pub struct InstrumentNow {
     pub output_by: Option<&'static str>,
     /// Bench time of its last answer, s.
     pub answered_s: Option<f64>,
-    /// What is wrong with it, as far as is known.
+    /// Fault of it, as far as is known.
     pub trouble: Option<String>,
 }
 
@@ -187,7 +187,7 @@ pub struct InstrumentNow {
 pub struct TripNow {
     /// In words, with the step and the run.
     pub cause: String,
-    /// What left its limits, where it was a reading.
+    /// Quantity that left its limits, where it was a reading.
     pub quantity: Option<String>,
     /// Its value.
     pub value: Option<f64>,
@@ -226,7 +226,7 @@ impl From<Latched> for TripNow {
     }
 }
 
-/// What a stop has shown.
+/// Report of a stop.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
 pub struct StopReport {
     /// The bench.
@@ -242,11 +242,11 @@ pub struct StopReport {
     /// The bench is simulated within the run's process, and that process has ended: there is no
     /// output, and none was read back.
     pub simulated: bool,
-    /// What was done, in words, in order.
+    /// Steps of the stop, in words, in order.
     pub steps: Vec<String>,
-    /// What the bench was left in, in one sentence, once it was read back.
+    /// State in which the bench was left, in one sentence, once it was read back.
     pub message: String,
-    /// What was read back, a line for each instrument.
+    /// States that were read back, one for each instrument.
     pub outputs: Vec<OutputRead>,
 }
 
@@ -268,11 +268,11 @@ impl StopReport {
     }
 }
 
-/// What was read back of an instrument: as `eis-bench safe --json` and the guardian's report have
-/// it, with what follows from it.
+/// State of an instrument that was read back: as `eis-bench safe --json` and the guardian's report
+/// have it, with the conclusion.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct OutputRead {
-    /// What was found.
+    /// State of the output.
     #[serde(flatten)]
     pub output: Output,
     /// It is off by its own word, and no current flows by its meter, where it has one.

@@ -49,11 +49,11 @@ use queue::Queue;
 use settings::Settings;
 use token::{TokenError, Tokens};
 
-/// What all requests share.
+/// State that all requests share.
 pub struct Server {
     /// Its file, resolved.
     pub settings: Settings,
-    /// What changes.
+    /// Events of the server.
     pub hub: Hub,
     /// Who may do what.
     pub tokens: Tokens,
@@ -63,7 +63,7 @@ pub struct Server {
     pub clock: Clock,
     /// This program, to be started for runs.
     pub program: PathBuf,
-    /// What is counted for the metrics.
+    /// Counters for the metrics.
     pub counts: Counts,
     queue: Mutex<Queue>,
     live: Mutex<BTreeMap<String, Live>>,
@@ -159,12 +159,12 @@ impl Server {
         self.live.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What stops have shown, by bench.
+    /// Reports of the last stops, by bench.
     pub fn stops(&self) -> MutexGuard<'_, BTreeMap<String, StopReport>> {
         self.stops.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// What instruments said of themselves when they were asked last, by bench.
+    /// Identities of the instruments by their own last answers, by bench.
     pub fn identities(&self) -> MutexGuard<'_, BTreeMap<String, Vec<supervisor::Identity>>> {
         self.identities
             .lock()
@@ -186,7 +186,7 @@ impl Server {
 /// Serves until a signal asks to stop. Runs in work go on; the next server finds them.
 ///
 /// # Errors
-/// Whatever keeps it from listening.
+/// Any failure to listen.
 pub fn serve(settings: Settings) -> Result<(), Failure> {
     for part in ["runs", "jobs", "submitted", "logs"] {
         std::fs::create_dir_all(settings.data.join(part))?;

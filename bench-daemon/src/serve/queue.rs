@@ -1,6 +1,6 @@
-//! What is to be run, in which order, on which bench. On disk after each change before it counts,
-//! whole or not at all: a server that dies or is started anew knows what was asked of it and what
-//! was under way.
+//! Queue of runs: which runs, in which order, on which bench. Each change is on disk before it
+//! counts, whole or not at all. A server that died or was restarted knows what was asked of it and
+//! what was under way.
 
 use std::{
     collections::BTreeMap,
@@ -15,7 +15,7 @@ const FILE: &str = "queue.json";
 /// So many may wait.
 const MOST: usize = 1000;
 
-/// What is to be done with a run.
+/// Action of a queued run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -59,7 +59,7 @@ pub struct Process {
     pub started_unix_s: f64,
 }
 
-/// What is asked for.
+/// Request for a run.
 #[derive(Debug, Clone)]
 pub struct Wanted {
     /// To run or to go on.
@@ -94,9 +94,9 @@ pub enum QueueError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried.
+        /// Operation that was tried.
         what: &'static str,
-        /// What the system says.
+        /// Error of the operating system.
         reason: String,
     },
     /// Too many.
@@ -151,7 +151,7 @@ impl Queue {
         self.kept.held.get(bench).map(String::as_str)
     }
 
-    /// What is in work on a bench.
+    /// Run in work on a bench.
     pub fn in_work(&self, bench: &str) -> Option<&Item> {
         self.kept
             .items
@@ -159,7 +159,7 @@ impl Queue {
             .find(|item| item.bench == bench && item.process.is_some())
     }
 
-    /// What comes next on a bench: nothing while something is in work there, or it is held.
+    /// Next run on a bench; `None` while a run is in work there, or the bench is held.
     pub fn next(&self, bench: &str) -> Option<&Item> {
         if self.held(bench).is_some() || self.in_work(bench).is_some() {
             return None;
@@ -254,7 +254,7 @@ impl Queue {
         self.change(|_| {})
     }
 
-    /// What waits for a bench may be begun again.
+    /// Releases a bench: its waiting runs may begin.
     ///
     /// # Errors
     /// A queue that cannot be written.

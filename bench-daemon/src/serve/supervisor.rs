@@ -40,7 +40,7 @@ use crate::{
     state::{Holder, State},
 };
 
-/// What a run ends with that is finished, and whose quality gate has refused points.
+/// Exit code of a finished run whose quality gate has refused points.
 const GATED: i32 = 11;
 
 /// Time between two looks, s.
@@ -59,7 +59,7 @@ pub struct Supervisor {
     thread: JoinHandle<()>,
 }
 
-/// What an instrument said of itself.
+/// Identity of an instrument.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Identity {
     /// Its role.
@@ -540,7 +540,7 @@ impl Post {
             .collect()
     }
 
-    /// What is known of an output whose run has died, as long as nobody has verified it.
+    /// State of an output whose run has died, as long as nobody has verified it, in words.
     fn after_death(&self) -> &'static str {
         let guarded = self
             .state
@@ -620,14 +620,14 @@ fn command(server: &Server, item: &Item, bench: &config::Bench) -> Result<Comman
     Ok(command)
 }
 
-/// What the processes of a run wrote.
+/// Output of the processes of a run.
 fn log_of(server: &Server, run: &str) -> String {
     std::fs::read_to_string(server.settings.data.join("logs").join(format!("{run}.log")))
         .unwrap_or_default()
 }
 
-/// What the last process of a run said last of why it ended; what those before it said is not its
-/// own.
+/// Reason of its end that the last process of a run wrote last. Lines of earlier processes do not
+/// count.
 fn last_word(log: &str) -> Option<String> {
     log.lines()
         .rev()
@@ -647,7 +647,7 @@ fn how_it_ended(ended: Option<&str>, word: Option<String>) -> String {
         .unwrap_or_else(|| "its process was killed or died".to_owned())
 }
 
-/// What the instruments of a run said of themselves.
+/// Identities of the instruments of a run.
 fn identities(run: &Path) -> Vec<Identity> {
     run_folder::instruments(run)
         .and_then(|instruments| serde_json::from_value(instruments).ok())

@@ -21,7 +21,7 @@ const PREFIX: &str = "eb_";
 /// Nobody else may read or write them.
 const MODE: u32 = 0o600;
 
-/// What a token opens.
+/// Scope of a token.
 #[derive(
     Debug,
     Clone,
@@ -68,7 +68,7 @@ impl Scope {
 pub struct Token {
     /// Whose it is.
     pub name: String,
-    /// What it opens.
+    /// Scopes that it opens.
     pub scopes: Vec<Scope>,
     /// SHA-256 of it.
     pub sha256: String,
@@ -84,9 +84,9 @@ pub enum TokenError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried.
+        /// Operation that was tried.
         what: &'static str,
-        /// What the system says.
+        /// Error of the operating system.
         reason: String,
     },
     /// A name that cannot be.

@@ -31,7 +31,7 @@ pub struct Watch {
     inode: u64,
     journal: Follow,
     readings: Follow,
-    /// What runs, once the journal tells it.
+    /// Experiment that runs, once the journal tells it.
     pub experiment: Option<Experiment>,
     plan: Option<Plan>,
     factor: Option<f64>,
@@ -258,7 +258,7 @@ impl Watch {
         self.soc
     }
 
-    /// What was in the jig at a bench time in s, as far as the stages tell: the journal is read
+    /// Fixture in the jig at a bench time in s, as far as the stages tell. The journal is read
     /// before the readings, and may be ahead of them.
     fn fixture_at(&self, time_s: f64) -> Option<Fixture> {
         let (_, stage) = self

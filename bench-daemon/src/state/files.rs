@@ -1,4 +1,4 @@
-//! What the folders of a bench hold, and how it gets onto the disk.
+//! Files in the folders of a bench, and how they are written to disk.
 
 use std::{
     fs::{self, File, OpenOptions},

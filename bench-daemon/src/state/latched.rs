@@ -12,7 +12,7 @@ use crate::interlock::Trip;
 pub struct Latched {
     /// In words.
     pub cause: String,
-    /// What left its limits, where it was a reading.
+    /// Quantity that left its limits, where it was a reading.
     pub quantity: Option<String>,
     /// Its value.
     pub value: Option<f64>,
@@ -61,7 +61,7 @@ impl Latched {
         }
     }
 
-    /// What the interlock found.
+    /// Latch for a trip of the interlock.
     pub fn of_trip(by: &str, trip: &Trip) -> Self {
         let latched = Self::new(by, &format!("interlock: {trip}"));
         match trip {

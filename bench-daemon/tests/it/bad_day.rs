@@ -19,10 +19,10 @@ const BOUND_S: f64 = 3600.0;
 /// How far a point may be off the truth, Ω/Ω: the bench's own uncertainty is a thousandth.
 const OFF: f64 = 0.01;
 
-/// What the meters may not see, A.
+/// Current that the meters may not see, A.
 const NOTHING_A: f64 = 0.1;
 
-/// What keeps a bench from being verified.
+/// Decides whether a fault keeps a bench from being verified.
 fn lies_about_its_output(fault: Fault) -> bool {
     matches!(
         fault,
@@ -35,7 +35,7 @@ struct Day {
     ended: &'static str,
     text: String,
     happened: Vec<Happened>,
-    /// What must not be.
+    /// Violations, in words.
     wrong: Vec<String>,
 }
 
@@ -178,7 +178,7 @@ fn every_bad_day_ends_finished_or_with_a_cause_in_safe_state() {
 /// Readings that verify that the load is off: two, of voltage and current.
 const VERIFYING: usize = 4;
 
-/// What the load is told: a client that changes nothing is logged at every message.
+/// Messages to the load: a client that changes nothing is logged at every message.
 fn messages_to_the_load(experiment: &Experiment, folder: &Path) -> Vec<Happened> {
     with_second_client(experiment, folder, usize::MAX, (usize::MAX, 0.0)).1
 }

@@ -54,7 +54,7 @@ struct Block {
     text: String,
 }
 
-/// What is behind the marker of an item of a list.
+/// Text behind the marker of an item of a list.
 fn item(line: &str) -> Option<&str> {
     let numberless = line.trim_start_matches(|c: char| c.is_ascii_digit());
     if numberless.len() < line.len() {

@@ -173,22 +173,22 @@ pub(crate) fn spectrum(run: &Path, name: &str) -> Vec<ImpedancePoint> {
     read_spectrum_csv(&run.join(format!("raw_{name}.csv"))).unwrap()
 }
 
-/// What a run says on a machine that is too slow for the pace: a simulated scope forgets a frame
-/// that is not fetched in time; a wave that is not taken away in time begins again, and one whose
-/// last message was late is not where it is looked for. It has ended in safe state, and goes on
-/// like any other. A fault of the program may say the same, so that [`every`] bounds how often each
-/// is heard.
+/// Messages of a run on a machine that is too slow for the pace. A simulated scope forgets a frame
+/// that is not fetched in time. A wave that is not taken away in time begins again. A wave whose
+/// last message was late is not where it is looked for. Each run has ended in safe state, and goes
+/// on like any other. A fault of the program may give the same message, so that [`every`] bounds
+/// how often each is heard.
 const TOO_SLOW: [&str; 3] = [
     "no frame was completed since the scope was armed",
     ": it began again",
     "trace jump: expected 0 A, measured ",
 ];
 
-/// What became of one kill.
+/// Result of one kill.
 #[derive(Debug, Default)]
 pub(crate) struct Fate {
     pub(crate) died: bool,
-    /// What the run was in when it died, where the drill tells that apart.
+    /// Phase of the run when it died, where the drill tells phases apart.
     pub(crate) phase: &'static str,
     /// Of [`TOO_SLOW`].
     excuses: BTreeSet<&'static str>,
@@ -281,7 +281,7 @@ fn assert_charge_is_known(run: &Path, drill: &str) {
     assert_eq!(played.len(), 2, "{drill}: {played:?}");
 }
 
-/// What the guardian did after the death; it must have switched everything off and read it back.
+/// Action of the guardian after the death; it must have switched everything off and read it back.
 /// How long it took is in bench seconds, of which so many pass in one that the machine's own pace
 /// shows: `guardian` asserts the bound of five seconds in real time.
 pub(crate) fn guarded(files: &Files, drill: &str) -> String {

@@ -156,7 +156,7 @@ fn chosen(
     .concat()
 }
 
-/// What the run was in when it died.
+/// Phase of the run when it died.
 fn phase(run: &Path) -> &'static str {
     let lines = journal::read(run).unwrap().lines;
     let began = lines.iter().rposition(

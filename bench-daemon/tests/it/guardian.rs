@@ -40,7 +40,7 @@ pub(crate) fn report(files: &Files, status: &str) -> serde_json::Value {
     })
 }
 
-/// What an instrument measured after the guardian had switched it off, A.
+/// Current of an instrument after the guardian had switched it off, A.
 pub(crate) fn amps(report: &serde_json::Value, role: &str) -> f64 {
     let outputs = report["outputs"].as_array().unwrap();
     outputs

@@ -17,8 +17,8 @@ use bench_daemon::{
     investigation::{Budget, End, Investigation, Means, investigate},
 };
 
-/// What is hidden: a seed, what is put into the scenario, and the names that say what it is; none
-/// where nothing is hidden.
+/// Hidden effect: a seed, the lines for the scenario, and the names of the effect; none where
+/// nothing is hidden.
 #[derive(Clone)]
 struct Hidden {
     seed: u64,
@@ -126,8 +126,8 @@ const CASES: [(u64, &str, &[&str]); 27] = [
     ),
 ];
 
-/// What can be hidden, with the ranges of its strength and of a second number, both drawn on a
-/// logarithmic scale.
+/// Effect that can be hidden, with the ranges of its strength and of a second number. Both are
+/// drawn on a logarithmic scale.
 type Kind = (
     &'static str,
     (f64, f64),
@@ -297,7 +297,7 @@ fn drawn(seed: u64, count: usize) -> Vec<Hidden> {
         .collect()
 }
 
-/// What is to be played: `all`, a list of seeds, or `drawn:SEED:COUNT`.
+/// Cases to play: `all`, a list of seeds, or `drawn:SEED:COUNT`.
 fn cases(which: &str) -> Vec<Hidden> {
     if let Some(asked) = which.strip_prefix("drawn:") {
         let mut numbers = asked

@@ -110,7 +110,7 @@ fn a_charger_that_does_not_go_off_is_brought_to_zero_by_its_current() {
     assert_eq!(lived.witness.abuse, []);
 }
 
-/// What the wire does once: an answer that is late by 3 s, a reset, a connection that is dropped,
+/// Single faults of the wire: an answer that is late by 3 s, a reset, a connection that is dropped,
 /// an answer that is lost or garbled.
 const PASSING: [&str; 5] = ["too_late", "reset", "half_close", "lose_reply", "garble"];
 const ROLES: [&str; 5] = ["supply4q", "generator", "scope", "load", "logger"];

@@ -1,4 +1,4 @@
-//! What a run has written down of its conversations is served again, strictly.
+//! Transcripts of a run are served again, strictly.
 
 use std::{
     io::{BufRead, BufReader, Read, Write},

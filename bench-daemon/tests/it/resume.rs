@@ -167,8 +167,8 @@ fn a_run_whose_process_lives_is_not_gone_on_with_and_one_whose_process_is_gone_h
     resume(&run, &[]).expect_code(0);
 }
 
-/// What a full disk must not do: each kind of file, and the write to it from which on there is no
-/// room.
+/// Writes that fail on a full disk: each kind of file, and the number of the write from which on
+/// there is no room.
 const FULL: [&str; 17] = [
     "journal.jsonl:30",
     "events.csv:20",

@@ -385,7 +385,7 @@ const PACK: [&str; 14] = [
     "0.05",
 ];
 
-/// What is left of a report when the words on where the cells come from are taken off.
+/// Report without the words on the source of the cells.
 fn outcome(text: &str) -> Value {
     let mut report = json(text);
     let fields = report.as_object_mut().unwrap();

@@ -44,7 +44,7 @@ fn lived(files: &Files) -> (String, Witness) {
 
 struct Case {
     files: fn() -> Files,
-    /// What breaks: the table `[faults]` and whatever else is true of the bench.
+    /// Fault: the table `[faults]` and other lines of the bench.
     faults: &'static str,
     /// Changes of `[interlock]` in both runs.
     common: &'static [(&'static str, &'static str)],

@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use crate::support::{json, program};
 
-/// What of a value is not as the schema has it.
+/// Deviations of a value from its schema.
 fn mistakes(schema: &Value, root: &Value, value: &Value, at: &str) -> Vec<String> {
     let known = [
         "$schema",

@@ -21,9 +21,9 @@ use crate::{
 const LISTENERS: usize = 200;
 const REQUESTS_PER_S: usize = 50;
 const LOAD_S: f64 = 120.0;
-/// What the plan allows a point beyond its wait (`Step::longest_s`), s.
+/// Time that the plan allows a point beyond its wait (`Step::longest_s`), s.
 const TOLERANCE_S: f64 = 60.0;
-/// What the interlock allows between two readings, s.
+/// Longest time that the interlock allows between two readings, s.
 const READING_AGE_S: f64 = 15.0;
 
 #[expect(clippy::disallowed_methods, reason = "the load comes in its own time")]

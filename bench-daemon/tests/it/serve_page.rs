@@ -387,7 +387,7 @@ fn the_button_in_the_tenth_tab_is_heard_as_soon_as_in_the_first() {
     });
 }
 
-/// What the page says of a bench in work whose outputs and current are these.
+/// Text of the page for a bench in work with these outputs and this current.
 const RUNNING: &str = "
     const [outputs, current_a, fresh] = arguments;
     const done = arguments[3];

@@ -300,7 +300,7 @@ fn unchunked(mut bytes: &[u8]) -> Vec<u8> {
     whole
 }
 
-/// What a run of this server was submitted as.
+/// Submits a run to this server and returns its name.
 pub(crate) fn submit(served: &Served, body: &str) -> String {
     served.post("/queue", body).expect(201).json()["run"]
         .as_str()

@@ -257,7 +257,7 @@ fn upward(krate: &str, order: &[&str]) -> Vec<String> {
         .collect()
 }
 
-/// What can be reached from a module.
+/// Modules that can be reached from a module.
 fn reached<'a>(
     from: &'a Module,
     arrows: &'a BTreeMap<Module, BTreeSet<Module>>,

@@ -1,4 +1,4 @@
-//! What several tests need: altered copies of the demo's files, the program as a process, and
+//! Helpers of several tests: altered copies of the demo's files, the program as a process, and
 //! simulated instruments on real ports whose world the test can look into.
 
 use std::{
@@ -433,7 +433,7 @@ pub(crate) fn transcript(run: &Path, role: &str) -> Transcript {
     Transcript::parse(&text).unwrap_or_else(|error| panic!("{}: {error}", path.display()))
 }
 
-/// What was sent to one instrument of a run.
+/// Messages that were sent to one instrument of a run.
 pub(crate) fn sent(run: &Path, role: &str) -> Vec<String> {
     transcript(run, role)
         .records

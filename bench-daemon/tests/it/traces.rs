@@ -64,7 +64,7 @@ const BRANCHES: [(f64, f64); 4] = [
 ];
 const SLOPE_V_PER_C: f64 = 0.85 / 16_200.0;
 
-/// What the true cell answers to a current that runs straight between rows, V, less its voltage at
+/// Response of the true cell to a current that runs straight between rows, V, less its voltage at
 /// rest.
 pub(crate) fn answer(rows: &[TraceRow]) -> Vec<f64> {
     let (mut branches_v, mut moved_c) = ([0.0; 4], 0.0);

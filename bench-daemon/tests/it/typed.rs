@@ -88,7 +88,7 @@ fn folder() -> tempfile::TempDir {
     folder
 }
 
-/// What names the model in the three ways.
+/// Arguments that name the model in the three ways.
 const WAYS: [[&str; 2]; 3] = [
     ["--erm", ERM],
     ["--model", "plain.json"],

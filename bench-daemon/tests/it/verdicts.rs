@@ -11,7 +11,7 @@ use crate::support::{
 };
 
 const FACTOR: f64 = 20.0;
-/// What switches something on that can move charge.
+/// Messages that switch something on that can move charge.
 const ON: [(&str, &str); 4] = [
     ("supply4q", "OUTP ON"),
     ("generator", "C1:OUTP ON"),
@@ -527,7 +527,7 @@ fn more_current_than_the_step_asked_for_trips_at_once() {
     ports.assert_outputs_off();
 }
 
-/// What `done` without taking the cell out does: nobody changes anything in the jig, where the cell
+/// Effect of `done` without taking the cell out: nobody changes anything in the jig, where the cell
 /// sits.
 #[test]
 fn a_cell_left_in_the_jig_is_not_driven_as_a_control() {

@@ -29,8 +29,8 @@ pub struct CircuitArgs {
     /// CPE G Gs K Zarc with a number.
     #[arg(long, value_name = "CIRCUIT", conflicts_with = "rc")]
     pub circuit: Option<String>,
-    /// What residuals are compared with: `unit`, `modulus` or `covariance` [default: for `complex`
-    /// the covariance where all points have one, else the modulus; for the others unit]
+    /// Weight of the residuals: `unit`, `modulus` or `covariance` [default: for `complex` the
+    /// covariance where all points have one, else the modulus; for the others unit]
     #[arg(long, requires = "circuit")]
     pub weight: Option<String>,
     /// Start values; none are needed. With all of them only the optimum next to them is looked for,
@@ -53,7 +53,7 @@ struct Group {
     fit: CircuitFit,
 }
 
-/// What `--json` prints and `circuit.json` holds.
+/// Report that `--json` prints and `circuit.json` holds.
 #[derive(serde::Serialize)]
 struct CircuitReport<'a> {
     fits: Vec<&'a CircuitFit>,

@@ -1,5 +1,5 @@
-//! What `eis-bench fit` tells beyond the fits: the choice of the order, the spread of cells,
-//! profiles, other minima, the search over many seeds.
+//! Results of `eis-bench fit` beyond the fits: choice of the order, spread of cells, profiles,
+//! other minima, search over many seeds.
 
 use crate::{failure::Failure, files, present::significant, terminal::say};
 use std::path::Path;
@@ -36,7 +36,7 @@ pub struct MoreArgs {
     pub profile: bool,
 }
 
-/// What is told of one group of spectra.
+/// Results of one group of spectra beyond its fit.
 #[derive(Debug, Serialize)]
 pub(super) struct More {
     name: String,

@@ -142,7 +142,7 @@ fn told_model(path: &Path) -> Option<String> {
     Some(of_role.get("model")?.as_str()?.to_owned())
 }
 
-/// What ends a message to a model.
+/// Terminator of messages to a model.
 fn terminator(key: &str) -> Option<Terminator> {
     fn of<D: Model + ?Sized>(dialects: &[&'static D], key: &str) -> Option<Terminator> {
         by_key(dialects, key).map(|dialect| dialect.profile().terminator)

@@ -259,7 +259,7 @@ struct Row<'t> {
 }
 
 impl Row<'_> {
-    /// What stands in a column; none where it is empty or there is no such column.
+    /// Text in a column; `None` where it is empty or there is no such column.
     fn text(&self, column: &str) -> Option<&str> {
         let index = self.table.columns.iter().position(|name| name == column)?;
         self.fields

@@ -52,7 +52,8 @@ struct Pair {
     shunt: Option<Quantity<Resistance>>,
     /// Of the current: what a volt of the channel stands for, A.
     amps_per_volt: Option<f64>,
-    /// What a volt of the channel stands for, V: of a probe that the scope does not know.
+    /// Voltage at the probe for one volt of the channel, V: of a probe that the scope does not
+    /// know.
     gain: Option<f64>,
 }
 

@@ -31,7 +31,7 @@ pub(super) struct Case {
     slopes_v: Vec<f64>,
 }
 
-/// What a parameter does to the lowest voltage.
+/// Effect of a parameter on the lowest voltage.
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Parameter {
     parameter: String,
@@ -145,7 +145,7 @@ impl Case {
         }
     }
 
-    /// What would mislead if it were not said.
+    /// Notes without which the result would mislead.
     fn notes(&self, file: &GivenModel) -> Vec<String> {
         let (s, name) = (&self.full.summary, &self.profile.name);
         let mut notes = model_args::notes(file);
@@ -311,7 +311,7 @@ pub(super) fn print_table(outputs: &[Output]) {
     }
 }
 
-/// What the transient model frees, in words.
+/// Gain of the transient model over the simple one, in words.
 pub(super) fn sentence(o: &Output) -> String {
     let (Some(full), Some(simple)) = (o.largest_factor, o.simple_ir.largest_factor) else {
         return format!("{}: a load resistance has no largest factor", o.profile);

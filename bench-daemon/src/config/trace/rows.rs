@@ -31,7 +31,7 @@ impl Row {
         }
     }
 
-    /// What is wrong with the first row that is wrong.
+    /// Error of the first wrong row, in words.
     pub(super) fn first_wrong(rows: &[Self]) -> Option<String> {
         rows.iter()
             .enumerate()
@@ -212,7 +212,7 @@ fn table(source: &Source) -> Result<Vec<Row>, ConfigError> {
         .collect()
 }
 
-/// What a file without a header is answered with.
+/// Message for a file without a header.
 const WANTED: &str = "expected a header that says what the columns are and which way it flows: \
 current_a,duration_s or power_w,duration_s \
                       with charge positive, time_s,current_a or time_s,power_w with discharge \

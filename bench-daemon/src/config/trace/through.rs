@@ -1,4 +1,4 @@
-//! What a trace is played through: each way against what its instruments can, row by row.
+//! Instruments that can play a trace: checks each way against what its instruments can, row by row.
 
 use std::ops::RangeInclusive;
 
@@ -209,7 +209,7 @@ impl Check<'_> {
         })
     }
 
-    /// What the bipolar supply and the generator that commands it can drive, A. The load is the
+    /// Largest current that the bipolar supply and its generator can drive, A. The load is the
     /// voltmeter that tells the voltage at rest.
     fn driven_a(&self) -> Result<(f64, String), String> {
         let instruments = &self.bench.instruments;

@@ -1,11 +1,11 @@
 //! Multisines and traces made anew from their captures, into the folder in which everything else
 //! is.
 //!
-//! What no capture tells is taken from the run: which line the gate refused, how long a multisine
-//! took, what was commanded when, the voltmeter's voltage at rest and the temperatures beside a
-//! trace. A trace through load and supply has no capture: its rows are what their meters said. One
-//! through the bipolar supply, of a version that did not write down what was commanded, has
-//! captures, but nothing says where in them its steps are looked for.
+//! The run supplies what no capture holds: which line the gate refused, how long a multisine took,
+//! when each level was commanded, the voltmeter's voltage at rest, and the temperatures beside a
+//! trace. A trace through load and supply has no capture: its rows are the readings of their
+//! meters. A trace through the bipolar supply may come from a version that did not write down its
+//! commands. It has captures, but nothing says where its steps lie in them.
 
 use std::fs;
 
@@ -25,7 +25,7 @@ use crate::{
     run::multisine::{self, Found, MultisineRun},
 };
 
-/// What was made anew beside the points of sweeps.
+/// Results that were recomputed beside the points of sweeps.
 #[derive(Debug, Default)]
 pub(crate) struct Beside {
     /// Lines of multisines.

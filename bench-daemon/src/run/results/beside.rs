@@ -1,4 +1,4 @@
-//! What a run measured besides sweeps, in pictures and tables: multisines and traces.
+//! Pictures and tables of the measurements besides sweeps: multisines and traces.
 
 use analysis::{
     dataset::{self, TraceEntry, TraceRow},

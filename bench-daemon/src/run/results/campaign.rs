@@ -1,5 +1,5 @@
-//! What a campaign tells beyond its spectra: how much cells differ from each other, and repeats of
-//! one cell among themselves.
+//! Results of a campaign beyond its spectra: the differences between cells, and between repeats of
+//! one cell.
 
 use analysis::{
     fit::ErmFit,
@@ -37,7 +37,7 @@ pub(super) struct Spread {
     mean_re_ohm: f64,
     mean_im_ohm: f64,
     /// Standard deviation of the cells' means, real and imaginary part, Ω; none for a single cell.
-    /// What repeats scatter is in it, divided by their number.
+    /// It contains the scatter of the repeats, divided by their number.
     cells_re_ohm: Option<f64>,
     cells_im_ohm: Option<f64>,
     /// Standard deviation of the repeats of one cell around its mean, over all cells, Ω; none
@@ -47,7 +47,7 @@ pub(super) struct Spread {
     /// The same of the magnitude, as a share of its mean.
     cells_magnitude_rel: Option<f64>,
     repeats_magnitude_rel: Option<f64>,
-    /// What a single spectrum states of itself, rms over all, Ω.
+    /// Uncertainty that a single spectrum states, rms over all, Ω.
     stated_re_ohm: f64,
     stated_im_ohm: f64,
 }
@@ -65,7 +65,7 @@ struct RunRow {
     validity: String,
     /// The state of charge is not the one that was asked for.
     soc_missed: bool,
-    /// What was odd about it.
+    /// Warnings about it.
     notes: Vec<String>,
 }
 
@@ -90,7 +90,7 @@ struct CampaignFile<'a> {
     spread: &'a [Spread],
 }
 
-/// What a campaign adds to the report and the summary.
+/// Additions of a campaign to the report and the summary.
 pub(super) struct Told {
     pub(super) figure: Figure,
     pub(super) table: Table,

@@ -191,7 +191,7 @@ fn tables(found: &OcvExtraction, interruptions: &[Interruption]) -> [Table; 2] {
     ]
 }
 
-/// What is to be said of a resistance that was given, Ω, where the interruptions show another one.
+/// Remark on a given resistance, Ω, where the interruptions show another one.
 fn contradicted(given_ohm: f64, down: &Interrupted) -> Option<String> {
     let (measured_ohm, _) = down.resistance_ohm()?;
     let most_a = down

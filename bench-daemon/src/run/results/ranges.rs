@@ -94,8 +94,8 @@ pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), F
     Ok(())
 }
 
-/// What is to be said of all that was measured on other ranges than those of the controls: its
-/// channels in one note, and the same of several once.
+/// Remarks on all measurements on other ranges than those of the controls. Each names its channels
+/// in one note; equal notes are given once.
 fn differing(all: &[Ranged], controls: &[(&str, Vec<Scales>)]) -> Vec<String> {
     let mut said: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     for (name, records) in all {

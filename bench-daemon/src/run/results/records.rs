@@ -1,4 +1,4 @@
-//! What the records of the cell say about its linearity and its drift, point by point.
+//! Linearity and drift of the cell by its records, point by point.
 
 use analysis::{
     report::Table,

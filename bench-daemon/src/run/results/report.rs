@@ -30,17 +30,17 @@ use crate::{
 /// A reduced χ² above this says that the model leaves something out.
 const GOOD_CHI2: f64 = 2.0;
 
-/// What was found of the sweeps of the cell.
+/// Findings from the sweeps of the cell.
 pub(super) struct Found<'a> {
     /// Models of all sweeps alike.
     pub(super) fits: &'a [ErmFit],
     /// The uncertainty of the first sweep.
     pub(super) budget: &'a Budget,
-    /// What is to be thought of each sweep.
+    /// Judgement of each sweep.
     pub(super) judged: &'a [Judged],
-    /// What a campaign adds.
+    /// Additions of a campaign.
     pub(super) told: Option<Told>,
-    /// What was measured besides.
+    /// Other measurements.
     pub(super) shown: Shown,
 }
 
@@ -393,7 +393,7 @@ fn verdicts(recorder: &Recorder, measured: &Measured) -> Vec<Verdict> {
     verdicts
 }
 
-/// What was odd, in the run and in the fits.
+/// Warnings of the run and of the fits.
 fn noted(recorder: &Recorder, fits: &[ErmFit]) -> Vec<Verdict> {
     let odd = recorder.warnings().into_iter().map(|text| Verdict {
         level: Level::Note,
@@ -442,8 +442,8 @@ fn described(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> O
     })
 }
 
-/// What is left of a fit to several spectra: how they differ from their mean, and what the model
-/// misses of the mean; rms, Ω.
+/// Residual of a fit to several spectra, in words: the spread of the spectra around their mean, and
+/// the error of the model for the mean; rms, Ω.
 fn left(rms_ohm: f64, scatter_ohm: f64, among: &str) -> String {
     let micro = |ohms: f64| significant(1.0e6 * ohms, 3);
     let missed_ohm = (rms_ohm.powi(2) - scatter_ohm.powi(2)).max(0.0).sqrt();

@@ -19,7 +19,7 @@ const NAMED: usize = 4;
 
 /// A spectrum and what is to be thought of it.
 pub(super) struct Judged {
-    /// What it is called where there are several.
+    /// Name among the others, where there are several.
     pub(super) name: String,
     /// The tests, or why there are none.
     pub(super) outcome: Result<Assessed, String>,

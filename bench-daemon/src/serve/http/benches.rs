@@ -35,7 +35,7 @@ const IDENTIFY: Duration = Duration::from_secs(60);
 pub struct Caller {
     /// Name of the token; `local` where none is asked for.
     name: String,
-    /// What it opens.
+    /// Scopes that its token opens.
     scopes: Vec<Scope>,
     /// The benches, which whoever has a token may stop.
     benches: Vec<String>,
@@ -225,16 +225,16 @@ pub async fn identify(
     }))
 }
 
-/// What the instruments said.
+/// Identities of the instruments.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Identified {
     /// Those that answered.
     answers: Vec<IdentifiedOne>,
-    /// What is wrong, where something is.
+    /// Error, where there is one.
     trouble: Option<String>,
 }
 
-/// What one instrument said.
+/// Identity of one instrument.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct IdentifiedOne {
     /// Its role.
@@ -348,7 +348,7 @@ fn happened(line: &str) -> Option<Happened> {
 pub struct Trips {
     /// Why it is latched now, if it is.
     latched: Option<TripNow>,
-    /// What happened.
+    /// Latches, clearings, and guardians that switched off.
     history: Vec<Happened>,
 }
 

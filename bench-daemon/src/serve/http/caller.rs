@@ -22,7 +22,7 @@ const LOCAL: &str = "local";
 pub struct With<const SCOPE: usize> {
     /// Their name.
     pub name: String,
-    /// What they may do.
+    /// Scopes of the caller.
     pub scopes: Vec<Scope>,
     /// The token that was shown.
     pub secret: Option<String>,

@@ -450,7 +450,7 @@ struct Patient<S> {
     clock: Clock,
     patience: Duration,
     waits: Option<Pin<Box<dyn Future<Output = ()> + Send>>>,
-    /// What is sent in the place of such an answer, and how much of it was.
+    /// Bytes that replace such an answer, and how many of them were sent.
     instead: Option<(Vec<u8>, usize)>,
 }
 

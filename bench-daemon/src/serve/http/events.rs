@@ -120,7 +120,7 @@ async fn next(mut listener: Listener) -> Option<(Result<Bytes, Infallible>, List
 }
 
 impl Listener {
-    /// What is new, in the words of the protocol.
+    /// New events, as text of the protocol.
     fn text(&mut self) -> String {
         let mut text = String::new();
         if let Some(greeting) = self.greeting.take() {

@@ -1,6 +1,5 @@
-//! What every request passes: rates, the host it means, its body within bounds; and what every
-//! answer gets: one shape of refusal, headers that keep browsers within it, a line in the audit
-//! trail.
+//! Guards every request: rates, the host that it names, the size of its body. Every answer gets one
+//! shape of refusal, headers that restrict browsers, and a line in the audit trail.
 
 use std::{
     collections::HashMap,

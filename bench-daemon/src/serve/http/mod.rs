@@ -24,7 +24,7 @@ pub use connection::Listener;
 use super::Server;
 use guard::Rate;
 
-/// What every handler gets.
+/// State that every handler gets.
 #[derive(Clone)]
 pub struct App {
     /// The server.

@@ -56,7 +56,7 @@ use super::{benches, events, metrics, problem, queue, runs};
 )]
 struct Document;
 
-/// What holds for all of them: how a token is shown, and how a request is refused.
+/// Parts common to all paths: how a token is shown, and how a request is refused.
 struct Common;
 
 /// Refusals that any request may meet, and those of requests with a token.

@@ -1,4 +1,4 @@
-//! What a refused request is answered with: a status, and JSON of one shape.
+//! Answer to a refused request: a status, and JSON of one shape.
 
 use axum::{
     Json,

@@ -28,7 +28,7 @@ use instruments::clock;
 /// The queue as it is now.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct QueueNow {
-    /// What is in work and what waits, in order.
+    /// Runs in work and waiting, in order.
     items: Vec<Item>,
     /// Benches on which nothing is begun, and why.
     held: BTreeMap<String, String>,
@@ -50,7 +50,7 @@ impl QueueNow {
     }
 }
 
-/// What is to be run.
+/// Run that is submitted.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
 pub struct Submit {
@@ -88,7 +88,7 @@ pub struct Offered {
     experiment: String,
 }
 
-/// What an experiment would do.
+/// Plan of an experiment.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Planned {
     /// Name of the experiment.
@@ -106,7 +106,7 @@ pub struct Planned {
 /// A stage of a plan.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct PlannedStage {
-    /// What it is for.
+    /// Purpose of the stage.
     purpose: String,
     /// Its steps, in words.
     steps: Vec<String>,
@@ -152,7 +152,7 @@ async fn aside<T: Send + 'static>(
         .map_err(|error| Refusal::machine(&error))?
 }
 
-/// What is in work and what waits.
+/// Runs in work and waiting.
 #[utoipa::path(
     get,
     path = "/api/v1/queue",
@@ -181,7 +181,7 @@ pub async fn experiments(_caller: Reader, State(app): State<App>) -> Json<Vec<Of
     )
 }
 
-/// What an experiment would do, step by step. Touches nothing.
+/// Plan of an experiment, step by step. Touches nothing.
 #[utoipa::path(
     get,
     path = "/api/v1/experiments/{experiment}/plan",
@@ -350,7 +350,7 @@ pub async fn hold(
     Ok(Json(QueueNow::of(&app.server)))
 }
 
-/// What waits for a bench may be begun again: that lets current flow.
+/// Releases the queue of a bench, so that waiting runs may begin: that lets current flow.
 #[utoipa::path(
     post,
     path = "/api/v1/benches/{bench}/release",

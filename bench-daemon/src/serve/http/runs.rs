@@ -48,7 +48,7 @@ const LOG_BYTES: u64 = 64 * 1024;
 /// A run in full.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Run {
-    /// What was asked for, and how it ended; none for one that was not begun here.
+    /// Request for the run, and how it ended; `None` for a run that was not begun here.
     job: Option<Job>,
     /// Where it is.
     now: RunNow,
@@ -93,10 +93,10 @@ pub struct CampaignOrder {
     runs: Vec<u32>,
 }
 
-/// What was conveyed.
+/// Run control request that was passed on.
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Conveyed {
-    /// What the run will do, in words.
+    /// Reaction of the run, in words.
     said: String,
 }
 
@@ -247,7 +247,7 @@ pub async fn readings(
     .await
 }
 
-/// What a run said last: its log, and behind it what its process wrote.
+/// Last lines of a run: its log, and behind it the output of its process.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/log",
