@@ -80,7 +80,7 @@ pub struct Clock {
     waits: Arc<Mutex<Waits>>,
 }
 
-/// What is being waited for on a clock, so that somebody else can tell waiting from hanging.
+/// Waits of tasks on a clock, so that others can tell waiting from hanging.
 #[derive(Debug, Default)]
 struct Waits {
     next: u64,
@@ -166,7 +166,7 @@ impl Clock {
     /// deterministic, when the mode is virtual.
     ///
     /// # Errors
-    /// What the operating system says when it cannot give an event queue.
+    /// Error of the operating system when it cannot give an event queue.
     pub fn runtime(mode: TimeMode) -> std::io::Result<tokio::runtime::Runtime> {
         tokio::runtime::Builder::new_current_thread()
             .enable_all()

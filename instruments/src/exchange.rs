@@ -1,5 +1,5 @@
-//! What a dialect hands to its role: a script of messages, each with what must be true after it.
-//! The role plays it through the link.
+//! Script that a dialect returns to its role: messages, each with a condition that must hold after
+//! it. The role plays it through the link.
 //!
 //! A dialect is sync and sends nothing itself, so that the very texts that go to an instrument can
 //! be printed, tested and read beforehand.
@@ -29,7 +29,7 @@ pub enum Exchange {
         message: String,
         /// The query that shows what the instrument made of it.
         read_back: String,
-        /// What the answer must be.
+        /// Condition that the answer must meet.
         expect: Expect,
     },
     /// Bytes behind a head, sent as they are; what the instrument made of them shows in what comes
@@ -44,7 +44,7 @@ pub enum Exchange {
     Ask {
         /// The command.
         message: String,
-        /// What the answer must be.
+        /// Condition that the answer must meet.
         expect: Expect,
         /// The query that shows what the instrument made of it, and what its answer must be; none
         /// where the confirmation says it all.
@@ -63,7 +63,7 @@ pub enum Exchange {
 /// A way to let no current flow through an instrument whose output does not go off.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Way {
-    /// What it does, as the end of a sentence that begins with "by".
+    /// Effect of the way, as the end of a sentence that begins with "by".
     pub name: &'static str,
     /// How.
     pub script: Vec<Exchange>,
@@ -242,8 +242,8 @@ async fn believe(
     })
 }
 
-/// What was answered, and what was expected: of a status word in words, for nobody reads masks at a
-/// bench. The raw answer is in the log.
+/// Answer and expectation for an error message: those of a status word in words, because a mask of
+/// bits is hard to read. The raw answer is in the log.
 fn readable(
     link: &Link,
     (question, expect): (&str, &Expect),
@@ -281,12 +281,12 @@ pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkEr
     outcome
 }
 
-/// What an instrument says of itself.
+/// Answer of an instrument about itself.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Answer {
-    /// What was asked.
+    /// Question that was asked.
     pub question: String,
-    /// What was answered.
+    /// Answer that was given.
     pub answer: String,
     /// It is what the script would have made it.
     pub as_scripted: bool,
@@ -350,7 +350,7 @@ impl Told {
         }
     }
 
-    /// What of a script bounds the current, and must stay so too.
+    /// Adds the part of a script that bounds the current, and must stay so too.
     pub fn add_bounds(&mut self, script: &[Exchange], bounds: &[Bound]) {
         let bounding = |exchange: &&Exchange| matches!(exchange, Exchange::Set { read_back, .. } if bounds.iter().any(|bound| bound.query == read_back));
         script

@@ -1,6 +1,6 @@
 //! The test position: what is clamped into the jig.
 
-/// What can be clamped into the jig, and how the voltage probes are then connected.
+/// Objects that can be clamped into the jig, and the connection of the voltage probes to them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fixture {

@@ -1,5 +1,4 @@
-//! What every role has in common: a link, the dialect of the model on it, and the question who it
-//! is.
+//! Common parts of every role: a link, the dialect of the model on it, and the question who it is.
 
 use std::time::Duration;
 
@@ -28,14 +27,14 @@ pub trait Model: Send + Sync {
         "*IDN?"
     }
 
-    /// What its settings are in words, where one is not what it was set to.
+    /// Settings in words, for messages about one that is not as it was set.
     fn settings(&self) -> &'static [Setting] {
         &[]
     }
 }
 
-/// What ends a direct current of a load or a charger where no message arrives any more, as far as
-/// its maker says so.
+/// End of a direct current of a load or a charger when no further message arrives, as far as its
+/// maker states it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Unattended {
@@ -62,7 +61,7 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
     pub(crate) channels: Vec<u16>,
     /// Part of the identity of another model that is spoken to as this one all the same.
     accepted: Option<String>,
-    /// What was set last and must stay so while current flows.
+    /// Settings that were made last and must stay so while current flows.
     pub(crate) told: Told,
 }
 
@@ -189,8 +188,8 @@ impl<D: Model + ?Sized> Instrument<D> {
         play_all(&mut self.link, &way.script).await
     }
 
-    /// What the instrument says of the limits that bound it, in words; nothing of those that it
-    /// does not answer.
+    /// Limits that bound the instrument, by its own answers, in words. Limits that it does not
+    /// answer are left out.
     pub async fn bounded_by(&mut self, bounds: &[Bound]) -> Vec<String> {
         let mut told = Vec::new();
         for Bound { query, words, unit } in bounds {

@@ -52,7 +52,7 @@ pub struct Link {
     connection: Option<Connection>,
     /// One on which an answer is overdue, and which can be cleared.
     stalled: Option<Connection>,
-    /// What was asked last.
+    /// Last question.
     asked: String,
     /// The instrument's answer to `*IDN?`.
     identity: Option<String>,
@@ -60,7 +60,7 @@ pub struct Link {
     why: String,
     /// Bench time before which nothing may be sent, s.
     ready_at_s: f64,
-    /// What the instrument's settings are in words.
+    /// Settings of the instrument, in words.
     settings: &'static [Setting],
 }
 
@@ -97,7 +97,7 @@ impl Link {
         self.settings = settings;
     }
 
-    /// What the instrument's settings are in words.
+    /// Settings of the instrument, in words.
     pub fn settings(&self) -> &'static [Setting] {
         self.settings
     }
@@ -532,7 +532,7 @@ impl Link {
         Ok(answer)
     }
 
-    /// Whatever came unasked is no answer to what is asked next.
+    /// Throws away bytes that came unasked: they are no answer to the next question.
     async fn drain(&self, connection: &mut Connection, message: &str) -> Result<(), LinkError> {
         let unasked = connection
             .drain()

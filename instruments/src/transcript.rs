@@ -55,7 +55,7 @@ impl Direction {
     }
 }
 
-/// What went over the wire.
+/// Content that went over the wire.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Payload {
     /// A line without its terminator.
@@ -104,7 +104,7 @@ pub struct Record {
     pub link: String,
     /// Which way it went.
     pub direction: Direction,
-    /// What it was.
+    /// Content of the record.
     pub payload: Payload,
 }
 
@@ -122,7 +122,7 @@ pub struct TranscriptError {
 pub struct Transcript {
     /// The messages in their order.
     pub records: Vec<Record>,
-    /// What stood in a last line without end: the writer was killed in the middle of it.
+    /// Text of a last line without end: the writer was killed in the middle of it.
     pub torn: Option<String>,
 }
 

@@ -20,7 +20,7 @@ const SETPOINT: u8 = 0x00;
 const CONTROL: u8 = 0x14;
 /// Answer of a register that the unit does not have.
 const NOT_AVAILABLE: u16 = 0x7fff;
-/// What a bath without a sensor shows, in hundredths of a degree.
+/// Reading of a bath without a sensor, in hundredths of a degree.
 const NO_SENSOR: i16 = -15_100;
 /// Bits of the status word: temperature control, error, and the one that is clear right after a
 /// restart.

@@ -11,7 +11,7 @@ use crate::{
     units::Celsius,
 };
 
-/// What a chiller says of its state.
+/// State of a chiller by its own answer.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Status {
     /// It circulates and controls.

@@ -1,11 +1,11 @@
-//! What an answer must show, and how numbers and fields are read out of answers. Sends nothing.
+//! Conditions on an answer, and the reading of numbers and fields out of answers. Sends nothing.
 
 use crate::scpi::{
     message::parse_response,
     number::{parse_bool, parse_quantity},
 };
 
-/// What a read-back must show.
+/// Condition that a read-back must meet.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Expect {
     /// A number, perhaps with a unit behind it, within `tolerance` of `value`.
@@ -28,7 +28,7 @@ pub enum Expect {
     Word(&'static [&'static str]),
     /// One of these words; other answers are told with their meaning where it is known.
     Confirmed {
-        /// What is as good as done.
+        /// Answers that count as done.
         words: &'static [&'static str],
         /// Refusals and what they mean.
         refusals: &'static [(&'static str, &'static str)],
@@ -70,7 +70,7 @@ impl Expect {
     /// Judges an answer.
     ///
     /// # Errors
-    /// What should have been answered, in words that go behind "expected".
+    /// Expected answer, in words that follow "expected".
     pub fn judge(&self, answer: &str) -> Result<(), String> {
         match self {
             Self::Number { value, tolerance } => {
@@ -144,8 +144,8 @@ pub fn leading_number(answer: &str) -> Option<f64> {
         .map(|quantity| quantity.value)
 }
 
-/// What follows the `#HEADER:` of protocols that repeat the question in the answer; all of an
-/// answer without one.
+/// Part of an answer behind the `#HEADER:` of protocols that repeat the question; the whole answer
+/// without one.
 pub fn after_header(answer: &str) -> &str {
     let named =
         |header: &str| !header.is_empty() && header.bytes().all(|byte| byte.is_ascii_uppercase());

@@ -1,4 +1,4 @@
-//! What an instrument says of itself when it is asked who it is.
+//! Identity of an instrument: its answer to the question who it is.
 
 use crate::scpi::message::parse_response;
 

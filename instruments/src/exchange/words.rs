@@ -9,9 +9,9 @@ use crate::scpi::{message::parse_response, number::parse_bool};
 pub struct Setting {
     /// The question for it; `#` stands for any digit.
     pub question: &'static str,
-    /// What it is, as in "its output is off".
+    /// Name, as in "its output is off".
     pub name: &'static str,
-    /// What its answers mean.
+    /// Meaning of its answers.
     pub says: Says,
 }
 
@@ -46,7 +46,7 @@ pub const ON_OFF: Says = Says::States(&[
     (Shows::Word("0"), "off"),
     (Shows::Word("OFF"), "off"),
 ]);
-/// What has no words of its own: that it is another is all that is said.
+/// Setting whose values have no words: an error only says that it has another value.
 pub const CHOSEN: Says = Says::States(&[]);
 
 /// Fields of a generator's answers, and their units.
@@ -92,7 +92,7 @@ impl Setting {
             && self.question.bytes().zip(question.bytes()).all(same)
     }
 
-    /// What is expected, in words; none where this setting is not the one that is meant.
+    /// Expected value, in words; `None` where the expectation is not about this setting.
     fn wanted(&self, expect: &Expect) -> Option<String> {
         match (self.says, expect) {
             (Says::Number(unit), Expect::Number { value, tolerance }) => {
@@ -112,7 +112,7 @@ impl Setting {
         }
     }
 
-    /// What an answer says, in words; none where it says nothing that is known.
+    /// Meaning of an answer, in words; `None` where it has no known meaning.
     fn found(&self, answer: &str) -> Option<String> {
         match self.says {
             Says::Number(unit) => {
@@ -168,8 +168,8 @@ impl Shows {
     }
 }
 
-/// What was set; a least value, which instruments round each in its own way, is given as what it
-/// stays below.
+/// Value that was set, in words. A least value, which each instrument rounds in its own way, is
+/// given as the limit that it stays below.
 fn number(value: f64, tolerance: f64, unit: &str) -> String {
     let at_most = value > 0.0 && (value - tolerance).abs() <= 1.0e-9 * value;
     if at_most {
@@ -187,11 +187,11 @@ fn hundredths(answer: &str) -> Option<f64> {
         .map(|value| f64::from(value.cast_signed()) / 100.0)
 }
 
-/// What an answer says instead of what was set, and what was set.
+/// Difference between an answer and a setting, in words.
 pub(super) struct Differs {
-    /// What is meant, as in "its output is off".
+    /// State that was found, as in "its output is off".
     pub(super) found: String,
-    /// What it should be.
+    /// State that it should have.
     pub(super) wanted: String,
     /// It was set, rather than left so.
     number: bool,
@@ -403,7 +403,7 @@ mod tests {
         assert_eq!(told("OUTP1?", &Expect::Switch(true), "ON"), None);
     }
 
-    /// What a read-back in work may meet: each of these must have words in each dialect.
+    /// Checks that each answer that a read-back may meet has words in each dialect.
     fn judged(model: &str, settings: &[Setting], scripts: &[Vec<Exchange>]) {
         for exchange in scripts.iter().flatten() {
             let (Exchange::Set {

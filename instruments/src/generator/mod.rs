@@ -77,7 +77,7 @@ fn digest(steps: &[f64]) -> u32 {
     })
 }
 
-/// What a model can do.
+/// Capabilities of a model.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Capabilities {
     /// Lowest and highest frequency of a sine.
@@ -93,7 +93,7 @@ pub struct Capabilities {
 
 /// One model's language.
 pub trait Dialect: Model {
-    /// What it can do.
+    /// Capabilities of the model.
     fn capabilities(&self) -> Capabilities;
     /// Output off (with an open-circuit load setting, so that the volts are true), or on; on is
     /// refused where the volts would not be true.
@@ -145,7 +145,7 @@ pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdg::SDG1000X, &keysight_33500b
 pub type Generator = Instrument<dyn Dialect>;
 
 impl Instrument<dyn Dialect> {
-    /// What the model can do.
+    /// Capabilities of the model.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
     }
@@ -248,7 +248,7 @@ impl Instrument<dyn Dialect> {
         look(&mut self.link, &script).await
     }
 
-    /// What is known of the signal is no longer so; what is known of the output is.
+    /// Forgets what is known of the signal, but not of the output.
     fn forget_signal(&mut self) {
         let script = self.dialect.output(self.output_channel(), true);
         self.told.keep(&script);

@@ -1,5 +1,5 @@
-//! What changes the thing in the jig when no person does: on the simulated bench a small device of
-//! its own, later a relay.
+//! Changes the fixture in the jig when no person does: on the simulated bench a small device of its
+//! own, later a relay.
 
 use crate::{
     exchange::{Exchange, Identity, play},

@@ -167,7 +167,7 @@ impl Connection {
         }
     }
 
-    /// What can be read without waiting; `None` if nothing can.
+    /// Reads without waiting. Returns the number of bytes; `None` if there are none yet.
     async fn read_at_once(&mut self) -> io::Result<Option<usize>> {
         let Channel::Stream(stream) = &mut self.channel else {
             return Ok(None);

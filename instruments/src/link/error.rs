@@ -1,4 +1,4 @@
-//! What can go wrong on a link.
+//! Errors of a link.
 
 use std::{io, time::Duration};
 
@@ -46,9 +46,9 @@ pub enum LinkError {
     NotCleared {
         /// The instrument.
         link: String,
-        /// What was expected.
+        /// Expected answer.
         expected: String,
-        /// What came.
+        /// Answer that came.
         found: String,
     },
     /// The message holds what would end it or is no text an instrument reads; nothing was sent.
@@ -67,7 +67,7 @@ pub enum LinkError {
         link: String,
         /// The message, escaped.
         message: String,
-        /// What was expected and what was found.
+        /// Expected and found answer.
         reason: String,
     },
     /// The message holds a command that must never be sent with a cell in the jig; nothing was
@@ -130,7 +130,7 @@ pub enum LinkError {
         link: String,
         /// The message.
         message: String,
-        /// What is wrong.
+        /// Error of the decoder.
         #[source]
         source: DecodeError,
     },
@@ -141,7 +141,7 @@ pub enum LinkError {
         link: String,
         /// The error query.
         message: String,
-        /// What is wrong.
+        /// Error that the instrument reported.
         #[source]
         source: StatusError,
     },
@@ -150,7 +150,7 @@ pub enum LinkError {
     Noise {
         /// The instrument.
         link: String,
-        /// What was to be sent.
+        /// Message that was to be sent.
         message: String,
         /// Bytes that came unasked.
         bytes: usize,
@@ -174,13 +174,13 @@ pub enum LinkError {
     ReadBack {
         /// The instrument.
         link: String,
-        /// What was set.
+        /// Message that was sent.
         sent: String,
         /// The query that read it back.
         asked: String,
         /// Its answer.
         answered: String,
-        /// What it should have been.
+        /// Expected value.
         expected: String,
     },
     /// An answer came whole, but says something that no driver can use.
@@ -192,7 +192,7 @@ pub enum LinkError {
         asked: String,
         /// Its answer.
         answered: String,
-        /// What it should have been.
+        /// Expected value.
         expected: String,
     },
     /// The link was dropped before; nothing was sent.

@@ -1,6 +1,6 @@
-//! What a link refuses to send, whoever asks for it: messages that are no messages, questions whose
-//! answer nobody would read, and commands that must never reach an instrument with a cell in the
-//! jig.
+//! Refuses messages before a link sends them, whoever asks: messages that are no messages,
+//! questions whose answer nobody would read, and commands that must never reach an instrument with
+//! a cell in the jig.
 
 use crate::scpi::{header::Pattern, message::parse_program};
 

@@ -82,7 +82,7 @@ impl Default for LinkProfile {
     }
 }
 
-/// What a link is opened with.
+/// Options with which a link is opened.
 #[derive(Debug, Clone)]
 pub struct LinkOptions {
     /// The instrument's name on this bench, for messages and transcripts.

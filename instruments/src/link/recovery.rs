@@ -42,8 +42,8 @@ impl Link {
         Ok(())
     }
 
-    /// What an earlier client left unread must not be the answer to the first question. Touches the
-    /// instrument only if there is something.
+    /// Discards an answer that an earlier client left unread, so that it is not taken for the
+    /// answer to the first question. Touches the instrument only if there is something.
     pub(super) async fn leave_nothing_behind(
         &self,
         connection: &mut Connection,

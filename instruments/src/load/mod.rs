@@ -10,7 +10,7 @@ use crate::{
     units::{Amps, Volts, Watts},
 };
 
-/// What a load draws.
+/// Quantity that a load draws.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Draw {
     /// Constant current.
@@ -22,32 +22,32 @@ pub enum Draw {
 /// A discharge as it is programmed into the instrument.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Discharge {
-    /// What is drawn; of levels that change, the greatest.
+    /// Quantity that is drawn; of levels that change, the greatest.
     pub draw: Draw,
     /// The instrument itself stops sinking below this.
     pub stop_below: Volts,
 }
 
-/// What a model can do.
+/// Capabilities of a model.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Capabilities {
     /// Greatest current.
     pub max_current: Amps,
     /// Greatest power, W.
     pub max_power_w: f64,
-    /// What ends its current without a message.
+    /// End of its current without a message.
     pub unattended: Unattended,
 }
 
 /// One model's language.
 pub trait Dialect: Model {
-    /// What it can do.
+    /// Capabilities of the model.
     fn capabilities(&self) -> Capabilities;
     /// Switches the input.
     fn input(&self, on: bool) -> Vec<Exchange>;
     /// Ways to sink nothing while the input does not open, the gentlest first.
     fn zero(&self) -> Vec<Way>;
-    /// What bounds the current within the instrument.
+    /// Limits of the current within the instrument.
     fn bounds(&self) -> &'static [Bound];
     /// Constant current or power with its limits; assumes the input is off.
     fn prepare(&self, discharge: &Discharge) -> Vec<Exchange>;
@@ -66,7 +66,7 @@ pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdl::SDL1000X, &rigol_dl3000::D
 pub type Load = Instrument<dyn Dialect>;
 
 impl Instrument<dyn Dialect> {
-    /// What the model can do.
+    /// Capabilities of the model.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
     }
@@ -123,7 +123,7 @@ impl Instrument<dyn Dialect> {
         self.dialect.zero()
     }
 
-    /// What bounds the current within the instrument, by its own word.
+    /// Limits of the current within the instrument, by its own answers.
     pub async fn bounds(&mut self) -> Vec<String> {
         self.bounded_by(self.dialect.bounds()).await
     }

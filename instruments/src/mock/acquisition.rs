@@ -20,14 +20,14 @@ pub(super) enum Mode {
     Single,
 }
 
-/// What a panel says about time and trigger.
+/// Settings of a panel for time and trigger.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
     /// From the trigger to the first sample, s; usually negative.
     pub(super) start_after_trigger_s: f64,
     /// Length of a frame, s.
     pub(super) span_s: f64,
-    /// What triggers; nothing where no channel does.
+    /// Edge that triggers; `None` where no channel does.
     pub(super) trigger: Option<Edge>,
 }
 

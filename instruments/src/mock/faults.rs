@@ -1,8 +1,8 @@
-//! What goes wrong between an instrument and its client on a bad day, seeded: messages and answers
-//! that get lost, come late, in pieces, twice, garbled or half; connections that stall or break; an
-//! error queue that runs over, a power cut, an output that a protection or a hand at the panel
-//! switches off. And instruments that lie from some message on: an output that stays on, settings
-//! that somebody else changes, a meter that stands still, answers that lag.
+//! Seeded faults between an instrument and its client. Messages and answers get lost, come late, in
+//! pieces, twice, garbled or half. Connections stall or break. An error queue runs over, the power
+//! is cut, or a protection or a person at the panel switches an output off. Some instruments give
+//! false answers from some message on: an output stays on, somebody else changes settings, a meter
+//! stands still, answers lag.
 //!
 //! The faults lie around any device: it does not know of them, and neither does its client. Which
 //! one comes when follows from the seed and the number of the message alone, so that a schedule can
@@ -19,7 +19,7 @@ use std::{
 use super::{Device, MakeError, MockOptions, Model, make, model, plant::SharedPlant};
 use crate::scpi::decode::Terminator;
 
-/// What can go wrong with one message.
+/// Fault of one message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Fault {
@@ -104,7 +104,7 @@ pub struct Schedule {
     pub per_message: f64,
     /// So many at most on one instrument.
     pub most: usize,
-    /// What may happen.
+    /// Faults that may happen.
     pub faults: Vec<Fault>,
     /// Only to the instrument of this role; to all without it.
     pub role: Option<String>,
@@ -159,19 +159,19 @@ pub struct Happened {
     pub time_s: f64,
     /// Model of the instrument.
     pub model: &'static str,
-    /// What it was.
+    /// Kind of the fault.
     pub fault: Fault,
     /// The message that it befell.
     pub message: String,
 }
 
-/// What happened on a bench, in order; clones are the same list.
+/// Faults of a bench so far, in order; clones are the same list.
 pub type FaultLog = Arc<Mutex<Vec<Happened>>>;
 
-/// What is to happen on the wire with the message in hand.
+/// Fault that is to happen on the wire with the message in hand.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Trouble {
-    /// What it is.
+    /// Kind of the fault.
     pub fault: Fault,
     /// A number from 0 to 1 that chooses place or length.
     pub share: f64,

@@ -63,7 +63,7 @@ struct Channel {
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Burst {
     on: bool,
-    /// What triggers one.
+    /// Source of the trigger of a burst.
     source: &'static str,
     periods: u32,
     /// Where in the period it begins, and what stays behind it, degrees.
@@ -74,7 +74,7 @@ struct Burst {
     fired: bool,
 }
 
-/// What can trigger a burst.
+/// Sources that can trigger a burst.
 const SOURCES: [&str; 4] = ["IMMediate", "EXTernal", "TIMer", "BUS"];
 /// Fewest and most periods of a burst.
 const PERIODS: (f64, f64) = (1.0, 1e8);
@@ -112,7 +112,7 @@ impl Default for Channel {
 }
 
 impl Channel {
-    /// What part of the open-circuit voltage stands at the assumed load.
+    /// Share of the open-circuit voltage at the assumed load.
     fn divider(&self) -> f64 {
         if self.load_ohm.is_finite() {
             self.load_ohm / (self.load_ohm + SOURCE_OHM)

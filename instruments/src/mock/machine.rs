@@ -1,5 +1,5 @@
-//! What makes a SCPI device of a command tree: the time of the message goes to the world, the
-//! message through the tree, errors into the queue.
+//! Makes a SCPI device of a command tree. The world gets the time of the message, the tree the
+//! message, and the queue its errors.
 
 /// Implements what every SCPI mock repeats. `$type` has the fields `world` and `status`, `$tree` is
 /// its command tree. With `coded`, errors are queued by their number and text alone, without the

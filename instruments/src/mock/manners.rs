@@ -16,7 +16,7 @@ pub(super) struct Mannered {
     heard_s: f64,
     /// Nothing was answered on this connection yet.
     fresh: bool,
-    /// What the first answer takes on top, s; 0 for the others.
+    /// Additional time of the first answer, s; 0 for the others.
     first_s: f64,
 }
 

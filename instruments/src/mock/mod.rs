@@ -49,7 +49,7 @@ use crate::scpi::decode::Terminator;
 
 /// A simulated instrument: answers messages, acts on its world, reads it.
 pub trait Device: Send {
-    /// What ends a message to the instrument.
+    /// Terminator of messages to the instrument.
     fn terminator(&self) -> Terminator;
 
     /// Handles one message (without its terminator) at bench time `now_s` and gives the whole
@@ -57,8 +57,8 @@ pub trait Device: Send {
     /// next.
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8>;
 
-    /// What goes wrong on the wire with the message that is about to be handled; nothing with a
-    /// sound instrument.
+    /// Fault of the wire with the message that is about to be handled; `None` with a sound
+    /// instrument.
     fn trouble(&mut self, _now_s: f64, _message: &[u8]) -> Option<Trouble> {
         None
     }
@@ -83,7 +83,7 @@ pub trait Device: Send {
     }
 }
 
-/// What a mock can be told about itself.
+/// Options of a mock.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MockOptions {
     /// Serial number in the identity (`34970A` has none, `julabo` no identity).
@@ -118,15 +118,16 @@ impl Default for MockOptions {
 pub struct Model {
     /// Name in configurations.
     pub key: &'static str,
-    /// What it does on the bench.
+    /// Role on the bench.
     pub role: &'static str,
     /// One line for people.
     pub description: &'static str,
-    /// What its protection or a hand at its panel would do to its output, as a message.
+    /// Message with the same effect as its protection, or a person at its panel, that switches the
+    /// output off.
     pub panel_off: Option<&'static str>,
-    /// What another client might send to it, in several variants.
+    /// Messages that another client might send to it, in several variants.
     pub meddling: &'static [&'static [&'static str]],
-    /// What it can be told to do differently, beside what all can.
+    /// Quirks that it has beside the common ones.
     pub own_quirks: &'static [&'static [Quirk]],
     /// Makes one, in the state in which it is switched on.
     pub make: fn(SharedPlant, &MockOptions) -> Box<dyn Device>,
@@ -363,7 +364,7 @@ pub const MODELS: &[Model] = &[
     },
 ];
 
-/// What stands in the way of making a mock.
+/// Reason why a mock cannot be made.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MakeError {
     /// A model key that is not in [`MODELS`].
@@ -401,7 +402,7 @@ pub fn model(key: &str) -> Result<&'static Model, MakeError> {
         })
 }
 
-/// What quirks a model has when it is told some of them, the others as usual.
+/// Quirks of a model when some of them are given, the others at their defaults.
 ///
 /// # Errors
 /// One that it does not have, or not so.

@@ -26,7 +26,7 @@ pub trait Plant: Send {
         let _ = (t_s, steps);
     }
 
-    /// What the named meter shows at `t_s`, its own error and noise included.
+    /// Reading of the meter at `t_s`, its own error and noise included.
     fn read(&mut self, t_s: f64, meter: Meter) -> f64;
 
     /// The latest instant in `search.from_s ..= search.to_s` at which the probe of `search.channel`
@@ -41,7 +41,7 @@ pub trait Plant: Send {
     /// Clamps something else into the jig, as the hands of a person would.
     fn mount(&mut self, t_s: f64, fixture: Fixture);
 
-    /// What is in the jig.
+    /// Fixture in the jig.
     fn mounted(&self) -> Fixture;
 
     /// Takes another of the cells under test, by its number from 1, as that which `Fixture::Cell`
@@ -70,7 +70,7 @@ pub trait Plant: Send {
     }
 }
 
-/// What an instrument does to the world.
+/// Action of an instrument on the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Action {
     /// The voltage at the output of generator channel 1 into an open circuit.

@@ -1,5 +1,5 @@
-//! What differs between two instruments of one model, or between the model and its manual: named
-//! switches, each with the model's own way as its default.
+//! Differences between two instruments of one model, or between the model and its manual. They are
+//! named switches, each with the model's own way as its default.
 //!
 //! The switches that every model has, and those of the transfer of blocks and of the error queue,
 //! are worked by one piece each; the others by the model.
@@ -11,13 +11,13 @@ use std::{collections::BTreeMap, fmt};
 pub struct Quirk {
     /// Its name in a bench file.
     pub name: &'static str,
-    /// What it does, for people.
+    /// Effect of the quirk, for people.
     pub about: &'static str,
-    /// What it can be, and is unless told otherwise.
+    /// Values that it can take, and its default.
     pub kind: Kind,
 }
 
-/// What a switch can be.
+/// Values that a switch can take.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Kind {
     /// On or off.
@@ -58,7 +58,7 @@ const fn quirk(name: &'static str, about: &'static str, kind: Kind) -> Quirk {
     Quirk { name, about, kind }
 }
 
-/// What the wire or a box before the instrument may do to any of them.
+/// Quirks of the wire or of a box before the instrument that any of them may have.
 pub(super) const COMMON: &[Quirk] = &[
     quirk(
         "echo",

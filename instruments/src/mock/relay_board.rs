@@ -24,7 +24,7 @@ pub(super) struct RelayBoard {
     world: World,
     quirks: Quirks,
     bath: BathState,
-    /// What a stuck sensor goes on showing.
+    /// Reading that a stuck sensor goes on showing.
     first: Option<i16>,
 }
 

@@ -17,9 +17,9 @@ pub enum Divergence {
     Other {
         /// Number of the message, from 1.
         number: usize,
-        /// What was sent then.
+        /// Message that was sent then.
         expected: String,
-        /// What was sent now.
+        /// Message that was sent now.
         met: String,
     },
     /// A message came after the last one of the record.
@@ -27,7 +27,7 @@ pub enum Divergence {
     Beyond {
         /// Number of the message, from 1.
         number: usize,
-        /// What was sent now.
+        /// Message that was sent now.
         met: String,
     },
     /// The record has only length and hash of a block.
@@ -38,7 +38,7 @@ pub enum Divergence {
     Unknown {
         /// Number of the message, from 1.
         number: usize,
-        /// What was sent.
+        /// Message that was sent.
         sent: String,
     },
 }
@@ -159,8 +159,8 @@ impl Replay {
     }
 }
 
-/// What went over the wire, its end included; nothing for a block of which only the length is
-/// known.
+/// Bytes that went over the wire, the terminator included; `None` for a block of which only the
+/// length is known.
 fn bytes(payload: &Payload, terminator: Terminator) -> Option<Vec<u8>> {
     let end: &[u8] = if terminator == Terminator::Lf {
         b"\n"

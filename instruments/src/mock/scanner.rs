@@ -277,7 +277,7 @@ fn block(payload: &str) -> String {
     format!("#{}{length}{payload}", length.len())
 }
 
-/// What this mock cannot add to its readings can only be left off.
+/// Accepts only "off" for additions to a reading that this mock does not have.
 fn only_off(_: &mut Scanner, arguments: &mut Arguments) -> Fallible {
     if arguments.switch()? {
         fail(ErrorCode::SettingsConflict)

@@ -218,7 +218,8 @@ impl Sdl {
         self.bounded(value, (0.0, max))
     }
 
-    /// What is out of range is clamped, or leaves the setting as it was; so does what is no number.
+    /// Checks a value against its range. A value out of range is clamped with the quirk `clamps`,
+    /// else refused. A value that is no number is refused.
     fn bounded(&self, value: f64, (min, max): (f64, f64)) -> Fallible<f64> {
         match value {
             value if (min..=max).contains(&value) => Ok(value),

@@ -42,7 +42,7 @@ const READ_BYTES: usize = 4096;
 /// Answers one client until it goes.
 ///
 /// # Errors
-/// What the transport says when reading or writing fails.
+/// Error of the transport when reading or writing fails.
 pub async fn serve(
     device: &mut dyn Device,
     mut stream: impl AsyncRead + AsyncWrite + Unpin + Send,
@@ -119,7 +119,7 @@ async fn accept_memory(mut device: Box<dyn Device>, mut listener: MemoryListener
 /// can be asked for.
 ///
 /// # Errors
-/// What the operating system says when the address cannot be bound.
+/// Error of the operating system when the address cannot be bound.
 pub async fn serve_tcp(
     device: Box<dyn Device>,
     address: impl ToSocketAddrs,
@@ -188,7 +188,7 @@ async fn accept_all<F: Future<Output = io::Result<()>> + Send + 'static>(
 /// like a serial port.
 ///
 /// # Errors
-/// What the operating system says when it has no pseudo terminal left.
+/// Error of the operating system when it has no pseudo terminal left.
 pub fn serve_pty(
     mut device: Box<dyn Device>,
     clock: Clock,

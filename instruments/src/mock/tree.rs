@@ -1,5 +1,5 @@
-//! What the SCPI mocks share: handlers, arguments, the error queue and the common commands, on the
-//! device side of the `scpi` crate.
+//! Common parts of the SCPI mocks: handlers, arguments, the error queue and the common commands, on
+//! the device side of the `scpi` crate.
 //!
 //! The crate tokenises a message, walks the tree and hands over the parameters. Its rough edges are
 //! dealt with here: a leading blank is cut off, a reply that an error left half written is dropped,
@@ -44,7 +44,7 @@ pub(super) fn exchange<D: ScpiDevice>(
     }
 }
 
-/// What a header does and answers.
+/// Action and answer of a header.
 pub(super) struct Verb<D> {
     set: Option<fn(&mut D, &mut Arguments) -> Fallible>,
     get: Option<fn(&mut D, &mut Arguments) -> Fallible<Answer>>,
@@ -144,7 +144,7 @@ pub(super) struct Status {
     esr: u8,
     ese: u8,
     sre: u8,
-    /// What is out of range is limited instead of refused.
+    /// Values out of range are limited instead of refused.
     clamps: bool,
     /// Unknown headers leave no entry.
     silent: bool,
@@ -178,7 +178,7 @@ impl Status {
         }
     }
 
-    /// What is out of range is limited without a word.
+    /// Values out of range are limited without an error.
     pub(super) fn clamps(&self) -> bool {
         self.clamps
     }

@@ -7,7 +7,7 @@ use crate::{
     link::LinkError,
 };
 
-/// What was chosen for a download before there was a frame.
+/// Settings that were chosen for a download before there was a frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Chosen {
     channel: u8,

@@ -37,7 +37,7 @@ pub struct Trigger {
     pub level: Volts,
 }
 
-/// What a model can do.
+/// Capabilities of a model.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Capabilities {
     /// Least and greatest vertical scale.
@@ -210,7 +210,7 @@ impl Waveform {
 
 /// One model's language.
 pub trait Dialect: Model {
-    /// What it can do.
+    /// Capabilities of the model.
     fn capabilities(&self) -> Capabilities;
     /// The texts for an intent.
     fn script(&self, intent: &Intent) -> Vec<Exchange>;
@@ -229,12 +229,12 @@ pub trait Dialect: Model {
     /// delay of the first.
     ///
     /// # Errors
-    /// What was expected of the descriptor.
+    /// Expected content of the descriptor.
     fn preamble(&self, block: &[u8]) -> Result<Preamble, String>;
     /// Reads the samples of a page.
     ///
     /// # Errors
-    /// What was expected of the page.
+    /// Expected content of the page.
     fn codes(&self, block: &[u8]) -> Result<Vec<i16>, String>;
 }
 
@@ -250,7 +250,7 @@ const POLLS: usize = 50;
 pub type Scope = Instrument<dyn Dialect>;
 
 impl Instrument<dyn Dialect> {
-    /// What the model can do.
+    /// Capabilities of the model.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
     }

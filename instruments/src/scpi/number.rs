@@ -4,9 +4,9 @@
 
 use super::excerpt;
 
-/// What SCPI instruments answer for positive infinity (an overload, an open thermocouple).
+/// Answer of SCPI instruments for positive infinity (an overload, an open thermocouple).
 pub const SCPI_INFINITY: f64 = 9.9e37;
-/// What SCPI instruments answer where there is no number.
+/// Answer of SCPI instruments where there is no number.
 pub const SCPI_NAN: f64 = 9.91e37;
 
 /// A number that could not be read or written.

@@ -20,20 +20,20 @@ pub struct Charge {
     pub current: Amps,
 }
 
-/// What a model can do.
+/// Capabilities of a model.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Capabilities {
     /// Greatest current of one channel.
     pub max_current: Amps,
     /// Greatest voltage of one channel.
     pub max_voltage: Volts,
-    /// What ends its current without a message.
+    /// End of its current without a message.
     pub unattended: Unattended,
 }
 
 /// One model's language.
 pub trait Dialect: Model {
-    /// What it can do.
+    /// Capabilities of the model.
     fn capabilities(&self) -> Capabilities;
     /// Switches the output.
     fn output(&self, on: bool) -> Vec<Exchange>;
@@ -41,7 +41,7 @@ pub trait Dialect: Model {
     /// then the voltage, for below the cell's own voltage no charger charges, but one that can sink
     /// would discharge, within its limit of the current.
     fn zero(&self) -> Vec<Way>;
-    /// What bounds the current within the instrument.
+    /// Limits of the current within the instrument.
     fn bounds(&self) -> &'static [Bound];
     /// Voltage and current limit; assumes the output is off.
     fn prepare(&self, charge: &Charge) -> Vec<Exchange>;
@@ -62,7 +62,7 @@ pub const DIALECTS: &[&dyn Dialect] = &[
 pub type Supply = Instrument<dyn Dialect>;
 
 impl Instrument<dyn Dialect> {
-    /// What the model can do.
+    /// Capabilities of the model.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
     }
@@ -108,7 +108,7 @@ impl Instrument<dyn Dialect> {
         self.dialect.zero()
     }
 
-    /// What bounds the current within the instrument, by its own word.
+    /// Limits of the current within the instrument, by its own answers.
     pub async fn bounds(&mut self) -> Vec<String> {
         self.bounded_by(self.dialect.bounds()).await
     }

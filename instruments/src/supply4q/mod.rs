@@ -41,7 +41,7 @@ pub enum Holds {
     Nothing,
 }
 
-/// What a model holds by itself, whatever is sent to it.
+/// Limits that a model holds by itself, whatever is sent to it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OwnLimits {
     /// Least and greatest voltage, V.
@@ -50,7 +50,7 @@ pub struct OwnLimits {
     pub amps: (f64, f64),
 }
 
-/// What a model can do.
+/// Capabilities of a model.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Capabilities {
     /// How the analog input is selected.
@@ -76,7 +76,7 @@ pub struct Limits {
 
 /// One model's language.
 pub trait Dialect: Model {
-    /// What it can do.
+    /// Capabilities of the model.
     fn capabilities(&self) -> Capabilities;
     /// Switches the output. Off is the first and the last thing, and must leave the cell
     /// unconnected, not shorted by an output that holds zero volts: where the instrument can do
@@ -85,7 +85,7 @@ pub trait Dialect: Model {
     /// Ways to drive nothing while the output does not go off, the gentlest first. One that only
     /// its analog input commands has none of its own: the generator's least sine is it.
     fn zero(&self) -> Vec<Way>;
-    /// What bounds the current within the instrument.
+    /// Limits of the current within the instrument.
     fn bounds(&self) -> &'static [Bound] {
         &[]
     }
@@ -109,7 +109,7 @@ pub const DIALECTS: &[&dyn Dialect] = &[&kepco::BOP_MG, &kepco::BOP_LINEAR, &cae
 pub type Supply4q = Instrument<dyn Dialect>;
 
 impl Instrument<dyn Dialect> {
-    /// What the model can do.
+    /// Capabilities of the model.
     pub fn capabilities(&self) -> Capabilities {
         self.dialect.capabilities()
     }
@@ -155,7 +155,7 @@ impl Instrument<dyn Dialect> {
         self.dialect.zero()
     }
 
-    /// What bounds the current within the instrument, by its own word.
+    /// Limits of the current within the instrument, by its own answers.
     pub async fn bounds(&mut self) -> Vec<String> {
         self.bounded_by(self.dialect.bounds()).await
     }

@@ -83,7 +83,7 @@ impl Channel {
     /// one write, since some instruments take every packet for a message.
     ///
     /// # Errors
-    /// What the operating system or the instrument says.
+    /// Error of the operating system or the instrument.
     pub async fn send(&mut self, message: &[u8]) -> io::Result<()> {
         match self {
             Self::Stream(stream) => {
@@ -101,7 +101,7 @@ impl Channel {
     /// `patience`; whoever serves the instrument is told.
     ///
     /// # Errors
-    /// What the operating system or the instrument says.
+    /// Error of the operating system or the instrument.
     pub async fn receive(&mut self, patience: Duration) -> io::Result<Arrival> {
         match self {
             Self::Stream(_) => Err(io::Error::new(
@@ -119,7 +119,7 @@ impl Channel {
     /// nothing reaches the instrument: what is under way there is only waited for.
     ///
     /// # Errors
-    /// What the operating system or the instrument says; on a stream always.
+    /// Error of the operating system or the instrument; on a stream always.
     pub async fn clear(&mut self) -> io::Result<()> {
         match self {
             Self::Stream(_) => Err(io::Error::new(
@@ -137,7 +137,7 @@ impl Channel {
     /// nothing.
     ///
     /// # Errors
-    /// What the operating system or the instrument says.
+    /// Error of the operating system or the instrument.
     pub async fn status_byte(&mut self) -> io::Result<Option<u8>> {
         match self {
             Self::Stream(_) | Self::UsbTmc(_) => Ok(None),

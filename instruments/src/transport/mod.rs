@@ -46,7 +46,7 @@ pub enum TransportError {
     Open {
         /// The address.
         address: Address,
-        /// What the operating system says.
+        /// Error of the operating system.
         #[source]
         source: io::Error,
     },

@@ -24,7 +24,7 @@ impl Pty {
     /// back its own answers as echo. Must be called inside a runtime.
     ///
     /// # Errors
-    /// What the operating system says when it has no pseudo terminals left.
+    /// Error of the operating system when it has no pseudo terminals left.
     pub fn open() -> io::Result<Self> {
         let (device_end, client_end) = SerialStream::pair()?;
         let path = client_end
@@ -37,7 +37,7 @@ impl Pty {
         })
     }
 
-    /// What a client opens, such as `/dev/pts/3`.
+    /// Path that a client opens, such as `/dev/pts/3`.
     pub fn path(&self) -> &str {
         &self.path
     }

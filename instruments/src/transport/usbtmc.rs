@@ -101,7 +101,7 @@ impl UsbTmc {
         Ok(())
     }
 
-    /// What is ordered comes after what was given up. May be abandoned.
+    /// Places an order behind those that were given up. May be abandoned.
     async fn order(&mut self, order: Order) -> io::Result<Arrival> {
         self.settle().await?;
         self.orders
@@ -118,7 +118,7 @@ impl UsbTmc {
     }
 }
 
-/// What is opened under the path.
+/// Object that is opened under the path.
 enum Device {
     File(File),
     Socket {

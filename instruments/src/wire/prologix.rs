@@ -1,6 +1,6 @@
-//! What goes to a GPIB adapter of Prologix' kind (GPIB-ETHERNET and GPIB-USB manuals, sections 7
-//! and 8): lines that start with `++` are for the adapter, all others for the instrument. In these
-//! CR, LF, ESC and `+` that belong to the data stand behind an ESC.
+//! Messages to a GPIB adapter of Prologix' kind (GPIB-ETHERNET and GPIB-USB manuals, sections 7 and
+//! 8): lines that start with `++` are for the adapter, all others for the instrument. In these CR,
+//! LF, ESC and `+` that belong to the data stand behind an ESC.
 
 const ESC: u8 = 0x1b;
 

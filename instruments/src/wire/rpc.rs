@@ -67,7 +67,7 @@ impl<'a> Reader<'a> {
         Ok(data.get(..length).unwrap_or_default())
     }
 
-    /// What has not been read.
+    /// Bytes that have not been read.
     pub fn rest(self) -> &'a [u8] {
         self.0
     }
@@ -170,7 +170,7 @@ impl<'a> Call<'a> {
     }
 }
 
-/// What a server makes of a call.
+/// Verdict of a server on a call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// It was executed; results follow.
@@ -199,7 +199,7 @@ pub enum Verdict {
 pub struct Reply<'a> {
     /// The call's.
     pub id: u32,
-    /// What the server made of it.
+    /// Verdict of the server.
     pub verdict: Verdict,
     /// Results in XDR.
     pub results: &'a [u8],

@@ -27,7 +27,7 @@ pub const REASON_END: u32 = 4;
 /// Bytes of an argument that are kept of a device's name, a lock's handle or a low-level command.
 const MOST_TEXT: usize = 1 << 10;
 
-/// What an instrument says of a call that it executed (table B.2).
+/// Status of a call that an instrument executed (table B.2).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Status(pub u32);
 
@@ -49,7 +49,7 @@ impl Status {
     /// Ended through the abort channel.
     pub const ABORTED: Self = Self(23);
 
-    /// What it means.
+    /// Meaning of the status, in words.
     pub fn meaning(self) -> &'static str {
         match self.0 {
             0 => "no error",
@@ -278,7 +278,7 @@ impl Request {
 pub enum Response {
     /// Of [`Request::CreateLink`].
     Link {
-        /// What is wrong.
+        /// Status of the call.
         status: Status,
         /// The link.
         link: u32,
@@ -289,14 +289,14 @@ pub enum Response {
     },
     /// Of [`Request::Write`].
     Written {
-        /// What is wrong.
+        /// Status of the call.
         status: Status,
         /// Bytes that were taken.
         size: u32,
     },
     /// Of [`Request::Read`].
     Data {
-        /// What is wrong.
+        /// Status of the call.
         status: Status,
         /// [`REASON_END`] and the others; nothing when only a part was at hand.
         reason: u32,
@@ -305,19 +305,19 @@ pub enum Response {
     },
     /// Of [`Request::ReadStatus`].
     StatusByte {
-        /// What is wrong.
+        /// Status of the call.
         status: Status,
         /// The status byte.
         byte: u8,
     },
     /// Of [`Request::Command`].
     CommandData {
-        /// What is wrong.
+        /// Status of the call.
         status: Status,
     },
     /// Of all others.
     Done {
-        /// What is wrong.
+        /// Status of the call.
         status: Status,
     },
 }
@@ -387,7 +387,7 @@ impl Response {
         .done()
     }
 
-    /// What is wrong.
+    /// Status of the call.
     pub fn status(&self) -> Status {
         match self {
             Self::Link { status, .. }

@@ -1,4 +1,4 @@
-//! What every transport must do, our client against our server, over real sockets, terminals and
+//! Requirements on every transport, our client against our server, over real sockets, terminals and
 //! files: the same list for all.
 
 use std::{

@@ -15,7 +15,7 @@ use instruments::{
 };
 use tokio::io::{AsyncRead, AsyncReadExt, AsyncWrite, AsyncWriteExt};
 
-/// What the device does on one message.
+/// Reply of the device to one message.
 #[derive(Debug, Clone)]
 pub(crate) enum Reply {
     /// Says nothing.

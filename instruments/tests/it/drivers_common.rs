@@ -151,7 +151,7 @@ impl Rig {
         self.clock.sleep_s(1.0).await;
     }
 
-    /// What an instrument answers afterwards to somebody else.
+    /// Answer of an instrument afterwards to another client.
     pub(crate) async fn ask(&self, query: &str) -> String {
         let profile = LinkProfile {
             error_query: None,
@@ -188,7 +188,7 @@ impl Rig {
             .collect()
     }
 
-    /// What the instrument did to its world, from the start.
+    /// Actions of the instrument on its world, from the start.
     pub(crate) fn actions(&self) -> Vec<Action> {
         self.plant
             .lock()

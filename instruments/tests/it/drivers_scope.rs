@@ -83,8 +83,8 @@ async fn capture(rig: &Rig) -> Scope {
     scope
 }
 
-/// What the world carried: the trigger, a rising crossing of the middle, is at the centre of the
-/// screen.
+/// Checks the signal of the world: the trigger, a rising crossing of the middle, is at the centre
+/// of the screen.
 fn assert_true(waveform: &Waveform, channel: u8, points: usize) {
     assert_eq!((waveform.channel, waveform.codes.len()), (channel, points));
     let span_s = 10.0 * TIME_PER_DIV_S;

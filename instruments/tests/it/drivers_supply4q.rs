@@ -161,8 +161,7 @@ fn the_words_to_the_switching_family_are_those_of_its_manual_in_this_order() {
     });
 }
 
-/// What the driver does to a supply that somebody left on, holding a voltage, its analog input in
-/// command.
+/// Prepares a supply that somebody left on, holding a voltage, its analog input in command.
 async fn after_an_unruly_user(clock: Clock, prepares: bool) -> Rig {
     let rig = Rig::with(clock, SWITCHING, &off_active(true), &[]);
     rig.earlier_user(Terminator::Lf, &UNRULY).await;

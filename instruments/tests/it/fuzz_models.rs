@@ -20,10 +20,10 @@ use crate::{
 /// Greatest growth of this process during the test of the mocks, bytes.
 const MOST_GROWTH: usize = 256 << 20;
 
-/// What else is read of an answer.
+/// Further reading of an answer.
 type More = Box<dyn Fn(&[u8], &str)>;
 
-/// What a dialect reads of what it is answered.
+/// Readings that a dialect takes from its answers.
 struct Reader {
     key: &'static str,
     model: &'static dyn Model,

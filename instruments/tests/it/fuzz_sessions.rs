@@ -75,7 +75,8 @@ fn reply(response: &Response) -> Vec<u8> {
     )
 }
 
-/// What a client says first, on its first connection and on its second, and what it may go on with.
+/// First messages of a client, on its first connection and on its second, and those with which it
+/// may go on.
 fn client_of(kind: Kind) -> ([Vec<u8>; 2], Vec<Vec<u8>>) {
     match kind {
         Kind::Vxi11 => {
@@ -237,7 +238,7 @@ fn no_client_makes_a_server_panic() {
     }
 }
 
-/// What a server says to a client, in order.
+/// Messages of a server to a client, in order.
 fn server_of(kind: Kind) -> Vec<Vec<u8>> {
     match kind {
         Kind::Vxi11 => {

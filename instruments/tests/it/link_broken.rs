@@ -1,4 +1,4 @@
-//! What a link does when an answer stays away, is none, or nobody is there: in virtual time over
+//! Behaviour of a link when an answer stays away, is none, or nobody is there: in virtual time over
 //! in-process pipes.
 
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! What only shows when the layers work together, over real ports and in-process ones.
+//! Tests that need several layers together, over real ports and in-process ones.
 
 #![allow(
     clippy::unwrap_used,

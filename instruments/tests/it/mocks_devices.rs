@@ -1,4 +1,5 @@
-//! What each mock answers and does to its world: exchanges from the instruments' documentation.
+//! Answers of each mock and its actions on its world: exchanges from the instruments'
+//! documentation.
 
 use instruments::{
     fixture::Fixture,

@@ -1,4 +1,4 @@
-//! Whatever comes in, no mock panics.
+//! No mock panics, for any input.
 
 use instruments::mock::{MODELS, MockOptions};
 use proptest::prelude::*;

@@ -24,8 +24,8 @@ use crate::{
     mocks_plant::{base_v, volts},
 };
 
-/// What the settings of the world and the readings of the driver must be, as a share; a quirk that
-/// rounds answers is granted its rounding.
+/// Tolerance between the settings of the world and the readings of the driver, as a share. A quirk
+/// that rounds answers gets its rounding in addition.
 struct Judge {
     share: f64,
 }

@@ -259,7 +259,7 @@ impl Dho {
         Ok(())
     }
 
-    /// What the screen shows is rescaled; the input stays as it is.
+    /// Changes the factor of a probe: it rescales the screen, and leaves the input as it is.
     fn set_probe(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let factor = bare(arguments)?.clamp(1e-3, 5e4);
         let amperes = self.quirks.is("unit_after_probe");

@@ -1,4 +1,4 @@
-//! What the commands do to the front panel.
+//! Effects of the commands on the front panel.
 
 use scpi::error::ErrorCode;
 

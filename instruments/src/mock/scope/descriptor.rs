@@ -9,7 +9,7 @@ const WORD_BITS: i16 = 16;
 /// Time scale of index 0, s/div; one index per step of 1-2-5.
 const FIRST_TIME_SCALE: f64 = 200e-12;
 
-/// What goes into the descriptor.
+/// Content of the descriptor.
 pub(super) struct Descriptor<'a> {
     pub(super) frame: &'a Frame,
     pub(super) channel: &'a Channel,

@@ -70,7 +70,7 @@ pub(super) struct Burst {
     fired: bool,
 }
 
-/// What can trigger a burst.
+/// Sources that can trigger a burst.
 const SOURCES: [&str; 3] = ["INT", "EXT", "MAN"];
 /// Most periods of a burst.
 const MOST_PERIODS: f64 = 1e6;
@@ -162,7 +162,7 @@ impl Default for Channel {
 }
 
 impl Channel {
-    /// What part of the open-circuit voltage stands at the assumed load.
+    /// Share of the open-circuit voltage at the assumed load.
     fn divider(&self) -> f64 {
         self.load_ohm.map_or(1.0, |load| load / (load + SOURCE_OHM))
     }

@@ -1,5 +1,5 @@
-//! What becomes of one message: the reply in pieces with pauses, and whether the connection
-//! survives it. The same for every transport.
+//! Treatment of one message: the reply in pieces with pauses, and whether the connection survives
+//! it. The same for every transport.
 
 use crate::mock::{Device, Fault, Trouble};
 
@@ -11,7 +11,7 @@ const STALL_S: f64 = 12.0;
 /// Pause between two pieces of an answer, s.
 const PIECE_S: f64 = 0.05;
 
-/// What happens next.
+/// Next step of an answer.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Step {
     /// Nothing for so long, bench s.
@@ -21,7 +21,7 @@ pub(super) enum Step {
     Put { bytes: Vec<u8>, end: bool },
 }
 
-/// What becomes of the connection afterwards.
+/// State of the connection afterwards.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Then {
     Stay,

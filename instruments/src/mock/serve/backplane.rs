@@ -79,7 +79,7 @@ struct Piece {
     end: bool,
 }
 
-/// What was read out of the queue.
+/// Piece of an answer that was read out of the queue.
 #[derive(Debug, PartialEq, Eq)]
 pub(super) struct Taken {
     /// Of the message that is answered.
@@ -128,7 +128,7 @@ impl Backplane {
         Some(seat)
     }
 
-    /// What the messages of one client are cut out with.
+    /// Framer that separates the messages of one client.
     pub(super) fn framer(&self) -> ProgramFramer {
         ProgramFramer::new(self.terminator, LONGEST_MESSAGE)
     }

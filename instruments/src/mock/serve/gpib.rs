@@ -40,7 +40,7 @@ const SETTINGS: [(&str, u32, u32); 8] = [
 /// address really bound, so that port 0 can be asked for.
 ///
 /// # Errors
-/// What the operating system says when the address cannot be bound.
+/// Error of the operating system when the address cannot be bound.
 pub async fn serve_gpib(
     device: Box<dyn Device>,
     address: impl ToSocketAddrs,
@@ -63,7 +63,7 @@ pub async fn serve_gpib(
 /// gives the path.
 ///
 /// # Errors
-/// What the operating system says when it has no pseudo terminal left.
+/// Error of the operating system when it has no pseudo terminal left.
 pub fn serve_gpib_pty(
     device: Box<dyn Device>,
     gpib: u8,

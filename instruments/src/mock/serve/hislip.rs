@@ -39,14 +39,14 @@ const MOST_BYTES: usize = 256 << 10;
 /// Least message that a client may ask for, bytes.
 const LEAST_BYTES: usize = 64;
 const READ_BYTES: usize = 16 << 10;
-/// What a client passes for having read the whole of the last answer.
+/// Flag by which a client confirms that it has read the whole of the last answer.
 const DELIVERED: u8 = 1;
 
 /// Serves on HiSLIP until the task is aborted; gives the address really bound, so that port 0 can
 /// be asked for.
 ///
 /// # Errors
-/// What the operating system says when the address cannot be bound.
+/// Error of the operating system when the address cannot be bound.
 pub async fn serve_hislip(
     device: Box<dyn Device>,
     address: impl ToSocketAddrs,

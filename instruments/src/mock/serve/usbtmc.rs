@@ -15,7 +15,7 @@ use crate::{clock::Clock, mock::Device, transport::TRANSFER};
 /// Serves at a socket file until the task is aborted; the file goes with it.
 ///
 /// # Errors
-/// What the operating system says when the file cannot be made, such as that it is there already.
+/// Error of the operating system when the file cannot be made, such as that it exists already.
 pub fn serve_usbtmc(
     device: Box<dyn Device>,
     path: &Path,

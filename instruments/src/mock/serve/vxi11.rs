@@ -54,7 +54,7 @@ pub struct Vxi11Ports {
 /// for.
 ///
 /// # Errors
-/// What the operating system says when an address cannot be bound.
+/// Error of the operating system when an address cannot be bound.
 pub async fn serve_vxi11<A: ToSocketAddrs>(
     device: Box<dyn Device>,
     address: A,

@@ -17,7 +17,7 @@ pub(in crate::mock) enum Argument {
     Number { digits: String, suffix: String },
     /// Character data as written.
     Word(String),
-    /// What stands between the parentheses of an expression.
+    /// Text between the parentheses of an expression.
     List(String),
     /// A non-decimal number.
     Bits(u64),

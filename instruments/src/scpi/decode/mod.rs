@@ -11,7 +11,7 @@ mod response;
 pub use framer::{FrameError, ProgramFramer};
 pub use response::{DecodeError, DecoderOptions, Expect, MAX_PREFIX, Response, ResponseDecoder};
 
-/// What ends a message.
+/// Terminator of a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 pub enum Terminator {
     /// NL; a CR before it belongs to it when reading.
@@ -24,7 +24,7 @@ pub enum Terminator {
 }
 
 impl Terminator {
-    /// What is written behind a message.
+    /// Bytes that are written behind a message.
     pub fn bytes(self) -> &'static [u8] {
         match self {
             Self::Lf => b"\n",

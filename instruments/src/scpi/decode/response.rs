@@ -13,7 +13,7 @@ pub const MAX_PREFIX: usize = 64;
 /// Room for a prefix, a block's header and the line ends around them.
 const SLACK: usize = MAX_PREFIX + 32;
 
-/// What the caller asked for.
+/// Kind of answer that the caller asked for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Expect {
     /// A line of text.
@@ -57,7 +57,7 @@ impl Response {
 /// How a stream is to be read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DecoderOptions {
-    /// What ends a line.
+    /// Terminator of a line.
     pub terminator: Terminator,
     /// Longest line, bytes.
     pub max_line: usize,

@@ -14,7 +14,7 @@ pub enum CommandError {
     Number {
         /// The header of the command.
         header: String,
-        /// What is wrong with the number.
+        /// Error of the number.
         source: NumberError,
     },
     /// A header or argument with characters that do not belong there.
@@ -22,9 +22,9 @@ pub enum CommandError {
     Text {
         /// The header of the command.
         header: String,
-        /// What may stand there.
+        /// Text that may stand there.
         expected: &'static str,
-        /// What was to be written.
+        /// Text that was to be written.
         found: String,
     },
 }
