@@ -1,7 +1,6 @@
-//! How much longer than physics a real-time sweep takes: 20 points from 10 Hz to 300 Hz over
-//! sockets, each of them 11 periods and a second of settling. Beside it a pyvisa script that does
-//! the same with the same simulated instruments, where Python has pyvisa and numpy
-//! (`benches/peers`).
+//! Duration of a real-time sweep, compared with the physical minimum: 20 points from 10 Hz to 300
+//! Hz over sockets. Each point needs 11 periods and a second of settling. A pyvisa script does the
+//! same with the same simulated instruments, where Python has pyvisa and numpy (`benches/peers`).
 #![allow(
     clippy::unwrap_used,
     clippy::expect_used,

@@ -1,5 +1,5 @@
-//! How fast the captures of a campaign go through the present pipeline, beside what the disk and
-//! the decoder do with the same files.
+//! Speed at which the captures of a campaign are analysed again. The speeds of the disk and of the
+//! decoder for the same files are stated beside it.
 //!
 //! `cargo bench --profile dev -p bench-daemon` plays the campaign of
 //! `configs/experiments/campaign.toml` first; `-- FOLDER` takes a run that is there.

@@ -1,4 +1,4 @@
-//! Which addresses are the same instrument.
+//! Decides which addresses mean the same instrument, so that two bench files share its lock.
 //!
 //! Instruments behind one GPIB adapter count as one: an adapter takes one connection. An instrument
 //! on the network is one, be it reached by VXI-11, HiSLIP or the raw socket that goes with them; one

@@ -1,5 +1,5 @@
-//! The named instruments of one bench: opened, asked who they are, brought into safe state. Opening
-//! changes nothing on any of them.
+//! Opens the instruments of one bench, checks their identities, and brings them into safe state.
+//! Opening changes nothing on any of them.
 
 mod bath;
 mod output;

@@ -1,5 +1,5 @@
-//! Files below a folder and nowhere else: what a peer names is opened only when it truly lies
-//! there, whatever dots, links and races say.
+//! Opens files below a folder and nowhere else, for names that come from a peer. Dots, links and
+//! races cannot lead out of the folder.
 
 use std::{
     fs::File,

@@ -1,4 +1,4 @@
-//! The command line: arguments → command → exit code.
+//! Command line: reads the arguments, calls the command, and returns its exit code.
 
 use std::process::ExitCode;
 

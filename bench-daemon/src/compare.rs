@@ -1,10 +1,10 @@
-//! Two files that should be the same: which number of which row differs, by how much.
+//! Compares two files that should be the same: which number of which row differs, and by how much.
 
 use std::{collections::BTreeSet, fs, path::Path};
 
 use serde_json::Value;
 
-/// Differences of one file that are told; more are counted.
+/// Differences of one file that are listed; more are counted.
 const TOLD: usize = 8;
 
 /// Something that differs.

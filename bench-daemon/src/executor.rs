@@ -1,5 +1,5 @@
-//! The one loop: steps of a checked plan → instruments → readings and records. Whoever drives it
-//! brings the bench into safe state afterwards, whatever the outcome.
+//! Executes the steps of a checked plan with the instruments, and writes readings and records. The
+//! caller brings the bench into safe state afterwards, whatever the outcome.
 
 mod agree;
 mod ahead;
@@ -214,7 +214,7 @@ impl<'a> Executor<'a> {
         }
     }
 
-    /// Executes one stage, given with its number in the plan, from where `entrance` says;
+    /// Executes one stage, given with its number in the plan, from the resume point `entrance`;
     /// `on_point` gets every finished point as soon as it and its capture are on disk. Returns all
     /// points, those that were there before included.
     ///

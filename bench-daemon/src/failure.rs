@@ -1,4 +1,4 @@
-//! Why a command ended without its result, and with which exit code.
+//! Reasons why a command ended without its result, with their exit codes.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! The files that commands read and write: a model in, texts and pictures out.
+//! Reads and writes the files of the commands: models in, texts and pictures out.
 
 use std::path::Path;
 

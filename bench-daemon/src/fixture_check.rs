@@ -1,5 +1,5 @@
-//! The fixture check (thesis 3.3.2): are the control impedances what they are known to be, as read
-//! and after the correction that they give?
+//! Fixture check (thesis 3.3.2): compares the control impedances with their known values, as read
+//! and after the correction that they give.
 //!
 //! Pure: points in, correction and verdicts out.
 

@@ -1,12 +1,12 @@
-//! The journal of a run: what is intended, on disk before it is begun, and what was done, as soon
-//! as it is. A run that died is taken up again from it.
+//! Journal of a run: each step is on disk before it is begun, and its result as soon as it is done.
+//! A run that died is resumed from it.
 //!
 //! One entry per line: a JSON object with its number, the bench time, the entry, and last the first
 //! 16 hexadecimal digits of the SHA-256 of everything before. Lines are only ever appended, and
-//! synced before what they tell of is begun. A last line without its end is a torn one: it is cut
-//! off and kept in `journal.torn`. Anything else that is wrong with a line is an error.
+//! synced before the step that they name is begun. A last line without its end is a torn one: it is
+//! cut off and kept in `journal.torn`. Anything else that is wrong with a line is an error.
 //!
-//! Not here: what follows from the entries for a run that goes on ([`crate::story`]).
+//! Not here: what follows from the entries for a resumed run ([`crate::story`]).
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -65,7 +65,7 @@ pub enum JournalError {
 pub enum Entry {
     /// The first: what runs.
     Started(Box<Started>),
-    /// A stage of the plan is begun, or begun anew. Stages and steps count from 0.
+    /// A stage of the plan is begun, or restarted. Stages and steps count from 0.
     Stage {
         /// Its number.
         stage: usize,

@@ -3,11 +3,11 @@
 //!
 //! In reading order: [`config`] (files → a checked experiment), [`procedure`] (experiment →
 //! [`plan`]), [`interlock`] (reading → trip), [`mod@bench`] (the named instruments), [`state`]
-//! (what outlives a process), [`guardian`] (a second process that can only switch off), [`custody`]
-//! (lock, latch and guardian around a run), [`executor`] (plan → instruments → records), [`record`]
-//! (the run folder), [`dataset`] (runs of a campaign as a diagnosis wants them), [`sim`] (a
-//! simulated world behind mocks), [`investigation`] (campaign, diagnosis, and the run that it asks
-//! for), [`command`] (what the command line does).
+//! (state of a bench across processes), [`guardian`] (a second process that can only switch off),
+//! [`custody`] (lease of a bench: lock, latch and guardian around a run), [`executor`] (plan →
+//! instruments → records), [`record`] (the run folder), [`dataset`] (runs of a campaign, for a
+//! diagnosis), [`sim`] (a simulated world behind mocks), [`investigation`] (campaign, diagnosis,
+//! and the recommended run), [`command`] (commands of the command line).
 
 pub mod addresses;
 pub mod bench;

@@ -93,7 +93,7 @@ pub struct Limited {
     left: u64,
 }
 
-/// Most bytes of a limited file: a day of a guardian's attempts in vain.
+/// Most bytes of a limited file: a day of a guardian's attempts without success.
 const MOST_BYTES: u64 = 8 << 20;
 
 impl Limited {

@@ -1,5 +1,5 @@
-//! Whether a host is this machine. Asks no name server: who resolves a name asks of the number that
-//! came out.
+//! Decides whether a host is this machine. It asks no name server: a caller with a name first
+//! resolves it to an address.
 
 use std::net::IpAddr;
 

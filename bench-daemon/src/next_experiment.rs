@@ -1,5 +1,5 @@
-//! The recommended run of a diagnosis as an experiment file that the daemon reads. What leaves the
-//! limits of cell or bench is refused when it is read.
+//! Writes the recommended run of a diagnosis as an experiment file that the daemon reads. Settings
+//! outside the limits of cell or bench are refused when it is read.
 
 use std::fmt::Write as _;
 

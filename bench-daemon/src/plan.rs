@@ -104,8 +104,8 @@ pub enum Step {
         /// Steady means slower than this, V/s.
         slope_v_per_s: f64,
     },
-    /// The voltage at rest is held against a band; where it fits, what is left of the stage is left
-    /// out.
+    /// The voltage at rest is compared with a band. Where it is within the band, the rest of the
+    /// stage is left out.
     Accept {
         /// The band, V.
         band_v: (f64, f64),
@@ -137,7 +137,7 @@ pub enum Step {
     },
     /// Many sinusoids are driven at once and captured.
     Multisine(Arc<Band>),
-    /// The finished sweep is held against itself; what does not fit is measured again.
+    /// The finished sweep is checked for consistency. Points that do not fit are measured again.
     Recheck {
         /// Time for that, s.
         max_s: f64,

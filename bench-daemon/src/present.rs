@@ -185,7 +185,7 @@ pub fn significant(value: f64, digits: i32) -> String {
     }
 }
 
-/// Points that are told one by one.
+/// Most points that are listed one by one.
 const MOST_TOLD: usize = 6;
 
 /// Points that a quality gate has refused, with the reasons.

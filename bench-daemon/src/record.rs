@@ -1,5 +1,5 @@
-//! The run folder, written as the run goes: whatever is finished is on disk before the next thing
-//! is begun.
+//! Writes the run folder while the run goes on: every result is on disk before the next step is
+//! begun.
 //!
 //! `config/` the files that were read · `manifest.json` what ran · `events.csv` every step with
 //! bench time · `readings.csv` every reading (at the end also `readings.parquet`) ·

@@ -105,7 +105,7 @@ impl Simulation {
         Self { faults, ..self }
     }
 
-    /// The same with mocks that are told to do some things differently, by role.
+    /// The same with quirks of the mocks, by role.
     #[must_use]
     pub fn with_quirks(self, quirks: BTreeMap<&'static str, Quirks>) -> Self {
         Self { quirks, ..self }

@@ -79,7 +79,7 @@ pub enum Stuck {
 }
 
 impl Story {
-    /// Reads what the lines of a journal tell.
+    /// Replays the lines of a journal.
     ///
     /// # Errors
     /// [`Stuck::NotStarted`].

@@ -1,5 +1,5 @@
-//! Who answers at an address, what it can do, what is programmed into it and what its error queue
-//! holds.
+//! Asks an instrument at an address for its identity, capabilities, present settings and error
+//! queue.
 //!
 //! Asks questions only, those of the read-backs included; the only thing that a question changes is
 //! the error queue, which forgets what it has told.

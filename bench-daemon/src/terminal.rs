@@ -1,5 +1,5 @@
-//! Words for whoever reads along. A reader that has gone is no reason to stop a measurement, so
-//! what cannot be written is dropped; `println!` would panic.
+//! Prints to the terminal without failing. A reader that has gone is no reason to stop a
+//! measurement, so that the text is dropped; `println!` would panic.
 
 use std::{fmt, io::Write};
 

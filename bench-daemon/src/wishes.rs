@@ -2,7 +2,7 @@
 //! to change the order of the rest. They are a small file in the run folder, which the run reads
 //! between points.
 //!
-//! In virtual time nobody is asked: the run is over in seconds, and played again it must be the
+//! In virtual time no request is read: the run is over in seconds, and a repeated run must be the
 //! same.
 
 use std::path::Path;
@@ -52,7 +52,7 @@ impl Wishes {
             .ok()
     }
 
-    /// Says what is wanted.
+    /// Writes the request.
     ///
     /// # Errors
     /// A file that cannot be written.
@@ -118,7 +118,7 @@ pub fn in_words(numbers: impl Iterator<Item = usize>) -> String {
 }
 
 /// Sorts the remaining items as requested: first the named ones, then the rest in their old order.
-/// `number` tells an item's number.
+/// `number` gives an item's number.
 pub fn reorder<T>(left: &mut [T], order: &[usize], number: impl Fn(&T) -> Option<usize>) {
     let place = |item: &T| {
         number(item)

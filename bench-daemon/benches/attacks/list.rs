@@ -1,4 +1,4 @@
-//! The attacks: what is done to which instrument during which experiment.
+//! List of the attacks: which fault or signal, on which instrument, during which measurement.
 
 use instruments::mock::Fault;
 

@@ -1,5 +1,5 @@
-//! One attack from its files to its row: the mocks are served by a thread of this process, so that
-//! what the cell bears is known; the program under attack knows only addresses.
+//! Runs one attack, from its files to its row of results. The mocks are served by a thread of this
+//! process, so that the strain of the cell is known. The program under attack knows only addresses.
 
 use std::{
     collections::BTreeMap,
@@ -59,7 +59,7 @@ pub(crate) struct Row {
     /// The greatest and least voltage, V, and the greatest temperature, °C, of the cell.
     worst: (f64, f64, f64),
     abuse: usize,
-    /// From the deed to the last current, s; none where some still flowed at the end.
+    /// From the attack to the last current, s; none where some still flowed at the end.
     zero_s: Option<f64>,
     still: bool,
     happened: bool,

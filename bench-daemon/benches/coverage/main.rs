@@ -30,7 +30,7 @@ struct Asked {
     names: Vec<String>,
     seeds: u64,
     from: u64,
-    /// Harness and slope of the open-circuit voltage drawn anew for each seed.
+    /// Harness and slope of the open-circuit voltage drawn again for each seed.
     drawn: bool,
     /// Folder for the deviations behind each table.
     out: Option<PathBuf>,

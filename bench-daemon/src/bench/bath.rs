@@ -18,8 +18,8 @@ const ASKED: Duration = Duration::from_secs(5);
 pub struct BathLeft {
     /// In words.
     pub words: String,
-    /// It may go to a temperature that harms the cell, and was told to stop in vain: a person has
-    /// to look at it.
+    /// It may go to a temperature that harms the cell, and was told to stop without success: a
+    /// person has to look at it.
     pub astray: bool,
 }
 

@@ -1,6 +1,6 @@
-//! Safe state: everything off that can move charge, in the order that cannot harm the cell, read
-//! back and proven. What does not go off is brought to zero by the other ways that its dialect
-//! declares.
+//! Safe state: switches off everything that can move charge, in the order that cannot harm the
+//! cell, and reads it back. An output that does not go off is brought to zero by the other ways
+//! that its dialect declares.
 
 use std::{collections::BTreeMap, time::Duration};
 

@@ -282,7 +282,7 @@ impl Visit<'_> {
             taps: BTreeMap::new(),
         };
         let instruments = self.reach(&mut findings, &connections).await;
-        // The custody takes it again, with a guardian beside it.
+        // The lease takes it again, with a guardian beside it.
         drop(lock);
         if findings.stopped().is_some() {
             not_after(&mut findings, doctor::LIVE.into_iter().chain(GUARDIAN));

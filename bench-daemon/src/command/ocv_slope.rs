@@ -1,4 +1,5 @@
-//! The slope of the open-circuit voltage at the charge of a spectrum, as the command line tells it.
+//! Arguments for the slope of the open-circuit voltage at the charge of a spectrum, for the
+//! commands that fit.
 
 use std::path::PathBuf;
 

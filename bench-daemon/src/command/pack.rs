@@ -1,4 +1,4 @@
-//! `eis-bench pack`: what a pack of cells can do.
+//! `eis-bench pack`: power and voltage of a pack of cells.
 
 use clap::{Args, Subcommand};
 

@@ -1,4 +1,4 @@
-//! `eis-bench plan`: what would be done.
+//! `eis-bench plan`: prints the steps of an experiment without touching an instrument.
 
 use std::path::PathBuf;
 

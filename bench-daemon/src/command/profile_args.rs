@@ -1,4 +1,4 @@
-//! How a profile's file is read: arguments that `simulate` and `pack simulate` share.
+//! Arguments for reading a profile's file, shared by `simulate` and `pack simulate`.
 
 use analysis::{
     formats::ReadOptions,

@@ -1,4 +1,5 @@
-//! `eis-bench replay`: recorded captures through the present pipeline, and what changed.
+//! `eis-bench replay`: analyses recorded captures again with the present program, and lists the
+//! changes.
 //!
 //! A run of the same version comes out bit-identical. Otherwise every point that changed is told
 //! with its change over its stated uncertainty. Nothing is changed in the run folder; `--out`
@@ -26,7 +27,7 @@ use crate::{
     terminal::say,
 };
 
-/// Changed points that are told of each spectrum.
+/// Changed points that are listed for each spectrum.
 const TOLD: usize = 12;
 /// Rounds of which the fastest counts.
 const ROUNDS: usize = 3;

@@ -42,7 +42,7 @@ pub struct ResumeArgs {
 
 /// Tables and transcripts only grow: what is there must be the beginning of what comes.
 const GROWING: [&str; 4] = ["csv", "txt", "jsonl", "torn"];
-/// Files that are written anew as the run goes.
+/// Files that are written again as the run goes.
 const REWRITTEN: [&str; 1] = ["json"];
 
 /// Goes on with a run.

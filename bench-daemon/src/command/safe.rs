@@ -191,7 +191,7 @@ fn runner(state: Option<&State>) -> Runner {
 /// it, and after that, s.
 const ENDS_S: (f64, f64) = (5.0, 15.0);
 const LOOK_S: f64 = 0.1;
-/// A guardian is done within this time, s, or tries in vain.
+/// A guardian is done within this time, s, or tries without success.
 const GUARDED_S: f64 = 10.0;
 
 /// Waits until nobody runs the bench, so long at most; whether it is so. Where that cannot be known

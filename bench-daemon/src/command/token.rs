@@ -1,4 +1,4 @@
-//! `eis-bench token`: who may ask a server for what.
+//! `eis-bench token`: makes, lists and revokes the tokens of a server.
 
 use std::{net::SocketAddr, path::PathBuf};
 

@@ -1,4 +1,5 @@
-//! `eis-bench pause`, `go-on`, `abort` and `reorder`: what is wanted of a run in another terminal.
+//! `eis-bench pause`, `go-on`, `abort` and `reorder`: send a run control request to a run in
+//! another terminal.
 
 use std::path::{Path, PathBuf};
 

@@ -1,6 +1,6 @@
-//! Whether the limits of a cell are worth their name. What lies beyond the cell's absolute limits,
-//! as far as its file knows them, is refused; what lies beyond the cell's own data or common sense
-//! is loudly said, for an interlock that never trips is none.
+//! Checks that the limits of a cell can protect it. Limits beyond the cell's absolute limits, as
+//! far as its file knows them, are refused. Limits beyond the cell's own data or common values
+//! cause a warning, because an interlock that never trips does not protect.
 
 use serde::Deserialize;
 

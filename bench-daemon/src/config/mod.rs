@@ -230,7 +230,7 @@ pub enum Order {
     Ascending,
     /// The fastest first.
     Descending,
-    /// Drawn from the seed, anew for each sweep: a drift of the cell becomes noise.
+    /// Drawn from the seed, again for each sweep: a drift of the cell becomes noise.
     Random,
     /// The slowest, the fastest, the second slowest …
     Alternating,

@@ -141,7 +141,7 @@ pub(super) struct Simulation {
     pub(super) scenario: String,
     pub(super) time: Option<String>,
     pub(super) faults: Option<Faults>,
-    /// By role, what its mock is told to do differently.
+    /// Quirks of the mocks, by role.
     #[serde(default)]
     pub(super) quirks: BTreeMap<String, BTreeMap<String, Value>>,
 }

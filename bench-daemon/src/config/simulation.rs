@@ -1,5 +1,5 @@
-//! Smaller sections of a bench file: what its simulation is told beside the scenario, and how a
-//! bath with relays is held.
+//! Resolves two smaller sections of a bench file: the quirks of its mocks beside the scenario, and
+//! the control of a bath with relays.
 
 use std::collections::BTreeMap;
 

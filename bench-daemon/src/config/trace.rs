@@ -1,5 +1,5 @@
-//! Currents that step: the sections `[[traces]]` against bench and cell. Whether a trace stays
-//! within the cell's limits is the plan's check.
+//! Resolves the sections `[[traces]]`, currents that step, against bench and cell. The plan checks
+//! that a trace stays within the cell's limits.
 
 mod average;
 mod rows;

@@ -1,7 +1,7 @@
-//! After a run that died together with its guardian, by a reboot perhaps: nobody has switched its
-//! bench off. What the instruments are found in is said first, then they are switched off, and
-//! where a current may have flowed that nobody watched, the bench is latched: a person has to look
-//! at the cell.
+//! Settles a bench after a run that died together with its guardian, for example by a reboot:
+//! nobody has switched it off. The state of the instruments is reported first, then they are
+//! switched off. Where a current may have flowed unwatched, the bench is latched: a person has to
+//! look at the cell.
 
 use std::collections::BTreeMap;
 

@@ -1,4 +1,4 @@
-//! The files of a data set's runs: what they hold, or what is wrong with them.
+//! Reads the files of a data set's runs, with the place of every error.
 
 use std::{
     collections::HashMap,

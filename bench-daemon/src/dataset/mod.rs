@@ -1,5 +1,5 @@
-//! Data sets: a folder with `dataset.toml`, or a run folder of this program, as a diagnosis wants
-//! them; and the way back.
+//! Reads and writes data sets for a diagnosis: a folder with `dataset.toml`, or a run folder of
+//! this program.
 //!
 //! `dataset.toml` holds `name`, perhaps `[bench]` (the fields of
 //! [`BenchHistory`](analysis::diagnosis::BenchHistory)), perhaps `[calibration]` (the fields of

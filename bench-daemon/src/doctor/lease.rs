@@ -1,4 +1,4 @@
-//! Whether the guardian switches off when the daemon hangs: another process takes the bench,
+//! Checks that the guardian switches off when the daemon hangs. Another process takes the bench,
 //! switches the output on at zero current, and stops.
 
 use std::{

@@ -1,5 +1,5 @@
-//! The machine on which the daemon runs: its clock, the folder for data, the disk, the state of the
-//! bench.
+//! Checks of the machine on which the daemon runs: its clock, the folder for data, the disk, the
+//! state of the bench.
 
 use std::{fs, io::Write, path::Path};
 

@@ -1,5 +1,5 @@
-//! Whether the last report of the doctor still speaks for a bench: the same file, the same
-//! instruments, whole, complete, and not too old.
+//! Decides whether the last report of the doctor still holds for a bench: same file, same
+//! instruments, unaltered, complete, and not too old.
 
 use instruments::clock;
 

@@ -1,6 +1,6 @@
-//! Meters that look at the same thing must say the same: the voltmeter and the scope, the voltmeter
-//! and the charger's terminals, the cell's thermocouple and the bath, the supply's ammeter and the
-//! shunt; and a meter that stands still where its noise would move it is none.
+//! Compares meters that measure the same quantity: voltmeter and scope, voltmeter and charger
+//! terminals, thermocouple and bath, supply ammeter and shunt. A meter that stands still where its
+//! noise would move it counts as broken.
 
 use instruments::scope::Waveform;
 

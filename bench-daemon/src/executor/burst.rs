@@ -1,7 +1,6 @@
-//! A drive that ends by itself: the generator is told so many periods as a step needs, and then
-//! stays at its offset, whether or not a message can still reach it. Where the model has no bursts,
-//! or does not do what it was told of them, the signal has no end but the daemon's and the
-//! guardian's.
+//! Drives that end by themselves: the generator gets the number of periods that a step needs, and
+//! then stays at its offset. That holds also when no message can reach it any more. Where the model
+//! has no bursts, or does not obey, only the daemon and the guardian can end the signal.
 
 use instruments::link::LinkError;
 

@@ -1,4 +1,4 @@
-//! Where a stage is entered that was interrupted.
+//! Decides at which step an interrupted stage is entered again.
 
 use crate::{
     journal::PointDone,

@@ -1,6 +1,6 @@
-//! The quality gate at work: a point that fails is measured again as long as the sweep's budget of
-//! time and charge lasts, the best of its records is kept, and what still fails is said with the
-//! point.
+//! Applies the quality gate to a sweep. A point that fails is measured again as long as the sweep's
+//! budget of time and charge lasts. The best of its records is kept, and remaining failures are
+//! stored with the point.
 
 use analysis::{
     spectrum::{ImpedancePoint, Spectrum},
@@ -21,7 +21,7 @@ use crate::{
 /// A residual below so many standard deviations of the noise is noise.
 const CERTAIN: f64 = 5.0;
 /// A finished sweep is gone through so many times: a point that was measured again changes what the
-/// others are held against.
+/// others are compared with.
 const ROUNDS: usize = 3;
 
 impl Executor<'_> {

@@ -1,6 +1,6 @@
-//! The quality gate of a multisine: a band whose lines fail is recorded again as long as the budget
-//! lasts; of every line the better record is kept. The finished multisine is held against itself as
-//! a sweep is.
+//! Applies the quality gate to a multisine. A band whose lines fail is recorded again as long as
+//! the budget lasts, and of every line the better record is kept. The finished multisine is
+//! compared with itself as a sweep is.
 
 use instruments::fixture::Fixture;
 
@@ -89,7 +89,7 @@ impl Executor<'_> {
     }
 
     /// Records a band again; of every line the better record stays. A line whose own record is good
-    /// is taken anew for the sake of the whole.
+    /// is taken again for the sake of the whole.
     async fn band_again(
         &mut self,
         band: &Band,

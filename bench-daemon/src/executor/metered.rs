@@ -1,7 +1,7 @@
-//! A trace through DC load and DC supply: the load draws what is negative, at constant current or
-//! constant power, the supply charges what is positive; where nothing is to flow both are off.
-//! Their own meters record, just before a step, just after it and every second between: a row is as
-//! late as its reading.
+//! Plays a trace through DC load and DC supply. The load draws negative currents, at constant
+//! current or constant power, and the supply charges with positive ones. Where no current is to
+//! flow both are off. Their own meters record just before a step, just after it, and every second
+//! between; a row carries the time of its reading.
 
 use analysis::dataset::TraceRow;
 use instruments::{
@@ -241,8 +241,8 @@ impl Executor<'_> {
         Ok(())
     }
 
-    /// One reading, judged, held against what was commanded, and kept. The supply has no sense
-    /// leads: the load's see the cell itself.
+    /// One reading, judged, compared with the command, and kept. The supply has no sense leads: the
+    /// load's see the cell itself.
     async fn metered_row(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
         let temperature_c = self.temperature_now_and_then().await?;
         let began_s = self.clock.now_s();

@@ -119,7 +119,7 @@ impl Executor<'_> {
         ))
     }
 
-    /// One record of the settled wave, which begins anew where it would have ended meanwhile.
+    /// One record of the settled wave, which restarts where it would have ended meanwhile.
     async fn settled_roll(
         &mut self,
         band: &Band,

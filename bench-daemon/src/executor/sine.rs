@@ -1,5 +1,5 @@
-//! One sinusoid: driven, awaited, captured, ranged again where a channel clipped or was too small,
-//! analysed.
+//! Measures one sinusoid: drives it, waits, captures, and analyses. Where a channel clipped or was
+//! too small, it is ranged again.
 
 use instruments::{
     fixture::Fixture,

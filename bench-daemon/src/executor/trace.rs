@@ -423,7 +423,7 @@ impl Executor<'_> {
         }
     }
 
-    /// Rows of the scope, each judged as any reading and held against what was commanded.
+    /// Rows of the scope, each judged as any reading and compared with the command.
     pub(super) fn judged(
         &self,
         trace: &TracePlan,

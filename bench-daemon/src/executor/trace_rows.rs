@@ -1,6 +1,5 @@
-//! Frames of a trace to its rows. Pure: the same frames give the same rows, whether they have just
-//! come from the scope or are read from a run folder, years later. What the rows are judged by is
-//! not here.
+//! Computes the rows of a trace from its frames. Pure: the same frames give the same rows, from the
+//! scope or from a run folder, years later. The rows are judged elsewhere.
 
 use analysis::{
     calibration::Correction,

@@ -1,5 +1,5 @@
-//! Reading and judging: what each step may expose the cell to, and the polls of voltage, current,
-//! temperature and chiller.
+//! Reads and judges the meters during each step: voltage, current, temperature and chiller, against
+//! the allowance of the step.
 
 use std::time::Duration;
 

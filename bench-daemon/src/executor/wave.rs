@@ -1,7 +1,7 @@
-//! A trace as one wave in the generator's memory, which the bipolar supply follows: steps of
-//! milliseconds, which no message could command. Nothing flows before and behind it within its
-//! period; in the pause behind it the least sine takes its place, before it would come again.
-//! Meanwhile the interlock reads as ever, and what the scope has recorded of every step is judged
+//! Plays a trace as one wave in the generator's memory, which the bipolar supply follows: steps of
+//! milliseconds, which no message could command. Within its period no current flows before and
+//! after the trace. In the pause after it the least sine replaces the wave, before it would come
+//! again. The interlock reads meanwhile as always, and the scope's record of every step is judged
 //! afterwards.
 //!
 //! A power becomes a current by the voltage at rest: a wave cannot follow the voltage. What power
@@ -130,7 +130,7 @@ impl Executor<'_> {
         let refused = self.burst.refused;
         self.begin_periods(freq_hz, 1.0).await?;
         if self.burst.refused != refused {
-            // Meanwhile it has played on; it begins anew.
+            // Meanwhile it has played on; it restarts.
             let generator = require(&mut self.bench.generator, "generator")?;
             generator.quiet(offset).await.map_err(&error)?;
             generator.wave(&wave).await.map_err(&error)?;

@@ -1,5 +1,5 @@
-//! The daemon's end of the pipe: starts the guardian, renews the lease as long as the executor
-//! makes progress, hears when the guardian is gone.
+//! Daemon's end of the pipe to the guardian: starts it, renews the lease as long as the executor
+//! makes progress, and notices when it is gone.
 
 use std::{
     io::{BufRead, BufReader, Write},

@@ -1,5 +1,5 @@
-//! A meter whose noise shows does not give the same value again and again: from how often its
-//! readings turn back follows how seldom two can be alike.
+//! Estimates how long a meter with visible noise may show the same value. The share of readings at
+//! which it turns back says how rarely two are alike.
 
 /// Standard deviations by which the share of turns is taken smaller than it was seen.
 const DEVIATIONS: f64 = 2.0;

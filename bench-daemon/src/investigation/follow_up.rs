@@ -1,5 +1,5 @@
-//! Planned runs → an experiment on the same bench and cell. The controls are not measured again:
-//! the correction stays.
+//! Makes an experiment on the same bench and cell from planned runs. The controls are not measured
+//! again: the correction stays.
 
 use analysis::{
     diagnosis::{DataSet, Fixture, Planned, PlannedRun, Run, RunData, Start},

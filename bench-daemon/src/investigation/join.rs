@@ -1,5 +1,5 @@
-//! Run folders as one data set: the campaign's, and those of the experiments after it, in one count
-//! of time and order.
+//! Joins run folders to one data set: the campaign and the experiments after it, with one count of
+//! time and order.
 
 use std::path::Path;
 

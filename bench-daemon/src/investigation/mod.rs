@@ -1,6 +1,6 @@
-//! The closed loop: a campaign, a model fitted to its sweeps, a diagnosis; then the run that the
-//! diagnosis asks for, on the same bench, and a diagnosis of everything measured so far, until
-//! nothing is open or the means are at their end.
+//! Closed loop of `eis-bench investigate`: a campaign, a model fitted to its sweeps, and a
+//! diagnosis. The recommended run follows on the same bench, and a diagnosis of all data so far. It
+//! ends when no question is open or the budget is spent.
 //!
 //! Not here: what a run is (`command::run`), what a diagnosis is (`analysis::diagnosis`). A
 //! simulated world is one and the same over all runs: its time, its charge, its wear and its noise

@@ -1,4 +1,5 @@
-//! An investigation as files: `investigation.json` for programs, `investigation.md` for people.
+//! Writes an investigation as files: `investigation.json` for programs, `investigation.md` for
+//! people.
 
 use std::{fmt::Write as _, path::Path};
 

@@ -1,5 +1,5 @@
-//! The quality gate: numbers of one point of a sweep against limits, and what is to be said where
-//! one is exceeded. Pure.
+//! Quality gate: compares the quality of one point of a sweep with limits, and words the excesses.
+//! Pure.
 //!
 //! A number counts against a point only where noise does not explain it, so that a quiet limit on a
 //! noisy bench names the noise and nothing else.

@@ -1,4 +1,4 @@
-//! How long a plan takes: as a rule of thumb, and at most.
+//! Duration of a plan: the expected one, and the longest.
 
 use super::{Leg, Plan, Stage, Step, Through};
 

@@ -1,5 +1,5 @@
-//! A trace as data: when the current steps, when the scope looks, and what the cell may be exposed
-//! to at worst meanwhile.
+//! Trace as data: when the current steps, when the scope records, and the largest strain of the
+//! cell meanwhile.
 
 use analysis::series::Role;
 

@@ -1,4 +1,4 @@
-//! A plan in words: what `eis-bench plan` prints and the journal keeps.
+//! Words a plan, for `eis-bench plan` and the journal.
 
 use std::fmt;
 

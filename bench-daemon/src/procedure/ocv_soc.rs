@@ -36,7 +36,7 @@ pub(super) fn stage(ocv: &OcvSoc, cell: &Cell) -> Stage {
         })
     };
     // The first charge ends where the measured one begins; it goes into the file of the way up,
-    // which the measured one begins anew.
+    // which the measured one restarts.
     let up = |charge_c| {
         let flow = Flow::Charge {
             current_a: ocv.charge_a,

@@ -1,4 +1,4 @@
-//! Sweeps, points and frames as the files of a run name and describe them.
+//! Names of sweeps, points and frames in the files of a run.
 
 use analysis::{
     dataset::{Capture, CaptureMeta, ChannelMeta},

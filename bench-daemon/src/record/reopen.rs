@@ -1,5 +1,5 @@
-//! A run folder that is gone on with: torn rows are cut off, what was written is read back, and
-//! what the journal says of it is compared.
+//! Opens the folder of a resumed run. Torn rows are cut off, written values are read back, and both
+//! are compared with the journal.
 
 use std::{
     fs::{self, File},
@@ -23,8 +23,7 @@ use crate::{
 };
 
 impl Recorder {
-    /// Opens a run folder that is gone on with. What follows the last whole row of a table is cut
-    /// off.
+    /// Opens a run folder that is resumed. What follows the last whole row of a table is cut off.
     ///
     /// # Errors
     /// Files that cannot be read or written, or are not what a run writes.

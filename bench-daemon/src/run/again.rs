@@ -1,6 +1,6 @@
-//! A recorded run made anew from its captures: every record is analysed again by the present
-//! program, and everything that follows from them is gathered and evaluated as in the run itself.
-//! Knows no instrument and changes nothing in the run folder.
+//! Recomputes a recorded run from its captures: the present program analyses every record again.
+//! All results are gathered and evaluated as in the run itself. It knows no instrument and changes
+//! nothing in the run folder.
 //!
 //! The journal supplies what no capture holds: which record of a point counts, when it was taken,
 //! and what was read beside it.
@@ -50,7 +50,7 @@ use instruments::{
 /// core, decoded.
 const LARGE_BYTES: u64 = 1 << 23;
 
-/// A run as its folder tells it.
+/// Run as its folder holds it.
 pub(crate) struct Recorded {
     folder: PathBuf,
     experiment: Experiment,
@@ -98,8 +98,8 @@ impl Recorded {
             .ended;
         let stopped = (ended.as_deref() != Some(FINISHED))
             .then(|| ended.unwrap_or_else(|| "its journal has no end".to_owned()));
-        // What follows the measurement is made anew. Safe state comes at the beginning, too, and a
-        // run that was stopped may have no other.
+        // What follows the measurement is computed again. Safe state comes at the beginning, too,
+        // and a run that was stopped may have no other.
         let measures = |line: &Line| {
             matches!(
                 line.entry,
@@ -145,7 +145,7 @@ impl Recorded {
     /// them.
     ///
     /// # Errors
-    /// A journal that tells of a sweep where the plan has none.
+    /// A journal with a sweep where the plan has none.
     pub(crate) fn points(&self) -> Result<Vec<Known>, Failure> {
         let mut known = Vec::new();
         for (stage, story) in &self.story.stages {
@@ -286,7 +286,7 @@ impl Recorded {
         }
     }
 
-    /// All captures of a step that the journal tells of, the latest first.
+    /// All captures of a step in the journal, the latest first.
     fn files(&self, stage: usize, step: usize) -> Vec<String> {
         let mut files: Vec<String> = Vec::new();
         for line in self.lines.iter().rev() {

@@ -1,5 +1,4 @@
-//! A plan played stage by stage: sweeps and traces go into the index, and what follows from them is
-//! gathered.
+//! Plays a plan stage by stage, enters sweeps and traces into the index, and gathers their results.
 
 use analysis::{calibration::Correction, dataset::SweepEntry, run_folder::CORRECTION};
 use instruments::{

@@ -44,7 +44,7 @@ struct Manifest<'a> {
 pub(super) fn copies(experiment: &config::Experiment) -> std::io::Result<Vec<ConfigCopy>> {
     let mut files: Vec<ConfigCopy> = Vec::new();
     for source in &experiment.sources {
-        // From wherever it is gone on with: the state of the bench lies beside its file.
+        // From wherever it is resumed: the state of the bench lies beside its file.
         let path = std::path::absolute(source.path())?;
         let name = path
             .file_name()
@@ -66,7 +66,7 @@ pub(super) fn copies(experiment: &config::Experiment) -> std::io::Result<Vec<Con
 }
 
 impl Run<'_> {
-    /// Copies the configuration, and begins the journal: from here on the run can be gone on with.
+    /// Copies the configuration, and begins the journal: from here on the run can be resumed.
     pub(super) fn begin(&mut self) -> Result<(), Failure> {
         let files = copies(self.experiment)?;
         for (source, file) in self.experiment.sources.iter().zip(&files) {

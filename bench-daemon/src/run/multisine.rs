@@ -1,5 +1,5 @@
-//! A measured multisine in files: its spectrum as any other, and what each line says of noise and
-//! distortion.
+//! Writes a measured multisine: its spectrum like that of a sweep, and the noise and distortion of
+//! each line.
 
 use std::{fmt::Write as _, path::Path};
 

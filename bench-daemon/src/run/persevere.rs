@@ -1,7 +1,7 @@
-//! A run that goes on by itself after what passes by itself: an answer that came late, a connection
-//! that broke. Each time the bench was in safe state, verified, before it goes on as `eis-bench
-//! resume` does: every connection is new, every instrument is identified, looked at, set and read
-//! back. No current flows meanwhile.
+//! Retries a run after failures that pass by themselves, such as a late answer or a broken
+//! connection. Before each retry the bench is in verified safe state. Then the run goes on as
+//! `eis-bench resume` does: every connection is new, every instrument is identified, checked, set
+//! and read back. No current flows meanwhile.
 
 use std::path::Path;
 
@@ -18,7 +18,7 @@ use crate::{
     wishes::{Course, Wishes},
 };
 
-/// How often a wish to end is looked for while it waits, s.
+/// Interval at which it looks for a run control request while it waits, s.
 const LOOK_S: f64 = 0.5;
 
 /// How often it may still go on by itself.

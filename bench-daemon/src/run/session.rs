@@ -1,4 +1,4 @@
-//! A bench on which runs follow each other, and what is asked before each of them.
+//! Runs several experiments one after the other on a bench, with the checks before each of them.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! One sweep in the files of a run: where its points go, and what the index says of it.
+//! Writes one sweep to the files of a run: its points, and its entry in the index.
 
 use analysis::{
     calibration::{Correction, CorrectionModes},
@@ -157,7 +157,7 @@ impl<'a> Sweeping<'a> {
             let same = a.phasors.freq_hz == b.phasors.freq_hz;
             if same {
                 b.failing.append(&mut a.failing);
-                // That is the time that its impedance is told for.
+                // That is the time for which its impedance is stated.
                 b.time_s = 0.5 * (begin_s + end_s);
             }
             same

@@ -1,7 +1,7 @@
-//! Who did what, and when: one line of JSON each, appended and synced before the answer goes out.
-//! Each line carries a checksum over itself and the line before, so that a line that was taken out
-//! or altered shows; how many there are and the last checksum stand in a file beside it, so that an
-//! end that was cut off shows too.
+//! Audit trail: who did what, and when. One line of JSON for each request is appended and synced
+//! before the answer goes out. Each line carries a checksum over itself and the line before, so
+//! that a removed or altered line shows. The number of lines and the last checksum stand in a file
+//! beside it, so that a truncated end shows too.
 
 use std::{
     fs::{File, OpenOptions},
@@ -49,7 +49,7 @@ pub fn private(path: &Path, mode: u32) -> std::io::Result<()> {
     }
 }
 
-/// One deed.
+/// One request in the audit trail.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, utoipa::ToSchema)]
 pub struct Deed {
     /// When, s since 1970.
@@ -132,7 +132,7 @@ impl Audit {
         Ok(audit)
     }
 
-    /// Writes a deed down; it is on disk when this returns.
+    /// Writes a request to the trail; it is on disk when this returns.
     ///
     /// # Errors
     /// The system's.
@@ -158,7 +158,7 @@ impl Audit {
             .map_err(std::io::Error::other)
     }
 
-    /// The latest deeds, the latest last.
+    /// The latest requests, the latest last.
     ///
     /// # Errors
     /// The system's.
@@ -183,7 +183,7 @@ fn chain(before: &str, deed: &Deed) -> String {
     ))
 }
 
-/// The deed of a line. A server may have died within a letter of several bytes: what is no text
+/// The request of a line. A server may have died within a letter of several bytes: what is no text
 /// must not keep the next one from starting.
 fn read(line: &[u8]) -> Option<Deed> {
     serde_json::from_str(&String::from_utf8_lossy(line)).ok()

@@ -1,4 +1,4 @@
-//! A file that grows, read as it does: whole new lines since the last look.
+//! Reads a file that grows: whole new lines since the last look.
 
 use std::{
     fs::File,

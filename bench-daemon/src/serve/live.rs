@@ -1,4 +1,4 @@
-//! A bench as it is now, in the words of the API.
+//! Present state of a bench, as the API shows it.
 
 use serde::Serialize;
 use utoipa::ToSchema;

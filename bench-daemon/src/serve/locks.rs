@@ -1,5 +1,5 @@
-//! Who holds a lock, asked without touching it: trying to take it would now and then be in the way
-//! of the run that wants it.
+//! Finds the holder of a lock without touching it: an attempt to take it could hinder the run that
+//! wants it.
 
 use std::{os::unix::fs::MetadataExt, path::Path};
 

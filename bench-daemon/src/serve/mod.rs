@@ -3,8 +3,8 @@
 //!
 //! A run does not know that it is served. It has its own guardian, journal and safe state, so that
 //! nothing that happens to the server – a crash, a kill, a client too many – reaches it; a server
-//! that is started anew finds it by its lock. What is wanted of a run goes the ways that a terminal
-//! has: wishes in its folder, SIGTERM, `eis-bench safe`.
+//! that is restarted finds it by its lock. A run is controlled as from a terminal: run control
+//! requests in its folder, SIGTERM, `eis-bench safe`.
 //!
 //! In reading order: [`settings`], [`token`], [`audit`], [`hub`] (events), [`queue`],
 //! [`submission`], [`watch`] (a run folder, read as it grows), [`live`], [`proof`], [`supervisor`]

@@ -1,6 +1,6 @@
-//! Who has verified that the outputs of a bench are off, once the process of its last run is gone:
-//! the run itself says so in its journal, and of one that died its guardian does, the stop, or
-//! whoever settled it afterwards.
+//! Finds who has verified that the outputs of a bench are off, once the process of its last run is
+//! gone. The run itself says so in its journal. For a run that died the guardian says it, the stop,
+//! or a later run that settled it.
 
 use std::{os::unix::fs::MetadataExt, path::Path};
 

@@ -1,5 +1,5 @@
-//! The file of a server: where it listens, what it serves, and how much it bears. Resolved once;
-//! every complaint names file, line and field.
+//! Settings of a server from its file: where it listens, what it serves, and its bounds. They are
+//! resolved once; every error names file, line and field.
 
 use std::{
     net::SocketAddr,
@@ -67,13 +67,13 @@ pub struct Settings {
     pub benches: Vec<config::Bench>,
     /// Certificate chain and key, PEM.
     pub tls: Option<(PathBuf, PathBuf)>,
-    /// How much it bears.
+    /// Its bounds.
     pub limits: Limits,
     /// So long a run has to end by itself after a stop, s, before it is ended.
     pub stop_wait_s: f64,
 }
 
-/// How much a server bears.
+/// Bounds of a server.
 #[derive(Debug, Clone, Copy)]
 pub struct Limits {
     /// Longest body of a request, bytes.

@@ -1,7 +1,6 @@
-//! The stop: whatever runs on a bench ends now, and what the outputs say afterwards is read back.
-//! Two ways lead there, one behind the other: the run is asked to end in safe state, as Ctrl-C asks
-//! it; then, whether it has or not, `eis-bench safe` switches off over connections of its own and
-//! reads back.
+//! Stop of a bench: ends its run now, and reads the outputs back. First the run is asked to end in
+//! safe state, as by Ctrl-C. Then `eis-bench safe` switches off over its own connections and reads
+//! back, whether the run has ended or not.
 
 use std::{path::PathBuf, process::Stdio, sync::Arc, time::Duration};
 
@@ -74,7 +73,7 @@ pub async fn stop(server: &Arc<Server>, bench: &config::Bench, by: &str) -> Stop
     report
 }
 
-/// Ends what came into work while the outputs were switched off; tells whether nothing runs any
+/// Ends what came into work while the outputs were switched off; returns whether nothing runs any
 /// more.
 async fn again(server: &Arc<Server>, bench: &config::Bench, report: &mut StopReport) -> bool {
     report.verified = false;
@@ -105,7 +104,7 @@ fn tell(server: &Server, report: &mut StopReport, step: String) {
     server.hub.tell("stop", report);
 }
 
-/// Asks the run to end and waits for it; tells whether nothing runs any more.
+/// Asks the run to end and waits for it; returns whether nothing runs any more.
 async fn end_run(server: &Server, bench: &config::Bench, report: &mut StopReport) -> bool {
     let Some((pid, folder)) = in_work(server, bench) else {
         tell(server, report, "no run was in work".to_owned());

@@ -1,6 +1,6 @@
-//! From what a peer asks for to a checked experiment, frozen: the files are read within the folder
-//! of the configuration only, the plan is checked, and what was checked is copied into the data
-//! folder, so that a file that is altered later does not alter what was submitted.
+//! Makes a checked, frozen experiment from a peer's request. Files are read within the folder of
+//! the configuration only, and the plan is checked. Everything that was checked is copied into the
+//! data folder, so that later changes of a file do not alter the submission.
 
 use std::{
     path::{Path, PathBuf},

@@ -1,4 +1,4 @@
-//! The one thread that begins runs, watches them, and tells what changed. It waits for no listener
+//! Single thread that begins runs, watches them, and publishes changes. It waits for no listener
 //! and no request.
 
 use std::{
@@ -316,7 +316,7 @@ impl Post {
                 .any(|name| locks::holder(&state.path(name)).is_some())
     }
 
-    /// Watches the run in work, whoever began it; tells whether it goes on.
+    /// Watches the run in work, whoever began it; returns whether it goes on.
     fn follow(&mut self, server: &Server) -> bool {
         let item = server.queue().in_work(&self.bench.name).cloned();
         let ours = item.map(|item| (server.runs().join(&item.run), Some(item.run)));

@@ -1,5 +1,5 @@
-//! Words to systemd, over the datagram socket that it names in `NOTIFY_SOCKET` (sd_notify(3)):
-//! ready, alive, stopping. Without it nothing is said.
+//! Notifies systemd over the datagram socket in `NOTIFY_SOCKET` (sd_notify(3)): ready, alive,
+//! stopping. Without the socket it sends nothing.
 
 use std::os::{
     linux::net::SocketAddrExt,

@@ -1,5 +1,5 @@
-//! Who may do what. A token is 32 random bytes in hexadecimal, shown once; what is kept is its
-//! SHA-256 only: of that much chance nobody finds the original, so that no slow hash is needed.
+//! Tokens of the server. A token is 32 random bytes in hexadecimal, shown once. Only its SHA-256 is
+//! stored: with so many random bits nobody finds the original, so that no slow hash is needed.
 
 use std::{
     fs,

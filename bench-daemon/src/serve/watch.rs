@@ -1,5 +1,5 @@
-//! A run, watched from outside through its folder: the journal, the readings and the transcripts
-//! are read as they grow. The run knows nothing of it and never waits for it.
+//! Watches a run from outside through its folder: journal, readings and transcripts are read as
+//! they grow. The run knows nothing of it and never waits for it.
 
 use std::{
     collections::BTreeMap,
@@ -243,7 +243,7 @@ impl Watch {
         }
     }
 
-    /// The last reading; `going` tells whether the run's process lives. One of an earlier process
+    /// The last reading; `going` states whether the run's process lives. One of an earlier process
     /// is not fresh.
     pub fn reading(&self, going: bool) -> Option<ReadingNow> {
         let reading = self.reading.clone()?;
@@ -282,7 +282,7 @@ impl Watch {
         self.ended.as_deref()
     }
 
-    /// Where it is; `going` tells whether its process lives.
+    /// Where it is; `going` states whether its process lives.
     pub fn now(&self, run: Option<String>, going: bool) -> RunNow {
         let none = Plan { stages: Vec::new() };
         let plan = self.plan.as_ref().unwrap_or(&none);

@@ -1,4 +1,4 @@
-//! Why a bench is latched.
+//! Reasons why a bench is latched.
 
 use std::path::{Path, PathBuf};
 

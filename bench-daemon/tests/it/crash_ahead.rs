@@ -1,7 +1,7 @@
-//! The second crash drill: points that overlap, and a trace that is one wave in the generator's
-//! memory. The process dies where the generator is ahead of the journal's points, and before, in
-//! and behind the wave. Nothing brings the charge of the cell back by itself here, so that a wave
-//! whose outcome nobody knows is refused until a person has said so.
+//! Second crash drill: points that overlap, and a trace that is one wave in the generator's memory.
+//! The process dies where the generator is ahead of the journal's points, and before, in and after
+//! the wave. Nothing restores the charge of the cell by itself here. A wave with unknown outcome is
+//! therefore refused until a person has accepted it.
 //!
 //! `EIS_BENCH_CRASHES` as in the first one: `all`, or how many.
 

@@ -1,5 +1,5 @@
-//! Real processes on real ports: whose a bench is, what is left when nobody is there any more, and
-//! what is heard from another terminal.
+//! Lease of a bench with real processes on real ports: who holds it, what remains after a crash,
+//! and run control requests from another terminal.
 
 use std::{ffi::OsStr, fs, path::PathBuf};
 

@@ -1,4 +1,4 @@
-//! Who may ask a server for what, and what it does with those who ask badly.
+//! Access to a server: scopes of tokens, and malformed requests.
 
 use std::{
     fs,

@@ -138,7 +138,7 @@ impl Browser {
         format!("/element/{}", found[ELEMENT].as_str().unwrap())
     }
 
-    /// Clicks as a person does, who sees what is there now: where it was drawn anew since it was
+    /// Clicks as a person does, who sees what is there now: where it was drawn again since it was
     /// found, it is looked for again.
     #[track_caller]
     fn click(&self, css: &str) {

@@ -1,4 +1,4 @@
-//! A table of what the records show besides the sine.
+//! Reads a table of drift and harmonics of the records, for `eis-bench kk`.
 
 use std::path::Path;
 

@@ -1,5 +1,5 @@
-//! The table of a pack's cells: as given, and as drawn; and of what the figures of a pack are
-//! means.
+//! Reads, draws and writes the table of a pack's cells, for `pack simulate`. Also states which
+//! cells the figures of a pack are means of.
 
 use std::{collections::BTreeMap, path::Path};
 

@@ -1,4 +1,4 @@
-//! Pictures of packs that differ: bands over time, and how the worst cells are distributed.
+//! Plots of packs with different cells: bands over time, and the distribution of the worst cells.
 
 use crate::{failure::Failure, files, present::titled};
 use std::path::Path;

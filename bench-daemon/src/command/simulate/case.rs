@@ -1,4 +1,5 @@
-//! One profile through the model and through its simple-IR rest, and what is said of it.
+//! Simulates one profile with the model and with its simple-IR rest, and prepares the results of
+//! `eis-bench simulate`.
 
 use std::path::PathBuf;
 
@@ -16,7 +17,7 @@ use serde::Serialize;
 use super::{Output, SimpleIr};
 use crate::{command::model_args, terminal::say};
 
-/// A profile and what came of it.
+/// A profile and its results.
 #[derive(Debug)]
 pub(super) struct Case {
     pub(super) profile: Profile,

@@ -383,8 +383,8 @@ fn a_chiller_that_stopped_or_has_an_alarm_trips() {
     }
 }
 
-/// A sine of 1 A and 10 s that begins anew after 7 s: its mean over the last ten seconds is no mean
-/// of a period until a whole one was read.
+/// A sine of 1 A and 10 s that restarts after 7 s: its mean over the last ten seconds is no mean of
+/// a period until a whole one was read.
 #[test]
 fn a_signal_that_begins_anew_has_no_mean_of_what_was_before_and_one_with_an_offset_still_trips() {
     let mean = Some(Mean {

@@ -1,5 +1,4 @@
-//! Multisines and traces made anew from their captures, into the folder in which everything else
-//! is.
+//! Recomputes multisines and traces from their captures, into the folder with all other results.
 //!
 //! The run supplies what no capture holds: which line the gate refused, how long a multisine took,
 //! when each level was commanded, the voltmeter's voltage at rest, and the temperatures beside a

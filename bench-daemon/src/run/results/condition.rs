@@ -1,5 +1,4 @@
-//! When and in which state the cell was measured, from the journal and the manifest of the run
-//! folder.
+//! Reads from the journal and the manifest when and in which state the cell was measured.
 
 use analysis::run_folder;
 use instruments::{clock::TimeMode, fixture::Fixture};

@@ -1,5 +1,5 @@
-//! The open-circuit voltage of a finished run: from the files of its legs to table, curve, picture
-//! and what is known of their errors.
+//! Evaluates the open-circuit voltage of a finished run: table, curve, picture and known errors,
+//! from the files of its legs.
 
 use analysis::{
     dataset::{self, LegRow},

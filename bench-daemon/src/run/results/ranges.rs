@@ -1,5 +1,5 @@
-//! On which vertical ranges the channels measured. A gain belongs to a range: a correction measured
-//! on one does not hold on another.
+//! Compares the vertical ranges of the channels with those of the controls. A gain belongs to a
+//! range: a correction that was measured on one does not hold on another.
 
 use std::collections::BTreeMap;
 

@@ -1,5 +1,5 @@
-//! Charge storage of the cell: the slope of its open-circuit voltage where it rested before each
-//! sweep, taken out before models are fitted.
+//! Removes the charge storage of the cell before models are fitted: the slope of its open-circuit
+//! voltage where it rested before each sweep.
 
 use analysis::{
     fit::ErmFit,

@@ -1,5 +1,5 @@
-//! May the spectra of a run be believed? Each is tested by itself: of several, one that is not
-//! sound must not hide behind the first.
+//! Judges the validity of the spectra of a run. Each is tested by itself, so that an invalid one
+//! cannot hide behind the first.
 
 use analysis::{
     report::{Figure, Level, Table, Verdict},
@@ -14,7 +14,7 @@ use crate::{
     run::{Measured, MultisineRun},
 };
 
-/// So many spectra are spoken of by name.
+/// Most spectra that are named one by one.
 const NAMED: usize = 4;
 
 /// A spectrum and what is to be thought of it.

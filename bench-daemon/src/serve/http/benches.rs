@@ -1,4 +1,4 @@
-//! Benches: as they are now, their instruments, their trips, and the stop.
+//! Routes of benches: present state, instruments, trips, and the stop.
 
 use std::{process::Stdio, time::Duration};
 

@@ -1,5 +1,5 @@
-//! Who asks, and whether they may. An argument of a handler: without the scope that it names, the
-//! handler is not reached.
+//! Checks the token of a request. As an argument of a handler, it lets the handler run only with
+//! the scope that it names.
 
 use std::{
     net::IpAddr,

@@ -1,5 +1,6 @@
-//! From a socket to the routes: so many at once, encrypted where there is a certificate, and none
-//! that takes its time – neither for the head of a request nor for taking what it is sent.
+//! Accepts connections for the routes: a limited number at once, encrypted where there is a
+//! certificate. Slow clients are dropped, be it with the head of a request or with reading the
+//! answer.
 
 use std::{
     collections::{HashMap, VecDeque},

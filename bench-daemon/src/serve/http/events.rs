@@ -1,6 +1,6 @@
-//! Everything that changes, as server-sent events. Each listener reads the one store of events at
-//! its own pace: nothing is kept for it, and one that is too slow is told that it has missed
-//! something and goes on with what is there.
+//! Sends all changes as server-sent events. Each listener reads the one store of events at its own
+//! pace. One that is too slow gets a notice that it has missed some, and goes on with those that
+//! are there.
 
 use std::{
     convert::Infallible,

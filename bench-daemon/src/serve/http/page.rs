@@ -1,4 +1,4 @@
-//! The page: files that are part of the program.
+//! Serves the files of the page, which are part of the program.
 
 use axum::{
     Router,

@@ -1,4 +1,4 @@
-//! The queue, and what can be put into it.
+//! Routes of the queue and of the experiments that can be put into it.
 
 use axum::{
     Json,

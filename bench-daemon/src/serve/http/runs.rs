@@ -1,5 +1,4 @@
-//! Runs: what became of them, their spectra, fits, readings and files, and what is wanted of one
-//! that goes on.
+//! Routes of runs: state, spectra, fits, readings and files, and run control requests.
 
 use std::{
     collections::BTreeMap,
@@ -38,7 +37,7 @@ use crate::{
     },
 };
 
-/// A wish is conveyed within this time, or not at all.
+/// Time within which a run control request is passed on, or not at all.
 const WISH: Duration = Duration::from_secs(20);
 /// Longest file that is sent, bytes: captures are copied from the disk instead.
 const LONGEST: u64 = 256 * 1024 * 1024;
@@ -364,7 +363,7 @@ pub async fn file(
     .await
 }
 
-/// Conveys a wish as a terminal would.
+/// Passes a run control request on, as a terminal would.
 async fn wish(
     app: &App,
     run: &str,
