@@ -1,5 +1,5 @@
-//! Bench time. The only module of the project that asks the machine for the time or sleeps
-//! (`clippy.toml` forbids it elsewhere).
+//! Bench time: real, scaled or virtual. It is the only module of the project that asks the machine
+//! for the time or sleeps (`clippy.toml` forbids it elsewhere).
 //!
 //! Bench time is counted in seconds since the clock was made. It runs as fast as the wall clock
 //! (`Real`), a fixed factor faster (`Scaled`, for mocks), or jumps ahead as soon as nobody has

@@ -371,7 +371,8 @@ impl Told {
             .retain(|(question, _)| kept.0.iter().any(|(other, _)| other == question));
     }
 
-    /// Asks whether all is still as it was told, and changes nothing; what is not, in words.
+    /// Checks that all settings are still as they were made, and changes nothing. Returns the
+    /// differences, in words.
     ///
     /// # Errors
     /// The link's.

@@ -54,12 +54,12 @@ pub fn by_key<D: Model + ?Sized>(dialects: &[&'static D], key: &str) -> Option<&
         .find(|dialect| dialect.key() == key)
 }
 
-/// An instrument on its link, spoken to in a role's dialect `D`.
+/// Instrument on its link, driven by a role's dialect `D`.
 pub struct Instrument<D: Model + ?Sized + 'static> {
     pub(crate) link: Link,
     pub(crate) dialect: &'static D,
     pub(crate) channels: Vec<u16>,
-    /// Part of the identity of another model that is spoken to as this one all the same.
+    /// Part of the identity of another model that is accepted as this one.
     accepted: Option<String>,
     /// Settings that were made last and must stay so while current flows.
     pub(crate) told: Told,
@@ -119,7 +119,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         Ok(again.map_or(identity, |text| Identity::parse(&text)))
     }
 
-    /// Connects anew and asks who it is: an instrument whose answers belong to other questions does
+    /// Reconnects and asks who it is: an instrument whose answers belong to other questions does
     /// not answer with its identity.
     ///
     /// # Errors
@@ -210,7 +210,7 @@ impl<D: Model + ?Sized> Instrument<D> {
         told
     }
 
-    /// The dialect that is spoken.
+    /// Dialect in use.
     pub fn dialect(&self) -> &'static D {
         self.dialect
     }

@@ -1,10 +1,10 @@
-//! Talks to one instrument of a battery test bench; pretends to be one.
+//! Drivers of the instruments of a battery test bench, and simulated instruments for tests.
 //!
 //! The layers, in reading order: [`units`], [`fixture`] and [`clock`]; [`scpi`], the sans-IO codec;
-//! [`transport`], bytes in and bytes out; [`transcript`] and [`link`], the one async seam;
-//! [`exchange`] and [`instrument`], what roles are made of; the roles ([`supply4q`], [`generator`],
-//! [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each with its dialects; and
-//! [`mock`], devices that answer the same messages on the same kinds of port.
+//! [`transport`], bytes in and bytes out; [`transcript`] and [`link`], the only asynchronous layer;
+//! [`exchange`] and [`instrument`], common parts of the roles; the roles ([`supply4q`],
+//! [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each with its
+//! dialects; and [`mock`], devices that answer the same messages on the same kinds of port.
 //!
 //! Knows no physics, no files, no configuration and no procedure.
 

@@ -1,5 +1,5 @@
-//! The one async seam: a question goes out, its answer comes back. One exchange at a time, by `&mut
-//! self`.
+//! Link to one instrument: sends a question and returns its answer. One exchange at a time, by
+//! `&mut self`.
 //!
 //! The link keeps the rules that hold for every instrument: gaps and deadlines, the error queue
 //! after a write, reading back what was set, every message on the tap. After a timeout, a closed
@@ -127,10 +127,10 @@ impl Link {
         self.connection.is_none()
     }
 
-    /// Connects anew and sends nothing. A serial line must first be silent for the longest time
-    /// that an answer may take, since the answer to an old question could still be on its way.
-    /// VXI-11, HiSLIP, USBTMC and GPIB keep their connection if it is of use; the instrument is
-    /// cleared there, and asked a harmless question, before it is used again.
+    /// Reconnects and sends nothing. A serial line must first be silent for the longest time that
+    /// an answer may take, since the answer to an old question could still be on its way. VXI-11,
+    /// HiSLIP, USBTMC and GPIB keep their connection if it is of use; the instrument is cleared
+    /// there, and asked a harmless question, before it is used again.
     ///
     /// # Errors
     /// As [`Link::open`], and [`LinkError::NotCleared`]; the link stays dropped then.

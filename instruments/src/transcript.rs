@@ -1,5 +1,5 @@
-//! One text format of a conversation: a tap on the link writes it, a replay serves it, a person
-//! reads it.
+//! Text format of a conversation with an instrument: a tap on the link writes it, a replay serves
+//! it, a person reads it.
 //!
 //! One line per message: bench time in seconds, name of the link, direction, text.
 //!

@@ -1,5 +1,5 @@
-//! Settings in the words of a bench: what a person is told of an answer that is not what it should
-//! be. Raw answers and masks are for the log.
+//! Words the settings of an instrument for a person, where an answer is not as expected. Raw
+//! answers and masks are for the log.
 
 use super::expect::{Expect, field, hex_word, leading_number, plain};
 use crate::scpi::{message::parse_response, number::parse_bool};

@@ -1,4 +1,4 @@
-//! One open channel with its decoder. Knows neither deadlines nor order.
+//! Open channel with its decoder, for the link. Knows neither deadlines nor order.
 
 use std::{future::poll_fn, io, pin::Pin, task::Poll, time::Duration};
 

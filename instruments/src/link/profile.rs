@@ -1,4 +1,4 @@
-//! How one model wants to be talked to, and what a link is opened with.
+//! Profile of a model's protocol (terminators, gaps, deadlines), and the options of a link.
 
 use std::time::Duration;
 
@@ -10,7 +10,7 @@ use crate::{
     transport::{Address, MemoryHub},
 };
 
-/// The manners of one dialect. Gaps count bench time, deadlines count time on the wire
+/// Protocol conventions of one dialect. Gaps count bench time, deadlines count time on the wire
 /// ([`Clock::deadline`]).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct LinkProfile {

@@ -1,5 +1,5 @@
-//! How a link gets back into step with its instrument where the transport can do more than drop the
-//! connection: device clear, then a question whose answer nothing else could be.
+//! Brings a link back into step with its instrument where the transport can do more than drop the
+//! connection: a device clear, then a question whose answer cannot belong to another.
 //!
 //! A device clear leaves settings alone (IEEE 488.2, clause 5.8). An instrument that does not obey
 //! it, and a transport that has none, still answer in order: what comes before the answer to the
@@ -18,8 +18,8 @@ const MOST_STALE: usize = 4;
 /// Bit of the status byte: an answer is waiting (IEEE 488.2, clause 11.2.1.2).
 const MESSAGE_AVAILABLE: u8 = 0x10;
 const IDENTITY: &str = "*IDN?";
-/// Where the identity was asked in vain and there is no error queue: a question that is answered by
-/// `1`.
+/// Where the identity was asked without an answer and there is no error queue: a question that is
+/// answered by `1`.
 const COMPLETION: &str = "*OPC?";
 
 impl Link {

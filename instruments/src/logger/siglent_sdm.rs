@@ -7,7 +7,7 @@ use crate::{
     link::LinkProfile,
 };
 
-/// Siglent SDM3065X; the SDM3055 is spoken to alike.
+/// Siglent SDM3065X; the SDM3055 has the same commands.
 pub(super) const SDM: SiglentSdm = SiglentSdm;
 
 pub(super) struct SiglentSdm;

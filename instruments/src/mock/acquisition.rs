@@ -1,5 +1,4 @@
-//! When a simulated oscilloscope takes a frame: armed, triggered, stopped. What the models have in
-//! common.
+//! Acquisition of the simulated oscilloscopes: armed, triggered, stopped. Common to all models.
 //!
 //! Nothing happens between two messages. What the instrument would have done meanwhile is found out
 //! when the next message comes: the frame of a running acquisition is the newest one that lies
@@ -105,7 +104,7 @@ impl<P: Copy> Acquisition<P> {
         self.restart(now_s);
     }
 
-    /// Starts a running acquisition anew; leaves a stopped one and its frame alone.
+    /// Restarts a running acquisition; leaves a stopped one and its frame alone.
     pub(super) fn restart(&mut self, now_s: f64) {
         if self.running {
             self.since_s = now_s;

@@ -2,8 +2,8 @@
 //! `ON` and `OFF`, an error queue.
 //!
 //! Only channel 1 is wired to the bench; the others are open circuits. Assumed: the protections are
-//! looked at when the supply is next spoken to, and the answers of `VAL?` and of the set-points
-//! have three decimals, as `APPLy?` has.
+//! looked at at its next message, and the answers of `VAL?` and of the set-points have three
+//! decimals, as `APPLy?` has.
 
 use scpi::{
     Branch, Leaf, Root,

@@ -2,7 +2,7 @@
 //! until they are cleared.
 //!
 //! Only channel 1 is wired to the bench; the others are open circuits. Assumed: the protections are
-//! looked at when the supply is next spoken to; their delays are not simulated.
+//! looked at at its next message; their delays are not simulated.
 
 use scpi::{
     Branch, Leaf, Root,

@@ -5,10 +5,9 @@
 //! are reported and understood. Only channel 1 is wired to the bench, and only a sine, a constant
 //! voltage and loaded waves are simulated, for ever or in triggered bursts of so many periods.
 //! Sweep and modulation are off and stay off. Assumed: an amplitude or offset that leaves the range
-//! is adjusted to it with −221; the phase starts anew when the frequency, the sample rate, the
-//! phase, the function or the output changes; a wave is held from point to point whatever its
-//! filter, and ±32767 of the converter is ± half the amplitude. Waves are taken as text, not as
-//! blocks.
+//! is adjusted to it with −221; the phase restarts when the frequency, the sample rate, the phase,
+//! the function or the output changes; a wave is held from point to point whatever its filter, and
+//! ±32767 of the converter is ± half the amplitude. Waves are taken as text, not as blocks.
 
 mod tree;
 mod waves;

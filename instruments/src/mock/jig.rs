@@ -1,4 +1,4 @@
-//! The hands of a person, as an instrument: clamps another fixture into the simulated jig.
+//! Clamps another fixture into the simulated jig, as an instrument in place of a person.
 //!
 //! `JIG:MOUNt CELL|SHUNT|FAKE|BAR`, `JIG:MOUNt?`, `JIG:CELL number` (which of the cells under test,
 //! from 1), `JIG:CELL?`, `*IDN?`, `SYSTem:ERRor?`. No such instrument exists; a real bench asks its

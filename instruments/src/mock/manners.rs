@@ -1,5 +1,5 @@
-//! The quirks that need no knowledge of the model: what the wire does to messages and answers, and
-//! the form of blocks and numbers.
+//! Quirks that need no knowledge of the model: changes of messages and answers on the wire, and the
+//! form of blocks and numbers.
 
 use super::{Device, Trouble, plant::SharedPlant, quirks::Quirks};
 use crate::scpi::decode::Terminator;
@@ -7,7 +7,7 @@ use crate::scpi::decode::Terminator;
 /// A text such as some send before a block.
 const PREFIX: &[u8] = b"C1:WF ALL,";
 
-/// A device with the manners that its quirks say.
+/// Device with the protocol quirks that it was given.
 pub(super) struct Mannered {
     device: Box<dyn Device>,
     plant: SharedPlant,

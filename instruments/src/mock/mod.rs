@@ -1,5 +1,5 @@
-//! Instruments that speak their own dialect and look at one simulated world: what the bench is
-//! tested against, on real ports or in process.
+//! Simulated instruments for tests and demos, on real ports or in process. Each has the dialect of
+//! its model, and all act on one simulated world.
 //!
 //! Each file holds one model's command table, written from the model's documentation and never from
 //! a driver of this crate, so that a shared mistake cannot cancel. An unknown header gets what the

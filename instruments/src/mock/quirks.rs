@@ -325,7 +325,7 @@ pub(super) const RELAYS: &[Quirk] = &[
 ];
 
 impl Quirks {
-    /// The switches of a model as they are told, the others as its own way is.
+    /// Quirks of a model as they are given, the others at their defaults.
     pub(super) fn of(known: &[&'static [Quirk]], told: &Self) -> Result<Self, QuirkError> {
         let all = || known.iter().copied().flatten();
         let mut quirks: BTreeMap<String, Value> = all()

@@ -1,5 +1,5 @@
-//! A recorded conversation as a device: it answers what was answered then, as long as it is asked
-//! what was asked then, and stops at the first difference.
+//! Serves a recorded conversation as a device. It gives the recorded answers as long as the
+//! questions are the recorded ones, and stops at the first difference.
 
 use std::sync::{Arc, Mutex, PoisonError};
 

@@ -4,7 +4,7 @@
 //! Only constant current and constant power draw from the cell; the other functions can be chosen
 //! and read back, but their input draws nothing. Transient, battery, list and program modes are
 //! absent. Assumed: out-of-range values are clamped; over-current protection acts when its delay
-//! has passed and the load is next spoken to.
+//! has passed and the load gets its next message.
 
 use scpi::{
     Branch, Leaf, Root,

@@ -1,4 +1,4 @@
-//! A mock's hold on the simulated world, at the time of the message in hand.
+//! Access of a mock to the simulated world, at the time of the message in hand.
 
 use std::sync::{MutexGuard, PoisonError};
 

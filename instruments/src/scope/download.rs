@@ -1,4 +1,4 @@
-//! Fetching the samples of a frame: whole, every n-th point, channel by channel.
+//! Fetches the samples of a frame: whole, every n-th point, channel by channel.
 
 use super::{Dialect, Intent, Preamble, Waveform};
 use crate::{

@@ -1,5 +1,5 @@
-//! GPIB through an adapter of Prologix' kind, on the network or on a serial port; it must be in
-//! nobody else's hands.
+//! GPIB through an adapter of Prologix' kind, on the network or on a serial port. No other client
+//! may use the adapter.
 //!
 //! The adapter passes on what it reads without saying where it ends. Behind each read it is
 //! therefore asked for its version: the text of which, known from the start, comes when the read is

@@ -1,6 +1,6 @@
-//! Bytes in, bytes out. Two closed sets: [`Stream`] for what has bytes and no messages, [`Channel`]
-//! for that and for the transports that carry the ends of messages, can be cleared and tell a
-//! status byte. Which one is meant is text, [`Address`].
+//! Transports to an instrument. [`Stream`] carries bytes without messages. [`Channel`] covers
+//! streams and the transports that carry the ends of messages, can be cleared and give a status
+//! byte. The text of an [`Address`] selects one.
 //!
 //! Knows no text: cutting the bytes is the business of [`crate::scpi::decode`], deadlines and order
 //! that of [`crate::link`]. Opening sends nothing to an instrument; what starts a session goes to

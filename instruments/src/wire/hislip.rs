@@ -1,5 +1,5 @@
 //! HiSLIP messages (IVI-6.1, revision 1.1): a header of 16 bytes and a payload. Encryption and
-//! authentication (version 2) are not spoken.
+//! authentication (version 2) are not supported.
 
 use super::WireError;
 

@@ -1,4 +1,4 @@
-//! The second dialect of each role, whose manners differ from the first's: channel lists, `ON` and
+//! Second dialect of each role, whose conventions differ from the first's: channel lists, `ON` and
 //! `OFF` as answers, two line ends, hexadecimal registers.
 
 use instruments::{

@@ -316,7 +316,7 @@ fn a_generator_plays_as_many_periods_as_it_was_told_and_waits_for_its_trigger() 
         bench.now_s = 3.0;
         bench.send(&[fire]);
         assert_eq!(periods(&bench), (Some(30), 3.0), "{model}");
-        // One that is in work is not begun anew, one that is over is.
+        // One that is in work is not restarted, one that is over is.
         bench.now_s = 5.9;
         bench.send(&[fire]);
         assert_eq!(periods(&bench), (Some(30), 3.0), "{model}");

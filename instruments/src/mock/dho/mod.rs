@@ -222,8 +222,7 @@ impl Dho {
         }
     }
 
-    /// Changes what decides about frames; a running acquisition starts anew when something did
-    /// change.
+    /// Changes what decides about frames; a running acquisition restarts when something did change.
     fn change(&mut self, change: impl FnOnce(&mut Panel)) {
         let old = self.panel;
         change(&mut self.panel);

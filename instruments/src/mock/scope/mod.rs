@@ -228,8 +228,7 @@ impl Scope {
         }
     }
 
-    /// Changes what decides about frames; a running acquisition starts anew when something did
-    /// change.
+    /// Changes what decides about frames; a running acquisition restarts when something did change.
     fn change(&mut self, change: impl FnOnce(&mut Panel)) {
         let old = self.panel;
         change(&mut self.panel);

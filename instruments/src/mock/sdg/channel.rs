@@ -1,4 +1,5 @@
-//! One channel of the generator: its settings, how they are told, and what they do.
+//! One channel of the simulated generator: its settings, their answers, and their effect on the
+//! world.
 
 use std::f64::consts::SQRT_2;
 
@@ -20,7 +21,7 @@ const MIN_VPP: f64 = 2e-3;
 const FREQ_RANGE_HZ: (f64, f64) = (1e-6, 30e6);
 const LOAD_RANGE_OHM: (f64, f64) = (50.0, 100e3);
 
-/// How numbers are told.
+/// Format of numbers in answers.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Manner {
     /// With their units.
@@ -354,7 +355,7 @@ impl Channel {
     pub(super) fn set_burst(&mut self, arguments: &mut Arguments, now_s: f64) {
         while let Some(Argument::Word(key)) = arguments.next() {
             if key.eq_ignore_ascii_case("MTRIG") {
-                // Nobody triggers what waits for a signal, and a burst in work is not begun anew.
+                // Nobody triggers what waits for a signal, and a burst in work is not restarted.
                 if self.burst.on && self.burst.source == "MAN" && !self.plays(now_s) {
                     (self.burst.fired, self.since_s) = (true, now_s + self.burst.delay_s);
                 }

@@ -8,8 +8,8 @@
 //! simulated: other wave types are ignored, and so is `ARB` before a loaded wave was chosen. `WVDT`
 //! takes raw little-endian words without a block's header up to the end of the message. Assumed,
 //! for want of a source: voltages are set in steps of 0.1 mV and frequencies in steps of 1 µHz; the
-//! phase starts anew when the frequency, the phase, the wave type or the output changes, and runs
-//! on when an amplitude or an offset changes.
+//! phase restarts when the frequency, the phase, the wave type or the output changes, and runs on
+//! when an amplitude or an offset changes.
 
 mod channel;
 
@@ -70,7 +70,7 @@ impl Sdg {
         self.world.act(Action::Generator(self.channels[0].state()));
     }
 
-    /// Changes one channel, starts its phase anew where that is due, and tells the world.
+    /// Changes one channel, restarts its phase where that is due, and tells the world.
     fn change(&mut self, index: usize, change: impl FnOnce(&mut Channel)) {
         let old = self.channels[index];
         let channel = &mut self.channels[index];

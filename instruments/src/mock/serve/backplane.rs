@@ -1,5 +1,5 @@
-//! Between a device and the transports that carry whole messages: an inbox and an output queue,
-//! device clear, a seat for one client.
+//! Backplane between a device and the transports that carry whole messages: an inbox and an output
+//! queue, device clear, a seat for one client.
 //!
 //! The device handles its messages one after the other in a task of its own, at its own pace; what
 //! it answers waits in the queue until somebody reads it. As in a real instrument the queue

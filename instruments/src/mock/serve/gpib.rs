@@ -82,7 +82,7 @@ struct Adapter<'a> {
     clock: &'a Clock,
     /// The address of the only instrument on the bus.
     instrument: u8,
-    /// The address that is spoken to.
+    /// GPIB address in use.
     addressed: u8,
     settings: BTreeMap<&'static str, u32>,
     framer: ProgramFramer,

@@ -204,7 +204,7 @@ impl Server {
                 .fatal(TOO_MANY_CLIENTS, "another client is served")
                 .await;
         };
-        // Ids begin anew: an answer to the last client would pass for one to this.
+        // Ids restart: an answer to the last client would pass for one to this.
         self.plane.clear();
         let session = Session::new();
         let id = {
