@@ -352,7 +352,13 @@ impl Told {
 
     /// Adds the part of a script that bounds the current, and must stay so too.
     pub fn add_bounds(&mut self, script: &[Exchange], bounds: &[Bound]) {
-        let bounding = |exchange: &&Exchange| matches!(exchange, Exchange::Set { read_back, .. } if bounds.iter().any(|bound| bound.query == read_back));
+        let bounding = |exchange: &&Exchange| {
+            matches!(
+                exchange,
+                Exchange::Set { read_back, .. }
+                    if bounds.iter().any(|bound| bound.query == read_back)
+            )
+        };
         script
             .iter()
             .filter(bounding)

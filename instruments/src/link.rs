@@ -539,7 +539,13 @@ impl Link {
             .await
             .map_err(|broken| self.error(broken, message))?;
         if !unasked.is_empty() {
-            tracing::warn!(link = %self.options.name, bytes = unasked.len(), found = %excerpt(&unasked), before = message, "unasked bytes were thrown away");
+            tracing::warn!(
+                link = %self.options.name,
+                bytes = unasked.len(),
+                found = %excerpt(&unasked),
+                before = message,
+                "unasked bytes were thrown away"
+            );
             let is_short = unasked.len() <= INLINE_BLOCK_BYTES;
             let payload = if is_short {
                 Payload::Text(text_of(&unasked))

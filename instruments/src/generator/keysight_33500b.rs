@@ -361,7 +361,13 @@ impl Dialect for Keysight {
         );
         let amplitude = format!("{source}:VOLT?");
         // Its amplitude is as small as it gets already.
-        script.extend(sine.into_iter().filter(|exchange| !matches!(exchange, Exchange::Set { read_back, .. } if *read_back == amplitude)));
+        let sets_amplitude = |exchange: &Exchange| -> bool {
+            matches!(exchange, Exchange::Set { read_back, .. } if *read_back == amplitude)
+        };
+        script.extend(
+            sine.into_iter()
+                .filter(|exchange| !sets_amplitude(exchange)),
+        );
         script
     }
 

@@ -243,7 +243,9 @@ macro_rules! level {
 macro_rules! range {
     ($unit:literal, $low:expr, $high:expr, $field:ident) => {
         Leaf! {b"RANGe" => &both(
-            |load: &mut Dl3000, arguments| load.set_range(arguments, ($unit, $low, $high), |settings| &mut settings.$field),
+            |load: &mut Dl3000, arguments| {
+                load.set_range(arguments, ($unit, $low, $high), |settings| &mut settings.$field)
+            },
             |load, _| text(format!("{}", load.settings.$field)),
         )}
     };
@@ -268,7 +270,10 @@ const CURRENT: Node<'static, Dl3000> = Branch! {b"CURRent";
     )},
     Leaf! {b"ILIMt" => number!("A", MAX_AMPS_LIMIT, amps_limit)}
 };
-const VOLTAGE: Node<'static, Dl3000> = Branch! {b"VOLTage"; level!(number!("V", MAX_VOLTS, volts)), range!("V", 15.0, MAX_VOLTS, voltage_range)};
+const VOLTAGE: Node<'static, Dl3000> = Branch! {b"VOLTage";
+    level!(number!("V", MAX_VOLTS, volts)),
+    range!("V", 15.0, MAX_VOLTS, voltage_range)
+};
 const RESISTANCE: Node<'static, Dl3000> =
     Branch! {b"RESistance"; level!(number!("OHM", 15_000.0, ohms))};
 const POWER: Node<'static, Dl3000> = Branch! {b"POWer"; level!(number!("W", 200.0, watts))};

@@ -297,7 +297,9 @@ macro_rules! protection {
                 |supply, arguments| supply.protection(arguments, |channel| &mut channel.$field),
             );
             Leaf! {b"VALue" => &both(
-                |supply: &mut Dp832, arguments| supply.set_level(arguments, ($unit, $max, |channel| &mut channel.$field)),
+                |supply: &mut Dp832, arguments| {
+                    supply.set_level(arguments, ($unit, $max, |channel| &mut channel.$field))
+                },
                 |supply, arguments| supply.level(arguments, |channel| &mut channel.$field),
             )},
             Leaf! {b"QUES" => &get(|supply: &mut Dp832, arguments| {

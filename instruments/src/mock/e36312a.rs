@@ -247,7 +247,9 @@ fn bit(on: bool) -> String {
 macro_rules! number {
     ($unit:literal, $max:ident, $($field:ident).+) => {
         &both(
-            |supply: &mut Keysight, arguments| supply.set_number(arguments, $unit, ($max, |channel| &mut channel.$($field).+)),
+            |supply: &mut Keysight, arguments| {
+                supply.set_number(arguments, $unit, ($max, |channel| &mut channel.$($field).+))
+            },
             |supply, arguments| supply.each(arguments, |_, channel| signed_nr3(channel.$($field).+)),
         )
     };
@@ -268,7 +270,9 @@ const VOLTAGE: Node<'static, Keysight> = Branch! {
     },
     Branch! {b"SENSe"; Leaf! {b"SOURce" => &both(
         Keysight::set_sense,
-        |supply, arguments| supply.each(arguments, |_, channel| (if channel.external_sense { "EXT" } else { "INT" }).to_owned()),
+        |supply, arguments| supply.each(arguments, |_, channel| {
+            (if channel.external_sense { "EXT" } else { "INT" }).to_owned()
+        }),
     )}}
 };
 
@@ -295,7 +299,10 @@ const TREE: Node<'static, Keysight> = Root! {
     Leaf! {b"*STB" => &get(common::stb_query)},
     VOLTAGE, CURRENT,
     Branch! {b"SOURce"; VOLTAGE, CURRENT},
-    Branch! {b"OUTPut" => &both(Keysight::set_output, |supply, arguments| supply.each(arguments, |_, channel| bit(channel.state.output_on)));
+    Branch! {b"OUTPut" => &both(
+            Keysight::set_output,
+            |supply, arguments| supply.each(arguments, |_, channel| bit(channel.state.output_on)),
+        );
         Branch! {b"PROTection"; Leaf! {b"CLEar" => &set(Keysight::clear)}}
     },
     Branch! {b"INSTrument";

@@ -219,7 +219,12 @@ fn recognised_by(identity: &Identity) -> Vec<&'static str> {
     let mut keys = Vec::new();
     macro_rules! collect {
         ($($role:ident),+) => {
-            $(keys.extend($role::DIALECTS.iter().filter(|dialect| dialect.recognises(identity)).map(|dialect| dialect.key()));)+
+            $(keys.extend(
+                $role::DIALECTS
+                    .iter()
+                    .filter(|dialect| dialect.recognises(identity))
+                    .map(|dialect| dialect.key()),
+            );)+
         };
     }
     collect!(supply4q, generator, scope, load, supply, chiller, logger);

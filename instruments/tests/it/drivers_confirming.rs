@@ -46,9 +46,10 @@ fn a_supply_left_on_in_the_other_loop_is_off_before_it_is_changed_and_obeys_the_
         let rig = Rig::new(clock, FAST_PS);
         rig.earlier_user(Terminator::Cr, &["LOOP:V", "MON", "MWV:12"])
             .await;
-        assert!(
-            matches!(states(&rig).last(), Some(state) if state.output_on && !state.current_mode && state.setpoint == 12.0)
-        );
+        assert!(matches!(
+            states(&rig).last(),
+            Some(state) if state.output_on && !state.current_mode && state.setpoint == 12.0
+        ));
         let start = states(&rig).len();
         let mut supply = supply(&rig).await;
         supply.prepare(&LIMITS).await.unwrap();

@@ -343,7 +343,8 @@ fn an_amplitude_that_the_old_offset_clamped_is_set_once_more_and_no_more() {
 #[test]
 fn another_wave_or_a_switched_load_is_not_believed() {
     in_virtual_time(async |clock| {
-        let square: &[u8] = b"C1:BSWV WVTP,SQUARE,FRQ,10HZ,PERI,0.1S,AMP,1V,OFST,0V,HLEV,0.5V,LLEV,-0.5V,PHSE,0,DUTY,50\n";
+        let square: &[u8] = b"C1:BSWV WVTP,SQUARE,FRQ,10HZ,PERI,0.1S,AMP,1V,OFST,0V,\
+            HLEV,0.5V,LLEV,-0.5V,PHSE,0,DUTY,50\n";
         let rig = Rig::with(
             clock.clone(),
             MODEL,

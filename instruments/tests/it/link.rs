@@ -321,9 +321,10 @@ fn the_first_answer_may_take_longer_than_later_ones() {
         |message| later(if message == "FIRST?" { 2.9 } else { 1.1 }, "1\n"),
         async |mut link, _, _| {
             assert_eq!(link.query("FIRST?").await.unwrap(), "1");
-            assert!(
-                matches!(link.query("SECOND?").await, Err(LinkError::Timeout { deadline, .. }) if deadline == Duration::from_secs(1))
-            );
+            assert!(matches!(
+                link.query("SECOND?").await,
+                Err(LinkError::Timeout { deadline, .. }) if deadline == Duration::from_secs(1)
+            ));
         },
     );
 }

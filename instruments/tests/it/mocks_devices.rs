@@ -197,12 +197,14 @@ fn the_generator_speaks_in_keyword_lists() {
         ("C1:BSWV WVTP,SINE,FRQ,1000,AMP,1,OFST,0,PHSE,0", ""),
         (
             "C1:BSWV?",
-            "C1:BSWV WVTP,SINE,FRQ,1000HZ,PERI,0.001S,AMP,1V,AMPVRMS,0.3536Vrms,MAX_OUTPUT_AMP,20V,OFST,0V,HLEV,0.5V,LLEV,-0.5V,PHSE,0\n",
+            "C1:BSWV WVTP,SINE,FRQ,1000HZ,PERI,0.001S,AMP,1V,AMPVRMS,0.3536Vrms,MAX_OUTPUT_AMP,20V,\
+            OFST,0V,HLEV,0.5V,LLEV,-0.5V,PHSE,0\n",
         ),
         ("C1:OUTP LOAD,50", ""),
         (
             "C1:BSWV?",
-            "C1:BSWV WVTP,SINE,FRQ,1000HZ,PERI,0.001S,AMP,0.5V,AMPVRMS,0.1768Vrms,MAX_OUTPUT_AMP,10V,OFST,0V,HLEV,0.25V,LLEV,-0.25V,PHSE,0\n",
+            "C1:BSWV WVTP,SINE,FRQ,1000HZ,PERI,0.001S,AMP,0.5V,AMPVRMS,0.1768Vrms,MAX_OUTPUT_AMP,10V,\
+            OFST,0V,HLEV,0.25V,LLEV,-0.25V,PHSE,0\n",
         ),
         ("C1:OUTP ON,LOAD,HZ,PLRT,INVT", ""),
         ("C1:OUTP?", "C1:OUTP ON,LOAD,HZ,PLRT,INVT\n"),
@@ -211,7 +213,8 @@ fn the_generator_speaks_in_keyword_lists() {
         ("C1:BSWV FRQ,0.1HZ,AMP,99,MAX_OUTPUT_AMP,4V", ""), // clamped without a word
         (
             "C1:BSWV?",
-            "C1:BSWV WVTP,SINE,FRQ,0.1HZ,PERI,10S,AMP,4V,AMPVRMS,1.414Vrms,MAX_OUTPUT_AMP,4V,OFST,0V,HLEV,2V,LLEV,-2V,PHSE,0\n",
+            "C1:BSWV WVTP,SINE,FRQ,0.1HZ,PERI,10S,AMP,4V,AMPVRMS,1.414Vrms,MAX_OUTPUT_AMP,4V,\
+            OFST,0V,HLEV,2V,LLEV,-2V,PHSE,0\n",
         ),
         ("C1:BSWV WVTP,DC,OFST,-0.28", ""),
         ("C1:BSWV?", "C1:BSWV WVTP,DC,MAX_OUTPUT_AMP,4V,OFST,-0.28V\n"),

@@ -12,8 +12,8 @@
 //!   at 80 mV/div and forbid it below 5 mV/div. Values beyond are clamped without a word.
 //! * Time bases snap to the nearest step of 1-2-5. Unknown commands queue −101, as reported of
 //!   firmware 4.8; unknown queries stay silent.
-//! * A change of the time base, the memory depth, a channel or the trigger while running starts the
-//!   acquisition anew.
+//! * A change of the time base, the memory depth, a channel or the trigger while running restarts the
+//!   acquisition.
 //! * AC coupling, averaging, peak detection and the bandwidth limit are kept and read back but do
 //!   not change the signal.
 

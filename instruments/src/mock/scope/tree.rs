@@ -56,7 +56,10 @@ macro_rules! channel {
 const TIMEBASE: Node<'static, Scope> = Branch! {b"TIMebase";
     Leaf! {b"SCALe" => &both(Scope::set_time_scale, |s, _| s.real(s.panel.time_scale))},
     Leaf! {b"DELay" => &both(Scope::set_delay, |s, _| s.real(s.panel.delay_s))},
-    Branch! {b"REFerence" => &both(Scope::set_reference, |s, _| text(if s.panel.keep_position { "POSition" } else { "DELay" }));
+    Branch! {b"REFerence" => &both(
+            Scope::set_reference,
+            |s, _| text(if s.panel.keep_position { "POSition" } else { "DELay" }),
+        );
         Leaf! {b"POSition" => &both(
             Scope::set_reference_position,
             |s, _| text(format!("{}", s.panel.reference_percent)),

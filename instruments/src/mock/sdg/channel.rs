@@ -287,7 +287,8 @@ impl Channel {
         }
         let half = self.amplitude_vpp / 2.0;
         format!(
-            "WVTP,{},FRQ,{}{hertz},PERI,{}{seconds},AMP,{}{v},AMPVRMS,{}{vrms},MAX_OUTPUT_AMP,{}{v},OFST,{offset}{v},HLEV,{}{v},LLEV,{}{v},PHSE,{}",
+            "WVTP,{},FRQ,{}{hertz},PERI,{}{seconds},AMP,{}{v},AMPVRMS,{}{vrms},\
+            MAX_OUTPUT_AMP,{}{v},OFST,{offset}{v},HLEV,{}{v},LLEV,{}{v},PHSE,{}",
             if self.arbitrary { "ARB" } else { "SINE" },
             general(self.freq_hz, digits(12)),
             general(self.freq_hz.recip(), digits(6)),

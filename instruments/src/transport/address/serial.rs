@@ -53,11 +53,19 @@ macro_rules! word_enum {
             }
 
             fn read(field: &'static str, found: &str) -> Result<Self, AddressError> {
-                Self::WORDS.iter().find(|(word, _)| *word == found).map(|&(_, value)| value).ok_or_else(|| AddressError {
-                    field,
-                    expected: Self::WORDS.iter().map(|(word, _)| *word).collect::<Vec<_>>().join(", "),
-                    found: found.to_owned(),
-                })
+                Self::WORDS
+                    .iter()
+                    .find(|(word, _)| *word == found)
+                    .map(|&(_, value)| value)
+                    .ok_or_else(|| AddressError {
+                        field,
+                        expected: Self::WORDS
+                            .iter()
+                            .map(|(word, _)| *word)
+                            .collect::<Vec<_>>()
+                            .join(", "),
+                        found: found.to_owned(),
+                    })
             }
         }
     };
