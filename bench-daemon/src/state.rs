@@ -352,7 +352,12 @@ impl State {
     /// A file that cannot be written.
     pub fn clear(&self, trip: &Latched, token: Option<&str>) -> Result<(), StateError> {
         let who = token.map_or_else(process::who, |name| format!("{name}, by token"));
-        self.remember(&serde_json::json!({ "what": "cleared", "who": who, "unix_s": clock::unix_time_s(), "trip": trip }))?;
+        self.remember(&serde_json::json!({
+            "what": "cleared",
+            "who": who,
+            "unix_s": clock::unix_time_s(),
+            "trip": trip,
+        }))?;
         let Some(found) = self.trip()? else {
             return Ok(());
         };

@@ -96,7 +96,9 @@ impl Known {
         let mut all = Vec::new();
         macro_rules! add {
             ($($module:ident $variant:ident,)+) => {
-                $(all.extend($module::DIALECTS.iter().map(|dialect| known(stringify!($module), *dialect, Spoken::$variant(*dialect))));)+
+                $(all.extend($module::DIALECTS.iter().map(|dialect| {
+                    known(stringify!($module), *dialect, Spoken::$variant(*dialect))
+                }));)+
             };
         }
         for_roles!(add);
@@ -106,7 +108,9 @@ impl Known {
     /// Whether an identity is this model's.
     pub fn recognises(&self, identity: &Identity) -> bool {
         macro_rules! ask {
-            ($($module:ident $variant:ident,)+) => { match self.dialect { $(Spoken::$variant(dialect) => dialect.recognises(identity),)+ } };
+            ($($module:ident $variant:ident,)+) => {
+                match self.dialect { $(Spoken::$variant(dialect) => dialect.recognises(identity),)+ }
+            };
         }
         for_roles!(ask)
     }
@@ -137,7 +141,11 @@ impl Any {
     pub fn of(bench: Bench) -> Vec<(&'static str, Self)> {
         let mut all = Vec::new();
         macro_rules! add {
-            ($($module:ident $variant:ident,)+) => { $(all.extend(bench.$module.map(|known| (stringify!($module), Any::$variant(known))));)+ };
+            ($($module:ident $variant:ident,)+) => {
+                $(all.extend(
+                    bench.$module.map(|known| (stringify!($module), Any::$variant(known))),
+                );)+
+            };
         }
         for_roles!(add);
         all.extend(bench.jig.map(|jig| ("jig", Any::Jig(jig))));

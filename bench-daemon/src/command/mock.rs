@@ -122,8 +122,9 @@ pub fn mock(args: &MockArgs) -> Result<(), Failure> {
     Clock::runtime(mode)?.block_on(async {
         let mut stop = StopSignals::install()?;
         let clock = Clock::start(mode);
-        let simulation =
-            Simulation::new(&section.scenario, args.seed)?.with_faults(section.faults.clone()).with_quirks(section.quirks.clone());
+        let simulation = Simulation::new(&section.scenario, args.seed)?
+            .with_faults(section.faults.clone())
+            .with_quirks(section.quirks.clone());
         let served = simulation.serve_on_ports(&bench, &args.over, &clock).await?;
         if let Some(path) = &args.write_bench {
             write_bench(path, &source, &served, mode)?;

@@ -108,7 +108,13 @@ pub struct PackSimulateArgs {
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub ocv_v: Option<f64>,
     /// A table of cells with their places, instead of drawing them.
-    #[arg(long, value_name = "CSV", conflicts_with_all = ["draws", "seed", "sigma_r", "sigma_rk", "sigma_ck", "sigma_capacity", "sigma_soc"])]
+    #[arg(
+        long,
+        value_name = "CSV",
+        conflicts_with_all = [
+            "draws", "seed", "sigma_r", "sigma_rk", "sigma_ck", "sigma_capacity", "sigma_soc"
+        ]
+    )]
     pub cells: Option<PathBuf>,
     /// Write the cells of all packs as such a table.
     #[arg(long, value_name = "CSV")]
@@ -164,10 +170,22 @@ pub struct PackSimulateArgs {
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     pub max_step_s: Option<f64>,
     /// Lowest voltage of a cell, V.
-    #[arg(long, alias = "low-v", value_name = "V", default_value_t = CellWindow::THESIS.low_v, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        alias = "low-v",
+        value_name = "V",
+        default_value_t = CellWindow::THESIS.low_v,
+        allow_negative_numbers = true
+    )]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
-    #[arg(long, alias = "high-v", value_name = "V", default_value_t = CellWindow::THESIS.high_v, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        alias = "high-v",
+        value_name = "V",
+        default_value_t = CellWindow::THESIS.high_v,
+        allow_negative_numbers = true
+    )]
     pub v_max: f64,
     /// Mass and specific heat of a cell.
     #[command(flatten)]

@@ -76,10 +76,22 @@ pub struct SopArgs {
     #[arg(long, value_name = "V", allow_negative_numbers = true)]
     pub ocv_v: Option<f64>,
     /// Lowest voltage of a cell, V.
-    #[arg(long, alias = "low-v", value_name = "V", default_value_t = CellWindow::THESIS.low_v, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        alias = "low-v",
+        value_name = "V",
+        default_value_t = CellWindow::THESIS.low_v,
+        allow_negative_numbers = true
+    )]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
-    #[arg(long, alias = "high-v", value_name = "V", default_value_t = CellWindow::THESIS.high_v, allow_negative_numbers = true)]
+    #[arg(
+        long,
+        alias = "high-v",
+        value_name = "V",
+        default_value_t = CellWindow::THESIS.high_v,
+        allow_negative_numbers = true
+    )]
     pub v_max: f64,
     /// Largest discharge current of a cell, A [default: no limit]
     #[arg(long, value_name = "A", allow_negative_numbers = true)]
@@ -303,7 +315,8 @@ fn words(by: LimitedBy) -> &'static str {
 }
 
 fn csv(map: &[SopEntry]) -> String {
-    let columns = "soc,ocv_v,duration_s,discharge_w,charge_w,discharge_cell_a,charge_cell_a,simple_ir_discharge_w,simple_ir_charge_w";
+    let columns = "soc,ocv_v,duration_s,discharge_w,charge_w,discharge_cell_a,charge_cell_a,\
+                   simple_ir_discharge_w,simple_ir_charge_w";
     let mut text = format!("{columns},discharge_limited_by,charge_limited_by\n");
     for e in map {
         let soc = e.soc.map_or_else(String::new, |soc| soc.to_string());

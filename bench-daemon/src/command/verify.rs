@@ -1,9 +1,9 @@
 //! `eis-bench verify`: checks that a run folder is unchanged, and that its numbers follow from its
 //! captures.
 //!
-//! First every file is compared with its hash; then everything that follows from captures and
-//! readings is computed again, in a folder of its own, and compared with the stored results, file by
-//! file and number by number. Nothing is changed in the run folder.
+//! First every file is compared with its hash. Then everything that follows from captures and
+//! readings is computed again, in a folder of its own. It is compared with the stored results, file
+//! by file and number by number. Nothing is changed in the run folder.
 
 use std::path::{Path, PathBuf};
 

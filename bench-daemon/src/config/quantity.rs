@@ -127,7 +127,9 @@ dimension!(
     Frequency, "a frequency", "0.1 Hz", [("Hz", 1.0), ("mHz", 1.0e-3), ("kHz", 1.0e3)]);
 dimension!(
     /// Time.
-    Duration, "a duration", "30 min", [("s", 1.0), ("ms", 1.0e-3), ("µs", 1.0e-6), ("us", 1.0e-6), ("min", 60.0), ("h", 3600.0), ("d", 86_400.0)]);
+    Duration, "a duration", "30 min",
+    [("s", 1.0), ("ms", 1.0e-3), ("µs", 1.0e-6), ("us", 1.0e-6), ("min", 60.0), ("h", 3600.0),
+     ("d", 86_400.0)]);
 dimension!(
     /// Temperature.
     Temperature, "a temperature", "25 °C", [("°C", 1.0), ("degC", 1.0), ("C", 1.0)]);
@@ -140,14 +142,18 @@ dimension!(
 dimension!(
     /// Resistance.
     Resistance, "a resistance", "9.96 mΩ",
-    [("Ω", 1.0), ("ohm", 1.0), ("mΩ", 1.0e-3), ("mohm", 1.0e-3), ("µΩ", 1.0e-6), ("uΩ", 1.0e-6), ("uohm", 1.0e-6), ("MΩ", 1.0e6), ("kΩ", 1.0e3),
-     ("Ohm", 1.0), ("mOhm", 1.0e-3), ("uOhm", 1.0e-6), ("\u{2126}", 1.0), ("m\u{2126}", 1.0e-3), ("\u{3bc}Ω", 1.0e-6), ("µ\u{2126}", 1.0e-6)]);
+    [("Ω", 1.0), ("ohm", 1.0), ("mΩ", 1.0e-3), ("mohm", 1.0e-3), ("µΩ", 1.0e-6), ("uΩ", 1.0e-6),
+     ("uohm", 1.0e-6), ("MΩ", 1.0e6), ("kΩ", 1.0e3), ("Ohm", 1.0), ("mOhm", 1.0e-3),
+     ("uOhm", 1.0e-6), ("\u{2126}", 1.0), ("m\u{2126}", 1.0e-3), ("\u{3bc}Ω", 1.0e-6),
+     ("µ\u{2126}", 1.0e-6)]);
 dimension!(
     /// Inductance.
     Inductance, "an inductance", "20 nH", [("H", 1.0), ("µH", 1.0e-6), ("uH", 1.0e-6), ("nH", 1.0e-9)]);
 dimension!(
     /// Capacitance.
-    Capacitance, "a capacitance", "1 nF", [("F", 1.0), ("kF", 1.0e3), ("mF", 1.0e-3), ("µF", 1.0e-6), ("uF", 1.0e-6), ("nF", 1.0e-9), ("pF", 1.0e-12)]);
+    Capacitance, "a capacitance", "1 nF",
+    [("F", 1.0), ("kF", 1.0e3), ("mF", 1.0e-3), ("µF", 1.0e-6), ("uF", 1.0e-6), ("nF", 1.0e-9),
+     ("pF", 1.0e-12)]);
 dimension!(
     /// Charge.
     Charge, "a charge", "4.5 Ah", [("Ah", 3600.0), ("mAh", 3.6), ("C", 1.0)]);
@@ -159,7 +165,8 @@ dimension!(
     Angle, "an angle", "2 °", [("°", 1.0), ("deg", 1.0)]);
 dimension!(
     /// Slope of a voltage.
-    VoltageSlope, "a slope of a voltage", "0.2 mV/min", [("V/s", 1.0), ("mV/s", 1.0e-3), ("mV/min", 1.0e-3 / 60.0), ("mV/h", 1.0e-3 / 3600.0)]);
+    VoltageSlope, "a slope of a voltage", "0.2 mV/min",
+    [("V/s", 1.0), ("mV/s", 1.0e-3), ("mV/min", 1.0e-3 / 60.0), ("mV/h", 1.0e-3 / 3600.0)]);
 
 #[cfg(test)]
 mod tests {

@@ -458,14 +458,20 @@ fn a_run_folder_without_an_index_is_its_sweep() {
 #[test]
 fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
     let index = r#"{"cell": "P45B", "capacity_c": 16200.0,
-        "sweeps": [{"file": "spectrum.csv", "fixture": "cell", "fixture_ohm": null, "corrected": true, "amplitude_a": 1.0, "repeat": 1, "order": 0,
-                    "start_time_s": 100.0, "start_ocv_v": 3.72, "temperature_c": 25.0, "role": "train", "repeat_group": "eis",
-                    "own_sigma_ohm": [[1e-6, 2e-6], [3e-6, 4e-6]], "below_ohm": 0.035, "below_h": 8e-7, "elapsed_s": [60.0, 20.0], "common_error":
-                    {"skew_s": [5e-7, 0, 0, 0, 0], "inductance_h": [1e-9, 2e-9, 0, 0, 0], "square_ohm_s2": [0, 0, 0, 0, 0],
+        "sweeps": [{"file": "spectrum.csv", "fixture": "cell", "fixture_ohm": null, "corrected": true,
+                    "amplitude_a": 1.0, "repeat": 1, "order": 0,
+                    "start_time_s": 100.0, "start_ocv_v": 3.72, "temperature_c": 25.0, "role": "train",
+                    "repeat_group": "eis", "own_sigma_ohm": [[1e-6, 2e-6], [3e-6, 4e-6]], "below_ohm": 0.035,
+                    "below_h": 8e-7, "elapsed_s": [60.0, 20.0], "common_error":
+                    {"skew_s": [5e-7, 0, 0, 0, 0], "inductance_h": [1e-9, 2e-9, 0, 0, 0],
+                     "square_ohm_s2": [0, 0, 0, 0, 0],
                      "at_shunt_h": [0, 0, 0, 0, 0], "at_shunt_ohm_s2": [0, 0, 0, 0, 0]}}],
-        "traces": [{"file": "series_pulse_1.bdf.csv", "name": "pulse", "repeat": 1, "order": 1, "start_time_s": 160.0, "start_ocv_v": 3.7,
-                    "charge_before_c": 0.0, "temperature_c": 25.5, "role": "held_out", "repeat_group": "pulse", "current_positive": "charge",
-                    "current_between_samples": "hold", "steps_s": [1.0], "sample_sigma_a": 0.01, "sample_sigma_v": 0.0005}]}"#;
+        "traces": [{"file": "series_pulse_1.bdf.csv", "name": "pulse", "repeat": 1, "order": 1,
+                    "start_time_s": 160.0, "start_ocv_v": 3.7,
+                    "charge_before_c": 0.0, "temperature_c": 25.5, "role": "held_out",
+                    "repeat_group": "pulse", "current_positive": "charge",
+                    "current_between_samples": "hold", "steps_s": [1.0], "sample_sigma_a": 0.01,
+                    "sample_sigma_v": 0.0005}]}"#;
     let rows = |(k, line): (usize, &str)| {
         line.to_owned()
             + if k == 0 {

@@ -199,9 +199,11 @@ mod tests {
                 "{freq_hz} Hz waits {wait_s} s"
             );
         }
-        assert!(
-            matches!(stage.steps[1], Step::PowerUp { compliance_v, limit_a, .. } if (compliance_v - 4.5).abs() < 1e-9 && limit_a == 2.0)
-        );
+        assert!(matches!(
+            stage.steps[1],
+            Step::PowerUp { compliance_v, limit_a, .. }
+                if (compliance_v - 4.5).abs() < 1e-9 && limit_a == 2.0
+        ));
     }
 
     #[test]

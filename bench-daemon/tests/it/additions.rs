@@ -47,13 +47,22 @@ fn models() -> tempfile::TempDir {
     model["ocv"] = json!({ "capacity_ah": 4.5, "soc": [0.0, 1.0], "ocv_v": [3.0, 4.2], "slope_v": [1.2, 1.2] });
     std::fs::write(folder.path().join("plain.json"), model.to_string()).unwrap();
     let addition = |name: &str, title: &str, group: &str, parameters: Value| {
-        let evidence = json!({ "text": "a test", "lambda": 100.0, "score": 90.0, "held_out_gap_before_v": null, "held_out_gap_after_v": null });
-        json!({ "name": name, "title": title, "group": group, "parameters": parameters, "evidence": evidence, "data_set": "d", "added_by": "a" })
+        let evidence = json!({
+            "text": "a test", "lambda": 100.0, "score": 90.0,
+            "held_out_gap_before_v": null, "held_out_gap_after_v": null
+        });
+        json!({
+            "name": name, "title": title, "group": group, "parameters": parameters,
+            "evidence": evidence, "data_set": "d", "added_by": "a"
+        })
     };
-    let parameter = |name: &str, value: f64, unit: &str| json!({ "name": name, "value": value, "sigma": null, "unit": unit });
+    let parameter = |name: &str, value: f64, unit: &str| -> Value {
+        json!({ "name": name, "value": value, "sigma": null, "unit": unit })
+    };
     model["schema_version"] = 2.into();
     model["facts"] = json!({
-        "lowest_hz": 0.1, "highest_hz": 300.0, "longest_s": 60.0, "shortest_s": 0.1, "greatest_a": 40.0, "widest_soc": 0.1, "soc": 0.5,
+        "lowest_hz": 0.1, "highest_hz": 300.0, "longest_s": 60.0, "shortest_s": 0.1,
+        "greatest_a": 40.0, "widest_soc": 0.1, "soc": 0.5,
         "temperature_c": 25.0, "orders": 0.0, "span_s": 0.0
     });
     let heat = json!([
@@ -158,7 +167,10 @@ fn a_typed_model_holds_additions_as_a_model_file_does() {
     let model = crate::support::json(&folder.path().join("warm.json"));
     let erm = &model["fit"]["erm"];
     let (additions, facts, ocv) = (&model["additions"], &model["facts"], &model["ocv"]);
-    let typed = json!({ "r_ohm": erm["r_ohm"], "branches": erm["branches"], "ocv": ocv, "additions": additions, "facts": facts });
+    let typed = json!({
+        "r_ohm": erm["r_ohm"], "branches": erm["branches"], "ocv": ocv, "additions": additions,
+        "facts": facts
+    });
     std::fs::write(folder.path().join("typed.json"), typed.to_string()).unwrap();
     let lowest_v = |model: &str| {
         let (done, text) = eis_bench(

@@ -8,7 +8,7 @@
 use std::{fs, path::Path};
 
 use analysis::spectrum::ImpedancePoint;
-use bench_daemon::journal::{self, Entry};
+use bench_daemon::journal::{self, Entry, Line};
 use instruments::transcript::{Direction, Payload, Record};
 
 use crate::{
@@ -33,7 +33,11 @@ through = "wave"
 rest_first = "2 s"
 start_voltage = ["3.6 V", "4.0 V"]
 resistance_max = "30 mΩ"
-segments = [{ current = "-2 A", duration = "0.5 s" }, { current = "1 A", duration = "0.5 s" }, { current = "0 A", duration = "1 s" }]
+segments = [
+    { current = "-2 A", duration = "0.5 s" },
+    { current = "1 A", duration = "0.5 s" },
+    { current = "0 A", duration = "1 s" },
+]
 "#;
 
 /// One sweep whose points overlap, one wave.
@@ -61,7 +65,8 @@ struct Points {
 fn points(run: &Path) -> Points {
     let lines = journal::read(run).unwrap().lines;
     let of = |text: &str| {
-        lines.iter().position(|line| matches!(&line.entry, Entry::Intent { text: met, .. } if met.starts_with(text))).unwrap()
+        let begins = |line: &Line| matches!(&line.entry, Entry::Intent { text: met, .. } if met.starts_with(text));
+        lines.iter().position(begins).unwrap()
     };
     let (first, wave) = (of("point"), of("trace jump"));
     let end = wave
@@ -307,7 +312,8 @@ fn crash(drill: &str, fate: &mut Fate, (reference, agrees): (&[ImpedancePoint], 
     }
     // The wave has been begun once, and once more for each time that a person said so.
     let begun = journal::read(&run).unwrap().lines;
-    let begun = begun.iter().filter(|line| matches!(&line.entry, Entry::Intent { text, .. } if text.starts_with("trace jump"))).count();
+    let jumps = |line: &&Line| matches!(&line.entry, Entry::Intent { text, .. } if text.starts_with("trace jump"));
+    let begun = begun.iter().filter(jumps).count();
     assert_eq!(
         begun,
         1 + asked,

@@ -148,7 +148,11 @@ fn typed_models_and_ladders_follow_theirs() {
     let schema = &root["$defs"]["typed"];
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
-    let fits = r#"{"fits": [{"circuit": "L0-R0-p(R1-Wo1,CPE1)-W2", "values": [2e-8, 0.006, 0.002, 0.004, 30, 2, 0.85, 1e-5], "band_hz": [0.01, 1000]}]}"#;
+    let fits = r#"{"fits": [{
+        "circuit": "L0-R0-p(R1-Wo1,CPE1)-W2",
+        "values": [2e-8, 0.006, 0.002, 0.004, 30, 2, 0.85, 1e-5],
+        "band_hz": [0.01, 1000]
+    }]}"#;
     std::fs::write(path("circuit.json"), fits).unwrap();
     let out = path("out");
     let convert = |model: &[&std::ffi::OsStr]| {

@@ -409,7 +409,10 @@ fn what_the_page_says_of_a_current_follows_from_outputs_through_which_one_can_fl
     let served = Served::start(&files);
     browser.go(&served.url(), DESKTOP);
     browser.wait("#link", "connected");
-    let off = json!({ "supply4q": false, "generator": false, "load": false, "supply": false, "chiller": true, "scope": null });
+    let off = json!({
+        "supply4q": false, "generator": false, "load": false, "supply": false, "chiller": true,
+        "scope": null
+    });
     let with = |role: &str, output: Value| {
         let mut outputs = off.clone();
         outputs[role] = output;
@@ -485,7 +488,10 @@ fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
             let handle = browser.say("/window/new", &json!({ "type": "tab" }))["handle"].take();
             browser.say("/window", &json!({ "handle": handle }));
         }
-        browser.say("/goog/cdp/execute", &json!({ "cmd": "Page.addScriptToEvaluateOnNewDocument", "params": { "source": HURRY } }));
+        let hurry = json!({
+            "cmd": "Page.addScriptToEvaluateOnNewDocument", "params": { "source": HURRY }
+        });
+        browser.say("/goog/cdp/execute", &hurry);
         browser.go(&served.url(), DESKTOP);
         browser.wait("#link", "connected");
     }

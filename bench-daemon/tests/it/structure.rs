@@ -1,5 +1,6 @@
 //! The arrows between the modules of a crate (ARCHITECTURE.md), read from the sources: a module
 //! names only what stands before it in the order of its crate, and circles of files stay small.
+//! Also the width of source lines.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -77,6 +78,13 @@ const CIRCLES: [Circles; 14] = [
     Circles::of("fixtures/study", 0, 0),
     Circles::of("bench-daemon", 3, 3),
 ];
+
+/// Most columns of a line of a source file.
+const MOST_COLUMNS: usize = 120;
+/// Extensions of the files whose lines are measured.
+const SOURCES: [&str; 7] = ["rs", "js", "css", "html", "toml", "py", "sh"];
+/// Folders with built, generated or measured files; hidden ones are skipped too, except `.ci`.
+const SKIPPED: [&str; 5] = ["target", "out", "runs", "data", "__pycache__"];
 
 struct Circles {
     krate: &'static str,

@@ -444,7 +444,11 @@ fn a_resistance_alone_is_a_model_that_a_compiler_takes() {
 #[test]
 fn a_circuit_without_dc_resistance_says_so_everywhere() {
     let folder = folder();
-    let warburg = r#"{"fits": [{"circuit": "L0-R0-p(R1-W1,CPE1)", "values": [2e-8, 0.006, 0.002, 0.0005, 2.0, 0.85], "band_hz": [0.01, 10000.0]}]}"#;
+    let warburg = r#"{"fits": [{
+        "circuit": "L0-R0-p(R1-W1,CPE1)",
+        "values": [2e-8, 0.006, 0.002, 0.0005, 2.0, 0.85],
+        "band_hz": [0.01, 10000.0]
+    }]}"#;
     fs::write(folder.path().join("warburg.json"), warburg).unwrap();
     let text = done(
         folder.path(),
@@ -604,7 +608,9 @@ fn diagnose_takes_a_model_in_each_way_and_repeats_it() {
     let last = values.len() - 2;
     values[last + 1] *= values[last];
     values.push(1.0);
-    let circuit = serde_json::json!({"fits": [{"circuit": "R0-p(R1,C1)-p(R2,C2)-Zarc3", "values": values, "band_hz": [0.1, 300.0]}]});
+    let circuit = serde_json::json!({"fits": [{
+        "circuit": "R0-p(R1,C1)-p(R2,C2)-Zarc3", "values": values, "band_hz": [0.1, 300.0]
+    }]});
     fs::write(folder.path().join("circuit.json"), circuit.to_string()).unwrap();
     let base = answer(
         folder.path(),

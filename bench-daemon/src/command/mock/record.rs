@@ -95,11 +95,18 @@ pub(super) fn serve_record(path: &Path, args: &MockArgs) -> Result<(), Failure> 
         if args.json {
             say!(
                 "{}",
-                serde_json::json!({ "replay": path.display().to_string(), "address": format!("tcp://{bound}"), "messages": expected })
+                serde_json::json!({
+                    "replay": path.display().to_string(),
+                    "address": format!("tcp://{bound}"),
+                    "messages": expected,
+                })
             );
         } else {
-            say!("{} with {expected} messages at tcp://{bound}; ends with the last of them, or at \
-            the first difference", path.display());
+            say!(
+                "{} with {expected} messages at tcp://{bound}; ends with the last of them, or at \
+            the first difference",
+                path.display()
+            );
         }
         let followed = async {
             while outcome.divergence().is_none() && outcome.followed() < expected {
@@ -115,7 +122,10 @@ pub(super) fn serve_record(path: &Path, args: &MockArgs) -> Result<(), Failure> 
         match outcome.divergence() {
             Some(divergence) => Err(Failure::Usage(format!("{}: {divergence}", path.display()))),
             None => {
-                say!("{} of {expected} messages were as recorded", outcome.followed());
+                say!(
+                    "{} of {expected} messages were as recorded",
+                    outcome.followed()
+                );
                 Ok(())
             }
         }
