@@ -71,6 +71,20 @@ impl fmt::Display for TimeMode {
 pub struct Elapsed(pub Duration);
 
 /// Bench time; cheap to clone, all clones agree.
+///
+/// ```
+/// use instruments::clock::{Clock, TimeMode};
+/// # fn main() -> std::io::Result<()> {
+/// let runtime = Clock::runtime(TimeMode::Virtual)?;
+/// let now_s = runtime.block_on(async {
+///     let clock = Clock::start(TimeMode::Virtual);
+///     clock.sleep_s(3600.0).await; // An hour of bench time passes at once.
+///     clock.now_s()
+/// });
+/// assert!((now_s - 3600.0).abs() < 0.01);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct Clock {
     mode: TimeMode,

@@ -19,6 +19,18 @@ use crate::{
 use words::Differs;
 
 /// One message with its proof.
+///
+/// ```
+/// use instruments::exchange::Exchange;
+///
+/// let exchange = Exchange::fixed("CURR", 1.5, (3, 1.0e-3));
+/// let Exchange::Set { message, read_back, expect } = exchange else {
+///     panic!("a finite number can be sent");
+/// };
+/// assert_eq!((message.as_str(), read_back.as_str()), ("CURR 1.500", "CURR?"));
+/// assert!(expect.judge("1.5004E+00").is_ok());
+/// assert!(expect.judge("1.6").is_err());
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub enum Exchange {
     /// Sent; the error queue is asked where the instrument has one.

@@ -118,6 +118,17 @@ pub struct TranscriptError {
 }
 
 /// A recorded conversation.
+///
+/// ```
+/// use instruments::transcript::{Direction, Payload, Transcript};
+/// # fn main() -> Result<(), instruments::transcript::TranscriptError> {
+/// let transcript = Transcript::parse("0.100000 load > MEAS:VOLT?\n0.102000 load < 3.701\n")?;
+/// let answer = &transcript.records[1];
+/// assert_eq!(answer.direction, Direction::Received);
+/// assert_eq!(answer.payload, Payload::Text("3.701".to_owned()));
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Transcript {
     /// The messages in their order.

@@ -1,5 +1,13 @@
 //! Newtypes for everything that is sent to an instrument, so that volts cannot be sent where
 //! amperes are meant. SI throughout.
+//!
+//! ```
+//! use instruments::units::{Amps, Volts};
+//!
+//! let (limit, current) = (Volts(4.2), Amps(1.5));
+//! assert_eq!(limit.to_string(), "4.2 V");
+//! assert_eq!(current.value(), 1.5);
+//! ```
 
 use std::fmt;
 

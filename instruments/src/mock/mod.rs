@@ -48,6 +48,27 @@ pub use serve::{
 use crate::scpi::decode::Terminator;
 
 /// A simulated instrument: answers messages, acts on its world, reads it.
+///
+/// ```
+/// use instruments::{mock::Device, scpi::decode::Terminator};
+///
+/// struct Thermometer;
+///
+/// impl Device for Thermometer {
+///     fn terminator(&self) -> Terminator {
+///         Terminator::Lf
+///     }
+///
+///     fn handle(&mut self, _now_s: f64, message: &[u8]) -> Vec<u8> {
+///         match message {
+///             b"MEAS:TEMP?" => b"25.0\n".to_vec(),
+///             _ => Vec::new(),
+///         }
+///     }
+/// }
+///
+/// assert_eq!(Thermometer.handle(0.0, b"MEAS:TEMP?"), b"25.0\n");
+/// ```
 pub trait Device: Send {
     /// Terminator of messages to the instrument.
     fn terminator(&self) -> Terminator;

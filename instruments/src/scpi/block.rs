@@ -50,6 +50,17 @@ pub fn parse_header(bytes: &[u8]) -> BlockHeader {
 
 /// Writes `payload` as a definite block, with as few digits as needed. `None` when it is longer
 /// than the 999 999 999 bytes that nine digits can say.
+///
+/// ```
+/// use instruments::scpi::block::{BlockHeader, encode_definite, parse_header};
+///
+/// let block = encode_definite(b"abc").unwrap_or_default();
+/// assert_eq!(block, b"#13abc");
+/// assert_eq!(
+///     parse_header(&block),
+///     BlockHeader::Definite { header_len: 3, payload_len: 3 }
+/// );
+/// ```
 pub fn encode_definite(payload: &[u8]) -> Option<Vec<u8>> {
     let length = payload.len().to_string();
     if length.len() > 9 {

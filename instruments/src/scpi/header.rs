@@ -24,6 +24,17 @@ pub struct PatternError {
 /// Capitals are the short form. `<n>` marks a node that takes a numeric suffix; a node without it
 /// takes none but 1. A pattern that ends in `?` matches queries only, one that does not matches
 /// commands only.
+///
+/// ```
+/// use instruments::scpi::header::Pattern;
+/// # fn main() -> Result<(), instruments::scpi::header::PatternError> {
+/// let voltage = Pattern::parse("[:SOURce<n>]:VOLTage?")?;
+/// assert_eq!(voltage.matches("SOUR2:VOLT?"), Some(vec![2]));
+/// assert_eq!(voltage.matches("voltage?"), Some(vec![1]));
+/// assert_eq!(voltage.matches("VOLTA?"), None);
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Pattern {
     nodes: Vec<Node>,

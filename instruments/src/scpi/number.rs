@@ -48,6 +48,16 @@ pub enum NumberError {
 /// Reads a number in any of the forms NR1, NR2 and NR3, blanks around it allowed; 9.9E37 is
 /// infinity, 9.91E37 is not-a-number, and so are the words `INF`, `NINF` and `NAN`.
 ///
+/// ```
+/// use instruments::scpi::number::parse_f64;
+/// # fn main() -> Result<(), instruments::scpi::number::NumberError> {
+/// assert_eq!(parse_f64(" +4.2E+0")?, 4.2);
+/// assert_eq!(parse_f64("9.9E37")?, f64::INFINITY);
+/// assert!(parse_f64("4.2 V").is_err());
+/// # Ok(())
+/// # }
+/// ```
+///
 /// # Errors
 /// [`NumberError::NotANumber`] for everything else, a unit behind the number included (see
 /// [`parse_quantity`]).
@@ -148,6 +158,16 @@ impl Quantity {
 }
 
 /// Reads a number and the suffix behind it, if any: `1500 mA`, `2MHZ`, `-3.0E-1 V`, `0.707Vrms`.
+///
+/// ```
+/// use instruments::scpi::number::parse_quantity;
+/// # fn main() -> Result<(), instruments::scpi::number::NumberError> {
+/// let quantity = parse_quantity("1500 mA")?;
+/// assert!((quantity.si("A")? - 1.5).abs() < 1.0e-12);
+/// assert!(quantity.si("V").is_err());
+/// # Ok(())
+/// # }
+/// ```
 ///
 /// # Errors
 /// [`NumberError::NotANumber`] when there is no number in front, or when something else than one

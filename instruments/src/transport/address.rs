@@ -21,6 +21,17 @@ pub use serial::{DataBits, Flow, Parity, SerialSettings, StopBits};
 use crate::wire::{hislip, prologix, rpc};
 
 /// Where an instrument is.
+///
+/// ```
+/// use instruments::transport::Address;
+/// # fn main() -> Result<(), instruments::transport::AddressError> {
+/// let address: Address = "tcp://192.168.1.20:5025".parse()?;
+/// assert_eq!(address.host(), Some("192.168.1.20"));
+/// assert_eq!(address.to_string(), "tcp://192.168.1.20:5025");
+/// assert!("tcp://192.168.1.20".parse::<Address>().is_err());
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(try_from = "String", into = "String")]
 pub enum Address {

@@ -19,6 +19,17 @@ pub enum FrameError {
 /// Splits an incoming stream into program messages, without their terminators and without empty
 /// ones. A terminator inside a definite block does not count; inside a string it does, so that a
 /// forgotten quote costs one message and not the connection.
+///
+/// ```
+/// use instruments::scpi::decode::{ProgramFramer, Terminator};
+///
+/// let mut framer = ProgramFramer::new(Terminator::Lf, 1024);
+/// framer.push(b"*RST\nMEAS:");
+/// assert_eq!(framer.pull(), Some(Ok(b"*RST".to_vec())));
+/// assert_eq!(framer.pull(), None);
+/// framer.push(b"VOLT?\n");
+/// assert_eq!(framer.pull(), Some(Ok(b"MEAS:VOLT?".to_vec())));
+/// ```
 #[derive(Debug)]
 pub struct ProgramFramer {
     terminator: Terminator,

@@ -119,6 +119,21 @@ pub enum DecodeError {
 }
 
 /// Collects bytes and gives out complete answers. Push what one read gave, then pull.
+///
+/// ```
+/// use instruments::scpi::decode::{DecoderOptions, Expect, Response, ResponseDecoder};
+/// # fn main() -> Result<(), instruments::scpi::decode::DecodeError> {
+/// let mut decoder = ResponseDecoder::new(DecoderOptions::default());
+/// decoder.push(b"3.70");
+/// assert_eq!(decoder.pull(Expect::Line)?, None);
+/// decoder.push(b"1\n");
+/// assert_eq!(
+///     decoder.pull(Expect::Line)?,
+///     Some(Response::Line("3.701".to_owned()))
+/// );
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct ResponseDecoder {
     options: DecoderOptions,

@@ -30,6 +30,18 @@ pub enum CommandError {
 }
 
 /// Builds one program message. The first mistake is kept and reported by [`Command::build`].
+///
+/// ```
+/// use instruments::scpi::message::Command;
+/// # fn main() -> Result<(), instruments::scpi::message::CommandError> {
+/// let message = Command::new("SOUR:CURR").fixed(1.5, 3).build()?;
+/// assert_eq!(message, "SOUR:CURR 1.500");
+///
+/// let no_number = Command::new("SOUR:CURR").fixed(f64::NAN, 3).build();
+/// assert!(no_number.is_err());
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug, Clone)]
 pub struct Command {
     header: String,

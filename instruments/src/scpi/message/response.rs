@@ -32,6 +32,18 @@ impl Field {
 
 /// The fields of one answer, in their order. `;` separates units and ends a field too; an answer
 /// without any character has no field.
+///
+/// ```
+/// use instruments::scpi::message::parse_response;
+/// # fn main() -> Result<(), instruments::scpi::number::NumberError> {
+/// let fields = parse_response("\"A,B\",3.700E+00;ON");
+/// assert_eq!(fields.len(), 3);
+/// assert_eq!(fields[0].text, "A,B");
+/// assert_eq!(fields[1].as_f64()?, 3.7);
+/// assert!(fields[2].as_bool()?);
+/// # Ok(())
+/// # }
+/// ```
 pub fn parse_response(text: &str) -> Vec<Field> {
     if text.trim().is_empty() {
         return Vec::new();
