@@ -99,7 +99,7 @@ pub enum Trip {
     },
 }
 
-/// Value that was read, and that it left its limits.
+/// Words for a value that left its limits, or that cannot be read.
 fn left(value: f64, unit: &str) -> String {
     if value.is_finite() {
         format!("{value:.4} {unit} left its limits")

@@ -12,7 +12,7 @@ use crate::{
     plan::{AfterCrash, Plan, Purpose, Stage, Step},
 };
 
-/// How far a stage came.
+/// Journal replay of a stage: how far it came.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct StageStory {
     /// Bench time of its first beginning, s.
@@ -27,7 +27,7 @@ pub struct StageStory {
     pub finished: bool,
 }
 
-/// How far a run came.
+/// Journal replay of a run: how far it came.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Story {
     /// First entry of the run.
@@ -44,7 +44,7 @@ pub struct Story {
     pub ended: Option<String>,
 }
 
-/// Where a run goes on.
+/// Resume point of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Next {
     /// A SOC reset that is played again first: the charge of the cell is not known any more.
@@ -54,7 +54,7 @@ pub struct Next {
     pub open: Option<(usize, usize)>,
 }
 
-/// Why a run cannot go on by itself.
+/// Reason why a run cannot be resumed without a person.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Stuck {
     /// No first entry.
@@ -149,7 +149,7 @@ impl Story {
         self.stages.get(&stage).is_some_and(|story| story.finished)
     }
 
-    /// Where the run goes on. `recorded` says of a step that its result is in the run folder,
+    /// Resume point of the run. `recorded` says of a step that its result is in the run folder,
     /// whatever the journal says. With `accept_charge` a step that moved an unknown charge is
     /// played again all the same.
     ///

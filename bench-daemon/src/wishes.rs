@@ -61,13 +61,13 @@ impl Wishes {
         dataset::write_atomically(&folder.join(WISHES), text.as_bytes())
     }
 
-    /// Nothing is wanted any more.
+    /// Removes the request.
     pub fn forget(folder: &Path) {
         let _ = std::fs::remove_file(folder.join(WISHES));
     }
 }
 
-/// Where a run of a campaign stands.
+/// State of a run of a campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Standing {
     /// Nothing of it is left to do.
@@ -78,8 +78,8 @@ pub enum Standing {
     Left,
 }
 
-/// The runs that come next, in their order, when those of these numbers are wanted first; `runs`
-/// are all, by their numbers.
+/// Numbers of the runs that come next, in their order, when the `wanted` ones come first. `runs`
+/// are all runs, by their numbers.
 ///
 /// # Errors
 /// A number that is none of a run, is named twice, or is that of a run that was begun.

@@ -5,7 +5,7 @@ use crate::{
     plan::{Stage, Step},
 };
 
-/// Where a stage is entered that was interrupted; by default at its beginning.
+/// Resume point of an interrupted stage; by default its beginning.
 #[derive(Debug, Clone, Default)]
 pub struct Entrance<'a> {
     /// The first step that is played.
@@ -22,8 +22,8 @@ impl<'a> Entrance<'a> {
             .find(|point| point.step == index)
     }
 
-    /// Decides whether a step is played again. Fixtures are clamped again and supplies powered
-    /// again, as long as anything is left to be measured.
+    /// Decides whether a step is played. Finished points are left out. Steps that clamp a fixture
+    /// are played even before the resume point, as long as a point is left to be measured.
     pub(super) fn plays(&self, stage: &Stage, (index, step): (usize, &Step)) -> bool {
         let sine = |(at, step): (usize, &Step)| match step {
             Step::Sine { .. } => self.point(at).is_none(),

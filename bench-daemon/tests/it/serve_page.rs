@@ -387,7 +387,7 @@ fn the_button_in_the_tenth_tab_is_heard_as_soon_as_in_the_first() {
     });
 }
 
-/// Text of the page for a bench in work with these outputs and this current.
+/// Script that returns the text of the page for a bench in work with these outputs and current.
 const RUNNING: &str = "
     const [outputs, current_a, fresh] = arguments;
     const done = arguments[3];

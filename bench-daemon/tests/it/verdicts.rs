@@ -527,8 +527,8 @@ fn more_current_than_the_step_asked_for_trips_at_once() {
     ports.assert_outputs_off();
 }
 
-/// Effect of `done` without taking the cell out: nobody changes anything in the jig, where the cell
-/// sits.
+/// The operator answers `done` without taking the cell out: nothing changes in the jig, where the
+/// cell sits.
 #[test]
 fn a_cell_left_in_the_jig_is_not_driven_as_a_control() {
     for (control, what) in [
