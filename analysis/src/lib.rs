@@ -1,16 +1,24 @@
 //! Captures to sinusoids, sinusoids to impedance, impedance to a battery model. Numbers in, numbers
 //! out.
 //!
-//! In reading order: [`sine`] fits sinusoids to samples, [`calibration`] corrects the harness from
-//! the control impedances, [`budget`] tells where the uncertainty comes from, [`spectrum`] holds
-//! complex impedances with their uncertainty, [`validity`] judges them, [`model`] is the extended
-//! Randles model (ERM) and circuits in general, [`fit`] finds their parameters, [`drt`] shows their
-//! time constants, [`ocv`] is the voltage at rest, [`multisine`] measures many frequencies in one
-//! record, [`joint`] fits the model to spectra and pulses of a [`series`] together, [`pack`] maps a
-//! cell to an SxP pack, [`forward`] simulates a cell or a pack under a load, [`sop`] finds the most
-//! power that can be held; [`given`] is a cell's model from whatever it was given as, fitted
-//! circuits as ladders of RC too; [`thinning`] averages frames of direct currents;
-//! [`run_folder`], [`dataset`] and [`formats`] are the files, [`plot`] and [`report`] the pictures, [`brief`] the numbers in words.
+//! This crate only re-exports the crates below it, in the order in which they depend on each other:
+//!
+//! * `analysis-numeric` – [`numeric`]: linear algebra, minimisers, statistics; [`brief`]:
+//!   significant digits.
+//! * `analysis-plot` – [`plot`]: charts; [`report`]: pages.
+//! * `analysis-signal` – [`sine`]: fits of sinusoids to samples; [`spectrum`]: impedances with
+//!   uncertainty; [`calibration`]: harness; [`budget`]: uncertainty by cause; [`multisine`],
+//!   [`staircase`], [`series`]: records.
+//! * `analysis-model` – [`model`]: extended Randles model (ERM) and circuits; [`ocv`]: open-circuit
+//!   voltage; [`pack`].
+//! * `analysis-effects` – [`contract`]: what an effect is; [`augmented`]: a model with effects;
+//!   [`effects`]: the catalogue.
+//! * `analysis-fit` – [`validity`]: tests of a spectrum; [`fit`]; [`drt`]: time constants;
+//!   [`joint`]: spectra and pulses; [`given`]: a model from a file or from text.
+//! * `analysis-forward` – [`forward`]: simulation under a load; [`sop`]: state of power.
+//! * `analysis-files` – [`run_folder`] and [`dataset`]: files of a run; [`formats`]: files of
+//!   other programs; [`thinning`]: frames to rows.
+//! * `analysis-diagnosis` – [`diagnosis`]: which effect is missing.
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 

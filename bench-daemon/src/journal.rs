@@ -21,7 +21,7 @@ use sha2::{Digest, Sha256};
 
 use crate::{drill::Drill, interlock::Reading, measure::SweepPoint, reconcile::Found};
 
-/// What comes before the checksum.
+/// Text before the checksum of a line.
 const CHECKSUM: &str = ",\"sha256\":\"";
 
 /// A journal that cannot be written or believed.

@@ -1,4 +1,4 @@
-//! What the daemon uses of the simulated instruments. No other file of it names them: what speaks
+//! Parts of the simulated instruments that the daemon uses. No other file of it names them: what speaks
 //! to real instruments stands apart from them.
 
 pub(crate) use instruments::mock::{

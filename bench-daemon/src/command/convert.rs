@@ -149,7 +149,7 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
     })
 }
 
-/// What a model is written as, and the end of the file's name.
+/// Format in which a model is written, and the end of the file's name.
 #[derive(Clone, Copy)]
 struct Goal {
     /// None for the project's JSON.

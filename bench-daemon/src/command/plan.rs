@@ -138,7 +138,7 @@ fn metered(step: &Step) -> bool {
     matches!(step, Step::Trace(trace) if trace.through == Through::LoadAndSupply)
 }
 
-/// What ends the current of a load or charger where no message arrives any more, in words.
+/// Function that ends the current of a load or charger where no message arrives any more, in words.
 fn unattended(role: &str, instrument: &Instrument, how: Unattended, limits: &Limits) -> String {
     let model = &instrument.model;
     match how {

@@ -154,7 +154,7 @@ fn begun_s(folder: &Path) -> f64 {
     begun.map_or(0.0, |line| line.time_s)
 }
 
-/// What was finished of a run, and the run played again.
+/// Finished part of a run, and the run played again.
 #[derive(Clone, Copy)]
 struct Folders<'a> {
     old: &'a Path,

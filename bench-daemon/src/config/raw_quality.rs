@@ -17,7 +17,7 @@ pub(super) struct Raw {
     pub(super) drift: Quantity<Share>,
     /// Twice the noise: the difference of two numbers.
     pub(super) repeatability: Quantity<Share>,
-    /// What is commonly asked of a valid spectrum (Schönleber et al. 2014 show residuals below 1
+    /// Bound that is common for a valid spectrum (Schönleber et al. 2014 show residuals below 1
     /// %).
     pub(super) kramers_kronig: Quantity<Share>,
     pub(super) again: usize,

@@ -46,9 +46,9 @@ pub struct Check {
 
 /// The texts of a check.
 pub struct Texts<E, M> {
-    /// What was expected.
+    /// Expected value or state.
     pub expected: E,
-    /// What was met.
+    /// Value or state that was found.
     pub met: M,
 }
 

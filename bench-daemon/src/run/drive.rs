@@ -33,7 +33,7 @@ pub(super) struct Before<'a> {
     pub(super) past: Option<&'a Past>,
 }
 
-/// What a run needs besides its bench: its clock, who answers its questions, and its progress.
+/// Surroundings of a run besides its bench: its clock, who answers its questions, and its progress.
 pub(super) struct Around<'a> {
     pub(super) clock: &'a Clock,
     pub(super) operator: &'a Operator,

@@ -44,7 +44,7 @@ pub struct MultisineRun {
 /// A line: its phasors, the scope's V/div, what it says of noise and distortion.
 pub(super) type Found = (ChannelPhasors, [f64; 4], Line);
 
-/// What is told of a measured multisine besides its lines.
+/// Figures of a measured multisine besides its lines.
 pub(super) struct Told {
     /// Points that the quality gate refused to the end.
     pub(super) flagged: Vec<FlaggedPoint>,

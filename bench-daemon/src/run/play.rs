@@ -122,9 +122,10 @@ impl Run<'_> {
             inherited: self.before.1.take(),
             past: self.past.as_ref(),
         };
-        let measuring = (&mut bench, &mut self.recorder);
         let outcome = tokio::select! {
-            outcome = caught(drive::drive(&mut bench, &mut self.recorder, self.experiment, self.plan, around, before)) => outcome,
+            outcome = caught(
+                drive::drive(&mut bench, &mut self.recorder, self.experiment, self.plan, around, before)
+            ) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
             lost = custody.lost() => Err(lost.into()),
         };

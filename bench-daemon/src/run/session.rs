@@ -83,7 +83,7 @@ impl Session {
     /// of the run before.
     ///
     /// # Errors
-    /// As [`Self::play`].
+    /// Everything that ends a run early, the request to stop included.
     pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
         let stop = self.signals()?;
         let outcome = self.play(experiment, folder, None);
@@ -93,7 +93,7 @@ impl Session {
     /// Goes on with a run in its folder.
     ///
     /// # Errors
-    /// As [`Self::play`].
+    /// Everything that ends a run early, the request to stop included.
     pub(crate) fn go_on(
         &mut self,
         experiment: &Experiment,

@@ -94,7 +94,7 @@ impl Submission {
     /// An experiment as it is asked for.
     ///
     /// # Errors
-    /// Whatever keeps it from being run.
+    /// Reason why it cannot be run.
     pub fn new(settings: &Settings, asked: Asked<'_>) -> Result<Self, Refused> {
         let Asked { name, text, bench } = asked;
         let text = text.map_or_else(|| text_of(settings, name), |text| Ok(text.to_owned()))?;

@@ -9,7 +9,7 @@ use instruments::{
 
 use crate::mocks::{self, Device};
 
-/// What a mock can be put behind on a free port.
+/// Transport behind which a mock can be put on a free port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transport {
     /// A raw socket.

@@ -184,7 +184,7 @@ fn hidden_cases_name_nothing_of_the_analysis() {
     assert!(read > 10, "{read} files");
 }
 
-/// What only one crate may use: tables of files by polars, pictures by plotters.
+/// Libraries that only one crate may use: tables of files by polars, pictures by plotters.
 #[test]
 fn polars_and_plotters_have_one_user_each() {
     for (library, user) in [("polars", "analysis/files"), ("plotters", "analysis/plot")] {

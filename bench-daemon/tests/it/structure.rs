@@ -401,7 +401,7 @@ impl<'ast> Visit<'ast> for Texts {
     }
 }
 
-/// What the owner spells: whole names, and how names begin that depend on something.
+/// Names that the owner spells: whole names, and how names begin that depend on something.
 struct Spelled {
     names: BTreeSet<String>,
     beginnings: BTreeSet<String>,
@@ -486,4 +486,36 @@ fn one_file_of_the_daemon_names_the_mocks() {
         .map(|(module, _)| module.join("::"))
         .collect();
     assert_eq!(found, ["mocks"]);
+}
+
+/// Lines of source files below a folder with more than [`MOST_COLUMNS`], as `path:line: columns`.
+fn wide_lines(folder: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let entry = entry.unwrap();
+        let (path, kind) = (entry.path(), entry.file_type().unwrap());
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let hidden = name.starts_with('.') && name != ".ci";
+        if kind.is_dir() && !hidden && !SKIPPED.contains(&name.as_str()) {
+            found.extend(wide_lines(&path));
+        }
+        let extension = path.extension().and_then(|extension| extension.to_str());
+        if !kind.is_file() || !extension.is_some_and(|extension| SOURCES.contains(&extension)) {
+            continue;
+        }
+        let text = std::fs::read_to_string(&path).unwrap();
+        for (number, line) in (1..).zip(text.lines()) {
+            let columns = line.chars().count();
+            if columns > MOST_COLUMNS {
+                found.push(format!("{}:{number}: {columns}", path.display()));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn no_line_of_a_source_file_is_wider_than_120_columns() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    assert_eq!(wide_lines(&root), [""; 0]);
 }

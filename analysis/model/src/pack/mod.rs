@@ -3,8 +3,8 @@
 //! All cells are taken as identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances
 //! times S/P and capacitances times P/S fulfil (equations 3.4, 3.6, 3.10; the proof there is for
 //! one RC circuit, the law holds branch by branch). [`Sizing`] is what the simple-IR model says a
-//! pack can do; [`analysis_forward::forward::pack::scatter`] drops the assumption of identical cells. OCV and capacity of a pack are
-//! in [`analysis_forward::forward::SimModel`].
+//! pack can do. `forward::pack::scatter` drops the assumption of identical cells. OCV and capacity
+//! of a pack are in `forward::SimModel`.
 
 mod heat;
 mod sizing;

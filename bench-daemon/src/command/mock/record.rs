@@ -91,7 +91,8 @@ pub(super) fn serve_record(path: &Path, args: &MockArgs) -> Result<(), Failure> 
         let mut stop = StopSignals::install()?;
         let clock = Clock::start(TimeMode::Real);
         let served = mocks::serve_tcp(Box::new(device), args.listen.as_str(), clock.clone()).await;
-        let (bound, _task) = served.map_err(|error| Failure::Usage(format!("--listen {}: {error}", args.listen)))?;
+        let (bound, _task) =
+            served.map_err(|error| Failure::Usage(format!("--listen {}: {error}", args.listen)))?;
         if args.json {
             say!(
                 "{}",

@@ -218,7 +218,7 @@ struct Probes {
     voltage: Scaled,
 }
 
-/// What is to be said of a capture besides its impedance.
+/// Remarks on a capture besides its impedance.
 struct Remark {
     clipped: f64,
     samples: usize,
