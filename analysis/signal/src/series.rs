@@ -1,6 +1,6 @@
 //! Current and voltage of a cell over time, as a cycler or the bench recorded them.
 //!
-//! Here **discharge is positive**; the readers in [`analysis_files::formats`] turn the sign of their files.
+//! Here **discharge is positive**; the readers in `formats` turn the sign of their files.
 //! Nothing is resampled or smoothed.
 
 use std::ops::Range;

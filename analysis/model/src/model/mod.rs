@@ -2,7 +2,7 @@
 //! parallel RC branches, and equivalent circuits in general, of which it is one.
 //!
 //! Frequency domain only; how the model behaves in time is not told here, nor how its parameters
-//! are found (see [`analysis_fit::fit`]).
+//! are found (see `fit`).
 
 mod circuit;
 mod erm;

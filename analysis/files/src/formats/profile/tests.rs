@@ -10,14 +10,13 @@ use analysis_model::{
 };
 use std::fs;
 
-/// A cell with one RC branch whose OCV is not constant.
+/// A cell with four RC branches whose OCV is not constant.
 fn curved_cell() -> SimModel {
     let erm = Erm {
         r_ohm: 0.006_428_6,
-        branches: vec![RcBranch {
-            r_ohm: 0.001_509,
-            c_f: 0.552_8,
-        }],
+        branches: [0.552_8, 6.979_8, 663.8, 1_084.2]
+            .map(|c_f| RcBranch { r_ohm: 0.001, c_f })
+            .to_vec(),
     };
     let curve = OcvCurve::monotone(4.2, vec![0.0, 0.5, 1.0], vec![2.6, 3.7, 4.18]).unwrap();
     SimModel::cell(&erm, OcvSource::Curve(curve)).unwrap()
