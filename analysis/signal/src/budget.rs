@@ -135,7 +135,7 @@ impl BudgetPoint {
             .sum()
     }
 
-    /// What a covariance means for magnitude and phase of this point.
+    /// Standard deviations of magnitude and phase of this point for a covariance.
     pub fn polar(&self, covariance: Covariance2) -> PolarSigma {
         let point = ImpedancePoint {
             covariance,

@@ -20,10 +20,10 @@
 //! impedance. Combinations that the controls cannot tell apart, such as a skew of C4 and the
 //! pick-up, share their prior uncertainty; where they act alike on the cell too, that cancels.
 //!
-//! What each control is for: the shunt equals C3 to C1 and C4 to C2. The short shows, at a voltage
-//! near zero, what the shared potential adds. The fake cell differs from the short by a known
-//! voltage, so that only both together tell the skew of C2, which turns the current, from the
-//! pick-up; with the fake cell alone that skew stays as uncertain as its prior. The open bounds a
+//! Purpose of each control: the shunt equals C3 to C1 and C4 to C2. The short shows the effect of
+//! the shared potential at a voltage near zero. The fake cell differs from the short by a known
+//! voltage. So only both together separate the skew of C2, which turns the current, from the
+//! pick-up. With the fake cell alone that skew stays as uncertain as its prior. The open bounds a
 //! leak beside the cell; no other control sees one.
 //!
 //! Sources: the estimate is linear in the errors of the priors and the noise of the controls, and
@@ -92,8 +92,8 @@ impl StrayAdmittance {
         c_sigma_f: 0.0,
     };
 
-    /// What is known from bounds: a leak of at least `least_ohm` and a capacitance of at most
-    /// `greatest_f`, anything between nothing and the bound being as likely.
+    /// Stray admittance known from bounds: a leak of at least `least_ohm` and a capacitance of at
+    /// most `greatest_f`. Any value between zero and the bound is equally likely.
     pub fn within(least_ohm: f64, greatest_f: f64) -> Self {
         let middle = |bound: f64| (0.5 * bound, bound / 12.0f64.sqrt());
         let ((g_s, g_sigma_s), (c_f, c_sigma_f)) = (middle(least_ohm.recip()), middle(greatest_f));
@@ -167,7 +167,7 @@ impl Default for Priors {
     }
 }
 
-/// What was measured to correct the harness by.
+/// Measured controls that the harness is corrected by.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Controls<'a> {
     /// The current shunt, between C1 and C2 in all runs.
@@ -178,10 +178,10 @@ pub struct Controls<'a> {
     pub fake_cell: Option<(KnownImpedance, &'a [ChannelPhasors])>,
     /// Run with a short in the jig.
     pub short: Option<(KnownImpedance, &'a [ChannelPhasors])>,
-    /// What a meter says of the open jig. Where it was not measured, nothing is claimed: no
-    /// admittance, and no uncertainty of it.
+    /// Meter reading of the open jig. Where it was not measured, nothing is claimed: no admittance,
+    /// and no uncertainty of it.
     pub open: Option<StrayAdmittance>,
-    /// What is known of the harness beforehand.
+    /// Prior knowledge of the harness.
     pub priors: Priors,
 }
 
@@ -207,9 +207,9 @@ pub struct Correction {
 /// Independent errors that a correction leaves.
 pub const COMMON: usize = 5;
 
-/// What a correction leaves in all impedances corrected by it alike: each of some independent
-/// errors, here one standard deviation of each, makes Z of a cell wrong by jω·(τ·Z + L) + ω²·q, and
-/// Z of the shunt by jω·L′ + ω²·q′. Repeats do not show them, and no mean makes them smaller. The
+/// Common error of all impedances corrected together. It consists of a few independent errors,
+/// given as one standard deviation each. Each makes Z of a cell wrong by jω·(τ·Z + L) + ω²·q, and Z
+/// of the shunt by jω·L′ + ω²·q′. Repeats do not show them, and no mean makes them smaller. The
 /// squares matter beyond the frequencies of the controls.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -239,8 +239,8 @@ impl CommonError {
         all.iter().flatten().all(|v| v.is_finite())
     }
 
-    /// What one standard deviation of an error, by its number, adds to an impedance at a frequency
-    /// (Hz): to that of the cell, or to that of the shunt.
+    /// Change of an impedance by one standard deviation of the error with this number, Ω, at a
+    /// frequency (Hz). The impedance is that of the cell or that of the shunt.
     pub fn at(&self, error: usize, freq_hz: f64, z_ohm: Complex64, is_cell: bool) -> Complex64 {
         let omega = std::f64::consts::TAU * freq_hz;
         if is_cell {
@@ -316,7 +316,7 @@ fn independent(covariance: &[[f64; COMMON]; COMMON]) -> [[f64; COMMON]; COMMON] 
             } else if left > ROUNDING * covariance[i][i] {
                 left.sqrt()
             } else {
-                // What is left of a row that follows from the ones before it is rounding.
+                // A row that follows from the ones before it leaves only rounding.
                 0.0
             };
         }
@@ -354,7 +354,7 @@ pub enum CalibrationError {
     Known {
         /// Which one.
         name: &'static str,
-        /// What was given.
+        /// Impedance that was given.
         known: KnownImpedance,
     },
     /// An open jig is none.
@@ -363,13 +363,13 @@ pub enum CalibrationError {
         more, met {stray:?}"
     )]
     Stray {
-        /// What was given.
+        /// Admittance that was given.
         stray: StrayAdmittance,
     },
     /// A prior leaves nothing open, or all.
     #[error("expected priors with positive, finite standard deviations, met {priors:?}")]
     Priors {
-        /// What was given.
+        /// Priors that were given.
         priors: Priors,
     },
     /// A measured point is unusable.
@@ -381,9 +381,9 @@ pub enum CalibrationError {
         number: usize,
         /// Frequency, Hz.
         freq_hz: f64,
-        /// What it should be.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What it is.
+        /// Value found.
         found: String,
     },
     /// The parameters do not settle.
@@ -517,11 +517,11 @@ impl Correction {
         parts
     }
 
-    /// What the uncertainty of the correction does to all impedances corrected so at once:
-    /// derivatives by the parameters of the harness, taken apart by least squares into a gain,
+    /// Common error that the uncertainty of the correction puts into all impedances corrected with
+    /// it. The derivatives by the parameters of the harness are split by least squares into a gain,
     /// which is left out, a skew, an inductance and a resistance that grows as the square of the
-    /// frequency. `jig` are points of the cell, `shunt` such with the voltage probes on the shunt;
-    /// none where that is never measured again. None for fewer than two points of the cell.
+    /// frequency. `jig` are points of the cell. `shunt` are points with the voltage probes on the
+    /// shunt; empty where that is never measured again. None for fewer than two points of the cell.
     pub fn common_error(
         &self,
         jig: &[ChannelPhasors],

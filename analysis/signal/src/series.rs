@@ -7,7 +7,7 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-/// What a run is for.
+/// Purpose of a run.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Role {
@@ -61,9 +61,9 @@ pub enum SeriesError {
         name: String,
         /// Number of the sample, from 1.
         number: usize,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What was met.
+        /// Value found.
         met: f64,
     },
 }

@@ -66,7 +66,7 @@ pub enum Channel<'a> {
     Codes {
         /// The samples, codes.
         codes: &'a [i16],
-        /// What they mean.
+        /// Conversion of the codes to volts.
         scale: CodeScale,
     },
     /// Samples that are kept elsewhere: read by pieces, whenever they are summed over, so that a
@@ -127,7 +127,7 @@ impl CodeScale {
     }
 }
 
-/// What a fit models and leaves out.
+/// Terms that a fit models, and samples that it leaves out.
 #[derive(Debug, Clone, PartialEq)]
 pub struct FitOptions {
     /// Slow change fitted besides the offset.
@@ -158,8 +158,8 @@ impl Default for FitOptions {
 
 impl FitOptions {
     /// Adds the pick-up of the mains: its frequency (50 or 60 Hz) and its harmonics up to an order.
-    /// What a record cannot tell apart from the sinusoid or does not reach is left out by the fit,
-    /// which says so.
+    /// The fit leaves out a tone that the record cannot tell from the sinusoid or is too short for.
+    /// It says so in its notes.
     #[must_use]
     pub fn with_mains(mut self, mains_hz: f64, orders: u32) -> Self {
         self.also_hz

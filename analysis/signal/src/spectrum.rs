@@ -87,9 +87,9 @@ pub enum SpectrumError {
         number: usize,
         /// Its frequency, Hz.
         freq_hz: f64,
-        /// What it should be.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What it is.
+        /// Value found.
         found: String,
     },
 }
@@ -147,7 +147,7 @@ impl ImpedancePoint {
         }
     }
 
-    /// What is wrong with the numbers of this point: what was expected and what was met.
+    /// Fault of the numbers of this point: the value expected and the value found.
     fn fault(&self) -> Option<(&'static str, String)> {
         if !(self.freq_hz > 0.0 && self.freq_hz.is_finite()) {
             return Some(("a frequency above 0 Hz", format!("{} Hz", self.freq_hz)));

@@ -15,7 +15,7 @@ pub(crate) enum Probes {
     OnJig,
 }
 
-/// What a bench is, in SI units; channels 2…4 relative to channel 1.
+/// Simulated bench in SI units; channels 2…4 are relative to channel 1.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Bench {
     pub(crate) gains: [f64; 3],
@@ -58,7 +58,7 @@ impl Bench {
         }
     }
 
-    /// What the four channels show of 1 A through the loop.
+    /// Voltages of the four channels for 1 A through the loop.
     pub(crate) fn measure(
         &self,
         freq_hz: f64,

@@ -85,7 +85,7 @@ fn same(a: Covariance2, b: Covariance2) -> bool {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
-    /// Whatever was measured, and however the noise of the channels is shaped.
+    /// Holds for any measurement and any spectrum of the channels' noise.
     #[test]
     fn the_parts_add_up_to_the_whole(
         seed in 0_u64..1000,

@@ -13,7 +13,7 @@ use num_complex::Complex64;
 use crate::bench::{Bench, FAKE_CELL, Probes, SHUNT, cell, fake_cell};
 use crate::noise::Noise;
 
-/// What a meter of 0.1 % and a ruler tell.
+/// Known impedance as an ohmmeter of 0.1 % and a ruler give it.
 fn known((r_ohm, l_h): (f64, f64), noise: &mut Noise) -> KnownImpedance {
     let (r_sigma_ohm, l_sigma_h) = (1e-3 * r_ohm, 10e-9);
     KnownImpedance {
@@ -87,8 +87,8 @@ fn a_crooked_bench_is_set_right() {
     };
     let correction = Correction::fit(&controls).unwrap();
     let errors = errors(&correction, &runs.cell);
-    // What is left: skews that act on the cell a little differently than on the fake cell, 1 µs · 6
-    // mΩ · ω.
+    // Remaining error: skews act on the cell a little differently than on the fake cell, by 1 µs ·
+    // 6 mΩ · ω.
     assert!(worst(&errors) < 2e-3, "{}", worst(&errors));
     assert!(errors.iter().all(|(point, error)| error.norm()
         < 4.0 * (point.covariance.re_re + point.covariance.im_im).sqrt()));
@@ -222,8 +222,7 @@ fn without_errors_the_correction_changes_nothing() {
     }
 }
 
-/// What a correction carries into a phase at the upper end of the band is a skew and an inductance,
-/// and nothing else.
+/// The phase error of a correction at the upper end of the band is a skew and an inductance only.
 #[test]
 fn the_common_error_is_what_the_correction_carries() {
     let mut noise = Noise::new(13);
@@ -274,7 +273,7 @@ fn the_common_error_is_what_the_correction_carries() {
         compared += 1;
     }
     assert!(compared > 2);
-    // What is told of the real part is no more than the correction carries into it.
+    // The common error of the real part is no larger than the correction's own error in it.
     let end = runs
         .cell
         .iter()
@@ -334,7 +333,7 @@ fn shared_errors_add_up_to_what_the_correction_carries() {
                 .iter()
                 .map(|error| Covariance2::along(error.at_ohm[k]))
                 .sum();
-            // What is left out is small against the noise of the point.
+            // The part left out is small against the noise of the point.
             for (all, shared) in [(carried.re_re, sum.re_re), (carried.im_im, sum.im_im)] {
                 assert!(
                     (all - shared).abs() < 0.01 * own + 1e-6 * all,

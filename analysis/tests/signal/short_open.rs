@@ -1,5 +1,5 @@
-//! What a short and an open jig add to shunt and fake cell, and what stays open where they were not
-//! measured.
+//! Calibration with a short and an open jig beside shunt and fake cell, and the uncertainty that
+//! remains without them.
 
 use std::f64::consts::TAU;
 
@@ -12,7 +12,7 @@ use num_complex::Complex64;
 use crate::bench::{Bench, FAKE_CELL, Probes, SHORT, SHUNT, cell, fake_cell, short};
 use crate::noise::Noise;
 
-/// What a careful laboratory tells, drawn around the truth.
+/// Known impedance as a careful laboratory states it, drawn around the true value.
 fn drawn(
     (r_ohm, l_h): (f64, f64),
     (r_sigma_ohm, l_sigma_h): (f64, f64),

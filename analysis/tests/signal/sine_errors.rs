@@ -1,4 +1,4 @@
-//! What the sinusoid fit refuses, and in which words.
+//! Refusals of the sinusoid fit, and their messages.
 
 use analysis::sine::{
     Channel, CodeScale, FitOptions, Record, fit_free_frequency, fit_known_frequency,

@@ -190,7 +190,7 @@ impl<'a> Harness<'a> {
         (v4 - v3 - self.reactance(MUTUAL_SHUNT) * i) / i
     }
 
-    /// What ought to be zero with the voltage probes on the shunt, V.
+    /// Residuals with the voltage probes on the shunt, V; zero for a perfect harness model.
     pub(super) fn shunt_residuals(&self) -> [Slope; 2] {
         let [v1, v2, v3, v4] = self.tips;
         [
@@ -199,12 +199,12 @@ impl<'a> Harness<'a> {
         ]
     }
 
-    /// What ought to be zero with the fake cell in the jig, V.
+    /// Residual with the fake cell in the jig, V; zero for a perfect harness model.
     pub(super) fn fake_cell_residual(&self) -> Slope {
         self.load_residual(FAKE_R, FAKE_L)
     }
 
-    /// What ought to be zero with the short in the jig, V.
+    /// Residual with the short in the jig, V; zero for a perfect harness model.
     pub(super) fn short_residual(&self) -> Slope {
         self.load_residual(SHORT_R, SHORT_L)
     }

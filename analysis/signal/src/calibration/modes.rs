@@ -1,5 +1,4 @@
-//! What a correction leaves wrong in all impedances at once, as a few independent errors that
-//! spectra of one run share.
+//! Common error of a correction: a few independent errors that all impedances of one run share.
 //!
 //! The covariance of the harness' parameters is C = LLᵀ. An error of one standard deviation along a
 //! column of L moves every point along the derivatives of its impedance. A singular value

@@ -52,7 +52,7 @@ pub enum MultisineError {
     Spectrum(#[from] SpectrumError),
 }
 
-/// What a record holds.
+/// Phasors of one record at its excited and detection lines.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MultisineFit {
     /// Base frequency, Hz.
@@ -70,23 +70,23 @@ pub struct MultisineFit {
     /// Variance of either part of the voltage across the jig that images of the generator's steps
     /// put onto the excited harmonics, V²; it is in their noise.
     pub images_v2: Vec<f64>,
-    /// What the record says of the predicted images; none where nothing was said of the generator's
-    /// steps.
+    /// Check of the predicted images against the record; none where the generator's steps were not
+    /// given.
     pub proof: Option<Proof>,
 }
 
-/// What one excited line says besides its impedance; amplitudes are those across the jig over that
-/// of the line.
+/// Noise and distortion of one excited line. Amplitudes are those across the jig, relative to the
+/// amplitude of the line.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Line {
     /// Frequency, Hz.
     pub freq_hz: f64,
     /// Standard deviation of the noise at the line.
     pub noise: f64,
-    /// What even powers of the current make: the largest even neighbour.
+    /// Even-order distortion: the largest even neighbour.
     pub even: f64,
-    /// What odd powers make: the largest odd neighbour that was not excited. About as much of it
-    /// lies on the line itself, and is not seen there.
+    /// Odd-order distortion: the largest odd neighbour that was not excited. About as much of it
+    /// lies on the line itself, where it cannot be seen.
     pub odd: f64,
     /// Standard deviation that noise alone gives to either.
     pub sigma: f64,
@@ -320,8 +320,8 @@ fn quotients(fit: &MultisineFit) -> Vec<(f64, Complex64)> {
         .collect()
 }
 
-/// What the current there does not explain of the voltage at a detection line: magnitude, V, and
-/// variance by noise, V².
+/// Residual voltage at a detection line that the current there does not explain: magnitude, V, and
+/// its variance by noise, V².
 fn rest(p: &ChannelPhasors, known: &[(f64, Complex64)]) -> (f64, f64) {
     let per_volt = between(known, p.freq_hz);
     let [v1, v2, v3, v4] = p.volts;
@@ -333,9 +333,9 @@ fn rest(p: &ChannelPhasors, known: &[(f64, Complex64)]) -> (f64, f64) {
     )
 }
 
-/// What every excited line says of noise and distortion. What the current itself has at the
-/// neighbours passes through the impedance there, which is taken straight between the excited lines
-/// over ln f; the rest is the system's.
+/// Returns noise and distortion of every excited line. The current's own part at the neighbours
+/// passes through the impedance there, which is interpolated over ln f between the excited lines.
+/// The residual is the system's distortion.
 pub fn nonlinear(fit: &MultisineFit) -> Vec<Line> {
     let known = quotients(fit);
     let line = |(p, image_v2): (&ChannelPhasors, &f64)| {

@@ -4,8 +4,8 @@ use std::f64::consts::TAU;
 
 use super::images::{Image, Sampling, images};
 
-/// What stands between the generator and the difference of two probes, as far as it makes volts of
-/// images. None of it is known before a record; it need be right within a factor of two.
+/// Transfer path from the generator to the difference of two probes, as far as it turns images into
+/// volts. The values are guesses made before a record; a factor of two is close enough.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Path {
     /// Corner of the supply's response, Hz.
@@ -20,8 +20,8 @@ pub struct Path {
 }
 
 impl Path {
-    /// What an image puts into the impedance at the line that it falls onto, Ω: both lines have
-    /// equal currents.
+    /// Error of the impedance at the line that an image falls onto, Ω. Both lines have equal
+    /// currents.
     pub fn error_ohm(&self, image: &Image, base_hz: f64) -> f64 {
         let freq_hz = image.at as f64 * base_hz;
         // Volts that two probes have of the same current at different times differ by twice as much
@@ -32,7 +32,7 @@ impl Path {
     }
 }
 
-/// What may be chosen from, and what counts.
+/// Allowed lines and rates, and the criteria to choose by.
 #[derive(Debug, Clone, Copy)]
 pub struct Choice<'a> {
     /// Steps of a period that the generator can play, by preference.
@@ -45,7 +45,7 @@ pub struct Choice<'a> {
     pub range: (usize, usize),
     /// Base frequency, Hz.
     pub base_hz: f64,
-    /// What makes volts of images.
+    /// Path that turns images into volts.
     pub path: Path,
     /// Tolerated sum on a line, root of squares, Ω.
     pub tolerated_ohm: f64,
@@ -68,7 +68,7 @@ pub struct Placement {
 pub struct Disturbed {
     /// The largest image.
     pub image: Image,
-    /// What all of them put into Z, root of the sum of squares, Ω.
+    /// Error of Z by all images on the line, root of the sum of squares, Ω.
     pub error_ohm: f64,
 }
 

@@ -1,4 +1,5 @@
-//! What a record shows of the images of the generator's steps, and what follows for its lines.
+//! Measures the images of the generator's steps in a record, and the error that they put onto its
+//! lines.
 //!
 //! Most images fall into bins where nothing else is: there their power beside the noise is
 //! measured, octave by octave of the frequency at which they truly lie, as a factor over the share
@@ -32,7 +33,7 @@ pub(super) struct Pairs {
     pub(super) shunt: Vec<Complex64>,
 }
 
-/// What the record says of the predicted images.
+/// Check of the predicted images against the record.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
 pub struct Proof {
     /// Places beside the lines where images are predicted beyond five standard deviations of the
@@ -136,7 +137,7 @@ impl Seen {
         });
         let octaves = factors(&places, noise);
         let mut proof = proof(&places, (&octaves, noise));
-        // What is predicted for a bin: its power, V².
+        // Power that is predicted for a bin, V².
         let expected = |bin: usize| {
             let place = places
                 .binary_search_by_key(&bin, |place| place.bin)

@@ -15,7 +15,7 @@ use num_complex::Complex64;
 #[derive(Debug, Clone, Copy)]
 struct Tone {
     cycles_per_sample: f64,
-    /// What rounding took from `cycles_per_sample`.
+    /// Rounding error of `cycles_per_sample`, cycles.
     cycles_rest: f64,
 }
 
@@ -50,7 +50,7 @@ pub(super) struct Basis {
     pub(super) time_step: f64,
 }
 
-/// What a basis is made of.
+/// Description of the columns of a basis.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Make<'a> {
     /// Frequencies, Hz, the fundamental first.
@@ -170,7 +170,7 @@ pub(super) struct Shift {
     turns: Vec<Complex64>,
     time: f64,
     powers: usize,
-    /// What is left of each relaxation.
+    /// Factor that remains of each relaxation.
     fades: Vec<f64>,
     timed: usize,
 }

@@ -19,7 +19,7 @@ pub enum SineError {
     /// The sampling interval is no time.
     #[error("expected a sampling interval above 0 s, met {found} s")]
     Interval {
-        /// What was given, s.
+        /// Interval that was given, s.
         found: f64,
     },
     /// The scaling of the samples is unusable.
@@ -38,7 +38,7 @@ pub enum SineError {
     /// The frequency is no frequency.
     #[error("expected a frequency above 0 Hz, met {freq_hz} Hz")]
     Frequency {
-        /// What was given, Hz.
+        /// Frequency that was given, Hz.
         freq_hz: f64,
     },
     /// The frequency cannot be seen at this sampling rate.

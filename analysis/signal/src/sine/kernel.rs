@@ -160,7 +160,7 @@ fn whole(now_next: Blocks<'_, i16>, pivot: i16, rows: &Rows<'_>) -> Whole {
     }
 }
 
-/// What a kernel needs besides the samples.
+/// Inputs of a kernel besides the samples.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Frame<'a> {
     pub(super) table: &'a Table,
@@ -174,7 +174,7 @@ pub(super) struct Frame<'a> {
 /// Codes within bounds that leave the integer kernel room.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Narrow {
-    /// What is taken from the codes before summing.
+    /// Code that is subtracted before summing.
     pub(super) pivot: i16,
     /// Samples at or beyond these are clipped.
     pub(super) bounds: (i16, i16),

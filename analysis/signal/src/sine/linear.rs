@@ -72,9 +72,9 @@ impl Normal {
     }
 }
 
-/// What one channel says of the phase that a change of the frequency adds at the ends of the record
-/// (rad): curvature and slope of the sum of squares after the other parameters have been fitted.
-/// `derivative` are the coefficients of the model's derivative on all columns.
+/// Information of one channel on the phase that a change of the frequency adds at the ends of the
+/// record (rad). Returns curvature and slope of the sum of squares, after the other parameters have
+/// been fitted. `derivative` holds the coefficients of the model's derivative on all columns.
 pub(super) fn frequency_step(
     (gram, right): (&Square, &[f64]),
     normal: &Normal,

@@ -9,7 +9,7 @@ const MIN_PERIODS_QUADRATIC: f64 = 2.0;
 /// 2 periods it would be 24 %.
 const MIN_PERIODS_RELAXATION: f64 = 4.0;
 
-/// What is fitted besides the fundamental.
+/// Terms that are fitted besides the fundamental.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Plan {
     /// Degree of the drift.
@@ -20,13 +20,13 @@ pub(super) struct Plan {
     pub(super) harmonics: Vec<u32>,
     /// Frequencies of the others, Hz.
     pub(super) others_hz: Vec<f64>,
-    /// What was left out.
+    /// Terms that were left out.
     pub(super) notes: Vec<Note>,
 }
 
 impl Plan {
-    /// What `options` ask for as far as a record of `samples` can carry it besides a sinusoid of
-    /// `freq_hz`.
+    /// Plan for `options`, as far as a record of `samples` samples can resolve the terms beside a
+    /// sinusoid of `freq_hz`.
     pub(super) fn new(
         options: &FitOptions,
         freq_hz: f64,

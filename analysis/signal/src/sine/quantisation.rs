@@ -42,7 +42,7 @@ pub(super) struct Quantised {
     pub(super) samples: usize,
 }
 
-/// What the quantisation may do to a phasor.
+/// Systematic error of a phasor by quantisation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Systematic {
     /// Noise before the quantisation, codes rms.

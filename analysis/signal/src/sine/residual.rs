@@ -1,4 +1,4 @@
-//! What the fit leaves: its sum of squares and the correlation of neighbours.
+//! Residuals of the fit: their sum of squares and the correlation of neighbours.
 //!
 //! Of whole codes, all of which count, both follow from the sums of the first pass, which are exact
 //! but for the fitted part. Otherwise, and where so little is left of the signal that the

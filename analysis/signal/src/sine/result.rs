@@ -1,5 +1,4 @@
-//! What a fit gives: sinusoids with their uncertainty, what was fitted beside them, and what to
-//! know about them.
+//! Results of a fit: sinusoids with their uncertainty, the terms fitted beside them, and notes.
 
 use num_complex::Complex64;
 
@@ -23,16 +22,16 @@ pub struct SineFit {
     /// True if relaxations were fitted.
     #[serde(default)]
     pub relaxed: bool,
-    /// What was fitted at other frequencies: first the harmonics, then the rest.
+    /// Tones at other frequencies: first the harmonics, then the rest.
     pub tones: Vec<Tone>,
-    /// What was left out, and what the numbers do not show.
+    /// Notes on terms left out and on limits that the numbers do not show.
     pub notes: Vec<Note>,
 }
 
-/// What was fitted at one other frequency.
+/// Tone fitted at one other frequency.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Tone {
-    /// What it is.
+    /// Kind of the tone.
     pub kind: ToneKind,
     /// Its frequency, Hz.
     pub freq_hz: f64,
@@ -40,7 +39,7 @@ pub struct Tone {
     pub channels: Vec<Phasor>,
 }
 
-/// What an extra frequency is.
+/// Kind of an extra frequency.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ToneKind {
@@ -65,18 +64,18 @@ pub struct Distortion {
     /// Root of the summed squares of the harmonics' amplitudes over that of the sinusoid. Noise
     /// alone gives about `sigma`.
     pub thd: f64,
-    /// What noise alone makes of it: root of the harmonics' summed variances over the sinusoid's
+    /// Value that noise alone gives: root of the harmonics' summed variances over the sinusoid's
     /// amplitude.
     pub sigma: f64,
 }
 
-/// What to know about a fit besides its numbers.
+/// Note on a fit besides its numbers.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Note {
     /// An extra frequency was not fitted.
     LeftOut {
-        /// What it is.
+        /// Kind of the tone.
         kind: ToneKind,
         /// Its frequency, Hz.
         freq_hz: f64,

@@ -1,4 +1,4 @@
-//! What the sums need to know of a sample: its value, and whether it counts.
+//! Samples as the sums see them: a value, and whether it counts.
 
 use super::{Channel, CodeScale};
 

@@ -103,7 +103,7 @@ fn samples(record: &Record<'_>) -> usize {
     record.channels.first().map_or(0, Channel::len)
 }
 
-/// What is asked of a solution at one frequency.
+/// Description of a solution at one frequency.
 #[derive(Debug, Clone, Copy)]
 struct Task<'a> {
     record: &'a Record<'a>,
@@ -292,7 +292,7 @@ impl Task<'_> {
             freq_hz,
         })?;
         if let Some(rounding) = &moments.rounding {
-            // What the rounding of the columns took from the sums, by the model that they give.
+            // Error of the sums by the rounding of the columns, for the model that they give.
             let taken = rounding.times(&normal.solve(&moments.right));
             moments
                 .right

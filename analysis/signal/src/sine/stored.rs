@@ -110,7 +110,7 @@ impl<'a> Channel<'a> {
         }
     }
 
-    /// What the codes mean, if they are.
+    /// Conversion of codes to volts, where the samples are codes.
     pub(super) fn scale(&self) -> Option<CodeScale> {
         match self {
             Self::Codes { scale, .. } => Some(*scale),

@@ -25,7 +25,7 @@ pub struct PhasorVariance {
     pub noise: Covariance2,
     /// Rounding to codes, LSB²/12 per sample.
     pub quantisation: Covariance2,
-    /// What a drift that is not straight leaves in the phasor: see [`ChannelPhasors::from_codes`].
+    /// Error by a drift that is not straight: see [`ChannelPhasors::from_codes`].
     pub drift: Covariance2,
 }
 

@@ -146,7 +146,7 @@ impl Spectrum {
         let left = shared.fold(total, |left, direction| {
             left + Covariance2::along(*direction).times(-1.0)
         });
-        // What is left of a difference of nearly equal numbers must stay a covariance.
+        // The difference of nearly equal numbers must stay a covariance.
         let least = Covariance2 {
             re_re: LEAST_OWN * total.re_re,
             re_im: 0.0,

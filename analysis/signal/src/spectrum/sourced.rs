@@ -4,10 +4,11 @@ use serde::{Deserialize, Serialize};
 
 use super::Spectrum;
 
-/// What a file tells of where a spectrum comes from, beyond its name; none where it does not tell.
+/// Origin of a spectrum as its file states it, beyond the name; a field is none where the file does
+/// not tell.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Origin {
-    /// What was clamped in: `cell`, `shunt`, `fake_cell`, …
+    /// Object in the jig: `cell`, `shunt`, `fake_cell`, …
     pub fixture: Option<String>,
     /// Which of them.
     pub cell: Option<String>,
@@ -70,6 +71,6 @@ pub fn cell_in_name(name: &str) -> Option<&str> {
 pub struct FlaggedPoint {
     /// Frequency, Hz.
     pub freq_hz: f64,
-    /// What was expected and what was found.
+    /// Reasons: the value expected and the value found.
     pub reasons: Vec<String>,
 }
