@@ -63,9 +63,9 @@ pub enum OcvError {
     Knot {
         /// Number of the knot, from 1.
         knot: usize,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What was met.
+        /// Value found.
         met: f64,
     },
     /// A capacity that is none.

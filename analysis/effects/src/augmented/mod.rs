@@ -33,8 +33,8 @@ pub fn network(base: &Base, added: &[Added<'_>]) -> Network {
     network
 }
 
-/// What a spectrum's point shows: the cell's impedance (or `control_ohm` where a control is in the
-/// jig) through all effects, Ω.
+/// Impedance that one point of a spectrum shows with all effects, Ω. Its base is the cell, or
+/// `control_ohm` where a control is in the jig.
 pub fn impedance(
     network: &Network,
     base: &Base,

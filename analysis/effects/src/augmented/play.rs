@@ -7,7 +7,7 @@ use crate::contract::{
 };
 use analysis_model::ocv::OcvCurve;
 
-/// What the current does between two samples.
+/// Interpolation of the current between two samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Between {

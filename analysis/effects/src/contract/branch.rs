@@ -11,7 +11,7 @@
 const EXPONENT_STEP: f64 = 0.1;
 /// First sub-step of the asymmetric law, in its time constants.
 const FIRST_STEP: f64 = 0.2;
-/// What a branch with the asymmetric law may still miss where it is taken to be at rest, V.
+/// Error that is allowed where a branch with the asymmetric law is taken to be at rest, V.
 const REST_V: f64 = 1e-10;
 /// Sub-steps of the asymmetric law at most.
 const MOST_SUBSTEPS: usize = 400;
@@ -84,7 +84,7 @@ impl Branch {
 /// What one length of step does to a linear branch.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Gain {
-    /// What is left of the voltage.
+    /// Factor that remains of the voltage.
     pub(crate) decay: f64,
     /// Ω, per ampere at the start.
     pub(crate) start: f64,
@@ -223,7 +223,7 @@ fn asymmetric((beta, alpha): (f64, f64), r: f64, (v, current_a): (f64, f64), x: 
             rate(y),
             alpha * (alpha * y).exp() + (1.0 - alpha) * (-(1.0 - alpha) * y).exp(),
         );
-        // What a single step to the end would miss is of the second order in the rate.
+        // The error of a single step to the end is of the second order in the rate.
         let rests = now * now <= REST_V * to_exponent;
         let short = (FIRST_STEP * (settled / 3.0).exp() / slope)
             .min(EXPONENT_STEP / now.abs())

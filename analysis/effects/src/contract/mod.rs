@@ -1,5 +1,5 @@
-//! What an effect is, and what it acts upon: the contract between the catalogue and whatever plays
-//! or fits effects.
+//! Contract between the catalogue of effects and the code that plays or fits them: the properties
+//! of an effect, and the model that it acts upon.
 
 pub(crate) mod branch;
 mod network;
@@ -23,7 +23,7 @@ pub enum Group {
     Bench,
 }
 
-/// What is known of an effect before any data.
+/// Properties of an effect that hold without any data.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Card {
     /// Name in files and on the command line: `rc_slow`.
@@ -32,7 +32,7 @@ pub struct Card {
     pub title: &'static str,
     /// Cell or bench.
     pub group: Group,
-    /// What happens physically, one or two sentences.
+    /// Physical mechanism, one or two sentences.
     pub mechanism: &'static str,
     /// State equation with units.
     pub state_equation: &'static str,
@@ -53,7 +53,7 @@ pub struct Card {
 /// One effect. All hooks default to "nothing happens". `p` are the values of
 /// [`Effect::parameters`], in their units and order.
 pub trait Effect: Sync {
-    /// What is known of it.
+    /// Properties of the effect.
     fn card(&self) -> &'static Card;
 
     /// Its parameters with bounds derived from the base fit, the strength first; none where it does
@@ -75,7 +75,7 @@ pub trait Effect: Sync {
     /// Changes the linear network: acts on impedance and on time alike.
     fn network(&self, _p: &[f64], _base: &Base, _network: &mut Network) {}
 
-    /// What a spectrum's point shows instead of `z_ohm`.
+    /// Impedance that a point of a spectrum shows instead of `z_ohm`, Ω.
     fn impedance(&self, _p: &[f64], _base: &Base, _at: &Point, z_ohm: Complex64) -> Complex64 {
         z_ohm
     }
@@ -83,7 +83,7 @@ pub trait Effect: Sync {
     /// Turns the logged current (A, discharge positive) of a record into the one that flowed.
     fn current(&self, _p: &[f64], _record: &Record<'_>, _current_a: &mut [f64]) {}
 
-    /// What goes on in the cell while time passes; none where nothing does.
+    /// State of the effect over time; none where it has no state.
     fn dynamics(
         &self,
         _p: &[f64],
@@ -109,7 +109,7 @@ pub trait Dynamics {
         Modulation::NONE
     }
 
-    /// What is added to the terminal voltage at this instant, V.
+    /// Voltage added to the terminal voltage at this instant, V.
     fn voltage_v(&self, _at: &Instant) -> f64 {
         0.0
     }

@@ -1,4 +1,4 @@
-//! What an effect is told of model, data and moment.
+//! Model, data and moment that an effect is given.
 
 use analysis_model::{
     model::{Erm, RcBranch},
@@ -13,11 +13,11 @@ pub struct Base {
     pub erm: Erm,
     /// Open-circuit voltage over SOC, with the capacity.
     pub ocv: OcvCurve,
-    /// What the data reach.
+    /// Range of the data.
     pub facts: Facts,
 }
 
-/// What the data reach.
+/// Range of the data: the limits within which an effect was identified.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Facts {
@@ -96,12 +96,12 @@ pub struct Point {
     pub start_s: f64,
     /// False for a control impedance in the jig: only the bench acts then.
     pub is_cell: bool,
-    /// What lies below what was swept.
+    /// Impedance below the swept object.
     pub below: Below,
 }
 
-/// What lies between the lower tap of what was swept and the ground of the channels; nothing where
-/// a channel sees the difference of both taps.
+/// Impedance between the lower tap of the swept object and the ground of the channels; zero where a
+/// channel measures the difference of both taps.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Below {
     /// Resistance, Ω.
@@ -142,10 +142,10 @@ pub struct Record<'a> {
 /// Charge that went through a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Moved {
-    /// What is in the cell more than before, C.
+    /// Net charge put into the cell, C.
     pub charge_c: f64,
-    /// What has gone in and out together, C: the size of the charge where there was no reversal,
-    /// more than it for a sweep's swings.
+    /// Total charge moved in both directions, C. It is the size of the net charge where there was
+    /// no reversal, and more for the swings of a sweep.
     pub through_c: f64,
 }
 
@@ -211,7 +211,7 @@ impl Modulation {
         }
     }
 
-    /// What it adds to the impedance of a base, Ω.
+    /// Change of the impedance of a base, Ω.
     pub(crate) fn change_ohm(self, erm: &Erm, freq_hz: f64) -> Complex64 {
         let series = Complex64::from((self.series - 1.0) * erm.r_ohm);
         erm.branches.iter().fold(series, |sum, b| {

@@ -1,5 +1,5 @@
-//! What a sweep sees of a branch whose resistor follows Butler–Volmer: the describing function at
-//! an amplitude, about a direct current.
+//! Impedance that a sweep measures at a branch whose resistor follows Butler–Volmer: the describing
+//! function at an amplitude, about a direct current.
 //!
 //! With y = 2βv/R the resistor conducts 2βi = exp(αy) − exp(−(1 − α)y). For y = Y + X·cos ωt the
 //! mean is exp(αY)I₀(αX) − exp(−(1 − α)Y)I₀((1 − α)X) and the part at ω that of a conductance g/R
@@ -42,7 +42,7 @@ pub(super) struct Kinetics {
 }
 
 impl Kinetics {
-    /// What the law adds to the impedance of the base's branch, Ω.
+    /// Change of the base's impedance by the law of a branch, Ω.
     pub(super) fn change_ohm(self, base: &Base, branch: usize, at: &Point) -> Complex64 {
         let Some(branch) = base.erm.branches.get(branch).filter(|_| self.beta > 0.0) else {
             return Complex64::ZERO;

@@ -130,8 +130,8 @@ struct Path {
     gamma_per_c: f64,
     start: f64,
     h: f64,
-    /// What the state of charge at the start was read too high, for it was read from a voltage that
-    /// held M·h₀.
+    /// Error of the state of charge at the start, positive where it was read too high. It was read
+    /// from a voltage that contained M·h₀.
     soc_off: f64,
     /// Slope of the open-circuit voltage there, V.
     slope_v: f64,

@@ -105,9 +105,9 @@ struct Surface {
 
 struct State {
     rung: Rung,
-    /// What it takes off the mean, as SOC.
+    /// Deviation of the surface below the mean that this rung adds, as SOC.
     x: f64,
-    /// What a step leaves of it.
+    /// Factor that one step leaves of the deviation.
     decay: f64,
 }
 

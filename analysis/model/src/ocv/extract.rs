@@ -65,9 +65,9 @@ pub struct OcvExtraction {
     pub effective_parameters: f64,
     /// The polynomial, where one was asked for.
     pub polynomial: Option<OcvPolynomial>,
-    /// What the charge says, where one was given.
+    /// Result of the charge, where one was given.
     pub charge: Option<Hysteresis>,
-    /// What a user must know.
+    /// Warnings to the user, in sentences.
     pub warnings: Vec<String>,
 }
 
@@ -106,9 +106,9 @@ pub enum ExtractError {
     Option {
         /// Which.
         option: &'static str,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: String,
-        /// What was met.
+        /// Value found.
         met: String,
     },
     /// A series that is none.

@@ -101,7 +101,7 @@ pub fn interrupted(series: &TimeSeries, drawn_c: &[f64], settle_s: f64) -> Inter
     }
 }
 
-/// What a pause from a sample on says; nothing where it or what was before it is too short.
+/// Resistance from a pause; none where the pause or the current before it is too short.
 fn pause(
     series: &TimeSeries,
     drawn_c: &[f64],

@@ -42,7 +42,7 @@ pub(super) fn smooth(points: &[(f64, f64)], intervals: usize) -> Option<Smoothed
         .min_by(|a, b| a.gcv.total_cmp(&b.gcv))?;
     let mut c = normal.rising(best.lambda)?;
     for k in 1..c.len() {
-        // What the pull leaves is below a nanovolt; the curve must not fall at all.
+        // The error that the pull leaves is below a nanovolt, but the curve must not fall at all.
         c[k] = c[k].max(c[k - 1]);
     }
     let h = 1.0 / intervals as f64;

@@ -52,7 +52,7 @@ impl ThermalMass {
     }
 }
 
-/// What holding a constant power does to a cell in the simple-IR model.
+/// State of a cell in the simple-IR model while a constant power is held.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Hold {
     /// Power at the pack's terminals, discharge positive, W.
@@ -69,7 +69,7 @@ pub struct Hold {
     pub cell_heat_j: f64,
     /// Temperature rise of a cell if no heat leaves it, K.
     pub temperature_rise_k: f64,
-    /// What the rise was computed with.
+    /// Thermal data that the rise was computed with.
     #[serde(flatten)]
     pub thermal: ThermalMass,
 }

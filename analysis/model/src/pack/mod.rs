@@ -50,9 +50,9 @@ pub enum PackError {
     /// A number that makes no sense.
     #[error("{what}: expected {expected}, met {met}")]
     Value {
-        /// What it is of.
+        /// Name of the value.
         what: &'static str,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
         /// The value met.
         met: f64,

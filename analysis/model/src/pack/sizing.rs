@@ -10,7 +10,7 @@
 use super::{Pack, PackError};
 use serde::Serialize;
 
-/// What a pack is sized from.
+/// Data that a pack is sized from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SizingInput {
     /// Size and interconnect.
@@ -41,7 +41,7 @@ pub struct OperatingPoint {
     pub heat_w: f64,
 }
 
-/// What a pack can do by the simple-IR model; JSON of `pack size`.
+/// Limits of a pack by the simple-IR model; JSON of `pack size`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Sizing {
     /// Size and interconnect.
@@ -63,8 +63,8 @@ pub struct Sizing {
     pub regen_power_w: Option<f64>,
     /// OCV²/4r: the most that any load could draw, at half the OCV, window or not, W.
     pub theoretical_maximum_w: f64,
-    /// What ends the discharge power: the lower voltage, or the theoretical maximum, which lies
-    /// above it.
+    /// Limit that ends the discharge power: the lower voltage, or the theoretical maximum, which
+    /// lies above it.
     pub peak_limited_by: Option<PeakLimit>,
     /// All of the largest discharge power.
     pub peak: Option<OperatingPoint>,
@@ -78,7 +78,7 @@ pub struct Sizing {
     pub notes: Vec<String>,
 }
 
-/// What ends the discharge power.
+/// Limit that ends the discharge power.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum PeakLimit {

@@ -1,4 +1,4 @@
-//! What holds for every effect of the catalogue.
+//! Properties that every effect of the catalogue has.
 
 use super::{
     super::{catalogue, find},
@@ -262,7 +262,7 @@ fn half_the_step_gives_the_same_voltage() {
     }
 }
 
-/// What a small sine in time shows is what a spectrum shows.
+/// A small sine in the time domain gives the impedance of the spectrum.
 #[test]
 fn time_and_frequency_agree_for_small_currents() {
     let (freq_hz, per_period, periods) = (0.5, 400, 12);

@@ -12,7 +12,7 @@ use analysis_model::{
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
-/// What lies below everything that is swept.
+/// Impedance between every swept object and the ground of the channels.
 const BELOW: Below = Below {
     r_ohm: 0.08,
     l_h: 1e-6,

@@ -57,7 +57,7 @@ pub enum ElementKind {
     Zarc,
 }
 
-/// What a parameter does to an element's impedance.
+/// Effect of a parameter on the impedance of its element.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Role {
     /// The impedance is proportional to it.
@@ -77,7 +77,7 @@ pub enum Role {
 pub struct ParameterKind {
     /// Unit as text; empty for a pure number.
     pub unit: &'static str,
-    /// What it does.
+    /// Effect of the parameter on the impedance.
     pub role: Role,
     /// Physical range (lower, upper), far wider than any cell's.
     pub bounds: (f64, f64),

@@ -24,7 +24,7 @@ const EXCERPT: usize = 30;
 #[error("{what}, character {position}: expected {expected}, met {met}\n  {excerpt}\n  \
 {caret:>column$}", position = self.index + 1, caret = '^', column = self.column)]
 pub struct ParseError {
-    /// What was read.
+    /// Kind of text that was read.
     what: &'static str,
     /// Place, in characters from 0.
     index: usize,
