@@ -42,8 +42,8 @@ pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {
     let singular = || DrtError::Singular {
         spectrum: spectrum.name.clone(),
     };
-    // What lies below the band is either slow elements of the continuum or the tail of the series
-    // elements. Both together can always be made of the continuum alone, in steps; so the two are
+    // The part below the band is either slow elements of the continuum or the tail of the series
+    // elements. The continuum alone can always imitate both together, in steps. So the two are
     // tried apart.
     let tried = [REACH, 1.0].map(|reach| {
         let design = Design::new(spectrum, noise, reach);

@@ -113,7 +113,7 @@ fn inductance_and_diffusion_are_no_peaks() {
             "{:?}",
             drt.inductance_h
         );
-        // What is left of the tail in the band is slower than the slowest real peak.
+        // The tail that remains in the band is slower than the slowest real peak.
         for peak in drt
             .peaks
             .iter()

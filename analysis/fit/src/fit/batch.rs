@@ -37,8 +37,8 @@ struct Work {
     n: usize,
     /// Re and Im of 1/(1 + jωτₖ) per frequency and branch, frequency by frequency.
     basis: Vec<[Lane; 2]>,
-    /// What the objective's touching quadratic needs at the model, per frequency: xx, xy, yy, bx,
-    /// by.
+    /// Terms of the quadratic that touches the objective at the model, per frequency: xx, xy, yy,
+    /// bx, by.
     touching: Vec<[Lane; 5]>,
     q: [[Lane; MAX_UNKNOWNS]; MAX_UNKNOWNS],
     c: [Lane; MAX_UNKNOWNS],

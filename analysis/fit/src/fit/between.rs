@@ -1,7 +1,7 @@
-//! Sigmas of a model of several cells whose points have stated covariances. These tell the noise of
-//! a sweep, while the cells differ by far more than it: every cell is fitted on its own, and the
-//! scatter of the cells' parameters is the uncertainty of their mean as the mean of all such cells.
-//! What the points of all cells have in common moves them all alike and is added.
+//! Sigmas of a model of several cells whose points have stated covariances. These covariances tell
+//! the noise of a sweep, but the cells differ by far more. Every cell is therefore fitted on its
+//! own. The scatter of the cells' parameters is the uncertainty of their mean, as the mean of all
+//! such cells. Errors that the points of all cells share move all cells alike, and are added.
 
 use nalgebra::{DMatrix, SymmetricEigen};
 

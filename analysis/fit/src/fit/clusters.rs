@@ -71,8 +71,8 @@ impl Clusters {
         self.cells().is_some() || self.count > parameters
     }
 
-    /// What a user must know of the sigmas; none where nothing is known of cells. `absolute` where
-    /// stated covariances make the sigmas.
+    /// Remark on how far the sigmas may be believed; none where the cells are not known. `absolute`
+    /// is true where stated covariances make the sigmas.
     pub(super) fn remark(&self, absolute: bool) -> Option<String> {
         let cells = self
             .cells

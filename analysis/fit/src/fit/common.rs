@@ -182,7 +182,7 @@ impl Common {
         }
     }
 
-    /// What the errors take from the Hessian of χ²: 2(DᵀWJ)ᵀG⁻¹(DᵀWJ), row by row.
+    /// Part of the Hessian of χ² that the errors remove: 2(DᵀWJ)ᵀG⁻¹(DᵀWJ), row by row.
     pub(super) fn taken_from_hessian(&self, mixed: &[f64], parameters: usize) -> Vec<f64> {
         let n = self.count();
         // Forward substitution by columns: L·Y = DᵀWJ.

@@ -1,4 +1,4 @@
-//! What the data say of the parameters at an optimum, whatever the model: one implementation for
+//! Information of the data on the parameters at an optimum, for any model: one implementation for
 //! the extended Randles model and for circuits.
 //!
 //! With weights that are inverse covariances: (JᵀWJ)⁻¹, widened by the reduced χ² where that
@@ -34,8 +34,8 @@ type Sym2 = [f64; 3];
 pub(super) struct PointShare {
     /// Norm of the weighted residual, as the objective's weight has it.
     pub(super) norm: f64,
-    /// What the noise of that norm is proportional to: |Z| for residuals in Ω, one for residuals
-    /// that are compared with it.
+    /// Size that the noise of that norm is proportional to: |Z| for residuals in Ω, one for
+    /// residuals relative to it.
     pub(super) size: f64,
     /// The weight of the squared residual.
     pub(super) weight: Sym2,
@@ -68,7 +68,7 @@ pub(super) struct Evidence<'a> {
     pub(super) clusters: &'a Clusters,
     /// Rising frequency.
     pub(super) frequencies: Vec<FrequencyShare>,
-    /// What errors that points share take from the information, row by row.
+    /// Information that errors shared by points remove, row by row.
     pub(super) shared: Option<Vec<f64>>,
 }
 

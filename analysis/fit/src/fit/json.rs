@@ -39,7 +39,7 @@ pub struct FitEntry {
     pub branches: Vec<RcBranch>,
     /// Resistance at zero frequency, Ω.
     pub dc_resistance_ohm: f64,
-    /// What was made small.
+    /// Objective that was minimised.
     pub objective_kind: Objective,
     /// Names of the spectra pooled.
     pub spectra: Vec<String>,
@@ -53,7 +53,7 @@ pub struct FitEntry {
     pub rms_ohm: f64,
     /// χ² per degree of freedom, where the data state their uncertainty.
     pub reduced_chi2: Option<f64>,
-    /// What a user must know.
+    /// Warnings to the user, in sentences.
     pub warnings: Vec<String>,
     /// Other minima that the search met, deepest first.
     #[serde(default)]
@@ -116,7 +116,7 @@ pub struct ModelFile {
     pub schema: String,
     /// 2 with additions, 1 without.
     pub schema_version: u32,
-    /// What the model is of.
+    /// Name of the cell or model.
     pub name: String,
     /// Number of RC branches.
     pub rc: usize,
@@ -145,7 +145,7 @@ pub struct ModelFile {
     /// with them.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub additions: Vec<Addition>,
-    /// What the data of the additions reach; needed with additions.
+    /// Range of the data that the additions come from; needed with additions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub facts: Option<Facts>,
 }
@@ -166,7 +166,7 @@ pub struct RefusedPoint {
     pub fitted: bool,
 }
 
-/// What a joint fit saw besides spectra, and how it fared.
+/// Data of a joint fit besides the spectra, and the quality of the fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct JointProvenance {
     /// Name of the series with the pulses.

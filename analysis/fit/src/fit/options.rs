@@ -1,4 +1,4 @@
-//! What to fit and how, checked before any work is done.
+//! Options of a fit, checked before any work is done.
 
 use analysis_signal::spectrum::Spectrum;
 use serde::{Deserialize, Serialize};
@@ -8,7 +8,7 @@ use std::str::FromStr;
 /// Most RC branches a fit may have.
 pub const MAX_RC: usize = 8;
 
-/// What the fit makes small.
+/// Objective that the fit minimises.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Objective {
@@ -106,12 +106,12 @@ impl Bounds {
     }
 }
 
-/// What to fit and how.
+/// Options of a fit of the ERM.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct FitOptions {
     /// Number of RC branches, 0…[`MAX_RC`].
     pub rc: usize,
-    /// What to make small.
+    /// Objective to minimise.
     pub objective: Objective,
     /// Where the parameters may lie.
     pub bounds: Bounds,
@@ -150,9 +150,9 @@ pub enum FitError {
         spectrum: String,
         /// Number of the point, from 1.
         index: usize,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What was met.
+        /// Value found.
         met: String,
     },
     /// More parameters than the data have numbers.

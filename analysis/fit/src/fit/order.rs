@@ -116,7 +116,7 @@ pub fn select_order(
     })
 }
 
-/// What one order says by itself.
+/// Evidence of one order by itself.
 fn row(
     means: &[Spectrum],
     options: &OrderOptions,
@@ -224,7 +224,7 @@ fn unidentified(fits: &[ErmFit]) -> Vec<String> {
         .collect()
 }
 
-/// What orders say against each other.
+/// Adds the comparison of each order with the one below.
 fn compare(rows: &mut [OrderRow], squares: &[Vec<f64>]) {
     for k in 0..rows.len() {
         let mean = |v: &[f64]| v.iter().sum::<f64>() / v.len() as f64;

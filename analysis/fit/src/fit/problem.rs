@@ -39,7 +39,7 @@ pub(crate) struct Group {
     pub(crate) scatter_abs: f64,
 }
 
-/// What is minimised: data, objective, smoothing.
+/// Function to minimise: data, objective, smoothing.
 #[derive(Debug, Clone)]
 pub(crate) struct Problem {
     pub(crate) groups: Vec<Group>,

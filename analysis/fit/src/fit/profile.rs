@@ -25,7 +25,7 @@ const FIRST_STEP: f64 = 0.4;
 /// Pull on the DC resistance: Δχ² that being off by a whole step costs.
 const PULL: f64 = 50.0;
 
-/// What is held.
+/// Quantity that is held fixed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Held {
     Parameter(usize),
@@ -63,7 +63,7 @@ pub struct Profile {
 }
 
 impl Profile {
-    /// What a user must know of the interval, with the numbers; none where it is bounded on both
+    /// Warning to the user with the numbers of the interval; none where it is bounded on both
     /// sides.
     pub fn warning(&self) -> Option<String> {
         let Interval { low, high } = self.interval_95;
@@ -260,7 +260,7 @@ impl<'a> Walk<'a> {
         }
     }
 
-    /// What the rise of the objective is divided by to make it Δχ².
+    /// Divisor that turns the rise of the objective into Δχ².
     fn noise_of(&self, held: Held, fit: &ErmFit) -> f64 {
         let (_, Some(sigma)) = self.start(held, fit) else {
             return self.noise;

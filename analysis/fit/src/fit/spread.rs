@@ -38,7 +38,7 @@ pub struct ParameterSpread {
     pub rc: usize,
     /// One entry per parameter, and the DC resistance.
     pub quantities: Vec<QuantitySpread>,
-    /// What must not be read into them; none when all are identified.
+    /// Warning on quantities that are not identified; none when all are.
     pub warning: Option<String>,
 }
 
@@ -165,8 +165,8 @@ fn quantity(fits: &[Vec<ErmFit>], i: usize, dc: usize, name: String) -> Option<Q
             .map(|g| g.iter().map(value).collect())
             .collect::<Vec<_>>(),
     )?;
-    // What a single fit states may be too good where its minimum is flat: the repeats have a say as
-    // well.
+    // The uncertainty that a single fit states may be too small where its minimum is flat. The
+    // repeats are therefore checked as well.
     let repeats = spread
         .within
         .is_none_or(|within| within <= UNIDENTIFIED * spread.mean);

@@ -100,7 +100,7 @@ impl ChargeStorage {
     }
 }
 
-/// What the fit says of the slope; none where no share was taken out of the spectra.
+/// Slope that the fit finds; none where no charge storage was subtracted from the spectra.
 pub(super) fn charge_storage(
     problem: &Problem,
     spectra: &[Spectrum],

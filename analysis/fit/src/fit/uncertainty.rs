@@ -175,8 +175,8 @@ pub(super) fn own_noise(problem: &Problem, x: &[f64], of: (f64, &Clusters)) -> O
     covariance(problem, x, &(0..x.len()).collect::<Vec<usize>>(), of, None)
 }
 
-/// What common errors take from the information on the free parameters, row by row; none without
-/// them.
+/// Information on the free parameters that common errors remove, row by row; none without common
+/// errors.
 fn taken(problem: &Problem, x: &[f64], free: &[usize]) -> Option<Vec<f64>> {
     let (common, n) = (problem.common.as_ref()?, x.len());
     let all = common.taken_from_hessian(&problem.mixed(x), n);

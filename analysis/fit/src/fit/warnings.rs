@@ -1,4 +1,4 @@
-//! What a user of a fitted model must know, in sentences.
+//! Warnings to the user of a fitted model, in sentences.
 
 use super::options::Objective;
 use super::problem::Problem;

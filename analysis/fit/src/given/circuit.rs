@@ -8,7 +8,7 @@ use analysis_model::model::Circuit;
 use serde::Deserialize;
 use serde_json::Value;
 
-/// What is read of a [`crate::fit::CircuitFit`].
+/// Fields that are read of a [`crate::fit::CircuitFit`].
 #[derive(Debug, Deserialize)]
 struct Entry {
     circuit: String,

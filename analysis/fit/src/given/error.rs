@@ -29,7 +29,7 @@ pub enum LadderError {
         name: String,
         /// Its unit.
         unit: &'static str,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
         /// The value met.
         met: f64,

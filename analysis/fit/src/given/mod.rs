@@ -36,7 +36,7 @@ pub struct GivenModel {
     pub warnings: Vec<String>,
     /// Effects that a diagnosis has added.
     pub additions: Vec<Addition>,
-    /// What the data of the additions reach.
+    /// Range of the data that the additions come from.
     pub facts: Option<Facts>,
     /// How the model follows the circuit that it was made of.
     pub ladder: Option<Ladder>,
@@ -159,8 +159,8 @@ impl GivenModel {
         (!grows).then(|| self.erm.dc_resistance_ohm())
     }
 
-    /// What the source does not tell, in sentences; empty for a model file, which has warnings of
-    /// its own.
+    /// Notes on data that the source lacks, in sentences; empty for a model file, which has
+    /// warnings of its own.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = self
             .ladder

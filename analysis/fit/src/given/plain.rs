@@ -15,7 +15,7 @@ use serde::{Deserialize, Serialize};
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PlainModel {
-    /// What the model is of.
+    /// Name of the cell or model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub name: Option<String>,
     /// Series resistance, Ω, above zero.
@@ -28,7 +28,7 @@ pub struct PlainModel {
     /// Covariance of ln R, ln R1, ln C1, …, row by row.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_covariance: Option<Vec<Vec<f64>>>,
-    /// What a user of the model must know, in sentences.
+    /// Warnings to the user of the model, in sentences.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub warnings: Vec<String>,
     /// The circuit that the model follows, and how well.
@@ -37,7 +37,7 @@ pub struct PlainModel {
     /// Effects that a diagnosis has added.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub additions: Vec<Addition>,
-    /// What the data of the additions reach; needed with additions.
+    /// Range of the data that the additions come from; needed with additions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub facts: Option<Facts>,
 }

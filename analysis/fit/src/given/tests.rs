@@ -1,4 +1,4 @@
-//! What is read of files of every kind.
+//! Reading of model files of every kind.
 
 use super::*;
 use analysis_model::model::RcBranch;
@@ -142,7 +142,7 @@ fn a_circuit_of_rc_carries_its_uncertainty_and_a_ladder_says_that_it_has_none() 
         "{:?}",
         ladder.notes()
     );
-    // What is written is read again, with the ladder's error.
+    // The written text is read back, with the error of the ladder.
     assert_eq!(read(&ladder.to_json().unwrap()), ladder);
 }
 

@@ -14,7 +14,7 @@ use std::f64::consts::TAU;
 /// Times for which the resistance to a step is stated, s.
 pub(super) const STATED_S: [f64; 2] = [10.0, 60.0];
 
-/// What is fitted.
+/// Data of a joint fit.
 #[derive(Debug, Clone, Copy)]
 pub struct JointInput<'a> {
     /// The mean spectrum.
@@ -117,7 +117,7 @@ pub struct JointFit {
     /// constant, which are one.
     #[serde(default)]
     pub not_borne: Vec<String>,
-    /// What a user must know.
+    /// Warnings to the user, in sentences.
     pub warnings: Vec<String>,
 }
 

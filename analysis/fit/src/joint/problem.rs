@@ -13,7 +13,7 @@ use analysis_numeric::Smooth;
 /// Mean and standard deviation of an edge of which nothing is known but the two samples around it.
 pub(super) const EDGE: (f64, f64) = (0.5, 0.288_675_134_594_812_9);
 
-/// What is made small: χ² of spectra and pulses, and of the priors.
+/// Likelihood to minimise: χ² of spectra and pulses, and of the priors.
 pub(super) struct Likelihood<'a> {
     pub(super) spectrum: &'a PooledSpectrum,
     /// Cholesky factor of the covariance of its points.

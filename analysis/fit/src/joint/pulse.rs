@@ -3,7 +3,7 @@
 use analysis_signal::series::TimeSeries;
 use std::ops::Range;
 
-/// What counts as a pulse.
+/// Conditions for a pulse.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PulseOptions {
     /// Smallest step of the current from sample to sample, A; none for a tenth of the largest

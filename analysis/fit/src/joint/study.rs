@@ -21,7 +21,7 @@ pub const TIMES_S: [f64; 3] = [0.2, 2.4, 10.0];
 /// Highest order tried when the order is to be found.
 const HIGHEST: usize = 6;
 
-/// What is studied.
+/// Data of the study.
 #[derive(Debug, Clone, Copy)]
 pub struct StudyInput<'a> {
     /// Sweeps of cells without bias.
@@ -47,7 +47,7 @@ pub struct StudyOptions {
     pub fit: JointOptions,
 }
 
-/// What a pulse was used for.
+/// Use of a pulse.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Role {
@@ -73,7 +73,7 @@ pub struct OrderResult {
 /// One pulse under both models.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct PulseResult {
-    /// What it was used for.
+    /// Use of the pulse.
     pub role: Role,
     /// From its first edge to its second, s.
     pub length_s: f64,
@@ -106,7 +106,7 @@ pub struct Study {
     pub spectra_basis: String,
     /// Standard deviation of one voltage sample, and of the mean of any number of them, V.
     pub noise_v: (f64, f64),
-    /// What a user must know.
+    /// Warnings to the user, in sentences.
     pub warnings: Vec<String>,
 }
 

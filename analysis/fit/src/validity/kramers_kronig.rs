@@ -67,7 +67,7 @@ impl KkPoint {
     }
 }
 
-/// What the test amounts to.
+/// Outcome of the test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum KkOutcome {
@@ -102,11 +102,11 @@ pub struct KramersKronig {
     pub noise: NoiseSource,
     /// Standard deviation of the noise, % of |Z| (median over the points).
     pub noise_percent: f64,
-    /// What it amounts to.
+    /// Outcome of the test.
     pub outcome: KkOutcome,
     /// The points, by rising frequency.
     pub points: Vec<KkPoint>,
-    /// What the ladder makes of each point, Ω.
+    /// Impedance of the fitted ladder at each point, Ω.
     #[serde(skip)]
     pub fitted_ohm: Vec<Complex64>,
     /// The ladder that made it: of all but single bad points.

@@ -12,7 +12,8 @@ use num_complex::Complex64;
 /// Series elements before the RC ladder: R, L, C.
 pub(super) const SERIES: usize = 3;
 
-/// What turns a point's impedance into two numbers of variance one: the rows a·Re and b·Re + c·Im.
+/// Whitening of a point: turns its impedance into two numbers of variance one, a·Re and b·Re +
+/// c·Im.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Whitening {
     pub(crate) a: f64,
@@ -181,7 +182,7 @@ impl Ladder {
     fn finish(&mut self, index: usize) {
         let column = &mut self.q[index * self.rows..(index + 1) * self.rows];
         let left = dot(column, column);
-        // What the columns before can make already adds nothing but rounding.
+        // A column that the columns before can make already adds nothing but rounding.
         let norm = if left > DEPENDENT * self.sizes[index] {
             left.sqrt()
         } else {

@@ -1,4 +1,4 @@
-//! What the sign of the imaginary part says of a spectrum, in words that `kk` and the fits share.
+//! Judges the sign of the imaginary part of a spectrum, in words that `kk` and the fits share.
 
 use super::kramers_kronig::{FEWEST_POINTS, KkOutcome, kramers_kronig};
 use super::noise::Noise;
@@ -66,8 +66,8 @@ fn of(spectrum: &Spectrum, spectra: usize, words: &str) -> String {
     }
 }
 
-/// What a fit of resistances and capacitances must know of its spectra: an imaginary part of the
-/// wrong sign, an inductive end of the band.
+/// Remarks on spectra for a fit of resistances and capacitances: an imaginary part of the wrong
+/// sign, an inductive end of the band.
 pub fn sign_remarks(spectra: &[Spectrum]) -> Vec<String> {
     const ADVICE: &str = "which resistances and capacitances cannot follow: fit below, with \
     --to-hz, or a circuit with L";

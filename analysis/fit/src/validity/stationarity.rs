@@ -19,7 +19,7 @@ pub struct StationarityPoint {
     /// Standard deviation that the spectra state or show within themselves, %; none where it was
     /// taken from the repeats.
     pub noise_percent: Option<f64>,
-    /// What the scatter has beyond the noise, %; zero if nothing.
+    /// Scatter beyond the noise, %; zero if there is none.
     pub excess_percent: Option<f64>,
     /// Probability of such a scatter by noise alone, corrected for the number of frequencies.
     pub p_scatter: Option<f64>,
@@ -55,7 +55,7 @@ impl StationarityPoint {
     }
 }
 
-/// What there is at one frequency before anything is judged: relative deviations from the mean.
+/// Data of one frequency before the judgement: relative deviations from the mean.
 struct Column {
     deviations: Vec<Complex64>,
     /// Variance of a part that noise explains, relative to |Z|².
@@ -165,7 +165,7 @@ pub struct Drift {
     pub shape: DriftShape,
 }
 
-/// What a fit left of a drift.
+/// Shape of the drift that a fit left.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DriftShape {

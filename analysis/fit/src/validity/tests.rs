@@ -6,7 +6,7 @@ use analysis_signal::spectrum::ImpedancePoint;
 use num_complex::Complex64;
 use std::f64::consts::{PI, TAU};
 
-/// What is wrong with a spectrum, as the number of the point and its impedance go in.
+/// Fault of a spectrum, as a function of the number of the point and its impedance.
 type Fault = fn(usize, Complex64) -> Complex64;
 
 const NONE: Fault = |_, z| z;
@@ -459,7 +459,7 @@ fn of_a_hundred_sweeps_of_noise_one_has_a_harmonic_however_many_points_it_has() 
             "{points} points: {found} of 3000"
         );
     }
-    // What is no noise is found among many that are.
+    // A true harmonic is found among many that are noise.
     let mut records: Vec<Record> = (0..40)
         .map(|k| Record {
             freq_hz: f64::from(k),

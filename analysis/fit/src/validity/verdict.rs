@@ -1,4 +1,4 @@
-//! What the tests say together, in words: one verdict per point, one per spectrum.
+//! Verdict of all tests together, in words: one per point, one per spectrum.
 
 use super::kramers_kronig::{KkOutcome, KkPoint, KramersKronig};
 use super::linearity::Linearity;
@@ -78,7 +78,7 @@ pub struct SpectrumVerdict {
     pub points: Vec<PointVerdict>,
 }
 
-/// What the tests found of one spectrum.
+/// Results of the tests of one spectrum.
 pub(super) struct Findings<'a> {
     pub(super) kk: &'a KramersKronig,
     pub(super) z_hit: &'a ZHit,
@@ -189,7 +189,7 @@ fn point(findings: &Findings<'_>, harmonics: &[Vec<bool>], k: usize) -> PointVer
     verdict
 }
 
-/// What a residual of so many % of |Z| amounts to at most.
+/// Grade of a residual of `percent` % of |Z|; no test makes it worse.
 fn by_size(kk: &KramersKronig, percent: f64) -> Grade {
     let (doubtful, bad) = if kk.noise == NoiseSource::Stated {
         KK_STATED_PERCENT
@@ -205,7 +205,7 @@ fn by_size(kk: &KramersKronig, percent: f64) -> Grade {
     }
 }
 
-/// What the largest residual over the band amounts to at most.
+/// Grade of the largest residual over the band; no test makes it worse.
 fn by_worst(kk: &KramersKronig) -> Grade {
     by_size(kk, kk.worst().map_or(0.0, KkPoint::percent))
 }

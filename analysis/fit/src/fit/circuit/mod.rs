@@ -33,7 +33,7 @@ use uncertainty::Uncertainty;
 /// exponent, a difference.
 const NEAR_BOUND: f64 = 1e-6;
 
-/// What became of a parameter.
+/// State of a parameter after the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum State {
@@ -62,7 +62,7 @@ pub struct CircuitFit {
     pub sigmas: Vec<Option<f64>>,
     /// Units; empty for a pure number.
     pub units: Vec<String>,
-    /// What became of each.
+    /// State of each parameter.
     pub states: Vec<State>,
     /// Bounds each was kept in.
     pub bounds: Vec<(f64, f64)>,
@@ -70,9 +70,9 @@ pub struct CircuitFit {
     pub covariance: Vec<Vec<Option<f64>>>,
     /// Value of the objective.
     pub objective: f64,
-    /// What was made small.
+    /// Objective that was minimised.
     pub objective_kind: Objective,
-    /// What residuals were compared with.
+    /// Weight of the residuals that was used.
     pub weight: Weight,
     /// Numbers minus fitted parameters.
     pub degrees_of_freedom: usize,
@@ -101,7 +101,7 @@ pub struct CircuitFit {
     pub starts_at_optimum: usize,
     /// Seed of the starts.
     pub seed: u64,
-    /// What a user of the model must know, in sentences; empty when there is nothing.
+    /// Warnings to the user of the model, in sentences; empty when there are none.
     pub warnings: Vec<String>,
 }
 

@@ -8,7 +8,7 @@ use std::str::FromStr;
 /// Most starts a fit may have.
 pub const MAX_STARTS: usize = 100_000;
 
-/// What a residual is compared with.
+/// Weight of a residual.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Weight {
@@ -77,10 +77,10 @@ impl FromStr for Search {
 /// How to fit a circuit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CircuitOptions {
-    /// What to make small.
+    /// Objective to minimise.
     pub objective: Objective,
-    /// What residuals are compared with. None: for `complex` the covariance where every point has
-    /// one, else the modulus; for the others unit, so that they are the sums of the ERM's fit.
+    /// Weight of the residuals. None: for `complex` the covariance where every point has one, else
+    /// the modulus; for the others unit, so that they are the sums of the ERM's fit.
     pub weight: Option<Weight>,
     /// Start values as (index of the parameter, value); the others are drawn.
     pub guess: Vec<(usize, f64)>,

@@ -49,8 +49,8 @@ fn same_shape(a: &Node, b: &Node) -> bool {
     }
 }
 
-/// What a block is sorted by: RC, (RQ)^(1/α), L/R, or its own τ; a block without any is sorted by
-/// its level. In s, but for the last.
+/// Sort key of a block: RC, (RQ)^(1/α), L/R, or its own τ, in s. A block without any of them is
+/// sorted by its level.
 fn time_constant_s(block: &Node, parameters: &[f64]) -> f64 {
     let (mut time, mut resistance, mut storage, mut level) = (None, None, None, None);
     block.visit(&mut |element| {

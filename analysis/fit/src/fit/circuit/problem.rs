@@ -87,8 +87,8 @@ impl Problem<'_> {
         model.iter().enumerate().map(of).collect()
     }
 
-    /// What common errors take from the Hessian over the free variables, row by row; none without
-    /// them.
+    /// Part of the Hessian over the free variables that common errors remove, row by row; none
+    /// without common errors.
     pub(super) fn taken(&self, x: &[f64]) -> Option<Vec<f64>> {
         let common = self.data.common.as_ref()?;
         let mut mixed = vec![0.0; common.count() * x.len()];

@@ -19,7 +19,7 @@ const LOWEST_EXPONENT: f64 = 0.5;
 /// The shares within a block differ by up to this many decades up and down.
 const SPREAD_DECADES: f64 = 1.0;
 
-/// What the data tell before any fit.
+/// Ranges that the data show before any fit.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ranges {
     /// Angular frequencies of the band, rad/s.

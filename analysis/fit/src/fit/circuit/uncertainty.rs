@@ -145,7 +145,7 @@ fn hessian(problem: &Problem, x: &[f64], (variables, corner): (&[usize], f64)) -
         .collect()
 }
 
-/// What common errors take from the information on the variables, row by row; none without them.
+/// Information on the variables that common errors remove, row by row; none without common errors.
 fn taken(problem: &Problem, x: &[f64], variables: &[usize]) -> Option<Vec<f64>> {
     let (all, n) = (problem.taken(x)?, x.len());
     Some(

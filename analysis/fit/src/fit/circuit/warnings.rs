@@ -1,4 +1,4 @@
-//! What a user of a fitted circuit must know, in sentences.
+//! Warnings to the user of a fitted circuit, in sentences.
 
 use super::data::Data;
 use super::options::Weight;

@@ -94,7 +94,7 @@ fn additions_are_read_back_with_their_provenance() {
         (0.008, [1e-3, 20.0].as_slice())
     );
     assert_eq!(cell.left_out(), ["gain error of the current channel"]);
-    // What the first fit knew is of another base.
+    // The uncertainties of the first fit belong to another base.
     assert!(
         back.fit.log_covariance.is_none() && back.fit.sigma.r_ohm.is_none() && back.pack.is_none()
     );

@@ -1,4 +1,4 @@
-//! What is not fitted, with the words of the refusal; and the files.
+//! Refusals of the fit and their messages, and the files.
 
 use super::exact;
 use crate::fit::{

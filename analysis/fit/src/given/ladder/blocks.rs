@@ -9,7 +9,7 @@ const PER_DECADE: f64 = 8.0;
 /// Branches in parallel that all block are compared so far below the band.
 const BELOW: f64 = 1e-2;
 
-/// What a block does to a direct current.
+/// Behaviour of a block under a direct current.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub(super) struct Blocking {
     /// It ends as a capacitance.
@@ -197,9 +197,9 @@ fn together(parts: impl Iterator<Item = Blocking>) -> Blocking {
     })
 }
 
-/// What a node does to a direct current. Of parallel branches that all block, the one with the
-/// largest admittance at `omega` tells: a CPE beside a finite diffusion would win only at
-/// frequencies that no cell lives to see.
+/// Behaviour of a node under a direct current. Of parallel branches that all block, the one with
+/// the largest admittance at `omega` decides. A CPE beside a finite diffusion would win only at
+/// frequencies far below any that matter for a cell.
 fn blocking(node: &Node, p: &[f64], omega: f64) -> Blocking {
     let (stores, grows) = (
         Blocking {

@@ -279,7 +279,7 @@ fn check_values(circuit: &Circuit, values: &[f64]) -> Result<(), LadderError> {
 }
 
 impl Ladder {
-    /// What a user of the ERM must know, in sentences.
+    /// Warnings to the user of the ERM, in sentences.
     pub fn notes(&self, erm: &Erm) -> Vec<String> {
         let mut notes = vec![self.error_note(erm)];
         for l in &self.left_out {
@@ -325,7 +325,7 @@ impl Ladder {
         notes
     }
 
-    /// What of the DC resistance is slower than the slowest point of the data shows.
+    /// Note on the part of the DC resistance that is slower than the slowest point of the data.
     fn slow_note(&self, erm: &Erm) -> Option<String> {
         let slowest_s = 1.0 / (TAU * self.data_band_hz?.0);
         let slow_ohm: f64 = erm

@@ -61,7 +61,7 @@ impl Problem<'_> {
         if !self.stores {
             return Some(self.judged(polish(&rows, &plain)));
         }
-        // What the capacitance makes of |Z| must not hide the error of the rest.
+        // The capacitance's part of |Z| must not hide the error of the rest.
         let rows = self.rows(plain.elastance_per_f);
         Some(self.judged(polish(&rows, &self.solve(&rows, &tau_s)?)))
     }

@@ -1,4 +1,4 @@
-//! What is refused, and with which words.
+//! Refusals of the circuit fit, and their messages.
 
 use super::{frequencies, noisy, parse, untold};
 use crate::fit::{
