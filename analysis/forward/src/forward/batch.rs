@@ -39,7 +39,7 @@ pub struct BatchCell<'a> {
 /// How a batch is run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BatchOptions {
-    /// What is done about power that cannot be had; [`Beyond::Stop`] goes on as [`Beyond::Clamp`]
+    /// Treatment of power that cannot be delivered. [`Beyond::Stop`] goes on as [`Beyond::Clamp`]
     /// and says when it would have stopped.
     pub beyond: Beyond,
     /// Longest step, s; infinite for the rows of the profile.
@@ -55,7 +55,7 @@ impl Default for BatchOptions {
     }
 }
 
-/// What became of one cell. Extremes are those at both ends of every step.
+/// Result of one cell. Extremes are those at both ends of every step.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct BatchOutcome {
     /// Lowest voltage at the terminals, V.

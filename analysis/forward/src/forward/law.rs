@@ -1,5 +1,5 @@
-//! What current flows at this instant: the algebraic half of the model (thesis equations 4.1–4.6
-//! and section 4.2).
+//! Current at an instant: the algebraic half of the model (thesis equations 4.1–4.6 and
+//! section 4.2).
 //!
 //! Behind the series resistance R stands E = OCV − Σvₖ, which cannot jump. A current i leaves CCV =
 //! E − R·i. A power P = CCV·i has the root CCV = (E + √(E² − 4PR))/2, real up to P* = E²/4R. Beyond
@@ -13,7 +13,7 @@
 
 use serde::{Deserialize, Serialize};
 
-/// What is prescribed over time.
+/// Quantity that is prescribed over time.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Demand {
@@ -25,7 +25,7 @@ pub enum Demand {
     Resistance,
 }
 
-/// What is done about a power that cannot be had.
+/// Treatment of a power that cannot be delivered.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Beyond {
     /// The simulation ends there.

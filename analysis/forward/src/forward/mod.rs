@@ -1,4 +1,4 @@
-//! What a cell or a pack does under a load: voltage, state of charge and heat over time (thesis
+//! Simulates a cell or a pack under a load: voltage, state of charge and heat over time (thesis
 //! chapter 4).
 //!
 //! In reading order: [`SimModel`] is an ERM with its open-circuit voltage, as a cell or as a pack;

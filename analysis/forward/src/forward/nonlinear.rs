@@ -7,7 +7,7 @@ use analysis_effects::{
 };
 use analysis_model::model::Erm;
 
-/// What a model has besides an ERM.
+/// Laws of a model beyond the ERM.
 #[derive(Debug, PartialEq)]
 pub(crate) struct Laws {
     pub(super) cell: Augmented,

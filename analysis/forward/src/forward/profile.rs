@@ -1,9 +1,9 @@
-//! What is asked of a cell or a pack over time.
+//! Demand on a cell or a pack over time.
 
 use super::law::Demand;
 use serde::Serialize;
 
-/// What happens between two rows of a profile.
+/// Interpolation between two rows of a profile.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Interpolation {
@@ -21,7 +21,7 @@ pub struct Profile {
     pub name: String,
     /// Kind of the values.
     pub demand: Demand,
-    /// What happens between the rows.
+    /// Interpolation between the rows.
     pub interpolation: Interpolation,
     /// Times, s, rising.
     pub time_s: Vec<f64>,
@@ -62,9 +62,9 @@ pub enum ProfileError {
         name: String,
         /// The row.
         row: usize,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What was met.
+        /// Value found.
         met: f64,
     },
 }

@@ -39,7 +39,7 @@ impl ScaleOptions {
     }
 }
 
-/// What ends the growth of a factor.
+/// Limit that ends the growth of a factor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ScaleBound {
@@ -58,7 +58,7 @@ pub enum ScaleBound {
 pub struct ScaleLimit {
     /// Largest factor of the demand; 0 where the cell is outside the window at rest already.
     pub factor: f64,
-    /// What bounds it.
+    /// Limit that bounds it.
     pub bound: ScaleBound,
 }
 
@@ -142,7 +142,7 @@ fn broken(outcome: &BatchOutcome, window: CellWindow) -> Option<ScaleBound> {
     (window.margin_low_v(outcome.min_cell_v) < 0.0).then_some(ScaleBound::LowerVoltage)
 }
 
-/// What breaks first in one simulation of its own.
+/// First limit that breaks in one simulation of its own.
 fn alone(
     (model, state): (&SimModel, &SimState),
     profile: &Profile,

@@ -18,7 +18,7 @@ use nalgebra::{DMatrix, DVector};
 pub struct StepOptions {
     /// Kind of the demand, held over the step.
     pub demand: Demand,
-    /// What is done about power that cannot be had; [`Beyond::Stop`] here is [`Beyond::Clamp`].
+    /// Treatment of power that cannot be delivered; [`Beyond::Stop`] here is [`Beyond::Clamp`].
     pub beyond: Beyond,
     /// Length of the step, s.
     pub step_s: f64,
@@ -289,7 +289,7 @@ fn row(
     })
 }
 
-/// What an instant looks like, and how that varies.
+/// Voltage and current of an instant, with their derivatives.
 struct Look {
     ccv_v: f64,
     current_a: f64,

@@ -155,7 +155,7 @@ struct Run<'a> {
     level: usize,
 }
 
-/// What came of an attempt of one step and of two halves.
+/// Result of an attempt of one step and of two halves.
 struct Attempt {
     middle: SimState,
     end: SimState,

@@ -10,7 +10,7 @@
 use super::law::{Drive, Reply};
 use super::model::{SimModel, SimState};
 
-/// What a step of one length does to each branch.
+/// Action of one step length on each branch.
 #[derive(Debug, Clone)]
 pub(super) struct Coefficients {
     pub(super) step_s: f64,

@@ -1,4 +1,4 @@
-//! What a simulation leaves: its trace over time and the figures of the whole run.
+//! Results of a simulation: its trace over time and the figures of the whole run.
 
 use super::law::Beyond;
 use super::limits::CellWindow;

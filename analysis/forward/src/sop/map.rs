@@ -31,7 +31,7 @@ pub struct SopEntry {
     pub discharge_cell_a: f64,
     /// Largest current of a cell under that charge, A, without sign.
     pub charge_cell_a: f64,
-    /// What ends the discharge and the charge.
+    /// Limits that end the discharge and the charge.
     pub limited_by: Limits,
     /// The same by the simple-IR model (DC resistance from the first instant, SOC at rest), W.
     pub simple_ir_discharge_w: f64,
@@ -39,7 +39,7 @@ pub struct SopEntry {
     pub simple_ir_charge_w: f64,
 }
 
-/// What ends the power in each direction.
+/// Limit that ends the power, per direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Limits {
     /// Of the discharge.

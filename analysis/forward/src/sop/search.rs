@@ -28,7 +28,7 @@ impl CurrentLimits {
     };
 }
 
-/// What must be kept, and how closely the limit is sought.
+/// Limits that must hold, and the accuracy of the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SopOptions {
     /// Limits of a cell's voltage.
@@ -49,7 +49,7 @@ impl Default for SopOptions {
     }
 }
 
-/// What ends the power.
+/// Limit that ends the power.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LimitedBy {
@@ -72,12 +72,12 @@ pub struct Limit {
     pub power_w: f64,
     /// Largest current of a cell under it, A, without sign.
     pub cell_a: f64,
-    /// What ends it.
+    /// Limit that ends it.
     pub limited_by: LimitedBy,
 }
 
-/// What one simulation says: the smallest distance to a limit, as a fraction, and which limit.
-/// Negative where it is broken.
+/// Result of one simulation: the smallest distance to a limit as a fraction, and that limit. The
+/// distance is negative where the limit is broken.
 #[derive(Debug, Clone, Copy)]
 struct Verdict {
     margin: f64,

@@ -44,7 +44,7 @@ struct Look {
     demand: f64,
     cell: Instant,
     factor: Modulation,
-    /// What the additions add to the voltage of a cell, V.
+    /// Voltage that the additions add to the voltage of a cell, V.
     additions_v: f64,
     /// Heat of one cell, W.
     heat_w: f64,
@@ -198,7 +198,7 @@ impl<'a> Run<'a> {
             .for_each(|d| d.advance(&before.cell, 0.5 * step_s));
         let start = self.look((before.point.time_s, before.demand))?;
         let (soc, v, i0) = (self.soc, self.v.clone(), start.cell.current_a);
-        // What the first half of the additions has changed the second will change again.
+        // The second half of the additions changes again what the first half has changed.
         let (f0, drift) = (
             before.factor.branches,
             start.factor.branches - before.factor.branches,
@@ -249,8 +249,8 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// What the law answers at a time (s) under a demand, with the additions as they are. The heat
-    /// is left to [`Self::seen`].
+    /// Answer of the law at a time (s) under a demand, with the additions as they are. The heat is
+    /// left to [`Self::seen`].
     fn look(&self, (time_s, demand): (f64, f64)) -> Result<Look, ForwardError> {
         let pack = &self.model.pack;
         let (series, parallel) = (f64::from(pack.series), f64::from(pack.parallel));

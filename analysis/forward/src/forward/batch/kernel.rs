@@ -128,7 +128,7 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
         let (root, inverse) = (square.sqrt(), 1.0 / square);
         let current = (e - root) * lanes.half[l];
         let open = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * current);
-        // What waits longest is added last: the branches, and after them the root.
+        // The values that are ready last are added last: the branches, and after them the root.
         let d = ((open - (e + g.held_share[l] * e)) - kept(now, g, l)) + g.held_share[l] * root;
         let (moved, more_asked) = change((e, d), lanes.asked[l] * (to - from), inverse);
         let x = moved - more_asked;
@@ -162,7 +162,7 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
 /// is 5/128·x⁴ < 3·10⁻⁹ of the root, far less than what a step of this size misses.
 const FAR: f64 = 1.0 / 64.0;
 
-/// What is known of a step before its last current.
+/// State of a step before its last current is known.
 #[derive(Clone, Copy)]
 struct Begin<const W: usize> {
     /// √(E² − 4PR) at the start, V.
@@ -250,7 +250,7 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
     left
 }
 
-/// What the branches keep of their voltages over the step.
+/// Sum of the branch voltages that remains at the end of the step, V.
 #[inline(always)]
 fn kept<const W: usize, const N: usize>(now: &Now<W, N>, g: &LaneGains<W, N>, l: usize) -> f64 {
     // Two sums, so that half as many wait for each other.

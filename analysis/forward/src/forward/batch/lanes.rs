@@ -10,7 +10,7 @@ use analysis_model::ocv::OcvCurve;
 /// One number per cell.
 pub(super) type Row<const W: usize> = [f64; W];
 
-/// What one length of step does to each cell.
+/// Action of one step length on each cell.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct LaneGains<const W: usize, const N: usize> {
     pub(super) decay: [Row<W>; N],
@@ -60,7 +60,7 @@ pub(super) struct Lanes<'a, const W: usize, const N: usize> {
     pub(super) gains: Vec<LaneGains<W, N>>,
 }
 
-/// What changes with every step.
+/// State that changes with every step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Now<const W: usize, const N: usize> {
     pub(super) v: [Row<W>; N],
@@ -70,7 +70,7 @@ pub(super) struct Now<const W: usize, const N: usize> {
     pub(super) tally: Tally<W>,
 }
 
-/// What is kept of the run.
+/// Extremes and sums that are kept of the run.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Tally<const W: usize> {
     pub(super) min_ccv: Row<W>,

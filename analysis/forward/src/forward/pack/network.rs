@@ -20,7 +20,7 @@ pub(super) struct Cell {
     pub(super) soc: f64,
 }
 
-/// What the cells are wired with.
+/// Wiring between the cells.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Wiring {
     pub(super) parallel: usize,

@@ -79,7 +79,7 @@ impl Spread {
     }
 }
 
-/// What is simulated.
+/// Input of the simulation of many packs.
 #[derive(Debug, Clone, Copy)]
 pub struct ScatterSetup<'a> {
     /// The cell that all others are factors of.
@@ -368,7 +368,7 @@ struct Instant {
     highest_v: f64,
 }
 
-/// What is kept of a run.
+/// Record of the extremes of a run.
 struct Watch {
     outcome: Outcome,
     largest_mean_a: f64,

@@ -1,8 +1,8 @@
-//! What one pack did, and percentiles over many.
+//! Result of one pack, and percentiles over many.
 
 use serde::Serialize;
 
-/// What happened to one pack.
+/// Result of one pack.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Outcome {
     /// Lowest voltage of any cell, V.
