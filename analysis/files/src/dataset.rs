@@ -39,7 +39,7 @@ pub struct ColumnSpec {
     pub name: &'static str,
     /// Unit; `1` for a pure number.
     pub unit: &'static str,
-    /// What it holds.
+    /// Contents of the column, in words.
     pub doc: &'static str,
 }
 
@@ -229,7 +229,7 @@ pub enum DatasetError {
     Io {
         /// The file.
         path: PathBuf,
-        /// What was tried.
+        /// Action that failed, in words.
         action: &'static str,
         /// The file system's answer.
         #[source]
@@ -240,9 +240,9 @@ pub enum DatasetError {
     Parquet {
         /// The file.
         path: PathBuf,
-        /// What was tried.
+        /// Action that failed, in words.
         action: &'static str,
-        /// What the library says.
+        /// Error of the library.
         #[source]
         source: polars::prelude::PolarsError,
     },
@@ -253,9 +253,9 @@ pub enum DatasetError {
         path: PathBuf,
         /// The column.
         column: String,
-        /// What it should be.
+        /// Allowed values, in words.
         expected: String,
-        /// What it is.
+        /// Value found.
         found: String,
     },
     /// The bytes are not those that were written.
@@ -276,9 +276,9 @@ pub enum DatasetError {
         path: PathBuf,
         /// The key.
         key: String,
-        /// What it should be.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What it is.
+        /// Value found.
         found: String,
     },
     /// The first line of a CSV file is not the header of its kind.
@@ -300,9 +300,9 @@ pub enum DatasetError {
         line: usize,
         /// The column.
         column: String,
-        /// What it should be.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What it is.
+        /// Value found.
         found: String,
     },
 }

@@ -152,7 +152,7 @@ impl Frame<'_> {
         };
         let share = (step - settle..step + settle).map(seen).sum::<f64>() / (2 * settle) as f64;
         let centre = (step + settle) as f64 - 0.5 - 2.0 * settle as f64 * share;
-        // What noise makes of a small step must not turn the order of the rows round.
+        // The noise of a small step must not reverse the order of the rows.
         centre.clamp(sharp - 0.5, sharp + 0.5 * settle as f64)
     }
 

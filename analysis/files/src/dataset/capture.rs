@@ -50,7 +50,7 @@ pub struct Capture {
 /// How a capture was taken.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CaptureMeta {
-    /// What was measured, in words: the fixture, the point.
+    /// Label of the measurement in words: the fixture, the point.
     pub label: String,
     /// Frequency of the excitation, Hz; 0 where direct currents flow.
     pub freq_hz: f64,
@@ -148,7 +148,7 @@ pub(super) fn codes(path: &Path, frame: &DataFrame, name: &str) -> Result<Vec<i1
     cells.iter().enumerate().map(code).collect()
 }
 
-/// What the metadata of a file say.
+/// Reads the metadata of a file.
 pub(super) fn read_meta(
     path: &Path,
     pairs: &BTreeMap<String, String>,

@@ -24,7 +24,7 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
 /// As [`write_atomically`].
 pub fn write_private(path: &Path, bytes: &[u8], mode: u32) -> Result<(), DatasetError> {
     let beside = beside(path)?;
-    // What is left of a crash would keep its mode.
+    // A file left by a crash would keep its mode.
     let _ = fs::remove_file(&beside);
     let made = OpenOptions::new()
         .write(true)
@@ -49,8 +49,7 @@ fn replace(
         Err(source) => Err(io_error(beside, "write the file", source)),
     };
     if result.is_err() {
-        // What matters is the first failure; that the left-over cannot be removed either adds
-        // nothing.
+        // The first failure matters. A left-over file that cannot be removed either adds nothing.
         let _ = fs::remove_file(beside);
     }
     result?;
@@ -58,7 +57,7 @@ fn replace(
 }
 
 /// Appends lines to a text file that begins with `header`, starting it if need be, and syncs it.
-/// What follows the last line end is taken off first.
+/// Bytes after the last line end are removed first.
 pub(super) fn append_line(path: &Path, header: &str, line: &str) -> Result<(), DatasetError> {
     let failed = |action| move |source| io_error(path, action, source);
     let mut options = OpenOptions::new();

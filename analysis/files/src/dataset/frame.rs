@@ -17,8 +17,8 @@ use polars::prelude::{
 use super::disk::{io_error, write_atomically};
 use super::{ColumnSpec, DatasetError};
 
-/// What stands before the digits of the checksum; not found in the base64 of the schema, for its
-/// colon.
+/// Text before the digits of the checksum. The base64 of the schema never contains it, because of
+/// its colon.
 const MARK: &[u8] = b"fnv1a64:";
 const DIGITS: usize = 16;
 /// The checksum stands within so many bytes of the end.

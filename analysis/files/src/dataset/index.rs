@@ -6,7 +6,7 @@ use analysis_effects::augmented::Between;
 use analysis_signal::{calibration::CommonError, series::Role, spectrum::FlaggedPoint};
 use serde::{Deserialize, Serialize};
 
-/// What a run folder holds, in the order of time.
+/// Contents of a run folder, in the order of time.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct RunIndex {
     /// Name of the cell.
@@ -24,7 +24,7 @@ pub struct RunIndex {
 pub struct SweepEntry {
     /// File in the run folder, [`super::SPECTRUM_COLUMNS`].
     pub file: String,
-    /// What was in the jig: `cell` or `shunt`.
+    /// Object in the jig: `cell` or `shunt`.
     pub fixture: String,
     /// Name of the cell in a campaign of several; without it, that of the index.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -45,7 +45,7 @@ pub struct SweepEntry {
     pub start_ocv_v: Option<f64>,
     /// Temperature of the cell's surface at the start, °C; none where it was not measured.
     pub temperature_c: Option<f64>,
-    /// What it is for.
+    /// Purpose of the run.
     pub role: Role,
     /// Runs of one group repeat each other.
     pub repeat_group: String,
@@ -56,8 +56,8 @@ pub struct SweepEntry {
     /// the order of the file, Ω: the file's are together with what the correction leaves.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub own_sigma_ohm: Vec<[f64; 2]>,
-    /// What the correction leaves in all spectra of the cell alike; none where nothing was
-    /// corrected, or for a control.
+    /// Common error of the correction in all spectra of the cell; none where nothing was corrected,
+    /// or for a control.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub common_error: Option<CommonError>,
     /// Resistance between the lower tap of what was swept and the ground of the channels, Ω: the
@@ -94,7 +94,7 @@ pub struct TraceEntry {
     pub charge_before_c: f64,
     /// Temperature of the cell's surface at the start, °C; none where it was not measured.
     pub temperature_c: Option<f64>,
-    /// What it is for.
+    /// Purpose of the run.
     pub role: Role,
     /// Runs of one group repeat each other.
     pub repeat_group: String,
@@ -108,12 +108,12 @@ pub struct TraceEntry {
     pub sample_sigma_a: f64,
     /// Scatter of one sample of the voltage, V rms.
     pub sample_sigma_v: f64,
-    /// What was commanded when; none where the instruments' own meters recorded.
+    /// Commanded current over time; none where the instruments' own meters recorded.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub commanded: Option<Commanded>,
 }
 
-/// What was commanded when: no capture tells it, and steps are looked for near it.
+/// Commanded current over time. No capture tells it; steps are searched near the commanded times.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Commanded {

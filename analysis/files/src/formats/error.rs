@@ -10,7 +10,7 @@ pub enum FormatError {
     Read {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         #[source]
         source: std::io::Error,
     },
@@ -29,7 +29,7 @@ pub enum FormatError {
     Empty {
         /// The file.
         file: PathBuf,
-        /// What there was.
+        /// Content of the file, in words.
         met: &'static str,
     },
     /// A first line of no known format.
@@ -56,9 +56,9 @@ pub enum FormatError {
         file: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: String,
-        /// What was met.
+        /// Value found.
         met: String,
     },
     /// A line with too few or too many fields.
@@ -94,9 +94,9 @@ pub enum FormatError {
         column: usize,
         /// The column's name.
         name: String,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What was met.
+        /// Value found.
         met: String,
         /// Why it cannot be.
         reason: &'static str,
@@ -112,9 +112,9 @@ pub enum FormatError {
         column: usize,
         /// The column's name.
         name: &'static str,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What was met.
+        /// Value found.
         met: String,
     },
 }

@@ -1,5 +1,6 @@
-//! What a quality gate has refused, as the column `flags` of the project's own CSV: reasons
-//! separated by `; `, empty for a point that it has let through.
+//! Reasons for which a quality gate has refused a point: the column `flags` of the project's own
+//! CSV. Reasons are separated by `; `. The column is empty for a point that the gate has let
+//! through.
 
 use super::text::{self, Text};
 use analysis_signal::spectrum::{FlaggedPoint, SourcedSpectrum};

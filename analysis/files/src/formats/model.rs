@@ -17,7 +17,7 @@ const DENSE: u32 = 400;
 /// Kelvin at 0 °C.
 const KELVIN: f64 = 273.15;
 
-/// What a model can be written as.
+/// Formats that a model can be written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ModelFormat {
     /// C99, without memory management.
@@ -37,7 +37,7 @@ pub struct CellModel {
     /// Least and greatest voltage, V.
     window_v: (f64, f64),
     temperature_c: f64,
-    /// What the model does not tell, in sentences.
+    /// Limits of the model that the file states, in sentences.
     notes: Vec<String>,
 }
 

@@ -35,9 +35,9 @@ pub enum ProfileReadError {
         file: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: String,
-        /// What was met.
+        /// Value found.
         met: String,
     },
     /// Rows that make no profile.
@@ -45,18 +45,18 @@ pub enum ProfileReadError {
     Profile(#[from] ProfileError),
 }
 
-/// What the file itself may not say.
+/// Options for facts that the file may not state.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ReadOptions {
     /// Kind of the demand; none: as the header says, power without a header.
     pub demand: Option<Demand>,
-    /// What happens between the rows.
+    /// Interpolation between the rows.
     pub interpolation: Interpolation,
     /// The file counts charge as positive: power and current change their sign.
     pub charge_positive: bool,
 }
 
-/// What a header says.
+/// Units and kind of demand, read from a header.
 struct Header {
     time_factor: f64,
     demand: Demand,
@@ -98,7 +98,7 @@ pub fn first_bare_row(text: &str) -> Option<(usize, &str)> {
     lines(text).next().filter(|(_, line)| is_row(line))
 }
 
-/// What flowed in a measured series.
+/// Profile of the current or the power of a measured series.
 fn measured(path: &Path, options: &ReadOptions) -> Result<Profile, ProfileReadError> {
     let series = read_series(path, &SeriesOptions::default())?;
     let demand = match options.demand {

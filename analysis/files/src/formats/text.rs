@@ -15,7 +15,7 @@ const EXCERPT: usize = 80;
 pub(super) struct Text<'a> {
     pub(super) path: &'a Path,
     pub(super) rows: Vec<Row<'a>>,
-    /// What stands between two fields.
+    /// Character between two fields.
     pub(super) separator: char,
     /// True when the file has characters at all.
     pub(super) has_content: bool,

@@ -63,7 +63,7 @@ pub enum SeriesReadError {
     Read {
         /// The file.
         file: PathBuf,
-        /// What the system said.
+        /// Error of the operating system.
         #[source]
         source: std::io::Error,
     },
@@ -103,7 +103,7 @@ pub enum SeriesReadError {
         column: usize,
         /// The column's name.
         name: &'static str,
-        /// What was met.
+        /// Value found.
         met: String,
     },
     /// Parquet that cannot be decoded.
@@ -111,7 +111,7 @@ pub enum SeriesReadError {
     Parquet {
         /// The file.
         file: PathBuf,
-        /// What the decoder says.
+        /// Message of the decoder.
         reason: String,
     },
     /// A Parquet file of the bench that is damaged.
@@ -122,7 +122,7 @@ pub enum SeriesReadError {
     Series {
         /// The file.
         file: PathBuf,
-        /// What is wrong with them.
+        /// Fault of the samples.
         #[source]
         source: SeriesError,
     },

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use analysis_signal::spectrum::Spectrum;
 
-/// What a spectrum can be written as.
+/// Formats that a spectrum can be written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SpectrumFormat {
     /// impedance.py's: frequency, real and imaginary part, without a header.

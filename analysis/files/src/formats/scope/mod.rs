@@ -27,7 +27,7 @@ use raw::RawFile;
 /// A record of one or more channels, on disk.
 #[derive(Debug)]
 pub struct ScopeRecord {
-    /// What kind of file it is.
+    /// Kind of the file.
     pub kind: &'static str,
     /// Time between two samples, s.
     pub interval_s: f64,
@@ -71,9 +71,9 @@ pub enum ScopeError {
     Io {
         /// The file.
         file: PathBuf,
-        /// What was tried.
+        /// Action that failed, in words.
         action: &'static str,
-        /// What the system says.
+        /// Error of the operating system.
         #[source]
         source: std::io::Error,
     },
@@ -82,13 +82,13 @@ pub enum ScopeError {
     Layout {
         /// The file.
         file: PathBuf,
-        /// What kind of file it is.
+        /// Kind of the file.
         kind: &'static str,
         /// The field.
         field: &'static str,
-        /// What it should be.
+        /// Allowed values, in words.
         expected: String,
-        /// What it is.
+        /// Value found.
         met: String,
     },
     /// Of no known kind.
@@ -110,9 +110,9 @@ pub enum ScopeError {
         file: PathBuf,
         /// Line, from 1.
         line: usize,
-        /// What it should be.
+        /// Allowed values, in words.
         expected: String,
-        /// What it is.
+        /// Value found.
         met: String,
     },
 }

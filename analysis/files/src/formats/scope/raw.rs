@@ -79,7 +79,7 @@ pub(super) struct Layout {
     pub(super) stride: usize,
     /// How they are written.
     pub(super) form: Form,
-    /// What codes mean; none for volts.
+    /// Conversion of codes to volts; none for volts.
     pub(super) scale: Option<CodeScale>,
     /// Step of volts, V.
     pub(super) lsb_v: Option<f64>,

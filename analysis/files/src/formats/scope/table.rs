@@ -2,9 +2,9 @@
 //! The rows go once through a temporary file of numbers, so that the length of a table does not
 //! matter.
 //!
-//! What stands before the first row of numbers is the header. The interval comes from it (`Sample
-//! Interval`, `Sample Rate`, `Increment`) or from the first column, where that is called a time; a
-//! column of numbers of samples is passed over.
+//! The header is all text before the first row of numbers. The interval comes from it (`Sample
+//! Interval`, `Sample Rate`, `Increment`) or from the first column, where that is called a time. A
+//! column of sample numbers is skipped.
 
 use std::fs::{File, OpenOptions};
 use std::io::{BufRead, BufReader, BufWriter, Write};
@@ -24,7 +24,7 @@ const LOOKED_AT: usize = 20_000;
 const TIMES: [&str; 5] = ["second", "time", "time(s)", "t", "time_s"];
 const ONE_MARK: &str = "one decimal mark in all numbers, a comma or a point";
 
-/// What the lines before the numbers say.
+/// Values read from the lines before the numbers.
 #[derive(Default)]
 struct Header {
     interval_s: Option<f64>,

@@ -22,7 +22,7 @@ impl Quantity {
         }
     }
 
-    /// What its column must hold, for messages.
+    /// Content of its column with the unit, for messages.
     pub(super) fn unit(self) -> &'static str {
         match self {
             Self::Frequency => "a frequency in Hz",

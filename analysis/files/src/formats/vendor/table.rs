@@ -20,8 +20,8 @@ pub(super) struct Column {
 }
 
 impl Column {
-    /// What a number of it is multiplied with; a frequency and an impedance without unit are in Hz
-    /// and Ω.
+    /// Factor that converts a number of the column to SI. A frequency and an impedance without unit
+    /// are in Hz and Ω.
     pub(super) fn factor(&self) -> f64 {
         self.sign * self.unit.unwrap_or(1.0)
     }
@@ -88,7 +88,8 @@ pub(super) fn table(path: &Path, lines: &[&str], at: usize) -> Option<Result<Tab
     })
 }
 
-/// What a line lacks that names some columns of an impedance; none where it names none.
+/// Error that names the missing column of a header of impedances; none where the line names no such
+/// columns.
 pub(super) fn near_miss(path: &Path, lines: &[&str], at: usize) -> Option<FormatError> {
     candidates(lines[at]).into_iter().find_map(|(_, titles)| {
         let header = Header::new(path, at, titles);
