@@ -256,7 +256,7 @@ impl Search<'_> {
         let member = proposal.member.frozen();
         let mut best = self.try_member(fit.chi2, from, &member);
         for weaker in WEAKER {
-            // What the test promised, it promised over the fit that is started from.
+            // The test made its promise for the fit that the attempt started from.
             if proposal.lagrange <= STRONG || from.chi2 - best.fit.chi2 >= KEPT * proposal.lagrange
             {
                 break;

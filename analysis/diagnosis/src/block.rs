@@ -35,7 +35,7 @@ pub(super) struct Block {
     pub(super) alike: Option<usize>,
 }
 
-/// What is predicted, and how.
+/// Kind of the rows, with the inputs of their prediction.
 #[derive(Debug, Clone)]
 pub(super) enum Kind {
     /// A spectrum: frequencies and amplitudes, stated sigmas, and the control in the jig.
@@ -83,9 +83,9 @@ pub enum DataSetError {
     Run {
         /// Name of the run.
         run: String,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
-        /// What was met.
+        /// Value found.
         met: String,
     },
     /// A data set that cannot be diagnosed.
@@ -93,7 +93,7 @@ pub enum DataSetError {
     Set {
         /// Name of the data set.
         name: String,
-        /// What was expected.
+        /// Allowed values, in words.
         expected: &'static str,
     },
 }
@@ -420,8 +420,8 @@ mod tests {
     const R_OHM: f64 = 6e-3;
     const BRANCH: (f64, f64) = (5e-3, 5.6);
 
-    /// What a branch and a resistance drop at a time after a step of 9 A that lasts 20 s, and its
-    /// mean over a window on one side of the steps.
+    /// Mean over a window, on one side of the steps, of the voltage over a branch and a resistance
+    /// after a step of 9 A that lasts 20 s.
     fn mean_v((from_s, to_s): (f64, f64)) -> f64 {
         let (r_ohm, tau_s) = BRANCH;
         let decay = |t: f64| (-t / tau_s).exp();

@@ -1,5 +1,5 @@
-//! What charge went through the cell before a run: what remembers it, remembers the stretches
-//! between reversals, and wears off under a sweep's swings.
+//! Charge that went through the cell before a run. Effects with memory remember the stretches
+//! between reversals, and a sweep's swings wear them off.
 
 use super::block::{Block, Kind};
 use analysis_effects::contract::{Moved, Point};
@@ -66,8 +66,8 @@ impl Block {
     }
 }
 
-/// What a sweep's current puts in and takes out, C: the mean size of a sine is 2/π of its
-/// amplitude, and the times of its points say how long each lasted. None where amplitude or times
+/// Charge that a sweep's current puts in and takes out, C. The mean size of a sine is 2/π of its
+/// amplitude, and the times of the points say how long each lasted. None where amplitude or times
 /// are not known, or where a direct current flows under it.
 fn swung_c(start_s: f64, points: &[Point]) -> f64 {
     let mut visited: Vec<&Point> = points.iter().collect();

@@ -1,5 +1,5 @@
-//! What the codes of a converter leave where the noise is too small to dither them: an error that
-//! samples of one voltage share, so that no mean takes it away.
+//! Quantisation error of a converter whose noise is too small to dither the codes. Samples of one
+//! voltage share this error, so no mean removes it.
 //!
 //! A converter of step q after noise of standard deviation σ reads v + b(v) on average, b(v) = Σₖ
 //! (−1)ᵏ·q/(πk)·sin(2πkv/q)·exp(−2π²k²σ²/q²) (Widrow and Kollár, Quantization Noise, chapter 9).

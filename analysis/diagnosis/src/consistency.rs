@@ -56,7 +56,7 @@ pub(super) fn inconsistencies(
 ) -> Vec<Inconsistency> {
     let train: Vec<usize> = problem.of_role(Role::Train).collect();
     let kinds = kinds(problem, &train);
-    // What one value for all runs makes must be in it to the last digit.
+    // The tangent must contain exactly what one value for all runs makes.
     let tangent = problem.exact_tangent(fit, desk);
     let mut found: Vec<Inconsistency> = Vec::new();
     let predict = |x: &[f64], desk: &mut Desk| -> Vec<Vec<f64>> {
@@ -126,10 +126,10 @@ pub(super) fn inconsistencies(
     found
 }
 
-/// What is left without what noise of the logged current has made of the prediction. The
-/// derivatives hold that noise as well: where little else flows, a resistance asked by the logged
-/// current would always be found to be none. The base alone tells what noise does; to an effect
-/// that goes by the sign of the current, a rest is something else with noise than without.
+/// Residuals without the noise of the logged current in the prediction. The derivatives contain
+/// that noise as well: where little else flows, a resistance asked by the logged current would
+/// always be found to be zero. The noise is propagated through the base alone. For an effect that
+/// goes by the sign of the current, a rest with noise differs from a rest without.
 fn free_of_current_noise(
     problem: &Problem,
     train: &[usize],

@@ -13,10 +13,10 @@ pub struct DataSet {
     pub name: String,
     /// The runs, in any order.
     pub runs: Vec<Run>,
-    /// What the bench's past says of its errors; none where nothing is known.
+    /// Errors of the bench known from its past; none where nothing is known.
     pub history: Option<BenchHistory>,
-    /// What the correction by control impedances leaves in all spectra alike; the points' own σ are
-    /// without it then.
+    /// Common error of the correction by control impedances in all spectra; the points' own σ do
+    /// not contain it then.
     pub calibration: Option<CommonError>,
 }
 
@@ -25,9 +25,9 @@ pub struct DataSet {
 pub struct Run {
     /// Name, unique within the data set.
     pub name: String,
-    /// What was in the jig.
+    /// Object in the jig.
     pub fixture: Fixture,
-    /// What the run is used for.
+    /// Purpose of the run.
     pub role: Role,
     /// Runs of one group repeat each other.
     pub repeat_group: String,
@@ -39,11 +39,11 @@ pub struct Run {
     pub temperature_c: f64,
     /// State of charge at the start.
     pub start: Start,
-    /// What was measured.
+    /// Measured data.
     pub data: RunData,
 }
 
-/// What was in the jig.
+/// Object in the jig.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fixture {
     /// A cell of this name.
@@ -65,7 +65,7 @@ pub enum Start {
     Ocv(f64),
 }
 
-/// What was measured.
+/// Measured data of a run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum RunData {
     /// A spectrum.
@@ -79,7 +79,7 @@ pub enum RunData {
 pub struct Sweep {
     /// Direct current under the sweep, A, discharge positive.
     pub bias_a: f64,
-    /// What lies between the lower tap of what was swept and the ground of the channels; nothing
+    /// Impedance between the lower tap of the swept object and the ground of the channels; zero
     /// where it is not stated.
     pub below: Below,
     /// Time of each point since the start of the run, s; empty where it is not told.
@@ -106,7 +106,7 @@ pub struct SweepPoint {
 pub struct TimeRecord {
     /// Current (discharge positive) and voltage. Times start at 0 where the cell is at rest.
     pub series: TimeSeries,
-    /// What the current does between two samples.
+    /// Interpolation of the current between two samples.
     pub between: Between,
     /// Samples before this time are played but not compared, s: a record that begins under current
     /// has to settle first.

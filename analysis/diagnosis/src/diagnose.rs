@@ -30,7 +30,7 @@ use num_complex::Complex64;
 /// How far the time constants of other starts of the base lie from the model's, as a factor.
 const OTHER_STARTS: [f64; 2] = [0.6, 1.7];
 
-/// What a diagnosis may do.
+/// Options of a diagnosis.
 #[derive(Clone)]
 pub struct DiagnosisOptions {
     /// Candidates; all effects of the catalogue unless told otherwise.
@@ -57,11 +57,11 @@ impl Default for DiagnosisOptions {
 /// A diagnosis and the curves behind its pictures.
 #[derive(Debug, Clone)]
 pub struct Outcome {
-    /// What is written.
+    /// Diagnosis as it is written to a file.
     pub diagnosis: Diagnosis,
     /// One entry per run.
     pub curves: Vec<RunCurves>,
-    /// What the data reach, which an augmented model file keeps; none for data that cannot be used.
+    /// Range of the data, which an augmented model file keeps; none for data that cannot be used.
     pub facts: Option<Facts>,
     /// The runs of [`Diagnosis::next_experiment`].
     pub next_runs: Vec<PlannedRun>,
@@ -98,8 +98,8 @@ pub fn diagnose(
         prepared = prepared.again(&selection.fit, guards)?;
         moved = moved_floor(&prepared);
         if moved.is_some() && prepared.prior.known {
-            // What is missing may have been counted as noise from the start: it is looked for under
-            // the noise that the bench had before.
+            // The missing effect may have been counted as noise from the start. It is therefore
+            // searched under the noise that the bench had before.
             prepared = prepared.of_history(guards)?;
             let base = base_fit(&prepared.problem, &model.erm, &mut desk);
             let fit = search(&prepared, options).run(&base).fit;

@@ -61,7 +61,7 @@ pub fn distinguish(
             };
             let whole = dot(&d, &d);
             tangent.project(&mut d);
-            // What the base imitates to the last digit has no direction.
+            // A change that the base imitates to the last digit has no direction.
             if dot(&d, &d) > 1e-12 * whole {
                 all.push(d);
             }

@@ -1,6 +1,6 @@
-//! What a logger does not tell of an edge of the current, where the current goes along a line
-//! between samples: when it was, and what its channels were doing. Two errors per edge, each as
-//! what one standard deviation of it does to the rows of a record.
+//! Errors that a logger leaves at an edge of the current, where the current is interpolated between
+//! samples: the time of the edge, and the state of the channels at it. Each edge has two errors,
+//! each given as the change of a record's rows by one standard deviation.
 
 use super::time_block::{Bin, TimeBlock};
 use analysis_effects::contract::Base;
@@ -14,9 +14,9 @@ pub(super) fn errors(time: &TimeBlock, edge: usize, base: &Base) -> [Vec<f64>; 2
     [shift(time, edge, base), lag(time, edge, base)]
 }
 
-/// What it does to the rows when an edge lies anywhere between two samples, one standard deviation:
+/// Change of the rows for an edge that lies anywhere between two samples, one standard deviation:
 /// the step response's change over that time. The first sample after the edge may be read while the
-/// current still changes: its voltage may lack any part of the series resistance's drop.
+/// current still changes. Its voltage may then lack any part of the series resistance's drop.
 fn shift(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
     let (step_s, step_a) = (
         time.time_s[edge] - time.time_s[edge - 1],
@@ -51,9 +51,9 @@ fn shift(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
         .collect()
 }
 
-/// What it does to the later rows when the logger's voltage channel averages over about a sampling
-/// interval, one standard deviation: what the series resistance drops at the edge comes late,
-/// e-fold by interval.
+/// Change of the later rows for a logger whose voltage channel averages over about a sampling
+/// interval, one standard deviation. The drop of the series resistance at the edge comes late and
+/// decays by a factor e per interval.
 fn lag(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
     let (step_s, step_a) = (
         time.time_s[edge] - time.time_s[edge - 1],

@@ -2,7 +2,7 @@
 //! between them, in which whatever the model lacks cancels. The misfit is never used. The bench's
 //! history is the prior.
 //!
-//! What a σ does to the rows is in `noise`.
+//! The effect of a σ on the rows is in `noise`.
 
 use super::block::{Block, Kind};
 use super::noise::{LogSigmas, Prior, Shape, TERMS, Term};

@@ -1,5 +1,6 @@
-//! What white noise of the logged current does to rows after its own sample: it charges the
-//! branches, which forget it, and it is counted into the state of charge, which does not.
+//! Propagation of white noise of the logged current to rows after its own sample. The noise charges
+//! the branches, which forget it. It is also counted into the state of charge, which does not
+//! forget.
 //!
 //! With n the noise of a sample, held until the next one after Δt, component p follows vₚ ← aₚ·vₚ +
 //! gₚ·n: aₚ = e^(−Δt/τₚ) and gₚ = Rₚ·(1 − aₚ) for a branch, aₚ = 1 and gₚ = Δt for the charge,

@@ -22,7 +22,7 @@ pub struct Guards {
     pub convergence: bool,
     /// A name that an effect outside the catalogue beats is withdrawn.
     pub outside: bool,
-    /// What was found must be the same wherever it is measured.
+    /// A named effect must be the same wherever it is measured.
     pub consistency: bool,
 }
 

@@ -138,7 +138,7 @@ impl Terms {
     }
 }
 
-/// What comes and goes in some rows of a record, per Ω².
+/// Covariance of an intermittent contact resistance in some rows of a record, per Ω².
 struct Kernel {
     rows: Vec<usize>,
     /// Row-major, over those rows.

@@ -6,13 +6,13 @@ use super::outcome::{Block, Diagnosis, Verdict};
 use super::select::Selection;
 use analysis_effects::effects::find;
 
-/// What speaks against taking what is left for noise, beside its χ² and its blocks.
+/// Evidence, beside χ² and blocks, that the residuals are more than noise.
 pub(super) struct Doubts {
     /// Why the repeats cannot be believed.
     pub(super) moved: Option<String>,
     /// (χ² − dof)/√(2·dof) of the held-out runs.
     pub(super) held_out_z: f64,
-    /// What may differ between circumstances, most significant first.
+    /// Quantities that may differ between circumstances, most significant first.
     pub(super) differs: Vec<Inconsistency>,
 }
 
@@ -149,7 +149,7 @@ fn within_formula(gained: f64, left: &Block) -> bool {
     beyond_formula(excess, gained) <= 0.0
 }
 
-/// What would help but may not be named.
+/// Adds a note on the effect that would help but may not be named.
 fn hint(d: &mut Diagnosis, selection: &Selection) {
     if let Some((name, score, reason)) = &selection.refused {
         d.notes.push(format!(

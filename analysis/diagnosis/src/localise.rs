@@ -125,7 +125,7 @@ impl Sums {
     }
 }
 
-/// What the blocks' limits are taken from.
+/// Ranges that the limits of the blocks are taken from.
 pub(super) struct Ranges {
     lowest_hz: f64,
     highest_hz: f64,

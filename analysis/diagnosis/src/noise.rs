@@ -53,7 +53,7 @@ pub(super) const TERMS: [(Term, &str); 7] = [
 /// Natural logarithms of the σ of [`TERMS`].
 pub(super) type LogSigmas = [f64; TERMS.len()];
 
-/// What is known of a bench before its repeats.
+/// Prior knowledge of a bench, before its repeats.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Prior {
     pub(super) log_sigmas: LogSigmas,
@@ -111,7 +111,7 @@ impl Prior {
         }
     }
 
-    /// What a current that stays differs by between two samples, A: one standard deviation; 0 where
+    /// Difference of a constant current between two samples, A: one standard deviation; 0 where
     /// nothing is known.
     pub(super) fn jitter_a(&self) -> f64 {
         if self.known {
@@ -298,7 +298,7 @@ impl Shape {
         }
     }
 
-    /// What one standard deviation of each error that all runs share does to the rows.
+    /// Change of the rows by one standard deviation of each error that all runs share.
     pub(super) fn shared(&self) -> &Errors {
         &self.shared
     }
@@ -315,7 +315,7 @@ impl Shape {
         self.codes.iter_mut().for_each(|c| *c *= repeats as f64);
     }
 
-    /// What a growth of all resistances in proportion to an order does to the rows.
+    /// Change of the rows when all resistances grow in proportion to an order.
     pub(super) fn trend(&self, order: f64) -> Vec<f64> {
         let resistance = self
             .vectors

@@ -1,4 +1,4 @@
-//! What a diagnosis says: `diagnosis.json`, and the curves behind its pictures.
+//! Result of a diagnosis: `diagnosis.json`, and the curves behind its pictures.
 
 use analysis_effects::contract::Group;
 use analysis_model::model::Erm;
@@ -73,7 +73,7 @@ pub struct Diagnosis {
     /// the second name is empty where the signal is too small for any of them to make the name
     /// certain.
     pub inseparable: Vec<[&'static str; 2]>,
-    /// What a user must know.
+    /// Warnings to the user, in sentences.
     pub notes: Vec<String>,
     /// How good the fits are.
     pub quality: Quality,
@@ -100,7 +100,7 @@ pub struct NamedEffect {
     pub parameters: Vec<FittedParameter>,
     /// Why it was added.
     pub evidence: Evidence,
-    /// What would falsify it.
+    /// Observation that would falsify it.
     pub falsified_by: String,
 }
 
@@ -150,7 +150,7 @@ pub struct Rival {
 /// One block of residuals.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Block {
-    /// What the residuals are divided by: `frequency`, `time since edge`, `current`, ….
+    /// Dimension that the residuals are split by: `frequency`, `time since edge`, `current`, ….
     pub dimension: &'static str,
     /// Which part of it: `below 1 Hz, imaginary part`.
     pub part: String,
@@ -158,7 +158,7 @@ pub struct Block {
     pub count: usize,
     /// Their χ², outside the tangent space of the model.
     pub chi2: f64,
-    /// What it would be by noise alone.
+    /// χ² that noise alone would give.
     pub expected_chi2: f64,
     /// Mean of the residuals in standard deviations of that mean.
     pub mean_z: f64,
@@ -179,7 +179,7 @@ pub struct Gap {
     pub base_mv: f64,
     /// With the named effects, mV.
     pub augmented_mv: f64,
-    /// What noise and repeatability leave to any model, mV.
+    /// Floor that noise and repeatability set for any model, mV.
     pub floor_mv: f64,
 }
 
@@ -194,7 +194,7 @@ pub struct SpectrumGap {
     pub base_percent: f64,
     /// With the named effects, %.
     pub augmented_percent: f64,
-    /// What noise and repeatability leave to any model, %.
+    /// Floor that noise and repeatability set for any model, %.
     pub floor_percent: f64,
 }
 
@@ -203,7 +203,7 @@ pub struct SpectrumGap {
 pub struct NextExperiment {
     /// Name in the menu: `zero_net_charge_bursts`.
     pub name: &'static str,
-    /// What is done, in words.
+    /// Description of the run in words.
     pub description: String,
     /// Effects it tells apart.
     pub separates: Vec<&'static str>,
@@ -251,7 +251,7 @@ pub struct NoiseTerm {
     pub name: &'static str,
     /// Standard deviation used.
     pub sigma: f64,
-    /// What the bench's history says; none where it says nothing.
+    /// Standard deviation by the bench's history; none where the history does not tell it.
     pub history: Option<f64>,
     /// How far the repeats are from the history, in standard deviations of its logarithm.
     pub z: Option<f64>,

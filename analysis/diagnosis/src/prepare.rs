@@ -275,7 +275,7 @@ impl Prepared {
                 base,
                 self.prior.jitter_a(),
             )?;
-            // What went before is the campaign; then the cell is taken to the planned state of
+            // The campaign moved its charge first. Then the cell is taken to the planned state of
             // charge.
             let last = self.problem.blocks.iter().rev().find(|b| b.at.is_cell);
             block.before = last.map_or_else(Vec::new, |last| {

@@ -32,7 +32,7 @@ pub(super) struct Problem {
     pub(super) repeating: Vec<Vec<Vec<f64>>>,
 }
 
-/// What is predicted for the runs of a role.
+/// Prediction for the runs of a role.
 #[derive(Debug, Clone)]
 pub(super) struct Prediction {
     /// Whitened rows of all of them.
@@ -96,8 +96,8 @@ impl Problem {
             .sum()
     }
 
-    /// What parameters and choices of an effect cost: k·ln N, and twice the logarithm of the number
-    /// of choices.
+    /// Penalty for parameters and choices of an effect: k·ln N, and twice the logarithm of the
+    /// number of choices.
     pub(super) fn penalty(&self, member: &Member) -> f64 {
         member.free() as f64 * (self.training_rows() as f64).ln()
             + 2.0 * (member.choices() as f64).ln()
@@ -116,7 +116,7 @@ impl Problem {
             .map(|(k, _)| k)
     }
 
-    /// What a fit leaves of each training run, whitened.
+    /// Residuals of a fit in each training run, whitened.
     pub(super) fn left<'a>(
         &'a self,
         fit: &'a Fit,
@@ -306,7 +306,7 @@ impl Problem {
         white
     }
 
-    /// What a fit can imitate in each run by itself, repeats not taken for each other.
+    /// Tangent space of a fit, each run by itself: repeats are not merged.
     pub(super) fn exact_tangent(&self, fit: &Fit, desk: &mut Desk) -> Tangent {
         let predicted = self.prediction(fit.at(), desk);
         let mut tangent = Tangent::default();

@@ -16,7 +16,7 @@ impl Search<'_> {
             let without = self.refit_without(&selection.base, &selection.fit, k);
             let lambda = without.chi2 - selection.fit.chi2;
             let own = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
-            // What came later may have taken a share of it.
+            // An effect that was added later may have taken a share of it.
             selection.taken[k].evidence.lambda = lambda;
             selection.taken[k].evidence.score = own;
             let (attempts, _) = self.attempts(&without, Some(name));

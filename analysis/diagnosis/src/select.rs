@@ -26,7 +26,7 @@ pub(super) struct Taken {
     pub(super) limit_of: Vec<&'static str>,
 }
 
-/// What would do as well in the place of an effect that was taken.
+/// Rival: an effect that explains the data as well in the place of one that was taken.
 #[derive(Debug, Clone)]
 pub(super) struct RivalFit {
     pub(super) name: &'static str,
@@ -48,8 +48,8 @@ pub(super) struct Selection {
     pub(super) refused: Option<(&'static str, f64, String)>,
     /// The best that were refused in the last round.
     pub(super) refused_fits: Vec<Attempt>,
-    /// What no effect of the catalogue explains as well as something outside of it does; names are
-    /// withdrawn then.
+    /// Title of a formula outside the catalogue that explains the data better than every effect of
+    /// it; all names are withdrawn then.
     pub(super) outside: Option<&'static str>,
     /// Why the names are not certain although none has a rival.
     pub(super) doubt: Option<String>,
@@ -118,8 +118,7 @@ impl Search<'_> {
                 selection.fit = deeper;
                 continue;
             }
-            // What fits clearly better but may not be named leaves nothing to be named with
-            // confidence.
+            // A better fit that may not be named leaves no name with confidence.
             if selection
                 .refused
                 .as_ref()

@@ -17,7 +17,7 @@ use analysis_effects::contract::{Base, Point};
 use analysis_signal::calibration::{COMMON, CommonError};
 use num_complex::Complex64;
 
-/// What one standard deviation of each shared error does to the rows of a block: of the
+/// Change of the rows of a block by one standard deviation of each shared error: of the
 /// calibration, of the gain of both channels, of the start voltage, and of each independent error
 /// that the correction leaves.
 pub(super) type Errors = [Vec<f64>; OWN + COMMON];

@@ -1,4 +1,4 @@
-//! What a study of the workflow measures it by: how much there was to find, and how well a model
+//! Measures for a study of the workflow: how much there was to find, and how well an oracle model
 //! that knows the truth would do.
 //!
 //! Nothing here is used by a diagnosis.

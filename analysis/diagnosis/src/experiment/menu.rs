@@ -1,5 +1,5 @@
-//! What a bench can do to tell effects apart: a menu of planned runs, made for the cell, the
-//! currents and the frequencies of a campaign.
+//! Menu of planned runs that can tell effects apart, made for the cell, the currents and the
+//! frequencies of a campaign.
 
 use super::planned::{BenchLimits, Planned, PlannedRun};
 use crate::{
@@ -103,7 +103,7 @@ impl MenuItem {
     }
 }
 
-/// What the campaign did, as far as the menu needs it.
+/// Facts of the campaign that the menu needs.
 #[derive(Debug)]
 pub(super) struct Campaign<'a> {
     problem: &'a Problem,

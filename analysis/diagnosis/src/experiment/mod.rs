@@ -22,7 +22,7 @@ use open::{Open, absences};
 /// How many times as often as the menu says a run may be measured, where less does not settle what
 /// is open.
 const MOST_TIMES: usize = 8;
-/// What more repeats or a second run must bring to be worth their time, as a factor of how far
+/// Least gain that makes more repeats or a second run worth their time, as a factor of how far
 /// everything is settled.
 const WORTH: f64 = 1.1;
 /// Items whose λ is found by more than one step.
@@ -32,10 +32,10 @@ const SECONDS: usize = 2;
 /// Steps of a refined refit.
 const STEPS: usize = 3;
 
-/// What was recommended, as words and as runs.
+/// Recommendation, as words and as runs.
 pub(super) type Recommended = (NextExperiment, Vec<PlannedRun>);
 
-/// What to do next, and what no run of the menu would tell.
+/// Advice on the next run, and on pairs that no run of the menu separates.
 #[derive(Debug, Default)]
 pub(super) struct Advice {
     pub(super) next: Option<Recommended>,
@@ -74,7 +74,7 @@ struct Rated {
     then: Vec<f64>,
 }
 
-/// What runs are chosen by.
+/// Criteria by which runs are chosen.
 struct Planner<'a> {
     prepared: &'a Prepared,
     open: Open<'a>,
@@ -93,7 +93,7 @@ impl Planner<'_> {
             .into_iter()
             .filter_map(|item| self.rated(item, 1, desk))
             .collect();
-        // What cannot be played here, or not any more, would tell all the same.
+        // Runs that cannot be played here, or not any more, would still tell the pairs apart.
         let elsewhere: Vec<Rated> = others
             .into_iter()
             .filter_map(|item| self.rated(item, 1, desk))

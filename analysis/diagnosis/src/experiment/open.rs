@@ -1,4 +1,4 @@
-//! What the data leave open: pairs of structures, and the λ that a further run must add to settle
+//! Pairs of structures that the data do not settle, and the λ that a further run must add to settle
 //! each.
 
 use super::separate::{View, separation_chi2};
@@ -16,7 +16,7 @@ use analysis_effects::effects::find;
 const ONE_IN_TWENTY: f64 = 1.645;
 /// An effect is taken for no weaker than this part of the strength that was found.
 const WEAKEST: f64 = 0.4;
-/// What a run must add to a pair's λ, as a part of what settles it, to be worth its time.
+/// Least gain of a pair's λ that makes a run worth its time, as a part of what settles the pair.
 const LEAST_GROWTH: f64 = 0.1;
 /// Rivals of one effect that are looked at, the closest ones.
 const MOST_RIVALS: usize = 6;
@@ -66,8 +66,8 @@ impl<'a> Open<'a> {
             rivals.sort_by(|a, b| b.score_gap.total_cmp(&a.score_gap));
             for rival in rivals.into_iter().take(MOST_RIVALS) {
                 let other = open.add(rival.name, &rival.fit);
-                // What contains the named effect as a limit imitates it whatever is measured: it
-                // has to show that it is more.
+                // An effect that contains the named effect as a limit imitates it in any
+                // measurement. It has to show that it is more.
                 if !find(rival.name).is_some_and(|e| e.card().contains.contains(&taken.name)) {
                     open.pairs.push(Pair {
                         truth: named,
@@ -100,7 +100,8 @@ impl<'a> Open<'a> {
         open
     }
 
-    /// What was refused last, among itself; a single one against what was taken before it.
+    /// Opens the pairs among the fits that were refused last. A single refused fit is paired with
+    /// the selection before it.
     fn refused(&mut self, selection: &'a Selection, measured: bool) {
         self.fits = selection
             .refused_fits
@@ -157,7 +158,7 @@ impl<'a> Open<'a> {
         self.pairs.iter().map(|p| lambda(p, desk)).collect()
     }
 
-    /// What λ of a pair is to grow by for one part of what settles it.
+    /// Growth of a pair's λ by planned runs, as a part of the growth that settles it.
     fn growth(&self, pair: usize, then: &[f64]) -> f64 {
         ((then[pair] - self.now[pair]) / self.pairs[pair].enough).max(0.0)
     }

@@ -42,7 +42,7 @@ pub type Playable = std::sync::Arc<dyn Fn(&str, &[PlannedRun]) -> bool + Send + 
 pub struct PlannedRun {
     /// Name of letters, digits and `_`.
     pub name: String,
-    /// What is in the jig.
+    /// Object in the jig.
     pub fixture: Fixture,
     /// State of charge at the start, 0…1.
     pub soc: f64,
@@ -58,11 +58,11 @@ pub struct PlannedRun {
     pub settle_s: f64,
     /// Start of the first repeat since the start of the campaign's first run, s.
     pub start_s: f64,
-    /// What is done.
+    /// Action of the run.
     pub what: Planned,
 }
 
-/// What is done in a planned run.
+/// Action of a planned run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Planned {
     /// Currents one after the other: how long (s) and how much (A, discharge positive).

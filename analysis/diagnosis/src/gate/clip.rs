@@ -7,8 +7,8 @@ use std::ops::Range;
 
 /// Samples in a row at the extreme.
 const FEWEST: usize = 4;
-/// What the expected voltage moves meanwhile, and how far it is beyond, in standard deviations of a
-/// sample and steps of the codes.
+/// Least move of the expected voltage meanwhile, and its least distance beyond the extreme, in
+/// standard deviations of a sample and steps of the codes.
 const MOVES: f64 = 10.0;
 /// The same as a share of what is expected over the whole record: below, an effect may have held
 /// the voltage there.

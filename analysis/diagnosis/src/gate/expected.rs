@@ -1,4 +1,4 @@
-//! What the base model expects of every run.
+//! Predictions of the base model for every run.
 
 use super::super::data::{DataSet, Fixture, Run, RunData, Start};
 use super::super::prepare::BaseModel;
@@ -8,7 +8,7 @@ use analysis_effects::{
 };
 use num_complex::Complex64;
 
-/// What the base model expects of a data set.
+/// Predictions of the base model for a data set.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
     /// Series resistance and resistance at zero frequency of the cell, Ω: a step of current meets
@@ -18,7 +18,7 @@ pub struct Expected {
     pub runs: Vec<Prediction>,
 }
 
-/// What is expected of one run.
+/// Prediction for one run.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Prediction {
     /// Impedance of every point, Ω.

@@ -24,7 +24,7 @@ use std::fmt;
 pub use expected::{Expected, Prediction};
 pub use refusal::diagnose_gated;
 
-/// What was found wrong.
+/// Kind of fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Check {
@@ -57,7 +57,7 @@ pub enum Check {
 /// One reason why data cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Reason {
-    /// What was found.
+    /// Kind of fault.
     pub check: Check,
     /// The runs concerned.
     pub runs: Vec<String>,
@@ -82,12 +82,12 @@ impl fmt::Display for Reason {
     }
 }
 
-/// What the gate says.
+/// Report of the gate.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize)]
 pub struct GateReport {
     /// Why the data cannot be used; empty where they can.
     pub invalid: Vec<Reason>,
-    /// What was seen and let pass.
+    /// Remarks that do not refuse the data.
     pub notes: Vec<String>,
 }
 
@@ -144,7 +144,7 @@ fn run(set: &DataSet, expected: &Expected, checks: &[CheckFn]) -> GateReport {
     report
 }
 
-/// What one check finds.
+/// Findings of one check.
 #[derive(Debug, Default)]
 struct Findings {
     invalid: Vec<Reason>,
@@ -182,8 +182,8 @@ impl<'a> Subject<'a> {
         }
     }
 
-    /// What a current that is read wrong by an ampere has done to the voltage of the open circuit
-    /// that is expected, so long after the start of a record, V.
+    /// Error of the expected open-circuit voltage for a current that is read wrong by one ampere,
+    /// so long after the start of a record, V.
     fn counted_wrong_v(&self, time_s: f64) -> f64 {
         if let Prediction::Voltage(_, per_c_v) = self.prediction {
             per_c_v * time_s
@@ -203,7 +203,7 @@ impl<'a> Subject<'a> {
     }
 }
 
-/// What a check looks at.
+/// Inputs of a check.
 struct Inspection<'a> {
     set: &'a DataSet,
     expected: &'a Expected,

@@ -94,7 +94,7 @@ fn resistance(at: &Inspection<'_>, run: &Run) -> (f64, f64) {
     }
 }
 
-/// What the large steps of a record's current meet.
+/// Response to the large steps of a record's current.
 struct Steps {
     largest_a: f64,
     /// −Σ ΔV·ΔI/Σ ΔI².

@@ -1,4 +1,4 @@
-//! What a diagnosis tells a person: words for a terminal and for Markdown, and the pictures.
+//! Report of a diagnosis for a person: words for a terminal and for Markdown, and the pictures.
 //!
 //! "Where" comes before "what", and what is not claimed is said. Everything here is a string or a
 //! described picture; who called writes the files. What is not here: `diagnosis.json`, which is

@@ -44,7 +44,7 @@ impl Chance {
     }
 }
 
-/// What is hidden, all absent by default.
+/// Hidden effects of the simulated cell and bench, all absent by default.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Hidden {
     /// R × (1 + k(z − ½)).

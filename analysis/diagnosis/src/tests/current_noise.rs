@@ -1,4 +1,4 @@
-//! What white noise of the logged current does.
+//! Propagation of white noise of the logged current.
 
 use super::bench::{BRANCHES, CAPACITY_AH, Chance, HISTORY, Hidden, R0, campaign, model};
 use crate::{
@@ -84,7 +84,7 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
                 .collect();
             (0..n * n).for_each(|ij| sums[ij] += rows[ij / n] * rows[ij % n] / DRAWS as f64);
         }
-        // What the samples drop at once is in another term.
+        // The immediate drop of the samples is in another term.
         (0..n).for_each(|i| {
             sums[i * n + i] -=
                 (sigma_a * R0).powi(2) / (time.bins[i].to - time.bins[i].from) as f64;

@@ -1,4 +1,4 @@
-//! What runs that repeat each other share, and what they do not.
+//! Errors that repeated runs share, and errors that they do not share.
 
 use super::bench::{Hidden, campaign, model};
 use crate::{
@@ -163,13 +163,13 @@ fn charge_is_told_in_stretches_without_a_reversal() {
     };
     assert!(near(&of(0), &[0.0]), "{:?}", of(0));
     assert!(near(&of(1), &[-100.0, 60.0 + 1620.0]), "{:?}", of(1));
-    // What the start's state of charge says less than a part in a hundred of is no charge: it was
+    // A difference of the start's state of charge below a hundredth is not charge: the state was
     // read from a voltage.
     assert!(near(&of(2), &[-100.0, 1680.0, -100.0, 60.0]), "{:?}", of(2));
 }
 
-/// What a sweep of 2 A says that it has moved, of frequencies with the times of their points, after
-/// a rest of which nothing is told.
+/// Charge moved by a sweep of 2 A, from frequencies with the times of their points, after a rest
+/// without records.
 fn swung(visited: &[(f64, f64)]) -> Vec<Moved> {
     let point = |freq_hz: f64| SweepPoint {
         freq_hz,

@@ -1,4 +1,4 @@
-//! What the scatter of resistances from run to run does to the rows, about a cell with effects.
+//! Effect of the scatter of resistances from run to run on the rows of a cell with effects.
 
 use super::super::block::{Block, Desk, Model};
 use super::super::noise::{Prior, Shape};
@@ -96,7 +96,7 @@ fn a_record_scatters_by_what_a_charge_transfer_drops_and_not_by_the_salt() {
         .unwrap();
     let mut run = set.runs[at].clone();
     let mut series = record(BLOCK, 0.2, &Hidden::default(), &mut Chance::new(1));
-    // What was asked for, without the errors of the meter.
+    // Commanded current, without the errors of the meter.
     series.current_a.iter_mut().for_each(|i| *i = i.round());
     if let RunData::Time(time) = &mut run.data {
         time.series = series;

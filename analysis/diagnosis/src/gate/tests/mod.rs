@@ -10,7 +10,7 @@ fn look(set: &DataSet) -> GateReport {
     gate(set, &Expected::new(set, &model()))
 }
 
-/// What is found, with the runs.
+/// Findings of the gate, with the runs.
 fn found(set: &DataSet) -> Vec<(Check, String)> {
     look(set)
         .invalid
@@ -446,7 +446,7 @@ fn steady_ageing_passes_at_any_rate() {
     assert!(repeats(&sudden) > 0, "the order of time counts");
 }
 
-/// What a channel shows while nothing flows is noise: repeats of a log at zero current are alike.
+/// Without current a channel shows only noise: repeats of a log at zero current are alike.
 #[test]
 fn logs_without_current_repeat_each_other() {
     let mut set = campaign(&Hidden::default(), 1);

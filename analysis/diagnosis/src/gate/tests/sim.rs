@@ -14,7 +14,7 @@ use analysis_signal::series::TimeSeries;
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 
-/// What the true cell and bench have besides the base.
+/// Effects of the true cell and bench beyond the base.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Hidden {
     /// Kelvin of warming lower all resistances by 2 % each; J/K is 70.

@@ -18,7 +18,7 @@ const BEFORE: usize = 1;
 const NOISE: usize = 2;
 const ALONE: usize = 6;
 
-/// What a picture shows.
+/// Kind of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
     /// Blocks of residuals and their misfit.
@@ -40,7 +40,7 @@ pub enum Kind {
 pub struct Picture {
     /// File name without extension.
     pub name: String,
-    /// What it shows.
+    /// Kind of the picture.
     pub kind: Kind,
     /// A sentence to stand below it.
     pub caption: String,
