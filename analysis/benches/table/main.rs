@@ -21,7 +21,7 @@ mod kk;
 mod peers;
 mod sine;
 
-/// What a figure counts.
+/// Unit of a figure.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Unit {
     /// Work per second of processor time: more is better.
@@ -35,7 +35,7 @@ pub(crate) enum Unit {
 pub(crate) struct Row {
     /// The work, as the peers name it; empty for what has no peer.
     pub(crate) work: &'static str,
-    /// What was done.
+    /// Description of the work.
     pub(crate) what: String,
     /// The figure.
     pub(crate) value: f64,

@@ -25,7 +25,7 @@ fn python() -> Option<PathBuf> {
     named.or_else(|| beside.exists().then_some(beside))
 }
 
-/// What to do where the peers are not installed.
+/// Hint how to install the peers; none where they are installed.
 pub(crate) fn hint() -> Option<String> {
     let line = "\nThe peers are not installed. To see them beside us (Python 3.11 and network \
     needed):\n  \

@@ -17,7 +17,7 @@ impl ErmFit {
     }
 }
 
-/// What the figures are drawn from.
+/// Data that the figures are drawn from.
 #[derive(Debug, Clone, Copy)]
 pub struct FigureInput<'a> {
     /// Sweeps of cells, named `cell0_3` (cell 0, repeat 3).

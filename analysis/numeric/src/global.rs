@@ -92,7 +92,7 @@ impl Columns {
     }
 }
 
-/// What a search leaves.
+/// Result of a search.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Evolution {
     /// The first population, spread evenly over the box, best first: where else there may be

@@ -1,5 +1,5 @@
-//! What the rest is computed with: small linear algebra, minimisers, random numbers, tails of
-//! distributions, covariances. Knows no battery.
+//! Numerical methods for the rest of the analysis: small linear algebra, minimisers, random
+//! numbers, tails of distributions, covariances. Knows no battery.
 
 pub mod brief;
 mod covariance;

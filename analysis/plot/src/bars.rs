@@ -84,7 +84,7 @@ pub struct BarChart {
     pub title: String,
     /// Second line; empty for none.
     pub subtitle: String,
-    /// What the colours mean: words and index.
+    /// Legend of the colours: words and index.
     pub legend: Vec<(String, usize)>,
     /// From the top.
     pub panels: Vec<BarPanel>,

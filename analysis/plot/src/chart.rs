@@ -301,7 +301,7 @@ pub(super) fn layout(chart: &Chart) -> Result<Scene, PlotError> {
 fn draw(panel: &Panel, frame: &Frame, trace: &Trace) -> Vec<Shape> {
     let at = |x: f64, y: f64| {
         let (px, py) = frame.place(panel.x.coordinate(x), panel.y.coordinate(y));
-        // What lies beyond a fixed range must not draw over the title.
+        // Values beyond a fixed range must not draw over the title.
         let inside = |v: f64, lo: f64, hi: f64| if v.is_finite() { v.clamp(lo, hi) } else { hi };
         (
             inside(px, frame.left, frame.left + frame.width),

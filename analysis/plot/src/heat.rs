@@ -17,7 +17,7 @@ const RAMP: [(f64, f64, f64); 5] = [
     (250.0, 250.0, 250.0),
 ];
 
-/// What colours mean.
+/// Scale of the colours.
 #[derive(Debug, Clone, PartialEq)]
 pub struct HeatScale {
     /// Value of the darkest and of the lightest colour; what lies beyond gets the nearest.
@@ -39,7 +39,7 @@ pub struct HeatMap {
     pub labels: (Vec<String>, Vec<String>),
     /// Rows of values; what is not finite stays empty.
     pub values: Vec<Vec<f64>>,
-    /// What colours mean.
+    /// Scale of the colours.
     pub scale: HeatScale,
 }
 

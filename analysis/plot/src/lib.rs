@@ -122,7 +122,7 @@ impl Series {
     }
 }
 
-/// What is to be seen; serves for Nyquist and Bode alike.
+/// Contents of an impedance plot, for Nyquist and Bode alike.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ImpedancePlot {
     /// First line, bold.
@@ -222,13 +222,13 @@ pub enum PlotError {
     Write {
         /// The file.
         path: PathBuf,
-        /// What the system said.
+        /// Error message of the operating system.
         message: String,
     },
     /// The drawing library failed.
     #[error("drawing a plot: {message}")]
     Draw {
-        /// What it said.
+        /// Message of the drawing library.
         message: String,
     },
 }

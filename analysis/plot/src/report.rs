@@ -29,7 +29,7 @@ pub struct Verdict {
 /// A table of words and numbers.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Table {
-    /// What the table shows.
+    /// Caption of the table.
     pub caption: String,
     /// Names of the columns, with units.
     pub header: Vec<String>,
@@ -42,11 +42,11 @@ pub struct Table {
 pub struct Figure {
     /// Text of an SVG as [`crate`] makes it.
     pub svg: String,
-    /// What the plot shows.
+    /// Caption of the plot.
     pub caption: String,
 }
 
-/// What a report says, in the order in which it is shown.
+/// Contents of a report, in the order in which they are shown.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Report {
     /// First line.
@@ -57,7 +57,7 @@ pub struct Report {
     pub figures: Vec<Figure>,
     /// Tables.
     pub tables: Vec<Table>,
-    /// What is told under headings, after the tables.
+    /// Sections with a heading each, after the tables.
     pub sections: Vec<Section>,
     /// Where the numbers come from: version, configuration, seed, instruments, …
     pub provenance: Vec<(String, String)>,
@@ -102,7 +102,7 @@ pub enum ReportError {
     ForeignFigure {
         /// Number of the figure, from 1.
         index: usize,
-        /// What was met.
+        /// Value found.
         met: String,
     },
 }
@@ -307,8 +307,8 @@ fn escape(text: &str) -> String {
         })
 }
 
-/// What is wrong with a figure, if anything. Looks at tags only: words of a label may say what they
-/// like.
+/// Checks a figure and returns the fault as the error. Looks at tags only, because the words of a
+/// label are free.
 fn check_svg(svg: &str) -> Result<(), String> {
     let svg = svg.trim();
     if !(svg.starts_with("<svg ") && svg.ends_with("</svg>")) {

@@ -57,7 +57,7 @@ pub(super) struct Label {
     pub(super) anchor: Anchor,
 }
 
-/// What can be drawn.
+/// Shapes that can be drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Shape {
     Line {
