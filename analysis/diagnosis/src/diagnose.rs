@@ -35,8 +35,6 @@ const OTHER_STARTS: [f64; 2] = [0.6, 1.7];
 pub struct DiagnosisOptions {
     /// Candidates; all effects of the catalogue unless told otherwise.
     pub candidates: Vec<&'static dyn Effect>,
-    /// Guards; all on unless told otherwise.
-    pub guards: Guards,
     /// How far a recommended run may go; as far as the data unless told otherwise.
     pub limits: Option<BenchLimits>,
     /// Which planned runs may be recommended; all unless told otherwise.
@@ -47,7 +45,6 @@ impl Default for DiagnosisOptions {
     fn default() -> Self {
         Self {
             candidates: catalogue().to_vec(),
-            guards: Guards::default(),
             limits: None,
             playable: None,
         }
@@ -67,16 +64,16 @@ pub struct Outcome {
     pub next_runs: Vec<PlannedRun>,
 }
 
-/// Diagnoses a data set against a model.
+/// Diagnoses a data set that the gate let pass against a model, with these guards on.
 ///
 /// # Errors
 /// [`DataSetError`] for a set or run that cannot be used at all.
-pub fn diagnose(
+pub(crate) fn diagnose_with(
     set: &DataSet,
     model: &BaseModel,
     options: &DiagnosisOptions,
+    guards: Guards,
 ) -> Result<Outcome, DataSetError> {
-    let guards = options.guards;
     let mut prepared = prepare(set, model, guards)?;
     let mut desk = Desk::default();
     let mut base = base_fit(&prepared.problem, &model.erm, &mut desk);
@@ -86,7 +83,7 @@ pub fn diagnose(
             expected: "more training rows than the model has parameters",
         });
     }
-    let mut selection = search(&prepared, options).run(&base);
+    let mut selection = search(&prepared, options, guards).run(&base);
     let mut moved = if guards.sentinel {
         moved_floor(&prepared)
     } else {
@@ -102,7 +99,7 @@ pub fn diagnose(
             // searched under the noise that the bench had before.
             prepared = prepared.of_history(guards)?;
             let base = base_fit(&prepared.problem, &model.erm, &mut desk);
-            let fit = search(&prepared, options).run(&base).fit;
+            let fit = search(&prepared, options, guards).run(&base).fit;
             prepared = prepared.again(&fit, guards)?;
             moved = moved_floor(&prepared);
         }
@@ -110,7 +107,7 @@ pub fn diagnose(
         selection = if moved.is_some() {
             Selection::nothing(&base)
         } else {
-            search(&prepared, options).run(&base)
+            search(&prepared, options, guards).run(&base)
         };
     }
     let again = if selection.taken.is_empty() {
@@ -265,12 +262,12 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
     })
 }
 
-fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions) -> Search<'a> {
+fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions, guards: Guards) -> Search<'a> {
     let (problem, candidates) = (&prepared.problem, &options.candidates);
     Search {
         problem,
         candidates,
-        guards: options.guards,
+        guards,
         measured: measured(prepared),
         desk: Desk::default(),
     }

@@ -3,27 +3,27 @@
 
 /// Which guards are on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Guards {
+pub(crate) struct Guards {
     /// Errors of the current channel are pushed through the model into the noise.
-    pub current_channel_noise: bool,
+    pub(crate) current_channel_noise: bool,
     /// Localisation and scores look outside the model's tangent space only.
-    pub tangent_projection: bool,
+    pub(crate) tangent_projection: bool,
     /// No held-out run may become worse.
-    pub held_out: bool,
+    pub(crate) held_out: bool,
     /// An addition must remove a material share of the excess.
-    pub material_share: bool,
+    pub(crate) material_share: bool,
     /// Repeats must agree with each other and with the bench's history.
-    pub sentinel: bool,
+    pub(crate) sentinel: bool,
     /// A parameter at its bound is not named.
-    pub bound: bool,
+    pub(crate) bound: bool,
     /// The error of integration must be below a tenth of the floor.
-    pub integration: bool,
+    pub(crate) integration: bool,
     /// A fit that did not converge is no evidence.
-    pub convergence: bool,
+    pub(crate) convergence: bool,
     /// A name that an effect outside the catalogue beats is withdrawn.
-    pub outside: bool,
+    pub(crate) outside: bool,
     /// A named effect must be the same wherever it is measured.
-    pub consistency: bool,
+    pub(crate) consistency: bool,
 }
 
 impl Default for Guards {

@@ -44,10 +44,10 @@ pub use block::DataSetError;
 pub use data::{
     BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
 };
-pub use diagnose::{DiagnosisOptions, Outcome, diagnose};
+pub use diagnose::{DiagnosisOptions, Outcome};
 pub use distinguish::distinguish;
 pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
-pub use guards::Guards;
+pub use gate::diagnose;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence,
     FittedParameter, Gap, NamedEffect, NextExperiment, NoiseReport, NoiseTerm, Quality, Rival,

@@ -4,7 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    diagnosis::{BaseModel, DiagnosisOptions, Fixture, Outcome, Verdict, gate, report},
+    diagnosis::{self, BaseModel, DiagnosisOptions, Fixture, Outcome, Verdict, gate, report},
     given::GivenModel,
     run_folder::{self, JOURNAL, SUMS},
 };
@@ -391,7 +391,7 @@ impl Judged {
             .iter()
             .map(|problem| gate::Reason::unreadable(&problem.run, &problem.text))
             .collect();
-        let mut outcome = gate::diagnose_gated(
+        let mut outcome = diagnosis::diagnose(
             &self.loaded.set,
             unreadable,
             &self.model,

@@ -17,8 +17,8 @@ use std::{
 
 use analysis::{
     diagnosis::{
-        BaseModel, BenchLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome, PlannedRun,
-        Playable, Verdict, gate,
+        self, BaseModel, BenchLimits, Diagnosis, DiagnosisOptions, NextExperiment, Outcome,
+        PlannedRun, Playable, Verdict, gate,
     },
     fit::{Bounds, CellSweeps, FitOptions, ModelFile, OrderOptions, fit_erm, select_order},
     ocv::OcvCurve,
@@ -253,7 +253,7 @@ impl Desk<'_> {
             .iter()
             .map(|problem| gate::Reason::unreadable(&problem.run, &problem.text))
             .collect();
-        let mut outcome = gate::diagnose_gated(&self.loaded.set, unreadable, &self.model, &options)
+        let mut outcome = diagnosis::diagnose(&self.loaded.set, unreadable, &self.model, &options)
             .map_err(|error| Failure::Analysis(error.to_string()))?;
         outcome
             .diagnosis

@@ -22,7 +22,7 @@ use serde::Serialize;
 use std::fmt;
 
 pub use expected::{Expected, Prediction};
-pub use refusal::diagnose_gated;
+pub use refusal::diagnose;
 
 /// Kind of fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]

@@ -4,15 +4,17 @@ use super::super::data::DataSet;
 use super::super::outcome::{
     DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, Quality, Verdict,
 };
-use super::super::{BaseModel, DataSetError, DiagnosisOptions, Outcome, diagnose};
+use super::super::{
+    BaseModel, DataSetError, DiagnosisOptions, Outcome, diagnose::diagnose_with, guards::Guards,
+};
 use super::{Expected, Reason, gate};
 
 /// Diagnoses a data set if the gate lets it pass; else the verdict is [`Verdict::Invalid`].
 /// `unreadable` are the runs that no data could be read of.
 ///
 /// # Errors
-/// [`DataSetError`] as [`diagnose`], of data that the gate let pass.
-pub fn diagnose_gated(
+/// [`DataSetError`] for a set or run that cannot be used although the gate let it pass.
+pub fn diagnose(
     set: &DataSet,
     unreadable: Vec<Reason>,
     model: &BaseModel,
@@ -29,7 +31,7 @@ pub fn diagnose_gated(
             next_runs: Vec::new(),
         });
     }
-    let mut outcome = diagnose(set, model, options)?;
+    let mut outcome = diagnose_with(set, model, options, Guards::default())?;
     outcome.diagnosis.notes.extend(report.notes);
     Ok(outcome)
 }

@@ -5,7 +5,8 @@ use crate::{
     DiagnosisOptions, Verdict,
     block::{Block, Kind},
     data::{BenchHistory, DataSet, RunData},
-    diagnose, followed,
+    diagnose::diagnose_with,
+    followed,
     guards::Guards,
     prepare::prepare,
     time_block::TimeBlock,
@@ -135,9 +136,14 @@ fn noise_of_the_current_says_nothing_of_a_resistance() {
         current_noise_a: sigma_a,
         ..HISTORY
     });
-    let d = diagnose(&set, &model(), &DiagnosisOptions::default())
-        .unwrap()
-        .diagnosis;
+    let d = diagnose_with(
+        &set,
+        &model(),
+        &DiagnosisOptions::default(),
+        Guards::default(),
+    )
+    .unwrap()
+    .diagnosis;
     assert_eq!(
         d.verdict,
         Verdict::AtNoiseFloor,

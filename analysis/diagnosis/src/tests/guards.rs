@@ -2,25 +2,18 @@
 
 use super::bench::{Hidden, campaign, model};
 use crate::{
-    DataSet, Diagnosis, DiagnosisOptions, Guards, Role, RunData, Verdict,
+    DataSet, Diagnosis, DiagnosisOptions, Role, RunData, Verdict,
     block::Desk,
-    diagnose,
-    diagnose::base_fit,
+    diagnose::{base_fit, diagnose_with},
+    guards::Guards,
     prepare::prepare,
     search::{Search, excess_z},
 };
 
 fn with(set: &DataSet, guards: Guards) -> Diagnosis {
-    diagnose(
-        set,
-        &model(),
-        &DiagnosisOptions {
-            guards,
-            ..DiagnosisOptions::default()
-        },
-    )
-    .unwrap()
-    .diagnosis
+    diagnose_with(set, &model(), &DiagnosisOptions::default(), guards)
+        .unwrap()
+        .diagnosis
 }
 
 fn names(d: &Diagnosis) -> Vec<&'static str> {
@@ -197,17 +190,13 @@ fn a_parameter_at_its_bound_is_no_name() {
     };
     let slope = |guards: Guards| {
         let candidates = vec![analysis_effects::effects::find("ocv_slope").unwrap()];
-        diagnose(
-            &set,
-            &model(),
-            &DiagnosisOptions {
-                candidates,
-                guards,
-                ..DiagnosisOptions::default()
-            },
-        )
-        .unwrap()
-        .diagnosis
+        let options = DiagnosisOptions {
+            candidates,
+            ..DiagnosisOptions::default()
+        };
+        diagnose_with(&set, &model(), &options, guards)
+            .unwrap()
+            .diagnosis
     };
     let off = slope(Guards {
         bound: false,

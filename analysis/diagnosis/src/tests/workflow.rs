@@ -1,11 +1,12 @@
 use super::bench::{Hidden, campaign, model};
-use crate::{DiagnosisOptions, Verdict, diagnose};
+use crate::{DiagnosisOptions, Verdict, diagnose::diagnose_with, guards::Guards};
 
 fn verdict(seed: u64, hidden: &Hidden) -> crate::Diagnosis {
-    diagnose(
+    diagnose_with(
         &campaign(seed, hidden, hidden),
         &model(),
         &DiagnosisOptions::default(),
+        Guards::default(),
     )
     .unwrap()
     .diagnosis
@@ -67,9 +68,14 @@ fn without_repeats_no_floor_is_claimed() {
     let mut seen = std::collections::BTreeSet::new();
     set.runs.retain(|r| seen.insert(r.repeat_group.clone()));
     set.history = None;
-    let d = diagnose(&set, &model(), &DiagnosisOptions::default())
-        .unwrap()
-        .diagnosis;
+    let d = diagnose_with(
+        &set,
+        &model(),
+        &DiagnosisOptions::default(),
+        Guards::default(),
+    )
+    .unwrap()
+    .diagnosis;
     assert!(
         d.verdict != Verdict::AtNoiseFloor && !d.noise.from_repeats,
         "{:?}",

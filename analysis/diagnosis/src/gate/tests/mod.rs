@@ -508,7 +508,7 @@ fn a_zero_error_of_a_long_record_is_no_other_run() {
 fn refused_data_end_as_invalid() {
     let mut set = campaign(&Hidden::default(), 1);
     let unreadable = vec![super::Reason::unreadable("lost", "no such bytes")];
-    let clean = super::diagnose_gated(&set, unreadable, &model(), &Default::default())
+    let clean = super::diagnose(&set, unreadable, &model(), &Default::default())
         .unwrap()
         .diagnosis;
     assert_eq!(
@@ -519,7 +519,7 @@ fn refused_data_end_as_invalid() {
         )
     );
     clip(&mut set, "pulse_2", 0.4);
-    let refused = super::diagnose_gated(&set, Vec::new(), &model(), &Default::default())
+    let refused = super::diagnose(&set, Vec::new(), &model(), &Default::default())
         .unwrap()
         .diagnosis;
     assert!(
