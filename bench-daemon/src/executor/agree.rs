@@ -37,7 +37,7 @@ impl Executor<'_> {
             quantity,
             times,
             value,
-        }) = self.interlock.stuck()
+        }) = self.rig.interlock.stuck()
         else {
             return Ok(());
         };
@@ -76,12 +76,12 @@ impl Executor<'_> {
 
     /// Whose voltmeter is in use, and what another one shows.
     async fn other_volts(&mut self) -> (&'static str, Option<(&'static str, f64)>) {
-        let Some(supply) = self.bench.supply4q.as_mut() else {
+        let Some(supply) = self.rig.bench.supply4q.as_mut() else {
             return ("the load", None);
         };
         // The message is worth more than another error.
         let shown = supply.measure().await.ok().map(|(volts, _)| volts.value());
-        if self.bench.load.is_some() {
+        if self.rig.bench.load.is_some() {
             ("the load", shown.map(|volts| ("the bipolar supply", volts)))
         } else {
             ("the bipolar supply", None)
@@ -89,7 +89,12 @@ impl Executor<'_> {
     }
 
     async fn bath_c(&mut self) -> Option<f64> {
-        let chiller = self.bench.chiller.as_mut().filter(|_| self.chiller_runs)?;
+        let chiller = self
+            .rig
+            .bench
+            .chiller
+            .as_mut()
+            .filter(|_| self.rig.temperatures.chiller_runs)?;
         chiller
             .temperature()
             .await
@@ -100,14 +105,19 @@ impl Executor<'_> {
     /// A bath that holds the cell is not far from it. While nothing can flow, or the temperature is
     /// to change, nothing is judged.
     pub(super) async fn agree_with_bath(&mut self) -> Result<(), ExecuteError> {
-        let judged = self.interlock.is_live() && !self.interlock.tempering();
-        let Some(cell_c) = self.last_c.filter(|celsius| celsius.is_finite() && judged) else {
+        let judged = self.rig.interlock.is_live() && !self.rig.interlock.tempering();
+        let Some(cell_c) = self
+            .rig
+            .temperatures
+            .last_c
+            .filter(|celsius| celsius.is_finite() && judged)
+        else {
             return Ok(());
         };
         let Some(bath_c) = self.bath_c().await else {
             return Ok(());
         };
-        let warmer_k = if self.interlock.allowed_mean().is_some() {
+        let warmer_k = if self.rig.interlock.allowed_mean().is_some() {
             WARMER_K
         } else {
             f64::INFINITY
@@ -134,7 +144,7 @@ impl Executor<'_> {
         [_, _, low, high]: &[Waveform; 4],
         amplitude_v: f64,
     ) -> Result<(), ExecuteError> {
-        let Some(shown_v) = self.shown_v else {
+        let Some(shown_v) = self.rig.watching.shown_v else {
             return Ok(());
         };
         let offsets_v: f64 = [low, high]

@@ -11,6 +11,7 @@ use super::{ExecuteError, Executor, POLL_S};
 use crate::{
     interlock::Reading,
     journal::Entry,
+    measure::Spent,
     plan::{Stage, Step},
     record::Event,
 };
@@ -40,6 +41,19 @@ pub(super) struct Ahead {
     pub(super) since_s: f64,
 }
 
+/// The sweep in work: what is ahead of its point, and what its points have cost.
+#[derive(Default)]
+pub(super) struct SweepState {
+    /// The point after the one in work, where the generator may go on to it.
+    pub(super) next: Option<Next>,
+    /// The step that is in the journal before its turn.
+    pub(super) announced: Option<usize>,
+    /// The generator has gone on.
+    pub(super) ahead: Option<Ahead>,
+    /// What went into measuring points of the sweep again.
+    pub(super) spent: Spent,
+}
+
 impl Next {
     fn sine(&self) -> Step {
         Step::Sine {
@@ -55,8 +69,8 @@ impl Executor<'_> {
     /// Whether points overlap; where nobody has said so, in real time only: in any other nobody
     /// waits.
     pub(super) fn overlaps(&self) -> bool {
-        let wanted = self.experiment.eis.as_ref().and_then(|eis| eis.overlap);
-        wanted.unwrap_or(self.clock.mode() == TimeMode::Real)
+        let wanted = self.rig.experiment.eis.as_ref().and_then(|eis| eis.overlap);
+        wanted.unwrap_or(self.rig.clock.mode() == TimeMode::Real)
     }
 
     /// Looks for the point after a step.
@@ -67,7 +81,7 @@ impl Executor<'_> {
         plays: impl Fn(usize, &Step) -> bool,
     ) {
         let wanted = self.overlaps();
-        self.next = None;
+        self.sweep.next = None;
         if let (
             true,
             Some(Step::Sine { .. }),
@@ -82,7 +96,7 @@ impl Executor<'_> {
         ) = (wanted, stage.steps.get(index), stage.steps.get(index + 1))
             && plays(index + 1, step)
         {
-            self.next = Some(Next {
+            self.sweep.next = Some(Next {
                 stage: number,
                 step: index + 1,
                 freq_hz,
@@ -96,29 +110,37 @@ impl Executor<'_> {
     /// Writes down that the next point is about to be begun, while this one still settles:
     /// afterwards each moment counts.
     pub(super) fn announce(&mut self) -> Result<(), ExecuteError> {
-        if let Some(next) = self.next.filter(|next| self.announced != Some(next.step)) {
+        if let Some(next) = self
+            .sweep
+            .next
+            .filter(|next| self.sweep.announced != Some(next.step))
+        {
             let text = next.sine().to_string();
-            self.recorder.journal(Entry::Intent {
+            self.rig.recorder.journal(Entry::Intent {
                 stage: next.stage,
                 step: next.step,
                 text: text.clone(),
                 live: true,
             })?;
-            self.recorder.event(Event::Step, &text)?;
-            self.announced = Some(next.step);
+            self.rig.recorder.event(Event::Step, &text)?;
+            self.sweep.announced = Some(next.step);
         }
         Ok(())
     }
 
     /// Whether a step is in the journal already as begun.
     pub(super) fn was_announced(&self, step: usize) -> bool {
-        self.announced == Some(step)
+        self.sweep.announced == Some(step)
     }
 
     /// Since when the generator plays this point, if it does.
     pub(super) fn taken_ahead(&mut self, freq_hz: f64, amplitude_a: f64) -> Option<f64> {
         let same = |ahead: &Ahead| ahead.freq_hz == freq_hz && ahead.amplitude_a == amplitude_a;
-        self.ahead.take().filter(same).map(|ahead| ahead.since_s)
+        self.sweep
+            .ahead
+            .take()
+            .filter(same)
+            .map(|ahead| ahead.since_s)
     }
 
     /// The scope holds its record: the generator goes on. Where crests would not be allowed the
@@ -130,26 +152,26 @@ impl Executor<'_> {
                 amplitude_a,
                 ..
             },
-        ) = self.next
+        ) = self.sweep.next
         else {
             return Ok(());
         };
         if self.headroom(fixture, (freq_hz, amplitude_a)).is_err() {
             return Ok(());
         }
-        self.interlock.begin(
+        self.rig.interlock.begin(
             self.allowance(fixture, &next.sine()),
-            self.clock.machine_s(),
+            self.rig.clock.machine_s(),
         );
-        let told_s = self.clock.now_s();
+        let told_s = self.rig.clock.now_s();
         self.drive((freq_hz, amplitude_a, next.wait_s)).await?;
-        let proven_s = self.clock.now_s();
+        let proven_s = self.rig.clock.now_s();
         let since_s = if proven_s - told_s <= PROMPT_S {
             told_s
         } else {
             proven_s
         };
-        self.ahead = Some(Ahead {
+        self.sweep.ahead = Some(Ahead {
             freq_hz,
             amplitude_a,
             since_s,
@@ -165,36 +187,39 @@ impl Executor<'_> {
         fixture: Fixture,
     ) -> Result<(), ExecuteError> {
         loop {
-            let left_s = end_s - self.clock.now_s();
+            let left_s = end_s - self.rig.clock.now_s();
             // A reading takes a while: one that would end too late comes right after the wait.
             let poll_s = self.poll_s();
-            if left_s <= poll_s + self.watch_took_s {
+            if left_s <= poll_s + self.rig.watching.took_s {
                 self.read_before(left_s, fixture).await?;
-                self.clock.sleep_s(end_s - self.clock.now_s()).await;
+                self.rig.clock.sleep_s(end_s - self.rig.clock.now_s()).await;
                 return Ok(());
             }
-            self.clock.sleep_s(poll_s).await;
+            self.rig.clock.sleep_s(poll_s).await;
             let reading = self.timed_watch(fixture).await?;
-            self.watch_mean((reading, end_s - self.clock.now_s() - self.watch_took_s))
-                .await?;
+            self.watch_mean((
+                reading,
+                end_s - self.rig.clock.now_s() - self.rig.watching.took_s,
+            ))
+            .await?;
         }
     }
 
     /// Behind the last point no other one settles, during which a reading would cost nothing: where
     /// there is time for it, it comes before the record.
     async fn read_before(&mut self, left_s: f64, fixture: Fixture) -> Result<(), ExecuteError> {
-        let early_s = left_s - 2.0 * self.watch_took_s - ARMED_S;
-        if self.next.is_some() || self.watch_took_s <= 0.0 || early_s <= 0.0 {
+        let early_s = left_s - 2.0 * self.rig.watching.took_s - ARMED_S;
+        if self.sweep.next.is_some() || self.rig.watching.took_s <= 0.0 || early_s <= 0.0 {
             return Ok(());
         }
-        self.clock.sleep_s(early_s).await;
+        self.rig.clock.sleep_s(early_s).await;
         self.timed_watch(fixture).await.map(|_| ())
     }
 
     /// A reading while a record is being fetched, as soon as the last one is as old as two readings
     /// may be apart.
     pub(super) async fn watch_between(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        if self.overlaps() && self.clock.now_s() - self.watched_s < POLL_S {
+        if self.overlaps() && self.rig.clock.now_s() - self.rig.watching.watched_s < POLL_S {
             Ok(())
         } else {
             self.timed_watch(fixture).await.map(|_| ())
@@ -202,9 +227,9 @@ impl Executor<'_> {
     }
 
     async fn timed_watch(&mut self, fixture: Fixture) -> Result<Reading, ExecuteError> {
-        let start_s = self.clock.now_s();
+        let start_s = self.rig.clock.now_s();
         let reading = self.watch("sine", fixture).await?;
-        self.watch_took_s = self.clock.now_s() - start_s;
+        self.rig.watching.took_s = self.rig.clock.now_s() - start_s;
         Ok(reading)
     }
 
@@ -215,6 +240,6 @@ impl Executor<'_> {
         driven_s: f64,
         screen_s: f64,
     ) -> f64 {
-        (driven_s + wait_s).max(self.clock.now_s() + screen_s + 1.0 / freq_hz + ARMED_S)
+        (driven_s + wait_s).max(self.rig.clock.now_s() + screen_s + 1.0 / freq_hz + ARMED_S)
     }
 }

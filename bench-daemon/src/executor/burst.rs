@@ -77,8 +77,11 @@ impl Executor<'_> {
         freq_hz: f64,
         needed_s: f64,
     ) -> Result<(), ExecuteError> {
-        self.begin_periods(freq_hz, ((needed_s + self.burst.leeway_s) * freq_hz).ceil())
-            .await
+        self.begin_periods(
+            freq_hz,
+            ((needed_s + self.rig.driving.burst.leeway_s) * freq_hz).ceil(),
+        )
+        .await
     }
 
     /// Begins so many periods of it.
@@ -87,18 +90,21 @@ impl Executor<'_> {
         freq_hz: f64,
         wanted: f64,
     ) -> Result<(), ExecuteError> {
-        let error = self.bench.error("generator");
-        let wiring = &self.experiment.bench.wiring;
-        let generator = require(&mut self.bench.generator, "generator")?;
-        let most = generator
-            .most_periods()
-            .filter(|most| wiring.bursts && !self.burst.refused && wanted <= f64::from(*most));
+        let error = self.rig.bench.error("generator");
+        let wiring = &self.rig.experiment.bench.wiring;
+        let generator = require(&mut self.rig.bench.generator, "generator")?;
+        let most = generator.most_periods().filter(|most| {
+            wiring.bursts && !self.rig.driving.burst.refused && wanted <= f64::from(*most)
+        });
         let periods = most.map(|_| wanted as u32);
-        let begun_s = self.clock.now_s();
-        (self.burst.ends_s, self.burst.ended_s) = (f64::INFINITY, f64::INFINITY);
+        let begun_s = self.rig.clock.now_s();
+        (
+            self.rig.driving.burst.ends_s,
+            self.rig.driving.burst.ended_s,
+        ) = (f64::INFINITY, f64::INFINITY);
         // It begins at its phase, wherever the one before was.
-        self.interlock.lose_period();
-        if periods.is_none() && !self.burst.on {
+        self.rig.interlock.lose_period();
+        if periods.is_none() && !self.rig.driving.burst.on {
             return Ok(());
         }
         match generator.burst(periods).await {
@@ -110,37 +116,45 @@ impl Executor<'_> {
                 | LinkError::Unexpected { .. }),
             ) if periods.is_some() => {
                 generator.burst(None).await.map_err(&error)?;
-                self.burst.refused = true;
+                self.rig.driving.burst.refused = true;
                 let text = format!(
                     "generator: takes no bursts ({said}): its signal ends by the daemon and the \
                     guardian alone"
                 );
-                self.recorder.warning(&text);
+                self.rig.recorder.warning(&text);
                 return Ok(());
             }
             Err(failed) => return Err(error(failed).into()),
         }
-        self.burst.on = periods.is_some();
+        self.rig.driving.burst.on = periods.is_some();
         if let Some(periods) = periods {
             let lasts_s = f64::from(periods) / freq_hz;
-            (self.burst.ends_s, self.burst.ended_s) =
-                (begun_s + lasts_s, self.clock.now_s() + lasts_s + FADES_S);
+            (
+                self.rig.driving.burst.ends_s,
+                self.rig.driving.burst.ended_s,
+            ) = (
+                begun_s + lasts_s,
+                self.rig.clock.now_s() + lasts_s + FADES_S,
+            );
         }
         Ok(())
     }
 
     /// The generator was told to be quiet: no burst, and nothing that could end.
     pub(super) fn no_burst(&mut self) {
-        (self.burst.on, self.burst.ends_s, self.burst.ended_s) =
-            (false, f64::INFINITY, f64::INFINITY);
+        (
+            self.rig.driving.burst.on,
+            self.rig.driving.burst.ends_s,
+            self.rig.driving.burst.ended_s,
+        ) = (false, f64::INFINITY, f64::INFINITY);
     }
 
     /// Whether a record that ends at `end_s` would miss a part of the signal; the next one is made
     /// longer then.
     pub(super) fn falls_short(&mut self, end_s: f64) -> bool {
-        let short = end_s > self.burst.ends_s;
+        let short = end_s > self.rig.driving.burst.ends_s;
         if short {
-            self.burst.leeway_s *= LONGER;
+            self.rig.driving.burst.leeway_s *= LONGER;
         }
         short
     }

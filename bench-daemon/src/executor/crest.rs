@@ -42,10 +42,15 @@ impl Executor<'_> {
         fixture: Fixture,
         (freq_hz, peak_a): (f64, f64),
     ) -> Result<(), ExecuteError> {
-        let Some(rest_v) = self.idle.voltage_v.filter(|_| fixture == Fixture::Cell) else {
+        let Some(rest_v) = self
+            .known
+            .idle
+            .voltage_v
+            .filter(|_| fixture == Fixture::Cell)
+        else {
             return Ok(());
         };
-        let limits = &self.experiment.cell.limits;
+        let limits = &self.rig.experiment.cell.limits;
         let (least_v, greatest_v) = (rest_v - peak_a * MOST_OHM, rest_v + peak_a * MOST_OHM);
         if least_v >= limits.min_v && greatest_v <= limits.max_v {
             return Ok(());
@@ -74,34 +79,39 @@ impl Executor<'_> {
         let [below, above, low, high] = waveforms;
         let current = difference(above, below);
         let mean_a = mean(whole_periods(&current, below.interval_s * freq_hz))
-            / self.experiment.bench.wiring.shunt.r_ohm;
+            / self.rig.experiment.bench.wiring.shunt.r_ohm;
         let unsure_v: f64 = [below, above]
             .iter()
             .map(|waveform| self.offset_error_v(waveform))
             .sum();
-        let greatest =
-            0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.experiment.bench.wiring.shunt.r_ohm;
-        let time_s = self.clock.now_s();
+        let greatest = 0.1 * amplitude_a
+            + NO_CURRENT_A
+            + unsure_v / self.rig.experiment.bench.wiring.shunt.r_ohm;
+        let time_s = self.rig.clock.now_s();
         let scales = [below, above].map(|waveform| waveform.preamble.volts_per_div);
         // On new scales the zeros of the channels are others: what had changed until then is
         // carried over.
-        let (_, zero_a) = *self.first_mean.insert(match self.first_mean {
-            Some(first) if first.0 == scales => first,
-            _ => (scales, mean_a - self.mean_change_a),
-        });
+        let (_, zero_a) = *self
+            .rig
+            .driving
+            .first_mean
+            .insert(match self.rig.driving.first_mean {
+                Some(first) if first.0 == scales => first,
+                _ => (scales, mean_a - self.rig.driving.mean_change_a),
+            });
         // A channel that clips shows what is common to both, and is measured again; noise is no
         // current: the quality gate judges it.
         let clips = [below, above]
             .into_iter()
             .any(|waveform| waveform.clipped_share() > 0.0);
-        let r_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let r_ohm = self.rig.experiment.bench.wiring.shunt.r_ohm;
         let crest_a = if clips || !smooth(&current) {
             0.0
         } else {
             within(&current, mean_a * r_ohm) / r_ohm
         };
         let crest = (crest_a
-            > drawn(amplitude_a) + unsure_v / self.experiment.bench.wiring.shunt.r_ohm)
+            > drawn(amplitude_a) + unsure_v / self.rig.experiment.bench.wiring.shunt.r_ohm)
             .then_some((
                 "crest of the cell current in a record",
                 crest_a,
@@ -123,7 +133,7 @@ impl Executor<'_> {
             };
             return Err(trip.because(self.cause().await).into());
         }
-        self.mean_change_a = mean_a - zero_a;
+        self.rig.driving.mean_change_a = mean_a - zero_a;
         if fixture != Fixture::Cell {
             return Ok(());
         }
@@ -135,7 +145,7 @@ impl Executor<'_> {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| {
                 (least.min(*v), most.max(*v))
             });
-        let limits = &self.experiment.cell.limits;
+        let limits = &self.rig.experiment.cell.limits;
         let (least, greatest) = (limits.min_v, limits.max_v);
         let beyond = [
             (least_v, least_v < least - MARGIN_V),
@@ -175,6 +185,7 @@ impl Executor<'_> {
     /// How far a channel's zero may be off, V: one per cent of its range, and a millivolt.
     pub(super) fn offset_error_v(&self, waveform: &Waveform) -> f64 {
         let half_range_div = self
+            .rig
             .bench
             .scope
             .as_ref()

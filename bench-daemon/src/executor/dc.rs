@@ -53,8 +53,9 @@ impl Executor<'_> {
     /// A text about the run of a campaign that is in work, and that says so.
     pub(super) fn of_run(&self, text: &str) -> String {
         let run = self
+            .position
             .run
-            .and_then(|number| self.experiment.campaign.as_ref()?.run(number));
+            .and_then(|number| self.rig.experiment.campaign.as_ref()?.run(number));
         run.map_or_else(|| text.to_owned(), |run| format!("{}{text}", run.prefix()))
     }
 
@@ -64,9 +65,9 @@ impl Executor<'_> {
         (low_v, high_v): (f64, f64),
         missed: Option<Missed>,
     ) -> Result<(), ExecuteError> {
-        let (volts, steady) = self.reset.rested.unwrap_or((f64::NAN, false));
+        let (volts, steady) = self.direct.reset.rested.unwrap_or((f64::NAN, false));
         if steady && (low_v..=high_v).contains(&volts) {
-            self.reset.accepted = true;
+            self.direct.reset.accepted = true;
             return Ok(());
         }
         let met = format!(
@@ -76,25 +77,25 @@ impl Executor<'_> {
         let expected = format!("{low_v} V to {high_v} V at rest");
         match missed {
             None => {
-                let shift_v = self.reset.shift_v + 0.5 * (low_v + high_v) - volts;
-                self.reset.shift_v = if shift_v.is_nan() {
+                let shift_v = self.direct.reset.shift_v + 0.5 * (low_v + high_v) - volts;
+                self.direct.reset.shift_v = if shift_v.is_nan() {
                     0.0
                 } else {
                     shift_v.clamp(-GREATEST_SHIFT_V, GREATEST_SHIFT_V)
                 };
-                let shift_mv = 1.0e3 * self.reset.shift_v;
+                let shift_mv = 1.0e3 * self.direct.reset.shift_v;
                 let text = format!(
                     "{SOC_MISSED}: expected {expected}, found {met}; again, the end of the charge \
                     moved by {shift_mv:+.1} mV"
                 );
-                Ok(self.recorder.event(Event::Again, &self.of_run(&text))?)
+                Ok(self.rig.recorder.event(Event::Again, &self.of_run(&text))?)
             }
             Some(Missed::Flag) => {
                 let text = format!(
                     "{SOC_MISSED}: expected {expected}, found {met}: the state of charge is not \
                     the one that was asked for"
                 );
-                self.recorder.warning(&self.of_run(&text));
+                self.rig.recorder.warning(&self.of_run(&text));
                 Ok(())
             }
             Some(Missed::Refuse) => Err(ExecuteError::Disobeyed {
@@ -114,26 +115,26 @@ impl Executor<'_> {
         else {
             return Ok(());
         };
-        let error = self.bench.error("chiller");
-        let chiller = require(&mut self.bench.chiller, "chiller")?;
-        match self.thermostat.as_mut() {
+        let error = self.rig.bench.error("chiller");
+        let chiller = require(&mut self.rig.bench.chiller, "chiller")?;
+        match self.rig.temperatures.thermostat.as_mut() {
             Some(thermostat) => thermostat.set(setpoint_c),
             None => {
                 chiller.start(Celsius(setpoint_c)).await.map_err(error)?;
-                let settings = self.experiment.bench.thermostat;
-                self.thermostat = chiller
+                let settings = self.rig.experiment.bench.thermostat;
+                self.rig.temperatures.thermostat = chiller
                     .is_regulated()
-                    .then(|| Thermostat::new(settings, setpoint_c, self.clock.now_s()));
+                    .then(|| Thermostat::new(settings, setpoint_c, self.rig.clock.now_s()));
             }
         }
-        self.chiller_runs = true;
-        if self.thermostat.is_none() {
-            self.progress.bath(setpoint_c);
+        self.rig.temperatures.chiller_runs = true;
+        if self.rig.temperatures.thermostat.is_none() {
+            self.person.progress.bath(setpoint_c);
         }
-        let start_s = self.clock.now_s();
+        let start_s = self.rig.clock.now_s();
         let mut steady_since_s = None;
         loop {
-            let now_s = self.clock.now_s();
+            let now_s = self.rig.clock.now_s();
             let temperature_c = self.cell_temperature().await?;
             self.judge(
                 "temperature",
@@ -151,7 +152,7 @@ impl Executor<'_> {
                 steady_since_s = None;
             }
             bound(step, now_s - start_s, max_s, || at_in_words(temperature_c))?;
-            self.clock.sleep_s(REST_POLL_S).await;
+            self.rig.clock.sleep_s(REST_POLL_S).await;
         }
     }
 
@@ -171,25 +172,26 @@ impl Executor<'_> {
         }
         // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that
         // the load ends it if the daemon does not.
-        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
-        let error = self.bench.error("load");
-        let load = require(&mut self.bench.load, "load")?;
+        let stop_below =
+            Volts((until_v - LOAD_CUT_OFF_V).max(self.rig.experiment.cell.limits.min_v));
+        let error = self.rig.bench.error("load");
+        let load = require(&mut self.rig.bench.load, "load")?;
         load.prepare(&Discharge {
             draw: Draw::Current(Amps(current_a)),
             stop_below,
         })
         .await
         .map_err(&error)?;
-        require(&mut self.bench.load, "load")?
+        require(&mut self.rig.bench.load, "load")?
             .energise()
             .await
             .map_err(&error)?;
-        let start_s = self.clock.now_s();
+        let start_s = self.rig.clock.now_s();
         for poll in 1.. {
-            self.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_s(POLL_S).await;
             let (volts, amps) = self.load_volts().await?;
             let temperature_c = self.temperature_now_and_then().await?;
-            let now_s = self.clock.now_s();
+            let now_s = self.rig.clock.now_s();
             self.judge(
                 "discharge",
                 Reading {
@@ -210,7 +212,7 @@ impl Executor<'_> {
                 format!("the cell is at {volts:.3} V")
             })?;
         }
-        require(&mut self.bench.load, "load")?
+        require(&mut self.rig.bench.load, "load")?
             .safe()
             .await
             .map_err(error)?;
@@ -227,36 +229,36 @@ impl Executor<'_> {
         else {
             return Ok(());
         };
-        let until_v = (until_v + self.reset.shift_v).min(limit_v - BELOW_LIMIT_V);
+        let until_v = (until_v + self.direct.reset.shift_v).min(limit_v - BELOW_LIMIT_V);
         let idle_v = self.idle_volts("charge").await?;
         if idle_v >= until_v {
             tracing::info!("already at {idle_v:.3} V: nothing to charge");
             return Ok(());
         }
-        let error = self.bench.error("supply");
+        let error = self.rig.bench.error("supply");
         let charge = Charge {
             voltage: Volts(limit_v),
             current: Amps(current_a),
         };
-        require(&mut self.bench.supply, "supply")?
+        require(&mut self.rig.bench.supply, "supply")?
             .prepare(&charge)
             .await
             .map_err(&error)?;
-        require(&mut self.bench.supply, "supply")?
+        require(&mut self.rig.bench.supply, "supply")?
             .energise()
             .await
             .map_err(&error)?;
-        let start_s = self.clock.now_s();
+        let start_s = self.rig.clock.now_s();
         for poll in 1.. {
-            self.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_s(POLL_S).await;
             // The supply has no sense leads: the load's, with its input off, see the cell itself.
             let (volts, drawn_a) = self.load_volts().await?;
-            let (terminal, amps) = require(&mut self.bench.supply, "supply")?
+            let (terminal, amps) = require(&mut self.rig.bench.supply, "supply")?
                 .measure()
                 .await
                 .map_err(&error)?;
             let temperature_c = self.temperature_now_and_then().await?;
-            let now_s = self.clock.now_s();
+            let now_s = self.rig.clock.now_s();
             let reading = Reading {
                 time_s: now_s,
                 voltage_v: Some(volts),
@@ -280,7 +282,7 @@ impl Executor<'_> {
                 format!("the cell is at {volts:.3} V")
             })?;
         }
-        require(&mut self.bench.supply, "supply")?
+        require(&mut self.rig.bench.supply, "supply")?
             .safe()
             .await
             .map_err(error)?;
@@ -296,19 +298,19 @@ impl Executor<'_> {
         else {
             return Ok(());
         };
-        let start_s = self.clock.now_s();
+        let start_s = self.rig.clock.now_s();
         let mut window: VecDeque<(f64, f64)> = VecDeque::new();
         loop {
-            self.clock.sleep_s(REST_POLL_S).await;
+            self.rig.clock.sleep_s(REST_POLL_S).await;
             let (volts, drawn_a) = self.load_volts().await?;
-            let error = self.bench.error("supply");
-            let (_, fed) = require(&mut self.bench.supply, "supply")?
+            let error = self.rig.bench.error("supply");
+            let (_, fed) = require(&mut self.rig.bench.supply, "supply")?
                 .measure()
                 .await
                 .map_err(error)?;
             let current_a = Some(fed.value() - drawn_a);
             let temperature_c = self.temperature_now_and_then().await?;
-            let now_s = self.clock.now_s();
+            let now_s = self.rig.clock.now_s();
             self.judge(
                 "rest",
                 Reading {
@@ -330,7 +332,7 @@ impl Executor<'_> {
             let slope = slope(&window);
             if rested_s >= min_s.max(SLOPE_SPAN_S) && slope.abs() < slope_v_per_s {
                 tracing::info!("rested to {volts:.4} V in {rested_s:.0} s");
-                self.reset.rested = Some((volts, true));
+                self.direct.reset.rested = Some((volts, true));
                 return Ok(());
             }
             if rested_s > max_s {
@@ -348,8 +350,8 @@ impl Executor<'_> {
                 };
                 let text = self.of_run(&text);
                 tracing::warn!("{text}");
-                self.recorder.warning(&text);
-                self.reset.rested = Some((volts, false));
+                self.rig.recorder.warning(&text);
+                self.direct.reset.rested = Some((volts, false));
                 return Ok(());
             }
         }
@@ -362,7 +364,7 @@ impl Executor<'_> {
         self.no_current(LOAD_CURRENT, drawn_a)?;
         let temperature_c = self.cell_temperature().await?;
         let reading = Reading {
-            time_s: self.clock.now_s(),
+            time_s: self.rig.clock.now_s(),
             voltage_v: Some(volts),
             temperature_c,
             ..Reading::default()
@@ -384,8 +386,8 @@ impl Executor<'_> {
     }
 
     pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
-        let error = self.bench.error("load");
-        let (volts, amps) = require(&mut self.bench.load, "load")?
+        let error = self.rig.bench.error("load");
+        let (volts, amps) = require(&mut self.rig.bench.load, "load")?
             .measure()
             .await
             .map_err(error)?;

@@ -32,7 +32,7 @@ impl Executor<'_> {
         step: &Step,
     ) -> Result<SweepPoint, ExecuteError> {
         let mut best = self.sine(fixture, step, 0).await?;
-        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else {
+        let Some(quality) = self.rig.experiment.eis.as_ref().and_then(|eis| eis.quality) else {
             return Ok(best);
         };
         best.failing = quality.judge(&best.measures);
@@ -56,17 +56,18 @@ impl Executor<'_> {
         let reasons: Vec<String> = before.failing.iter().map(ToString::to_string).collect();
         let text = format!("{step}: measured again: {}", reasons.join("; "));
         tracing::info!("{text}");
-        self.recorder.event(Event::Again, &text)?;
-        let start_s = self.clock.now_s();
-        self.interlock
-            .begin(self.allowance(fixture, step), self.clock.machine_s());
+        self.rig.recorder.event(Event::Again, &text)?;
+        let start_s = self.rig.clock.now_s();
+        self.rig
+            .interlock
+            .begin(self.allowance(fixture, step), self.rig.clock.machine_s());
         let mut point = self.sine(fixture, step, before.captures).await?;
-        let took_s = self.clock.now_s() - start_s;
+        let took_s = self.rig.clock.now_s() - start_s;
         let spent = Spent {
             time_s: took_s,
             charge_c: moved_c(step, took_s),
         };
-        self.spent = self.spent + spent;
+        self.sweep.spent = self.sweep.spent + spent;
         let spent = before.spent + spent;
         point.failing = quality.judge(&point.measures);
         let captures = point.captures;
@@ -92,7 +93,7 @@ impl Executor<'_> {
             time_s,
             charge_c: moved_c(step, time_s),
         };
-        self.spent.allows(quality, more)
+        self.sweep.spent.allows(quality, more)
     }
 
     /// Holds the points of a finished sweep against each other, measures again those that do not
@@ -105,7 +106,7 @@ impl Executor<'_> {
         points: &mut [SweepPoint],
     ) -> Result<Vec<(usize, usize)>, ExecuteError> {
         let before = points.to_vec();
-        let Some(quality) = self.experiment.eis.as_ref().and_then(|eis| eis.quality) else {
+        let Some(quality) = self.rig.experiment.eis.as_ref().and_then(|eis| eis.quality) else {
             return Ok(Vec::new());
         };
         for round in 0..=ROUNDS {
@@ -192,13 +193,14 @@ impl Executor<'_> {
     /// A point as the test takes it: corrected, with the noise of its own record.
     fn tested(&self, point: &SweepPoint) -> ImpedancePoint {
         let covariance = self
+            .known
             .correction
             .measured_parts(&point.phasors)
             .into_iter()
             .sum();
         ImpedancePoint {
             covariance,
-            ..self.correction.apply(&point.phasors)
+            ..self.known.correction.apply(&point.phasors)
         }
     }
 }

@@ -24,7 +24,7 @@ impl Executor<'_> {
         let first = points.len();
         for (point, line) in self.multisine(band, (first, 0)).await? {
             points.push(point);
-            self.lines.push(line);
+            self.known.lines.push(line);
         }
         let Some(quality) = self.gate() else {
             return Ok(());
@@ -114,19 +114,21 @@ impl Executor<'_> {
         );
         tracing::info!("{text}");
         self.heed_abort()?;
-        self.recorder.event(Event::Again, &text)?;
-        let start_s = self.clock.now_s();
+        self.rig.recorder.event(Event::Again, &text)?;
+        let start_s = self.rig.clock.now_s();
         let taken = points[range.clone()]
             .iter()
             .map(|point| point.captures)
             .max()
             .unwrap_or(0);
         let step = Step::Multisine(std::sync::Arc::new(band.clone()));
-        self.interlock
-            .begin(self.allowance(Fixture::Cell, &step), self.clock.machine_s());
+        self.rig.interlock.begin(
+            self.allowance(Fixture::Cell, &step),
+            self.rig.clock.machine_s(),
+        );
         let again = self.multisine(band, (first, taken)).await?;
-        let took_s = self.clock.now_s() - start_s;
-        self.spent = self.spent
+        let took_s = self.rig.clock.now_s() - start_s;
+        self.sweep.spent = self.sweep.spent
             + Spent {
                 time_s: took_s,
                 charge_c: band.mean_a() * took_s,
@@ -139,7 +141,7 @@ impl Executor<'_> {
                 && point.failing.is_empty();
             if of_sweep || severity(&point.failing) < severity(&before.failing) {
                 points[slot] = point;
-                self.lines[slot] = line;
+                self.known.lines[slot] = line;
             }
             points[slot].captures = captures;
         }
@@ -147,7 +149,8 @@ impl Executor<'_> {
     }
 
     fn gate(&self) -> Option<Quality> {
-        self.experiment
+        self.rig
+            .experiment
             .multisine
             .as_ref()
             .and_then(|multisine| multisine.quality)
@@ -159,6 +162,6 @@ impl Executor<'_> {
             time_s,
             charge_c: band.mean_a() * time_s,
         };
-        self.spent.allows(quality, more)
+        self.sweep.spent.allows(quality, more)
     }
 }

@@ -24,18 +24,18 @@ impl Executor<'_> {
         stage: &Stage,
         (step, fixture): (usize, Fixture),
     ) -> Result<(), ExecuteError> {
-        self.ends_early = stage.steps.get(step).is_some_and(Step::ends_early);
-        if self.clock.mode() == TimeMode::Virtual || !self.paused(false)? {
+        self.rig.watching.heeding.ends_early = stage.steps.get(step).is_some_and(Step::ends_early);
+        if self.rig.clock.mode() == TimeMode::Virtual || !self.paused(false)? {
             return Ok(());
         }
-        let since_s = self.clock.now_s();
+        let since_s = self.rig.clock.now_s();
         self.wait_without_current(fixture).await?;
         if step > 0 && matches!(stage.purpose, Purpose::OcvSoc) {
             let text = format!(
                 "paused for {:.0} s between two legs: the curve has a rest there",
-                self.clock.now_s() - since_s
+                self.rig.clock.now_s() - since_s
             );
-            self.recorder.warning(&self.of_run(&text));
+            self.rig.recorder.warning(&self.of_run(&text));
         }
         let before = stage.steps.get(..step).unwrap_or_default();
         let power = before
@@ -43,8 +43,9 @@ impl Executor<'_> {
             .rev()
             .find(|step| matches!(step, Step::PowerUp { .. } | Step::PowerDown));
         if let Some(power @ Step::PowerUp { .. }) = power {
-            self.interlock
-                .begin(self.allowance(fixture, power), self.clock.machine_s());
+            self.rig
+                .interlock
+                .begin(self.allowance(fixture, power), self.rig.clock.machine_s());
             self.power(fixture, power).await?;
         }
         Ok(())
@@ -53,14 +54,14 @@ impl Executor<'_> {
     /// Ends the run on request in the middle of a step of which nothing is kept but its end,
     /// looking a few times a minute.
     pub(super) fn heed_within(&mut self) -> Result<(), ExecuteError> {
-        let now_s = self.clock.now_s();
-        if !self.ends_early
-            || self.clock.mode() == TimeMode::Virtual
-            || now_s - self.heeded_s < PAUSE_POLL_S
+        let now_s = self.rig.clock.now_s();
+        if !self.rig.watching.heeding.ends_early
+            || self.rig.clock.mode() == TimeMode::Virtual
+            || now_s - self.rig.watching.heeding.heeded_s < PAUSE_POLL_S
         {
             return Ok(());
         }
-        self.heeded_s = now_s;
+        self.rig.watching.heeding.heeded_s = now_s;
         // A pause waits for the end of the step.
         self.paused(false).map(|_| ())
     }
@@ -68,7 +69,7 @@ impl Executor<'_> {
     /// Ends the run on request before a point is measured again; a pause waits for the end of the
     /// step.
     pub(super) fn heed_abort(&self) -> Result<(), ExecuteError> {
-        if self.clock.mode() == TimeMode::Virtual {
+        if self.rig.clock.mode() == TimeMode::Virtual {
             Ok(())
         } else {
             self.paused(false).map(|_| ())
@@ -79,11 +80,11 @@ impl Executor<'_> {
     /// without end where none comes, for a person may take as long as that takes.
     pub(super) async fn asked_to_end(&self) -> ExecuteError {
         loop {
-            if self.clock.mode() == TimeMode::Virtual {
+            if self.rig.clock.mode() == TimeMode::Virtual {
                 // Nobody is asked in virtual time, whose sleeps would take none.
                 return std::future::pending().await;
             }
-            self.clock.sleep_s(PERSON_POLL_S).await;
+            self.rig.clock.sleep_s(PERSON_POLL_S).await;
             if let Err(ended) = self.heed_abort() {
                 return ended;
             }
@@ -93,33 +94,40 @@ impl Executor<'_> {
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         // What is begun again afterwards is written down again, and told to the scope again: a
         // person may have been at its panel.
-        (self.announced, self.ahead, self.armed) = (None, None, None);
-        self.bench
+        (self.sweep.announced, self.sweep.ahead, self.scope.armed) = (None, None, None);
+        self.rig
+            .bench
             .made_safe()
             .await
             .map_err(crate::bench::BenchError::from)?;
-        self.recorder.journal(Entry::Safe)?;
-        self.recorder.journal(Entry::Paused)?;
-        self.recorder
+        self.rig.recorder.journal(Entry::Safe)?;
+        self.rig.recorder.journal(Entry::Paused)?;
+        self.rig
+            .recorder
             .event(Event::Request, "paused on request: every output is off")?;
-        self.progress.say(
+        self.person.progress.say(
             "paused on request: every output is off; `eis-bench go-on` with the run \
         folder lets it go on",
         );
         let nothing = self.allowance(fixture, &Step::Pause { span_s: 0.0 });
-        self.interlock.begin(nothing, self.clock.machine_s());
+        self.rig
+            .interlock
+            .begin(nothing, self.rig.clock.machine_s());
         while self.paused(true)? {
-            self.clock.sleep_s(PAUSE_POLL_S).await;
+            self.rig.clock.sleep_s(PAUSE_POLL_S).await;
             self.watch_idle("paused", fixture).await?;
         }
-        self.recorder.journal(Entry::GoneOn)?;
-        self.progress.say("goes on on request");
-        Ok(self.recorder.event(Event::Request, "goes on on request")?)
+        self.rig.recorder.journal(Entry::GoneOn)?;
+        self.person.progress.say("goes on on request");
+        Ok(self
+            .rig
+            .recorder
+            .event(Event::Request, "goes on on request")?)
     }
 
     /// Whether to wait; `waits` is what holds where nothing can be read.
     fn paused(&self, waits: bool) -> Result<bool, ExecuteError> {
-        match Wishes::said(self.recorder.folder()).map(|wishes| wishes.course) {
+        match Wishes::said(self.rig.recorder.folder()).map(|wishes| wishes.course) {
             None => Ok(waits),
             Some(Course::GoOn) => Ok(false),
             Some(Course::Pause) => Ok(true),

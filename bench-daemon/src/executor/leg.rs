@@ -36,13 +36,13 @@ pub(super) struct Legs {
 
 impl Executor<'_> {
     pub(super) async fn leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
-        if self.legs.log != Some(leg.log) {
-            self.legs = Legs {
+        if self.direct.legs.log != Some(leg.log) {
+            self.direct.legs = Legs {
                 log: Some(leg.log),
-                start_s: self.clock.now_s(),
+                start_s: self.rig.clock.now_s(),
                 ..Legs::default()
             };
-            self.last_c = self.cell_temperature().await?;
+            self.rig.temperatures.last_c = self.cell_temperature().await?;
         }
         match leg.flow {
             Flow::Discharge { .. } => self.discharge_leg(leg).await?,
@@ -50,7 +50,10 @@ impl Executor<'_> {
             Flow::Rest => self.rest_leg(leg).await?,
         }
         // Whole or not at all; what a leg that ended early has read is among the readings.
-        Ok(self.recorder.legs(leg.log.file(), &self.legs.rows)?)
+        Ok(self
+            .rig
+            .recorder
+            .legs(leg.log.file(), &self.direct.legs.rows)?)
     }
 
     async fn discharge_leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
@@ -68,9 +71,10 @@ impl Executor<'_> {
         }
         // As for any discharge: the load's own end lies below the daemon's, and not below the
         // cell's limit.
-        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
-        let error = self.bench.error("load");
-        let load = require(&mut self.bench.load, "load")?;
+        let stop_below =
+            Volts((until_v - LOAD_CUT_OFF_V).max(self.rig.experiment.cell.limits.min_v));
+        let error = self.rig.bench.error("load");
+        let load = require(&mut self.rig.bench.load, "load")?;
         load.prepare(&Discharge {
             draw: Draw::Current(Amps(current_a)),
             stop_below,
@@ -78,15 +82,15 @@ impl Executor<'_> {
         .await
         .map_err(&error)?;
         load.energise().await.map_err(&error)?;
-        let (start_s, from_c) = (self.clock.now_s(), self.legs.charge_c);
+        let (start_s, from_c) = (self.rig.clock.now_s(), self.direct.legs.charge_c);
         let mut last_s = start_s;
         for poll in 1.. {
-            self.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.load_volts().await?;
             self.keep("discharge", &mut last_s, (volts, -drawn_a))
                 .await?;
             if volts <= until_v
-                || charge_c.is_some_and(|charge_c| from_c - self.legs.charge_c >= charge_c)
+                || charge_c.is_some_and(|charge_c| from_c - self.direct.legs.charge_c >= charge_c)
             {
                 break;
             }
@@ -96,7 +100,7 @@ impl Executor<'_> {
                 format!("the cell is at {volts:.3} V")
             })?;
         }
-        Ok(require(&mut self.bench.load, "load")?
+        Ok(require(&mut self.rig.bench.load, "load")?
             .safe()
             .await
             .map_err(error)?)
@@ -119,8 +123,8 @@ impl Executor<'_> {
             tracing::info!("already at {limit_v} V: nothing to charge");
             return Ok(());
         }
-        let error = self.bench.error("supply");
-        let supply = require(&mut self.bench.supply, "supply")?;
+        let error = self.rig.bench.error("supply");
+        let supply = require(&mut self.rig.bench.supply, "supply")?;
         supply
             .prepare(&Charge {
                 voltage: Volts(limit_v),
@@ -129,13 +133,13 @@ impl Executor<'_> {
             .await
             .map_err(&error)?;
         supply.energise().await.map_err(&error)?;
-        let (start_s, from_c) = (self.clock.now_s(), self.legs.charge_c);
+        let (start_s, from_c) = (self.rig.clock.now_s(), self.direct.legs.charge_c);
         let mut last_s = start_s;
         for poll in 1.. {
-            self.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.load_volts().await?;
             self.no_current(LOAD_CURRENT, drawn_a)?;
-            let (terminal, fed) = require(&mut self.bench.supply, "supply")?
+            let (terminal, fed) = require(&mut self.rig.bench.supply, "supply")?
                 .measure()
                 .await
                 .map_err(&error)?;
@@ -143,7 +147,9 @@ impl Executor<'_> {
             self.keep("charge", &mut last_s, (volts, fed_a)).await?;
             self.agree_with_charger(terminal.value(), (volts, fed_a))?;
             let full = poll >= RISEN_POLLS && volts > limit_v - NEAR_LIMIT_V && fed_a <= cut_off_a;
-            if full || charge_c.is_some_and(|charge_c| self.legs.charge_c - from_c >= charge_c) {
+            if full
+                || charge_c.is_some_and(|charge_c| self.direct.legs.charge_c - from_c >= charge_c)
+            {
                 break;
             }
             if volts < limit_v - NEAR_LIMIT_V {
@@ -154,26 +160,26 @@ impl Executor<'_> {
                 format!("the cell is at {volts:.3} V and takes {fed_a:.3} A")
             })?;
         }
-        Ok(require(&mut self.bench.supply, "supply")?
+        Ok(require(&mut self.rig.bench.supply, "supply")?
             .safe()
             .await
             .map_err(error)?)
     }
 
     async fn rest_leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
-        let start_s = self.clock.now_s();
+        let start_s = self.rig.clock.now_s();
         let mut last_s = start_s;
         while last_s - start_s < leg.max_s {
-            self.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.load_volts().await?;
-            let error = self.bench.error("supply");
-            let fed_a = require(&mut self.bench.supply, "supply")?
+            let error = self.rig.bench.error("supply");
+            let fed_a = require(&mut self.rig.bench.supply, "supply")?
                 .measure()
                 .await
                 .map_err(error)?
                 .1
                 .value();
-            let time_s = self.clock.now_s();
+            let time_s = self.rig.clock.now_s();
             let temperature_c = self.temperature_now_and_then().await?;
             let reading = Reading {
                 time_s,
@@ -197,7 +203,7 @@ impl Executor<'_> {
         last_s: &mut f64,
         (volts, amps): (f64, f64),
     ) -> Result<(), ExecuteError> {
-        let time_s = self.clock.now_s();
+        let time_s = self.rig.clock.now_s();
         let temperature_c = self.temperature_now_and_then().await?;
         self.judge(
             phase,
@@ -216,16 +222,16 @@ impl Executor<'_> {
             &["load", "supply"]
         })
         .await?;
-        self.legs.charge_c += amps * (time_s - *last_s);
+        self.direct.legs.charge_c += amps * (time_s - *last_s);
         *last_s = time_s;
         self.push(time_s, (volts, amps));
         Ok(())
     }
 
     fn push(&mut self, time_s: f64, (voltage_v, current_a): (f64, f64)) {
-        let temperature_c = self.last_c.unwrap_or(f64::NAN);
-        let (time_s, charge_c) = (time_s - self.legs.start_s, self.legs.charge_c);
-        self.legs.rows.push(LegRow {
+        let temperature_c = self.rig.temperatures.last_c.unwrap_or(f64::NAN);
+        let (time_s, charge_c) = (time_s - self.direct.legs.start_s, self.direct.legs.charge_c);
+        self.direct.legs.rows.push(LegRow {
             time_s,
             current_a,
             voltage_v,

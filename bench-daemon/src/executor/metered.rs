@@ -83,17 +83,19 @@ impl Executor<'_> {
             recorded,
         };
         self.ready(&mut work).await?;
-        work.origin_s = self.clock.now_s();
+        work.origin_s = self.rig.clock.now_s();
         self.metered_row(&mut work).await?;
         for level in &trace.levels {
             self.read_until(&mut work, level.at_s).await?;
             work.recorded
                 .steps_s
-                .push(self.clock.now_s() - work.origin_s);
+                .push(self.rig.clock.now_s() - work.origin_s);
             self.flow(&mut work, *level).await?;
             self.metered_row(&mut work).await?;
         }
-        let end_s = trace.end_s.max(self.clock.now_s() - work.origin_s + POLL_S);
+        let end_s = trace
+            .end_s
+            .max(self.rig.clock.now_s() - work.origin_s + POLL_S);
         self.read_until(&mut work, end_s).await?;
         self.metered_row(&mut work).await?;
         let Work {
@@ -109,13 +111,13 @@ impl Executor<'_> {
         }
         let greatest_a = work.trace.extremes_a().1;
         if greatest_a > 0.0 {
-            let voltage = Volts(self.experiment.cell.limits.max_v - BELOW_GREATEST_V);
-            let error = self.bench.error("supply");
+            let voltage = Volts(self.rig.experiment.cell.limits.max_v - BELOW_GREATEST_V);
+            let error = self.rig.bench.error("supply");
             let charge = Charge {
                 voltage,
                 current: Amps(greatest_a),
             };
-            require(&mut self.bench.supply, "supply")?
+            require(&mut self.rig.bench.supply, "supply")?
                 .prepare(&charge)
                 .await
                 .map_err(error)?;
@@ -138,9 +140,9 @@ impl Executor<'_> {
                 level.power_w.is_none().then_some(level.current_a)
             })))
         };
-        let error = self.bench.error("load");
-        let stop_below = Volts(self.experiment.cell.limits.min_v);
-        require(&mut self.bench.load, "load")?
+        let error = self.rig.bench.error("load");
+        let stop_below = Volts(self.rig.experiment.cell.limits.min_v);
+        require(&mut self.rig.bench.load, "load")?
             .prepare(&Discharge { draw, stop_below })
             .await
             .map_err(error)?;
@@ -170,8 +172,8 @@ impl Executor<'_> {
                     .map_or(Draw::Current(Amps(-level.current_a)), |watts| {
                         Draw::Power(Watts(-watts))
                     });
-                let error = self.bench.error("load");
-                let load = require(&mut self.bench.load, "load")?;
+                let error = self.rig.bench.error("load");
+                let load = require(&mut self.rig.bench.load, "load")?;
                 load.level(draw).await.map_err(&error)?;
                 if work.flowing != wanted {
                     load.energise().await.map_err(error)?;
@@ -183,8 +185,8 @@ impl Executor<'_> {
                 } else {
                     level.current_a
                 };
-                let error = self.bench.error("supply");
-                let supply = require(&mut self.bench.supply, "supply")?;
+                let error = self.rig.bench.error("supply");
+                let supply = require(&mut self.rig.bench.supply, "supply")?;
                 supply.level(Amps(amps)).await.map_err(&error)?;
                 if work.flowing != wanted {
                     supply.energise().await.map_err(error)?;
@@ -206,15 +208,15 @@ impl Executor<'_> {
         match work.flowing {
             Flowing::Nothing => Ok(()),
             Flowing::Load { .. } => {
-                let error = self.bench.error("load");
-                Ok(require(&mut self.bench.load, "load")?
+                let error = self.rig.bench.error("load");
+                Ok(require(&mut self.rig.bench.load, "load")?
                     .safe()
                     .await
                     .map_err(error)?)
             }
             Flowing::Supply => {
-                let error = self.bench.error("supply");
-                Ok(require(&mut self.bench.supply, "supply")?
+                let error = self.rig.bench.error("supply");
+                Ok(require(&mut self.rig.bench.supply, "supply")?
                     .safe()
                     .await
                     .map_err(error)?)
@@ -225,18 +227,20 @@ impl Executor<'_> {
     /// Reads every second up to a test time, the last time just before it.
     async fn read_until(&mut self, work: &mut Work<'_>, at_s: f64) -> Result<(), ExecuteError> {
         let until_s = work.origin_s + at_s;
-        while until_s - self.clock.now_s() > POLL_S + READING_S {
-            self.clock.sleep_s(POLL_S).await;
+        while until_s - self.rig.clock.now_s() > POLL_S + READING_S {
+            self.rig.clock.sleep_s(POLL_S).await;
             self.metered_row(work).await?;
         }
-        self.clock
-            .sleep_s((until_s - READING_S - self.clock.now_s()).max(0.0))
+        self.rig
+            .clock
+            .sleep_s((until_s - READING_S - self.rig.clock.now_s()).max(0.0))
             .await;
         // However short the step was, it is judged once.
         work.polls = work.polls.max(RISE_POLLS - 1);
         self.metered_row(work).await?;
-        self.clock
-            .sleep_s((until_s - self.clock.now_s()).max(0.0))
+        self.rig
+            .clock
+            .sleep_s((until_s - self.rig.clock.now_s()).max(0.0))
             .await;
         Ok(())
     }
@@ -245,7 +249,7 @@ impl Executor<'_> {
     /// load's see the cell itself.
     async fn metered_row(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
         let temperature_c = self.temperature_now_and_then().await?;
-        let began_s = self.clock.now_s();
+        let began_s = self.rig.clock.now_s();
         let (volts, drawn_a) = self.load_volts().await?;
         let mut terminal_v = None;
         let current_a = match work.flowing {
@@ -253,8 +257,8 @@ impl Executor<'_> {
             Flowing::Nothing => 0.0,
             Flowing::Load { .. } => -drawn_a,
             Flowing::Supply => {
-                let error = self.bench.error("supply");
-                let (terminal, fed) = require(&mut self.bench.supply, "supply")?
+                let error = self.rig.bench.error("supply");
+                let (terminal, fed) = require(&mut self.rig.bench.supply, "supply")?
                     .measure()
                     .await
                     .map_err(error)?;
@@ -262,7 +266,7 @@ impl Executor<'_> {
                 fed.value()
             }
         };
-        let now_s = self.clock.now_s();
+        let now_s = self.rig.clock.now_s();
         let shown_a = if work.flowing == Flowing::Nothing {
             -drawn_a
         } else {
@@ -294,7 +298,7 @@ impl Executor<'_> {
                     .await?;
             }
             Flowing::Supply => {
-                if volts < self.experiment.cell.limits.max_v - BELOW_GREATEST_V - NEAR_LIMIT_V {
+                if volts < self.rig.experiment.cell.limits.max_v - BELOW_GREATEST_V - NEAR_LIMIT_V {
                     self.explained(follows(
                         "supply",
                         work.polls,
@@ -309,7 +313,7 @@ impl Executor<'_> {
         let voltage_v = volts - work.trace.lead_ohm * current_a;
         let (time_s, temperature_c) = (
             0.5 * (began_s + now_s) - work.origin_s,
-            self.last_c.unwrap_or(f64::NAN),
+            self.rig.temperatures.last_c.unwrap_or(f64::NAN),
         );
         work.recorded.rows.push(TraceRow {
             time_s,

@@ -89,8 +89,8 @@ impl Executor<'_> {
     ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
         self.headroom(Fixture::Cell, (band.base_hz, band.peak_a))?;
         self.play_wave(band).await?;
-        let scope = require(&mut self.bench.scope, "scope")?.capabilities();
-        if self.verticals[0].is_none() {
+        let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
+        if self.scope.verticals[0].is_none() {
             self.first_ranges(Fixture::Cell, band.peak_a, &scope)
                 .await?;
         }
@@ -128,7 +128,7 @@ impl Executor<'_> {
         let needed_s = band.settle_s + band.span_s + FILL_S;
         for longer in 0..=MOST_LONGER {
             // What has no end plays on, and has settled.
-            if attempt + longer == 0 || self.burst.ends_s.is_finite() {
+            if attempt + longer == 0 || self.rig.driving.burst.ends_s.is_finite() {
                 self.begin_signal(band.base_hz, needed_s).await?;
                 self.wait_watching(band.settle_s, ("sine", Fixture::Cell))
                     .await?;
@@ -144,8 +144,8 @@ impl Executor<'_> {
     }
 
     async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.experiment.bench.wiring;
+        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.rig.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let volts = (
             Volts(band.peak_a * volts_per_amp * wiring.command_trim),
@@ -157,8 +157,8 @@ impl Executor<'_> {
             Hertz(band.base_hz),
             volts,
         );
-        let error = self.bench.error("generator");
-        let generator = require(&mut self.bench.generator, "generator")?;
+        let error = self.rig.bench.error("generator");
+        let generator = require(&mut self.rig.bench.generator, "generator")?;
         // A wave is loaded while the least sine plays, never under a current.
         generator.quiet(wave.offset).await.map_err(&error)?;
         generator.wave(&wave).await.map_err(error)?;
@@ -174,11 +174,12 @@ impl Executor<'_> {
         attempt: usize,
     ) -> Result<Option<[Waveform; 4]>, ExecuteError> {
         self.apply_verticals().await?;
-        let error = self.bench.error("scope");
+        let error = self.rig.bench.error("scope");
         let level = Volts(
-            OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
+            OUT_OF_REACH_DIV
+                * self.scope.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
         );
-        let scope = require(&mut self.bench.scope, "scope")?;
+        let scope = require(&mut self.rig.bench.scope, "scope")?;
         let per_div = scope.capabilities().time_per_div(Seconds(band.span_s));
         let memory_points = band.memory_points;
         let intents = [
@@ -190,24 +191,24 @@ impl Executor<'_> {
         for intent in intents {
             scope.set(&intent).await.map_err(&error)?;
         }
-        self.memory_points = Some(memory_points);
-        if self.falls_short(self.clock.now_s() + band.span_s + FILL_S) {
+        self.scope.memory_points = Some(memory_points);
+        if self.falls_short(self.rig.clock.now_s() + band.span_s + FILL_S) {
             return Ok(None);
         }
         self.wait_watching(band.span_s + FILL_S, ("sine", Fixture::Cell))
             .await?;
-        let end_s = self.clock.now_s();
-        require(&mut self.bench.scope, "scope")?
+        let end_s = self.rig.clock.now_s();
+        require(&mut self.rig.bench.scope, "scope")?
             .stop()
             .await
             .map_err(&error)?;
-        if self.falls_short(self.clock.now_s()) {
+        if self.falls_short(self.rig.clock.now_s()) {
             return Ok(None);
         }
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(
-                require(&mut self.bench.scope, "scope")?
+                require(&mut self.rig.bench.scope, "scope")?
                     .download(channel, band.record_points)
                     .await
                     .map_err(&error)?,
@@ -221,12 +222,12 @@ impl Executor<'_> {
         let label = format!(
             "multisine {} repeat {} attempt {}",
             band.number,
-            self.repeat,
+            self.position.repeat,
             attempt + 1
         );
         let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
-        self.recorder.write_capture(
-            &run_folder::multisine_captures(self.repeat),
+        self.rig.recorder.write_capture(
+            &run_folder::multisine_captures(self.position.repeat),
             &run_folder::band_capture(band.number, attempt),
             &capture,
         )?;
@@ -277,7 +278,7 @@ impl Executor<'_> {
             }
         };
         let (time_s, volts_per_div) = (
-            self.clock.now_s(),
+            self.rig.clock.now_s(),
             waveforms
                 .each_ref()
                 .map(|waveform| waveform.preamble.volts_per_div),
@@ -343,8 +344,8 @@ impl Executor<'_> {
     }
 
     fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
-        let met_a =
-            (phasors.volts[1] - phasors.volts[0]).norm() / self.experiment.bench.wiring.shunt.r_ohm;
+        let met_a = (phasors.volts[1] - phasors.volts[0]).norm()
+            / self.rig.experiment.bench.wiring.shunt.r_ohm;
         if (met_a / amplitude_a - 1.0).abs() <= CURRENT_TOLERANCE {
             return Ok(());
         }

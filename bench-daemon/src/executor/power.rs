@@ -38,8 +38,8 @@ impl Executor<'_> {
         else {
             return Ok(());
         };
-        self.powered_a = Some(limit_a);
-        (self.first_mean, self.mean_change_a) = (None, 0.0);
+        self.rig.driving.powered_a = Some(limit_a);
+        (self.rig.driving.first_mean, self.rig.driving.mean_change_a) = (None, 0.0);
         self.power_up(
             fixture,
             &supply4q::Limits {
@@ -52,8 +52,8 @@ impl Executor<'_> {
 
     /// A supply that takes no limit of the voltage says what it would go to by itself.
     async fn tell_own_limits(&mut self, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
-        let error = self.bench.error("supply4q");
-        let supply = require(&mut self.bench.supply4q, "supply4q")?;
+        let error = self.rig.bench.error("supply4q");
+        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?;
         if supply.capabilities().holds != supply4q::Holds::Nothing {
             return Ok(());
         }
@@ -65,12 +65,12 @@ impl Executor<'_> {
             are {} V to {} V, {} A to {} A",
             own.volts.0, own.volts.1, own.amps.0, own.amps.1
         );
-        self.recorder.event(Event::Bench, &text)?;
+        self.rig.recorder.event(Event::Bench, &text)?;
         let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value()
             || own.amps.1.max(-own.amps.0) > limits.current.value();
-        if wider && !self.told {
-            self.told = true;
-            self.recorder.warning(&format!(
+        if wider && !self.rig.driving.told {
+            self.rig.driving.told = true;
+            self.rig.recorder.warning(&format!(
                 "{text}: beyond the limits of this run only the \
             daemon's readings and a fuse hold it"
             ));
@@ -83,14 +83,14 @@ impl Executor<'_> {
         fixture: Fixture,
         limits: &supply4q::Limits,
     ) -> Result<(), ExecuteError> {
-        let error = self.bench.error("generator");
-        let offset = Volts(self.experiment.bench.wiring.command_offset_v);
-        let generator = require(&mut self.bench.generator, "generator")?;
+        let error = self.rig.bench.error("generator");
+        let offset = Volts(self.rig.experiment.bench.wiring.command_offset_v);
+        let generator = require(&mut self.rig.bench.generator, "generator")?;
         generator.output(false).await.map_err(&error)?;
         generator.quiet(offset).await.map_err(&error)?;
         self.no_burst();
-        let error = self.bench.error("supply4q");
-        let supply = require(&mut self.bench.supply4q, "supply4q")?;
+        let error = self.rig.bench.error("supply4q");
+        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;
         self.tell_own_limits(limits).await?;
         if fixture == Fixture::Cell {
@@ -98,19 +98,19 @@ impl Executor<'_> {
             // while the output is still off.
             let mut reading = self.read_supply4q().await?;
             reading.temperature_c = self.cell_temperature().await?;
-            self.idle = reading;
+            self.known.idle = reading;
             self.judge("idle", reading)?;
             let zero_a = self
                 .zero_of_supply(reading.current_a.unwrap_or(0.0))
                 .await?;
-            self.interlock.zero(zero_a);
+            self.rig.interlock.zero(zero_a);
         } else {
             self.refuse_a_cell(&format!("driving the {}", fixture_name(fixture)))
                 .await?;
         }
-        let scope_error = self.bench.error("scope");
-        if let Some(eis) = &self.experiment.eis {
-            let scope = require(&mut self.bench.scope, "scope")?;
+        let scope_error = self.rig.bench.error("scope");
+        if let Some(eis) = &self.rig.experiment.eis {
+            let scope = require(&mut self.rig.bench.scope, "scope")?;
             // What cannot be thinned out before it is sent is not taken in the first place.
             let memory_points = if scope.capabilities().thins_out {
                 eis.memory_points
@@ -121,24 +121,25 @@ impl Executor<'_> {
                 .set(&instruments::scope::Intent::Session { memory_points })
                 .await
                 .map_err(scope_error)?;
-            self.memory_points = Some(memory_points);
+            self.scope.memory_points = Some(memory_points);
         }
         // The generator holds the offset that brings the supply's zero error to zero current before
         // the output goes on.
-        let generator_error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?
+        let generator_error = self.rig.bench.error("generator");
+        require(&mut self.rig.bench.generator, "generator")?
             .output(true)
             .await
             .map_err(generator_error)?;
-        self.recorder.event(Event::OutputOn, OUTPUT_ON)?;
-        require(&mut self.bench.supply4q, "supply4q")?
+        self.rig.recorder.event(Event::OutputOn, OUTPUT_ON)?;
+        require(&mut self.rig.bench.supply4q, "supply4q")?
             .energise()
             .await
             .map_err(&error)?;
         let idle_a = self.watch("idle", fixture).await?.current_a.unwrap_or(0.0);
         let allowed_a = IDLE_CURRENT_A
             .min(
-                self.experiment
+                self.rig
+                    .experiment
                     .eis
                     .as_ref()
                     .map_or(f64::INFINITY, |eis| 0.5 * eis.amplitude_a),
@@ -159,8 +160,8 @@ impl Executor<'_> {
     async fn zero_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
         let mut sum_a = first_a;
         for _ in 1..ZERO_READINGS {
-            let error = self.bench.error("supply4q");
-            sum_a += require(&mut self.bench.supply4q, "supply4q")?
+            let error = self.rig.bench.error("supply4q");
+            sum_a += require(&mut self.rig.bench.supply4q, "supply4q")?
                 .measure()
                 .await
                 .map_err(error)?
@@ -174,7 +175,7 @@ impl Executor<'_> {
     /// reading that is not a number is refused too.
     pub(super) async fn refuse_a_cell(&mut self, what: &str) -> Result<(), ExecuteError> {
         let reading = self.read_supply4q().await?;
-        self.recorder.reading("idle", &reading)?;
+        self.rig.recorder.reading("idle", &reading)?;
         let volts = reading.voltage_v.unwrap_or(f64::NAN);
         if volts.abs() <= CONTROL_IDLE_V {
             Ok(())
@@ -187,7 +188,7 @@ impl Executor<'_> {
     }
 
     pub(super) async fn power_down(&mut self) -> Result<(), ExecuteError> {
-        self.powered_a = None;
-        Ok(self.bench.drive_off().await?)
+        self.rig.driving.powered_a = None;
+        Ok(self.rig.bench.drive_off().await?)
     }
 }

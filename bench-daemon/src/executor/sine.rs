@@ -55,7 +55,7 @@ impl Executor<'_> {
                 reason: "not a sine step".to_owned(),
             });
         };
-        let Some(eis) = &self.experiment.eis else {
+        let Some(eis) = &self.rig.experiment.eis else {
             return Err(ExecuteError::Signal {
                 freq_hz,
                 reason: "no section [eis]".to_owned(),
@@ -65,8 +65,8 @@ impl Executor<'_> {
             Some(since_s) => since_s,
             None => self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?,
         };
-        let scope = require(&mut self.bench.scope, "scope")?.capabilities();
-        if self.verticals[0].is_none() {
+        let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
+        if self.scope.verticals[0].is_none() {
             // Those of the controls, whatever the amplitude: a gain belongs to a range.
             self.first_ranges(fixture, eis.amplitude_a, &scope).await?;
         }
@@ -74,11 +74,14 @@ impl Executor<'_> {
         for attempt in 0..=MAX_RANGING {
             if attempt > 0 {
                 // The generator may have gone on already, and the ranges are new in any case.
-                self.interlock
-                    .begin(self.allowance(fixture, step), self.clock.machine_s());
+                self.rig
+                    .interlock
+                    .begin(self.allowance(fixture, step), self.rig.clock.machine_s());
                 driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
-                    None if self.next.is_none() && self.burst.ends_s.is_infinite() => {
-                        self.clock.now_s()
+                    None if self.sweep.next.is_none()
+                        && self.rig.driving.burst.ends_s.is_infinite() =>
+                    {
+                        self.rig.clock.now_s()
                     }
                     _ => self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?,
                 };
@@ -104,17 +107,17 @@ impl Executor<'_> {
                 driven_s = self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?;
             };
             let length_s = waveforms[0].interval_s * waveforms[0].codes.len() as f64;
-            let (attempt_in_all, time_s) = (taken + attempt, self.stopped_s - 0.5 * length_s);
+            let (attempt_in_all, time_s) = (taken + attempt, self.scope.stopped_s - 0.5 * length_s);
             let file = CaptureFile {
                 fixture,
-                repeat: self.repeat,
+                repeat: self.position.repeat,
                 index,
                 attempt: attempt_in_all,
                 freq_hz,
                 amplitude_a,
-                start_s: self.clock.now_s(),
+                start_s: self.rig.clock.now_s(),
             };
-            self.recorder.capture(&file, &waveforms)?;
+            self.rig.recorder.capture(&file, &waveforms)?;
             self.crest(
                 fixture,
                 &Drawn {
@@ -169,7 +172,7 @@ impl Executor<'_> {
     ) -> Result<f64, ExecuteError> {
         self.headroom(fixture, (freq_hz, amplitude_a))?;
         self.drive((freq_hz, amplitude_a, wait_s)).await?;
-        Ok(self.clock.now_s())
+        Ok(self.rig.clock.now_s())
     }
 
     /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
@@ -177,16 +180,16 @@ impl Executor<'_> {
         &mut self,
         (freq_hz, amplitude_a, wait_s): (f64, f64, f64),
     ) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.experiment.bench.wiring;
+        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.rig.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let sine = Sine {
             freq: Hertz(freq_hz),
             amplitude: Volts(amplitude_a * volts_per_amp * wiring.command_trim),
             offset: Volts(wiring.command_offset_v),
         };
-        let error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?
+        let error = self.rig.bench.error("generator");
+        require(&mut self.rig.bench.generator, "generator")?
             .sine(&sine)
             .await
             .map_err(error)?;
@@ -207,9 +210,9 @@ impl Executor<'_> {
         };
         for (slot, channel) in (1..=4_u8).enumerate() {
             let per_div =
-                Volts(self.experiment.bench.wiring.scale_per_ampere_v[slot] * amplitude_a);
+                Volts(self.rig.experiment.bench.wiring.scale_per_ampere_v[slot] * amplitude_a);
             let offset = Volts(if channel == 4 { -cell_v } else { 0.0 });
-            self.verticals[slot] = Some(Vertical {
+            self.scope.verticals[slot] = Some(Vertical {
                 channel,
                 per_div: scope.scale_for_offset(per_div, offset),
                 offset,
@@ -220,10 +223,10 @@ impl Executor<'_> {
 
     /// Sends the settings of the channels that are to change.
     pub(super) async fn apply_verticals(&mut self) -> Result<(), ExecuteError> {
-        let error = self.bench.error("scope");
-        for (wanted, applied) in self.verticals.iter().zip(&mut self.applied) {
+        let error = self.rig.bench.error("scope");
+        for (wanted, applied) in self.scope.verticals.iter().zip(&mut self.scope.applied) {
             if let Some(vertical) = wanted.filter(|_| wanted != applied) {
-                require(&mut self.bench.scope, "scope")?
+                require(&mut self.rig.bench.scope, "scope")?
                     .set(&Intent::Vertical(vertical))
                     .await
                     .map_err(&error)?;
@@ -248,15 +251,15 @@ impl Executor<'_> {
         let ripe_s = if self.overlaps() {
             self.ripe_s((freq_hz, wait_s), driven_s, screen_s)
         } else {
-            self.clock.now_s() + wait_s
+            self.rig.clock.now_s() + wait_s
         };
         if self.falls_short(ripe_s) {
             return Ok(None);
         }
         let chosen = if self.overlaps() {
             self.announce()?;
-            let error = self.bench.error("scope");
-            let chosen = require(&mut self.bench.scope, "scope")?
+            let error = self.rig.bench.error("scope");
+            let chosen = require(&mut self.rig.bench.scope, "scope")?
                 .choose(1, eis.record_points)
                 .await
                 .map_err(error)?;
@@ -266,16 +269,16 @@ impl Executor<'_> {
             self.wait_watching(wait_s, ("sine", fixture)).await?;
             None
         };
-        let error = self.bench.error("scope");
-        require(&mut self.bench.scope, "scope")?
+        let error = self.rig.bench.error("scope");
+        require(&mut self.rig.bench.scope, "scope")?
             .stop()
             .await
             .map_err(error)?;
-        self.stopped_s = self.clock.now_s();
-        if self.falls_short(self.stopped_s) {
+        self.scope.stopped_s = self.rig.clock.now_s();
+        if self.falls_short(self.scope.stopped_s) {
             return Ok(None);
         }
-        let effective_a = self.interlock.effective_a();
+        let effective_a = self.rig.interlock.effective_a();
         self.go_ahead(fixture).await?;
         let waveforms = self
             .fetch_frame((eis.record_points, chosen), fixture)
@@ -292,18 +295,22 @@ impl Executor<'_> {
     async fn arm_screen(&mut self, span: Seconds) -> Result<f64, ExecuteError> {
         let trigger = Trigger {
             channel: TRIGGER_CHANNEL,
-            level: self.trigger_v,
+            level: self.scope.trigger_v,
         };
         let overlaps = self.overlaps();
-        let error = self.bench.error("scope");
-        let scope = require(&mut self.bench.scope, "scope")?;
+        let error = self.rig.bench.error("scope");
+        let scope = require(&mut self.rig.bench.scope, "scope")?;
         let (per_div, scope_divisions) = (
             scope.capabilities().time_per_div(span),
             scope.capabilities().horizontal_div,
         );
         // What nobody has touched since the point before is not sent again where points overlap: it
         // would come out of their settling.
-        let same = self.armed.replace((per_div, trigger)).filter(|_| overlaps);
+        let same = self
+            .scope
+            .armed
+            .replace((per_div, trigger))
+            .filter(|_| overlaps);
         let timebase =
             (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
         let trigger =
@@ -320,10 +327,10 @@ impl Executor<'_> {
         (points, chosen): (u64, Option<Chosen>),
         fixture: Fixture,
     ) -> Result<Vec<Waveform>, ExecuteError> {
-        let (overlaps, error) = (self.overlaps(), self.bench.error("scope"));
+        let (overlaps, error) = (self.overlaps(), self.rig.bench.error("scope"));
         let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
-            let scope = require(&mut self.bench.scope, "scope")?;
+            let scope = require(&mut self.rig.bench.scope, "scope")?;
             let waveform = match (waveforms.last().filter(|_| overlaps), chosen) {
                 (Some(before), _) => scope.download_beside(channel, points, before).await,
                 (None, Some(chosen)) => scope.download_chosen(chosen, points).await,
@@ -345,7 +352,7 @@ impl Executor<'_> {
         screen_s: f64,
     ) -> Result<(), ExecuteError> {
         let fail = |reason: String| Err(ExecuteError::Signal { freq_hz, reason });
-        for (waveform, applied) in waveforms.iter().zip(&self.applied) {
+        for (waveform, applied) in waveforms.iter().zip(&self.scope.applied) {
             let preamble = &waveform.preamble;
             let length_s = preamble.interval_s * preamble.points as f64;
             if (length_s / screen_s - 1.0).abs() > FRAME_TOLERANCE {
@@ -384,12 +391,12 @@ impl Executor<'_> {
     ) -> Vec<String> {
         let mut changes = Vec::new();
         for (slot, waveform) in waveforms.iter().enumerate() {
-            let Some(vertical) = self.verticals[slot] else {
+            let Some(vertical) = self.scope.verticals[slot] else {
                 continue;
             };
             let (least_v, greatest_v) = waveform.extremes_v();
             if waveform.channel == TRIGGER_CHANNEL {
-                self.trigger_v = Volts(0.5 * (greatest_v + least_v));
+                self.scope.trigger_v = Volts(0.5 * (greatest_v + least_v));
             }
             let clipped = waveform.clipped_share() > 0.0;
             let Some(changed) = other_range(&vertical, (least_v, greatest_v), clipped, scope)
@@ -402,7 +409,7 @@ impl Executor<'_> {
                 waveform.channel,
                 vertical.per_div.value()
             ));
-            self.verticals[slot] = Some(changed);
+            self.scope.verticals[slot] = Some(changed);
         }
         changes
     }
@@ -411,7 +418,7 @@ impl Executor<'_> {
     /// Gives its amplitude, A.
     fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<f64, ExecuteError> {
         let [first, second, _, _] = point.phasors.volts;
-        let met_a = (second - first).norm() / self.experiment.bench.wiring.shunt.r_ohm;
+        let met_a = (second - first).norm() / self.rig.experiment.bench.wiring.shunt.r_ohm;
         let (least_a, greatest_a) = ((1.0 - CURRENT_TOLERANCE) * amplitude_a, drawn(amplitude_a));
         if (least_a..=greatest_a).contains(&met_a) {
             return Ok(met_a);

@@ -77,10 +77,11 @@ enum Action {
 impl Executor<'_> {
     /// Watches the cell while nothing flows.
     pub(super) async fn pause(&mut self, span_s: f64) -> Result<(), ExecuteError> {
-        let end_s = self.clock.now_s() + span_s;
-        while self.clock.now_s() < end_s {
-            self.clock
-                .sleep_s(REST_POLL_S.min(end_s - self.clock.now_s()))
+        let end_s = self.rig.clock.now_s() + span_s;
+        while self.rig.clock.now_s() < end_s {
+            self.rig
+                .clock
+                .sleep_s(REST_POLL_S.min(end_s - self.rig.clock.now_s()))
                 .await;
             self.heed_within()?;
             self.glance("rest").await?;
@@ -90,13 +91,13 @@ impl Executor<'_> {
 
     /// One reading of the cell, by the bipolar supply where there is one.
     pub(super) async fn glance(&mut self, phase: &str) -> Result<Reading, ExecuteError> {
-        if self.bench.supply4q.is_some() {
+        if self.rig.bench.supply4q.is_some() {
             return self.watch(phase, Fixture::Cell).await;
         }
         let (volts, drawn_a) = self.load_volts().await?;
         let temperature_c = self.temperature_now_and_then().await?;
         let reading = Reading {
-            time_s: self.clock.now_s(),
+            time_s: self.rig.clock.now_s(),
             voltage_v: Some(volts),
             current_a: Some(-drawn_a),
             temperature_c,
@@ -121,7 +122,7 @@ impl Executor<'_> {
         self.judge(
             "rest",
             Reading {
-                time_s: self.clock.now_s(),
+                time_s: self.rig.clock.now_s(),
                 voltage_v: Some(ocv_v),
                 temperature_c,
                 ..Reading::default()
@@ -140,7 +141,7 @@ impl Executor<'_> {
             scatter(resting.iter().map(|reading| reading.1)),
         );
         if !trace.bipolar() {
-            self.zero = Some(Zero {
+            self.direct.zero = Some(Zero {
                 volts: [0.0; 4],
                 ocv_v,
                 scatter,
@@ -150,7 +151,7 @@ impl Executor<'_> {
         }
         self.trace_ranges(trace, ocv_v);
         self.arm(&ZERO_FRAME).await?;
-        self.clock.sleep_s(ZERO_FRAME.span_s + FILL_S).await;
+        self.rig.clock.sleep_s(ZERO_FRAME.span_s + FILL_S).await;
         let capture = self
             .fetch(&ZERO_FRAME, (trace, run_folder::ZERO_FRAME))
             .await?;
@@ -161,7 +162,7 @@ impl Executor<'_> {
                 "an empty one",
             ));
         };
-        self.zero = Some(Zero {
+        self.direct.zero = Some(Zero {
             volts,
             ocv_v,
             scatter,
@@ -172,11 +173,12 @@ impl Executor<'_> {
 
     /// Drives and records a trace.
     pub(super) async fn trace(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
-        let Some(zero) = self.zero.take() else {
+        let Some(zero) = self.direct.zero.take() else {
             return Err(disobeyed(&trace.name, "the zeros of the channels", "none"));
         };
         if let Some(averaged) = trace.averaged {
-            self.recorder
+            self.rig
+                .recorder
                 .warning(&format!("trace {}: {averaged}", trace.name));
         }
         match trace.through {
@@ -199,7 +201,7 @@ impl Executor<'_> {
             actions.push((frame.start_s + frame.span_s, Action::Fetch(*frame)));
         }
         actions.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let origin_s = self.clock.now_s();
+        let origin_s = self.rig.clock.now_s();
         let mut commanded: Vec<(f64, f64)> = vec![(origin_s, 0.0)];
         let mut recorded = Recorded::default();
         let mut filled_s = origin_s;
@@ -208,7 +210,7 @@ impl Executor<'_> {
             match action {
                 Action::Arm(frame) => {
                     self.arm(&frame).await?;
-                    filled_s = self.clock.now_s() + frame.span_s + FILL_S;
+                    filled_s = self.rig.clock.now_s() + frame.span_s + FILL_S;
                 }
                 Action::Level(level) => {
                     let current_a = if level.power_w.is_some() {
@@ -216,7 +218,7 @@ impl Executor<'_> {
                     } else {
                         level.current_a
                     };
-                    commanded.push((self.clock.now_s(), current_a));
+                    commanded.push((self.rig.clock.now_s(), current_a));
                     self.command(current_a).await?;
                 }
                 Action::Fetch(frame) => {
@@ -241,17 +243,20 @@ impl Executor<'_> {
     async fn wait_until(&mut self, until_s: f64) -> Result<(), ExecuteError> {
         loop {
             let (left_s, age_s) = (
-                until_s - self.clock.now_s(),
-                self.clock.now_s() - self.watched_s,
+                until_s - self.rig.clock.now_s(),
+                self.rig.clock.now_s() - self.rig.watching.watched_s,
             );
             if left_s <= POLL_S + QUIET_S {
                 if age_s >= 2.0 * POLL_S || (age_s >= POLL_S && left_s > QUIET_S) {
                     self.watch("trace", Fixture::Cell).await?;
                 }
-                self.clock.sleep_s(until_s - self.clock.now_s()).await;
+                self.rig
+                    .clock
+                    .sleep_s(until_s - self.rig.clock.now_s())
+                    .await;
                 return Ok(());
             }
-            self.clock.sleep_s(POLL_S).await;
+            self.rig.clock.sleep_s(POLL_S).await;
             self.watch("trace", Fixture::Cell).await?;
         }
     }
@@ -268,12 +273,18 @@ impl Executor<'_> {
     /// Scales that hold the whole trace, with the cell's voltage at rest in the centre of
     /// channel 4.
     fn trace_ranges(&mut self, trace: &TracePlan, ocv_v: f64) {
-        let Some(scope) = self.bench.scope.as_ref().map(|scope| scope.capabilities()) else {
+        let Some(scope) = self
+            .rig
+            .bench
+            .scope
+            .as_ref()
+            .map(|scope| scope.capabilities())
+        else {
             return;
         };
         let (least_a, greatest_a) = trace.extremes_a();
         let most_a = greatest_a.max(-least_a).max(LEAST_SCALE_A);
-        let (down_v, up_v) = trace.drift_v(&self.experiment.cell.limits);
+        let (down_v, up_v) = trace.drift_v(&self.rig.experiment.cell.limits);
         for (slot, channel) in (1..=4_u8).enumerate() {
             let drift_v = if channel == 4 {
                 0.5 * up_v.max(-down_v)
@@ -281,11 +292,11 @@ impl Executor<'_> {
                 0.0
             };
             let per_div = Volts(
-                self.experiment.bench.wiring.scale_per_ampere_v[slot] * most_a
+                self.rig.experiment.bench.wiring.scale_per_ampere_v[slot] * most_a
                     + drift_v / scope.half_range_div,
             );
             let offset = Volts(if channel == 4 { -ocv_v } else { 0.0 });
-            self.verticals[slot] = Some(Vertical {
+            self.scope.verticals[slot] = Some(Vertical {
                 channel,
                 per_div: scope.scale_for_offset(per_div, offset),
                 offset,
@@ -295,13 +306,14 @@ impl Executor<'_> {
 
     pub(super) async fn arm(&mut self, frame: &Frame) -> Result<(), ExecuteError> {
         self.apply_verticals().await?;
-        let error = self.bench.error("scope");
+        let error = self.rig.bench.error("scope");
         let memory_points = frame.memory_points;
         let level = Volts(
-            OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
+            OUT_OF_REACH_DIV
+                * self.scope.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
         );
-        let remembered = self.memory_points.replace(memory_points) == Some(memory_points);
-        let scope = require(&mut self.bench.scope, "scope")?;
+        let remembered = self.scope.memory_points.replace(memory_points) == Some(memory_points);
+        let scope = require(&mut self.rig.bench.scope, "scope")?;
         if !remembered {
             scope
                 .set(&Intent::Session { memory_points })
@@ -331,9 +343,9 @@ impl Executor<'_> {
 
     /// Stops the scope; says when, bench s.
     pub(super) async fn freeze(&mut self) -> Result<f64, ExecuteError> {
-        let error = self.bench.error("scope");
-        let end_s = self.clock.now_s();
-        require(&mut self.bench.scope, "scope")?
+        let error = self.rig.bench.error("scope");
+        let end_s = self.rig.clock.now_s();
+        require(&mut self.rig.bench.scope, "scope")?
             .stop()
             .await
             .map_err(&error)?;
@@ -346,16 +358,16 @@ impl Executor<'_> {
         (frame, end_s): (&Frame, f64),
         (trace, name): (&TracePlan, &str),
     ) -> Result<Capture, ExecuteError> {
-        let error = self.bench.error("scope");
+        let error = self.rig.bench.error("scope");
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(
-                require(&mut self.bench.scope, "scope")?
+                require(&mut self.rig.bench.scope, "scope")?
                     .download(channel, frame.record_points)
                     .await
                     .map_err(&error)?,
             );
-            if self.clock.now_s() - self.watched_s >= POLL_S {
+            if self.rig.clock.now_s() - self.rig.watching.watched_s >= POLL_S {
                 self.watch("trace", Fixture::Cell).await?;
             }
         }
@@ -367,7 +379,7 @@ impl Executor<'_> {
         let waveforms: [Waveform; 4] = waveforms
             .try_into()
             .map_err(|_| fail("not four channels".to_owned()))?;
-        let screen_s = require(&mut self.bench.scope, "scope")?.capabilities();
+        let screen_s = require(&mut self.rig.bench.scope, "scope")?.capabilities();
         let screen_s =
             screen_s.time_per_div(Seconds(frame.span_s)).value() * screen_s.horizontal_div;
         self.check_frame(0.0, &waveforms, screen_s)
@@ -375,7 +387,7 @@ impl Executor<'_> {
         let start_s = end_s - screen_s;
         let label = format!("trace {} repeat {} {name}", trace.name, trace.repeat);
         let capture = capture_of(label, 0.0, start_s, &waveforms);
-        self.recorder.write_capture(
+        self.rig.recorder.write_capture(
             &run_folder::trace_name(&trace.name, trace.repeat),
             name,
             &capture,
@@ -401,22 +413,22 @@ impl Executor<'_> {
 
     /// Commands a direct current, A, charge positive.
     async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.experiment.bench.wiring;
+        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.rig.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let offset =
             Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
-        let error = self.bench.error("generator");
-        let generator = require(&mut self.bench.generator, "generator")?;
+        let error = self.rig.bench.error("generator");
+        let generator = require(&mut self.rig.bench.generator, "generator")?;
         Ok(generator.direct(offset).await.map_err(error)?)
     }
 
     /// Settings by which the frames of a trace are read.
     pub(super) fn frames<'f>(&'f self, trace: &'f TracePlan, zero: &Zero) -> Frames<'f> {
-        let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let shunt_ohm = self.rig.experiment.bench.wiring.shunt.r_ohm;
         Frames {
             trace,
-            correction: &self.correction,
+            correction: &self.known.correction,
             shunt_ohm,
             zero_v: zero.volts,
             ocv_v: zero.ocv_v,
@@ -442,11 +454,11 @@ impl Executor<'_> {
                 current_a: Some(current_a),
                 temperature_c: None,
             };
-            if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
+            if let Some(trip) = interlock::judge(self.rig.interlock.limits(), &reading) {
                 return Err(trip.into());
             }
             obeys(&trace.name, *level_a, (current_a, time_s))?;
-            row.temperature_c = self.last_c.unwrap_or(f64::NAN);
+            row.temperature_c = self.rig.temperatures.last_c.unwrap_or(f64::NAN);
         }
         // What there is was judged first: a limit that was passed outweighs a record that is short.
         match &found.missing {
@@ -466,15 +478,19 @@ impl Executor<'_> {
         let entry = TraceEntry {
             file: run_folder::series(&trace.name, trace.repeat),
             name: trace.name.clone(),
-            cell: self.specimen.as_ref().map(|specimen| specimen.name.clone()),
+            cell: self
+                .position
+                .specimen
+                .as_ref()
+                .map(|specimen| specimen.name.clone()),
             repeat: trace.repeat,
-            order: self.recorder.measured(),
+            order: self.rig.recorder.measured(),
             start_time_s: origin_s,
             start_ocv_v: zero.ocv_v,
-            charge_before_c: self.charge_c,
+            charge_before_c: self.direct.charge_c,
             temperature_c: zero.temperature_c,
             role: trace.role,
-            repeat_group: self.specimen.as_ref().map_or_else(
+            repeat_group: self.position.specimen.as_ref().map_or_else(
                 || trace.repeat_group.clone(),
                 |specimen| format!("{}_{}", trace.repeat_group, specimen.name),
             ),
@@ -485,8 +501,8 @@ impl Executor<'_> {
             sample_sigma_v: scatter[1],
             commanded,
         };
-        self.charge_c += charge_c;
-        self.recorder.trace(entry, &recorded.rows)?;
+        self.direct.charge_c += charge_c;
+        self.rig.recorder.trace(entry, &recorded.rows)?;
         Ok(())
     }
 }

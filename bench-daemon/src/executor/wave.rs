@@ -63,24 +63,25 @@ impl Executor<'_> {
         )
         .await?;
         let step_s = self.play_trace(&currents, (planned_s, steps)).await?;
-        let began_s = self.clock.now_s();
+        let began_s = self.rig.clock.now_s();
         // No reading in the last second: nothing may delay what ends the wave.
         self.wait_watching((over_s - POLL_S).max(0.0), ("trace", Fixture::Cell))
             .await?;
-        self.clock
-            .sleep_s((began_s + over_s - self.clock.now_s()).max(0.0))
+        self.rig
+            .clock
+            .sleep_s((began_s + over_s - self.rig.clock.now_s()).max(0.0))
             .await;
         let frozen_s = self.freeze().await?;
-        let offset = Volts(self.experiment.bench.wiring.command_offset_v);
-        let error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?
+        let offset = Volts(self.rig.experiment.bench.wiring.command_offset_v);
+        let error = self.rig.bench.error("generator");
+        require(&mut self.rig.bench.generator, "generator")?
             .quiet(offset)
             .await
             .map_err(error)?;
         self.no_burst();
         once(
             &trace.name,
-            self.clock.now_s() - began_s,
+            self.rig.clock.now_s() - began_s,
             step_s * steps as f64,
         )?;
         let capture = self.download((&frame, frozen_s), (trace, "wave")).await?;
@@ -109,16 +110,16 @@ impl Executor<'_> {
         currents: &[f64],
         (step_s, steps): (f64, usize),
     ) -> Result<f64, ExecuteError> {
-        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.experiment.bench.wiring;
+        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.rig.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let peak_a = currents
             .iter()
             .fold(f64::MIN_POSITIVE, |peak, amps| peak.max(amps.abs()));
         let offset = Volts(wiring.command_offset_v);
         let amplitude = Volts(peak_a * volts_per_amp * wiring.command_trim);
-        let error = self.bench.error("generator");
-        let generator = require(&mut self.bench.generator, "generator")?;
+        let error = self.rig.bench.error("generator");
+        let generator = require(&mut self.rig.bench.generator, "generator")?;
         let grid_hz = generator.capabilities().freq_step.value();
         let freq_hz = (1.0 / (step_s * steps as f64) / grid_hz).round() * grid_hz;
         let mut shape: Vec<f64> = currents.iter().map(|amps| amps / peak_a).collect();
@@ -127,11 +128,11 @@ impl Executor<'_> {
         let wave = Wave::named("run", shape, Hertz(freq_hz), (amplitude, offset));
         generator.wave(&wave).await.map_err(&error)?;
         self.no_burst();
-        let refused = self.burst.refused;
+        let refused = self.rig.driving.burst.refused;
         self.begin_periods(freq_hz, 1.0).await?;
-        if self.burst.refused != refused {
-            // Meanwhile it has played on; it restarts.
-            let generator = require(&mut self.bench.generator, "generator")?;
+        if self.rig.driving.burst.refused != refused {
+            // Meanwhile it has played on; it begins anew.
+            let generator = require(&mut self.rig.bench.generator, "generator")?;
             generator.quiet(offset).await.map_err(&error)?;
             generator.wave(&wave).await.map_err(&error)?;
         }
@@ -160,7 +161,7 @@ impl Executor<'_> {
                 0.5 * (power_w(&pair[0]) + power_w(&pair[1])) * (pair[1].time_s - pair[0].time_s)
             })
             .sum();
-        self.recorder.warning(&format!(
+        self.rig.recorder.warning(&format!(
             "trace {}: powers were turned into currents at the {:.4} V at rest, for a wave cannot \
             follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were \
              asked for",

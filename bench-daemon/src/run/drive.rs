@@ -15,7 +15,7 @@ use super::{
 use crate::{
     bench::Bench,
     config::Experiment,
-    executor::{Entrance, ExecuteError, Executor},
+    executor::{Entrance, ExecuteError, Executor, Person, Rig},
     failure::Failure,
     journal::{Entry, PointDone},
     measure::SweepPoint,
@@ -55,14 +55,15 @@ pub(super) async fn drive(
     let gathered = Gathered::new(experiment, inherited.clone());
     recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
     let mut executor = Executor::new(
-        (bench, recorder),
-        experiment,
-        around.clock.clone(),
-        (around.operator, around.progress),
+        Rig::new(bench, experiment, around.clock.clone(), recorder),
+        Person {
+            operator: around.operator,
+            progress: around.progress,
+        },
     );
     if let Some(correction) = inherited {
-        executor.recorder.json(CORRECTION, &correction)?;
-        executor.correction = correction;
+        executor.rig.recorder.json(CORRECTION, &correction)?;
+        executor.known.correction = correction;
     }
     let mut drive = Drive {
         executor,
@@ -73,7 +74,7 @@ pub(super) async fn drive(
     };
     drive.restore()?;
     drive.play().await?;
-    drive.gathered.whole(drive.executor.recorder)
+    drive.gathered.whole(drive.executor.rig.recorder)
 }
 
 struct Drive<'a, 'b> {
@@ -94,7 +95,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             .and_then(|number| self.plan.stages.get(number))
             .and_then(Stage::specimen)
             .cloned();
-        let left_c = past.charge_left_c(self.executor.recorder, self.plan)?;
+        let left_c = past.charge_left_c(self.executor.rig.recorder, self.plan)?;
         self.executor.take_over(latest, left_c);
         for (number, stage) in self
             .plan
@@ -104,10 +105,10 @@ impl<'a, 'b> Drive<'a, 'b> {
             .filter(|(number, _)| past.story.finished(*number))
         {
             if let Purpose::Multisine(repeat) = stage.purpose {
-                self.gathered
-                    .measured
-                    .multisines
-                    .push(multisine::restore(self.executor.recorder.folder(), repeat)?);
+                self.gathered.measured.multisines.push(multisine::restore(
+                    self.executor.rig.recorder.folder(),
+                    repeat,
+                )?);
             }
             let Purpose::Sweep(fixture, repeat) = stage.purpose else {
                 continue;
@@ -118,9 +119,9 @@ impl<'a, 'b> Drive<'a, 'b> {
                 .get(&number)
                 .map_or_else(Vec::new, |story| story.points.values().collect());
             let sweeping = self.gathered.sweeping(fixture, repeat);
-            sweeping.restore(self.executor.recorder, &points)?;
+            sweeping.restore(self.executor.rig.recorder, &points)?;
             let settled = sweeping.settle(
-                self.executor.recorder,
+                self.executor.rig.recorder,
                 points
                     .into_iter()
                     .map(|point| point.point.clone())
@@ -128,6 +129,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             )?;
             sweeping::flags(&settled.points, &mut |freq_hz, text| {
                 self.executor
+                    .rig
                     .recorder
                     .known_point_warning(&sweeping.name, freq_hz, text);
             });
@@ -182,10 +184,11 @@ impl<'a, 'b> Drive<'a, 'b> {
 
     /// The order that is wanted, once the run in work is done.
     fn reorder(&self, left: &mut [usize], run: Option<usize>) {
-        if self.experiment.campaign.is_none() || self.executor.clock.mode() == TimeMode::Virtual {
+        if self.experiment.campaign.is_none() || self.executor.rig.clock.mode() == TimeMode::Virtual
+        {
             return;
         }
-        let mut order = Wishes::read(self.executor.recorder.folder()).order;
+        let mut order = Wishes::read(self.executor.rig.recorder.folder()).order;
         order.splice(0..0, run);
         // What is not named comes as it is planned, whatever was wanted before.
         left.sort_unstable();
@@ -228,6 +231,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         }
         Ok(self
             .executor
+            .rig
             .recorder
             .journal(Entry::StageDone { stage: number })?)
     }
@@ -248,8 +252,8 @@ impl<'a, 'b> Drive<'a, 'b> {
             .filter(|_| !entrance.points.is_empty())
             .and_then(|past| past.story.stages.get(&number));
         let start_time_s =
-            start_time_s.map_or_else(|| self.executor.clock.now_s(), |story| story.began_s);
-        let recorder = &mut *self.executor.recorder;
+            start_time_s.map_or_else(|| self.executor.rig.clock.now_s(), |story| story.began_s);
+        let recorder = &mut *self.executor.rig.recorder;
         recorder.forget_sweep(sweeping.indexed());
         recorder.drop_captures(&sweeping.name, &entrance.points)?;
         sweeping.restore(recorder, &entrance.points)?;
@@ -265,8 +269,8 @@ impl<'a, 'b> Drive<'a, 'b> {
             .executor
             .stage((number, stage), entrance, &mut on_point)
             .await?;
-        let settled = sweeping.settle(self.executor.recorder, points)?;
-        let recorder = &mut *self.executor.recorder;
+        let settled = sweeping.settle(self.executor.rig.recorder, points)?;
+        let recorder = &mut *self.executor.rig.recorder;
         let flagged = sweeping::flags(&settled.points, &mut |freq_hz, text| {
             recorder.point_warning(&sweeping.name, freq_hz, text);
         });
@@ -275,7 +279,7 @@ impl<'a, 'b> Drive<'a, 'b> {
                 flagged,
                 ..sweeping.entry(&self.executor, stage, start_time_s, &settled)
             };
-            self.executor.recorder.sweep(entry)?;
+            self.executor.rig.recorder.sweep(entry)?;
         }
         self.finish(fixture, repeat, settled, false)
     }
@@ -288,9 +292,14 @@ impl<'a, 'b> Drive<'a, 'b> {
         settled: Settled,
         restored: bool,
     ) -> Result<(), Failure> {
-        self.gathered
-            .finish(self.executor.recorder, fixture, repeat, settled, restored)?;
-        self.executor.correction = self.gathered.measured.correction.clone();
+        self.gathered.finish(
+            self.executor.rig.recorder,
+            fixture,
+            repeat,
+            settled,
+            restored,
+        )?;
+        self.executor.known.correction = self.gathered.measured.correction.clone();
         Ok(())
     }
 }

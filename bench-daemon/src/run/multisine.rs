@@ -62,34 +62,36 @@ pub(super) async fn measure(
     repeat: usize,
     measured: &Measured,
 ) -> Result<MultisineRun, Failure> {
-    let (experiment, start_s) = (executor.experiment, executor.clock.now_s());
+    let (experiment, start_s) = (executor.rig.experiment, executor.rig.clock.now_s());
     executor
+        .rig
         .recorder
         .forget_sweep(&Multisine::Spectrum.file(repeat));
     // A multisine that was interrupted is done again whole: it takes back what it gives.
     let points = executor
         .stage((number, stage), &Entrance::default(), &mut |_, _| Ok(()))
         .await?;
-    let took_s = executor.clock.now_s() - start_s;
+    let took_s = executor.rig.clock.now_s() - start_s;
     for point in &points {
         for warning in &point.warnings {
             executor
+                .rig
                 .recorder
                 .point_warning("multisine", point.phasors.freq_hz, warning);
         }
     }
-    let recorder = &mut *executor.recorder;
+    let recorder = &mut *executor.rig.recorder;
     let flagged = sweeping::flags(&points, &mut |freq_hz, text| {
         recorder.point_warning("multisine", freq_hz, text);
     });
-    let lines = std::mem::take(&mut executor.lines);
+    let lines = std::mem::take(&mut executor.known.lines);
     let found: Vec<Found> = points
         .iter()
         .zip(lines)
         .map(|(point, line)| (point.phasors, point.volts_per_div, line))
         .collect();
     let run = write(
-        executor.recorder,
+        executor.rig.recorder,
         experiment,
         stage,
         repeat,
@@ -118,7 +120,7 @@ pub(super) async fn measure(
         below_h: below.map(|below| below.l_h),
         ..entry(executor, stage, repeat, start_s, measured)
     };
-    executor.recorder.sweep(entry)?;
+    executor.rig.recorder.sweep(entry)?;
     Ok(run)
 }
 
@@ -237,10 +239,10 @@ fn entry(
         corrected: measured.correction.reduced_chi2.is_some(),
         amplitude_a: stage.steps.iter().find_map(driven).unwrap_or(f64::NAN),
         repeat,
-        order: executor.recorder.measured(),
+        order: executor.rig.recorder.measured(),
         start_time_s,
-        start_ocv_v: executor.idle.voltage_v,
-        temperature_c: executor.idle.temperature_c,
+        start_ocv_v: executor.known.idle.voltage_v,
+        temperature_c: executor.known.idle.temperature_c,
         role: Role::Train,
         repeat_group: "multisine".to_owned(),
         flagged: Vec::new(),

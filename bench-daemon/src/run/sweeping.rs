@@ -274,10 +274,10 @@ impl<'a> Sweeping<'a> {
             corrected,
             amplitude_a,
             repeat: self.run.as_ref().map_or(self.repeat, |run| run.repeat),
-            order: executor.recorder.measured(),
+            order: executor.rig.recorder.measured(),
             start_time_s,
-            start_ocv_v: executor.idle.voltage_v.filter(|_| cell),
-            temperature_c: executor.idle.temperature_c.filter(|_| cell),
+            start_ocv_v: executor.known.idle.voltage_v.filter(|_| cell),
+            temperature_c: executor.known.idle.temperature_c.filter(|_| cell),
             role: Role::Train,
             repeat_group: self
                 .run

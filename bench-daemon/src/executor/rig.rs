@@ -1,0 +1,129 @@
+//! The rig that a plan is played on: the instruments, and what reading and judging them needs.
+
+use instruments::clock::Clock;
+
+use super::burst::Burst;
+use crate::{
+    bench::Bench, config::Experiment, interlock::Interlock, record::Recorder,
+    thermostat::Thermostat,
+};
+
+/// The instruments of a run, with everything that reading and judging them needs.
+pub struct Rig<'a> {
+    /// The instruments.
+    pub(super) bench: &'a mut Bench,
+    /// What is being done.
+    pub(crate) experiment: &'a Experiment,
+    /// Bench time.
+    pub(crate) clock: Clock,
+    /// Where everything is written.
+    pub(crate) recorder: &'a mut Recorder,
+    /// What the step in work may expose the cell to.
+    pub(super) interlock: Interlock,
+    /// When what was read last.
+    pub(super) watching: Watching,
+    /// The cell's temperature and its bath.
+    pub(super) temperatures: Temperatures,
+    /// What drives the cell since the last power-up.
+    pub(super) driving: Driving,
+}
+
+impl<'a> Rig<'a> {
+    /// Makes a rig of a bench on which nothing was read yet.
+    pub fn new(
+        bench: &'a mut Bench,
+        experiment: &'a Experiment,
+        clock: Clock,
+        recorder: &'a mut Recorder,
+    ) -> Self {
+        Self {
+            bench,
+            experiment,
+            clock,
+            recorder,
+            interlock: Interlock::new(
+                experiment.cell.interlock,
+                experiment.cell.limits,
+                experiment.bench.instruments.logger.is_some(),
+            ),
+            watching: Watching::default(),
+            temperatures: Temperatures::default(),
+            driving: Driving::default(),
+        }
+    }
+}
+
+/// When what was read last, and whose turn is next.
+pub(super) struct Watching {
+    /// Readings so far; every tenth takes a temperature.
+    pub(super) polls: u32,
+    /// Bench time of the last reading of the bipolar supply, s.
+    pub(super) watched_s: f64,
+    /// When those that are to carry nothing were read last, bench s.
+    pub(super) others_s: f64,
+    /// Number of the instrument whose settings were read back last.
+    pub(super) looked: usize,
+    /// How long the last reading of the bipolar supply took, s.
+    pub(super) read_s: f64,
+    /// How long the last reading with everything around it took, s.
+    pub(super) took_s: f64,
+    /// What the voltmeter at the jig has shown last, V.
+    pub(super) shown_v: Option<f64>,
+    /// Requests to end.
+    pub(super) heeding: Heeding,
+}
+
+impl Default for Watching {
+    fn default() -> Self {
+        Self {
+            polls: 0,
+            watched_s: f64::NEG_INFINITY,
+            others_s: f64::NEG_INFINITY,
+            looked: 0,
+            read_s: 0.0,
+            took_s: 0.0,
+            shown_v: None,
+            heeding: Heeding {
+                ends_early: false,
+                heeded_s: f64::NEG_INFINITY,
+            },
+        }
+    }
+}
+
+/// Requests to end in the middle of a step.
+pub(super) struct Heeding {
+    /// The step in work may be ended in its middle on request.
+    pub(super) ends_early: bool,
+    /// When it was looked for such a request last, bench s.
+    pub(super) heeded_s: f64,
+}
+
+/// The cell's temperature, its logger and its bath.
+#[derive(Default)]
+pub(super) struct Temperatures {
+    /// The cell's temperature when it was read last, °C.
+    pub(super) last_c: Option<f64>,
+    /// The logger scans nothing before it was told what.
+    pub(super) logger_ready: bool,
+    /// The chiller was started here, and is to go on running.
+    pub(super) chiller_runs: bool,
+    /// The loop of a bath that has none of its own.
+    pub(super) thermostat: Option<Thermostat>,
+}
+
+/// What drives the cell since the last power-up.
+#[derive(Default)]
+pub(super) struct Driving {
+    /// How long the generator's signal goes on by itself.
+    pub(super) burst: Burst,
+    /// What the power-up in work allows of the current, A.
+    pub(super) powered_a: Option<f64>,
+    /// Scales of the shunt's channels, V per division, and what a record on them shows while no
+    /// direct current flows, A: from the first since the power-up.
+    pub(super) first_mean: Option<([f64; 2], f64)>,
+    /// By how much the mean of the current has changed since then, A.
+    pub(super) mean_change_a: f64,
+    /// It was said that the bipolar supply is not bounded.
+    pub(super) told: bool,
+}

@@ -1,0 +1,53 @@
+//! What a run knows from step to step besides its instruments.
+
+use std::sync::Arc;
+
+use analysis::{calibration::Correction, multisine::Line};
+use instruments::fixture::Fixture;
+
+use super::{dc::Reset, leg::Legs, trace::Zero};
+use crate::{interlock::Reading, operator::Operator, plan::Specimen, progress::Progress};
+
+/// The person at the bench.
+pub struct Person<'a> {
+    /// Who changes the fixture, where no device does.
+    pub operator: &'a Operator,
+    /// What the person watching sees.
+    pub progress: &'a Progress,
+}
+
+/// Where in the run the stage in work is, and what is in the jig.
+#[derive(Default)]
+pub(super) struct Position {
+    /// What was clamped into the jig last, and which of the cells it was, where there are several.
+    pub(super) mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
+    /// The cell that is in use, where there are several.
+    pub(super) specimen: Option<Arc<Specimen>>,
+    /// Number of the campaign's run that the stage in work belongs to.
+    pub(super) run: Option<usize>,
+    /// Number of the sweep, 0 for a control.
+    pub(super) repeat: usize,
+}
+
+/// What steps of direct current leave for the steps after them.
+#[derive(Default)]
+pub(super) struct Direct {
+    /// What the channels show while nothing flows.
+    pub(super) zero: Option<Zero>,
+    /// Charge that traces have left in the cell, C.
+    pub(super) charge_c: f64,
+    /// The readings of the legs so far.
+    pub(super) legs: Legs,
+    /// Where the reset of the state of charge stands.
+    pub(super) reset: Reset,
+}
+
+/// What is known of harness and cell beside the points.
+pub(crate) struct Known {
+    /// What takes the harness off the channels.
+    pub(crate) correction: Correction,
+    /// What was read of the cell before the bipolar supply went on last.
+    pub(crate) idle: Reading,
+    /// What the lines of multisines say besides their impedance, until somebody takes it.
+    pub(crate) lines: Vec<Line>,
+}
