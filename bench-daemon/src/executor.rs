@@ -134,7 +134,7 @@ impl<'a> Executor<'a> {
             }
             self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
-            let allowance = self.allowance(fixture, step);
+            let allowance = self.rig.allowance(fixture, step);
             if !self.was_announced(index) {
                 self.rig.recorder.journal(Entry::Intent {
                     stage: number,
@@ -232,7 +232,7 @@ impl<'a> Executor<'a> {
             }
             Step::Mount(_) => self.mount(fixture).await?,
             Step::HoldTemperature { .. } => self.hold_temperature(step).await?,
-            Step::Discharge { .. } => self.discharge(step).await?,
+            Step::Discharge { .. } => self.rig.discharge(step).await?,
             Step::Charge { .. } => self.charge(step).await?,
             Step::Rest { .. } => self.rest(step).await?,
             Step::PowerUp { .. } => self.power(fixture, step).await?,
@@ -241,10 +241,10 @@ impl<'a> Executor<'a> {
             Step::Sine { .. } => return self.gated(fixture, step).await.map(Some),
             // They give several points, or change those that are there.
             Step::Multisine(_) | Step::Recheck { .. } => {}
-            Step::Pause { span_s } => self.pause(span_s).await?,
+            Step::Pause { span_s } => self.rig.pause(span_s).await?,
             Step::Zero(ref trace) => self.zero(trace).await?,
             Step::Trace(ref trace) => self.trace(trace).await?,
-            Step::PowerDown => self.power_down().await?,
+            Step::PowerDown => self.rig.power_down().await?,
         }
         Ok(None)
     }
@@ -278,7 +278,7 @@ impl<'a> Executor<'a> {
         if fixture == Fixture::Short {
             // A bar across a cell is a dead short, whatever the outputs do: it is looked for before
             // anybody reaches into the jig.
-            self.refuse_a_cell("before mounting the short").await?;
+            self.rig.refuse_a_cell("before mounting the short").await?;
         }
         self.rig.bench.off_again().await?;
         match (
@@ -296,7 +296,7 @@ impl<'a> Executor<'a> {
                 let _person = self.rig.clock.wait(None);
                 tokio::select! {
                     mounted = self.person.operator.mount(fixture, self.position.specimen.as_deref()) => mounted?,
-                    ended = self.asked_to_end() => return Err(ended),
+                    ended = self.rig.asked_to_end() => return Err(ended),
                 }
             }
             // Without a jig only the cell is ever asked for: it is what is in there.
@@ -308,7 +308,7 @@ impl<'a> Executor<'a> {
         }
         self.position.mounted = Some((fixture, self.position.specimen.clone()));
         if fixture == Fixture::Short {
-            self.refuse_a_cell("after mounting the short").await?;
+            self.rig.refuse_a_cell("after mounting the short").await?;
         }
         Ok(())
     }

@@ -5,7 +5,7 @@
 use instruments::scope::Waveform;
 
 use super::{
-    ExecuteError, Executor,
+    ExecuteError, Rig,
     crest::{difference, mean},
 };
 use crate::interlock::{NO_CURRENT_A, Quantity, Stuck};
@@ -30,14 +30,14 @@ const WARMER_K: f64 = 20.0;
 /// readings a second apart of a period of five.
 const EFFECTIVE: f64 = 0.3;
 
-impl Executor<'_> {
+impl Rig<'_> {
     /// Refuses to go on with a meter that stands still although its noise would move it.
     pub(super) async fn agree(&mut self) -> Result<(), ExecuteError> {
         let Some(Stuck {
             quantity,
             times,
             value,
-        }) = self.rig.interlock.stuck()
+        }) = self.interlock.stuck()
         else {
             return Ok(());
         };
@@ -76,12 +76,12 @@ impl Executor<'_> {
 
     /// Whose voltmeter is in use, and what another one shows.
     async fn other_volts(&mut self) -> (&'static str, Option<(&'static str, f64)>) {
-        let Some(supply) = self.rig.bench.supply4q.as_mut() else {
+        let Some(supply) = self.bench.supply4q.as_mut() else {
             return ("the load", None);
         };
         // The message is worth more than another error.
         let shown = supply.measure().await.ok().map(|(volts, _)| volts.value());
-        if self.rig.bench.load.is_some() {
+        if self.bench.load.is_some() {
             ("the load", shown.map(|volts| ("the bipolar supply", volts)))
         } else {
             ("the bipolar supply", None)
@@ -90,11 +90,10 @@ impl Executor<'_> {
 
     async fn bath_c(&mut self) -> Option<f64> {
         let chiller = self
-            .rig
             .bench
             .chiller
             .as_mut()
-            .filter(|_| self.rig.temperatures.chiller_runs)?;
+            .filter(|_| self.temperatures.chiller_runs)?;
         chiller
             .temperature()
             .await
@@ -105,9 +104,8 @@ impl Executor<'_> {
     /// A bath that holds the cell is not far from it. While nothing can flow, or the temperature is
     /// to change, nothing is judged.
     pub(super) async fn agree_with_bath(&mut self) -> Result<(), ExecuteError> {
-        let judged = self.rig.interlock.is_live() && !self.rig.interlock.tempering();
+        let judged = self.interlock.is_live() && !self.interlock.tempering();
         let Some(cell_c) = self
-            .rig
             .temperatures
             .last_c
             .filter(|celsius| celsius.is_finite() && judged)
@@ -117,7 +115,7 @@ impl Executor<'_> {
         let Some(bath_c) = self.bath_c().await else {
             return Ok(());
         };
-        let warmer_k = if self.rig.interlock.allowed_mean().is_some() {
+        let warmer_k = if self.interlock.allowed_mean().is_some() {
             WARMER_K
         } else {
             f64::INFINITY
@@ -144,7 +142,7 @@ impl Executor<'_> {
         [_, _, low, high]: &[Waveform; 4],
         amplitude_v: f64,
     ) -> Result<(), ExecuteError> {
-        let Some(shown_v) = self.rig.watching.shown_v else {
+        let Some(shown_v) = self.watching.shown_v else {
             return Ok(());
         };
         let offsets_v: f64 = [low, high]

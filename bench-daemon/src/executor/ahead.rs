@@ -7,7 +7,7 @@
 
 use instruments::{clock::TimeMode, fixture::Fixture};
 
-use super::{ExecuteError, Executor, POLL_S};
+use super::{ExecuteError, Executor, POLL_S, Rig};
 use crate::{
     interlock::Reading,
     journal::Entry,
@@ -65,14 +65,43 @@ impl Next {
     }
 }
 
-impl Executor<'_> {
+impl Rig<'_> {
     /// Whether points overlap; where nobody has said so, in real time only: in any other nobody
     /// waits.
     pub(super) fn overlaps(&self) -> bool {
-        let wanted = self.rig.experiment.eis.as_ref().and_then(|eis| eis.overlap);
-        wanted.unwrap_or(self.rig.clock.mode() == TimeMode::Real)
+        let wanted = self.experiment.eis.as_ref().and_then(|eis| eis.overlap);
+        wanted.unwrap_or(self.clock.mode() == TimeMode::Real)
     }
 
+    /// A reading while a record is being fetched, as soon as the last one is as old as two readings
+    /// may be apart.
+    pub(super) async fn watch_between(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+        if self.overlaps() && self.clock.now_s() - self.watching.watched_s < POLL_S {
+            Ok(())
+        } else {
+            self.timed_watch(fixture).await.map(|_| ())
+        }
+    }
+
+    async fn timed_watch(&mut self, fixture: Fixture) -> Result<Reading, ExecuteError> {
+        let start_s = self.clock.now_s();
+        let reading = self.watch("sine", fixture).await?;
+        self.watching.took_s = self.clock.now_s() - start_s;
+        Ok(reading)
+    }
+
+    /// When a point may be stopped: settled, and the scope armed for long enough, bench s.
+    pub(super) fn ripe_s(
+        &self,
+        (freq_hz, wait_s): (f64, f64),
+        driven_s: f64,
+        screen_s: f64,
+    ) -> f64 {
+        (driven_s + wait_s).max(self.clock.now_s() + screen_s + 1.0 / freq_hz + ARMED_S)
+    }
+}
+
+impl Executor<'_> {
     /// Looks for the point after a step.
     pub(super) fn look_ahead(
         &mut self,
@@ -80,7 +109,7 @@ impl Executor<'_> {
         index: usize,
         plays: impl Fn(usize, &Step) -> bool,
     ) {
-        let wanted = self.overlaps();
+        let wanted = self.rig.overlaps();
         self.sweep.next = None;
         if let (
             true,
@@ -160,11 +189,11 @@ impl Executor<'_> {
             return Ok(());
         }
         self.rig.interlock.begin(
-            self.allowance(fixture, &next.sine()),
+            self.rig.allowance(fixture, &next.sine()),
             self.rig.clock.machine_s(),
         );
         let told_s = self.rig.clock.now_s();
-        self.drive((freq_hz, amplitude_a, next.wait_s)).await?;
+        self.rig.drive((freq_hz, amplitude_a, next.wait_s)).await?;
         let proven_s = self.rig.clock.now_s();
         let since_s = if proven_s - told_s <= PROMPT_S {
             told_s
@@ -189,19 +218,20 @@ impl Executor<'_> {
         loop {
             let left_s = end_s - self.rig.clock.now_s();
             // A reading takes a while: one that would end too late comes right after the wait.
-            let poll_s = self.poll_s();
+            let poll_s = self.rig.poll_s();
             if left_s <= poll_s + self.rig.watching.took_s {
                 self.read_before(left_s, fixture).await?;
                 self.rig.clock.sleep_s(end_s - self.rig.clock.now_s()).await;
                 return Ok(());
             }
             self.rig.clock.sleep_s(poll_s).await;
-            let reading = self.timed_watch(fixture).await?;
-            self.watch_mean((
-                reading,
-                end_s - self.rig.clock.now_s() - self.rig.watching.took_s,
-            ))
-            .await?;
+            let reading = self.rig.timed_watch(fixture).await?;
+            self.rig
+                .watch_mean((
+                    reading,
+                    end_s - self.rig.clock.now_s() - self.rig.watching.took_s,
+                ))
+                .await?;
         }
     }
 
@@ -213,33 +243,6 @@ impl Executor<'_> {
             return Ok(());
         }
         self.rig.clock.sleep_s(early_s).await;
-        self.timed_watch(fixture).await.map(|_| ())
-    }
-
-    /// A reading while a record is being fetched, as soon as the last one is as old as two readings
-    /// may be apart.
-    pub(super) async fn watch_between(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        if self.overlaps() && self.rig.clock.now_s() - self.rig.watching.watched_s < POLL_S {
-            Ok(())
-        } else {
-            self.timed_watch(fixture).await.map(|_| ())
-        }
-    }
-
-    async fn timed_watch(&mut self, fixture: Fixture) -> Result<Reading, ExecuteError> {
-        let start_s = self.rig.clock.now_s();
-        let reading = self.watch("sine", fixture).await?;
-        self.rig.watching.took_s = self.rig.clock.now_s() - start_s;
-        Ok(reading)
-    }
-
-    /// When a point may be stopped: settled, and the scope armed for long enough, bench s.
-    pub(super) fn ripe_s(
-        &self,
-        (freq_hz, wait_s): (f64, f64),
-        driven_s: f64,
-        screen_s: f64,
-    ) -> f64 {
-        (driven_s + wait_s).max(self.rig.clock.now_s() + screen_s + 1.0 / freq_hz + ARMED_S)
+        self.rig.timed_watch(fixture).await.map(|_| ())
     }
 }

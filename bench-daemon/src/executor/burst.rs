@@ -4,7 +4,7 @@
 
 use instruments::link::LinkError;
 
-use super::{ExecuteError, Executor, power::IDLE_CURRENT_A, require};
+use super::{ExecuteError, Rig, power::IDLE_CURRENT_A, require};
 use crate::{
     interlock::{NO_CURRENT_A, Reading},
     plan::LEEWAY_S,
@@ -69,7 +69,7 @@ impl Burst {
     }
 }
 
-impl Executor<'_> {
+impl Rig<'_> {
     /// Begins what the generator was set to, for whole periods that last `needed_s` and the leeway,
     /// where it can.
     pub(super) async fn begin_signal(
@@ -79,7 +79,7 @@ impl Executor<'_> {
     ) -> Result<(), ExecuteError> {
         self.begin_periods(
             freq_hz,
-            ((needed_s + self.rig.driving.burst.leeway_s) * freq_hz).ceil(),
+            ((needed_s + self.driving.burst.leeway_s) * freq_hz).ceil(),
         )
         .await
     }
@@ -90,21 +90,18 @@ impl Executor<'_> {
         freq_hz: f64,
         wanted: f64,
     ) -> Result<(), ExecuteError> {
-        let error = self.rig.bench.error("generator");
-        let wiring = &self.rig.experiment.bench.wiring;
-        let generator = require(&mut self.rig.bench.generator, "generator")?;
+        let error = self.bench.error("generator");
+        let wiring = &self.experiment.bench.wiring;
+        let generator = require(&mut self.bench.generator, "generator")?;
         let most = generator.most_periods().filter(|most| {
-            wiring.bursts && !self.rig.driving.burst.refused && wanted <= f64::from(*most)
+            wiring.bursts && !self.driving.burst.refused && wanted <= f64::from(*most)
         });
         let periods = most.map(|_| wanted as u32);
-        let begun_s = self.rig.clock.now_s();
-        (
-            self.rig.driving.burst.ends_s,
-            self.rig.driving.burst.ended_s,
-        ) = (f64::INFINITY, f64::INFINITY);
+        let begun_s = self.clock.now_s();
+        (self.driving.burst.ends_s, self.driving.burst.ended_s) = (f64::INFINITY, f64::INFINITY);
         // It begins at its phase, wherever the one before was.
-        self.rig.interlock.lose_period();
-        if periods.is_none() && !self.rig.driving.burst.on {
+        self.interlock.lose_period();
+        if periods.is_none() && !self.driving.burst.on {
             return Ok(());
         }
         match generator.burst(periods).await {
@@ -116,26 +113,21 @@ impl Executor<'_> {
                 | LinkError::Unexpected { .. }),
             ) if periods.is_some() => {
                 generator.burst(None).await.map_err(&error)?;
-                self.rig.driving.burst.refused = true;
+                self.driving.burst.refused = true;
                 let text = format!(
                     "generator: takes no bursts ({said}): its signal ends by the daemon and the \
                     guardian alone"
                 );
-                self.rig.recorder.warning(&text);
+                self.recorder.warning(&text);
                 return Ok(());
             }
             Err(failed) => return Err(error(failed).into()),
         }
-        self.rig.driving.burst.on = periods.is_some();
+        self.driving.burst.on = periods.is_some();
         if let Some(periods) = periods {
             let lasts_s = f64::from(periods) / freq_hz;
-            (
-                self.rig.driving.burst.ends_s,
-                self.rig.driving.burst.ended_s,
-            ) = (
-                begun_s + lasts_s,
-                self.rig.clock.now_s() + lasts_s + FADES_S,
-            );
+            (self.driving.burst.ends_s, self.driving.burst.ended_s) =
+                (begun_s + lasts_s, self.clock.now_s() + lasts_s + FADES_S);
         }
         Ok(())
     }
@@ -143,18 +135,18 @@ impl Executor<'_> {
     /// The generator was told to be quiet: no burst, and nothing that could end.
     pub(super) fn no_burst(&mut self) {
         (
-            self.rig.driving.burst.on,
-            self.rig.driving.burst.ends_s,
-            self.rig.driving.burst.ended_s,
+            self.driving.burst.on,
+            self.driving.burst.ends_s,
+            self.driving.burst.ended_s,
         ) = (false, f64::INFINITY, f64::INFINITY);
     }
 
     /// Whether a record that ends at `end_s` would miss a part of the signal; the next one is made
     /// longer then.
     pub(super) fn falls_short(&mut self, end_s: f64) -> bool {
-        let short = end_s > self.rig.driving.burst.ends_s;
+        let short = end_s > self.driving.burst.ends_s;
         if short {
-            self.rig.driving.burst.leeway_s *= LONGER;
+            self.driving.burst.leeway_s *= LONGER;
         }
         short
     }

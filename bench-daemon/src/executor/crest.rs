@@ -3,7 +3,7 @@
 
 use instruments::{fixture::Fixture, scope::Waveform};
 
-use super::{ExecuteError, Executor, watch::drawn};
+use super::{ExecuteError, Executor, Rig, watch::drawn};
 use crate::interlock::{NO_CURRENT_A, Trip};
 
 /// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells
@@ -35,34 +35,7 @@ pub(super) struct Drawn<'w> {
     pub(super) amplitude_a: f64,
 }
 
-impl Executor<'_> {
-    /// Refuses a current whose crests could leave the voltage limits of the cell as it was at rest.
-    pub(super) fn headroom(
-        &self,
-        fixture: Fixture,
-        (freq_hz, peak_a): (f64, f64),
-    ) -> Result<(), ExecuteError> {
-        let Some(rest_v) = self
-            .known
-            .idle
-            .voltage_v
-            .filter(|_| fixture == Fixture::Cell)
-        else {
-            return Ok(());
-        };
-        let limits = &self.rig.experiment.cell.limits;
-        let (least_v, greatest_v) = (rest_v - peak_a * MOST_OHM, rest_v + peak_a * MOST_OHM);
-        if least_v >= limits.min_v && greatest_v <= limits.max_v {
-            return Ok(());
-        }
-        let reason = format!(
-            "expected crests within {} V to {} V, found up to {least_v:.3} V to {greatest_v:.3} V \
-            for {peak_a} A at a cell of {rest_v:.3} V",
-            limits.min_v, limits.max_v
-        );
-        Err(ExecuteError::Signal { freq_hz, reason })
-    }
-
+impl Rig<'_> {
     /// Trips where a record shows more current than the step asks for, or the cell beyond its
     /// limits, whatever the meters have averaged. Records that cannot be of a current, or of this
     /// cell, are refused before anything is concluded from them.
@@ -79,39 +52,37 @@ impl Executor<'_> {
         let [below, above, low, high] = waveforms;
         let current = difference(above, below);
         let mean_a = mean(whole_periods(&current, below.interval_s * freq_hz))
-            / self.rig.experiment.bench.wiring.shunt.r_ohm;
+            / self.experiment.bench.wiring.shunt.r_ohm;
         let unsure_v: f64 = [below, above]
             .iter()
             .map(|waveform| self.offset_error_v(waveform))
             .sum();
-        let greatest = 0.1 * amplitude_a
-            + NO_CURRENT_A
-            + unsure_v / self.rig.experiment.bench.wiring.shunt.r_ohm;
-        let time_s = self.rig.clock.now_s();
+        let greatest =
+            0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.experiment.bench.wiring.shunt.r_ohm;
+        let time_s = self.clock.now_s();
         let scales = [below, above].map(|waveform| waveform.preamble.volts_per_div);
         // On new scales the zeros of the channels are others: what had changed until then is
         // carried over.
         let (_, zero_a) = *self
-            .rig
             .driving
             .first_mean
-            .insert(match self.rig.driving.first_mean {
+            .insert(match self.driving.first_mean {
                 Some(first) if first.0 == scales => first,
-                _ => (scales, mean_a - self.rig.driving.mean_change_a),
+                _ => (scales, mean_a - self.driving.mean_change_a),
             });
         // A channel that clips shows what is common to both, and is measured again; noise is no
         // current: the quality gate judges it.
         let clips = [below, above]
             .into_iter()
             .any(|waveform| waveform.clipped_share() > 0.0);
-        let r_ohm = self.rig.experiment.bench.wiring.shunt.r_ohm;
+        let r_ohm = self.experiment.bench.wiring.shunt.r_ohm;
         let crest_a = if clips || !smooth(&current) {
             0.0
         } else {
             within(&current, mean_a * r_ohm) / r_ohm
         };
         let crest = (crest_a
-            > drawn(amplitude_a) + unsure_v / self.rig.experiment.bench.wiring.shunt.r_ohm)
+            > drawn(amplitude_a) + unsure_v / self.experiment.bench.wiring.shunt.r_ohm)
             .then_some((
                 "crest of the cell current in a record",
                 crest_a,
@@ -133,7 +104,7 @@ impl Executor<'_> {
             };
             return Err(trip.because(self.cause().await).into());
         }
-        self.rig.driving.mean_change_a = mean_a - zero_a;
+        self.driving.mean_change_a = mean_a - zero_a;
         if fixture != Fixture::Cell {
             return Ok(());
         }
@@ -145,7 +116,7 @@ impl Executor<'_> {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| {
                 (least.min(*v), most.max(*v))
             });
-        let limits = &self.rig.experiment.cell.limits;
+        let limits = &self.experiment.cell.limits;
         let (least, greatest) = (limits.min_v, limits.max_v);
         let beyond = [
             (least_v, least_v < least - MARGIN_V),
@@ -185,7 +156,6 @@ impl Executor<'_> {
     /// How far a channel's zero may be off, V: one per cent of its range, and a millivolt.
     pub(super) fn offset_error_v(&self, waveform: &Waveform) -> f64 {
         let half_range_div = self
-            .rig
             .bench
             .scope
             .as_ref()
@@ -194,7 +164,36 @@ impl Executor<'_> {
     }
 }
 
-/// Error of the mean of a record: name, value and limit, A. It is the mean itself, or its change
+impl Executor<'_> {
+    /// Refuses a current whose crests could leave the voltage limits of the cell as it was at rest.
+    pub(super) fn headroom(
+        &self,
+        fixture: Fixture,
+        (freq_hz, peak_a): (f64, f64),
+    ) -> Result<(), ExecuteError> {
+        let Some(rest_v) = self
+            .known
+            .idle
+            .voltage_v
+            .filter(|_| fixture == Fixture::Cell)
+        else {
+            return Ok(());
+        };
+        let limits = &self.rig.experiment.cell.limits;
+        let (least_v, greatest_v) = (rest_v - peak_a * MOST_OHM, rest_v + peak_a * MOST_OHM);
+        if least_v >= limits.min_v && greatest_v <= limits.max_v {
+            return Ok(());
+        }
+        let reason = format!(
+            "expected crests within {} V to {} V, found up to {least_v:.3} V to {greatest_v:.3} V \
+            for {peak_a} A at a cell of {rest_v:.3} V",
+            limits.min_v, limits.max_v
+        );
+        Err(ExecuteError::Signal { freq_hz, reason })
+    }
+}
+
+/// What is wrong with the mean of a record, and by how much it may be off, A; and with its change
 /// since the first record on the same scales. The zeros of the channels do not change from record
 /// to record, and the supply has shown that nothing flowed before the first: a change may be as
 /// large as one of the two allowances for the mean, not as their sum. Records come some seconds

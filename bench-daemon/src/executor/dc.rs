@@ -9,7 +9,7 @@ use instruments::{
 };
 
 use super::{
-    ExecuteError, Executor, POLL_S, require,
+    ExecuteError, Executor, POLL_S, Rig, require,
     watch::{CHARGER_CURRENT, LOAD_CURRENT},
 };
 use crate::{
@@ -47,6 +47,107 @@ pub(super) struct Reset {
     shift_v: f64,
     /// The cell is where it should be: nothing is left to do.
     pub(super) accepted: bool,
+}
+
+impl Rig<'_> {
+    pub(super) async fn discharge(&mut self, step: &Step) -> Result<(), ExecuteError> {
+        let Step::Discharge {
+            current_a,
+            until_v,
+            max_s,
+        } = *step
+        else {
+            return Ok(());
+        };
+        let idle_v = self.idle_volts("discharge").await?;
+        if idle_v <= until_v {
+            tracing::info!("already at {idle_v:.3} V: nothing to discharge");
+            return Ok(());
+        }
+        // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that
+        // the load ends it if the daemon does not.
+        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
+        let error = self.bench.error("load");
+        let load = require(&mut self.bench.load, "load")?;
+        load.prepare(&Discharge {
+            draw: Draw::Current(Amps(current_a)),
+            stop_below,
+        })
+        .await
+        .map_err(&error)?;
+        require(&mut self.bench.load, "load")?
+            .energise()
+            .await
+            .map_err(&error)?;
+        let start_s = self.clock.now_s();
+        for poll in 1.. {
+            self.clock.sleep_s(POLL_S).await;
+            let (volts, amps) = self.load_volts().await?;
+            let temperature_c = self.temperature_now_and_then().await?;
+            let now_s = self.clock.now_s();
+            self.judge(
+                "discharge",
+                Reading {
+                    time_s: now_s,
+                    voltage_v: Some(volts),
+                    current_a: Some(-amps),
+                    temperature_c,
+                },
+            )?;
+            self.look_back().await?;
+            self.others_off(&["load"]).await?;
+            if volts <= until_v {
+                break;
+            }
+            self.explained(follows("load", poll, current_a, amps))
+                .await?;
+            bound(step, now_s - start_s, max_s, || {
+                format!("the cell is at {volts:.3} V")
+            })?;
+        }
+        require(&mut self.bench.load, "load")?
+            .safe()
+            .await
+            .map_err(error)?;
+        Ok(())
+    }
+
+    /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined
+    /// or too hot must not be driven.
+    pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
+        let (volts, drawn_a) = self.load_volts().await?;
+        self.no_current(LOAD_CURRENT, drawn_a)?;
+        let temperature_c = self.cell_temperature().await?;
+        let reading = Reading {
+            time_s: self.clock.now_s(),
+            voltage_v: Some(volts),
+            temperature_c,
+            ..Reading::default()
+        };
+        self.judge(phase, reading)?;
+        Ok(volts)
+    }
+
+    /// While nothing flows each meter shows so by itself: two currents that cancel are two too
+    /// many.
+    pub(super) async fn idle_meters(
+        &mut self,
+        drawn_a: f64,
+        fed_a: f64,
+    ) -> Result<(), ExecuteError> {
+        self.no_current(LOAD_CURRENT, drawn_a)?;
+        self.no_current(CHARGER_CURRENT, fed_a)?;
+        self.others_off(&["load", "supply"]).await
+    }
+
+    pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
+        let error = self.bench.error("load");
+        let (volts, amps) = require(&mut self.bench.load, "load")?
+            .measure()
+            .await
+            .map_err(error)?;
+        Ok((volts.value(), amps.value()))
+    }
 }
 
 impl Executor<'_> {
@@ -135,8 +236,8 @@ impl Executor<'_> {
         let mut steady_since_s = None;
         loop {
             let now_s = self.rig.clock.now_s();
-            let temperature_c = self.cell_temperature().await?;
-            self.judge(
+            let temperature_c = self.rig.cell_temperature().await?;
+            self.rig.judge(
                 "temperature",
                 Reading {
                     time_s: now_s,
@@ -156,69 +257,6 @@ impl Executor<'_> {
         }
     }
 
-    pub(super) async fn discharge(&mut self, step: &Step) -> Result<(), ExecuteError> {
-        let Step::Discharge {
-            current_a,
-            until_v,
-            max_s,
-        } = *step
-        else {
-            return Ok(());
-        };
-        let idle_v = self.idle_volts("discharge").await?;
-        if idle_v <= until_v {
-            tracing::info!("already at {idle_v:.3} V: nothing to discharge");
-            return Ok(());
-        }
-        // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that
-        // the load ends it if the daemon does not.
-        let stop_below =
-            Volts((until_v - LOAD_CUT_OFF_V).max(self.rig.experiment.cell.limits.min_v));
-        let error = self.rig.bench.error("load");
-        let load = require(&mut self.rig.bench.load, "load")?;
-        load.prepare(&Discharge {
-            draw: Draw::Current(Amps(current_a)),
-            stop_below,
-        })
-        .await
-        .map_err(&error)?;
-        require(&mut self.rig.bench.load, "load")?
-            .energise()
-            .await
-            .map_err(&error)?;
-        let start_s = self.rig.clock.now_s();
-        for poll in 1.. {
-            self.rig.clock.sleep_s(POLL_S).await;
-            let (volts, amps) = self.load_volts().await?;
-            let temperature_c = self.temperature_now_and_then().await?;
-            let now_s = self.rig.clock.now_s();
-            self.judge(
-                "discharge",
-                Reading {
-                    time_s: now_s,
-                    voltage_v: Some(volts),
-                    current_a: Some(-amps),
-                    temperature_c,
-                },
-            )?;
-            self.look_back().await?;
-            self.others_off(&["load"]).await?;
-            if volts <= until_v {
-                break;
-            }
-            self.explained(follows("load", poll, current_a, amps))
-                .await?;
-            bound(step, now_s - start_s, max_s, || {
-                format!("the cell is at {volts:.3} V")
-            })?;
-        }
-        require(&mut self.rig.bench.load, "load")?
-            .safe()
-            .await
-            .map_err(error)?;
-        Ok(())
-    }
-
     pub(super) async fn charge(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::Charge {
             current_a,
@@ -230,7 +268,7 @@ impl Executor<'_> {
             return Ok(());
         };
         let until_v = (until_v + self.direct.reset.shift_v).min(limit_v - BELOW_LIMIT_V);
-        let idle_v = self.idle_volts("charge").await?;
+        let idle_v = self.rig.idle_volts("charge").await?;
         if idle_v >= until_v {
             tracing::info!("already at {idle_v:.3} V: nothing to charge");
             return Ok(());
@@ -252,12 +290,12 @@ impl Executor<'_> {
         for poll in 1.. {
             self.rig.clock.sleep_s(POLL_S).await;
             // The supply has no sense leads: the load's, with its input off, see the cell itself.
-            let (volts, drawn_a) = self.load_volts().await?;
+            let (volts, drawn_a) = self.rig.load_volts().await?;
             let (terminal, amps) = require(&mut self.rig.bench.supply, "supply")?
                 .measure()
                 .await
                 .map_err(&error)?;
-            let temperature_c = self.temperature_now_and_then().await?;
+            let temperature_c = self.rig.temperature_now_and_then().await?;
             let now_s = self.rig.clock.now_s();
             let reading = Reading {
                 time_s: now_s,
@@ -265,17 +303,19 @@ impl Executor<'_> {
                 current_a: Some(amps.value()),
                 temperature_c,
             };
-            self.judge("charge", reading)?;
-            self.no_current(LOAD_CURRENT, drawn_a)?;
-            self.look_back().await?;
-            self.others_off(&["load", "supply"]).await?;
-            self.agree_with_charger(terminal.value(), (volts, amps.value()))?;
+            self.rig.judge("charge", reading)?;
+            self.rig.no_current(LOAD_CURRENT, drawn_a)?;
+            self.rig.look_back().await?;
+            self.rig.others_off(&["load", "supply"]).await?;
+            self.rig
+                .agree_with_charger(terminal.value(), (volts, amps.value()))?;
             if volts >= until_v {
                 break;
             }
             // Near the limit of the supply its current falls, as it should.
             if volts < limit_v - 0.1 {
-                self.explained(follows("supply", poll, current_a, amps.value()))
+                self.rig
+                    .explained(follows("supply", poll, current_a, amps.value()))
                     .await?;
             }
             bound(step, now_s - start_s, max_s, || {
@@ -302,16 +342,16 @@ impl Executor<'_> {
         let mut window: VecDeque<(f64, f64)> = VecDeque::new();
         loop {
             self.rig.clock.sleep_s(REST_POLL_S).await;
-            let (volts, drawn_a) = self.load_volts().await?;
+            let (volts, drawn_a) = self.rig.load_volts().await?;
             let error = self.rig.bench.error("supply");
             let (_, fed) = require(&mut self.rig.bench.supply, "supply")?
                 .measure()
                 .await
                 .map_err(error)?;
             let current_a = Some(fed.value() - drawn_a);
-            let temperature_c = self.temperature_now_and_then().await?;
+            let temperature_c = self.rig.temperature_now_and_then().await?;
             let now_s = self.rig.clock.now_s();
-            self.judge(
+            self.rig.judge(
                 "rest",
                 Reading {
                     time_s: now_s,
@@ -320,7 +360,7 @@ impl Executor<'_> {
                     temperature_c,
                 },
             )?;
-            self.idle_meters(drawn_a, fed.value()).await?;
+            self.rig.idle_meters(drawn_a, fed.value()).await?;
             window.push_back((now_s, volts));
             while window
                 .front()
@@ -355,43 +395,6 @@ impl Executor<'_> {
                 return Ok(());
             }
         }
-    }
-
-    /// The cell's voltage before anything is switched on: a cell that is missing, reversed, ruined
-    /// or too hot must not be driven.
-    pub(super) async fn idle_volts(&mut self, phase: &str) -> Result<f64, ExecuteError> {
-        let (volts, drawn_a) = self.load_volts().await?;
-        self.no_current(LOAD_CURRENT, drawn_a)?;
-        let temperature_c = self.cell_temperature().await?;
-        let reading = Reading {
-            time_s: self.rig.clock.now_s(),
-            voltage_v: Some(volts),
-            temperature_c,
-            ..Reading::default()
-        };
-        self.judge(phase, reading)?;
-        Ok(volts)
-    }
-
-    /// While nothing flows each meter shows so by itself: two currents that cancel are two too
-    /// many.
-    pub(super) async fn idle_meters(
-        &mut self,
-        drawn_a: f64,
-        fed_a: f64,
-    ) -> Result<(), ExecuteError> {
-        self.no_current(LOAD_CURRENT, drawn_a)?;
-        self.no_current(CHARGER_CURRENT, fed_a)?;
-        self.others_off(&["load", "supply"]).await
-    }
-
-    pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
-        let error = self.rig.bench.error("load");
-        let (volts, amps) = require(&mut self.rig.bench.load, "load")?
-            .measure()
-            .await
-            .map_err(error)?;
-        Ok((volts.value(), amps.value()))
     }
 }
 

@@ -52,15 +52,16 @@ impl Executor<'_> {
         step: &Step,
         (quality, before): (&Quality, SweepPoint),
     ) -> Result<SweepPoint, ExecuteError> {
-        self.heed_abort()?;
+        self.rig.heed_abort()?;
         let reasons: Vec<String> = before.failing.iter().map(ToString::to_string).collect();
         let text = format!("{step}: measured again: {}", reasons.join("; "));
         tracing::info!("{text}");
         self.rig.recorder.event(Event::Again, &text)?;
         let start_s = self.rig.clock.now_s();
-        self.rig
-            .interlock
-            .begin(self.allowance(fixture, step), self.rig.clock.machine_s());
+        self.rig.interlock.begin(
+            self.rig.allowance(fixture, step),
+            self.rig.clock.machine_s(),
+        );
         let mut point = self.sine(fixture, step, before.captures).await?;
         let took_s = self.rig.clock.now_s() - start_s;
         let spent = Spent {

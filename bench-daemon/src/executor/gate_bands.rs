@@ -4,7 +4,7 @@
 
 use instruments::fixture::Fixture;
 
-use super::{ExecuteError, Executor};
+use super::{ExecuteError, Executor, Rig};
 use crate::{
     measure::{
         Spent, SweepPoint,
@@ -13,6 +13,15 @@ use crate::{
     plan::{Band, Stage, Step},
     record::Event,
 };
+
+impl Rig<'_> {
+    fn gate(&self) -> Option<Quality> {
+        self.experiment
+            .multisine
+            .as_ref()
+            .and_then(|multisine| multisine.quality)
+    }
+}
 
 impl Executor<'_> {
     /// One band through the gate, where there is one.
@@ -26,7 +35,7 @@ impl Executor<'_> {
             points.push(point);
             self.known.lines.push(line);
         }
-        let Some(quality) = self.gate() else {
+        let Some(quality) = self.rig.gate() else {
             return Ok(());
         };
         for point in &mut points[first..] {
@@ -50,7 +59,7 @@ impl Executor<'_> {
         stage: &Stage,
         points: &mut [SweepPoint],
     ) -> Result<(), ExecuteError> {
-        let Some(quality) = self.gate() else {
+        let Some(quality) = self.rig.gate() else {
             return Ok(());
         };
         for round in 0..=quality.again {
@@ -113,7 +122,7 @@ impl Executor<'_> {
             reasons.join("; ")
         );
         tracing::info!("{text}");
-        self.heed_abort()?;
+        self.rig.heed_abort()?;
         self.rig.recorder.event(Event::Again, &text)?;
         let start_s = self.rig.clock.now_s();
         let taken = points[range.clone()]
@@ -123,7 +132,7 @@ impl Executor<'_> {
             .unwrap_or(0);
         let step = Step::Multisine(std::sync::Arc::new(band.clone()));
         self.rig.interlock.begin(
-            self.allowance(Fixture::Cell, &step),
+            self.rig.allowance(Fixture::Cell, &step),
             self.rig.clock.machine_s(),
         );
         let again = self.multisine(band, (first, taken)).await?;
@@ -146,14 +155,6 @@ impl Executor<'_> {
             points[slot].captures = captures;
         }
         Ok(())
-    }
-
-    fn gate(&self) -> Option<Quality> {
-        self.rig
-            .experiment
-            .multisine
-            .as_ref()
-            .and_then(|multisine| multisine.quality)
     }
 
     fn afford_band(&self, quality: &Quality, band: &Band) -> bool {

@@ -3,7 +3,7 @@
 
 use instruments::{clock::TimeMode, fixture::Fixture};
 
-use super::{ExecuteError, Executor};
+use super::{ExecuteError, Executor, Rig};
 use crate::{
     journal::Entry,
     plan::{Purpose, Stage, Step},
@@ -16,6 +16,58 @@ const PAUSE_POLL_S: f64 = 5.0;
 /// The same while a person is waited for, who may have asked for the end instead.
 const PERSON_POLL_S: f64 = 1.0;
 
+impl Rig<'_> {
+    /// Ends the run on request in the middle of a step of which nothing is kept but its end,
+    /// looking a few times a minute.
+    pub(super) fn heed_within(&mut self) -> Result<(), ExecuteError> {
+        let now_s = self.clock.now_s();
+        if !self.watching.heeding.ends_early
+            || self.clock.mode() == TimeMode::Virtual
+            || now_s - self.watching.heeding.heeded_s < PAUSE_POLL_S
+        {
+            return Ok(());
+        }
+        self.watching.heeding.heeded_s = now_s;
+        // A pause waits for the end of the step.
+        self.paused(false).map(|_| ())
+    }
+
+    /// Ends the run on request before a point is measured again; a pause waits for the end of the
+    /// step.
+    pub(super) fn heed_abort(&self) -> Result<(), ExecuteError> {
+        if self.clock.mode() == TimeMode::Virtual {
+            Ok(())
+        } else {
+            self.paused(false).map(|_| ())
+        }
+    }
+
+    /// Waits for a request to end while a person changes the fixture, with every output off:
+    /// without end where none comes, for a person may take as long as that takes.
+    pub(super) async fn asked_to_end(&self) -> ExecuteError {
+        loop {
+            if self.clock.mode() == TimeMode::Virtual {
+                // Nobody is asked in virtual time, whose sleeps would take none.
+                return std::future::pending().await;
+            }
+            self.clock.sleep_s(PERSON_POLL_S).await;
+            if let Err(ended) = self.heed_abort() {
+                return ended;
+            }
+        }
+    }
+
+    /// Whether to wait; `waits` is what holds where nothing can be read.
+    fn paused(&self, waits: bool) -> Result<bool, ExecuteError> {
+        match Wishes::said(self.recorder.folder()).map(|wishes| wishes.course) {
+            None => Ok(waits),
+            Some(Course::GoOn) => Ok(false),
+            Some(Course::Pause) => Ok(true),
+            Some(Course::Abort) => Err(ExecuteError::Aborted),
+        }
+    }
+}
+
 impl Executor<'_> {
     /// Waits as long as that is wanted, with every output off; what was powered before is powered
     /// again afterwards.
@@ -25,7 +77,7 @@ impl Executor<'_> {
         (step, fixture): (usize, Fixture),
     ) -> Result<(), ExecuteError> {
         self.rig.watching.heeding.ends_early = stage.steps.get(step).is_some_and(Step::ends_early);
-        if self.rig.clock.mode() == TimeMode::Virtual || !self.paused(false)? {
+        if self.rig.clock.mode() == TimeMode::Virtual || !self.rig.paused(false)? {
             return Ok(());
         }
         let since_s = self.rig.clock.now_s();
@@ -43,52 +95,13 @@ impl Executor<'_> {
             .rev()
             .find(|step| matches!(step, Step::PowerUp { .. } | Step::PowerDown));
         if let Some(power @ Step::PowerUp { .. }) = power {
-            self.rig
-                .interlock
-                .begin(self.allowance(fixture, power), self.rig.clock.machine_s());
+            self.rig.interlock.begin(
+                self.rig.allowance(fixture, power),
+                self.rig.clock.machine_s(),
+            );
             self.power(fixture, power).await?;
         }
         Ok(())
-    }
-
-    /// Ends the run on request in the middle of a step of which nothing is kept but its end,
-    /// looking a few times a minute.
-    pub(super) fn heed_within(&mut self) -> Result<(), ExecuteError> {
-        let now_s = self.rig.clock.now_s();
-        if !self.rig.watching.heeding.ends_early
-            || self.rig.clock.mode() == TimeMode::Virtual
-            || now_s - self.rig.watching.heeding.heeded_s < PAUSE_POLL_S
-        {
-            return Ok(());
-        }
-        self.rig.watching.heeding.heeded_s = now_s;
-        // A pause waits for the end of the step.
-        self.paused(false).map(|_| ())
-    }
-
-    /// Ends the run on request before a point is measured again; a pause waits for the end of the
-    /// step.
-    pub(super) fn heed_abort(&self) -> Result<(), ExecuteError> {
-        if self.rig.clock.mode() == TimeMode::Virtual {
-            Ok(())
-        } else {
-            self.paused(false).map(|_| ())
-        }
-    }
-
-    /// Waits for a request to end while a person changes the fixture, with every output off:
-    /// without end where none comes, for a person may take as long as that takes.
-    pub(super) async fn asked_to_end(&self) -> ExecuteError {
-        loop {
-            if self.rig.clock.mode() == TimeMode::Virtual {
-                // Nobody is asked in virtual time, whose sleeps would take none.
-                return std::future::pending().await;
-            }
-            self.rig.clock.sleep_s(PERSON_POLL_S).await;
-            if let Err(ended) = self.heed_abort() {
-                return ended;
-            }
-        }
     }
 
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
@@ -109,13 +122,13 @@ impl Executor<'_> {
             "paused on request: every output is off; `eis-bench go-on` with the run \
         folder lets it go on",
         );
-        let nothing = self.allowance(fixture, &Step::Pause { span_s: 0.0 });
+        let nothing = self.rig.allowance(fixture, &Step::Pause { span_s: 0.0 });
         self.rig
             .interlock
             .begin(nothing, self.rig.clock.machine_s());
-        while self.paused(true)? {
+        while self.rig.paused(true)? {
             self.rig.clock.sleep_s(PAUSE_POLL_S).await;
-            self.watch_idle("paused", fixture).await?;
+            self.rig.watch_idle("paused", fixture).await?;
         }
         self.rig.recorder.journal(Entry::GoneOn)?;
         self.person.progress.say("goes on on request");
@@ -123,15 +136,5 @@ impl Executor<'_> {
             .rig
             .recorder
             .event(Event::Request, "goes on on request")?)
-    }
-
-    /// Whether to wait; `waits` is what holds where nothing can be read.
-    fn paused(&self, waits: bool) -> Result<bool, ExecuteError> {
-        match Wishes::said(self.rig.recorder.folder()).map(|wishes| wishes.course) {
-            None => Ok(waits),
-            Some(Course::GoOn) => Ok(false),
-            Some(Course::Pause) => Ok(true),
-            Some(Course::Abort) => Err(ExecuteError::Aborted),
-        }
     }
 }

@@ -42,7 +42,7 @@ impl Executor<'_> {
                 start_s: self.rig.clock.now_s(),
                 ..Legs::default()
             };
-            self.rig.temperatures.last_c = self.cell_temperature().await?;
+            self.rig.temperatures.last_c = self.rig.cell_temperature().await?;
         }
         match leg.flow {
             Flow::Discharge { .. } => self.discharge_leg(leg).await?,
@@ -65,7 +65,7 @@ impl Executor<'_> {
         else {
             return Ok(());
         };
-        if self.idle_volts("discharge").await? <= until_v {
+        if self.rig.idle_volts("discharge").await? <= until_v {
             tracing::info!("already below {until_v} V: nothing to discharge");
             return Ok(());
         }
@@ -86,7 +86,7 @@ impl Executor<'_> {
         let mut last_s = start_s;
         for poll in 1.. {
             self.rig.clock.sleep_s(POLL_S).await;
-            let (volts, drawn_a) = self.load_volts().await?;
+            let (volts, drawn_a) = self.rig.load_volts().await?;
             self.keep("discharge", &mut last_s, (volts, -drawn_a))
                 .await?;
             if volts <= until_v
@@ -94,7 +94,8 @@ impl Executor<'_> {
             {
                 break;
             }
-            self.explained(follows("load", poll, current_a, drawn_a))
+            self.rig
+                .explained(follows("load", poll, current_a, drawn_a))
                 .await?;
             bound(leg, last_s - start_s, leg.max_s, || {
                 format!("the cell is at {volts:.3} V")
@@ -119,7 +120,7 @@ impl Executor<'_> {
         else {
             return Ok(());
         };
-        if self.idle_volts("charge").await? >= limit_v {
+        if self.rig.idle_volts("charge").await? >= limit_v {
             tracing::info!("already at {limit_v} V: nothing to charge");
             return Ok(());
         }
@@ -137,15 +138,16 @@ impl Executor<'_> {
         let mut last_s = start_s;
         for poll in 1.. {
             self.rig.clock.sleep_s(POLL_S).await;
-            let (volts, drawn_a) = self.load_volts().await?;
-            self.no_current(LOAD_CURRENT, drawn_a)?;
+            let (volts, drawn_a) = self.rig.load_volts().await?;
+            self.rig.no_current(LOAD_CURRENT, drawn_a)?;
             let (terminal, fed) = require(&mut self.rig.bench.supply, "supply")?
                 .measure()
                 .await
                 .map_err(&error)?;
             let fed_a = fed.value();
             self.keep("charge", &mut last_s, (volts, fed_a)).await?;
-            self.agree_with_charger(terminal.value(), (volts, fed_a))?;
+            self.rig
+                .agree_with_charger(terminal.value(), (volts, fed_a))?;
             let full = poll >= RISEN_POLLS && volts > limit_v - NEAR_LIMIT_V && fed_a <= cut_off_a;
             if full
                 || charge_c.is_some_and(|charge_c| self.direct.legs.charge_c - from_c >= charge_c)
@@ -153,7 +155,8 @@ impl Executor<'_> {
                 break;
             }
             if volts < limit_v - NEAR_LIMIT_V {
-                self.explained(follows("supply", poll, current_a, fed_a))
+                self.rig
+                    .explained(follows("supply", poll, current_a, fed_a))
                     .await?;
             }
             bound(leg, last_s - start_s, leg.max_s, || {
@@ -171,7 +174,7 @@ impl Executor<'_> {
         let mut last_s = start_s;
         while last_s - start_s < leg.max_s {
             self.rig.clock.sleep_s(POLL_S).await;
-            let (volts, drawn_a) = self.load_volts().await?;
+            let (volts, drawn_a) = self.rig.load_volts().await?;
             let error = self.rig.bench.error("supply");
             let fed_a = require(&mut self.rig.bench.supply, "supply")?
                 .measure()
@@ -180,15 +183,15 @@ impl Executor<'_> {
                 .1
                 .value();
             let time_s = self.rig.clock.now_s();
-            let temperature_c = self.temperature_now_and_then().await?;
+            let temperature_c = self.rig.temperature_now_and_then().await?;
             let reading = Reading {
                 time_s,
                 voltage_v: Some(volts),
                 current_a: Some(fed_a - drawn_a),
                 temperature_c,
             };
-            self.judge("rest", reading)?;
-            self.idle_meters(drawn_a, fed_a).await?;
+            self.rig.judge("rest", reading)?;
+            self.rig.idle_meters(drawn_a, fed_a).await?;
             last_s = time_s;
             // Nothing flows: what the meters show is their zero error.
             self.push(time_s, (volts, 0.0));
@@ -204,8 +207,8 @@ impl Executor<'_> {
         (volts, amps): (f64, f64),
     ) -> Result<(), ExecuteError> {
         let time_s = self.rig.clock.now_s();
-        let temperature_c = self.temperature_now_and_then().await?;
-        self.judge(
+        let temperature_c = self.rig.temperature_now_and_then().await?;
+        self.rig.judge(
             phase,
             Reading {
                 time_s,
@@ -214,14 +217,15 @@ impl Executor<'_> {
                 temperature_c,
             },
         )?;
-        self.look_back().await?;
+        self.rig.look_back().await?;
         // A charge reads the load too, as a voltmeter.
-        self.others_off(if amps < 0.0 {
-            &["load"]
-        } else {
-            &["load", "supply"]
-        })
-        .await?;
+        self.rig
+            .others_off(if amps < 0.0 {
+                &["load"]
+            } else {
+                &["load", "supply"]
+            })
+            .await?;
         self.direct.legs.charge_c += amps * (time_s - *last_s);
         *last_s = time_s;
         self.push(time_s, (volts, amps));

@@ -11,7 +11,7 @@ use instruments::{
 };
 
 use super::{
-    ExecuteError, Executor, POLL_S,
+    ExecuteError, Executor, POLL_S, Rig,
     dc::{RISE_POLLS, follows},
     require,
     trace::Zero,
@@ -56,54 +56,7 @@ struct Work<'a> {
     recorded: Recorded,
 }
 
-impl Executor<'_> {
-    pub(super) async fn load_and_supply(
-        &mut self,
-        trace: &TracePlan,
-        zero: Zero,
-    ) -> Result<(), ExecuteError> {
-        let nothing = Level {
-            at_s: 0.0,
-            current_a: 0.0,
-            power_w: None,
-        };
-        let squares = [zero.scatter.1.powi(2), zero.scatter.0.powi(2)];
-        let recorded = Recorded {
-            frames: 1,
-            squares,
-            ..Recorded::default()
-        };
-        let mut work = Work {
-            trace,
-            origin_s: 0.0,
-            flowing: Flowing::Nothing,
-            power: None,
-            level: nothing,
-            polls: 0,
-            recorded,
-        };
-        self.ready(&mut work).await?;
-        work.origin_s = self.rig.clock.now_s();
-        self.metered_row(&mut work).await?;
-        for level in &trace.levels {
-            self.read_until(&mut work, level.at_s).await?;
-            work.recorded
-                .steps_s
-                .push(self.rig.clock.now_s() - work.origin_s);
-            self.flow(&mut work, *level).await?;
-            self.metered_row(&mut work).await?;
-        }
-        let end_s = trace
-            .end_s
-            .max(self.rig.clock.now_s() - work.origin_s + POLL_S);
-        self.read_until(&mut work, end_s).await?;
-        self.metered_row(&mut work).await?;
-        let Work {
-            origin_s, recorded, ..
-        } = work;
-        self.finish_trace(trace, &zero, (origin_s, recorded, None))
-    }
-
+impl Rig<'_> {
     /// Programs the limits beforehand, so that a step is one message.
     async fn ready(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
         if let Some(first) = work.trace.levels.iter().find(|level| level.current_a < 0.0) {
@@ -111,13 +64,13 @@ impl Executor<'_> {
         }
         let greatest_a = work.trace.extremes_a().1;
         if greatest_a > 0.0 {
-            let voltage = Volts(self.rig.experiment.cell.limits.max_v - BELOW_GREATEST_V);
-            let error = self.rig.bench.error("supply");
+            let voltage = Volts(self.experiment.cell.limits.max_v - BELOW_GREATEST_V);
+            let error = self.bench.error("supply");
             let charge = Charge {
                 voltage,
                 current: Amps(greatest_a),
             };
-            require(&mut self.rig.bench.supply, "supply")?
+            require(&mut self.bench.supply, "supply")?
                 .prepare(&charge)
                 .await
                 .map_err(error)?;
@@ -140,9 +93,9 @@ impl Executor<'_> {
                 level.power_w.is_none().then_some(level.current_a)
             })))
         };
-        let error = self.rig.bench.error("load");
-        let stop_below = Volts(self.rig.experiment.cell.limits.min_v);
-        require(&mut self.rig.bench.load, "load")?
+        let error = self.bench.error("load");
+        let stop_below = Volts(self.experiment.cell.limits.min_v);
+        require(&mut self.bench.load, "load")?
             .prepare(&Discharge { draw, stop_below })
             .await
             .map_err(error)?;
@@ -172,8 +125,8 @@ impl Executor<'_> {
                     .map_or(Draw::Current(Amps(-level.current_a)), |watts| {
                         Draw::Power(Watts(-watts))
                     });
-                let error = self.rig.bench.error("load");
-                let load = require(&mut self.rig.bench.load, "load")?;
+                let error = self.bench.error("load");
+                let load = require(&mut self.bench.load, "load")?;
                 load.level(draw).await.map_err(&error)?;
                 if work.flowing != wanted {
                     load.energise().await.map_err(error)?;
@@ -185,8 +138,8 @@ impl Executor<'_> {
                 } else {
                     level.current_a
                 };
-                let error = self.rig.bench.error("supply");
-                let supply = require(&mut self.rig.bench.supply, "supply")?;
+                let error = self.bench.error("supply");
+                let supply = require(&mut self.bench.supply, "supply")?;
                 supply.level(Amps(amps)).await.map_err(&error)?;
                 if work.flowing != wanted {
                     supply.energise().await.map_err(error)?;
@@ -208,15 +161,15 @@ impl Executor<'_> {
         match work.flowing {
             Flowing::Nothing => Ok(()),
             Flowing::Load { .. } => {
-                let error = self.rig.bench.error("load");
-                Ok(require(&mut self.rig.bench.load, "load")?
+                let error = self.bench.error("load");
+                Ok(require(&mut self.bench.load, "load")?
                     .safe()
                     .await
                     .map_err(error)?)
             }
             Flowing::Supply => {
-                let error = self.rig.bench.error("supply");
-                Ok(require(&mut self.rig.bench.supply, "supply")?
+                let error = self.bench.error("supply");
+                Ok(require(&mut self.bench.supply, "supply")?
                     .safe()
                     .await
                     .map_err(error)?)
@@ -227,20 +180,18 @@ impl Executor<'_> {
     /// Reads every second up to a test time, the last time just before it.
     async fn read_until(&mut self, work: &mut Work<'_>, at_s: f64) -> Result<(), ExecuteError> {
         let until_s = work.origin_s + at_s;
-        while until_s - self.rig.clock.now_s() > POLL_S + READING_S {
-            self.rig.clock.sleep_s(POLL_S).await;
+        while until_s - self.clock.now_s() > POLL_S + READING_S {
+            self.clock.sleep_s(POLL_S).await;
             self.metered_row(work).await?;
         }
-        self.rig
-            .clock
-            .sleep_s((until_s - READING_S - self.rig.clock.now_s()).max(0.0))
+        self.clock
+            .sleep_s((until_s - READING_S - self.clock.now_s()).max(0.0))
             .await;
         // However short the step was, it is judged once.
         work.polls = work.polls.max(RISE_POLLS - 1);
         self.metered_row(work).await?;
-        self.rig
-            .clock
-            .sleep_s((until_s - self.rig.clock.now_s()).max(0.0))
+        self.clock
+            .sleep_s((until_s - self.clock.now_s()).max(0.0))
             .await;
         Ok(())
     }
@@ -249,7 +200,7 @@ impl Executor<'_> {
     /// load's see the cell itself.
     async fn metered_row(&mut self, work: &mut Work<'_>) -> Result<(), ExecuteError> {
         let temperature_c = self.temperature_now_and_then().await?;
-        let began_s = self.rig.clock.now_s();
+        let began_s = self.clock.now_s();
         let (volts, drawn_a) = self.load_volts().await?;
         let mut terminal_v = None;
         let current_a = match work.flowing {
@@ -257,8 +208,8 @@ impl Executor<'_> {
             Flowing::Nothing => 0.0,
             Flowing::Load { .. } => -drawn_a,
             Flowing::Supply => {
-                let error = self.rig.bench.error("supply");
-                let (terminal, fed) = require(&mut self.rig.bench.supply, "supply")?
+                let error = self.bench.error("supply");
+                let (terminal, fed) = require(&mut self.bench.supply, "supply")?
                     .measure()
                     .await
                     .map_err(error)?;
@@ -266,7 +217,7 @@ impl Executor<'_> {
                 fed.value()
             }
         };
-        let now_s = self.rig.clock.now_s();
+        let now_s = self.clock.now_s();
         let shown_a = if work.flowing == Flowing::Nothing {
             -drawn_a
         } else {
@@ -298,7 +249,7 @@ impl Executor<'_> {
                     .await?;
             }
             Flowing::Supply => {
-                if volts < self.rig.experiment.cell.limits.max_v - BELOW_GREATEST_V - NEAR_LIMIT_V {
+                if volts < self.experiment.cell.limits.max_v - BELOW_GREATEST_V - NEAR_LIMIT_V {
                     self.explained(follows(
                         "supply",
                         work.polls,
@@ -313,7 +264,7 @@ impl Executor<'_> {
         let voltage_v = volts - work.trace.lead_ohm * current_a;
         let (time_s, temperature_c) = (
             0.5 * (began_s + now_s) - work.origin_s,
-            self.rig.temperatures.last_c.unwrap_or(f64::NAN),
+            self.temperatures.last_c.unwrap_or(f64::NAN),
         );
         work.recorded.rows.push(TraceRow {
             time_s,
@@ -341,5 +292,54 @@ impl Executor<'_> {
             &["load"]
         })
         .await
+    }
+}
+
+impl Executor<'_> {
+    pub(super) async fn load_and_supply(
+        &mut self,
+        trace: &TracePlan,
+        zero: Zero,
+    ) -> Result<(), ExecuteError> {
+        let nothing = Level {
+            at_s: 0.0,
+            current_a: 0.0,
+            power_w: None,
+        };
+        let squares = [zero.scatter.1.powi(2), zero.scatter.0.powi(2)];
+        let recorded = Recorded {
+            frames: 1,
+            squares,
+            ..Recorded::default()
+        };
+        let mut work = Work {
+            trace,
+            origin_s: 0.0,
+            flowing: Flowing::Nothing,
+            power: None,
+            level: nothing,
+            polls: 0,
+            recorded,
+        };
+        self.rig.ready(&mut work).await?;
+        work.origin_s = self.rig.clock.now_s();
+        self.rig.metered_row(&mut work).await?;
+        for level in &trace.levels {
+            self.rig.read_until(&mut work, level.at_s).await?;
+            work.recorded
+                .steps_s
+                .push(self.rig.clock.now_s() - work.origin_s);
+            self.rig.flow(&mut work, *level).await?;
+            self.rig.metered_row(&mut work).await?;
+        }
+        let end_s = trace
+            .end_s
+            .max(self.rig.clock.now_s() - work.origin_s + POLL_S);
+        self.rig.read_until(&mut work, end_s).await?;
+        self.rig.metered_row(&mut work).await?;
+        let Work {
+            origin_s, recorded, ..
+        } = work;
+        self.finish_trace(trace, &zero, (origin_s, recorded, None))
     }
 }

@@ -15,7 +15,7 @@ use instruments::{
     units::{Hertz, Seconds, Volts},
 };
 
-use super::{ExecuteError, Executor, burst::MOST_LONGER, crest::Drawn, require};
+use super::{ExecuteError, Executor, Rig, burst::MOST_LONGER, crest::Drawn, require};
 use crate::{
     measure::{Beside, SweepPoint, quality::Measures},
     plan::{Band, MAX_RANGING},
@@ -79,73 +79,10 @@ fn fit_of(
     .map_err(|error| failed(band, error))
 }
 
-impl Executor<'_> {
-    /// Drives and records one band, `first` of the lines of others before it, `taken` records of it
-    /// there already; a point per line, and what each line says of noise and distortion.
-    pub(super) async fn multisine(
-        &mut self,
-        band: &Band,
-        (first, taken): (usize, usize),
-    ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
-        self.headroom(Fixture::Cell, (band.base_hz, band.peak_a))?;
-        self.play_wave(band).await?;
-        let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
-        if self.scope.verticals[0].is_none() {
-            self.first_ranges(Fixture::Cell, band.peak_a, &scope)
-                .await?;
-        }
-        let mut warnings = Vec::new();
-        for attempt in 0..=MAX_RANGING {
-            let waveforms = self.settled_roll(band, (attempt, taken)).await?;
-            let drawn = Drawn {
-                waveforms: &waveforms,
-                freq_hz: band.base_hz,
-                amplitude_a: band.peak_a,
-            };
-            self.crest(Fixture::Cell, &drawn).await?;
-            let ranged = self.range_again(&waveforms, &scope);
-            let clipped = waveforms
-                .iter()
-                .any(|waveform| waveform.clipped_share() > 0.0);
-            if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {
-                warnings.extend(ranged);
-                return self.lines(band, &waveforms, (first, taken + attempt + 1, warnings));
-            }
-            warnings.push(format!("measured again: {}", ranged.join("; ")));
-        }
-        Err(failed(
-            band,
-            format!("a channel still clips after {MAX_RANGING} changes of range"),
-        ))
-    }
-
-    /// One record of the settled wave, which restarts where it would have ended meanwhile.
-    async fn settled_roll(
-        &mut self,
-        band: &Band,
-        (attempt, taken): (usize, usize),
-    ) -> Result<[Waveform; 4], ExecuteError> {
-        let needed_s = band.settle_s + band.span_s + FILL_S;
-        for longer in 0..=MOST_LONGER {
-            // What has no end plays on, and has settled.
-            if attempt + longer == 0 || self.rig.driving.burst.ends_s.is_finite() {
-                self.begin_signal(band.base_hz, needed_s).await?;
-                self.wait_watching(band.settle_s, ("sine", Fixture::Cell))
-                    .await?;
-            }
-            if let Some(waveforms) = self.roll(band, taken + attempt).await? {
-                return Ok(waveforms);
-            }
-        }
-        Err(failed(
-            band,
-            "the generator's burst ends before the record does",
-        ))
-    }
-
+impl Rig<'_> {
     async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.rig.experiment.bench.wiring;
+        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let volts = (
             Volts(band.peak_a * volts_per_amp * wiring.command_trim),
@@ -157,81 +94,13 @@ impl Executor<'_> {
             Hertz(band.base_hz),
             volts,
         );
-        let error = self.rig.bench.error("generator");
-        let generator = require(&mut self.rig.bench.generator, "generator")?;
+        let error = self.bench.error("generator");
+        let generator = require(&mut self.bench.generator, "generator")?;
         // A wave is loaded while the least sine plays, never under a current.
         generator.quiet(wave.offset).await.map_err(&error)?;
         generator.wave(&wave).await.map_err(error)?;
         self.no_burst();
         Ok(())
-    }
-
-    /// One screen of whole periods, on disk when this returns; none where the signal has ended, or
-    /// would end, before it does.
-    async fn roll(
-        &mut self,
-        band: &Band,
-        attempt: usize,
-    ) -> Result<Option<[Waveform; 4]>, ExecuteError> {
-        self.apply_verticals().await?;
-        let error = self.rig.bench.error("scope");
-        let level = Volts(
-            OUT_OF_REACH_DIV
-                * self.scope.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
-        );
-        let scope = require(&mut self.rig.bench.scope, "scope")?;
-        let per_div = scope.capabilities().time_per_div(Seconds(band.span_s));
-        let memory_points = band.memory_points;
-        let intents = [
-            Intent::Session { memory_points },
-            Intent::Timebase(per_div),
-            Intent::Trigger(Trigger { channel: 2, level }),
-            Intent::Roll,
-        ];
-        for intent in intents {
-            scope.set(&intent).await.map_err(&error)?;
-        }
-        self.scope.memory_points = Some(memory_points);
-        if self.falls_short(self.rig.clock.now_s() + band.span_s + FILL_S) {
-            return Ok(None);
-        }
-        self.wait_watching(band.span_s + FILL_S, ("sine", Fixture::Cell))
-            .await?;
-        let end_s = self.rig.clock.now_s();
-        require(&mut self.rig.bench.scope, "scope")?
-            .stop()
-            .await
-            .map_err(&error)?;
-        if self.falls_short(self.rig.clock.now_s()) {
-            return Ok(None);
-        }
-        let mut waveforms = Vec::with_capacity(4);
-        for channel in 1..=4 {
-            waveforms.push(
-                require(&mut self.rig.bench.scope, "scope")?
-                    .download(channel, band.record_points)
-                    .await
-                    .map_err(&error)?,
-            );
-            self.watch("multisine", Fixture::Cell).await?;
-        }
-        self.check_frame(band.base_hz, &waveforms, band.span_s)?;
-        let waveforms: [Waveform; 4] = waveforms
-            .try_into()
-            .map_err(|_| failed(band, "not four channels"))?;
-        let label = format!(
-            "multisine {} repeat {} attempt {}",
-            band.number,
-            self.position.repeat,
-            attempt + 1
-        );
-        let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
-        self.rig.recorder.write_capture(
-            &run_folder::multisine_captures(self.position.repeat),
-            &run_folder::band_capture(band.number, attempt),
-            &capture,
-        )?;
-        Ok(Some(waveforms))
     }
 
     fn lines(
@@ -278,7 +147,7 @@ impl Executor<'_> {
             }
         };
         let (time_s, volts_per_div) = (
-            self.rig.clock.now_s(),
+            self.clock.now_s(),
             waveforms
                 .each_ref()
                 .map(|waveform| waveform.preamble.volts_per_div),
@@ -344,8 +213,8 @@ impl Executor<'_> {
     }
 
     fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
-        let met_a = (phasors.volts[1] - phasors.volts[0]).norm()
-            / self.rig.experiment.bench.wiring.shunt.r_ohm;
+        let met_a =
+            (phasors.volts[1] - phasors.volts[0]).norm() / self.experiment.bench.wiring.shunt.r_ohm;
         if (met_a / amplitude_a - 1.0).abs() <= CURRENT_TOLERANCE {
             return Ok(());
         }
@@ -360,8 +229,148 @@ impl Executor<'_> {
     }
 }
 
-/// Warning where the images of the generator's steps are not where the rates put them; `None` where
-/// they are.
+impl Executor<'_> {
+    /// Drives and records one band, `first` of the lines of others before it, `taken` records of it
+    /// there already; a point per line, and what each line says of noise and distortion.
+    pub(super) async fn multisine(
+        &mut self,
+        band: &Band,
+        (first, taken): (usize, usize),
+    ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
+        self.headroom(Fixture::Cell, (band.base_hz, band.peak_a))?;
+        self.rig.play_wave(band).await?;
+        let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
+        if self.scope.verticals[0].is_none() {
+            self.first_ranges(Fixture::Cell, band.peak_a, &scope)
+                .await?;
+        }
+        let mut warnings = Vec::new();
+        for attempt in 0..=MAX_RANGING {
+            let waveforms = self.settled_roll(band, (attempt, taken)).await?;
+            let drawn = Drawn {
+                waveforms: &waveforms,
+                freq_hz: band.base_hz,
+                amplitude_a: band.peak_a,
+            };
+            self.rig.crest(Fixture::Cell, &drawn).await?;
+            let ranged = self.range_again(&waveforms, &scope);
+            let clipped = waveforms
+                .iter()
+                .any(|waveform| waveform.clipped_share() > 0.0);
+            if ranged.is_empty() || (attempt == MAX_RANGING && !clipped) {
+                warnings.extend(ranged);
+                return self
+                    .rig
+                    .lines(band, &waveforms, (first, taken + attempt + 1, warnings));
+            }
+            warnings.push(format!("measured again: {}", ranged.join("; ")));
+        }
+        Err(failed(
+            band,
+            format!("a channel still clips after {MAX_RANGING} changes of range"),
+        ))
+    }
+
+    /// One record of the settled wave, which begins anew where it would have ended meanwhile.
+    async fn settled_roll(
+        &mut self,
+        band: &Band,
+        (attempt, taken): (usize, usize),
+    ) -> Result<[Waveform; 4], ExecuteError> {
+        let needed_s = band.settle_s + band.span_s + FILL_S;
+        for longer in 0..=MOST_LONGER {
+            // What has no end plays on, and has settled.
+            if attempt + longer == 0 || self.rig.driving.burst.ends_s.is_finite() {
+                self.rig.begin_signal(band.base_hz, needed_s).await?;
+                self.rig
+                    .wait_watching(band.settle_s, ("sine", Fixture::Cell))
+                    .await?;
+            }
+            if let Some(waveforms) = self.roll(band, taken + attempt).await? {
+                return Ok(waveforms);
+            }
+        }
+        Err(failed(
+            band,
+            "the generator's burst ends before the record does",
+        ))
+    }
+
+    /// One screen of whole periods, on disk when this returns; none where the signal has ended, or
+    /// would end, before it does.
+    async fn roll(
+        &mut self,
+        band: &Band,
+        attempt: usize,
+    ) -> Result<Option<[Waveform; 4]>, ExecuteError> {
+        self.apply_verticals().await?;
+        let error = self.rig.bench.error("scope");
+        let level = Volts(
+            OUT_OF_REACH_DIV
+                * self.scope.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
+        );
+        let scope = require(&mut self.rig.bench.scope, "scope")?;
+        let per_div = scope.capabilities().time_per_div(Seconds(band.span_s));
+        let memory_points = band.memory_points;
+        let intents = [
+            Intent::Session { memory_points },
+            Intent::Timebase(per_div),
+            Intent::Trigger(Trigger { channel: 2, level }),
+            Intent::Roll,
+        ];
+        for intent in intents {
+            scope.set(&intent).await.map_err(&error)?;
+        }
+        self.scope.memory_points = Some(memory_points);
+        if self
+            .rig
+            .falls_short(self.rig.clock.now_s() + band.span_s + FILL_S)
+        {
+            return Ok(None);
+        }
+        self.rig
+            .wait_watching(band.span_s + FILL_S, ("sine", Fixture::Cell))
+            .await?;
+        let end_s = self.rig.clock.now_s();
+        require(&mut self.rig.bench.scope, "scope")?
+            .stop()
+            .await
+            .map_err(&error)?;
+        if self.rig.falls_short(self.rig.clock.now_s()) {
+            return Ok(None);
+        }
+        let mut waveforms = Vec::with_capacity(4);
+        for channel in 1..=4 {
+            waveforms.push(
+                require(&mut self.rig.bench.scope, "scope")?
+                    .download(channel, band.record_points)
+                    .await
+                    .map_err(&error)?,
+            );
+            self.rig.watch("multisine", Fixture::Cell).await?;
+        }
+        self.check_frame(band.base_hz, &waveforms, band.span_s)?;
+        let waveforms: [Waveform; 4] = waveforms
+            .try_into()
+            .map_err(|_| failed(band, "not four channels"))?;
+        let label = format!(
+            "multisine {} repeat {} attempt {}",
+            band.number,
+            self.position.repeat,
+            attempt + 1
+        );
+        let capture = capture_of(label, band.base_hz, end_s - band.span_s, &waveforms);
+        self.rig.recorder.write_capture(
+            &run_folder::multisine_captures(self.position.repeat),
+            &run_folder::band_capture(band.number, attempt),
+            &capture,
+        )?;
+        Ok(Some(waveforms))
+    }
+}
+
+/// What is said where the record does not have the images of the generator's steps where the rates
+/// put them.
 fn judge_images(fit: &MultisineFit) -> Option<String> {
     let proof = fit.proof.filter(analysis::multisine::Proof::contradicts)?;
     let missing = format!(

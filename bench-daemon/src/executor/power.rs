@@ -7,7 +7,7 @@ use instruments::{
     units::{Amps, Volts},
 };
 
-use super::{ExecuteError, Executor, require};
+use super::{ExecuteError, Executor, Rig, require};
 use crate::{
     interlock::NO_CURRENT_A,
     plan::{Step, fixture_name},
@@ -23,6 +23,73 @@ const ZERO_READINGS: u32 = 4;
 /// With every output off a control shows less than this, V: thermal voltages, and the zero error of
 /// a meter. Any cell shows more.
 const CONTROL_IDLE_V: f64 = 0.2;
+
+impl Rig<'_> {
+    /// A supply that takes no limit of the voltage says what it would go to by itself.
+    async fn tell_own_limits(&mut self, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
+        let error = self.bench.error("supply4q");
+        let supply = require(&mut self.bench.supply4q, "supply4q")?;
+        if supply.capabilities().holds != supply4q::Holds::Nothing {
+            return Ok(());
+        }
+        let Some(own) = supply.own_limits().await.map_err(error)? else {
+            return Ok(());
+        };
+        let text = format!(
+            "bipolar supply: takes no compliance and no current limit; its own set-point limits \
+            are {} V to {} V, {} A to {} A",
+            own.volts.0, own.volts.1, own.amps.0, own.amps.1
+        );
+        self.recorder.event(Event::Bench, &text)?;
+        let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value()
+            || own.amps.1.max(-own.amps.0) > limits.current.value();
+        if wider && !self.driving.told {
+            self.driving.told = true;
+            self.recorder.warning(&format!(
+                "{text}: beyond the limits of this run only the \
+            daemon's readings and a fuse hold it"
+            ));
+        }
+        Ok(())
+    }
+
+    /// What the bipolar supply's ammeter shows with its output off, A: the mean of some readings,
+    /// of which one is there already.
+    async fn zero_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
+        let mut sum_a = first_a;
+        for _ in 1..ZERO_READINGS {
+            let error = self.bench.error("supply4q");
+            sum_a += require(&mut self.bench.supply4q, "supply4q")?
+                .measure()
+                .await
+                .map_err(error)?
+                .1
+                .value();
+        }
+        Ok(sum_a / f64::from(ZERO_READINGS))
+    }
+
+    /// Reads the voltage at the jig, every output off, and refuses one that no control has. A
+    /// reading that is not a number is refused too.
+    pub(super) async fn refuse_a_cell(&mut self, what: &str) -> Result<(), ExecuteError> {
+        let reading = self.read_supply4q().await?;
+        self.recorder.reading("idle", &reading)?;
+        let volts = reading.voltage_v.unwrap_or(f64::NAN);
+        if volts.abs() <= CONTROL_IDLE_V {
+            Ok(())
+        } else {
+            Err(ExecuteError::CellLeftIn {
+                what: what.to_owned(),
+                volts,
+            })
+        }
+    }
+
+    pub(super) async fn power_down(&mut self) -> Result<(), ExecuteError> {
+        self.driving.powered_a = None;
+        Ok(self.bench.drive_off().await?)
+    }
+}
 
 impl Executor<'_> {
     pub(super) async fn power(
@@ -50,34 +117,6 @@ impl Executor<'_> {
         .await
     }
 
-    /// A supply that takes no limit of the voltage says what it would go to by itself.
-    async fn tell_own_limits(&mut self, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
-        let error = self.rig.bench.error("supply4q");
-        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?;
-        if supply.capabilities().holds != supply4q::Holds::Nothing {
-            return Ok(());
-        }
-        let Some(own) = supply.own_limits().await.map_err(error)? else {
-            return Ok(());
-        };
-        let text = format!(
-            "bipolar supply: takes no compliance and no current limit; its own set-point limits \
-            are {} V to {} V, {} A to {} A",
-            own.volts.0, own.volts.1, own.amps.0, own.amps.1
-        );
-        self.rig.recorder.event(Event::Bench, &text)?;
-        let wider = own.volts.1.max(-own.volts.0) > limits.compliance.value()
-            || own.amps.1.max(-own.amps.0) > limits.current.value();
-        if wider && !self.rig.driving.told {
-            self.rig.driving.told = true;
-            self.rig.recorder.warning(&format!(
-                "{text}: beyond the limits of this run only the \
-            daemon's readings and a fuse hold it"
-            ));
-        }
-        Ok(())
-    }
-
     async fn power_up(
         &mut self,
         fixture: Fixture,
@@ -88,24 +127,26 @@ impl Executor<'_> {
         let generator = require(&mut self.rig.bench.generator, "generator")?;
         generator.output(false).await.map_err(&error)?;
         generator.quiet(offset).await.map_err(&error)?;
-        self.no_burst();
+        self.rig.no_burst();
         let error = self.rig.bench.error("supply4q");
         let supply = require(&mut self.rig.bench.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;
-        self.tell_own_limits(limits).await?;
+        self.rig.tell_own_limits(limits).await?;
         if fixture == Fixture::Cell {
             // A cell that is missing, reversed, ruined or too hot must not be driven: it is read
             // while the output is still off.
-            let mut reading = self.read_supply4q().await?;
-            reading.temperature_c = self.cell_temperature().await?;
+            let mut reading = self.rig.read_supply4q().await?;
+            reading.temperature_c = self.rig.cell_temperature().await?;
             self.known.idle = reading;
-            self.judge("idle", reading)?;
+            self.rig.judge("idle", reading)?;
             let zero_a = self
+                .rig
                 .zero_of_supply(reading.current_a.unwrap_or(0.0))
                 .await?;
             self.rig.interlock.zero(zero_a);
         } else {
-            self.refuse_a_cell(&format!("driving the {}", fixture_name(fixture)))
+            self.rig
+                .refuse_a_cell(&format!("driving the {}", fixture_name(fixture)))
                 .await?;
         }
         let scope_error = self.rig.bench.error("scope");
@@ -135,7 +176,12 @@ impl Executor<'_> {
             .energise()
             .await
             .map_err(&error)?;
-        let idle_a = self.watch("idle", fixture).await?.current_a.unwrap_or(0.0);
+        let idle_a = self
+            .rig
+            .watch("idle", fixture)
+            .await?
+            .current_a
+            .unwrap_or(0.0);
         let allowed_a = IDLE_CURRENT_A
             .min(
                 self.rig
@@ -153,42 +199,5 @@ impl Executor<'_> {
             });
         }
         Ok(())
-    }
-
-    /// Zero of the bipolar supply's ammeter with its output off, A: the mean of several readings,
-    /// of which `first_a` is the first.
-    async fn zero_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
-        let mut sum_a = first_a;
-        for _ in 1..ZERO_READINGS {
-            let error = self.rig.bench.error("supply4q");
-            sum_a += require(&mut self.rig.bench.supply4q, "supply4q")?
-                .measure()
-                .await
-                .map_err(error)?
-                .1
-                .value();
-        }
-        Ok(sum_a / f64::from(ZERO_READINGS))
-    }
-
-    /// Reads the voltage at the jig, every output off, and refuses one that no control has. A
-    /// reading that is not a number is refused too.
-    pub(super) async fn refuse_a_cell(&mut self, what: &str) -> Result<(), ExecuteError> {
-        let reading = self.read_supply4q().await?;
-        self.rig.recorder.reading("idle", &reading)?;
-        let volts = reading.voltage_v.unwrap_or(f64::NAN);
-        if volts.abs() <= CONTROL_IDLE_V {
-            Ok(())
-        } else {
-            Err(ExecuteError::CellLeftIn {
-                what: what.to_owned(),
-                volts,
-            })
-        }
-    }
-
-    pub(super) async fn power_down(&mut self) -> Result<(), ExecuteError> {
-        self.rig.driving.powered_a = None;
-        Ok(self.rig.bench.drive_off().await?)
     }
 }

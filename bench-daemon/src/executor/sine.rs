@@ -9,7 +9,7 @@ use instruments::{
 };
 
 use super::{
-    ExecuteError, Executor,
+    ExecuteError, Executor, Rig,
     burst::MOST_LONGER,
     crest::Drawn,
     record::{Asked, Taken, analyse},
@@ -34,6 +34,67 @@ const WANTED_SPAN: f64 = 0.5;
 const CURRENT_TOLERANCE: f64 = 0.2;
 /// How far a frame may be from the settings that it was asked with, as a share.
 const FRAME_TOLERANCE: f64 = 0.02;
+
+impl Rig<'_> {
+    /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
+    pub(super) async fn drive(
+        &mut self,
+        (freq_hz, amplitude_a, wait_s): (f64, f64, f64),
+    ) -> Result<(), ExecuteError> {
+        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.experiment.bench.wiring;
+        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
+        let sine = Sine {
+            freq: Hertz(freq_hz),
+            amplitude: Volts(amplitude_a * volts_per_amp * wiring.command_trim),
+            offset: Volts(wiring.command_offset_v),
+        };
+        let error = self.bench.error("generator");
+        require(&mut self.bench.generator, "generator")?
+            .sine(&sine)
+            .await
+            .map_err(error)?;
+        self.begin_signal(freq_hz, wait_s).await
+    }
+
+    /// The four channels of the stopped frame.
+    async fn fetch_frame(
+        &mut self,
+        (points, chosen): (u64, Option<Chosen>),
+        fixture: Fixture,
+    ) -> Result<Vec<Waveform>, ExecuteError> {
+        let (overlaps, error) = (self.overlaps(), self.bench.error("scope"));
+        let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
+        for channel in 1..=4 {
+            let scope = require(&mut self.bench.scope, "scope")?;
+            let waveform = match (waveforms.last().filter(|_| overlaps), chosen) {
+                (Some(before), _) => scope.download_beside(channel, points, before).await,
+                (None, Some(chosen)) => scope.download_chosen(chosen, points).await,
+                (None, None) => scope.download(channel, points).await,
+            };
+            waveforms.push(waveform.map_err(&error)?);
+            // The current still flows: a download must not stop the watching.
+            self.watch_between(fixture).await?;
+        }
+        Ok(waveforms)
+    }
+
+    /// The current must follow the command: a loose lead or a supply in its limits shows here.
+    /// Gives its amplitude, A.
+    fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<f64, ExecuteError> {
+        let [first, second, _, _] = point.phasors.volts;
+        let met_a = (second - first).norm() / self.experiment.bench.wiring.shunt.r_ohm;
+        let (least_a, greatest_a) = ((1.0 - CURRENT_TOLERANCE) * amplitude_a, drawn(amplitude_a));
+        if (least_a..=greatest_a).contains(&met_a) {
+            return Ok(met_a);
+        }
+        Err(ExecuteError::Disobeyed {
+            what: format!("current at {} Hz", point.phasors.freq_hz),
+            expected: format!("an amplitude from {least_a:.3} A to {greatest_a:.3} A"),
+            met: format!("{met_a:.4} A"),
+        })
+    }
+}
 
 impl Executor<'_> {
     /// Drives, captures and analyses one point; `taken` records of it are there already.
@@ -74,9 +135,10 @@ impl Executor<'_> {
         for attempt in 0..=MAX_RANGING {
             if attempt > 0 {
                 // The generator may have gone on already, and the ranges are new in any case.
-                self.rig
-                    .interlock
-                    .begin(self.allowance(fixture, step), self.rig.clock.machine_s());
+                self.rig.interlock.begin(
+                    self.rig.allowance(fixture, step),
+                    self.rig.clock.machine_s(),
+                );
                 driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
                     None if self.sweep.next.is_none()
                         && self.rig.driving.burst.ends_s.is_infinite() =>
@@ -118,15 +180,16 @@ impl Executor<'_> {
                 start_s: self.rig.clock.now_s(),
             };
             self.rig.recorder.capture(&file, &waveforms)?;
-            self.crest(
-                fixture,
-                &Drawn {
-                    waveforms: &waveforms,
-                    freq_hz,
-                    amplitude_a,
-                },
-            )
-            .await?;
+            self.rig
+                .crest(
+                    fixture,
+                    &Drawn {
+                        waveforms: &waveforms,
+                        freq_hz,
+                        amplitude_a,
+                    },
+                )
+                .await?;
             let ranged = self.range_again(&waveforms, &scope);
             let clipped = waveforms
                 .iter()
@@ -141,8 +204,8 @@ impl Executor<'_> {
                     mains_hz: eis.mains_hz,
                 };
                 let point = analyse(&asked, &Taken::of(&waveforms), warnings)?;
-                let met_a = self.check_current(&point, amplitude_a)?;
-                self.agree_with_supply(effective_a, met_a)?;
+                let met_a = self.rig.check_current(&point, amplitude_a)?;
+                self.rig.agree_with_supply(effective_a, met_a)?;
                 return Ok(SweepPoint {
                     time_s,
                     captures: attempt_in_all + 1,
@@ -171,29 +234,8 @@ impl Executor<'_> {
         (freq_hz, amplitude_a, wait_s): (f64, f64, f64),
     ) -> Result<f64, ExecuteError> {
         self.headroom(fixture, (freq_hz, amplitude_a))?;
-        self.drive((freq_hz, amplitude_a, wait_s)).await?;
+        self.rig.drive((freq_hz, amplitude_a, wait_s)).await?;
         Ok(self.rig.clock.now_s())
-    }
-
-    /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
-    pub(super) async fn drive(
-        &mut self,
-        (freq_hz, amplitude_a, wait_s): (f64, f64, f64),
-    ) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.rig.experiment.bench.wiring;
-        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let sine = Sine {
-            freq: Hertz(freq_hz),
-            amplitude: Volts(amplitude_a * volts_per_amp * wiring.command_trim),
-            offset: Volts(wiring.command_offset_v),
-        };
-        let error = self.rig.bench.error("generator");
-        require(&mut self.rig.bench.generator, "generator")?
-            .sine(&sine)
-            .await
-            .map_err(error)?;
-        self.begin_signal(freq_hz, wait_s).await
     }
 
     /// The configured scales, with the cell's voltage brought to the centre of channel 4.
@@ -204,7 +246,7 @@ impl Executor<'_> {
         scope: &Capabilities,
     ) -> Result<(), ExecuteError> {
         let cell_v = if fixture == Fixture::Cell {
-            self.read_supply4q().await?.voltage_v.unwrap_or(0.0)
+            self.rig.read_supply4q().await?.voltage_v.unwrap_or(0.0)
         } else {
             0.0
         };
@@ -248,15 +290,15 @@ impl Executor<'_> {
         let screen_s = self
             .arm_screen(Seconds(eis.periods_on_screen / freq_hz))
             .await?;
-        let ripe_s = if self.overlaps() {
-            self.ripe_s((freq_hz, wait_s), driven_s, screen_s)
+        let ripe_s = if self.rig.overlaps() {
+            self.rig.ripe_s((freq_hz, wait_s), driven_s, screen_s)
         } else {
             self.rig.clock.now_s() + wait_s
         };
-        if self.falls_short(ripe_s) {
+        if self.rig.falls_short(ripe_s) {
             return Ok(None);
         }
-        let chosen = if self.overlaps() {
+        let chosen = if self.rig.overlaps() {
             self.announce()?;
             let error = self.rig.bench.error("scope");
             let chosen = require(&mut self.rig.bench.scope, "scope")?
@@ -266,7 +308,7 @@ impl Executor<'_> {
             self.watch_until(ripe_s, fixture).await?;
             chosen
         } else {
-            self.wait_watching(wait_s, ("sine", fixture)).await?;
+            self.rig.wait_watching(wait_s, ("sine", fixture)).await?;
             None
         };
         let error = self.rig.bench.error("scope");
@@ -275,12 +317,13 @@ impl Executor<'_> {
             .await
             .map_err(error)?;
         self.scope.stopped_s = self.rig.clock.now_s();
-        if self.falls_short(self.scope.stopped_s) {
+        if self.rig.falls_short(self.scope.stopped_s) {
             return Ok(None);
         }
         let effective_a = self.rig.interlock.effective_a();
         self.go_ahead(fixture).await?;
         let waveforms = self
+            .rig
             .fetch_frame((eis.record_points, chosen), fixture)
             .await?;
         self.check_frame(freq_hz, &waveforms, screen_s)?;
@@ -297,7 +340,7 @@ impl Executor<'_> {
             channel: TRIGGER_CHANNEL,
             level: self.scope.trigger_v,
         };
-        let overlaps = self.overlaps();
+        let overlaps = self.rig.overlaps();
         let error = self.rig.bench.error("scope");
         let scope = require(&mut self.rig.bench.scope, "scope")?;
         let (per_div, scope_divisions) = (
@@ -319,28 +362,6 @@ impl Executor<'_> {
             scope.set(&intent).await.map_err(&error)?;
         }
         Ok(per_div.value() * scope_divisions)
-    }
-
-    /// The four channels of the stopped frame.
-    async fn fetch_frame(
-        &mut self,
-        (points, chosen): (u64, Option<Chosen>),
-        fixture: Fixture,
-    ) -> Result<Vec<Waveform>, ExecuteError> {
-        let (overlaps, error) = (self.overlaps(), self.rig.bench.error("scope"));
-        let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
-        for channel in 1..=4 {
-            let scope = require(&mut self.rig.bench.scope, "scope")?;
-            let waveform = match (waveforms.last().filter(|_| overlaps), chosen) {
-                (Some(before), _) => scope.download_beside(channel, points, before).await,
-                (None, Some(chosen)) => scope.download_chosen(chosen, points).await,
-                (None, None) => scope.download(channel, points).await,
-            };
-            waveforms.push(waveform.map_err(&error)?);
-            // The current still flows: a download must not stop the watching.
-            self.watch_between(fixture).await?;
-        }
-        Ok(waveforms)
     }
 
     /// The frame must be of this acquisition: as long as the screen, on the scales that were set,
@@ -412,22 +433,6 @@ impl Executor<'_> {
             self.scope.verticals[slot] = Some(changed);
         }
         changes
-    }
-
-    /// The current must follow the command: a loose lead or a supply in its limits shows here.
-    /// Gives its amplitude, A.
-    fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<f64, ExecuteError> {
-        let [first, second, _, _] = point.phasors.volts;
-        let met_a = (second - first).norm() / self.rig.experiment.bench.wiring.shunt.r_ohm;
-        let (least_a, greatest_a) = ((1.0 - CURRENT_TOLERANCE) * amplitude_a, drawn(amplitude_a));
-        if (least_a..=greatest_a).contains(&met_a) {
-            return Ok(met_a);
-        }
-        Err(ExecuteError::Disobeyed {
-            what: format!("current at {} Hz", point.phasors.freq_hz),
-            expected: format!("an amplitude from {least_a:.3} A to {greatest_a:.3} A"),
-            met: format!("{met_a:.4} A"),
-        })
     }
 }
 

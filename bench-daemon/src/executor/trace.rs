@@ -17,7 +17,7 @@ use instruments::{
 };
 
 use super::{
-    ExecuteError, Executor, POLL_S, require,
+    ExecuteError, Executor, POLL_S, Rig, require,
     trace_rows::{Frames, Recorded, zeros},
 };
 use crate::{
@@ -74,14 +74,13 @@ enum Action {
     Fetch(Frame),
 }
 
-impl Executor<'_> {
+impl Rig<'_> {
     /// Watches the cell while nothing flows.
     pub(super) async fn pause(&mut self, span_s: f64) -> Result<(), ExecuteError> {
-        let end_s = self.rig.clock.now_s() + span_s;
-        while self.rig.clock.now_s() < end_s {
-            self.rig
-                .clock
-                .sleep_s(REST_POLL_S.min(end_s - self.rig.clock.now_s()))
+        let end_s = self.clock.now_s() + span_s;
+        while self.clock.now_s() < end_s {
+            self.clock
+                .sleep_s(REST_POLL_S.min(end_s - self.clock.now_s()))
                 .await;
             self.heed_within()?;
             self.glance("rest").await?;
@@ -91,13 +90,13 @@ impl Executor<'_> {
 
     /// One reading of the cell, by the bipolar supply where there is one.
     pub(super) async fn glance(&mut self, phase: &str) -> Result<Reading, ExecuteError> {
-        if self.rig.bench.supply4q.is_some() {
+        if self.bench.supply4q.is_some() {
             return self.watch(phase, Fixture::Cell).await;
         }
         let (volts, drawn_a) = self.load_volts().await?;
         let temperature_c = self.temperature_now_and_then().await?;
         let reading = Reading {
-            time_s: self.rig.clock.now_s(),
+            time_s: self.clock.now_s(),
             voltage_v: Some(volts),
             current_a: Some(-drawn_a),
             temperature_c,
@@ -106,20 +105,107 @@ impl Executor<'_> {
         Ok(reading)
     }
 
+    /// Waits, reading and judging every second. Where steps follow each other so fast that a
+    /// reading would make the next one late, every second one may be put off, and no more: what is
+    /// late is written down as it was, and what is not looked at can end in a fire.
+    async fn wait_until(&mut self, until_s: f64) -> Result<(), ExecuteError> {
+        loop {
+            let (left_s, age_s) = (
+                until_s - self.clock.now_s(),
+                self.clock.now_s() - self.watching.watched_s,
+            );
+            if left_s <= POLL_S + QUIET_S {
+                if age_s >= 2.0 * POLL_S || (age_s >= POLL_S && left_s > QUIET_S) {
+                    self.watch("trace", Fixture::Cell).await?;
+                }
+                self.clock.sleep_s(until_s - self.clock.now_s()).await;
+                return Ok(());
+            }
+            self.clock.sleep_s(POLL_S).await;
+            self.watch("trace", Fixture::Cell).await?;
+        }
+    }
+
+    /// The voltage at the jig just now, V; one that is no number would make no power.
+    async fn jig_volts(&mut self) -> Result<f64, ExecuteError> {
+        Ok(self
+            .watch("trace", Fixture::Cell)
+            .await?
+            .voltage_v
+            .unwrap_or(f64::INFINITY))
+    }
+
+    /// Stops the scope; says when, bench s.
+    pub(super) async fn freeze(&mut self) -> Result<f64, ExecuteError> {
+        let error = self.bench.error("scope");
+        let end_s = self.clock.now_s();
+        require(&mut self.bench.scope, "scope")?
+            .stop()
+            .await
+            .map_err(&error)?;
+        Ok(end_s)
+    }
+
+    /// Commands a direct current, A, charge positive.
+    async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
+        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.experiment.bench.wiring;
+        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
+        let offset =
+            Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
+        let error = self.bench.error("generator");
+        let generator = require(&mut self.bench.generator, "generator")?;
+        Ok(generator.direct(offset).await.map_err(error)?)
+    }
+
+    /// Rows of the scope, each judged as any reading and held against what was commanded.
+    pub(super) fn judged(
+        &self,
+        trace: &TracePlan,
+        mut found: Recorded,
+    ) -> Result<Recorded, ExecuteError> {
+        for (row, level_a) in found.rows.iter_mut().zip(&found.levels_a) {
+            let TraceRow {
+                time_s,
+                current_a,
+                voltage_v,
+                ..
+            } = *row;
+            let reading = Reading {
+                time_s,
+                voltage_v: Some(voltage_v),
+                current_a: Some(current_a),
+                temperature_c: None,
+            };
+            if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
+                return Err(trip.into());
+            }
+            obeys(&trace.name, *level_a, (current_a, time_s))?;
+            row.temperature_c = self.temperatures.last_c.unwrap_or(f64::NAN);
+        }
+        // What there is was judged first: a limit that was passed outweighs a record that is short.
+        match &found.missing {
+            Some((expected, measured)) => Err(disobeyed(&trace.name, expected, measured)),
+            None => Ok(found),
+        }
+    }
+}
+
+impl Executor<'_> {
     /// Rests, then looks at the cell while nothing flows.
     pub(super) async fn zero(&mut self, trace: &TracePlan) -> Result<(), ExecuteError> {
-        self.pause(trace.rest_s).await?;
+        self.rig.pause(trace.rest_s).await?;
         let mut resting = Vec::with_capacity(REST_READINGS);
         for _ in 0..REST_READINGS {
-            let reading = self.glance("rest").await?;
+            let reading = self.rig.glance("rest").await?;
             resting.push((
                 reading.voltage_v.unwrap_or(f64::NAN),
                 reading.current_a.unwrap_or(f64::NAN),
             ));
         }
         let ocv_v = resting.iter().map(|reading| reading.0).sum::<f64>() / REST_READINGS as f64;
-        let temperature_c = self.cell_temperature().await?;
-        self.judge(
+        let temperature_c = self.rig.cell_temperature().await?;
+        self.rig.judge(
             "rest",
             Reading {
                 time_s: self.rig.clock.now_s(),
@@ -206,7 +292,7 @@ impl Executor<'_> {
         let mut recorded = Recorded::default();
         let mut filled_s = origin_s;
         for (at_s, action) in actions {
-            self.wait_until(origin_s + at_s).await?;
+            self.rig.wait_until(origin_s + at_s).await?;
             match action {
                 Action::Arm(frame) => {
                     self.arm(&frame).await?;
@@ -214,19 +300,19 @@ impl Executor<'_> {
                 }
                 Action::Level(level) => {
                     let current_a = if level.power_w.is_some() {
-                        level.at_a(self.jig_volts().await?)
+                        level.at_a(self.rig.jig_volts().await?)
                     } else {
                         level.current_a
                     };
                     commanded.push((self.rig.clock.now_s(), current_a));
-                    self.command(current_a).await?;
+                    self.rig.command(current_a).await?;
                 }
                 Action::Fetch(frame) => {
-                    self.wait_until(filled_s).await?;
+                    self.rig.wait_until(filled_s).await?;
                     let name = format!("frame{:03}", recorded.frames + 1);
                     let capture = self.fetch(&frame, (trace, &name)).await?;
                     let found = self.frames(trace, &zero).of_frame(&capture, &commanded);
-                    recorded.append(self.judged(trace, found)?);
+                    recorded.append(self.rig.judged(trace, found)?);
                 }
             }
         }
@@ -235,39 +321,6 @@ impl Executor<'_> {
             &zero,
             (origin_s, recorded, Some(Commanded::Steps(commanded))),
         )
-    }
-
-    /// Waits, reading and judging every second. Where steps follow each other so fast that a
-    /// reading would make the next one late, every second one may be put off, and no more: what is
-    /// late is written down as it was, and what is not looked at can end in a fire.
-    async fn wait_until(&mut self, until_s: f64) -> Result<(), ExecuteError> {
-        loop {
-            let (left_s, age_s) = (
-                until_s - self.rig.clock.now_s(),
-                self.rig.clock.now_s() - self.rig.watching.watched_s,
-            );
-            if left_s <= POLL_S + QUIET_S {
-                if age_s >= 2.0 * POLL_S || (age_s >= POLL_S && left_s > QUIET_S) {
-                    self.watch("trace", Fixture::Cell).await?;
-                }
-                self.rig
-                    .clock
-                    .sleep_s(until_s - self.rig.clock.now_s())
-                    .await;
-                return Ok(());
-            }
-            self.rig.clock.sleep_s(POLL_S).await;
-            self.watch("trace", Fixture::Cell).await?;
-        }
-    }
-
-    /// The voltage at the jig just now, V; one that is no number would make no power.
-    async fn jig_volts(&mut self) -> Result<f64, ExecuteError> {
-        Ok(self
-            .watch("trace", Fixture::Cell)
-            .await?
-            .voltage_v
-            .unwrap_or(f64::INFINITY))
     }
 
     /// Scales that hold the whole trace, with the cell's voltage at rest in the centre of
@@ -337,19 +390,8 @@ impl Executor<'_> {
         frame: &Frame,
         (trace, name): (&TracePlan, &str),
     ) -> Result<Capture, ExecuteError> {
-        let end_s = self.freeze().await?;
+        let end_s = self.rig.freeze().await?;
         self.download((frame, end_s), (trace, name)).await
-    }
-
-    /// Stops the scope; says when, bench s.
-    pub(super) async fn freeze(&mut self) -> Result<f64, ExecuteError> {
-        let error = self.rig.bench.error("scope");
-        let end_s = self.rig.clock.now_s();
-        require(&mut self.rig.bench.scope, "scope")?
-            .stop()
-            .await
-            .map_err(&error)?;
-        Ok(end_s)
     }
 
     /// Downloads what the screen of the scope held when it was stopped, bench s.
@@ -368,7 +410,7 @@ impl Executor<'_> {
                     .map_err(&error)?,
             );
             if self.rig.clock.now_s() - self.rig.watching.watched_s >= POLL_S {
-                self.watch("trace", Fixture::Cell).await?;
+                self.rig.watch("trace", Fixture::Cell).await?;
             }
         }
         let fail = |reason: String| ExecuteError::Frame {
@@ -411,19 +453,7 @@ impl Executor<'_> {
         Ok(capture)
     }
 
-    /// Commands a direct current, A, charge positive.
-    async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.rig.experiment.bench.wiring;
-        let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let offset =
-            Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
-        let error = self.rig.bench.error("generator");
-        let generator = require(&mut self.rig.bench.generator, "generator")?;
-        Ok(generator.direct(offset).await.map_err(error)?)
-    }
-
-    /// Settings by which the frames of a trace are read.
+    /// What the frames of a trace are read by.
     pub(super) fn frames<'f>(&'f self, trace: &'f TracePlan, zero: &Zero) -> Frames<'f> {
         let shunt_ohm = self.rig.experiment.bench.wiring.shunt.r_ohm;
         Frames {
@@ -432,38 +462,6 @@ impl Executor<'_> {
             shunt_ohm,
             zero_v: zero.volts,
             ocv_v: zero.ocv_v,
-        }
-    }
-
-    /// Rows of the scope, each judged as any reading and compared with the command.
-    pub(super) fn judged(
-        &self,
-        trace: &TracePlan,
-        mut found: Recorded,
-    ) -> Result<Recorded, ExecuteError> {
-        for (row, level_a) in found.rows.iter_mut().zip(&found.levels_a) {
-            let TraceRow {
-                time_s,
-                current_a,
-                voltage_v,
-                ..
-            } = *row;
-            let reading = Reading {
-                time_s,
-                voltage_v: Some(voltage_v),
-                current_a: Some(current_a),
-                temperature_c: None,
-            };
-            if let Some(trip) = interlock::judge(self.rig.interlock.limits(), &reading) {
-                return Err(trip.into());
-            }
-            obeys(&trace.name, *level_a, (current_a, time_s))?;
-            row.temperature_c = self.rig.temperatures.last_c.unwrap_or(f64::NAN);
-        }
-        // What there is was judged first: a limit that was passed outweighs a record that is short.
-        match &found.missing {
-            Some((expected, measured)) => Err(disobeyed(&trace.name, expected, measured)),
-            None => Ok(found),
         }
     }
 

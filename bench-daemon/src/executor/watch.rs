@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use instruments::{fixture::Fixture, link::LinkError};
 
-use super::{ExecuteError, Executor, POLL_S, metered::BELOW_GREATEST_V, require};
+use super::{ExecuteError, POLL_S, Rig, metered::BELOW_GREATEST_V, require};
 use crate::{
     interlock::{Allowance, Mean, NO_CURRENT_A, Reading, Trip},
     plan::{Flow, Step},
@@ -41,11 +41,12 @@ const SEEN_A: f64 = 0.5;
 /// So far below the limit of a supply its current falls, and the voltage stands still, V.
 const HELD_V: f64 = 0.1;
 
-impl Executor<'_> {
-    /// Allowance of a step: current and charge, which are far less than the limits of the cell.
+impl Rig<'_> {
+    /// What may flow during a step is far less than what the cell could bear, and so is the charge
+    /// that it may move.
     pub(super) fn allowance(&self, fixture: Fixture, step: &Step) -> Allowance {
-        let cell = self.rig.experiment.cell.limits;
-        let settings = &self.rig.experiment.cell.interlock;
+        let cell = self.experiment.cell.limits;
+        let settings = &self.experiment.cell.interlock;
         let cell = if fixture == Fixture::Cell {
             cell
         } else {
@@ -54,7 +55,6 @@ impl Executor<'_> {
         let drift_c = settings.drift_c;
         // The limit of the power-up holds until the power-down; each step in between may do less.
         let powered = self
-            .rig
             .driving
             .powered_a
             .map_or(cell, |limit_a| cell.bounded(limit_a, limit_a));
@@ -189,23 +189,22 @@ impl Executor<'_> {
         seconds: f64,
         (phase, fixture): (&str, Fixture),
     ) -> Result<(), ExecuteError> {
-        let end_s = self.rig.clock.now_s() + seconds;
+        let end_s = self.clock.now_s() + seconds;
         loop {
-            let left_s = end_s - self.rig.clock.now_s();
+            let left_s = end_s - self.clock.now_s();
             if left_s <= 0.0 {
                 return Ok(());
             }
-            self.rig.clock.sleep_s(left_s.min(self.poll_s())).await;
+            self.clock.sleep_s(left_s.min(self.poll_s())).await;
             let reading = self.watch(phase, fixture).await?;
-            self.watch_mean((reading, end_s - self.rig.clock.now_s()))
+            self.watch_mean((reading, end_s - self.clock.now_s()))
                 .await?;
         }
     }
 
     /// Seconds until the next reading: where a slow current is followed, a share of its period.
     pub(super) fn poll_s(&self) -> f64 {
-        self.rig
-            .interlock
+        self.interlock
             .allowed_mean()
             .map_or(POLL_S, |mean| mean.poll_s().min(POLL_S))
     }
@@ -217,30 +216,24 @@ impl Executor<'_> {
         fixture: Fixture,
     ) -> Result<Reading, ExecuteError> {
         let mut reading = self.read_supply4q().await?;
-        self.rig.watching.watched_s = self.rig.clock.now_s();
-        self.rig.recorder.reading(phase, &reading)?;
+        self.watching.watched_s = self.clock.now_s();
+        self.recorder.reading(phase, &reading)?;
         if fixture != Fixture::Cell {
             // The cell lies beside the jig, perhaps without its thermocouple.
             reading.temperature_c = reading.temperature_c.filter(|celsius| celsius.is_finite());
         }
-        self.rig
-            .interlock
-            .silent(self.rig.clock.now_s() >= self.rig.driving.burst.ends_s);
-        self.rig.driving.burst.over(&reading)?;
+        self.interlock
+            .silent(self.clock.now_s() >= self.driving.burst.ends_s);
+        self.driving.burst.over(&reading)?;
         // An answer that is late is of another moment of the period.
         if self
-            .rig
             .interlock
             .allowed_mean()
-            .is_some_and(|mean| self.rig.watching.read_s > UNSURE * mean.period_s)
+            .is_some_and(|mean| self.watching.read_s > UNSURE * mean.period_s)
         {
-            self.rig.interlock.lose_period();
+            self.interlock.lose_period();
         }
-        match self
-            .rig
-            .interlock
-            .judge(&reading, self.rig.clock.machine_s())
-        {
+        match self.interlock.judge(&reading, self.clock.machine_s()) {
             Some(trip) => {
                 let trip = trip.because(self.cause().await);
                 Err(if fixture == Fixture::Cell {
@@ -263,8 +256,8 @@ impl Executor<'_> {
     /// still are what this run has set, one with each reading.
     pub(super) async fn look_back(&mut self) -> Result<(), ExecuteError> {
         for _ in 0..DRIVES {
-            self.rig.watching.looked = (self.rig.watching.looked + 1) % DRIVES;
-            if let Some(met) = self.differs(self.rig.watching.looked).await? {
+            self.watching.looked = (self.watching.looked + 1) % DRIVES;
+            if let Some(met) = self.differs(self.watching.looked).await? {
                 return met;
             }
         }
@@ -274,7 +267,7 @@ impl Executor<'_> {
     /// Whose settings are not what this run has set, where somebody's are: asked at once, whatever
     /// else has happened, but not for long, for what is wrong still flows.
     pub(super) async fn cause(&mut self) -> Option<String> {
-        let clock = self.rig.clock.clone();
+        let clock = self.clock.clone();
         let asked = async {
             for number in 0..DRIVES {
                 // The trip outweighs an instrument that does not answer now.
@@ -319,9 +312,8 @@ impl Executor<'_> {
     ) -> Result<Option<Result<(), ExecuteError>>, ExecuteError> {
         macro_rules! ask {
             ($role:literal, $field:ident) => {{
-                let error = self.rig.bench.error($role);
+                let error = self.bench.error($role);
                 let Some(instrument) = self
-                    .rig
                     .bench
                     .$field
                     .as_mut()
@@ -351,22 +343,21 @@ impl Executor<'_> {
         (first, left_s): (Reading, f64),
     ) -> Result<(), ExecuteError> {
         let Some((mean, half_s)) = self
-            .rig
             .interlock
             .allowed_mean()
             .and_then(|mean| Some((mean, mean.pair_s()?)))
         else {
             return Ok(());
         };
-        let end_s = self.rig.clock.now_s() + left_s;
+        let end_s = self.clock.now_s() + left_s;
         let (mut one_a, mut one_s, mut one_took_s) = (
             first.current_a.unwrap_or(f64::NAN),
             first.time_s,
-            self.rig.watching.read_s,
+            self.watching.read_s,
         );
         let mut trip = None;
         for _ in 0..PAIRS {
-            let next_s = self.rig.clock.now_s() + one_took_s - one_s;
+            let next_s = self.clock.now_s() + one_took_s - one_s;
             // Whole periods later is as good.
             let due_s = one_s
                 + half_s
@@ -374,17 +365,16 @@ impl Executor<'_> {
             if due_s + 2.0 * READ_S > end_s {
                 return Ok(());
             }
-            self.rig
-                .clock
-                .sleep_s((due_s - one_took_s - self.rig.clock.now_s()).max(0.0))
+            self.clock
+                .sleep_s((due_s - one_took_s - self.clock.now_s()).max(0.0))
                 .await;
-            let error = self.rig.bench.error("supply4q");
-            let asked_s = self.rig.clock.now_s();
-            let (_, other) = require(&mut self.rig.bench.supply4q, "supply4q")?
+            let error = self.bench.error("supply4q");
+            let asked_s = self.clock.now_s();
+            let (_, other) = require(&mut self.bench.supply4q, "supply4q")?
                 .measure()
                 .await
                 .map_err(error)?;
-            let (other_s, took_s) = (self.rig.clock.now_s(), self.rig.clock.now_s() - asked_s);
+            let (other_s, took_s) = (self.clock.now_s(), self.clock.now_s() - asked_s);
             let unsure_s = (other_s - due_s).abs().max((took_s - one_took_s).abs());
             trip = mean.judge_pair(0.5 * (one_a + other.value()), unsure_s, other_s);
             if trip.is_none() {
@@ -399,22 +389,22 @@ impl Executor<'_> {
     }
 
     pub(super) async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
-        let error = self.rig.bench.error("supply4q");
-        let start_s = self.rig.clock.now_s();
-        let (mut volts, amps) = require(&mut self.rig.bench.supply4q, "supply4q")?
+        let error = self.bench.error("supply4q");
+        let start_s = self.clock.now_s();
+        let (mut volts, amps) = require(&mut self.bench.supply4q, "supply4q")?
             .measure()
             .await
             .map_err(error)?;
         // The current is what was asked for last.
-        let time_s = self.rig.clock.now_s();
-        self.rig.watching.read_s = time_s - start_s;
+        let time_s = self.clock.now_s();
+        self.watching.read_s = time_s - start_s;
         // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at
         // the jig.
-        let error = self.rig.bench.error("load");
-        if let Some(load) = self.rig.bench.load.as_mut() {
+        let error = self.bench.error("load");
+        if let Some(load) = self.bench.load.as_mut() {
             let (seen, drawn) = load.measure().await.map_err(error)?;
             volts = seen;
-            self.rig.watching.shown_v = Some(seen.value());
+            self.watching.shown_v = Some(seen.value());
             // As a voltmeter it draws nothing.
             self.no_current(LOAD_CURRENT, drawn.value())?;
         }
@@ -438,7 +428,7 @@ impl Executor<'_> {
             unit: "A",
             least: -NO_CURRENT_A,
             greatest: NO_CURRENT_A,
-            time_s: self.rig.clock.now_s(),
+            time_s: self.clock.now_s(),
         }
         .into())
     }
@@ -451,16 +441,16 @@ impl Executor<'_> {
         fixture: Fixture,
     ) -> Result<(), ExecuteError> {
         self.heed_within()?;
-        if self.rig.bench.supply4q.is_some() {
+        if self.bench.supply4q.is_some() {
             self.watch(phase, fixture).await?;
-        } else if self.rig.bench.load.is_some() {
+        } else if self.bench.load.is_some() {
             let (volts, drawn_a) = self.load_volts().await?;
             self.no_current(LOAD_CURRENT, drawn_a)?;
             let temperature_c = self.temperature_now_and_then().await?;
             self.judge(
                 phase,
                 Reading {
-                    time_s: self.rig.clock.now_s(),
+                    time_s: self.clock.now_s(),
                     voltage_v: Some(volts),
                     temperature_c,
                     ..Reading::default()
@@ -474,15 +464,14 @@ impl Executor<'_> {
     /// says of its output. `used` are those that the step reads itself. Where they were looked at
     /// less than a second ago they are not asked again.
     pub(super) async fn others_off(&mut self, used: &[&str]) -> Result<(), ExecuteError> {
-        if self.rig.clock.now_s() - self.rig.watching.others_s < POLL_S {
+        if self.clock.now_s() - self.watching.others_s < POLL_S {
             return Ok(());
         }
-        self.rig.watching.others_s = self.rig.clock.now_s();
+        self.watching.others_s = self.clock.now_s();
         macro_rules! off {
             ($role:literal, $field:ident, $what:expr) => {
-                let error = self.rig.bench.error($role);
+                let error = self.bench.error($role);
                 if let Some(instrument) = self
-                    .rig
                     .bench
                     .$field
                     .as_mut()
@@ -503,12 +492,9 @@ impl Executor<'_> {
     pub(super) async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.regulate().await?;
         self.agree().await?;
-        self.rig.watching.polls = self.rig.watching.polls.wrapping_add(1);
-        let due = self.rig.watching.polls.is_multiple_of(TEMPERATURE_EVERY)
-            || self
-                .rig
-                .interlock
-                .wants_temperature(self.rig.clock.machine_s());
+        self.watching.polls = self.watching.polls.wrapping_add(1);
+        let due = self.watching.polls.is_multiple_of(TEMPERATURE_EVERY)
+            || self.interlock.wants_temperature(self.clock.machine_s());
         if due {
             self.cell_temperature().await
         } else {
@@ -523,16 +509,16 @@ impl Executor<'_> {
         self.regulate().await?;
         self.agree().await?;
         self.watch_chiller().await?;
-        let error = self.rig.bench.error("logger");
-        let Some(logger) = self.rig.bench.logger.as_mut() else {
+        let error = self.bench.error("logger");
+        let Some(logger) = self.bench.logger.as_mut() else {
             return Ok(None);
         };
-        if !self.rig.temperatures.logger_ready {
+        if !self.temperatures.logger_ready {
             logger.configure().await.map_err(&error)?;
-            self.rig.temperatures.logger_ready = true;
+            self.temperatures.logger_ready = true;
         }
         let readings = logger.scan().await.map_err(error)?;
-        self.rig.temperatures.last_c = Some(
+        self.temperatures.last_c = Some(
             readings
                 .first()
                 .copied()
@@ -540,22 +526,21 @@ impl Executor<'_> {
                 .map_or(f64::NAN, |celsius| celsius.value()),
         );
         self.agree_with_bath().await?;
-        Ok(self.rig.temperatures.last_c)
+        Ok(self.temperatures.last_c)
     }
 
     async fn watch_chiller(&mut self) -> Result<(), ExecuteError> {
-        let error = self.rig.bench.error("chiller");
+        let error = self.bench.error("chiller");
         let Some(chiller) = self
-            .rig
             .bench
             .chiller
             .as_mut()
-            .filter(|_| self.rig.temperatures.chiller_runs)
+            .filter(|_| self.temperatures.chiller_runs)
         else {
             return Ok(());
         };
         let status = chiller.status().await.map_err(error)?;
-        match self.rig.interlock.chiller(&status, self.rig.clock.now_s()) {
+        match self.interlock.chiller(&status, self.clock.now_s()) {
             Some(trip) => Err(trip.into()),
             None => Ok(()),
         }
@@ -565,9 +550,8 @@ impl Executor<'_> {
     /// reading that cannot be believed is none; a board that does not answer, or whose relays do
     /// not follow, is an error.
     async fn regulate(&mut self) -> Result<(), ExecuteError> {
-        let (error, now_s) = (self.rig.bench.error("chiller"), self.rig.clock.now_s());
+        let (error, now_s) = (self.bench.error("chiller"), self.clock.now_s());
         let Some(thermostat) = self
-            .rig
             .temperatures
             .thermostat
             .as_mut()
@@ -575,13 +559,13 @@ impl Executor<'_> {
         else {
             return Ok(());
         };
-        let chiller = require(&mut self.rig.bench.chiller, "chiller")?;
+        let chiller = require(&mut self.bench.chiller, "chiller")?;
         let reading_c = match chiller.temperature().await {
             Ok(celsius) => Some(celsius.value()),
             Err(LinkError::Unexpected { .. }) => None,
             Err(failed) => return Err(error(failed).into()),
         };
-        match thermostat.step(reading_c, self.rig.clock.now_s()) {
+        match thermostat.step(reading_c, self.clock.now_s()) {
             Action::Pulse(seconds) => Ok(chiller.pulse(seconds).await.map_err(error)?),
             Action::Fault(fault) => {
                 chiller.pulse(0.0).await.map_err(error)?;
@@ -597,12 +581,8 @@ impl Executor<'_> {
     /// Writes a reading down and judges it.
     pub(super) fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
         self.heed_within()?;
-        self.rig.recorder.reading(phase, &reading)?;
-        match self
-            .rig
-            .interlock
-            .judge(&reading, self.rig.clock.machine_s())
-        {
+        self.recorder.reading(phase, &reading)?;
+        match self.interlock.judge(&reading, self.clock.machine_s()) {
             Some(trip) => Err(trip.into()),
             None => Ok(()),
         }

@@ -18,7 +18,7 @@ use instruments::{
 };
 
 use super::{
-    ExecuteError, Executor, POLL_S, require,
+    ExecuteError, Executor, POLL_S, Rig, require,
     trace::{Zero, disobeyed},
     trace_rows::{Frames, Recorded, SETTLE_S},
 };
@@ -44,82 +44,23 @@ struct Place {
     step_s: f64,
 }
 
-impl Executor<'_> {
-    pub(super) async fn wave_trace(
-        &mut self,
-        (trace, zero): (&TracePlan, Zero),
-        (planned_s, steps): (f64, usize),
-    ) -> Result<(), ExecuteError> {
-        let Some(frame) = trace.frames.first().copied() else {
-            return Err(disobeyed(&trace.name, "a frame", "none"));
-        };
-        let over_s = trace.end_s + AFTER_WAVE_S;
-        let currents = currents(trace, (planned_s, zero.ocv_v));
-        self.arm(&frame).await?;
-        // What the screen holds more than the wave passes before it.
-        self.wait_watching(
-            (frame.span_s - over_s).max(0.0) + FILL_S,
-            ("trace", Fixture::Cell),
-        )
-        .await?;
-        let step_s = self.play_trace(&currents, (planned_s, steps)).await?;
-        let began_s = self.rig.clock.now_s();
-        // No reading in the last second: nothing may delay what ends the wave.
-        self.wait_watching((over_s - POLL_S).max(0.0), ("trace", Fixture::Cell))
-            .await?;
-        self.rig
-            .clock
-            .sleep_s((began_s + over_s - self.rig.clock.now_s()).max(0.0))
-            .await;
-        let frozen_s = self.freeze().await?;
-        let offset = Volts(self.rig.experiment.bench.wiring.command_offset_v);
-        let error = self.rig.bench.error("generator");
-        require(&mut self.rig.bench.generator, "generator")?
-            .quiet(offset)
-            .await
-            .map_err(error)?;
-        self.no_burst();
-        once(
-            &trace.name,
-            self.rig.clock.now_s() - began_s,
-            step_s * steps as f64,
-        )?;
-        let capture = self.download((&frame, frozen_s), (trace, "wave")).await?;
-        let (origin_s, found) =
-            self.frames(trace, &zero)
-                .of_wave(&capture, (began_s, step_s), planned_s);
-        let recorded = self.judged(trace, found)?;
-        self.tell_energy(trace, &zero, &recorded.rows)?;
-        self.finish_trace(
-            trace,
-            &zero,
-            (
-                origin_s,
-                recorded,
-                Some(Commanded::Wave {
-                    sent_s: began_s,
-                    step_s,
-                }),
-            ),
-        )
-    }
-
+impl Rig<'_> {
     /// Loads the wave and plays it; says how long a step lasts in truth, s.
     async fn play_trace(
         &mut self,
         currents: &[f64],
         (step_s, steps): (f64, usize),
     ) -> Result<f64, ExecuteError> {
-        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.rig.experiment.bench.wiring;
+        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let peak_a = currents
             .iter()
             .fold(f64::MIN_POSITIVE, |peak, amps| peak.max(amps.abs()));
         let offset = Volts(wiring.command_offset_v);
         let amplitude = Volts(peak_a * volts_per_amp * wiring.command_trim);
-        let error = self.rig.bench.error("generator");
-        let generator = require(&mut self.rig.bench.generator, "generator")?;
+        let error = self.bench.error("generator");
+        let generator = require(&mut self.bench.generator, "generator")?;
         let grid_hz = generator.capabilities().freq_step.value();
         let freq_hz = (1.0 / (step_s * steps as f64) / grid_hz).round() * grid_hz;
         let mut shape: Vec<f64> = currents.iter().map(|amps| amps / peak_a).collect();
@@ -128,11 +69,11 @@ impl Executor<'_> {
         let wave = Wave::named("run", shape, Hertz(freq_hz), (amplitude, offset));
         generator.wave(&wave).await.map_err(&error)?;
         self.no_burst();
-        let refused = self.rig.driving.burst.refused;
+        let refused = self.driving.burst.refused;
         self.begin_periods(freq_hz, 1.0).await?;
-        if self.rig.driving.burst.refused != refused {
+        if self.driving.burst.refused != refused {
             // Meanwhile it has played on; it begins anew.
-            let generator = require(&mut self.rig.bench.generator, "generator")?;
+            let generator = require(&mut self.bench.generator, "generator")?;
             generator.quiet(offset).await.map_err(&error)?;
             generator.wave(&wave).await.map_err(&error)?;
         }
@@ -161,13 +102,76 @@ impl Executor<'_> {
                 0.5 * (power_w(&pair[0]) + power_w(&pair[1])) * (pair[1].time_s - pair[0].time_s)
             })
             .sum();
-        self.rig.recorder.warning(&format!(
+        self.recorder.warning(&format!(
             "trace {}: powers were turned into currents at the {:.4} V at rest, for a wave cannot \
             follow the voltage: {flowed_j:.2} J flowed, {asked_j:.2} J were \
              asked for",
             trace.name, zero.ocv_v
         ));
         Ok(())
+    }
+}
+
+impl Executor<'_> {
+    pub(super) async fn wave_trace(
+        &mut self,
+        (trace, zero): (&TracePlan, Zero),
+        (planned_s, steps): (f64, usize),
+    ) -> Result<(), ExecuteError> {
+        let Some(frame) = trace.frames.first().copied() else {
+            return Err(disobeyed(&trace.name, "a frame", "none"));
+        };
+        let over_s = trace.end_s + AFTER_WAVE_S;
+        let currents = currents(trace, (planned_s, zero.ocv_v));
+        self.arm(&frame).await?;
+        // What the screen holds more than the wave passes before it.
+        self.rig
+            .wait_watching(
+                (frame.span_s - over_s).max(0.0) + FILL_S,
+                ("trace", Fixture::Cell),
+            )
+            .await?;
+        let step_s = self.rig.play_trace(&currents, (planned_s, steps)).await?;
+        let began_s = self.rig.clock.now_s();
+        // No reading in the last second: nothing may delay what ends the wave.
+        self.rig
+            .wait_watching((over_s - POLL_S).max(0.0), ("trace", Fixture::Cell))
+            .await?;
+        self.rig
+            .clock
+            .sleep_s((began_s + over_s - self.rig.clock.now_s()).max(0.0))
+            .await;
+        let frozen_s = self.rig.freeze().await?;
+        let offset = Volts(self.rig.experiment.bench.wiring.command_offset_v);
+        let error = self.rig.bench.error("generator");
+        require(&mut self.rig.bench.generator, "generator")?
+            .quiet(offset)
+            .await
+            .map_err(error)?;
+        self.rig.no_burst();
+        once(
+            &trace.name,
+            self.rig.clock.now_s() - began_s,
+            step_s * steps as f64,
+        )?;
+        let capture = self.download((&frame, frozen_s), (trace, "wave")).await?;
+        let (origin_s, found) =
+            self.frames(trace, &zero)
+                .of_wave(&capture, (began_s, step_s), planned_s);
+        let recorded = self.rig.judged(trace, found)?;
+        self.rig.tell_energy(trace, &zero, &recorded.rows)?;
+        self.finish_trace(
+            trace,
+            &zero,
+            (
+                origin_s,
+                recorded,
+                Some(Commanded::Wave {
+                    sent_s: began_s,
+                    step_s,
+                }),
+            ),
+        )
     }
 }
 
