@@ -30,7 +30,7 @@ use std::sync::Arc;
 use analysis::calibration::Correction;
 use instruments::{fixture::Fixture, units::Volts};
 
-use ahead::SweepState;
+use ahead::{Next, SweepState};
 pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
@@ -124,7 +124,8 @@ impl<'a> Executor<'a> {
             self.direct.charge_c = 0.0;
         }
         self.direct.reset = dc::Reset::default();
-        (self.sweep.announced, self.sweep.ahead, self.scope.armed) = (None, None, None);
+        self.sweep.fall_back();
+        self.scope.armed = None;
         for (index, step) in stage.steps.iter().enumerate() {
             if let Some(known) = entrance.point(index) {
                 points.push(known.point.clone());
@@ -135,7 +136,7 @@ impl<'a> Executor<'a> {
             self.heed(stage, (index, fixture)).await?;
             tracing::info!("step: {step}");
             let allowance = self.rig.allowance(fixture, step);
-            if !self.was_announced(index) {
+            if !self.sweep.was_announced(index) {
                 self.rig.recorder.journal(Entry::Intent {
                     stage: number,
                     step: index,
@@ -144,9 +145,13 @@ impl<'a> Executor<'a> {
                 })?;
                 self.rig.recorder.event(Event::Step, &step.to_string())?;
             }
-            self.look_ahead((number, stage), index, |at, step| {
-                entrance.plays(stage, (at, step))
-            });
+            self.sweep.next = if self.rig.overlaps() {
+                Next::after(number, stage, index, |at, step| {
+                    entrance.plays(stage, (at, step))
+                })
+            } else {
+                None
+            };
             self.person.progress.begin(&stage.title(), step);
             self.rig
                 .interlock

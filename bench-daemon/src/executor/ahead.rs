@@ -13,7 +13,7 @@ use crate::{
     journal::Entry,
     measure::Spent,
     plan::{Stage, Step},
-    record::Event,
+    record::{Event, Recorder},
 };
 
 /// A command that was obeyed within this time counts from when it was handed over, s.
@@ -21,24 +21,32 @@ const PROMPT_S: f64 = 0.05;
 /// After arming the scope needs a screen and a period for a record, and this, s.
 const ARMED_S: f64 = 0.05;
 
+/// A sinusoid as it is driven.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Tone {
+    /// Frequency, Hz.
+    pub(super) freq_hz: f64,
+    /// Amplitude of the current, A.
+    pub(super) amplitude_a: f64,
+    /// Shortest wait for the record, s.
+    pub(super) wait_s: f64,
+}
+
 /// The point that comes after the one in work.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Next {
     stage: usize,
     step: usize,
-    freq_hz: f64,
-    amplitude_a: f64,
-    wait_s: f64,
     index: usize,
+    tone: Tone,
 }
 
 /// The generator is at the next point already.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Ahead {
-    freq_hz: f64,
-    amplitude_a: f64,
+    tone: Tone,
     /// Since when, bench s.
-    pub(super) since_s: f64,
+    since_s: f64,
 }
 
 /// The sweep in work: what is ahead of its point, and what its points have cost.
@@ -55,13 +63,82 @@ pub(super) struct SweepState {
 }
 
 impl Next {
+    /// The point after a step of a stage, where both are points and that one is played.
+    pub(super) fn after(
+        number: usize,
+        stage: &Stage,
+        index: usize,
+        plays: impl Fn(usize, &Step) -> bool,
+    ) -> Option<Self> {
+        let Some(Step::Sine { .. }) = stage.steps.get(index) else {
+            return None;
+        };
+        let step = stage.steps.get(index + 1)?;
+        let Step::Sine {
+            index: point,
+            freq_hz,
+            amplitude_a,
+            wait_s,
+        } = *step
+        else {
+            return None;
+        };
+        plays(index + 1, step).then_some(Self {
+            stage: number,
+            step: index + 1,
+            index: point,
+            tone: Tone {
+                freq_hz,
+                amplitude_a,
+                wait_s,
+            },
+        })
+    }
+
     fn sine(&self) -> Step {
         Step::Sine {
             index: self.index,
-            freq_hz: self.freq_hz,
-            amplitude_a: self.amplitude_a,
-            wait_s: self.wait_s,
+            freq_hz: self.tone.freq_hz,
+            amplitude_a: self.tone.amplitude_a,
+            wait_s: self.tone.wait_s,
         }
+    }
+}
+
+impl SweepState {
+    /// Writes down that the next point is about to be begun, while this one still settles:
+    /// afterwards each moment counts.
+    pub(super) fn announce(&mut self, recorder: &mut Recorder) -> Result<(), ExecuteError> {
+        if let Some(next) = self.next.filter(|next| self.announced != Some(next.step)) {
+            let text = next.sine().to_string();
+            recorder.journal(Entry::Intent {
+                stage: next.stage,
+                step: next.step,
+                text: text.clone(),
+                live: true,
+            })?;
+            recorder.event(Event::Step, &text)?;
+            self.announced = Some(next.step);
+        }
+        Ok(())
+    }
+
+    /// Whether a step is in the journal already as begun.
+    pub(super) fn was_announced(&self, step: usize) -> bool {
+        self.announced == Some(step)
+    }
+
+    /// Since when the generator plays this point, if it does.
+    pub(super) fn taken_ahead(&mut self, tone: &Tone) -> Option<f64> {
+        let same = |ahead: &Ahead| {
+            ahead.tone.freq_hz == tone.freq_hz && ahead.tone.amplitude_a == tone.amplitude_a
+        };
+        self.ahead.take().filter(same).map(|ahead| ahead.since_s)
+    }
+
+    /// Forgets what was begun before its turn.
+    pub(super) fn fall_back(&mut self) {
+        (self.announced, self.ahead) = (None, None);
     }
 }
 
@@ -91,120 +168,35 @@ impl Rig<'_> {
     }
 
     /// When a point may be stopped: settled, and the scope armed for long enough, bench s.
-    pub(super) fn ripe_s(
-        &self,
-        (freq_hz, wait_s): (f64, f64),
-        driven_s: f64,
-        screen_s: f64,
-    ) -> f64 {
-        (driven_s + wait_s).max(self.clock.now_s() + screen_s + 1.0 / freq_hz + ARMED_S)
+    pub(super) fn ripe_s(&self, tone: &Tone, driven_s: f64, screen_s: f64) -> f64 {
+        (driven_s + tone.wait_s).max(self.clock.now_s() + screen_s + 1.0 / tone.freq_hz + ARMED_S)
     }
 }
 
 impl Executor<'_> {
-    /// Looks for the point after a step.
-    pub(super) fn look_ahead(
-        &mut self,
-        (number, stage): (usize, &Stage),
-        index: usize,
-        plays: impl Fn(usize, &Step) -> bool,
-    ) {
-        let wanted = self.rig.overlaps();
-        self.sweep.next = None;
-        if let (
-            true,
-            Some(Step::Sine { .. }),
-            Some(
-                step @ &Step::Sine {
-                    index: point,
-                    freq_hz,
-                    amplitude_a,
-                    wait_s,
-                },
-            ),
-        ) = (wanted, stage.steps.get(index), stage.steps.get(index + 1))
-            && plays(index + 1, step)
-        {
-            self.sweep.next = Some(Next {
-                stage: number,
-                step: index + 1,
-                freq_hz,
-                amplitude_a,
-                wait_s,
-                index: point,
-            });
-        }
-    }
-
-    /// Writes down that the next point is about to be begun, while this one still settles:
-    /// afterwards each moment counts.
-    pub(super) fn announce(&mut self) -> Result<(), ExecuteError> {
-        if let Some(next) = self
-            .sweep
-            .next
-            .filter(|next| self.sweep.announced != Some(next.step))
-        {
-            let text = next.sine().to_string();
-            self.rig.recorder.journal(Entry::Intent {
-                stage: next.stage,
-                step: next.step,
-                text: text.clone(),
-                live: true,
-            })?;
-            self.rig.recorder.event(Event::Step, &text)?;
-            self.sweep.announced = Some(next.step);
-        }
-        Ok(())
-    }
-
-    /// Whether a step is in the journal already as begun.
-    pub(super) fn was_announced(&self, step: usize) -> bool {
-        self.sweep.announced == Some(step)
-    }
-
-    /// Since when the generator plays this point, if it does.
-    pub(super) fn taken_ahead(&mut self, freq_hz: f64, amplitude_a: f64) -> Option<f64> {
-        let same = |ahead: &Ahead| ahead.freq_hz == freq_hz && ahead.amplitude_a == amplitude_a;
-        self.sweep
-            .ahead
-            .take()
-            .filter(same)
-            .map(|ahead| ahead.since_s)
-    }
-
     /// The scope holds its record: the generator goes on. Where crests would not be allowed the
     /// next step is to say so.
     pub(super) async fn go_ahead(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        let Some(
-            next @ Next {
-                freq_hz,
-                amplitude_a,
-                ..
-            },
-        ) = self.sweep.next
-        else {
+        let Some(next) = self.sweep.next else {
             return Ok(());
         };
-        if self.headroom(fixture, (freq_hz, amplitude_a)).is_err() {
+        let tone = next.tone;
+        if self
+            .headroom(fixture, tone.freq_hz, tone.amplitude_a)
+            .is_err()
+        {
             return Ok(());
         }
-        self.rig.interlock.begin(
-            self.rig.allowance(fixture, &next.sine()),
-            self.rig.clock.machine_s(),
-        );
+        self.rig.begin(fixture, &next.sine());
         let told_s = self.rig.clock.now_s();
-        self.rig.drive((freq_hz, amplitude_a, next.wait_s)).await?;
+        self.rig.drive(&tone).await?;
         let proven_s = self.rig.clock.now_s();
         let since_s = if proven_s - told_s <= PROMPT_S {
             told_s
         } else {
             proven_s
         };
-        self.sweep.ahead = Some(Ahead {
-            freq_hz,
-            amplitude_a,
-            since_s,
-        });
+        self.sweep.ahead = Some(Ahead { tone, since_s });
         Ok(())
     }
 

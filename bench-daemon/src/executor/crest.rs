@@ -169,7 +169,8 @@ impl Executor<'_> {
     pub(super) fn headroom(
         &self,
         fixture: Fixture,
-        (freq_hz, peak_a): (f64, f64),
+        freq_hz: f64,
+        peak_a: f64,
     ) -> Result<(), ExecuteError> {
         let Some(rest_v) = self
             .known

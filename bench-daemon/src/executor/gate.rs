@@ -58,10 +58,7 @@ impl Executor<'_> {
         tracing::info!("{text}");
         self.rig.recorder.event(Event::Again, &text)?;
         let start_s = self.rig.clock.now_s();
-        self.rig.interlock.begin(
-            self.rig.allowance(fixture, step),
-            self.rig.clock.machine_s(),
-        );
+        self.rig.begin(fixture, step);
         let mut point = self.sine(fixture, step, before.captures).await?;
         let took_s = self.rig.clock.now_s() - start_s;
         let spent = Spent {

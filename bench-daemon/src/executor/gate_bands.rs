@@ -131,10 +131,7 @@ impl Executor<'_> {
             .max()
             .unwrap_or(0);
         let step = Step::Multisine(std::sync::Arc::new(band.clone()));
-        self.rig.interlock.begin(
-            self.rig.allowance(Fixture::Cell, &step),
-            self.rig.clock.machine_s(),
-        );
+        self.rig.begin(Fixture::Cell, &step);
         let again = self.multisine(band, (first, taken)).await?;
         let took_s = self.rig.clock.now_s() - start_s;
         self.sweep.spent = self.sweep.spent

@@ -95,10 +95,7 @@ impl Executor<'_> {
             .rev()
             .find(|step| matches!(step, Step::PowerUp { .. } | Step::PowerDown));
         if let Some(power @ Step::PowerUp { .. }) = power {
-            self.rig.interlock.begin(
-                self.rig.allowance(fixture, power),
-                self.rig.clock.machine_s(),
-            );
+            self.rig.begin(fixture, power);
             self.power(fixture, power).await?;
         }
         Ok(())
@@ -107,7 +104,8 @@ impl Executor<'_> {
     async fn wait_without_current(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         // What is begun again afterwards is written down again, and told to the scope again: a
         // person may have been at its panel.
-        (self.sweep.announced, self.sweep.ahead, self.scope.armed) = (None, None, None);
+        self.sweep.fall_back();
+        self.scope.armed = None;
         self.rig
             .bench
             .made_safe()
@@ -122,10 +120,7 @@ impl Executor<'_> {
             "paused on request: every output is off; `eis-bench go-on` with the run \
         folder lets it go on",
         );
-        let nothing = self.rig.allowance(fixture, &Step::Pause { span_s: 0.0 });
-        self.rig
-            .interlock
-            .begin(nothing, self.rig.clock.machine_s());
+        self.rig.begin(fixture, &Step::Pause { span_s: 0.0 });
         while self.rig.paused(true)? {
             self.rig.clock.sleep_s(PAUSE_POLL_S).await;
             self.rig.watch_idle("paused", fixture).await?;

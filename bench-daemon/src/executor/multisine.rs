@@ -237,7 +237,7 @@ impl Executor<'_> {
         band: &Band,
         (first, taken): (usize, usize),
     ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
-        self.headroom(Fixture::Cell, (band.base_hz, band.peak_a))?;
+        self.headroom(Fixture::Cell, band.base_hz, band.peak_a)?;
         self.rig.play_wave(band).await?;
         let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
         if self.scope.verticals[0].is_none() {

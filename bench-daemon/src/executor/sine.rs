@@ -10,6 +10,7 @@ use instruments::{
 
 use super::{
     ExecuteError, Executor, Rig,
+    ahead::Tone,
     burst::MOST_LONGER,
     crest::Drawn,
     record::{Asked, Taken, analyse},
@@ -37,16 +38,13 @@ const FRAME_TOLERANCE: f64 = 0.02;
 
 impl Rig<'_> {
     /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
-    pub(super) async fn drive(
-        &mut self,
-        (freq_hz, amplitude_a, wait_s): (f64, f64, f64),
-    ) -> Result<(), ExecuteError> {
+    pub(super) async fn drive(&mut self, tone: &Tone) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let sine = Sine {
-            freq: Hertz(freq_hz),
-            amplitude: Volts(amplitude_a * volts_per_amp * wiring.command_trim),
+            freq: Hertz(tone.freq_hz),
+            amplitude: Volts(tone.amplitude_a * volts_per_amp * wiring.command_trim),
             offset: Volts(wiring.command_offset_v),
         };
         let error = self.bench.error("generator");
@@ -54,7 +52,7 @@ impl Rig<'_> {
             .sine(&sine)
             .await
             .map_err(error)?;
-        self.begin_signal(freq_hz, wait_s).await
+        self.begin_signal(tone.freq_hz, tone.wait_s).await
     }
 
     /// The four channels of the stopped frame.
@@ -122,9 +120,14 @@ impl Executor<'_> {
                 reason: "no section [eis]".to_owned(),
             });
         };
-        let mut driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
+        let tone = Tone {
+            freq_hz,
+            amplitude_a,
+            wait_s,
+        };
+        let mut driven_s = match self.sweep.taken_ahead(&tone) {
             Some(since_s) => since_s,
-            None => self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?,
+            None => self.driven(fixture, &tone).await?,
         };
         let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
         if self.scope.verticals[0].is_none() {
@@ -135,25 +138,19 @@ impl Executor<'_> {
         for attempt in 0..=MAX_RANGING {
             if attempt > 0 {
                 // The generator may have gone on already, and the ranges are new in any case.
-                self.rig.interlock.begin(
-                    self.rig.allowance(fixture, step),
-                    self.rig.clock.machine_s(),
-                );
-                driven_s = match self.taken_ahead(freq_hz, amplitude_a) {
+                self.rig.begin(fixture, step);
+                driven_s = match self.sweep.taken_ahead(&tone) {
                     None if self.sweep.next.is_none()
                         && self.rig.driving.burst.ends_s.is_infinite() =>
                     {
                         self.rig.clock.now_s()
                     }
-                    _ => self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?,
+                    _ => self.driven(fixture, &tone).await?,
                 };
             }
             let mut longer = 0..MOST_LONGER;
             let (waveforms, effective_a) = loop {
-                if let Some(taken) = self
-                    .capture(eis, (freq_hz, wait_s, driven_s), fixture)
-                    .await?
-                {
+                if let Some(taken) = self.capture(eis, &tone, driven_s, fixture).await? {
                     break taken;
                 }
                 if longer.next().is_none() {
@@ -166,7 +163,7 @@ impl Executor<'_> {
                     freq_hz,
                     "a longer burst: the record would have outlasted it"
                 );
-                driven_s = self.driven(fixture, (freq_hz, amplitude_a, wait_s)).await?;
+                driven_s = self.driven(fixture, &tone).await?;
             };
             let length_s = waveforms[0].interval_s * waveforms[0].codes.len() as f64;
             let (attempt_in_all, time_s) = (taken + attempt, self.scope.stopped_s - 0.5 * length_s);
@@ -228,13 +225,9 @@ impl Executor<'_> {
 
     /// As [`Self::drive`], where the crests are allowed; gives the instant from which on it
     /// settles, bench s.
-    async fn driven(
-        &mut self,
-        fixture: Fixture,
-        (freq_hz, amplitude_a, wait_s): (f64, f64, f64),
-    ) -> Result<f64, ExecuteError> {
-        self.headroom(fixture, (freq_hz, amplitude_a))?;
-        self.rig.drive((freq_hz, amplitude_a, wait_s)).await?;
+    async fn driven(&mut self, fixture: Fixture, tone: &Tone) -> Result<f64, ExecuteError> {
+        self.headroom(fixture, tone.freq_hz, tone.amplitude_a)?;
+        self.rig.drive(tone).await?;
         Ok(self.rig.clock.now_s())
     }
 
@@ -283,23 +276,24 @@ impl Executor<'_> {
     async fn capture(
         &mut self,
         eis: &Eis,
-        (freq_hz, wait_s, driven_s): (f64, f64, f64),
+        tone: &Tone,
+        driven_s: f64,
         fixture: Fixture,
     ) -> Result<Option<([Waveform; 4], Option<f64>)>, ExecuteError> {
         self.apply_verticals().await?;
         let screen_s = self
-            .arm_screen(Seconds(eis.periods_on_screen / freq_hz))
+            .arm_screen(Seconds(eis.periods_on_screen / tone.freq_hz))
             .await?;
         let ripe_s = if self.rig.overlaps() {
-            self.rig.ripe_s((freq_hz, wait_s), driven_s, screen_s)
+            self.rig.ripe_s(tone, driven_s, screen_s)
         } else {
-            self.rig.clock.now_s() + wait_s
+            self.rig.clock.now_s() + tone.wait_s
         };
         if self.rig.falls_short(ripe_s) {
             return Ok(None);
         }
         let chosen = if self.rig.overlaps() {
-            self.announce()?;
+            self.sweep.announce(self.rig.recorder)?;
             let error = self.rig.bench.error("scope");
             let chosen = require(&mut self.rig.bench.scope, "scope")?
                 .choose(1, eis.record_points)
@@ -308,7 +302,9 @@ impl Executor<'_> {
             self.watch_until(ripe_s, fixture).await?;
             chosen
         } else {
-            self.rig.wait_watching(wait_s, ("sine", fixture)).await?;
+            self.rig
+                .wait_watching(tone.wait_s, ("sine", fixture))
+                .await?;
             None
         };
         let error = self.rig.bench.error("scope");
@@ -326,9 +322,9 @@ impl Executor<'_> {
             .rig
             .fetch_frame((eis.record_points, chosen), fixture)
             .await?;
-        self.check_frame(freq_hz, &waveforms, screen_s)?;
+        self.check_frame(tone.freq_hz, &waveforms, screen_s)?;
         let four = waveforms.try_into().map_err(|_| ExecuteError::Signal {
-            freq_hz,
+            freq_hz: tone.freq_hz,
             reason: "not four channels".to_owned(),
         })?;
         Ok(Some((four, effective_a)))

@@ -182,6 +182,12 @@ impl Rig<'_> {
         }
     }
 
+    /// From now on the allowance of a step holds.
+    pub(super) fn begin(&mut self, fixture: Fixture, step: &Step) {
+        let allowance = self.allowance(fixture, step);
+        self.interlock.begin(allowance, self.clock.machine_s());
+    }
+
     /// Waits, reading and judging the bipolar supply all the while; `phase` stands with the
     /// readings.
     pub(super) async fn wait_watching(
