@@ -28,7 +28,7 @@ mod wave;
 use std::sync::Arc;
 
 use analysis::calibration::Correction;
-use instruments::{fixture::Fixture, units::Volts};
+use instruments::fixture::Fixture;
 
 use ahead::{Next, SweepState};
 pub use dc::SOC_MISSED;
@@ -278,8 +278,7 @@ impl<'a> Executor<'a> {
             // From here on it is the cell's voltmeter.
             load.watch().await.map_err(error)?;
         }
-        self.scope.verticals = [None; 4];
-        self.scope.trigger_v = Volts(0.0);
+        self.scope.forget();
         if fixture == Fixture::Short {
             // A bar across a cell is a dead short, whatever the outputs do: it is looked for before
             // anybody reaches into the jig.

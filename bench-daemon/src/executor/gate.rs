@@ -8,7 +8,7 @@ use analysis::{
 };
 use instruments::fixture::Fixture;
 
-use super::{ExecuteError, Executor};
+use super::{ExecuteError, Executor, Known, SweepState};
 use crate::{
     measure::{
         Spent, SweepPoint,
@@ -24,6 +24,64 @@ const CERTAIN: f64 = 5.0;
 /// others are compared with.
 const ROUNDS: usize = 3;
 
+impl SweepState {
+    /// Whether another record of a point is within the sweep's budget.
+    pub(super) fn afford(&self, quality: &Quality, step: &Step) -> bool {
+        let time_s = step.expected_s();
+        let more = Spent {
+            time_s,
+            charge_c: moved_c(step, time_s),
+        };
+        self.spent.allows(quality, more)
+    }
+}
+
+impl Known {
+    /// Kramers–Kronig residuals over |Z| of points that do not fit the others; nothing where they
+    /// do, or where the sweep is too short to tell. Where a sweep goes there and back, each way is
+    /// tested by itself: between them the cell may have changed.
+    pub(super) fn residuals(&self, points: &[SweepPoint]) -> Vec<Option<f64>> {
+        let mut found = vec![None; points.len()];
+        for way in ways(points) {
+            let sorted: Vec<(usize, ImpedancePoint)> = way
+                .into_iter()
+                .map(|k| (k, self.tested(&points[k])))
+                .collect();
+            if sorted.len() < FEWEST_POINTS {
+                continue;
+            }
+            let spectrum = Spectrum {
+                name: "sweep".to_owned(),
+                points: sorted.iter().map(|(_, point)| *point).collect(),
+                ..Spectrum::default()
+            };
+            let Ok(test) =
+                Noise::of(&spectrum, &[]).and_then(|noise| kramers_kronig(&spectrum, &noise))
+            else {
+                continue;
+            };
+            let fails = |point: &KkPoint| point.left_out || point.sigmas > CERTAIN;
+            for ((k, _), point) in sorted.iter().zip(&test.points) {
+                found[*k] = fails(point).then(|| 0.01 * point.percent());
+            }
+        }
+        found
+    }
+
+    /// A point as the test takes it: corrected, with the noise of its own record.
+    fn tested(&self, point: &SweepPoint) -> ImpedancePoint {
+        let covariance = self
+            .correction
+            .measured_parts(&point.phasors)
+            .into_iter()
+            .sum();
+        ImpedancePoint {
+            covariance,
+            ..self.correction.apply(&point.phasors)
+        }
+    }
+}
+
 impl Executor<'_> {
     /// One point through the gate, where there is one.
     pub(super) async fn gated(
@@ -37,7 +95,7 @@ impl Executor<'_> {
         };
         best.failing = quality.judge(&best.measures);
         for _ in 0..quality.again {
-            if best.failing.is_empty() || !self.afford(&quality, step) {
+            if best.failing.is_empty() || !self.sweep.afford(&quality, step) {
                 break;
             }
             best = self.measure_again(fixture, step, (&quality, best)).await?;
@@ -84,16 +142,6 @@ impl Executor<'_> {
         })
     }
 
-    /// Whether another record of a point is within the sweep's budget.
-    fn afford(&self, quality: &Quality, step: &Step) -> bool {
-        let time_s = step.expected_s();
-        let more = Spent {
-            time_s,
-            charge_c: moved_c(step, time_s),
-        };
-        self.sweep.spent.allows(quality, more)
-    }
-
     /// Holds the points of a finished sweep against each other, measures again those that do not
     /// fit, and flags what does not fit even then. Says which points changed: their steps in the
     /// stage and their places among the points.
@@ -108,7 +156,7 @@ impl Executor<'_> {
             return Ok(Vec::new());
         };
         for round in 0..=ROUNDS {
-            let residuals = self.residuals(points);
+            let residuals = self.known.residuals(points);
             let mut again = Vec::new();
             for (point, residual) in points.iter_mut().zip(residuals) {
                 point.failing.retain(|failing| !failing.is_of_sweep());
@@ -128,7 +176,7 @@ impl Executor<'_> {
                 let (Some(step), Some(slot)) = (step, slot) else {
                     continue;
                 };
-                if slot.rechecked < quality.again && self.afford(&quality, step) {
+                if slot.rechecked < quality.again && self.sweep.afford(&quality, step) {
                     let rechecked = slot.rechecked + 1;
                     let point = self
                         .measure_again(fixture, step, (&quality, slot.clone()))
@@ -155,51 +203,6 @@ impl Executor<'_> {
         Ok(changed
             .filter_map(|(place, (after, _))| Some((step(after)?, place)))
             .collect())
-    }
-
-    /// Kramers–Kronig residuals over |Z| of points that do not fit the others; nothing where they
-    /// do, or where the sweep is too short to tell. Where a sweep goes there and back, each way is
-    /// tested by itself: between them the cell may have changed.
-    pub(super) fn residuals(&self, points: &[SweepPoint]) -> Vec<Option<f64>> {
-        let mut found = vec![None; points.len()];
-        for way in ways(points) {
-            let sorted: Vec<(usize, ImpedancePoint)> = way
-                .into_iter()
-                .map(|k| (k, self.tested(&points[k])))
-                .collect();
-            if sorted.len() < FEWEST_POINTS {
-                continue;
-            }
-            let spectrum = Spectrum {
-                name: "sweep".to_owned(),
-                points: sorted.iter().map(|(_, point)| *point).collect(),
-                ..Spectrum::default()
-            };
-            let Ok(test) =
-                Noise::of(&spectrum, &[]).and_then(|noise| kramers_kronig(&spectrum, &noise))
-            else {
-                continue;
-            };
-            let fails = |point: &KkPoint| point.left_out || point.sigmas > CERTAIN;
-            for ((k, _), point) in sorted.iter().zip(&test.points) {
-                found[*k] = fails(point).then(|| 0.01 * point.percent());
-            }
-        }
-        found
-    }
-
-    /// A point as the test takes it: corrected, with the noise of its own record.
-    fn tested(&self, point: &SweepPoint) -> ImpedancePoint {
-        let covariance = self
-            .known
-            .correction
-            .measured_parts(&point.phasors)
-            .into_iter()
-            .sum();
-        ImpedancePoint {
-            covariance,
-            ..self.known.correction.apply(&point.phasors)
-        }
     }
 }
 

@@ -4,7 +4,7 @@
 
 use instruments::fixture::Fixture;
 
-use super::{ExecuteError, Executor, Rig};
+use super::{ExecuteError, Executor, Rig, SweepState};
 use crate::{
     measure::{
         Spent, SweepPoint,
@@ -20,6 +20,18 @@ impl Rig<'_> {
             .multisine
             .as_ref()
             .and_then(|multisine| multisine.quality)
+    }
+}
+
+impl SweepState {
+    /// Whether another record of a band is within the sweep's budget.
+    fn afford_band(&self, quality: &Quality, band: &Band) -> bool {
+        let time_s = band.settle_s + band.span_s;
+        let more = Spent {
+            time_s,
+            charge_c: band.mean_a() * time_s,
+        };
+        self.spent.allows(quality, more)
     }
 }
 
@@ -43,7 +55,7 @@ impl Executor<'_> {
         }
         for _ in 0..quality.again {
             if points[first..].iter().all(|point| point.failing.is_empty())
-                || !self.afford_band(&quality, band)
+                || !self.sweep.afford_band(&quality, band)
             {
                 break;
             }
@@ -63,7 +75,7 @@ impl Executor<'_> {
             return Ok(());
         };
         for round in 0..=quality.again {
-            let residuals = self.residuals(points);
+            let residuals = self.known.residuals(points);
             for (point, residual) in points.iter_mut().zip(residuals) {
                 point.failing.retain(|failing| !failing.is_of_sweep());
                 point
@@ -84,7 +96,7 @@ impl Executor<'_> {
                 let fails = points[range.clone()]
                     .iter()
                     .any(|point| point.failing.iter().any(Failing::is_of_sweep));
-                if fails && self.afford_band(&quality, band) {
+                if fails && self.sweep.afford_band(&quality, band) {
                     self.band_again(band, (&quality, range.start), points)
                         .await?;
                     measured = true;
@@ -152,14 +164,5 @@ impl Executor<'_> {
             points[slot].captures = captures;
         }
         Ok(())
-    }
-
-    fn afford_band(&self, quality: &Quality, band: &Band) -> bool {
-        let time_s = band.settle_s + band.span_s;
-        let more = Spent {
-            time_s,
-            charge_c: band.mean_a() * time_s,
-        };
-        self.sweep.spent.allows(quality, more)
     }
 }

@@ -34,6 +34,19 @@ pub(super) struct Legs {
     rows: Vec<LegRow>,
 }
 
+impl Legs {
+    /// Keeps a reading of bench time; its current charges positive.
+    fn push(&mut self, time_s: f64, voltage_v: f64, current_a: f64, last_c: Option<f64>) {
+        self.rows.push(LegRow {
+            time_s: time_s - self.start_s,
+            current_a,
+            voltage_v,
+            temperature_c: last_c.unwrap_or(f64::NAN),
+            charge_c: self.charge_c,
+        });
+    }
+}
+
 impl Executor<'_> {
     pub(super) async fn leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {
         if self.direct.legs.log != Some(leg.log) {
@@ -87,8 +100,7 @@ impl Executor<'_> {
         for poll in 1.. {
             self.rig.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
-            self.keep("discharge", &mut last_s, (volts, -drawn_a))
-                .await?;
+            self.keep("discharge", &mut last_s, volts, -drawn_a).await?;
             if volts <= until_v
                 || charge_c.is_some_and(|charge_c| from_c - self.direct.legs.charge_c >= charge_c)
             {
@@ -145,7 +157,7 @@ impl Executor<'_> {
                 .await
                 .map_err(&error)?;
             let fed_a = fed.value();
-            self.keep("charge", &mut last_s, (volts, fed_a)).await?;
+            self.keep("charge", &mut last_s, volts, fed_a).await?;
             self.rig
                 .agree_with_charger(terminal.value(), (volts, fed_a))?;
             let full = poll >= RISEN_POLLS && volts > limit_v - NEAR_LIMIT_V && fed_a <= cut_off_a;
@@ -194,7 +206,8 @@ impl Executor<'_> {
             self.rig.idle_meters(drawn_a, fed_a).await?;
             last_s = time_s;
             // Nothing flows: what the meters show is their zero error.
-            self.push(time_s, (volts, 0.0));
+            let last_c = self.rig.temperatures.last_c;
+            self.direct.legs.push(time_s, volts, 0.0, last_c);
         }
         Ok(())
     }
@@ -204,7 +217,8 @@ impl Executor<'_> {
         &mut self,
         phase: &str,
         last_s: &mut f64,
-        (volts, amps): (f64, f64),
+        volts: f64,
+        amps: f64,
     ) -> Result<(), ExecuteError> {
         let time_s = self.rig.clock.now_s();
         let temperature_c = self.rig.temperature_now_and_then().await?;
@@ -228,19 +242,8 @@ impl Executor<'_> {
             .await?;
         self.direct.legs.charge_c += amps * (time_s - *last_s);
         *last_s = time_s;
-        self.push(time_s, (volts, amps));
+        let last_c = self.rig.temperatures.last_c;
+        self.direct.legs.push(time_s, volts, amps, last_c);
         Ok(())
-    }
-
-    fn push(&mut self, time_s: f64, (voltage_v, current_a): (f64, f64)) {
-        let temperature_c = self.rig.temperatures.last_c.unwrap_or(f64::NAN);
-        let (time_s, charge_c) = (time_s - self.direct.legs.start_s, self.direct.legs.charge_c);
-        self.direct.legs.rows.push(LegRow {
-            time_s,
-            current_a,
-            voltage_v,
-            temperature_c,
-            charge_c,
-        });
     }
 }

@@ -24,8 +24,6 @@ use crate::{
 
 /// For the scope to fill its screen, s.
 const FILL_S: f64 = 0.05;
-/// The trigger level lies so many divisions above the centre, out of reach: the scope is to roll.
-const OUT_OF_REACH_DIV: f64 = 4.0;
 /// Standard deviations from which on clocks differ.
 const CERTAIN: f64 = 5.0;
 /// A turn of the fastest line over the record that is said, and one that is refused, rad: 0.3 rad
@@ -253,7 +251,7 @@ impl Executor<'_> {
                 amplitude_a: band.peak_a,
             };
             self.rig.crest(Fixture::Cell, &drawn).await?;
-            let ranged = self.range_again(&waveforms, &scope);
+            let ranged = self.scope.range_again(&waveforms, &scope);
             let clipped = waveforms
                 .iter()
                 .any(|waveform| waveform.clipped_share() > 0.0);
@@ -303,12 +301,9 @@ impl Executor<'_> {
         band: &Band,
         attempt: usize,
     ) -> Result<Option<[Waveform; 4]>, ExecuteError> {
-        self.apply_verticals().await?;
+        self.scope.apply(self.rig.bench).await?;
         let error = self.rig.bench.error("scope");
-        let level = Volts(
-            OUT_OF_REACH_DIV
-                * self.scope.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
-        );
+        let level = self.scope.out_of_reach();
         let scope = require(&mut self.rig.bench.scope, "scope")?;
         let per_div = scope.capabilities().time_per_div(Seconds(band.span_s));
         let memory_points = band.memory_points;
@@ -349,7 +344,8 @@ impl Executor<'_> {
             );
             self.rig.watch("multisine", Fixture::Cell).await?;
         }
-        self.check_frame(band.base_hz, &waveforms, band.span_s)?;
+        self.scope
+            .check_frame(band.base_hz, &waveforms, band.span_s)?;
         let waveforms: [Waveform; 4] = waveforms
             .try_into()
             .map_err(|_| failed(band, "not four channels"))?;

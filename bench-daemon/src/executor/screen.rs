@@ -1,9 +1,26 @@
-//! The scope's settings: those that are wanted, and those that it was told last.
+//! The scope's settings: those that are wanted, those that it was told last, and those that a record
+//! asks for.
+
+use std::ops::RangeInclusive;
 
 use instruments::{
-    scope::{Trigger, Vertical},
+    scope::{Capabilities, Intent, Trigger, Vertical, Waveform},
     units::{Seconds, Volts},
 };
+
+use super::{ExecuteError, require};
+use crate::bench::Bench;
+
+/// The trigger watches the high side of the shunt: a large, clean copy of the current.
+const TRIGGER_CHANNEL: u8 = 2;
+/// A signal that spans less than this share of the ADC's range is ranged again.
+const MIN_SPAN: f64 = 0.04;
+/// A new range is chosen so that the signal spans this share of it.
+const WANTED_SPAN: f64 = 0.5;
+/// How far a frame may be from the settings that it was asked with, as a share.
+const FRAME_TOLERANCE: f64 = 0.02;
+/// The trigger level lies so many divisions above the centre, out of reach: the scope is to roll.
+const OUT_OF_REACH_DIV: f64 = 4.0;
 
 /// The scope's settings: those that are wanted, and those that it was told last.
 pub(super) struct Screen {
@@ -30,6 +47,226 @@ impl Default for Screen {
             memory_points: None,
             stopped_s: 0.0,
             armed: None,
+        }
+    }
+}
+
+impl Screen {
+    /// Forgets the ranges, for something else is in the jig.
+    pub(super) fn forget(&mut self) {
+        self.verticals = [None; 4];
+        self.trigger_v = Volts(0.0);
+    }
+
+    /// Wants scales, V per division, with the cell's voltage in the centre of channel 4.
+    pub(super) fn centre(&mut self, per_div_v: [f64; 4], cell_v: f64, scope: &Capabilities) {
+        for ((slot, per_div_v), channel) in self.verticals.iter_mut().zip(per_div_v).zip(1..=4_u8) {
+            let offset = Volts(if channel == 4 { -cell_v } else { 0.0 });
+            *slot = Some(Vertical {
+                channel,
+                per_div: scope.scale_for_offset(Volts(per_div_v), offset),
+                offset,
+            });
+        }
+    }
+
+    /// Sends the settings of the channels that are to change.
+    pub(super) async fn apply(&mut self, bench: &mut Bench) -> Result<(), ExecuteError> {
+        let error = bench.error("scope");
+        for (wanted, applied) in self.verticals.iter().zip(&mut self.applied) {
+            if let Some(vertical) = wanted.filter(|_| wanted != applied) {
+                require(&mut bench.scope, "scope")?
+                    .set(&Intent::Vertical(vertical))
+                    .await
+                    .map_err(&error)?;
+                *applied = Some(vertical);
+            }
+        }
+        Ok(())
+    }
+
+    /// Arms the scope for a span; gives the length of its screen, s.
+    pub(super) async fn arm(
+        &mut self,
+        bench: &mut Bench,
+        span: Seconds,
+        overlaps: bool,
+    ) -> Result<f64, ExecuteError> {
+        let trigger = Trigger {
+            channel: TRIGGER_CHANNEL,
+            level: self.trigger_v,
+        };
+        let error = bench.error("scope");
+        let scope = require(&mut bench.scope, "scope")?;
+        let (per_div, scope_divisions) = (
+            scope.capabilities().time_per_div(span),
+            scope.capabilities().horizontal_div,
+        );
+        // What nobody has touched since the point before is not sent again where points overlap: it
+        // would come out of their settling.
+        let same = self.armed.replace((per_div, trigger)).filter(|_| overlaps);
+        let timebase =
+            (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
+        let trigger =
+            (same.map(|armed| armed.1) != Some(trigger)).then_some(Intent::Trigger(trigger));
+        for intent in timebase.into_iter().chain(trigger).chain([Intent::Arm]) {
+            scope.set(&intent).await.map_err(&error)?;
+        }
+        Ok(per_div.value() * scope_divisions)
+    }
+
+    /// A trigger level that no signal reaches, V: the scope is to roll.
+    pub(super) fn out_of_reach(&self) -> Volts {
+        Volts(OUT_OF_REACH_DIV * self.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()))
+    }
+
+    /// The frame must be of this acquisition: as long as the screen, on the scales that were set,
+    /// the same for all channels.
+    pub(super) fn check_frame(
+        &self,
+        freq_hz: f64,
+        waveforms: &[Waveform],
+        screen_s: f64,
+    ) -> Result<(), ExecuteError> {
+        let fail = |reason: String| Err(ExecuteError::Signal { freq_hz, reason });
+        for (waveform, applied) in waveforms.iter().zip(&self.applied) {
+            let preamble = &waveform.preamble;
+            let length_s = preamble.interval_s * preamble.points as f64;
+            if (length_s / screen_s - 1.0).abs() > FRAME_TOLERANCE {
+                return fail(format!(
+                    "channel {}: expected a frame of {screen_s} s, found one of {length_s} s",
+                    waveform.channel
+                ));
+            }
+            let per_div_v = applied.map_or(f64::NAN, |vertical| vertical.per_div.value());
+            if (preamble.volts_per_div / per_div_v - 1.0).abs() > FRAME_TOLERANCE {
+                let found = preamble.volts_per_div;
+                return fail(format!(
+                    "channel {}: expected a frame at {per_div_v} V/div, found one at {found} V/div",
+                    waveform.channel
+                ));
+            }
+            if waveform.interval_s != waveforms[0].interval_s
+                || waveform.codes.len() != waveforms[0].codes.len()
+            {
+                return fail(format!(
+                    "channel {}: expected the samples of channel 1, found another number or \
+                    interval",
+                    waveform.channel
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// New settings for the channels that clipped or were too small, in words; the trigger level
+    /// and the offsets follow the signal.
+    pub(super) fn range_again(
+        &mut self,
+        waveforms: &[Waveform; 4],
+        scope: &Capabilities,
+    ) -> Vec<String> {
+        let mut changes = Vec::new();
+        for (slot, waveform) in waveforms.iter().enumerate() {
+            let Some(vertical) = self.verticals[slot] else {
+                continue;
+            };
+            let (least_v, greatest_v) = waveform.extremes_v();
+            if waveform.channel == TRIGGER_CHANNEL {
+                self.trigger_v = Volts(0.5 * (greatest_v + least_v));
+            }
+            let clipped = waveform.clipped_share() > 0.0;
+            let Some(changed) = other_range(&vertical, least_v..=greatest_v, clipped, scope) else {
+                continue;
+            };
+            let what = if clipped { "clipped" } else { "small" };
+            changes.push(format!(
+                "channel {} {what} at {} V/div",
+                waveform.channel,
+                vertical.per_div.value()
+            ));
+            self.verticals[slot] = Some(changed);
+        }
+        changes
+    }
+}
+
+/// Another range for a signal that clipped or is small in its range; none where the range is right,
+/// or the finest there is. A signal that lies wholly outside has no span at all, and yet it is not
+/// small.
+fn other_range(
+    vertical: &Vertical,
+    extremes_v: RangeInclusive<f64>,
+    clipped: bool,
+    scope: &Capabilities,
+) -> Option<Vertical> {
+    let (least_v, greatest_v) = extremes_v.into_inner();
+    let (span_v, per_div_v) = (greatest_v - least_v, vertical.per_div.value());
+    let small = !clipped
+        && span_v < MIN_SPAN * 2.0 * scope.half_range_div * per_div_v
+        && per_div_v > scope.per_div.0.value() * 1.001;
+    if !(clipped || small) {
+        return None;
+    }
+    let wanted_v = if clipped {
+        2.0 * per_div_v
+    } else {
+        (span_v / (2.0 * scope.half_range_div * WANTED_SPAN)).max(scope.per_div.0.value())
+    };
+    let offset = Volts(-0.5 * (greatest_v + least_v));
+    let per_div = scope.scale_for_offset(Volts(round_scale(wanted_v)), offset);
+    (clipped || per_div.value() < per_div_v).then_some(Vertical {
+        channel: vertical.channel,
+        per_div,
+        offset,
+    })
+}
+
+/// Two significant digits, upwards: scopes take any scale, people prefer round ones.
+fn round_scale(scale: f64) -> f64 {
+    let decade = 10.0_f64.powf(scale.log10().floor() - 1.0);
+    (scale / decade).ceil() * decade
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_signal_wholly_outside_its_range_is_given_a_wider_one() {
+        let dialect =
+            instruments::instrument::by_key(instruments::scope::DIALECTS, "siglent-sds800x-hd");
+        let scope = dialect.map(|dialect| dialect.capabilities()).unwrap();
+        let vertical = Vertical {
+            channel: 1,
+            per_div: Volts(0.02),
+            offset: Volts(0.0),
+        };
+        let rail_v = 0.02 * scope.half_range_div;
+        // Every sample is the same: the greatest code.
+        let wider =
+            other_range(&vertical, rail_v..=rail_v, true, &scope).map(|vertical| vertical.per_div);
+        assert_eq!(wider, Some(Volts(0.04)));
+        let swing = |share: f64| -share * rail_v..=share * rail_v;
+        assert_eq!(other_range(&vertical, swing(0.5), false, &scope), None);
+        let finer = other_range(&vertical, swing(0.03), false, &scope)
+            .map_or(f64::NAN, |vertical| vertical.per_div.value());
+        assert!(finer < 0.02, "{finer}");
+    }
+
+    #[test]
+    fn scales_are_rounded_up_to_two_digits() {
+        for (scale, rounded) in [
+            (0.0173, 0.018),
+            (0.02, 0.02),
+            (1.01, 1.1),
+            (0.000_5, 0.000_5),
+        ] {
+            assert!(
+                (round_scale(scale) - rounded).abs() < 1.0e-9,
+                "{scale}: {}",
+                round_scale(scale)
+            );
         }
     }
 }

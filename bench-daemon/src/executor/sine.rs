@@ -4,7 +4,7 @@
 use instruments::{
     fixture::Fixture,
     generator::Sine,
-    scope::{Capabilities, Chosen, Intent, Trigger, Vertical, Waveform},
+    scope::{Capabilities, Chosen, Waveform},
     units::{Hertz, Seconds, Volts},
 };
 
@@ -24,17 +24,9 @@ use crate::{
     record::CaptureFile,
 };
 
-/// The trigger watches the high side of the shunt: a large, clean copy of the current.
-const TRIGGER_CHANNEL: u8 = 2;
-/// A signal that spans less than this share of the ADC's range is ranged again.
-const MIN_SPAN: f64 = 0.04;
-/// A new range is chosen so that the signal spans this share of it.
-const WANTED_SPAN: f64 = 0.5;
 /// How far the amplitude of the current may stay behind its command, as a share: at the end of its
 /// band a supply loses a seventh.
 const CURRENT_TOLERANCE: f64 = 0.2;
-/// How far a frame may be from the settings that it was asked with, as a share.
-const FRAME_TOLERANCE: f64 = 0.02;
 
 impl Rig<'_> {
     /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
@@ -187,7 +179,7 @@ impl Executor<'_> {
                     },
                 )
                 .await?;
-            let ranged = self.range_again(&waveforms, &scope);
+            let ranged = self.scope.range_again(&waveforms, &scope);
             let clipped = waveforms
                 .iter()
                 .any(|waveform| waveform.clipped_share() > 0.0);
@@ -223,7 +215,7 @@ impl Executor<'_> {
         })
     }
 
-    /// As [`Self::drive`], where the crests are allowed; gives the instant from which on it
+    /// As [`Rig::drive`], where the crests are allowed; gives the instant from which on it
     /// settles, bench s.
     async fn driven(&mut self, fixture: Fixture, tone: &Tone) -> Result<f64, ExecuteError> {
         self.headroom(fixture, tone.freq_hz, tone.amplitude_a)?;
@@ -243,31 +235,14 @@ impl Executor<'_> {
         } else {
             0.0
         };
-        for (slot, channel) in (1..=4_u8).enumerate() {
-            let per_div =
-                Volts(self.rig.experiment.bench.wiring.scale_per_ampere_v[slot] * amplitude_a);
-            let offset = Volts(if channel == 4 { -cell_v } else { 0.0 });
-            self.scope.verticals[slot] = Some(Vertical {
-                channel,
-                per_div: scope.scale_for_offset(per_div, offset),
-                offset,
-            });
-        }
-        Ok(())
-    }
-
-    /// Sends the settings of the channels that are to change.
-    pub(super) async fn apply_verticals(&mut self) -> Result<(), ExecuteError> {
-        let error = self.rig.bench.error("scope");
-        for (wanted, applied) in self.scope.verticals.iter().zip(&mut self.scope.applied) {
-            if let Some(vertical) = wanted.filter(|_| wanted != applied) {
-                require(&mut self.rig.bench.scope, "scope")?
-                    .set(&Intent::Vertical(vertical))
-                    .await
-                    .map_err(&error)?;
-                *applied = Some(vertical);
-            }
-        }
+        let per_div_v = self
+            .rig
+            .experiment
+            .bench
+            .wiring
+            .scale_per_ampere_v
+            .map(|scale_v| scale_v * amplitude_a);
+        self.scope.centre(per_div_v, cell_v, scope);
         Ok(())
     }
 
@@ -280,11 +255,11 @@ impl Executor<'_> {
         driven_s: f64,
         fixture: Fixture,
     ) -> Result<Option<([Waveform; 4], Option<f64>)>, ExecuteError> {
-        self.apply_verticals().await?;
-        let screen_s = self
-            .arm_screen(Seconds(eis.periods_on_screen / tone.freq_hz))
-            .await?;
-        let ripe_s = if self.rig.overlaps() {
+        self.scope.apply(self.rig.bench).await?;
+        let span = Seconds(eis.periods_on_screen / tone.freq_hz);
+        let overlaps = self.rig.overlaps();
+        let screen_s = self.scope.arm(self.rig.bench, span, overlaps).await?;
+        let ripe_s = if overlaps {
             self.rig.ripe_s(tone, driven_s, screen_s)
         } else {
             self.rig.clock.now_s() + tone.wait_s
@@ -292,7 +267,7 @@ impl Executor<'_> {
         if self.rig.falls_short(ripe_s) {
             return Ok(None);
         }
-        let chosen = if self.rig.overlaps() {
+        let chosen = if overlaps {
             self.sweep.announce(self.rig.recorder)?;
             let error = self.rig.bench.error("scope");
             let chosen = require(&mut self.rig.bench.scope, "scope")?
@@ -322,191 +297,11 @@ impl Executor<'_> {
             .rig
             .fetch_frame((eis.record_points, chosen), fixture)
             .await?;
-        self.check_frame(tone.freq_hz, &waveforms, screen_s)?;
+        self.scope.check_frame(tone.freq_hz, &waveforms, screen_s)?;
         let four = waveforms.try_into().map_err(|_| ExecuteError::Signal {
             freq_hz: tone.freq_hz,
             reason: "not four channels".to_owned(),
         })?;
         Ok(Some((four, effective_a)))
-    }
-
-    /// Arms the scope for a span; gives the length of its screen, s.
-    async fn arm_screen(&mut self, span: Seconds) -> Result<f64, ExecuteError> {
-        let trigger = Trigger {
-            channel: TRIGGER_CHANNEL,
-            level: self.scope.trigger_v,
-        };
-        let overlaps = self.rig.overlaps();
-        let error = self.rig.bench.error("scope");
-        let scope = require(&mut self.rig.bench.scope, "scope")?;
-        let (per_div, scope_divisions) = (
-            scope.capabilities().time_per_div(span),
-            scope.capabilities().horizontal_div,
-        );
-        // What nobody has touched since the point before is not sent again where points overlap: it
-        // would come out of their settling.
-        let same = self
-            .scope
-            .armed
-            .replace((per_div, trigger))
-            .filter(|_| overlaps);
-        let timebase =
-            (same.map(|armed| armed.0) != Some(per_div)).then_some(Intent::Timebase(per_div));
-        let trigger =
-            (same.map(|armed| armed.1) != Some(trigger)).then_some(Intent::Trigger(trigger));
-        for intent in timebase.into_iter().chain(trigger).chain([Intent::Arm]) {
-            scope.set(&intent).await.map_err(&error)?;
-        }
-        Ok(per_div.value() * scope_divisions)
-    }
-
-    /// The frame must be of this acquisition: as long as the screen, on the scales that were set,
-    /// the same for all channels.
-    pub(super) fn check_frame(
-        &self,
-        freq_hz: f64,
-        waveforms: &[Waveform],
-        screen_s: f64,
-    ) -> Result<(), ExecuteError> {
-        let fail = |reason: String| Err(ExecuteError::Signal { freq_hz, reason });
-        for (waveform, applied) in waveforms.iter().zip(&self.scope.applied) {
-            let preamble = &waveform.preamble;
-            let length_s = preamble.interval_s * preamble.points as f64;
-            if (length_s / screen_s - 1.0).abs() > FRAME_TOLERANCE {
-                return fail(format!(
-                    "channel {}: expected a frame of {screen_s} s, found one of {length_s} s",
-                    waveform.channel
-                ));
-            }
-            let per_div_v = applied.map_or(f64::NAN, |vertical| vertical.per_div.value());
-            if (preamble.volts_per_div / per_div_v - 1.0).abs() > FRAME_TOLERANCE {
-                let found = preamble.volts_per_div;
-                return fail(format!(
-                    "channel {}: expected a frame at {per_div_v} V/div, found one at {found} V/div",
-                    waveform.channel
-                ));
-            }
-            if waveform.interval_s != waveforms[0].interval_s
-                || waveform.codes.len() != waveforms[0].codes.len()
-            {
-                return fail(format!(
-                    "channel {}: expected the samples of channel 1, found another number or \
-                    interval",
-                    waveform.channel
-                ));
-            }
-        }
-        Ok(())
-    }
-
-    /// New settings for the channels that clipped or were too small, in words; the trigger level
-    /// and the offsets follow the signal.
-    pub(super) fn range_again(
-        &mut self,
-        waveforms: &[Waveform; 4],
-        scope: &Capabilities,
-    ) -> Vec<String> {
-        let mut changes = Vec::new();
-        for (slot, waveform) in waveforms.iter().enumerate() {
-            let Some(vertical) = self.scope.verticals[slot] else {
-                continue;
-            };
-            let (least_v, greatest_v) = waveform.extremes_v();
-            if waveform.channel == TRIGGER_CHANNEL {
-                self.scope.trigger_v = Volts(0.5 * (greatest_v + least_v));
-            }
-            let clipped = waveform.clipped_share() > 0.0;
-            let Some(changed) = other_range(&vertical, (least_v, greatest_v), clipped, scope)
-            else {
-                continue;
-            };
-            let what = if clipped { "clipped" } else { "small" };
-            changes.push(format!(
-                "channel {} {what} at {} V/div",
-                waveform.channel,
-                vertical.per_div.value()
-            ));
-            self.scope.verticals[slot] = Some(changed);
-        }
-        changes
-    }
-}
-
-/// Another range for a signal that clipped or is small in its range; none where the range is right,
-/// or the finest there is. A signal that lies wholly outside has no span at all, and yet it is not
-/// small.
-fn other_range(
-    vertical: &Vertical,
-    (least_v, greatest_v): (f64, f64),
-    clipped: bool,
-    scope: &Capabilities,
-) -> Option<Vertical> {
-    let (span_v, per_div_v) = (greatest_v - least_v, vertical.per_div.value());
-    let small = !clipped
-        && span_v < MIN_SPAN * 2.0 * scope.half_range_div * per_div_v
-        && per_div_v > scope.per_div.0.value() * 1.001;
-    if !(clipped || small) {
-        return None;
-    }
-    let wanted_v = if clipped {
-        2.0 * per_div_v
-    } else {
-        (span_v / (2.0 * scope.half_range_div * WANTED_SPAN)).max(scope.per_div.0.value())
-    };
-    let offset = Volts(-0.5 * (greatest_v + least_v));
-    let per_div = scope.scale_for_offset(Volts(round_scale(wanted_v)), offset);
-    (clipped || per_div.value() < per_div_v).then_some(Vertical {
-        channel: vertical.channel,
-        per_div,
-        offset,
-    })
-}
-
-/// Two significant digits, upwards: scopes take any scale, people prefer round ones.
-fn round_scale(scale: f64) -> f64 {
-    let decade = 10.0_f64.powf(scale.log10().floor() - 1.0);
-    (scale / decade).ceil() * decade
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_signal_wholly_outside_its_range_is_given_a_wider_one() {
-        let dialect =
-            instruments::instrument::by_key(instruments::scope::DIALECTS, "siglent-sds800x-hd");
-        let scope = dialect.map(|dialect| dialect.capabilities()).unwrap();
-        let vertical = Vertical {
-            channel: 1,
-            per_div: Volts(0.02),
-            offset: Volts(0.0),
-        };
-        let rail_v = 0.02 * scope.half_range_div;
-        // Every sample is the same: the greatest code.
-        let wider =
-            other_range(&vertical, (rail_v, rail_v), true, &scope).map(|vertical| vertical.per_div);
-        assert_eq!(wider, Some(Volts(0.04)));
-        let swing = |share: f64| (-share * rail_v, share * rail_v);
-        assert_eq!(other_range(&vertical, swing(0.5), false, &scope), None);
-        let finer = other_range(&vertical, swing(0.03), false, &scope)
-            .map_or(f64::NAN, |vertical| vertical.per_div.value());
-        assert!(finer < 0.02, "{finer}");
-    }
-
-    #[test]
-    fn scales_are_rounded_up_to_two_digits() {
-        for (scale, rounded) in [
-            (0.0173, 0.018),
-            (0.02, 0.02),
-            (1.01, 1.1),
-            (0.000_5, 0.000_5),
-        ] {
-            assert!(
-                (round_scale(scale) - rounded).abs() < 1.0e-9,
-                "{scale}: {}",
-                round_scale(scale)
-            );
-        }
     }
 }

@@ -12,7 +12,7 @@ use analysis::{
 };
 use instruments::{
     fixture::Fixture,
-    scope::{Intent, Trigger, Vertical, Waveform},
+    scope::{Intent, Trigger, Waveform},
     units::{Seconds, Volts},
 };
 
@@ -41,8 +41,6 @@ const ZERO_FRAME: Frame = Frame {
 const FILL_S: f64 = 0.05;
 /// Before an action of the trace no reading is begun in this time, s: it would make it late.
 const QUIET_S: f64 = 0.4;
-/// The trigger level lies so many divisions above the centre, out of reach: the scope is to roll.
-const OUT_OF_REACH_DIV: f64 = 4.0;
 /// Share of a frame that may clip: the loop's inductance answers a step with a spike, which no row
 /// takes in.
 const SPIKES: f64 = 1.0e-4;
@@ -338,33 +336,18 @@ impl Executor<'_> {
         let (least_a, greatest_a) = trace.extremes_a();
         let most_a = greatest_a.max(-least_a).max(LEAST_SCALE_A);
         let (down_v, up_v) = trace.drift_v(&self.rig.experiment.cell.limits);
-        for (slot, channel) in (1..=4_u8).enumerate() {
-            let drift_v = if channel == 4 {
-                0.5 * up_v.max(-down_v)
-            } else {
-                0.0
-            };
-            let per_div = Volts(
-                self.rig.experiment.bench.wiring.scale_per_ampere_v[slot] * most_a
-                    + drift_v / scope.half_range_div,
-            );
-            let offset = Volts(if channel == 4 { -ocv_v } else { 0.0 });
-            self.scope.verticals[slot] = Some(Vertical {
-                channel,
-                per_div: scope.scale_for_offset(per_div, offset),
-                offset,
-            });
-        }
+        let scales = self.rig.experiment.bench.wiring.scale_per_ampere_v;
+        let drift_v = 0.5 * up_v.max(-down_v);
+        let mut per_div_v = scales.map(|scale_v| scale_v * most_a);
+        per_div_v[3] += drift_v / scope.half_range_div;
+        self.scope.centre(per_div_v, ocv_v, &scope);
     }
 
     pub(super) async fn arm(&mut self, frame: &Frame) -> Result<(), ExecuteError> {
-        self.apply_verticals().await?;
+        self.scope.apply(self.rig.bench).await?;
         let error = self.rig.bench.error("scope");
         let memory_points = frame.memory_points;
-        let level = Volts(
-            OUT_OF_REACH_DIV
-                * self.scope.verticals[1].map_or(0.0, |vertical| vertical.per_div.value()),
-        );
+        let level = self.scope.out_of_reach();
         let remembered = self.scope.memory_points.replace(memory_points) == Some(memory_points);
         let scope = require(&mut self.rig.bench.scope, "scope")?;
         if !remembered {
@@ -424,7 +407,8 @@ impl Executor<'_> {
         let screen_s = require(&mut self.rig.bench.scope, "scope")?.capabilities();
         let screen_s =
             screen_s.time_per_div(Seconds(frame.span_s)).value() * screen_s.horizontal_div;
-        self.check_frame(0.0, &waveforms, screen_s)
+        self.scope
+            .check_frame(0.0, &waveforms, screen_s)
             .map_err(|refused| fail(refused.to_string()))?;
         let start_s = end_s - screen_s;
         let label = format!("trace {} repeat {} {name}", trace.name, trace.repeat);
