@@ -101,7 +101,8 @@ impl<'a> Executor<'a> {
     /// The first thing that went wrong. The outputs may then still be on.
     pub async fn stage(
         &mut self,
-        (number, stage): (usize, &Stage),
+        number: usize,
+        stage: &Stage,
         entrance: &Entrance<'_>,
         on_point: &mut dyn FnMut(&mut Recorder, &SweepPoint) -> Result<(), ExecuteError>,
     ) -> Result<Vec<SweepPoint>, ExecuteError> {
@@ -130,10 +131,10 @@ impl<'a> Executor<'a> {
             if let Some(known) = entrance.point(index) {
                 points.push(known.point.clone());
             }
-            if self.direct.reset.accepted || !entrance.plays(stage, (index, step)) {
+            if self.direct.reset.accepted || !entrance.plays(stage, index, step) {
                 continue;
             }
-            self.heed(stage, (index, fixture)).await?;
+            self.heed(stage, index, fixture).await?;
             tracing::info!("step: {step}");
             let allowance = self.rig.allowance(fixture, step);
             if !self.sweep.was_announced(index) {
@@ -147,7 +148,7 @@ impl<'a> Executor<'a> {
             }
             self.sweep.next = if self.rig.overlaps() {
                 Next::after(number, stage, index, |at, step| {
-                    entrance.plays(stage, (at, step))
+                    entrance.plays(stage, at, step)
                 })
             } else {
                 None
@@ -241,7 +242,7 @@ impl<'a> Executor<'a> {
             Step::Charge { .. } => self.charge(step).await?,
             Step::Rest { .. } => self.rest(step).await?,
             Step::PowerUp { .. } => self.power(fixture, step).await?,
-            Step::Accept { band_v, missed } => self.accept(band_v, missed)?,
+            Step::Accept { band_v, missed } => self.accept(band_v.0..=band_v.1, missed)?,
             Step::Leg(leg) => self.leg(&leg).await?,
             Step::Sine { .. } => return self.gated(fixture, step).await.map(Some),
             // They give several points, or change those that are there.

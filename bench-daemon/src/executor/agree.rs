@@ -156,15 +156,15 @@ impl Rig<'_> {
             + self.offset_error_v(high)
             + self.offset_error_v(low)
             + amplitude_v;
-        agree(
-            "cell voltage",
-            (
-                format!("mean of the scope's record {scope_v:.3} V"),
-                scope_v,
-            ),
-            ("voltmeter", shown_v),
-            allowed_v,
-        )
+        if (scope_v - shown_v).abs() <= allowed_v {
+            return Ok(());
+        }
+        Err(ExecuteError::Disagree {
+            what: "cell voltage",
+            one: format!("mean of the scope's record {scope_v:.3} V"),
+            other: format!("voltmeter {shown_v:.3} V"),
+            allowed: format!("{allowed_v:.3} V"),
+        })
     }
 
     /// Compares the charger's terminal voltage while it charges with the cell's voltage and the
@@ -172,7 +172,8 @@ impl Rig<'_> {
     pub(super) fn agree_with_charger(
         &self,
         terminal_v: f64,
-        (cell_v, amps): (f64, f64),
+        cell_v: f64,
+        amps: f64,
     ) -> Result<(), ExecuteError> {
         let meters_v = 2.0 * (VOLTMETER_V + VOLTMETER_GAIN * cell_v.abs());
         let (drop_v, half_v) = (0.5 * LEADS_OHM * amps.abs(), 0.5 * LEADS_OHM * amps.abs());
@@ -219,21 +220,4 @@ impl Rig<'_> {
             allowed: format!("{allowed:.3} A"),
         })
     }
-}
-
-fn agree(
-    what: &'static str,
-    (one, a): (String, f64),
-    (other, b): (&str, f64),
-    allowed: f64,
-) -> Result<(), ExecuteError> {
-    if (a - b).abs() <= allowed {
-        return Ok(());
-    }
-    Err(ExecuteError::Disagree {
-        what,
-        one,
-        other: format!("{other} {b:.3} V"),
-        allowed: format!("{allowed:.3} V"),
-    })
 }

@@ -219,10 +219,10 @@ impl Executor<'_> {
             self.rig.clock.sleep_s(poll_s).await;
             let reading = self.rig.timed_watch(fixture).await?;
             self.rig
-                .watch_mean((
+                .watch_mean(
                     reading,
                     end_s - self.rig.clock.now_s() - self.rig.watching.took_s,
-                ))
+                )
                 .await?;
         }
     }

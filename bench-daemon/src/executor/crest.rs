@@ -88,9 +88,13 @@ impl Rig<'_> {
                 crest_a,
                 drawn(amplitude_a),
             ));
-        if let Some((what, value, greatest)) =
-            direct((mean_a, greatest), (zero_a, amplitude_a)).or(crest)
-        {
+        let balance = Balance {
+            mean_a,
+            greatest_a: greatest,
+            zero_a,
+            amplitude_a,
+        };
+        if let Some((what, value, greatest)) = balance.direct().or(crest) {
             if !smooth(&current) {
                 return Err(self.no_record("of the current"));
             }
@@ -194,24 +198,38 @@ impl Executor<'_> {
     }
 }
 
-/// What is wrong with the mean of a record, and by how much it may be off, A; and with its change
-/// since the first record on the same scales. The zeros of the channels do not change from record
-/// to record, and the supply has shown that nothing flowed before the first: a change may be as
-/// large as one of the two allowances for the mean, not as their sum. Records come some seconds
-/// apart, and a drift goes on between them.
-fn direct(
-    (mean_a, greatest): (f64, f64),
-    (zero_a, amplitude_a): (f64, f64),
-) -> Option<(&'static str, f64, f64)> {
-    let change = (
-        "change of the mean of the cell current from record to record",
-        mean_a - zero_a,
-        (0.1 * amplitude_a).max(NO_CURRENT_A),
-    );
-    let whole = ("mean of the cell current in a record", mean_a, greatest);
-    [whole, change]
-        .into_iter()
-        .find(|(_, value, greatest)| value.abs() > *greatest)
+/// The mean of the current in a record, and what it is held against.
+struct Balance {
+    mean_a: f64,
+    /// What the mean may be, A.
+    greatest_a: f64,
+    /// The mean of the first record on the same scales, A.
+    zero_a: f64,
+    /// Amplitude that is asked for, A.
+    amplitude_a: f64,
+}
+
+impl Balance {
+    /// What is wrong with the mean of a record, and by how much it may be off, A; and with its
+    /// change since the first record on the same scales. The zeros of the channels do not change
+    /// from record to record, and the supply has shown that nothing flowed before the first: a
+    /// change may be as large as one of the two allowances for the mean, not as their sum. Records
+    /// come some seconds apart, and a drift goes on between them.
+    fn direct(&self) -> Option<(&'static str, f64, f64)> {
+        let change = (
+            "change of the mean of the cell current from record to record",
+            self.mean_a - self.zero_a,
+            (0.1 * self.amplitude_a).max(NO_CURRENT_A),
+        );
+        let whole = (
+            "mean of the cell current in a record",
+            self.mean_a,
+            self.greatest_a,
+        );
+        [whole, change]
+            .into_iter()
+            .find(|(_, value, greatest)| value.abs() > *greatest)
+    }
 }
 
 /// Distance from a middle within which all but [`BEYOND`] of the samples lie.
@@ -287,8 +305,14 @@ mod tests {
     #[test]
     fn a_direct_current_shows_in_the_mean_and_earlier_in_its_change() {
         let what = |mean_a, zero_a| {
-            direct((mean_a, 0.7), (zero_a, 1.0))
-                .map(|(what, ..)| what.split(' ').next().unwrap_or_default())
+            Balance {
+                mean_a,
+                greatest_a: 0.7,
+                zero_a,
+                amplitude_a: 1.0,
+            }
+            .direct()
+            .map(|(what, ..)| what.split(' ').next().unwrap_or_default())
         };
         // The channels' own zeros may be half an ampere.
         assert_eq!(

@@ -1,6 +1,6 @@
 //! Steps with direct current or none: temperature, discharge, charge, rest.
 
-use std::collections::VecDeque;
+use std::{collections::VecDeque, ops::RangeInclusive};
 
 use instruments::{
     load::{Discharge, Draw},
@@ -163,11 +163,11 @@ impl Executor<'_> {
     /// By band and by slope: a cell that passes the band on its way is not at rest in it.
     pub(super) fn accept(
         &mut self,
-        (low_v, high_v): (f64, f64),
+        band_v: RangeInclusive<f64>,
         missed: Option<Missed>,
     ) -> Result<(), ExecuteError> {
         let (volts, steady) = self.direct.reset.rested.unwrap_or((f64::NAN, false));
-        if steady && (low_v..=high_v).contains(&volts) {
+        if steady && band_v.contains(&volts) {
             self.direct.reset.accepted = true;
             return Ok(());
         }
@@ -175,6 +175,7 @@ impl Executor<'_> {
             "{volts:.4} V, {}",
             if steady { "steady" } else { "still moving" }
         );
+        let (low_v, high_v) = band_v.into_inner();
         let expected = format!("{low_v} V to {high_v} V at rest");
         match missed {
             None => {
@@ -308,7 +309,7 @@ impl Executor<'_> {
             self.rig.look_back().await?;
             self.rig.others_off(&["load", "supply"]).await?;
             self.rig
-                .agree_with_charger(terminal.value(), (volts, amps.value()))?;
+                .agree_with_charger(terminal.value(), volts, amps.value())?;
             if volts >= until_v {
                 break;
             }

@@ -22,9 +22,9 @@ impl<'a> Entrance<'a> {
             .find(|point| point.step == index)
     }
 
-    /// Decides whether a step is played. Finished points are left out. Steps that clamp a fixture
-    /// are played even before the resume point, as long as a point is left to be measured.
-    pub(super) fn plays(&self, stage: &Stage, (index, step): (usize, &Step)) -> bool {
+    /// What is clamped is clamped anew, what is powered is powered anew, as long as anything is
+    /// left to be measured.
+    pub(super) fn plays(&self, stage: &Stage, index: usize, step: &Step) -> bool {
         let sine = |(at, step): (usize, &Step)| match step {
             Step::Sine { .. } => self.point(at).is_none(),
             // Whether it was done is not asked: done again, it finds nothing to do.
@@ -115,7 +115,7 @@ mod tests {
                 .steps
                 .iter()
                 .enumerate()
-                .filter(|step| entrance.plays(&stage, *step))
+                .filter(|(index, step)| entrance.plays(&stage, *index, step))
                 .map(|(index, _)| index)
                 .collect();
             assert_eq!(met, played);

@@ -98,7 +98,7 @@ impl Executor<'_> {
             if best.failing.is_empty() || !self.sweep.afford(&quality, step) {
                 break;
             }
-            best = self.measure_again(fixture, step, (&quality, best)).await?;
+            best = self.measure_again(fixture, step, &quality, best).await?;
         }
         Ok(best)
     }
@@ -108,7 +108,8 @@ impl Executor<'_> {
         &mut self,
         fixture: Fixture,
         step: &Step,
-        (quality, before): (&Quality, SweepPoint),
+        quality: &Quality,
+        before: SweepPoint,
     ) -> Result<SweepPoint, ExecuteError> {
         self.rig.heed_abort()?;
         let reasons: Vec<String> = before.failing.iter().map(ToString::to_string).collect();
@@ -179,7 +180,7 @@ impl Executor<'_> {
                 if slot.rechecked < quality.again && self.sweep.afford(&quality, step) {
                     let rechecked = slot.rechecked + 1;
                     let point = self
-                        .measure_again(fixture, step, (&quality, slot.clone()))
+                        .measure_again(fixture, step, &quality, slot.clone())
                         .await?;
                     *slot = SweepPoint { rechecked, ..point };
                     measured = true;

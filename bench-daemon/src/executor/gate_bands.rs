@@ -43,7 +43,7 @@ impl Executor<'_> {
         points: &mut Vec<SweepPoint>,
     ) -> Result<(), ExecuteError> {
         let first = points.len();
-        for (point, line) in self.multisine(band, (first, 0)).await? {
+        for (point, line) in self.multisine(band, first, 0).await? {
             points.push(point);
             self.known.lines.push(line);
         }
@@ -59,7 +59,7 @@ impl Executor<'_> {
             {
                 break;
             }
-            self.band_again(band, (&quality, first), points).await?;
+            self.band_again(band, &quality, first, points).await?;
         }
         Ok(())
     }
@@ -97,8 +97,7 @@ impl Executor<'_> {
                     .iter()
                     .any(|point| point.failing.iter().any(Failing::is_of_sweep));
                 if fails && self.sweep.afford_band(&quality, band) {
-                    self.band_again(band, (&quality, range.start), points)
-                        .await?;
+                    self.band_again(band, &quality, range.start, points).await?;
                     measured = true;
                 }
             }
@@ -114,7 +113,8 @@ impl Executor<'_> {
     async fn band_again(
         &mut self,
         band: &Band,
-        (quality, first): (&Quality, usize),
+        quality: &Quality,
+        first: usize,
         points: &mut [SweepPoint],
     ) -> Result<(), ExecuteError> {
         let range = first..(first + band.design.harmonics.len()).min(points.len());
@@ -144,7 +144,7 @@ impl Executor<'_> {
             .unwrap_or(0);
         let step = Step::Multisine(std::sync::Arc::new(band.clone()));
         self.rig.begin(Fixture::Cell, &step);
-        let again = self.multisine(band, (first, taken)).await?;
+        let again = self.multisine(band, first, taken).await?;
         let took_s = self.rig.clock.now_s() - start_s;
         self.sweep.spent = self.sweep.spent
             + Spent {

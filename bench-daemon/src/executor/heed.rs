@@ -74,7 +74,8 @@ impl Executor<'_> {
     pub(super) async fn heed(
         &mut self,
         stage: &Stage,
-        (step, fixture): (usize, Fixture),
+        step: usize,
+        fixture: Fixture,
     ) -> Result<(), ExecuteError> {
         self.rig.watching.heeding.ends_early = stage.steps.get(step).is_some_and(Step::ends_early);
         if self.rig.clock.mode() == TimeMode::Virtual || !self.rig.paused(false)? {

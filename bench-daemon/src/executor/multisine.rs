@@ -105,7 +105,9 @@ impl Rig<'_> {
         &mut self,
         band: &Band,
         waveforms: &[Waveform; 4],
-        (first, captures, mut warnings): (usize, usize, Vec<String>),
+        first: usize,
+        captures: usize,
+        mut warnings: Vec<String>,
     ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
         let volts = waveforms.each_ref().map(|waveform| {
             let scale = code_scale(waveform);
@@ -132,7 +134,7 @@ impl Rig<'_> {
             .iter()
             .map(Waveform::clipped_share)
             .fold(0.0, f64::max);
-        let halves = halves(channels, interval_s, excited);
+        let halves = halves(channels, interval_s, excited.0, excited.1);
         let measures = |k: usize| {
             let (noise, line) = (noise_share(&fit.excited[k]), &found[k]);
             let repeatability = halves.as_ref().map(|halves| halves[k]);
@@ -233,7 +235,8 @@ impl Executor<'_> {
     pub(super) async fn multisine(
         &mut self,
         band: &Band,
-        (first, taken): (usize, usize),
+        first: usize,
+        taken: usize,
     ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
         self.headroom(Fixture::Cell, band.base_hz, band.peak_a)?;
         self.rig.play_wave(band).await?;
@@ -244,7 +247,7 @@ impl Executor<'_> {
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
-            let waveforms = self.settled_roll(band, (attempt, taken)).await?;
+            let waveforms = self.settled_roll(band, attempt, taken).await?;
             let drawn = Drawn {
                 waveforms: &waveforms,
                 freq_hz: band.base_hz,
@@ -259,7 +262,7 @@ impl Executor<'_> {
                 warnings.extend(ranged);
                 return self
                     .rig
-                    .lines(band, &waveforms, (first, taken + attempt + 1, warnings));
+                    .lines(band, &waveforms, first, taken + attempt + 1, warnings);
             }
             warnings.push(format!("measured again: {}", ranged.join("; ")));
         }
@@ -273,7 +276,8 @@ impl Executor<'_> {
     async fn settled_roll(
         &mut self,
         band: &Band,
-        (attempt, taken): (usize, usize),
+        attempt: usize,
+        taken: usize,
     ) -> Result<[Waveform; 4], ExecuteError> {
         let needed_s = band.settle_s + band.span_s + FILL_S;
         for longer in 0..=MOST_LONGER {
@@ -281,7 +285,7 @@ impl Executor<'_> {
             if attempt + longer == 0 || self.rig.driving.burst.ends_s.is_finite() {
                 self.rig.begin_signal(band.base_hz, needed_s).await?;
                 self.rig
-                    .wait_watching(band.settle_s, ("sine", Fixture::Cell))
+                    .wait_watching(band.settle_s, "sine", Fixture::Cell)
                     .await?;
             }
             if let Some(waveforms) = self.roll(band, taken + attempt).await? {
@@ -324,7 +328,7 @@ impl Executor<'_> {
             return Ok(None);
         }
         self.rig
-            .wait_watching(band.span_s + FILL_S, ("sine", Fixture::Cell))
+            .wait_watching(band.span_s + FILL_S, "sine", Fixture::Cell)
             .await?;
         let end_s = self.rig.clock.now_s();
         require(&mut self.rig.bench.scope, "scope")?
@@ -394,7 +398,8 @@ fn noise_share(phasors: &ChannelPhasors) -> f64 {
 fn halves(
     channels: [&[f64]; 4],
     interval_s: f64,
-    (base_hz, harmonics): (f64, &[usize]),
+    base_hz: f64,
+    harmonics: &[usize],
 ) -> Option<Vec<(f64, f64)>> {
     let count = channels[0].len();
     let periods = (count as f64 * interval_s * base_hz).round();

@@ -50,7 +50,8 @@ impl Rig<'_> {
     /// The four channels of the stopped frame.
     async fn fetch_frame(
         &mut self,
-        (points, chosen): (u64, Option<Chosen>),
+        points: u64,
+        chosen: Option<Chosen>,
         fixture: Fixture,
     ) -> Result<Vec<Waveform>, ExecuteError> {
         let (overlaps, error) = (self.overlaps(), self.bench.error("scope"));
@@ -277,9 +278,7 @@ impl Executor<'_> {
             self.watch_until(ripe_s, fixture).await?;
             chosen
         } else {
-            self.rig
-                .wait_watching(tone.wait_s, ("sine", fixture))
-                .await?;
+            self.rig.wait_watching(tone.wait_s, "sine", fixture).await?;
             None
         };
         let error = self.rig.bench.error("scope");
@@ -295,7 +294,7 @@ impl Executor<'_> {
         self.go_ahead(fixture).await?;
         let waveforms = self
             .rig
-            .fetch_frame((eis.record_points, chosen), fixture)
+            .fetch_frame(eis.record_points, chosen, fixture)
             .await?;
         self.scope.check_frame(tone.freq_hz, &waveforms, screen_s)?;
         let four = waveforms.try_into().map_err(|_| ExecuteError::Signal {

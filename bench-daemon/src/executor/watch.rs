@@ -193,7 +193,8 @@ impl Rig<'_> {
     pub(super) async fn wait_watching(
         &mut self,
         seconds: f64,
-        (phase, fixture): (&str, Fixture),
+        phase: &str,
+        fixture: Fixture,
     ) -> Result<(), ExecuteError> {
         let end_s = self.clock.now_s() + seconds;
         loop {
@@ -203,8 +204,7 @@ impl Rig<'_> {
             }
             self.clock.sleep_s(left_s.min(self.poll_s())).await;
             let reading = self.watch(phase, fixture).await?;
-            self.watch_mean((reading, end_s - self.clock.now_s()))
-                .await?;
+            self.watch_mean(reading, end_s - self.clock.now_s()).await?;
         }
     }
 
@@ -346,7 +346,8 @@ impl Rig<'_> {
     /// there is time for it.
     pub(super) async fn watch_mean(
         &mut self,
-        (first, left_s): (Reading, f64),
+        first: Reading,
+        left_s: f64,
     ) -> Result<(), ExecuteError> {
         let Some((mean, half_s)) = self
             .interlock

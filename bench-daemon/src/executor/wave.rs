@@ -128,14 +128,15 @@ impl Executor<'_> {
         self.rig
             .wait_watching(
                 (frame.span_s - over_s).max(0.0) + FILL_S,
-                ("trace", Fixture::Cell),
+                "trace",
+                Fixture::Cell,
             )
             .await?;
         let step_s = self.rig.play_trace(&currents, (planned_s, steps)).await?;
         let began_s = self.rig.clock.now_s();
         // No reading in the last second: nothing may delay what ends the wave.
         self.rig
-            .wait_watching((over_s - POLL_S).max(0.0), ("trace", Fixture::Cell))
+            .wait_watching((over_s - POLL_S).max(0.0), "trace", Fixture::Cell)
             .await?;
         self.rig
             .clock

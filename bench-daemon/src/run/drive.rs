@@ -225,7 +225,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             }
             Purpose::Temperature | Purpose::SocReset | Purpose::OcvSoc | Purpose::Trace => {
                 self.executor
-                    .stage((number, stage), &entrance, &mut |_, _| Ok(()))
+                    .stage(number, stage, &entrance, &mut |_, _| Ok(()))
                     .await?;
             }
         }
@@ -267,7 +267,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             };
         let points = self
             .executor
-            .stage((number, stage), entrance, &mut on_point)
+            .stage(number, stage, entrance, &mut on_point)
             .await?;
         let settled = sweeping.settle(self.executor.rig.recorder, points)?;
         let recorder = &mut *self.executor.rig.recorder;

@@ -69,7 +69,7 @@ pub(super) async fn measure(
         .forget_sweep(&Multisine::Spectrum.file(repeat));
     // A multisine that was interrupted is done again whole: it takes back what it gives.
     let points = executor
-        .stage((number, stage), &Entrance::default(), &mut |_, _| Ok(()))
+        .stage(number, stage, &Entrance::default(), &mut |_, _| Ok(()))
         .await?;
     let took_s = executor.rig.clock.now_s() - start_s;
     for point in &points {
