@@ -340,6 +340,6 @@ impl Executor<'_> {
         let Work {
             origin_s, recorded, ..
         } = work;
-        self.finish_trace(trace, &zero, (origin_s, recorded, None))
+        self.finish_trace(trace, &zero, origin_s, recorded, None)
     }
 }

@@ -163,22 +163,16 @@ impl Rig<'_> {
         mut found: Recorded,
     ) -> Result<Recorded, ExecuteError> {
         for (row, level_a) in found.rows.iter_mut().zip(&found.levels_a) {
-            let TraceRow {
-                time_s,
-                current_a,
-                voltage_v,
-                ..
-            } = *row;
             let reading = Reading {
-                time_s,
-                voltage_v: Some(voltage_v),
-                current_a: Some(current_a),
+                time_s: row.time_s,
+                voltage_v: Some(row.voltage_v),
+                current_a: Some(row.current_a),
                 temperature_c: None,
             };
             if let Some(trip) = interlock::judge(self.interlock.limits(), &reading) {
                 return Err(trip.into());
             }
-            obeys(&trace.name, *level_a, (current_a, time_s))?;
+            obeys(&trace.name, *level_a, row)?;
             row.temperature_c = self.temperatures.last_c.unwrap_or(f64::NAN);
         }
         // What there is was judged first: a limit that was passed outweighs a record that is short.
@@ -237,7 +231,7 @@ impl Executor<'_> {
         self.arm(&ZERO_FRAME).await?;
         self.rig.clock.sleep_s(ZERO_FRAME.span_s + FILL_S).await;
         let capture = self
-            .fetch(&ZERO_FRAME, (trace, run_folder::ZERO_FRAME))
+            .fetch(&ZERO_FRAME, trace, run_folder::ZERO_FRAME)
             .await?;
         let Some(volts) = zeros(&capture) else {
             return Err(disobeyed(
@@ -267,9 +261,7 @@ impl Executor<'_> {
         }
         match trace.through {
             Through::Bipolar => self.step_by_step(trace, zero).await,
-            Through::Wave { step_s, steps } => {
-                self.wave_trace((trace, zero), (step_s, steps)).await
-            }
+            Through::Wave { step_s, steps } => self.wave_trace(trace, zero, step_s, steps).await,
             Through::LoadAndSupply => self.load_and_supply(trace, zero).await,
         }
     }
@@ -308,7 +300,7 @@ impl Executor<'_> {
                 Action::Fetch(frame) => {
                     self.rig.wait_until(filled_s).await?;
                     let name = format!("frame{:03}", recorded.frames + 1);
-                    let capture = self.fetch(&frame, (trace, &name)).await?;
+                    let capture = self.fetch(&frame, trace, &name).await?;
                     let found = self.frames(trace, &zero).of_frame(&capture, &commanded);
                     recorded.append(self.rig.judged(trace, found)?);
                 }
@@ -317,7 +309,9 @@ impl Executor<'_> {
         self.finish_trace(
             trace,
             &zero,
-            (origin_s, recorded, Some(Commanded::Steps(commanded))),
+            origin_s,
+            recorded,
+            Some(Commanded::Steps(commanded)),
         )
     }
 
@@ -371,17 +365,20 @@ impl Executor<'_> {
     async fn fetch(
         &mut self,
         frame: &Frame,
-        (trace, name): (&TracePlan, &str),
+        trace: &TracePlan,
+        name: &str,
     ) -> Result<Capture, ExecuteError> {
         let end_s = self.rig.freeze().await?;
-        self.download((frame, end_s), (trace, name)).await
+        self.download(frame, end_s, trace, name).await
     }
 
     /// Downloads what the screen of the scope held when it was stopped, bench s.
     pub(super) async fn download(
         &mut self,
-        (frame, end_s): (&Frame, f64),
-        (trace, name): (&TracePlan, &str),
+        frame: &Frame,
+        end_s: f64,
+        trace: &TracePlan,
+        name: &str,
     ) -> Result<Capture, ExecuteError> {
         let error = self.rig.bench.error("scope");
         let mut waveforms = Vec::with_capacity(4);
@@ -453,7 +450,9 @@ impl Executor<'_> {
         &mut self,
         trace: &TracePlan,
         zero: &Zero,
-        (origin_s, recorded, commanded): (f64, Recorded, Option<Commanded>),
+        origin_s: f64,
+        recorded: Recorded,
+        commanded: Option<Commanded>,
     ) -> Result<(), ExecuteError> {
         let charge_c = charge_of(&recorded.rows);
         let scatter = recorded.scatter();
@@ -510,7 +509,10 @@ fn scatter(readings: impl Iterator<Item = f64> + Clone) -> f64 {
 }
 
 /// The current must be what was commanded.
-fn obeys(trace: &str, level_a: f64, (current_a, time_s): (f64, f64)) -> Result<(), ExecuteError> {
+fn obeys(trace: &str, level_a: f64, row: &TraceRow) -> Result<(), ExecuteError> {
+    let TraceRow {
+        time_s, current_a, ..
+    } = *row;
     let (share, amps) = FOLLOWS;
     if (current_a - level_a).abs() <= share * level_a.abs() + amps {
         return Ok(());

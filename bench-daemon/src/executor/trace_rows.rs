@@ -130,10 +130,13 @@ impl Frames<'_> {
                 .map_or(flowing_a, |(_, amps)| *amps)
         };
         let row = |mean: &Mean| {
-            let changed_v = [0, 1, 2, 3].map(|slot: usize| mean.volts[slot] - self.zero_v[slot]);
             let later_s = start_s - origin_s;
-            let averaged_s = (mean.averaged_s.0 + later_s, mean.averaged_s.1 + later_s);
-            self.row((mean.time_s + later_s, averaged_s), changed_v, mean.samples)
+            self.row(&Mean {
+                time_s: mean.time_s + later_s,
+                volts: [0, 1, 2, 3].map(|slot: usize| mean.volts[slot] - self.zero_v[slot]),
+                samples: mean.samples,
+                averaged_s: (mean.averaged_s.0 + later_s, mean.averaged_s.1 + later_s),
+            })
         };
         let sigma_a = sigma_shunt_v / self.shunt_ohm;
         Recorded {
@@ -149,21 +152,16 @@ impl Frames<'_> {
         }
     }
 
-    /// A row at a time, from how far the channels are from their zeros on average over a window, V.
-    pub(super) fn row(
-        &self,
-        (time_s, averaged_s): (f64, (f64, f64)),
-        changed_v: [f64; 4],
-        samples: usize,
-    ) -> TraceRow {
-        let (current_a, change_v) = self.correction.direct(changed_v);
+    /// A row of test time, from how far the channels are from their zeros on average, V.
+    pub(super) fn row(&self, changed: &Mean) -> TraceRow {
+        let (current_a, change_v) = self.correction.direct(changed.volts);
         TraceRow {
-            time_s,
+            time_s: changed.time_s,
             current_a,
             voltage_v: self.ocv_v + change_v,
             temperature_c: f64::NAN,
-            samples: samples as f64,
-            averaged_s,
+            samples: changed.samples as f64,
+            averaged_s: changed.averaged_s,
         }
     }
 }

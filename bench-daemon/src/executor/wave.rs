@@ -10,6 +10,7 @@
 use analysis::{
     dataset::{Capture, Commanded, TraceRow},
     staircase::{Stair, Sums, begins, chunks},
+    thinning::Mean,
 };
 use instruments::{
     fixture::Fixture,
@@ -49,7 +50,8 @@ impl Rig<'_> {
     async fn play_trace(
         &mut self,
         currents: &[f64],
-        (step_s, steps): (f64, usize),
+        step_s: f64,
+        steps: usize,
     ) -> Result<f64, ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.experiment.bench.wiring;
@@ -115,14 +117,16 @@ impl Rig<'_> {
 impl Executor<'_> {
     pub(super) async fn wave_trace(
         &mut self,
-        (trace, zero): (&TracePlan, Zero),
-        (planned_s, steps): (f64, usize),
+        trace: &TracePlan,
+        zero: Zero,
+        planned_s: f64,
+        steps: usize,
     ) -> Result<(), ExecuteError> {
         let Some(frame) = trace.frames.first().copied() else {
             return Err(disobeyed(&trace.name, "a frame", "none"));
         };
         let over_s = trace.end_s + AFTER_WAVE_S;
-        let currents = currents(trace, (planned_s, zero.ocv_v));
+        let currents = currents(trace, planned_s, zero.ocv_v);
         self.arm(&frame).await?;
         // What the screen holds more than the wave passes before it.
         self.rig
@@ -132,7 +136,7 @@ impl Executor<'_> {
                 Fixture::Cell,
             )
             .await?;
-        let step_s = self.rig.play_trace(&currents, (planned_s, steps)).await?;
+        let step_s = self.rig.play_trace(&currents, planned_s, steps).await?;
         let began_s = self.rig.clock.now_s();
         // No reading in the last second: nothing may delay what ends the wave.
         self.rig
@@ -155,23 +159,21 @@ impl Executor<'_> {
             self.rig.clock.now_s() - began_s,
             step_s * steps as f64,
         )?;
-        let capture = self.download((&frame, frozen_s), (trace, "wave")).await?;
-        let (origin_s, found) =
-            self.frames(trace, &zero)
-                .of_wave(&capture, (began_s, step_s), planned_s);
+        let capture = self.download(&frame, frozen_s, trace, "wave").await?;
+        let (origin_s, found) = self
+            .frames(trace, &zero)
+            .of_wave(&capture, began_s, step_s, planned_s);
         let recorded = self.rig.judged(trace, found)?;
         self.rig.tell_energy(trace, &zero, &recorded.rows)?;
         self.finish_trace(
             trace,
             &zero,
-            (
-                origin_s,
-                recorded,
-                Some(Commanded::Wave {
-                    sent_s: began_s,
-                    step_s,
-                }),
-            ),
+            origin_s,
+            recorded,
+            Some(Commanded::Wave {
+                sent_s: began_s,
+                step_s,
+            }),
         )
     }
 }
@@ -183,12 +185,13 @@ impl Frames<'_> {
     pub(crate) fn of_wave(
         &self,
         capture: &Capture,
-        (sent_s, step_s): (f64, f64),
+        sent_s: f64,
+        step_s: f64,
         planned_s: f64,
     ) -> (f64, Recorded) {
         let (start_s, currents) = (
             capture.meta.start_s,
-            currents(self.trace, (planned_s, self.ocv_v)),
+            currents(self.trace, planned_s, self.ocv_v),
         );
         let place = place(
             &self.shunt_current(capture),
@@ -239,7 +242,7 @@ impl Frames<'_> {
         let settle_s = SETTLE_S.min(SETTLE * place.step_s);
         let mut recorded = Recorded {
             frames: 1,
-            squares: self.scatter_before(capture, (place, currents)),
+            squares: self.scatter_before(capture, place, currents),
             ..Recorded::default()
         };
         for chunk in chunks(&values, growth, (longest_s / place.step_s) as usize) {
@@ -259,11 +262,12 @@ impl Frames<'_> {
                 continue;
             };
             let averaged_s = (from_s - place.begin_s, to_s - place.begin_s);
-            recorded.rows.push(self.row(
-                (0.5 * (averaged_s.0 + averaged_s.1), averaged_s),
-                [first.0, second.0, third.0, fourth.0],
-                first.1,
-            ));
+            recorded.rows.push(self.row(&Mean {
+                time_s: 0.5 * (averaged_s.0 + averaged_s.1),
+                volts: [first.0, second.0, third.0, fourth.0],
+                samples: first.1,
+                averaged_s,
+            }));
             recorded.levels_a.push(values[chunk.from]);
         }
         let changes = values
@@ -278,7 +282,7 @@ impl Frames<'_> {
 
     /// Squares of the scatters of one sample of current and voltage before anything flows, A² and
     /// V².
-    fn scatter_before(&self, capture: &Capture, (place, currents): (&Place, &[f64])) -> [f64; 2] {
+    fn scatter_before(&self, capture: &Capture, place: &Place, currents: &[f64]) -> [f64; 2] {
         let still = currents.iter().take_while(|amps| **amps == 0.0).count() as f64 * place.step_s;
         let index = |time_s: f64| {
             ((time_s / capture.meta.interval_s).max(0.0) as usize).min(capture.codes[0].len())
@@ -319,7 +323,7 @@ fn once(trace: &str, passed_s: f64, period_s: f64) -> Result<(), ExecuteError> {
 }
 
 /// The current of each step up to the last change, A, of a power at a voltage.
-fn currents(trace: &TracePlan, (step_s, volts): (f64, f64)) -> Vec<f64> {
+fn currents(trace: &TracePlan, step_s: f64, volts: f64) -> Vec<f64> {
     let place = |at_s: f64| (at_s / step_s).round() as usize;
     let mut currents = vec![0.0; trace.levels.first().map_or(0, |level| place(level.at_s))];
     for pair in trace.levels.windows(2) {

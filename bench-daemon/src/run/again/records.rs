@@ -204,7 +204,7 @@ impl Recorded {
                 },
             ) => {
                 let capture = self.frame(frames.trace, "wave")?;
-                let found = frames.of_wave(&capture, (*sent_s, *step_s), planned_s);
+                let found = frames.of_wave(&capture, *sent_s, *step_s, planned_s);
                 match &found.1.missing {
                     Some((expected, measured)) => Err(self.failed(&format!(
                         "{}: expected {expected}, found {measured}",
