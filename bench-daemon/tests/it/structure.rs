@@ -488,34 +488,60 @@ fn one_file_of_the_daemon_names_the_mocks() {
     assert_eq!(found, ["mocks"]);
 }
 
-/// Lines of source files below a folder with more than [`MOST_COLUMNS`], as `path:line: columns`.
-fn wide_lines(folder: &Path) -> Vec<String> {
-    let mut found = Vec::new();
-    for entry in std::fs::read_dir(folder).unwrap() {
-        let entry = entry.unwrap();
-        let (path, kind) = (entry.path(), entry.file_type().unwrap());
-        let name = entry.file_name().to_string_lossy().into_owned();
-        let hidden = name.starts_with('.') && name != ".ci";
-        if kind.is_dir() && !hidden && !SKIPPED.contains(&name.as_str()) {
-            found.extend(wide_lines(&path));
-        }
-        let extension = path.extension().and_then(|extension| extension.to_str());
-        if !kind.is_file() || !extension.is_some_and(|extension| SOURCES.contains(&extension)) {
-            continue;
-        }
-        let text = std::fs::read_to_string(&path).unwrap();
-        for (number, line) in (1..).zip(text.lines()) {
-            let columns = line.chars().count();
-            if columns > MOST_COLUMNS {
-                found.push(format!("{}:{number}: {columns}", path.display()));
-            }
+/// Fields that a struct of the executor may have, where it changes itself.
+const MOST_FIELDS: usize = 8;
+
+/// The number of fields of the structs of some files, and which structs have methods that change
+/// them.
+#[derive(Default)]
+struct Acting {
+    fields: BTreeMap<String, usize>,
+    changing: BTreeSet<String>,
+}
+
+impl<'ast> Visit<'ast> for Acting {
+    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+        if !is_test(item) {
+            visit::visit_item_mod(self, item);
         }
     }
-    found
+
+    fn visit_item_struct(&mut self, item: &'ast syn::ItemStruct) {
+        self.fields
+            .insert(item.ident.to_string(), item.fields.len());
+    }
+
+    fn visit_item_impl(&mut self, item: &'ast syn::ItemImpl) {
+        let changes = |inner: &syn::ImplItem| match inner {
+            syn::ImplItem::Fn(function) => function.sig.receiver().is_some_and(|receiver| {
+                receiver.reference.is_some() && receiver.mutability.is_some()
+            }),
+            _ => false,
+        };
+        if let syn::Type::Path(path) = item.self_ty.as_ref()
+            && let Some(last) = path.path.segments.last()
+            && item.items.iter().any(changes)
+        {
+            self.changing.insert(last.ident.to_string());
+        }
+    }
 }
 
 #[test]
-fn no_line_of_a_source_file_is_wider_than_120_columns() {
-    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
-    assert_eq!(wide_lines(&root), [""; 0]);
+fn what_acts_in_the_executor_has_few_fields() {
+    let mut acting = Acting::default();
+    for (module, path) in files("bench-daemon") {
+        if module.first().is_some_and(|first| first == "executor") {
+            acting.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+        }
+    }
+    assert!(acting.changing.contains("Executor") && acting.changing.contains("Rig"));
+    let large: Vec<String> = acting
+        .changing
+        .iter()
+        .filter_map(|name| Some((name, acting.fields.get(name)?)))
+        .filter(|(_, fields)| **fields > MOST_FIELDS)
+        .map(|(name, fields)| format!("{name}: {fields} fields"))
+        .collect();
+    assert_eq!(large, [""; 0]);
 }
