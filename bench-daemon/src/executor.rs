@@ -18,6 +18,7 @@ mod power;
 mod record;
 mod rig;
 mod screen;
+mod setup;
 mod sine;
 mod state;
 mod trace;
@@ -45,7 +46,6 @@ pub(crate) use trace_rows::{Frames, Recorded as RecordedTrace, zeros};
 
 use crate::{
     bench::BenchError,
-    config,
     interlock::Reading,
     journal::{Entry, PointDone},
     measure::{Spent, SweepPoint},
@@ -77,7 +77,7 @@ pub struct Executor<'a> {
 impl<'a> Executor<'a> {
     /// Makes an executor.
     pub fn new(rig: Rig<'a>, person: Person<'a>) -> Self {
-        let correction = Correction::none(rig.experiment.bench.wiring.shunt);
+        let correction = Correction::none(rig.setup.wiring.shunt);
         Self {
             rig,
             known: Known {
@@ -286,18 +286,15 @@ impl<'a> Executor<'a> {
             self.rig.refuse_a_cell("before mounting the short").await?;
         }
         self.rig.bench.off_again().await?;
-        match (
-            &self.rig.experiment.bench.instruments.jig,
-            self.rig.bench.jig.as_mut(),
-        ) {
-            (Some(config::Jig::Device(_)), Some(jig)) => {
+        match self.rig.bench.jig.as_mut() {
+            Some(jig) => {
                 let mounted = jig.mount(fixture).await;
                 mounted.map_err(self.rig.bench.error("jig"))?;
             }
             // Whoever put it there need not be asked again.
-            (Some(config::Jig::Person), _)
-                if self.position.mounted == Some((fixture, self.position.specimen.clone())) => {}
-            (Some(config::Jig::Person), _) => {
+            None if self.rig.setup.person_clamps
+                && self.position.mounted == Some((fixture, self.position.specimen.clone())) => {}
+            None if self.rig.setup.person_clamps => {
                 let _person = self.rig.clock.wait(None);
                 tokio::select! {
                     mounted = self.person.operator.mount(fixture, self.position.specimen.as_deref()) => mounted?,
@@ -305,7 +302,7 @@ impl<'a> Executor<'a> {
                 }
             }
             // Without a jig only the cell is ever asked for: it is what is in there.
-            _ => {}
+            None => {}
         }
         if self.position.mounted != Some((fixture, self.position.specimen.clone())) {
             // What was seen of another one says nothing of this.

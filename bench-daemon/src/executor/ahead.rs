@@ -146,7 +146,7 @@ impl Rig<'_> {
     /// Whether points overlap; where nobody has said so, in real time only: in any other nobody
     /// waits.
     pub(super) fn overlaps(&self) -> bool {
-        let wanted = self.experiment.eis.as_ref().and_then(|eis| eis.overlap);
+        let wanted = self.setup.sweeps.and_then(|sweeps| sweeps.overlap);
         wanted.unwrap_or(self.clock.mode() == TimeMode::Real)
     }
 

@@ -91,7 +91,7 @@ impl Rig<'_> {
         wanted: f64,
     ) -> Result<(), ExecuteError> {
         let error = self.bench.error("generator");
-        let wiring = &self.experiment.bench.wiring;
+        let wiring = &self.setup.wiring;
         let generator = require(&mut self.bench.generator, "generator")?;
         let most = generator.most_periods().filter(|most| {
             wiring.bursts && !self.driving.burst.refused && wanted <= f64::from(*most)

@@ -52,13 +52,12 @@ impl Rig<'_> {
         let [below, above, low, high] = waveforms;
         let current = difference(above, below);
         let mean_a = mean(whole_periods(&current, below.interval_s * freq_hz))
-            / self.experiment.bench.wiring.shunt.r_ohm;
+            / self.setup.wiring.shunt.r_ohm;
         let unsure_v: f64 = [below, above]
             .iter()
             .map(|waveform| self.offset_error_v(waveform))
             .sum();
-        let greatest =
-            0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.experiment.bench.wiring.shunt.r_ohm;
+        let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.setup.wiring.shunt.r_ohm;
         let time_s = self.clock.now_s();
         let scales = [below, above].map(|waveform| waveform.preamble.volts_per_div);
         // On new scales the zeros of the channels are others: what had changed until then is
@@ -75,14 +74,13 @@ impl Rig<'_> {
         let clips = [below, above]
             .into_iter()
             .any(|waveform| waveform.clipped_share() > 0.0);
-        let r_ohm = self.experiment.bench.wiring.shunt.r_ohm;
+        let r_ohm = self.setup.wiring.shunt.r_ohm;
         let crest_a = if clips || !smooth(&current) {
             0.0
         } else {
             within(&current, mean_a * r_ohm) / r_ohm
         };
-        let crest = (crest_a
-            > drawn(amplitude_a) + unsure_v / self.experiment.bench.wiring.shunt.r_ohm)
+        let crest = (crest_a > drawn(amplitude_a) + unsure_v / self.setup.wiring.shunt.r_ohm)
             .then_some((
                 "crest of the cell current in a record",
                 crest_a,
@@ -120,7 +118,7 @@ impl Rig<'_> {
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| {
                 (least.min(*v), most.max(*v))
             });
-        let limits = &self.experiment.cell.limits;
+        let limits = &self.setup.limits;
         let (least, greatest) = (limits.min_v, limits.max_v);
         let beyond = [
             (least_v, least_v < least - MARGIN_V),
@@ -184,7 +182,7 @@ impl Executor<'_> {
         else {
             return Ok(());
         };
-        let limits = &self.rig.experiment.cell.limits;
+        let limits = &self.rig.setup.limits;
         let (least_v, greatest_v) = (rest_v - peak_a * MOST_OHM, rest_v + peak_a * MOST_OHM);
         if least_v >= limits.min_v && greatest_v <= limits.max_v {
             return Ok(());

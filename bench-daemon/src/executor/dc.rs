@@ -66,7 +66,7 @@ impl Rig<'_> {
         }
         // Below the end, so that the daemon ends the discharge, and above the cell's limit, so that
         // the load ends it if the daemon does not.
-        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.experiment.cell.limits.min_v));
+        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.setup.limits.min_v));
         let error = self.bench.error("load");
         let load = require(&mut self.bench.load, "load")?;
         load.prepare(&Discharge {
@@ -153,11 +153,11 @@ impl Rig<'_> {
 impl Executor<'_> {
     /// A text about the run of a campaign that is in work, and that says so.
     pub(super) fn of_run(&self, text: &str) -> String {
-        let run = self
+        let prefix = self
             .position
             .run
-            .and_then(|number| self.rig.experiment.campaign.as_ref()?.run(number));
-        run.map_or_else(|| text.to_owned(), |run| format!("{}{text}", run.prefix()))
+            .and_then(|number| self.rig.setup.prefix(number));
+        format!("{}{text}", prefix.unwrap_or_default())
     }
 
     /// By band and by slope: a cell that passes the band on its way is not at rest in it.
@@ -223,7 +223,7 @@ impl Executor<'_> {
             Some(thermostat) => thermostat.set(setpoint_c),
             None => {
                 chiller.start(Celsius(setpoint_c)).await.map_err(error)?;
-                let settings = self.rig.experiment.bench.thermostat;
+                let settings = self.rig.setup.thermostat;
                 self.rig.temperatures.thermostat = chiller
                     .is_regulated()
                     .then(|| Thermostat::new(settings, setpoint_c, self.rig.clock.now_s()));

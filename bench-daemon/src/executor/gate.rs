@@ -90,7 +90,7 @@ impl Executor<'_> {
         step: &Step,
     ) -> Result<SweepPoint, ExecuteError> {
         let mut best = self.sine(fixture, step, 0).await?;
-        let Some(quality) = self.rig.experiment.eis.as_ref().and_then(|eis| eis.quality) else {
+        let Some(quality) = self.rig.setup.sweeps.and_then(|sweeps| sweeps.quality) else {
             return Ok(best);
         };
         best.failing = quality.judge(&best.measures);
@@ -153,7 +153,7 @@ impl Executor<'_> {
         points: &mut [SweepPoint],
     ) -> Result<Vec<(usize, usize)>, ExecuteError> {
         let before = points.to_vec();
-        let Some(quality) = self.rig.experiment.eis.as_ref().and_then(|eis| eis.quality) else {
+        let Some(quality) = self.rig.setup.sweeps.and_then(|sweeps| sweeps.quality) else {
             return Ok(Vec::new());
         };
         for round in 0..=ROUNDS {

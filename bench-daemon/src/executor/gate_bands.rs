@@ -4,7 +4,7 @@
 
 use instruments::fixture::Fixture;
 
-use super::{ExecuteError, Executor, Rig, SweepState};
+use super::{ExecuteError, Executor, SweepState};
 use crate::{
     measure::{
         Spent, SweepPoint,
@@ -13,15 +13,6 @@ use crate::{
     plan::{Band, Stage, Step},
     record::Event,
 };
-
-impl Rig<'_> {
-    fn gate(&self) -> Option<Quality> {
-        self.experiment
-            .multisine
-            .as_ref()
-            .and_then(|multisine| multisine.quality)
-    }
-}
 
 impl SweepState {
     /// Whether another record of a band is within the sweep's budget.
@@ -47,7 +38,7 @@ impl Executor<'_> {
             points.push(point);
             self.known.lines.push(line);
         }
-        let Some(quality) = self.rig.gate() else {
+        let Some(quality) = self.rig.setup.multisine_quality else {
             return Ok(());
         };
         for point in &mut points[first..] {
@@ -71,7 +62,7 @@ impl Executor<'_> {
         stage: &Stage,
         points: &mut [SweepPoint],
     ) -> Result<(), ExecuteError> {
-        let Some(quality) = self.rig.gate() else {
+        let Some(quality) = self.rig.setup.multisine_quality else {
             return Ok(());
         };
         for round in 0..=quality.again {

@@ -84,8 +84,7 @@ impl Executor<'_> {
         }
         // As for any discharge: the load's own end lies below the daemon's, and not below the
         // cell's limit.
-        let stop_below =
-            Volts((until_v - LOAD_CUT_OFF_V).max(self.rig.experiment.cell.limits.min_v));
+        let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.rig.setup.limits.min_v));
         let error = self.rig.bench.error("load");
         let load = require(&mut self.rig.bench.load, "load")?;
         load.prepare(&Discharge {

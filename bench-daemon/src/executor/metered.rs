@@ -64,7 +64,7 @@ impl Rig<'_> {
         }
         let greatest_a = work.trace.extremes_a().1;
         if greatest_a > 0.0 {
-            let voltage = Volts(self.experiment.cell.limits.max_v - BELOW_GREATEST_V);
+            let voltage = Volts(self.setup.limits.max_v - BELOW_GREATEST_V);
             let error = self.bench.error("supply");
             let charge = Charge {
                 voltage,
@@ -94,7 +94,7 @@ impl Rig<'_> {
             })))
         };
         let error = self.bench.error("load");
-        let stop_below = Volts(self.experiment.cell.limits.min_v);
+        let stop_below = Volts(self.setup.limits.min_v);
         require(&mut self.bench.load, "load")?
             .prepare(&Discharge { draw, stop_below })
             .await
@@ -249,7 +249,7 @@ impl Rig<'_> {
                     .await?;
             }
             Flowing::Supply => {
-                if volts < self.experiment.cell.limits.max_v - BELOW_GREATEST_V - NEAR_LIMIT_V {
+                if volts < self.setup.limits.max_v - BELOW_GREATEST_V - NEAR_LIMIT_V {
                     self.explained(follows(
                         "supply",
                         work.polls,

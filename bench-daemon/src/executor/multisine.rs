@@ -80,7 +80,7 @@ fn fit_of(
 impl Rig<'_> {
     async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.experiment.bench.wiring;
+        let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let volts = (
             Volts(band.peak_a * volts_per_amp * wiring.command_trim),
@@ -213,8 +213,7 @@ impl Rig<'_> {
     }
 
     fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {
-        let met_a =
-            (phasors.volts[1] - phasors.volts[0]).norm() / self.experiment.bench.wiring.shunt.r_ohm;
+        let met_a = (phasors.volts[1] - phasors.volts[0]).norm() / self.setup.wiring.shunt.r_ohm;
         if (met_a / amplitude_a - 1.0).abs() <= CURRENT_TOLERANCE {
             return Ok(());
         }

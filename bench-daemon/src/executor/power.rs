@@ -123,7 +123,7 @@ impl Executor<'_> {
         limits: &supply4q::Limits,
     ) -> Result<(), ExecuteError> {
         let error = self.rig.bench.error("generator");
-        let offset = Volts(self.rig.experiment.bench.wiring.command_offset_v);
+        let offset = Volts(self.rig.setup.wiring.command_offset_v);
         let generator = require(&mut self.rig.bench.generator, "generator")?;
         generator.output(false).await.map_err(&error)?;
         generator.quiet(offset).await.map_err(&error)?;
@@ -150,13 +150,13 @@ impl Executor<'_> {
                 .await?;
         }
         let scope_error = self.rig.bench.error("scope");
-        if let Some(eis) = &self.rig.experiment.eis {
+        if let Some(sweeps) = self.rig.setup.sweeps {
             let scope = require(&mut self.rig.bench.scope, "scope")?;
             // What cannot be thinned out before it is sent is not taken in the first place.
             let memory_points = if scope.capabilities().thins_out {
-                eis.memory_points
+                sweeps.memory_points
             } else {
-                eis.record_points
+                sweeps.record_points
             };
             scope
                 .set(&instruments::scope::Intent::Session { memory_points })
@@ -185,10 +185,9 @@ impl Executor<'_> {
         let allowed_a = IDLE_CURRENT_A
             .min(
                 self.rig
-                    .experiment
-                    .eis
-                    .as_ref()
-                    .map_or(f64::INFINITY, |eis| 0.5 * eis.amplitude_a),
+                    .setup
+                    .sweeps
+                    .map_or(f64::INFINITY, |sweeps| 0.5 * sweeps.amplitude_a),
             )
             .max(NO_CURRENT_A);
         if idle_a.abs() > allowed_a {

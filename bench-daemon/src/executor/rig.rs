@@ -2,7 +2,7 @@
 
 use instruments::clock::Clock;
 
-use super::burst::Burst;
+use super::{burst::Burst, setup::Setup};
 use crate::{
     bench::Bench, config::Experiment, interlock::Interlock, record::Recorder,
     thermostat::Thermostat,
@@ -12,8 +12,8 @@ use crate::{
 pub struct Rig<'a> {
     /// The instruments.
     pub(super) bench: &'a mut Bench,
-    /// What is being done.
-    pub(crate) experiment: &'a Experiment,
+    /// What holds for the whole run.
+    pub(super) setup: Setup,
     /// Bench time.
     pub(crate) clock: Clock,
     /// Where everything is written.
@@ -32,13 +32,13 @@ impl<'a> Rig<'a> {
     /// Makes a rig of a bench on which nothing was read yet.
     pub fn new(
         bench: &'a mut Bench,
-        experiment: &'a Experiment,
+        experiment: &Experiment,
         clock: Clock,
         recorder: &'a mut Recorder,
     ) -> Self {
         Self {
             bench,
-            experiment,
+            setup: Setup::of(experiment),
             clock,
             recorder,
             interlock: Interlock::new(

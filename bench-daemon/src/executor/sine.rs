@@ -15,10 +15,10 @@ use super::{
     crest::Drawn,
     record::{Asked, Taken, analyse},
     require,
+    setup::Sweeps,
     watch::drawn,
 };
 use crate::{
-    config::Eis,
     measure::SweepPoint,
     plan::{MAX_RANGING, Step, fixture_name},
     record::CaptureFile,
@@ -32,7 +32,7 @@ impl Rig<'_> {
     /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
     pub(super) async fn drive(&mut self, tone: &Tone) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.experiment.bench.wiring;
+        let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let sine = Sine {
             freq: Hertz(tone.freq_hz),
@@ -74,7 +74,7 @@ impl Rig<'_> {
     /// Gives its amplitude, A.
     fn check_current(&self, point: &SweepPoint, amplitude_a: f64) -> Result<f64, ExecuteError> {
         let [first, second, _, _] = point.phasors.volts;
-        let met_a = (second - first).norm() / self.experiment.bench.wiring.shunt.r_ohm;
+        let met_a = (second - first).norm() / self.setup.wiring.shunt.r_ohm;
         let (least_a, greatest_a) = ((1.0 - CURRENT_TOLERANCE) * amplitude_a, drawn(amplitude_a));
         if (least_a..=greatest_a).contains(&met_a) {
             return Ok(met_a);
@@ -107,7 +107,7 @@ impl Executor<'_> {
                 reason: "not a sine step".to_owned(),
             });
         };
-        let Some(eis) = &self.rig.experiment.eis else {
+        let Some(sweeps) = self.rig.setup.sweeps else {
             return Err(ExecuteError::Signal {
                 freq_hz,
                 reason: "no section [eis]".to_owned(),
@@ -125,7 +125,8 @@ impl Executor<'_> {
         let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
         if self.scope.verticals[0].is_none() {
             // Those of the controls, whatever the amplitude: a gain belongs to a range.
-            self.first_ranges(fixture, eis.amplitude_a, &scope).await?;
+            self.first_ranges(fixture, sweeps.amplitude_a, &scope)
+                .await?;
         }
         let mut warnings = Vec::new();
         for attempt in 0..=MAX_RANGING {
@@ -143,7 +144,7 @@ impl Executor<'_> {
             }
             let mut longer = 0..MOST_LONGER;
             let (waveforms, effective_a) = loop {
-                if let Some(taken) = self.capture(eis, &tone, driven_s, fixture).await? {
+                if let Some(taken) = self.capture(&sweeps, &tone, driven_s, fixture).await? {
                     break taken;
                 }
                 if longer.next().is_none() {
@@ -184,14 +185,15 @@ impl Executor<'_> {
             let clipped = waveforms
                 .iter()
                 .any(|waveform| waveform.clipped_share() > 0.0);
-            if ranged.is_empty() || (attempt == MAX_RANGING && (!clipped || eis.quality.is_some()))
+            if ranged.is_empty()
+                || (attempt == MAX_RANGING && (!clipped || sweeps.quality.is_some()))
             {
                 warnings.extend(ranged);
                 let asked = Asked {
                     fixture,
                     index,
                     freq_hz,
-                    mains_hz: eis.mains_hz,
+                    mains_hz: sweeps.mains_hz,
                 };
                 let point = analyse(&asked, &Taken::of(&waveforms), warnings)?;
                 let met_a = self.rig.check_current(&point, amplitude_a)?;
@@ -238,8 +240,7 @@ impl Executor<'_> {
         };
         let per_div_v = self
             .rig
-            .experiment
-            .bench
+            .setup
             .wiring
             .scale_per_ampere_v
             .map(|scale_v| scale_v * amplitude_a);
@@ -251,13 +252,13 @@ impl Executor<'_> {
     /// end, A; none where the signal has ended, or would end, before it does.
     async fn capture(
         &mut self,
-        eis: &Eis,
+        sweeps: &Sweeps,
         tone: &Tone,
         driven_s: f64,
         fixture: Fixture,
     ) -> Result<Option<([Waveform; 4], Option<f64>)>, ExecuteError> {
         self.scope.apply(self.rig.bench).await?;
-        let span = Seconds(eis.periods_on_screen / tone.freq_hz);
+        let span = Seconds(sweeps.periods_on_screen / tone.freq_hz);
         let overlaps = self.rig.overlaps();
         let screen_s = self.scope.arm(self.rig.bench, span, overlaps).await?;
         let ripe_s = if overlaps {
@@ -272,7 +273,7 @@ impl Executor<'_> {
             self.sweep.announce(self.rig.recorder)?;
             let error = self.rig.bench.error("scope");
             let chosen = require(&mut self.rig.bench.scope, "scope")?
-                .choose(1, eis.record_points)
+                .choose(1, sweeps.record_points)
                 .await
                 .map_err(error)?;
             self.watch_until(ripe_s, fixture).await?;
@@ -294,7 +295,7 @@ impl Executor<'_> {
         self.go_ahead(fixture).await?;
         let waveforms = self
             .rig
-            .fetch_frame(eis.record_points, chosen, fixture)
+            .fetch_frame(sweeps.record_points, chosen, fixture)
             .await?;
         self.scope.check_frame(tone.freq_hz, &waveforms, screen_s)?;
         let four = waveforms.try_into().map_err(|_| ExecuteError::Signal {

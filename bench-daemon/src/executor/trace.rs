@@ -147,7 +147,7 @@ impl Rig<'_> {
     /// Commands a direct current, A, charge positive.
     async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.experiment.bench.wiring;
+        let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let offset =
             Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
@@ -329,8 +329,8 @@ impl Executor<'_> {
         };
         let (least_a, greatest_a) = trace.extremes_a();
         let most_a = greatest_a.max(-least_a).max(LEAST_SCALE_A);
-        let (down_v, up_v) = trace.drift_v(&self.rig.experiment.cell.limits);
-        let scales = self.rig.experiment.bench.wiring.scale_per_ampere_v;
+        let (down_v, up_v) = trace.drift_v(&self.rig.setup.limits);
+        let scales = self.rig.setup.wiring.scale_per_ampere_v;
         let drift_v = 0.5 * up_v.max(-down_v);
         let mut per_div_v = scales.map(|scale_v| scale_v * most_a);
         per_div_v[3] += drift_v / scope.half_range_div;
@@ -436,7 +436,7 @@ impl Executor<'_> {
 
     /// What the frames of a trace are read by.
     pub(super) fn frames<'f>(&'f self, trace: &'f TracePlan, zero: &Zero) -> Frames<'f> {
-        let shunt_ohm = self.rig.experiment.bench.wiring.shunt.r_ohm;
+        let shunt_ohm = self.rig.setup.wiring.shunt.r_ohm;
         Frames {
             trace,
             correction: &self.known.correction,

@@ -45,8 +45,8 @@ impl Rig<'_> {
     /// What may flow during a step is far less than what the cell could bear, and so is the charge
     /// that it may move.
     pub(super) fn allowance(&self, fixture: Fixture, step: &Step) -> Allowance {
-        let cell = self.experiment.cell.limits;
-        let settings = &self.experiment.cell.interlock;
+        let cell = self.setup.limits;
+        let settings = &self.setup.interlock;
         let cell = if fixture == Fixture::Cell {
             cell
         } else {

@@ -54,7 +54,7 @@ impl Rig<'_> {
         steps: usize,
     ) -> Result<f64, ExecuteError> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
-        let wiring = &self.experiment.bench.wiring;
+        let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let peak_a = currents
             .iter()
@@ -147,7 +147,7 @@ impl Executor<'_> {
             .sleep_s((began_s + over_s - self.rig.clock.now_s()).max(0.0))
             .await;
         let frozen_s = self.rig.freeze().await?;
-        let offset = Volts(self.rig.experiment.bench.wiring.command_offset_v);
+        let offset = Volts(self.rig.setup.wiring.command_offset_v);
         let error = self.rig.bench.error("generator");
         require(&mut self.rig.bench.generator, "generator")?
             .quiet(offset)

@@ -215,6 +215,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             Purpose::Multisine(repeat) => {
                 let run = multisine::measure(
                     &mut self.executor,
+                    self.experiment,
                     number,
                     stage,
                     repeat,

@@ -57,12 +57,13 @@ pub(super) struct Told {
 /// has what its points share.
 pub(super) async fn measure(
     executor: &mut Executor<'_>,
+    experiment: &Experiment,
     number: usize,
     stage: &Stage,
     repeat: usize,
     measured: &Measured,
 ) -> Result<MultisineRun, Failure> {
-    let (experiment, start_s) = (executor.rig.experiment, executor.rig.clock.now_s());
+    let start_s = executor.rig.clock.now_s();
     executor
         .rig
         .recorder
