@@ -3,7 +3,7 @@
 
 use instruments::{fixture::Fixture, scope::Waveform};
 
-use super::{ExecuteError, Executor, Rig, watch::drawn};
+use super::{ExecuteError, Executor, Rig, rig::FirstMean, watch::drawn};
 use crate::interlock::{NO_CURRENT_A, Trip};
 
 /// No cell for which this bench is made has more at any frequency of a sweep, Ω. Its record tells
@@ -59,16 +59,19 @@ impl Rig<'_> {
             .sum();
         let greatest = 0.1 * amplitude_a + NO_CURRENT_A + unsure_v / self.setup.wiring.shunt.r_ohm;
         let time_s = self.clock.now_s();
-        let scales = [below, above].map(|waveform| waveform.preamble.volts_per_div);
+        let volts_per_div = [below, above].map(|waveform| waveform.preamble.volts_per_div);
         // On new scales the zeros of the channels are others: what had changed until then is
         // carried over.
-        let (_, zero_a) = *self
-            .driving
-            .first_mean
-            .insert(match self.driving.first_mean {
-                Some(first) if first.0 == scales => first,
-                _ => (scales, mean_a - self.driving.mean_change_a),
-            });
+        let driving = &mut self.driving;
+        let first = match driving.first_mean {
+            Some(first) if first.volts_per_div == volts_per_div => first,
+            _ => FirstMean {
+                volts_per_div,
+                zero_a: mean_a - driving.mean_change_a,
+            },
+        };
+        driving.first_mean = Some(first);
+        let FirstMean { zero_a, .. } = first;
         // A channel that clips shows what is common to both, and is measured again; noise is no
         // current: the quality gate judges it.
         let clips = [below, above]

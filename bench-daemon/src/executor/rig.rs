@@ -112,6 +112,15 @@ pub(super) struct Temperatures {
     pub(super) thermostat: Option<Thermostat>,
 }
 
+/// What a record shows while no direct current flows.
+#[derive(Clone, Copy)]
+pub(super) struct FirstMean {
+    /// Scales of the shunt's channels, V per division.
+    pub(super) volts_per_div: [f64; 2],
+    /// Mean of the current, A.
+    pub(super) zero_a: f64,
+}
+
 /// What drives the cell since the last power-up.
 #[derive(Default)]
 pub(super) struct Driving {
@@ -119,10 +128,9 @@ pub(super) struct Driving {
     pub(super) burst: Burst,
     /// What the power-up in work allows of the current, A.
     pub(super) powered_a: Option<f64>,
-    /// Scales of the shunt's channels, V per division, and what a record on them shows while no
-    /// direct current flows, A: from the first since the power-up.
-    pub(super) first_mean: Option<([f64; 2], f64)>,
-    /// By how much the mean of the current has changed since then, A.
+    /// The first record since then, or on these scales.
+    pub(super) first_mean: Option<FirstMean>,
+    /// By how much the mean of the current has changed since the first record, A.
     pub(super) mean_change_a: f64,
     /// It was said that the bipolar supply is not bounded.
     pub(super) told: bool,
