@@ -3,16 +3,8 @@
 //! voltage moves by many of them.
 
 use super::{Check, Findings, Inspection};
+use crate::thresholds::{CLIP_FEWEST, CLIP_MOVES_PART, CLIP_MOVES_SIGMAS};
 use std::ops::Range;
-
-/// Samples in a row at the extreme.
-const FEWEST: usize = 4;
-/// Least move of the expected voltage meanwhile, and its least distance beyond the extreme, in
-/// standard deviations of a sample and steps of the codes.
-const MOVES: f64 = 10.0;
-/// The same as a share of what is expected over the whole record: below, an effect may have held
-/// the voltage there.
-const MOVES_SHARE: f64 = 0.03;
 
 pub(super) fn check(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();
@@ -25,7 +17,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
             .sample_noise_v(record)
             .max(at.set.history.map_or(0.0, |h| h.voltage_resolution_v));
         let span_v = extent(expected_v);
-        let least_v = (MOVES * noise_v).max(MOVES_SHARE * span_v);
+        let least_v = (CLIP_MOVES_SIGMAS * noise_v).max(CLIP_MOVES_PART * span_v);
         for sign in [1.0, -1.0] {
             let extreme_v = sign
                 * measured_v
@@ -36,7 +28,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
             let beyond = |k: usize| sign * (expected_v[k] - extreme_v);
             let clipped = rows(measured_v, extreme_v)
                 .into_iter()
-                .filter(|row| row.len() >= FEWEST)
+                .filter(|row| row.len() >= CLIP_FEWEST)
                 .any(|row| {
                     let moves_v = extent(&expected_v[row.clone()]);
                     let far = row.map(beyond).fold(f64::NEG_INFINITY, f64::max);

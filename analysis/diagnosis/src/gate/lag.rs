@@ -7,17 +7,10 @@
 
 use super::super::data::TimeRecord;
 use super::{Check, Findings, Inspection, Subject, median};
+use crate::thresholds::{
+    LAG_LEAST_MISSED, LAG_LEFT_PART, LAG_TIMES_OTHERS, LAG_TRIED_S, LAG_TRIES, LAG_UNEXPLAINED_PART,
+};
 use analysis_effects::augmented::Between;
-
-/// Lags that are tried, s: from and to, and how many in between.
-const TRIED_S: (f64, f64, usize) = (1e-3, 10.0, 41);
-/// A lag is believed where it leaves less than this share of the squares.
-const SHARE_LEFT: f64 = 0.3;
-/// The delayed voltage must be explained by the prediction but for this share of its squares: else
-/// it is something else that is wrong.
-const UNEXPLAINED: f64 = 0.1;
-/// A record lags alone where it does so this many times more than its like.
-const TIMES_OTHERS: f64 = 3.0;
 
 pub(super) fn check(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();
@@ -48,7 +41,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         let like = Some(others(true))
             .filter(|all| !all.is_empty())
             .unwrap_or_else(|| others(false));
-        let alone = !like.is_empty() && *lag_s > (TIMES_OTHERS * median(like)).max(*interval_s);
+        let alone = !like.is_empty() && *lag_s > (LAG_TIMES_OTHERS * median(like)).max(*interval_s);
         if alone {
             let text = format!(
                 "its logged current lags by {lag_s:.2} s behind the voltage, the other records' \
@@ -85,14 +78,16 @@ fn interval_s(record: &TimeRecord) -> f64 {
 fn lag_s(record: &TimeRecord, expected_v: &[f64], noise_v: f64) -> f64 {
     let (now, _) = squares(&record.series.voltage_v, expected_v);
     let floor = noise_v * noise_v * expected_v.len() as f64;
-    let (low, high, count) = TRIED_S;
+    let ((low, high), count) = (LAG_TRIED_S, LAG_TRIES);
     let tried = (0..count).map(|k| low * (high / low).powf(k as f64 / (count - 1) as f64));
     let best = tried
         .map(|tau_s| (tau_s, squares(&delayed(record, tau_s), expected_v)))
         .min_by(|a, b| a.1.0.total_cmp(&b.1.0));
     match best {
         Some((tau_s, (left, whole)))
-            if now > 4.0 * floor && left < SHARE_LEFT * now && left < UNEXPLAINED * whole =>
+            if now > LAG_LEAST_MISSED * floor
+                && left < LAG_LEFT_PART * now
+                && left < LAG_UNEXPLAINED_PART * whole =>
         {
             tau_s
         }

@@ -18,6 +18,7 @@ mod swapped;
 mod units;
 
 use super::data::{DataSet, Run, RunData, Sweep, TimeRecord};
+use crate::thresholds::MEDIAN_STEP_SIGMAS;
 use serde::Serialize;
 use std::fmt;
 
@@ -231,8 +232,7 @@ impl Inspection<'_> {
             .windows(2)
             .map(|w| (w[1] - w[0]).abs())
             .collect();
-        // Half the steps of two normal numbers are below 0.954 of their standard deviation.
-        median(steps) / 0.954
+        median(steps) / MEDIAN_STEP_SIGMAS
     }
 }
 

@@ -2,35 +2,11 @@
 
 use super::super::data::{BenchHistory, Fixture, TimeRecord};
 use super::{Check, Findings, Inspection, Reason, Subject, median};
-
-/// A run is cut off where it lasts less than this share of a repeat and current flows in what is
-/// missing.
-const WHOLE: f64 = 0.9;
-/// Current that counts as flowing, as a share of the repeat's largest.
-const FLOWS: f64 = 0.05;
-/// Standard deviations of the history beyond which a repeat is none.
-const FAR_OFF: f64 = 20.0;
-/// … unless the first and the last of the group lie on opposite sides of the others in the same
-/// way, to this correlation: a cell that changes does that, a run that was swapped or damaged does
-/// not. Beyond this many standard deviations it does not either …
-const DRIFTS: f64 = -0.7;
-const FAR_DRIFT: f64 = 400.0;
-/// … but for what goes one way as time does: each run's part of the way from the first to the last
-/// is its part of the time, to this, and no more than this part of the way lies aside of it. A cell
-/// that ages steadily does that by any amount.
-const STEADY: f64 = 0.15;
-const ASIDE: f64 = 0.3;
-/// Two repeats may differ by so many times as much per time as a group of the cell that goes
-/// steadily one way, by this many standard deviations at least, and no shorter.
-const WITH_THE_CELL: f64 = 5.0;
-const SEEN: f64 = 5.0;
-/// A step of time is odd where it differs by this share and this many seconds, and a jump of the
-/// clock where no more than so many do.
-const ODD_STEP: f64 = 0.1;
-const ODD_STEP_S: f64 = 5e-3;
-const MOST_ODD: usize = 3;
-/// Share of the samples that may differ by more: edges need not fall on the same instant.
-const AT_EDGES: f64 = 0.05;
+use crate::thresholds::{
+    ASIDE_PART, AT_EDGES_PART, CELL_CHANGE_Z, DRIFT_CORRELATION, DRIFT_MOST_Z, FEWEST_TO_DRIFT,
+    MOST_ODD_STEPS, ODD_STEP_PART, ODD_STEP_S, REPEAT_FAR_OFF_Z, REPEAT_FLOWS_PART, SAME_TIME_S,
+    STEADY_PART, WHOLE_RUN_PART, WITH_CELL_TIMES,
+};
 
 pub(super) fn truncated(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();
@@ -77,14 +53,14 @@ fn cut_record(own: &TimeRecord, theirs: &TimeRecord) -> Option<String> {
         .filter(|(t, _)| **t > own_s);
     let flows = missing
         .into_iter()
-        .any(|(_, i)| i.abs() > FLOWS * greatest_a);
-    (own_s < WHOLE * their_s && flows)
+        .any(|(_, i)| i.abs() > REPEAT_FLOWS_PART * greatest_a);
+    (own_s < WHOLE_RUN_PART * their_s && flows)
         .then(|| format!("it ends after {own_s:.1} s, its repeats last {their_s:.1} s: cut off"))
 }
 
 fn cut_sweep(own: &Subject<'_>, other: &Subject<'_>) -> Option<String> {
     let (own, theirs) = (own.sweep()?.0.points.len(), other.sweep()?.0.points.len());
-    ((own as f64) < WHOLE * theirs as f64)
+    ((own as f64) < WHOLE_RUN_PART * theirs as f64)
         .then(|| format!("it holds {own} points, its repeats {theirs}: cut off"))
 }
 
@@ -131,14 +107,15 @@ fn odd_steps(own: &TimeRecord, theirs: &TimeRecord) -> Option<Vec<usize>> {
             .collect::<Vec<f64>>()
     };
     let (own, theirs) = (steps(own), steps(theirs));
-    let odd =
-        |k: &usize| (own[*k] - theirs[*k]).abs() > ODD_STEP * own[*k].max(theirs[*k]) + ODD_STEP_S;
+    let odd = |k: &usize| {
+        (own[*k] - theirs[*k]).abs() > ODD_STEP_PART * own[*k].max(theirs[*k]) + ODD_STEP_S
+    };
     let all: Vec<usize> = if own.len() == theirs.len() {
         (0..own.len()).filter(odd).collect()
     } else {
         return None;
     };
-    (all.len() <= MOST_ODD).then_some(all)
+    (all.len() <= MOST_ODD_STEPS).then_some(all)
 }
 
 pub(super) fn check(at: &Inspection<'_>) -> Findings {
@@ -166,7 +143,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         .collect();
     let drifting: Vec<(f64, f64)> = groups
         .iter()
-        .filter(|group| group.of_cell() && group.z() > SEEN && steady(&group.off))
+        .filter(|group| group.of_cell() && group.z() > CELL_CHANGE_Z && steady(&group.off))
         .map(|group| (group.per_s(), group.span_s()))
         .collect();
     for group in groups {
@@ -175,18 +152,19 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
             .off
             .iter()
             .zip(&group.size)
-            .filter(|(_, z)| **z > FAR_OFF)
+            .filter(|(_, z)| **z > REPEAT_FAR_OFF_Z)
             .map(|(off, _)| off.0.run.name.clone())
             .collect();
         // Two runs alone do not show which way they go, but what else the cell did meanwhile does.
         let follows = |(per_s, span_s): &(f64, f64)| {
-            group.span_s() <= *span_s && group.per_s() < WITH_THE_CELL * per_s
+            group.span_s() <= *span_s && group.per_s() < WITH_CELL_TIMES * per_s
         };
         let with_the_cell = group.off.len() == 2
-            && z < FAR_DRIFT
+            && z < DRIFT_MOST_Z
             && group.of_cell()
             && drifting.iter().any(follows);
-        let drifted = steady(&group.off) || with_the_cell || (z < FAR_DRIFT && drifts(group.off));
+        let drifted =
+            steady(&group.off) || with_the_cell || (z < DRIFT_MOST_Z && drifts(group.off));
         if !far.is_empty() && !drifted {
             let text = format!(
                 "it differs from its repeats by {z:.0} standard deviations of the bench's history"
@@ -265,7 +243,8 @@ fn drifts(mut off: Vec<(&Subject<'_>, Vec<Apart>)>) -> bool {
             .map(|(a, b)| a.0 * b.0 + a.1 * b.1)
             .sum::<f64>()
     };
-    off.len() >= 3 && dot(first, last) < DRIFTS * (dot(first, first) * dot(last, last)).sqrt()
+    off.len() >= FEWEST_TO_DRIFT
+        && dot(first, last) < DRIFT_CORRELATION * (dot(first, first) * dot(last, last)).sqrt()
 }
 
 /// Whether a group of three or more goes from the first to the last in proportion to time.
@@ -298,9 +277,10 @@ fn steady(off: &[(&Subject<'_>, Vec<Apart>)]) -> bool {
         let moved = less(apart, first);
         let part = dot(&moved, &whole) / size;
         let aside = (dot(&moved, &moved) - part * part * size).max(0.0);
-        (part - (at_s - begin_s) / (end_s - begin_s)).abs() < STEADY && aside < ASIDE * ASIDE * size
+        (part - (at_s - begin_s) / (end_s - begin_s)).abs() < STEADY_PART
+            && aside < ASIDE_PART * ASIDE_PART * size
     };
-    runs.len() >= 3
+    runs.len() >= FEWEST_TO_DRIFT
         && end_s > begin_s
         && size > 0.0
         && runs.iter().all(|(_, a)| a.len() == whole.len())
@@ -381,13 +361,13 @@ fn apart(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory
 
 fn same_times(a: &TimeRecord, b: &TimeRecord) -> bool {
     let (a, b) = (&a.series.time_s, &b.series.time_s);
-    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < 1e-3)
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() < SAME_TIME_S)
 }
 
 /// Root of the mean of all but the largest; zero where the history states no noise at all.
 fn trimmed_root(mut squares: Vec<f64>) -> f64 {
     squares.retain(|s| s.is_finite());
     squares.sort_unstable_by(f64::total_cmp);
-    squares.truncate(((1.0 - AT_EDGES) * squares.len() as f64).ceil() as usize);
+    squares.truncate(((1.0 - AT_EDGES_PART) * squares.len() as f64).ceil() as usize);
     (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
 }

@@ -2,17 +2,10 @@
 
 use super::super::data::Sweep;
 use super::{Check, Findings, Inspection};
+use crate::thresholds::{KK_END_PART, KK_LEAST_PERCENT, KK_LEAST_SIGMAS};
 use analysis_fit::validity::{FEWEST_POINTS, KkOutcome, Noise, kramers_kronig};
 use analysis_numeric::Covariance2;
 use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
-
-/// A residual is held against a spectrum above so many per cent of |Z| and so many standard
-/// deviations of its noise: below, the ladder itself and the imperfect causality of a skew are met.
-const LEAST_PERCENT: f64 = 1.0;
-const LEAST_SIGMAS: f64 = 5.0;
-/// Share of the points that may disagree at one end of the band: a cell that had not come to rest
-/// spoils the lowest ones.
-const END_OF_BAND: f64 = 0.3;
 
 pub(super) fn check(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();
@@ -42,8 +35,8 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         };
         let worst = kk.points.iter().map(|p| p.percent()).fold(0.0, f64::max);
         let left_out = kk.points.iter().filter(|p| p.left_out).count();
-        let large = worst > LEAST_PERCENT.max(LEAST_SIGMAS * kk.noise_percent);
-        let small_end = (left_out as f64) < END_OF_BAND * kk.points.len() as f64;
+        let large = worst > KK_LEAST_PERCENT.max(KK_LEAST_SIGMAS * kk.noise_percent);
+        let small_end = (left_out as f64) < KK_END_PART * kk.points.len() as f64;
         match kk.outcome {
             KkOutcome::Disagrees | KkOutcome::SignSwapped | KkOutcome::PartOfBand
                 if large && !(kk.outcome == KkOutcome::PartOfBand && small_end) =>

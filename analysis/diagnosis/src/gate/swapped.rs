@@ -4,21 +4,11 @@
 use super::super::data::{Fixture, TimeRecord};
 use super::current::difference;
 use super::{Check, Findings, Inspection, Reason, Subject};
+use crate::thresholds::{
+    CURRENT_ALIKE, CURRENT_UNLIKE, NO_CURRENT_PART, OTHER_EXPLAINS, OWN_EXPLAINS, SPECTRUM_CLOSER,
+    SPECTRUM_FAR,
+};
 use num_complex::Complex64;
-
-/// Currents of repeats are alike below this share, of the same experiment below the second.
-const UNLIKE: f64 = 0.5;
-const ALIKE: f64 = 0.25;
-/// Part of the data set's greatest current below which none flows.
-const NO_CURRENT: f64 = 0.01;
-/// Share of the voltage's squares that its own current must explain at least, and another's must
-/// explain to be called the right one.
-const OWN_EXPLAINS: f64 = 0.5;
-const OTHER_EXPLAINS: f64 = 0.9;
-/// A spectrum belongs to another fixture where it is further from its own than the first, and
-/// closer to the other's by the second factor.
-const FAR: f64 = 0.15;
-const CLOSER: f64 = 0.3;
 
 /// A voltage or a spectrum that is another run's.
 pub(super) fn by_content(at: &Inspection<'_>) -> Findings {
@@ -75,17 +65,17 @@ fn of_current(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
         .iter()
         .filter_map(|s| s.record())
         .flat_map(|(r, _)| &r.series.current_a);
-    let least_a = NO_CURRENT * currents.fold(0.0f64, |most, i| most.max(i.abs()));
+    let least_a = NO_CURRENT_PART * currents.fold(0.0f64, |most, i| most.max(i.abs()));
     let closest = |same_group: bool| {
         records(at, subject, same_group)
             .filter_map(|(name, other)| Some((name, difference(record, other, least_a)?)))
             .min_by(|a, b| a.1.total_cmp(&b.1))
     };
     let (_, own) = closest(true)?;
-    if own < UNLIKE {
+    if own < CURRENT_UNLIKE {
         return None;
     }
-    match closest(false).filter(|(_, other)| *other < ALIKE) {
+    match closest(false).filter(|(_, other)| *other < CURRENT_ALIKE) {
         Some((name, _)) => reason(
             subject,
             Check::Swapped,
@@ -172,7 +162,7 @@ fn of_spectrum(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
     let (sweep, expected) = subject.sweep()?;
     let measured: Vec<Complex64> = sweep.points.iter().map(|p| p.z_ohm).collect();
     let own = distance(&measured, expected);
-    if own < FAR {
+    if own < SPECTRUM_FAR {
         return None;
     }
     let freqs =
@@ -187,7 +177,7 @@ fn of_spectrum(at: &Inspection<'_>, subject: &Subject<'_>) -> Option<Reason> {
             .then(|| (other.run.name.as_str(), distance(&measured, predicted)))
     });
     let (name, other) = right.min_by(|a, b| a.1.total_cmp(&b.1))?;
-    if other > CLOSER * own {
+    if other > SPECTRUM_CLOSER * own {
         return None;
     }
     let text = format!(

@@ -2,15 +2,7 @@
 
 use super::super::data::{Fixture, Run, RunData, TimeRecord};
 use super::{Check, Findings, Inspection, Subject, median};
-
-/// Steps of current that are at least this share of the largest one tell the resistance.
-const LARGE_STEP: f64 = 0.2;
-/// They must move the voltage by so many standard deviations of a sample.
-const VISIBLE: f64 = 10.0;
-/// A level of a cell's voltage below this cannot be compared, V.
-const LEAST_LEVEL_V: f64 = 0.1;
-/// Share of the response that must go the wrong way before it is called so.
-const REVERSED: f64 = -0.5;
+use crate::thresholds::{LARGE_STEP_PART, LEAST_LEVEL_V, REVERSED_PART, VISIBLE_STEP_SIGMAS};
 
 pub(super) fn check(at: &Inspection<'_>) -> Findings {
     let mut found = Findings::default();
@@ -52,7 +44,9 @@ fn of_record(
     let (low_ohm, high_ohm) = resistance(at, subject.run);
     let expected_ohm = (low_ohm * high_ohm).sqrt();
     let steps = Steps::of(record)?;
-    if steps.largest_a * steps.ohm.abs().max(low_ohm) < VISIBLE * at.sample_noise_v(record) {
+    if steps.largest_a * steps.ohm.abs().max(low_ohm)
+        < VISIBLE_STEP_SIGMAS * at.sample_noise_v(record)
+    {
         return None;
     }
     let ratio = steps.ohm / expected_ohm;
@@ -76,7 +70,7 @@ fn of_record(
     } else {
         "has the sign of the other direction"
     };
-    (steps.ohm < REVERSED * low_ohm && steps.correlation < REVERSED).then(|| {
+    (steps.ohm < REVERSED_PART * low_ohm && steps.correlation < REVERSED_PART).then(|| {
         (
             Check::Sign,
             format!(
@@ -118,7 +112,7 @@ impl Steps {
         let large = di
             .iter()
             .zip(&dv)
-            .filter(|(i, _)| i.abs() >= LARGE_STEP * largest_a);
+            .filter(|(i, _)| i.abs() >= LARGE_STEP_PART * largest_a);
         let (ii, iv, vv) = large.fold((0.0, 0.0, 0.0), |(a, b, c), (i, v)| {
             (a + i * i, b - i * v, c + v * v)
         });
@@ -155,7 +149,7 @@ fn of_sweep(subject: &Subject<'_>) -> Option<(Check, String)> {
             .sum::<f64>()
     };
     let (both, own) = (sum(&|m, e| m * e), sum(&|_, e| e * e));
-    let reversed = |share: f64| share < REVERSED;
+    let reversed = |share: f64| share < REVERSED_PART;
     if own > 0.0 && reversed(both / own) && reversed(both / (own * sum(&|m, _| m * m)).sqrt()) {
         return Some((
             Check::Sign,
