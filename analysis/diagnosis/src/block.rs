@@ -6,18 +6,13 @@
 
 use super::data::{Fixture, Role, Run, RunData, Start};
 use super::time_block::{Bin, TimeBlock};
+use crate::thresholds::{ALIKE_K, ALIKE_PART, ALIKE_S, ALIKE_SOC};
 use analysis_effects::{
     augmented::{Added, Player, impedance, network},
     contract::{Base, Below, Moved, Network, Point, Record},
 };
 use num_complex::Complex64;
 
-/// Within which repeats have the same derivatives: state of charge, temperature in K, and parts of
-/// currents and times, these on top of so many seconds.
-const ALIKE_SOC: f64 = 5e-4;
-const ALIKE_K: f64 = 0.05;
-const ALIKE_PART: f64 = 0.01;
-const ALIKE_S: f64 = 0.01;
 /// One run as the fit sees it.
 #[derive(Debug, Clone)]
 pub(super) struct Block {

@@ -2,17 +2,8 @@
 //! between reversals, and a sweep's swings wear them off.
 
 use super::block::{Block, Kind};
+use crate::thresholds::{LEAST_CHARGE_BETWEEN, LEAST_REVERSAL, SWEEP_INTERRUPTED};
 use analysis_effects::contract::{Moved, Point};
-
-/// Part of the capacity by which states of charge must differ for charge to have flown between two
-/// runs: voltages at rest, which they are read from, lie higher or lower after a charge or a
-/// discharge.
-const LEAST_BETWEEN: f64 = 0.01;
-/// Charge that must flow back to be a reversal, as a part of the capacity.
-const LEAST_REVERSAL: f64 = 1e-4;
-/// Two points of a sweep that are apart by so many times as much as waits and periods explain: it
-/// was interrupted.
-const INTERRUPTED: f64 = 3.0;
 
 impl Block {
     /// Adds what it moves through the cell and says how much of it stays there, C.
@@ -57,7 +48,7 @@ impl Block {
         let (mut all, mut soc) = (Stretches::new(capacity_ah), None);
         for block in blocks.iter_mut().filter(|b| b.at.is_cell) {
             let between = soc.map_or(0.0, |soc: f64| block.at.soc - soc);
-            if between.abs() > LEAST_BETWEEN {
+            if between.abs() > LEAST_CHARGE_BETWEEN {
                 all.add(between * 3600.0 * capacity_ah);
             }
             block.before.clone_from(&all.all);
@@ -97,7 +88,7 @@ fn swung_c(start_s: f64, points: &[Point]) -> f64 {
     );
     // A sweep that was interrupted went on much later.
     let usual = |s: f64, p: &Point| {
-        if s <= INTERRUPTED * (wait_s + periods / p.freq_hz) {
+        if s <= SWEEP_INTERRUPTED * (wait_s + periods / p.freq_hz) {
             s
         } else {
             wait_s

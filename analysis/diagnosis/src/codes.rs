@@ -7,12 +7,11 @@
 //! the covariance K(Δ) = Σₖ q²/(2π²k²)·exp(−4π²k²σ²/q²)·cos(2πkΔ/q). The rest of q²/12 is new in
 //! every sample.
 
+use crate::thresholds::DITHERED_PART;
 use std::f64::consts::{PI, TAU};
 
 /// Harmonics of the error.
 const HARMONICS: i32 = 12;
-/// Part of q²/12 below which the noise dithers the codes well enough.
-const DITHERED: f64 = 0.02;
 
 /// A converter with the noise before it, both in the unit of what is read.
 #[derive(Debug, Clone, Copy)]
@@ -38,7 +37,7 @@ impl Codes {
     /// Variance that is shared; none where the noise dithers the codes.
     pub(super) fn shared(self) -> Option<f64> {
         let shared = self.covariance(0.0);
-        (shared > DITHERED * self.whole()).then_some(shared)
+        (shared > DITHERED_PART * self.whole()).then_some(shared)
     }
 
     /// Variance that is new in every sample.

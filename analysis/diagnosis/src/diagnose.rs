@@ -4,7 +4,7 @@ use super::block::{DataSetError, Desk, Kind};
 use super::consistency::inconsistencies;
 use super::data::{DataSet, Role};
 use super::experiment::{Advice, BenchLimits, PlannedRun, Playable, recommend};
-use super::guards::{Guards, SENTINEL_Z};
+use super::guards::Guards;
 use super::intervals::named;
 use super::judge::{Doubts, judge};
 use super::localise::localise;
@@ -19,6 +19,7 @@ use super::search::{Search, excess_z};
 use super::select::Selection;
 use super::structure::{At, Structure};
 use super::whitening::dot;
+use crate::thresholds::{FEWEST_REPEATS, SENTINEL_Z};
 use analysis_effects::{
     contract::{Effect, Facts},
     effects::catalogue,
@@ -348,7 +349,7 @@ fn noise_report(prepared: &Prepared) -> NoiseReport {
 
 /// Whether repeats have measured the noise.
 fn measured(prepared: &Prepared) -> bool {
-    prepared.estimate.repeats >= 3
+    prepared.estimate.repeats >= FEWEST_REPEATS
 }
 
 fn rms(values: impl Iterator<Item = f64>) -> f64 {

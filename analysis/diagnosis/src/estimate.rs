@@ -7,6 +7,7 @@
 use super::block::{Block, Kind};
 use super::noise::{LogSigmas, Prior, Shape, TERMS, Term};
 use super::whitening::{Whitener, dot};
+use crate::thresholds::LEAST_INFORMATION;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute};
 use std::collections::BTreeMap;
 
@@ -106,7 +107,7 @@ pub(super) fn estimate(
     let s = prior.spread;
     let z = std::array::from_fn(|j| {
         let a = information[j * TERMS.len() + j];
-        (a > 1e-3).then(|| {
+        (a > LEAST_INFORMATION).then(|| {
             (theta[j] - prior.log_sigmas[j]) * (1.0 + a * s * s).sqrt() / (s * s * a.sqrt())
         })
     });

@@ -90,8 +90,6 @@ pub(super) const FORMULA_SHARE: f64 = 0.03;
 pub(super) const LEAST_BLOCK_P: f64 = 1e-4;
 /// Times that the steps of a record may be halved to integrate well enough.
 pub(super) const MOST_PARTS: usize = 8;
-/// Standard deviations by which repeats may leave the history or each other.
-pub(super) const SENTINEL_Z: f64 = 5.0;
 /// Error of integration as a part of the floor.
 pub(super) const INTEGRATION_PART: f64 = 0.1;
 /// χ² that a further step of a fit may still promise where it counts as converged …

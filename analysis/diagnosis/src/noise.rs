@@ -15,17 +15,16 @@ use super::followed;
 use super::shared::{self, Errors, RecordRows};
 use super::time_block::TimeBlock;
 use super::whitening::{Whitener, dot};
+use crate::thresholds::{
+    ASSUMED_CURRENT_NOISE_PART, ASSUMED_DRIFT_S, ASSUMED_DRIFT_V, ASSUMED_EIS_NOISE_PART,
+    ASSUMED_GAIN_PART, ASSUMED_LEVEL_V, ASSUMED_NOISE_V, ASSUMED_RESISTANCE_PART,
+    ASSUMED_ZERO_PART, HISTORY_SPREAD, IGNORANCE_SPREAD, MOST_STRETCHES,
+};
 use analysis_effects::{augmented::Added, contract::Base, effects::resistance_spread};
 use analysis_signal::calibration::CommonError;
 
-/// Standard deviation of the logarithm of a history's σ.
-const HISTORY_SPREAD: f64 = 0.15;
-/// The same where there is no history.
-const IGNORANCE_SPREAD: f64 = 1.5;
 /// Part by which all resistances are made larger to see what their scatter does.
 const LARGER: f64 = 1e-3;
-/// Stretches of constant current with an error of their own at most.
-const MOST_STRETCHES: usize = 40;
 
 /// The terms that are estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -71,17 +70,17 @@ impl Prior {
     ) -> Self {
         let greatest = base.facts.greatest_a;
         let guess = BenchHistory {
-            voltage_noise_v: 5e-4,
+            voltage_noise_v: ASSUMED_NOISE_V,
             voltage_resolution_v: 0.0,
-            voltage_offset_v: 1e-3,
-            voltage_drift_v: 2e-4,
-            voltage_drift_s: 2.0,
-            resistance_rel: 0.01,
-            current_gain_rel: 2e-3,
-            current_offset_a: 1e-3 * greatest,
-            current_noise_a: 2e-4 * greatest,
+            voltage_offset_v: ASSUMED_LEVEL_V,
+            voltage_drift_v: ASSUMED_DRIFT_V,
+            voltage_drift_s: ASSUMED_DRIFT_S,
+            resistance_rel: ASSUMED_RESISTANCE_PART,
+            current_gain_rel: ASSUMED_GAIN_PART,
+            current_offset_a: ASSUMED_ZERO_PART * greatest,
+            current_noise_a: ASSUMED_CURRENT_NOISE_PART * greatest,
             current_resolution_a: 0.0,
-            eis_noise_rel: 3e-3,
+            eis_noise_rel: ASSUMED_EIS_NOISE_PART,
             start_voltage_v: 0.0,
             calibration_rel: 0.0,
             channel_gain_rel: 0.0,

@@ -319,4 +319,130 @@ thresholds! {
         "Median of the magnitude of the difference of two samples of white noise, in standard \
         deviations of a sample.",
         Quantile "Half-normal distribution of scale √2, probability 0.5: 0.6745·√2 = 0.9539.";
+    // Rows of a run.
+    MOST_BINS: usize = 140, "rows",
+        "Most rows of a record; more are merged.",
+        Convention "A compromise: whitening a run costs the cube of its rows. No study of the \
+        value is on record.";
+    BIN_WIDTH_PART: f64 = 0.3, "1",
+        "Width of a row as a part of the time since the last edge, before rows are merged.",
+        Convention "Some nine rows per decade, as 1/log₁₀(1.3). No study of the value is on \
+        record.";
+    BIN_GROWTH: f64 = 1.5, "1",
+        "Factor by which that width grows until the rows are few enough.",
+        Convention "Seven such factors lead beyond `BIN_WIDEST_PART`. The value decides how \
+        closely `MOST_BINS` is met.";
+    BIN_WIDEST_PART: f64 = 4.0, "1",
+        "Width, as a part of the time since the last edge, from which on neighbours are merged \
+        instead.",
+        Convention "Set by judgement. No study of the value is on record.";
+    EDGE_STEP_PART: f64 = 0.03, "1",
+        "Part of the largest current that a change must have to be an edge, and that a row must \
+        have to be no rest.",
+        Convention "Smaller changes are ripple of a current that stays. No study of the value is \
+        on record.";
+    EDGE_SIGMAS: f64 = 5.0, "σ",
+        "The same change in standard deviations of what noise and codes make of a current that \
+        stays.",
+        Quantile "Normal distribution, two-sided probability 6·10⁻⁷: fewer than one false edge in \
+        a million samples.";
+    STEADY_CURRENT_SIGMAS: f64 = 3.0, "σ",
+        "Standard deviations by which the variance of a current that stays may exceed that of \
+        noise.",
+        Quantile "Normal distribution, one-sided probability 1.3·10⁻³.";
+    CODE_BORDER_FACTOR: f64 = 3.0, "1",
+        "Multiple of the codes' mean variance that a current at the border of two codes may have.",
+        Derivation "Half of the samples on either code give q²/4, the mean over all places gives \
+        q²/12: (q²/4)/(q²/12) = 3.";
+    EDGE_SAMPLES: usize = 2, "samples",
+        "Samples after an edge that stay as they were logged, for a smoothed channel shows there.",
+        Convention "One sample may be read during the edge, and one shows the smoothing. No study \
+        of the value is on record.";
+    ALIKE_SOC: f64 = 5e-4, "1",
+        "Difference in state of charge within which repeats share their derivatives.",
+        Convention "It saves time only: a diagnosis takes 0.7 of its time (commit 1e11da2). \
+        Residuals are each run's own.";
+    ALIKE_K: f64 = 0.05, "K",
+        "Difference in temperature within which repeats share their derivatives.",
+        Convention "As for `ALIKE_SOC`.";
+    ALIKE_PART: f64 = 0.01, "1",
+        "Difference in current and in time since an edge, as a part, within which repeats share \
+        their derivatives.",
+        Convention "As for `ALIKE_SOC`.";
+    ALIKE_S: f64 = 0.01, "s",
+        "Time that is added to the time since an edge before that part is taken.",
+        Convention "As for `ALIKE_SOC`.";
+    LEAST_CHARGE_BETWEEN: f64 = 0.01, "1",
+        "Part of the capacity by which two states of charge must differ for charge to have flowed \
+        between two runs.",
+        Convention "Voltages at rest lie higher or lower after a charge or a discharge. No study \
+        of the value is on record.";
+    LEAST_REVERSAL: f64 = 1e-4, "1",
+        "Part of the capacity that must flow back to be a reversal.",
+        Convention "Set by judgement, far above noise that is counted as charge and far below a \
+        pulse. No study is on record.";
+    SWEEP_INTERRUPTED: f64 = 3.0, "1",
+        "Multiple of the time that waits and periods explain, beyond which a sweep was \
+        interrupted.",
+        Convention "Set by judgement. `tests/repeats` holds slow points that are no break and \
+        breaks that are.";
+    // Noise.
+    HISTORY_SPREAD: f64 = 0.15, "1",
+        "Standard deviation of the logarithm of a σ that the bench's history states.",
+        Convention "95 % of such a σ lie within a factor of 1.34 of the history. No study of the \
+        value is on record.";
+    IGNORANCE_SPREAD: f64 = 1.5, "1",
+        "Standard deviation of the logarithm of a σ without history.",
+        Convention "95 % of such a σ lie within a factor of 19 of the assumption, so that repeats \
+        decide.";
+    ASSUMED_NOISE_V: f64 = 5e-4, "V",
+        "White noise of a voltage sample that is assumed without history.",
+        Convention "A cycler of middling quality. A diagnosis without repeats says that its noise \
+        is assumed.";
+    ASSUMED_LEVEL_V: f64 = 1e-3, "V",
+        "Scatter of the level from run to run that is assumed without history.",
+        Convention "As for `ASSUMED_NOISE_V`.";
+    ASSUMED_DRIFT_V: f64 = 2e-4, "V",
+        "Slow drift within a run that is assumed without history.",
+        Convention "As for `ASSUMED_NOISE_V`.";
+    ASSUMED_DRIFT_S: f64 = 2.0, "s",
+        "Correlation time of that drift.",
+        Convention "As for `ASSUMED_NOISE_V`.";
+    ASSUMED_RESISTANCE_PART: f64 = 0.01, "1",
+        "Relative scatter of all resistances from run to run that is assumed without history.",
+        Convention "As for `ASSUMED_NOISE_V`.";
+    ASSUMED_GAIN_PART: f64 = 2e-3, "1",
+        "Relative scatter of the current's gain from run to run that is assumed without history.",
+        Convention "As for `ASSUMED_NOISE_V`.";
+    ASSUMED_ZERO_PART: f64 = 1e-3, "1",
+        "Zero error of the current that is assumed without history, as a part of the greatest \
+        current.",
+        Convention "As for `ASSUMED_NOISE_V`.";
+    ASSUMED_CURRENT_NOISE_PART: f64 = 2e-4, "1",
+        "Noise of a current sample that is assumed without history, as a part of the greatest \
+        current.",
+        Convention "As for `ASSUMED_NOISE_V`.";
+    ASSUMED_EIS_NOISE_PART: f64 = 3e-3, "1",
+        "Relative noise of a point of a spectrum that is assumed without history.",
+        Convention "As for `ASSUMED_NOISE_V`.";
+    MOST_STRETCHES: usize = 40, "1",
+        "Most stretches of constant current that have an error of their own; more are merged.",
+        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
+    DITHERED_PART: f64 = 0.02, "1",
+        "Part of q²/12 that samples of one voltage may share where the noise dithers the codes.",
+        Derivation "K(0) of `codes` falls to 2 % of q²/12 at a noise of 0.295 of a code; that 2 % \
+        is little is a convention.";
+    LEAST_INFORMATION: f64 = 1e-3, "1",
+        "Information of the repeats on ln σ from which on a σ is compared with the bench's \
+        history.",
+        Convention "Below it, repeats know ln σ to 32 at best, as 1/√0.001: nothing.";
+    FEWEST_REPEATS: usize = 3, "runs",
+        "Fewest repeats that measure the noise, so that a noise floor may be claimed.",
+        Convention "Two repeats give one difference and no sign of which one is off. No study of \
+        the value is on record.";
+    SENTINEL_Z: f64 = 5.0, "σ",
+        "Distance of repeats from each other, or of a σ from the history, from which on the noise \
+        floor has moved.",
+        Quantile "Normal distribution, one-sided probability 3·10⁻⁷. The χ² of repeats has a \
+        heavier tail: 1.4·10⁻⁵ at 100 degrees of freedom.";
 }

@@ -3,22 +3,11 @@
 
 use super::data::TimeRecord;
 use super::windows::Windows;
+use crate::thresholds::{
+    BIN_GROWTH, BIN_WIDEST_PART, BIN_WIDTH_PART, CODE_BORDER_FACTOR, EDGE_SAMPLES, EDGE_SIGMAS,
+    EDGE_STEP_PART, MOST_BINS, STEADY_CURRENT_SIGMAS,
+};
 use analysis_effects::augmented::{Between, Grid};
-
-/// Bins of a record at most; more are merged.
-pub(super) const MOST_BINS: usize = 140;
-/// Part of the largest current that a change must have to be an edge.
-const EDGE_PART: f64 = 0.03;
-/// The same in standard deviations of what noise and codes make of a current that stays: repeats
-/// whose noise had edges would have rows that differ.
-const EDGE_SIGMAS: f64 = 5.0;
-/// Standard deviations by which a variance may be above that of noise.
-const NOISE_SIGMAS: f64 = 3.0;
-/// A current that stays at the border of two codes has the variance q²/4, three times what codes
-/// add on average.
-const AT_BORDER: f64 = 3.0;
-/// Samples after an edge that may still show it.
-const AT_EDGE: usize = 2;
 
 /// A record with its grid and bins.
 #[derive(Debug, Clone)]
@@ -187,7 +176,7 @@ impl TimeBlock {
 /// them.
 fn edges(current_a: &[f64], jitter_a: f64) -> Vec<usize> {
     let greatest = current_a.iter().fold(0.0f64, |m, i| m.max(i.abs()));
-    let least = (EDGE_PART * greatest).max(EDGE_SIGMAS * jitter_a);
+    let least = (EDGE_STEP_PART * greatest).max(EDGE_SIGMAS * jitter_a);
     let changes = (1..current_a.len()).filter(|k| (current_a[*k] - current_a[k - 1]).abs() > least);
     std::iter::once(0).chain(changes).collect()
 }
@@ -200,7 +189,7 @@ fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
     let ends = edges.iter().skip(1).copied().chain([current_a.len()]);
     for (from, to) in edges.iter().copied().zip(ends) {
         let from = if from > 0 {
-            (from + AT_EDGE).min(to)
+            (from + EDGE_SAMPLES).min(to)
         } else {
             from
         };
@@ -215,10 +204,11 @@ fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
             .map(|w| 0.5 * (w[1] - w[0]).powi(2))
             .sum::<f64>()
             / (n - 1.0).max(1.0);
-        let scatter = NOISE_SIGMAS / n.sqrt();
+        let scatter = STEADY_CURRENT_SIGMAS / n.sqrt();
         let white = variance <= by_steps * (1.0 + scatter);
         if white
-            && variance <= AT_BORDER * 0.5 * jitter_a * jitter_a * (1.0 + 2f64.sqrt() * scatter)
+            && variance
+                <= CODE_BORDER_FACTOR * 0.5 * jitter_a * jitter_a * (1.0 + 2f64.sqrt() * scatter)
         {
             stretch.fill(mean);
         }

@@ -9,6 +9,7 @@ mod open;
 pub(super) mod planned;
 mod separate;
 
+use crate::thresholds::FEWEST_REPEATS;
 pub use planned::{BenchLimits, Planned, PlannedRun, Playable};
 
 use super::block::Desk;
@@ -236,7 +237,7 @@ pub(super) fn recommend(
     let mut desk = Desk::default();
     let without = absences(&prepared.problem, selection, &mut desk);
     let open = Open::new(
-        prepared.estimate.repeats >= 3,
+        prepared.estimate.repeats >= FEWEST_REPEATS,
         verdict,
         &without,
         selection,
