@@ -27,15 +27,12 @@ use super::periodic::{Wave, wave};
 use super::problem::{Fit, Problem, Tangent};
 use super::structure::Structure;
 use super::whitening::dot;
+use crate::thresholds::{DIRECTION_LEFT_PART, MOST_TURNS, PULSE_FLOWS_PART};
 use analysis_fit::validity::tail::{chi2_tail, holm};
 use std::collections::BTreeMap;
 
-/// Part of a direction that must be left outside of all others to be one.
-const LEFT: f64 = 0.02;
 /// Step of the logarithm of all resistances.
 const STEP: f64 = 1e-3;
-/// A pulse has at least this part of the largest current: smaller ones tell little.
-const FLOWS: f64 = 0.2;
 
 /// A quantity: its name and how the coordinates move with it.
 struct Quantity {
@@ -176,8 +173,6 @@ fn quantities(problem: &Problem, fit: &Fit) -> Vec<Quantity> {
 
 /// Every stretch of constant current of its own.
 const PULSES: &str = "single pulses";
-/// Reversals that are counted.
-const MOST_TURNS: u32 = 2;
 
 /// How often the current has changed its direction.
 #[derive(Default)]
@@ -234,7 +229,7 @@ fn kinds(problem: &Problem, train: &[usize]) -> BTreeMap<&'static str, Classes> 
                 row,
                 turns.after(time.bins[row].last_current_a),
             );
-            if time.bins[row].current_a.abs() > FLOWS * problem.base.facts.greatest_a {
+            if time.bins[row].current_a.abs() > PULSE_FLOWS_PART * problem.base.facts.greatest_a {
                 put(
                     PULSES,
                     row,
@@ -281,7 +276,7 @@ fn between(
         let size = dot(&column, &column);
         let mut left = column;
         basis.project(&mut left);
-        if dot(&left, &left) > LEFT * LEFT * size {
+        if dot(&left, &left) > DIRECTION_LEFT_PART * DIRECTION_LEFT_PART * size {
             basis.add(left);
         }
     }

@@ -85,9 +85,6 @@ pub(super) const HELD_OUT_SUM: f64 = 20.0;
 pub(super) const HELD_OUT_Z: f64 = 4.0;
 /// Part of an effect's size that nature may differ from a catalogue's formula.
 pub(super) const FORMULA_SHARE: f64 = 0.03;
-/// Probability, corrected for the number of questions, below which a block or a difference between
-/// circumstances says that something is missing.
-pub(super) const LEAST_BLOCK_P: f64 = 1e-4;
 /// Times that the steps of a record may be halved to integrate well enough.
 pub(super) const MOST_PARTS: usize = 8;
 /// Error of integration as a part of the floor.

@@ -22,20 +22,14 @@ use super::inconsistency::Inconsistency;
 use super::problem::{Fit, Problem};
 use super::time_block::TimeBlock;
 use super::whitening::dot;
+use crate::thresholds::{CONTACT_FLOWS_PART, CONTACT_RECORDS_Z, CONTACT_TAUS_S};
 use analysis_fit::validity::tail::{chi2_tail, holm};
 use analysis_numeric::linalg::product;
-
-/// Times for which it is taken to stay, s.
-const TAUS_S: [f64; 3] = [1.0, 5.0, 25.0];
-/// Standard deviations that the records must show by themselves for spectra to have a say.
-const RECORDS_Z: f64 = 2.5;
-/// Part of the largest current of a record below which a row says nothing of a resistance.
-const FLOWS: f64 = 0.05;
 
 /// Whether there is something of the kind, probabilities corrected for the times that are asked
 /// for; `gained` is the λ of what was named.
 pub(super) fn comes_and_goes(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
-    let asked: Vec<(f64, (f64, f64))> = TAUS_S
+    let asked: Vec<(f64, (f64, f64))> = CONTACT_TAUS_S
         .into_iter()
         .zip(scores(problem, fit))
         .filter(|(_, (_, dof))| *dof > 0.0)
@@ -59,9 +53,10 @@ pub(super) fn comes_and_goes(problem: &Problem, fit: &Fit, gained: f64) -> Vec<I
     asked.iter().zip(corrected).map(found).collect()
 }
 
-/// χ² and degrees of freedom of the score, for each of [`TAUS_S`]; 0 of 0 where no row tells.
-fn scores(problem: &Problem, fit: &Fit) -> [(f64, f64); TAUS_S.len()] {
-    let mut sums = [[Terms::default(); 2]; TAUS_S.len()];
+/// χ² and degrees of freedom of the score, for each of [`CONTACT_TAUS_S`]; 0 of 0 where no row
+/// tells.
+fn scores(problem: &Problem, fit: &Fit) -> [(f64, f64); CONTACT_TAUS_S.len()] {
+    let mut sums = [[Terms::default(); 2]; CONTACT_TAUS_S.len()];
     for (k, block, left) in problem.left(fit).filter(|(_, block, _)| block.at.is_cell) {
         let mut solved = left.to_vec();
         problem.whiteners[k].apply_transposed(&mut solved);
@@ -69,7 +64,7 @@ fn scores(problem: &Problem, fit: &Fit) -> [(f64, f64); TAUS_S.len()] {
         match &block.kind {
             Kind::Time(time) => {
                 sums.iter_mut()
-                    .zip(TAUS_S)
+                    .zip(CONTACT_TAUS_S)
                     .for_each(|([records, _], tau_s)| {
                         records.add(Kernel::new(time, tau_s).terms(&solved, &inverse));
                     });
@@ -82,7 +77,7 @@ fn scores(problem: &Problem, fit: &Fit) -> [(f64, f64); TAUS_S.len()] {
     }
     sums.map(|[records, spectra]| {
         let (chi2, dof) = records.chi2();
-        if chi2 - dof < RECORDS_Z * (2.0 * dof).sqrt() {
+        if chi2 - dof < CONTACT_RECORDS_Z * (2.0 * dof).sqrt() {
             return (chi2, dof);
         }
         let mut both = records;
@@ -152,7 +147,7 @@ impl Kernel {
             .iter()
             .fold(0.0f64, |m, b| m.max(b.current_a.abs()));
         let rows: Vec<usize> = (0..time.bins.len())
-            .filter(|row| time.bins[*row].current_a.abs() > FLOWS * greatest_a)
+            .filter(|row| time.bins[*row].current_a.abs() > CONTACT_FLOWS_PART * greatest_a)
             .collect();
         // Of what comes and goes within a row its mean has less.
         let size = |row: usize| {

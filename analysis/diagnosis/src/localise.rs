@@ -9,11 +9,9 @@ use super::block::{Block as Run, Desk, Kind};
 use super::data::Role;
 use super::outcome::Block;
 use super::problem::{Fit, Problem, Tangent};
+use crate::thresholds::{AFTER_EDGE_S, BLOCK_FEWEST_ROWS, REST_PART};
 use analysis_fit::validity::tail::{chi2_tail, deviate_tail, holm};
 use std::collections::BTreeMap;
-
-/// Fewer residuals than this make no block.
-const FEWEST: usize = 4;
 
 /// One row's place: dimension, sorting key and part.
 pub(super) type Place = (&'static str, u32, String);
@@ -47,7 +45,7 @@ pub(super) fn localise(problem: &Problem, fit: &Fit, project: bool, desk: &mut D
     }
     let mut blocks: Vec<Block> = cells
         .into_iter()
-        .filter(|(_, s)| s.count >= FEWEST)
+        .filter(|(_, s)| s.count >= BLOCK_FEWEST_ROWS)
         .map(|((dimension, _, part), s)| s.block(dimension, part))
         .collect();
     let corrected = holm(&blocks.iter().map(|b| b.p_value).collect::<Vec<f64>>());
@@ -218,13 +216,13 @@ pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
         }
         Kind::Time(time) => {
             let b = &time.bins[n];
-            let resting = b.current_a.abs() < 0.03 * ranges.greatest_a;
+            let resting = b.current_a.abs() < REST_PART * ranges.greatest_a;
             let (order, part) = match b.since_edge_s {
-                t if t < 0.01 => (0, "below 10 ms"),
-                t if t < 0.1 => (1, "10 to 100 ms"),
-                t if t < 1.0 => (2, "0.1 to 1 s"),
-                t if t < 5.0 => (3, "1 to 5 s"),
-                t if t < 60.0 => (4, "5 to 60 s"),
+                t if t < AFTER_EDGE_S[0] => (0, "below 10 ms"),
+                t if t < AFTER_EDGE_S[1] => (1, "10 to 100 ms"),
+                t if t < AFTER_EDGE_S[2] => (2, "0.1 to 1 s"),
+                t if t < AFTER_EDGE_S[3] => (3, "1 to 5 s"),
+                t if t < AFTER_EDGE_S[4] => (4, "5 to 60 s"),
                 _ => (5, "beyond 60 s"),
             };
             let phase = if resting { "rest" } else { "under current" };

@@ -12,17 +12,12 @@ use super::block::{Block, Kind};
 use super::problem::{Fit, Problem};
 use super::time_block::TimeBlock;
 use super::whitening::dot;
+use crate::thresholds::{
+    WAVE_LEAST_PERIODS, WAVE_LONGEST_PERIODS, WAVE_MOST_FREQUENCIES, WAVE_PER_PEAK, WAVE_PERIODS_S,
+};
 use analysis_fit::validity::tail::chi2_tail;
 use std::f64::consts::TAU;
 
-/// Periods that are looked for, s: shorter ones a row averages out, longer ones a branch of the
-/// model can be.
-const PERIODS_S: (f64, f64) = (2.0, 60.0);
-/// Frequencies per width of a peak, and as many at most: what is seen must not cost minutes.
-const PER_PEAK: f64 = 1.5;
-const MOST: f64 = 1500.0;
-/// Periods that a record must hold: fewer are its level and slope.
-const LEAST_PERIODS: f64 = 1.5;
 /// Keeps a quotient finite.
 const TINY: f64 = 1e-12;
 
@@ -67,12 +62,15 @@ pub(super) fn wave<'a>(
         .filter_map(|record| record.time.time_s.last().copied())
         .fold(0.0, f64::max);
     let (slowest_hz, fastest_hz) = (
-        PERIODS_S.1.recip().max(2.0 / longest_s),
-        PERIODS_S.0.recip(),
+        WAVE_PERIODS_S
+            .1
+            .recip()
+            .max(WAVE_LONGEST_PERIODS / longest_s),
+        WAVE_PERIODS_S.0.recip(),
     );
-    let count = (PER_PEAK * longest_s * (fastest_hz - slowest_hz))
+    let count = (WAVE_PER_PEAK * longest_s * (fastest_hz - slowest_hz))
         .floor()
-        .min(MOST);
+        .min(WAVE_MOST_FREQUENCIES);
     if !(count >= 1.0 && count.is_finite()) {
         return None;
     }
@@ -83,7 +81,7 @@ pub(super) fn wave<'a>(
                 .time
                 .time_s
                 .last()
-                .is_some_and(|span_s| span_s * freq_hz >= LEAST_PERIODS)
+                .is_some_and(|span_s| span_s * freq_hz >= WAVE_LEAST_PERIODS)
         };
         let (chi2, dof) = records
             .iter()

@@ -430,8 +430,8 @@ thresholds! {
         Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
     DITHERED_PART: f64 = 0.02, "1",
         "Part of q²/12 that samples of one voltage may share where the noise dithers the codes.",
-        Derivation "K(0) of `codes` falls to 2 % of q²/12 at a noise of 0.295 of a code; that 2 % \
-        is little is a convention.";
+        Convention "K(0) of `codes` falls to that part at a noise of 0.295 of a code; such codes \
+        count as dithered.";
     LEAST_INFORMATION: f64 = 1e-3, "1",
         "Information of the repeats on ln σ from which on a σ is compared with the bench's \
         history.",
@@ -445,4 +445,70 @@ thresholds! {
         floor has moved.",
         Quantile "Normal distribution, one-sided probability 3·10⁻⁷. The χ² of repeats has a \
         heavier tail: 1.4·10⁻⁵ at 100 degrees of freedom.";
+    // Where, and the same everywhere.
+    BLOCK_FEWEST_ROWS: usize = 4, "rows",
+        "Fewest residuals that make a block.",
+        Convention "Fewer say little and add a question to Holm's correction. No study of the \
+        value is on record.";
+    REST_PART: f64 = 0.03, "1",
+        "Part of the greatest current of the data below which a row counts as rest in a block.",
+        Convention "The value of `EDGE_STEP_PART`, taken of all runs. No study of the value is on \
+        record.";
+    AFTER_EDGE_S: [f64; 5] = [0.01, 0.1, 1.0, 5.0, 60.0], "s",
+        "Times since the last edge that divide the blocks.",
+        Convention "One block per decade, with a further limit at 5 s between branches and \
+        diffusion. No study is on record.";
+    SIGNIFICANT_P: f64 = 0.05, "1",
+        "Corrected probability below which the report says that a block lies outside the noise; no \
+        verdict depends on it.",
+        Convention "The usual 5 % of one family of questions, corrected after Holm (Scandinavian \
+        Journal of Statistics 6, 1979).";
+    LEAST_BLOCK_P: f64 = 1e-4, "1",
+        "Corrected probability below which a block, or a difference between circumstances, says \
+        that something is missing.",
+        Convention "One false alarm in 10⁴ diagnoses per family of questions. Of 600 nulls (study, \
+        seed 20261127), 599 ended at the floor.";
+    DIRECTION_LEFT_PART: f64 = 0.02, "1",
+        "Part of a direction that must lie outside all others to count as a degree of freedom of \
+        its own.",
+        Convention "What is left is smaller than the 3 % of `FORMULA_SHARE`. No study of the value \
+        is on record.";
+    PULSE_FLOWS_PART: f64 = 0.2, "1",
+        "Part of the largest current from which on a stretch of current counts as a pulse.",
+        Convention "Smaller ones tell little of a resistance. No study of the value is on record.";
+    MOST_TURNS: u32 = 2, "1",
+        "Reversals of the current that are counted; further ones are one class.",
+        Convention "None, one and more tell a memory from none. No study of the value is on \
+        record.";
+    WAVE_PERIODS_S: (f64, f64) = (2.0, 60.0), "s",
+        "Periods of a wave that are looked for.",
+        Convention "A row averages shorter ones out, and a branch of the model can be a longer \
+        one.";
+    WAVE_PER_PEAK: f64 = 1.5, "1",
+        "Frequencies that are asked per width of a peak, which is one over the longest record.",
+        Convention "A wave in the middle between two of them keeps sin(π/3)/(π/3) = 0.83 of its \
+        amplitude.";
+    WAVE_MOST_FREQUENCIES: f64 = 1500.0, "1",
+        "Most frequencies that are asked.",
+        Convention "The question must not cost minutes. No study of the value is on record.";
+    WAVE_LEAST_PERIODS: f64 = 1.5, "periods",
+        "Periods that a record must hold to be asked for a wave.",
+        Convention "Fewer are the record's level and slope. No study of the value is on record.";
+    WAVE_LONGEST_PERIODS: f64 = 2.0, "periods",
+        "Periods of the slowest wave that the longest record must hold.",
+        Convention "Above `WAVE_LEAST_PERIODS`, so that one record at least is asked. No study of \
+        the value is on record.";
+    CONTACT_TAUS_S: [f64; 3] = [1.0, 5.0, 25.0], "s",
+        "Times within which a contact that comes and goes is asked for.",
+        Convention "Factors of five, which the exponential of the kernel bridges. No study of the \
+        values is on record.";
+    CONTACT_RECORDS_Z: f64 = 2.5, "σ",
+        "Standard deviations that the records must show by themselves for spectra to have a say on \
+        such a contact.",
+        Quantile "Normal distribution, one-sided probability 0.6 %. The verdict itself asks \
+        `LEAST_BLOCK_P` of both together.";
+    CONTACT_FLOWS_PART: f64 = 0.05, "1",
+        "Part of a record's largest current below which a row says nothing of a resistance.",
+        Convention "The kernel goes with the square of the current: such a row has at most 0.25 % \
+        of the weight.";
 }

@@ -17,15 +17,13 @@ pub use catalogue::{Distinguishability, catalogue_markdown, catalogue_text};
 pub use pictures::{Kind, Picture, pictures};
 
 use super::outcome::{Block, Diagnosis};
+use crate::thresholds::SIGNIFICANT_P;
 use analysis_effects::effects;
 use analysis_plot::{
     PlotError,
     report::{Level, Report, Section, Verdict},
 };
 
-/// Probability below which a block of residuals counts as outside the noise, after Holm's
-/// correction.
-pub const SIGNIFICANT_P: f64 = 0.05;
 /// Penalised gain λ − k·ln N that an effect needs to be named.
 pub const SCORE_THRESHOLD: f64 = super::guards::LEAST_SCORE;
 

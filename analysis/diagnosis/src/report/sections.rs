@@ -3,12 +3,11 @@
 use super::numbers::{Unit, percent, plain, probability, times};
 use super::page::{Item, Page, Section};
 use super::pictures::Kind;
-use super::{
-    SCORE_THRESHOLD, SIGNIFICANT_P, after, counted, is_significant, misfit, reserve, titled,
-};
+use super::{SCORE_THRESHOLD, after, counted, is_significant, misfit, reserve, titled};
 use crate::{
     attempts::is_outside,
     outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict},
+    thresholds::SIGNIFICANT_P,
 };
 use analysis_effects::{contract::Group, effects};
 
