@@ -2,14 +2,15 @@
 
 use super::attempts::{Attempt, is_outside};
 use super::data::Role;
-use super::guards::{
-    CONVERGED, CONVERGED_PART, FORMULA_SHARE, GOOD_FIT_Z, HELD_OUT_PART, HELD_OUT_SUM, HELD_OUT_Z,
-    INTEGRATION_PART, LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE, beyond_formula,
-};
+use super::guards::beyond_formula;
 use super::outcome::Evidence;
 use super::problem::Fit;
 use super::search::{Search, excess_z};
 use super::whitening::dot;
+use crate::thresholds::{
+    CONVERGED, CONVERGED_PART, FORMULA_SHARE, GOOD_FIT_Z, HELD_OUT_PART, HELD_OUT_SUM, HELD_OUT_Z,
+    INTEGRATION_PART, LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE,
+};
 
 /// Whether an attempt's gain says that something is missing beside what has gained so much already.
 pub(super) fn tells(attempt: &Attempt, gained: f64) -> bool {

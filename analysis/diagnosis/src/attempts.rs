@@ -4,28 +4,16 @@
 //! its branches to imitate what it lacks. Candidates are then also fitted from the model file's own
 //! parameters, where the linear test tells another strength and shape.
 
-use super::guards::{
-    ALWAYS_FITTED, INTEGRATION_PART, LEAST_LAGRANGE, LEAST_SCORE, MISFIT_Z, MOST_FITTED,
-    MOST_PARTS, NEAR_BEST,
-};
 use super::outcome::Candidate;
 use super::problem::{Fit, Tangent};
 use super::propose::{Proposal, propose};
 use super::search::{Search, excess_z};
 use super::structure::Member;
+use crate::thresholds::{
+    ALWAYS_FITTED, HELD_STARTS, INTEGRATION_PART, KEPT_PART, LEAST_LAGRANGE, LEAST_SCORE, MISFIT_Z,
+    MOST_FITTED, MOST_PARTS, NEAR_BEST, SHAPE_DRIFT, STRONG_LAGRANGE, WEAKER_STARTS,
+};
 use analysis_effects::{contract::Effect, effects::outside};
-
-/// χ² that a shape at its bound must gain over a held one to be believed.
-const DRIFT: f64 = 12.0;
-/// Starts with held shapes at the fit itself.
-const HELD_STARTS: usize = 2;
-/// Lagrange score from which on every start is tried: of so strong an effect the linear test does
-/// not know which shape it has.
-const STRONG: f64 = 300.0;
-/// Part of its Lagrange score that a fit must keep.
-const KEPT: f64 = 0.5;
-/// Weaker starts, as parts of what the linear test wants.
-const WEAKER: [f64; 3] = [0.6, 0.36, 0.2];
 
 /// A fitted addition.
 #[derive(Debug, Clone)]
@@ -193,7 +181,7 @@ impl Search<'_> {
         free: usize,
         origins: &[Origin],
     ) -> Option<Attempt> {
-        let strong = origins[0].lagrange(name) > STRONG;
+        let strong = origins[0].lagrange(name) > STRONG_LAGRANGE;
         let mut all: Vec<(Attempt, &Member)> = Vec::new();
         for (n, origin) in origins.iter().enumerate() {
             let of_law = origin
@@ -232,14 +220,14 @@ impl Search<'_> {
                 && a.fit
                     .member_at_bound(a.fit.structure.members.len() - 1, self.problem.branches())
         };
-        let worth = |a: &Attempt| a.score - if at_bound(a) { DRIFT } else { 0.0 };
+        let worth = |a: &Attempt| a.score - if at_bound(a) { SHAPE_DRIFT } else { 0.0 };
         let freed = freed.into_iter().filter(|a| a.score.is_finite());
         let Some(free) = freed.max_by(|a, b| worth(a).total_cmp(&worth(b))) else {
             return Some(held);
         };
         let bound = at_bound(&free);
         // Shapes that the data do not fix drift to a bound: they say nothing then.
-        let drifted = bound && free.lambda < held.lambda + DRIFT;
+        let drifted = bound && free.lambda < held.lambda + SHAPE_DRIFT;
         let distinct = held.score;
         Some(if drifted || held.score >= free.score {
             held

@@ -19,7 +19,7 @@ use super::search::{Search, excess_z};
 use super::select::Selection;
 use super::structure::{At, Structure};
 use super::whitening::dot;
-use crate::thresholds::{FEWEST_REPEATS, SENTINEL_Z};
+use crate::thresholds::{FEWEST_REPEATS, MISFIT_Z, OTHER_STARTS, SENTINEL_Z};
 use analysis_effects::{
     contract::{Effect, Facts},
     effects::catalogue,
@@ -224,7 +224,7 @@ pub(super) fn base_fit(problem: &Problem, erm: &Erm, desk: &mut Desk) -> Fit {
     let structure = Structure::default();
     let mut best = problem.fit(&structure, erm, desk);
     let dof = problem.training_rows() as f64 - best.x.len() as f64;
-    if excess_z(best.chi2, dof) > 3.0 {
+    if excess_z(best.chi2, dof) > MISFIT_Z {
         for factor in OTHER_STARTS {
             let mut start = erm.clone();
             start.branches.iter_mut().for_each(|b| b.c_f *= factor);

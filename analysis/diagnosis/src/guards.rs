@@ -1,5 +1,7 @@
-//! The guards of the workflow and their thresholds. Each can be switched off, for studies of what
-//! it is worth; the product never does.
+//! The guards of the workflow. Each can be switched off, for studies of what it is worth; the
+//! product never does. Their thresholds are in `thresholds`.
+
+use crate::thresholds::{ASSUMED_LEAD, FORMULA_SHARE, NAMING_LEAD, OUTSIDE_LEAD};
 
 /// Which guards are on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -42,65 +44,6 @@ impl Default for Guards {
         }
     }
 }
-
-/// Penalised gain that an addition must have.
-pub(super) const LEAST_SCORE: f64 = 8.0;
-/// Lagrange score above which a candidate is fitted in any case.
-pub(super) const LEAST_LAGRANGE: f64 = 5.0;
-/// Candidates that are fitted even below it.
-pub(super) const ALWAYS_FITTED: usize = 3;
-/// Candidates that are fitted at most, unless their score is within [`NEAR_BEST`] of the best.
-pub(super) const MOST_FITTED: usize = 8;
-/// Part of the best Lagrange score that keeps a candidate beyond [`MOST_FITTED`].
-pub(super) const NEAR_BEST: f64 = 0.3;
-/// Share of the excess of χ² over its degrees of freedom that an addition must remove, unless it
-/// reaches the floor.
-pub(super) const MATERIAL_SHARE: f64 = 0.3;
-/// (χ² − dof)/√(2·dof) from which on fits are tried from other starts too.
-pub(super) const MISFIT_Z: f64 = 3.0;
-/// (χ² − dof)/√(2·dof) below which nothing is missing.
-pub(super) const GOOD_FIT_Z: f64 = 5.0;
-/// Penalised gain from which on an effect outside the catalogue says by itself that something is
-/// missing. Small systematic errors of a bench, which no repeat shows, look like one: on a
-/// simulated bench with nothing hidden, one gained 15.
-pub(super) const OUTSIDE_ALONE: f64 = 30.0;
-/// Penalised gain by which the best must lead a rival to be named.
-pub(super) const NAMING_LEAD: f64 = 14.0;
-/// Penalised gain by which an effect outside the catalogue must lead a named one for the name to be
-/// withdrawn. Where the name is the truth, the other one leads by so much at most in one of a
-/// hundred cases, however well or badly the data tell them apart.
-pub(super) const OUTSIDE_LEAD: f64 = 6.0;
-/// Part of the named one's gain by which it must lead where the noise is assumed: a χ² is then
-/// worth no more than the assumption.
-pub(super) const ASSUMED_LEAD: f64 = 0.05;
-/// χ² below which the freer of two forms gains nothing: the 99 % interval of its further parameter
-/// holds the limit where it is the other form.
-pub(super) const SUFFICES: f64 = 6.63;
-/// A held-out run's χ² may grow by this part …
-pub(super) const HELD_OUT_PART: f64 = 0.1;
-/// … and this much.
-pub(super) const HELD_OUT_SUM: f64 = 20.0;
-/// Standard deviations by which held-out runs may contradict the size of what an addition predicts
-/// for them.
-pub(super) const HELD_OUT_Z: f64 = 4.0;
-/// Part of an effect's size that nature may differ from a catalogue's formula.
-pub(super) const FORMULA_SHARE: f64 = 0.03;
-/// Times that the steps of a record may be halved to integrate well enough.
-pub(super) const MOST_PARTS: usize = 8;
-/// Error of integration as a part of the floor.
-pub(super) const INTEGRATION_PART: f64 = 0.1;
-/// χ² that a further step of a fit may still promise where it counts as converged …
-pub(super) const CONVERGED: f64 = 0.1;
-/// … or this part of the λ that it is evidence for.
-pub(super) const CONVERGED_PART: f64 = 0.01;
-/// χ² that leaving an addition out must cost: its 95 % interval, by the likelihood, leaves zero
-/// out.
-pub(super) const LEAST_LAMBDA: f64 = 3.84;
-/// λ below which a name is never certain: something outside the catalogue that shares 70 % of an
-/// effect's signal would leave less than 5 standard deviations.
-pub(super) const CERTAIN_LAMBDA: f64 = 150.0;
-/// Effects added at most.
-pub(super) const MOST_EFFECTS: usize = 3;
 
 /// Penalised gain by which an effect of this λ must lead its rivals.
 pub(super) fn naming_lead(measured: bool, lambda: f64) -> f64 {

@@ -7,10 +7,9 @@ use super::outcome::{FittedParameter, NamedEffect};
 use super::problem::{Fit, Problem};
 use super::select::Selection;
 use super::structure::searched;
+use crate::thresholds::TWO_SIDED_95;
 use analysis_effects::contract::Scale;
 
-/// 97.5 % quantile of the normal distribution.
-const TWO_SIDED_95: f64 = 1.959_964;
 /// Refits to find one end at most.
 const MOST_REFITS: usize = 8;
 /// How near to the quantile an end must lie, in standard deviations.

@@ -4,7 +4,7 @@ use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P, beyond_formula};
 use super::inconsistency::Inconsistency;
 use super::outcome::{Block, Diagnosis, Verdict};
 use super::select::Selection;
-use crate::thresholds::LEAST_BLOCK_P;
+use crate::thresholds::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P};
 use analysis_effects::effects::find;
 
 /// Evidence, beside χ² and blocks, that the residuals are more than noise.

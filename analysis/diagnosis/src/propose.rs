@@ -9,11 +9,8 @@ use super::block::Desk;
 use super::problem::{Fit, Prediction, Problem, Tangent};
 use super::structure::{Member, Structure, variants};
 use super::whitening::dot;
+use crate::thresholds::PROPOSAL_STEPS;
 use analysis_effects::contract::Effect;
-
-/// Steps of a strength in units of its typical size: a small one for what is linear, a large one
-/// for what shows in second order only.
-const STEPS: [f64; 2] = [0.3, 8.0];
 
 /// One way of adding an effect.
 #[derive(Debug, Clone)]

@@ -1,11 +1,12 @@
 //! Which other effects would do as well in the place of one that was taken.
 
 use super::attempts::{Attempt, is_outside};
-use super::guards::{SUFFICES, naming_lead};
+use super::guards::naming_lead;
 use super::problem::Fit;
 use super::search::Search;
 use super::select::{RivalFit, Selection, Taken};
 use super::whitening::dot;
+use crate::thresholds::SUFFICES;
 use analysis_effects::effects::find;
 
 impl Search<'_> {

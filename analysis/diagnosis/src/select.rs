@@ -8,14 +8,12 @@ use super::outcome::{Candidate, Evidence};
 use super::problem::Fit;
 use super::search::Search;
 use super::structure::searched;
+use crate::thresholds::{
+    DEEPER_CHI2, FREED_SHAPE_CHI2, MOST_EFFECTS, MOST_REFUSED, MOST_RESTARTS, NAMING_LEAD,
+    OUTSIDE_ALONE,
+};
 use analysis_effects::effects::outside;
 
-/// χ² by which another minimum of a fit must be deeper to be taken for it.
-const DEEPER: f64 = 1.0;
-/// Times that a search begins again from a deeper minimum.
-const MOST_RESTARTS: usize = 2;
-/// Refused additions that are kept.
-const MOST_REFUSED: usize = 3;
 /// An effect that was taken.
 #[derive(Debug, Clone)]
 pub(super) struct Taken {
@@ -183,7 +181,7 @@ impl Search<'_> {
             fit.axes.clone(),
             &mut self.desk,
         );
-        (again.chi2 < fit.chi2 - DEEPER).then_some(again)
+        (again.chi2 < fit.chi2 - DEEPER_CHI2).then_some(again)
     }
 
     /// Takes back effects that later ones have made needless: all that spoke for each must still
@@ -290,7 +288,9 @@ impl Search<'_> {
             }
             structure.members[k].parameters = own;
             let free = self.problem.fit(&structure, &erm, &mut self.desk);
-            if !free.member_at_bound(k, branches) && free.chi2 <= selection.fit.chi2 + 1.0 {
+            if !free.member_at_bound(k, branches)
+                && free.chi2 <= selection.fit.chi2 + FREED_SHAPE_CHI2
+            {
                 selection.fit = free;
             }
         }

@@ -5,18 +5,13 @@
 //! and its shapes' logarithms. Choices are no part of the vector: another choice is another
 //! structure.
 
+use crate::thresholds::{AT_BOUND_PART, RESISTANCE_REACH, TIME_REACH};
 use analysis_effects::{
     augmented::Added,
     contract::{Base, Effect, Parameter, Range, Scale},
 };
 use analysis_model::model::{Erm, RcBranch};
 
-/// How far a base resistance may go from its start, as a factor.
-const RESISTANCE_REACH: f64 = 300.0;
-/// The same for a time constant.
-const TIME_REACH: f64 = 30.0;
-/// Relative distance to a bound, of the width or the value, that counts as being there.
-const AT_BOUND: f64 = 1e-3;
 /// Longest move of a logarithm in one step of a fit.
 const LONGEST_LOG: f64 = 1.0;
 /// The same of a strength, as a part of the way between its bounds.
@@ -277,7 +272,7 @@ impl Structure {
 /// True where a value of an axis lies at one of its bounds. A strength may be small: near a bound
 /// of zero it is judged by its interval instead.
 pub(super) fn at_bound(x: f64, axis: &Axis) -> bool {
-    let near = AT_BOUND * (axis.upper - axis.lower);
+    let near = AT_BOUND_PART * (axis.upper - axis.lower);
     let absent = axis.lower == 0.0 && x > 0.0;
     (x - axis.lower <= near && !absent) || axis.upper - x <= near
 }

@@ -511,4 +511,165 @@ thresholds! {
         "Part of a record's largest current below which a row says nothing of a resistance.",
         Convention "The kernel goes with the square of the current: such a row has at most 0.25 % \
         of the weight.";
+    // Fit of the base.
+    RESISTANCE_REACH: f64 = 300.0, "1",
+        "Factor by which a resistance of the base may leave its start.",
+        Convention "Wide enough that the data bound it, not the search. No study of the value is \
+        on record.";
+    TIME_REACH: f64 = 30.0, "1",
+        "Factor by which a time constant of the base may leave its start.",
+        Convention "A branch stays within three decades about its start. No study of the value is \
+        on record.";
+    AT_BOUND_PART: f64 = 1e-3, "1",
+        "Distance to a bound, as a part of the width or of the value, within which a parameter is \
+        at the bound.",
+        Convention "Set by judgement. No study of the value is on record.";
+    MISFIT_Z: f64 = 3.0, "σ",
+        "Distance of χ² from its expectation from which on fits are tried from other starts too.",
+        Quantile "Normal distribution, one-sided probability 1.3·10⁻³ (χ² of 1300 degrees of \
+        freedom: 1.8·10⁻³). It costs time only.";
+    OTHER_STARTS: [f64; 2] = [0.6, 1.7], "1",
+        "Factors on all time constants of the model where the base is fitted from other starts.",
+        Convention "A factor of 1.7 to either side, set by judgement. No study of the values is on \
+        record.";
+    // Search.
+    PROPOSAL_STEPS: [f64; 2] = [0.3, 8.0], "typical size",
+        "Steps of a strength at which the direction of an effect is taken.",
+        Convention "A small one for what is linear, a large one for what shows in second order \
+        only.";
+    LEAST_LAGRANGE: f64 = 5.0, "1",
+        "Lagrange score above which a candidate is fitted.",
+        Convention "Noise gives as much in 2.5 % of directions (χ² of one degree of freedom). It \
+        costs time only.";
+    ALWAYS_FITTED: usize = 3, "effects",
+        "Candidates that are fitted even below that score.",
+        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
+    MOST_FITTED: usize = 8, "effects",
+        "Most candidates that are fitted, but for those near the best.",
+        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
+    NEAR_BEST: f64 = 0.3, "1",
+        "Part of the best Lagrange score that keeps a candidate beyond `MOST_FITTED`.",
+        Convention "A linear test may rank strong effects wrongly. No study of the value is on \
+        record.";
+    HELD_STARTS: usize = 2, "1",
+        "Starts of an effect with held shapes at the fit itself.",
+        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
+    STRONG_LAGRANGE: f64 = 300.0, "1",
+        "Lagrange score from which on every start of an effect is tried.",
+        Convention "The linear test does not know the shape of so strong an effect. Commit 593c605 \
+        names the diffusion that one start had missed.";
+    KEPT_PART: f64 = 0.5, "1",
+        "Part of its Lagrange score that a strong effect's fit must keep; else weaker starts are \
+        tried.",
+        Convention "Set by judgement. Commit 2496db6 names the depletions that one start had \
+        missed.";
+    WEAKER_STARTS: [f64; 3] = [0.6, 0.36, 0.2], "1",
+        "Weaker starts, as parts of the strength that the linear test wants.",
+        Convention "About powers of 0.6. Commit 2496db6 names the depletions that one start had \
+        missed.";
+    SHAPE_DRIFT: f64 = 12.0, "1",
+        "χ² that a shape at its bound must gain over a held one to be believed.",
+        Convention "Noise gains as much in 5·10⁻⁴ of cases (χ² of one degree of freedom), or \
+        2.5·10⁻³ (two).";
+    DEEPER_CHI2: f64 = 1.0, "1",
+        "χ² by which another minimum of a fit must be deeper to be taken for it.",
+        Convention "One standard deviation of one parameter. No study of the value is on record.";
+    FREED_SHAPE_CHI2: f64 = 1.0, "1",
+        "χ² by which a fit with freed shapes may be worse than the one with held shapes and still \
+        replace it.",
+        Convention "One standard deviation of one parameter; more means another minimum. No study \
+        of the value is on record.";
+    MOST_RESTARTS: usize = 2, "1",
+        "Times that a search begins again from a deeper minimum.",
+        Convention "A bound on the time of a diagnosis. No study of the value is on record.";
+    MOST_REFUSED: usize = 3, "effects",
+        "Refused effects that are kept to plan the next experiment.",
+        Convention "A bound on the time of a plan. No study of the value is on record.";
+    MOST_EFFECTS: usize = 3, "effects",
+        "Most effects that are added.",
+        Convention "The study hides up to three. No study of more is on record.";
+    MOST_PARTS: usize = 8, "1",
+        "Most parts that a step of a record is divided into to integrate well enough.",
+        Convention "Three halvings; what is still too coarse is refused. No study of the value is \
+        on record.";
+    // Accept.
+    LEAST_SCORE: f64 = 8.0, "1",
+        "Score λ − k·ln N that an effect must have.",
+        Convention "A BIC difference of 6 to 10 is strong evidence (Kass and Raftery, JASA 90, \
+        1995). At N = 1300 noise gives it in 10⁻⁴ of directions.";
+    CONVERGED: f64 = 0.1, "1",
+        "χ² that a further step of a fit may still promise where the fit counts as converged.",
+        Convention "An eightieth of `LEAST_SCORE`: too little to decide anything.";
+    CONVERGED_PART: f64 = 0.01, "1",
+        "The same as a part of the λ that the fit is evidence for.",
+        Convention "A hundredth of the evidence decides nothing.";
+    MATERIAL_SHARE: f64 = 0.3, "1",
+        "Part of the excess of χ² that an effect must remove, unless what is left is noise.",
+        Convention "What removes less is a part of something else. No study of the value is on \
+        record.";
+    LEAST_LAMBDA: f64 = 3.84, "1",
+        "χ² that leaving an effect out must cost.",
+        Quantile "χ² of one degree of freedom, probability 0.95: 3.841. The 95 % interval by the \
+        likelihood leaves zero out.";
+    HELD_OUT_PART: f64 = 0.1, "1",
+        "Part by which the χ² of a held-out run may grow, beside `HELD_OUT_SUM`.",
+        Convention "Set by judgement in commit c420b1d and not changed since. No study of the \
+        value is on record.";
+    HELD_OUT_SUM: f64 = 20.0, "1",
+        "χ² by which a held-out run may grow, beside `HELD_OUT_PART`.",
+        Convention "Set by judgement in commit c420b1d and not changed since. No study of the \
+        value is on record.";
+    HELD_OUT_Z: f64 = 4.0, "σ",
+        "Standard deviations by which held-out runs may contradict the size of what an effect \
+        predicts for them.",
+        Quantile "Normal distribution, two-sided probability 6·10⁻⁵.";
+    FORMULA_SHARE: f64 = 0.03, "1",
+        "Part of an effect's size by which nature may differ from the catalogue's formula.",
+        Convention "Set by judgement in commit 0975594. Beside an effect of λ a gain of 0.0009·λ \
+        is then nothing, as 0.03².";
+    INTEGRATION_PART: f64 = 0.1, "σ",
+        "Largest error of integration of a row, in standard deviations of its noise.",
+        Convention "In one row it adds 0.1² = 0.01 to χ², a hundredth of the row's expectation.";
+    // Tell apart.
+    NAMING_LEAD: f64 = 14.0, "1",
+        "Score by which a name must lead every rival.",
+        Convention "Above a BIC difference of 10, which is very strong evidence (Kass and Raftery, \
+        JASA 90, 1995).";
+    ASSUMED_LEAD: f64 = 0.05, "1",
+        "Part of the λ of a name by which it must lead too where the noise is assumed.",
+        Convention "Such a χ² is worth no more than the assumption. It was set on the Panasonic \
+        pulses (commit fe5bd06).";
+    SUFFICES: f64 = 6.63, "1",
+        "χ² below which the freer of two forms gains nothing over the one that it contains.",
+        Quantile "χ² of one degree of freedom, probability 0.99: 6.635. The interval of the \
+        further shape holds the limit.";
+    CERTAIN_LAMBDA: f64 = 150.0, "1",
+        "λ below which a name is never certain.",
+        Convention "A law outside the catalogue that shares five sixths of λ leaves 150/6 = 25, \
+        five standard deviations, to notice.";
+    OUTSIDE_LEAD: f64 = 6.0, "1",
+        "Score by which a law outside the catalogue must lead a name to withdraw it.",
+        Quantile "Normal distribution: with one strength each, the lead is at most w², and w above \
+        √6 has a probability of 0.7 %.";
+    OUTSIDE_ALONE: f64 = 30.0, "1",
+        "Score from which on a law outside the catalogue says by itself that something is missing.",
+        Convention "Twice the 15 that one gained on a simulated bench with nothing hidden, by \
+        small systematic errors that repeats do not show.";
+    // Verdict and report.
+    GOOD_FIT_Z: f64 = 5.0, "σ",
+        "Distance of χ² from its expectation below which nothing is missing.",
+        Quantile "Normal distribution, one-sided probability 3·10⁻⁷ (χ² of 1300 degrees of \
+        freedom: 1.2·10⁻⁶).";
+    TWO_SIDED_95: f64 = 1.959_964, "σ",
+        "Root of the χ² at the ends of a stated interval.",
+        Quantile "Normal distribution, probability 0.975.";
+    HARD_TO_TELL_R: f64 = 0.9, "1",
+        "Distinguishability r below which the catalogue lists a pair as hard to tell apart; no \
+        verdict depends on it.",
+        Convention "A tenth of λ is shared. No study of the value is on record.";
+    APART_SIGMA: f64 = 6.32, "σ",
+        "Separation from which on the catalogue counts a pair as told apart; no verdict depends on \
+        it.",
+        Convention "√40. At λ of 40 or more the study finds the truth, alone or among twins, in \
+        971 of 973 trials (seed 20261128).";
 }

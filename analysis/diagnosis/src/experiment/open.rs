@@ -2,9 +2,10 @@
 //! each.
 
 use super::separate::{View, separation_chi2};
+use crate::thresholds::CERTAIN_LAMBDA;
 use crate::{
     block::Desk,
-    guards::{CERTAIN_LAMBDA, naming_lead},
+    guards::naming_lead,
     outcome::Verdict,
     problem::{Fit, Problem},
     select::{RivalFit, Selection},

@@ -2,13 +2,10 @@
 
 use super::Picture;
 use super::page::{Item, Page, Section};
+use crate::thresholds::{APART_SIGMA, HARD_TO_TELL_R};
 use analysis_effects::contract::{Card, Group};
 use analysis_plot::{Drawing, HeatMap, HeatScale};
 
-/// Distinguishability below which a pair is listed as hard to tell apart.
-const HARD: f64 = 0.9;
-/// Separation in σ from which on a pair counts as told apart: √40.
-const APART_SIGMA: f64 = 6.32;
 /// Columns of the matrix in words that stand beside each other.
 const COLUMNS: usize = 14;
 
@@ -110,7 +107,7 @@ impl Distinguishability {
         let mut pairs: Vec<(usize, usize, f64)> = all
             .filter(|(a, b)| a != b)
             .filter_map(|(a, b)| Self::at(&self.r, a, b).map(|r| (a, b, r)))
-            .filter(|p| p.2 < HARD)
+            .filter(|p| p.2 < HARD_TO_TELL_R)
             .collect();
         pairs.sort_by(|x, y| x.2.total_cmp(&y.2));
         let row = |(a, b, r): &(usize, usize, f64)| {
@@ -244,7 +241,9 @@ fn told_apart(matrix: &Distinguishability) -> Section {
     )];
     let pairs = matrix.hard_pairs();
     if pairs.is_empty() {
-        items.push(Item::Text(format!("Every pair has r of {HARD} or more.")));
+        items.push(Item::Text(format!(
+            "Every pair has r of {HARD_TO_TELL_R} or more."
+        )));
     } else {
         items.push(Item::Table(
             vec!["Acting", "Imitating", "r", "√λ left", "Told apart"],

@@ -24,9 +24,6 @@ use analysis_plot::{
     report::{Level, Report, Section, Verdict},
 };
 
-/// Penalised gain λ − k·ln N that an effect needs to be named.
-pub const SCORE_THRESHOLD: f64 = super::guards::LEAST_SCORE;
-
 /// A diagnosis for a terminal, at most 100 characters wide.
 pub fn text(d: &Diagnosis) -> String {
     sections::page(d).text()

@@ -6,12 +6,11 @@ use super::numbers::{percent, plain, quantity, times};
 use super::page::{Item, Section};
 use super::titled;
 use crate::outcome::{Block, Diagnosis, NoiseTerm, Verdict};
+use crate::thresholds::GOOD_FIT_Z;
 use analysis_effects::contract::Group;
 
 /// Most blocks listed as left over.
 const MOST_BLOCKS: usize = 5;
-/// Distance of χ² from its expectation from which on something is missing, σ.
-const POOR_FIT_Z: f64 = 5.0;
 
 pub(super) fn falsifiers(d: &Diagnosis) -> Section {
     let mut points: Vec<String> = d
@@ -80,7 +79,7 @@ pub(super) fn unexplained(d: &Diagnosis) -> Section {
     if left.len() > MOST_BLOCKS {
         points.push(format!("and {} more blocks", left.len() - MOST_BLOCKS));
     }
-    let lead = match (left.is_empty(), z >= POOR_FIT_Z) {
+    let lead = match (left.is_empty(), z >= GOOD_FIT_Z) {
         (true, false) => "Nothing beyond the noise.".to_owned(),
         (true, true) => format!(
             "χ² is still {} σ above noise, spread over all blocks.",

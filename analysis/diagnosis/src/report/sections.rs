@@ -3,11 +3,11 @@
 use super::numbers::{Unit, percent, plain, probability, times};
 use super::page::{Item, Page, Section};
 use super::pictures::Kind;
-use super::{SCORE_THRESHOLD, after, counted, is_significant, misfit, reserve, titled};
+use super::{after, counted, is_significant, misfit, reserve, titled};
 use crate::{
     attempts::is_outside,
     outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict},
-    thresholds::SIGNIFICANT_P,
+    thresholds::{LEAST_SCORE, SIGNIFICANT_P},
 };
 use analysis_effects::{contract::Group, effects};
 
@@ -179,7 +179,7 @@ fn how_sure(d: &Diagnosis) -> Section {
         items.push(evidence(&d.effects));
         items.push(Item::Text(format!(
             "λ is the χ² that the effect removes from the training runs. The score is λ less k·ln \
-            N for its k parameters; {SCORE_THRESHOLD} are needed. The excess is χ² less its \
+            N for its k parameters; {LEAST_SCORE} are needed. The excess is χ² less its \
             degrees of freedom."
         )));
     }

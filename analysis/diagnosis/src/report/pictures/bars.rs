@@ -1,11 +1,12 @@
 //! Pictures of bars: the map of the misfit, the ranking of the candidates, the gaps.
 
 use super::super::numbers::{percent, plain, probability, times};
-use super::super::{SCORE_THRESHOLD, after, counted};
+use super::super::{after, counted};
 use super::{
     AFTER, ALONE, BEFORE, Kind, NOISE, Picture, effect_names, has_after, is_significant, misfit,
 };
 use crate::outcome::{Block, Candidate, Diagnosis};
+use crate::thresholds::LEAST_SCORE;
 use analysis_plot::{AxisSpec, Bar, BarChart, BarGroup, BarPanel, BarRow, Drawing, Reference};
 
 const WIDTH_PX: u32 = 900;
@@ -128,7 +129,7 @@ pub(super) fn ranking(d: &Diagnosis) -> Option<Picture> {
         .iter()
         .filter_map(|c| c.score)
         .filter(|s| s.is_finite())
-        .fold(5.0 * SCORE_THRESHOLD, f64::max);
+        .fold(5.0 * LEAST_SCORE, f64::max);
     let more = d.ranking.len().saturating_sub(MOST_CANDIDATES);
     let subtitle = match more {
         0 => "First round: what each effect of the catalogue alone gains on the training runs"
@@ -142,8 +143,8 @@ pub(super) fn ranking(d: &Diagnosis) -> Option<Picture> {
         axis: AxisSpec::logarithmic("Score λ − k·ln N").between(1.0, highest),
         baseline: 1.0,
         reference: Some(Reference {
-            value: SCORE_THRESHOLD,
-            label: format!("needed: {SCORE_THRESHOLD}"),
+            value: LEAST_SCORE,
+            label: format!("needed: {LEAST_SCORE}"),
         }),
         groups: vec![BarGroup {
             heading: String::new(),
