@@ -124,6 +124,11 @@ macro_rules! value {
     ([f64; $count:literal], $name:ident) => {
         Value::List(&$name)
     };
+    ([(f64, f64); 3], $name:ident) => {
+        Value::List(&[
+            $name[0].0, $name[0].1, $name[1].0, $name[1].1, $name[2].0, $name[2].1,
+        ])
+    };
 }
 
 /// Constants and their table.
@@ -672,4 +677,118 @@ thresholds! {
         it.",
         Convention "√40. At λ of 40 or more the study finds the truth, alone or among twins, in \
         971 of 973 trials (seed 20261128).";
+    // Next experiment: what is worth its time.
+    ONE_IN_TWENTY: f64 = 1.645, "σ",
+        "Standard deviations of λ and of the strength that a plan allows for.",
+        Quantile "Normal distribution, probability 0.95: 1.645. What is expected to settle fails \
+        in one of twenty cases.";
+    WEAKEST_PART: f64 = 0.4, "1",
+        "Part of the strength that was found below which a plan takes an effect for no weaker.",
+        Convention "Else a plan for a barely seen effect would never be enough. No study of the \
+        value is on record.";
+    LEAST_GROWTH: f64 = 0.1, "1",
+        "Part of what settles a pair that a run must add to its λ to count as telling it apart.",
+        Convention "Less is not worth the time of a run. No study of the value is on record.";
+    MOST_RIVALS: usize = 6, "effects",
+        "Most rivals of one effect that a plan looks at.",
+        Convention "A bound on the time of a plan. No study of the value is on record.";
+    LINEAR_FACTOR: f64 = 2.0, "1",
+        "Factor by which a linear refit may tell λ wrongly before a pair is given up.",
+        Convention "Set by judgement. Of the plans that expected to settle, 61 of 68 did (study, \
+        seed 1729).";
+    MOST_TIMES: usize = 8, "1",
+        "Most times as often as the menu says that a run may be measured.",
+        Convention "Three doublings of the menu's number. No study of the value is on record.";
+    WORTH: f64 = 1.1, "1",
+        "Factor by which more repeats, or a second run, must bring everything forward to be worth \
+        their time.",
+        Convention "The counterpart of `LEAST_GROWTH`. No study of the value is on record.";
+    REFINED_ITEMS: usize = 3, "runs",
+        "Best runs of the menu whose λ is found by more than one step.",
+        Convention "A bound on the time of a plan. No study of the value is on record.";
+    SECOND_RUNS: usize = 2, "runs",
+        "Second runs that are tried beside the best one.",
+        Convention "A bound on the time of a plan. No study of the value is on record.";
+    REFIT_STEPS: usize = 3, "steps",
+        "Gauss–Newton steps of a refined λ.",
+        Convention "A bound on the time of a plan. No study of the value is on record.";
+    // Next experiment: how a run is planned.
+    SWEEP_PERIODS: f64 = 4.0, "periods",
+        "Periods of a point of a planned sweep.",
+        Convention "An estimate of the bench's own sweeps, for the time of a plan only.";
+    SLOW_SWEEP_PERIODS: f64 = 8.0, "periods",
+        "Periods of a slow point, after which the cell has to forget the one before.",
+        Convention "Twice `SWEEP_PERIODS`, for the time of a plan only.";
+    SLOW_HZ: f64 = 0.05, "Hz",
+        "Frequency below which a point is slow.",
+        Convention "Its period of 20 s is `POINT_S`. It is for the time of a plan only.";
+    POINT_S: f64 = 20.0, "s",
+        "Time of a point beside its periods, in which the step of frequency dies away.",
+        Convention "An estimate of the bench's own sweeps, for the time of a plan only.";
+    BETWEEN_REPEATS_S: f64 = 600.0, "s",
+        "Longest rest between repeats of a planned run.",
+        Convention "The value of `SETTLE_S`. No study of the value is on record.";
+    SAMPLING_S: (f64, f64) = (0.01, 5.0), "s",
+        "Shortest and longest distance of samples of a planned record.",
+        Convention "As a campaign's records are logged: dense after an edge. No study of the \
+        values is on record.";
+    SAMPLING_PART: f64 = 0.1, "1",
+        "Distance of samples as a part of the time since the last edge.",
+        Convention "As a campaign's records are logged: some 24 samples per decade, as \
+        1/log₁₀(1.1).";
+    MENU_REPEATS: usize = 3, "runs",
+        "Repeats of each planned run.",
+        Convention "The value of `FEWEST_REPEATS`: one could be an accident, and three measure the \
+        noise.";
+    SETTLE_S: f64 = 600.0, "s",
+        "Rest of the cell before a run at the campaign's state of charge.",
+        Convention "Set by judgement. No study of the value is on record.";
+    SETTLE_ELSEWHERE_S: f64 = 3600.0, "s",
+        "Time to bring the cell to another state of charge or temperature.",
+        Convention "Set by judgement: an hour of charge and heat. No study of the value is on \
+        record.";
+    SETTLE_JIG_S: f64 = 120.0, "s",
+        "Time to change what is in the jig.",
+        Convention "Set by judgement: two minutes of a person's work.";
+    SOC_WITHIN: (f64, f64) = (0.05, 0.95), "1",
+        "States of charge that a planned run stays within.",
+        Convention "Outside, curves are steep and limits of voltage near. No study of the values \
+        is on record.";
+    SWEEP_BAND_HZ: (f64, f64) = (0.1, 300.0), "Hz",
+        "Band of a planned sweep where the campaign has none.",
+        Convention "The band of the project's examples, as in `docs/diagnosis.md`. No study of the \
+        values is on record.";
+    SWEEP_POINTS: usize = 25, "points",
+        "Points of such a sweep.",
+        Convention "Seven per decade, as 24/log₁₀(3000). No study of the value is on record.";
+    TOP_POINTS: usize = 40, "points",
+        "Points of a planned sweep of the upper band.",
+        Convention "Set by judgement. No study of the value is on record.";
+    SLOWEST_HZ: [f64; 3] = [2e-3, 1e-2, 1.6e-2], "Hz",
+        "Lowest frequencies of a planned slow sweep, each where the bench cannot do the one \
+        before.",
+        Convention "Periods of 500, 100 and 63 s. No study of the values is on record.";
+    SLOW_POINTS: usize = 6, "points",
+        "Points of a planned slow sweep.",
+        Convention "Each takes minutes. No study of the value is on record.";
+    SLOW_REPEATS: usize = 2, "runs",
+        "Repeats of a planned slow sweep.",
+        Convention "Each takes minutes per point. No study of the value is on record.";
+    MIRRORED_PARTS: [f64; 3] = [1.0, 0.5, 0.25], "1",
+        "Parts of a record's current with which it is mirrored, each where the one before leaves \
+        the cell's limits.",
+        Convention "Halvings. No study of the values is on record.";
+    HALVES_S: [f64; 5] = [2.0, 5.0, 10.0, 20.0, 40.0], "s",
+        "Quarter periods of the planned square waves.",
+        Convention "Steps of about two. No study of the values is on record.";
+    WALK_SOC: [(f64, f64); 3] = [(0.3, 0.9), (0.35, 0.8), (0.4, 0.7)], "1",
+        "States of charge between which the cell is walked, the widest walk first.",
+        Convention "Below and above, curves are steep and seldom well known. No study of the \
+        values is on record.";
+    WALK_REST_S: f64 = 600.0, "s",
+        "Rest at each end of the walk.",
+        Convention "The value of `SETTLE_S`. No study of the value is on record.";
+    BURST_S: f64 = 0.5, "s",
+        "Half of a planned burst.",
+        Convention "The shortest current that a bench times well, by judgement.";
 }

@@ -2,6 +2,11 @@
 //! frequencies of a campaign.
 
 use super::planned::{BenchLimits, Planned, PlannedRun};
+use crate::thresholds::{
+    BURST_S, HALVES_S, MENU_REPEATS, MIRRORED_PARTS, SETTLE_ELSEWHERE_S, SETTLE_JIG_S, SETTLE_S,
+    SLOW_POINTS, SLOW_REPEATS, SLOWEST_HZ, SOC_WITHIN, SWEEP_BAND_HZ, SWEEP_POINTS, TOP_POINTS,
+    WALK_REST_S, WALK_SOC,
+};
 use crate::{
     block::{Block, Kind},
     data::{Fixture, Role},
@@ -9,38 +14,6 @@ use crate::{
     time_block::TimeBlock,
 };
 use std::ops::RangeInclusive;
-
-/// How often each run is measured: one could be an accident.
-const REPEAT: usize = 3;
-/// Rest of the cell before a run at the campaign's state of charge, s.
-const SETTLE_S: f64 = 600.0;
-/// To bring the cell to another state of charge or temperature, s.
-const SETTLE_ELSEWHERE_S: f64 = 3600.0;
-/// To change what is in the jig, s.
-const SETTLE_JIG_S: f64 = 120.0;
-/// Within which states of charge a planned run stays.
-const SOC_WITHIN: (f64, f64) = (0.05, 0.95);
-/// Points of a sweep where the campaign has none, and its ends, Hz.
-const SWEEP: (f64, f64, usize) = (0.1, 300.0, 25);
-/// Points of a sweep of the upper band.
-const TOP_POINTS: usize = 40;
-/// Lowest frequency of the slow sweep, Hz; the next where the bench cannot.
-const SLOWEST_HZ: [f64; 3] = [2e-3, 1e-2, 1.6e-2];
-/// Its points, and how often it is measured: each point takes minutes.
-const SLOW_POINTS: usize = 6;
-const SLOW_REPEAT: usize = 2;
-/// Parts of a record's current with which it is mirrored: where the whole leaves the limits of the
-/// cell, less of it.
-const MIRRORED: [f64; 3] = [1.0, 0.5, 0.25];
-/// Halves of the half periods of square waves, s.
-const HALVES_S: [f64; 5] = [2.0, 5.0, 10.0, 20.0, 40.0];
-/// States of charge between which the cell is walked, the widest walk first: below and above,
-/// curves are steep and seldom well known.
-const WALK: [(f64, f64); 3] = [(0.3, 0.9), (0.35, 0.8), (0.4, 0.7)];
-/// Rest at each end of the walk, s.
-const WALK_REST_S: f64 = 600.0;
-/// Half of a burst, s: the shortest current that a bench times well.
-const BURST_S: f64 = 0.5;
 
 /// One entry of the menu.
 #[derive(Debug, Clone, PartialEq)]
@@ -131,7 +104,7 @@ impl<'a> Campaign<'a> {
         let limits = limits.unwrap_or_else(|| BenchLimits {
             discharge_a: greatest(1.0),
             charge_a: greatest(-1.0),
-            highest_hz: facts.highest_hz.unwrap_or(SWEEP.1),
+            highest_hz: facts.highest_hz.unwrap_or(SWEEP_BAND_HZ.1),
             shunt_ohm: None,
         });
         let swept = problem
@@ -154,7 +127,7 @@ impl<'a> Campaign<'a> {
             order: last(|b| b.at.order) as u32 + 1,
             start_s: last(|b| b.at.start_s) + facts.longest_s,
             sweep: swept.unwrap_or_else(|| Planned::Eis {
-                freq_hz: frequencies(SWEEP.0, SWEEP.1, SWEEP.2),
+                freq_hz: frequencies(SWEEP_BAND_HZ.0, SWEEP_BAND_HZ.1, SWEEP_POINTS),
                 amplitude_a: 1.0,
             }),
         }
@@ -167,7 +140,7 @@ impl<'a> Campaign<'a> {
             fixture: Fixture::Cell("cell".to_owned()),
             soc: self.soc,
             temperature_c: self.temperature_c,
-            repeat: REPEAT,
+            repeat: MENU_REPEATS,
             repeat_group: name.to_owned(),
             order: self.order,
             settle_s: SETTLE_S,
@@ -248,7 +221,7 @@ pub(super) fn menu(campaign: &Campaign<'_>) -> Vec<MenuItem> {
     let zero = "no current for 10 min: what moves by itself".to_owned();
     items.extend(campaign.trace("zero_current_log", zero, vec![(600.0, 0.0)]));
     items.extend(
-        MIRRORED
+        MIRRORED_PARTS
             .iter()
             .map(|part| mirrored(campaign, *part))
             .chain([
@@ -279,7 +252,7 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
         .base
         .facts
         .highest_hz
-        .unwrap_or(SWEEP.1)
+        .unwrap_or(SWEEP_BAND_HZ.1)
         .min(campaign.limits.highest_hz);
     let top = |low_hz: f64, high_hz: f64| Planned::Eis {
         freq_hz: frequencies(low_hz, high_hz, TOP_POINTS),
@@ -352,7 +325,12 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
             },
         ));
     }
-    let lowest_hz = campaign.problem.base.facts.lowest_hz.unwrap_or(SWEEP.0);
+    let lowest_hz = campaign
+        .problem
+        .base
+        .facts
+        .lowest_hz
+        .unwrap_or(SWEEP_BAND_HZ.0);
     for slowest_hz in SLOWEST_HZ.into_iter().filter(|f| lowest_hz > 2.0 * f) {
         items.push(campaign.swept(
             "eis_low_frequency",
@@ -365,7 +343,7 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
                     freq_hz: frequencies(slowest_hz, lowest_hz, SLOW_POINTS),
                     amplitude_a: campaign.amplitude_a(),
                 };
-                run.repeat = SLOW_REPEAT;
+                run.repeat = SLOW_REPEATS;
             },
         ));
     }

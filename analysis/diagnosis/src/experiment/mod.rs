@@ -9,7 +9,9 @@ mod open;
 pub(super) mod planned;
 mod separate;
 
-use crate::thresholds::FEWEST_REPEATS;
+use crate::thresholds::{
+    FEWEST_REPEATS, MOST_TIMES, REFINED_ITEMS, REFIT_STEPS, SECOND_RUNS, WORTH,
+};
 pub use planned::{BenchLimits, Planned, PlannedRun, Playable};
 
 use super::block::Desk;
@@ -108,7 +110,7 @@ impl Planner<'_> {
         all.sort_by(|a, b| self.order(a, b));
         let mut best: Vec<Rated> = all
             .iter()
-            .take(REFINED)
+            .take(REFINED_ITEMS)
             .filter_map(|first| self.repeated(first, desk))
             .collect();
         best.sort_by(|a, b| self.order(a, b));
@@ -170,13 +172,13 @@ impl Planner<'_> {
         while times > 1 && !self.allowed(&first.item.times(times)) {
             times /= 2;
         }
-        let mut best = self.rated(first.item.times(times), STEPS, desk)?;
+        let mut best = self.rated(first.item.times(times), REFIT_STEPS, desk)?;
         while self.open.least(&best.then) < 1.0 && 2 * times <= MOST_TIMES {
             times *= 2;
             let Some(item) = Some(first.item.times(times)).filter(|item| self.allowed(item)) else {
                 break;
             };
-            let Some(more) = self.rated(item, STEPS, desk) else {
+            let Some(more) = self.rated(item, REFIT_STEPS, desk) else {
                 break;
             };
             if self.open.settled(&more.then) < WORTH * self.open.settled(&best.then) {
@@ -205,11 +207,11 @@ impl Planner<'_> {
             .collect();
         seconds.sort_by(|a, b| both(b).total_cmp(&both(a)));
         let mut found: Vec<Rated> = Vec::new();
-        for second in seconds.into_iter().take(SECONDS) {
+        for second in seconds.into_iter().take(SECOND_RUNS) {
             let times = self.open.times(&best.then, &second.then, MOST_TIMES);
             let item = best.item.and(&second.item.times(times));
             if self.allowed(&item) {
-                found.extend(self.rated(item, STEPS, desk));
+                found.extend(self.rated(item, REFIT_STEPS, desk));
             }
         }
         found.sort_by(|a, b| self.order(a, b));

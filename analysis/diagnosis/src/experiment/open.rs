@@ -2,7 +2,9 @@
 //! each.
 
 use super::separate::{View, separation_chi2};
-use crate::thresholds::CERTAIN_LAMBDA;
+use crate::thresholds::{
+    CERTAIN_LAMBDA, LEAST_GROWTH, LINEAR_FACTOR, MOST_RIVALS, ONE_IN_TWENTY, WEAKEST_PART,
+};
 use crate::{
     block::Desk,
     guards::naming_lead,
@@ -11,18 +13,6 @@ use crate::{
     select::{RivalFit, Selection},
 };
 use analysis_effects::effects::find;
-
-/// Quantile of the normal distribution that a plan allows for: what is expected to settle fails in
-/// one of twenty.
-const ONE_IN_TWENTY: f64 = 1.645;
-/// An effect is taken for no weaker than this part of the strength that was found.
-const WEAKEST: f64 = 0.4;
-/// Least gain of a pair's λ that makes a run worth its time, as a part of what settles the pair.
-const LEAST_GROWTH: f64 = 0.1;
-/// Rivals of one effect that are looked at, the closest ones.
-const MOST_RIVALS: usize = 6;
-/// Linear refits tell λ about so well, as a factor.
-const LINEAR: f64 = 2.0;
 
 /// Structures that the data leave open, and which of them are to be told apart.
 pub(super) struct Open<'a> {
@@ -201,7 +191,7 @@ impl<'a> Open<'a> {
             .within_reach
             .iter()
             .map(|k| missing(*k))
-            .filter(|n| *n <= LINEAR * most as f64);
+            .filter(|n| *n <= LINEAR_FACTOR * most as f64);
         let needed = needed.fold(f64::NEG_INFINITY, f64::max);
         if needed.is_finite() {
             (needed.max(1.0).ceil() as usize)
@@ -219,7 +209,7 @@ impl<'a> Open<'a> {
         let hopeless = |k: &usize| {
             thens
                 .iter()
-                .all(|then| LINEAR * most as f64 * self.growth(*k, then) < 1.0)
+                .all(|then| LINEAR_FACTOR * most as f64 * self.growth(*k, then) < 1.0)
         };
         let (out, within): (Vec<usize>, Vec<usize>) = (0..self.pairs.len()).partition(hopeless);
         if !within.is_empty() {
@@ -259,7 +249,7 @@ impl<'a> Open<'a> {
 /// scatters by one.
 fn enough(need: f64, found: f64) -> f64 {
     let root = ONE_IN_TWENTY + (ONE_IN_TWENTY * ONE_IN_TWENTY + need.max(0.0)).sqrt();
-    (root / (1.0 - ONE_IN_TWENTY / found.max(1.0).sqrt()).max(WEAKEST)).powi(2)
+    (root / (1.0 - ONE_IN_TWENTY / found.max(1.0).sqrt()).max(WEAKEST_PART)).powi(2)
 }
 
 /// Each named effect's fit without it, where the name is too weak to be certain; in the order of

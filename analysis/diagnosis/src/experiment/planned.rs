@@ -1,24 +1,13 @@
 //! A run that was not measured yet, as data.
 
 use crate::data::{Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord};
+use crate::thresholds::{
+    BETWEEN_REPEATS_S, POINT_S, SAMPLING_PART, SAMPLING_S, SLOW_HZ, SLOW_SWEEP_PERIODS,
+    SWEEP_PERIODS,
+};
 use analysis_effects::{augmented::Between, contract::Below};
 use analysis_signal::series::TimeSeries;
 use num_complex::Complex64;
-
-/// Time of a sweep per point: so many periods …
-const PERIODS: f64 = 4.0;
-/// … of a slow point, after which the cell has to forget the one before …
-const SLOW_PERIODS: f64 = 8.0;
-/// … below this, Hz.
-const SLOW_HZ: f64 = 0.05;
-/// … and so long, in which the step from one frequency to the next dies away, s.
-const POINT_S: f64 = 20.0;
-/// Rest between repeats of a run at most, s.
-const BETWEEN_REPEATS_S: f64 = 600.0;
-/// Shortest and longest distance of samples in time, s.
-const SAMPLING_S: (f64, f64) = (0.01, 5.0);
-/// Distance of samples as a part of the time since the last edge.
-const SAMPLING_PART: f64 = 0.1;
 
 /// How far a planned run may go on bench and cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -83,7 +72,7 @@ impl Planned {
             Self::Trace(segments) => segments.iter().map(|(span_s, _)| span_s).sum(),
             Self::Eis { freq_hz, .. } => freq_hz
                 .iter()
-                .map(|f| if *f < SLOW_HZ { SLOW_PERIODS } else { PERIODS } / f + POINT_S)
+                .map(|f| if *f < SLOW_HZ { SLOW_SWEEP_PERIODS } else { SWEEP_PERIODS } / f + POINT_S)
                 .sum(),
         }
     }
