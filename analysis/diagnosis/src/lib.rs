@@ -35,7 +35,7 @@ mod search;
 mod select;
 mod shared;
 mod structure;
-mod thresholds;
+pub mod thresholds;
 mod time_block;
 mod whitening;
 mod windows;
@@ -55,7 +55,6 @@ pub use outcome::{
     RunCurves, SpectrumGap, Verdict,
 };
 pub use prepare::BaseModel;
-pub use thresholds::{Source, THRESHOLDS, Threshold, Value, thresholds_markdown};
 
 #[cfg(test)]
 mod tests;

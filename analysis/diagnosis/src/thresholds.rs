@@ -88,7 +88,7 @@ impl Source {
 }
 
 /// The registry as a table in Markdown, as it stands in `docs/thresholds.md`.
-pub fn thresholds_markdown() -> String {
+pub fn markdown() -> String {
     let head = "| name | value | unit | meaning | source |\n|---|---|---|---|---|\n";
     let row = |t: &Threshold| {
         let (kind, text) = (t.source.kind(), t.source.text());

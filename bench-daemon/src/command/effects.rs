@@ -1,11 +1,14 @@
-//! `eis-bench effects`: the catalogue of effects that a model may lack, and which of them a data
-//! set could tell apart.
+//! `eis-bench effects`: the catalogue of effects that a model may lack, which of them a data set
+//! could tell apart, and the thresholds of the diagnosis.
 
 use std::path::PathBuf;
 
 use analysis::{
     contract::Card,
-    diagnosis::{distinguish, report},
+    diagnosis::{
+        distinguish, report,
+        thresholds::{self, THRESHOLDS},
+    },
     effects::catalogue,
 };
 use serde::Serialize;
@@ -33,6 +36,9 @@ pub struct EffectsArgs {
     /// Write `effects.md` and the pictures of the matrix into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Print the thresholds of the diagnosis instead, with units and sources.
+    #[arg(long, conflicts_with_all = ["data", "out"])]
+    pub thresholds: bool,
     /// Print JSON.
     #[arg(long)]
     pub json: bool,
@@ -46,11 +52,14 @@ struct Listing<'a> {
     distinguishability: Option<&'a report::Distinguishability>,
 }
 
-/// Prints the catalogue.
+/// Prints the catalogue, or the thresholds.
 ///
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
+    if args.thresholds {
+        return print_thresholds(args.json);
+    }
     let cards: Vec<&Card> = catalogue().iter().map(|effect| effect.card()).collect();
     let matrix = match &args.data {
         Some(data) => {
@@ -84,13 +93,26 @@ pub fn effects(args: &EffectsArgs) -> Result<(), Failure> {
             effects: &cards,
             distinguishability: matrix.as_ref(),
         };
-        say!(
-            "{}",
-            serde_json::to_string_pretty(&listing)
-                .map_err(|error| Failure::Analysis(error.to_string()))?
-        );
+        print_json(&listing)?;
     } else {
         say!("{}", report::catalogue_text(&cards, matrix.as_ref()));
     }
+    Ok(())
+}
+
+fn print_thresholds(json: bool) -> Result<(), Failure> {
+    if json {
+        return print_json(THRESHOLDS);
+    }
+    say!("{}", thresholds::markdown().trim_end());
+    Ok(())
+}
+
+fn print_json(value: &(impl Serialize + ?Sized)) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value);
+    say!(
+        "{}",
+        text.map_err(|error| Failure::Analysis(error.to_string()))?
+    );
     Ok(())
 }

@@ -149,6 +149,18 @@ fn the_catalogue_is_printed() {
 }
 
 #[test]
+fn the_thresholds_are_printed() {
+    let (effects, thresholds) = (Path::new("effects"), Path::new("--thresholds"));
+    let text = String::from_utf8(eis_bench(&[effects, thresholds]).stdout).unwrap();
+    assert_eq!(text, analysis::diagnosis::thresholds::markdown());
+    let json = eis_bench(&[effects, thresholds, Path::new("--json")]).stdout;
+    let all: Vec<serde_json::Value> = serde_json::from_slice(&json).unwrap();
+    let of = |name: &str| all.iter().find(|t| t["name"] == name).unwrap();
+    assert_eq!(of("LEAST_SCORE")["value"], 8.0);
+    assert_eq!(of("LEAST_LAMBDA")["source"]["kind"], "quantile");
+}
+
+#[test]
 fn the_curve_of_a_run_folder_is_that_of_its_cell() {
     let files = crate::support::Files::short(5);
     files.run("run").expect_code(0);
