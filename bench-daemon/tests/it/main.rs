@@ -59,6 +59,7 @@ mod soc_reset;
 mod structure;
 mod support;
 mod sweeps;
+mod thresholds;
 mod traces;
 mod typed;
 mod verdicts;

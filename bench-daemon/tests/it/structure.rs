@@ -1,6 +1,6 @@
 //! The arrows between the modules of a crate (ARCHITECTURE.md), read from the sources: a module
 //! names only what stands before it in the order of its crate, and circles of files stay small.
-//! Also the width of source lines.
+//! Names of files and numbers that decide have one owner. Lines are not wider than 120 columns.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -544,4 +544,90 @@ fn what_acts_in_the_executor_has_few_fields() {
         .map(|(name, fields)| format!("{name}: {fields} fields"))
         .collect();
     assert_eq!(large, [""; 0]);
+}
+
+/// The module that alone holds numbers of the diagnosis that decide something.
+const REGISTRY: &str = "thresholds";
+/// Constants of the diagnosis that decide nothing, or whole modules of such, with the reason.
+const NO_THRESHOLDS: [(&str, &str); 17] = [
+    ("consistency::STEP", "step of a derivative"),
+    ("edges::UNIFORM", "mathematics: 1/√12"),
+    ("estimate::ITERATIONS", "limit of a solver"),
+    ("experiment::separate::DAMPING", "damping of a solver"),
+    ("intervals::MOST_REFITS", "limit of a solver"),
+    ("intervals::NEAR", "tolerance of a solver"),
+    ("noise::LARGER", "step of a derivative"),
+    ("outcome::DIAGNOSIS_SCHEMA_VERSION", "version of a format"),
+    ("periodic::TINY", "keeps a quotient finite"),
+    ("problem::ITERATIONS", "limit of a solver"),
+    ("problem::PROMISE", "tolerance of a solver"),
+    ("problem::UNMOVED", "damping of a solver"),
+    ("report", "layout of pages and pictures"),
+    ("shared::OWN", "length of a list"),
+    ("structure::LONGEST_LOG", "longest step of a solver"),
+    ("structure::LONGEST_PART", "longest step of a solver"),
+    ("windows::APART", "mathematics: 1/(2√3)"),
+];
+
+/// The names of a file's constants of one number, tests left out.
+#[derive(Default)]
+struct Numbers(Vec<String>);
+
+impl Numbers {
+    fn add(&mut self, name: &syn::Ident, of: &syn::Type) {
+        let is_number = |path: &syn::Path| {
+            ["f64", "usize", "u32"]
+                .iter()
+                .any(|number| path.is_ident(number))
+        };
+        if matches!(of, syn::Type::Path(of) if is_number(&of.path)) {
+            self.0.push(name.to_string());
+        }
+    }
+}
+
+impl<'ast> Visit<'ast> for Numbers {
+    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+        if !is_test(item) {
+            visit::visit_item_mod(self, item);
+        }
+    }
+
+    fn visit_item_const(&mut self, item: &'ast syn::ItemConst) {
+        self.add(&item.ident, &item.ty);
+    }
+
+    fn visit_impl_item_const(&mut self, item: &'ast syn::ImplItemConst) {
+        self.add(&item.ident, &item.ty);
+    }
+}
+
+#[test]
+fn the_thresholds_of_the_diagnosis_have_one_owner() {
+    let mut found = Vec::new();
+    for (module, path) in files("analysis/diagnosis") {
+        if module.first().is_some_and(|first| first == REGISTRY) {
+            continue;
+        }
+        let mut numbers = Numbers::default();
+        numbers.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+        let named = numbers.0.into_iter().map(|name| {
+            let path: Module = module.iter().cloned().chain([name]).collect();
+            path.join("::")
+        });
+        found.extend(named);
+    }
+    let is_excepted = |name: &str, except: &str| {
+        name.strip_prefix(except)
+            .is_some_and(|rest| rest.is_empty() || rest.starts_with("::"))
+    };
+    let excepted = |name: &String| NO_THRESHOLDS.iter().any(|(of, _)| is_excepted(name, of));
+    let unlisted: Vec<&String> = found.iter().filter(|name| !excepted(name)).collect();
+    assert_eq!(unlisted, [""; 0], "they belong to {REGISTRY}");
+    let gone: Vec<&str> = NO_THRESHOLDS
+        .iter()
+        .map(|(of, _)| *of)
+        .filter(|of| !found.iter().any(|name| is_excepted(name, of)))
+        .collect();
+    assert_eq!(gone, [""; 0], "exceptions that no constant needs");
 }
