@@ -273,7 +273,8 @@ thresholds! {
         `gate/tests` holds a case that passes.";
     CELL_CHANGE_Z: f64 = 5.0, "σ",
         "Least distance between repeats of a steady group for it to show that the cell changes.",
-        Quantile "Normal distribution, one-sided probability 3·10⁻⁷.";
+        Convention "The 5 σ of other checks. By noise alone the differences have a root mean \
+        square of about one.";
     ODD_STEP_PART: f64 = 0.1, "1",
         "Relative difference of a time step from its repeat's from which on it is odd.",
         Convention "Set by judgement. No study of the value is on record.";
@@ -389,8 +390,7 @@ thresholds! {
     SWEEP_INTERRUPTED: f64 = 3.0, "1",
         "Multiple of the time that waits and periods explain, beyond which a sweep was \
         interrupted.",
-        Convention "Set by judgement. `tests/repeats` holds slow points that are no break and \
-        breaks that are.";
+        Convention "Set by judgement. `tests/repeats` holds slow points that are no break.";
     // Noise.
     HISTORY_SPREAD: f64 = 0.15, "1",
         "Standard deviation of the logarithm of a σ that the bench's history states.",
@@ -510,8 +510,8 @@ thresholds! {
     CONTACT_RECORDS_Z: f64 = 2.5, "σ",
         "Standard deviations that the records must show by themselves for spectra to have a say on \
         such a contact.",
-        Quantile "Normal distribution, one-sided probability 0.6 %. The verdict itself asks \
-        `LEAST_BLOCK_P` of both together.";
+        Quantile "Normal distribution, one-sided probability 0.6 %; the tail of the score, a χ², \
+        is heavier. The verdict asks `LEAST_BLOCK_P` of both together.";
     CONTACT_FLOWS_PART: f64 = 0.05, "1",
         "Part of a record's largest current below which a row says nothing of a resistance.",
         Convention "The kernel goes with the square of the current: such a row has at most 0.25 % \
@@ -654,8 +654,8 @@ thresholds! {
         five standard deviations, to notice.";
     OUTSIDE_LEAD: f64 = 6.0, "1",
         "Score by which a law outside the catalogue must lead a name to withdraw it.",
-        Quantile "Normal distribution: with one strength each, the lead is at most w², and w above \
-        √6 has a probability of 0.7 %.";
+        Quantile "Normal distribution, one-sided probability 0.7 % of w above √6. With one \
+        strength each, the lead over a true name is at most w².";
     OUTSIDE_ALONE: f64 = 30.0, "1",
         "Score from which on a law outside the catalogue says by itself that something is missing.",
         Convention "Twice the 15 that one gained on a simulated bench with nothing hidden, by \
