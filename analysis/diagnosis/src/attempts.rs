@@ -243,9 +243,10 @@ impl Search<'_> {
     fn hold(&mut self, fit: &Fit, from: &Fit, proposal: &Proposal) -> Attempt {
         let member = proposal.member.frozen();
         let mut best = self.try_member(fit.chi2, from, &member);
-        for weaker in WEAKER {
+        for weaker in WEAKER_STARTS {
             // The test made its promise for the fit that the attempt started from.
-            if proposal.lagrange <= STRONG || from.chi2 - best.fit.chi2 >= KEPT * proposal.lagrange
+            if proposal.lagrange <= STRONG_LAGRANGE
+                || from.chi2 - best.fit.chi2 >= KEPT_PART * proposal.lagrange
             {
                 break;
             }

@@ -28,9 +28,6 @@ use analysis_model::model::Erm;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute};
 use num_complex::Complex64;
 
-/// How far the time constants of other starts of the base lie from the model's, as a factor.
-const OTHER_STARTS: [f64; 2] = [0.6, 1.7];
-
 /// Options of a diagnosis.
 #[derive(Clone)]
 pub struct DiagnosisOptions {

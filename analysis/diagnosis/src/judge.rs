@@ -1,6 +1,6 @@
 //! The verdict: what a search has found, and whether what is left is noise.
 
-use super::guards::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P, beyond_formula};
+use super::guards::beyond_formula;
 use super::inconsistency::Inconsistency;
 use super::outcome::{Block, Diagnosis, Verdict};
 use super::select::Selection;

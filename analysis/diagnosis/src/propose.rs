@@ -38,7 +38,7 @@ pub(super) fn propose(
         let structure = fit.structure.with(member.clone());
         let (range, typical) = (member.parameters[0].range, member.parameters[0].typical);
         let mut best = 0.0;
-        for step in STEPS {
+        for step in PROPOSAL_STEPS {
             let Some(mut outside) = direction(problem, fit, predicted, &structure, step, desk)
             else {
                 continue;

@@ -3,7 +3,7 @@
 
 use super::accept::tells;
 use super::attempts::{Attempt, is_outside};
-use super::guards::{MOST_EFFECTS, NAMING_LEAD, OUTSIDE_ALONE, outside_lead};
+use super::guards::outside_lead;
 use super::outcome::{Candidate, Evidence};
 use super::problem::Fit;
 use super::search::Search;

@@ -103,10 +103,10 @@ impl TimeBlock {
             edges,
             ..
         } = self;
-        let mut ratio = 0.3;
+        let mut ratio = BIN_WIDTH_PART;
         let mut cuts = cuts(time_s, edges, ratio);
-        while cuts.len() > MOST_BINS + 1 && ratio < 4.0 {
-            ratio *= 1.5;
+        while cuts.len() > MOST_BINS + 1 && ratio < BIN_WIDEST_PART {
+            ratio *= BIN_GROWTH;
             cuts = self::cuts(time_s, edges, ratio);
         }
         // More edges than bins: neighbours are merged.
@@ -133,7 +133,7 @@ impl TimeBlock {
                 let mean = |v: &[f64]| v[from..to].iter().sum::<f64>() / (to - from) as f64;
                 let edge = edges[edges.partition_point(|e| *e <= from).saturating_sub(1)];
                 let current = mean(driven_a);
-                if current.abs() > EDGE_PART * greatest {
+                if current.abs() > EDGE_STEP_PART * greatest {
                     last_current_a = current;
                 }
                 let time = mean(time_s);

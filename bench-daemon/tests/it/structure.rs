@@ -631,3 +631,35 @@ fn the_thresholds_of_the_diagnosis_have_one_owner() {
         .collect();
     assert_eq!(gone, [""; 0], "exceptions that no constant needs");
 }
+
+/// Lines of source files below a folder with more than [`MOST_COLUMNS`], as `path:line: columns`.
+fn wide_lines(folder: &Path) -> Vec<String> {
+    let mut found = Vec::new();
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let entry = entry.unwrap();
+        let (path, kind) = (entry.path(), entry.file_type().unwrap());
+        let name = entry.file_name().to_string_lossy().into_owned();
+        let hidden = name.starts_with('.') && name != ".ci";
+        if kind.is_dir() && !hidden && !SKIPPED.contains(&name.as_str()) {
+            found.extend(wide_lines(&path));
+        }
+        let extension = path.extension().and_then(|extension| extension.to_str());
+        if !kind.is_file() || !extension.is_some_and(|extension| SOURCES.contains(&extension)) {
+            continue;
+        }
+        let text = std::fs::read_to_string(&path).unwrap();
+        for (number, line) in (1..).zip(text.lines()) {
+            let columns = line.chars().count();
+            if columns > MOST_COLUMNS {
+                found.push(format!("{}:{number}: {columns}", path.display()));
+            }
+        }
+    }
+    found
+}
+
+#[test]
+fn no_line_of_a_source_file_is_wider_than_120_columns() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
+    assert_eq!(wide_lines(&root), [""; 0]);
+}

@@ -238,7 +238,8 @@ pub(super) fn menu(campaign: &Campaign<'_>) -> Vec<MenuItem> {
             .flatten(),
     );
     items.extend(
-        WALK.into_iter()
+        WALK_SOC
+            .into_iter()
             .filter_map(|(low, high)| range_walk(campaign, low..=high)),
     );
     items.extend(sentinel_repeat(campaign));

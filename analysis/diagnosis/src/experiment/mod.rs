@@ -22,19 +22,6 @@ use analysis_effects::effects::find;
 use menu::{Campaign, MenuItem, menu, sentinel_repeat};
 use open::{Open, absences};
 
-/// How many times as often as the menu says a run may be measured, where less does not settle what
-/// is open.
-const MOST_TIMES: usize = 8;
-/// Least gain that makes more repeats or a second run worth their time, as a factor of how far
-/// everything is settled.
-const WORTH: f64 = 1.1;
-/// Items whose λ is found by more than one step.
-const REFINED: usize = 3;
-/// Second runs that are tried beside the best.
-const SECONDS: usize = 2;
-/// Steps of a refined refit.
-const STEPS: usize = 3;
-
 /// Recommendation, as words and as runs.
 pub(super) type Recommended = (NextExperiment, Vec<PlannedRun>);
 
