@@ -81,7 +81,7 @@ impl Branch {
     }
 }
 
-/// What one length of step does to a linear branch.
+/// Effect of one length of step on a linear branch.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Gain {
     /// Factor that remains of the voltage.
