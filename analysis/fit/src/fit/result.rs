@@ -17,7 +17,7 @@ pub struct ErmFit {
     pub erm: Erm,
     /// Value of the objective at the model, in the unit of its kind.
     pub objective: f64,
-    /// What was made small.
+    /// Objective that was minimised.
     pub objective_kind: Objective,
     /// Number of points fitted, over all spectra.
     pub points: usize,
@@ -42,7 +42,7 @@ pub struct ErmFit {
     /// χ² per degree of freedom; only for complex least squares with a covariance at every point.
     /// Where the sigmas rest on cells, of the fits to each cell.
     pub reduced_chi2: Option<f64>,
-    /// What a user of the model must know, in sentences; empty when there is nothing.
+    /// Warnings to a user of the model, in sentences; empty when there is nothing.
     pub warnings: Vec<String>,
     /// Other minima of the objective that the search met, deepest first: a fit that starts badly
     /// ends in one of these.

@@ -85,9 +85,9 @@ pub enum JsonError {
         effect: String,
         /// Name of the parameter.
         parameter: &'static str,
-        /// What was expected.
+        /// Requirement on the value.
         expected: &'static str,
-        /// What was met.
+        /// Value met.
         met: f64,
     },
 }

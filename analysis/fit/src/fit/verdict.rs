@@ -15,7 +15,7 @@ const AS_WELL: f64 = 1.05;
 /// Below this probability a test speaks against an order.
 const LEVEL: f64 = 0.01;
 
-/// What speaks for and against one order.
+/// Evidence for and against one order.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct OrderRow {
     /// Number of RC branches.

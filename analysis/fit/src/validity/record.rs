@@ -10,7 +10,7 @@ use super::stationarity::Drift;
 use super::tail::{holm, pair_tail};
 use serde::Serialize;
 
-/// What the record of one point shows besides the fundamental.
+/// Harmonics and drift in the record of one point, besides the fundamental.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Record {
     /// Frequency, Hz.

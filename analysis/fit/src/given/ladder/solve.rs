@@ -18,7 +18,7 @@ const CHECKED_PER_DECADE: f64 = 50.0;
 /// How far time constants reach beyond the reciprocals of the band's ends.
 const REACH_FAST: f64 = 3.0;
 const REACH_SLOW: f64 = 10.0;
-/// What a ladder is to follow.
+/// Impedance and band that a ladder is to follow.
 pub(super) struct Problem<'a> {
     /// Impedance to be followed, by angular frequency.
     pub(super) rest: &'a dyn Fn(f64) -> Complex64,
