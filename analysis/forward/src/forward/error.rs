@@ -12,11 +12,11 @@ pub enum ForwardError {
     /// A number that is not what it must be.
     #[error("{what}: expected {expected}, met {met}")]
     Value {
-        /// What it is.
+        /// Name of the quantity.
         what: &'static str,
-        /// What was expected.
+        /// Requirement on the value.
         expected: &'static str,
-        /// What was met.
+        /// Value met.
         met: f64,
     },
     /// A voltage that the OCV curve does not reach.
@@ -29,7 +29,7 @@ pub enum ForwardError {
         low_v: f64,
         /// Highest voltage of the curve, V.
         high_v: f64,
-        /// What was met, V.
+        /// Voltage met, V.
         met: f64,
     },
     /// A state of another model.
@@ -45,7 +45,7 @@ pub enum ForwardError {
     TooManyBranches {
         /// Most that are possible.
         most: usize,
-        /// What was met.
+        /// Branches met.
         met: usize,
     },
     /// The voltage behind the series resistance is gone: the model means nothing there.
@@ -78,15 +78,15 @@ pub enum ForwardError {
     Demand {
         /// Kind of the demand.
         demand: Demand,
-        /// What was expected.
+        /// Demand that the method takes.
         expected: &'static str,
     },
     /// Additions that a method or a source of the OCV cannot honour.
     #[error("{what}: expected {expected}, met a model with {names}")]
     Additions {
-        /// What was asked for.
+        /// Task asked for.
         what: &'static str,
-        /// What was expected.
+        /// Additions that the task takes.
         expected: &'static str,
         /// Names of the additions.
         names: String,

@@ -26,7 +26,7 @@ pub enum Method {
 pub struct SimOptions {
     /// Kind of step.
     pub method: Method,
-    /// What is done about power that cannot be had.
+    /// Treatment of power that cannot be had.
     pub beyond: Beyond,
     /// Error of a sub-step at most, V per cell in series.
     pub tolerance_v: f64,
