@@ -12,13 +12,13 @@ pub use analysis_fit::fit::{MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
 pub use events::{EVENT_COLUMNS, Event, EventRow, OUTPUT_ON};
 pub use readings::{READING_COLUMNS, ReadingRow};
 
-/// What was intended and what was done, line by line.
+/// Intentions and actions of the run, line by line.
 pub const JOURNAL: &str = "journal.jsonl";
 /// Where a torn last line of the journal is kept.
 pub const TORN_JOURNAL: &str = "journal.torn";
 /// Version, hashes, seed, and who answered.
 pub const MANIFEST: &str = "manifest.json";
-/// What happened, [`EVENT_COLUMNS`].
+/// Events of the run, [`EVENT_COLUMNS`].
 pub const EVENTS: &str = "events.csv";
 /// Readings of the instruments as they came, [`READING_COLUMNS`].
 pub const READINGS: &str = "readings.csv";
@@ -26,7 +26,7 @@ pub const READINGS: &str = "readings.csv";
 pub const READINGS_PARQUET: &str = "readings.parquet";
 /// The log.
 pub const LOG: &str = "log.txt";
-/// What a person wants of a run that is going on.
+/// Wishes of a person for a run that is going on.
 pub const WISHES: &str = "wishes.json";
 /// Which sweeps and traces there are ([`crate::dataset::RunIndex`]).
 pub const INDEX: &str = "traces.json";
@@ -185,7 +185,7 @@ pub enum Multisine {
     SpectrumParquet,
     /// The impedances as read.
     Raw,
-    /// What the lines show of noise and distortion, [`LINE_COLUMNS`].
+    /// Noise and distortion at the lines, [`LINE_COLUMNS`].
     Lines,
     /// All that is told of it.
     Whole,
@@ -249,7 +249,7 @@ pub fn band_capture(band: usize, attempt: usize) -> String {
     format!("band{band}{}", again(attempt))
 }
 
-/// What a name ends in from the second attempt on.
+/// Ending of a name from the second attempt on.
 fn again(attempt: usize) -> String {
     match attempt {
         0 => String::new(),

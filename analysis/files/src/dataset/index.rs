@@ -100,7 +100,7 @@ pub struct TraceEntry {
     pub repeat_group: String,
     /// Which direction is positive.
     pub current_positive: CurrentPositive,
-    /// What the current does between two rows.
+    /// Course of the current between two rows.
     pub current_between_samples: Between,
     /// Test times of the steps of the current, s.
     pub steps_s: Vec<f64>,

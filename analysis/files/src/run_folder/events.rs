@@ -6,14 +6,14 @@ pub const EVENT_COLUMNS: &str = "time_s,kind,event";
 /// The event from which on current may flow, in words.
 pub const OUTPUT_ON: &str = "bipolar supply: output on";
 
-/// What kind of event a row of `events.csv` tells.
+/// Kind of event that a row of `events.csv` tells.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
     /// A stage begins.
     Stage,
     /// A step begins.
     Step,
-    /// What an instrument is found in, or what it does beside the plan.
+    /// State in which an instrument is found, or its action beside the plan.
     Bench,
     /// The output of the bipolar supply goes on: from here on current may flow.
     OutputOn,

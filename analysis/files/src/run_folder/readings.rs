@@ -8,7 +8,7 @@ pub const READING_COLUMNS: &str = "time_s,phase,voltage_v,current_a,temperature_
 pub struct ReadingRow<'a> {
     /// Bench time, s.
     pub time_s: f64,
-    /// What the run did meanwhile.
+    /// Phase of the run at that time.
     pub phase: &'a str,
     /// Voltage of what is in the jig, V; none where it was not read.
     pub voltage_v: Option<f64>,
