@@ -1,7 +1,7 @@
 //! A reason not to take what is left for noise, as `consistency`, `intermittent` and `in_common`
 //! find it.
 
-/// What may say that something is left.
+/// Sign that something may be left.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Inconsistency {
     /// In words: what differs between which circumstances.

@@ -445,7 +445,7 @@ fn current_variance_a2(h: &BenchHistory) -> f64 {
         .fresh()
 }
 
-/// What all resistances larger by a part do to the rows, per unit. A control is larger as a whole.
+/// Change of the rows by a growth of all resistances, per unit. A control is larger as a whole.
 fn resistance(block: &Block, model: &Model<'_>, predicted: &[f64], desk: &mut Desk) -> Vec<f64> {
     if !block.at.is_cell {
         return predicted.to_vec();

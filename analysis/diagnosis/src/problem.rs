@@ -173,7 +173,7 @@ impl Problem {
         rows
     }
 
-    /// What is predicted for the training runs.
+    /// Prediction of the training runs.
     pub(super) fn prediction(&self, at: At<'_>, desk: &mut Desk) -> Prediction {
         self.prediction_of(Role::Train, at, desk)
     }

@@ -6,7 +6,7 @@ use super::guards::Guards;
 use super::problem::Problem;
 use analysis_effects::contract::Effect;
 
-/// What a search works with.
+/// Problem, candidates and tools of a search.
 pub(super) struct Search<'a> {
     pub(super) problem: &'a Problem,
     pub(super) candidates: &'a [&'static dyn Effect],

@@ -29,7 +29,7 @@ const OWN: usize = 3;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct RecordRows<'a> {
     pub(super) predicted_v: &'a [f64],
-    /// What the current's gain does to them, per unit.
+    /// Change of them by the current's gain, V per unit.
     pub(super) gain_v: &'a [f64],
 }
 

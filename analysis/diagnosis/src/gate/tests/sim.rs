@@ -31,7 +31,7 @@ pub(crate) struct Hidden {
     pub(crate) ageing: f64,
     /// Lag of the logged current in every record, s.
     pub(crate) lag_s: f64,
-    /// What a spectrum shows more: a function of frequency and of the base's impedance.
+    /// Addition to a spectrum: a function of frequency and of the base's impedance.
     pub(crate) spectrum: Option<fn(f64, Complex64) -> Complex64>,
 }
 
