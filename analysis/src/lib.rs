@@ -20,6 +20,33 @@
 //!   other programs; [`thinning`]: frames to rows.
 //! * `analysis-diagnosis` – [`diagnosis`]: which effect is missing.
 //!
+//! From the text of a spectrum to the power of a pack:
+//!
+//! ```
+//! use analysis::fit::{FitOptions, fit_erm};
+//! use analysis::forward::{OcvSource, SimModel};
+//! use analysis::model::{Erm, RcBranch};
+//! use analysis::sop::{SopOptions, most_power};
+//! use analysis::{formats, pack::Pack};
+//! use std::path::Path;
+//!
+//! // A cell of 10 mΩ and 20 mΩ ‖ 16 F, from 10 mHz to 1 kHz.
+//! let cell = Erm { r_ohm: 0.01, branches: vec![RcBranch { r_ohm: 0.02, c_f: 16.0 }] };
+//! let mut text = "freq_hz,z_re_ohm,z_im_ohm\n".to_owned();
+//! for k in 0..26 {
+//!     let freq_hz = 10.0_f64.powf(-2.0 + 0.2 * f64::from(k));
+//!     let z_ohm = cell.impedance(freq_hz);
+//!     text += &format!("{freq_hz},{},{}\n", z_ohm.re, z_ohm.im);
+//! }
+//! let read = formats::parse(Path::new("cell.csv"), text.as_bytes())?;
+//! let fit = fit_erm(&[read[0].spectrum.clone()], &FitOptions { rc: 1, ..FitOptions::default() })?;
+//! // 64 cells of 3.7 V: after ten seconds each gives 40 A at the limit of 2.5 V.
+//! let model = SimModel::pack(&fit.erm, OcvSource::Constant(3.7), Pack::new(16, 4, 0.0)?)?;
+//! let (discharge, _) = most_power(&model, &model.rest(0.5)?, 10.0, &SopOptions::default())?;
+//! assert!((discharge.power_w - 6400.0).abs() < 1.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
 pub use analysis_diagnosis as diagnosis;

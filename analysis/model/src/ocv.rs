@@ -80,6 +80,19 @@ impl OcvCurve {
     /// The monotone curve through knots (SOC, V): slopes by Fritsch and Carlson (1980), so that it
     /// never overshoots between them.
     ///
+    /// ```
+    /// use analysis_model::ocv::OcvCurve;
+    ///
+    /// let soc = vec![0.0, 0.1, 0.5, 0.9, 1.0];
+    /// let curve = OcvCurve::monotone(4.5, soc, vec![2.7, 3.3, 3.7, 4.0, 4.2])?;
+    /// let half_v = curve.voltage_v(0.5);
+    /// assert!((half_v - 3.7).abs() < 1e-12);
+    /// assert!(curve.slope_v(0.05) > curve.slope_v(0.5));
+    /// assert!(curve.soc_at(half_v).is_some_and(|soc| (soc - 0.5).abs() < 1e-6));
+    /// assert!(curve.soc_at(4.3).is_none());
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
     /// [`OcvError`] unless capacity, SOC and voltages are as the fields want them.
     pub fn monotone(capacity_ah: f64, soc: Vec<f64>, ocv_v: Vec<f64>) -> Result<Self, OcvError> {

@@ -216,6 +216,20 @@ impl Drift {
 /// Extra frequencies that the record cannot tell apart are left out, and [`SineFit::notes`] says
 /// which.
 ///
+/// ```
+/// use analysis_signal::sine::{Channel, FitOptions, Record, fit_known_frequency};
+///
+/// // 2 V at 50 Hz beside an offset of 0.1 V: ten periods at 10 kHz.
+/// let angle = |k: i32| std::f64::consts::TAU * 50.0 * 1e-4 * f64::from(k);
+/// let samples: Vec<f64> = (0..2000).map(|k| 0.1 + 2.0 * angle(k).cos()).collect();
+/// let channels = [Channel::volts(&samples)];
+/// let record = Record { channels: &channels, interval_s: 1e-4 };
+/// let fit = fit_known_frequency(&record, 50.0, &FitOptions::default())?;
+/// assert!((fit.channels[0].phasor.norm() - 2.0).abs() < 1e-9);
+/// assert!((fit.channels[0].offset_v - 0.1).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`SineError`] if the record is too short, the frequency out of range, samples are not finite or
 /// too few of them unclipped.
@@ -233,6 +247,20 @@ pub fn fit_known_frequency(
 ///
 /// `freq_guess_hz` must lie within about half of 1/(length of the record) of the truth; without it,
 /// the highest peak of the summed spectra is taken.
+///
+/// ```
+/// use analysis_signal::sine::{Channel, FitOptions, Record, fit_free_frequency};
+///
+/// // A generator that is 0.1 % off its 50 Hz.
+/// let angle = |k: i32| std::f64::consts::TAU * 50.05 * 1e-4 * f64::from(k);
+/// let samples: Vec<f64> = (0..2000).map(|k| 0.5 * angle(k).sin()).collect();
+/// let channels = [Channel::volts(&samples)];
+/// let record = Record { channels: &channels, interval_s: 1e-4 };
+/// let fit = fit_free_frequency(&record, Some(50.0), &FitOptions::default())?;
+/// assert!((fit.freq_hz - 50.05).abs() < 1e-6);
+/// assert!((fit.channels[0].phasor.norm() - 0.5).abs() < 1e-6);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 ///
 /// # Errors
 /// As [`fit_known_frequency`]; also [`SineError::NoSignal`] and [`SineError::NotConverged`].

@@ -109,6 +109,21 @@ pub fn read_file(path: &Path) -> Result<FileSpectra, FormatError> {
 
 /// As [`read_sourced`], from bytes already read; `path` serves names and messages only.
 ///
+/// ```
+/// use analysis_files::formats::parse;
+/// use std::path::Path;
+///
+/// let text = "freq_hz,z_re_ohm,z_im_ohm\n1000,0.015,0.001\n1,0.02,-0.005\n0.01,0.03,-0.0004\n";
+/// let spectra = parse(Path::new("cell.csv"), text.as_bytes())?;
+/// let spectrum = &spectra[0].spectrum;
+/// assert_eq!(spectrum.name, "cell");
+/// // Points are by rising frequency.
+/// assert_eq!(spectrum.points[0].freq_hz, 0.01);
+/// assert!((spectrum.points[0].magnitude_ohm() - 0.03).abs() < 1e-5);
+/// assert!(spectrum.points[1].phase_rad() < 0.0);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// As [`read_spectra`], but for reading.
 pub fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<SourcedSpectrum>, FormatError> {

@@ -123,6 +123,22 @@ fn measured(path: &Path, options: &ReadOptions) -> Result<Profile, ProfileReadEr
 
 /// Reads a profile from the text of a file; `path` is for complaints.
 ///
+/// ```
+/// use analysis_files::formats::{ReadOptions, parse_profile};
+/// use analysis_forward::forward::{Demand, Interpolation};
+/// use std::path::Path;
+///
+/// // Half a minute at 200 W, then ten seconds of charging with 50 W.
+/// let text = "time_s,power_w\n0,200\n30,-50\n40,0\n";
+/// let (demand, interpolation, charge_positive) = (None, Interpolation::Hold, false);
+/// let options = ReadOptions { demand, interpolation, charge_positive };
+/// let profile = parse_profile((Path::new("drive.csv"), "drive"), text, &options)?;
+/// assert_eq!(profile.demand, Demand::Power);
+/// assert_eq!(profile.duration_s(), 40.0);
+/// assert_eq!(profile.peak(), Some(200.0));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`ProfileReadError`] with file and line.
 pub fn parse_profile(

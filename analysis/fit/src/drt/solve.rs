@@ -28,6 +28,26 @@ struct Candidate {
 
 /// The distribution of relaxation times of a spectrum, weighted by its noise.
 ///
+/// ```
+/// use analysis_fit::{drt::drt, validity::Noise};
+/// use analysis_model::model::{Erm, RcBranch};
+/// use analysis_numeric::Covariance2;
+/// use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
+///
+/// // 15 mΩ and 10 mΩ with a time constant of 0.1 s, with 10 µΩ of noise stated.
+/// let cell = Erm { r_ohm: 0.015, branches: vec![RcBranch { r_ohm: 0.01, c_f: 10.0 }] };
+/// let point = |k: i32| {
+///     let freq_hz = 10.0_f64.powf(-2.0 + 0.1 * f64::from(k));
+///     let (z_ohm, covariance) = (cell.impedance(freq_hz), Covariance2::circular(1e-10));
+///     ImpedancePoint { freq_hz, z_ohm, covariance, amplitude_a: 1.0 }
+/// };
+/// let spectrum = Spectrum { points: (0..51).map(point).collect(), ..Spectrum::default() };
+/// let drt = drt(&spectrum, &Noise::of(&spectrum, &[])?)?;
+/// assert!((drt.polarisation_ohm.value - 0.01).abs() < 2e-4);
+/// assert!(drt.peaks.iter().any(|p| p.in_band && (p.tau_s / 0.1 - 1.0).abs() < 0.1));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`DrtError`] for a spectrum that is none or too short, or numbers that cannot be squared.
 pub fn drt(spectrum: &Spectrum, noise: &Noise) -> Result<Drt, DrtError> {

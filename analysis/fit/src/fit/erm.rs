@@ -22,6 +22,26 @@ use num_complex::Complex64;
 /// Points of equal frequency are pooled, so that many sweeps cost little more than one. The result
 /// depends on the data and the options alone.
 ///
+/// ```
+/// use analysis_fit::fit::{FitOptions, fit_erm};
+/// use analysis_model::model::{Erm, RcBranch};
+/// use analysis_numeric::Covariance2;
+/// use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
+///
+/// // A cell of 15 mΩ and 10 mΩ ‖ 30 F, from 10 mHz to 1 kHz without noise.
+/// let cell = Erm { r_ohm: 0.015, branches: vec![RcBranch { r_ohm: 0.01, c_f: 30.0 }] };
+/// let point = |k: i32| {
+///     let freq_hz = 10.0_f64.powf(-2.0 + 0.2 * f64::from(k));
+///     let (z_ohm, covariance) = (cell.impedance(freq_hz), Covariance2::UNKNOWN);
+///     ImpedancePoint { freq_hz, z_ohm, covariance, amplitude_a: 1.0 }
+/// };
+/// let spectrum = Spectrum { points: (0..26).map(point).collect(), ..Spectrum::default() };
+/// let fit = fit_erm(&[spectrum], &FitOptions { rc: 1, ..FitOptions::default() })?;
+/// assert!((fit.erm.r_ohm - 0.015).abs() < 1e-6);
+/// assert!((fit.erm.time_constants_s()[0] - 0.3).abs() < 1e-4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`FitError`] for options or data that cannot be fitted: no points, points that are no
 /// impedances, more parameters than numbers, bad bounds.

@@ -154,6 +154,28 @@ struct Test<'a> {
 
 /// Tests one spectrum against noise that is known or estimated.
 ///
+/// ```
+/// use analysis_fit::validity::{KkOutcome, Noise, kramers_kronig};
+/// use analysis_model::model::{Erm, RcBranch};
+/// use analysis_numeric::Covariance2;
+/// use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
+///
+/// let cell = Erm { r_ohm: 0.015, branches: vec![RcBranch { r_ohm: 0.01, c_f: 30.0 }] };
+/// let point = |k: i32| {
+///     let freq_hz = 10.0_f64.powf(-2.0 + 0.2 * f64::from(k));
+///     let (z_ohm, covariance) = (cell.impedance(freq_hz), Covariance2::circular(1e-10));
+///     ImpedancePoint { freq_hz, z_ohm, covariance, amplitude_a: 1.0 }
+/// };
+/// let mut spectrum = Spectrum { points: (0..26).map(point).collect(), ..Spectrum::default() };
+/// let test = kramers_kronig(&spectrum, &Noise::of(&spectrum, &[])?)?;
+/// assert_eq!(test.outcome, KkOutcome::Agrees);
+/// // The cell warms up under the slow half of the sweep: no linear, steady system does that.
+/// spectrum.points.iter_mut().take(13).for_each(|p| p.z_ohm *= 0.9);
+/// let test = kramers_kronig(&spectrum, &Noise::of(&spectrum, &[])?)?;
+/// assert_ne!(test.outcome, KkOutcome::Agrees);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`ValidityError`] for a spectrum that is none, or has fewer than [`FEWEST_POINTS`] points.
 pub fn kramers_kronig(spectrum: &Spectrum, noise: &Noise) -> Result<KramersKronig, ValidityError> {

@@ -100,6 +100,23 @@ pub(super) enum Direction {
 /// may be discharged into it. A state that is beyond that end already can hold nothing in its
 /// direction.
 ///
+/// ```
+/// use analysis_forward::{
+///     forward::{OcvSource, SimModel},
+///     sop::{LimitedBy, SopOptions, most_power},
+/// };
+/// use analysis_model::model::Erm;
+///
+/// // 20 mΩ from 3.7 V down to 2.5 V is 60 A, and up to 4.2 V it is 25 A.
+/// let erm = Erm { r_ohm: 0.02, branches: Vec::new() };
+/// let model = SimModel::cell(&erm, OcvSource::Constant(3.7))?;
+/// let (discharge, charge) = most_power(&model, &model.rest(0.5)?, 10.0, &SopOptions::default())?;
+/// assert!((discharge.power_w - 150.0).abs() < 1e-3);
+/// assert_eq!(discharge.limited_by, LimitedBy::LowerVoltage);
+/// assert!((charge.power_w + 105.0).abs() < 1e-3);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`ForwardError`] for a state of another model, or options or a duration that cannot be.
 pub fn most_power(

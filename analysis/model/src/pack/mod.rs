@@ -110,6 +110,18 @@ impl Pack {
     /// The pack's model from the cell's: R·S/P plus interconnect, Rₖ·S/P, Cₖ·P/S. Time constants
     /// stay.
     ///
+    /// ```
+    /// use analysis_model::{model::{Erm, RcBranch}, pack::Pack};
+    ///
+    /// let cell = Erm { r_ohm: 0.015, branches: vec![RcBranch { r_ohm: 0.01, c_f: 300.0 }] };
+    /// let pack = Pack::new(16, 4, 0.002)?;
+    /// let erm = pack.erm(&cell)?;
+    /// assert!((erm.r_ohm - (4.0 * 0.015 + 0.002)).abs() < 1e-12);
+    /// assert!((erm.branches[0].r_ohm - 0.04).abs() < 1e-12);
+    /// assert!((erm.time_constants_s()[0] - 3.0).abs() < 1e-12);
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    ///
     /// # Errors
     /// [`PackError`] for a pack that cannot be or a cell model that is not valid.
     pub fn erm(&self, cell: &Erm) -> Result<Erm, PackError> {

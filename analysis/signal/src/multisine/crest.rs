@@ -37,6 +37,19 @@ pub struct Design {
 }
 
 /// Finds phases for the lines; equal seeds give equal phases.
+///
+/// ```
+/// use analysis_signal::multisine::{design, odd_grid};
+///
+/// // Up to 20 odd harmonics of 0.1 Hz, from 0.1 to 100 Hz.
+/// let harmonics = odd_grid(0.1, (0.1, 100.0), 20);
+/// assert!(harmonics.iter().all(|harmonic| harmonic % 2 == 1));
+/// let design = design(&harmonics, 1);
+/// assert!(design.crest_factor < design.random_crest_factor);
+/// assert!(design.crest_factor < 2.0);
+/// let period = design.samples(4096);
+/// assert!(period.iter().all(|share| share.abs() <= 1.0));
+/// ```
 pub fn design(harmonics: &[usize], seed: u64) -> Design {
     let greatest = harmonics.iter().copied().max().unwrap_or(1);
     let count = (POINTS * greatest).next_power_of_two();

@@ -108,6 +108,26 @@ pub struct CircuitFit {
 /// Fits a circuit to all points of all spectra together. The result depends on the data and the
 /// options alone.
 ///
+/// ```
+/// use analysis_fit::fit::{CircuitOptions, fit_circuit};
+/// use analysis_model::model::Circuit;
+/// use analysis_numeric::Covariance2;
+/// use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
+///
+/// // 15 mΩ and a depressed arc of 10 mΩ, from 10 mHz to 1 kHz without noise.
+/// let circuit: Circuit = "R0-p(R1,CPE1)".parse()?;
+/// let point = |k: i32| {
+///     let freq_hz = 10.0_f64.powf(-2.0 + 0.2 * f64::from(k));
+///     let z_ohm = circuit.impedance(&[0.015, 0.01, 20.0, 0.8], freq_hz);
+///     ImpedancePoint { freq_hz, z_ohm, covariance: Covariance2::UNKNOWN, amplitude_a: 1.0 }
+/// };
+/// let spectrum = Spectrum { points: (0..26).map(point).collect(), ..Spectrum::default() };
+/// let fit = fit_circuit(&[spectrum], &circuit, &CircuitOptions::default())?;
+/// assert!((fit.values[1] - 0.01).abs() < 1e-6);
+/// assert!((fit.values[3] - 0.8).abs() < 1e-4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+///
 /// # Errors
 /// [`CircuitFitError`] for data or options that cannot be fitted.
 pub fn fit_circuit(

@@ -44,6 +44,19 @@ pub enum Node {
 }
 
 /// An equivalent circuit without values.
+///
+/// ```
+/// use analysis_model::model::Circuit;
+///
+/// let circuit: Circuit = "R0-p(R1,C1)".parse()?;
+/// assert_eq!(circuit.parameter_names(), ["R0", "R1", "C1"]);
+/// // At 1/(2πR₁C₁) the branch has half its resistance and as much reactance.
+/// let corner_hz = 1.0 / (std::f64::consts::TAU * 0.02 * 5.0);
+/// let z_ohm = circuit.impedance(&[0.01, 0.02, 5.0], corner_hz);
+/// assert!((z_ohm.re - 0.02).abs() < 1e-12);
+/// assert!((z_ohm.im + 0.01).abs() < 1e-12);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Circuit {
     root: Node,
