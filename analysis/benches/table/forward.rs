@@ -111,7 +111,7 @@ fn profile(interpolation: Interpolation) -> Profile {
         .map(|k| k as f64 * 1e-4)
         .map(|t| (t, power(t)))
         .collect();
-    Profile::new("bench", (Demand::Power, interpolation), &rows).unwrap()
+    Profile::new("bench", Demand::Power, interpolation, &rows).unwrap()
 }
 
 /// Appendix A of the thesis, 4 RC.

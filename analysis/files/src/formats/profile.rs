@@ -116,7 +116,8 @@ fn measured(path: &Path, options: &ReadOptions) -> Result<Profile, ProfileReadEr
     let rows: Vec<(f64, f64)> = series.time_s.iter().copied().zip(values).collect();
     Ok(Profile::new(
         &series.name,
-        (demand, options.interpolation),
+        demand,
+        options.interpolation,
         &rows,
     )?)
 }
@@ -203,7 +204,7 @@ pub fn parse_profile(
             met: rows.len(),
         }));
     }
-    let profile = Profile::new(name, (header.demand, options.interpolation), &rows)?;
+    let profile = Profile::new(name, header.demand, options.interpolation, &rows)?;
     let charge = options.charge_positive || header.direction == Some(Direction::Charge);
     Ok(if charge && header.demand != Demand::Resistance {
         Profile {

@@ -109,7 +109,7 @@ impl Drive {
             }
             Demand::Power => match self.beyond {
                 Beyond::Extrapolate { fraction } if demand > fraction * self.available_w(e_v) => {
-                    self.tangent((e_v, demand), fraction)
+                    self.tangent(e_v, demand, fraction)
                 }
                 _ => self.root(e_v, demand),
             },
@@ -162,7 +162,7 @@ impl Drive {
     }
 
     /// On the tangent: with c = √(1 − f), i = (E − L(P))/R = P/(cE) − (1 − c)²·E/(4cR).
-    fn tangent(&self, (e, p): (f64, f64), fraction: f64) -> Reply {
+    fn tangent(&self, e: f64, p: f64, fraction: f64) -> Reply {
         let r = self.r_ohm;
         let c = (1.0 - fraction).sqrt();
         let w = (1.0 - c) * (1.0 - c) / (4.0 * c * r);

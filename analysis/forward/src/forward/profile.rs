@@ -44,6 +44,25 @@ pub(super) struct Piece {
     pub(super) to: f64,
 }
 
+/// A demand at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Asked {
+    /// Time, s.
+    pub(super) time_s: f64,
+    /// Demand, W, A or Ω.
+    pub(super) demand: f64,
+}
+
+impl Piece {
+    /// The demand at the start.
+    pub(super) fn start(&self) -> Asked {
+        Asked {
+            time_s: self.from_s,
+            demand: self.from,
+        }
+    }
+}
+
 /// Why a file or a list is no profile.
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
@@ -77,7 +96,8 @@ impl Profile {
     /// load resistance is above zero.
     pub fn new(
         name: &str,
-        (demand, interpolation): (Demand, Interpolation),
+        demand: Demand,
+        interpolation: Interpolation,
         rows: &[(f64, f64)],
     ) -> Result<Self, ProfileError> {
         if rows.len() < 2 {
@@ -123,7 +143,8 @@ impl Profile {
     pub fn constant(demand: Demand, value: f64, duration_s: f64) -> Result<Self, ProfileError> {
         Self::new(
             "constant",
-            (demand, Interpolation::Hold),
+            demand,
+            Interpolation::Hold,
             &[(0.0, value), (duration_s, value)],
         )
     }

@@ -86,7 +86,7 @@ pub fn largest_scale(
         if one_by_one {
             return factors
                 .par_iter()
-                .map(|factor| alone((model, state), &profile.scaled(*factor), options))
+                .map(|factor| alone(model, state, &profile.scaled(*factor), options))
                 .collect();
         }
         let cells: Vec<BatchCell<'_>> = factors
@@ -144,7 +144,8 @@ fn broken(outcome: &BatchOutcome, window: CellWindow) -> Option<ScaleBound> {
 
 /// First limit that breaks in one simulation of its own.
 fn alone(
-    (model, state): (&SimModel, &SimState),
+    model: &SimModel,
+    state: &SimState,
     profile: &Profile,
     options: &ScaleOptions,
 ) -> Result<Option<ScaleBound>, ForwardError> {

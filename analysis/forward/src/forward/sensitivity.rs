@@ -119,22 +119,29 @@ pub fn step_with_jacobian(
         },
     );
     let mut directions = directions(model);
-    let output = Look::at(&mover, (0.0, demand), state)?;
+    let at = |time_s: f64| Asked { time_s, demand };
+    let output = Look::at(&mover, at(0.0), state)?;
     let by: Vec<f64> = directions
         .iter()
         .map(|d| output.slope(&mover, d, 1.0))
         .collect();
     let coefficients = Coefficients::new(model, options.step_s / f64::from(options.parts));
     let (mut now, mut infeasible) = (state.clone(), output.infeasible);
+    let held = |value: f64| Ramp {
+        start: value,
+        end: value,
+    };
     for _ in 0..options.parts {
         infeasible |= advance(
             &mover,
             &coefficients,
-            (&mut now, &mut directions),
-            [(demand, 1.0); 2],
+            &mut now,
+            &mut directions,
+            held(demand),
+            held(1.0),
         );
     }
-    Look::at(&mover, (options.step_s, demand), &now)?;
+    Look::at(&mover, at(options.step_s), &now)?;
     let (states, parameters) = (1 + now.v_rc_v.len(), 2 + 2 * now.v_rc_v.len());
     let all = matrix(&directions);
     Ok(Jacobian {
@@ -159,7 +166,8 @@ pub fn sensitivity(
     model: &SimModel,
     state: &SimState,
     profile: &Profile,
-    (beyond, max_step_s): (Beyond, f64),
+    beyond: Beyond,
+    max_step_s: f64,
 ) -> Result<Sensitivity, ForwardError> {
     model.check(state)?;
     model.linear_only("derivatives")?;
@@ -188,24 +196,27 @@ pub fn sensitivity(
             coefficients = Coefficients::new(model, piece.step_s);
         }
         if last_demand != Some(piece.from) {
-            rows.push(row(
-                &mover,
-                (piece.from_s, piece.from),
-                (&now, &directions),
-            )?);
+            rows.push(row(&mover, piece.start(), &now, &directions)?);
         }
         last_demand = Some(piece.to);
+        // A common factor moves the demand by the demand itself.
+        let demand = Ramp {
+            start: piece.from,
+            end: piece.to,
+        };
         advance(
             &mover,
             &coefficients,
-            (&mut now, &mut directions),
-            [(piece.from, piece.from), (piece.to, piece.to)],
+            &mut now,
+            &mut directions,
+            demand,
+            demand,
         );
-        rows.push(row(
-            &mover,
-            (piece.from_s + piece.step_s, piece.to),
-            (&now, &directions),
-        )?);
+        let end = Asked {
+            time_s: piece.from_s + piece.step_s,
+            demand: piece.to,
+        };
+        rows.push(row(&mover, end, &now, &directions)?);
     }
     Ok(Sensitivity {
         rows,
@@ -271,17 +282,18 @@ fn matrix(directions: &[Direction]) -> DMatrix<f64> {
 
 fn row(
     mover: &Mover<'_>,
-    (time_s, demand): (f64, f64),
-    (now, directions): (&SimState, &[Direction]),
+    asked: Asked,
+    now: &SimState,
+    directions: &[Direction],
 ) -> Result<SensitivityRow, ForwardError> {
-    let look = Look::at(mover, (time_s, demand), now)?;
+    let look = Look::at(mover, asked, now)?;
     let by: Vec<f64> = directions
         .iter()
-        .map(|d| look.slope(mover, d, demand))
+        .map(|d| look.slope(mover, d, asked.demand))
         .collect();
     let parameters = 2 + 2 * now.v_rc_v.len();
     Ok(SensitivityRow {
-        time_s,
+        time_s: asked.time_s,
         ccv_v: look.ccv_v,
         by_scale_v: by[0],
         by_parameter: by[1..=parameters].to_vec(),
@@ -299,11 +311,8 @@ struct Look {
 }
 
 impl Look {
-    fn at(
-        mover: &Mover<'_>,
-        (time_s, demand): (f64, f64),
-        state: &SimState,
-    ) -> Result<Self, ForwardError> {
+    fn at(mover: &Mover<'_>, asked: Asked, state: &SimState) -> Result<Self, ForwardError> {
+        let Asked { time_s, demand } = asked;
         let e_v = mover.e_v(state);
         if !e_v.is_finite() || (e_v <= 0.0 && mover.drive.demand == Demand::Power) {
             return Err(ForwardError::Collapsed { time_s, e_v });
@@ -371,23 +380,20 @@ fn gain_slope(mover: &Mover<'_>, c: &Coefficients, k: usize, what: What) -> (f64
     }
 }
 
-/// One step of the state and of all directions; the demand at each end comes with its derivative
-/// along [`What::Demand`]. True where infeasible.
+/// One step of the state and of all directions; the demand comes with its derivative along
+/// [`What::Demand`]. True where infeasible.
 fn advance(
     mover: &Mover<'_>,
     c: &Coefficients,
-    (now, directions): (&mut SimState, &mut [Direction]),
-    demand: [(f64, f64); 2],
+    now: &mut SimState,
+    directions: &mut [Direction],
+    demand: Ramp,
+    d_demand: Ramp,
 ) -> bool {
     let from = now.clone();
-    let ends = mover.step(c, (&from, now), (demand[0].0, demand[1].0));
+    let ends = mover.step(c, &from, now, demand);
     for direction in directions {
-        follow(
-            mover,
-            c,
-            (&from, &ends),
-            (direction, [demand[0].1, demand[1].1]),
-        );
+        follow(mover, c, &from, &ends, direction, d_demand);
     }
     ends.start.infeasible || ends.end.infeasible
 }
@@ -395,15 +401,17 @@ fn advance(
 fn follow(
     mover: &Mover<'_>,
     c: &Coefficients,
-    (from, ends): (&SimState, &Ends),
-    (d, d_demand): (&mut Direction, [f64; 2]),
+    from: &SimState,
+    ends: &Ends,
+    d: &mut Direction,
+    d_demand: Ramp,
 ) {
     let (h, capacity_c) = (c.step_s, mover.capacity_c);
     let (i0, i1) = (ends.start.current_a, ends.end.current_a);
     let slope0_v = mover.model.ocv_v(from.soc).1;
     let slope1_v = mover.model.ocv_v(from.soc - h * i0 / capacity_c).1;
     let d_e0 = slope0_v * d.soc - d.v.iter().sum::<f64>() + d.what.ocv();
-    let d_i0 = ends.start.along(d.what, d_e0, d_demand[0]);
+    let d_i0 = ends.start.along(d.what, d_e0, d_demand.start);
     let slopes: Vec<(f64, f64, f64)> = (0..d.v.len())
         .map(|k| gain_slope(mover, c, k, d.what))
         .collect();
@@ -413,7 +421,7 @@ fn follow(
     };
     let d_held: f64 = (0..d.v.len()).map(held).sum();
     let d_e1 = slope1_v * (d.soc - h * d_i0 / capacity_c) - d_held + d.what.ocv();
-    let d_i1 = ends.end.along(d.what, d_e1, d_demand[1]);
+    let d_i1 = ends.end.along(d.what, d_e1, d_demand.end);
     for (k, v) in d.v.iter_mut().enumerate() {
         let (g, s) = (&c.branches[k], &slopes[k]);
         *v = g.decay * *v

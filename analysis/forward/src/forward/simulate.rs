@@ -96,7 +96,7 @@ pub fn simulate(
     model.check(state)?;
     options.check(profile)?;
     if let Some(laws) = &model.laws {
-        return additions::simulate((model, laws), state, profile, options);
+        return additions::simulate(model, laws, state, profile, options);
     }
     let euler_step_s = match options.method {
         Method::Exact => f64::INFINITY,
@@ -120,7 +120,7 @@ pub fn simulate(
     };
     let mut last_demand = None;
     for piece in profile.pieces(options.max_step_s) {
-        let Some(start) = run.ended(|run| run.look(piece.from_s, piece.from).map(Some))? else {
+        let Some(start) = run.ended(|run| run.look(piece.start()).map(Some))? else {
             break;
         };
         if last_demand != Some(piece.from) {
@@ -183,13 +183,14 @@ struct Attempt {
 
 impl Run<'_> {
     /// All that can be seen at an instant, and noted.
-    fn look(&mut self, time_s: f64, demand: f64) -> Result<Point, ForwardError> {
-        let point = self.point((time_s, demand), &self.state)?;
+    fn look(&mut self, asked: Asked) -> Result<Point, ForwardError> {
+        let point = self.point(asked, &self.state)?;
         self.book.see(&point);
         Ok(point)
     }
 
-    fn point(&self, (time_s, demand): (f64, f64), state: &SimState) -> Result<Point, ForwardError> {
+    fn point(&self, asked: Asked, state: &SimState) -> Result<Point, ForwardError> {
+        let Asked { time_s, demand } = asked;
         let ocv_v = self.mover.model.ocv_v(state.soc).0;
         let e_v = ocv_v - state.v_rc_v.iter().sum::<f64>();
         let power = self.mover.drive.demand == Demand::Power;
@@ -251,9 +252,12 @@ impl Run<'_> {
                 |done: u64| piece.from + (piece.to - piece.from) * (done as f64 / count as f64);
             let from = self.state.clone();
             self.mover
-                .euler(step_s, (&from, &mut self.state), at(done - 1));
-            self.book.held(&before, step_s, (&from, &self.state));
-            before = self.look(piece.from_s + step_s * done as f64, at(done))?;
+                .euler(step_s, &from, &mut self.state, at(done - 1));
+            self.book.held(&before, step_s, &from);
+            before = self.look(Asked {
+                time_s: piece.from_s + step_s * done as f64,
+                demand: at(done),
+            })?;
         }
         Ok((!self.stops(&before)).then_some(before))
     }
@@ -274,12 +278,10 @@ impl Run<'_> {
             }
             let part = |done: u64| done as f64 / whole as f64;
             let (t0, t1) = (part(done), part(done + (whole >> self.level)));
-            let attempt = self.attempt(piece, (t0, t1), tolerance_v)?;
-            let at = |part: f64| {
-                (
-                    piece.from_s + part * piece.step_s,
-                    piece.from + part * (piece.to - piece.from),
-                )
+            let attempt = self.attempt(piece, t0..t1, tolerance_v)?;
+            let at = |part: f64| Asked {
+                time_s: piece.from_s + part * piece.step_s,
+                demand: piece.from + part * (piece.to - piece.from),
             };
             let mut good = attempt.error_v <= tolerance_v && !attempt.stops;
             let mut seen = None;
@@ -318,10 +320,11 @@ impl Run<'_> {
         Ok((!self.stops(&before)).then_some(before))
     }
 
+    /// One step and two halves over a part of a piece, whose length is 1.
     fn attempt(
         &mut self,
         piece: &Piece,
-        (t0, t1): (f64, f64),
+        span: Range<f64>,
         tolerance_v: f64,
     ) -> Result<Attempt, ForwardError> {
         self.ladder
@@ -331,14 +334,16 @@ impl Run<'_> {
             &self.ladder.rungs[self.level + 1],
         );
         let demand = |part: f64| piece.from + part * (piece.to - piece.from);
-        let (d0, d1, d2) = (demand(t0), demand(0.5 * (t0 + t1)), demand(t1));
+        let (d0, d2) = (demand(span.start), demand(span.end));
+        let d1 = demand(0.5 * (span.start + span.end));
+        let ramp = |start: f64, end: f64| Ramp { start, end };
         let (mut once, mut middle, mut end) =
             (self.state.clone(), self.state.clone(), self.state.clone());
         let mover = &self.mover;
         let ends = [
-            mover.step(long, (&self.state, &mut once), (d0, d2)),
-            mover.step(short, (&self.state, &mut middle), (d0, d1)),
-            mover.step(short, (&middle, &mut end), (d1, d2)),
+            mover.step(long, &self.state, &mut once, ramp(d0, d2)),
+            mover.step(short, &self.state, &mut middle, ramp(d0, d1)),
+            mover.step(short, &middle, &mut end, ramp(d1, d2)),
         ];
         let infeasible = ends.iter().any(|e| e.start.infeasible || e.end.infeasible);
         let power = mover.drive.demand == Demand::Power;

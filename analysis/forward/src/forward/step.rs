@@ -58,6 +58,15 @@ impl Coefficients {
     }
 }
 
+/// A demand, or its slope, that goes straight over a step.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Ramp {
+    /// At the start of the step.
+    pub(super) start: f64,
+    /// At the end of the step.
+    pub(super) end: f64,
+}
+
 /// The replies at both ends of a step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Ends {
@@ -95,11 +104,12 @@ impl<'m> Mover<'m> {
     pub(super) fn step(
         &self,
         c: &Coefficients,
-        (from, to): (&SimState, &mut SimState),
-        demand: (f64, f64),
+        from: &SimState,
+        to: &mut SimState,
+        demand: Ramp,
     ) -> Ends {
         let e0 = self.e_v(from);
-        let start = self.drive.reply(e0, demand.0);
+        let start = self.drive.reply(e0, demand.start);
         let i0 = start.current_a;
         let held: f64 = c
             .branches
@@ -112,7 +122,7 @@ impl<'m> Mover<'m> {
             .ocv_v(from.soc - c.step_s * i0 / self.capacity_c)
             .0
             - held;
-        let end = self.drive.reply(e1, demand.1);
+        let end = self.drive.reply(e1, demand.end);
         let i1 = end.current_a;
         for ((new, old), g) in to.v_rc_v.iter_mut().zip(&from.v_rc_v).zip(&c.branches) {
             *new = g.decay * old + g.start * i0 + g.end * i1;
@@ -132,7 +142,8 @@ impl<'m> Mover<'m> {
     pub(super) fn euler(
         &self,
         step_s: f64,
-        (from, to): (&SimState, &mut SimState),
+        from: &SimState,
+        to: &mut SimState,
         demand: f64,
     ) -> Reply {
         let reply = self.drive.reply(self.e_v(from), demand);

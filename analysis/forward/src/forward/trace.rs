@@ -3,6 +3,7 @@
 use super::law::Beyond;
 use super::limits::CellWindow;
 use super::model::{OcvSource, SimModel, SimState};
+use crate::model::RcBranch;
 use serde::Serialize;
 
 /// A run over time, one entry of each list per row. Where the demand jumps, a time stands twice:
@@ -295,12 +296,7 @@ impl<'m> Book<'m> {
             let square_v2s = if h < 0.2 * branch.time_constant_s() {
                 h / 6.0 * (v[0] * v[0] + 4.0 * v[1] * v[1] + v[2] * v[2])
             } else {
-                squared(
-                    (branch.r_ohm, branch.time_constant_s()),
-                    v[0],
-                    (points[0].current_a, points[2].current_a),
-                    h,
-                )
+                squared_v2s(branch, v[0], points[0], points[2])
             };
             s.heat_j += square_v2s / branch.r_ohm;
         }
@@ -308,7 +304,7 @@ impl<'m> Book<'m> {
     }
 
     /// Integrates over a step by trapezoids, with the heat (J) that the caller knows.
-    pub(super) fn moved(&mut self, (from, to): (&Point, &Point), heat_j: f64) {
+    pub(super) fn moved(&mut self, from: &Point, to: &Point, heat_j: f64) {
         let h = 0.5 * (to.time_s - from.time_s);
         let s = &mut self.summary;
         s.energy_j += h * (from.ccv_v * from.current_a + to.ccv_v * to.current_a);
@@ -319,7 +315,7 @@ impl<'m> Book<'m> {
     }
 
     /// Integrates over a step of explicit Euler, which holds what is at its start.
-    pub(super) fn held(&mut self, p: &Point, h: f64, (from, _): (&SimState, &SimState)) {
+    pub(super) fn held(&mut self, p: &Point, h: f64, from: &SimState) {
         let s = &mut self.summary;
         s.energy_j += h * p.ccv_v * p.current_a;
         s.charge_c += h * p.current_a;
@@ -360,10 +356,13 @@ impl<'m> Book<'m> {
 }
 
 /// ∫v² over a step in which the current goes straight from i₀ to i₁, V²s: v = α·exp(−t/τ) + β + γt.
-fn squared((r, tau): (f64, f64), v0: f64, (i0, i1): (f64, f64), h: f64) -> f64 {
+fn squared_v2s(branch: &RcBranch, start_v: f64, start: &Point, end: &Point) -> f64 {
+    let (r, tau) = (branch.r_ohm, branch.time_constant_s());
+    let (i0, i1) = (start.current_a, end.current_a);
+    let h = end.time_s - start.time_s;
     let gamma = r * (i1 - i0) / h;
     let beta = r * i0 - gamma * tau;
-    let alpha = v0 - beta;
+    let alpha = start_v - beta;
     let a = (-h / tau).exp();
     let fast = 0.5 * alpha * alpha * tau * (1.0 - a * a)
         + 2.0 * alpha * tau * (beta * (1.0 - a) + gamma * (tau - a * (tau + h)));

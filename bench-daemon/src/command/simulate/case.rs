@@ -229,7 +229,7 @@ fn slopes_v(
     // a million.
     let step_s = (run.summary.simulated_s / run.summary.steps.max(1) as f64)
         .max(profile.duration_s() / 2.5e5);
-    let derivatives = sensitivity(model, state, profile, (options.beyond, step_s))?;
+    let derivatives = sensitivity(model, state, profile, options.beyond, step_s)?;
     let Some(lowest) = derivatives
         .rows
         .iter()

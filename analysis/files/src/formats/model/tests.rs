@@ -74,7 +74,7 @@ fn a_header_that_is_compiled_gives_what_the_simulation_gives() {
         at += s;
         rows.push((at, steps.get(k + 1).map_or(0.0, |next| next.0)));
     }
-    let profile = Profile::new("steps", (Demand::Current, Interpolation::Hold), &rows).unwrap();
+    let profile = Profile::new("steps", Demand::Current, Interpolation::Hold, &rows).unwrap();
     let trace = simulate(
         &model,
         &model.rest(0.6).unwrap(),

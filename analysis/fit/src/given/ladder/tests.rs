@@ -349,7 +349,7 @@ fn a_step_of_current_meets_the_answer_of_the_circuit() {
     let times_s = [1e-4, 1e-3, 0.01, 0.05, 0.2, 1.0, 5.0, 30.0, 150.0];
     let mut rows: Vec<(f64, f64)> = vec![(0.0, 2.0)];
     rows.extend(times_s.iter().map(|time_s| (*time_s, 2.0)));
-    let profile = Profile::new("step", (Demand::Current, Interpolation::Hold), &rows).unwrap();
+    let profile = Profile::new("step", Demand::Current, Interpolation::Hold, &rows).unwrap();
     let trace = simulate(
         &model,
         &model.rest(0.5).unwrap(),

@@ -53,10 +53,12 @@ struct Look {
 impl<'a> Run<'a> {
     /// The profile from a state, with steps halved so many times.
     pub(super) fn play(
-        (model, laws): (&'a SimModel, &'a Laws),
+        model: &'a SimModel,
+        laws: &'a Laws,
         state: &SimState,
         profile: &Profile,
-        (options, halvings): (&'a SimOptions, u32),
+        options: &'a SimOptions,
+        halvings: u32,
     ) -> Result<Simulation, ForwardError> {
         let shortest_s = laws
             .network
@@ -93,7 +95,7 @@ impl<'a> Run<'a> {
         let (mut last, mut step_s) = (None, self.first_s);
         for piece in profile.pieces(self.options.max_step_s) {
             let slope = (piece.to - piece.from) / piece.step_s;
-            let Some(start) = self.seen((piece.from_s, piece.from))? else {
+            let Some(start) = self.seen(piece.start())? else {
                 return Ok(());
             };
             if last.is_none_or(|(to, _)| to != piece.from) {
@@ -129,13 +131,11 @@ impl<'a> Run<'a> {
             } else {
                 done_s + *step_s
             };
-            let at = |t: f64| {
-                (
-                    piece.from_s + t,
-                    piece.from + (piece.to - piece.from) * t / piece.step_s,
-                )
+            let at = |t: f64| Asked {
+                time_s: piece.from_s + t,
+                demand: piece.from + (piece.to - piece.from) * t / piece.step_s,
             };
-            let Some(after) = self.parts(before, (done_s, next_s), at)? else {
+            let Some(after) = self.parts(before, done_s..next_s, at)? else {
                 return Ok(None);
             };
             (done_s, before) = (next_s, after);
@@ -148,8 +148,8 @@ impl<'a> Run<'a> {
     fn parts(
         &mut self,
         start: Look,
-        (from_s, to_s): (f64, f64),
-        at: impl Fn(f64) -> (f64, f64),
+        span_s: Range<f64>,
+        at: impl Fn(f64) -> Asked,
     ) -> Result<Option<Look>, ForwardError> {
         let pack = self.model.pack;
         let cells = f64::from(pack.series) * f64::from(pack.parallel);
@@ -157,25 +157,23 @@ impl<'a> Run<'a> {
             cells * look.heat_w
                 + look.point.current_a * look.point.current_a * pack.interconnect_ohm
         };
-        let part_s = (to_s - from_s) / f64::from(self.parts);
+        let part_s = (span_s.end - span_s.start) / f64::from(self.parts);
         let mut before = start;
         for part in 1..=self.parts {
             if self.stops(&before) {
                 return Ok(None);
             }
             let end = if part == self.parts {
-                at(to_s)
+                at(span_s.end)
             } else {
-                at(from_s + part_s * f64::from(part))
+                at(span_s.start + part_s * f64::from(part))
             };
             self.step(&before, part_s, end)?;
             let Some(after) = self.seen(end)? else {
                 return Ok(None);
             };
-            self.book.moved(
-                (&before.point, &after.point),
-                0.5 * (heat_w(&before) + heat_w(&after)) * part_s,
-            );
+            let heat_j = 0.5 * (heat_w(&before) + heat_w(&after)) * part_s;
+            self.book.moved(&before.point, &after.point, heat_j);
             before = after;
         }
         Ok(Some(before))
@@ -185,18 +183,16 @@ impl<'a> Run<'a> {
         look.point.past_tangent || (look.point.infeasible && self.options.beyond == Beyond::Stop)
     }
 
-    /// Moves the cell over a step that ends at a time (s) with a demand.
-    fn step(
-        &mut self,
-        before: &Look,
-        step_s: f64,
-        (end_s, demand): (f64, f64),
-    ) -> Result<(), ForwardError> {
+    /// Moves the cell over a step that ends at a time with a demand.
+    fn step(&mut self, before: &Look, step_s: f64, end: Asked) -> Result<(), ForwardError> {
         let capacity_c = self.model.capacity_c() / f64::from(self.model.pack.parallel);
         self.dynamics
             .iter_mut()
             .for_each(|d| d.advance(&before.cell, 0.5 * step_s));
-        let start = self.look((before.point.time_s, before.demand))?;
+        let start = self.look(Asked {
+            time_s: before.point.time_s,
+            demand: before.demand,
+        })?;
         let (soc, v, i0) = (self.soc, self.v.clone(), start.cell.current_a);
         // The second half of the additions changes again what the first half has changed.
         let (f0, drift) = (
@@ -211,15 +207,15 @@ impl<'a> Run<'a> {
             self.laws
                 .network
                 .advance(&mut self.v, (f0, f1), (i0, i1), step_s);
-            let end = self.look((end_s, demand))?;
-            f1 = end.factor.branches + drift;
-            let change_a = (end.cell.current_a - i1).abs();
-            i1 = end.cell.current_a;
+            let seen = self.look(end)?;
+            f1 = seen.factor.branches + drift;
+            let change_a = (seen.cell.current_a - i1).abs();
+            i1 = seen.cell.current_a;
             if change_a <= 1e-12 * i1.abs() {
                 break;
             }
         }
-        let mut after = self.look((end_s, demand))?.cell;
+        let mut after = self.look(end)?.cell;
         // Without this a heat that depends on itself is of first order.
         after.current_a += start.cell.current_a - before.cell.current_a;
         after.overpotential_v += start.cell.overpotential_v - before.cell.overpotential_v;
@@ -232,7 +228,7 @@ impl<'a> Run<'a> {
 
     /// An instant, noted; none when there is nothing left behind the series resistance after power
     /// that could not be had.
-    fn seen(&mut self, at: (f64, f64)) -> Result<Option<Look>, ForwardError> {
+    fn seen(&mut self, at: Asked) -> Result<Option<Look>, ForwardError> {
         match self.look(at) {
             Err(ForwardError::Collapsed { time_s, .. }) if !self.book.feasible() => {
                 self.book.emptied(time_s, self.options.beyond);
@@ -249,9 +245,10 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// Answer of the law at a time (s) under a demand, with the additions as they are. The heat is
-    /// left to [`Self::seen`].
-    fn look(&self, (time_s, demand): (f64, f64)) -> Result<Look, ForwardError> {
+    /// What the law answers at a time under a demand, with the additions as they are. The heat
+    /// is left to [`Self::seen`].
+    fn look(&self, at: Asked) -> Result<Look, ForwardError> {
+        let Asked { time_s, demand } = at;
         let pack = &self.model.pack;
         let (series, parallel) = (f64::from(pack.series), f64::from(pack.parallel));
         let (ocv_v, slope_v) = self.model.ocv_v(self.soc);

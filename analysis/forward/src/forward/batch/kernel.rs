@@ -6,6 +6,7 @@
 use super::lanes::{LaneGains, Lanes, Now, Row};
 use super::plan::Plan;
 use crate::forward::law::{Beyond, Demand};
+use crate::forward::step::Ramp;
 
 /// Kinds of the law, as constants so that each has a loop of its own.
 const CLAMPED: u8 = 0;
@@ -80,11 +81,14 @@ fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
         for row in plan.rows(run) {
             let (from, rise) = plan.row(row, run.share);
             for part in 0..run.parts {
-                let demand = (from + rise * part as f64, from + rise * (part + 1) as f64);
+                let demand = Ramp {
+                    start: from + rise * part as f64,
+                    end: from + rise * (part + 1) as f64,
+                };
                 let left = if LAW == CLAMPED {
-                    by_one_root::<W, N, CURVED>((lanes, &mut now), gain, (demand, index))
+                    by_one_root::<W, N, CURVED>(lanes, &mut now, gain, demand, index)
                 } else {
-                    advance::<W, N, LAW, CURVED>((lanes, &mut now), gain, (demand, index, fraction))
+                    advance::<W, N, LAW, CURVED>(lanes, &mut now, gain, fraction, demand, index)
                 };
                 if CURVED && left {
                     lanes.now = now;
@@ -107,9 +111,11 @@ fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
 /// together with s₀. Beyond [`FAR`] the root is taken.
 #[inline(always)]
 fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
-    (lanes, now): (&Lanes<'_, W, N>, &mut Now<W, N>),
+    lanes: &Lanes<'_, W, N>,
+    now: &mut Now<W, N>,
     g: &LaneGains<W, N>,
-    ((from, to), index): ((f64, f64), f64),
+    demand: Ramp,
+    index: f64,
 ) -> bool {
     let mut begin = Begin {
         root: [0.0; W],
@@ -124,13 +130,18 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
         // OCV − Σv is carried from step to step: summing the branches anew would make the next root
         // wait for them.
         let e = now.e[l];
-        let square = (e * e - lanes.asked[l] * from).max(0.0);
+        let square = (e * e - lanes.asked[l] * demand.start).max(0.0);
         let (root, inverse) = (square.sqrt(), 1.0 / square);
         let current = (e - root) * lanes.half[l];
         let open = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * current);
         // The values that are ready last are added last: the branches, and after them the root.
         let d = ((open - (e + g.held_share[l] * e)) - kept(now, g, l)) + g.held_share[l] * root;
-        let (moved, more_asked) = change((e, d), lanes.asked[l] * (to - from), inverse);
+        let change = Change {
+            e_v: e,
+            d_v: d,
+            more_asked_v2: lanes.asked[l] * (demand.end - demand.start),
+        };
+        let (moved, more_asked) = change.parts(inverse);
         let x = moved - more_asked;
         // x/2 − x²/8 + x³/16; written twice, so that E does not wait for one product more.
         let before_one = moved - (more_asked + 1.0);
@@ -141,11 +152,12 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
         // So written it is also true of what is no number.
         let near = x.abs() <= FAR;
         far |= !near;
-        begin.put(l, (root, current, open), (d, rise, back));
+        (begin.root[l], begin.current[l], begin.open[l]) = (root, current, open);
+        (begin.d[l], begin.rise[l], begin.back[l]) = (d, rise, back);
     }
     if far {
         // By value, so that nothing that changes with every step must live in memory for it.
-        let (rise, short) = far_roots(lanes, (&{ now.e }, &{ begin }), (from, to));
+        let (rise, short) = far_roots(lanes, &{ now.e }, &{ begin }, demand);
         for l in 0..W {
             let Some(rise) = rise[l] else { continue };
             (begin.rise[l], begin.back[l]) = (rise, g.ends_share[l] * rise);
@@ -155,7 +167,7 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
             );
         }
     }
-    finish::<W, N, CURVED>((lanes, now), g, &begin)
+    finish::<W, N, CURVED>(lanes, now, g, &begin)
 }
 
 /// The largest change of the square under the root for which its series is taken: what is left out
@@ -179,17 +191,14 @@ struct Begin<const W: usize> {
     back: Row<W>,
 }
 
-impl<const W: usize> Begin<W> {
-    #[inline(always)]
-    fn put(
-        &mut self,
-        l: usize,
-        (root, current, open): (f64, f64, f64),
-        (d, rise, back): (f64, f64, f64),
-    ) {
-        (self.root[l], self.current[l], self.open[l]) = (root, current, open);
-        (self.d[l], self.rise[l], self.back[l]) = (d, rise, back);
-    }
+/// What changes the square under the root over a step.
+struct Change {
+    /// E at the start, V.
+    e_v: f64,
+    /// By how much E changes, V.
+    d_v: f64,
+    /// By how much 4PR changes, V².
+    more_asked_v2: f64,
 }
 
 /// By how much the root changes, taken anew in every lane where the step goes far, and whether more
@@ -198,35 +207,47 @@ impl<const W: usize> Begin<W> {
 #[inline(never)]
 fn far_roots<const W: usize, const N: usize>(
     lanes: &Lanes<'_, W, N>,
-    (e, begin): (&Row<W>, &Begin<W>),
-    (from, to): (f64, f64),
+    e: &Row<W>,
+    begin: &Begin<W>,
+    demand: Ramp,
 ) -> ([Option<f64>; W], [bool; W]) {
     let (mut rise, mut short) = ([None; W], [false; W]);
     for l in 0..W {
         let (e, d, asked) = (e[l], begin.d[l], lanes.asked[l]);
-        let inverse = 1.0 / (e * e - asked * from).max(0.0);
-        let (moved, more_asked) = change((e, d), asked * (to - from), inverse);
+        let inverse = 1.0 / (e * e - asked * demand.start).max(0.0);
+        let change = Change {
+            e_v: e,
+            d_v: d,
+            more_asked_v2: asked * (demand.end - demand.start),
+        };
+        let (moved, more_asked) = change.parts(inverse);
         let near = (moved - more_asked).abs() <= FAR;
         if !near {
             let end = e + d;
-            rise[l] = Some((end * end - asked * to).max(0.0).sqrt() - begin.root[l]);
-            short[l] = (asked * from > e * e) | (asked * to > end * end);
+            rise[l] = Some((end * end - asked * demand.end).max(0.0).sqrt() - begin.root[l]);
+            short[l] = (asked * demand.start > e * e) | (asked * demand.end > end * end);
         }
     }
     (rise, short)
 }
 
-/// By which part of itself the square under the root changes: with E, and less what more is asked
-/// for.
-#[inline(always)]
-fn change((e, d): (f64, f64), more_asked: f64, inverse: f64) -> (f64, f64) {
-    ((d * inverse) * (2.0 * e + d), more_asked * inverse)
+impl Change {
+    /// By which part of itself the square under the root changes: with E, and less what more is
+    /// asked for. Takes 1 over that square, 1/V².
+    #[inline(always)]
+    fn parts(&self, inverse: f64) -> (f64, f64) {
+        (
+            (self.d_v * inverse) * (2.0 * self.e_v + self.d_v),
+            self.more_asked_v2 * inverse,
+        )
+    }
 }
 
 /// Moves the branches, E and the tally over a step of [`by_one_root`].
 #[inline(always)]
 fn finish<const W: usize, const N: usize, const CURVED: bool>(
-    (lanes, now): (&Lanes<'_, W, N>, &mut Now<W, N>),
+    lanes: &Lanes<'_, W, N>,
+    now: &mut Now<W, N>,
     g: &LaneGains<W, N>,
     begin: &Begin<W>,
 ) -> bool {
@@ -245,7 +266,8 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
             left |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
             now.e[l] += ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - begin.open[l];
         }
-        tally((lanes, now), g.step_s, (l, (e0, i0), (e1, i1)));
+        let source = |e_v: f64, current_a: f64| Source { e_v, current_a };
+        tally(lanes, now, g.step_s, l, source(e0, i0), source(e1, i1));
     }
     left
 }
@@ -261,13 +283,25 @@ fn kept<const W: usize, const N: usize>(now: &Now<W, N>, g: &LaneGains<W, N>, l:
     kept[0] + kept[1]
 }
 
-/// Adds a step of one lane from E and current at its start and end.
+/// A lane at an instant.
+struct Source {
+    /// E = OCV − Σv, V.
+    e_v: f64,
+    /// Current, A.
+    current_a: f64,
+}
+
+/// Adds a step of one lane from its start and end.
 #[inline(always)]
 fn tally<const W: usize, const N: usize>(
-    (lanes, now): (&Lanes<'_, W, N>, &mut Now<W, N>),
+    lanes: &Lanes<'_, W, N>,
+    now: &mut Now<W, N>,
     step_s: f64,
-    (l, (e0, i0), (e1, i1)): (usize, (f64, f64), (f64, f64)),
+    l: usize,
+    start: Source,
+    end: Source,
 ) {
+    let (e0, i0, e1, i1) = (start.e_v, start.current_a, end.e_v, end.current_a);
     let (ccv0, ccv1) = (e0 - lanes.r[l] * i0, e1 - lanes.r[l] * i1);
     let t = &mut now.tally;
     t.charge[l] += 0.5 * step_s * (i0 + i1);
@@ -286,20 +320,28 @@ fn tally<const W: usize, const N: usize>(
 /// One step of all lanes; true when one has left its piece of the OCV curve.
 #[inline(always)]
 fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
-    (lanes, now): (&Lanes<'_, W, N>, &mut Now<W, N>),
+    lanes: &Lanes<'_, W, N>,
+    now: &mut Now<W, N>,
     g: &LaneGains<W, N>,
-    ((from, to), index, fraction): ((f64, f64), f64, f64),
+    fraction: f64,
+    demand: Ramp,
+    index: f64,
 ) -> bool {
     let mut left = false;
     for l in 0..W {
+        let asked = |e_v: f64, demand: f64| LaneAsked {
+            e_v,
+            demand: demand * lanes.scale[l],
+            fraction,
+        };
         // OCV − Σv is carried from step to step: summing the branches anew would make the next root
         // wait for them.
         let e0 = now.e[l];
-        let (i0, short0) = current::<W, N, LAW>(lanes, l, (e0, from * lanes.scale[l], fraction));
+        let (i0, short0) = current::<W, N, LAW>(lanes, l, asked(e0, demand.start));
         let e1 = ocv::<W, N, CURVED>(lanes, l, now.soc[l] - g.soc[l] * i0)
             - kept(now, g, l)
             - g.held[l] * i0;
-        let (i1, short1) = current::<W, N, LAW>(lanes, l, (e1, to * lanes.scale[l], fraction));
+        let (i1, short1) = current::<W, N, LAW>(lanes, l, asked(e1, demand.end));
         let mut rest = 0.0;
         for k in 0..N {
             let begun = g.decay[k][l] * now.v[k][l] + g.start[k][l] * i0;
@@ -311,7 +353,8 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
             left |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
         }
         now.e[l] = ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - rest - g.ends[l] * i1;
-        tally((lanes, now), g.step_s, (l, (e0, i0), (e1, i1)));
+        let source = |e_v: f64, current_a: f64| Source { e_v, current_a };
+        tally(lanes, now, g.step_s, l, source(e0, i0), source(e1, i1));
         let t = &mut now.tally;
         t.infeasible[l] = less(
             t.infeasible[l],
@@ -339,13 +382,28 @@ fn ocv<const W: usize, const N: usize, const CURVED: bool>(
     piece.c[0][l] + t * (piece.c[1][l] + t * (piece.c[2][l] + t * piece.c[3][l]))
 }
 
+/// A demand on a lane.
+struct LaneAsked {
+    /// E = OCV − Σv, V.
+    e_v: f64,
+    /// Demand, W, A or Ω.
+    demand: f64,
+    /// P₀/P*, where the tangent begins.
+    fraction: f64,
+}
+
 /// The current of [`crate::forward::Drive::reply`], and whether more was asked for than there is.
 #[inline(always)]
 fn current<const W: usize, const N: usize, const LAW: u8>(
     lanes: &Lanes<'_, W, N>,
     l: usize,
-    (e, demand, fraction): (f64, f64, f64),
+    asked: LaneAsked,
 ) -> (f64, bool) {
+    let LaneAsked {
+        e_v: e,
+        demand,
+        fraction,
+    } = asked;
     if LAW == CURRENT {
         return (demand, false);
     }

@@ -43,6 +43,15 @@ pub(super) struct OcvPiece<const W: usize> {
     pub(super) to: Row<W>,
 }
 
+/// The OCV curve of a lane.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct LaneCurve<'a> {
+    /// Curve of one cell.
+    curve: &'a OcvCurve,
+    /// Cells in series.
+    series: f64,
+}
+
 #[derive(Debug, Clone)]
 pub(super) struct Lanes<'a, const W: usize, const N: usize> {
     pub(super) r: Row<W>,
@@ -56,7 +65,7 @@ pub(super) struct Lanes<'a, const W: usize, const N: usize> {
     pub(super) tangent: (f64, Row<W>),
     pub(super) now: Now<W, N>,
     pub(super) ocv: OcvPiece<W>,
-    pub(super) curves: [Option<(&'a OcvCurve, f64)>; W],
+    pub(super) curves: [Option<LaneCurve<'a>>; W],
     pub(super) gains: Vec<LaneGains<W, N>>,
 }
 
@@ -110,7 +119,10 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
             to: [f64::INFINITY; W],
         };
         let curves = std::array::from_fn(|l| match &cell(l).model.ocv {
-            OcvSource::Curve(curve) => Some((curve, f64::from(cell(l).model.pack.series))),
+            OcvSource::Curve(curve) => Some(LaneCurve {
+                curve,
+                series: f64::from(cell(l).model.pack.series),
+            }),
             OcvSource::Constant(_) => None,
         });
         let mut lanes = Self {
@@ -138,10 +150,10 @@ impl<'a, const W: usize, const N: usize> Lanes<'a, W, N> {
     #[cold]
     pub(super) fn find_pieces(&mut self) {
         for l in 0..W {
-            if let Some((curve, series)) = self.curves[l] {
-                self.ocv.set(l, (curve, series), self.now.soc[l]);
+            if let Some(lane) = self.curves[l] {
+                self.ocv.set(l, lane, self.now.soc[l]);
                 let branches: f64 = self.now.v.iter().map(|v| v[l]).sum();
-                self.now.e[l] = series * curve.voltage_v(self.now.soc[l]) - branches;
+                self.now.e[l] = lane.series * lane.curve.voltage_v(self.now.soc[l]) - branches;
             }
         }
     }
@@ -186,7 +198,8 @@ impl<const W: usize> Tally<W> {
 }
 
 impl<const W: usize> OcvPiece<W> {
-    fn set(&mut self, l: usize, (curve, series): (&OcvCurve, f64), soc: f64) {
+    fn set(&mut self, l: usize, lane: LaneCurve<'_>, soc: f64) {
+        let LaneCurve { curve, series } = lane;
         let last = curve.soc.len() - 1;
         let (first_soc, last_soc) = (curve.soc[0], curve.soc[last]);
         if soc <= first_soc || soc >= last_soc {
@@ -199,8 +212,8 @@ impl<const W: usize> OcvPiece<W> {
             self.put(
                 l,
                 [curve.ocv_v[k] * series, curve.slope_v[k] * series, 0.0, 0.0],
-                (curve.soc[k], 1.0),
             );
+            (self.origin[l], self.rate[l]) = (curve.soc[k], 1.0);
             (self.from[l], self.to[l]) = (from, to);
             return;
         }
@@ -214,13 +227,13 @@ impl<const W: usize> OcvPiece<W> {
             3.0 * rise - 2.0 * m0 - m1,
             m0 + m1 - 2.0 * rise,
         ];
-        self.put(l, c.map(|c| c * series), (curve.soc[k], 1.0 / h));
+        self.put(l, c.map(|c| c * series));
+        (self.origin[l], self.rate[l]) = (curve.soc[k], 1.0 / h);
         (self.from[l], self.to[l]) = (curve.soc[k], curve.soc[k + 1]);
     }
 
-    fn put(&mut self, l: usize, c: [f64; 4], (origin, rate): (f64, f64)) {
+    fn put(&mut self, l: usize, c: [f64; 4]) {
         self.c.iter_mut().zip(c).for_each(|(row, c)| row[l] = c);
-        (self.origin[l], self.rate[l]) = (origin, rate);
     }
 }
 

@@ -122,13 +122,13 @@ impl<'a> Network<'a> {
 
     /// Finds all currents and voltages under a demand in the present state. False where the pack
     /// has no voltage left.
-    pub(super) fn look(&mut self, demand: (Demand, f64)) -> bool {
+    pub(super) fn look(&mut self, demand: Demand, value: f64) -> bool {
         for k in 0..self.soc.len() {
             let held: f64 = self.v_rc[self.cell_branches(k)].iter().sum();
             self.e_v[k] = self.ocv_at(self.soc[k]).0 - held;
             self.behind_ohm[k] = self.r_ohm[k] + self.wiring.tab_ohm;
         }
-        let sound = self.solve(demand);
+        let sound = self.solve(demand, value);
         for k in 0..self.soc.len() {
             let i = self.now.cell_a[k];
             self.now.cell_v[k] = self.e_v[k] - self.r_ohm[k] * i;
@@ -143,7 +143,7 @@ impl<'a> Network<'a> {
 
     /// Moves the state by a step, from the demand of the last [`Network::look`] to this one at its
     /// end, and looks there.
-    pub(super) fn advance(&mut self, step_s: f64, demand: (Demand, f64)) -> bool {
+    pub(super) fn advance(&mut self, step_s: f64, demand: Demand, value: f64) -> bool {
         self.set_step(step_s);
         std::mem::swap(&mut self.start_a, &mut self.now.cell_a);
         for k in 0..self.soc.len() {
@@ -165,7 +165,7 @@ impl<'a> Network<'a> {
                 + gains.iter().map(|g| g.end).sum::<f64>();
             self.e_v[k] = ocv + bend * i0 - held;
         }
-        let sound = self.solve(demand);
+        let sound = self.solve(demand, value);
         for k in 0..self.soc.len() {
             let (i0, i1) = (self.start_a[k], self.now.cell_a[k]);
             for j in self.cell_branches(k) {
@@ -174,7 +174,7 @@ impl<'a> Network<'a> {
             }
             self.soc[k] -= 0.5 * step_s * (i0 + i1) / self.capacity_c[k];
         }
-        sound && self.look(demand)
+        sound && self.look(demand, value)
     }
 
     /// Energy in the capacitances, J.
@@ -207,7 +207,7 @@ impl<'a> Network<'a> {
     }
 
     /// Currents of all cells from the sources `e_v` behind `behind_ohm`.
-    fn solve(&mut self, (kind, value): (Demand, f64)) -> bool {
+    fn solve(&mut self, demand: Demand, value: f64) -> bool {
         let width = self.wiring.parallel;
         let groups = || {
             self.e_v
@@ -222,7 +222,7 @@ impl<'a> Network<'a> {
             return false;
         }
         let reply = Drive {
-            demand: kind,
+            demand,
             beyond: Beyond::Clamp,
             r_ohm,
         }
@@ -329,17 +329,17 @@ mod tests {
             .map(|k| f64::from(k) * 0.0025)
             .map(|t| (t, power(t)))
             .collect();
-        let profile = Profile::new("test", (Demand::Power, Interpolation::Linear), &rows).unwrap();
+        let profile = Profile::new("test", Demand::Power, Interpolation::Linear, &rows).unwrap();
         let model = SimModel::pack(&erm(), ocv.clone(), pack).unwrap();
         let options = SimOptions {
             method: Method::Exact,
             ..SimOptions::default()
         };
         let expected = simulate(&model, &model.rest(0.6).unwrap(), &profile, &options).unwrap();
-        network.look((Demand::Power, rows[0].1));
+        network.look(Demand::Power, rows[0].1);
         let mut worst = (network.now.ccv_v - expected.trace.ccv_v[0]).abs();
         for (k, row) in rows.iter().enumerate().skip(1) {
-            assert!(network.advance(row.0 - rows[k - 1].0, (Demand::Power, row.1)));
+            assert!(network.advance(row.0 - rows[k - 1].0, Demand::Power, row.1));
             assert_eq!(expected.trace.time_s[k], row.0);
             worst = worst.max((network.now.ccv_v - expected.trace.ccv_v[k]).abs());
             let fair = network.now.current_a / 3.0;
@@ -359,8 +359,7 @@ mod tests {
         let rows: Vec<(f64, f64)> = (0..=20)
             .map(|k| (0.4 * f64::from(k), if k % 2 == 0 { 500.0 } else { 2500.0 }))
             .collect();
-        let profile =
-            Profile::new("zigzag", (Demand::Power, Interpolation::Linear), &rows).unwrap();
+        let profile = Profile::new("zigzag", Demand::Power, Interpolation::Linear, &rows).unwrap();
         let model = SimModel::pack(&erm(), ocv.clone(), Pack::new(16, 3, 0.03).unwrap()).unwrap();
         let options = SimOptions {
             tolerance_v: 1e-10,
@@ -381,13 +380,13 @@ mod tests {
                 interconnect_ohm: 0.03,
             },
         );
-        network.look((Demand::Power, rows[0].1));
+        network.look(Demand::Power, rows[0].1);
         let mut worst = 0.0_f64;
         for (k, pair) in rows.windows(2).enumerate() {
             for part in 1..=parts {
                 let power =
                     pair[0].1 + (pair[1].1 - pair[0].1) * f64::from(part) / f64::from(parts);
-                assert!(network.advance(0.4 / f64::from(parts), (Demand::Power, power)));
+                assert!(network.advance(0.4 / f64::from(parts), Demand::Power, power));
             }
             worst = worst.max((network.now.ccv_v - expected.trace.ccv_v[k + 1]).abs());
         }
@@ -435,19 +434,16 @@ mod tests {
             for k in 0..=4000 {
                 // 12 cells of 3.6 V behind at most 21 mΩ and 12 mΩ of busbar could give 1.1 kW. The
                 // start is at rest: no jump for the trapezoids to miss.
-                let demand = (
-                    Demand::Power,
-                    share * 500.0 * (f64::from(k) * step * 2.0).sin(),
-                );
+                let demand_w = share * 500.0 * (f64::from(k) * step * 2.0).sin();
                 let sound = if k == 0 {
-                    network.look(demand)
+                    network.look(Demand::Power, demand_w)
                 } else {
-                    network.advance(step, demand)
+                    network.advance(step, Demand::Power, demand_w)
                 };
                 prop_assert!(sound);
                 let now = &network.now;
                 prop_assert!(!now.infeasible);
-                prop_assert!((now.ccv_v * now.current_a - demand.1).abs() < 1e-9);
+                prop_assert!((now.ccv_v * now.current_a - demand_w).abs() < 1e-9);
                 let mut terminal = -now.current_a * interconnect;
                 for (currents, voltages) in
                     now.cell_a.chunks(parallel).zip(now.cell_v.chunks(parallel))
@@ -473,7 +469,7 @@ mod tests {
                     .sum::<f64>();
                 let copper = now.current_a.powi(2) * interconnect
                     + now.cell_a.iter().map(|i| i * i * tab).sum::<f64>();
-                let rates = [work, demand.1, copper + now.heat_w.iter().sum::<f64>()];
+                let rates = [work, demand_w, copper + now.heat_w.iter().sum::<f64>()];
                 if let Some(old) = before {
                     chemical += 0.5 * step * (old[0] + rates[0]);
                     delivered += 0.5 * step * (old[1] + rates[1]);

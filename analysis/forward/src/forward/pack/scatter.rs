@@ -499,7 +499,7 @@ fn run(
     let mut demand = f64::NAN;
     for (index, piece) in pieces.iter().enumerate() {
         if piece.from != demand {
-            if !network.look((kind, piece.from)) {
+            if !network.look(kind, piece.from) {
                 watch.outcome.feasible = false;
                 break;
             }
@@ -515,7 +515,7 @@ fn run(
         }
         heat_before.copy_from_slice(&network.now.heat_w);
         let power = network.now.current_a * network.now.ccv_v;
-        if !network.advance(piece.step_s, (kind, piece.to)) {
+        if !network.advance(piece.step_s, kind, piece.to) {
             watch.outcome.feasible = false;
             break;
         }

@@ -427,7 +427,7 @@ fn what_cannot_honour_an_addition_says_so() {
         (simulate(&model, &state, &profile, &thesis).unwrap_err(), format!("explicit Euler: \
         {met}")),
         (simulate_batch(&batch, &profile, &BatchOptions::default()).unwrap_err(), format!("batch: {met}")),
-        (sensitivity(&model, &state, &profile, (Beyond::Stop, 0.1)).unwrap_err(), format!("derivatives: {met}")),
+        (sensitivity(&model, &state, &profile, Beyond::Stop, 0.1).unwrap_err(), format!("derivatives: {met}")),
         (
             SimModel::augmented(&cell, OcvSource::Constant(3.7), ONE).unwrap_err(),
             "open-circuit voltage that stays: expected a state of charge on the model's OCV curve, \

@@ -48,7 +48,7 @@ fn curved_cell() -> SimModel {
 }
 
 fn rows(demand: Demand, interpolation: Interpolation, rows: &[(f64, f64)]) -> Profile {
-    Profile::new("test", (demand, interpolation), rows).unwrap()
+    Profile::new("test", demand, interpolation, rows).unwrap()
 }
 
 /// The cell as a system of differential equations, written down anew: R, (Rₖ, Cₖ), OCV of the

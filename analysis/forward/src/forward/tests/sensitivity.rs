@@ -135,7 +135,7 @@ fn a_profile_varies_as_its_sensitivities_say() {
         Interpolation::Linear,
         &[(0.0, 20.0), (0.3, 130.0), (0.5, -50.0), (1.0, 60.0)],
     );
-    let met = sensitivity(&model, &state, &profile, (Beyond::Stop, 1e-4)).unwrap();
+    let met = sensitivity(&model, &state, &profile, Beyond::Stop, 1e-4).unwrap();
     let row = met.rows.last().unwrap();
     let last = |model: &SimModel, state: &SimState, profile: &Profile| {
         let options = SimOptions {

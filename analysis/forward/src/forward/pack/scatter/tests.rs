@@ -40,7 +40,8 @@ fn setup<'a>(cell: &'a Erm, ocv: &'a OcvSource, profile: &'a Profile) -> Scatter
 fn pulse(power_w: f64) -> Profile {
     Profile::new(
         "pulse",
-        (Demand::Power, Interpolation::Hold),
+        Demand::Power,
+        Interpolation::Hold,
         &[(0.0, power_w), (2.0, 0.0), (3.0, 0.0)],
     )
     .unwrap()
@@ -80,7 +81,7 @@ fn a_peak_of_one_step_is_in_the_bands() {
     let rows: Vec<(f64, f64)> = (0..5000)
         .map(|k| (0.002 * f64::from(k), if k == 2345 { 900.0 } else { 50.0 }))
         .collect();
-    let profile = Profile::new("peak", (Demand::Power, Interpolation::Hold), &rows).unwrap();
+    let profile = Profile::new("peak", Demand::Power, Interpolation::Hold, &rows).unwrap();
     let (cell, ocv) = (erm(), ocv());
     let met = scatter(
         &setup(&cell, &ocv, &profile),
@@ -111,7 +112,8 @@ fn shares_at_the_first_instant_follow_the_spread_of_resistance() {
     );
     let profile = Profile::new(
         "step",
-        (Demand::Current, Interpolation::Hold),
+        Demand::Current,
+        Interpolation::Hold,
         &[(0.0, 30.0), (0.001, 30.0)],
     )
     .unwrap();
