@@ -76,7 +76,8 @@ impl Normal {
 /// record (rad). Returns curvature and slope of the sum of squares, after the other parameters have
 /// been fitted. `derivative` holds the coefficients of the model's derivative on all columns.
 pub(super) fn frequency_step(
-    (gram, right): (&Square, &[f64]),
+    gram: &Square,
+    right: &[f64],
     normal: &Normal,
     beta: &[f64],
     derivative: &[f64],

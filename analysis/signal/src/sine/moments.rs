@@ -103,7 +103,7 @@ pub(super) fn accumulate(
 ) -> Result<Vec<Moments>, SineError> {
     let mut all = Vec::with_capacity(record.channels.len());
     for (index, channel) in record.channels.iter().enumerate() {
-        let chunks = pieces((index + 1, channel), stage, exclude_clipped)?;
+        let chunks = pieces(index + 1, channel, stage, exclude_clipped)?;
         let own = chunks.iter();
         let moments = gather(own, stage, narrow(channel, exclude_clipped).is_some());
         all.push(moments.map_err(|(at, value)| SineError::NotFinite {
@@ -115,9 +115,10 @@ pub(super) fn accumulate(
     Ok(all)
 }
 
-/// Sums of one channel over its chunks, in order.
+/// Sums of a channel, which is the `number`th of its record, over its chunks, in order.
 fn pieces(
-    (number, channel): (usize, &Channel<'_>),
+    number: usize,
+    channel: &Channel<'_>,
     stage: &Stage,
     exclude_clipped: bool,
 ) -> Result<Vec<Piece>, SineError> {
@@ -133,7 +134,11 @@ fn pieces(
             piece(
                 &loaded.channel(),
                 stage,
-                (*start, base, level),
+                Cut {
+                    start: *start,
+                    base,
+                    level,
+                },
                 exclude_clipped,
             )
         };
@@ -214,13 +219,18 @@ fn gather<'a>(
     Ok(all)
 }
 
-/// `base`: the sample of the record that is the channel's first.
-fn piece(
-    channel: &Channel<'_>,
-    stage: &Stage,
-    (start, base, level): (usize, usize, f64),
-    exclude_clipped: bool,
-) -> Piece {
+/// Where a chunk lies, and what is taken from its samples.
+struct Cut {
+    /// First sample of the chunk, counted in the record.
+    start: usize,
+    /// The sample of the record that is the first of those read.
+    base: usize,
+    /// Pivot, in the unit of the samples.
+    level: f64,
+}
+
+fn piece(channel: &Channel<'_>, stage: &Stage, cut: Cut, exclude_clipped: bool) -> Piece {
+    let Cut { start, base, level } = cut;
     match channel {
         // It was read before.
         Channel::Stored(_) => Part::<f64> {

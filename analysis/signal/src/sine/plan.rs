@@ -25,13 +25,9 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// Plan for `options`, as far as a record of `samples` samples can resolve the terms beside a
-    /// sinusoid of `freq_hz`.
-    pub(super) fn new(
-        options: &FitOptions,
-        freq_hz: f64,
-        (samples, interval_s): (usize, f64),
-    ) -> Self {
+    /// What `options` ask for as far as a record of `samples` can carry it besides a sinusoid of
+    /// `freq_hz`.
+    pub(super) fn new(options: &FitOptions, freq_hz: f64, samples: usize, interval_s: f64) -> Self {
         let duration_s = samples as f64 * interval_s;
         let mut plan = Self {
             degree: options.drift.degree(),
@@ -65,8 +61,12 @@ impl Plan {
             .map(|order| f64::from(*order) * freq_hz)
             .chain(options.also_hz.iter().copied());
         let mut taken = vec![freq_hz];
+        let limits = Limits {
+            resolution_hz: 1.0 / duration_s,
+            nyquist_hz: 0.5 / interval_s,
+        };
         for (kind, extra_hz) in harmonics.chain(others).zip(freqs) {
-            match refusal(extra_hz, &taken, (1.0 / duration_s, 0.5 / interval_s)) {
+            match refusal(extra_hz, &taken, limits) {
                 Some(why) => plan.notes.push(Note::LeftOut {
                     kind,
                     freq_hz: extra_hz,
@@ -126,13 +126,22 @@ impl Plan {
     }
 }
 
+/// Frequencies that a record can tell.
+#[derive(Clone, Copy)]
+struct Limits {
+    /// Least distance of two tones, Hz: one period over the record.
+    resolution_hz: f64,
+    /// Half the sampling rate, Hz.
+    nyquist_hz: f64,
+}
+
 /// Why a tone cannot be fitted besides those already taken: two tones, a tone and the drift, or a
 /// tone and its image beyond half the sampling rate must differ by one period over the record.
-fn refusal(
-    freq_hz: f64,
-    taken: &[f64],
-    (resolution_hz, nyquist_hz): (f64, f64),
-) -> Option<LeftOut> {
+fn refusal(freq_hz: f64, taken: &[f64], limits: Limits) -> Option<LeftOut> {
+    let Limits {
+        resolution_hz,
+        nyquist_hz,
+    } = limits;
     if !(freq_hz.is_finite() && freq_hz > 0.0) {
         return Some(LeftOut::NoFrequency);
     }

@@ -58,13 +58,15 @@ const SIGNIFICANT: f64 = 4.0;
 /// # Errors
 /// Samples that cannot be read.
 pub(super) fn residual(
-    (number, channel): (usize, &Channel<'_>),
+    number: usize,
+    channel: &Channel<'_>,
     stage: &Stage,
-    fit: (&Moments, &[f64]),
+    moments: &Moments,
+    beta: &[f64],
     exclude_clipped: bool,
 ) -> Result<Residual, SineError> {
     if channel.scale().is_some()
-        && let Some(known) = by_sums((number, channel), stage, fit)?
+        && let Some(known) = by_sums(number, channel, stage, moments, beta)?
     {
         return Ok(known);
     }
@@ -80,7 +82,7 @@ pub(super) fn residual(
                 let samples = &samples[..samples.len().min(segment)];
                 pieces.append(&mut of_samples(
                     stage,
-                    fit.1,
+                    beta,
                     &Source {
                         samples,
                         base,
@@ -98,7 +100,7 @@ pub(super) fn residual(
                 let samples = &codes[..codes.len().min(segment)];
                 pieces.append(&mut of_samples(
                     stage,
-                    fit.1,
+                    beta,
                     &Source {
                         samples,
                         base,
@@ -115,9 +117,11 @@ pub(super) fn residual(
 
 /// Residuals from the sums, if these can tell.
 fn by_sums(
-    (number, channel): (usize, &Channel<'_>),
+    number: usize,
+    channel: &Channel<'_>,
     stage: &Stage,
-    (moments, beta): (&Moments, &[f64]),
+    moments: &Moments,
+    beta: &[f64],
 ) -> Result<Option<Residual>, SineError> {
     let count = channel.len();
     let sum_squares = moments.squares - dot(beta, &moments.right);
@@ -173,7 +177,7 @@ struct Piece {
 fn of_samples<S: Sample>(stage: &Stage, beta: &[f64], source: &Source<'_, S>) -> Vec<Piece> {
     let chunks: Vec<&[S]> = source.samples.chunks(CHUNK).collect();
     let one = |(number, chunk): (usize, &&[S])| {
-        of_chunk(stage, beta, source, (source.base + number * CHUNK, chunk))
+        of_chunk(stage, beta, source, source.base + number * CHUNK, chunk)
     };
     if chunks.len() > 1 {
         chunks.par_iter().enumerate().map(one).collect()
@@ -201,7 +205,8 @@ fn of_chunk<S: Sample>(
     stage: &Stage,
     beta: &[f64],
     source: &Source<'_, S>,
-    (start, chunk): (usize, &[S]),
+    start: usize,
+    chunk: &[S],
 ) -> Piece {
     let mut piece = Piece::default();
     let mut left = [0.0; BLOCK];

@@ -182,7 +182,7 @@ fn planned<T>(
     options: &FitOptions,
     fit: impl Fn(Task<'_>) -> Result<T, SineError>,
 ) -> Result<T, SineError> {
-    let plan = Plan::new(options, freq_hz, (samples(record), record.interval_s));
+    let plan = Plan::new(options, freq_hz, samples(record), record.interval_s);
     let task = |plan| Task {
         record,
         plan,
@@ -253,7 +253,7 @@ impl Task<'_> {
         let all = accumulate(self.record, &stage, self.exclude_clipped)?;
         let mut channels = Vec::with_capacity(all.len());
         for (index, (channel, moments)) in self.record.channels.iter().zip(all).enumerate() {
-            channels.push(self.solve(&stage, (index, channel), moments, freq_hz)?);
+            channels.push(self.solve(&stage, index, channel, moments, freq_hz)?);
         }
         Ok(State {
             freq_hz,
@@ -265,7 +265,8 @@ impl Task<'_> {
     fn solve(
         &self,
         stage: &Stage,
-        (index, channel): (usize, &Channel<'_>),
+        index: usize,
+        channel: &Channel<'_>,
         mut moments: Moments,
         freq_hz: f64,
     ) -> Result<Solved, SineError> {
@@ -302,9 +303,11 @@ impl Task<'_> {
         }
         let beta = normal.solve(&moments.right);
         let left = residual(
-            (number, channel),
+            number,
+            channel,
             stage,
-            (&moments, &beta),
+            &moments,
+            &beta,
             self.exclude_clipped,
         )?;
         let freedom = (found - normal.size()).max(1) as f64;
@@ -386,9 +389,13 @@ impl State {
         let (mut curvature, mut slope) = (0.0, 0.0);
         for (solved, weight) in self.channels.iter().zip(weights) {
             let derivative = self.derivative(&solved.beta, task.plan);
-            let sums = (&solved.moments.gram, solved.moments.right.as_slice());
-            let (own_curvature, own_slope) =
-                linear::frequency_step(sums, &solved.normal, &solved.beta, &derivative);
+            let (own_curvature, own_slope) = linear::frequency_step(
+                &solved.moments.gram,
+                &solved.moments.right,
+                &solved.normal,
+                &solved.beta,
+                &derivative,
+            );
             curvature += weight * own_curvature;
             slope += weight * own_slope;
         }
@@ -425,9 +432,8 @@ impl State {
         let channels: Vec<ChannelFit> = channels.collect();
         let tone = |(index, (kind, freq_hz)): (usize, (super::ToneKind, f64))| {
             let phasors = record.channels.iter().zip(&self.channels);
-            let phasors = phasors.map(|(channel, solved)| {
-                self.phasor(record, (channel, solved), (index + 1, freq_hz))
-            });
+            let phasors = phasors
+                .map(|(channel, solved)| self.phasor(record, channel, solved, index + 1, freq_hz));
             Tone {
                 kind,
                 freq_hz,
@@ -481,8 +487,10 @@ impl State {
     fn phasor(
         &self,
         record: &Record<'_>,
-        (channel, solved): (&Channel<'_>, &Solved),
-        (tone, freq_hz): (usize, f64),
+        channel: &Channel<'_>,
+        solved: &Solved,
+        tone: usize,
+        freq_hz: f64,
     ) -> Phasor {
         let to_volts = self.basis.place(0).turn(tone) * volts_per_unit(channel);
         let (re_re, re_im, im_im) = solved.normal.phasor_inverse(tone);
@@ -538,7 +546,7 @@ impl State {
             Channel::Codes { scale, .. } => -scale.offset_v,
             Channel::Stored(stored) => stored.scale.map_or(0.0, |scale| -scale.offset_v),
         };
-        let Phasor { phasor, variance } = self.phasor(record, (channel, solved), (0, self.freq_hz));
+        let Phasor { phasor, variance } = self.phasor(record, channel, solved, 0, self.freq_hz);
         let power = |power: usize| {
             if power < self.basis.powers() {
                 solved.beta[2 * self.basis.tones() + power]
