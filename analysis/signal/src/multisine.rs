@@ -23,6 +23,6 @@ pub use analyse::{
 };
 pub use crest::{Design, design};
 pub use grid::odd_grid;
-pub use images::{Image, Sampling, images};
+pub use images::{Excited, Image, Sampling, images};
 pub use placement::{Choice, Disturbed, Path, Placement, place};
 pub use seen::Proof;

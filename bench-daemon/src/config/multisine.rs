@@ -153,7 +153,7 @@ impl Check<'_> {
             2.0..=200.0,
             "lines",
         )?;
-        let held = |lines: usize| odd_grid(base_hz, (start_hz, stop_hz), lines).len();
+        let held = |lines: usize| odd_grid(base_hz, start_hz..=stop_hz, lines).len();
         if held(raw.lines) < raw.lines {
             let most = (0..raw.lines)
                 .rev()

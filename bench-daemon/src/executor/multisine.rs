@@ -3,7 +3,8 @@
 
 use analysis::{
     multisine::{
-        Line, MultisineFit, analyse, analyse_played, clock_offset, nonlinear, with_distortion,
+        Excited, Line, MultisineFit, analyse, analyse_played, clock_offset, nonlinear,
+        with_distortion,
     },
     run_folder,
     spectrum::{ChannelPhasors, ImpedancePoint, raw_impedance},
@@ -68,13 +69,16 @@ fn fit_of(
     channels: [&[f64]; 4],
     interval_s: f64,
 ) -> Result<MultisineFit, ExecuteError> {
-    analyse_played(
-        channels,
-        interval_s,
-        (band.base_hz, &band.design.harmonics),
-        band.steps,
-    )
-    .map_err(|error| failed(band, error))
+    analyse_played(channels, interval_s, excited(band), band.steps)
+        .map_err(|error| failed(band, error))
+}
+
+/// The lines of a band.
+fn excited(band: &Band) -> Excited<'_> {
+    Excited {
+        base_hz: band.base_hz,
+        harmonics: &band.design.harmonics,
+    }
 }
 
 impl Rig<'_> {
@@ -117,7 +121,7 @@ impl Rig<'_> {
                 .map(|code| scale.volts(*code))
                 .collect::<Vec<f64>>()
         });
-        let excited = (band.base_hz, band.design.harmonics.as_slice());
+        let excited = excited(band);
         let (channels, interval_s) = (volts.each_ref().map(Vec::as_slice), waveforms[0].interval_s);
         warnings.extend(self.judge_clocks(band, clock_offset(channels, interval_s, excited))?);
         let fit = fit_of(band, channels, interval_s)?;
@@ -394,20 +398,15 @@ fn noise_share(phasors: &ChannelPhasors) -> f64 {
 
 /// For each line the difference of Z between the first and the second half of the record, over |Z|,
 /// and what noise makes of it; nothing where a half has too few periods.
-fn halves(
-    channels: [&[f64]; 4],
-    interval_s: f64,
-    base_hz: f64,
-    harmonics: &[usize],
-) -> Option<Vec<(f64, f64)>> {
+fn halves(channels: [&[f64]; 4], interval_s: f64, excited: Excited<'_>) -> Option<Vec<(f64, f64)>> {
     let count = channels[0].len();
-    let periods = (count as f64 * interval_s * base_hz).round();
-    let length = ((0.5 * periods).floor() / (base_hz * interval_s)).round() as usize;
+    let periods = (count as f64 * interval_s * excited.base_hz).round();
+    let length = ((0.5 * periods).floor() / (excited.base_hz * interval_s)).round() as usize;
     let part = |from: usize| {
         let fit = analyse(
             channels.map(|samples| &samples[from..from + length]),
             interval_s,
-            (base_hz, harmonics),
+            excited,
         )
         .ok()?;
         Some(

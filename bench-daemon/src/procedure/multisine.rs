@@ -38,7 +38,8 @@ const LEAST_DEPTH: f64 = 1.0e4;
 /// Rates and lines of a band at which no image of the generator's steps falls onto a line within
 /// the noise, or the least disturbed.
 fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
-    let harmonics = odd_grid(band.base_hz, band.range_hz, band.lines);
+    let (start_hz, stop_hz) = band.range_hz;
+    let harmonics = odd_grid(band.base_hz, start_hz..=stop_hz, band.lines);
     let periods = ((band.span_s * band.base_hz).round() as usize).max(1);
     let steps: Vec<usize> = std::iter::successors(Some(band.steps.0), |steps| Some(2 * steps))
         .take_while(|s| *s <= band.steps.1)
@@ -49,8 +50,8 @@ fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
     };
     let samples = record_sizes(depth, periods);
     let range = (
-        (band.range_hz.0 / band.base_hz).round() as usize,
-        (band.range_hz.1 / band.base_hz * (1.0 + 1.0e-9)).floor() as usize,
+        (start_hz / band.base_hz).round() as usize,
+        (stop_hz / band.base_hz * (1.0 + 1.0e-9)).floor() as usize,
     );
     let path = Path {
         corner_hz: CORNER * band.followed_hz,
@@ -142,7 +143,8 @@ pub(super) fn stage(
             sampling,
             worst,
         } = placed(multisine, band);
-        let wanted = odd_grid(band.base_hz, band.range_hz, band.lines);
+        let (start_hz, stop_hz) = band.range_hz;
+        let wanted = odd_grid(band.base_hz, start_hz..=stop_hz, band.lines);
         let moved = wanted
             .iter()
             .copied()

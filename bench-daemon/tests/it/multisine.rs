@@ -36,8 +36,8 @@ fn lines_hz() -> Vec<f64> {
             .into_iter()
             .map(move |h| h as f64 * base_hz)
     };
-    of(0.1, (0.1, 10.0), 12)
-        .chain(of(5.0, (15.0, 300.0), 8))
+    of(0.1, 0.1..=10.0, 12)
+        .chain(of(5.0, 15.0..=300.0, 8))
         .collect()
 }
 

@@ -11,7 +11,7 @@ use rustfft::FftPlanner;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    images::Sampling,
+    images::{Excited, Sampling},
     seen::{Pairs, Proof, Seen},
 };
 use crate::spectrum::{ChannelPhasors, PhasorVariance, SpectrumError};
@@ -103,15 +103,14 @@ impl Line {
     }
 }
 
-/// Analyses samples of the four channels, V, of whole periods of `base_hz` with these harmonics
-/// excited.
+/// Analyses samples of the four channels, V, of whole periods of the base frequency.
 ///
 /// # Errors
 /// [`MultisineError`] for a record that is none.
 pub fn analyse(
     channels: [&[f64]; 4],
     interval_s: f64,
-    excited: (f64, &[usize]),
+    excited: Excited<'_>,
 ) -> Result<MultisineFit, MultisineError> {
     analysed(channels, interval_s, excited).map(|(fit, _)| fit)
 }
@@ -124,10 +123,10 @@ pub fn analyse(
 pub fn analyse_played(
     channels: [&[f64]; 4],
     interval_s: f64,
-    (base_hz, harmonics): (f64, &[usize]),
+    excited: Excited<'_>,
     steps: usize,
 ) -> Result<MultisineFit, MultisineError> {
-    let (mut fit, bins) = analysed(channels, interval_s, (base_hz, harmonics))?;
+    let (mut fit, bins) = analysed(channels, interval_s, excited)?;
     let difference = |high: usize, low: usize| {
         bins[high]
             .0
@@ -145,11 +144,11 @@ pub fn analyse_played(
         periods: fit.periods,
         samples: channels[0].len(),
     };
-    let seen = Seen::new(&pairs, (base_hz, harmonics), sampling);
+    let seen = Seen::new(&pairs, excited, sampling);
     for phasors in [&mut fit.excited, &mut fit.even, &mut fit.odd] {
         let at: Vec<usize> = phasors
             .iter()
-            .map(|p| (p.freq_hz / base_hz).round() as usize)
+            .map(|p| (p.freq_hz / excited.base_hz).round() as usize)
             .collect();
         for (p, v2) in phasors.iter_mut().zip(seen.onto(&at)) {
             [2, 3].into_iter().for_each(|slot: usize| {
@@ -157,7 +156,7 @@ pub fn analyse_played(
             });
         }
     }
-    fit.images_v2 = seen.onto(harmonics);
+    fit.images_v2 = seen.onto(excited.harmonics);
     fit.proof = Some(seen.proof);
     Ok(fit)
 }
@@ -168,8 +167,9 @@ type Bins = (Vec<Complex64>, f64);
 fn analysed(
     channels: [&[f64]; 4],
     interval_s: f64,
-    (base_hz, harmonics): (f64, &[usize]),
+    excited: Excited<'_>,
 ) -> Result<(MultisineFit, Vec<Bins>), MultisineError> {
+    let Excited { base_hz, harmonics } = excited;
     let count = channels[0].len();
     if channels.iter().any(|samples| samples.len() != count) {
         return Err(MultisineError::Lengths(channels.map(<[f64]>::len)));
@@ -371,8 +371,9 @@ pub fn nonlinear(fit: &MultisineFit) -> Vec<Line> {
 pub fn clock_offset(
     channels: [&[f64]; 4],
     interval_s: f64,
-    (base_hz, harmonics): (f64, &[usize]),
+    excited: Excited<'_>,
 ) -> Option<(f64, f64)> {
+    let Excited { base_hz, harmonics } = excited;
     let count = channels[0].len();
     let whole = (count as f64 * interval_s * base_hz).round() as usize;
     let half = whole / 2;
@@ -446,7 +447,7 @@ mod tests {
 
     /// Four channels of five periods of 0.5 Hz and the harmonics in them.
     fn record(case: &Case, seed: u64) -> ([Vec<f64>; 4], Vec<usize>, f64) {
-        let harmonics = odd_grid(0.5, (0.5, 20.0), 8);
+        let harmonics = odd_grid(0.5, 0.5..=20.0, 8);
         let found = design(&harmonics, 1);
         let (count, interval_s) = (10_000_usize, 1.0e-3);
         let mut rng = Rng::new(seed);
@@ -478,12 +479,19 @@ mod tests {
         (volts, harmonics, interval_s)
     }
 
+    fn excited(harmonics: &[usize]) -> Excited<'_> {
+        Excited {
+            base_hz: 0.5,
+            harmonics,
+        }
+    }
+
     fn analysed(case: &Case, seed: u64) -> MultisineFit {
         let (volts, harmonics, interval_s) = record(case, seed);
         analyse(
             volts.each_ref().map(Vec::as_slice),
             interval_s,
-            (0.5, &harmonics),
+            excited(&harmonics),
         )
         .unwrap()
     }
@@ -615,7 +623,7 @@ mod tests {
 
     #[test]
     fn a_clock_that_runs_fast_shows_in_the_turn_of_the_lines() {
-        let harmonics = odd_grid(0.5, (0.5, 20.0), 8);
+        let harmonics = odd_grid(0.5, 0.5..=20.0, 8);
         let found = design(&harmonics, 1);
         let mut rng = Rng::new(5);
         for ppm in [0.0, 30.0, -200.0] {
@@ -637,7 +645,7 @@ mod tests {
                 nothing.as_slice(),
                 nothing.as_slice(),
             ];
-            let (offset, sigma) = clock_offset(channels, 1.0e-3, (0.5, &harmonics)).unwrap();
+            let (offset, sigma) = clock_offset(channels, 1.0e-3, excited(&harmonics)).unwrap();
             assert!(
                 (1.0e6 * offset - ppm).abs() < 5.0e6 * sigma && sigma < 5.0e-6,
                 "{ppm} ppm: {offset:e} ± {sigma:e}"
@@ -659,7 +667,7 @@ mod tests {
         let cut =
             |range: std::ops::Range<usize>| volts.each_ref().map(|samples| &samples[range.clone()]);
         let refused = |range, interval_s| {
-            analyse(cut(range), interval_s, (0.5, &harmonics))
+            analyse(cut(range), interval_s, excited(&harmonics))
                 .unwrap_err()
                 .to_string()
         };

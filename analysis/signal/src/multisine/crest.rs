@@ -164,8 +164,8 @@ mod tests {
     #[test]
     fn the_crest_factor_falls_well_below_that_of_random_phases_and_the_samples_have_it() {
         for (grid, most) in [
-            (odd_grid(0.1, (0.1, 10.0), 12), 1.8),
-            (odd_grid(5.0, (15.0, 300.0), 8), 1.8),
+            (odd_grid(0.1, 0.1..=10.0, 12), 1.8),
+            (odd_grid(5.0, 15.0..=300.0, 8), 1.8),
             (vec![1], 1.415),
         ] {
             let found = design(&grid, 3);

@@ -1,11 +1,13 @@
 //! Which harmonics are excited.
 
-/// Odd harmonics of `base_hz` from itself up to `stop_hz`, `lines` of them as evenly spaced on a
+use std::ops::RangeInclusive;
+
+/// Odd harmonics of `base_hz` within `range_hz`, `lines` of them as evenly spaced on a
 /// logarithmic axis as the harmonics allow, fewer where there are not so many. Of three odd
 /// neighbours at least one is left out: there the odd distortion shows.
-pub fn odd_grid(base_hz: f64, (start_hz, stop_hz): (f64, f64), lines: usize) -> Vec<usize> {
-    let greatest = (stop_hz / base_hz * (1.0 + 1.0e-9)).floor();
-    let least = (start_hz / base_hz * (1.0 - 1.0e-9)).max(1.0);
+pub fn odd_grid(base_hz: f64, range_hz: RangeInclusive<f64>, lines: usize) -> Vec<usize> {
+    let greatest = (range_hz.end() / base_hz * (1.0 + 1.0e-9)).floor();
+    let least = (range_hz.start() / base_hz * (1.0 - 1.0e-9)).max(1.0);
     let last = ((greatest as usize).max(1) - 1) / 2 * 2 + 1;
     let mut chosen: Vec<usize> = Vec::new();
     for k in 0..lines {
@@ -45,19 +47,19 @@ mod tests {
     #[test]
     fn the_grid_is_odd_rising_within_its_band_and_leaves_detection_lines() {
         assert_eq!(
-            odd_grid(0.1, (0.1, 10.0), 12),
+            odd_grid(0.1, 0.1..=10.0, 12),
             [1, 3, 7, 9, 13, 15, 19, 21, 29, 43, 65, 99]
         );
         for (base_hz, band, lines) in [
-            (0.1, (0.1, 10.0), 15),
-            (5.0, (15.0, 300.0), 8),
-            (1.0, (1.0, 9.0), 40),
+            (0.1, 0.1..=10.0, 15),
+            (5.0, 15.0..=300.0, 8),
+            (1.0, 1.0..=9.0, 40),
         ] {
-            let grid = odd_grid(base_hz, band, lines);
+            let grid = odd_grid(base_hz, band.clone(), lines);
             assert!(
                 grid.iter().all(|h| h % 2 == 1
-                    && *h as f64 * base_hz <= band.1
-                    && *h as f64 * base_hz >= band.0 * 0.999),
+                    && *h as f64 * base_hz <= *band.end()
+                    && *h as f64 * base_hz >= *band.start() * 0.999),
                 "{grid:?}"
             );
             assert!(grid.windows(2).all(|pair| pair[0] < pair[1]), "{grid:?}");

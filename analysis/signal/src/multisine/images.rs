@@ -8,6 +8,15 @@
 //! its line, less what the supply's lag takes, so that it is their order alone that makes them
 //! small.
 
+/// Lines that are excited.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Excited<'a> {
+    /// Base frequency, Hz.
+    pub base_hz: f64,
+    /// Harmonics of it, rising.
+    pub harmonics: &'a [usize],
+}
+
 /// Orders that are looked at: with 4096 steps an image of order 4096 has the share 4·10⁻⁶ of a line
 /// at harmonic 59, less than a record's noise by a factor of ten.
 const ORDERS: usize = 4096;

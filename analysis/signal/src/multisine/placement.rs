@@ -145,7 +145,7 @@ fn moved(mut placement: Placement, choice: &Choice<'_>) -> Placement {
     {
         let tries = [worst.image.of, worst.image.onto]
             .into_iter()
-            .flat_map(|line| neighbours(&placement.harmonics, line, choice.range));
+            .flat_map(|line| neighbours(&placement.harmonics, line, choice));
         let found = tries.map(|harmonics| Placement::of(harmonics, placement.sampling, choice));
         match found.min_by(|a, b| a.error_ohm().total_cmp(&b.error_ohm())) {
             Some(better) if better.error_ohm() < 0.999 * placement.error_ohm() => {
@@ -159,11 +159,8 @@ fn moved(mut placement: Placement, choice: &Choice<'_>) -> Placement {
 
 /// The lines with one of them at other odd harmonics, between its neighbours and no further than
 /// halfway to them, no three odd ones in a row.
-fn neighbours(
-    harmonics: &[usize],
-    line: usize,
-    (least, greatest): (usize, usize),
-) -> Vec<Vec<usize>> {
+fn neighbours(harmonics: &[usize], line: usize, choice: &Choice<'_>) -> Vec<Vec<usize>> {
+    let (least, greatest) = choice.range;
     let Ok(place) = harmonics.binary_search(&line) else {
         return Vec::new();
     };

@@ -10,7 +10,7 @@
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
-use super::images::{Image, Sampling, images};
+use super::images::{Excited, Image, Sampling, images};
 
 /// Up to this multiple of the fastest line distortion may put something onto any harmonic.
 const DISTORTED: usize = 7;
@@ -85,13 +85,10 @@ struct Place {
 }
 
 impl Seen {
-    /// Looks at the images of the lines in a record; `base_hz` names the frequencies of what is
+    /// Looks at the images of the lines in a record; the base frequency names the frequencies of what is
     /// strange.
-    pub(super) fn new(
-        pairs: &Pairs,
-        (base_hz, harmonics): (f64, &[usize]),
-        sampling: Sampling,
-    ) -> Self {
+    pub(super) fn new(pairs: &Pairs, excited: Excited<'_>, sampling: Sampling) -> Self {
+        let Excited { base_hz, harmonics } = excited;
         let bin = |harmonic: usize| harmonic * sampling.periods;
         let lines: Vec<(usize, f64)> = harmonics
             .iter()
@@ -100,7 +97,7 @@ impl Seen {
         let quotient = |h: usize| pairs.jig[bin(h)] / pairs.shunt[bin(h)];
         let last = harmonics.last().copied().unwrap_or(1);
         let rest = |at: usize| (pairs.jig[at] - quotient(last) * pairs.shunt[at]).norm_sqr();
-        let noise = noise_power(rest, (bin(last + 3), sampling));
+        let noise = noise_power(rest, bin(last + 3), sampling);
         let mut places: Vec<Place> = Vec::new();
         for order in 1..=(sampling.cycle() / 2).clamp(1, 4096) {
             for (of, square) in &lines {
@@ -136,8 +133,8 @@ impl Seen {
             same
         });
         let octaves = factors(&places, noise);
-        let mut proof = proof(&places, (&octaves, noise));
-        // Power that is predicted for a bin, V².
+        let mut proof = proof(&places, &octaves, noise);
+        // What is predicted for a bin: its power, V².
         let expected = |bin: usize| {
             let place = places
                 .binary_search_by_key(&bin, |place| place.bin)
@@ -192,7 +189,7 @@ fn octave(image: &Image, sampling: Sampling) -> usize {
 
 /// Mean power of a bin above the lines, V²: from the median of those between the harmonics, which
 /// is ln 2 of the mean.
-fn noise_power(rest: impl Fn(usize) -> f64, (from, sampling): (usize, Sampling)) -> f64 {
+fn noise_power(rest: impl Fn(usize) -> f64, from: usize, sampling: Sampling) -> f64 {
     let between = (from..sampling.samples / 2).filter(|bin| !bin.is_multiple_of(sampling.periods));
     let mut powers: Vec<f64> = between.map(rest).collect();
     if powers.is_empty() {
@@ -225,7 +222,7 @@ fn factors(places: &[Place], noise: f64) -> Vec<f64> {
     sums.into_iter().map(factor).collect()
 }
 
-fn proof(places: &[Place], (octaves, noise): (&[f64], f64)) -> Proof {
+fn proof(places: &[Place], octaves: &[f64], noise: f64) -> Proof {
     let mut proof = Proof::default();
     for place in places {
         let expected = octaves[place.octave] * place.weight;
@@ -250,6 +247,10 @@ mod tests {
         steps: 256,
         periods: 5,
         samples: 5000,
+    };
+    const PLAYED_LINES: Excited<'_> = Excited {
+        base_hz: 1.0,
+        harmonics: &LINES,
     };
     const SHUNT_OHM: f64 = 0.01;
     const Z_OHM: f64 = 0.02;
@@ -299,7 +300,7 @@ mod tests {
         analyse_played(
             volts.each_ref().map(Vec::as_slice),
             1.0e-3,
-            (1.0, &LINES),
+            PLAYED_LINES,
             steps,
         )
         .unwrap()
@@ -323,7 +324,7 @@ mod tests {
     fn what_images_put_onto_the_lines_is_in_the_variance() {
         let without = reduced((0..30).map(|seed| {
             let volts = record(seed, 1.0e-3);
-            analyse(volts.each_ref().map(Vec::as_slice), 1.0e-3, (1.0, &LINES)).unwrap()
+            analyse(volts.each_ref().map(Vec::as_slice), 1.0e-3, PLAYED_LINES).unwrap()
         }));
         let with = reduced((0..30).map(|seed| played(seed, PLAYED.steps)));
         assert!(without > 2.0, "{without}");
