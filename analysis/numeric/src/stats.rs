@@ -2,22 +2,42 @@
 //! beta function by its continued fraction (Lentz, 1976; DLMF 8.17.22) and the gamma function by
 //! Lanczos' sum. Good to about 1e-10; not for tails below 1e-200.
 
-/// P(F ≥ f) for an F distribution of (a, b) degrees of freedom; not a number when either is not
-/// above zero.
-pub fn f_tail(f: f64, (a, b): (f64, f64)) -> f64 {
-    if !(a > 0.0 && b > 0.0) {
-        return f64::NAN;
+/// An F distribution: of the ratio of two mean squares.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct FDistribution {
+    /// Degrees of freedom of the mean square above the line.
+    pub(crate) above: f64,
+    /// Degrees of freedom of the mean square below the line.
+    pub(crate) below: f64,
+}
+
+impl FDistribution {
+    /// P(F ≥ f); not a number when either degree of freedom is not above zero.
+    pub(crate) fn tail(self, f: f64) -> f64 {
+        let (a, b) = (self.above, self.below);
+        if !(a > 0.0 && b > 0.0) {
+            return f64::NAN;
+        }
+        if f <= 0.0 {
+            return 1.0;
+        }
+        beta(b / (b + a * f), b / 2.0, a / 2.0)
     }
-    if f <= 0.0 {
-        return 1.0;
+}
+
+/// P(F ≥ f) for a square of one degree of freedom, with the standard deviation known to `freedom`.
+fn square_tail(f: f64, freedom: f64) -> f64 {
+    FDistribution {
+        above: 1.0,
+        below: freedom,
     }
-    beta(b / (b + a * f), (b / 2.0, a / 2.0))
+    .tail(f)
 }
 
 /// P(X ≥ z) for a standard normal X.
 pub fn normal_tail(z: f64) -> f64 {
     // A Student's t of so many degrees of freedom is a normal number to nine digits.
-    let t = f_tail(z * z, (1.0, 1e9)) / 2.0;
+    let t = square_tail(z * z, 1e9) / 2.0;
     if z >= 0.0 { t } else { 1.0 - t }
 }
 
@@ -34,7 +54,7 @@ pub fn t_factor(level: f64, freedom: f64) -> f64 {
         } else {
             0.5 * (lo + hi)
         };
-        if 1.0 - f_tail(mid * mid, (1.0, freedom)) < level {
+        if 1.0 - square_tail(mid * mid, freedom) < level {
             lo = mid;
         } else {
             hi = mid;
@@ -44,7 +64,7 @@ pub fn t_factor(level: f64, freedom: f64) -> f64 {
 }
 
 /// Regularised incomplete beta function Iₓ(a, b).
-fn beta(x: f64, (a, b): (f64, f64)) -> f64 {
+fn beta(x: f64, a: f64, b: f64) -> f64 {
     if x <= 0.0 {
         return 0.0;
     }
@@ -52,7 +72,7 @@ fn beta(x: f64, (a, b): (f64, f64)) -> f64 {
         return 1.0;
     }
     if x > (a + 1.0) / (a + b + 2.0) {
-        return 1.0 - beta(1.0 - x, (b, a));
+        return 1.0 - beta(1.0 - x, b, a);
     }
     let front =
         (a * x.ln() + b * (-x).ln_1p() + ln_gamma(a + b) - ln_gamma(a) - ln_gamma(b)).exp() / a;
@@ -118,11 +138,8 @@ mod tests {
             (10.0, 150.0, 1.894, 0.05),
             (1.0, 1.0, 161.45, 0.05),
         ] {
-            assert!(
-                (f_tail(f, (a, b)) / p - 1.0).abs() < 2e-3,
-                "F({a}, {b}) > {f}: {}",
-                f_tail(f, (a, b))
-            );
+            let met = FDistribution { above: a, below: b }.tail(f);
+            assert!((met / p - 1.0).abs() < 2e-3, "F({a}, {b}) > {f}: {met}");
         }
         for (level, freedom, t) in [
             (0.95, 4.0, 2.7764),
@@ -150,6 +167,14 @@ mod tests {
                 normal_tail(z)
             );
         }
-        assert!(f_tail(1.0, (0.0, 3.0)).is_nan() && t_factor(0.95, 0.0).is_infinite());
+        assert!(
+            FDistribution {
+                above: 0.0,
+                below: 3.0
+            }
+            .tail(1.0)
+            .is_nan()
+                && t_factor(0.95, 0.0).is_infinite()
+        );
     }
 }

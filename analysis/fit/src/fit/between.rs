@@ -37,7 +37,8 @@ pub(super) struct Between {
 pub(super) fn between_cells(
     spectra: &[Spectrum],
     options: &FitOptions,
-    (clusters, x): (&Clusters, &[f64]),
+    clusters: &Clusters,
+    x: &[f64],
     uncertainty: &mut Uncertainty,
 ) -> Option<Between> {
     let of_cell = |cell: usize| -> Vec<Spectrum> {
@@ -94,7 +95,7 @@ fn alone(sweeps: &[Spectrum], options: &FitOptions, x: &[f64]) -> Option<Own> {
     let rows = uncertainty
         .log_covariance
         .filter(|rows| rows.iter().flatten().all(|entry| entry.is_finite()))?;
-    let noise = own_noise(&problem, &minimum.x, (uncertainty.freedom, &own))?;
+    let noise = own_noise(&problem, &minimum.x, uncertainty.freedom, &own)?;
     let full = DMatrix::from_fn(n, n, |i, j| rows[i][j]);
     Some(Own {
         x: minimum.x,

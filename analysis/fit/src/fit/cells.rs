@@ -104,13 +104,14 @@ pub fn components(groups: &[Vec<f64>]) -> Option<Components> {
     let spread_of_means =
         (fb > 0).then(|| means.iter().map(|m| (m - mean).powi(2)).sum::<f64>() / fb as f64);
     let root = |v: f64| v.max(0.0).sqrt();
+    let square = |value: f64, freedom: usize| MeanSquare { value, freedom };
     Some(Components {
         mean,
         sigma_mean: spread_of_means.map(|v| root(v / a as f64)),
         between: ms_between.map(|b| root((b - ms_within.unwrap_or(0.0)) / n0)),
         between_95: ms_between
             .zip(ms_within)
-            .map(|(b, w)| between_interval((b, fb), (w, fw), n0)),
+            .map(|(b, w)| between_interval(square(b, fb), square(w, fw), n0)),
         within: ms_within.map(root),
         within_95: ms_within.map(|w| {
             (
@@ -122,9 +123,28 @@ pub fn components(groups: &[Vec<f64>]) -> Option<Components> {
     })
 }
 
-/// The interval of Williams and Tukey: at least the level asked for.
-fn between_interval((b, fb): (f64, usize), (w, fw): (f64, usize), n0: f64) -> (f64, f64) {
-    let f = |p: f64| f_quantile(p, (fb as f64, fw as f64));
+/// A mean square of the analysis of variance.
+#[derive(Clone, Copy)]
+struct MeanSquare {
+    /// In the square of the unit of the values.
+    value: f64,
+    /// Degrees of freedom.
+    freedom: usize,
+}
+
+/// The interval of Williams and Tukey for the standard deviation between cells, from the mean
+/// squares between and within them: at least the level asked for.
+fn between_interval(between: MeanSquare, within: MeanSquare, n0: f64) -> (f64, f64) {
+    let (b, fb, w) = (between.value, between.freedom, within.value);
+    let f = |p: f64| {
+        f_quantile(
+            p,
+            FDistribution {
+                above: fb as f64,
+                below: within.freedom as f64,
+            },
+        )
+    };
     let lower = (b / chi2_over_freedom(0.975, fb)) * (1.0 - w / b * f(0.975)) / n0;
     let upper = (b / chi2_over_freedom(0.025, fb)) * (1.0 - w / b * f(0.025)) / n0;
     (lower.max(0.0).sqrt(), upper.max(0.0).sqrt())
@@ -132,14 +152,20 @@ fn between_interval((b, fb): (f64, usize), (w, fw): (f64, usize), n0: f64) -> (f
 
 /// χ² quantile over its degrees of freedom: an F quantile of infinitely many others.
 fn chi2_over_freedom(p: f64, freedom: usize) -> f64 {
-    f_quantile(p, (freedom as f64, 1e8))
+    f_quantile(
+        p,
+        FDistribution {
+            above: freedom as f64,
+            below: 1e8,
+        },
+    )
 }
 
-fn f_quantile(p: f64, freedom: (f64, f64)) -> f64 {
+fn f_quantile(p: f64, distribution: FDistribution) -> f64 {
     let (mut lo, mut hi) = (1e-9f64, 1e9f64);
     for _ in 0..200 {
         let mid = (lo * hi).sqrt();
-        if 1.0 - analysis_numeric::stats::f_tail(mid, freedom) < p {
+        if 1.0 - distribution.tail(mid) < p {
             lo = mid;
         } else {
             hi = mid;

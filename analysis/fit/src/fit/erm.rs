@@ -46,7 +46,7 @@ use num_complex::Complex64;
 /// [`FitError`] for options or data that cannot be fitted: no points, points that are no
 /// impedances, more parameters than numbers, bad bounds.
 pub fn fit_erm(spectra: &[Spectrum], options: &FitOptions) -> Result<ErmFit, FitError> {
-    fit(spectra, options, (&Clusters::sweeps(spectra.len()), 0))
+    fit(spectra, options, &Clusters::sweeps(spectra.len()), 0)
 }
 
 /// As [`fit_erm`], with sigmas from the scatter of the cells where two or more are known, and with
@@ -60,13 +60,14 @@ pub fn fit_cells(
     starts: usize,
 ) -> Result<ErmFit, FitError> {
     let (spectra, clusters) = Clusters::of_cells(cells);
-    fit(&spectra, options, (&clusters, starts))
+    fit(&spectra, options, &clusters, starts)
 }
 
 fn fit(
     spectra: &[Spectrum],
     options: &FitOptions,
-    (clusters, starts): (&Clusters, usize),
+    clusters: &Clusters,
+    starts: usize,
 ) -> Result<ErmFit, FitError> {
     options.check()?;
     check_spectra(spectra)?;
@@ -98,7 +99,7 @@ fn fit(
     let cells = clusters.cells();
     let between = cells
         .filter(|_| problem.absolute_weights)
-        .and_then(|_| between_cells(spectra, options, (clusters, &x), &mut uncertainty));
+        .and_then(|_| between_cells(spectra, options, clusters, &x, &mut uncertainty));
     let rests_on_cells = between.is_some() || !problem.absolute_weights;
     let (within_chi2, erm, x) = match between {
         Some(Between { erm, reduced_chi2 }) => {

@@ -158,9 +158,13 @@ fn row(
         lag1: (count > 0.0).then(|| lags.iter().map(|l| l.correlation).sum::<f64>() / count),
         whiteness_p: (count > 0.0)
             .then(|| normal_tail(lags.iter().map(|l| l.z).sum::<f64>() / count.sqrt())),
-        lack_of_fit_p: freedom_within
-            .filter(|_| absolute)
-            .map(|within| f_tail(chi2 / freedom, (freedom, within as f64))),
+        lack_of_fit_p: freedom_within.filter(|_| absolute).map(|within| {
+            FDistribution {
+                above: freedom,
+                below: within as f64,
+            }
+            .tail(chi2 / freedom)
+        }),
         left_out_cell: None,
         left_out_change: None,
         held_by_bounds: held_by_bounds(&fits),
@@ -235,11 +239,12 @@ fn compare(rows: &mut [OrderRow], squares: &[Vec<f64>]) {
         let (below, here) = (rows[k - 1].chi2, rows[k].chi2);
         let more = (rows[k].parameters - rows[k - 1].parameters) as f64;
         let freedom = (rows[k].numbers - rows[k].parameters) as f64;
-        rows[k].f_test_p = Some(f_tail(
-            (below - here).max(0.0) / more / (here / freedom),
-            (more, freedom),
-        ))
-        .filter(|p| p.is_finite());
+        let distribution = FDistribution {
+            above: more,
+            below: freedom,
+        };
+        let ratio = (below - here).max(0.0) / more / (here / freedom);
+        rows[k].f_test_p = Some(distribution.tail(ratio)).filter(|p| p.is_finite());
         let changes: Vec<f64> = squares[k]
             .iter()
             .zip(&squares[k - 1])

@@ -179,7 +179,7 @@ impl Problem {
         let mut slopes = vec![Complex64::ZERO; x.len()];
         let (r_ohm, branches) = components(x);
         for (k, g) in self.groups.iter().enumerate() {
-            write_slopes((r_ohm, &branches), g.freq_hz, &mut slopes);
+            write_slopes(r_ohm, &branches, g.freq_hz, &mut slopes);
             common.add_mixed(k, &slopes, &mut mixed);
         }
         mixed
@@ -368,7 +368,7 @@ impl Smooth for Problem {
 }
 
 /// Derivatives of the impedance towards ln R, ln R₁, ln C₁, … at a frequency, Ω.
-fn write_slopes((r_ohm, branches): (f64, &[(f64, f64)]), freq_hz: f64, slopes: &mut [Complex64]) {
+fn write_slopes(r_ohm: f64, branches: &[(f64, f64)], freq_hz: f64, slopes: &mut [Complex64]) {
     slopes[0] = Complex64::new(r_ohm, 0.0);
     for (k, (r, tau)) in branches.iter().enumerate() {
         let u = relaxation(*tau, freq_hz);

@@ -141,7 +141,7 @@ fn starting_points(problem: &Problem, options: &FitOptions, starts: usize) -> Ve
         &search,
     );
     let mut points = survivors(&evolution);
-    points.extend(other_valleys(&evolution, range));
+    points.extend(other_valleys(&evolution, range.1 - range.0));
     let mut rng = Rng::new(options.seed ^ 0x5EED_0F57_A275);
     for _ in 0..starts {
         let mut x: Vec<f64> = (0..options.rc)
@@ -167,13 +167,13 @@ fn survivors(evolution: &Evolution) -> Vec<Vec<f64>> {
 
 /// Members of the first population without a better one near by: each may lie in a valley of its
 /// own (single linkage, Rinnooy Kan and Timmer, 1987). The evolution forgets these; a user should
-/// know of them.
-fn other_valleys(evolution: &Evolution, (lo, hi): (f64, f64)) -> Vec<Vec<f64>> {
+/// know of them. `width` is that of the range of ln τ.
+fn other_valleys(evolution: &Evolution, width: f64) -> Vec<Vec<f64>> {
     const MOST: usize = 6;
     let rc = evolution.first.first().map_or(1, |m| m.x.len());
     // Typical distance of neighbours: the ordered members fill a rc!-th of the box.
     let orders: f64 = (1..=rc).map(|k| k as f64).product();
-    let near = 1.5 * (hi - lo) / (orders * evolution.first.len() as f64).powf(1.0 / rc as f64);
+    let near = 1.5 * width / (orders * evolution.first.len() as f64).powf(1.0 / rc as f64);
     let lonely = |i: &usize| {
         evolution.first[..*i]
             .iter()

@@ -66,7 +66,8 @@ impl Uncertainty {
             problem,
             &x,
             &free,
-            (freedom, clusters),
+            freedom,
+            clusters,
             taken(problem, &x, &free),
         );
         let entry = |i: usize, j: usize| -> Option<f64> {
@@ -130,7 +131,8 @@ fn covariance(
     problem: &Problem,
     x: &[f64],
     free: &[usize],
-    (freedom, clusters): (f64, &Clusters),
+    freedom: f64,
+    clusters: &Clusters,
     shared: Option<Vec<f64>>,
 ) -> Option<Vec<f64>> {
     let (n, m) = (x.len(), free.len());
@@ -171,8 +173,20 @@ fn covariance(
 }
 
 /// Covariance of all logarithmic parameters as if common errors were known, row by row.
-pub(super) fn own_noise(problem: &Problem, x: &[f64], of: (f64, &Clusters)) -> Option<Vec<f64>> {
-    covariance(problem, x, &(0..x.len()).collect::<Vec<usize>>(), of, None)
+pub(super) fn own_noise(
+    problem: &Problem,
+    x: &[f64],
+    freedom: f64,
+    clusters: &Clusters,
+) -> Option<Vec<f64>> {
+    covariance(
+        problem,
+        x,
+        &(0..x.len()).collect::<Vec<usize>>(),
+        freedom,
+        clusters,
+        None,
+    )
 }
 
 /// Information on the free parameters that common errors remove, row by row; none without common

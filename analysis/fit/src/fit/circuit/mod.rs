@@ -27,6 +27,7 @@ use num_complex::Complex64;
 use problem::{Problem, is_log};
 use serde::{Deserialize, Serialize};
 use starts::{Ranges, Starter};
+use std::ops::RangeInclusive;
 use uncertainty::Uncertainty;
 
 /// A parameter this near to a bound counts as held by it: a fraction of its value, or, of an
@@ -135,7 +136,7 @@ pub fn fit_circuit(
     circuit: &Circuit,
     options: &CircuitOptions,
 ) -> Result<CircuitFit, CircuitFitError> {
-    fit(spectra, circuit, (options, Clusters::sweeps(spectra.len())))
+    fit(spectra, circuit, options, Clusters::sweeps(spectra.len()))
 }
 
 /// As [`fit_circuit`], with sigmas from the scatter of the cells where two or more are known.
@@ -148,13 +149,14 @@ pub fn fit_circuit_cells(
     options: &CircuitOptions,
 ) -> Result<CircuitFit, CircuitFitError> {
     let (spectra, clusters) = Clusters::of_cells(cells);
-    fit(&spectra, circuit, (options, clusters))
+    fit(&spectra, circuit, options, clusters)
 }
 
 fn fit(
     spectra: &[Spectrum],
     circuit: &Circuit,
-    (options, clusters): (&CircuitOptions, Clusters),
+    options: &CircuitOptions,
+    clusters: Clusters,
 ) -> Result<CircuitFit, CircuitFitError> {
     check_values(circuit, options)?;
     let data = Data::new(spectra, clusters, options)?;
@@ -273,7 +275,10 @@ fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> Circu
     let n = values.len();
     let x = problem.variables(&values);
     let states: Vec<State> = (0..n)
-        .map(|i| state(problem, i, values[i], bounds[i]))
+        .map(|i| {
+            let (lower, upper) = bounds[i];
+            state(problem, i, values[i], lower..=upper)
+        })
         .collect();
     let at_bound: Vec<bool> = problem
         .free
@@ -354,7 +359,7 @@ fn rms_ohm(problem: &Problem, values: &[f64]) -> f64 {
         .sqrt()
 }
 
-fn state(problem: &Problem, i: usize, value: f64, (lower, upper): (f64, f64)) -> State {
+fn state(problem: &Problem, i: usize, value: f64, bounds: RangeInclusive<f64>) -> State {
     let near = if is_log(problem.circuit, i) {
         NEAR_BOUND * value
     } else {
@@ -362,9 +367,9 @@ fn state(problem: &Problem, i: usize, value: f64, (lower, upper): (f64, f64)) ->
     };
     if !problem.free.contains(&i) {
         State::Constant
-    } else if value <= lower + near {
+    } else if value <= bounds.start() + near {
         State::AtLowerBound
-    } else if value >= upper - near {
+    } else if value >= bounds.end() - near {
         State::AtUpperBound
     } else {
         State::Free

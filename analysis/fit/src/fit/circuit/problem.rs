@@ -181,7 +181,7 @@ impl Smooth for Problem<'_> {
         self.sweep(x, |k, z, slopes| {
             let share = self
                 .data
-                .share(&self.data.groups[k], z, (self.corner, self.exact));
+                .share(&self.data.groups[k], z, self.corner, self.exact);
             let Share {
                 value: v,
                 gradient: [mut gx, mut gy],

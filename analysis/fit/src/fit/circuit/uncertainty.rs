@@ -48,7 +48,7 @@ impl Uncertainty {
             bread,
             meat,
             factor,
-        } = evidence.normal(|corner| hessian(problem, x, (&variables, corner)));
+        } = evidence.normal(|corner| hessian(problem, x, &variables, corner));
         let (bread, fixed, condition) = invert(&DMatrix::from_row_slice(m, m, &bread));
         let covariance = factor.map(|factor| match &meat {
             Some(meat) => &bread * DMatrix::from_row_slice(m, m, meat) * &bread * factor,
@@ -124,7 +124,7 @@ fn invert(a: &DMatrix<f64>) -> (DMatrix<f64>, Vec<bool>, Option<f64>) {
 }
 
 /// Hessian over `variables` with a corner of the norm.
-fn hessian(problem: &Problem, x: &[f64], (variables, corner): (&[usize], f64)) -> Vec<f64> {
+fn hessian(problem: &Problem, x: &[f64], variables: &[usize], corner: f64) -> Vec<f64> {
     let n = x.len();
     let corner = corner.max(1e-6 * problem.data.scale);
     let (mut gradient, mut hessian) = (vec![0.0; n], vec![0.0; n * n]);
@@ -183,7 +183,7 @@ fn shares(problem: &Problem, x: &[f64], variables: &[usize]) -> Vec<FrequencySha
         let slopes = variables.iter().map(|i| slopes[*i]).collect();
         all.push(FrequencyShare {
             slopes,
-            weight: data.share(group, z, (0.0, false)).hessian.map(|h| 0.5 * h),
+            weight: data.share(group, z, 0.0, false).hessian.map(|h| 0.5 * h),
             points: points.collect(),
         });
     });
