@@ -3,6 +3,7 @@
 use super::Exact;
 use analysis_model::model::{Circuit, ElementKind, Erm, Node, RcBranch};
 use num_complex::Complex64;
+use std::ops::RangeInclusive;
 
 /// Points per decade at which the sign of a reactance is asked for.
 const PER_DECADE: f64 = 8.0;
@@ -32,7 +33,7 @@ pub(super) struct Blocks<'a> {
 }
 
 impl<'a> Blocks<'a> {
-    pub(super) fn of(circuit: &'a Circuit, p: &[f64], omega: (f64, f64)) -> Self {
+    pub(super) fn of(circuit: &'a Circuit, p: &[f64], omega: &RangeInclusive<f64>) -> Self {
         let root = circuit.root();
         let all: Vec<&Node> = if let Node::Series(children) = root {
             children.iter().collect()
@@ -56,7 +57,7 @@ impl<'a> Blocks<'a> {
         blocks
     }
 
-    fn sort(&mut self, node: &'a Node, p: &[f64], omega: (f64, f64)) {
+    fn sort(&mut self, node: &'a Node, p: &[f64], omega: &RangeInclusive<f64>) {
         if let Some((ElementKind::R, first)) = element(node) {
             self.r_ohm += p[first];
             self.resistors.push((first, p[first]));
@@ -179,7 +180,8 @@ fn exact_branch(node: &Node, p: &[f64]) -> Option<Exact> {
 }
 
 /// Whether a block holds an inductance and its reactance is positive over the whole band.
-fn is_inductive(node: &Node, p: &[f64], (low, high): (f64, f64)) -> bool {
+fn is_inductive(node: &Node, p: &[f64], omega: &RangeInclusive<f64>) -> bool {
+    let (low, high) = (omega.start(), omega.end());
     let mut has = false;
     node.visit(&mut |element| has |= matches!(element.kind, ElementKind::L | ElementKind::La));
     let steps = (PER_DECADE * (high / low).log10()).ceil().max(1.0) as usize;

@@ -29,6 +29,7 @@ use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 use solve::{Problem, best_ladder};
 use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
 
 /// How far the band of the ladder reaches beyond that of the data: steps and their first instants
 /// lie above it, slow loads below.
@@ -134,8 +135,8 @@ impl Bands {
 pub fn follow(circuit: &Circuit, values: &[f64], bands: Bands) -> Result<Followed, LadderError> {
     let (band_hz, told_hz) = bands.resolve()?;
     check_values(circuit, values)?;
-    let omega = (TAU * band_hz.0, TAU * band_hz.1);
-    let blocks = Blocks::of(circuit, values, omega);
+    let omega = TAU * band_hz.0..=TAU * band_hz.1;
+    let blocks = Blocks::of(circuit, values, &omega);
     let total = |freq_hz: f64| circuit.root().impedance(values, TAU * freq_hz);
     let left_out = blocks.inductive.iter().map(|node| LeftOut {
         block: node.to_string(),
@@ -144,7 +145,7 @@ pub fn follow(circuit: &Circuit, values: &[f64], bands: Bands) -> Result<Followe
         of_ohm: total(told_hz).norm(),
     });
     let left_out: Vec<LeftOut> = left_out.collect();
-    let blocking = blocks.blocking(values, omega.0);
+    let blocking = blocks.blocking(values, *omega.start());
     let mut ladder = Ladder {
         circuit: circuit.to_string(),
         values: values.to_vec(),
@@ -153,7 +154,7 @@ pub fn follow(circuit: &Circuit, values: &[f64], bands: Bands) -> Result<Followe
         worst_relative_error: 0.0,
         worst_at_hz: band_hz.0,
         dc_resistance_ohm: None,
-        horizon_s: blocking.grows.then(|| 1.0 / omega.0),
+        horizon_s: blocking.grows.then(|| 1.0 / omega.start()),
         storage_f: None,
         left_out,
     };
@@ -161,7 +162,7 @@ pub fn follow(circuit: &Circuit, values: &[f64], bands: Bands) -> Result<Followe
         let (erm, jacobian) = blocks.erm(values.len());
         (erm, 0.0, Some(jacobian))
     } else {
-        let (erm, elastance) = fitted(&blocks, values, (omega, blocking), &mut ladder)?;
+        let (erm, elastance) = fitted(&blocks, values, omega, blocking, &mut ladder)?;
         (erm, elastance, None)
     };
     if erm.r_ohm <= 0.0 {
@@ -189,7 +190,8 @@ pub fn follow(circuit: &Circuit, values: &[f64], bands: Bands) -> Result<Followe
 fn fitted(
     blocks: &Blocks,
     values: &[f64],
-    (omega, blocking): ((f64, f64), Blocking),
+    omega: RangeInclusive<f64>,
+    blocking: Blocking,
     ladder: &mut Ladder,
 ) -> Result<(Erm, f64), LadderError> {
     let rest = |omega: f64| {

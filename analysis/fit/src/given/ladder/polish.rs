@@ -34,7 +34,7 @@ pub(super) fn polish(rows: &Rows, met: &Met) -> Met {
     }
     for branch in &met.branches {
         x.extend([branch.r_ohm.max(least).ln(), branch.time_constant_s().ln()]);
-        bounds.extend([resistance, (rows.tau_s.0.ln(), rows.tau_s.1.ln())]);
+        bounds.extend([resistance, (rows.tau_s.start().ln(), rows.tau_s.end().ln())]);
     }
     let options = LocalOptions {
         iterations: ITERATIONS,

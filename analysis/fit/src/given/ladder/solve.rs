@@ -9,6 +9,7 @@ use crate::given::error::MOST_BRANCHES;
 use analysis_model::model::RcBranch;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
+use std::ops::RangeInclusive;
 
 /// Branches per decade that are tried, until the error is small enough.
 const DENSITIES: [f64; 10] = [0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.0];
@@ -25,7 +26,7 @@ pub(super) struct Problem<'a> {
     /// Impedance in series with it that is an ERM as it is.
     pub(super) beside: &'a dyn Fn(f64) -> Complex64,
     /// Ends of the band, rad/s.
-    pub(super) omega: (f64, f64),
+    pub(super) omega: RangeInclusive<f64>,
     /// Whether it ends as a capacitance.
     pub(super) stores: bool,
     /// DC resistance of the rest, Ω, where it has one.
@@ -56,7 +57,7 @@ pub(super) fn best_ladder(problem: &Problem) -> Option<Met> {
 impl Problem<'_> {
     fn ladder(&self, density: f64) -> Option<Met> {
         let rows = self.rows(0.0);
-        let tau_s = spaced(rows.tau_s, density);
+        let tau_s = spaced(&rows.tau_s, density);
         let plain = self.solve(&rows, &tau_s)?;
         if !self.stores {
             return Some(self.judged(polish(&rows, &plain)));
@@ -72,7 +73,7 @@ impl Problem<'_> {
     }
 
     fn rows(&self, elastance_per_f: f64) -> Rows {
-        let omega = spaced(self.omega, FITTED_PER_DECADE);
+        let omega = spaced(&self.omega, FITTED_PER_DECADE);
         Rows {
             z_ohm: omega.iter().map(|omega| (self.rest)(*omega)).collect(),
             scale_ohm: omega
@@ -80,7 +81,7 @@ impl Problem<'_> {
                 .map(|omega| self.scale(*omega, elastance_per_f))
                 .collect(),
             dc_ohm: self.dc_ohm.map(|rest| (rest, rest + (self.beside)(0.0).re)),
-            tau_s: (1.0 / (REACH_FAST * self.omega.1), REACH_SLOW / self.omega.0),
+            tau_s: 1.0 / (REACH_FAST * self.omega.end())..=REACH_SLOW / self.omega.start(),
             omega,
         }
     }
@@ -112,7 +113,7 @@ impl Problem<'_> {
                 .for_each(|(j, tau_s)| put(j, Complex64::new(1.0, omega * tau_s).inv()));
             put(series, Complex64::ONE);
             if self.stores {
-                put(store, pole(*omega, self.omega.0));
+                put(store, pole(*omega, *self.omega.start()));
             }
             (data[2 * k], data[2 * k + 1]) = (z.re / scale, z.im / scale);
         }
@@ -141,12 +142,12 @@ impl Problem<'_> {
                 })
                 .collect(),
             elastance_per_f: if self.stores {
-                x[store].max(0.0) * self.omega.0
+                x[store].max(0.0) * self.omega.start()
             } else {
                 0.0
             },
             worst: f64::INFINITY,
-            worst_omega: self.omega.0,
+            worst_omega: *self.omega.start(),
         })
     }
 
@@ -161,13 +162,13 @@ impl Problem<'_> {
             let z = met.r_ohm + branches + pole(omega, met.elastance_per_f);
             ((self.rest)(omega) - z).norm() / self.scale(omega, met.elastance_per_f)
         };
-        let all = spaced(self.omega, CHECKED_PER_DECADE)
+        let all = spaced(&self.omega, CHECKED_PER_DECADE)
             .into_iter()
             .map(|omega| (error(omega), omega));
         // Not a number is the worst of all.
         let worst = all
             .max_by(|a, b| a.0.total_cmp(&b.0))
-            .unwrap_or((f64::INFINITY, self.omega.0));
+            .unwrap_or((f64::INFINITY, *self.omega.start()));
         (met.worst, met.worst_omega) = (
             if worst.0.is_finite() {
                 worst.0
@@ -181,7 +182,8 @@ impl Problem<'_> {
 }
 
 /// Values with equal quotients from end to end, at least so many per decade.
-fn spaced((low, high): (f64, f64), per_decade: f64) -> Vec<f64> {
+fn spaced(range: &RangeInclusive<f64>, per_decade: f64) -> Vec<f64> {
+    let (low, high) = (range.start(), range.end());
     let steps = (per_decade * (high / low).log10()).ceil().max(1.0) as usize;
     (0..=steps)
         .map(|k| low * (high / low).powf(k as f64 / steps as f64))
