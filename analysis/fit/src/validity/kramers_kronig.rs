@@ -219,9 +219,10 @@ impl<'a> Test<'a> {
         }
         let z_ohm: Vec<Complex64> = spectrum.points.iter().map(|p| p.z_ohm).collect();
         let omega: Vec<f64> = spectrum.points.iter().map(|p| TAU * p.freq_hz).collect();
-        let tau_range_s = (1.0 / (REACH * omega[points - 1]), REACH / omega[0]);
-        let wanted =
-            (MOST_PER_DECADE * (tau_range_s.1 / tau_range_s.0).log10()).ceil() as usize + 1;
+        let tau_range_s = 1.0 / (REACH * omega[points - 1])..=REACH / omega[0];
+        let wanted = (MOST_PER_DECADE * (tau_range_s.end() / tau_range_s.start()).log10()).ceil()
+            as usize
+            + 1;
         // Two numbers a point; the restraint keeps the effective number of parameters well below
         // this one.
         let most = wanted
@@ -292,8 +293,18 @@ impl<'a> Test<'a> {
     /// Squared distance of a point's residual in its own standard deviations; none where the ladder
     /// follows the point.
     fn distance(&self, point: usize) -> Option<f64> {
+        let (re, im) = self.ladder.residual(point);
+        distance(Complex64::new(re, im), self.left(point))
+    }
+
+    /// Covariance of a point's whitened residual: of the noise that the ladder does not follow.
+    fn left(&self, point: usize) -> Covariance2 {
         let (h11, h12, h22) = self.leverage[point];
-        distance(self.ladder.residual(point), (1.0 - h11, -h12, 1.0 - h22))
+        Covariance2 {
+            re_re: 1.0 - h11,
+            re_im: -h12,
+            im_im: 1.0 - h22,
+        }
     }
 
     /// Solves with the highest order and without the points chosen; true if nothing is wrong with
@@ -405,24 +416,22 @@ impl<'a> Test<'a> {
         let (share, distance) = if left_out {
             let w = self.noise.whitening()[k];
             let (p11, p12, p22) = self.ladder.prediction(k, order, w);
-            let share = (1.0 + p11, p12, 1.0 + p22);
-            (
-                share,
-                distance(
-                    (w.a * residual.re, w.b * residual.re + w.c * residual.im),
-                    share,
-                ),
-            )
+            let share = Covariance2 {
+                re_re: 1.0 + p11,
+                re_im: p12,
+                im_im: 1.0 + p22,
+            };
+            let whitened = Complex64::new(w.a * residual.re, w.b * residual.re + w.c * residual.im);
+            (share, distance(whitened, share))
         } else {
-            let (h11, h12, h22) = self.leverage[k];
-            ((1.0 - h11, -h12, 1.0 - h22), self.distance(k))
+            (self.left(k), self.distance(k))
         };
         KkPoint {
             freq_hz: self.spectrum.points[k].freq_hz,
             re_percent: percent * residual.re,
             im_percent: percent * residual.im,
-            sigma_re_percent: percent * (share.0.max(0.0) * covariance.re_re).sqrt(),
-            sigma_im_percent: percent * (share.2.max(0.0) * covariance.im_im).sqrt(),
+            sigma_re_percent: percent * (share.re_re.max(0.0) * covariance.re_re).sqrt(),
+            sigma_im_percent: percent * (share.im_im.max(0.0) * covariance.im_im).sqrt(),
             sigmas: distance.unwrap_or(0.0).sqrt(),
             p: distance.map_or(1.0, |d2| pair_tail(d2, self.noise.dof)),
             left_out,
@@ -431,9 +440,10 @@ impl<'a> Test<'a> {
     }
 }
 
-/// rᵀM⁻¹r of a residual with the covariance M = (11, 12, 22); none where M says that the ladder
-/// follows the point.
-fn distance((re, im): (f64, f64), (m11, m12, m22): (f64, f64, f64)) -> Option<f64> {
+/// rᵀM⁻¹r of a residual with the covariance M; none where M says that the ladder follows the point.
+fn distance(residual: Complex64, covariance: Covariance2) -> Option<f64> {
+    let (re, im) = (residual.re, residual.im);
+    let (m11, m12, m22) = (covariance.re_re, covariance.re_im, covariance.im_im);
     let determinant = m11 * m22 - m12 * m12;
     let greatest = m11.max(m22);
     let tested = greatest > 1.0 - UNTESTED && determinant > (1.0 - UNTESTED) * greatest;

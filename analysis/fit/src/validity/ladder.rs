@@ -8,6 +8,7 @@
 //! they have in common. Knows no verdict.
 
 use num_complex::Complex64;
+use std::ops::{Range, RangeInclusive};
 
 /// Series elements before the RC ladder: R, L, C.
 pub(super) const SERIES: usize = 3;
@@ -41,7 +42,7 @@ pub(super) struct Ladder {
     restraint_per_ohm: f64,
     omega: Vec<f64>,
     whiten: Vec<Whitening>,
-    tau_range_s: (f64, f64),
+    tau_range_s: RangeInclusive<f64>,
     /// Orthonormal columns, one after the other.
     q: Vec<f64>,
     /// Upper triangle, column after column, each of the full width.
@@ -60,7 +61,7 @@ pub(super) struct Ladder {
 impl Ladder {
     /// A ladder over angular frequencies in rad/s, with time constants between the two ends in s
     /// and room for `most` RC elements.
-    pub(super) fn new(omega: Vec<f64>, tau_range_s: (f64, f64), most: usize) -> Self {
+    pub(super) fn new(omega: Vec<f64>, tau_range_s: RangeInclusive<f64>, most: usize) -> Self {
         let points = omega.len();
         let most = most.max(2);
         let rows = (2 * points + most).next_multiple_of(LANES);
@@ -116,11 +117,11 @@ impl Ladder {
         self.write(0, |_| (1.0, 0.0));
         self.write(1, |omega| (0.0, omega));
         self.write(2, |omega| (0.0, -1.0 / omega));
-        self.write_rc(3, self.tau_range_s.0);
-        self.write_rc(4, self.tau_range_s.1);
+        self.write_rc(3, *self.tau_range_s.start());
+        self.write_rc(4, *self.tau_range_s.end());
         for k in 0..SHARED {
             self.finish(k);
-            self.take_out(k, (k + 1, SHARED));
+            self.take_out(k, k + 1..SHARED);
         }
         self.shared_residual.copy_from_slice(&self.residual);
     }
@@ -129,7 +130,7 @@ impl Ladder {
     fn solve_whole(&mut self, order: usize) {
         self.residual.copy_from_slice(&self.shared_residual);
         self.columns = SERIES + order;
-        let (first, last) = self.tau_range_s;
+        let (first, last) = (*self.tau_range_s.start(), *self.tau_range_s.end());
         let step = (last / first).powf(1.0 / (order as f64 - 1.0));
         let mut tau_s = first;
         for column in SHARED..self.columns {
@@ -140,7 +141,7 @@ impl Ladder {
             if k >= SHARED {
                 self.finish(k);
             }
-            self.take_out(k, (SHARED.max(k + 1), self.columns));
+            self.take_out(k, SHARED.max(k + 1)..self.columns);
         }
     }
 
@@ -199,14 +200,14 @@ impl Ladder {
     /// Takes a finished column's part out of those of a range after it. They do not depend on each
     /// other, which keeps the machine's lanes busy.
     #[inline(always)]
-    fn take_out(&mut self, index: usize, (from, to): (usize, usize)) {
+    fn take_out(&mut self, index: usize, range: Range<usize>) {
         // Further rows are zero: those that hold later elements near zero.
         let length = (2 * self.points + (index + 1).saturating_sub(SERIES))
             .next_multiple_of(LANES)
             .min(self.rows);
-        let (before, after) = self.q.split_at_mut(from * self.rows);
+        let (before, after) = self.q.split_at_mut(range.start * self.rows);
         let finished = &before[index * self.rows..][..length];
-        for (column, j) in after.chunks_exact_mut(self.rows).zip(from..to) {
+        for (column, j) in after.chunks_exact_mut(self.rows).zip(range) {
             let column = &mut column[..length];
             let projection = dot(finished, column);
             subtract(column, projection, finished);
@@ -277,7 +278,7 @@ impl Ladder {
 
     /// Impedance of a column's element, of unit size, at angular frequency `omega`.
     fn element(&self, column: usize, order: usize, omega: f64) -> Complex64 {
-        let (first, last) = self.tau_range_s;
+        let (first, last) = (*self.tau_range_s.start(), *self.tau_range_s.end());
         let step = (last / first).powf(1.0 / (order as f64 - 1.0));
         let tau_s = match column {
             0 => return Complex64::new(1.0, 0.0),

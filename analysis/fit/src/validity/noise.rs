@@ -196,9 +196,10 @@ fn from_smoother(spectrum: &Spectrum) -> Result<(Vec<f64>, f64), ValidityError> 
     let z: Vec<Complex64> = points.iter().map(|p| p.z_ohm).collect();
     let omega: Vec<f64> = points.iter().map(|p| TAU * p.freq_hz).collect();
     let (lo, hi) = (omega[0], omega[omega.len() - 1]);
-    let tau_range_s = (1.0 / (SMOOTHER_REACH * hi), SMOOTHER_REACH / lo);
-    let wanted =
-        (SMOOTHER_PER_DECADE * (tau_range_s.1 / tau_range_s.0).log10()).ceil() as usize + 1;
+    let tau_range_s = 1.0 / (SMOOTHER_REACH * hi)..=SMOOTHER_REACH / lo;
+    let wanted = (SMOOTHER_PER_DECADE * (tau_range_s.end() / tau_range_s.start()).log10()).ceil()
+        as usize
+        + 1;
     let order = wanted.min(3 * z.len() / 5).max(2);
     let mut ladder = Ladder::new(omega, tau_range_s, order);
     let re = Whitening {

@@ -2,6 +2,8 @@
 //! fractions of the incomplete gamma and beta functions (Abramowitz and
 //! Stegun 6.5.29, 6.5.31, 26.5.8). About ten digits; tails below 1e-300 are zero.
 
+use crate::numeric::stats::FDistribution;
+
 const EPSILON: f64 = 1e-15;
 const TINY: f64 = 1e-300;
 const STEPS: u32 = 500;
@@ -15,14 +17,18 @@ pub fn chi2_tail(x: f64, dof: f64) -> f64 {
     }
 }
 
-/// Probability that a ratio of two mean squares of `dof.0` and `dof.1` degrees of freedom exceeds
-/// `x`.
-pub(super) fn f_tail(x: f64, dof: (f64, f64)) -> f64 {
-    if x > 0.0 && dof.0 > 0.0 {
-        beta_lower(0.5 * dof.1, 0.5 * dof.0, dof.1 / (dof.1 + dof.0 * x))
+/// Probability that a ratio of two mean squares exceeds `x`.
+pub(super) fn f_tail(x: f64, dof: FDistribution) -> f64 {
+    let FDistribution { above, below } = dof;
+    if x > 0.0 && above > 0.0 {
+        beta_lower(0.5 * below, 0.5 * above, below / (below + above * x))
     } else {
         1.0
     }
+}
+
+fn dofs(above: f64, below: f64) -> FDistribution {
+    FDistribution { above, below }
 }
 
 /// Probability that the sum of two squared standard deviates exceeds `d2`; with estimated variance
@@ -36,14 +42,20 @@ pub(super) fn pair_tail(d2: f64, dof: Option<f64>) -> f64 {
 
 /// Probability of a deviation of at least `t` standard deviations on either side; Student's where
 /// the deviation is estimated.
-pub fn deviate_tail(t: f64, dof: Option<f64>) -> f64 {
-    dof.map_or_else(|| chi2_tail(t * t, 1.0), |dof| f_tail(t * t, (1.0, dof)))
+pub(crate) fn deviate_tail(t: f64, dof: Option<f64>) -> f64 {
+    dof.map_or_else(
+        || chi2_tail(t * t, 1.0),
+        |dof| f_tail(t * t, dofs(1.0, dof)),
+    )
 }
 
 /// Probability that a weighted sum of `dof` squared residuals exceeds `x`; with estimated variance
 /// where it is not stated.
 pub(super) fn sum_tail(x: f64, dof: f64, noise_dof: Option<f64>) -> f64 {
-    noise_dof.map_or_else(|| chi2_tail(x, dof), |noise| f_tail(x / dof, (dof, noise)))
+    noise_dof.map_or_else(
+        || chi2_tail(x, dof),
+        |noise| f_tail(x / dof, dofs(dof, noise)),
+    )
 }
 
 /// Probabilities of many tests after Holm (1979): each may be compared with the rate that all
@@ -161,9 +173,9 @@ mod tests {
             );
         }
         for (x, dof, p) in [
-            (3.33, (5.0, 10.0), 0.05),
-            (5.64, (5.0, 10.0), 0.01),
-            (2.18, (8.0, 40.0), 0.05),
+            (3.33, dofs(5.0, 10.0), 0.05),
+            (5.64, dofs(5.0, 10.0), 0.01),
+            (2.18, dofs(8.0, 40.0), 0.05),
         ] {
             assert!(
                 (f_tail(x, dof) / p - 1.0).abs() < 1e-2,
@@ -189,8 +201,13 @@ mod tests {
     fn pairs_are_the_special_case_of_two() {
         for d2 in [0.1, 1.0, 9.0, 40.0] {
             assert!((pair_tail(d2, None) / chi2_tail(d2, 2.0) - 1.0).abs() < 1e-9);
-            assert!((pair_tail(d2, Some(13.0)) / f_tail(0.5 * d2, (2.0, 13.0)) - 1.0).abs() < 1e-9);
+            assert!(
+                (pair_tail(d2, Some(13.0)) / f_tail(0.5 * d2, dofs(2.0, 13.0)) - 1.0).abs() < 1e-9
+            );
         }
-        assert_eq!((chi2_tail(-1.0, 3.0), f_tail(0.0, (2.0, 3.0))), (1.0, 1.0));
+        assert_eq!(
+            (chi2_tail(-1.0, 3.0), f_tail(0.0, dofs(2.0, 3.0))),
+            (1.0, 1.0)
+        );
     }
 }

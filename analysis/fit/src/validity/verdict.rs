@@ -170,7 +170,7 @@ fn point(findings: &Findings<'_>, harmonics: &[Vec<bool>], k: usize) -> PointVer
         .zip(harmonics)
         .filter(|(r, _)| (r.freq_hz / kk.freq_hz - 1.0).abs() < 1e-3)
     {
-        by_record((record, beyond), &mut verdict);
+        by_record(record, beyond, &mut verdict);
     }
     if let Some(s) = findings.stationarity.and_then(|s| s.points.get(k)) {
         verdict.repeats_differ = s.drifts() || s.scatters();
@@ -265,7 +265,7 @@ fn by_kramers_kronig(kk: &KramersKronig, k: usize, verdict: &mut PointVerdict) {
     }
 }
 
-fn by_record((record, beyond): (&Record, &[bool]), verdict: &mut PointVerdict) {
+fn by_record(record: &Record, beyond: &[bool], verdict: &mut PointVerdict) {
     let grade = |percent: f64| {
         if percent > RECORD_ERROR_PERCENT.1 {
             Grade::Bad
