@@ -240,23 +240,26 @@ impl Block {
     ) {
         let cell = (model.base, model.added);
         let Some(windows) = &time.windows else {
-            let record = Record {
-                time_s: &time.time_s,
-                current_a,
-                ..self.circumstances()
-            };
-            desk.player
-                .play(cell, &record, (&time.grid, parts), &mut desk.voltage_v);
+            desk.player.play(
+                cell.0,
+                cell.1,
+                &self.record((&time.time_s, current_a)),
+                &time.grid,
+                parts,
+                &mut desk.voltage_v,
+            );
             return;
         };
         windows.current(current_a, &mut desk.within_a);
-        let record = Record {
-            time_s: &windows.time_s,
-            current_a: &desk.within_a,
-            ..self.circumstances()
-        };
-        desk.player
-            .play(cell, &record, (&time.grid, parts), &mut desk.within_v);
+        let record = self.record((&windows.time_s, &desk.within_a));
+        desk.player.play(
+            cell.0,
+            cell.1,
+            &record,
+            &time.grid,
+            parts,
+            &mut desk.within_v,
+        );
         windows.means(&desk.within_v, &mut desk.voltage_v);
     }
 

@@ -115,9 +115,11 @@ impl Player {
     /// of integration).
     pub fn play(
         &mut self,
-        (base, added): (&Base, &[Added<'_>]),
+        base: &Base,
+        added: &[Added<'_>],
         record: &Record<'_>,
-        (grid, parts): (&Grid, usize),
+        grid: &Grid,
+        parts: usize,
         voltage_v: &mut Vec<f64>,
     ) {
         let mut current_a = std::mem::take(&mut self.current_a);
@@ -135,7 +137,7 @@ impl Player {
         voltage_v.clear();
         let linear = dynamics.is_empty() && network.branches.iter().all(|b| b.law == Law::Linear);
         // A linear network needs no parts: its steps are exact.
-        self.load(&network, (grid, if linear { 1 } else { parts }), clock);
+        self.load(&network, grid, if linear { 1 } else { parts }, clock);
         let run = Run {
             base,
             network: &network,
@@ -157,7 +159,7 @@ impl Player {
     }
 
     /// Gains of all lengths of steps and branches.
-    fn load(&mut self, network: &Network, (grid, parts): (&Grid, usize), clock: f64) {
+    fn load(&mut self, network: &Network, grid: &Grid, parts: usize, clock: f64) {
         let linear = grid.between == Between::Linear;
         self.gains.clear();
         self.states_v.clear();
@@ -206,7 +208,12 @@ impl Player {
             run.record.time_s.first().copied().unwrap_or(0.0),
         );
         for k in 0..run.current_a.len() {
-            let mut at = self.instant(run, dynamics, (time_s, soc, run.current_a[k]), &mut ocv);
+            let start = State {
+                time_s,
+                soc,
+                current_a: run.current_a[k],
+            };
+            let mut at = self.instant(run, dynamics, start, &mut ocv);
             let additions: f64 = dynamics.iter().map(|d| d.voltage_v(&at)).sum();
             voltage_v.push(at.ocv_v - at.overpotential_v + additions);
             let Some(d) = run.grid.index.get(k) else {
@@ -218,7 +225,12 @@ impl Player {
                 let along = |part: usize| i0 + (i1 - i0) * part as f64 / run.parts as f64;
                 let (from, to) = (along(part), along(part + 1));
                 if part > 0 {
-                    at = self.instant(run, dynamics, (time_s, soc, from), &mut ocv);
+                    let before = State {
+                        time_s,
+                        soc,
+                        current_a: from,
+                    };
+                    at = self.instant(run, dynamics, before, &mut ocv);
                 }
                 // The dynamics see the mean current of each half of the step: one before the
                 // branches move, one after.
@@ -239,10 +251,19 @@ impl Player {
                     start,
                     middle: modulation(dynamics, &middle).branches,
                 };
-                self.move_branches(run, factor, (from, to), (*d as usize, part_s));
+                let current_a = Ramp {
+                    start: from,
+                    end: to,
+                };
+                self.move_branches(run, factor, current_a, *d as usize, part_s);
                 soc -= moved;
                 time_s += part_s;
-                let mut after = self.instant(run, dynamics, (time_s, soc, to), &mut ocv);
+                let end = State {
+                    time_s,
+                    soc,
+                    current_a: to,
+                };
+                let mut after = self.instant(run, dynamics, end, &mut ocv);
                 after.current_a = 0.25 * from + 0.75 * to;
                 dynamics
                     .iter_mut()
@@ -255,9 +276,14 @@ impl Player {
         &self,
         run: &Run<'_>,
         dynamics: &[Box<dyn Dynamics>],
-        (time_s, soc, current_a): (f64, f64, f64),
+        state: State,
         ocv: &mut Cursor<'_>,
     ) -> Instant {
+        let State {
+            time_s,
+            soc,
+            current_a,
+        } = state;
         let (ocv_v, slope_v) = ocv.at(soc);
         let sum: f64 = self.states_v.iter().sum();
         let overpotential_v = run.network.r_ohm * current_a + sum;
@@ -282,9 +308,11 @@ impl Player {
         &mut self,
         run: &Run<'_>,
         factor: Change,
-        (from, to): (f64, f64),
-        (d, part_s): (usize, f64),
+        current_a: Ramp,
+        d: usize,
+        part_s: f64,
     ) {
+        let (from, to) = (current_a.start, current_a.end);
         let n = run.network.branches.len();
         for (j, (v, branch)) in self
             .states_v
@@ -310,12 +338,23 @@ impl Player {
                     branch,
                     factor.middle * (start + end) / (gain.start + gain.end),
                     *v,
-                    (from, to),
+                    current_a,
                     part_s,
                 ),
             };
         }
     }
+}
+
+/// Where a cell stands.
+#[derive(Clone, Copy)]
+struct State {
+    /// Time, s.
+    time_s: f64,
+    /// State of charge, 0…1.
+    soc: f64,
+    /// Current, A.
+    current_a: f64,
 }
 
 /// The factor on the branches' resistances over a step.

@@ -118,16 +118,33 @@ impl Gain {
     }
 }
 
+/// A quantity that goes straight over a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Ramp {
+    /// At the start of the step.
+    pub start: f64,
+    /// At the end of the step.
+    pub end: f64,
+}
+
 /// A branch with a law that is not linear, over a step with a held current. The factor is on the
 /// resistance; voltages of the law stay, as kT/e does.
 pub(crate) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s: f64) -> f64 {
     let (r, tau) = (branch.r_ohm * factor, branch.tau_s * factor);
+    let held = Held {
+        voltage_v: v,
+        current_a,
+        time_constants: step_s / tau,
+    };
     match branch.law {
-        Law::Symmetric { beta } if beta > 0.0 => {
-            symmetric(beta / branch.r_ohm, r, (v, current_a), step_s / tau)
-        }
+        Law::Symmetric { beta } if beta > 0.0 => symmetric(beta / branch.r_ohm, r, held),
         Law::Asymmetric { beta, alpha } if beta > 0.0 => {
-            asymmetric((beta * factor, alpha), r, (v, current_a), step_s / tau)
+            let law = Asymmetric {
+                beta_per_a: beta * factor,
+                alpha,
+                r_ohm: r,
+            };
+            asymmetric(law, held)
         }
         _ => {
             let decay = (-step_s / tau).exp();
@@ -137,13 +154,8 @@ pub(crate) fn step(branch: &Branch, factor: f64, v: f64, current_a: f64, step_s:
 }
 
 /// The same over a step in which the current goes from one value to another along a straight line.
-pub(crate) fn ramp(
-    branch: &Branch,
-    factor: f64,
-    v: f64,
-    (from, to): (f64, f64),
-    step_s: f64,
-) -> f64 {
+pub(crate) fn ramp(branch: &Branch, factor: f64, v: f64, current_a: Ramp, step_s: f64) -> f64 {
+    let (from, to) = (current_a.start, current_a.end);
     if from == to {
         return step(branch, factor, v, from, step_s);
     }
@@ -195,8 +207,20 @@ fn slope(branch: &Branch, v: f64) -> f64 {
     }
 }
 
+/// A branch over a step with a held current.
+#[derive(Clone, Copy)]
+struct Held {
+    /// Its voltage at the start, V.
+    voltage_v: f64,
+    /// The current, A.
+    current_a: f64,
+    /// Length of the step in time constants.
+    time_constants: f64,
+}
+
 /// C·dv/dt = i − sinh(bR·v/R)/(bR) over a time of x time constants; b in 1/V.
-fn symmetric(b: f64, r: f64, (v, current_a): (f64, f64), x: f64) -> f64 {
+fn symmetric(b: f64, r: f64, held: Held) -> f64 {
+    let (v, current_a, x) = (held.voltage_v, held.current_a, held.time_constants);
     let beta = b * r;
     let u = (0.5 * b * v).tanh();
     let a = beta * current_a;
@@ -208,10 +232,23 @@ fn symmetric(b: f64, r: f64, (v, current_a): (f64, f64), x: f64) -> f64 {
     2.0 / b * next.clamp(-1.0 + 1e-15, 1.0 - 1e-15).atanh()
 }
 
+/// The asymmetric law of a branch.
+#[derive(Clone, Copy)]
+struct Asymmetric {
+    /// β, 1/A.
+    beta_per_a: f64,
+    /// Transfer coefficient of the discharge direction, 0…1.
+    alpha: f64,
+    /// Resistance, Ω.
+    r_ohm: f64,
+}
+
 /// The asymmetric law over a time of x time constants: exponential Rosenbrock steps of third order
 /// (exprb32 of Hochbruck, Ostermann and Schweitzer, SIAM J. Numer. Anal. 47 (2009) 786), short
 /// after an edge and longer as the branch settles.
-fn asymmetric((beta, alpha): (f64, f64), r: f64, (v, current_a): (f64, f64), x: f64) -> f64 {
+fn asymmetric(law: Asymmetric, held: Held) -> f64 {
+    let (beta, alpha, r) = (law.beta_per_a, law.alpha, law.r_ohm);
+    let (v, current_a, x) = (held.voltage_v, held.current_a, held.time_constants);
     let to_exponent = 2.0 * beta / r;
     let mut y = to_exponent * v;
     let drive = 2.0 * beta * current_a;

@@ -49,14 +49,14 @@ impl Network {
     pub fn advance(
         &self,
         states_v: &mut [f64],
-        factors: (f64, f64),
-        currents_a: (f64, f64),
+        factors: Ramp,
+        currents_a: Ramp,
         step_s: f64,
     ) {
-        let mean = 0.5 * (factors.0 + factors.1);
+        let mean = 0.5 * (factors.start + factors.end);
         let (from_a, to_a) = (
-            currents_a.0 * factors.0 / mean,
-            currents_a.1 * factors.1 / mean,
+            currents_a.start * factors.start / mean,
+            currents_a.end * factors.end / mean,
         );
         for (v, b) in states_v.iter_mut().zip(&self.branches) {
             let gain = Gain::new(b, mean, step_s, true);

@@ -72,7 +72,8 @@ impl Parameter {
         name: &'static str,
         range: Range,
         starts: Vec<f64>,
-        only_with: (usize, f64),
+        parameter: usize,
+        value: f64,
     ) -> Self {
         Self {
             name,
@@ -81,7 +82,7 @@ impl Parameter {
             scale: Scale::Linear,
             typical: 1.0,
             starts,
-            only_with: Some(only_with),
+            only_with: Some((parameter, value)),
         }
     }
 

@@ -65,14 +65,14 @@ impl Effect for Ageing {
         if !at.is_cell {
             return z_ohm;
         }
-        Aged::new(p, base, (at.order, at.start_s))
+        Aged::new(p, base, at.order, at.start_s)
             .after(0.0)
             .change_ohm(&base.erm, at.freq_hz)
             + z_ohm
     }
 
     fn dynamics(&self, p: &[f64], base: &Base, record: &Record<'_>) -> Option<Box<dyn Dynamics>> {
-        Some(Box::new(Aged::new(p, base, (record.order, record.start_s))))
+        Some(Box::new(Aged::new(p, base, record.order, record.start_s)))
     }
 }
 
@@ -83,7 +83,7 @@ struct Aged {
 }
 
 impl Aged {
-    fn new(p: &[f64], base: &Base, (order, start_s): (f64, f64)) -> Self {
+    fn new(p: &[f64], base: &Base, order: f64, start_s: f64) -> Self {
         let (orders, span_s) = (base.facts.orders, base.facts.span_s);
         if p[1] > 0.5 && span_s > 0.0 {
             return Self {

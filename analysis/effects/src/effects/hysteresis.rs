@@ -66,7 +66,8 @@ impl Effect for Hysteresis {
                     upper: 1.5,
                 },
                 vec![0.9],
-                (2, 1.0),
+                2,
+                1.0,
             ),
         ]
     }

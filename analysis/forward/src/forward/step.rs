@@ -9,6 +9,7 @@
 
 use super::law::{Drive, Reply};
 use super::model::{SimModel, SimState};
+use crate::contract::Ramp;
 
 /// Action of one step length on each branch.
 #[derive(Debug, Clone)]
@@ -56,15 +57,6 @@ impl Coefficients {
                 .collect(),
         }
     }
-}
-
-/// A demand, or its slope, that goes straight over a step.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Ramp {
-    /// At the start of the step.
-    pub(super) start: f64,
-    /// At the end of the step.
-    pub(super) end: f64,
 }
 
 /// The replies at both ends of a step.

@@ -98,9 +98,11 @@ fn play(added: &[Added<'_>], is_cell: bool) -> Vec<f64> {
     let grid = Grid::new(&time_s, Between::Hold);
     let mut voltage_v = Vec::new();
     Player::default().play(
-        (&base(), added),
+        &base(),
+        added,
         &record((&time_s, &current_a), is_cell),
-        (&grid, 1),
+        &grid,
+        1,
         &mut voltage_v,
     );
     voltage_v
@@ -407,9 +409,11 @@ fn a_fast_clock_is_a_record_with_longer_seconds() {
     let true_s: Vec<f64> = time_s.iter().map(|t| 1.05 * t).collect();
     let mut expected = Vec::new();
     Player::default().play(
-        (&base(), &[]),
+        &base(),
+        &[],
         &record((&true_s, &current_a), true),
-        (&Grid::new(&true_s, Between::Hold), 1),
+        &Grid::new(&true_s, Between::Hold),
+        1,
         &mut expected,
     );
     for (a, b) in met.iter().zip(&expected) {

@@ -113,9 +113,11 @@ impl Trace {
 fn play(added: &[Added<'_>], record: &Record<'_>, between: Between, parts: usize) -> Vec<f64> {
     let mut voltage_v = Vec::new();
     Player::default().play(
-        (&base(), added),
+        &base(),
+        added,
         record,
-        (&Grid::new(record.time_s, between), parts),
+        &Grid::new(record.time_s, between),
+        parts,
         &mut voltage_v,
     );
     voltage_v

@@ -200,13 +200,14 @@ impl<'a> Run<'a> {
             start.factor.branches - before.factor.branches,
         );
         let (mut i1, mut f1) = (i0, f0 + 2.0 * drift);
+        let ramp = |start: f64, end: f64| Ramp { start, end };
         // The current at the end and the branches there wait for each other: a step may be long
         // beside the fastest of them.
         for _ in 0..MOST_LOOKS {
             (self.soc, self.v) = (soc - 0.5 * (i0 + i1) * step_s / capacity_c, v.clone());
             self.laws
                 .network
-                .advance(&mut self.v, (f0, f1), (i0, i1), step_s);
+                .advance(&mut self.v, ramp(f0, f1), ramp(i0, i1), step_s);
             let seen = self.look(end)?;
             f1 = seen.factor.branches + drift;
             let change_a = (seen.cell.current_a - i1).abs();

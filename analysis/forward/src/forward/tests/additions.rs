@@ -350,7 +350,7 @@ fn a_current_profile_agrees_with_the_player() {
     };
     let (mut voltage_v, added): (Vec<f64>, Vec<Added<'_>>) = (Vec::new(), cell.of_the_cell());
     let grid = Grid::new(&time_s, Between::Hold);
-    Player::default().play((&cell.base, &added), &record, (&grid, 16), &mut voltage_v);
+    Player::default().play(&cell.base, &added, &record, &grid, 16, &mut voltage_v);
     let mut compared = 0;
     for (t, v) in run.trace.time_s.iter().zip(&run.trace.ccv_v) {
         let k = (t / 0.1).round() as usize;
