@@ -180,11 +180,11 @@ pub fn fit_joint(input: &JointInput<'_>, options: &JointOptions) -> Result<Joint
             parameters,
             numbers,
         })?;
-    let mut fit = describe(&likelihood, &ordered(&best.x), (&bounds, parameters))
+    let mut fit = describe(&likelihood, &ordered(&best.x), &bounds, parameters)
         .ok_or(JointError::Order { met: options.rc })?;
     fit.starts = (same, found.len());
     fit.not_borne = not_borne(&fit.erm, &options.bounds);
-    fit.warnings = warnings(&fit, input, (best, options));
+    fit.warnings = warnings(&fit, input, best, options);
     Ok(fit)
 }
 
@@ -326,7 +326,8 @@ fn ordered(x: &[f64]) -> Vec<f64> {
 fn describe(
     likelihood: &Likelihood<'_>,
     x: &[f64],
-    (bounds, parameters): (&[(f64, f64)], usize),
+    bounds: &[(f64, f64)],
+    parameters: usize,
 ) -> Option<JointFit> {
     let erm = erm(x)?;
     let n = x.len();
@@ -436,7 +437,8 @@ pub(super) fn not_borne(erm: &Erm, bounds: &Bounds) -> Vec<String> {
 fn warnings(
     fit: &JointFit,
     input: &JointInput<'_>,
-    (best, options): (&Minimum, &JointOptions),
+    best: &Minimum,
+    options: &JointOptions,
 ) -> Vec<String> {
     let mut found = Vec::new();
     if !best.converged {

@@ -289,7 +289,7 @@ pub fn study(
         noise: &noise,
         curve: input.curve,
     };
-    study.pulses = pulses(&source, (&windows, &roles), &study);
+    study.pulses = pulses(&source, &windows, &roles, &study);
     study.warnings = warnings(&study);
     study.warnings.push(match slope {
         Some(OcvSlope {
@@ -358,8 +358,11 @@ fn windows(
         NoiseModel::measure(input.series, &pulses).ok_or(StudyError::NoBaseline { series })?;
     let window = |(k, p)| {
         PulseWindow::new(
-            (input.series, &noise, input.curve),
-            (k + 1, p),
+            input.series,
+            &noise,
+            input.curve,
+            k + 1,
+            p,
             options.dcir_ohm,
             &WindowOptions::default(),
         )
@@ -370,7 +373,8 @@ fn windows(
 
 fn pulses(
     source: &Source<'_>,
-    (windows, roles): (&[PulseWindow], &[Role]),
+    windows: &[PulseWindow],
+    roles: &[Role],
     study: &Study,
 ) -> Vec<PulseResult> {
     let (Some(spectra), Some(joint)) = (study.spectra(), study.joint()) else {

@@ -146,10 +146,13 @@ impl Case {
         let noise = NoiseModel::measure(&series, &pulses).unwrap();
         let numbered = pulses.into_iter().enumerate().map(|(k, p)| (k + 1, p));
         let windows = numbered
-            .filter_map(|p| {
+            .filter_map(|(number, pulse)| {
                 PulseWindow::new(
-                    (&series, &noise, &curve),
-                    p,
+                    &series,
+                    &noise,
+                    &curve,
+                    number,
+                    pulse,
                     0.0135,
                     &WindowOptions::default(),
                 )

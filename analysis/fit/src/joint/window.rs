@@ -70,8 +70,11 @@ impl PulseWindow {
     /// The window of a pulse, its state of charge by the voltage before it plus the drop over
     /// `dcir_ohm`; none where the OCV curve does not reach or the pulse has too few samples.
     pub fn new(
-        (series, noise, curve): (&TimeSeries, &NoiseModel, &OcvCurve),
-        (number, pulse): (usize, Pulse),
+        series: &TimeSeries,
+        noise: &NoiseModel,
+        curve: &OcvCurve,
+        number: usize,
+        pulse: Pulse,
         dcir_ohm: f64,
         options: &WindowOptions,
     ) -> Option<Self> {
