@@ -110,14 +110,14 @@ pub(super) fn parse(text: &Text<'_>) -> Result<FileSpectra, FormatError> {
         |s| s.to_string_lossy().into_owned(),
     );
     let mut read = sweeps::sort(text.path, all, |origin, several| {
-        name(origin, (&stem, several))
+        name(origin, &stem, several)
     });
     super::shared::attach(text, &mut read.spectra)?;
     super::flags::attach(text, &mut read.spectra);
     Ok(read)
 }
 
-fn name(origin: &Origin, (stem, several): (&str, bool)) -> String {
+fn name(origin: &Origin, stem: &str, several: bool) -> String {
     let text = |o: &Option<String>| o.clone().unwrap_or_default();
     let bias = match origin.bias_a {
         Some(bias) if bias != 0.0 => format!("_{bias:+}A"),

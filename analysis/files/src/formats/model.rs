@@ -5,6 +5,7 @@
 //! for discharge. What a diagnosis has added to a model has no place in them and is refused.
 
 use std::fmt::Write as _;
+use std::ops::RangeInclusive;
 
 use analysis_fit::given::GivenModel;
 use analysis_model::{
@@ -35,7 +36,7 @@ pub struct CellModel {
     erm: Erm,
     curve: OcvCurve,
     /// Least and greatest voltage, V.
-    window_v: (f64, f64),
+    window_v: RangeInclusive<f64>,
     temperature_c: f64,
     /// Limits of the model that the file states, in sentences.
     notes: Vec<String>,
@@ -74,7 +75,7 @@ impl CellModel {
     /// [`ModelExportError`].
     pub fn new(
         file: &GivenModel,
-        window_v: (f64, f64),
+        window_v: RangeInclusive<f64>,
         temperature_c: f64,
     ) -> Result<Self, ModelExportError> {
         let name = file.name.clone();
@@ -165,8 +166,8 @@ impl CellModel {
                 list(&mut dense.by_ref().map(|soc| self.curve.voltage_v(soc))),
             ),
             ("@DENSE@", DENSE.to_string()),
-            ("@LOW_V@", format!("{:?}", self.window_v.0)),
-            ("@HIGH_V@", format!("{:?}", self.window_v.1)),
+            ("@LOW_V@", format!("{:?}", self.window_v.start())),
+            ("@HIGH_V@", format!("{:?}", self.window_v.end())),
             (
                 "@TEMPERATURE_K@",
                 format!("{:?}", self.temperature_c + KELVIN),

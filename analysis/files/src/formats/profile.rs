@@ -89,7 +89,7 @@ pub fn read_profile(path: &Path, options: &ReadOptions) -> Result<Profile, Profi
         || "profile".to_owned(),
         |s| s.to_string_lossy().into_owned(),
     );
-    parse_profile((path, &stem), text.trim_start_matches('\u{feff}'), options)
+    parse_profile(path, &stem, text.trim_start_matches('\u{feff}'), options)
 }
 
 /// The first row of a text that no header stands above, with its line from 1; `parse` takes it
@@ -143,7 +143,8 @@ fn measured(path: &Path, options: &ReadOptions) -> Result<Profile, ProfileReadEr
 /// # Errors
 /// [`ProfileReadError`] with file and line.
 pub fn parse_profile(
-    (path, name): (&Path, &str),
+    path: &Path,
+    name: &str,
     text: &str,
     options: &ReadOptions,
 ) -> Result<Profile, ProfileReadError> {

@@ -138,7 +138,7 @@ pub(super) fn sort(
         .into_iter()
         .map(|part| {
             let plain = name(&part.origin, several);
-            part.finish(&all.keys, plain, (&stem, &file))
+            part.finish(&all.keys, plain, &stem, &file)
         })
         .collect();
     for note in &mut notes {
@@ -253,7 +253,7 @@ impl Part {
             .collect()
     }
 
-    fn finish(self, keys: &[Key], plain: String, (stem, file): (&str, &str)) -> SourcedSpectrum {
+    fn finish(self, keys: &[Key], plain: String, stem: &str, file: &str) -> SourcedSpectrum {
         let mut words: Vec<String> = keys
             .iter()
             .zip(&self.key)

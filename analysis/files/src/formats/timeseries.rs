@@ -302,7 +302,7 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesRe
             .into());
         }
         let field = |column: usize, name: &'static str, may_lack: bool| {
-            number(&text, row, (column, name), may_lack)
+            number(&text, row, column, name, may_lack)
         };
         let [t, v, i] = columns;
         let values = [
@@ -322,7 +322,8 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesRe
 fn number(
     of: &Text<'_>,
     row: &Row<'_>,
-    (column, name): (usize, &'static str),
+    column: usize,
+    name: &'static str,
     may_lack: bool,
 ) -> Result<f64, SeriesReadError> {
     let text = row.fields.get(column).copied();
@@ -369,7 +370,7 @@ fn parquet(path: &Path, bytes: Vec<u8>) -> Result<(Raw, Option<CurrentSign>), Se
     if known.names[0] == KNOWN[0].names[0] {
         return Ok((bench(path)?, known.sign));
     }
-    let column = |name: &'static str| values(path, &frame, (find(name), name));
+    let column = |name: &'static str| values(path, &frame, find(name), name);
     let [time, voltage, current] = [
         column(known.names[0])?,
         column(known.names[1])?,
@@ -409,7 +410,8 @@ fn bench(path: &Path) -> Result<Raw, SeriesReadError> {
 fn values(
     path: &Path,
     frame: &DataFrame,
-    (index, name): (Option<usize>, &'static str),
+    index: Option<usize>,
+    name: &'static str,
 ) -> Result<Vec<f64>, SeriesReadError> {
     let fail = |reason: String| SeriesReadError::Parquet {
         file: path.to_owned(),

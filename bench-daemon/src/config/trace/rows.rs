@@ -229,7 +229,7 @@ fn profile(source: &Source) -> Result<Vec<Row>, String> {
         interpolation: Interpolation::Hold,
         charge_positive: false,
     };
-    let profile = parse_profile((source.path(), "profile"), profile_text(source), &options)
+    let profile = parse_profile(source.path(), "profile", profile_text(source), &options)
         .map_err(|error| error.to_string())?;
     let power = match profile.demand {
         Demand::Power => true,

@@ -24,7 +24,7 @@ fn cell() -> CellModel {
             branches: branches.to_vec(),
         },
         curve: OcvCurve::monotone(4.5, soc, ocv_v).unwrap(),
-        window_v: (2.5, 4.2),
+        window_v: 2.5..=4.2,
         temperature_c: 25.0,
         notes: vec!["off by */ 1 %".to_owned()],
     }

@@ -56,7 +56,7 @@ pub(super) fn open(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, 
             &format!("{width} numbers"),
         ));
     }
-    let spill = spill((path, header.line), lines, (writing, &first))?;
+    let spill = spill(path, header.line, lines, writing, &first)?;
     let told = spill.interval_s().filter(|_| timed);
     let Some(interval_s) = header
         .interval_s
@@ -115,9 +115,11 @@ fn begin(path: &Path, lines: &mut Lines) -> Result<(Header, Writing, Vec<f64>), 
 
 /// All rows of numbers in a temporary file; the first was met in line `number`.
 fn spill(
-    (path, mut number): (&Path, usize),
+    path: &Path,
+    mut number: usize,
     lines: Lines,
-    (mut writing, first): (Writing, &[f64]),
+    mut writing: Writing,
+    first: &[f64],
 ) -> Result<Spill, ScopeError> {
     let mut spill = Spill::new(first.len()).map_err(io(path, "make a temporary file"))?;
     spill

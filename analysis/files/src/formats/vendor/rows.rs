@@ -98,7 +98,7 @@ impl<'a> Reader<'a> {
             let line = self.line(at, &table);
             match self.told(&line, &table, seen)? {
                 Told::Nothing => {}
-                Told::Units => table.take_units(&line.fields, (self.path, at + 1))?,
+                Told::Units => table.take_units(&line.fields, self.path, at + 1)?,
                 Told::End => {
                     end = at;
                     break;
@@ -291,7 +291,8 @@ impl<'a> Reader<'a> {
             };
             if *self.mark.get_or_insert(found) != found {
                 return Err(line.wrong_named(
-                    (column.index, "number"),
+                    column.index,
+                    "number",
                     "one decimal mark in all numbers, a comma or a point",
                 ));
             }
@@ -444,14 +445,10 @@ impl Line<'_> {
             Quantity::Modulus => "|Z|",
             Quantity::Phase => "phase",
         };
-        self.wrong_named((column.index, name), expected)
+        self.wrong_named(column.index, name, expected)
     }
 
-    fn wrong_named(
-        &self,
-        (index, name): (usize, &'static str),
-        expected: &'static str,
-    ) -> FormatError {
+    fn wrong_named(&self, index: usize, name: &'static str, expected: &'static str) -> FormatError {
         let field = self.fields.get(index);
         let met = field.map_or_else(
             || "the end of the line".to_owned(),

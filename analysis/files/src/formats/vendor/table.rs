@@ -329,7 +329,7 @@ impl<'a> Header<'a> {
             sign: named.sign,
             unit: None,
         };
-        column.take_unit(named.unit.clone(), (self.path, self.line))?;
+        column.take_unit(named.unit.clone(), self.path, self.line)?;
         Ok(column)
     }
 }
@@ -348,7 +348,7 @@ fn of_another(title: &str) -> bool {
 
 impl Column {
     /// Takes over a unit.
-    fn take_unit(&mut self, unit: Unit, (path, line): (&Path, usize)) -> Result<(), FormatError> {
+    fn take_unit(&mut self, unit: Unit, path: &Path, line: usize) -> Result<(), FormatError> {
         let refused = |met: String, reason: &'static str| FormatError::Unit {
             file: path.to_owned(),
             line,
@@ -383,7 +383,8 @@ impl Table {
     pub(super) fn take_units(
         &mut self,
         row: &[&str],
-        place: (&Path, usize),
+        path: &Path,
+        line: usize,
     ) -> Result<(), FormatError> {
         let columns = std::iter::once(&mut self.freq)
             .chain(self.curves.iter_mut().flat_map(|curve| &mut curve.columns));
@@ -392,7 +393,7 @@ impl Table {
                 .get(column.index)
                 .and_then(|field| names::unit_under(column.quantity, field))
             {
-                column.take_unit(unit, place)?;
+                column.take_unit(unit, path, line)?;
             }
         }
         Ok(())
