@@ -501,7 +501,7 @@ pub fn write_whole_spectrum_csv(
             .zip(flags)
             .for_each(|(row, flag)| row.push_str(&flag_field(flag)));
     }
-    rows::write_csv_with(path, &spectrum.points, (&header, &rows))
+    rows::write_csv_with(path, &spectrum.points, &header, &rows)
 }
 
 /// The column of what a gate has refused, in a header.
@@ -534,7 +534,7 @@ pub fn write_flagged_spectrum_csv(
     flags: &[String],
 ) -> Result<(), DatasetError> {
     let rows: Vec<String> = flags.iter().map(|flag| flag_field(flag)).collect();
-    rows::write_csv_with(path, points, (FLAGS, &rows))
+    rows::write_csv_with(path, points, FLAGS, &rows)
 }
 
 /// Appends one point to a spectrum in CSV, or starts the file; it is on disk when this returns. A
@@ -575,7 +575,7 @@ pub fn write_flagged_spectrum_parquet(
     if !is_flagged(flags) || flags.len() != points.len() {
         return rows::write_parquet(path, points);
     }
-    rows::write_parquet_with(path, points, (FLAGS_COLUMN, flags))
+    rows::write_parquet_with(path, points, FLAGS_COLUMN, flags)
 }
 
 /// Reads a spectrum from Parquet.

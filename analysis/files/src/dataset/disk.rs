@@ -14,7 +14,7 @@ use super::DatasetError;
 /// [`DatasetError::Io`]; the hidden file is then removed.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
     let beside = beside(path)?;
-    replace(path, (&beside, File::create(&beside)), bytes)
+    replace(path, &beside, File::create(&beside), bytes)
 }
 
 /// The same, by a file that has at most this mode from the beginning, whatever the process' umask
@@ -31,12 +31,13 @@ pub fn write_private(path: &Path, bytes: &[u8], mode: u32) -> Result<(), Dataset
         .create_new(true)
         .mode(mode)
         .open(&beside);
-    replace(path, (&beside, made), bytes)
+    replace(path, &beside, made, bytes)
 }
 
 fn replace(
     path: &Path,
-    (beside, made): (&Path, io::Result<File>),
+    beside: &Path,
+    made: io::Result<File>,
     bytes: &[u8],
 ) -> Result<(), DatasetError> {
     let written = made.and_then(|mut file| {

@@ -68,7 +68,7 @@ pub(super) fn read_csv<R: Row>(path: &Path) -> Result<Vec<R>, DatasetError> {
     lines
         .enumerate()
         .filter(|(_, line)| !line.is_empty())
-        .map(|(index, line)| parse_line(path, (index + 2, columns), cut(line)))
+        .map(|(index, line)| parse_line(path, index + 2, columns, cut(line)))
         .collect()
 }
 
@@ -80,7 +80,8 @@ pub(super) fn write_parquet<R: Row>(path: &Path, rows: &[R]) -> Result<(), Datas
 pub(super) fn write_parquet_with<R: Row>(
     path: &Path,
     rows: &[R],
-    (spec, texts): (ColumnSpec, &[String]),
+    spec: ColumnSpec,
+    texts: &[String],
 ) -> Result<(), DatasetError> {
     let specs: Vec<ColumnSpec> = R::COLUMNS.iter().copied().chain([spec]).collect();
     let mut frame = frame(path, rows, Some(Column::new(spec.name.into(), texts)))?;
@@ -178,7 +179,8 @@ fn first_fields(line: &str, count: usize) -> &str {
 pub(super) fn write_csv_with<R: Row>(
     path: &Path,
     rows: &[R],
-    (more_header, more): (&str, &[String]),
+    more_header: &str,
+    more: &[String],
 ) -> Result<(), DatasetError> {
     let mut text = header::<R>() + more_header + "\n";
     for (row, more) in rows.iter().zip(more) {
@@ -211,7 +213,8 @@ fn line<R: Row>(row: &R) -> String {
 
 fn parse_line<R: Row>(
     path: &Path,
-    (line, columns): (usize, usize),
+    line: usize,
+    columns: usize,
     text: &str,
 ) -> Result<R, DatasetError> {
     let wrong = |column: &str, expected, found: &str| DatasetError::Field {
