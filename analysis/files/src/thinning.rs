@@ -71,13 +71,16 @@ pub fn thin(capture: &Capture, windows: &[Window], thinning: &Thinning) -> Thinn
     let mut means = Vec::new();
     let mut start = 0;
     for (index, &end) in steps.iter().chain([&count]).enumerate() {
-        let (after, before) = (index > 0, index < steps.len());
-        frame.level(start..end, (after, before), thinning, &mut means);
+        let beside = Steps {
+            after: index > 0,
+            before: index < steps.len(),
+        };
+        frame.level(start..end, beside, thinning, &mut means);
         start = end;
     }
     let (sigma_shunt_v, sigma_jig_v) = (
-        frame.scatter((0, 1), &steps, count),
-        frame.scatter((2, 3), &steps, count),
+        frame.scatter(SHUNT, &steps, count),
+        frame.scatter(JIG, &steps, count),
     );
     let steps_s = steps
         .iter()
@@ -96,15 +99,38 @@ struct Frame<'a> {
     interval_s: f64,
 }
 
+/// Two channels whose difference counts.
+#[derive(Clone, Copy)]
+struct Pair {
+    /// Index of the one that is taken off.
+    low: usize,
+    /// Index of the other one.
+    high: usize,
+}
+
+/// Across the shunt.
+const SHUNT: Pair = Pair { low: 0, high: 1 };
+/// Across the jig.
+const JIG: Pair = Pair { low: 2, high: 3 };
+
+/// Where steps part a level of the current from its neighbours.
+#[derive(Clone, Copy)]
+struct Steps {
+    /// The level comes after a step.
+    after: bool,
+    /// The level comes before a step.
+    before: bool,
+}
+
 impl Frame<'_> {
-    /// Voltage of the second channel over the first.
-    fn between(&self, (low, high): (usize, usize), sample: usize) -> f64 {
+    /// Voltage of a pair of channels, V.
+    fn between(&self, pair: Pair, sample: usize) -> f64 {
         let volts = |channel: usize| {
             self.capture.meta.channels[channel]
                 .scale
                 .volts(self.capture.codes[channel][sample])
         };
-        volts(high) - volts(low)
+        volts(pair.high) - volts(pair.low)
     }
 
     /// The first sample after the step in a window; none where the window holds no three samples.
@@ -114,10 +140,10 @@ impl Frame<'_> {
         if range.len() < 3 {
             return None;
         }
-        let mean = range.clone().map(|k| self.between((0, 1), k)).sum::<f64>() / range.len() as f64;
+        let mean = range.clone().map(|k| self.between(SHUNT, k)).sum::<f64>() / range.len() as f64;
         let mut sum = 0.0;
         let far = range.map(|k| {
-            sum += self.between((0, 1), k) - mean;
+            sum += self.between(SHUNT, k) - mean;
             (k + 1, sum.abs())
         });
         far.max_by(|a, b| a.1.total_cmp(&b.1)).map(|(k, _)| k)
@@ -129,7 +155,7 @@ impl Frame<'_> {
         let sharp = step as f64 - 0.5;
         let mean = |range: std::ops::Range<usize>| {
             let span = range.len() as f64;
-            range.map(|k| self.between((0, 1), k)).sum::<f64>() / span
+            range.map(|k| self.between(SHUNT, k)).sum::<f64>() / span
         };
         if step <= 2 * settle + 1
             || step + 2 * settle > self.capture.codes[0].len().min(self.capture.codes[1].len())
@@ -143,7 +169,7 @@ impl Frame<'_> {
         // A sample beyond both levels was taken while the step passed: one of the two channels had
         // seen it, the other, skewed, had not. The current had not moved yet.
         let seen = |k: usize| {
-            let part = (self.between((0, 1), k) - before) / (after - before);
+            let part = (self.between(SHUNT, k) - before) / (after - before);
             if (-BEYOND..=1.0 + BEYOND).contains(&part) {
                 part
             } else {
@@ -162,10 +188,11 @@ impl Frame<'_> {
     fn level(
         &self,
         range: std::ops::Range<usize>,
-        (after, before): (bool, bool),
+        beside: Steps,
         thinning: &Thinning,
         means: &mut Vec<Mean>,
     ) {
+        let Steps { after, before } = beside;
         let samples = |span_s: f64| {
             ((span_s / self.interval_s).round() as usize).clamp(1, range.len().max(1))
         };
@@ -231,7 +258,7 @@ impl Frame<'_> {
     }
 
     /// Scatter of one sample, from the differences of neighbours that no step parts.
-    fn scatter(&self, pair: (usize, usize), steps: &[usize], count: usize) -> f64 {
+    fn scatter(&self, pair: Pair, steps: &[usize], count: usize) -> f64 {
         let calm = |k: &usize| steps.iter().all(|step| k.abs_diff(*step) > 2);
         let (mut sum, mut number) = (0.0, 0.0f64);
         for k in (1..count).filter(calm) {

@@ -5,6 +5,8 @@
 //! behind it, that is where the sum of the squared differences is least. Means leave out what
 //! follows a step at once, for a supply takes time to settle.
 
+use std::ops::RangeInclusive;
+
 /// Blocks that a long stair is taken together to when it is looked for.
 const BLOCKS: usize = 2048;
 /// Blocks to either side within which the finer search looks on.
@@ -67,8 +69,18 @@ impl Sums {
     }
 }
 
-/// When in the record the stair begins, s, within `reach_s` of `near_s`.
-pub fn begins(record: &Sums, stair: &Stair<'_>, (near_s, reach_s): (f64, f64)) -> f64 {
+/// Where something is sought.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Around {
+    /// Middle, s.
+    pub near_s: f64,
+    /// How far from the middle, s.
+    pub reach_s: f64,
+}
+
+/// When in the record the stair begins, s, within what is given.
+pub fn begins(record: &Sums, stair: &Stair<'_>, around: Around) -> f64 {
+    let Around { near_s, reach_s } = around;
     let per_block = stair.values.len().div_ceil(BLOCKS).max(1);
     let blocks: Vec<f64> = stair
         .values
@@ -82,21 +94,22 @@ pub fn begins(record: &Sums, stair: &Stair<'_>, (near_s, reach_s): (f64, f64)) -
     let rough_s = best(
         record,
         &coarse,
-        (near_s - reach_s, near_s + reach_s),
+        near_s - reach_s..=near_s + reach_s,
         0.5 * coarse.step_s,
     );
     let around_s = FINE_BLOCKS * coarse.step_s;
     best(
         record,
         stair,
-        (rough_s - around_s, rough_s + around_s),
+        rough_s - around_s..=rough_s + around_s,
         record.interval_s,
     )
 }
 
 /// The place of least squares with any gain: of the greatest correlation over the record's own size
 /// there. Without that size, a part of a stair is drawn to wherever more flows.
-fn best(record: &Sums, stair: &Stair<'_>, (from_s, to_s): (f64, f64), by_s: f64) -> f64 {
+fn best(record: &Sums, stair: &Stair<'_>, range_s: RangeInclusive<f64>, by_s: f64) -> f64 {
+    let (from_s, to_s) = range_s.into_inner();
     let count = ((to_s - from_s) / by_s).ceil().max(0.0) as usize;
     let places = (0..=count).map(|k| from_s + k as f64 * by_s);
     let score = |start_s: f64| -> f64 {
@@ -185,7 +198,10 @@ mod tests {
                     values: &values,
                     step_s: 2.0e-3,
                 },
-                (0.5, 0.3),
+                Around {
+                    near_s: 0.5,
+                    reach_s: 0.3,
+                },
             );
             assert!((found_s - 0.6371).abs() <= 2.6e-4, "{count}: {found_s}");
         }
@@ -216,7 +232,10 @@ mod tests {
                         values: &values[part.clone()],
                         step_s,
                     },
-                    (truth_s + 1.3e-3, 2.0 * step_s),
+                    Around {
+                        near_s: truth_s + 1.3e-3,
+                        reach_s: 2.0 * step_s,
+                    },
                 );
                 assert!(
                     (found_s - truth_s).abs() <= 1.01 * interval_s,

@@ -14,7 +14,7 @@ use analysis::{
 };
 use instruments::{
     fixture::Fixture,
-    generator::Wave,
+    generator::{Sine, Wave},
     units::{Hertz, Volts},
 };
 
@@ -68,7 +68,12 @@ impl Rig<'_> {
         let mut shape: Vec<f64> = currents.iter().map(|amps| amps / peak_a).collect();
         shape.resize(steps, 0.0);
         generator.quiet(offset).await.map_err(&error)?;
-        let wave = Wave::named("run", shape, Hertz(freq_hz), (amplitude, offset));
+        let sine = Sine {
+            freq: Hertz(freq_hz),
+            amplitude,
+            offset,
+        };
+        let wave = Wave::named("run", shape, sine);
         generator.wave(&wave).await.map_err(&error)?;
         self.no_burst();
         let refused = self.driving.burst.refused;
@@ -339,7 +344,14 @@ const CLOCKS_APART: f64 = 1.0e-3;
 /// be found, the scope's clock counts.
 fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
     let whole = Place {
-        begin_s: begins(record, stair, (near_s, REACH_S)),
+        begin_s: begins(
+            record,
+            stair,
+            Around {
+                near_s,
+                reach_s: REACH_S,
+            },
+        ),
         step_s: stair.step_s,
     };
     let middle = stair.values.len() / 2;
@@ -348,7 +360,10 @@ fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
     if square(first).min(square(second)) < SHARE * square(stair.values) {
         return whole;
     }
-    let near = (whole.begin_s, 2.0 * stair.step_s);
+    let near = Around {
+        near_s: whole.begin_s,
+        reach_s: 2.0 * stair.step_s,
+    };
     let first_s = begins(
         record,
         &Stair {
@@ -363,7 +378,10 @@ fn place(record: &Sums, stair: &Stair<'_>, near_s: f64) -> Place {
             values: second,
             ..*stair
         },
-        (near.0 + middle as f64 * stair.step_s, near.1),
+        Around {
+            near_s: near.near_s + middle as f64 * stair.step_s,
+            ..near
+        },
     );
     let apart_s = second_s - first_s;
     // Less than a sample is no difference of clocks.

@@ -368,6 +368,10 @@ struct Row {
 /// Residuals of one point share noise: their parts are freed of what the ones before tell of them,
 /// which is forward substitution in the Cholesky triangle of their common covariance.
 fn whiten(residuals: &[Slope], covariances: &[Covariance2; 4]) -> Vec<Row> {
+    let of = |k: usize| Part {
+        residual: &residuals[k / 2],
+        part: k % 2,
+    };
     let parts: Vec<Row> = residuals.iter().flat_map(parts).collect();
     let mut lower = vec![vec![0.0; parts.len()]; parts.len()];
     let mut rows: Vec<Row> = Vec::with_capacity(parts.len());
@@ -375,11 +379,7 @@ fn whiten(residuals: &[Slope], covariances: &[Covariance2; 4]) -> Vec<Row> {
         let mut row = *part;
         for j in 0..=i {
             let shared: f64 = (0..j).map(|k| lower[i][k] * lower[j][k]).sum();
-            let left = shared_noise(
-                (&residuals[i / 2], i % 2),
-                (&residuals[j / 2], j % 2),
-                covariances,
-            ) - shared;
+            let left = shared_noise(of(i), of(j), covariances) - shared;
             if i == j {
                 let sigma = left.max(f64::MIN_POSITIVE).sqrt();
                 lower[i][i] = sigma;
@@ -415,13 +415,18 @@ fn parts(residual: &Slope) -> [Row; 2] {
     ]
 }
 
-/// Covariance of a part of one residual with a part of another (0 real, 1 imaginary), from that of
-/// the phasors.
-fn shared_noise(
-    (a, part_a): (&Slope, usize),
-    (b, part_b): (&Slope, usize),
-    covariances: &[Covariance2; 4],
-) -> f64 {
+/// A part of a residual.
+#[derive(Clone, Copy)]
+struct Part<'a> {
+    /// The residual.
+    residual: &'a Slope,
+    /// 0 for the real part, 1 for the imaginary part.
+    part: usize,
+}
+
+/// Covariance of a part of one residual with a part of another, from that of the phasors.
+fn shared_noise(a: Part<'_>, b: Part<'_>, covariances: &[Covariance2; 4]) -> f64 {
+    let (part_a, part_b) = (a.part, b.part);
     // How a part of slope·phasor depends on the phasor's real and imaginary part.
     let turn = |slope: Complex64, part: usize| {
         if part == 0 {
@@ -430,7 +435,12 @@ fn shared_noise(
             [slope.im, slope.re]
         }
     };
-    let slopes = a.by_volts().into_iter().zip(b.by_volts()).zip(covariances);
+    let slopes = a
+        .residual
+        .by_volts()
+        .into_iter()
+        .zip(b.residual.by_volts())
+        .zip(covariances);
     let channel = |((a, b), c): ((Complex64, Complex64), &Covariance2)| {
         let ([a0, a1], [b0, b1]) = (turn(a, part_a), turn(b, part_b));
         a0 * c.re_re * b0 + (a0 * b1 + a1 * b0) * c.re_im + a1 * c.im_im * b1
