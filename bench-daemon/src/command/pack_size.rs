@@ -5,7 +5,10 @@ use crate::{failure::Failure, files, terminal::say};
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    pack::{Hold, OperatingPoint, Pack, PackError, SimpleIr, Sizing, SizingInput, ThermalMass},
+    pack::{
+        HeldPower, Hold, OperatingPoint, Pack, PackError, SimpleIr, Sizing, SizingInput,
+        ThermalMass,
+    },
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
 };
 use clap::Args;
@@ -138,7 +141,13 @@ pub fn size(args: &SizeArgs) -> Result<(), Failure> {
     let sizing = Sizing::new(&input).map_err(usage)?;
     let held = args.power_w.zip(args.hold_s);
     let hold = held
-        .map(|held| Hold::new(&input, held, args.thermal.mass()))
+        .map(|(power_w, duration_s)| {
+            let held = HeldPower {
+                power_w,
+                duration_s,
+            };
+            Hold::new(&input, held, args.thermal.mass())
+        })
         .transpose()
         .map_err(usage)?;
     let report = SizeReport {

@@ -150,7 +150,7 @@ pub fn sop(args: &SopArgs) -> Result<(), Failure> {
         low_v: args.v_min,
         high_v: args.v_max,
     };
-    analysis::pack::check_window((window.low_v, window.high_v)).map_err(|error| usage(&error))?;
+    analysis::pack::check_window(window.low_v..=window.high_v).map_err(|error| usage(&error))?;
     args.ocv_v
         .map_or(Ok(()), |ocv_v| check_ocv(ocv_v, &window, &file))?;
     let currents = CurrentLimits {

@@ -64,17 +64,18 @@ pub fn sop_map(
         .collect();
     places
         .par_iter()
-        .map(|&(soc, duration_s)| entry(model, (soc, duration_s), options))
+        .map(|&(soc, duration_s)| entry(model, soc, duration_s, options))
         .collect()
 }
 
 fn entry(
     model: &SimModel,
-    (soc, duration_s): (f64, f64),
+    soc: f64,
+    duration_s: f64,
     options: &SopOptions,
 ) -> Result<SopEntry, ForwardError> {
     let (discharge, charge) = most_power(model, &model.rest(soc)?, duration_s, options)?;
-    let (ir_discharge, ir_charge) = simple_ir(model, (soc, duration_s), options)?;
+    let (ir_discharge, ir_charge) = simple_ir(model, soc, duration_s, options)?;
     let series = f64::from(model.pack.series);
     Ok(SopEntry {
         soc: matches!(model.ocv, OcvSource::Curve(_)).then_some(soc),
@@ -96,7 +97,8 @@ fn entry(
 /// The same limits of the DC resistance alone, at the OCV of the start.
 fn simple_ir(
     model: &SimModel,
-    (soc, duration_s): (f64, f64),
+    soc: f64,
+    duration_s: f64,
     options: &SopOptions,
 ) -> Result<(Limit, Limit), ForwardError> {
     let cell_v = model.ocv_v(soc).0 / f64::from(model.pack.series);

@@ -194,11 +194,17 @@ impl Search<'_> {
             if lost.0 - kept.0 <= self.options.accuracy * lost.0 || lost.0 < 1e-12 {
                 break;
             }
-            let power = between(
-                (kept.0, kept.1.margin * weight_kept),
-                (lost.0, lost.1.margin * weight_lost),
-                (trial, self.options.accuracy),
+            let (below, above) = (
+                Tried {
+                    power_w: kept.0,
+                    margin: kept.1.margin * weight_kept,
+                },
+                Tried {
+                    power_w: lost.0,
+                    margin: lost.1.margin * weight_lost,
+                },
             );
+            let power = between(below, above, trial, self.options.accuracy);
             let verdict = self.judge(direction, sign * power)?;
             let inside = verdict.margin >= 0.0;
             if inside {
@@ -305,19 +311,27 @@ impl Search<'_> {
     }
 }
 
+/// A power that was tried.
+struct Tried {
+    /// Its size, W.
+    power_w: f64,
+    /// Margin that it leaves, times the weight of its end.
+    margin: f64,
+}
+
 /// A trial between a kept and a lost power: by false position, every third time by bisection, and
 /// never at an end.
-fn between(kept: (f64, f64), lost: (f64, f64), (trial, accuracy): (usize, f64)) -> f64 {
-    let width = lost.0 - kept.0;
+fn between(kept: Tried, lost: Tried, trial: usize, accuracy: f64) -> f64 {
+    let width = lost.power_w - kept.power_w;
     let share = if trial % 3 == 2 {
         0.5
     } else {
-        kept.1 / (kept.1 - lost.1)
+        kept.margin / (kept.margin - lost.margin)
     };
     let share = if share.is_finite() { share } else { 0.5 };
     // Half the accuracy off an end lets the last trial close the bracket.
-    let edge = (0.4 * accuracy * lost.0 / width).min(0.5);
-    kept.0 + width * share.clamp(edge, 1.0 - edge)
+    let edge = (0.4 * accuracy * lost.power_w / width).min(0.5);
+    kept.power_w + width * share.clamp(edge, 1.0 - edge)
 }
 
 /// A power held for a duration, with rows that lie closer at its start.

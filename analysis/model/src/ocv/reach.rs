@@ -3,6 +3,7 @@
 //! carried on to them, so that SOC 0 and 1 are states of the cell and not of the load.
 
 use serde::{Deserialize, Serialize};
+use std::ops::RangeInclusive;
 
 use super::OcvCurve;
 
@@ -30,7 +31,8 @@ impl OcvCurve {
     /// The same curve between the voltage limits; an end that is too far from its limit, or beyond
     /// it, stays where it is.
     #[must_use]
-    pub fn reaching(&self, (low_v, high_v): (f64, f64)) -> (Self, Reach) {
+    pub fn reaching(&self, limits_v: RangeInclusive<f64>) -> (Self, Reach) {
+        let (low_v, high_v) = limits_v.into_inner();
         let (low, high) = (self.at(0.0), self.at(1.0));
         let share = |missing_v: f64, slope_v: f64| {
             Some(missing_v / slope_v)
@@ -69,7 +71,7 @@ mod tests {
     #[test]
     fn a_curve_is_carried_on_to_near_limits_and_not_to_far_ones() {
         let line = OcvCurve::monotone(4.0, vec![0.0, 0.5, 1.0], vec![3.0, 3.5, 4.0]).unwrap();
-        let (whole, reach) = line.reaching((2.99, 4.02));
+        let (whole, reach) = line.reaching(2.99..=4.02);
         assert!(
             (reach.below - 0.01).abs() < 1e-12 && (reach.above - 0.02).abs() < 1e-12,
             "{reach:?}"
@@ -82,7 +84,7 @@ mod tests {
                     && (whole.slope_v(soc) - 1.03).abs() < 1e-12
             );
         }
-        let (same, none) = line.reaching((2.5, 3.9));
+        let (same, none) = line.reaching(2.5..=3.9);
         assert_eq!(
             (same, none),
             (

@@ -82,9 +82,13 @@ impl Hold {
     /// duration that is none.
     pub fn new(
         input: &super::SizingInput,
-        (power_w, duration_s): (f64, f64),
+        held: HeldPower,
         thermal: ThermalMass,
     ) -> Result<Self, PackError> {
+        let HeldPower {
+            power_w,
+            duration_s,
+        } = held;
         thermal.check()?;
         let ir = super::SimpleIr::new(input)?;
         if !(duration_s.is_finite() && duration_s >= 0.0) {
@@ -140,9 +144,16 @@ mod tests {
         }
     }
 
+    fn held(power_w: f64, duration_s: f64) -> HeldPower {
+        HeldPower {
+            power_w,
+            duration_s,
+        }
+    }
+
     #[test]
     fn four_kilowatts_for_ten_seconds_by_hand() {
-        let hold = Hold::new(&input(), (4000.0, 10.0), ThermalMass::P45B).unwrap();
+        let hold = Hold::new(&input(), held(4000.0, 10.0), ThermalMass::P45B).unwrap();
         // √(57.6² − 4·4000·0.11) = 39.4685; CCV 48.5342 V; 82.416 A; 27.472 A a cell; 27.472²
         // · 0.015 · 10 = 113.21 J; / 66.5 J/K = 1.702 K.
         assert!(
@@ -180,7 +191,7 @@ mod tests {
         ];
         for (case, text) in cases {
             assert_eq!(
-                Hold::new(&input(), case, ThermalMass::P45B)
+                Hold::new(&input(), held(case.0, case.1), ThermalMass::P45B)
                     .unwrap_err()
                     .to_string(),
                 text
@@ -192,7 +203,7 @@ mod tests {
         };
         let text = "mass of a cell in kg: expected a number above 0, met 0";
         assert_eq!(
-            Hold::new(&input(), (100.0, 1.0), light)
+            Hold::new(&input(), held(100.0, 1.0), light)
                 .unwrap_err()
                 .to_string(),
             text

@@ -9,7 +9,7 @@
 mod heat;
 mod sizing;
 
-pub use heat::{Hold, ThermalMass};
+pub use heat::{HeldPower, Hold, ThermalMass};
 pub use sizing::{OperatingPoint, PeakLimit, SimpleIr, Sizing, SizingInput, check_window};
 
 use crate::model::{Erm, ModelError, RcBranch};

@@ -9,6 +9,7 @@
 
 use super::{Pack, PackError};
 use serde::Serialize;
+use std::ops::RangeInclusive;
 
 /// Data that a pack is sized from.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -221,7 +222,7 @@ impl SimpleIr {
                 input.dcir_ohm,
             );
         }
-        check_window(input.window_v)?;
+        check_window(input.window_v.0..=input.window_v.1)?;
         if let Some(slope) = input
             .required_v_per_w
             .filter(|k| !(k.is_finite() && *k > 0.0))
@@ -272,7 +273,8 @@ impl SimpleIr {
 ///
 /// # Errors
 /// [`PackError::Window`] unless 0 ≤ lower < upper.
-pub fn check_window((low_v, high_v): (f64, f64)) -> Result<(), PackError> {
+pub fn check_window(window_v: RangeInclusive<f64>) -> Result<(), PackError> {
+    let (low_v, high_v) = window_v.into_inner();
     if low_v >= 0.0 && low_v < high_v && high_v.is_finite() {
         Ok(())
     } else {

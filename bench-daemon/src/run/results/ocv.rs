@@ -66,7 +66,7 @@ pub(super) fn write(
     let mut found =
         extract(&down.steady, up.as_ref().map(|up| &up.steady), &options).map_err(failed)?;
     let limits_v = options.limits_v;
-    let (curve, reach) = found.curve.reaching(limits_v);
+    let (curve, reach) = found.curve.reaching(limits_v.0..=limits_v.1);
     (found.capacity_ah, found.curve) = (curve.capacity_ah, curve);
     found.polynomial = ocv
         .polynomial

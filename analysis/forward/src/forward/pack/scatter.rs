@@ -296,7 +296,7 @@ fn check(setup: &ScatterSetup<'_>) -> Result<(), PackError> {
     setup.pack.check()?;
     setup.cell.validate()?;
     setup.thermal.check()?;
-    check_window((setup.window.low_v, setup.window.high_v))?;
+    check_window(setup.window.low_v..=setup.window.high_v)?;
     let fail = |what, expected, met| {
         Err(PackError::Value {
             what,

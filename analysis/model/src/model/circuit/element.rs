@@ -83,13 +83,17 @@ pub struct ParameterKind {
     pub bounds: (f64, f64),
 }
 
-const fn parameter(unit: &'static str, role: Role, bounds: (f64, f64)) -> ParameterKind {
-    ParameterKind { unit, role, bounds }
+const fn parameter(unit: &'static str, role: Role, lower: f64, upper: f64) -> ParameterKind {
+    ParameterKind {
+        unit,
+        role,
+        bounds: (lower, upper),
+    }
 }
 
-const OHM: ParameterKind = parameter("Ω", Role::Level, (1e-12, 1e12));
-const TIME: ParameterKind = parameter("s", Role::Time, (1e-15, 1e15));
-const EXPONENT: ParameterKind = parameter("", Role::Exponent, (0.05, 1.0));
+const OHM: ParameterKind = parameter("Ω", Role::Level, 1e-12, 1e12);
+const TIME: ParameterKind = parameter("s", Role::Time, 1e-15, 1e15);
+const EXPONENT: ParameterKind = parameter("", Role::Exponent, 0.05, 1.0);
 
 impl ElementKind {
     /// Every kind, in the order of the table above.
@@ -128,17 +132,17 @@ impl ElementKind {
 
     /// Its parameters, in impedance.py's order.
     pub fn parameters(self) -> &'static [ParameterKind] {
-        const LENGTH: ParameterKind = parameter("", Role::Length, (1e-4, 1e4));
+        const LENGTH: ParameterKind = parameter("", Role::Length, 1e-4, 1e4);
         match self {
             Self::R => &[OHM],
-            Self::C => const { &[parameter("F", Role::InverseLevel, (1e-18, 1e12))] },
-            Self::L => const { &[parameter("H", Role::Level, (1e-18, 1e6))] },
-            Self::La => const { &[parameter("Ω s^α", Role::Level, (1e-18, 1e12)), EXPONENT] },
-            Self::W => const { &[parameter("Ω s^-1/2", Role::Level, (1e-12, 1e12))] },
+            Self::C => const { &[parameter("F", Role::InverseLevel, 1e-18, 1e12)] },
+            Self::L => const { &[parameter("H", Role::Level, 1e-18, 1e6)] },
+            Self::La => const { &[parameter("Ω s^α", Role::Level, 1e-18, 1e12), EXPONENT] },
+            Self::W => const { &[parameter("Ω s^-1/2", Role::Level, 1e-12, 1e12)] },
             Self::Cpe => {
                 const {
                     &[
-                        parameter("Ω^-1 s^α", Role::InverseLevel, (1e-18, 1e12)),
+                        parameter("Ω^-1 s^α", Role::InverseLevel, 1e-18, 1e12),
                         EXPONENT,
                     ]
                 }
