@@ -35,10 +35,10 @@ pub(crate) fn rows() -> Vec<Row> {
         .build()
         .unwrap();
     let many = |model: &SimModel, profile: &Profile, options: &BatchOptions| {
-        one_core.install(|| batch((model, &state, CELLS), profile, options))
+        one_core.install(|| batch(model, &state, CELLS, profile, options))
     };
     let one = |model: &SimModel, profile: &Profile| {
-        one_core.install(|| batch((model, &state, 1), profile, &stop))
+        one_core.install(|| batch(model, &state, 1, profile, &stop))
     };
     let controlled = || {
         let start = Instant::now();
@@ -70,7 +70,7 @@ pub(crate) fn rows() -> Vec<Row> {
             many(&curved, &held, &stop)
         }),
         ("", "  the same on all cores", &|| {
-            batch((&flat, &state, CELLS), &held, &stop)
+            batch(&flat, &state, CELLS, &held, &stop)
         }),
     ];
     let best = |case: &dyn Fn() -> f64| (0..RUNS).map(|_| case()).fold(0.0, f64::max);
@@ -82,7 +82,9 @@ pub(crate) fn rows() -> Vec<Row> {
 
 /// Cell-steps per second of a batch of equal cells at different scales.
 fn batch(
-    (model, state, cells): (&SimModel, &SimState, usize),
+    model: &SimModel,
+    state: &SimState,
+    cells: usize,
     profile: &Profile,
     options: &BatchOptions,
 ) -> f64 {

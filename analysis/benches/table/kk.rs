@@ -10,6 +10,7 @@ use analysis::{
 use num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::hint::black_box;
+use std::ops::RangeInclusive;
 use std::time::Instant;
 
 use crate::{Row, Unit};
@@ -17,7 +18,8 @@ use crate::{Row, Unit};
 const BATCHES: u32 = 15;
 
 /// R, L, a ZARC, an RC and a Warburg element with 0.2 % noise that is stated or not.
-fn spectrum(points: u32, (low, high): (f64, f64), stated: bool, seed: u64) -> Spectrum {
+fn spectrum(points: u32, band_hz: RangeInclusive<f64>, stated: bool, seed: u64) -> Spectrum {
+    let (low, high) = band_hz.into_inner();
     let mut rng = Rng::new(seed);
     let mut normal = || (-2.0 * (1.0 - rng.uniform()).ln()).sqrt() * (TAU * rng.uniform()).cos();
     let point = |k: u32| {
@@ -60,9 +62,9 @@ fn time(spectra: &[Spectrum], rounds: u32, work: impl Fn(&Spectrum)) -> f64 {
 
 /// The figures.
 pub(crate) fn rows() -> Vec<Row> {
-    let many = |points, band, stated| {
+    let many = |points, (low_hz, high_hz), stated| {
         (0..20)
-            .map(|seed| spectrum(points, band, stated, seed))
+            .map(|seed| spectrum(points, low_hz..=high_hz, stated, seed))
             .collect::<Vec<_>>()
     };
     let test = |s: &Spectrum| {

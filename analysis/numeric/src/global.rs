@@ -207,7 +207,7 @@ impl Breeder<'_> {
             .map_or(0, |(i, _)| i);
         let mut trial = vec![0.0; self.bounds.len()];
         for i in 0..values.len() {
-            self.mutate(population, (i, best), &mut trial);
+            self.mutate(population, i, best, &mut trial);
             if self.options.interchangeable {
                 trial.sort_by(f64::total_cmp);
             }
@@ -216,7 +216,7 @@ impl Breeder<'_> {
     }
 
     /// Writes the mutant of member `i`, crossed with it, to `trial`.
-    fn mutate(&mut self, population: &Columns, (i, best): (usize, usize), trial: &mut [f64]) {
+    fn mutate(&mut self, population: &Columns, i: usize, best: usize, trial: &mut [f64]) {
         let n = population.members();
         let base = match self.options.strategy {
             Strategy::Rand1 => self.other_than(&[i], n),

@@ -5,6 +5,7 @@ use analysis_signal::spectrum::Spectrum;
 use nalgebra::{DMatrix, DVector};
 use num_complex::Complex64;
 use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
 
 /// Elements before the continuum: R∞, L, 1/C, A.
 pub(super) const SERIES: usize = 4;
@@ -34,7 +35,7 @@ impl Design {
     /// The problem with a grid that reaches as far beyond the slow end of the band as told.
     pub(super) fn new(spectrum: &Spectrum, noise: &Noise, slow_reach: f64) -> Self {
         let omega: Vec<f64> = spectrum.points.iter().map(|p| TAU * p.freq_hz).collect();
-        let tau_s = grid((omega[0] / slow_reach, omega[omega.len() - 1] * REACH));
+        let tau_s = grid(omega[0] / slow_reach..=omega[omega.len() - 1] * REACH);
         let n = SERIES + tau_s.len();
         let mut rows = DMatrix::zeros(2 * omega.len(), n);
         let mut data = DVector::zeros(2 * omega.len());
@@ -75,8 +76,8 @@ impl Design {
     }
 }
 
-fn grid((omega_low, omega_high): (f64, f64)) -> Vec<f64> {
-    let (first, last) = (1.0 / omega_high, 1.0 / omega_low);
+fn grid(omega: RangeInclusive<f64>) -> Vec<f64> {
+    let (first, last) = (1.0 / omega.end(), 1.0 / omega.start());
     let nodes = ((PER_DECADE * (last / first).log10()).ceil() as usize + 1).min(MOST_NODES);
     (0..nodes)
         .map(|k| first * (last / first).powf(k as f64 / (nodes - 1) as f64))

@@ -2,6 +2,7 @@
 
 use nalgebra::DMatrix;
 use serde::Serialize;
+use std::ops::RangeInclusive;
 
 /// A peak with less than this share of the whole is none, and neither is one smaller than so many
 /// of its standard deviations.
@@ -27,8 +28,9 @@ pub struct Peak {
 /// constant.
 pub(super) fn peaks(
     tau_s: &[f64],
-    (x, covariance): (&[f64], &DMatrix<f64>),
-    band: (f64, f64),
+    x: &[f64],
+    covariance: &DMatrix<f64>,
+    band: RangeInclusive<f64>,
 ) -> Vec<Peak> {
     let least = LEAST_SHARE * x.iter().sum::<f64>();
     let peak = |(from, to): (usize, usize)| {
@@ -51,7 +53,7 @@ pub(super) fn peaks(
             r_ohm,
             sigma_ohm: variance.max(0.0).sqrt(),
             width_decades: moment(&|l| (l - centre).powi(2)).sqrt() / std::f64::consts::LN_10,
-            in_band: tau >= band.0 && tau <= band.1,
+            in_band: band.contains(&tau),
         }
     };
     let carries = |(from, to): &(usize, usize)| x[*from..*to].iter().sum::<f64>() > least;

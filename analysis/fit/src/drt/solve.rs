@@ -193,11 +193,9 @@ fn result(design: &Design, best: &Candidate, covariance: &DMatrix<f64>) -> Drt {
         reduced_chi2: reduced_chi2(design, best),
         peaks: peaks(
             &design.tau_s,
-            (
-                &x.as_slice()[SERIES..],
-                &covariance.view_range(SERIES.., SERIES..).into_owned(),
-            ),
-            band,
+            &x.as_slice()[SERIES..],
+            &covariance.view_range(SERIES.., SERIES..).into_owned(),
+            band.0..=band.1,
         ),
         band_tau_s: band,
         tau_s: design.tau_s.clone(),
