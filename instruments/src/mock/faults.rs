@@ -16,7 +16,10 @@ use std::{
     },
 };
 
-use super::{Device, MakeError, MockOptions, Model, make, model, plant::SharedPlant};
+use super::{
+    Device, MakeError, MockOptions, Model, make, model,
+    plant::{Drift, SharedPlant},
+};
 use crate::scpi::decode::Terminator;
 
 /// Fault of one message.
@@ -201,8 +204,11 @@ struct Lies {
     lagging: Option<Vec<u8>>,
 }
 
-/// The zero error of the bipolar supply grows by this much, A/s, up to this, A.
-const DRIFT: (f64, f64) = (0.02, 0.9);
+/// How the zero error of the bipolar supply grows.
+const DRIFT: Drift = Drift {
+    a_per_s: 0.02,
+    greatest_a: 0.9,
+};
 
 /// Makes a simulated instrument on which things go wrong as scheduled.
 ///
@@ -210,7 +216,8 @@ const DRIFT: (f64, f64) = (0.02, 0.9);
 /// As [`make`].
 pub fn make_troubled(
     key: &str,
-    (plant, options): (SharedPlant, &MockOptions),
+    plant: SharedPlant,
+    options: &MockOptions,
     schedule: &Schedule,
     log: &FaultLog,
 ) -> Result<Box<dyn Device>, MakeError> {

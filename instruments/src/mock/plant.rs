@@ -13,6 +13,15 @@ use std::sync::{Arc, Mutex};
 /// await.
 pub type SharedPlant = Arc<Mutex<dyn Plant>>;
 
+/// How a zero error grows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Drift {
+    /// Rate, A/s.
+    pub a_per_s: f64,
+    /// Greatest error, A.
+    pub greatest_a: f64,
+}
+
 /// One coupled simulated bench.
 pub trait Plant: Send {
     /// Tells the world what an instrument does to it from `t_s` on, until told otherwise.
@@ -60,9 +69,8 @@ pub trait Plant: Send {
         false
     }
 
-    /// From now on the zero error of the bipolar supply grows by so much, A/s, up to so much, A. A
-    /// world without one ignores it.
-    fn drift(&mut self, _t_s: f64, (_rate, _greatest): (f64, f64)) {}
+    /// From now on the zero error of the bipolar supply grows. A world without one ignores it.
+    fn drift(&mut self, _t_s: f64, _drift: Drift) {}
 
     /// How late every answer of every instrument is at `t_s`, s.
     fn late_s(&self, _t_s: f64) -> f64 {
