@@ -111,7 +111,7 @@ impl Exchange {
 
     /// `HEADER value` with so many decimals and never an exponent; `HEADER?` must then show the
     /// value.
-    pub fn fixed(header: &str, value: f64, (decimals, tolerance): (usize, f64)) -> Self {
+    pub fn fixed(header: &str, value: f64, decimals: usize, tolerance: f64) -> Self {
         match Self::command(header, |command| command.fixed(value, decimals)) {
             Self::Send(message) => Self::number(message, format!("{header}?"), value, tolerance),
             refused => refused,
@@ -197,8 +197,7 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                 if let Some((query, expect)) = read_back {
                     let answer = link.query(query).await?;
                     expect.judge(&answer).map_err(|expected| {
-                        let (answer, expected) =
-                            readable(link, (query, expect), (&answer, expected));
+                        let (answer, expected) = readable(link, query, expect, &answer, expected);
                         LinkError::unexpected(link.name(), query, &answer, &expected)
                     })?;
                 }
@@ -241,7 +240,7 @@ async fn believe(
             answered,
             expected,
         } => {
-            let (answered, expected) = readable(link, (read_back, expect), (&answered, expected));
+            let (answered, expected) = readable(link, read_back, expect, &answered, expected);
             LinkError::ReadBack {
                 link: name,
                 sent,
@@ -258,8 +257,10 @@ async fn believe(
 /// bits is hard to read. The raw answer is in the log.
 fn readable(
     link: &Link,
-    (question, expect): (&str, &Expect),
-    (answer, expected): (&str, String),
+    question: &str,
+    expect: &Expect,
+    answer: &str,
+    expected: String,
 ) -> (String, String) {
     let masked = matches!(expect, Expect::Bits { .. }) && hex_word(answer).is_some();
     match Differs::of(link.settings(), question, expect, answer).filter(|_| masked) {
@@ -436,7 +437,7 @@ mod tests {
     #[test]
     fn a_number_that_is_none_is_refused_before_it_is_sent() {
         assert_eq!(
-            Exchange::fixed("CURR", 1.5, (4, 1e-3)),
+            Exchange::fixed("CURR", 1.5, 4, 1e-3),
             Exchange::Set {
                 message: "CURR 1.5000".to_owned(),
                 read_back: "CURR?".to_owned(),
@@ -446,7 +447,7 @@ mod tests {
                 }
             }
         );
-        let refused = Exchange::fixed("CURR", f64::NAN, (4, 1e-3));
+        let refused = Exchange::fixed("CURR", f64::NAN, 4, 1e-3);
         assert!(
             matches!(&refused, Exchange::Refuse { message, .. } if message == "CURR"),
             "{refused:?}"

@@ -243,7 +243,7 @@ impl Link {
             });
         }
         let mut connection = self.begin(head)?;
-        let sent = self.hand_over_data(&mut connection, (head, data)).await;
+        let sent = self.hand_over_data(&mut connection, head, data).await;
         self.finish(connection, sent)
     }
 
@@ -491,13 +491,14 @@ impl Link {
         connection: &mut Connection,
         message: &str,
     ) -> Result<(), LinkError> {
-        self.hand_over_data(connection, (message, &[])).await
+        self.hand_over_data(connection, message, &[]).await
     }
 
     async fn hand_over_data(
         &mut self,
         connection: &mut Connection,
-        (message, data): (&str, &[u8]),
+        message: &str,
+        data: &[u8],
     ) -> Result<(), LinkError> {
         let LinkProfile {
             terminator,

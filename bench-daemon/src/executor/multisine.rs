@@ -11,7 +11,7 @@ use analysis::{
 };
 use instruments::{
     fixture::Fixture,
-    generator::Wave,
+    generator::{Sine, Wave},
     scope::{Intent, Trigger, Waveform},
     units::{Hertz, Seconds, Volts},
 };
@@ -86,16 +86,12 @@ impl Rig<'_> {
         let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
         let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
-        let volts = (
-            Volts(band.peak_a * volts_per_amp * wiring.command_trim),
-            Volts(wiring.command_offset_v),
-        );
-        let wave = Wave::named(
-            "eis",
-            band.design.samples(band.steps),
-            Hertz(band.base_hz),
-            volts,
-        );
+        let sine = Sine {
+            freq: Hertz(band.base_hz),
+            amplitude: Volts(band.peak_a * volts_per_amp * wiring.command_trim),
+            offset: Volts(wiring.command_offset_v),
+        };
+        let wave = Wave::named("eis", band.design.samples(band.steps), sine);
         let error = self.bench.error("generator");
         let generator = require(&mut self.bench.generator, "generator")?;
         // A wave is loaded while the least sine plays, never under a current.

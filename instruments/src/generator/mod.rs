@@ -52,19 +52,15 @@ impl Wave {
     /// name plays this shape, not one that was loaded before it. `kind` has at most four letters,
     /// for names of twelve characters are all that a 33500B takes. Names are not used again for
     /// another shape, although no command is known by which an SDG forgets one: were the upload
-    /// lost, the old shape would play under the new amplitude.
-    pub fn named(
-        kind: &str,
-        steps: Vec<f64>,
-        freq: Hertz,
-        (amplitude, offset): (Volts, Volts),
-    ) -> Self {
+    /// lost, the old shape would play under the new amplitude. Frequency, amplitude and offset are
+    /// those of `sine`.
+    pub fn named(kind: &str, steps: Vec<f64>, sine: Sine) -> Self {
         Self {
             name: format!("{kind}{:08x}", digest(&steps)),
             steps,
-            freq,
-            amplitude,
-            offset,
+            freq: sine.freq,
+            amplitude: sine.amplitude,
+            offset: sine.offset,
         }
     }
 }
@@ -270,7 +266,12 @@ mod tests {
     #[test]
     fn each_shape_has_a_name_of_its_own_that_every_model_takes() {
         let name = |steps: &[f64]| {
-            Wave::named("eis", steps.to_vec(), Hertz(1.0), (Volts(1.0), Volts(0.0))).name
+            let sine = Sine {
+                freq: Hertz(1.0),
+                amplitude: Volts(1.0),
+                offset: Volts(0.0),
+            };
+            Wave::named("eis", steps.to_vec(), sine).name
         };
         assert_eq!(name(&[0.0, 1.0]), name(&[0.0, 1.0]));
         let names: std::collections::BTreeSet<String> = (0..1000)

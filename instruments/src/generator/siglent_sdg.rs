@@ -157,7 +157,10 @@ impl Dialect for Sdg {
         vec![basic_wave(
             channel,
             sine,
-            (peak_to_peak_v, 1.0e-3 * peak_to_peak_v + AMPLITUDE_STEP_V),
+            Amplitude {
+                vpp: peak_to_peak_v,
+                tolerance_v: 1.0e-3 * peak_to_peak_v + AMPLITUDE_STEP_V,
+            },
         )]
     }
 
@@ -261,7 +264,10 @@ impl Dialect for Sdg {
         vec![basic_wave(
             channel,
             &least,
-            (0.5 * QUIET_VPP, 0.5 * QUIET_VPP),
+            Amplitude {
+                vpp: 0.5 * QUIET_VPP,
+                tolerance_v: 0.5 * QUIET_VPP,
+            },
         )]
     }
 
@@ -276,8 +282,17 @@ impl Dialect for Sdg {
     }
 }
 
-/// A sine whose amplitude is read back as so much, V peak to peak, within a tolerance.
-fn basic_wave(channel: u8, sine: &Sine, (amplitude_vpp, tolerance_v): (f64, f64)) -> Exchange {
+/// How the amplitude of a sine is read back.
+#[derive(Clone, Copy)]
+struct Amplitude {
+    /// Peak to peak, V.
+    vpp: f64,
+    /// Tolerance, V.
+    tolerance_v: f64,
+}
+
+/// A sine whose amplitude is read back as given.
+fn basic_wave(channel: u8, sine: &Sine, read_back: Amplitude) -> Exchange {
     let (freq_hz, peak_to_peak_v, offset_v) = (
         sine.freq.value(),
         2.0 * sine.amplitude.value(),
@@ -285,7 +300,7 @@ fn basic_wave(channel: u8, sine: &Sine, (amplitude_vpp, tolerance_v): (f64, f64)
     );
     let fields = vec![
         ("FRQ", freq_hz, FREQ_DIGITS * freq_hz + 1.0e-6),
-        ("AMP", amplitude_vpp, tolerance_v),
+        ("AMP", read_back.vpp, read_back.tolerance_v),
         ("OFST", offset_v, OFFSET_TOLERANCE_V),
     ];
     // What is no number is refused, and not sent.

@@ -111,7 +111,7 @@ impl Dialect for Dl3000 {
             Way {
                 name: "constant voltage far above that of a cell",
                 script: vec![
-                    Exchange::fixed(":SOUR:VOLT:LEV:IMM", ABOVE_ANY_CELL_V, (3, 1.0e-2)),
+                    Exchange::fixed(":SOUR:VOLT:LEV:IMM", ABOVE_ANY_CELL_V, 3, 1.0e-2),
                     Exchange::word(":SOUR:FUNC VOLT", ":SOUR:FUNC?", &["CV"]),
                 ],
             },
@@ -153,7 +153,8 @@ impl Dialect for Dl3000 {
                 script.push(Exchange::fixed(
                     ":SOUR:CURR:ILIM",
                     current.value() + ILIM_MARGIN_A,
-                    (3, 5.0e-3),
+                    3,
+                    5.0e-3,
                 ));
             }
             Draw::Power(_) => script.push(Exchange::word(":SOUR:FUNC POW", ":SOUR:FUNC?", &["CP"])),
@@ -165,7 +166,8 @@ impl Dialect for Dl3000 {
         script.push(Exchange::fixed(
             ":SOUR:CURR:VON",
             discharge.stop_below.value(),
-            (3, 5.0e-3),
+            3,
+            5.0e-3,
         ));
         script
     }
@@ -173,9 +175,9 @@ impl Dialect for Dl3000 {
     fn level(&self, draw: Draw) -> Vec<Exchange> {
         vec![match draw {
             Draw::Current(current) => {
-                Exchange::fixed(":SOUR:CURR:LEV:IMM", current.value(), (4, 2.0e-3))
+                Exchange::fixed(":SOUR:CURR:LEV:IMM", current.value(), 4, 2.0e-3)
             }
-            Draw::Power(power) => Exchange::fixed(":SOUR:POW:LEV:IMM", power.value(), (3, 1.0e-2)),
+            Draw::Power(power) => Exchange::fixed(":SOUR:POW:LEV:IMM", power.value(), 3, 1.0e-2),
         }]
     }
 

@@ -98,7 +98,7 @@ impl Dialect for Sdl {
             Way {
                 name: "constant voltage far above that of a cell",
                 script: vec![
-                    Exchange::fixed(":VOLT:LEV:IMM", ABOVE_ANY_CELL_V, (3, 1.0e-2)),
+                    Exchange::fixed(":VOLT:LEV:IMM", ABOVE_ANY_CELL_V, 3, 1.0e-2),
                     Exchange::word(":FUNC VOLTage", ":FUNC?", &["VOLTAGE"]),
                 ],
             },
@@ -152,7 +152,7 @@ impl Dialect for Sdl {
         // With the latch off the input opens by itself when the cell falls below this voltage: a
         // second guard beside the daemon.
         script.push(Exchange::switch(":VOLT:LATC", false));
-        script.push(Exchange::fixed(":VOLT:LEV:ON", stop, (3, 5.0e-3)));
+        script.push(Exchange::fixed(":VOLT:LEV:ON", stop, 3, 5.0e-3));
         // And a third one above the current that is asked for; that of an earlier discharge must
         // not cut off a power.
         let protection = match discharge.draw {
@@ -164,7 +164,8 @@ impl Dialect for Sdl {
         script.push(Exchange::fixed(
             ":CURR:PROT:LEV",
             protection.min(MAX_CURRENT.value()),
-            (4, 5.0e-3),
+            4,
+            5.0e-3,
         ));
         script.push(Exchange::switch(":CURR:PROT:STAT", true));
         script
@@ -172,10 +173,8 @@ impl Dialect for Sdl {
 
     fn level(&self, draw: Draw) -> Vec<Exchange> {
         vec![match draw {
-            Draw::Current(current) => {
-                Exchange::fixed(":CURR:LEV:IMM", current.value(), (4, 2.0e-3))
-            }
-            Draw::Power(power) => Exchange::fixed(":POW:LEV:IMM", power.value(), (3, 1.0e-2)),
+            Draw::Current(current) => Exchange::fixed(":CURR:LEV:IMM", current.value(), 4, 2.0e-3),
+            Draw::Power(power) => Exchange::fixed(":POW:LEV:IMM", power.value(), 3, 1.0e-2),
         }]
     }
 

@@ -4,6 +4,8 @@
 //! when the next message comes: the frame of a running acquisition is the newest one that lies
 //! wholly between its start and now.
 
+use std::ops::RangeInclusive;
+
 use super::{
     plant::{HISTORY_S, TriggerSearch},
     world::World,
@@ -177,7 +179,7 @@ impl<P: Copy> Acquisition<P> {
         if to_s < from_s {
             return;
         }
-        let found = self.search_trigger(world, view, (from_s, to_s));
+        let found = self.search_trigger(world, view, from_s..=to_s);
         let forced = self
             .forced_s
             .take_if(|forced_s| (from_s..=to_s).contains(forced_s));
@@ -215,23 +217,25 @@ impl<P: Copy> Acquisition<P> {
         &mut self,
         world: &World,
         view: &View,
-        (from_s, to_s): (f64, f64),
+        span_s: RangeInclusive<f64>,
     ) -> Option<f64> {
+        let (from_s, to_s) = span_s.into_inner();
         let remembered_s = world.now_s - HISTORY_S - view.start_after_trigger_s;
         let from_s = from_s.max(self.searched_s).max(remembered_s);
         if to_s < from_s {
             return None;
         }
         let found = match self.mode {
-            Mode::Single => first_trigger(world, view, (from_s, to_s)),
-            Mode::Normal | Mode::Auto => newest_trigger(world, view, (from_s, to_s)),
+            Mode::Single => first_trigger(world, view, from_s..=to_s),
+            Mode::Normal | Mode::Auto => newest_trigger(world, view, from_s..=to_s),
         };
         self.searched_s = to_s;
         found
     }
 }
 
-fn newest_trigger(world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Option<f64> {
+fn newest_trigger(world: &World, view: &View, span_s: RangeInclusive<f64>) -> Option<f64> {
+    let (from_s, to_s) = span_s.into_inner();
     let edge = view.trigger?;
     let find = |rising| {
         let search = TriggerSearch {
@@ -253,11 +257,12 @@ fn newest_trigger(world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Opt
 
 /// The first trigger of a span: widens the search until there is one, then goes back from it as
 /// long as there are earlier ones.
-fn first_trigger(world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Option<f64> {
+fn first_trigger(world: &World, view: &View, span_s: RangeInclusive<f64>) -> Option<f64> {
+    let (from_s, to_s) = span_s.into_inner();
     let mut width_s = view.span_s;
     let mut first_s = loop {
         let end_s = (from_s + width_s).min(to_s);
-        if let Some(found_s) = newest_trigger(world, view, (from_s, end_s)) {
+        if let Some(found_s) = newest_trigger(world, view, from_s..=end_s) {
             break found_s;
         }
         if end_s >= to_s {
@@ -269,7 +274,7 @@ fn first_trigger(world: &World, view: &View, (from_s, to_s): (f64, f64)) -> Opti
         // A little earlier than the one just found, so as not to find it again.
         let end_s = first_s - 1e-7 * view.span_s;
         let earlier_s = if end_s > from_s {
-            newest_trigger(world, view, (from_s, end_s))
+            newest_trigger(world, view, from_s..=end_s)
         } else {
             None
         };

@@ -123,7 +123,8 @@ impl Dl3000 {
     fn set_number(
         &mut self,
         arguments: &mut Arguments,
-        (unit, max): (&str, f64),
+        unit: &str,
+        max: f64,
         field: fn(&mut Settings) -> &mut f64,
     ) -> Fallible {
         let value = arguments.number_in(
@@ -134,21 +135,23 @@ impl Dl3000 {
                 default: 0.0,
             },
         )?;
-        *field(&mut self.settings) = self.status.bounded(value, (0.0, max))?;
+        *field(&mut self.settings) = self.status.bounded(value, 0.0..=max)?;
         self.act();
         Ok(())
     }
 
     fn set_amps(&mut self, arguments: &mut Arguments) -> Fallible {
         let max = self.settings.current_range;
-        self.set_number(arguments, ("A", max), |settings| &mut settings.amps)
+        self.set_number(arguments, "A", max, |settings| &mut settings.amps)
     }
 
     /// The smaller range where the value fits into it. The input must be off.
     fn set_range(
         &mut self,
         arguments: &mut Arguments,
-        (unit, low, high): (&str, f64, f64),
+        unit: &str,
+        low: f64,
+        high: f64,
         field: fn(&mut Settings) -> &mut f64,
     ) -> Fallible {
         let value = arguments.number_in(
@@ -227,7 +230,7 @@ macro_rules! number {
     ($unit:literal, $max:expr, $field:ident) => {
         &both(
             |load: &mut Dl3000, arguments| {
-                load.set_number(arguments, ($unit, $max), |settings| &mut settings.$field)
+                load.set_number(arguments, $unit, $max, |settings| &mut settings.$field)
             },
             |load, _| decimals(load.settings.$field),
         )
@@ -243,9 +246,7 @@ macro_rules! level {
 macro_rules! range {
     ($unit:literal, $low:expr, $high:expr, $field:ident) => {
         Leaf! {b"RANGe" => &both(
-            |load: &mut Dl3000, arguments| {
-                load.set_range(arguments, ($unit, $low, $high), |settings| &mut settings.$field)
-            },
+            |load: &mut Dl3000, arguments| load.set_range(arguments, $unit, $low, $high, |settings| &mut settings.$field),
             |load, _| text(format!("{}", load.settings.$field)),
         )}
     };
@@ -265,7 +266,7 @@ const CURRENT: Node<'static, Dl3000> = Branch! {b"CURRent";
     Leaf! {b"SLEW" => number!("A", 5.0, slew)},
     Leaf! {b"VON" => number!("V", MAX_VOLTS, start_volts)},
     Leaf! {b"VLIMt" => &both(
-        |load: &mut Dl3000, arguments| load.set_number(arguments, ("V", 155.0), |settings| &mut settings.volts_limit),
+        |load: &mut Dl3000, arguments| load.set_number(arguments, "V", 155.0, |settings| &mut settings.volts_limit),
         |load, _| text(format!("{:.3}", load.settings.volts_limit)),
     )},
     Leaf! {b"ILIMt" => number!("A", MAX_AMPS_LIMIT, amps_limit)}

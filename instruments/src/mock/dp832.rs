@@ -111,7 +111,7 @@ impl Dp832 {
                 default: 0.0,
             },
         )?;
-        self.status.bounded(value, (0.0, max))
+        self.status.bounded(value, 0.0..=max)
     }
 
     fn set_volts(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
@@ -184,7 +184,9 @@ impl Dp832 {
     fn set_level(
         &mut self,
         arguments: &mut Arguments,
-        (unit, max, of): (&str, [f64; CHANNELS], fn(&mut Channel) -> &mut Protection),
+        unit: &str,
+        max: [f64; CHANNELS],
+        of: fn(&mut Channel) -> &mut Protection,
     ) -> Fallible {
         let index = self.channel(arguments)?;
         of(&mut self.channels[index]).level = self.number(arguments, unit, max[index])?;
@@ -297,9 +299,7 @@ macro_rules! protection {
                 |supply, arguments| supply.protection(arguments, |channel| &mut channel.$field),
             );
             Leaf! {b"VALue" => &both(
-                |supply: &mut Dp832, arguments| {
-                    supply.set_level(arguments, ($unit, $max, |channel| &mut channel.$field))
-                },
+                |supply: &mut Dp832, arguments| supply.set_level(arguments, $unit, $max, |channel| &mut channel.$field),
                 |supply, arguments| supply.level(arguments, |channel| &mut channel.$field),
             )},
             Leaf! {b"QUES" => &get(|supply: &mut Dp832, arguments| {

@@ -103,7 +103,8 @@ impl Keysight {
         &mut self,
         arguments: &mut Arguments,
         unit: &str,
-        (max, field): ([f64; CHANNELS], fn(&mut Channel) -> &mut f64),
+        max: [f64; CHANNELS],
+        field: fn(&mut Channel) -> &mut f64,
     ) -> Fallible {
         // The keyword MAX depends on the channel, which comes behind it.
         let value = arguments.number_in(
@@ -120,7 +121,7 @@ impl Keysight {
             } else {
                 value
             };
-            *field(&mut self.channels[index]) = self.status.bounded(value, (0.0, max[index]))?;
+            *field(&mut self.channels[index]) = self.status.bounded(value, 0.0..=max[index])?;
         }
         self.act();
         Ok(())
@@ -247,9 +248,7 @@ fn bit(on: bool) -> String {
 macro_rules! number {
     ($unit:literal, $max:ident, $($field:ident).+) => {
         &both(
-            |supply: &mut Keysight, arguments| {
-                supply.set_number(arguments, $unit, ($max, |channel| &mut channel.$($field).+))
-            },
+            |supply: &mut Keysight, arguments| supply.set_number(arguments, $unit, $max, |channel| &mut channel.$($field).+),
             |supply, arguments| supply.each(arguments, |_, channel| signed_nr3(channel.$($field).+)),
         )
     };

@@ -12,7 +12,7 @@
 mod tree;
 mod waves;
 
-use std::{collections::BTreeMap, sync::Arc};
+use std::{collections::BTreeMap, ops::RangeInclusive, sync::Arc};
 
 use scpi::error::{Error, ErrorCode};
 
@@ -33,7 +33,7 @@ const SOURCE_OHM: f64 = 50.0;
 const MAX_VOLTS: f64 = 10.0;
 /// Least amplitude into an open circuit, V peak to peak.
 const MIN_VPP: f64 = 2e-3;
-const FREQ_RANGE_HZ: (f64, f64) = (1e-6, 30e6);
+const FREQ_RANGE_HZ: RangeInclusive<f64> = 1e-6..=30e6;
 const FUNCTIONS: [&str; 3] = ["SINusoid", "DC", "ARB"];
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -76,11 +76,11 @@ struct Burst {
 /// Sources that can trigger a burst.
 const SOURCES: [&str; 4] = ["IMMediate", "EXTernal", "TIMer", "BUS"];
 /// Fewest and most periods of a burst.
-const PERIODS: (f64, f64) = (1.0, 1e8);
+const PERIODS: RangeInclusive<f64> = 1.0..=1e8;
 /// Least and greatest phase at which a burst begins, degrees.
-const PHASES_DEG: (f64, f64) = (-360.0, 360.0);
+const PHASES_DEG: RangeInclusive<f64> = -360.0..=360.0;
 /// Least and greatest delay of a burst, s.
-const DELAYS_S: (f64, f64) = (0.0, 1e3);
+const DELAYS_S: RangeInclusive<f64> = 0.0..=1e3;
 
 impl Default for Channel {
     fn default() -> Self {
@@ -278,7 +278,7 @@ impl Keysight {
     }
 
     fn set_frequency(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        let (min, max) = FREQ_RANGE_HZ;
+        let (min, max) = FREQ_RANGE_HZ.into_inner();
         let freq_hz = arguments.number_in(
             "HZ",
             Span {
@@ -298,7 +298,8 @@ impl Keysight {
     fn set_volts(
         &mut self,
         index: usize,
-        (volts, unit): (f64, fn(&mut Channel) -> &mut f64),
+        volts: f64,
+        unit: fn(&mut Channel) -> &mut f64,
         amplitude: bool,
     ) -> Fallible {
         if !volts.is_finite() {
@@ -319,17 +320,17 @@ impl Keysight {
 
     fn set_amplitude(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let volts = arguments.number("VPP")?;
-        self.set_volts(index, (volts, |channel| &mut channel.amplitude_vpp), true)
+        self.set_volts(index, volts, |channel| &mut channel.amplitude_vpp, true)
     }
 
     fn set_offset(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let volts = arguments.number("V")?;
-        self.set_volts(index, (volts, |channel| &mut channel.offset_v), false)
+        self.set_volts(index, volts, |channel| &mut channel.offset_v, false)
     }
 
     fn set_phase(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let degrees = arguments.number("DEG")?;
-        let degrees = self.status.bounded(degrees, (-360.0, 360.0))?;
+        let degrees = self.status.bounded(degrees, -360.0..=360.0)?;
         self.change(index, |channel| channel.phase_deg = degrees);
         Ok(())
     }
@@ -373,7 +374,7 @@ impl Keysight {
         let ohms = if ohms == f64::INFINITY {
             ohms
         } else {
-            self.status.bounded(ohms, (1.0, 10e3))?
+            self.status.bounded(ohms, 1.0..=10e3)?
         };
         self.change(index, |channel| channel.load_ohm = ohms);
         Ok(())
@@ -410,7 +411,7 @@ impl Keysight {
     }
 
     fn set_burst_periods(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        let (min, max) = PERIODS;
+        let (min, max) = PERIODS.into_inner();
         let periods = arguments.number_in(
             "",
             Span {
@@ -425,7 +426,7 @@ impl Keysight {
     }
 
     fn set_burst_phase(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        let (min, max) = PHASES_DEG;
+        let (min, max) = PHASES_DEG.into_inner();
         let degrees = arguments.number_in(
             "DEG",
             Span {
@@ -440,7 +441,7 @@ impl Keysight {
     }
 
     fn set_trigger_delay(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        let (min, max) = DELAYS_S;
+        let (min, max) = DELAYS_S.into_inner();
         let seconds = arguments.number_in(
             "S",
             Span {

@@ -140,7 +140,7 @@ impl Replay {
         self.turns.iter().map(Turn::text)
     }
 
-    fn follow(&self, (number, message): (usize, &[u8])) -> Result<Vec<u8>, Divergence> {
+    fn follow(&self, number: usize, message: &[u8]) -> Result<Vec<u8>, Divergence> {
         let met = || excerpt(message);
         let Some(turn) = self.turns.get(number - 1) else {
             return Err(Divergence::Beyond { number, met: met() });
@@ -194,7 +194,7 @@ impl Device for Replay {
         if outcome.1.is_some() {
             return Vec::new();
         }
-        match self.follow((outcome.0 + 1, message)) {
+        match self.follow(outcome.0 + 1, message) {
             Ok(reply) => {
                 outcome.0 += 1;
                 reply

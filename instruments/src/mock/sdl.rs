@@ -6,6 +6,8 @@
 //! absent. Assumed: out-of-range values are clamped; over-current protection acts when its delay
 //! has passed and the load gets its next message.
 
+use std::ops::RangeInclusive;
+
 use scpi::{
     Branch, Leaf, Root,
     error::{Error, ErrorCode},
@@ -123,7 +125,7 @@ impl Sdl {
     fn set_level(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         let span = self.span(index);
         let value = arguments.number_in(UNITS[index], span)?;
-        self.settings.levels[index] = self.bounded(value, (span.min, span.max))?;
+        self.settings.levels[index] = self.bounded(value, span.min..=span.max)?;
         self.act();
         Ok(())
     }
@@ -134,21 +136,22 @@ impl Sdl {
         &self,
         arguments: &mut Arguments,
         unit: &str,
-        ranges: (f64, f64),
+        lower: f64,
+        upper: f64,
     ) -> Fallible<Option<f64>> {
         let value = arguments.number_in(
             unit,
             Span {
-                min: ranges.0,
-                max: ranges.1,
-                default: ranges.1,
+                min: lower,
+                max: upper,
+                default: upper,
             },
         )?;
-        Ok((!self.settings.input_on).then_some(if value > ranges.0 { ranges.1 } else { ranges.0 }))
+        Ok((!self.settings.input_on).then_some(if value > lower { upper } else { lower }))
     }
 
     fn set_current_range(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        if let Some(range) = self.choose_range(arguments, "A", (5.0, MAX_AMPS))? {
+        if let Some(range) = self.choose_range(arguments, "A", 5.0, MAX_AMPS)? {
             self.settings.current_ranges[index] = range;
             if index == 0 {
                 self.settings.levels[0] = self.settings.levels[0].min(range);
@@ -159,7 +162,7 @@ impl Sdl {
     }
 
     fn set_voltage_range(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
-        if let Some(range) = self.choose_range(arguments, "V", (36.0, MAX_VOLTS))? {
+        if let Some(range) = self.choose_range(arguments, "V", 36.0, MAX_VOLTS)? {
             self.settings.voltage_ranges[index] = range;
         }
         Ok(())
@@ -193,7 +196,7 @@ impl Sdl {
                 default: 0.0,
             },
         )?;
-        self.settings.start_volts = self.bounded(volts, (0.0, MAX_VOLTS))?;
+        self.settings.start_volts = self.bounded(volts, 0.0..=MAX_VOLTS)?;
         self.act();
         Ok(())
     }
@@ -215,15 +218,16 @@ impl Sdl {
                 default: max,
             },
         )?;
-        self.bounded(value, (0.0, max))
+        self.bounded(value, 0.0..=max)
     }
 
-    /// Checks a value against its range. A value out of range is clamped with the quirk `clamps`,
-    /// else refused. A value that is no number is refused.
-    fn bounded(&self, value: f64, (min, max): (f64, f64)) -> Fallible<f64> {
+    /// What is out of range is clamped, or leaves the setting as it was; so does what is no number.
+    fn bounded(&self, value: f64, range: RangeInclusive<f64>) -> Fallible<f64> {
         match value {
-            value if (min..=max).contains(&value) => Ok(value),
-            value if value.is_finite() && self.quirks.is("clamps") => Ok(value.clamp(min, max)),
+            value if range.contains(&value) => Ok(value),
+            value if value.is_finite() && self.quirks.is("clamps") => {
+                Ok(value.clamp(*range.start(), *range.end()))
+            }
             _ => fail(ErrorCode::DataOutOfRange),
         }
     }

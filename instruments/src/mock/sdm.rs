@@ -75,7 +75,7 @@ impl Sdm {
     fn configure_voltage(&mut self, arguments: &mut Arguments) -> Fallible {
         if !arguments.is_empty() {
             let range = arguments.number("V")?;
-            self.status.bounded(range, (0.0, 1000.0))?;
+            self.status.bounded(range, 0.0..=1000.0)?;
         }
         self.temperature = false;
         self.readings.clear();
@@ -93,7 +93,7 @@ impl Sdm {
     fn set_samples(&mut self, arguments: &mut Arguments) -> Fallible {
         let samples = self
             .status
-            .bounded(arguments.number("")?.round(), (1.0, MEMORY))?;
+            .bounded(arguments.number("")?.round(), 1.0..=MEMORY)?;
         #[expect(
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,

@@ -80,7 +80,7 @@ impl Spd {
     fn set_volts(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         self.channels[index].voltage_v = self.status.bounded(
             arguments.number_in("V", VOLT_SPAN)?,
-            (VOLT_SPAN.min, VOLT_SPAN.max),
+            VOLT_SPAN.min..=VOLT_SPAN.max,
         )?;
         self.act();
         Ok(())
@@ -89,7 +89,7 @@ impl Spd {
     fn set_amps(&mut self, index: usize, arguments: &mut Arguments) -> Fallible {
         self.channels[index].current_a = self.status.bounded(
             arguments.number_in("A", AMP_SPAN)?,
-            (AMP_SPAN.min, AMP_SPAN.max),
+            AMP_SPAN.min..=AMP_SPAN.max,
         )?;
         self.act();
         Ok(())

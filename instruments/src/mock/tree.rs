@@ -9,7 +9,7 @@
 
 mod argument;
 
-use std::collections::VecDeque;
+use std::{collections::VecDeque, ops::RangeInclusive};
 
 use scpi::{
     Context, Device as ScpiDevice,
@@ -184,10 +184,12 @@ impl Status {
     }
 
     /// A value within its span; one beyond it is refused or limited, and what is no number refused.
-    pub(super) fn bounded(&self, value: f64, (min, max): (f64, f64)) -> Fallible<f64> {
+    pub(super) fn bounded(&self, value: f64, range: RangeInclusive<f64>) -> Fallible<f64> {
         match value {
-            value if (min..=max).contains(&value) => Ok(value),
-            value if self.clamps && !value.is_nan() => Ok(value.clamp(min, max)),
+            value if range.contains(&value) => Ok(value),
+            value if self.clamps && !value.is_nan() => {
+                Ok(value.clamp(*range.start(), *range.end()))
+            }
             _ => fail(ErrorCode::DataOutOfRange),
         }
     }

@@ -26,7 +26,13 @@ impl Instrument<dyn Dialect> {
         let in_memory = self.points_in_memory().await?;
         let stride = stride_of(in_memory, points);
         if self.dialect.capabilities().thins_out {
-            let waveform = self.transfer(channel, (stride, in_memory)).await?;
+            let waveform = self
+                .transfer(Chosen {
+                    channel,
+                    stride,
+                    in_memory,
+                })
+                .await?;
             if waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride) {
                 return Ok(waveform);
             }
@@ -35,7 +41,13 @@ impl Instrument<dyn Dialect> {
         // stride is written nowhere: what the scope thins out must fit one page, the rest is
         // thinned out here. How long a page is shows when it comes; some are shorter than
         // announced.
-        let mut whole = self.transfer(channel, (1, in_memory)).await?;
+        let mut whole = self
+            .transfer(Chosen {
+                channel,
+                stride: 1,
+                in_memory,
+            })
+            .await?;
         whole.codes = whole
             .codes
             .into_iter()
@@ -89,11 +101,9 @@ impl Instrument<dyn Dialect> {
         points: u64,
     ) -> Result<Waveform, LinkError> {
         let Chosen {
-            channel,
-            stride,
-            in_memory,
+            channel, stride, ..
         } = chosen;
-        let waveform = self.chosen(channel, (stride, in_memory), &[]).await?;
+        let waveform = self.chosen(chosen, &[]).await?;
         let whole = waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride);
         let as_chosen = stride_of(waveform.preamble.points, points) == stride && whole;
         if as_chosen {
@@ -131,7 +141,16 @@ impl Instrument<dyn Dialect> {
             return self.download(channel, points).await;
         }
         let script = self.dialect.beside(channel, stride);
-        let waveform = self.chosen(channel, (stride, in_memory), &script).await?;
+        let waveform = self
+            .chosen(
+                Chosen {
+                    channel,
+                    stride,
+                    in_memory,
+                },
+                &script,
+            )
+            .await?;
         // A page that was too short for the channel before, which was thinned out here then, is too
         // short for this one.
         let whole = waveform.codes.len() as u64 >= waveform.preamble.points.div_ceil(stride);
@@ -143,21 +162,20 @@ impl Instrument<dyn Dialect> {
     }
 
     /// Downloads one channel with a stride; with a stride above 1, one page of it.
-    async fn transfer(
-        &mut self,
-        channel: u8,
-        (stride, in_memory): (u64, u64),
-    ) -> Result<Waveform, LinkError> {
-        let script = self.dialect.script(&Intent::Transfer { channel, stride });
-        self.chosen(channel, (stride, in_memory), &script).await
+    async fn transfer(&mut self, chosen: Chosen) -> Result<Waveform, LinkError> {
+        let script = self.dialect.script(&Intent::Transfer {
+            channel: chosen.channel,
+            stride: chosen.stride,
+        });
+        self.chosen(chosen, &script).await
     }
 
-    async fn chosen(
-        &mut self,
-        channel: u8,
-        (stride, in_memory): (u64, u64),
-        script: &[Exchange],
-    ) -> Result<Waveform, LinkError> {
+    async fn chosen(&mut self, chosen: Chosen, script: &[Exchange]) -> Result<Waveform, LinkError> {
+        let Chosen {
+            channel,
+            stride,
+            in_memory,
+        } = chosen;
         play(&mut self.link, script).await?;
         let preamble = self.preamble(in_memory).await?;
         let total = preamble.points.div_ceil(stride);

@@ -85,7 +85,7 @@ impl Dialect for Dp832 {
             },
             Way {
                 name: "its voltage at 0",
-                script: vec![Exchange::fixed(":SOUR1:VOLT", 0.0, (3, READ_BACK))],
+                script: vec![Exchange::fixed(":SOUR1:VOLT", 0.0, 3, READ_BACK)],
             },
         ]
     }
@@ -114,8 +114,8 @@ impl Dialect for Dp832 {
             // A charge runs at its current limit: a protection that takes that for a fault must not
             // be armed.
             switch(":OUTP:OCP", false),
-            Exchange::fixed(":SOUR1:VOLT", charge.voltage.value(), (3, READ_BACK)),
-            Exchange::fixed(":SOUR1:CURR", charge.current.value(), (3, READ_BACK)),
+            Exchange::fixed(":SOUR1:VOLT", charge.voltage.value(), 3, READ_BACK),
+            Exchange::fixed(":SOUR1:CURR", charge.current.value(), 3, READ_BACK),
             match level {
                 Exchange::Send(message) => {
                     Exchange::number(message, ":OUTP:OVP:VAL? CH1", protection, READ_BACK)
@@ -130,7 +130,8 @@ impl Dialect for Dp832 {
         vec![Exchange::fixed(
             ":SOUR1:CURR",
             current.value(),
-            (3, READ_BACK),
+            3,
+            READ_BACK,
         )]
     }
 

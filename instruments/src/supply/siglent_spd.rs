@@ -97,7 +97,7 @@ impl Dialect for Spd {
             },
             Way {
                 name: "its voltage at 0",
-                script: vec![Exchange::fixed("CH1:VOLT", 0.0, (3, 2.0e-3))],
+                script: vec![Exchange::fixed("CH1:VOLT", 0.0, 3, 2.0e-3)],
             },
         ]
     }
@@ -128,14 +128,14 @@ impl Dialect for Spd {
                     bits: TRACKING.1,
                 },
             },
-            Exchange::fixed("CH1:VOLT", charge.voltage.value(), (3, 2.0e-3)),
+            Exchange::fixed("CH1:VOLT", charge.voltage.value(), 3, 2.0e-3),
         ];
         script.extend(self.level(charge.current));
         script
     }
 
     fn level(&self, current: Amps) -> Vec<Exchange> {
-        vec![Exchange::fixed("CH1:CURR", current.value(), (3, 2.0e-3))]
+        vec![Exchange::fixed("CH1:CURR", current.value(), 3, 2.0e-3)]
     }
 
     fn measure(&self) -> [&'static str; 2] {

@@ -107,7 +107,8 @@ impl Model for FastPs {
 fn confirmed(
     message: &str,
     words: &'static [&'static str],
-    (query, expect): (&str, Expect),
+    query: &str,
+    expect: Expect,
 ) -> Exchange {
     let (message, query) = (message.to_owned(), query.to_owned());
     Exchange::Ask {
@@ -140,13 +141,11 @@ impl Dialect for FastPs {
         vec![confirmed(
             message,
             words,
-            (
-                "MST",
-                Expect::Bits {
-                    mask: ON,
-                    bits: u32::from(on),
-                },
-            ),
+            "MST",
+            Expect::Bits {
+                mask: ON,
+                bits: u32::from(on),
+            },
         )]
     }
 
@@ -172,7 +171,8 @@ impl Dialect for FastPs {
             confirmed(
                 "LOOP:I",
                 &["#AK", "#NAK:19"],
-                ("LOOP:?", Expect::Word(&["#LOOP:I"])),
+                "LOOP:?",
+                Expect::Word(&["#LOOP:I"]),
             ),
             normal(),
         ]
@@ -185,7 +185,8 @@ impl Dialect for FastPs {
         vec![confirmed(
             "UPMODE:ANALOG",
             &["#AK"],
-            ("UPMODE:?", Expect::Word(&["#UPMODE:ANALOG"])),
+            "UPMODE:?",
+            Expect::Word(&["#UPMODE:ANALOG"]),
         )]
     }
 
@@ -203,7 +204,8 @@ fn normal() -> Exchange {
     confirmed(
         "UPMODE:NORMAL",
         &["#AK"],
-        ("UPMODE:?", Expect::Word(&["#UPMODE:NORMAL"])),
+        "UPMODE:?",
+        Expect::Word(&["#UPMODE:NORMAL"]),
     )
 }
 

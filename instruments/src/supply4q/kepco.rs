@@ -24,9 +24,10 @@ pub(super) const BOP_LINEAR: Kepco = Kepco {
     analog_select: AnalogSelect::Wiring,
 };
 
-/// Decimals of what is sent, and tolerance of what is read back: the display of a 20 A instrument
-/// rounds to a milliampere.
-const READ_BACK: (usize, f64) = (4, 5.0e-3);
+/// Decimals of what is sent.
+const DECIMALS: usize = 4;
+/// Tolerance of what is read back: the display of a 20 A instrument rounds to a milliampere.
+const READ_BACK: f64 = 5.0e-3;
 
 /// The linear units end at 400 W, the switching ones have 1 kW.
 const SWITCHING_FROM_W: f64 = 1000.0;
@@ -162,7 +163,7 @@ impl Dialect for Kepco {
                     name: "its own command, 0 A, in the place of the generator's",
                     script: [
                         self.analog(false),
-                        vec![Exchange::fixed("CURR", 0.0, READ_BACK)],
+                        vec![Exchange::fixed("CURR", 0.0, DECIMALS, READ_BACK)],
                     ]
                     .concat(),
                 }]
@@ -196,10 +197,11 @@ impl Dialect for Kepco {
                 &["FIX", "FIXED"],
             ));
         }
-        script.push(Exchange::fixed("CURR", 0.0, READ_BACK));
+        script.push(Exchange::fixed("CURR", 0.0, DECIMALS, READ_BACK));
         script.push(Exchange::fixed(
             "VOLT",
             limits.compliance.value(),
+            DECIMALS,
             READ_BACK,
         ));
         if self.analog_select == AnalogSelect::Command {
@@ -256,12 +258,14 @@ fn rating(model: &str) -> Option<(f64, f64)> {
 
 /// A limit of both signs: it is answered as `pos, neg`.
 fn both_signs(header: &str, value: f64) -> Exchange {
-    let (decimals, tolerance) = READ_BACK;
-    match Exchange::command(header, |command| command.fixed(value, decimals)) {
+    match Exchange::command(header, |command| command.fixed(value, DECIMALS)) {
         Exchange::Send(message) => Exchange::Set {
             message,
             read_back: format!("{header}?"),
-            expect: Expect::Magnitude { value, tolerance },
+            expect: Expect::Magnitude {
+                value,
+                tolerance: READ_BACK,
+            },
         },
         refused => refused,
     }

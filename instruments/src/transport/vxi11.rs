@@ -178,9 +178,9 @@ impl Drop for Vxi11 {
 }
 
 async fn mapped_port(host: &str, mapper: u16) -> io::Result<u16> {
-    let (program, version) = CORE;
+    let rpc::Program { number, version } = CORE;
     let arguments = Writer::default()
-        .words(&[program, version, rpc::TCP, 0])
+        .words(&[number, version, rpc::TCP, 0])
         .done();
     let results = Rpc::connect(host, mapper)
         .await?
@@ -251,7 +251,7 @@ impl Rpc {
 
     async fn call(
         &mut self,
-        program: (u32, u32),
+        program: rpc::Program,
         procedure: u32,
         arguments: &[u8],
     ) -> io::Result<Vec<u8>> {

@@ -3,8 +3,20 @@
 
 use super::WireError;
 
-/// The port mapper's program and version, its question for a port, and its port.
-pub const PORT_MAPPER: (u32, u32) = (100_000, 2);
+/// A program that answers calls.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Program {
+    /// Its number.
+    pub number: u32,
+    /// Its version.
+    pub version: u32,
+}
+
+/// The port mapper's program, its question for a port, and its port.
+pub const PORT_MAPPER: Program = Program {
+    number: 100_000,
+    version: 2,
+};
 /// Procedure of the port mapper that tells a program's port.
 pub const GET_PORT: u32 = 3;
 /// The port of the port mapper.
@@ -114,7 +126,7 @@ pub struct Call<'a> {
     /// Chosen by the client; comes back with the reply.
     pub id: u32,
     /// Program and version.
-    pub program: (u32, u32),
+    pub program: Program,
     /// Procedure of the program.
     pub procedure: u32,
     /// Arguments in XDR.
@@ -135,7 +147,10 @@ impl<'a> Call<'a> {
                 format!("message type {kind}, version {version}"),
             ));
         }
-        let program = (reader.word()?, reader.word()?);
+        let program = Program {
+            number: reader.word()?,
+            version: reader.word()?,
+        };
         let procedure = reader.word()?;
         for _credential_and_verifier in 0..2 {
             reader.word()?;
@@ -151,13 +166,13 @@ impl<'a> Call<'a> {
 
     /// The record, without its mark.
     pub fn encode(&self) -> Vec<u8> {
-        let (program, version) = self.program;
+        let Program { number, version } = self.program;
         Writer::default()
             .words(&[
                 self.id,
                 CALL,
                 RPC_VERSION,
-                program,
+                number,
                 version,
                 self.procedure,
                 0,
@@ -459,7 +474,10 @@ mod tests {
         );
         let other = Call {
             id: 1,
-            program: (1, 1),
+            program: Program {
+                number: 1,
+                version: 1,
+            },
             procedure: 1,
             arguments: &[],
         }

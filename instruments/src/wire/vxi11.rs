@@ -3,13 +3,19 @@
 
 use super::{
     WireError,
-    rpc::{Reader, Writer},
+    rpc::{Program, Reader, Writer},
 };
 
 /// Program and version of the core channel.
-pub const CORE: (u32, u32) = (0x0006_07af, 1);
+pub const CORE: Program = Program {
+    number: 0x0006_07af,
+    version: 1,
+};
 /// Program and version of the abort channel.
-pub const ABORT: (u32, u32) = (0x0006_07b0, 1);
+pub const ABORT: Program = Program {
+    number: 0x0006_07b0,
+    version: 1,
+};
 /// The only procedure of the abort channel: its argument is the link, its result an error.
 pub const DEVICE_ABORT: u32 = 1;
 

@@ -31,7 +31,8 @@ async fn troubled(clock: &Clock, schedule: &Schedule) -> (Link, FaultLog, Arc<Mu
     let plant = Arc::new(Mutex::new(Recorder::default()));
     let device = make_troubled(
         MODEL,
-        (plant.clone(), &MockOptions::default()),
+        plant.clone(),
+        &MockOptions::default(),
         schedule,
         &log,
     )
@@ -182,7 +183,7 @@ async fn on_a_port(kind: Kind, fault: Fault, clock: &Clock) -> (Vec<String>, usi
         ..Schedule::default()
     };
     let plant = Arc::new(Mutex::new(Recorder::default()));
-    let device = make_troubled(MODEL, (plant, &MockOptions::default()), &schedule, &log).unwrap();
+    let device = make_troubled(MODEL, plant, &MockOptions::default(), &schedule, &log).unwrap();
     let address = serve(kind, device, clock, &hub).await;
     let profile = LinkProfile {
         first_timeout: Duration::from_secs(2),

@@ -240,7 +240,8 @@ impl Dho {
 
     fn set_switch(
         &mut self,
-        (index, field): (usize, fn(&mut Channel) -> &mut bool),
+        index: usize,
+        field: fn(&mut Channel) -> &mut bool,
         arguments: &mut Arguments,
     ) -> Fallible {
         let on = arguments.switch()?;
@@ -250,7 +251,8 @@ impl Dho {
 
     fn set_number(
         &mut self,
-        (index, field): (usize, fn(&mut Channel) -> &mut f64),
+        index: usize,
+        field: fn(&mut Channel) -> &mut f64,
         arguments: &mut Arguments,
     ) -> Fallible {
         let value = bare(arguments)?;

@@ -16,7 +16,7 @@ fn settle(scope: &mut Dho, action: fn(&mut Dho)) -> Fallible {
 macro_rules! switch {
     ($index:literal, $field:ident) => {
         &both(
-            |s: &mut Dho, a| s.set_switch(($index, |channel| &mut channel.$field), a),
+            |s: &mut Dho, a| s.set_switch($index, |channel| &mut channel.$field, a),
             |s, _| bit(s.panel.channels[$index].$field),
         )
     };
@@ -27,11 +27,11 @@ macro_rules! channel {
         Branch! {$name;
             Leaf! {b"DISPlay" => switch!($index, on)},
             Leaf! {b"SCALe" => &both(
-                |s: &mut Dho, a| s.set_number(($index, |channel| &mut channel.scale), a),
+                |s: &mut Dho, a| s.set_number($index, |channel| &mut channel.scale, a),
                 |s, _| real(s.panel.channels[$index].scale),
             )},
             Leaf! {b"OFFSet" => &both(
-                |s: &mut Dho, a| s.set_number(($index, |channel| &mut channel.offset), a),
+                |s: &mut Dho, a| s.set_number($index, |channel| &mut channel.offset, a),
                 |s, _| real(s.panel.channels[$index].offset),
             )},
             Leaf! {b"COUPling" => &both(

@@ -155,7 +155,7 @@ impl Kepco {
 
     fn set_level(&mut self, channel: Channel, value: f64) -> Fallible {
         let span = self.span(channel);
-        self.settings.level[channel as usize] = self.status.bounded(value, (span.min, span.max))?;
+        self.settings.level[channel as usize] = self.status.bounded(value, span.min..=span.max)?;
         self.act();
         Ok(())
     }
@@ -169,7 +169,7 @@ impl Kepco {
         };
         let value = self
             .status
-            .bounded(value.abs(), (0.0, ceiling * (1.0 + 1e-9)))?;
+            .bounded(value.abs(), 0.0..=ceiling * (1.0 + 1e-9))?;
         let bounds = self.bounds_mut(which);
         if side != Side::Negative {
             bounds.positive = value;

@@ -51,7 +51,7 @@ pub(super) fn answer(device: &mut dyn Device, now_s: f64, message: &[u8]) -> (Ve
         steps.push(Step::Wait(late_s));
     }
     let then = match trouble {
-        Some(trouble) => put_badly(&mut steps, reply, (trouble, message)),
+        Some(trouble) => put_badly(&mut steps, reply, trouble, message),
         None => {
             put_in_two(&mut steps, reply, device.end_late_s());
             Then::Stay
@@ -77,11 +77,8 @@ fn put_in_two(steps: &mut Vec<Step>, mut reply: Vec<u8>, end_late_s: f64) {
     put(steps, reply, true);
 }
 
-fn put_badly(
-    steps: &mut Vec<Step>,
-    mut reply: Vec<u8>,
-    (Trouble { fault, share }, message): (Trouble, &[u8]),
-) -> Then {
+fn put_badly(steps: &mut Vec<Step>, mut reply: Vec<u8>, trouble: Trouble, message: &[u8]) -> Then {
+    let Trouble { fault, share } = trouble;
     #[expect(
         clippy::cast_possible_truncation,
         clippy::cast_sign_loss,

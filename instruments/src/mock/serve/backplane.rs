@@ -113,7 +113,7 @@ impl Backplane {
         };
         (
             plane,
-            tokio::spawn(work(device, messages, (shared, broken), clock)),
+            tokio::spawn(work(device, messages, shared, broken, clock)),
         )
     }
 
@@ -270,7 +270,8 @@ impl Output {
 async fn work(
     mut device: Box<dyn Device>,
     mut inbox: mpsc::Receiver<Message>,
-    (shared, broken): (Arc<Shared>, watch::Sender<u64>),
+    shared: Arc<Shared>,
+    broken: watch::Sender<u64>,
     clock: Clock,
 ) {
     while let Some(message) = inbox.recv().await {

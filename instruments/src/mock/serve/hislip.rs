@@ -237,7 +237,7 @@ impl Server {
             tokio::select! {
                 message = channel.next() => match message? {
                     None => return Ok(()),
-                    Some(message) => self.synchronous_message(channel, (session, &mut framer), message).await?,
+                    Some(message) => self.synchronous_message(channel, session, &mut framer, message).await?,
                 },
                 taken = self.plane.take(most, None), if may_send => {
                     is_silent = taken.stops;
@@ -252,7 +252,8 @@ impl Server {
     async fn synchronous_message(
         &self,
         channel: &mut Channel,
-        (session, framer): (&Session, &mut ProgramFramer),
+        session: &Session,
+        framer: &mut ProgramFramer,
         message: Message,
     ) -> io::Result<()> {
         match message.kind {

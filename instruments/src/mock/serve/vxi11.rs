@@ -403,10 +403,11 @@ fn replied(record: &[u8], answer: impl Fn(&Call) -> (Verdict, Vec<u8>)) -> io::R
     .encode())
 }
 
-fn refusal(call: &Call, (program, version): (u32, u32)) -> Verdict {
+fn refusal(call: &Call, known: rpc::Program) -> Verdict {
+    let rpc::Program { number, version } = known;
     match call.program {
-        (found, _) if found != program => Verdict::ProgramUnavailable,
-        (_, found) if found != version => Verdict::VersionMismatch {
+        found if found.number != number => Verdict::ProgramUnavailable,
+        found if found.version != version => Verdict::VersionMismatch {
             low: version,
             high: version,
         },
@@ -420,10 +421,10 @@ fn map_port(call: &Call, core: u16) -> (Verdict, Vec<u8>) {
         (rpc::PORT_MAPPER, rpc::GET_PORT) => {
             let mut reader = Reader::new(call.arguments);
             let asked = [(); 3].map(|()| reader.word());
-            let [Ok(program), Ok(version), Ok(protocol)] = asked else {
+            let [Ok(number), Ok(version), Ok(protocol)] = asked else {
                 return (Verdict::GarbageArguments, Vec::new());
             };
-            let port = if (program, version) == CORE && protocol == rpc::TCP {
+            let port = if (rpc::Program { number, version }) == CORE && protocol == rpc::TCP {
                 core
             } else {
                 0
