@@ -96,9 +96,11 @@ fn prediction(run: &Run, base: &Base, player: &mut Player) -> Prediction {
             };
             let mut voltage_v = Vec::with_capacity(series.len());
             player.play(
-                (base, &[]),
+                base,
+                &[],
                 &played,
-                (&Grid::new(&series.time_s, record.between), 1),
+                &Grid::new(&series.time_s, record.between),
+                1,
                 &mut voltage_v,
             );
             let per_c_v = base.ocv.slope_v(soc) / (3600.0 * base.ocv.capacity_ah);
