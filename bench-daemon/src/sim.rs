@@ -205,8 +205,8 @@ impl Simulation {
             ..MockOptions::default()
         };
         let made = match &self.faults {
-            Some(faults) => mock::make_troubled(model, plant, &options, faults, &self.happened),
-            None => mock::make(model, plant, &options),
+            Some(faults) => mocks::make_troubled(model, plant, &options, faults, &self.happened),
+            None => mocks::make(model, plant, &options),
         };
         made.map_err(|error| SimError::Model {
             role,

@@ -238,12 +238,16 @@ impl Block {
         parts: usize,
         desk: &mut Desk,
     ) {
-        let cell = (model.base, model.added);
         let Some(windows) = &time.windows else {
+            let record = Record {
+                time_s: &time.time_s,
+                current_a,
+                ..self.circumstances()
+            };
             desk.player.play(
-                cell.0,
-                cell.1,
-                &self.record((&time.time_s, current_a)),
+                model.base,
+                model.added,
+                &record,
                 &time.grid,
                 parts,
                 &mut desk.voltage_v,
@@ -251,10 +255,14 @@ impl Block {
             return;
         };
         windows.current(current_a, &mut desk.within_a);
-        let record = self.record((&windows.time_s, &desk.within_a));
+        let record = Record {
+            time_s: &windows.time_s,
+            current_a: &desk.within_a,
+            ..self.circumstances()
+        };
         desk.player.play(
-            cell.0,
-            cell.1,
+            model.base,
+            model.added,
             &record,
             &time.grid,
             parts,

@@ -4,16 +4,16 @@
 
 /// An F distribution: of the ratio of two mean squares.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct FDistribution {
+pub struct FDistribution {
     /// Degrees of freedom of the mean square above the line.
-    pub(crate) above: f64,
+    pub above: f64,
     /// Degrees of freedom of the mean square below the line.
-    pub(crate) below: f64,
+    pub below: f64,
 }
 
 impl FDistribution {
     /// P(F ≥ f); not a number when either degree of freedom is not above zero.
-    pub(crate) fn tail(self, f: f64) -> f64 {
+    pub fn tail(self, f: f64) -> f64 {
         let (a, b) = (self.above, self.below);
         if !(a > 0.0 && b > 0.0) {
             return f64::NAN;

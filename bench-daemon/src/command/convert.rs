@@ -255,8 +255,8 @@ fn model(args: &ConvertArgs, given: Given, goal: Goal) -> Result<(), Failure> {
         ),
         _ => None,
     };
-    let read = read.with_ocv(curve);
-    let text = match format {
+    let read = model.with_ocv(curve);
+    let text = match goal.format {
         Some(format) => CellModel::new(&read, args.low_v..=args.high_v, args.temperature_c)
             .map_err(|error| usage(&error))?
             .text(format),

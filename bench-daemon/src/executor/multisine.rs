@@ -134,7 +134,7 @@ impl Rig<'_> {
             .iter()
             .map(Waveform::clipped_share)
             .fold(0.0, f64::max);
-        let halves = halves(channels, interval_s, band.base_hz, &band.design.harmonics);
+        let halves = halves(channels, interval_s, excited);
         let measures = |k: usize| {
             let (noise, line) = (noise_share(&fit.excited[k]), &found[k]);
             let repeatability = halves.as_ref().map(|halves| halves[k]);

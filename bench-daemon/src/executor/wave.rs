@@ -9,7 +9,7 @@
 
 use analysis::{
     dataset::{Capture, Commanded, TraceRow},
-    staircase::{Stair, Sums, begins, chunks},
+    staircase::{Around, Stair, Sums, begins, chunks},
     thinning::Mean,
 };
 use instruments::{

@@ -1,6 +1,7 @@
 //! Plays a record: the voltage that base and effects predict for a logged current.
 
 use super::{Added, network};
+use crate::contract::branch::Ramp;
 use crate::contract::{
     Base, Dynamics, Instant, Law, Modulation, Network, Record,
     branch::{self, Gain},

@@ -8,7 +8,7 @@ mod situation;
 
 use num_complex::Complex64;
 
-pub use branch::{Branch, Law};
+pub use branch::{Branch, Law, Ramp};
 pub use network::Network;
 pub use quantity::{Parameter, Range, Scale};
 pub use situation::{Base, Below, Facts, Instant, Modulation, Moved, Point, Record};

@@ -1,6 +1,7 @@
 //! The network between the open-circuit voltage and the terminals.
 
 use super::branch::{self, Branch, Gain};
+use crate::contract::branch::Ramp;
 use analysis_model::model::{Erm, RcBranch};
 use num_complex::Complex64;
 
@@ -46,13 +47,7 @@ impl Network {
     /// Moves the voltages (V) of the branches over a step in which the current (A) and a factor on
     /// the resistances go straight from one value to another. In a branch that is far faster than
     /// the step the end alone counts; one that is not linear sees the mean that a linear one would.
-    pub fn advance(
-        &self,
-        states_v: &mut [f64],
-        factors: Ramp,
-        currents_a: Ramp,
-        step_s: f64,
-    ) {
+    pub fn advance(&self, states_v: &mut [f64], factors: Ramp, currents_a: Ramp, step_s: f64) {
         let mean = 0.5 * (factors.start + factors.end);
         let (from_a, to_a) = (
             currents_a.start * factors.start / mean,

@@ -3,6 +3,7 @@
 //! of sweeps allowed (Searle, Casella and McCulloch, *Variance Components*, 1992, section 3.6).
 
 use analysis_numeric::Covariance2;
+use analysis_numeric::stats::FDistribution;
 use analysis_signal::spectrum::{ImpedancePoint, SharedError, SourcedSpectrum, Spectrum};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};

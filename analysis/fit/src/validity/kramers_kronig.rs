@@ -12,6 +12,7 @@ use super::ladder::{Ladder, SERIES, Whitening};
 use super::noise::{Noise, NoiseSource};
 use super::tail::{pair_tail, sum_tail};
 use super::{DOUBTFUL_RATE, FALSE_ALARM_RATE, ValidityError};
+use analysis_numeric::Covariance2;
 use analysis_signal::spectrum::Spectrum;
 use num_complex::Complex64;
 use serde::Serialize;

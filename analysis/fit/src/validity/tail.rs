@@ -2,7 +2,7 @@
 //! fractions of the incomplete gamma and beta functions (Abramowitz and
 //! Stegun 6.5.29, 6.5.31, 26.5.8). About ten digits; tails below 1e-300 are zero.
 
-use crate::numeric::stats::FDistribution;
+use analysis_numeric::stats::FDistribution;
 
 const EPSILON: f64 = 1e-15;
 const TINY: f64 = 1e-300;
@@ -42,7 +42,7 @@ pub(super) fn pair_tail(d2: f64, dof: Option<f64>) -> f64 {
 
 /// Probability of a deviation of at least `t` standard deviations on either side; Student's where
 /// the deviation is estimated.
-pub(crate) fn deviate_tail(t: f64, dof: Option<f64>) -> f64 {
+pub fn deviate_tail(t: f64, dof: Option<f64>) -> f64 {
     dof.map_or_else(
         || chi2_tail(t * t, 1.0),
         |dof| f_tail(t * t, dofs(1.0, dof)),

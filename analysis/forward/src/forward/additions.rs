@@ -27,7 +27,8 @@ const MOST_HALVINGS: u32 = 8;
 
 /// As [`super::simulate`], which has checked state and options.
 pub(super) fn simulate(
-    (model, laws): (&SimModel, &Laws),
+    model: &SimModel,
+    laws: &Laws,
     state: &SimState,
     profile: &Profile,
     options: &SimOptions,
@@ -35,7 +36,7 @@ pub(super) fn simulate(
     if options.method == Method::Thesis {
         model.linear_only("explicit Euler")?;
     }
-    let play = |halvings: u32| Run::play((model, laws), state, profile, (options, halvings));
+    let play = |halvings: u32| Run::play(model, laws, state, profile, options, halvings);
     let series = f64::from(model.pack.series);
     let (mut coarse, mut met_v, mut tolerance_v) = (play(0)?, f64::NAN, AGREE_V);
     for halvings in 1..=MOST_HALVINGS {

@@ -11,6 +11,8 @@ use super::model::{SimModel, SimState};
 use super::options::SimOptions;
 use super::profile::Profile;
 use super::step::{Coefficients, Ends, Mover};
+use crate::forward::profile::Asked;
+use analysis_effects::contract::Ramp;
 use nalgebra::{DMatrix, DVector};
 
 /// How a step with derivatives is made.

@@ -13,6 +13,9 @@ use super::options::{Method, SimOptions, Simulation};
 use super::profile::{Piece, Profile};
 use super::step::{Coefficients, Ends, Mover};
 use super::trace::{Book, Point};
+use crate::forward::profile::Asked;
+use analysis_effects::contract::Ramp;
+use core::ops::Range;
 
 /// Halvings of a piece at most.
 const DEEPEST: usize = 30;

@@ -9,7 +9,7 @@
 
 use super::law::{Drive, Reply};
 use super::model::{SimModel, SimState};
-use crate::contract::Ramp;
+use analysis_effects::contract::Ramp;
 
 /// Action of one step length on each branch.
 #[derive(Debug, Clone)]

@@ -3,7 +3,7 @@
 use super::law::Beyond;
 use super::limits::CellWindow;
 use super::model::{OcvSource, SimModel, SimState};
-use crate::model::RcBranch;
+use analysis_model::model::RcBranch;
 use serde::Serialize;
 
 /// A run over time, one entry of each list per row. Where the demand jumps, a time stands twice:

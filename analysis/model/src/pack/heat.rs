@@ -52,6 +52,15 @@ impl ThermalMass {
     }
 }
 
+/// A power that is held.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HeldPower {
+    /// Power at the pack's terminals, discharge positive, W.
+    pub power_w: f64,
+    /// How long it is held, s.
+    pub duration_s: f64,
+}
+
 /// State of a cell in the simple-IR model while a constant power is held.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Hold {

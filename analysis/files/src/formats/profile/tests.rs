@@ -147,7 +147,8 @@ fn the_trace_comes_back_from_parquet_with_both_sides_of_a_jump() {
     let model = curved_cell();
     let profile = Profile::new(
         "test",
-        (Demand::Power, Interpolation::Hold),
+        Demand::Power,
+        Interpolation::Hold,
         &[(0.0, 50.0), (1.0, 0.0), (2.0, 0.0)],
     )
     .unwrap();

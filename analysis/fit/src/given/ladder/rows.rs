@@ -2,6 +2,7 @@
 
 use analysis_model::model::RcBranch;
 use num_complex::Complex64;
+use std::ops::RangeInclusive;
 
 /// Weight of the DC resistance among the rows of the band.
 pub(super) const DC_WEIGHT: f64 = 3.0;
@@ -29,7 +30,7 @@ pub(super) struct Rows {
     /// DC resistance of the rest and of all, Ω.
     pub(super) dc_ohm: Option<(f64, f64)>,
     /// Limits of the time constants, s.
-    pub(super) tau_s: (f64, f64),
+    pub(super) tau_s: RangeInclusive<f64>,
 }
 
 /// Impedance of a capacitance by its inverse.

@@ -1,5 +1,6 @@
 //! One run with additions.
 
+use crate::forward::profile::Asked;
 use crate::forward::{
     error::ForwardError,
     law::{Beyond, Demand, Drive},
@@ -9,7 +10,9 @@ use crate::forward::{
     profile::{Piece, Profile},
     trace::{Book, Point},
 };
+use analysis_effects::contract::Ramp;
 use analysis_effects::contract::{Dynamics, Instant, Modulation};
+use core::ops::Range;
 
 /// First step after a change of the demand, as a part of the shortest time constant.
 const FIRST: f64 = 0.25;

@@ -5,8 +5,8 @@
 
 use super::lanes::{LaneGains, Lanes, Now, Row};
 use super::plan::Plan;
-use crate::contract::Ramp;
 use crate::forward::law::{Beyond, Demand};
+use analysis_effects::contract::Ramp;
 
 /// Kinds of the law, as constants so that each has a loop of its own.
 const CLAMPED: u8 = 0;
