@@ -9,18 +9,27 @@ use super::{
 };
 use crate::interlock::Settings;
 
-/// As it is typed.
+/// Limits of the interlock beside the limits of the cell; shares are of its capacity.
 #[derive(Debug, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Section {
+    /// Fastest change of the temperature, 0.1 K/min to 600 K/min. Left out: 5 K/min.
     temperature_rate_max: Option<Quantity<TemperatureRate>>,
+    /// Time over which that change is taken, 20 s to 600 s. Left out: 60 s.
     temperature_window: Option<Quantity<Duration>>,
-    /// Shares of the capacity.
+    /// Largest charge of one discharge or charge, 1 % to 1000 %. Left out: 110 %.
     charge_max: Option<Quantity<Share>>,
+    /// Largest net charge of a sweep, or of a trace off its own, 0.01 % to 1000 %. Left out: 0.5 %.
     charge_drift_max: Option<Quantity<Share>>,
+    /// Charge in one direction under which a voltage or temperature must move, 0.01 % to 1000 %.
+    /// Left out: 1 %.
     frozen_charge: Option<Quantity<Share>>,
+    /// Time under a slow sinusoid in which voltage and current must move, 10 s to 3600 s. Left out:
+    /// 30 s.
     frozen_time: Option<Quantity<Duration>>,
+    /// Longest time without a reading while current may flow, 2 s to 600 s. Left out: 15 s.
     reading_age_max: Option<Quantity<Duration>>,
+    /// Longest time without a temperature while current may flow, 10 s to 3600 s. Left out: 60 s.
     temperature_age_max: Option<Quantity<Duration>>,
 }
 

@@ -9,16 +9,24 @@ use super::{
     quantity::{Charge, Current, Quantity, Temperature, Voltage},
 };
 
-/// The section `[absolute]`: what the maker allows at most. Every line may be left out.
+/// Limits of the maker. A limit or a capacity of the cell file beyond these is refused; a limit
+/// that is left out is not checked.
 #[derive(Debug, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Section {
+    /// Highest capacity.
     capacity: Option<Quantity<Charge>>,
+    /// Lowest voltage.
     voltage_min: Option<Quantity<Voltage>>,
+    /// Highest voltage.
     voltage_max: Option<Quantity<Voltage>>,
+    /// Highest charging current.
     charge_current_max: Option<Quantity<Current>>,
+    /// Highest discharging current, positive.
     discharge_current_max: Option<Quantity<Current>>,
+    /// Lowest temperature of the surface.
     temperature_min: Option<Quantity<Temperature>>,
+    /// Highest temperature of the surface.
     temperature_max: Option<Quantity<Temperature>>,
 }
 

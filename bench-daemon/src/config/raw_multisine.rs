@@ -4,31 +4,45 @@ use serde::Deserialize;
 
 use super::quantity::{Current, Duration, Frequency, Quantity};
 
-/// The section.
+/// Records of many frequencies at once; the bench needs a generator that plays waves.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Raw {
+    /// Peak of the current, from 0.01 A to the smallest limit of supply and cell.
     pub(super) peak: Quantity<Current>,
+    /// Number of times that all bands are measured, 1 to 1000.
     #[serde(default = "one")]
     pub(super) repeat: usize,
+    /// Rest of the cell before each, 0 s to 86 400 s. Left out: no rest.
     pub(super) rest_first: Option<Quantity<Duration>>,
+    /// Bands, at least one; they rise and do not overlap.
     pub(super) bands: Vec<RawBand>,
+    /// Points in the memory of the scope per channel, 1000 to 10 000 000.
     #[serde(default = "million")]
     pub(super) memory_points: u64,
+    /// Points of a record downloaded per channel, 1000 to `memory_points`. The fastest line needs 8
+    /// samples a period.
     #[serde(default = "hundred_thousand")]
     pub(super) record_points: u64,
+    /// Quality gate that every line must pass. Left out: no line is judged.
     pub(super) quality: Option<super::raw_quality::Raw>,
 }
 
-/// A band.
+/// Band of frequencies, recorded at once.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct RawBand {
+    /// Base frequency, 1 mHz to 1000 Hz; the lines are odd multiples of it.
     pub(super) base: Quantity<Frequency>,
+    /// Lowest frequency of a line, `base` or more. Left out: `base`.
     pub(super) start: Option<Quantity<Frequency>>,
+    /// Highest frequency of a line, up to what generator and supply can do.
     pub(super) stop: Quantity<Frequency>,
+    /// Number of lines, 2 to 200.
     pub(super) lines: usize,
+    /// Number of periods of `base` in the record, 3 to 1000. They must fill a screen of the scope.
     pub(super) periods: u32,
+    /// Wait before the record, 0 s to 3600 s.
     pub(super) settle: Quantity<Duration>,
 }
 

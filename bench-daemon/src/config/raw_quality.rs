@@ -4,24 +4,29 @@ use serde::Deserialize;
 
 use super::quantity::{Charge, Duration, Quantity, Share};
 
-/// The section; every limit has a default with its reason.
+/// Quality gate; every limit is a share from 0.001 % to 100 % and has a default with its reason.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Raw {
-    /// Half a per cent: below what separates the orders of the thesis' fits, and a hundred times
-    /// what the bench shows.
+    /// Standard deviation of Z by noise and rounding. The default lies below what separates the
+    /// orders of the thesis' fits.
     pub(super) noise: Quantity<Share>,
-    /// A third harmonic of 1 % may stand for an error of Z of 3 %.
+    /// Harmonics 2 to 7 of current and voltage. A third harmonic of 1 % may stand for an error of Z
+    /// of 3 %.
     pub(super) distortion: Quantity<Share>,
-    /// As the noise, for it acts like it.
+    /// Part of Z that the drift of the voltage may make up. It acts like noise.
     pub(super) drift: Quantity<Share>,
-    /// Twice the noise: the difference of two numbers.
+    /// Difference between the halves of a record. It is the difference of two numbers, and so twice
+    /// the noise.
     pub(super) repeatability: Quantity<Share>,
-    /// Bound that is common for a valid spectrum (Schönleber et al. 2014 show residuals below 1
-    /// %).
+    /// Residual of the Kramers–Kronig test in the finished sweep. The bound is common for a valid
+    /// spectrum (Schönleber et al. 2014 show residuals below 1 %).
     pub(super) kramers_kronig: Quantity<Share>,
+    /// Largest number of further records of a point, 0 to 10.
     pub(super) again: usize,
+    /// Budget of further records for a sweep, 0 s to 86 400 s.
     pub(super) time: Quantity<Duration>,
+    /// Budget of charge that further records may move, up to ten times the capacity.
     pub(super) charge: Quantity<Charge>,
 }
 

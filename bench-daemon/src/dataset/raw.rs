@@ -13,61 +13,110 @@ use serde::Deserialize;
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct File {
+    /// Name of the data set.
     pub(super) name: String,
+    /// Errors of the bench as its past shows them. Left out: they are assumed.
     pub(super) bench: Option<BenchHistory>,
+    /// Error that the correction leaves in all spectra alike, if the standard deviations of the
+    /// spectra are without it. Left out: none.
     pub(super) calibration: Option<CommonError>,
+    /// Runs, at least one.
     pub(super) runs: Vec<Run>,
 }
 
-/// One `[[runs]]`.
+/// One run: a file, or a part of it, and what is known of its measurement.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Run {
+    /// Unique name. Left out: that of the file, without extension.
     pub(super) name: Option<String>,
+    /// Path of the file, from the folder of this file.
     pub(super) file: String,
+    /// Kind of the run.
     pub(super) kind: Kind,
+    /// Measured object.
     #[serde(default)]
     pub(super) fixture: Fixture,
+    /// Name of the cell; a control has none. Left out: `cell`.
     pub(super) cell: Option<String>,
+    /// Resistance of a shunt or a fake cell, Ω, above 0. It is needed for these and refused for a
+    /// cell.
     pub(super) fixture_ohm: Option<f64>,
+    /// Temperature at the start, −60 °C to 120 °C. Left out: the first of the file, which must hold
+    /// one then.
     pub(super) temperature_c: Option<f64>,
+    /// State of charge at the start, 0 to 1. A cell has this or `ocv_v`, a control neither.
     pub(super) soc: Option<f64>,
+    /// Open-circuit voltage at the start, V, above 0, in the place of `soc`.
     pub(super) ocv_v: Option<f64>,
+    /// Name of the group of runs that repeat each other. Left out: `name`.
     pub(super) repeat_group: Option<String>,
+    /// Place in the campaign. Left out: as listed, from 0.
     pub(super) order: Option<u32>,
+    /// Time of the start in the campaign, s. Left out: when the run before ends.
     pub(super) start_s: Option<f64>,
+    /// Purpose of the run. Left out: `train`.
     pub(super) role: Option<Role>,
+    /// Positive direction of the current in the file and of `bias_a`. Left out: as the format
+    /// counts, for BDF `charge`.
     pub(super) current_positive: Option<CurrentPositive>,
+    /// Course of the current between two samples of a record. Left out: `linear`.
     pub(super) current_between_samples: Option<Between>,
+    /// Begin of the used part of a record, s in its own time, at rest. Left out: its first sample.
     pub(super) from_s: Option<f64>,
+    /// End of the used part of a record, s in its own time. Left out: its last sample.
     pub(super) to_s: Option<f64>,
+    /// Time in the file before which samples are played but not compared, s, for a record that
+    /// begins under current. Left out: all are compared.
     pub(super) compare_from_s: Option<f64>,
+    /// Standard deviation of the open-circuit voltage at the start, V, above 0; gaps are then taken
+    /// about their mean. Left out: 0.
     pub(super) level_sigma_v: Option<f64>,
+    /// Lowest used frequency of a sweep, Hz, above 0. Left out: its lowest.
     pub(super) from_hz: Option<f64>,
+    /// Highest used frequency of a sweep, Hz, above 0. Left out: its highest.
     pub(super) to_hz: Option<f64>,
+    /// Direct current of a sweep, A. Left out: as the file tells, else 0.
     pub(super) bias_a: Option<f64>,
+    /// Resistance between the lower tap and the ground of the channels, Ω, where each tap has a
+    /// channel of its own. Left out: 0.
     pub(super) below_ohm: Option<f64>,
+    /// Inductance between the lower tap and the ground of the channels, H, where each tap has a
+    /// channel of its own. Left out: 0.
     pub(super) below_h: Option<f64>,
+    /// Time of each point of the sweep since its start, s, 0 or more, in the order of the
+    /// frequencies. Left out: not known.
     pub(super) elapsed_s: Option<Vec<f64>>,
+    /// Amplitude of a sweep, A, above 0. Left out: as the file tells, else not known.
     pub(super) amplitude_a: Option<f64>,
+    /// Name of the spectrum where the file holds several. Left out: the one at `bias_a`.
     pub(super) spectrum: Option<String>,
+    /// Whether points are used that the quality gate of the measurement refused, as the column
+    /// `flags` of the file says.
     #[serde(default)]
     pub(super) refused_points: bool,
 }
 
+/// Kind of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Kind {
+    /// A sweep; it has no keys of a record.
     Eis,
+    /// A record in time; it has no keys of a sweep.
     Time,
 }
 
+/// Measured object.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub(super) enum Fixture {
+    /// A cell.
     #[default]
     Cell,
+    /// The current shunt.
     Shunt,
+    /// The fake cell.
     FakeCell,
 }
 

@@ -16,40 +16,61 @@ use crate::{
     },
 };
 
+/// File of a server as it is typed.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Raw {
+    /// Address and port, such as `127.0.0.1:7420`. Beyond this machine it needs `[tls]`.
     listen: String,
+    /// Path of the only folder that the server writes to, from the folder of this file.
     data: String,
+    /// Path of an existing folder; experiments are `experiments/NAME.toml` in it.
     configs: String,
+    /// Paths of the bench files, from the folder of this file; the names of the benches must
+    /// differ.
     benches: Vec<String>,
+    /// Certificate and key. Left out: the server listens on this machine only.
     tls: Option<RawTls>,
+    /// Bounds of the server.
     #[serde(default)]
     limits: RawLimits,
+    /// Course of a stop.
     #[serde(default)]
     stop: RawStop,
 }
 
+/// Encryption of the connections.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawTls {
+    /// Path of the certificate chain, PEM.
     certificate: String,
+    /// Path of the private key, PEM.
     key: String,
 }
 
+/// Bounds of a server.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawLimits {
+    /// Longest body of a request, 1024 to 64 000 000 bytes. Left out: 262 144.
     body_bytes: Option<usize>,
+    /// Requests of one peer per second in the long run, 0.1 to 100 000. Left out: 100.
     requests_per_s: Option<f64>,
+    /// Requests of one peer at once, 1 to 1 000 000. Left out: 400.
     burst: Option<f64>,
+    /// Connections at the same time, 4 to 65 536. Left out: 512.
     connections: Option<usize>,
+    /// Longest time that a peer may take for the head or the body of a request, or to take an
+    /// answer, 0.1 s to 600 s. Left out: 10 s.
     patience: Option<Quantity<Duration>>,
 }
 
+/// Course of a stop.
 #[derive(Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct RawStop {
+    /// Time that a run has to end by itself before it is ended, 0.5 s to 600 s. Left out: 10 s.
     wait: Option<Quantity<Duration>>,
 }
 
