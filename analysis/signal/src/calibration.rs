@@ -214,15 +214,15 @@ pub const COMMON: usize = 5;
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct CommonError {
-    /// τ, s.
+    /// Delay τ of each error, s.
     pub skew_s: [f64; COMMON],
-    /// L, H.
+    /// Inductance L of each error, H.
     pub inductance_h: [f64; COMMON],
-    /// q, Ω·s².
+    /// Coefficient q of each error, Ω·s².
     pub square_ohm_s2: [f64; COMMON],
-    /// L′, H: with the voltage probes on the shunt.
+    /// Inductance L′ of each error, H: with the voltage probes on the shunt.
     pub at_shunt_h: [f64; COMMON],
-    /// q′, Ω·s².
+    /// Coefficient q′ of each error, Ω·s²: with the voltage probes on the shunt.
     pub at_shunt_ohm_s2: [f64; COMMON],
 }
 

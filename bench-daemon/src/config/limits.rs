@@ -9,24 +9,23 @@ use super::{
     quantity::{Charge, Current, Quantity, Temperature, Voltage},
 };
 
-/// Limits of the maker. A limit or a capacity of the cell file beyond these is refused; a limit
-/// that is left out is not checked.
+/// Limits of the maker; a limit or a capacity of the cell file beyond these is refused.
 #[derive(Debug, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Section {
-    /// Highest capacity.
+    /// Highest capacity. Left out: not checked.
     capacity: Option<Quantity<Charge>>,
-    /// Lowest voltage.
+    /// Lowest voltage. Left out: not checked.
     voltage_min: Option<Quantity<Voltage>>,
-    /// Highest voltage.
+    /// Highest voltage. Left out: not checked.
     voltage_max: Option<Quantity<Voltage>>,
-    /// Highest charging current.
+    /// Highest charging current. Left out: not checked.
     charge_current_max: Option<Quantity<Current>>,
-    /// Highest discharging current, positive.
+    /// Highest discharging current, positive. Left out: not checked.
     discharge_current_max: Option<Quantity<Current>>,
-    /// Lowest temperature of the surface.
+    /// Lowest temperature of the surface. Left out: not checked.
     temperature_min: Option<Quantity<Temperature>>,
-    /// Highest temperature of the surface.
+    /// Highest temperature of the surface. Left out: not checked.
     temperature_max: Option<Quantity<Temperature>>,
 }
 

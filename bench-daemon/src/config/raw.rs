@@ -31,16 +31,17 @@ pub(super) struct Experiment {
     /// Reset of the state of charge before the measurements. Left out: the cell is measured as it
     /// is.
     pub(super) soc_reset: Option<SocReset>,
-    /// Measurement of the open-circuit voltage over the state of charge.
+    /// Measurement of the open-circuit voltage over the state of charge. Left out: it is not
+    /// measured.
     pub(super) ocv_soc: Option<super::raw_ocv_soc::Raw>,
-    /// Sweeps, frequency by frequency.
+    /// Sweeps, frequency by frequency. Left out: no sweep.
     pub(super) eis: Option<Eis>,
-    /// Records of many frequencies at once.
+    /// Records of many frequencies at once. Left out: none.
     pub(super) multisine: Option<super::raw_multisine::Raw>,
     /// Several cells, each measured several times; refused beside `[ocv_soc]` and `[multisine]`.
     /// Left out: one cell.
     pub(super) campaign: Option<Campaign>,
-    /// Currents that step, and their records. Names must differ.
+    /// Currents that step, and their records; names must differ. Left out: none.
     #[serde(default)]
     pub(super) traces: Vec<Trace>,
     /// Fits of the extended Randles model.
@@ -49,8 +50,8 @@ pub(super) struct Experiment {
     /// Diagnosis at the end of the run; it needs a sweep of the cell and `[ocv]` in the cell file.
     /// Left out: none.
     pub(super) diagnosis: Option<Diagnosis>,
-    /// Rules by which a run goes on by itself. Left out: after faults of the wire only, five times
-    /// at most.
+    /// Rules by which a run goes on by itself. Left out: it does so after faults of the wire only,
+    /// five times at most.
     pub(super) resume: Option<Resume>,
 }
 
@@ -86,15 +87,15 @@ pub(super) struct FixtureCheck {
     /// Tolerance of the current shunt as read.
     pub(super) shunt: ControlTolerance,
     /// Tolerance of the fake cell as read; the bench file must have `[controls.fake_cell]`. Left
-    /// out: not measured.
+    /// out: it is not measured.
     pub(super) fake_cell: Option<ControlTolerance>,
-    /// Tolerance of the short as read; the bench file must have `[controls.short]`. Left out: not
-    /// measured.
+    /// Tolerance of the short as read; the bench file must have `[controls.short]`. Left out: it is
+    /// not measured.
     pub(super) short: Option<ShortTolerance>,
     /// Largest deviation of a control after the correction, 0.01 % to 10 %.
     pub(super) corrected_tolerance: Quantity<Share>,
     /// Further frequencies at which controls are measured, above the last of the sweep. The bipolar
-    /// supply must follow them, and nothing is judged by them.
+    /// supply must follow them, and nothing is judged by them. Left out: none.
     #[serde(default)]
     pub(super) beyond: Vec<Quantity<Frequency>>,
 }
@@ -109,7 +110,7 @@ pub(super) struct ControlTolerance {
     pub(super) phase: Quantity<Angle>,
 }
 
-/// A short has no magnitude to be a share of, and no phase.
+/// Largest deviation of a short, which has no magnitude to be a share of, and no phase.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct ShortTolerance {
@@ -155,13 +156,13 @@ pub(super) struct SocReset {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Eis {
-    /// Lowest frequency, from what the generator can set, 1 mHz at least. Needed unless
-    /// `frequencies` is given.
+    /// Lowest frequency, from what the generator can set, 1 mHz at least. Left out: `frequencies`
+    /// must be given.
     pub(super) start: Option<Quantity<Frequency>>,
-    /// Highest frequency, up to what the supply follows, 10 kHz at most. Needed unless
-    /// `frequencies` is given.
+    /// Highest frequency, up to what the supply follows, 10 kHz at most. Left out: `frequencies`
+    /// must be given.
     pub(super) stop: Option<Quantity<Frequency>>,
-    /// Number of frequencies on a logarithmic grid, 2 to 1000. Needed unless `frequencies` is
+    /// Number of frequencies on a logarithmic grid, 2 to 1000. Left out: `frequencies` must be
     /// given.
     pub(super) points: Option<usize>,
     /// Whether `stop` is the last point of the grid; else the grid ends one step before it.
@@ -189,7 +190,8 @@ pub(super) struct Eis {
     /// out: none is fitted.
     #[serde(default)]
     pub(super) mains: Option<Quantity<Frequency>>,
-    /// List of 2 to 1000 frequencies in the place of `start`, `stop` and `points`.
+    /// List of 2 to 1000 frequencies in the place of `start`, `stop` and `points`. Left out: these
+    /// must be given.
     pub(super) frequencies: Option<Vec<Quantity<Frequency>>>,
     /// Fixture that is swept; `shunt` needs a jig.
     #[serde(default)]
@@ -283,11 +285,13 @@ pub(super) struct Trace {
     pub(super) start_voltage: [Quantity<Voltage>; 2],
     /// Highest resistance of the cell, leads to the voltmeter included, 0.1 mΩ to 1 Ω.
     pub(super) resistance_max: Quantity<Resistance>,
-    /// Steps of current or power, typed one by one.
+    /// Steps of current or power, typed one by one. Left out: `pulses` or `file` must be given.
     pub(super) segments: Option<Vec<Segment>>,
-    /// Pulses of either sign in the place of typed steps.
+    /// Pulses of either sign in the place of typed steps. Left out: `segments` or `file` must be
+    /// given.
     pub(super) pulses: Option<Pulses>,
-    /// Path of a file of steps or of a profile over time, from the folder of this file.
+    /// Path of a file of steps or of a profile over time, from the folder of this file. Left out:
+    /// `segments` or `pulses` must be given.
     pub(super) file: Option<String>,
     /// Factor on every row, −1000 to 1000 and not 0: a pack's profile on one of its cells, for
     /// instance. Left out: 1.
@@ -301,7 +305,7 @@ pub(super) struct Trace {
     /// Length of the steps over which rows are averaged, 1 ms to 3600 s, at most that of the trace.
     /// Left out: rows stay as they are.
     pub(super) step: Option<Quantity<Duration>>,
-    /// Length of the first mean after a step, 0.2 ms to 1 s.
+    /// Delay and length of the first mean after a step, 0.2 ms to 1 s.
     #[serde(default = "two_milliseconds")]
     pub(super) first_sample: Quantity<Duration>,
     /// Number of means per decade of the time since a step, 2 to 100.
@@ -345,9 +349,9 @@ pub(super) enum Through {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Segment {
-    /// Current, positive for a charge.
+    /// Current, positive for a charge. Left out: `power` must be given.
     pub(super) current: Option<Quantity<Current>>,
-    /// Power in the place of a current, positive for a charge.
+    /// Power in the place of a current, positive for a charge. Left out: `current` must be given.
     pub(super) power: Option<Quantity<Power>>,
     /// Duration, above 0 s.
     pub(super) duration: Quantity<Duration>,
@@ -445,7 +449,7 @@ pub(super) struct Cell {
     /// Limits of the interlock beside those of the cell.
     #[serde(default)]
     pub(super) interlock: super::interlock::Section,
-    /// Limits of the maker, beyond which no limit of this file may lie.
+    /// Limits of the maker, beyond which no limit of this file may lie. Left out: none is checked.
     #[serde(default)]
     pub(super) absolute: super::limits::Section,
     /// Pack to which the model of the cell is mapped.

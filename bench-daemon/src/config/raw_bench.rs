@@ -22,7 +22,7 @@ pub(super) struct Bench {
     pub(super) instruments: Instruments,
     /// Wiring between generator, supply, shunt and scope.
     pub(super) wiring: Wiring,
-    /// Known impedances that are measured as controls.
+    /// Known impedances that are measured as controls. Left out: none beside the shunt.
     #[serde(default)]
     pub(super) controls: Controls,
     /// Simulation behind the instruments. Left out: the instruments count as real ones.
@@ -38,7 +38,7 @@ pub(super) struct Bench {
     /// Control of a bath with relays.
     #[serde(default)]
     pub(super) thermostat: Thermostat,
-    /// Requirement of a run on the last report of `eis-bench doctor`.
+    /// Requirement of a run on the last report of `eis-bench doctor`. Left out: none is required.
     #[serde(default)]
     pub(super) doctor: Doctor,
 }
@@ -75,9 +75,11 @@ pub(super) struct Doctor {
 #[derive(Debug, Deserialize, Default)]
 #[serde(deny_unknown_fields, default)]
 pub(super) struct Guardian {
-    /// Longest silence of the daemon, 1 s to 600 s. Left out: 5 s.
+    /// Longest silence of the daemon, 1 s to 600 s; then the guardian ends it and switches off.
+    /// Left out: 5 s.
     pub(super) lease: Option<Quantity<Duration>>,
-    /// Longest computation of the daemon between two steps, 1 s to 600 s. Left out: 20 s.
+    /// Longest computation of the daemon between two waits, 1 s to 600 s; then it counts as hung.
+    /// Left out: 20 s.
     pub(super) stall: Option<Quantity<Duration>>,
 }
 
@@ -85,21 +87,22 @@ pub(super) struct Guardian {
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Instruments {
-    /// Bipolar supply, which drives sweeps, multisines, pulses and waves.
+    /// Bipolar supply, which drives sweeps, multisines, pulses and waves. Left out: the bench has
+    /// none.
     pub(super) supply4q: Option<Instrument>,
-    /// Function generator, which commands the bipolar supply.
+    /// Function generator, which commands the bipolar supply. Left out: the bench has none.
     pub(super) generator: Option<Instrument>,
-    /// Scope with four channels, on shunt and cell.
+    /// Scope with four channels, on shunt and cell. Left out: the bench has none.
     pub(super) scope: Option<Instrument>,
-    /// DC load, which discharges the cell and measures its voltage.
+    /// DC load, which discharges the cell and measures its voltage. Left out: the bench has none.
     pub(super) load: Option<Instrument>,
-    /// DC supply, which charges the cell.
+    /// DC supply, which charges the cell. Left out: the bench has none.
     pub(super) supply: Option<Instrument>,
-    /// Chiller, which holds the temperature.
+    /// Chiller, which holds the temperature. Left out: the bench has none.
     pub(super) chiller: Option<Instrument>,
-    /// Logger of temperatures.
+    /// Logger of temperatures. Left out: the bench has none.
     pub(super) logger: Option<Logger>,
-    /// Jig, in which the fixture is changed.
+    /// Jig, in which the fixture is changed. Left out: the bench has none.
     pub(super) jig: Option<Jig>,
 }
 
@@ -139,7 +142,7 @@ pub(super) struct Logger {
 pub(super) struct Jig {
     /// `person`, who changes the fixture and confirms it, or `mock-jig`.
     pub(super) model: String,
-    /// Address of a jig that is a device; a person has none.
+    /// Address of a jig that is a device. Left out: the jig is a person.
     pub(super) address: Option<String>,
 }
 

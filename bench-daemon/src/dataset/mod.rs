@@ -1,38 +1,9 @@
 //! Reads and writes data sets for a diagnosis: a folder with `dataset.toml`, or a run folder of
 //! this program.
 //!
-//! `dataset.toml` holds `name`, perhaps `[bench]` (the fields of
+//! `dataset.toml` holds a name, perhaps `[bench]` (the fields of
 //! [`BenchHistory`](analysis::diagnosis::BenchHistory)), perhaps `[calibration]` (the fields of
-//! [`CommonError`]: what the correction leaves in all spectra alike, if their σ are without it),
-//! and per run a `[[runs]]`, whose fields have a default where one is given in brackets:
-//!
-//! * `file`, `kind`: file beside `dataset.toml`; `eis` or `time`
-//! * `name`: unique name (the file's, without extension)
-//! * `fixture`, `cell`, `fixture_ohm`: `cell` with its name, or `shunt` or `fake_cell` with its
-//!   resistance (`cell`, named `cell`)
-//! * `temperature_c`: at the start (the file's first)
-//! * `soc` or `ocv_v`: state at the start, one of both; a control has none
-//! * `repeat_group`: runs of one group repeat each other (the name)
-//! * `order`, `start_s`: place and time in the campaign (as listed; when the run before ends)
-//! * `role`: `train` or `held_out` (`train`)
-//! * `current_positive`: `charge` or `discharge`, of the file and of `bias_a` (as the format
-//!   counts; BDF: `charge`)
-//! * `current_between_samples`: `hold` or `linear` (`linear`)
-//! * `from_s`, `to_s`: part of a long record, in its own time; begins at rest (all)
-//! * `compare_from_s`: samples before it, in the file's time, are played but not compared: for a
-//!   record that begins under current (all are)
-//! * `level_sigma_v`: how badly the open-circuit voltage at the start is known, V; gaps are then
-//!   taken about their mean (0)
-//! * `from_hz`, `to_hz`: part of a sweep (all)
-//! * `bias_a`, `amplitude_a`: direct current and amplitude of a sweep (as the file tells, else 0
-//!   and unknown)
-//! * `below_ohm`, `below_h`: resistance (Ω) and inductance (H) between the lower tap and the ground
-//!   of the channels, where each tap has a channel of its own (0)
-//! * `elapsed_s`: time of each of the sweep's points since its start, s, in the order of
-//!   frequencies (unknown)
-//! * `refused_points`: use points of a sweep that the quality gate of its measurement refused, as
-//!   the column `flags` of its file says (false)
-//! * `spectrum`: which one, where the file holds several; else the one at `bias_a`
+//! [`CommonError`]), and a `[[runs]]` for each run. `docs/reference-dataset.md` lists all keys.
 //!
 //! A mistake in `dataset.toml` is an error. A file that is there but damaged is a
 //! (`DataSetProblem`): the diagnosis then ends as invalid, with the reason.

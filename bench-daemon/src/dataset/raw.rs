@@ -39,15 +39,16 @@ pub(super) struct Run {
     pub(super) fixture: Fixture,
     /// Name of the cell; a control has none. Left out: `cell`.
     pub(super) cell: Option<String>,
-    /// Resistance of a shunt or a fake cell, Ω, above 0. It is needed for these and refused for a
-    /// cell.
+    /// Resistance of a shunt or a fake cell, Ω, above 0. Left out: the run must be of a cell.
     pub(super) fixture_ohm: Option<f64>,
     /// Temperature at the start, −60 °C to 120 °C. Left out: the first of the file, which must hold
-    /// one then.
+    /// one.
     pub(super) temperature_c: Option<f64>,
-    /// State of charge at the start, 0 to 1. A cell has this or `ocv_v`, a control neither.
+    /// State of charge at the start, 0 to 1. Left out: `ocv_v` must be given, unless the run is of
+    /// a control.
     pub(super) soc: Option<f64>,
-    /// Open-circuit voltage at the start, V, above 0, in the place of `soc`.
+    /// Open-circuit voltage at the start, V, above 0, in the place of `soc`. Left out: `soc` must
+    /// be given, unless the run is of a control.
     pub(super) ocv_v: Option<f64>,
     /// Name of the group of runs that repeat each other. Left out: `name`.
     pub(super) repeat_group: Option<String>,
@@ -62,7 +63,7 @@ pub(super) struct Run {
     pub(super) current_positive: Option<CurrentPositive>,
     /// Course of the current between two samples of a record. Left out: `linear`.
     pub(super) current_between_samples: Option<Between>,
-    /// Begin of the used part of a record, s in its own time, at rest. Left out: its first sample.
+    /// Start of the used part of a record, s in its own time, at rest. Left out: its first sample.
     pub(super) from_s: Option<f64>,
     /// End of the used part of a record, s in its own time. Left out: its last sample.
     pub(super) to_s: Option<f64>,
