@@ -10,7 +10,7 @@ use std::{
 };
 
 /// The longest sentence, in words.
-const LONGEST: usize = 40;
+pub(super) const LONGEST: usize = 40;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR"))
@@ -211,7 +211,7 @@ fn anchors(text: &str) -> BTreeSet<String> {
 
 /// The sentences of a paragraph or an item. A full stop, a question mark or an exclamation mark
 /// ends one where a blank or nothing follows.
-fn sentences(text: &str) -> Vec<String> {
+pub(super) fn sentences(text: &str) -> Vec<String> {
     let text = without_targets(&code_as_a_word(text));
     let mut sentences = vec![String::new()];
     for word in text.split_whitespace() {
@@ -227,7 +227,7 @@ fn sentences(text: &str) -> Vec<String> {
     sentences
 }
 
-fn words(sentence: &str) -> usize {
+pub(super) fn words(sentence: &str) -> usize {
     sentence
         .split_whitespace()
         .filter(|word| word.chars().any(char::is_alphanumeric))

@@ -42,6 +42,7 @@ mod quality;
 mod ranging;
 mod real_data;
 mod records;
+mod reference;
 mod replay;
 mod resume;
 mod robust;

@@ -1,0 +1,155 @@
+//! The reference pages of `docs`: every key of every file that a user types, every command with its
+//! arguments, and the exit codes. They are made from the sources and from the help of the program.
+//! A test fails where a page is not what they say; with the variable `EIS_BENCH_WRITE_REFERENCE` it
+//! writes the page.
+
+mod commands;
+mod page;
+mod ranges;
+mod sources;
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use page::Part;
+use sources::Library;
+
+/// Set where the pages are to be written and not compared.
+const WRITE: &str = "EIS_BENCH_WRITE_REFERENCE";
+
+/// Sources that hold the structures of the files, and the types that these refer to.
+const SOURCES: [&str; 22] = [
+    "bench-daemon/src/config/raw.rs",
+    "bench-daemon/src/config/raw_bench.rs",
+    "bench-daemon/src/config/raw_multisine.rs",
+    "bench-daemon/src/config/raw_ocv_soc.rs",
+    "bench-daemon/src/config/raw_quality.rs",
+    "bench-daemon/src/config/interlock.rs",
+    "bench-daemon/src/config/limits.rs",
+    "bench-daemon/src/config/mod.rs",
+    "bench-daemon/src/plan.rs",
+    "bench-daemon/src/serve/settings.rs",
+    "bench-daemon/src/dataset/raw.rs",
+    "fixtures/src/scenario.rs",
+    "fixtures/src/scenario/effects.rs",
+    "fixtures/src/scenario/faults.rs",
+    "fixtures/src/scenario/specimens.rs",
+    "instruments/src/fixture.rs",
+    "instruments/src/mock/faults.rs",
+    "analysis/diagnosis/src/data.rs",
+    "analysis/effects/src/augmented/play.rs",
+    "analysis/files/src/dataset/index.rs",
+    "analysis/signal/src/calibration.rs",
+    "analysis/signal/src/series.rs",
+];
+
+const MADE: &str = "This page is made from the source code by a test; do not edit it.\n\
+    `EIS_BENCH_WRITE_REFERENCE=1 cargo test -p bench-daemon --test it reference` writes it.\n";
+
+const KEYS: &str = "*Needed* says `yes`, or the default of a key, or `no` and what happens where \
+    the key is left out.\n\
+    A key that no table lists is an error.\n";
+
+/// The root of the repository.
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("..")
+        .canonicalize()
+        .unwrap()
+}
+
+fn read(path: &str) -> String {
+    fs::read_to_string(root().join(path)).unwrap_or_else(|error| panic!("{path}: {error}"))
+}
+
+/// Compares a page with what it should be, or writes it.
+fn hold(name: &str, expected: &str) {
+    let path = root().join("docs").join(name);
+    if std::env::var_os(WRITE).is_some() {
+        fs::write(&path, expected).unwrap();
+        return;
+    }
+    let found = fs::read_to_string(&path).unwrap_or_default();
+    let mut lines = found.lines().zip(expected.lines()).enumerate();
+    if let Some((at, (found, expected))) = lines.find(|(_, (a, b))| a != b) {
+        panic!(
+            "docs/{name}:{}: the page is not what the sources say ({WRITE}=1 writes it):\n\
+            found    {found}\nexpected {expected}",
+            at + 1
+        );
+    }
+    assert!(
+        found == expected,
+        "docs/{name} is shorter or longer than the sources say ({WRITE}=1 writes it)"
+    );
+}
+
+#[test]
+fn the_reference_of_the_configuration_is_what_the_sources_say() {
+    let library = Library::read(&SOURCES);
+    let parts = [
+        Part {
+            name: "Experiment",
+            about: "An experiment file says what is done with which cell on which bench: \
+                `configs/experiments/`.\n[Procedures](procedures.md) explains its sections.",
+            top: library.structure("raw.rs", "Experiment"),
+        },
+        Part {
+            name: "Cell",
+            about: "A cell file describes a cell and what may be done to it: `configs/cells/`.\n\
+                [Safety](safety.md) explains the interlock.",
+            top: library.structure("raw.rs", "Cell"),
+        },
+        Part {
+            name: "Bench",
+            about: "A bench file describes instruments, wiring and controls: `configs/benches/`.\n\
+                [Bring-up](bring-up.md#models-that-are-known) lists the models, \
+                [transports](transports.md) the addresses.",
+            top: library.structure("raw_bench.rs", "Bench"),
+        },
+        Part {
+            name: "Server",
+            about: "The file of [`eis-bench serve`](serve.md): `configs/serve.toml`.",
+            top: library.structure("settings.rs", "Raw"),
+        },
+        Part {
+            name: "Scenario",
+            about: "A scenario describes what is true of a simulated bench: `configs/scenarios/`.\n\
+                A file states only what it changes of the bench of the thesis.\n\
+                An effect or a fault that is left out is not simulated.",
+            top: library.structure("scenario.rs", "Scenario"),
+        },
+    ];
+    let mut text = format!(
+        "# Keys of the configuration files\n\n{MADE}\n{KEYS}\n{}",
+        page::quantities(&library)
+    );
+    for part in &parts {
+        text.push_str(&page::part(&library, part));
+    }
+    hold("reference-config.md", &text);
+}
+
+#[test]
+fn the_reference_of_a_data_set_is_what_the_sources_say() {
+    let library = Library::read(&SOURCES);
+    let part = Part {
+        name: "Data set",
+        about: "`dataset.toml` makes a folder a data set for `eis-bench diagnose`: \
+            `configs/datasets/`.\n[File formats](formats.md) lists the files that it may name.\n\
+            A mistake in it is an error; a file that is there but damaged makes the data invalid.",
+        top: library.structure("dataset/raw.rs", "File"),
+    };
+    let text = format!(
+        "# Keys of `dataset.toml`\n\n{MADE}\n{KEYS}{}",
+        page::part(&library, &part)
+    );
+    hold("reference-dataset.md", &text);
+}
+
+#[test]
+fn the_reference_of_the_command_line_is_the_help_of_the_program() {
+    hold("reference-cli.md", &commands::page(MADE));
+}
