@@ -16,15 +16,13 @@ use super::{
     require,
     trace::Zero,
     trace_rows::Recorded,
-    watch::LOAD_CURRENT,
+    watch::{BELOW_GREATEST_V, LOAD_CURRENT},
 };
 use crate::{
     interlock::Reading,
     plan::{Level, TracePlan},
 };
 
-/// The supply holds this much less than the cell's greatest voltage, V.
-pub(super) const BELOW_GREATEST_V: f64 = 0.005;
 /// So near to its limit, V, the supply's current may fall.
 const NEAR_LIMIT_V: f64 = 0.1;
 /// The last reading before a step is begun this long before it, s.

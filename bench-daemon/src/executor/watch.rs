@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use instruments::{fixture::Fixture, link::LinkError};
 
-use super::{ExecuteError, POLL_S, Rig, metered::BELOW_GREATEST_V, require};
+use super::{ExecuteError, POLL_S, Rig, require};
 use crate::{
     interlock::{Allowance, Mean, NO_CURRENT_A, Reading, Trip},
     plan::{Flow, Step},
@@ -40,6 +40,8 @@ pub(super) const CHARGER_CURRENT: &str = "current of the charger";
 const SEEN_A: f64 = 0.5;
 /// So far below the limit of a supply its current falls, and the voltage stands still, V.
 const HELD_V: f64 = 0.1;
+/// The supply holds this much less than the cell's greatest voltage, V.
+pub(super) const BELOW_GREATEST_V: f64 = 0.005;
 
 impl Rig<'_> {
     /// What may flow during a step is far less than what the cell could bear, and so is the charge

@@ -76,7 +76,7 @@ const CIRCLES: [Circles; 14] = [
     Circles::of("instruments", 0, 0),
     Circles::of("fixtures", 0, 0),
     Circles::of("fixtures/study", 0, 0),
-    Circles::of("bench-daemon", 3, 3),
+    Circles::of("bench-daemon", 2, 2),
 ];
 
 /// Most columns of a line of a source file.
@@ -662,4 +662,47 @@ fn wide_lines(folder: &Path) -> Vec<String> {
 fn no_line_of_a_source_file_is_wider_than_120_columns() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     assert_eq!(wide_lines(&root), [""; 0]);
+}
+
+/// Functions of a file that take a tuple in the place of several arguments, tests left out.
+#[derive(Default)]
+struct Tuples(Vec<String>);
+
+impl<'ast> Visit<'ast> for Tuples {
+    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
+        if !is_test(item) {
+            visit::visit_item_mod(self, item);
+        }
+    }
+
+    fn visit_signature(&mut self, signature: &'ast syn::Signature) {
+        let is_tuple = |of: &syn::Type| match of {
+            syn::Type::Tuple(tuple) => tuple.elems.len() > 1,
+            syn::Type::Reference(to) => {
+                matches!(&*to.elem, syn::Type::Tuple(tuple) if tuple.elems.len() > 1)
+            }
+            _ => false,
+        };
+        let takes = signature.inputs.iter().any(|argument| match argument {
+            syn::FnArg::Typed(argument) => is_tuple(&argument.ty),
+            syn::FnArg::Receiver(_) => false,
+        });
+        if takes {
+            self.0.push(signature.ident.to_string());
+        }
+    }
+}
+
+#[test]
+fn no_function_takes_a_tuple_in_the_place_of_arguments() {
+    let mut found = Vec::new();
+    for krate in CIRCLES.map(|circles| circles.krate) {
+        for (module, path) in files(krate) {
+            let mut tuples = Tuples::default();
+            tuples.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+            let named = tuples.0.into_iter();
+            found.extend(named.map(|name| format!("{krate}::{}::{name}", module.join("::"))));
+        }
+    }
+    assert_eq!(found, [""; 0]);
 }

@@ -312,6 +312,7 @@ impl Search<'_> {
 }
 
 /// A power that was tried.
+#[derive(Clone, Copy)]
 struct Tried {
     /// Its size, W.
     power_w: f64,

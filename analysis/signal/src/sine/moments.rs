@@ -220,6 +220,7 @@ fn gather<'a>(
 }
 
 /// Where a chunk lies, and what is taken from its samples.
+#[derive(Clone, Copy)]
 struct Cut {
     /// First sample of the chunk, counted in the record.
     start: usize,

@@ -284,6 +284,7 @@ fn kept<const W: usize, const N: usize>(now: &Now<W, N>, g: &LaneGains<W, N>, l:
 }
 
 /// A lane at an instant.
+#[derive(Clone, Copy)]
 struct Source {
     /// E = OCV − Σv, V.
     e_v: f64,
@@ -383,6 +384,7 @@ fn ocv<const W: usize, const N: usize, const CURVED: bool>(
 }
 
 /// A demand on a lane.
+#[derive(Clone, Copy)]
 struct LaneAsked {
     /// E = OCV − Σv, V.
     e_v: f64,
