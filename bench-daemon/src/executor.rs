@@ -60,17 +60,17 @@ const POLL_S: f64 = 1.0;
 pub struct Executor<'a> {
     /// The instruments.
     pub(crate) rig: Rig<'a>,
-    /// What is known of harness and cell.
+    /// Knowledge of harness and cell.
     pub(crate) known: Known,
     /// The person at the bench.
     person: Person<'a>,
-    /// What is in the jig.
+    /// Contents of the jig.
     position: Position,
     /// The scope's settings.
     scope: Screen,
     /// The sweep in work.
     sweep: SweepState,
-    /// What steps of direct current have left.
+    /// State that steps of direct current have left.
     direct: Direct,
 }
 

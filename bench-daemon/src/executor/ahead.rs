@@ -58,7 +58,7 @@ pub(super) struct SweepState {
     pub(super) announced: Option<usize>,
     /// The generator has gone on.
     pub(super) ahead: Option<Ahead>,
-    /// What went into measuring points of the sweep again.
+    /// Effort that went into measuring points of the sweep again.
     pub(super) spent: Spent,
 }
 

@@ -202,7 +202,7 @@ impl Executor<'_> {
 /// The mean of the current in a record, and what it is held against.
 struct Balance {
     mean_a: f64,
-    /// What the mean may be, A.
+    /// Greatest mean that is allowed, A.
     greatest_a: f64,
     /// The mean of the first record on the same scales, A.
     zero_a: f64,
@@ -211,7 +211,7 @@ struct Balance {
 }
 
 impl Balance {
-    /// What is wrong with the mean of a record, and by how much it may be off, A; and with its
+    /// Fault of the mean of a record, and by how much it may be off, A; and of its
     /// change since the first record on the same scales. The zeros of the channels do not change
     /// from record to record, and the supply has shown that nothing flowed before the first: a
     /// change may be as large as one of the two allowances for the mean, not as their sum. Records

@@ -22,8 +22,8 @@ impl<'a> Entrance<'a> {
             .find(|point| point.step == index)
     }
 
-    /// What is clamped is clamped anew, what is powered is powered anew, as long as anything is
-    /// left to be measured.
+    /// True for steps that are played again: what is clamped is clamped anew, what is powered is
+    /// powered anew, as long as anything is left to be measured.
     pub(super) fn plays(&self, stage: &Stage, index: usize, step: &Step) -> bool {
         let sine = |(at, step): (usize, &Step)| match step {
             Step::Sine { .. } => self.point(at).is_none(),

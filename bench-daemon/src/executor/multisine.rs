@@ -368,7 +368,7 @@ impl Executor<'_> {
     }
 }
 
-/// What is said where the record does not have the images of the generator's steps where the rates
+/// Message where the record does not have the images of the generator's steps where the rates
 /// put them.
 fn judge_images(fit: &MultisineFit) -> Option<String> {
     let proof = fit.proof.filter(analysis::multisine::Proof::contradicts)?;

@@ -53,7 +53,7 @@ impl Rig<'_> {
         Ok(())
     }
 
-    /// What the bipolar supply's ammeter shows with its output off, A: the mean of some readings,
+    /// Reading of the bipolar supply's ammeter with its output off, A: the mean of some readings,
     /// of which one is there already.
     async fn zero_of_supply(&mut self, first_a: f64) -> Result<f64, ExecuteError> {
         let mut sum_a = first_a;

@@ -12,19 +12,19 @@ use crate::{
 pub struct Rig<'a> {
     /// The instruments.
     pub(super) bench: &'a mut Bench,
-    /// What holds for the whole run.
+    /// Setup that holds for the whole run.
     pub(super) setup: Setup,
     /// Bench time.
     pub(crate) clock: Clock,
     /// Where everything is written.
     pub(crate) recorder: &'a mut Recorder,
-    /// What the step in work may expose the cell to.
+    /// Interlock with the allowance of the step in work.
     pub(super) interlock: Interlock,
     /// When what was read last.
     pub(super) watching: Watching,
     /// The cell's temperature and its bath.
     pub(super) temperatures: Temperatures,
-    /// What drives the cell since the last power-up.
+    /// Drive of the cell since the last power-up.
     pub(super) driving: Driving,
 }
 
@@ -67,7 +67,7 @@ pub(super) struct Watching {
     pub(super) read_s: f64,
     /// How long the last reading with everything around it took, s.
     pub(super) took_s: f64,
-    /// What the voltmeter at the jig has shown last, V.
+    /// Last reading of the voltmeter at the jig, V.
     pub(super) shown_v: Option<f64>,
     /// Requests to end.
     pub(super) heeding: Heeding,
@@ -112,7 +112,7 @@ pub(super) struct Temperatures {
     pub(super) thermostat: Option<Thermostat>,
 }
 
-/// What a record shows while no direct current flows.
+/// Mean of a record while no direct current flows.
 #[derive(Clone, Copy)]
 pub(super) struct FirstMean {
     /// Scales of the shunt's channels, V per division.
@@ -121,12 +121,12 @@ pub(super) struct FirstMean {
     pub(super) zero_a: f64,
 }
 
-/// What drives the cell since the last power-up.
+/// Drive of the cell since the last power-up.
 #[derive(Default)]
 pub(super) struct Driving {
     /// How long the generator's signal goes on by itself.
     pub(super) burst: Burst,
-    /// What the power-up in work allows of the current, A.
+    /// Current that the power-up in work allows, A.
     pub(super) powered_a: Option<f64>,
     /// The first record since then, or on these scales.
     pub(super) first_mean: Option<FirstMean>,

@@ -24,9 +24,9 @@ const OUT_OF_REACH_DIV: f64 = 4.0;
 
 /// The scope's settings: those that are wanted, and those that it was told last.
 pub(super) struct Screen {
-    /// What the channels are to be set to.
+    /// Vertical settings that the channels are to have.
     pub(super) verticals: [Option<Vertical>; 4],
-    /// What they were last set to.
+    /// Vertical settings that were applied last.
     pub(super) applied: [Option<Vertical>; 4],
     /// Level of the trigger; follows the signal.
     pub(super) trigger_v: Volts,

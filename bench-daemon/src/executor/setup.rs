@@ -1,4 +1,4 @@
-//! What holds for a whole run and stands in no step: made once from the experiment.
+//! Values that hold for a whole run and stand in no step: made once from the experiment.
 
 use crate::{
     config::{self, Experiment, Jig, Wiring},
@@ -6,11 +6,11 @@ use crate::{
     measure::quality::Quality,
 };
 
-/// What holds for a whole run and stands in no step.
+/// Values that hold for a whole run and stand in no step.
 pub(super) struct Setup {
-    /// What the cell may be exposed to.
+    /// Limits of the cell.
     pub(super) limits: Limits,
-    /// What the interlock allows beside that.
+    /// Settings of the interlock.
     pub(super) interlock: Settings,
     /// How the bench is wired.
     pub(super) wiring: Wiring,
@@ -18,15 +18,15 @@ pub(super) struct Setup {
     pub(super) thermostat: config::Thermostat,
     /// A person changes what is in the jig.
     pub(super) person_clamps: bool,
-    /// What notes about the runs of a campaign begin with, from run 1 on.
+    /// Beginnings of the notes about the runs of a campaign, from run 1 on.
     prefixes: Vec<String>,
-    /// What all sweeps have in common, where there are any.
+    /// Values that all sweeps share, where there are any.
     pub(super) sweeps: Option<Sweeps>,
     /// The quality gate of multisines.
     pub(super) multisine_quality: Option<Quality>,
 }
 
-/// What all sweeps of a run have in common.
+/// Values that all sweeps of a run share.
 #[derive(Clone, Copy)]
 pub(super) struct Sweeps {
     /// Greatest amplitude of their currents, A.
@@ -75,7 +75,7 @@ impl Setup {
         }
     }
 
-    /// What a note about a run of the campaign begins with.
+    /// Beginning of a note about a run of the campaign.
     pub(super) fn prefix(&self, run: usize) -> Option<&str> {
         self.prefixes.get(run.checked_sub(1)?).map(String::as_str)
     }

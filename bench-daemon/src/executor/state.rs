@@ -1,4 +1,4 @@
-//! What a run knows from step to step besides its instruments.
+//! State of a run from step to step, besides its instruments.
 
 use std::sync::Arc;
 
@@ -12,14 +12,15 @@ use crate::{interlock::Reading, operator::Operator, plan::Specimen, progress::Pr
 pub struct Person<'a> {
     /// Who changes the fixture, where no device does.
     pub operator: &'a Operator,
-    /// What the person watching sees.
+    /// Progress that the person at the terminal sees.
     pub progress: &'a Progress,
 }
 
 /// Where in the run the stage in work is, and what is in the jig.
 #[derive(Default)]
 pub(super) struct Position {
-    /// What was clamped into the jig last, and which of the cells it was, where there are several.
+    /// Fixture that was clamped into the jig last, and which of the cells it was, where there are
+    /// several.
     pub(super) mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
     /// The cell that is in use, where there are several.
     pub(super) specimen: Option<Arc<Specimen>>,
@@ -29,10 +30,10 @@ pub(super) struct Position {
     pub(super) repeat: usize,
 }
 
-/// What steps of direct current leave for the steps after them.
+/// State that steps of direct current leave for the steps after them.
 #[derive(Default)]
 pub(super) struct Direct {
-    /// What the channels show while nothing flows.
+    /// Readings of the channels while nothing flows.
     pub(super) zero: Option<Zero>,
     /// Charge that traces have left in the cell, C.
     pub(super) charge_c: f64,
@@ -42,12 +43,12 @@ pub(super) struct Direct {
     pub(super) reset: Reset,
 }
 
-/// What is known of harness and cell beside the points.
+/// Knowledge of harness and cell beside the points.
 pub(crate) struct Known {
-    /// What takes the harness off the channels.
+    /// Correction of the harness for the channels.
     pub(crate) correction: Correction,
-    /// What was read of the cell before the bipolar supply went on last.
+    /// Last reading of the cell before the bipolar supply went on.
     pub(crate) idle: Reading,
-    /// What the lines of multisines say besides their impedance, until somebody takes it.
+    /// Lines of multisines, with their noise and distortion, until somebody takes them.
     pub(crate) lines: Vec<Line>,
 }

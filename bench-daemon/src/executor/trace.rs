@@ -434,7 +434,7 @@ impl Executor<'_> {
         Ok(capture)
     }
 
-    /// What the frames of a trace are read by.
+    /// Scales by which the frames of a trace are read.
     pub(super) fn frames<'f>(&'f self, trace: &'f TracePlan, zero: &Zero) -> Frames<'f> {
         let shunt_ohm = self.rig.setup.wiring.shunt.r_ohm;
         Frames {

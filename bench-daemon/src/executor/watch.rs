@@ -44,8 +44,8 @@ const HELD_V: f64 = 0.1;
 pub(super) const BELOW_GREATEST_V: f64 = 0.005;
 
 impl Rig<'_> {
-    /// What may flow during a step is far less than what the cell could bear, and so is the charge
-    /// that it may move.
+    /// Limits of a step: what may flow during it is far less than what the cell could bear, and so
+    /// is the charge that it may move.
     pub(super) fn allowance(&self, fixture: Fixture, step: &Step) -> Allowance {
         let cell = self.setup.limits;
         let settings = &self.setup.interlock;

@@ -191,6 +191,9 @@ impl<'ast> Visit<'ast> for Named {
         }
     }
 
+    /// `pub(super)` names no module.
+    fn visit_visibility(&mut self, _: &'ast syn::Visibility) {}
+
     fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
         self.tree(&Vec::new(), &item.tree);
     }

@@ -221,7 +221,8 @@ impl Sdl {
         self.bounded(value, 0.0..=max)
     }
 
-    /// What is out of range is clamped, or leaves the setting as it was; so does what is no number.
+    /// Setting of a number: one out of range is clamped, or leaves the setting as it was; so does
+    /// what is no number.
     fn bounded(&self, value: f64, range: RangeInclusive<f64>) -> Fallible<f64> {
         match value {
             value if range.contains(&value) => Ok(value),

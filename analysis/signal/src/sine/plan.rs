@@ -25,7 +25,7 @@ pub(super) struct Plan {
 }
 
 impl Plan {
-    /// What `options` ask for as far as a record of `samples` can carry it besides a sinusoid of
+    /// Terms that `options` ask for, as far as a record of `samples` can carry it besides a sinusoid of
     /// `freq_hz`.
     pub(super) fn new(options: &FitOptions, freq_hz: f64, samples: usize, interval_s: f64) -> Self {
         let duration_s = samples as f64 * interval_s;

@@ -1,4 +1,4 @@
-//! What the sources say of a structure: its keys, their values, their defaults and their meaning.
+//! Facts of a structure from its source: its keys, their values, their defaults and their meaning.
 
 use std::collections::BTreeMap;
 

@@ -249,7 +249,7 @@ impl<'a> Run<'a> {
         }
     }
 
-    /// What the law answers at a time under a demand, with the additions as they are. The heat
+    /// Answer of the law at a time under a demand, with the additions as they are. The heat
     /// is left to [`Self::seen`].
     fn look(&self, at: Asked) -> Result<Look, ForwardError> {
         let Asked { time_s, demand } = at;

@@ -191,7 +191,7 @@ struct Begin<const W: usize> {
     back: Row<W>,
 }
 
-/// What changes the square under the root over a step.
+/// Values that change the square under the root over a step.
 struct Change {
     /// E at the start, V.
     e_v: f64,
