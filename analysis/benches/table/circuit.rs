@@ -1,4 +1,4 @@
-//! How long fits of circuits take, with covariance, and how often they end at the best known
+//! Time that fits of circuits take, with covariance, and share of them that end at the best known
 //! optimum.
 
 use analysis::{

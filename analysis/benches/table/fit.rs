@@ -1,6 +1,7 @@
-//! How long global fits of the ERM take and how surely they end at the optimum. "At the optimum"
-//! counts seeds whose objective is within 1e-6 of the best of all seeds; the data of the simulated
-//! sweeps differ from seed to seed, there the best comes from eight further seeds of the search.
+//! Time that global fits of the ERM take, and share of them that end at the optimum. "At the
+//! optimum" counts seeds whose objective is within 1e-6 of the best of all seeds. The data of the
+//! simulated sweeps differ from seed to seed; there the best comes from eight further seeds of the
+//! search.
 
 use analysis::{
     fit::{FitOptions, Objective, fit_erm},

@@ -1,5 +1,5 @@
-//! How many steps per second the forward simulation makes: 4 RC, a power profile at 10 kHz over 60
-//! s. Best of several runs, so that a busy machine disturbs least.
+//! Steps per second of the forward simulation: 4 RC, a power profile at 10 kHz over 60 s. The best
+//! of several runs counts, so that a busy machine disturbs least.
 
 use analysis::forward::{
     BatchCell, BatchOptions, Beyond, Demand, Interpolation, OcvSource, Profile, SimModel,

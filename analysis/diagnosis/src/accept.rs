@@ -1,4 +1,4 @@
-//! Everything that must speak for an addition before it is named.
+//! Conditions that an addition must meet before it is named.
 
 use super::attempts::{Attempt, is_outside};
 use super::data::Role;
@@ -12,7 +12,8 @@ use crate::thresholds::{
     INTEGRATION_PART, LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE,
 };
 
-/// Whether an attempt's gain says that something is missing beside what has gained so much already.
+/// True where an attempt's gain shows that something is missing beside an effect that has gained
+/// `gained` already.
 pub(super) fn tells(attempt: &Attempt, gained: f64) -> bool {
     let penalty = attempt.lambda - attempt.score;
     beyond_formula(attempt.lambda, gained) - penalty >= LEAST_SCORE

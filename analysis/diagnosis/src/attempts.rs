@@ -1,8 +1,8 @@
 //! Fits of candidates on top of a fit, from several starts.
 //!
-//! Where a fit misses, it may stand in a minimum that no single addition leaves: the base has bent
-//! its branches to imitate what it lacks. Candidates are then also fitted from the model file's own
-//! parameters, where the linear test tells another strength and shape.
+//! A fit may stand in a minimum that no single addition leaves: the base has bent its branches to
+//! imitate the missing effect. Candidates are then also fitted from the model file's own
+//! parameters, where the linear test gives another strength and shape.
 
 use super::outcome::Candidate;
 use super::problem::{Fit, Tangent};
@@ -27,7 +27,7 @@ pub(super) struct Attempt {
     pub(super) distinct: f64,
 }
 
-/// Where an addition may start from, and its ways from there, best first.
+/// Start of an addition, and its ways from there, best first.
 struct Origin {
     fit: Fit,
     /// One entry per effect that applies, in the order of the candidates.
@@ -226,7 +226,7 @@ impl Search<'_> {
             return Some(held);
         };
         let bound = at_bound(&free);
-        // Shapes that the data do not fix drift to a bound: they say nothing then.
+        // Shapes that the data do not fix drift to a bound, and then carry no information.
         let drifted = bound && free.lambda < held.lambda + SHAPE_DRIFT;
         let distinct = held.score;
         Some(if drifted || held.score >= free.score {

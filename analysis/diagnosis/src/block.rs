@@ -1,4 +1,5 @@
-//! One run made ready: rows that model and measurement are compared in, and how to predict them.
+//! A run prepared for comparison: rows that model and measurement are compared in, and their
+//! prediction.
 //!
 //! A spectrum has two rows per point. A record has one row per bin: the samples after an edge of
 //! the current are averaged over times that grow with the time since the edge, so that a row is
@@ -43,7 +44,7 @@ pub(super) enum Kind {
     Time(Box<TimeBlock>),
 }
 
-/// Which current a record is predicted for.
+/// Current that a record is predicted for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Current {
     /// As it was logged.
@@ -70,7 +71,7 @@ impl<'a> Model<'a> {
     }
 }
 
-/// Why a run cannot be prepared.
+/// Reason why a run cannot be prepared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DataSetError {
     /// A run without data.
@@ -94,8 +95,8 @@ pub enum DataSetError {
 }
 
 impl Block {
-    /// Makes a run ready. The base's OCV turns a start voltage into a state of charge; the current
-    /// of two samples differs by `jitter_a` (one σ) where it stays.
+    /// Prepares a run. The base's OCV turns a start voltage into a state of charge. Two samples of
+    /// a constant current differ by `jitter_a` (one σ).
     pub(super) fn new(run: &Run, base: &Base, jitter_a: f64) -> Result<Self, DataSetError> {
         let fail = |expected, met: String| DataSetError::Run {
             run: run.name.clone(),
@@ -229,7 +230,7 @@ impl Block {
         self.measured.len()
     }
 
-    /// Writes what is predicted for every sample under a current into the desk's voltages.
+    /// Writes the predicted voltage of every sample under a current into the workspace.
     pub(super) fn play(
         &self,
         time: &TimeBlock,
@@ -285,13 +286,13 @@ impl Block {
         }
     }
 
-    /// Lets a planned sweep lie as far above the ground of the channels as what was measured of its
-    /// kind. A control that was not measured yet lies in the same jig as the cell, but nobody told
-    /// where: it is taken for no higher than its own resistance, so that a plan does not promise
-    /// too much.
+    /// Puts a planned sweep as far above the ground of the channels as the measured ones of its
+    /// kind. A control that was not measured yet lies in the same jig as the cell, at an unknown
+    /// place. It is assumed to lie no higher than its own resistance, so that a plan does not
+    /// promise too much.
     pub(super) fn lies_as(&mut self, measured: &[Self]) {
         let is_cell = self.at.is_cell;
-        // Where nobody told it is not where nothing lies below.
+        // An unknown place is not the same as nothing below it.
         let told = |b: &&Self| matches!(b.kind, Kind::Eis { .. }) && b.at.below != Below::default();
         let below = |cell: bool| {
             measured

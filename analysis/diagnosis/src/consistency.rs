@@ -1,4 +1,4 @@
-//! Whether what was found is the same wherever it is measured.
+//! Tests whether a named effect is the same wherever it is measured.
 //!
 //! A true structure needs one value of each of its quantities; what imitates another one would need
 //! one value for small currents and another for large ones, or in one kind of run and in the next.
@@ -174,7 +174,7 @@ fn quantities(problem: &Problem, fit: &Fit) -> Vec<Quantity> {
 /// Every stretch of constant current of its own.
 const PULSES: &str = "single pulses";
 
-/// How often the current has changed its direction.
+/// Counter of the current's changes of direction.
 #[derive(Default)]
 struct Turns {
     last_a: f64,

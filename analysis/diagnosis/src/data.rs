@@ -1,5 +1,5 @@
-//! The data set of a diagnosis: runs with their circumstances, and what the bench's history says of
-//! its errors.
+//! Data set of a diagnosis: runs with their circumstances, and the errors of the bench known from
+//! its history.
 
 use analysis_effects::{augmented::Between, contract::Below};
 use analysis_signal::{calibration::CommonError, series::TimeSeries};
@@ -56,7 +56,7 @@ pub enum Fixture {
 
 pub use analysis_signal::series::Role;
 
-/// Where a run starts, at rest.
+/// Start of a run, at rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Start {
     /// At a state of charge, 0…1.
@@ -117,8 +117,8 @@ pub struct TimeRecord {
     /// Standard deviation of each voltage's own noise, V, where it is stated: rows that are means
     /// of more or fewer samples.
     pub sigma_v: Option<Vec<f64>>,
-    /// From when to when each sample is the mean of what was measured, s, where it is told: a mean
-    /// of what decays is not its value in the middle.
+    /// Start and end of the window that each sample is the mean of, s, where it is told. The mean
+    /// of a decay is not its value in the middle.
     pub averaged_s: Option<Vec<(f64, f64)>>,
 }
 

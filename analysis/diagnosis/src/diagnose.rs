@@ -33,9 +33,9 @@ use num_complex::Complex64;
 pub struct DiagnosisOptions {
     /// Candidates; all effects of the catalogue unless told otherwise.
     pub candidates: Vec<&'static dyn Effect>,
-    /// How far a recommended run may go; as far as the data unless told otherwise.
+    /// Limits of a recommended run; those of the data unless told otherwise.
     pub limits: Option<BenchLimits>,
-    /// Which planned runs may be recommended; all unless told otherwise.
+    /// Filter of the planned runs that may be recommended; all unless told otherwise.
     pub playable: Option<Playable>,
 }
 
@@ -88,8 +88,8 @@ pub(crate) fn diagnose_with(
         None
     };
     if moved.is_some() {
-        // A missing effect can look like noise that moved: judge the repeats again by what is left
-        // of them.
+        // A missing effect can look like noise that changed. The repeats are judged again by their
+        // residuals.
         prepared = prepared.again(&selection.fit, guards)?;
         moved = moved_floor(&prepared);
         if moved.is_some() && prepared.prior.known {
@@ -234,7 +234,7 @@ pub(super) fn base_fit(problem: &Problem, erm: &Erm, desk: &mut Desk) -> Fit {
     best
 }
 
-/// The reason why the repeats cannot be believed; none where they can.
+/// Reason why the repeats cannot be trusted; none where they can.
 fn moved_floor(prepared: &Prepared) -> Option<String> {
     let e = &prepared.estimate;
     if let Some(z) = e.repeat_z.filter(|z| *z > SENTINEL_Z) {

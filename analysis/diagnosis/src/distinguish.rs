@@ -1,4 +1,4 @@
-//! Which effects a data set could tell apart, before any of them is found.
+//! Tells, before any fit, which effects a data set can separate.
 //!
 //! r[A, B] is the part of A's signal outside the base's tangent space that B cannot imitate: 1 −
 //! cos² of the angle between their directions, the least over the starts of B's shapes, to first

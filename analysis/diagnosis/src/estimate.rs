@@ -1,6 +1,6 @@
-//! The σ of the noise's terms, from repeats: restricted maximum likelihood on the differences
-//! between them, in which whatever the model lacks cancels. The misfit is never used. The bench's
-//! history is the prior.
+//! Estimates the σ of the noise's terms from repeats: restricted maximum likelihood on the
+//! differences between them, in which all errors of the model cancel. The misfit is never used. The
+//! bench's history is the prior.
 //!
 //! The effect of a σ on the rows is in `noise`.
 
@@ -27,7 +27,7 @@ struct Group<'a> {
 #[derive(Debug, Clone)]
 pub(super) struct Estimate {
     pub(super) log_sigmas: LogSigmas,
-    /// How far each is from the history, in standard deviations; none where repeats say nothing of
+    /// Distance of each from the history, in standard deviations; none where repeats do not tell
     /// it.
     pub(super) z: [Option<f64>; TERMS.len()],
     /// (χ² − dof)/√(2·dof) of the differences between repeats; none without repeats.

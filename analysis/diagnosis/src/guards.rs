@@ -3,7 +3,7 @@
 
 use crate::thresholds::{ASSUMED_LEAD, FORMULA_SHARE, NAMING_LEAD, OUTSIDE_LEAD};
 
-/// Which guards are on.
+/// Guards that are on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Guards {
     /// Errors of the current channel are pushed through the model into the noise.
@@ -62,9 +62,9 @@ pub(super) fn outside_lead(lambda: f64) -> f64 {
         .min(NAMING_LEAD)
 }
 
-/// χ² that is left of a further λ where so much was gained already: what was added differs from
-/// nature by up to [`FORMULA_SHARE`] of its size, and the difference has the look of something
-/// else.
+/// χ² of a further λ after subtracting the formula's error, where `gained` was gained already. The
+/// added effect differs from the real cell by up to [`FORMULA_SHARE`] of its size, and this
+/// difference looks like another effect.
 pub(super) fn beyond_formula(lambda: f64, gained: f64) -> f64 {
     (lambda.max(0.0).sqrt() - FORMULA_SHARE * gained.max(0.0).sqrt())
         .max(0.0)

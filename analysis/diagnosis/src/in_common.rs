@@ -1,8 +1,8 @@
-//! Whether something is left that all repeats of a kind of run have in common: their mean has all
-//! of it and, by the root of their number, less noise.
+//! Repeat-mean residual: tests whether all repeats of a kind of run have a residual in common.
+//! Their mean contains all of it, and less noise by the root of their number.
 //!
 //! With rₖ the whitened residuals of m repeats, |Σ rₖ|²/m is χ² of one run's rows where only noise
-//! is left. Errors that may be the same in repeats (codes of the current, where an edge fell
+//! remains. Errors that may be the same in repeats (codes of the current, the place of an edge
 //! between two samples) are taken out of it.
 
 use super::guards::beyond_formula;

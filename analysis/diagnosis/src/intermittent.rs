@@ -1,20 +1,20 @@
-//! Whether something under current stays together for some seconds and goes again, as what a loose
-//! contact does.
+//! Intermittent contact: tests for a resistance that appears under current for some seconds and
+//! disappears again, as a loose contact does.
 //!
-//! No law says when it does, so no structure can be fitted; what it makes is a covariance of the
-//! rows of a record that goes with the current,
+//! Its times follow no law, so no structure can be fitted. It makes a covariance of the rows of a
+//! record that is proportional to the current,
 //!
 //! ```text
 //! K = i·j·exp(−|Δt|/τ) between two rows under currents i and j, ±1 for real and imaginary part of a point of a sweep
 //! ```
 //!
 //! per Ω². The score of its variance at zero, U = ½·(rᵀC⁻¹KC⁻¹r − tr C⁻¹K), is the most powerful
-//! question for a little of it (Cox and Hinkley, Theoretical Statistics 1974, 4.8). Under noise
+//! test for a small amount of it (Cox and Hinkley, Theoretical Statistics 1974, 4.8). Under noise
 //! alone 2U is a sum of squares with variance 2·tr(C⁻¹K)² and third cumulant 8·tr(C⁻¹K)³, and about
-//! a scaled χ² of (tr(C⁻¹K)²)³/(tr(C⁻¹K)³)² degrees of freedom. The minus makes it blind to noise
-//! of both parts alike, which is what repeats would take it for; a real part that is noisier than
-//! the imaginary one may still be the gain of a channel, so that spectra have a say only where the
-//! records say something by themselves.
+//! a scaled χ² of (tr(C⁻¹K)²)³/(tr(C⁻¹K)³)² degrees of freedom. The minus makes it blind to equal
+//! noise of both parts, which is how repeats would see it. A real part that is noisier than the
+//! imaginary one may still come from the gain of a channel. Spectra therefore count only where the
+//! records show something by themselves.
 
 use super::block::Kind;
 use super::guards::beyond_formula;
@@ -149,7 +149,7 @@ impl Kernel {
         let rows: Vec<usize> = (0..time.bins.len())
             .filter(|row| time.bins[*row].current_a.abs() > CONTACT_FLOWS_PART * greatest_a)
             .collect();
-        // Of what comes and goes within a row its mean has less.
+        // The mean of a row averages out an intermittent resistance that changes within the row.
         let size = |row: usize| {
             let bin = &time.bins[row];
             bin.current_a
@@ -194,8 +194,8 @@ impl Kernel {
     }
 }
 
-/// Variance of the mean over a time of so many τ of what forgets itself within τ, as a part of its
-/// variance.
+/// Variance of the mean over a time of `x` correlation times τ, as a part of the variance of a
+/// value.
 fn of_mean(x: f64) -> f64 {
     if x < 1e-3 {
         1.0

@@ -1,6 +1,6 @@
-//! The named effects with their parameters and 95 % intervals by profile likelihood: the values at
+//! Named effects with their parameters and 95 % intervals by profile likelihood: the values at
 //! which χ², with everything else refitted, is 3.84 above its least. Shapes that were held while
-//! effects were chosen are free here, so that an interval knows of them.
+//! effects were chosen are free here, so that the intervals contain their uncertainty.
 
 use super::block::Desk;
 use super::outcome::{FittedParameter, NamedEffect};
@@ -12,7 +12,7 @@ use analysis_effects::contract::Scale;
 
 /// Refits to find one end at most.
 const MOST_REFITS: usize = 8;
-/// How near to the quantile an end must lie, in standard deviations.
+/// Tolerance of an end against the quantile, in standard deviations.
 const NEAR: f64 = 0.1;
 
 /// The effects taken, with values, intervals and evidence.

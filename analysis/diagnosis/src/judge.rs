@@ -1,4 +1,4 @@
-//! The verdict: what a search has found, and whether what is left is noise.
+//! Verdict: the result of a search, and whether the residuals are only noise.
 
 use super::guards::beyond_formula;
 use super::inconsistency::Inconsistency;
@@ -9,7 +9,7 @@ use analysis_effects::effects::find;
 
 /// Evidence, beside χ² and blocks, that the residuals are more than noise.
 pub(super) struct Doubts {
-    /// Why the repeats cannot be believed.
+    /// Reason why the repeats cannot be trusted.
     pub(super) moved: Option<String>,
     /// (χ² − dof)/√(2·dof) of the held-out runs.
     pub(super) held_out_z: f64,
@@ -143,8 +143,8 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
     hint(d, selection);
 }
 
-/// Whether what is left in a block is no more than what was named, which has gained so much, may
-/// differ from nature.
+/// True where the residual of a block is within the error of the formulas of the named effects,
+/// which have gained `gained`.
 fn within_formula(gained: f64, left: &Block) -> bool {
     let excess = (left.chi2 - left.expected_chi2).max(left.mean_z * left.mean_z);
     beyond_formula(excess, gained) <= 0.0

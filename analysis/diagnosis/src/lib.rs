@@ -1,5 +1,5 @@
-//! The discrepancy workflow: where do simulation and measurement disagree, what is missing, does
-//! adding it close the gap.
+//! Diagnosis of a model against measurements, for a user whose simulation and measurement disagree:
+//! where they disagree, which effect is missing, and whether adding it closes the gap.
 
 mod accept;
 mod additions;

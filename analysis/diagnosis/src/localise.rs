@@ -1,9 +1,9 @@
-//! Where the model misses: whitened residuals outside its tangent space, by blocks.
+//! Localisation of the misfit: whitened residuals outside the model's tangent space, by blocks.
 //!
-//! r⊥ = (I − QQᵀ)r with Q an orthonormal basis of the derivatives: what is left can not be a wrong
-//! parameter. Each block of r⊥ is tested for its χ² (against the trace of I − QQᵀ over the block)
-//! and for its mean; the smaller of both probabilities, doubled, is corrected after Holm over all
-//! blocks.
+//! r⊥ = (I − QQᵀ)r with Q an orthonormal basis of the derivatives: no wrong parameter can cause
+//! this residual. Each block of r⊥ is tested for its χ² (against the trace of I − QQᵀ over the
+//! block) and for its mean. The smaller of both probabilities, doubled, is corrected after Holm
+//! over all blocks.
 
 use super::block::{Block as Run, Desk, Kind};
 use super::data::Role;
@@ -157,7 +157,7 @@ impl Ranges {
     }
 }
 
-/// Where a row belongs, in every dimension that tells runs or rows apart.
+/// Places of the rows of a run, in every dimension that separates runs or rows.
 pub(super) fn places(run: &Run, n: usize, ranges: &Ranges) -> Vec<Place> {
     let mut places = Vec::with_capacity(8);
     let third = |x: f64, (low, high): (f64, f64)| (((x - low) / (high - low) * 3.0) as u32).min(2);

@@ -1,5 +1,5 @@
-//! The noise of every row: what a run's repeats disagree in, and what the current channel's errors
-//! do to the model's own output.
+//! Noise of every row: the differences between a run's repeats, and the effect of the current
+//! channel's errors on the model's own output.
 //!
 //! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ
 //! σ_I² b_s b_sᵀ + F, with η what all resistances drop and b the model's responses to a gain, a
@@ -136,8 +136,8 @@ pub(super) struct Shape {
     fixed: Vec<f64>,
     /// Diagonal of the white term, voltage or spectrum.
     white: (Term, Vec<f64>),
-    /// Covariance of what the white noise of the current does after its own sample, row-major;
-    /// empty where there is none.
+    /// Current-noise propagation: covariance by white noise of the current after its own sample,
+    /// row-major; empty where there is none.
     followed: Vec<f64>,
     /// Correlation of the drift, row-major; empty for a spectrum.
     pub(super) drift: Vec<f64>,
@@ -302,14 +302,13 @@ impl Shape {
         &self.shared
     }
 
-    /// One standard deviation each of errors of a run that its repeats may have too: nobody knows
-    /// whether they are anew.
+    /// Errors of a run that its repeats may share or not, one standard deviation each.
     pub(super) fn known(&self) -> &[Vec<f64>] {
         &self.known
     }
 
-    /// Repeats of so many runs meet the same codes at the same voltages: their mean is no better
-    /// than one.
+    /// Keeps the codes' error in the mean of `repeats` runs: they meet the same codes at the same
+    /// voltages, so their mean is no better than one.
     pub(super) fn share_codes(&mut self, repeats: usize) {
         self.codes.iter_mut().for_each(|c| *c *= repeats as f64);
     }

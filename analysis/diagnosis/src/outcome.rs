@@ -10,7 +10,7 @@ pub const DIAGNOSIS_SCHEMA: &str = "eis-bench/diagnosis";
 /// Version of the file's schema.
 pub const DIAGNOSIS_SCHEMA_VERSION: u32 = 1;
 
-/// How a diagnosis ends.
+/// Verdict of a diagnosis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Verdict {
@@ -58,7 +58,7 @@ pub struct Diagnosis {
     pub effects: Vec<NamedEffect>,
     /// Effects that explain the data about as well as a named one.
     pub rivals: Vec<Rival>,
-    /// Where the base model misses what was measured, most significant first.
+    /// Blocks in which the base model misses the measurement, most significant first.
     #[serde(rename = "where")]
     pub blocks: Vec<Block>,
     /// The same with the named effects added.
@@ -75,7 +75,7 @@ pub struct Diagnosis {
     pub inseparable: Vec<[&'static str; 2]>,
     /// Warnings to the user, in sentences.
     pub notes: Vec<String>,
-    /// How good the fits are.
+    /// Quality of the fits.
     pub quality: Quality,
     /// The noise that everything was judged by.
     pub noise: NoiseReport,
@@ -98,7 +98,7 @@ pub struct NamedEffect {
     pub group: Group,
     /// Its parameters, the strength first.
     pub parameters: Vec<FittedParameter>,
-    /// Why it was added.
+    /// Evidence for it.
     pub evidence: Evidence,
     /// Observation that would falsify it.
     pub falsified_by: String,
@@ -119,7 +119,7 @@ pub struct FittedParameter {
     pub unit: &'static str,
 }
 
-/// Why an effect was added.
+/// Evidence for an added effect.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Evidence {
     /// λ: χ² that it removes from the training runs.
@@ -152,7 +152,7 @@ pub struct Rival {
 pub struct Block {
     /// Dimension that the residuals are split by: `frequency`, `time since edge`, `current`, ….
     pub dimension: &'static str,
-    /// Which part of it: `below 1 Hz, imaginary part`.
+    /// Part of the dimension: `below 1 Hz, imaginary part`.
     pub part: String,
     /// Residuals in the block.
     pub count: usize,
@@ -177,7 +177,7 @@ pub struct Gap {
     pub eis_only_mv: f64,
     /// Base model after the joint refit, mV.
     pub base_mv: f64,
-    /// With the named effects, mV.
+    /// RMS with the named effects, mV.
     pub augmented_mv: f64,
     /// Floor that noise and repeatability set for any model, mV.
     pub floor_mv: f64,
@@ -192,7 +192,7 @@ pub struct SpectrumGap {
     pub eis_only_percent: f64,
     /// Base model after the joint refit, %.
     pub base_percent: f64,
-    /// With the named effects, %.
+    /// RMS with the named effects, %.
     pub augmented_percent: f64,
     /// Floor that noise and repeatability set for any model, %.
     pub floor_percent: f64,
@@ -220,7 +220,7 @@ pub struct NextExperiment {
     pub charge_ah: f64,
 }
 
-/// How good the fits to the training runs are.
+/// Quality of the fits to the training runs.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Quality {
     /// χ² of the base model.
@@ -253,7 +253,7 @@ pub struct NoiseTerm {
     pub sigma: f64,
     /// Standard deviation by the bench's history; none where the history does not tell it.
     pub history: Option<f64>,
-    /// How far the repeats are from the history, in standard deviations of its logarithm.
+    /// Distance of the repeats from the history, in standard deviations of its logarithm.
     pub z: Option<f64>,
 }
 
@@ -268,7 +268,7 @@ pub struct Candidate {
     pub lambda: Option<f64>,
     /// Penalised gain.
     pub score: Option<f64>,
-    /// Why it was not taken; empty for the one taken.
+    /// Reason for the refusal; empty for the one taken.
     pub refused_because: String,
 }
 

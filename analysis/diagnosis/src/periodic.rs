@@ -1,6 +1,6 @@
-//! Whether what is left swings: hum that the sampling has folded to a slow wave, or a thermostat
-//! that goes on and off. Such a wave is the same in all records but for its phase, and small in
-//! each of them: no block of residuals and no χ² of a thousand rows shows it.
+//! Tests whether the residual oscillates: hum that the sampling has folded to a slow wave, or a
+//! thermostat that switches. Such a wave is the same in all records except for its phase, and small
+//! in each of them. No block of residuals and no χ² of a thousand rows shows it.
 //!
 //! Per record and frequency a sine and a cosine, averaged over the samples of each row and
 //! whitened, take up χ² of two degrees of freedom where nothing swings (the periodogram of unevenly
@@ -41,8 +41,8 @@ struct Record<'a> {
     residuals: &'a [f64],
 }
 
-/// The least probable wave in what a fit leaves of the training records; none without records that
-/// are long enough. `beyond` is what of a χ² is more than may be left.
+/// Least probable wave in the residuals of the training records; none without records that are long
+/// enough. `beyond` gives the part of a χ² that is more than the allowed residual.
 pub(super) fn wave<'a>(
     problem: &'a Problem,
     fit: &'a Fit,

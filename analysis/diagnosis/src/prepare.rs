@@ -1,4 +1,4 @@
-//! From a data set and a model to a problem: facts, blocks, noise.
+//! Prepares the problem from a data set and a model: facts, blocks, noise.
 
 use super::block::{Block, DataSetError, Desk, Kind, Model};
 use super::data::{DataSet, Fixture, Role, Run, RunData, Start};
@@ -211,7 +211,7 @@ impl Prepared {
         self.weighed(&shapes)
     }
 
-    /// The noise of the bench's history, whatever the repeats say.
+    /// Noise of the bench's history, without regard to the repeats.
     pub(super) fn of_history(mut self, guards: Guards) -> Result<Self, DataSetError> {
         let problem = &self.problem;
         let shapes = guarded_shapes(

@@ -74,7 +74,7 @@ impl Problem {
         self.base.erm.branches.len()
     }
 
-    /// Where a fit with one member less begins: at what the others have.
+    /// Start of a fit without one member: the values of the others.
     pub(super) fn without(&self, fit: &Fit, member: usize) -> (Structure, Vec<f64>, Vec<Axis>) {
         let structure = fit.structure.without(member);
         let axes = structure.axes(&self.base.erm);

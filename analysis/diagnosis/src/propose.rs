@@ -1,5 +1,5 @@
-//! Which effects could explain the residual: a Lagrange-multiplier test of every candidate's
-//! direction at absence, one extra simulation each.
+//! Proposes effects that could explain the residual: a Lagrange-multiplier test of every
+//! candidate's direction at absence, one extra simulation each.
 //!
 //! With d⊥ the derivative of the whitened prediction by the strength, projected off the tangent
 //! space, the χ² that a small step of it removes is (r·d⊥)²/(d⊥·d⊥), reached at (r·d⊥)/(d⊥·d⊥).
@@ -15,7 +15,7 @@ use analysis_effects::contract::Effect;
 /// One way of adding an effect.
 #[derive(Debug, Clone)]
 pub(super) struct Proposal {
-    /// The effect with its starts, the strength set to what the linear test wants.
+    /// Effect with its start values. The strength is the one that the linear test asks for.
     pub(super) member: Member,
     /// χ² that a small step would remove.
     pub(super) lagrange: f64,

@@ -1,4 +1,5 @@
-//! Which other effects would do as well in the place of one that was taken.
+//! Search for rivals: other effects that explain the data as well in the place of one that was
+//! taken.
 
 use super::attempts::{Attempt, is_outside};
 use super::guards::naming_lead;

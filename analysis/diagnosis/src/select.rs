@@ -1,5 +1,5 @@
-//! Adds effects one by one, each only if everything speaks for it, and takes back what later ones
-//! make needless.
+//! Selection of effects: adds them one by one, each only if all guards accept it, and removes those
+//! that later ones make needless.
 
 use super::accept::tells;
 use super::attempts::{Attempt, is_outside};
@@ -20,7 +20,7 @@ pub(super) struct Taken {
     pub(super) name: &'static str,
     pub(super) evidence: Evidence,
     pub(super) rivals: Vec<RivalFit>,
-    /// Effects that become this one at a limit, which these data do not tell them from.
+    /// Effects that become this one at a limit, and that these data cannot separate from it.
     pub(super) limit_of: Vec<&'static str>,
 }
 
@@ -33,7 +33,7 @@ pub(super) struct RivalFit {
     pub(super) fit: Fit,
 }
 
-/// How the search ended.
+/// Result of the search.
 #[derive(Debug, Clone)]
 pub(super) struct Selection {
     /// The base alone, at the deepest minimum that was met.
@@ -49,7 +49,7 @@ pub(super) struct Selection {
     /// Title of a formula outside the catalogue that explains the data better than every effect of
     /// it; all names are withdrawn then.
     pub(super) outside: Option<&'static str>,
-    /// Why the names are not certain although none has a rival.
+    /// Reason why the names are not certain although none has a rival.
     pub(super) doubt: Option<String>,
 }
 
@@ -272,8 +272,8 @@ impl Search<'_> {
         if stay.chi2 <= fresh.chi2 { stay } else { fresh }
     }
 
-    /// Lets shapes go that were held while effects were chosen, so that intervals know of them; as
-    /// they are where that drives one to a bound.
+    /// Frees the shapes that were held while effects were chosen, so that the intervals contain
+    /// their uncertainty. They stay held where freeing drives one to a bound.
     fn free_shapes(&mut self, selection: &mut Selection) {
         let branches = self.problem.branches();
         for k in 0..selection.taken.len() {

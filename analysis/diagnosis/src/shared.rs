@@ -1,7 +1,7 @@
-//! Errors that are the same in all runs of a campaign: what the calibration left of the current's
-//! gain, what it cannot see because current and voltage share it, the error of the meter that start
-//! voltages are read with, and what a correction by control impedances leaves in spectra. Repeats
-//! do not show them, and more repeats do not make them smaller.
+//! Errors that are the same in all runs of a campaign. They are: the error of the current's gain
+//! after calibration, the gain that calibration cannot see because current and voltage share it,
+//! the error of the meter for start voltages, and the common error of a correction by control
+//! impedances. Repeats do not show them, and more repeats do not make them smaller.
 //!
 //! With v what one standard deviation of such an error does to the whitened rows of all runs, their
 //! covariance is I + v·vᵀ. The operator I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes it I
@@ -45,7 +45,7 @@ pub(super) fn of_record(
     let capacity_c = 3600.0 * base.ocv.capacity_ah;
     let slope_v = |charge_c: f64| base.ocv.slope_v(soc - charge_c / capacity_c);
     let start_v = slope_v(0.0).max(1e-6);
-    // The level is read by the same meter: what is left is the curve's slope, which is read off at
+    // The level is read by the same meter. The remaining error is that the curve's slope is read at
     // the wrong place.
     let started = time
         .bins

@@ -75,7 +75,7 @@ impl Member {
             .collect()
     }
 
-    /// How many combinations of its choices there are.
+    /// Number of combinations of its choices.
     pub(super) fn choices(&self) -> usize {
         self.parameters
             .iter()
@@ -117,7 +117,7 @@ pub(super) struct At<'a> {
     pub(super) x: &'a [f64],
 }
 
-/// Where in the search a vector entry comes from.
+/// Axis of the search that a vector entry belongs to.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Axis {
     pub(super) lower: f64,

@@ -1,5 +1,5 @@
-//! A record made ready: its edges, its current without the logger's noise, and its bins, the
-//! samples that are averaged to one row.
+//! A record prepared for comparison: its edges, its current without the logger's noise, and its
+//! bins. A bin is a group of samples that are averaged to one row.
 
 use super::data::TimeRecord;
 use super::windows::Windows;
@@ -21,7 +21,7 @@ pub(super) struct TimeBlock {
     pub(super) level_sigma_v: f64,
     /// Of the samples, or of the instants in their windows.
     pub(super) grid: Grid,
-    /// Where samples are means.
+    /// Windows that the samples are means of, where they are means.
     pub(super) windows: Option<Windows>,
     pub(super) bins: Vec<Bin>,
     /// First samples of stretches between edges.
@@ -216,7 +216,7 @@ fn driven(current_a: &[f64], edges: &[usize], jitter_a: f64) -> Vec<f64> {
     driven_a
 }
 
-/// Where bins begin, and the end.
+/// Starts of the bins, and the end of the last.
 fn cuts(time_s: &[f64], edges: &[usize], ratio: f64) -> Vec<usize> {
     let mut cuts = Vec::new();
     for (n, edge) in edges.iter().enumerate() {

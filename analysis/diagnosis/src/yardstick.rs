@@ -12,8 +12,8 @@ use super::prepare::{BaseModel, prepare};
 use super::propose::propose;
 use analysis_effects::effects::find;
 
-/// λ: χ² that is left in noise-free data when the base model is refitted to them, under the noise
-/// of the noisy ones. What the true structure would remove.
+/// λ: χ² of noise-free data after the base model is refitted to them, under the noise of the noisy
+/// data. It is the χ² that the true structure would remove.
 ///
 /// # Errors
 /// [`DataSetError`] for a set that cannot be used.

@@ -221,7 +221,7 @@ pub struct SeriesRow {
     pub temperature_c: f64,
 }
 
-/// Why a file of a run could not be written or read.
+/// Reason why a file of a run could not be written or read.
 #[derive(Debug, thiserror::Error)]
 pub enum DatasetError {
     /// The file system refused.

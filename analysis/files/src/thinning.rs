@@ -1,5 +1,5 @@
-//! Frames of direct currents that step now and then: where the steps are, and means of the four
-//! channels that are short after a step and long later.
+//! Thins out records of direct currents with a few steps: finds the steps, and averages the four
+//! channels over windows that are short after a step and long later.
 //!
 //! A step is where the cumulative sum of C2 − C1 (the voltage over the current shunt) less its mean
 //! is farthest from zero within a window around the command: the least-squares place of one step in
@@ -8,7 +8,7 @@
 
 use crate::dataset::Capture;
 
-/// How the means are chosen.
+/// Options of the means.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Thinning {
     /// A current that steps has settled after this time, s.
@@ -21,7 +21,7 @@ pub struct Thinning {
     pub longest_s: f64,
 }
 
-/// Where a step is to be looked for: the earliest and the latest time in the frame, s.
+/// Window in which a step is searched: the earliest and the latest time in the frame, s.
 pub type Window = (f64, f64);
 
 /// A frame, thinned out.
@@ -44,7 +44,7 @@ pub struct Mean {
     pub time_s: f64,
     /// Channels 1…4, V.
     pub volts: [f64; 4],
-    /// How many samples.
+    /// Number of samples.
     pub samples: usize,
     /// Start and end of the stretch that they cover, s.
     pub averaged_s: (f64, f64),

@@ -42,7 +42,7 @@ pub struct OcvCurve {
     pub slope_v: Vec<f64>,
 }
 
-/// Why knots are no OCV curve.
+/// Reason why knots are no OCV curve.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum OcvError {
     /// Lists that do not belong together.

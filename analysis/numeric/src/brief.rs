@@ -1,6 +1,7 @@
-//! Numbers in words: as many digits as somebody reads. Not for files, which keep every digit.
+//! Numbers as short text, with as many significant digits as a reader needs. Not for files, which
+//! keep every digit.
 
-/// A number to so many significant digits at most, without a tail of zeros and without an exponent.
+/// Number with at most `digits` significant digits, without trailing zeros and without an exponent.
 pub fn brief(value: f64, digits: i32) -> String {
     let decimals = if value == 0.0 || !value.is_finite() {
         0

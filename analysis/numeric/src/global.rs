@@ -1,13 +1,13 @@
-//! Differential evolution (Storn and Price, 1997) in a box, a whole generation at a time: needs
-//! only values, deterministic from its seed. It finds basins; the polish to the last digits is
-//! [`super::local`]'s.
+//! Differential evolution (Storn and Price, 1997) in a box, a whole generation at a time. It needs
+//! only values and is deterministic from its seed. It finds basins; [`super::local`] polishes them
+//! to full precision.
 //!
 //! All trials of a generation are made from the one before, so that they can be valued together, as
 //! columns that vector instructions like.
 
 use crate::Rng;
 
-/// Which member of the population a mutant grows from.
+/// Member of the population that a mutant grows from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Strategy {
     /// rand/1/bin: explores.
@@ -17,7 +17,7 @@ pub enum Strategy {
     Best1,
 }
 
-/// How long and how widely to search.
+/// Length and width of the search.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DeOptions {
     /// Number of members, at least 5 are used.

@@ -37,7 +37,7 @@ impl Default for LocalOptions {
     }
 }
 
-/// Where a minimisation ended.
+/// Result of a minimisation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Minimum {
     /// The point, inside the bounds.

@@ -36,7 +36,7 @@ fn square_tail(f: f64, freedom: f64) -> f64 {
 
 /// P(X ≥ z) for a standard normal X.
 pub fn normal_tail(z: f64) -> f64 {
-    // A Student's t of so many degrees of freedom is a normal number to nine digits.
+    // Student's t with this many degrees of freedom equals a normal number to nine digits.
     let t = square_tail(z * z, 1e9) / 2.0;
     if z >= 0.0 { t } else { 1.0 - t }
 }

@@ -21,7 +21,8 @@ const TICKS: f64 = 6.0;
 /// One bar.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Bar {
-    /// Where it ends, in the unit of the axis; no bar is drawn for what has no place on it.
+    /// End of the bar, in the unit of the axis; no bar is drawn for a value that has no place on
+    /// it.
     pub value: f64,
     /// Index of its colour, counted modulo the palette.
     pub colour: usize,
@@ -67,7 +68,7 @@ pub struct Reference {
 pub struct BarPanel {
     /// The axis of the values; one without a range follows the bars.
     pub axis: AxisSpec,
-    /// Where bars start, in the unit of the axis.
+    /// Start of the bars, in the unit of the axis.
     pub baseline: f64,
     /// Dashed line across all rows.
     pub reference: Option<Reference>,

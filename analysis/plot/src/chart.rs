@@ -77,7 +77,7 @@ impl AxisSpec {
     }
 }
 
-/// How a trace is drawn.
+/// Style of a trace.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TraceStyle {
     /// A line.
@@ -97,7 +97,7 @@ pub struct Trace {
     pub label: Option<String>,
     /// Index of colour and marker, counted modulo the palette.
     pub colour: usize,
-    /// How it is drawn.
+    /// Style of the trace.
     pub style: TraceStyle,
     /// (x, y) in the units of the axes.
     pub points: Vec<(f64, f64)>,

@@ -33,7 +33,7 @@ pub(super) struct Frame {
 }
 
 impl Frame {
-    /// Where a point of axis coordinates lies.
+    /// Place of a point of axis coordinates.
     pub(super) fn place(&self, x: f64, y: f64) -> Place {
         (
             self.left + self.width * self.x.fraction(x),

@@ -38,7 +38,7 @@ use std::{
 /// Points of a fitted curve over its band.
 const CURVE_POINTS: u32 = 240;
 
-/// How a series is drawn.
+/// Style of a series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SeriesStyle {
     /// Markers, with 2σ where it is known.
@@ -67,7 +67,7 @@ pub struct Series {
     pub label: Option<String>,
     /// Index of colour and marker, counted modulo the palette.
     pub colour: usize,
-    /// How it is drawn.
+    /// Style of the series.
     pub style: SeriesStyle,
     /// By rising frequency.
     pub points: Vec<SeriesPoint>,
@@ -174,7 +174,7 @@ impl ImpedancePlot {
     }
 }
 
-/// Why a plot was not made.
+/// Reason why a plot was not made.
 #[derive(Debug, thiserror::Error)]
 pub enum PlotError {
     /// No points in any series.

@@ -1,4 +1,4 @@
-//! A run's report: one HTML file that opens by itself, anywhere, for years.
+//! Report of a run: one HTML file without external parts, which opens on any machine.
 //!
 //! Style and figures are inside the file; it loads nothing and runs no script. It is readable on a
 //! phone and follows the reader's dark mode. What the words and numbers are is the caller's; here
@@ -6,7 +6,7 @@
 
 use std::fmt::Write;
 
-/// How a line of the verdict is meant.
+/// Level of a line of the verdict.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Level {
     /// As it should be.
@@ -20,7 +20,7 @@ pub enum Level {
 /// One line of the verdict.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Verdict {
-    /// How it is meant.
+    /// Level of the line.
     pub level: Level,
     /// A sentence.
     pub text: String,
@@ -59,7 +59,7 @@ pub struct Report {
     pub tables: Vec<Table>,
     /// Sections with a heading each, after the tables.
     pub sections: Vec<Section>,
-    /// Where the numbers come from: version, configuration, seed, instruments, …
+    /// Origin of the numbers: version, configuration, seed, instruments, …
     pub provenance: Vec<(String, String)>,
     /// Files that it takes to repeat it, by name, with their text; folded until somebody looks.
     pub files: Vec<(String, String)>,
@@ -91,7 +91,7 @@ pub enum Part {
     Verbatim(String),
 }
 
-/// Why a report was not made.
+/// Reason why a report was not made.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum ReportError {
     /// A figure that is no SVG, or could load or run something.

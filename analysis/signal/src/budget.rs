@@ -99,9 +99,9 @@ pub struct Budget {
 /// One standard deviation of magnitude and phase.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PolarSigma {
-    /// Of the magnitude, % of the magnitude.
+    /// Standard deviation of the magnitude, % of the magnitude.
     pub magnitude_pct: f64,
-    /// Of the phase, degrees.
+    /// Standard deviation of the phase, degrees.
     pub phase_deg: f64,
 }
 
@@ -337,7 +337,7 @@ impl Budget {
         traces
     }
 
-    /// In words: the total at the ends of the band and what makes the most of it.
+    /// Summary in words: the total at the ends of the band, and its largest cause.
     pub fn in_words(&self) -> Option<String> {
         let (first, last) = (self.points.first()?, self.points.last()?);
         let end = |point: &BudgetPoint| {

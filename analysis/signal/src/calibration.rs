@@ -106,7 +106,7 @@ impl StrayAdmittance {
     }
 }
 
-/// Where the uncertainty of a correction comes from.
+/// Source of a correction's uncertainty.
 #[derive(
     Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, serde::Deserialize,
 )]
@@ -147,11 +147,11 @@ impl Source {
 /// Standard deviations of what the harness is before anything is measured.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Priors {
-    /// Of the gain of channels 2…4 relative to channel 1, around 1.
+    /// Standard deviation of the gain of channels 2…4 relative to channel 1, around 1.
     pub gain_sigma: f64,
-    /// Of the time skew of channels 2…4 against channel 1, s, around 0.
+    /// Standard deviation of the time skew of channels 2…4 against channel 1, s, around 0.
     pub skew_sigma_s: f64,
-    /// Of the mutual inductance between current and voltage leads, H, around 0.
+    /// Standard deviation of the mutual inductance between current and voltage leads, H, around 0.
     pub mutual_sigma_h: f64,
 }
 
@@ -260,8 +260,8 @@ const SKEW_UNIT_S: f64 = 1e-6;
 const INDUCTANCE_UNIT_H: f64 = 1e-9;
 const SQUARE_UNIT: f64 = 1e-12;
 
-/// How an inductance (H), a square (Ω·s²) and, with four columns, a skew (s) follow each parameter:
-/// least squares of relative errors, with a gain beside them.
+/// Sensitivity of an inductance (H), a square (Ω·s²) and, with four columns, a skew (s) to each
+/// parameter: least squares of relative errors, with a gain beside them.
 fn follow(points: impl Iterator<Item = (f64, Slope)>, count: usize) -> Option<[[f64; COUNT]; 3]> {
     let mut normal = vec![0.0; count * count];
     let mut sides = vec![[0.0; COUNT]; count];
@@ -340,7 +340,7 @@ pub struct HarnessParameter {
     pub unit: &'static str,
 }
 
-/// Why controls give no correction.
+/// Reason why controls give no correction.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CalibrationError {
     /// There is nothing to correct by.
@@ -352,7 +352,7 @@ pub enum CalibrationError {
         or more, met {known:?}"
     )]
     Known {
-        /// Which one.
+        /// Name of the impedance.
         name: &'static str,
         /// Impedance that was given.
         known: KnownImpedance,
@@ -375,7 +375,7 @@ pub enum CalibrationError {
     /// A measured point is unusable.
     #[error("{control} control, point {number} ({freq_hz} Hz): expected {expected}, met {found}")]
     Point {
-        /// Which control.
+        /// Name of the control.
         control: &'static str,
         /// Number of the point, from 1.
         number: usize,
@@ -394,7 +394,7 @@ pub enum CalibrationError {
     NotConverged {
         /// Steps taken.
         steps: usize,
-        /// Where they ended.
+        /// Sum of squares at the end.
         sum_squares: f64,
     },
 }

@@ -1,12 +1,12 @@
 //! Multisine: many sinusoids at once, so that one record gives the impedance at all of them, its
-//! noise, and what is not linear. (Pintelon and Schoukens, *System Identification: A Frequency
+//! noise and its nonlinear distortion. (Pintelon and Schoukens, *System Identification: A Frequency
 //! Domain Approach*, 2nd ed. 2012, chapters 4 and 5.)
 //!
-//! [`odd_grid`] chooses odd harmonics of one frequency and leaves some of them out; [`design()`]
-//! gives them phases with a low crest factor; [`analyse`] takes a record of several whole periods.
-//! A linear system answers at the excited harmonics only. What it answers at even ones comes from
-//! even powers of the current, what it answers at odd ones that were left out comes from odd
-//! powers; what is between the harmonics is noise.
+//! [`odd_grid`] chooses odd harmonics of one frequency and leaves some of them out as detection
+//! lines. [`design()`] gives them phases with a low crest factor. [`analyse`] takes a record of
+//! several whole periods. A linear system answers at the excited harmonics only. An answer at even
+//! harmonics comes from even powers of the current. An answer at odd harmonics that were left out
+//! comes from odd powers. All between the harmonics is noise.
 //!
 //! Numbers in, numbers out: knows no generator and no scope.
 

@@ -21,7 +21,7 @@ pub enum Role {
 /// Current and voltage over time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TimeSeries {
-    /// Where it comes from: a file name, a run.
+    /// Origin of the series: a file name, a run.
     pub name: String,
     /// Time, s, rising from sample to sample.
     pub time_s: Vec<f64>,
@@ -34,7 +34,7 @@ pub struct TimeSeries {
     pub temperature_c: Option<Vec<f64>>,
 }
 
-/// Why numbers are no time series.
+/// Reason why numbers are no time series.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SeriesError {
     /// Lists of different lengths, or less than two samples.

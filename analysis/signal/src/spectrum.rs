@@ -56,7 +56,7 @@ pub struct ImpedancePoint {
 /// ```
 #[derive(Debug, Clone, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Spectrum {
-    /// Where it comes from: a file name, a run.
+    /// Origin of the spectrum: a file name, a run.
     pub name: String,
     /// The points, by rising frequency.
     pub points: Vec<ImpedancePoint>,
@@ -69,7 +69,7 @@ pub struct Spectrum {
     pub less: Option<OcvSlope>,
 }
 
-/// Why fits or points are no spectrum.
+/// Reason why fits or points are no spectrum.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SpectrumError {
     /// The record does not have the four probe channels.

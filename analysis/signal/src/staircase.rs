@@ -1,5 +1,5 @@
-//! A record of a current that was commanded as a stair of short equal steps: where in the record
-//! the stair begins, and means over its steps.
+//! Reads the record of a current that was commanded as a stair of short equal steps: the start of
+//! the stair in the record, and means over its steps.
 //!
 //! The stair begins where its correlation with the record is greatest; as nothing flows before and
 //! behind it, that is where the sum of the squared differences is least. Means leave out what
@@ -17,7 +17,7 @@ const FINE_BLOCKS: f64 = 1.5;
 pub struct Stair<'a> {
     /// Current of each step, A.
     pub values: &'a [f64],
-    /// How long each is held, s.
+    /// Time that each step is held, s.
     pub step_s: f64,
 }
 

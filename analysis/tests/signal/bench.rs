@@ -8,7 +8,7 @@ use num_complex::Complex64;
 
 use crate::noise::Noise;
 
-/// Where the voltage probes are.
+/// Place of the voltage probes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Probes {
     OnShunt,

@@ -1,4 +1,4 @@
-//! Where the uncertainty comes from: the parts add up, and each follows its own cause.
+//! Uncertainty budget: the parts add up, and each follows its own cause.
 
 use analysis::{
     budget::{Budget, BudgetPoint, Cause},

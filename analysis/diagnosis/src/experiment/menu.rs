@@ -29,7 +29,7 @@ impl MenuItem {
         self.runs.iter().map(PlannedRun::duration_s).sum::<f64>() / 60.0
     }
 
-    /// The same, measured so many times as often.
+    /// Same item, with `times` as many repeats.
     pub(super) fn times(&self, times: usize) -> Self {
         let mut more = self.clone();
         more.runs.iter_mut().for_each(|run| run.repeat *= times);
@@ -351,7 +351,7 @@ fn sweeps(campaign: &Campaign<'_>) -> Vec<MenuItem> {
     items
 }
 
-/// The record with the longest current that stays, the other way round, with a part of its current.
+/// Record with the longest constant current, with the sign reversed and a part of its current.
 fn mirrored(campaign: &Campaign<'_>, part: f64) -> Option<MenuItem> {
     let training = campaign
         .problem
@@ -441,7 +441,7 @@ fn slow_pulse(campaign: &Campaign<'_>) -> Option<MenuItem> {
         .flatten()
 }
 
-/// Out and in, ever slower: what relaxes within seconds to minutes, without a charge that is left
+/// Square waves that become ever slower: relaxations within seconds to minutes, without net charge
 /// and with little rest.
 fn square_waves(campaign: &Campaign<'_>) -> Option<MenuItem> {
     let amps = campaign

@@ -1,5 +1,5 @@
-//! The next experiment: which planned runs tell rivals apart, and how well (discrimination designs,
-//! Hunter and Reiner 1965; Atkinson and Fedorov 1975).
+//! Recommends the next experiment: the planned runs that separate rivals best, and how well they do
+//! it (discrimination designs, Hunter and Reiner 1965; Atkinson and Fedorov 1975).
 //!
 //! Not here: playing the runs. Reading order: `planned`, runs as data; `menu`, what a bench can do;
 //! `separate`, λ of a pair; `open`, which pairs; here, the choice.
@@ -29,13 +29,13 @@ pub(super) type Recommended = (NextExperiment, Vec<PlannedRun>);
 #[derive(Debug, Default)]
 pub(super) struct Advice {
     pub(super) next: Option<Recommended>,
-    /// A truth and what would imitate it in every run; the second is empty where a name would never
-    /// become certain.
+    /// Pairs of an effect and the one that imitates it in every run. The second is empty where a
+    /// name would never become certain.
     pub(super) inseparable: Vec<[&'static str; 2]>,
 }
 
 impl Advice {
-    /// In words: what no run tells, and which experiment outside the menu would.
+    /// Notes on the pairs that no run separates, and on the experiment outside the menu that would.
     pub(super) fn notes(&self) -> Vec<String> {
         let title = |name: &'static str| find(name).map_or(name, |e| e.card().title);
         let note = |pair: &[&'static str; 2]| {
@@ -58,7 +58,7 @@ impl Advice {
     }
 }
 
-/// An item with what it would tell: λ of each pair.
+/// Item with the λ of each pair that it would give.
 struct Rated {
     item: MenuItem,
     then: Vec<f64>,
@@ -77,7 +77,7 @@ impl Planner<'_> {
             .is_none_or(|playable| playable(item.name, &item.runs))
     }
 
-    /// The best of some items, and what none of them would tell.
+    /// Best of some items, and the pairs that none of them separates.
     fn choose(&mut self, items: Vec<MenuItem>, others: Vec<MenuItem>, desk: &mut Desk) -> Advice {
         let mut all: Vec<Rated> = items
             .into_iter()

@@ -24,8 +24,8 @@ pub(super) struct Open<'a> {
     within_reach: Vec<usize>,
 }
 
-/// A structure taken for the truth, one that is refitted to what it predicts, and the λ that a run
-/// must add to settle it.
+/// Pair of structures: one that is assumed to be true, one that is refitted to its prediction, and
+/// the λ that a run must add to settle the pair.
 pub(super) struct Pair {
     truth: usize,
     other: usize,
@@ -154,7 +154,7 @@ impl<'a> Open<'a> {
         ((then[pair] - self.now[pair]) / self.pairs[pair].enough).max(0.0)
     }
 
-    /// How far the pairs within reach are settled together, 0…1.
+    /// Degree to which the pairs within reach are settled together, 0…1.
     pub(super) fn settled(&self, then: &[f64]) -> f64 {
         self.within_reach
             .iter()
@@ -183,8 +183,8 @@ impl<'a> Open<'a> {
             .collect()
     }
 
-    /// How often a run that gives this must be repeated on top of `before`, as a power of two up to
-    /// `most`; pairs that it cannot settle so do not count.
+    /// Number of repeats of a run that gives `then` on top of `before`, as a power of two up to
+    /// `most`. Pairs that it cannot settle in this way do not count.
     pub(super) fn times(&self, before: &[f64], then: &[f64], most: usize) -> usize {
         let missing = |k: usize| (1.0 - self.growth(k, before)) / self.growth(k, then);
         let needed = self

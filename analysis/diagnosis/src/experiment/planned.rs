@@ -9,7 +9,7 @@ use analysis_effects::{augmented::Between, contract::Below};
 use analysis_signal::series::TimeSeries;
 use num_complex::Complex64;
 
-/// How far a planned run may go on bench and cell.
+/// Limits of a planned run on bench and cell.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BenchLimits {
     /// Largest current discharging, A.
@@ -37,7 +37,7 @@ pub struct PlannedRun {
     pub soc: f64,
     /// Temperature of the cell, °C.
     pub temperature_c: f64,
-    /// How often it is measured.
+    /// Number of times that it is measured.
     pub repeat: usize,
     /// Runs of one group repeat each other.
     pub repeat_group: String,
@@ -66,7 +66,7 @@ pub enum Planned {
 }
 
 impl Planned {
-    /// How long it takes once, s.
+    /// Duration of one run, s.
     pub fn span_s(&self) -> f64 {
         match self {
             Self::Trace(segments) => segments.iter().map(|(span_s, _)| span_s).sum(),
@@ -93,7 +93,7 @@ impl Planned {
 }
 
 impl PlannedRun {
-    /// How long it takes with its repeats and all settling, s.
+    /// Duration with all repeats and all settling, s.
     pub fn duration_s(&self) -> f64 {
         let more = self.repeat.saturating_sub(1) as f64;
         self.settle_s

@@ -1,5 +1,5 @@
-//! λ of a pair: the χ² that stays when one structure is refitted to what another predicts, on the
-//! training runs and planned ones, without noise.
+//! λ of a pair: the residual χ² after one structure is refitted to the prediction of another, on
+//! the training runs and planned ones, without noise.
 //!
 //! On the training runs the refit is linear around its fit, so that only planned runs are played;
 //! on those it is Gauss–Newton.

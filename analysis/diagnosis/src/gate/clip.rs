@@ -1,6 +1,6 @@
-//! Clipping: many samples in a row at exactly the same extreme value, while the current says that
-//! the voltage must go on moving beyond it. Noise and quantisation repeat a code, but not while the
-//! voltage moves by many of them.
+//! Clipping: many samples in a row at exactly the same extreme value, while the current shows that
+//! the voltage must move beyond it. Noise and quantisation repeat a code too, but not while the
+//! voltage moves by many codes.
 
 use super::{Check, Findings, Inspection};
 use crate::thresholds::{CLIP_FEWEST, CLIP_MOVES_PART, CLIP_MOVES_SIGMAS};

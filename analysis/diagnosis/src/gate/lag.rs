@@ -117,8 +117,8 @@ fn delayed(record: &TimeRecord, tau_s: f64) -> Vec<f64> {
     all
 }
 
-/// Squares that a + b·expected leaves, for level and resistance may differ, and those of the
-/// voltage about its mean.
+/// Residual squares of the fit a + b·expected, because level and resistance may differ, and the
+/// squares of the voltage about its mean.
 fn squares(voltage_v: &[f64], expected_v: &[f64]) -> (f64, f64) {
     let n = voltage_v.len() as f64;
     let mean = |all: &[f64]| all.iter().sum::<f64>() / n;

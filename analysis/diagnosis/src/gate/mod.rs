@@ -1,6 +1,6 @@
-//! May these data be used at all? Checks before any physics: damaged files, wrong units and signs,
-//! clipping, a logged current that lags, spectra that violate the Kramers–Kronig relations, runs
-//! that were exchanged, repeats that are none.
+//! Checks whether a data set can be used, before any physics: damaged files, wrong units and signs,
+//! clipping, a logged current that lags, spectra that violate the Kramers–Kronig relations,
+//! exchanged runs, repeats that do not repeat.
 //!
 //! A check fires only on what no effect of cell or bench can do: it compares with the base model by
 //! powers of ten, by sign and by shape, never by its goodness of fit. What all records share is an

@@ -1,4 +1,4 @@
-//! The workflow behind the gate.
+//! The diagnosis behind the gate: runs the workflow only on data that the gate accepts.
 
 use super::super::data::DataSet;
 use super::super::outcome::{

@@ -1,4 +1,4 @@
-//! Repeats that end early, or that differ by far more than the bench's history lets them.
+//! Checks for repeats that end early, or that differ by far more than the bench's history allows.
 
 use super::super::data::{BenchHistory, Fixture, TimeRecord};
 use super::{Check, Findings, Inspection, Reason, Subject, median};
@@ -287,7 +287,7 @@ fn steady(off: &[(&Subject<'_>, Vec<Apart>)]) -> bool {
         && runs.iter().all(on_the_way)
 }
 
-/// How far a run is from the median of its group (of two: from their mean), in standard deviations
+/// Distance of a run from the median of its group (of two: from their mean), in standard deviations
 /// of the history.
 fn apart(subject: &Subject<'_>, members: &[&Subject<'_>], history: &BenchHistory) -> Vec<Apart> {
     if let Some((own, expected_v)) = subject.record() {

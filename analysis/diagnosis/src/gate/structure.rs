@@ -1,4 +1,5 @@
-//! Numbers that cannot be what was measured: none, not finite, times that go back.
+//! Checks for numbers that cannot come from a measurement: missing ones, not finite ones, times
+//! that go back.
 
 use super::super::data::{Run, RunData, Sweep};
 use super::{Check, Findings, Inspection};

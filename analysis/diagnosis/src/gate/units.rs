@@ -1,4 +1,5 @@
-//! Units and signs: the size of what was measured against the base model's, by powers of ten.
+//! Checks units and signs: the size of the measured values against the base model's, by powers of
+//! ten.
 
 use super::super::data::{Fixture, Run, RunData, TimeRecord};
 use super::{Check, Findings, Inspection, Subject, median};

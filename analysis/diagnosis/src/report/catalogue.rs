@@ -1,4 +1,4 @@
-//! The catalogue of effects in words, and which of them a data set can tell apart.
+//! Catalogue of effects in words, and the effects that a data set can separate.
 
 use super::Picture;
 use super::page::{Item, Page, Section};
@@ -9,8 +9,8 @@ use analysis_plot::{Drawing, HeatMap, HeatScale};
 /// Columns of the matrix in words that stand beside each other.
 const COLUMNS: usize = 14;
 
-/// Which effects a data set can tell apart. Row: the effect that acts; column: the one that tries
-/// to imitate it.
+/// Distinguishability of effects by a data set. Row: the effect that acts; column: the one that
+/// tries to imitate it.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct Distinguishability {
     /// Names of the effects.
@@ -70,7 +70,7 @@ impl Distinguishability {
     }
 
     fn picture(&self, shown: Shown, values: &[Vec<f64>]) -> Picture {
-        // An effect imitates itself: the diagonal says nothing.
+        // An effect imitates itself, so the diagonal has no information.
         let off = |(a, row): (usize, &Vec<f64>)| {
             row.iter()
                 .enumerate()
@@ -156,7 +156,7 @@ impl Distinguishability {
     }
 }
 
-/// How one matrix is shown.
+/// Format of one matrix.
 struct Shown {
     name: &'static str,
     title: &'static str,

@@ -1,4 +1,4 @@
-//! Numbers in words: with units, prefixes and no more digits than they deserve.
+//! Numbers as text: with units, prefixes and only their significant digits.
 
 /// Units that take a prefix.
 const PREFIXED: [&str; 7] = ["Ω", "V", "A", "s", "F", "H", "Hz"];
@@ -12,7 +12,7 @@ const PREFIXES: [(f64, &str); 7] = [
     (1e-12, "p"),
 ];
 
-/// How numbers of one table row are written: divided by `factor`, under `unit`.
+/// Unit of the numbers of one table row: they are divided by `factor` and shown under `unit`.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Unit {
     factor: f64,
@@ -24,8 +24,8 @@ pub(super) struct Unit {
 }
 
 impl Unit {
-    /// For a value that is known to `resolution` (both in `unit`): two digits of the resolution are
-    /// shown.
+    /// Unit for a value that is known to `resolution` (both in `unit`). Two significant digits of
+    /// the resolution are shown.
     pub(super) fn of(value: f64, resolution: f64, unit: &str) -> Self {
         let size = value.abs().max(resolution.abs());
         let (factor, prefix) = prefix(size, unit);
@@ -66,12 +66,12 @@ impl Unit {
     }
 }
 
-/// A value to three digits with its unit.
+/// Value with its unit, to three significant digits.
 pub(super) fn quantity(value: f64, unit: &str) -> String {
     Unit::of(value, value.abs() / 10.0, unit).with_unit(value)
 }
 
-/// To three digits, without prefix or power of ten: for mV and %.
+/// Value to three significant digits, without prefix or power of ten: for mV and %.
 pub(super) fn plain(value: f64) -> String {
     if !value.is_finite() {
         return "–".to_owned();
@@ -128,7 +128,7 @@ pub(super) fn probability(p: f64) -> String {
 }
 
 fn prefix(size: f64, unit: &str) -> (f64, &'static str) {
-    // Kiloseconds are nobody's unit.
+    // Seconds are never shown as kiloseconds.
     let none = (1.0, "");
     if !PREFIXED.contains(&unit) || !size.is_finite() || size == 0.0 || (unit == "s" && size >= 1.0)
     {

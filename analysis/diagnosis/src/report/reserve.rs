@@ -1,5 +1,5 @@
-//! The reserves of a diagnosis: what would falsify it, what to measure next, what stays open, what
-//! is not claimed, the noise behind it.
+//! Reservations of a diagnosis: observations that would falsify it, the next measurement, open
+//! questions, claims that are not made, and the noise behind it.
 
 use super::is_significant;
 use super::numbers::{percent, plain, quantity, times};
@@ -9,7 +9,7 @@ use crate::outcome::{Block, Diagnosis, NoiseTerm, Verdict};
 use crate::thresholds::GOOD_FIT_Z;
 use analysis_effects::contract::Group;
 
-/// Most blocks listed as left over.
+/// Largest number of listed blocks with a residual.
 const MOST_BLOCKS: usize = 5;
 
 pub(super) fn falsifiers(d: &Diagnosis) -> Section {

@@ -1,4 +1,5 @@
-//! The sections of a diagnosis: where, what, how sure, what else, the gap.
+//! Sections of a diagnosis: the place of the misfit, the named effects, their certainty, their
+//! rivals, and the remaining gap.
 
 use super::numbers::{Unit, percent, plain, probability, times};
 use super::page::{Item, Page, Section};
@@ -319,7 +320,7 @@ fn what_else(d: &Diagnosis) -> Section {
     Section::new("What else it could be", items)
 }
 
-/// How many of the candidates are of the catalogue, and what the others are for.
+/// Sentence on the number of candidates that are in the catalogue, and on the use of the others.
 fn laws(d: &Diagnosis) -> String {
     let outside = d.ranking.iter().filter(|c| is_outside(c.name)).count();
     if outside == 0 {

@@ -1,5 +1,5 @@
 //! A plain cell and a plain bench for the tests of the workflow: one series resistance, two
-//! branches, a curve, and whatever a test hides in them.
+//! branches, a curve, and the effects that a test hides in them.
 //!
 //! Written out by hand, step by step; it shares nothing with what is tested but the types of the
 //! data.
@@ -53,7 +53,7 @@ pub(super) struct Hidden {
     pub(super) slope: f64,
     /// R × exp(−g·heat); the heat goes with a time constant of [`COOLING_S`].
     pub(super) heat_per_j: f64,
-    /// A contact that comes and goes, Ω.
+    /// Resistance of an intermittent contact, Ω.
     pub(super) telegraph_ohm: f64,
     /// A ripple of the voltage over charge, V.
     pub(super) ripple_v: f64,

@@ -107,8 +107,8 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
     });
 }
 
-/// Noise of the logged current is in the derivative by a resistance as well as in what is left:
-/// without more ado, rests would say that it is zero.
+/// Noise of the logged current is in the derivative by a resistance and in the residual as well.
+/// Without a correction, rests would show a resistance of zero.
 #[test]
 fn noise_of_the_current_says_nothing_of_a_resistance() {
     let sigma_a = 0.3;
@@ -190,7 +190,7 @@ fn stays(
         .all(|bin| (bin.current_a - under[0].current_a).abs() < 1e-9)
 }
 
-/// A supply that settles by less than the noise within a second is no noise: its current stays as
+/// A supply that settles by less than the noise within a second has no noise: its current stays as
 /// it was logged.
 #[test]
 fn a_current_that_settles_is_no_noise() {

@@ -48,8 +48,8 @@ fn noise_of_the_current_channel_is_no_physics() {
 
 #[test]
 fn what_a_parameter_of_the_base_can_do_is_outside_the_score() {
-    // Many an effect is mostly what the base's own resistances can do as well: only what is left of
-    // it may be compared.
+    // The base's own resistances imitate most of many effects. Only the residual of an effect may
+    // be compared.
     let hidden = Hidden {
         heat_per_j: 2e-4,
         ..Hidden::default()

@@ -1,4 +1,4 @@
-//! The workflow on a plain cell: what it finds, what it refuses, and what each guard is worth.
+//! The workflow on a plain cell: findings, refusals, and the worth of each guard.
 
 mod bench;
 mod current_noise;

@@ -1,4 +1,4 @@
-//! A base model with the effects that it keeps: what a model file holds and a simulation takes.
+//! A base model with the effects that it keeps, as a model file holds it and a simulation takes it.
 
 use super::Added;
 use crate::contract::{Base, Effect, Group};

@@ -20,7 +20,7 @@ const RAMPS: f64 = 32.0;
 /// Parts of a ramp at most.
 const MOST_RAMPS: f64 = 100.0;
 
-/// How the resistor of a branch answers to its voltage.
+/// Law of a branch's resistor: its current over its voltage.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Law {
     /// i = v/R.
@@ -47,7 +47,7 @@ pub struct Branch {
     pub r_ohm: f64,
     /// Time constant for small signals, s.
     pub tau_s: f64,
-    /// How its resistor answers.
+    /// Law of its resistor.
     pub law: Law,
 }
 

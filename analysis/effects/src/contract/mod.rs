@@ -13,7 +13,7 @@ pub use network::Network;
 pub use quantity::{Parameter, Range, Scale};
 pub use situation::{Base, Below, Facts, Instant, Modulation, Moved, Point, Record};
 
-/// Where an effect sits.
+/// Place of an effect: in the cell or in the bench.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Group {
@@ -40,7 +40,7 @@ pub struct Card {
     pub impedance: &'static str,
     /// Equation, clause or paper.
     pub source: &'static str,
-    /// How it looks in data.
+    /// Signature in the data.
     pub signature: &'static str,
     /// Names of effects that look alike.
     pub confounders: &'static [&'static str],

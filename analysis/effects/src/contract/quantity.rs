@@ -1,6 +1,6 @@
 //! Parameters of effects.
 
-/// How a parameter is searched.
+/// Scale on which a parameter is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scale {
     /// As it is.
@@ -29,7 +29,7 @@ pub struct Parameter {
     pub unit: &'static str,
     /// Bounds. The strength's may reach to both sides of zero or start there.
     pub range: Range,
-    /// How it is searched; a strength is always linear.
+    /// Scale of the search; a strength is always linear.
     pub scale: Scale,
     /// A typical size: the step of finite differences is a small part of it.
     pub typical: f64,

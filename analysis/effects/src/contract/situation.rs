@@ -45,7 +45,7 @@ pub struct Facts {
 }
 
 impl Facts {
-    /// Of no data at all.
+    /// Facts of no data at all.
     pub const NONE: Self = Self {
         lowest_hz: None,
         highest_hz: None,

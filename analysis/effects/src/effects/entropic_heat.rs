@@ -23,7 +23,7 @@ static CARD: Card = Card {
 
 /// Heat capacity over electric capacity, J/K per Ah: 0.070 kg · 950 J/(kg·K) / 4.5 Ah.
 const HEAT_CAPACITY_J_PER_K_AH: f64 = 0.070 * 950.0 / 4.5;
-/// How far the heat capacity may be from it, as a factor.
+/// Largest deviation of the heat capacity from it, as a factor.
 const HEAT_CAPACITY_REACH: f64 = 2.0;
 
 /// See [`Effect::card`].

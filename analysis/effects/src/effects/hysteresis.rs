@@ -76,8 +76,8 @@ impl Effect for Hysteresis {
         p[2] > 0.5
     }
 
-    /// From the middle: where the campaign has left it says nothing of the cell that a prediction
-    /// is for.
+    /// Prediction starts from the middle: the state at the end of the campaign does not hold for
+    /// the cell that is predicted.
     fn predicting(&self, mut p: Vec<f64>) -> Vec<f64> {
         p[2] = 0.0;
         p

@@ -1,5 +1,5 @@
-//! Effects that are no part of the catalogue and are never named: they stand for what it does not
-//! have. A name that one of them beats is withdrawn.
+//! Effects that are not in the catalogue and are never named. They stand for effects that the
+//! catalogue lacks. A name that one of them beats is withdrawn.
 //!
 //! Each is a plain law of a kind that the catalogue lacks: a resistance with a memory of the
 //! current's size, friction of the stored charge in one element or in many, a resistance that

@@ -1,4 +1,4 @@
-//! The voltage channel of the records scales what moves.
+//! The voltage channel of the records scales all changes of the voltage.
 
 use crate::contract::{Base, Card, Effect, Group, Parameter, Range, Record};
 

@@ -22,7 +22,7 @@ static CARD: Card = Card {
 
 /// Distance of two branches in ln τ: two in a decade, which leaves 4·exp(−π²/h) < 0.1 %.
 const SPACING: f64 = 0.5 * std::f64::consts::LN_10;
-/// How far the branches reach beyond the data's slowest and fastest time.
+/// Factor by which the branches reach beyond the data's slowest and fastest time.
 const BEYOND: f64 = 10.0;
 
 /// See [`Effect::card`].

@@ -41,13 +41,13 @@ pub const CAPTURE_COLUMNS: &[ColumnSpec] = &[
 /// One capture of the four probe channels.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Capture {
-    /// How it was taken.
+    /// Conditions of the capture.
     pub meta: CaptureMeta,
     /// ADC codes of channels 1…4, all of one length.
     pub codes: [Vec<i16>; 4],
 }
 
-/// How a capture was taken.
+/// Conditions of a capture.
 #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct CaptureMeta {
     /// Label of the measurement in words: the fixture, the point.

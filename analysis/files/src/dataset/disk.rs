@@ -1,4 +1,5 @@
-//! Bytes onto the disk such that a crash at any instant leaves either the old state or the new one.
+//! Writes bytes to the disk so that a crash at any instant leaves either the old file or the new
+//! one.
 
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, Read, Seek, SeekFrom, Write};

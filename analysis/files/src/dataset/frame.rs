@@ -21,11 +21,11 @@ use super::{ColumnSpec, DatasetError};
 /// its colon.
 const MARK: &[u8] = b"fnv1a64:";
 const DIGITS: usize = 16;
-/// The checksum stands within so many bytes of the end.
+/// Largest distance of the checksum from the end of the file, bytes.
 const TAIL: u64 = 1 << 16;
 /// Bytes that are read at once.
 const PIECE: usize = 1 << 20;
-/// Where FNV-1a begins.
+/// Start value of FNV-1a.
 const SEED: u64 = 0xcbf2_9ce4_8422_2325;
 
 /// Writes a frame with what its columns mean and more metadata.
@@ -170,7 +170,7 @@ fn check(path: &Path, bytes: &mut [u8]) -> Result<(), DatasetError> {
     }
 }
 
-/// Where the digits of the checksum stand.
+/// Place of the checksum's digits.
 fn digits(bytes: &[u8]) -> Option<std::ops::Range<usize>> {
     let start = bytes
         .windows(MARK.len())

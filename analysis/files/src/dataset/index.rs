@@ -98,7 +98,7 @@ pub struct TraceEntry {
     pub role: Role,
     /// Runs of one group repeat each other.
     pub repeat_group: String,
-    /// Which direction is positive.
+    /// Direction that is positive.
     pub current_positive: CurrentPositive,
     /// Course of the current between two rows.
     pub current_between_samples: Between,
@@ -128,7 +128,7 @@ pub enum Commanded {
     },
 }
 
-/// Which direction of the current a file counts positive.
+/// Direction of the current that a file counts positive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum CurrentPositive {

@@ -14,7 +14,7 @@ use super::{ColumnSpec, DatasetError, FLAGS, shared};
 pub(super) trait Row: Sized {
     /// Its columns, in order.
     const COLUMNS: &'static [ColumnSpec];
-    /// How many of them every file has; what a file lacks is not known.
+    /// Number of columns that every file has; a value that a file lacks is not known.
     const NEEDED: usize = Self::COLUMNS.len();
 
     /// One number per column.

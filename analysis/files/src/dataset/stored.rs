@@ -40,7 +40,7 @@ pub fn open_capture(path: &Path) -> Result<CaptureFile, DatasetError> {
 }
 
 impl CaptureFile {
-    /// How it was taken.
+    /// Conditions of the capture.
     pub fn meta(&self) -> &CaptureMeta {
         &self.meta
     }

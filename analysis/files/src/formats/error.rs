@@ -1,8 +1,8 @@
-//! Why a file of spectra was refused.
+//! Reasons why a file of spectra was refused.
 
 use std::path::PathBuf;
 
-/// Why a file of spectra was refused.
+/// Reason why a file of spectra was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum FormatError {
     /// The file could not be read.
@@ -98,7 +98,7 @@ pub enum FormatError {
         expected: &'static str,
         /// Value found.
         met: String,
-        /// Why it cannot be.
+        /// Reason why it cannot be.
         reason: &'static str,
     },
     /// A field that is not what its column holds.

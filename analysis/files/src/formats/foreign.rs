@@ -1,4 +1,4 @@
-//! Files that are no text with spectra, told by their first bytes, else by their extension.
+//! Recognises files that are no text with spectra, by their first bytes, else by their extension.
 
 use super::error::FormatError;
 use std::path::Path;

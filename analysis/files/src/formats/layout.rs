@@ -1,4 +1,4 @@
-//! Which column holds what, and rows to spectra.
+//! Assigns the columns of a file to quantities, and turns rows into spectra.
 
 use super::{
     FileSpectra,
@@ -35,7 +35,7 @@ struct Column {
     name: &'static str,
 }
 
-/// How an impedance is written.
+/// Notation of an impedance.
 #[derive(Debug, Clone, Copy)]
 enum Impedance {
     Cartesian { re: Column, im: Column },

@@ -1,5 +1,5 @@
-//! Impedance spectra from text files, the format told by the content and not by the file's name:
-//! by the first line that is not a comment.
+//! Reads impedance spectra from text files. The format is recognised by the content, not by the
+//! file's name: by the first line that is not a comment.
 //!
 //! * the project's: a header with `freq_hz,z_re_ohm,z_im_ohm`, perhaps `sigma_re_ohm,sigma_im_ohm`,
 //!   `cov_re_im_ohm2`, `amplitude_a`, `flags`, others; one spectrum

@@ -42,7 +42,7 @@ pub struct CellModel {
     notes: Vec<String>,
 }
 
-/// Why a model cannot be written for another program.
+/// Reason why a model cannot be written for another program.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ModelExportError {
     /// Additions.

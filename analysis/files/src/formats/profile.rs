@@ -11,10 +11,10 @@ use super::{SeriesOptions, SeriesReadError, read_series};
 use analysis_forward::forward::{Demand, Interpolation, Profile, ProfileError};
 use std::path::{Path, PathBuf};
 
-/// How the names of measured series end.
+/// Ending of the names of measured series.
 const MEASURED: &str = ".bdf.csv";
 
-/// Why a file is no profile.
+/// Reason why a file is no profile.
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileReadError {
     /// The file cannot be read.
@@ -344,7 +344,8 @@ fn direction(words: &[String]) -> Result<Option<Direction>, String> {
     }
 }
 
-/// How BDF, its names for machines and Arbin call the time: in their files charge is positive.
+/// True for the names that BDF, its machine names and Arbin give the time: in their files charge is
+/// positive.
 fn of_cycler(time: &[String]) -> bool {
     matches!(
         time.iter().map(String::as_str).collect::<Vec<_>>()[..],

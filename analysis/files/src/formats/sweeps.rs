@@ -1,4 +1,4 @@
-//! Which rows of a file belong to one spectrum.
+//! Groups the rows of a file into spectra.
 //!
 //! Rows are told apart by the table that they stand in, by the curve where a row holds several, by
 //! a column that names a cycle, a loop or an id, and within these by the frequency: a sweep that
@@ -27,7 +27,7 @@ pub(super) struct MeasuredRow {
     /// From 1.
     pub(super) line: usize,
     pub(super) origin: Origin,
-    /// By which its spectrum is told apart, in the order of [`Rows::keys`].
+    /// Values that its spectrum is recognised by, in the order of [`Rows::keys`].
     pub(super) key: Vec<String>,
     pub(super) point: ImpedancePoint,
 }
@@ -150,7 +150,7 @@ pub(super) fn sort(
     FileSpectra { spectra, notes }
 }
 
-/// By what spectra were told apart, in a sentence; none where they were not.
+/// Sentence on the values that spectra were separated by; none where they were not.
 fn told(keys: &[Key], restarts: &[usize], spectra: &[SourcedSpectrum]) -> Option<String> {
     let mut by: Vec<String> = keys
         .iter()
@@ -290,8 +290,7 @@ impl Part {
     }
 }
 
-/// Where sweeps begin, and rows that measure a frequency of their sweep again after it had moved
-/// on.
+/// Starts of sweeps, and rows that measure a frequency of their sweep again after it had moved on.
 #[derive(Debug)]
 struct Cuts {
     starts: Vec<usize>,

@@ -1,5 +1,5 @@
-//! Current and voltage over time from files of cyclers and of the bench, the format told by the
-//! content, with the sign of the current in the file.
+//! Reads current and voltage over time from files of cyclers and of the bench. The format is
+//! recognised by the content. The sign of the current is that of the file.
 //!
 //! * the bench's own, CSV or Parquet: `time_s,voltage_v,current_a`, perhaps `temperature_c`; charge
 //!   positive
@@ -24,7 +24,7 @@ use polars::prelude::{Column, DataFrame, DataType, ParquetReader, SerReader};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-/// Which direction a file counts positive.
+/// Direction of the current that a file counts positive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CurrentSign {
     /// Discharging is positive.
@@ -47,7 +47,7 @@ impl FromStr for CurrentSign {
     }
 }
 
-/// How to read a time series.
+/// Options of reading a time series.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SeriesOptions {
     /// Direction that the file counts positive, where the table of the module is not to be
@@ -55,7 +55,7 @@ pub struct SeriesOptions {
     pub sign: Option<CurrentSign>,
 }
 
-/// Why a time series could not be read.
+/// Reason why a time series could not be read.
 #[derive(Debug, thiserror::Error)]
 pub enum SeriesReadError {
     /// The file could not be read.
@@ -85,7 +85,7 @@ pub enum SeriesReadError {
         /// The header, shortened.
         met: String,
     },
-    /// Magnitudes whose direction nobody tells.
+    /// Magnitudes without a direction in the file.
     #[error("{}: its currents have no sign; expected `discharge` or `charge` in the file name, or \
     the direction given", file.display())]
     Sign {

@@ -1,5 +1,6 @@
-//! Spectra in the text files of potentiostats: a head of any kind, a row that names the columns,
-//! and rows of numbers. By program, what tells it and its columns:
+//! Reads spectra from the text files of potentiostats: a head of any kind, a row that names the
+//! columns, and rows of numbers. The list gives for each program how it is recognised, and its
+//! columns:
 //!
 //! * Gamry `.DTA`, told by `EXPLAIN`, `ZCURVE`: `Freq`, `Zreal`, `Zimag`; `ZrealDrCor`,
 //!   `ZimagDrCor`

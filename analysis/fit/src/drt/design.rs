@@ -10,7 +10,7 @@ use std::ops::RangeInclusive;
 /// Elements before the continuum: R∞, L, 1/C, A.
 pub(super) const SERIES: usize = 4;
 const PER_DECADE: f64 = 10.0;
-/// How far the grid may reach beyond the band.
+/// Factor by which the grid may reach beyond the band.
 pub(super) const REACH: f64 = 4.0;
 const MOST_NODES: usize = 160;
 

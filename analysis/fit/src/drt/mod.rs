@@ -1,5 +1,5 @@
 //! Distribution of relaxation times: a spectrum as R∞, L and a continuum of RC elements, γ(τ) d ln
-//! τ, with what lies below the band as a series capacitance and a Warburg element.
+//! τ. The part below the band is a series capacitance and a Warburg element.
 //!
 //! Tikhonov's regularisation (see Wan, Saccoccio, Chen and Ciucci, Electrochim. Acta 184
 //! (2015) 483): weighted least squares plus λ times the squared second derivative of γ, under γ ≥
@@ -69,7 +69,7 @@ pub struct Drt {
     pub fitted_ohm: Vec<Complex64>,
 }
 
-/// Why there is no distribution.
+/// Reason why there is no distribution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DrtError {
     /// Numbers that are no spectrum.

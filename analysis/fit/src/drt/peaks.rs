@@ -4,8 +4,7 @@ use nalgebra::DMatrix;
 use serde::Serialize;
 use std::ops::RangeInclusive;
 
-/// A peak with less than this share of the whole is none, and neither is one smaller than so many
-/// of its standard deviations.
+/// Least share of the whole that makes a peak, and its least number of standard deviations.
 const LEAST_SHARE: f64 = 5e-3;
 const LEAST_SIGMAS: f64 = 2.0;
 

@@ -49,8 +49,8 @@ pub fn start_values(drt: &Drt, n: usize) -> Vec<RcBranch> {
         groups[k] = (r + s, (r * at + s * by) / (r + s));
     }
     groups.truncate(n);
-    // The uncertainty of all together is the scale below which a single one tells nothing; a tail
-    // stands out by its own size.
+    // The uncertainty of the sum is the scale below which a single peak carries no information. A
+    // tail stands out by its own size.
     let tail = drt.elastance_per_f.value > 2.0 * drt.elastance_per_f.sigma
         || drt.warburg_ohm_per_sqrt_s.value > 2.0 * drt.warburg_ohm_per_sqrt_s.sigma;
     if !tail && drt.polarisation_ohm.value <= 2.0 * drt.polarisation_ohm.sigma {

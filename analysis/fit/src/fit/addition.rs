@@ -22,7 +22,7 @@ pub struct Addition {
     pub group: Group,
     /// Its parameters, the strength first.
     pub parameters: Vec<AdditionParameter>,
-    /// Why it was added.
+    /// Evidence for it.
     pub evidence: AdditionEvidence,
     /// Name of the data set that showed it.
     pub data_set: String,
@@ -44,7 +44,7 @@ pub struct AdditionParameter {
     pub unit: String,
 }
 
-/// Why an effect was added.
+/// Evidence for an added effect.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct AdditionEvidence {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 /// The sweeps of one cell.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CellSweeps {
-    /// Which cell, as the file calls it.
+    /// Name of the cell in the file.
     pub cell: String,
     /// True where file or name tells the cell; else the sweep is a cell of its own for want of
     /// better knowledge.

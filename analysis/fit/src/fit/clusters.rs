@@ -1,11 +1,12 @@
-//! Which sweeps scatter together: those of one cell share its making, its clamping and its state,
-//! and are no independent witnesses.
+//! Groups of sweeps that scatter together. Sweeps of one cell share its making, its clamping and
+//! its state, and are not independent.
 
 use super::cells::CellSweeps;
 use analysis_numeric::stats::t_factor;
 use analysis_signal::spectrum::Spectrum;
 
-/// So many cells tell their scatter well enough (to a tenth) for the sigmas to need no remark.
+/// Number of cells from which on their scatter is known well enough (to a tenth) for the sigmas to
+/// need no remark.
 const MANY: usize = 50;
 
 /// Clusters of sweeps, for the scatter of the objective's gradient.

@@ -41,7 +41,7 @@ impl LocalMinimum {
     }
 }
 
-/// How a search fares over many seeds.
+/// Results of a search over many seeds.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct SeedSurvey {
     /// Number of RC branches.

@@ -1,12 +1,15 @@
-//! Parameters of the extended Randles model from impedance spectra.
+//! Fits the extended Randles model to impedance spectra, and circuits in general. It serves
+//! everybody who has a spectrum and wants a model with uncertainties.
 //!
-//! [`fit_erm`] (or [`fit_cells`], where it is known which sweeps share a cell) pools the spectra,
-//! searches globally over the time constants (the resistances are linear once these are held),
-//! polishes the distinct basins to the last digits within the bounds, and says how well the data
-//! fix each parameter. It needs no start values. [`select_order`] says how many branches the data
-//! bear, [`profiles`] what bounds each parameter, [`cell_spread`] how cells differ and repeat,
-//! [`survey_seeds`] how surely the search ends at the best and what lies beside it. [`fit_circuit`]
-//! fits any equivalent circuit.
+//! [`fit_erm`] (or [`fit_cells`], where it is known which sweeps share a cell) pools the spectra
+//! and searches globally over the time constants; the resistances are linear once these are held.
+//! It polishes the distinct basins to full precision within the bounds, and states how well the
+//! data fix each parameter. It needs no start values.
+//!
+//! [`select_order`] finds the number of branches that the data support, [`profiles`] the interval
+//! of each parameter, [`cell_spread`] the differences between cells and repeats. [`survey_seeds`]
+//! tells how surely the search ends at the best minimum, and lists the others. [`fit_circuit`] fits
+//! any equivalent circuit.
 
 mod addition;
 mod batch;

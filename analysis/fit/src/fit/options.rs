@@ -65,7 +65,7 @@ impl FromStr for Objective {
     }
 }
 
-/// Where the parameters may lie: (lower, upper).
+/// Limits of the parameters: (lower, upper).
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Bounds {
     /// Every resistance, Ω.
@@ -113,7 +113,7 @@ pub struct FitOptions {
     pub rc: usize,
     /// Objective to minimise.
     pub objective: Objective,
-    /// Where the parameters may lie.
+    /// Limits of the parameters.
     pub bounds: Bounds,
     /// Seed of the global search; equal seeds give equal fits.
     pub seed: u64,
@@ -131,7 +131,7 @@ impl Default for FitOptions {
     }
 }
 
-/// Why a fit was refused.
+/// Reason why a fit was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FitError {
     /// No points at all.

@@ -1,6 +1,6 @@
-//! How many RC branches the data bear: the corrected Akaike criterion (Hurvich and Tsai, 1989), the
-//! F-test between nested orders, the whiteness of the residuals, and the prediction of a cell from
-//! the others.
+//! Number of RC branches that the data support: the corrected Akaike criterion (Hurvich and
+//! Tsai, 1989), the F-test between nested orders, the whiteness of the residuals, and the
+//! prediction of a cell from the others.
 //!
 //! Cells differ from each other by more than one cell from sweep to sweep, so that pooled residuals
 //! say more of the cells than of the model. Every cell is therefore fitted on its own, its repeats
@@ -22,12 +22,12 @@ use analysis_signal::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Which orders to try.
+/// Options of the choice of an order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrderOptions {
     /// Highest number of RC branches.
     pub most: usize,
-    /// Where the parameters may lie.
+    /// Limits of the parameters.
     pub bounds: Bounds,
     /// Seed of the searches.
     pub seed: u64,

@@ -1,6 +1,7 @@
-//! Single points that belong to no impedance of a linear system: a wrong sign, a slipped digit, a
-//! record of something else. Least squares gives way to them, so that all residuals become large
-//! together and none of them tells; the Kramers–Kronig test, which knows no order, finds them.
+//! Outliers: single points that belong to no impedance of a linear system, such as a wrong sign, a
+//! wrong digit, or a record of something else. Least squares follows them, so that all residuals
+//! become large together and none of them stands out. The Kramers–Kronig test, which needs no
+//! order, finds them.
 
 use std::collections::BTreeSet;
 use std::iter;

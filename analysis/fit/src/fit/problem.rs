@@ -108,8 +108,8 @@ impl Problem {
                 directions: common::directions(&spectra[tag.0], tag.1, names),
             };
             match (groups.last_mut(), seen.last_mut()) {
-                // Files print frequencies with few digits: what differs in the tenth is the same
-                // frequency.
+                // Files print frequencies with few significant digits. A difference in the tenth
+                // digit is the same frequency.
                 (Some(g), Some(all)) if (freq_hz - g.freq_hz).abs() <= 1e-10 * g.freq_hz => {
                     g.points.push(point);
                     all.push(shared);
@@ -433,7 +433,8 @@ impl Group {
         }
     }
 
-    /// Means first, then sums of squares about them: no digits are lost to cancellation.
+    /// Means first, then sums of squares about them: no significant digits are lost by
+    /// cancellation.
     fn close(&mut self) {
         let (mut bx, mut by) = (0.0, 0.0);
         for p in &self.points {

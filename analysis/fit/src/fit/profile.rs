@@ -147,7 +147,7 @@ impl<'a> Walk<'a> {
         };
         let clustered = fit.cells.is_some() || (!problem.absolute_weights && fit.spectra > n);
         let by_covariance = problem.kind == Objective::SumAbs || clustered;
-        // Sigmas from the scatter of few cells are known no better than by so many.
+        // Sigmas from the scatter of few cells have only these degrees of freedom.
         let freedom = fit
             .cells
             .map_or(freedom, |cells| (cells as f64 - 1.0).max(1.0));
@@ -358,8 +358,8 @@ fn dc_shares(x: &[f64]) -> Vec<f64> {
         .collect()
 }
 
-/// Where the curve first crosses the limit away from the start; interpolated in the root of Δχ²,
-/// which is nearly straight.
+/// First crossing of the limit by the curve, away from the start. It is interpolated in the root of
+/// Δχ², which is nearly straight.
 fn crossing(points: &[(f64, f64)], start: f64, limit: f64, sign: f64) -> Option<f64> {
     let mut side: Vec<(f64, f64)> = points
         .iter()

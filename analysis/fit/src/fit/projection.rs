@@ -3,8 +3,8 @@
 //! at once) runs over the logarithms of the time constants alone and the best resistances come from
 //! a small bounded quadratic.
 //!
-//! The sum of norms and the moduli are not quadratic: a few reweighted quadratics come close enough
-//! to rank basins. The digits are made later.
+//! The sum of norms and the moduli are not quadratic. A few reweighted quadratics come close enough
+//! to rank basins; the polish brings full precision later.
 
 use super::common::Sym2;
 use super::options::{Bounds, Objective};

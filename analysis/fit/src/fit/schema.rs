@@ -6,7 +6,7 @@ pub const MODEL_SCHEMA: &str = "eis-bench/model";
 /// of 1 would pass over in silence.
 pub const MODEL_SCHEMA_VERSION: u32 = 2;
 
-/// Why a model file could not be read or written.
+/// Reason why a model file could not be read or written.
 #[derive(Debug, thiserror::Error)]
 pub enum JsonError {
     /// Not JSON, or not of this shape.

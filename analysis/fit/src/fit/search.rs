@@ -1,6 +1,6 @@
-//! The search for the optimum and for the basins beside it: differential evolution over the time
-//! constants, descents from what it found and from where its first population saw other basins, one
-//! minimum kept of each basin.
+//! Searches the optimum and the basins beside it: differential evolution over the time constants,
+//! then descents from its result and from other basins of its first population. One minimum is kept
+//! of each basin.
 
 use super::batch::Batch;
 use super::options::{Bounds, FitOptions, Objective};
@@ -12,7 +12,7 @@ use analysis_numeric::{
 };
 use std::f64::consts::TAU;
 
-/// Corners of the smoothed norm, in typical impedances, from the first descent to the last digits.
+/// Corners of the smoothed norm, in typical impedances, from the first descent to full precision.
 const CORNERS: [f64; 4] = [1e-3, 1e-5, 1e-7, 1e-9];
 
 /// Curves nearer than this everywhere, in typical impedances, are one.
@@ -207,7 +207,7 @@ fn log_tau_range(problem: &Problem, bounds: &Bounds) -> (f64, f64) {
     if lo < hi { (lo, hi) } else { allowed }
 }
 
-/// To the bottom of the basin of `start`, to the last digits.
+/// Polish: descends from `start` to the bottom of its basin, to full precision.
 pub(super) fn polish(problem: &Problem, start: &[f64], bounds: &[(f64, f64)]) -> Minimum {
     to_the_bottom(problem, first_descent(problem, start, bounds), bounds)
 }

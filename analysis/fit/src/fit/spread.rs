@@ -1,6 +1,6 @@
-//! How cells differ and how one cell repeats: in the impedance at every frequency, in the
-//! parameters of fits to single sweeps, and, where single sweeps do not fix the parameters, in few
-//! quantities that they do fix.
+//! Spread between cells and between repeats of one cell: in the impedance at every frequency, and
+//! in the parameters of fits to single sweeps. Where single sweeps do not fix the parameters, a few
+//! quantities are used that they do fix.
 
 use super::cells::{CellSweeps, Components, FrequencySpread, components, frequency_spread};
 use super::erm::fit_erm;
@@ -10,8 +10,8 @@ use analysis_signal::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-/// Relative uncertainty of one sweep, stated or shown by repeats, above which a parameter's spread
-/// says nothing of the cells.
+/// Relative uncertainty of one sweep, stated or shown by repeats, above which the spread of a
+/// parameter does not describe the cells.
 const UNIDENTIFIED: f64 = 0.5;
 
 /// One quantity over all cells and sweeps.

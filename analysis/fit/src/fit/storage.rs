@@ -1,5 +1,5 @@
-//! Charge storage beside the extended Randles model: what a fit says of the slope of the
-//! open-circuit voltage that was taken out of its spectra.
+//! Charge storage beside the extended Randles model: fits the slope of the open-circuit voltage
+//! whose share was subtracted from the spectra.
 
 use super::common::Common;
 use super::options::{FitOptions, Objective};
@@ -40,8 +40,8 @@ const CONTRADICTED: f64 = 3.0;
 /// Fits again until the noise of relative weights is that of the residuals, so that what is known
 /// of common errors counts for what it is worth.
 ///
-/// It is first read where common errors are free: a misfit that comes of what was given must not
-/// count as noise, which would hold them to it all the more.
+/// The noise is first read where common errors are free. A misfit caused by the given values must
+/// not count as noise, because that would hold the errors even closer to these values.
 pub(super) fn settle_noise(
     problem: &mut Problem,
     options: &FitOptions,

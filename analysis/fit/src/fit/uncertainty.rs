@@ -1,5 +1,5 @@
-//! How well the data fix the parameters of the extended Randles model; what the data say is
-//! [`Evidence`]'s. A parameter held by a bound has no sigma.
+//! Uncertainty of the parameters of the extended Randles model, from the information in
+//! [`Evidence`]. A parameter held by a bound has no sigma.
 
 use super::clusters::Clusters;
 use super::evidence::{CELL_CORNER, Evidence, FrequencyShare, NORM_CORNER, Normal, PointShare};
@@ -17,22 +17,22 @@ use serde::{Deserialize, Serialize};
 /// Standard uncertainty of a branch; none where the data do not fix it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct RcSigma {
-    /// Of the resistance, Ω.
+    /// Standard uncertainty of the resistance, Ω.
     pub r_ohm: Option<f64>,
-    /// Of the capacitance, F.
+    /// Standard uncertainty of the capacitance, F.
     pub c_f: Option<f64>,
-    /// Of the time constant, s.
+    /// Standard uncertainty of the time constant, s.
     pub time_constant_s: Option<f64>,
 }
 
 /// Standard uncertainty of a model's parameters; none where the data do not fix them.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct ErmSigma {
-    /// Of the series resistance, Ω.
+    /// Standard uncertainty of the series resistance, Ω.
     pub r_ohm: Option<f64>,
-    /// Of the branches, in their order.
+    /// Standard uncertainties of the branches, in their order.
     pub branches: Vec<RcSigma>,
-    /// Of the resistance at zero frequency, Ω.
+    /// Standard uncertainty of the resistance at zero frequency, Ω.
     pub dc_resistance_ohm: Option<f64>,
 }
 

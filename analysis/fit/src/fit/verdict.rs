@@ -48,7 +48,7 @@ pub struct OrderRow {
     /// χ² per degree of freedom; none where the noise is not known.
     #[serde(default)]
     pub reduced_chi2: Option<f64>,
-    /// Of at least one cell a residual stands out of the others.
+    /// True where a residual of at least one cell stands out of the others.
     #[serde(default)]
     pub stands_out: bool,
     /// Parameters that are at a bound or uncertain by more than 50 % in at least half of the cells.
@@ -146,7 +146,7 @@ fn by_f_test(rows: &[OrderRow]) -> usize {
         .unwrap_or(0)
 }
 
-/// Of an order that is not taken although its criterion is less.
+/// Sentence on an order that is not taken although its criterion is smaller.
 fn at_a_bound(r: &OrderRow) -> String {
     let stand = if r.held_by_bounds.len() > 1 {
         "stand"
@@ -229,7 +229,7 @@ fn whiteness(rows: &[OrderRow]) -> Option<String> {
     }
 }
 
-/// Of residuals without waves that are too large for noise.
+/// Sentence on residuals without waves that are too large for noise.
 fn too_large(r: &OrderRow) -> String {
     let size = match r.reduced_chi2.filter(|chi2| *chi2 > HIGH_CHI2) {
         Some(chi2) => format!(

@@ -43,7 +43,7 @@ pub(crate) fn warnings(
     found
 }
 
-/// Why stated uncertainties were not used; nothing where none are stated.
+/// Reason why stated uncertainties were not used; none where none are stated.
 fn no_weights(spectra: &[Spectrum]) -> Option<String> {
     const INSTEAD: &str = "all residuals were weighted relative to |Z| instead";
     let covariances = || {
@@ -192,7 +192,7 @@ fn outside_the_band(fit: &ErmFit, problem: &Problem, found: &mut Vec<String>) {
     }
 }
 
-/// Five digits are enough for a frequency in a sentence.
+/// Frequency to five significant digits, enough for a sentence.
 fn short(freq_hz: f64) -> f64 {
     format!("{freq_hz:.4e}").parse().unwrap_or(freq_hz)
 }

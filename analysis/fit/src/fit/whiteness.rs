@@ -1,5 +1,5 @@
-//! Are neighbouring residuals alike? A model that lacks a branch leaves waves over ln f; noise does
-//! not.
+//! Test for correlated neighbouring residuals. A model that lacks a branch leaves waves over ln f;
+//! noise does not.
 //!
 //! The statistic is Moran's I of neighbours over ln f (lag-1 autocorrelation of the weighted
 //! residuals, real and imaginary parts each in their own row). Fitted residuals are never
@@ -18,7 +18,8 @@ pub(super) struct Lag1 {
     pub(super) z: f64,
 }
 
-/// Of the residuals of a complex least-squares fit; none where parameters leave no freedom.
+/// Autocorrelation of the residuals of a complex least-squares fit; none where parameters leave no
+/// freedom.
 pub(super) fn lag1(problem: &Problem, fit: &ErmFit) -> Option<Lag1> {
     let (residuals, slopes) = weighted(problem, fit)?;
     let n = residuals.len();

@@ -1,4 +1,4 @@
-//! Why what was given is no model of a cell.
+//! Reasons why a source is no model of a cell.
 
 /// Relative error beyond which there is no ladder: the thesis' cells differ by 0.9 %, and what lies
 /// farther off is another cell.
@@ -6,7 +6,7 @@ pub const REFUSED: f64 = 1e-2;
 /// Most branches of a ladder.
 pub const MOST_BRANCHES: usize = 32;
 
-/// Why a circuit has no ladder.
+/// Reason why a circuit has no ladder.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum LadderError {
     /// Values of another circuit.
@@ -37,7 +37,7 @@ pub enum LadderError {
     /// A band that is none.
     #[error("{name}: expected a lower and a higher frequency above 0 Hz, met {low} and {high}")]
     Band {
-        /// Where it stands.
+        /// Name of the parameter.
         name: &'static str,
         /// Lower end met, Hz.
         low: f64,
@@ -81,7 +81,7 @@ pub enum LadderError {
         blocks: String,
         /// Worst error, %.
         percent: f64,
-        /// Where it is, Hz.
+        /// Frequency of the largest error, Hz.
         freq_hz: f64,
     },
     /// Components that cannot be.
@@ -89,7 +89,7 @@ pub enum LadderError {
     Model(#[from] analysis_model::model::ModelError),
 }
 
-/// Why a text is no model of a cell.
+/// Reason why a text is no model of a cell.
 #[derive(Debug, thiserror::Error)]
 pub enum GivenError {
     /// Not JSON, or not of this shape.

@@ -1,5 +1,5 @@
-//! A cell's model from whatever it was given as: a model file, a typed model of nothing but
-//! resistances and capacitances, or a fitted circuit.
+//! Reads a cell's model from any source: a model file, a typed model of resistances and
+//! capacitances only, or a fitted circuit.
 //!
 //! All that reads a model reads it here. What the source does not know (uncertainty, provenance,
 //! OCV) is absent, and [`GivenModel::notes`] says so.
@@ -38,7 +38,7 @@ pub struct GivenModel {
     pub additions: Vec<Addition>,
     /// Range of the data that the additions come from.
     pub facts: Option<Facts>,
-    /// How the model follows the circuit that it was made of.
+    /// Report on the ladder that follows the circuit; none for other sources.
     pub ladder: Option<Ladder>,
     /// The model file; none for what was typed and for circuits.
     fitted: Option<Box<ModelFile>>,

@@ -1,4 +1,4 @@
-//! A typed model: resistances and capacitances, and whatever else is known.
+//! A typed model: resistances and capacitances, and optional further data.
 
 use super::GivenModel;
 use super::error::GivenError;

@@ -41,7 +41,7 @@ impl Study {
                 } else {
                     TraceStyle::Line
                 };
-                // A line across an edge would show a slope that nobody measured.
+                // A line across an edge would show a slope that was not measured.
                 let parts: [&dyn Fn(f64) -> bool; 3] =
                     [&|t| t <= 0.0, &|t| t > 0.0 && t <= p.length_s, &|t| {
                         t > p.length_s

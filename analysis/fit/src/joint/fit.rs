@@ -23,12 +23,12 @@ pub struct JointInput<'a> {
     pub windows: &'a [PulseWindow],
 }
 
-/// How it is fitted.
+/// Options of a joint fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointOptions {
     /// RC branches, 1…[`MAX_RC`].
     pub rc: usize,
-    /// Where the parameters may lie.
+    /// Limits of the parameters.
     pub bounds: Bounds,
     /// Relative standard deviation of gain between the instruments.
     pub instrument_sigma: f64,
@@ -56,7 +56,7 @@ impl Default for JointOptions {
     }
 }
 
-/// Why there is no joint fit.
+/// Reason why there is no joint fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum JointError {
     /// Uncertainties that are none.
@@ -98,7 +98,7 @@ pub struct JointFit {
     pub gain: f64,
     /// Its standard uncertainty; the prior's where there are no pulses.
     pub gain_sigma: Option<f64>,
-    /// Where the edges are between their two samples, 0…1.
+    /// Place of the edges between their two samples, 0…1.
     pub edge: f64,
     /// Its standard uncertainty.
     pub edge_sigma: Option<f64>,

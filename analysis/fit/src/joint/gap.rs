@@ -1,4 +1,4 @@
-//! By how much a model misses a pulse.
+//! Gap between a model and a pulse.
 
 use super::apparent::apparent;
 use super::fit::JointFit;
@@ -34,7 +34,7 @@ pub struct GapAt {
     /// Its standard uncertainty, Ω: parameters, gain between the instruments and cells, place of
     /// the edge; none where a parameter is not fixed.
     pub predicted_sigma_ohm: Option<f64>,
-    /// Of the predicted, the fall of the OCV, Ω.
+    /// Part of the predicted resistance that is the fall of the OCV, Ω.
     pub ocv_ohm: f64,
     /// Predicted less measured voltage, V.
     pub gap_v: f64,
@@ -47,7 +47,7 @@ impl GapAt {
     }
 }
 
-/// How a model fares on one pulse.
+/// Gap between a model and one pulse.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Gap {
     /// Number of the pulse in its series, from 1.

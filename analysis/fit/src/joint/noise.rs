@@ -77,7 +77,7 @@ impl NoiseModel {
         self.variance_v2[0].sqrt()
     }
 
-    /// Standard deviation below which no mean is believed, V.
+    /// Lower limit of the standard deviation of any mean, V.
     pub fn floor_v(&self) -> f64 {
         self.variance_v2[LENGTHS.len() - 1].sqrt()
     }

@@ -39,14 +39,14 @@ pub struct PooledSpectrum {
     pub cell_spread: Option<f64>,
     /// Relative standard deviation of one sweep within its cell; none without repeats.
     pub repeatability: Option<f64>,
-    /// Where the uncertainty comes from, in words.
+    /// Source of the uncertainty, in words.
     pub basis: String,
     /// Errors that the points have in common; their shares are not in the covariances of the
     /// points.
     pub shared: Vec<SharedError>,
 }
 
-/// Why spectra have no mean.
+/// Reason why spectra have no mean.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PooledError {
     /// No spectrum or no point.

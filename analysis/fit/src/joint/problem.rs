@@ -1,5 +1,5 @@
 //! The likelihood: whitened residuals of the mean spectrum and of every pulse, and the priors of
-//! what belongs to the instruments.
+//! the instruments' parameters.
 //!
 //! Parameters: ln R, ln R₁, ln C₁, …; ln g, the pulses' resistance over the spectra's (another
 //! cell, another instrument); e, where between two samples the edge of the current is (0 at the

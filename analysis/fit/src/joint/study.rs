@@ -1,5 +1,5 @@
-//! The whole comparison: every order from spectra alone and from spectra and pulses, and what each
-//! says of pulses that were fitted, held out, or are at other states of charge.
+//! Comparison of the orders, from spectra alone and from spectra and pulses: prediction of the
+//! pulses that were fitted, held out, or measured at other states of charge.
 
 use super::fit::{
     JointError, JointFit, JointInput, JointOptions, choose_order, fit_joint, fit_spectra,
@@ -43,7 +43,7 @@ pub struct StudyOptions {
     pub dcir_ohm: f64,
     /// Order; none to find it.
     pub rc: Option<usize>,
-    /// Of the fits; its order is set here.
+    /// Options of the fits; their order is set here.
     pub fit: JointOptions,
 }
 
@@ -102,7 +102,7 @@ pub struct Study {
     pub sweeps_cells: (usize, usize),
     /// Relative spread of the cells' factor: the pulses' cell is not known to be one of them.
     pub cell_spread: Option<f64>,
-    /// Where the spectra's uncertainty comes from.
+    /// Source of the spectra's uncertainty, in words.
     pub spectra_basis: String,
     /// Standard deviation of one voltage sample, and of the mean of any number of them, V.
     pub noise_v: (f64, f64),
@@ -110,7 +110,7 @@ pub struct Study {
     pub warnings: Vec<String>,
 }
 
-/// Why there is no comparison.
+/// Reason why there is no comparison.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum StudyError {
     /// Spectra that cannot be pooled.
@@ -136,7 +136,7 @@ pub enum StudyError {
         /// Their OCVs.
         at: String,
     },
-    /// Steps of the current whose edges nobody saw.
+    /// Steps of the current whose edges the samples do not resolve.
     #[error(
         "{series}: expected samples at most {SLOWEST_EDGE_S} s apart around the edges of a pulse, \
         met {met_s} s at its {count} steps of the current: they tell \

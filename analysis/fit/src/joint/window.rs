@@ -19,7 +19,7 @@ const OFFSET_V: f64 = 0.02;
 /// Length of a bin over the time since its edge.
 const GROWTH: f64 = 0.3;
 
-/// How much of a pulse is used.
+/// Options of the part of a pulse that is used.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WindowOptions {
     /// Steady current before the pulse, s.

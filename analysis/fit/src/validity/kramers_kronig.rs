@@ -20,9 +20,9 @@ use std::f64::consts::TAU;
 
 /// Fewest points of a spectrum that can be tested.
 pub const FEWEST_POINTS: usize = 6;
-/// Where µ says that the ladder begins to follow the noise, as Schönleber et al. advise.
+/// Limit of µ below which the ladder begins to follow the noise, as Schönleber et al. advise.
 const MU_LIMIT: f64 = 0.85;
-/// How far the time constants reach beyond the band on either side.
+/// Factor by which the time constants reach beyond the band on either side.
 const REACH: f64 = 5.0;
 /// Size that a resistance of the ladder is expected to have at most, in units of the largest
 /// impedance.
@@ -99,7 +99,7 @@ pub struct KramersKronig {
     pub dof: f64,
     /// Probability of such a sum in a valid spectrum.
     pub p: f64,
-    /// Where the noise comes from.
+    /// Source of the noise.
     pub noise: NoiseSource,
     /// Standard deviation of the noise, % of |Z| (median over the points).
     pub noise_percent: f64,

@@ -1,9 +1,10 @@
-//! Is a spectrum one of a linear, causal system that did not change while it was measured?
+//! Tests whether a spectrum can come from a linear, causal system that did not change during the
+//! measurement. It serves everybody who wants to fit a spectrum and asks first whether it is valid.
 //!
-//! [`kramers_kronig`] and [`z_hit`] look at one spectrum, [`linearity`] at sweeps of different
-//! amplitude, [`stationarity`] at repeats; [`assess`] does all of it for the spectra of one cell
-//! and says in words what may be believed. Every test judges by the noise ([`Noise`]) and has a
-//! stated rate of false alarms: of a hundred valid spectra at most one is called bad.
+//! [`kramers_kronig`] and [`z_hit`] test one spectrum, [`linearity`] sweeps of different amplitude,
+//! [`stationarity`] repeats. [`assess`] does all of it for the spectra of one cell and states in
+//! words which points are valid. Every test judges by the noise ([`Noise`]) and has a stated rate
+//! of false alarms: of a hundred valid spectra at most one is called bad.
 
 mod assess;
 mod kramers_kronig;
@@ -37,7 +38,7 @@ pub const FALSE_ALARM_RATE: f64 = 0.01;
 /// Share of valid spectra in which something may be called doubtful.
 pub const DOUBTFUL_RATE: f64 = 0.05;
 
-/// Why spectra cannot be judged.
+/// Reason why spectra cannot be judged.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ValidityError {
     /// Numbers that are no spectrum.

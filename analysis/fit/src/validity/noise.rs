@@ -1,9 +1,9 @@
-//! The noise that a spectrum is judged by: as stated, else from repeats, else from what a smoother
-//! leaves.
+//! Noise that a spectrum is judged by: as stated, else from repeats, else from the residual of a
+//! smoother.
 //!
-//! The smoother is an RC ladder fitted to the real and to the imaginary part *each for itself*: it
-//! follows whatever is smooth but knows nothing of the Kramers–Kronig relations, so that a spectrum
-//! which violates them smoothly does not hide in its own noise.
+//! The smoother is an RC ladder fitted to the real and to the imaginary part *each for itself*. It
+//! follows all smooth curves, without the Kramers–Kronig relations. So a spectrum that violates
+//! them smoothly does not hide in its own noise.
 
 use super::ladder::{Ladder, Whitening};
 use super::tail::deviate_tail;
@@ -22,15 +22,15 @@ const SMOOTHER_PER_DECADE: f64 = 3.0;
 const SMOOTHER_REACH: f64 = 2.0;
 /// Share of clean parts of a spectrum in which a point may be left out of the smoother.
 const OUTLIER_RATE: f64 = 0.01;
-/// The noise of a point is also that of so many neighbours on either side, if they leave so many
-/// degrees of freedom.
+/// Number of neighbours on either side that share the noise of a point, and the degrees of freedom
+/// that they must leave.
 const NEIGHBOURS: usize = 5;
 const LEAST_NEAR: f64 = 4.0;
 /// No estimate below this share of |Z|: beyond it, the numbers' own rounding and the ladder's are
 /// met.
 const LEAST: f64 = 1e-7;
 
-/// Where the noise comes from.
+/// Source of the noise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoiseSource {
@@ -49,7 +49,7 @@ pub struct Noise {
     pub covariance: Vec<Covariance2>,
     /// Degrees of freedom of an estimate; none for a stated covariance.
     pub dof: Option<f64>,
-    /// Where it comes from.
+    /// Source of the noise.
     pub source: NoiseSource,
 }
 

@@ -32,9 +32,9 @@ pub struct Harmonic {
     pub sigma: f64,
 }
 
-/// Which harmonics are larger than noise explains, record by record, with one false alarm in a
-/// hundred sweeps: the probabilities are corrected after Holm for all harmonics of all records that
-/// can speak against a point. Even orders do not (see [`Harmonic::error_percent`]) and are not
+/// Harmonics that are larger than noise explains, record by record, with one false alarm in a
+/// hundred sweeps. The probabilities are corrected after Holm for all harmonics of all records that
+/// can count against a point. Even orders cannot (see [`Harmonic::error_percent`]) and are not
 /// counted.
 pub fn beyond_noise(records: &[Record]) -> Vec<Vec<bool>> {
     let can = |harmonic: &&Harmonic| !harmonic.order.is_multiple_of(2);
@@ -59,7 +59,7 @@ impl Harmonic {
         pair_tail((self.ratio / self.sigma).powi(2), None)
     }
 
-    /// How much the same nonlinearity may have changed Z, %.
+    /// Largest change of Z by the same nonlinearity, %.
     pub fn error_percent(&self) -> f64 {
         if self.order.is_multiple_of(2) {
             return 0.0;

@@ -1,5 +1,5 @@
-//! Whittaker's smoother on any grid: the curve that is near the data and has small second
-//! derivatives. How small, generalised cross-validation chooses.
+//! Whittaker's smoother on any grid: a curve near the data with small second derivatives.
+//! Generalised cross-validation chooses how small.
 //!
 //! The count of degrees of freedom is weighted by 1.4 (as penalised-spline practice has it), for
 //! plain cross-validation of twenty points follows the noise now and then.

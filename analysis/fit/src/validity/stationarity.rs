@@ -1,5 +1,5 @@
-//! Did the cell stay the same? From repeats of one sweep, in their order of time, and from the
-//! drift within the records.
+//! Tests whether the cell changed during the measurement: from repeats of one sweep in their order
+//! of time, and from the drift within the records.
 
 use super::noise::{Noise, NoiseSource};
 use super::tail::{holm, pair_tail, sum_tail};
@@ -34,7 +34,7 @@ pub struct StationarityPoint {
 pub struct Stationarity {
     /// Names of the repeats, in order of time.
     pub repeats: Vec<String>,
-    /// How much each repeat lies above the mean of all over the whole band, %.
+    /// Deviation of each repeat from the mean of all over the whole band, %.
     pub shift_percent: Vec<f64>,
     /// Root mean square over the band of what the scatter has beyond the noise, %; none where the
     /// noise was taken from the repeats.
@@ -161,7 +161,7 @@ pub struct Drift {
     pub over_amplitude: f64,
     /// Periods in the record.
     pub periods: f64,
-    /// How it goes.
+    /// Shape of the drift.
     pub shape: DriftShape,
 }
 

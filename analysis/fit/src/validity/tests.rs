@@ -67,7 +67,7 @@ fn any_cell(noise: &mut Noisy) -> impl Fn(f64) -> Complex64 + use<> {
     }
 }
 
-/// How a spectrum is measured: relative noise of each part, and whether the file states it.
+/// Measurement of a spectrum: relative noise of each part, and whether the file states it.
 #[derive(Clone, Copy)]
 struct Bench {
     sigma: f64,
@@ -195,7 +195,7 @@ fn inductive_and_diffusive_ends_are_valid() {
     assert!(bad <= most_by_chance(60, DOUBTFUL_RATE), "{bad} of 60");
 }
 
-/// How many of a hundred cells with a fault are not called good, and the verdicts.
+/// Number of a hundred cells with a fault that are not called good, and the verdicts.
 fn caught(sigma: f64, fault: Fault) -> Vec<SpectrumVerdict> {
     let mut noise = Noisy::new(23);
     let judged = (0..100).map(|_| {

@@ -15,8 +15,8 @@ use std::fmt;
 
 /// Share of the false-alarm rate that Z-HIT has.
 const Z_HIT_SHARE: f64 = 0.3;
-/// Z-HIT is an approximation: below the first it is not believed whatever the noise, bad is only
-/// what is above the second, %.
+/// Limits of Z-HIT, which is an approximation, %: below the first it does not count for any noise,
+/// and only above the second is a point bad.
 const Z_HIT_ERROR_PERCENT: (f64, f64) = (0.3, 1.0);
 /// An error of Z that its record makes possible, %: doubtful above the first, bad above the second.
 const RECORD_ERROR_PERCENT: (f64, f64) = (0.3, 1.0);
@@ -28,11 +28,11 @@ const RECORD_ERROR_PERCENT: (f64, f64) = (0.3, 1.0);
 const KK_STATED_PERCENT: (f64, f64) = (0.1, 0.3);
 const KK_ESTIMATED_PERCENT: (f64, f64) = (0.3, 1.0);
 
-/// How far a number may be believed.
+/// Grade of a number: how far it is valid.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Grade {
-    /// Nothing speaks against it.
+    /// No test contradicts it.
     Good,
     /// Something does, but chance or a small effect could explain it.
     Doubtful,
@@ -55,9 +55,9 @@ impl fmt::Display for Grade {
 pub struct PointVerdict {
     /// Frequency, Hz.
     pub freq_hz: f64,
-    /// How far it may be believed.
+    /// Grade of the point.
     pub grade: Grade,
-    /// Why not further, in words.
+    /// Reasons for the grade, in words.
     pub reasons: Vec<String>,
     /// The comparison with repeats is one of the reasons.
     pub repeats_differ: bool,
@@ -66,7 +66,7 @@ pub struct PointVerdict {
 /// The verdict on a spectrum.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SpectrumVerdict {
-    /// How far it may be believed: bad if a point is, unless only single points are, which makes it
+    /// Grade of the spectrum: bad if a point is bad. Where only single points are bad, it is
     /// doubtful.
     pub grade: Grade,
     /// One sentence or more.
@@ -323,7 +323,7 @@ fn valid_band(points: &[PointVerdict], kk: &KramersKronig) -> Option<(f64, f64)>
     (2 * bad < last - first).then(|| (points[first].freq_hz, points[last].freq_hz))
 }
 
-/// Why no point is worth anything.
+/// Sentence on why no point is valid.
 fn nothing_valid(kk: &KramersKronig) -> String {
     if kk.is_reversed() {
         return "not valid: the real part is negative: leads reversed? (Kramers–Kronig cannot see \
@@ -400,7 +400,7 @@ fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64
     text
 }
 
-/// A frequency with three digits.
+/// Frequency with three significant digits.
 fn short(freq_hz: f64) -> String {
     brief(freq_hz, 3)
 }

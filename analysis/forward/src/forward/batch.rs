@@ -30,13 +30,13 @@ const WIDE: usize = 16;
 pub struct BatchCell<'a> {
     /// The model.
     pub model: &'a SimModel,
-    /// Where it starts.
+    /// State at the start.
     pub state: &'a SimState,
     /// Factor of the profile's demand for this cell.
     pub scale: f64,
 }
 
-/// How a batch is run.
+/// Options of a batch.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BatchOptions {
     /// Treatment of power that cannot be delivered. [`Beyond::Stop`] goes on as [`Beyond::Clamp`]

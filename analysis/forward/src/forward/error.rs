@@ -3,7 +3,7 @@
 use super::law::Demand;
 use analysis_model::pack::PackError;
 
-/// Why a simulation cannot be made.
+/// Reason why a simulation cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ForwardError {
     /// A pack or a cell's model that cannot be.

@@ -40,7 +40,7 @@ pub enum Beyond {
 }
 
 impl Beyond {
-    /// Where the tangent leaves the curve unless said otherwise, as a fraction of P*.
+    /// Default place where the tangent leaves the curve, as a fraction of P*.
     pub const FRACTION: f64 = 0.95;
 
     /// True for a fraction within (0, 1).
@@ -49,7 +49,7 @@ impl Beyond {
     }
 }
 
-/// How a demand is answered: its kind, the policy and the series resistance.
+/// Answer to a demand: its kind, the policy and the series resistance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Drive {
     /// Kind of the demand.

@@ -18,12 +18,12 @@ impl CellWindow {
         high_v: 4.2,
     };
 
-    /// How far a cell's voltage is above the lower limit, V; negative below it.
+    /// Distance of a cell's voltage above the lower limit, V; negative below it.
     pub fn margin_low_v(&self, cell_v: f64) -> f64 {
         cell_v - self.low_v
     }
 
-    /// How far a cell's voltage is below the upper limit, V; negative above it.
+    /// Distance of a cell's voltage below the upper limit, V; negative above it.
     pub fn margin_high_v(&self, cell_v: f64) -> f64 {
         self.high_v - cell_v
     }

@@ -25,13 +25,13 @@ pub struct SimModel {
     pub erm: Erm,
     /// Open-circuit voltage of one cell.
     pub ocv: OcvSource,
-    /// How many cells; 1S1P for a cell.
+    /// Number of cells; 1S1P for a cell.
     pub pack: Pack,
     /// Additions that no linear branch stands for; `erm` is then the model for small signals.
     pub(crate) laws: Option<Arc<Laws>>,
 }
 
-/// Where a model stands.
+/// State of a model.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct SimState {
     /// State of charge, 0…1; without meaning and constant for [`OcvSource::Constant`].
@@ -130,8 +130,7 @@ impl SimModel {
         })
     }
 
-    /// The same with the DC resistance alone: what is left when the transients are left out
-    /// (simple-IR model).
+    /// The same model with the DC resistance alone, without transients (simple-IR model).
     #[must_use]
     pub fn simple_ir(&self) -> Self {
         Self {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 /// Pieces of a profile at most: beyond it a trace would fill the memory.
 const MOST_PIECES: f64 = 1e8;
 
-/// How a step is made.
+/// Kind of a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Method {
@@ -21,7 +21,7 @@ pub enum Method {
     Thesis,
 }
 
-/// How a simulation is made.
+/// Options of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimOptions {
     /// Kind of step.

@@ -63,7 +63,7 @@ impl Piece {
     }
 }
 
-/// Why a file or a list is no profile.
+/// Reason why a file or a list is no profile.
 #[derive(Debug, thiserror::Error)]
 pub enum ProfileError {
     /// Too little.
@@ -158,7 +158,7 @@ impl Profile {
         }
     }
 
-    /// From the first to the last row, s.
+    /// Duration from the first to the last row, s.
     pub fn duration_s(&self) -> f64 {
         match (self.time_s.first(), self.time_s.last()) {
             (Some(first), Some(last)) => last - first,
@@ -206,7 +206,7 @@ impl Profile {
     }
 }
 
-/// How many steps a row is cut into so that none is longer than `max_step_s`.
+/// Number of steps that a row is cut into so that none is longer than `max_step_s`.
 pub(super) fn parts(row_s: f64, max_step_s: f64) -> u64 {
     if row_s <= max_step_s {
         1

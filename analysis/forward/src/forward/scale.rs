@@ -1,5 +1,5 @@
-//! How much of a profile a cell or a pack bears: the largest factor of its demand that stays within
-//! the window.
+//! Largest factor of a profile's demand with which a cell or a pack stays within the voltage
+//! window.
 
 use super::batch::{BatchCell, BatchOptions, BatchOutcome, MAX_BATCH_RC, simulate_batch};
 use super::error::ForwardError;
@@ -17,7 +17,7 @@ const TRIED: usize = 16;
 /// Factors below this are taken to be unlimited.
 const LARGEST: f64 = 1e6;
 
-/// How the factor is sought.
+/// Options of the search for the factor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ScaleOptions {
     /// Limits of a cell.

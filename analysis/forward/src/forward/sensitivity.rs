@@ -15,7 +15,7 @@ use crate::forward::profile::Asked;
 use analysis_effects::contract::Ramp;
 use nalgebra::{DMatrix, DVector};
 
-/// How a step with derivatives is made.
+/// Options of a step with derivatives.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StepOptions {
     /// Kind of the demand, held over the step.
@@ -62,11 +62,11 @@ pub struct SensitivityRow {
     pub time_s: f64,
     /// Voltage at the terminals, V.
     pub ccv_v: f64,
-    /// With respect to a common factor of all demands, V.
+    /// Derivative with respect to a common factor of all demands, V.
     pub by_scale_v: f64,
-    /// With respect to R, R₁, C₁, …, OCV offset, as in [`Jacobian`].
+    /// Derivatives with respect to R, R₁, C₁, …, OCV offset, as in [`Jacobian`].
     pub by_parameter: Vec<f64>,
-    /// With respect to the state at the start (SOC, v₁, v₂, …).
+    /// Derivatives with respect to the state at the start (SOC, v₁, v₂, …).
     pub by_state: Vec<f64>,
 }
 

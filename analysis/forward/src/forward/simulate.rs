@@ -21,8 +21,8 @@ use core::ops::Range;
 const DEEPEST: usize = 30;
 /// Relative error of a sub-step's mean current at most, before two halves improve it.
 const CURRENT_ACCURACY: f64 = 1e-5;
-/// How far the voltage in the middle of a sub-step may be off the straight line between its ends, V
-/// per cell in series.
+/// Largest distance of the voltage in the middle of a sub-step from the straight line between its
+/// ends, V per cell in series.
 const BEND_V: f64 = 4e-6;
 /// Explicit Euler's step unless told otherwise, as a part of the shortest time constant.
 const EULER_PART: f64 = 0.25;
@@ -62,7 +62,7 @@ impl SimOptions {
     }
 }
 
-/// How many steps a piece takes.
+/// Number of steps that a piece takes.
 fn parts(piece_s: f64, step_s: f64) -> u64 {
     (piece_s / step_s * (1.0 - 1e-9)).ceil().max(1.0) as u64
 }
@@ -293,7 +293,7 @@ impl Run<'_> {
                     self.point(at(0.5 * (t0 + t1)), &attempt.middle)?,
                     self.point(at(t1), &attempt.end)?,
                 );
-                // Extremes are sought at ends and middles only: in between the voltage must be
+                // Extremes are taken at ends and middles only. In between the voltage must be
                 // nearly straight.
                 good &= (middle.ccv_v - 0.5 * (before.ccv_v + after.ccv_v)).abs() <= bend_v;
                 seen = Some((middle, after));

@@ -21,7 +21,7 @@ pub(super) struct Coefficients {
 /// One branch over one step.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Gain {
-    /// a: what is left of its voltage.
+    /// a: factor that remains of its voltage.
     pub(super) decay: f64,
     /// Ω: its voltage per ampere at the start.
     pub(super) start: f64,

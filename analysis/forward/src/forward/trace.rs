@@ -33,7 +33,7 @@ pub struct Trace {
 /// A stretch of time in which more power was asked for than there is.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Infeasible {
-    /// Since when, s.
+    /// Start of the stretch, s.
     pub time_s: f64,
     /// Until when, s; equal where the simulation stopped.
     pub until_s: f64,
@@ -43,7 +43,8 @@ pub struct Infeasible {
     pub available_w: f64,
 }
 
-/// Where the tangent of [`super::Beyond::Extrapolate`] had no voltage left: the run ended there.
+/// End of the tangent of [`super::Beyond::Extrapolate`], where it had no voltage left. The run
+/// ended there.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct TangentEnd {
     /// When, s.
@@ -97,9 +98,9 @@ pub struct Summary {
     pub soc_max: Option<f64>,
     /// True when all power asked for could be had. The window is judged by the margins.
     pub feasible: bool,
-    /// Where it could not.
+    /// Stretches in which it could not.
     pub infeasible: Vec<Infeasible>,
-    /// Where the tangent ended, and the run with it.
+    /// End of the tangent, and of the run with it.
     pub tangent_end: Option<TangentEnd>,
     /// Time of the last row of the trace less that of the first row of the profile, s.
     pub simulated_s: f64,

@@ -5,7 +5,7 @@ use crate::forward::{ForwardError, OcvSource, SimModel};
 use rayon::prelude::*;
 use serde::Serialize;
 
-/// Where the map is wanted.
+/// Grid of the map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SopGrid {
     /// States of charge, 0…1; one of any value for a constant OCV.
@@ -21,7 +21,7 @@ pub struct SopEntry {
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell, V.
     pub ocv_v: f64,
-    /// How long the power is held, s.
+    /// Time that the power is held, s.
     pub duration_s: f64,
     /// Most power out of the terminals, W, zero or more.
     pub discharge_w: f64,
@@ -42,9 +42,9 @@ pub struct SopEntry {
 /// Limit that ends the power, per direction.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Limits {
-    /// Of the discharge.
+    /// Limit of the discharge.
     pub discharge: LimitedBy,
-    /// Of the charge.
+    /// Limit of the charge.
     pub charge: LimitedBy,
 }
 

@@ -13,7 +13,7 @@ use super::{OcvCurve, OcvError};
 use analysis_signal::series::{SeriesError, TimeSeries};
 use serde::{Deserialize, Serialize};
 
-/// How a curve is found.
+/// Options of finding a curve.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OcvOptions {
     /// Resistance that the load's voltage drop is compensated with, Ω; the thesis takes the data
@@ -86,7 +86,7 @@ pub struct Hysteresis {
     pub max_at_soc: f64,
 }
 
-/// Why there is no curve.
+/// Reason why there is no curve.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ExtractError {
     /// No discharge in the data.

@@ -1,6 +1,6 @@
-//! A slow discharge or charge with pauses in it: what the voltage does in them is the resistance to
-//! direct current (DCIR), for no charge moves the open-circuit voltage meanwhile; and the same
-//! without the pauses is a steady current that a curve can be found from.
+//! A slow discharge or charge with pauses in it. The change of the voltage in a pause gives the
+//! resistance to direct current (DCIR), because no charge moves the open-circuit voltage meanwhile.
+//! Without the pauses it is a steady current that a curve can be found from.
 //!
 //! R = (V at the end of the pause − V under load just before it) / i, with i positive for
 //! discharge. It holds all that relaxes within the pause.

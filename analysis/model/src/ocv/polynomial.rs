@@ -1,11 +1,11 @@
-//! A polynomial through an OCV curve, and what it costs: its error, and where it falls, which no
-//! OCV does.
+//! A polynomial through an OCV curve, with its error and the places where it falls, which no OCV
+//! does.
 
 use super::OcvCurve;
 use analysis_numeric::linalg;
 use serde::{Deserialize, Serialize};
 
-/// Highest order; beyond it the powers of SOC no longer carry the digits.
+/// Highest order; beyond it the powers of SOC lose too many significant digits.
 pub const MAX_ORDER: usize = 15;
 /// Points the curve is read at.
 const GRID: usize = 2001;

@@ -7,11 +7,11 @@ use std::ops::RangeInclusive;
 
 use super::OcvCurve;
 
-/// Most that a curve is carried on at one end, as a share of its capacity: beyond, its end slope
-/// says nothing.
+/// Largest extension of a curve at one end, as a share of its capacity. Farther out, its end slope
+/// is no guide.
 const MOST: f64 = 0.02;
 
-/// How far a curve was carried on, as shares of the capacity that was measured.
+/// Extension of a curve beyond the data, as shares of the capacity that was measured.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Reach {
     /// Below its empty end.

@@ -1,8 +1,8 @@
-//! A smooth rising curve through many noisy points: cubic B-splines with a penalty on the third
-//! differences of their coefficients (P-spline, Eilers and Marx, 1996), the penalty's weight by
-//! generalised cross-validation (Craven and Wahba, 1978), and rising by asking the coefficients to
-//! rise: falling neighbours are pulled together until none is left (asymmetric penalty, Bollaerts
-//! et al., 2006).
+//! A smooth rising curve through many noisy points. It is a cubic B-spline with a penalty on the
+//! third differences of its coefficients (P-spline, Eilers and Marx, 1996). The weight of the
+//! penalty comes from generalised cross-validation (Craven and Wahba, 1978). The coefficients are
+//! made to rise: falling neighbours are pulled together until none falls (asymmetric penalty,
+//! Bollaerts et al., 2006).
 //!
 //! Uniform knots on 0…1; all matrices are banded, so that thirty thousand points cost milliseconds.
 
@@ -30,7 +30,7 @@ pub(super) struct Smoothed {
     pub(super) sigma: f64,
 }
 
-/// Smooths points with x in 0…1 on so many intervals; none for too few points.
+/// Smooths points with x in 0…1 on `intervals` intervals; none for too few points.
 pub(super) fn smooth(points: &[(f64, f64)], intervals: usize) -> Option<Smoothed> {
     if points.len() < 2 * (BAND + 1) || intervals < 1 {
         return None;

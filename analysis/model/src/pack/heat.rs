@@ -57,7 +57,7 @@ impl ThermalMass {
 pub struct HeldPower {
     /// Power at the pack's terminals, discharge positive, W.
     pub power_w: f64,
-    /// How long it is held, s.
+    /// Time that it is held, s.
     pub duration_s: f64,
 }
 

@@ -1,4 +1,4 @@
-//! From a cell to a pack of S cells in series, P in parallel (thesis 3.3.4).
+//! Maps a cell to a pack of S cells in series, P in parallel (thesis 3.3.4).
 //!
 //! All cells are taken as identical, so Z_pack = S/P · Z_cell (equation 3.3), which resistances
 //! times S/P and capacitances times P/S fulfil (equations 3.4, 3.6, 3.10; the proof there is for
@@ -27,7 +27,7 @@ pub struct Pack {
     pub interconnect_ohm: f64,
 }
 
-/// Why a cell cannot be mapped to a pack.
+/// Reason why a cell cannot be mapped to a pack.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PackError {
     /// A pack without cells.

@@ -1,4 +1,4 @@
-//! Simple-IR sizing of a pack: what power it can give and take within its voltage window
+//! Simple-IR sizing of a pack: the power that it can deliver and take within its voltage window
 //! (thesis 2.1.2).
 //!
 //! Every cell is an ideal source OCV with one resistance r in series (equation 2.1), the pack S/P
@@ -75,7 +75,7 @@ pub struct Sizing {
     pub crossing_within_window: Option<bool>,
     /// All of the largest charge power.
     pub regen: Option<OperatingPoint>,
-    /// Why something is missing, and what to know of what is not.
+    /// Reasons why values are missing, and notes on the others.
     pub notes: Vec<String>,
 }
 

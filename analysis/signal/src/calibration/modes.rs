@@ -137,7 +137,7 @@ impl Correction {
     }
 }
 
-/// Phasors of a control with another thing in its place: the voltage between C3 and C4 is so many
+/// Phasors of a control with another object in its place: the voltage between C3 and C4 is `factor`
 /// times as large.
 fn across(phasors: &ChannelPhasors, factor: Complex64) -> ChannelPhasors {
     let [v1, v2, v3, v4] = phasors.volts;

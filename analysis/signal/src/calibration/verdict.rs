@@ -1,10 +1,10 @@
-//! Does a control impedance measure as it is known?
+//! Checks whether a control impedance measures as it is known.
 
 use super::KnownImpedance;
 use crate::spectrum::ImpedancePoint;
 use analysis_numeric::brief::brief;
 
-/// How far a control may be off.
+/// Largest allowed error of a control.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct ControlTolerance {
     /// Largest error of the magnitude, relative to the magnitude known.
@@ -13,7 +13,7 @@ pub struct ControlTolerance {
     pub phase_deg: f64,
 }
 
-/// How far a control is off. The numbers are not numbers where nothing could be compared.
+/// Error of a control. The numbers are not numbers where nothing could be compared.
 #[derive(Debug, Clone, PartialEq, serde::Serialize)]
 pub struct ControlVerdict {
     /// Error of the magnitude where it is largest, relative, with sign.

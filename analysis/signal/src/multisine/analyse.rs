@@ -19,10 +19,10 @@ use analysis_numeric::Covariance2;
 
 /// Fewest periods: less leaves no bins between the harmonics worth the name.
 const FEWEST_PERIODS: usize = 3;
-/// How far the record may be from whole periods, as a share of a sample.
+/// Largest deviation of the record from whole periods, as a share of a sample.
 const WHOLE: f64 = 0.05;
 
-/// Why a record cannot be analysed.
+/// Reason why a record cannot be analysed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum MultisineError {
     /// It has no whole number of periods, or too few.
@@ -365,9 +365,9 @@ pub fn nonlinear(fit: &MultisineFit) -> Vec<Line> {
     fit.excited.iter().zip(&fit.images_v2).map(line).collect()
 }
 
-/// How much faster the excitation's clock runs than the record's, as a share, and its standard
-/// deviation: between an early and a late part of the record, whole periods each, the phase of the
-/// current's line at f turns by 2π·f·ε·Δt. `None` for a record of fewer than four periods.
+/// Relative lead of the excitation's clock over the record's, and its standard deviation. Between
+/// an early and a late part of the record, whole periods each, the phase of the current's line at f
+/// turns by 2π·f·ε·Δt. `None` for a record of fewer than four periods.
 pub fn clock_offset(
     channels: [&[f64]; 4],
     interval_s: f64,

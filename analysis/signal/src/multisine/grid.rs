@@ -1,4 +1,4 @@
-//! Which harmonics are excited.
+//! Choice of the harmonics that are excited.
 
 use std::ops::RangeInclusive;
 

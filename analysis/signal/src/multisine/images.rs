@@ -1,4 +1,4 @@
-//! Where the images of a generator's steps fall in a record.
+//! Places in a record at which the images of a generator's steps fall.
 //!
 //! A converter that holds each of N values of a period puts out, beside a line at harmonic h of
 //! amplitude a, images at k·N ± h for k = 1, 2, 3 …, of amplitude a·h/(k·N ± h): the zero-order
@@ -21,7 +21,7 @@ pub struct Excited<'a> {
 /// at harmonic 59, less than a record's noise by a factor of ten.
 const ORDERS: usize = 4096;
 
-/// How a wave is played and recorded.
+/// Numbers of steps, periods and samples with which a wave is played and recorded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Sampling {
     /// Steps of the generator in a period.

@@ -13,7 +13,7 @@ pub struct Path {
     /// Inductance of the loop between the probes' ground and the jig, H: both probes of the jig see
     /// it.
     pub loop_h: f64,
-    /// How much later one of them is, s.
+    /// Delay of one of them against the other, s.
     pub skew_s: f64,
     /// Inductance between the two, H.
     pub pickup_h: f64,

@@ -39,13 +39,13 @@ pub struct Proof {
     /// Places beside the lines where images are predicted beyond five standard deviations of the
     /// noise.
     pub predicted: usize,
-    /// How many of them show nothing like it.
+    /// Number of them that show no image.
     pub missing: usize,
     /// Bins above the lines with more than five times what noise and predicted images have there.
     pub strange: usize,
     /// The strongest of these: Hz.
     pub strange_hz: f64,
-    /// And its amplitude over the noise's.
+    /// Amplitude of the strongest over the noise's.
     pub strange_sigmas: f64,
 }
 
@@ -134,7 +134,7 @@ impl Seen {
         });
         let octaves = factors(&places, noise);
         let mut proof = proof(&places, &octaves, noise);
-        // What is predicted for a bin: its power, V².
+        // Power that is predicted for a bin, V².
         let expected = |bin: usize| {
             let place = places
                 .binary_search_by_key(&bin, |place| place.bin)
@@ -254,7 +254,7 @@ mod tests {
     };
     const SHUNT_OHM: f64 = 0.01;
     const Z_OHM: f64 = 0.02;
-    /// Of an image, V per A of its current.
+    /// Factor of an image, V per A of its current.
     const FACTOR_OHM: f64 = 3.0;
 
     /// Four channels: lines of an ampere through a resistance, their images with volts of their own

@@ -59,7 +59,7 @@ pub(super) struct Make<'a> {
     pub(super) degree: usize,
     /// Time constants of relaxations, s.
     pub(super) decays_s: &'a [f64],
-    /// How many of the first tones also get columns multiplied by time.
+    /// Number of first tones that also get columns multiplied by time.
     pub(super) timed: usize,
 }
 
@@ -164,7 +164,7 @@ impl Basis {
     }
 }
 
-/// How columns counted from one sample become columns counted from another.
+/// Conversion of columns counted from one sample to columns counted from another.
 #[derive(Debug, Clone)]
 pub(super) struct Shift {
     turns: Vec<Complex64>,

@@ -1,6 +1,6 @@
-//! Why a record cannot be fitted.
+//! Reasons why a record cannot be fitted.
 
-/// Why a record cannot be fitted.
+/// Reason why a record cannot be fitted.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SineError {
     /// Nothing to fit.
@@ -121,9 +121,9 @@ pub enum SineError {
     NotConverged {
         /// Steps taken.
         iterations: usize,
-        /// Where they started, Hz.
+        /// Frequency at the start, Hz.
         start_hz: f64,
-        /// Where they ended, Hz.
+        /// Frequency at the end, Hz.
         freq_hz: f64,
         /// Last step, Hz.
         step_hz: f64,

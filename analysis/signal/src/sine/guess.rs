@@ -51,8 +51,7 @@ pub(super) fn frequency(record: &Record<'_>, options: &FitOptions) -> Result<f64
     Ok(best.1)
 }
 
-/// Where a parabola through the logarithms of three neighbours peaks, −0.5…0.5 bins off the middle
-/// one.
+/// Peak of a parabola through the logarithms of three neighbours, −0.5…0.5 bins off the middle one.
 fn interpolate(power: &[f64], peak: usize) -> f64 {
     let log = |index: usize| {
         power
@@ -109,7 +108,7 @@ fn normalised(mut values: Vec<f64>) -> Vec<f64> {
         .fold(0.0f64, |largest, v| largest.max(v.abs()));
     detrend_and_window(&mut values);
     let energy: f64 = values.iter().map(|v| v * v).sum();
-    // Below, what is left is the rounding of the straight line.
+    // Below this energy only the rounding of the straight line remains.
     let least = values.len() as f64 * (1e-14 * level).powi(2);
     let scale = if energy > least {
         energy.sqrt().recip()
@@ -122,7 +121,7 @@ fn normalised(mut values: Vec<f64>) -> Vec<f64> {
     values
 }
 
-/// Samples in their own unit; a clipped one is kept, for it is near the truth and this is only a
+/// Samples in their own unit. A clipped one is kept: it is near the true value, and this is only a
 /// guess.
 fn values(channel: &Channel<'_>, number: usize) -> Result<Vec<f64>, SineError> {
     match channel {

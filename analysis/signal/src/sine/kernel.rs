@@ -21,9 +21,9 @@ pub(super) type Blocks<'a, S> = (&'a [S; BLOCK], &'a [S; BLOCK]);
 pub(super) struct BlockSums {
     /// Over the columns.
     pub(super) columns: Vec<f64>,
-    /// Of the squares.
+    /// Sum of the squares.
     pub(super) squares: f64,
-    /// Of the products with the next sample.
+    /// Sum of the products with the next sample.
     pub(super) lagged: f64,
 }
 

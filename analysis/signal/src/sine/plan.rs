@@ -1,4 +1,4 @@
-//! Which columns a record can carry: those of the options, less what the record cannot tell apart.
+//! Choice of the columns: those of the options that the record can separate.
 
 use super::{Drift, FitOptions, LeftOut, Note, ToneKind};
 
@@ -135,8 +135,8 @@ struct Limits {
     nyquist_hz: f64,
 }
 
-/// Why a tone cannot be fitted besides those already taken: two tones, a tone and the drift, or a
-/// tone and its image beyond half the sampling rate must differ by one period over the record.
+/// Reason why a tone cannot be fitted besides those already taken. Two tones, a tone and the drift,
+/// or a tone and its image beyond half the sampling rate must differ by one period over the record.
 fn refusal(freq_hz: f64, taken: &[f64], limits: Limits) -> Option<LeftOut> {
     let Limits {
         resolution_hz,

@@ -1,4 +1,5 @@
-//! Where the noise is too low to make the quantisation act as noise: how wrong the phasor may be.
+//! Bound of a phasor's error by quantisation, where the noise is too low to make the quantisation
+//! act as noise.
 //!
 //! An ADC adds the sawtooth of its rounding to every sample. Noise of half a code smooths it away
 //! (the sawtooth's k-th harmonic fades with exp(−2π²k²σ²), σ in codes; Widrow and Kollár,

@@ -124,7 +124,7 @@ pub enum Note {
     },
 }
 
-/// Why an extra frequency was not fitted.
+/// Reason why an extra frequency was not fitted.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum LeftOut {

@@ -37,7 +37,7 @@ pub(super) fn code_bounds(scale: &CodeScale) -> Bounds<i16> {
     Some((scale.code_min, scale.code_max))
 }
 
-/// A level taken from the samples before summing, so that a large offset costs no digits.
+/// Level taken from the samples before summing, so that a large offset costs no significant digits.
 pub(super) fn pivot(channel: &Channel<'_>) -> f64 {
     match channel {
         Channel::Volts { samples, .. } => samples

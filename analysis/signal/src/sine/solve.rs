@@ -113,7 +113,7 @@ struct Task<'a> {
     free: bool,
 }
 
-/// Where the sum of the relaxations is looked at over a record.
+/// Number of places in a record at which the sum of the relaxations is evaluated.
 const LOOKS: u32 = 64;
 
 /// The sum of the relaxations of a channel, in the unit of its samples.
@@ -141,7 +141,7 @@ struct Solved {
     normal: Normal,
     beta: Vec<f64>,
     left: Residual,
-    /// Variance of what is left, in the unit of the samples squared.
+    /// Variance of the residual, in the unit of the samples squared.
     noise: f64,
     /// Variance of the quantisation.
     floor: f64,
@@ -204,8 +204,7 @@ fn planned<T>(
     }
 }
 
-/// How badly sinusoids of a frequency explain the samples, each channel against its noise; to
-/// compare frequencies by.
+/// Misfit of sinusoids of a frequency, each channel against its noise; to compare frequencies by.
 pub(super) fn misfit(
     record: &Record<'_>,
     freq_hz: f64,
@@ -219,7 +218,7 @@ pub(super) fn misfit(
     };
     planned(record, freq_hz, &plain, |task| {
         let state = task.evaluate(freq_hz)?;
-        // The logarithm weighs a channel by what is left relative to what was there: the likelihood
+        // The logarithm weighs a channel by its residual relative to its signal: the likelihood
         // with unknown noise.
         let log_left = |solved: &Solved| {
             let there = dot(&solved.beta, &solved.moments.right).abs() + solved.left.sum_squares;
@@ -375,8 +374,8 @@ impl State {
     fn weights(&self, task: &Task<'_>) -> Vec<f64> {
         let weight = |solved: &Solved| {
             let power = solved.beta[0].powi(2) + solved.beta[1].powi(2);
-            // Without the floor, channels that the model fits to the last digit would be weighed by
-            // their rounding errors.
+            // Without the floor, channels that the model fits exactly would be weighed by their
+            // rounding errors.
             1.0 / (solved.variance(rad_per_sample(self.freq_hz, task.record))
                 + 1e-24 * power
                 + f64::MIN_POSITIVE)

@@ -1,5 +1,5 @@
-//! Samples that are kept elsewhere and read by pieces. Whatever is read gives the same sums as if
-//! it had been there as a whole.
+//! Samples that are kept elsewhere and read in pieces. The sums are the same as for samples in
+//! memory.
 
 use super::moments::CHUNK;
 use super::{Channel, CodeScale, SineError};
@@ -7,7 +7,7 @@ use super::{Channel, CodeScale, SineError};
 /// Samples that are read at once: eight chunks, which is a row group as Parquet writes them.
 const SEGMENT: usize = 8 * CHUNK;
 
-/// Where samples are kept. Channels count from 0.
+/// Store of samples. Channels count from 0.
 pub trait Samples: std::fmt::Debug + Sync {
     /// Codes of a channel, `count` of them from `start` on.
     ///
@@ -28,7 +28,7 @@ pub trait Samples: std::fmt::Debug + Sync {
 /// Samples of one channel that are kept elsewhere, or a part of them.
 #[derive(Debug, Clone, Copy)]
 pub struct Stored<'a> {
-    /// Where they are kept.
+    /// Store of the samples.
     pub samples: &'a dyn Samples,
     /// The channel there, from 0.
     pub channel: usize,

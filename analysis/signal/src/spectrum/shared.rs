@@ -1,8 +1,8 @@
 //! Errors that the points of a spectrum have in common, and the share of the open-circuit voltage
 //! in an impedance.
 //!
-//! A covariance point by point says nothing of how errors at two frequencies go together. Here each
-//! common cause (what a correction leaves, the slope of the open-circuit voltage) is a factor: one
+//! A covariance point by point does not tell how errors at two frequencies correlate. Here each
+//! common cause (the error of a correction, the slope of the open-circuit voltage) is a factor: one
 //! number of variance 1 that moves all points along a known direction. The covariance of points k
 //! and l is then Cₖδₖₗ + Σ dₖdₗᵀ, with d the directions as vectors of real and imaginary part.
 

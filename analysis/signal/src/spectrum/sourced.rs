@@ -1,4 +1,4 @@
-//! A spectrum and what is known of where it comes from.
+//! A spectrum with its origin.
 
 use serde::{Deserialize, Serialize};
 
@@ -10,13 +10,13 @@ use super::Spectrum;
 pub struct Origin {
     /// Object in the jig: `cell`, `shunt`, `fake_cell`, …
     pub fixture: Option<String>,
-    /// Which of them.
+    /// Name of the cell or object.
     pub cell: Option<String>,
-    /// Which repetition.
+    /// Name of the repetition.
     pub repeat: Option<String>,
     /// Direct current superposed, A; charging is positive.
     pub bias_a: Option<f64>,
-    /// Which evaluation of one measurement it is, where the file holds several: they are no
+    /// Name of the evaluation, where the file holds several of one measurement; they are no
     /// repeats.
     pub curve: Option<String>,
 }
@@ -31,7 +31,7 @@ impl Origin {
 /// A spectrum and where it comes from.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SourcedSpectrum {
-    /// Where it comes from.
+    /// Origin of the spectrum.
     pub origin: Origin,
     /// The spectrum.
     pub spectrum: Spectrum,
@@ -48,8 +48,7 @@ impl SourcedSpectrum {
             .keep(|point| !flagged.contains(&point.freq_hz));
     }
 
-    /// Which cell it is of: as the file's column tells, else as the name does; none where neither
-    /// tells.
+    /// Name of the cell: from the file's column, else from the name; none where neither tells it.
     pub fn cell(&self) -> Option<&str> {
         self.origin
             .cell

@@ -1,5 +1,5 @@
-//! A campaign on a cell, simulated by small Euler steps: what the checks are tried on. Effects are
-//! added by hand, each in a line or two.
+//! Simulated campaign on a cell for the tests of the gate, by small Euler steps. Effects are added
+//! by hand, each in a line or two.
 
 use crate::{
     BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,

@@ -31,7 +31,7 @@ pub enum Kind {
     Ranking,
     /// Gaps of the held-out runs.
     Gap,
-    /// Which effects can be told apart.
+    /// Matrix of effects that can be separated.
     Matrix,
 }
 
@@ -95,7 +95,7 @@ fn chosen<'a>(runs: impl Iterator<Item = &'a RunCurves>) -> Vec<&'a RunCurves> {
     held_out
 }
 
-/// Is there anything after the base model to show?
+/// True where there is more to show than the base model.
 fn has_after(d: &Diagnosis) -> bool {
     !d.effects.is_empty()
 }

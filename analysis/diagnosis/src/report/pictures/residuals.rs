@@ -13,7 +13,7 @@ const PIECES: usize = 250;
 /// between two samples, one of them can be off by the whole step of the voltage, and everything
 /// else would be a flat line.
 const BEYOND: f64 = 0.03;
-/// How much shorter that must make the axis.
+/// Factor by which that must shorten the axis.
 const SHORTER: f64 = 1.5;
 /// Room beyond the lines, as a part of their range.
 const ROOM: f64 = 0.25;
@@ -57,7 +57,7 @@ pub(super) fn picture(d: &Diagnosis, run: &RunCurves) -> Option<Picture> {
     })
 }
 
-/// How far the refitted base is off: V for records, a part of |Z| for spectra; zero for empty runs.
+/// Error of the refitted base: V for records, a part of |Z| for spectra; zero for empty runs.
 pub(super) fn miss(curves: &Curves) -> f64 {
     match curves {
         Curves::Time {

@@ -234,7 +234,7 @@ fn nothing_breaks_at_the_bounds() {
     }
 }
 
-/// The error of integration stays far below a voltmeter's noise. Where 100 A come and go along a
+/// The error of integration stays far below a voltmeter's noise. Where 100 A rise and fall along a
 /// line of 10 ms, states see the mean of half a step.
 #[test]
 fn half_the_step_gives_the_same_voltage() {

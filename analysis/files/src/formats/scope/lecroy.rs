@@ -9,11 +9,11 @@ use analysis_signal::sine::CodeScale;
 
 const KIND: &str = "LeCroy trace";
 const MARK: &[u8] = b"WAVEDESC";
-/// The descriptor stands behind a block header of at most so many bytes.
+/// Longest block header before the descriptor, bytes.
 const WITHIN: usize = 64;
 const TEMPLATE: &str = "LECROY_2_3";
 
-/// Where the descriptor begins, if the file has one.
+/// Offset of the descriptor, if the file has one.
 pub(super) fn begins(bytes: &Bytes) -> Option<usize> {
     let head = bytes.head();
     head[..head.len().min(WITHIN)]

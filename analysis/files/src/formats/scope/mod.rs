@@ -1,5 +1,5 @@
-//! Records of oscilloscopes as their own files hold them, the format told by the content, with
-//! the source of its layout.
+//! Reads records of oscilloscopes from their own files. The format is recognised by the content;
+//! the source of each layout is given.
 //!
 //! * Siglent binary, V2.0, V3.0 and V4.0, told by its version and plausible header: Siglent, "How
 //!   to Extract Data from the Binary File"; V4.0 as real files have it
@@ -63,7 +63,7 @@ impl ScopeRecord {
     }
 }
 
-/// Why a file was not taken as a scope's.
+/// Reason why a file was not taken as a scope's.
 #[derive(Debug, thiserror::Error)]
 pub enum ScopeError {
     /// The file system.
@@ -91,7 +91,7 @@ pub enum ScopeError {
         /// Value found.
         met: String,
     },
-    /// Of no known kind.
+    /// A file of no known kind.
     #[error(
         "{}: expected a scope's record (Siglent .bin of V2 to V4, Rigol .bin, LeCroy .trc, or a \
         CSV with rows of numbers), met {met}",
@@ -100,7 +100,7 @@ pub enum ScopeError {
     Unknown {
         /// The file.
         file: PathBuf,
-        /// How it begins.
+        /// First bytes of the file.
         met: String,
     },
     /// A table that breaks off or does not hold numbers.

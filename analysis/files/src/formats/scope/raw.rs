@@ -1,4 +1,4 @@
-//! Samples in a file as they lie there, read by pieces.
+//! Samples of a binary file, read in pieces.
 
 use std::fs::File;
 use std::os::unix::fs::FileExt;
@@ -12,7 +12,7 @@ const HEAD: usize = 1 << 14;
 /// Samples that are looked at for the step of the codes.
 const LOOKED_AT: usize = 1 << 15;
 
-/// How one sample is written.
+/// Format of one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     /// One byte from 0 to 255; 128 is the middle.
@@ -70,14 +70,14 @@ impl Form {
     }
 }
 
-/// Where a channel lies and what its samples mean.
+/// Place of a channel in the file, and meaning of its samples.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Layout {
     /// First byte of its first sample.
     pub(super) at: u64,
     /// Bytes from one of its samples to the next.
     pub(super) stride: usize,
-    /// How they are written.
+    /// Format of the samples.
     pub(super) form: Form,
     /// Conversion of codes to volts; none for volts.
     pub(super) scale: Option<CodeScale>,

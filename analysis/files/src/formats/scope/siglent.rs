@@ -18,7 +18,7 @@ const VALUE: usize = 40;
 /// Codes per division where the header does not say.
 const PER_DIV: f64 = 25.0;
 
-/// Where the fields of a version lie.
+/// Offsets of the fields of a version.
 struct Fields {
     on: usize,
     volt_div: usize,

@@ -173,7 +173,7 @@ fn excerpt(line: &str) -> String {
     format!("{:?}", line.chars().take(60).collect::<String>())
 }
 
-/// How the rows of a file are written, as its first row shows: one file has one separator and one
+/// Notation of the rows of a file, as its first row shows it: one file has one separator and one
 /// decimal mark.
 struct Writing {
     separator: char,
@@ -373,7 +373,7 @@ fn step(seen: &[f64]) -> Option<f64> {
         .iter()
         .zip(sorted.iter().skip(1))
         .map(|(low, high)| (high - low, high.abs()));
-    // Below, it is the rounding of the digits.
+    // Smaller changes are rounding of the printed digits.
     changes
         .filter(|(change, of)| *change > 1.0e-9 * of)
         .map(|(change, _)| change)

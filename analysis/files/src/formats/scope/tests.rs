@@ -1,4 +1,4 @@
-//! Real files of scopes, and files that are none. Provenance: `fixtures/data/captures/README.md`.
+//! Real files of scopes, and files of other kinds. Provenance: `fixtures/data/captures/README.md`.
 
 use std::path::PathBuf;
 

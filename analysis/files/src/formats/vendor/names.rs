@@ -37,7 +37,7 @@ impl Quantity {
 pub(super) enum Unit {
     /// None is written.
     Unstated,
-    /// By which a number is brought to Hz, Ω or rad.
+    /// Factor that converts a number to Hz, Ω or rad.
     Factor(f64),
     /// One that the quantity cannot have or that cannot be told: as written, and why.
     Refused(String, &'static str),

@@ -14,7 +14,7 @@ use std::path::Path;
 
 /// Lines between names and numbers, at most.
 const UNITS: usize = 3;
-/// By which Gamry marks a measurement that was aborted.
+/// Mark of Gamry for a measurement that was aborted.
 const ABORTED: &str = "EXPERIMENTABORTED";
 /// Names of the curves of a row with two.
 const CORRECTED: &str = "drift-corrected";

@@ -15,7 +15,7 @@ pub(super) struct Column {
     pub(super) title: String,
     pub(super) quantity: Quantity,
     sign: f64,
-    /// By which its numbers are brought to Hz, Ω or rad; none where no unit is written.
+    /// Factor that converts its numbers to Hz, Ω or rad; none where no unit is written.
     pub(super) unit: Option<f64>,
 }
 
@@ -38,7 +38,7 @@ pub(super) struct Curve {
 /// The columns of a table.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Table {
-    /// Where its names stand, from 0.
+    /// Line of its names, from 0.
     pub(super) line: usize,
     pub(super) separator: char,
     /// Fields in a row, without empty ones at the end.

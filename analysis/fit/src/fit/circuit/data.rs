@@ -132,8 +132,8 @@ impl Data {
         let mut seen: Vec<Vec<Seen>> = Vec::new();
         for (freq_hz, point, as_seen) in tagged {
             match (groups.last_mut(), seen.last_mut()) {
-                // Files print frequencies with few digits: what differs in the tenth is the same
-                // frequency.
+                // Files print frequencies with few significant digits. A difference in the tenth
+                // digit is the same frequency.
                 (Some(group), Some(all))
                     if (freq_hz - group.freq_hz).abs() <= 1e-10 * group.freq_hz =>
                 {
@@ -283,7 +283,8 @@ impl Group {
         }
     }
 
-    /// Means first, then sums of squares about them: no digits are lost to cancellation.
+    /// Means first, then sums of squares about them: no significant digits are lost by
+    /// cancellation.
     fn close(&mut self) {
         let (mut bx, mut by, mut sum_abs) = (0.0, 0.0, 0.0);
         for p in &self.points {

@@ -98,7 +98,7 @@ pub struct CircuitFit {
     pub spectra: Vec<String>,
     /// Starts tried.
     pub starts: usize,
-    /// How many of them ended at the best optimum.
+    /// Number of starts that ended at the best optimum.
     pub starts_at_optimum: usize,
     /// Seed of the starts.
     pub seed: u64,
@@ -246,8 +246,8 @@ fn check_size(circuit: &Circuit, data: &Data, parameters: usize) -> Result<(), C
     } else {
         2 * frequencies
     };
-    // Readings that repeat to the last digit are one reading: what is fitted through it has no
-    // residual to tell an uncertainty from.
+    // Readings that repeat exactly are one reading. A fit through it has no residual, so no
+    // uncertainty can be estimated.
     if parameters == numbers && data.points > frequencies && data.is_repeated() {
         return Err(CircuitFitError::Repeated {
             circuit: circuit.to_string(),

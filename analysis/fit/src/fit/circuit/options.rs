@@ -1,4 +1,4 @@
-//! How to fit a circuit, and why a fit is refused.
+//! Options of a circuit's fit, and the reasons for a refusal.
 
 use crate::fit::options::{FitError, Objective};
 use serde::{Deserialize, Serialize};
@@ -50,7 +50,7 @@ impl FromStr for Weight {
     }
 }
 
-/// How the global optimum is looked for.
+/// Method of the search for the global optimum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Search {
@@ -74,7 +74,7 @@ impl FromStr for Search {
     }
 }
 
-/// How to fit a circuit.
+/// Options of a circuit's fit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct CircuitOptions {
     /// Objective to minimise.
@@ -89,7 +89,7 @@ pub struct CircuitOptions {
     /// Most starts of [`Search::Starts`]. None: 64, or the guess alone where it gives every
     /// parameter.
     pub starts: Option<usize>,
-    /// How to look for the global optimum.
+    /// Method of the search for the global optimum.
     pub search: Search,
     /// Seed of the starts; equal seeds give equal fits.
     pub seed: u64,
@@ -110,7 +110,7 @@ impl Default for CircuitOptions {
     }
 }
 
-/// Why a fit of a circuit was refused.
+/// Reason why a fit of a circuit was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CircuitFitError {
     /// The data are no impedances.

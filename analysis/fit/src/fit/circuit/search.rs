@@ -1,5 +1,5 @@
-//! The global optimum of a circuit's fit: local fits from many starts, or differential evolution;
-//! then the polish to the last digits.
+//! The global optimum of a circuit's fit: local fits from many starts, or differential evolution,
+//! then a polish to full precision.
 
 use super::data::Data;
 use super::options::{CircuitOptions, Search, Weight};
@@ -18,8 +18,8 @@ const STARTS: usize = 64;
 const ROUND: usize = 8;
 /// Random parameters looked at for each start, of which the best is taken.
 const CANDIDATES: usize = 12;
-/// So many starts at the same optimum are believed, once at least so many per free parameter were
-/// tried: a wide basin need not be the deepest.
+/// Number of starts at the same optimum that ends the search, once so many starts per free
+/// parameter were tried. A wide basin need not be the deepest.
 const AGREEING: usize = 3;
 const STARTS_PER_PARAMETER: usize = 3;
 /// Below this reduced χ² an optimum explains the data to their stated noise, and no deeper one is
@@ -28,7 +28,7 @@ const EXPLAINED: f64 = 1.3;
 /// Rounds of starts around the best optimum, while they find better ones: a diffusion's τ has many
 /// optima side by side.
 const HOPS: usize = 6;
-/// How far these start from it, in logarithms (a tenth of it for exponents), one standard
+/// Distance of these starts from it, in logarithms (a tenth of it for exponents), one standard
 /// deviation.
 const HOP: f64 = 1.0;
 /// Populations of a differential evolution.
@@ -43,7 +43,7 @@ pub(super) struct Found {
     pub(super) minimum: Minimum,
     /// Starts tried.
     pub(super) starts: usize,
-    /// How many of them ended at this optimum.
+    /// Number of starts that ended at this optimum.
     pub(super) agreeing: usize,
 }
 
@@ -281,8 +281,8 @@ impl Seeker<'_> {
             .min_by(|a, b| a.value.total_cmp(&b.value))
     }
 
-    /// To the last digits, with the model's own curvature. The corner of the norm is sharpened step
-    /// by step.
+    /// Polish to full precision, with the model's own curvature. The corner of the norm is
+    /// sharpened step by step.
     fn polish(&self, minimum: Minimum) -> Minimum {
         let exact = Problem {
             exact: true,

@@ -1,4 +1,4 @@
-//! Where a fit may begin and where it must stay, from the data alone.
+//! Start values and limits of a circuit's parameters, from the data alone.
 //!
 //! Every element gets a frequency within the band and an impedance within the range of |Z|, and its
 //! parameters follow: C = 1/(ωr), τ = 1/ω, the A of a Warburg element = r√ω. Then each block in

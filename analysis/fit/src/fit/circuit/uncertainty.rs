@@ -1,6 +1,6 @@
-//! How well the data fix the parameters of a circuit; what the data say is [`Evidence`]'s, as for
-//! the extended Randles model. A parameter held by a bound has no sigma. The inverse goes through
-//! eigenvectors: where the data fix only combinations, the parameters in them get no sigma, and the
+//! Uncertainty of the parameters of a circuit, from the information in [`Evidence`], as for the
+//! extended Randles model. A parameter held by a bound has no sigma. The inverse is taken through
+//! eigenvectors. Where the data fix only combinations, the parameters in them get no sigma, and the
 //! others keep theirs.
 
 use super::data::quadratic;

@@ -1,4 +1,4 @@
-//! The thesis' optima from many seeds, and what lies beside them.
+//! Optima of the thesis from many seeds, and the minima beside them.
 
 use super::thesis::{expected, real_sweeps};
 use crate::fit::{

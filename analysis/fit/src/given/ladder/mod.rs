@@ -31,8 +31,8 @@ use solve::{Problem, best_ladder};
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
 
-/// How far the band of the ladder reaches beyond that of the data: steps and their first instants
-/// lie above it, slow loads below.
+/// Factor by which the band of the ladder reaches beyond that of the data: steps and their first
+/// instants lie above it, slow loads below.
 const WIDER: f64 = 10.0;
 /// Relative error that ends the search: a third of the 0.3 % by which the thesis' sweeps of one
 /// cell repeat.
@@ -40,7 +40,7 @@ pub const TARGET: f64 = 1e-3;
 /// A DC resistance of the ladder that differs from the circuit's by less counts as the same.
 const SAME_DC: f64 = TARGET;
 
-/// How an ERM follows a circuit.
+/// Report on an ERM that follows a circuit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Ladder {
@@ -53,12 +53,13 @@ pub struct Ladder {
     pub data_band_hz: Option<(f64, f64)>,
     /// Band in which the ladder follows the circuit, Hz.
     pub band_hz: (f64, f64),
-    /// Largest |Z_ladder − Z_circuit|/|Z_circuit| in the band, without what is left out. Zero for a
-    /// circuit that is an ERM.
+    /// Largest |Z_ladder − Z_circuit|/|Z_circuit| in the band, without the blocks left out. Zero
+    /// for a circuit that is an ERM.
     pub worst_relative_error: f64,
-    /// Where it is, Hz.
+    /// Frequency of that error, Hz.
     pub worst_at_hz: f64,
-    /// DC resistance of the circuit, without what is left out, Ω; none where it grows without end.
+    /// DC resistance of the circuit, without the blocks left out, Ω; none where it grows without
+    /// end.
     pub dc_resistance_ohm: Option<f64>,
     /// Time beyond which the ladder lacks resistance, s; none for a circuit with a DC resistance.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -77,7 +78,7 @@ pub struct Ladder {
 pub struct LeftOut {
     /// The block as written.
     pub block: String,
-    /// Where it is largest, Hz: the upper end of the data's band.
+    /// Frequency at which it is largest, Hz: the upper end of the data's band.
     pub freq_hz: f64,
     /// Its impedance there, Ω: volts per ampere.
     pub impedance_ohm: f64,
@@ -90,14 +91,14 @@ pub struct LeftOut {
 pub struct Followed {
     /// Resistance and branches, by rising time constant.
     pub erm: Erm,
-    /// How well, and what it lacks.
+    /// Report on its error and on the parts left out.
     pub ladder: Ladder,
     /// Logarithms of the ERM's parameters by logarithms of the circuit's, row by row; none for a
     /// ladder that was fitted.
     pub log_jacobian: Option<Vec<Vec<f64>>>,
 }
 
-/// Where a circuit is to be followed.
+/// Bands in which a circuit is to be followed.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bands {
     /// Band of the data, Hz, where it is known.
@@ -107,7 +108,7 @@ pub struct Bands {
 }
 
 impl Bands {
-    /// The band to follow, and the frequency at which what is left out is told.
+    /// Band to follow, and frequency at which the impedance of the blocks left out is stated.
     fn resolve(self) -> Result<((f64, f64), f64), LadderError> {
         let check =
             |name, (low, high): (f64, f64)| match low > 0.0 && low <= high && high.is_finite() {

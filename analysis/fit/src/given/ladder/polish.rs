@@ -1,4 +1,5 @@
-//! The last digits of a ladder: resistances and time constants together, by the same least squares.
+//! Polish of a ladder to full precision: resistances and time constants together, by the same least
+//! squares.
 
 use super::rows::{DC_WEIGHT, Met, NOTHING, Rows, pole};
 use analysis_model::model::RcBranch;

@@ -17,7 +17,7 @@ pub(super) struct Met {
     pub(super) elastance_per_f: f64,
     /// Largest relative error.
     pub(super) worst: f64,
-    /// Where it is, rad/s.
+    /// Angular frequency of that error, rad/s.
     pub(super) worst_omega: f64,
 }
 

@@ -16,7 +16,7 @@ const DENSITIES: [f64; 10] = [0.5, 0.75, 1.0, 1.25, 1.5, 1.75, 2.0, 2.5, 3.0, 4.
 /// Points per decade that are fitted, and at which the error is taken: finer, and between them.
 const FITTED_PER_DECADE: f64 = 16.0;
 const CHECKED_PER_DECADE: f64 = 50.0;
-/// How far time constants reach beyond the reciprocals of the band's ends.
+/// Factor by which time constants reach beyond the reciprocals of the band's ends.
 const REACH_FAST: f64 = 3.0;
 const REACH_SLOW: f64 = 10.0;
 /// Impedance and band that a ladder is to follow.

@@ -16,7 +16,7 @@ use core::ops::Range;
 
 /// First step after a change of the demand, as a part of the shortest time constant.
 const FIRST: f64 = 0.25;
-/// How much longer each step is than the one before.
+/// Ratio of the length of each step to the one before.
 const GROWTH: f64 = 1.3;
 /// Longest step, s.
 const LONGEST_S: f64 = 2.0;
@@ -54,7 +54,7 @@ struct Look {
 }
 
 impl<'a> Run<'a> {
-    /// The profile from a state, with steps halved so many times.
+    /// Plays the profile from a state, with steps halved the given number of times.
     pub(super) fn play(
         model: &'a SimModel,
         laws: &'a Laws,

@@ -1,5 +1,5 @@
-//! The inner loop: plain arithmetic over lists of W numbers, which the compiler turns into vectors
-//! of whatever length the machine has.
+//! Inner loop: plain arithmetic over lists of W numbers, which the compiler turns into vectors of
+//! the machine's length.
 //!
 //! Products and sums are not fused, so that every machine gets the same bits.
 
@@ -170,8 +170,8 @@ fn by_one_root<const W: usize, const N: usize, const CURVED: bool>(
     finish::<W, N, CURVED>(lanes, now, g, &begin)
 }
 
-/// The largest change of the square under the root for which its series is taken: what is left out
-/// is 5/128·x⁴ < 3·10⁻⁹ of the root, far less than what a step of this size misses.
+/// Largest change of the square under the root for which its series is taken. The truncation error
+/// is 5/128·x⁴ < 3·10⁻⁹ of the root, far below the error of a step of this size.
 const FAR: f64 = 1.0 / 64.0;
 
 /// State of a step before its last current is known.
@@ -183,11 +183,11 @@ struct Begin<const W: usize> {
     current: Row<W>,
     /// OCV at the end if this current stayed, V.
     open: Row<W>,
-    /// By how much E would change then, V.
+    /// Change of E in that case, V.
     d: Row<W>,
-    /// By how much the root changes, V.
+    /// Change of the root, V.
     rise: Row<W>,
-    /// How much of that E gets back at the end, V.
+    /// Part of that change of E that is taken back at the end, V.
     back: Row<W>,
 }
 

@@ -1,6 +1,6 @@
-//! A profile as the inner loop wants it: runs of rows with steps of one length. The demands stay
-//! where they are, in the profile: a list of all steps would cost as much memory traffic as a cell
-//! costs arithmetic.
+//! A profile prepared for the inner loop: runs of rows with steps of one length. The demands stay
+//! in the profile. A list of all steps would cost as much memory traffic as a cell costs
+//! arithmetic.
 
 use super::BatchOptions;
 use crate::forward::law::{Beyond, Demand};
@@ -11,13 +11,13 @@ use crate::forward::profile::{Interpolation, Profile, parts};
 pub(super) struct Run {
     /// The first row.
     pub(super) first: usize,
-    /// How many rows.
+    /// Number of rows.
     pub(super) rows: usize,
     /// Steps in each row.
     pub(super) parts: u64,
     /// One over it.
     pub(super) share: f64,
-    /// Which of the lengths.
+    /// Index of the length.
     pub(super) length: usize,
 }
 
@@ -113,7 +113,7 @@ impl<'p> Plan<'p> {
     }
 }
 
-/// How many of the first rows last as long as said.
+/// Number of first rows that all last `row_s`.
 fn alike(time_s: &[f64], row_s: f64, tolerance_s: f64) -> usize {
     let other = |from: &f64, to: &f64| ((to - from) - row_s).abs() > tolerance_s;
     if time_s.len() < 3 || other(&time_s[1], &time_s[2]) {

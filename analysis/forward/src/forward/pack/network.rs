@@ -188,7 +188,7 @@ impl<'a> Network<'a> {
     }
 
     fn set_step(&mut self, step_s: f64) {
-        // Steps read from a file differ in their last digits.
+        // Steps read from a file differ by rounding in their last digits.
         if (step_s - self.gains_step_s).abs() <= 1e-12 * step_s {
             return;
         }

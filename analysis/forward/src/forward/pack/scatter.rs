@@ -32,7 +32,7 @@ const MOST_DRAWN: f64 = 1e8;
 /// Stretches of the profile of which the bands keep the instants of lowest and highest voltage.
 const STRETCHES: usize = 250;
 
-/// How much cells differ, one standard deviation.
+/// Spread of the cells, one standard deviation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Spread {
     /// All resistances of a cell together, relative.
@@ -102,7 +102,7 @@ pub struct ScatterSetup<'a> {
     pub max_step_s: f64,
 }
 
-/// How often and from what seed.
+/// Number of draws, and their seed.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Draws {
     /// Number of packs.
@@ -120,9 +120,9 @@ pub struct BandRow {
     pub demand: f64,
     /// Voltage of the cells of the pack of identical cells, V.
     pub identical_v: f64,
-    /// Of each draw's lowest cell, V.
+    /// Voltage of each draw's lowest cell, V.
     pub lowest_v: Percentiles,
-    /// Of each draw's highest cell, V.
+    /// Voltage of each draw's highest cell, V.
     pub highest_v: Percentiles,
 }
 
@@ -135,7 +135,7 @@ pub struct Scatter {
     pub outcomes: Vec<Outcome>,
     /// Over time.
     pub bands: Vec<BandRow>,
-    /// How much the lowest cell voltage of the identical pack changes with half the step, V.
+    /// Change of the lowest cell voltage of the identical pack with half the step, V.
     pub step_error_v: f64,
 }
 
@@ -234,7 +234,7 @@ fn bounds(setup: &ScatterSetup<'_>, draws: usize) -> Result<(), PackError> {
     }
 }
 
-/// Runs the profile through so many packs and through one of identical cells.
+/// Runs the profile through the drawn packs and through one of identical cells.
 fn each(
     setup: &ScatterSetup<'_>,
     packs: usize,

@@ -98,8 +98,8 @@ fn exact_data_give_the_circuit_back() {
     }
 }
 
-/// Counts how often the 95 % interval value ± 1.96 σ holds the truth, over all parameters of five
-/// circuits.
+/// Counts how often the 95 % interval value ± 1.96 σ contains the true value, over all parameters
+/// of five circuits.
 fn covered(runs: u64, weight: Option<Weight>) -> (u32, u32) {
     let (mut inside, mut all) = (0, 0);
     for (k, (text, truth, band, z)) in CIRCUITS.into_iter().enumerate() {

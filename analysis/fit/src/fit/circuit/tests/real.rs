@@ -49,8 +49,8 @@ fn the_start_values_of_impedance_pys_page_give_its_published_parameters() {
         },
     );
     assert_eq!((fit.starts, fit.points), (1, 57));
-    // Published with three digits; of the diffusion the band fixes little but Z₀/√τ, and
-    // impedance.py stopped 0.1 % above the bottom.
+    // Published with three significant digits. The band fixes little of the diffusion except Z₀/√τ,
+    // and impedance.py stopped 0.1 % above the minimum.
     for (k, (published, tolerance)) in [
         (1.65e-2, 0.002),
         (8.68e-3, 0.001),

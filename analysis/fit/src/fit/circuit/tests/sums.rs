@@ -64,8 +64,8 @@ fn the_erm_as_a_circuit_has_the_ermss_optimum() {
                 (fit.points, fit.spectra.len()),
                 (20 * spectra.len(), spectra.len())
             );
-            // Both at their own digits of the optimum; a sum of norms has corners near which the
-            // scatter of gradients jumps.
+            // Both are at the precision of their own optimum. A sum of norms has corners near which
+            // the scatter of gradients jumps.
             let (met, expected) = (fit.sigmas[0].unwrap(), erm.sigma.r_ohm.unwrap());
             assert!(
                 (met / expected - 1.0).abs() < 0.01,

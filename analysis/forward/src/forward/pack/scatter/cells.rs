@@ -15,13 +15,13 @@ pub struct PlacedCell {
     pub name: String,
     /// A cell's own model in place of that of the pack; as many branches.
     pub erm: Option<Erm>,
-    /// Of the series resistance.
+    /// Factor of the series resistance.
     pub r: f64,
-    /// Of each branch resistance.
+    /// Factor of each branch resistance.
     pub rk: Vec<f64>,
-    /// Of each branch capacitance.
+    /// Factor of each branch capacitance.
     pub ck: Vec<f64>,
-    /// Of the capacity of the OCV curve; without effect for a constant OCV.
+    /// Factor of the capacity of the OCV curve; without effect for a constant OCV.
     pub capacity: f64,
     /// State of charge at the start, at rest; without effect for a constant OCV.
     pub soc: f64,
