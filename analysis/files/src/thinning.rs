@@ -57,6 +57,45 @@ const BEYOND: f64 = 0.5;
 
 /// Thins a frame out; `windows` tell where steps were commanded, in order and apart from each
 /// other.
+///
+/// # Examples
+/// ```
+/// use analysis_files::dataset::{Capture, CaptureMeta, ChannelMeta};
+/// use analysis_signal::sine::CodeScale;
+/// use analysis_files::thinning::{Thinning, thin};
+///
+/// // 1 s at 1000 samples per second; codes are millivolts. The current starts after 0.5 s: the
+/// // shunt shows 100 mV then, the cell falls from 3700 mV by 50 mV.
+/// let scale = CodeScale {
+///     volts_per_code: 1e-3,
+///     offset_v: 0.0,
+///     code_min: -32768,
+///     code_max: 32767,
+///     code_step: 1,
+/// };
+/// let channel = |before: i16, after: i16| [vec![before; 500], vec![after; 500]].concat();
+/// let capture = Capture {
+///     meta: CaptureMeta {
+///         label: "cell".to_owned(),
+///         freq_hz: 0.0,
+///         interval_s: 1e-3,
+///         start_s: 0.0,
+///         channels: [ChannelMeta { scale, volts_per_div: 1.0 }; 4],
+///     },
+///     codes: [channel(0, 0), channel(0, 100), channel(0, 100), channel(3700, 3750)],
+/// };
+/// let thinning = Thinning {
+///     settle_s: 0.0,
+///     first_s: 0.01,
+///     growth: 0.2,
+///     longest_s: 0.1,
+/// };
+/// // The step was commanded between 0.4 and 0.6 s.
+/// let thinned = thin(&capture, &[(0.4, 0.6)], &thinning);
+/// assert!((thinned.steps_s[0] - 0.5).abs() < 1e-3);
+/// let last = thinned.means.last().map(|mean| mean.volts[1]);
+/// assert!(last.is_some_and(|v| (v - 0.1).abs() < 1e-9));
+/// ```
 pub fn thin(capture: &Capture, windows: &[Window], thinning: &Thinning) -> Thinned {
     let count = capture.codes.iter().map(Vec::len).min().unwrap_or(0);
     let interval_s = capture.meta.interval_s;

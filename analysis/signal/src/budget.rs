@@ -107,6 +107,33 @@ pub struct PolarSigma {
 
 impl BudgetPoint {
     /// The budget of a measurement under a correction.
+    ///
+    /// # Examples
+    /// ```
+    /// use analysis_signal::budget::BudgetPoint;
+    /// use analysis_signal::calibration::{Correction, KnownImpedance};
+    /// use analysis_numeric::Covariance2;
+    /// use analysis_signal::spectrum::{ChannelPhasors, PhasorVariance};
+    ///
+    /// let shunt = KnownImpedance {
+    ///     r_ohm: 0.010,
+    ///     r_sigma_ohm: 1e-5,
+    ///     l_h: 0.0,
+    ///     l_sigma_h: 1e-9,
+    /// };
+    /// // 1 A through shunt and cell; no control was measured.
+    /// let phasors = ChannelPhasors {
+    ///     freq_hz: 10.0,
+    ///     volts: [0.017, 0.027, 0.039, 0.045].map(num_complex::Complex64::from),
+    ///     variance: [PhasorVariance::circular(1e-12); 4],
+    /// };
+    /// let budget = BudgetPoint::new(&Correction::none(shunt), &phasors);
+    /// let sum: Covariance2 = budget.parts.iter().map(|(_, part)| *part).sum();
+    /// assert!((sum.re_re / budget.point.covariance.re_re - 1.0).abs() < 1e-9);
+    /// // The unknown gains of the channels are the largest cause.
+    /// let largest = budget.parts.iter().max_by(|a, b| a.1.re_re.total_cmp(&b.1.re_re));
+    /// assert_eq!(largest.map(|(cause, _)| cause.name()), Some("gain"));
+    /// ```
     pub fn new(correction: &Correction, phasors: &ChannelPhasors) -> Self {
         let [noise, quantisation, drift] = correction.measured_parts(phasors);
         let mut parts = vec![

@@ -407,6 +407,41 @@ impl Correction {
     ///
     /// # Errors
     /// [`CalibrationError`] for unusable input, or if the parameters do not settle.
+    ///
+    /// # Examples
+    /// ```
+    /// use analysis_signal::calibration::{
+    ///     CalibrationError, Controls, Correction, KnownImpedance, Priors,
+    /// };
+    /// use analysis_signal::spectrum::{ChannelPhasors, PhasorVariance, raw_impedance};
+    ///
+    /// // 1 A flows through a return wire of 17 mΩ and a shunt of 10 mΩ.
+    /// // Channel 4 reads 0.4 % too much.
+    /// let read = |v3: f64, v4: f64| ChannelPhasors {
+    ///     freq_hz: 10.0,
+    ///     volts: [0.017, 0.027, v3, 1.004 * v4].map(num_complex::Complex64::from),
+    ///     variance: [PhasorVariance::circular(1e-14); 4],
+    /// };
+    /// let known = |r_ohm: f64| KnownImpedance {
+    ///     r_ohm,
+    ///     r_sigma_ohm: 1e-4 * r_ohm,
+    ///     l_h: 0.0,
+    ///     l_sigma_h: 1e-9,
+    /// };
+    /// let correction = Correction::fit(&Controls {
+    ///     current_shunt: known(0.010),
+    ///     shunt: &[read(0.017, 0.027)],
+    ///     fake_cell: Some((known(0.004), &[read(0.039, 0.043)])),
+    ///     short: None,
+    ///     open: None,
+    ///     priors: Priors::default(),
+    /// })?;
+    /// // A cell of 6 mΩ in the jig.
+    /// let cell = read(0.039, 0.045);
+    /// assert!((raw_impedance(&cell, 0.010).z_ohm.re - 6e-3).abs() > 1e-4);
+    /// assert!((correction.apply(&cell).z_ohm.re - 6e-3).abs() < 1e-5);
+    /// # Ok::<(), CalibrationError>(())
+    /// ```
     pub fn fit(controls: &Controls<'_>) -> Result<Self, CalibrationError> {
         solve::check(controls)?;
         solve::fit(controls)

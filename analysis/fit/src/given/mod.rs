@@ -60,6 +60,17 @@ impl GivenModel {
     ///
     /// # Errors
     /// [`GivenError`].
+    ///
+    /// # Examples
+    /// ```
+    /// use analysis_fit::given::{GivenError, GivenModel};
+    ///
+    /// let text = r#"{"r_ohm": 0.005, "branches": [{"r_ohm": 0.003, "c_f": 10.0}]}"#;
+    /// let model = GivenModel::from_json(text, "cell", None)?;
+    /// assert_eq!(model.name, "cell");
+    /// assert!((model.erm.dc_resistance_ohm() - 8e-3).abs() < 1e-12);
+    /// # Ok::<(), GivenError>(())
+    /// ```
     pub fn from_json(
         text: &str,
         name: &str,

@@ -43,6 +43,42 @@ pub struct Assessment {
 ///
 /// # Errors
 /// [`ValidityError`] for a spectrum that is none or too short.
+///
+/// # Examples
+/// ```
+/// use analysis_model::model::{Erm, RcBranch};
+/// use analysis_numeric::Covariance2;
+/// use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
+/// use analysis_fit::validity::{Grade, ValidityError, assess};
+///
+/// // A cell of one RC branch, 0.1 Hz to 1 kHz, with 0.1 % of noise.
+/// let cell = Erm {
+///     r_ohm: 5e-3,
+///     branches: vec![RcBranch { r_ohm: 3e-3, c_f: 10.0 }],
+/// };
+/// let point = |k: i32| {
+///     let freq_hz = 0.1 * 10f64.powf(f64::from(k) / 5.0);
+///     let z_ohm = cell.impedance(freq_hz);
+///     ImpedancePoint {
+///         freq_hz,
+///         z_ohm,
+///         covariance: Covariance2::circular((1e-3 * z_ohm.norm()).powi(2)),
+///         amplitude_a: 1.0,
+///     }
+/// };
+/// let mut spectrum = Spectrum {
+///     name: "cell".to_owned(),
+///     points: (0..=20).map(point).collect(),
+///     ..Spectrum::default()
+/// };
+/// let verdict = assess(&[spectrum.clone()], &[])?.spectra.remove(0).verdict;
+/// assert_eq!(verdict.grade, Grade::Good);
+/// // A point that is 10 % too large violates the Kramers–Kronig relations.
+/// spectrum.points[10].z_ohm *= 1.1;
+/// let verdict = assess(&[spectrum], &[])?.spectra.remove(0).verdict;
+/// assert_eq!(verdict.points[10].grade, Grade::Bad);
+/// # Ok::<(), ValidityError>(())
+/// ```
 pub fn assess(spectra: &[Spectrum], records: &[Record]) -> Result<Assessment, ValidityError> {
     spectra.iter().try_for_each(Spectrum::validate)?;
     if spectra.iter().any(|s| thinned(s).is_some()) {

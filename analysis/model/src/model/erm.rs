@@ -39,6 +39,21 @@ impl RcBranch {
 }
 
 /// The extended Randles model: a resistance in series with any number of RC branches.
+///
+/// # Examples
+/// ```
+/// use analysis_model::model::{Erm, RcBranch};
+///
+/// let cell = Erm {
+///     r_ohm: 5e-3,
+///     branches: vec![RcBranch { r_ohm: 3e-3, c_f: 10.0 }],
+/// };
+/// assert!((cell.dc_resistance_ohm() - 8e-3).abs() < 1e-12);
+/// // At 1/(2πRC) the branch has half of its resistance, and the same reactance.
+/// let corner_hz = 1.0 / (std::f64::consts::TAU * 0.03);
+/// let z_ohm = cell.impedance(corner_hz);
+/// assert!((z_ohm.re - 6.5e-3).abs() < 1e-12 && (z_ohm.im + 1.5e-3).abs() < 1e-12);
+/// ```
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Erm {

@@ -107,6 +107,28 @@ impl Line {
 ///
 /// # Errors
 /// [`MultisineError`] for a record that is none.
+///
+/// # Examples
+/// ```
+/// use analysis_signal::multisine::{Excited, MultisineError, analyse, design, odd_grid};
+/// use analysis_signal::spectrum::raw_impedance;
+///
+/// // Four periods of 1 s at 1000 samples per second, through 10 mΩ of shunt and 4 mΩ of cell.
+/// let harmonics = odd_grid(1.0, 1.0..=50.0, 6);
+/// let current_a = design(&harmonics, 0).samples(1000).repeat(4);
+/// let volts = |ohm: f64| current_a.iter().map(|a| ohm * a).collect::<Vec<f64>>();
+/// let (earth, shunt, jig) = (volts(0.0), volts(0.010), volts(0.014));
+/// let excited = Excited {
+///     base_hz: 1.0,
+///     harmonics: &harmonics,
+/// };
+/// let fit = analyse([&earth, &shunt, &shunt, &jig], 1e-3, excited)?;
+/// assert_eq!(fit.excited.len(), harmonics.len());
+/// for phasors in &fit.excited {
+///     assert!((raw_impedance(phasors, 0.010).z_ohm.re - 4e-3).abs() < 1e-9);
+/// }
+/// # Ok::<(), MultisineError>(())
+/// ```
 pub fn analyse(
     channels: [&[f64]; 4],
     interval_s: f64,
