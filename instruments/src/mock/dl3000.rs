@@ -246,7 +246,9 @@ macro_rules! level {
 macro_rules! range {
     ($unit:literal, $low:expr, $high:expr, $field:ident) => {
         Leaf! {b"RANGe" => &both(
-            |load: &mut Dl3000, arguments| load.set_range(arguments, $unit, $low, $high, |settings| &mut settings.$field),
+            |load: &mut Dl3000, arguments| {
+                load.set_range(arguments, $unit, $low, $high, |settings| &mut settings.$field)
+            },
             |load, _| text(format!("{}", load.settings.$field)),
         )}
     };

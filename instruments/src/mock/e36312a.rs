@@ -248,7 +248,9 @@ fn bit(on: bool) -> String {
 macro_rules! number {
     ($unit:literal, $max:ident, $($field:ident).+) => {
         &both(
-            |supply: &mut Keysight, arguments| supply.set_number(arguments, $unit, $max, |channel| &mut channel.$($field).+),
+            |supply: &mut Keysight, arguments| {
+                supply.set_number(arguments, $unit, $max, |channel| &mut channel.$($field).+)
+            },
             |supply, arguments| supply.each(arguments, |_, channel| signed_nr3(channel.$($field).+)),
         )
     };

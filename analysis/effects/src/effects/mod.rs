@@ -2,10 +2,10 @@
 //! equations, bounds, signature and the experiment that would settle it.
 //!
 //! An effect has a *strength*, its first parameter, which is zero where the effect is absent, and
-//! perhaps *shape* parameters. It acts through the hooks of [`Effect`](crate::contract::Effect): on the linear network, on a
-//! spectrum's point, on what the current channel says, on the cell while time passes, on what the
-//! voltage channel says. [`crate::augmented`] plays any set of them together. What is not here: the
-//! search for the effect, which is the diagnosis.
+//! perhaps *shape* parameters. It acts through the hooks of [`Effect`](crate::contract::Effect): on
+//! the linear network, on a spectrum's point, on the reading of the current channel, on the cell
+//! while time passes, on the reading of the voltage channel. [`crate::augmented`] plays any set of
+//! them together. The search for the effect is not here: it is the diagnosis.
 
 mod ageing;
 mod butler_volmer;
