@@ -23,7 +23,7 @@ use words::Differs;
 /// ```
 /// use instruments::exchange::Exchange;
 ///
-/// let exchange = Exchange::fixed("CURR", 1.5, (3, 1.0e-3));
+/// let exchange = Exchange::fixed("CURR", 1.5, 3, 1.0e-3);
 /// let Exchange::Set { message, read_back, expect } = exchange else {
 ///     panic!("a finite number can be sent");
 /// };

@@ -133,7 +133,7 @@ fn measured(path: &Path, options: &ReadOptions) -> Result<Profile, ProfileReadEr
 /// let text = "time_s,power_w\n0,200\n30,-50\n40,0\n";
 /// let (demand, interpolation, charge_positive) = (None, Interpolation::Hold, false);
 /// let options = ReadOptions { demand, interpolation, charge_positive };
-/// let profile = parse_profile((Path::new("drive.csv"), "drive"), text, &options)?;
+/// let profile = parse_profile(Path::new("drive.csv"), "drive", text, &options)?;
 /// assert_eq!(profile.demand, Demand::Power);
 /// assert_eq!(profile.duration_s(), 40.0);
 /// assert_eq!(profile.peak(), Some(200.0));
