@@ -47,7 +47,7 @@ pub(crate) use trace_rows::{Frames, Recorded as RecordedTrace, zeros};
 use crate::{
     bench::BenchError,
     interlock::Reading,
-    journal::{Entry, PointDone},
+    journal::Entry,
     measure::{Spent, SweepPoint},
     plan::{Purpose, Specimen, Stage, Step},
     record::{Event, Recorder},
@@ -160,53 +160,37 @@ impl<'a> Executor<'a> {
             if let Step::Mount(other) = *step {
                 fixture = other;
             }
+            let done = |recorder: &mut Recorder| {
+                recorder.journal(Entry::Done {
+                    stage: number,
+                    step: index,
+                })
+            };
             match *step {
                 Step::Recheck { .. } if matches!(stage.purpose, Purpose::Multisine(_)) => {
                     self.recheck_bands(stage, &mut points).await?;
-                    self.rig.recorder.journal(Entry::Done {
-                        stage: number,
-                        step: index,
-                    })?;
+                    done(self.rig.recorder)?;
                 }
                 Step::Recheck { .. } => {
-                    for at in self.recheck(fixture, stage, &mut points).await? {
+                    for (step, at) in self.recheck(fixture, stage, &mut points).await? {
                         // The later entry of a step counts.
-                        self.rig.recorder.point(PointDone {
-                            stage: number,
-                            step: at.0,
-                            files: Vec::new(),
-                            idle: self.known.idle,
-                            point: points[at.1].clone(),
-                        })?;
+                        let idle = self.known.idle;
+                        self.rig.recorder.point(number, step, idle, &points[at])?;
                     }
-                    self.rig.recorder.journal(Entry::Done {
-                        stage: number,
-                        step: index,
-                    })?;
+                    done(self.rig.recorder)?;
                 }
                 Step::Multisine(ref band) => {
                     self.gated_band(band, &mut points).await?;
-                    self.rig.recorder.journal(Entry::Done {
-                        stage: number,
-                        step: index,
-                    })?;
+                    done(self.rig.recorder)?;
                 }
                 _ => {
                     if let Some(point) = self.play(fixture, step).await? {
-                        self.rig.recorder.point(PointDone {
-                            stage: number,
-                            step: index,
-                            files: Vec::new(),
-                            idle: self.known.idle,
-                            point: point.clone(),
-                        })?;
+                        let idle = self.known.idle;
+                        self.rig.recorder.point(number, index, idle, &point)?;
                         on_point(self.rig.recorder, &point)?;
                         points.push(point);
                     } else {
-                        self.rig.recorder.journal(Entry::Done {
-                            stage: number,
-                            step: index,
-                        })?;
+                        done(self.rig.recorder)?;
                     }
                 }
             }

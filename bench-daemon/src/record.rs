@@ -39,6 +39,7 @@ use crate::{
     drill::Drill,
     interlock::Reading,
     journal::{Entry, Journal, JournalError, PointDone},
+    measure::SweepPoint,
     present::quoted,
 };
 
@@ -196,13 +197,25 @@ impl Recorder {
     }
 
     /// Writes a finished point of a sweep into the journal, with the captures since the point
-    /// before it in the place of its own files.
+    /// before it. `idle` is the last reading of the cell before its current went on.
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn point(&mut self, done: PointDone) -> Result<(), RecordError> {
+    pub fn point(
+        &mut self,
+        stage: usize,
+        step: usize,
+        idle: Reading,
+        point: &SweepPoint,
+    ) -> Result<(), RecordError> {
         let files = std::mem::take(&mut self.fresh);
-        self.journal(Entry::Point(Box::new(PointDone { files, ..done })))
+        self.journal(Entry::Point(Box::new(PointDone {
+            stage,
+            step,
+            files,
+            idle,
+            point: point.clone(),
+        })))
     }
 
     /// Writes down that something begins, before it does.
