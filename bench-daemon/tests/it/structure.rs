@@ -173,6 +173,26 @@ impl Named {
     }
 }
 
+/// A source file without the modules that are compiled for tests only.
+fn parsed(path: impl AsRef<Path>) -> syn::File {
+    let mut file = syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap();
+    leave_out_tests(&mut file.items);
+    file
+}
+
+fn leave_out_tests(items: &mut Vec<syn::Item>) {
+    items.retain(|item| !matches!(item, syn::Item::Mod(module) if is_test(module)));
+    for item in items {
+        if let syn::Item::Mod(syn::ItemMod {
+            content: Some((_, inner)),
+            ..
+        }) = item
+        {
+            leave_out_tests(inner);
+        }
+    }
+}
+
 /// Whether a module is compiled for tests only.
 fn is_test(item: &syn::ItemMod) -> bool {
     item.attrs.iter().any(|attribute| {
@@ -185,12 +205,6 @@ fn is_test(item: &syn::ItemMod) -> bool {
 }
 
 impl<'ast> Visit<'ast> for Named {
-    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
-        if !is_test(item) {
-            visit::visit_item_mod(self, item);
-        }
-    }
-
     /// `pub(super)` names no module.
     fn visit_visibility(&mut self, _: &'ast syn::Visibility) {}
 
@@ -238,7 +252,7 @@ fn arrows(krate: &str) -> BTreeMap<Module, BTreeSet<Module>> {
     let files = files(krate);
     let of = |(module, path): (&Module, &PathBuf)| {
         let mut named = Named::default();
-        named.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+        named.visit_file(&parsed(path));
         let to = named
             .0
             .iter()
@@ -346,7 +360,7 @@ struct Texts {
 impl Texts {
     fn of(path: &Path) -> Self {
         let mut texts = Self::default();
-        texts.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+        texts.visit_file(&parsed(path));
         texts
     }
 
@@ -367,12 +381,6 @@ impl Texts {
 }
 
 impl<'ast> Visit<'ast> for Texts {
-    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
-        if !is_test(item) {
-            visit::visit_item_mod(self, item);
-        }
-    }
-
     fn visit_attribute(&mut self, _: &'ast syn::Attribute) {}
 
     fn visit_item_const(&mut self, item: &'ast syn::ItemConst) {
@@ -482,7 +490,7 @@ fn one_file_of_the_daemon_names_the_mocks() {
         .into_iter()
         .filter(|(_, path)| {
             let mut named = Named::default();
-            named.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+            named.visit_file(&parsed(path));
             let is_mocks = |path: &Module| path.iter().take(2).eq(["instruments", "mock"]);
             named.0.iter().any(is_mocks)
         })
@@ -503,12 +511,6 @@ struct Acting {
 }
 
 impl<'ast> Visit<'ast> for Acting {
-    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
-        if !is_test(item) {
-            visit::visit_item_mod(self, item);
-        }
-    }
-
     fn visit_item_struct(&mut self, item: &'ast syn::ItemStruct) {
         self.fields
             .insert(item.ident.to_string(), item.fields.len());
@@ -535,7 +537,7 @@ fn what_acts_in_the_executor_has_few_fields() {
     let mut acting = Acting::default();
     for (module, path) in files("bench-daemon") {
         if module.first().is_some_and(|first| first == "executor") {
-            acting.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+            acting.visit_file(&parsed(path));
         }
     }
     assert!(acting.changing.contains("Executor") && acting.changing.contains("Rig"));
@@ -590,12 +592,6 @@ impl Numbers {
 }
 
 impl<'ast> Visit<'ast> for Numbers {
-    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
-        if !is_test(item) {
-            visit::visit_item_mod(self, item);
-        }
-    }
-
     fn visit_item_const(&mut self, item: &'ast syn::ItemConst) {
         self.add(&item.ident, &item.ty);
     }
@@ -613,7 +609,7 @@ fn the_thresholds_of_the_diagnosis_have_one_owner() {
             continue;
         }
         let mut numbers = Numbers::default();
-        numbers.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+        numbers.visit_file(&parsed(path));
         let named = numbers.0.into_iter().map(|name| {
             let path: Module = module.iter().cloned().chain([name]).collect();
             path.join("::")
@@ -672,12 +668,6 @@ fn no_line_of_a_source_file_is_wider_than_120_columns() {
 struct Tuples(Vec<String>);
 
 impl<'ast> Visit<'ast> for Tuples {
-    fn visit_item_mod(&mut self, item: &'ast syn::ItemMod) {
-        if !is_test(item) {
-            visit::visit_item_mod(self, item);
-        }
-    }
-
     fn visit_signature(&mut self, signature: &'ast syn::Signature) {
         let is_tuple = |of: &syn::Type| match of {
             syn::Type::Tuple(tuple) => tuple.elems.len() > 1,
@@ -702,7 +692,7 @@ fn no_function_takes_a_tuple_in_the_place_of_arguments() {
     for krate in CIRCLES.map(|circles| circles.krate) {
         for (module, path) in files(krate) {
             let mut tuples = Tuples::default();
-            tuples.visit_file(&syn::parse_file(&std::fs::read_to_string(path).unwrap()).unwrap());
+            tuples.visit_file(&parsed(path));
             let named = tuples.0.into_iter();
             found.extend(named.map(|name| format!("{krate}::{}::{name}", module.join("::"))));
         }
