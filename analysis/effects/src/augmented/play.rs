@@ -1,10 +1,9 @@
 //! Plays a record: the voltage that base and effects predict for a logged current.
 
 use super::{Added, network};
-use crate::contract::branch::Ramp;
 use crate::contract::{
     Base, Dynamics, Instant, Law, Modulation, Network, Record,
-    branch::{self, Gain},
+    branch::{self, Gain, Ramp},
 };
 use analysis_model::ocv::OcvCurve;
 

@@ -1,7 +1,6 @@
 //! The network between the open-circuit voltage and the terminals.
 
-use super::branch::{self, Branch, Gain};
-use crate::contract::branch::Ramp;
+use super::branch::{self, Branch, Gain, Ramp};
 use analysis_model::model::{Erm, RcBranch};
 use num_complex::Complex64;
 

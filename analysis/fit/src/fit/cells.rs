@@ -2,8 +2,7 @@
 //! within them, by a one-way analysis of variance with random effects, cells with unequal numbers
 //! of sweeps allowed (Searle, Casella and McCulloch, *Variance Components*, 1992, section 3.6).
 
-use analysis_numeric::Covariance2;
-use analysis_numeric::stats::FDistribution;
+use analysis_numeric::{Covariance2, stats::FDistribution};
 use analysis_signal::spectrum::{ImpedancePoint, SharedError, SourcedSpectrum, Spectrum};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};

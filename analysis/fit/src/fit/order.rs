@@ -16,8 +16,10 @@ use super::problem::Problem;
 use super::result::ErmFit;
 use super::verdict::{OrderRow, for_other_cells, judge};
 use super::whiteness::{Lag1, lag1};
-use analysis_numeric::stats::FDistribution;
-use analysis_numeric::{Covariance2, stats::normal_tail};
+use analysis_numeric::{
+    Covariance2,
+    stats::{FDistribution, normal_tail},
+};
 use analysis_signal::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

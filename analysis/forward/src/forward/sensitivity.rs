@@ -9,9 +9,8 @@ use super::error::ForwardError;
 use super::law::{Beyond, Demand, Drive};
 use super::model::{SimModel, SimState};
 use super::options::SimOptions;
-use super::profile::Profile;
+use super::profile::{Asked, Profile};
 use super::step::{Coefficients, Ends, Mover};
-use crate::forward::profile::Asked;
 use analysis_effects::contract::Ramp;
 use nalgebra::{DMatrix, DVector};
 

@@ -10,12 +10,11 @@ use super::error::ForwardError;
 use super::law::{Beyond, Demand, Drive};
 use super::model::{SimModel, SimState};
 use super::options::{Method, SimOptions, Simulation};
-use super::profile::{Piece, Profile};
+use super::profile::{Asked, Piece, Profile};
 use super::step::{Coefficients, Ends, Mover};
 use super::trace::{Book, Point};
-use crate::forward::profile::Asked;
 use analysis_effects::contract::Ramp;
-use core::ops::Range;
+use std::ops::Range;
 
 /// Halvings of a piece at most.
 const DEEPEST: usize = 30;

@@ -1,18 +1,16 @@
 //! One run with additions.
 
-use crate::forward::profile::Asked;
 use crate::forward::{
     error::ForwardError,
     law::{Beyond, Demand, Drive},
     model::{SimModel, SimState},
     nonlinear::Laws,
     options::{SimOptions, Simulation},
-    profile::{Piece, Profile},
+    profile::{Asked, Piece, Profile},
     trace::{Book, Point},
 };
-use analysis_effects::contract::Ramp;
-use analysis_effects::contract::{Dynamics, Instant, Modulation};
-use core::ops::Range;
+use analysis_effects::contract::{Dynamics, Instant, Modulation, Ramp};
+use std::ops::Range;
 
 /// First step after a change of the demand, as a part of the shortest time constant.
 const FIRST: f64 = 0.25;
