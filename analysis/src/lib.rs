@@ -17,7 +17,7 @@
 //!   [`joint`]: spectra and pulses; [`given`]: a model from a file or from text.
 //! * `analysis-forward` – [`forward`]: simulation under a load; [`sop`]: state of power.
 //! * `analysis-files` – [`run_folder`] and [`dataset`]: files of a run; [`formats`]: files of
-//!   other programs; [`thinning`]: frames to rows.
+//!   other programs; [`table`]: tables that a person writes; [`thinning`]: frames to rows.
 //! * `analysis-diagnosis` – [`diagnosis`]: which effect is missing.
 //!
 //! From the text of a spectrum to the power of a pack:
@@ -51,7 +51,7 @@
 
 pub use analysis_diagnosis as diagnosis;
 pub use analysis_effects::{augmented, contract, effects};
-pub use analysis_files::{dataset, formats, run_folder, thinning};
+pub use analysis_files::{dataset, formats, run_folder, table, thinning};
 pub use analysis_fit::{drt, fit, given, joint, validity};
 pub use analysis_forward::{forward, sop};
 pub use analysis_model::{model, ocv, pack};

@@ -1,7 +1,9 @@
 //! Files: [`run_folder`] owns the names in the folder of a run, [`dataset`] its tables, [`formats`]
-//! reads files of other programs, [`thinning`] averages frames of direct currents to rows.
+//! reads files of other programs, [`table`] tables that a person writes, [`thinning`] averages frames of
+//! direct currents to rows.
 
 pub mod dataset;
 pub mod formats;
 pub mod run_folder;
+pub mod table;
 pub mod thinning;

@@ -15,6 +15,7 @@ use analysis::{
     },
     series::{SeriesError, TimeSeries},
     spectrum::{SourcedSpectrum, Spectrum},
+    table::{Row, Table},
 };
 
 /// A run whose file is there but cannot be what was measured.
@@ -125,25 +126,12 @@ pub(super) fn column(
     if path.extension().is_none_or(|extension| extension != "csv") {
         return Ok(None);
     }
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| FileError::Usage(format!("{}: {error}", path.display())))?;
-    let mut lines = text.lines();
-    let place = lines
-        .next()
-        .and_then(|header| header.split(',').position(|column| column.trim() == name));
-    let Some(place) = place else { return Ok(None) };
-    let value = |line: &str| {
-        line.split(',')
-            .nth(place)?
-            .trim()
-            .parse::<f64>()
-            .ok()
-            .filter(fits)
+    let table = Table::read(path).map_err(|error| FileError::Usage(error.to_string()))?;
+    let Some(place) = table.column(name) else {
+        return Ok(None);
     };
-    let values: Option<Vec<f64>> = lines
-        .filter(|line| !line.trim().is_empty())
-        .map(value)
-        .collect();
+    let value = |row: &Row| row.field(place).parse::<f64>().ok().filter(fits);
+    let values: Option<Vec<f64>> = table.rows.iter().map(value).collect();
     let expected = || {
         format!(
             "{}: expected a number that can be in column {name:?} of each of {samples} samples",

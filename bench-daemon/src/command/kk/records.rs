@@ -4,6 +4,7 @@ use std::path::Path;
 
 use analysis::{
     spectrum::Spectrum,
+    table::{Row, Table},
     validity::{Drift, DriftShape, Harmonic, Record},
 };
 
@@ -21,12 +22,11 @@ struct Columns {
     drift: Option<(usize, usize)>,
 }
 
-/// A line of the table, with what a message needs.
-struct Row<'a> {
+/// A row of the table, with what a message needs.
+struct Line<'a> {
     path: &'a Path,
-    number: usize,
-    header: &'a [&'a str],
-    fields: Vec<&'a str>,
+    header: &'a [String],
+    row: &'a Row,
 }
 
 /// Reads `freq_hz` and any of `periods,drift_over_amplitude`, `hN,sigma_hN`; with each record the
@@ -36,45 +36,35 @@ struct Row<'a> {
 /// A file that cannot be read, a column that is not known or lacks its partner, a column that is
 /// missing, a field that is no number.
 pub(super) fn read(path: &Path) -> Result<Vec<(usize, Record)>, Failure> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
-    let mut lines = text
-        .lines()
-        .enumerate()
-        .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'));
-    let header: Vec<&str> = lines
-        .next()
-        .map(|(_, line)| split(line))
-        .unwrap_or_default();
-    let columns = Columns::of(&header).ok_or_else(|| {
+    let table = Table::read(path).map_err(|error| Failure::Usage(error.to_string()))?;
+    let columns = Columns::of(&table).ok_or_else(|| {
         Failure::Usage(format!(
             "{}: expected a header with freq_hz, found \"{}\"",
             path.display(),
-            header.join(",")
+            table.columns.join(",")
         ))
     })?;
-    check(path, &header)?;
-    let row = |(index, line)| Row {
-        path,
-        number: index + 1,
-        header: &header,
-        fields: split(line),
+    check(path, &table.columns)?;
+    let record = |row: &Row| {
+        let line = Line {
+            path,
+            header: &table.columns,
+            row,
+        };
+        Ok((row.line, line.record(&columns)?))
     };
-    lines
-        .map(row)
-        .map(|row| Ok((row.number, row.record(&columns)?)))
-        .collect()
+    table.rows.iter().map(record).collect()
 }
 
 /// No column is passed over in silence.
-fn check(path: &Path, header: &[&str]) -> Result<(), Failure> {
+fn check(path: &Path, header: &[String]) -> Result<(), Failure> {
     let order = |name: &str| {
         name.parse::<u32>()
             .ok()
             .filter(|order| (2..=MOST).contains(order))
     };
-    for name in header.iter().filter(|name| **name != "freq_hz") {
-        let partner = match *name {
+    for name in header.iter().filter(|name| *name != "freq_hz") {
+        let partner = match name.as_str() {
             "periods" => Some("drift_over_amplitude".to_owned()),
             "drift_over_amplitude" => Some("periods".to_owned()),
             _ => match (
@@ -90,7 +80,7 @@ fn check(path: &Path, header: &[&str]) -> Result<(), Failure> {
             None => format!(
                 "freq_hz, periods, drift_over_amplitude, or hN and sigma_hN with N from 2 to {MOST}"
             ),
-            Some(partner) if !header.contains(&partner.as_str()) => {
+            Some(partner) if !header.contains(&partner) => {
                 format!("a column {partner} with it")
             }
             Some(_) => continue,
@@ -128,13 +118,9 @@ pub(super) fn belong(
     )))
 }
 
-fn split(line: &str) -> Vec<&str> {
-    line.split(',').map(str::trim).collect()
-}
-
 impl Columns {
-    fn of(header: &[&str]) -> Option<Self> {
-        let column = |name: &str| header.iter().position(|column| *column == name);
+    fn of(table: &Table) -> Option<Self> {
+        let column = |name: &str| table.column(name);
         let harmonic = |order: u32| {
             Some((
                 order,
@@ -150,7 +136,7 @@ impl Columns {
     }
 }
 
-impl Row<'_> {
+impl Line<'_> {
     fn record(&self, columns: &Columns) -> Result<Record, Failure> {
         let harmonic = |&(order, ratio, sigma): &(u32, usize, usize)| {
             Ok(Harmonic {
@@ -180,14 +166,14 @@ impl Row<'_> {
 
     /// The number in a column, at least `least`.
     fn number(&self, column: usize, least: f64) -> Result<f64, Failure> {
-        let field = self.fields.get(column).copied().unwrap_or_default();
+        let field = self.row.field(column);
         let good = |value: &f64| value.is_finite() && *value >= least;
         field.parse::<f64>().ok().filter(good).ok_or_else(|| {
-            let name = self.header.get(column).copied().unwrap_or_default();
+            let name = self.header.get(column).map_or("", String::as_str);
             Failure::Usage(format!(
                 "{}, line {}, {name}: expected a number, found \"{field}\"",
                 self.path.display(),
-                self.number
+                self.row.line
             ))
         })
     }

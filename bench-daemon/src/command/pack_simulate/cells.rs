@@ -11,6 +11,7 @@ use analysis::{
     },
     model::Erm,
     pack::Pack,
+    table,
 };
 use serde::Serialize;
 
@@ -104,29 +105,17 @@ struct Table<'a> {
 
 impl<'a> Table<'a> {
     fn read(path: &'a Path, setup: &'a ScatterSetup<'a>) -> Result<Self, Failure> {
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| Failure::Usage(format!("--cells {}: {error}", path.display())))?;
-        let mut lines = text
-            .lines()
-            .enumerate()
-            .map(|(k, line)| (k + 1, line.trim()))
-            .filter(|(_, line)| !line.is_empty());
-        let header = lines
-            .next()
-            .map_or("", |(_, line)| line.trim_start_matches('\u{feff}'));
-        let columns: Vec<String> = header
-            .split(',')
-            .map(|name| name.trim().to_owned())
-            .collect();
+        let read =
+            table::Table::read(path).map_err(|error| Failure::Usage(format!("--cells {error}")))?;
         let mut table = Self {
             path,
             setup,
-            columns,
+            columns: read.columns,
             cells: BTreeMap::new(),
         };
-        table.check_header(header)?;
-        for (number, line) in lines {
-            table.add(number, line)?;
+        table.check_header()?;
+        for row in &read.rows {
+            table.add(row)?;
         }
         Ok(table)
     }
@@ -138,7 +127,7 @@ impl<'a> Table<'a> {
         ))
     }
 
-    fn check_header(&self, header: &str) -> Result<(), Failure> {
+    fn check_header(&self) -> Result<(), Failure> {
         let factors = factor_names(self.setup.cell.branches.len());
         let known = |name: &String| {
             ["draw", "group", "place", "name", "model", "soc"].contains(&name.as_str())
@@ -154,23 +143,23 @@ impl<'a> Table<'a> {
             "a header with group, place and any of draw, name, model, {}, soc, each once",
             factors.join(", ")
         );
-        Err(self.fail(", line 1", &expected, &format!("{header:?}")))
+        Err(self.fail(
+            ", line 1",
+            &expected,
+            &format!("{:?}", self.columns.join(",")),
+        ))
     }
 
-    fn add(&mut self, line: usize, text: &str) -> Result<(), Failure> {
-        let fields: Vec<&str> = text.split(',').map(str::trim).collect();
-        if fields.len() != self.columns.len() {
+    fn add(&mut self, row: &table::Row) -> Result<(), Failure> {
+        let line = row.line;
+        if row.width() != self.columns.len() {
             return Err(self.fail(
                 &format!(", line {line}"),
                 &format!("{} fields", self.columns.len()),
-                &fields.len().to_string(),
+                &row.width().to_string(),
             ));
         }
-        let row = Row {
-            table: self,
-            line,
-            fields,
-        };
+        let row = Row { table: self, row };
         let pack = self.setup.pack;
         let (draw, group) = (
             row.number("draw", usize::MAX as u64)?.unwrap_or(1),
@@ -254,23 +243,19 @@ impl<'a> Table<'a> {
 /// One line of the table.
 struct Row<'t> {
     table: &'t Table<'t>,
-    line: usize,
-    fields: Vec<&'t str>,
+    row: &'t table::Row,
 }
 
 impl Row<'_> {
     /// Text in a column; `None` where it is empty or there is no such column.
     fn text(&self, column: &str) -> Option<&str> {
         let index = self.table.columns.iter().position(|name| name == column)?;
-        self.fields
-            .get(index)
-            .copied()
-            .filter(|text| !text.is_empty())
+        Some(self.row.field(index)).filter(|text| !text.is_empty())
     }
 
     fn fail(&self, column: &str, expected: &str) -> Failure {
         self.table.fail(
-            &format!(", line {}, {column}", self.line),
+            &format!(", line {}, {column}", self.row.line),
             expected,
             &format!("{:?}", self.text(column).unwrap_or_default()),
         )
