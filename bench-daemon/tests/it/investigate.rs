@@ -458,6 +458,7 @@ fn line(case: &Hidden, score: Score, investigation: &Investigation) -> String {
 }
 
 #[test]
+#[ignore = "drill"]
 fn nothing_hidden_ends_at_the_floor_and_what_is_hidden_is_found() {
     let which = std::env::var("EIS_BENCH_INVESTIGATE").unwrap_or_else(|_| "101,103".to_owned());
     let played: Vec<(Hidden, Score, Investigation)> = cases(&which)

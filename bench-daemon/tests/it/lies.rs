@@ -117,6 +117,7 @@ const ROLES: [&str; 5] = ["supply4q", "generator", "scope", "load", "logger"];
 
 /// `EIS_BENCH_PASSING=100` plays so many instead of continuous integration's five.
 #[test]
+#[ignore = "drill"]
 fn a_fault_of_the_wire_in_a_sweep_ends_in_a_finished_right_spectrum() {
     let count: usize = std::env::var("EIS_BENCH_PASSING").map_or(5, |count| count.parse().unwrap());
     let (mut told, mut worst, mut faults) = (0, 0.0_f64, std::collections::BTreeMap::new());

@@ -114,11 +114,13 @@ fn compare(files: Files, over: &[&str], expected_addresses: &[(&str, &str)]) {
 }
 
 #[test]
+#[ignore = "drill"]
 fn only_the_addresses_change_from_this_process_to_another() {
     compare(files(), &[], &[("scope", "tcp://127.0.0.1:")]);
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_bench_whose_instruments_are_on_as_many_transports_measures_the_same() {
     let over = [
         "supply4q=vxi11",

@@ -46,6 +46,7 @@ fn run(files: &Files) -> Finished {
 }
 
 #[test]
+#[ignore = "drill"]
 fn it_is_the_spectrum_of_the_single_sines_in_less_than_half_of_their_time() {
     let list: Vec<String> = lines_hz()
         .iter()
@@ -145,6 +146,7 @@ fn one_branch(more: &str) -> Files {
 }
 
 #[test]
+#[ignore = "drill"]
 fn it_reports_the_distortion_of_butler_and_volmer_and_none_of_a_linear_cell() {
     let one = one_branch("");
     let linear = run(&one);
@@ -238,6 +240,7 @@ fn what_the_bench_cannot_play_or_hold_is_refused_in_words() {
 }
 
 #[test]
+#[ignore = "drill"]
 fn the_second_generator_plays_it_too() {
     let text =
         fs::read_to_string(crate::configuration::configs().join("benches/mixed.toml")).unwrap();
@@ -280,6 +283,7 @@ fn the_second_generator_plays_it_too() {
 const GATE: &str = "[multisine.quality]\nagain = 1\ntime = \"10 min\"\ncharge = \"1 Ah\"";
 
 #[test]
+#[ignore = "drill"]
 fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
     let good = one_branch("").append(EXPERIMENT, GATE);
     let finished = run(&good);
@@ -361,6 +365,7 @@ fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
 }
 
 #[test]
+#[ignore = "drill"]
 fn clocks_that_differ_are_told_and_refused_when_they_differ_much() {
     let with = |ppm: f64| one_branch(&format!("[drives]\ngenerator_clock_ppm = {ppm}"));
     let told = run(&with(30.0));
@@ -399,6 +404,7 @@ const COVERED: std::ops::Range<u64> = 11..15;
 const DISTURBED_HZ: [f64; 3] = [25.0, 45.0, 55.0];
 
 #[test]
+#[ignore = "drill"]
 fn errors_are_as_large_as_they_are_stated_where_images_fell_onto_lines() {
     let path = crate::configuration::configs().join("experiments/multisine.toml");
     let mut squares = Vec::new();

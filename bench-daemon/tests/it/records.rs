@@ -45,6 +45,7 @@ fn followed(files: &Files, role: &str) -> (usize, usize, Option<String>) {
 }
 
 #[test]
+#[ignore = "drill"]
 fn every_conversation_of_a_run_can_be_played_again_with_the_blocks_of_its_captures() {
     for bench in ["benches/demo.toml", "benches/second.toml"] {
         let files = Files::short(2);

@@ -93,6 +93,7 @@ fn a_run_comes_out_the_same_and_a_flipped_bit_in_any_file_is_found() {
 }
 
 #[test]
+#[ignore = "drill"]
 fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
     let files = Files::short(5);
     let run = small_run(&files);
@@ -202,6 +203,7 @@ fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_aga
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_verified_from_elsewhere()
  {
     let trace = "[[traces]]\nname = \"jump\"\nrest_first = \"20 s\"\n\
@@ -233,6 +235,7 @@ fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_v
 }
 
 #[test]
+#[ignore = "drill"]
 fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_follow_from_them_is_named()
  {
     let traces = "[[traces]]\nname = \"steps\"\nrest_first = \"20 s\"\n\

@@ -59,6 +59,7 @@ fn assert_same_files(left: &Path, right: &Path) {
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_run_in_virtual_time_that_died_anywhere_ends_with_the_same_files() {
     let files = Files::short(3);
     let whole = files.path("whole");
@@ -190,6 +191,7 @@ const FULL: [&str; 17] = [
 ];
 
 #[test]
+#[ignore = "drill"]
 fn a_full_disk_ends_the_run_in_safe_state_whatever_cannot_be_written_and_nothing_is_lost() {
     let files = Files::short(2).append(EXPERIMENT, TRACE);
     let whole = files.path("whole");
@@ -244,6 +246,7 @@ fn a_full_disk_ends_the_run_in_safe_state_whatever_cannot_be_written_and_nothing
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_small_disk_that_is_really_full_ends_the_run_and_with_room_it_goes_on() {
     let files = Files::short(2);
     files.run("whole").expect_code(0);
@@ -306,6 +309,7 @@ fn a_drill_is_for_simulated_benches_only() {
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_folder_that_cannot_be_written_stops_the_run_in_safe_state_and_nothing_finished_is_lost() {
     let files = Files::short(4);
     let ports = Ports::serve(&files, 20.0, 1);
@@ -365,6 +369,7 @@ fn traced() -> Files {
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
     let files = traced();
     let ports = Ports::serve(&files, 4.0, 1);
@@ -451,6 +456,7 @@ fn a_charge_that_nobody_knows_is_not_moved_again_by_itself() {
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_sweep_goes_on_at_the_state_of_charge_where_it_began_or_when_a_person_says_so() {
     let files = Files::short(6).without(EXPERIMENT, "fixture_check");
     let ports = Ports::serve(&files, 10.0, 1);
@@ -526,6 +532,7 @@ fn a_sweep_goes_on_at_the_state_of_charge_where_it_began_or_when_a_person_says_s
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_trace_that_is_in_the_index_is_done_whatever_the_journal_says() {
     let files = traced();
     let ports = Ports::serve(&files, 4.0, 1);
@@ -555,6 +562,7 @@ fn a_trace_that_is_in_the_index_is_done_whatever_the_journal_says() {
 }
 
 #[test]
+#[ignore = "drill"]
 fn the_charge_that_traces_have_left_is_known_after_a_resume() {
     let files = traced().edit(
         EXPERIMENT,

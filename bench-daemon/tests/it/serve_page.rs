@@ -264,6 +264,7 @@ fn poll_once() {
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     let Some(browser) = Browser::start(false) else {
         return;
@@ -363,6 +364,7 @@ read back')
 ";
 
 #[test]
+#[ignore = "drill"]
 fn the_button_in_the_tenth_tab_is_heard_as_soon_as_in_the_first() {
     let Some(browser) = Browser::start(false) else {
         return;
@@ -476,6 +478,7 @@ window.setInterval.bind(window), Date.now.bind(Date), Date.now()];
 ";
 
 #[test]
+#[ignore = "drill"]
 fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
     let Some(browser) = Browser::start(false) else {
         return;
@@ -532,6 +535,7 @@ fn ten_tabs_still_share_one_stream_after_a_server_that_did_not_answer() {
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     let Some(browser) = Browser::start(true) else {
         return;

@@ -88,6 +88,7 @@ pub(crate) fn answer(rows: &[TraceRow]) -> Vec<f64> {
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_trace_is_the_truth_within_its_noise_and_the_index_tells_what_is_what() {
     let files = files();
     let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
@@ -207,6 +208,7 @@ fn a_trace_is_the_truth_within_its_noise_and_the_index_tells_what_is_what() {
 }
 
 #[test]
+#[ignore = "drill"]
 fn a_trace_needs_no_sweep_and_a_hidden_effect_shows_in_it() {
     let end_v = |files: Files| {
         let finished = run_experiment(&files.load(), &files.path("run")).unwrap();
@@ -571,6 +573,7 @@ fn a_power_becomes_a_current_by_the_voltage_of_the_moment_and_is_planned_at_wors
 }
 
 #[test]
+#[ignore = "drill"]
 fn steps_that_follow_each_other_fast_do_not_keep_the_cell_from_being_watched() {
     let segments: String = (0..20)
         .map(|k| {
