@@ -6,7 +6,7 @@
 
 mod expect;
 mod identity;
-pub(crate) mod words;
+mod words;
 
 pub use expect::{Expect, after_header, field, hex_word, leading_number, plain};
 pub use identity::Identity;
@@ -158,11 +158,16 @@ impl Exchange {
     }
 }
 
-/// Plays a script; stops at the first message that is refused or not believed.
+/// Plays a script; stops at the first message that is refused or not believed. Errors tell these
+/// settings in words.
 ///
 /// # Errors
 /// The link's error for that message.
-pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError> {
+pub async fn play(
+    link: &mut Link,
+    settings: &[Setting],
+    script: &[Exchange],
+) -> Result<(), LinkError> {
     for exchange in script {
         match exchange {
             Exchange::Send(message) => link.send(message).await?,
@@ -182,7 +187,12 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                 let outcome = link
                     .set(message, read_back, |answer| expect.judge(answer))
                     .await;
-                believe(link, read_back, expect, outcome).await?;
+                let question = Question {
+                    text: read_back,
+                    expect,
+                    settings,
+                };
+                question.believe(link, outcome).await?;
             }
             Exchange::Data { head, data } => link.send_data(head, data).await?,
             Exchange::Ask {
@@ -197,7 +207,12 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
                 if let Some((query, expect)) = read_back {
                     let answer = link.query(query).await?;
                     expect.judge(&answer).map_err(|expected| {
-                        let (answer, expected) = readable(link, query, expect, &answer, expected);
+                        let question = Question {
+                            text: query,
+                            expect,
+                            settings,
+                        };
+                        let (answer, expected) = question.readable(link, &answer, expected);
                         LinkError::unexpected(link.name(), query, &answer, &expected)
                     })?;
                 }
@@ -214,64 +229,73 @@ pub async fn play(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError>
     Ok(())
 }
 
-/// Asks again for a while what was not yet so: some instruments answer before a write has taken
-/// effect. A question may be repeated, a command not.
-async fn believe(
-    link: &mut Link,
-    read_back: &str,
-    expect: &Expect,
-    outcome: Result<(), LinkError>,
-) -> Result<(), LinkError> {
-    const PATIENCE: [f64; 4] = [0.1, 0.2, 0.3, 0.4];
-    if !matches!(outcome, Err(LinkError::ReadBack { .. })) {
-        return outcome;
-    }
-    for seconds in PATIENCE {
-        link.clock().clone().sleep_s(seconds).await;
-        if expect.judge(&link.query(read_back).await?).is_ok() {
-            return Ok(());
+/// Question that shows what became of a message.
+struct Question<'a> {
+    text: &'a str,
+    /// Condition that the answer must meet.
+    expect: &'a Expect,
+    /// Settings of the instrument, in words.
+    settings: &'a [Setting],
+}
+
+impl Question<'_> {
+    /// Asks again for a while what was not yet so: some instruments answer before a write has taken
+    /// effect. A question may be repeated, a command not.
+    async fn believe(
+        &self,
+        link: &mut Link,
+        outcome: Result<(), LinkError>,
+    ) -> Result<(), LinkError> {
+        const PATIENCE: [f64; 4] = [0.1, 0.2, 0.3, 0.4];
+        if !matches!(outcome, Err(LinkError::ReadBack { .. })) {
+            return outcome;
         }
-    }
-    outcome.map_err(|error| match error {
-        LinkError::ReadBack {
-            link: name,
-            sent,
-            asked,
-            answered,
-            expected,
-        } => {
-            let (answered, expected) = readable(link, read_back, expect, &answered, expected);
+        for seconds in PATIENCE {
+            link.clock().clone().sleep_s(seconds).await;
+            if self.expect.judge(&link.query(self.text).await?).is_ok() {
+                return Ok(());
+            }
+        }
+        outcome.map_err(|error| match error {
             LinkError::ReadBack {
                 link: name,
                 sent,
                 asked,
                 answered,
                 expected,
+            } => {
+                let (answered, expected) = self.readable(link, &answered, expected);
+                LinkError::ReadBack {
+                    link: name,
+                    sent,
+                    asked,
+                    answered,
+                    expected,
+                }
             }
-        }
-        other => other,
-    })
-}
+            other => other,
+        })
+    }
 
-/// Answer and expectation for an error message: those of a status word in words, because a mask of
-/// bits is hard to read. The raw answer is in the log.
-fn readable(
-    link: &Link,
-    question: &str,
-    expect: &Expect,
-    answer: &str,
-    expected: String,
-) -> (String, String) {
-    let masked = matches!(expect, Expect::Bits { .. }) && hex_word(answer).is_some();
-    match Differs::of(link.settings(), question, expect, answer).filter(|_| masked) {
-        Some(words) => {
-            tracing::info!(
-                link = link.name(),
-                "`{question}` is answered by `{answer}`: expected {expected}"
-            );
-            (words.found, words.wanted)
+    /// Answer and expectation for an error message: those of a status word in words, because a mask
+    /// of bits is hard to read. The raw answer is in the log.
+    fn readable(&self, link: &Link, answer: &str, expected: String) -> (String, String) {
+        let Self {
+            text,
+            expect,
+            settings,
+        } = self;
+        let masked = matches!(expect, Expect::Bits { .. }) && hex_word(answer).is_some();
+        match Differs::of(settings, text, expect, answer).filter(|_| masked) {
+            Some(words) => {
+                tracing::info!(
+                    link = link.name(),
+                    "`{text}` is answered by `{answer}`: expected {expected}"
+                );
+                (words.found, words.wanted)
+            }
+            None => (answer.to_owned(), expected),
         }
-        None => (answer.to_owned(), expected),
     }
 }
 
@@ -281,14 +305,18 @@ fn readable(
 ///
 /// # Errors
 /// The link's error for the first message that failed.
-pub async fn play_all(link: &mut Link, script: &[Exchange]) -> Result<(), LinkError> {
+pub async fn play_all(
+    link: &mut Link,
+    settings: &[Setting],
+    script: &[Exchange],
+) -> Result<(), LinkError> {
     let mut outcome = Ok(());
     for exchange in script {
         if link.is_dropped() {
             // When that fails, so will the message, and say why.
             let _ = link.reconnect().await;
         }
-        let played = play(link, std::slice::from_ref(exchange)).await;
+        let played = play(link, settings, std::slice::from_ref(exchange)).await;
         outcome = outcome.and(played);
     }
     outcome
@@ -391,11 +419,15 @@ impl Told {
     }
 
     /// Checks that all settings are still as they were made, and changes nothing. Returns the
-    /// differences, in words.
+    /// differences, in the words of `settings`.
     ///
     /// # Errors
     /// The link's.
-    pub async fn differs(&self, link: &mut Link) -> Result<Option<String>, LinkError> {
+    pub async fn differs(
+        &self,
+        link: &mut Link,
+        settings: &[Setting],
+    ) -> Result<Option<String>, LinkError> {
         for (question, expect) in &self.0 {
             let first = link.query(question).await?;
             if expect.judge(&first).is_ok() {
@@ -408,7 +440,7 @@ impl Told {
                     link = link.name(),
                     "`{question}` is answered by `{answer}`: expected {expected}"
                 );
-                let words = Differs::of(link.settings(), question, expect, &answer);
+                let words = Differs::of(settings, question, expect, &answer);
                 let unnamed =
                     || format!("what `{question}` asks for is no longer as this run left it");
                 return Ok(Some(words.map_or_else(unnamed, |words| words.to_string())));

@@ -67,8 +67,7 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
 
 impl<D: Model + ?Sized> Instrument<D> {
     /// Puts a dialect on a link. Sends nothing.
-    pub fn new(mut link: Link, dialect: &'static D) -> Self {
-        link.speak(dialect.settings());
+    pub fn new(link: Link, dialect: &'static D) -> Self {
         Self {
             link,
             dialect,
@@ -159,9 +158,19 @@ impl<D: Model + ?Sized> Instrument<D> {
         ))
     }
 
+    /// Plays a script; stops at the first message that is refused or not believed.
+    pub(crate) async fn play(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
+        play(&mut self.link, self.dialect.settings(), script).await
+    }
+
+    /// Plays a whole script whatever happens in between, for switching off.
+    pub(crate) async fn play_all(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
+        play_all(&mut self.link, self.dialect.settings(), script).await
+    }
+
     /// Plays a script that changes what drives a current, and remembers what it has made so.
     pub(crate) async fn tell(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
-        play(&mut self.link, script).await?;
+        self.play(script).await?;
         self.told.add(script);
         Ok(())
     }
@@ -177,7 +186,8 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// # Errors
     /// The link's.
     pub async fn differs(&mut self) -> Result<Option<String>, LinkError> {
-        self.told.differs(&mut self.link).await
+        let settings = self.dialect.settings();
+        self.told.differs(&mut self.link, settings).await
     }
 
     /// Goes a way to zero current, whatever is refused in between.
@@ -185,7 +195,7 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// # Errors
     /// The link's error for the first message that failed.
     pub async fn go(&mut self, way: &Way) -> Result<(), LinkError> {
-        play_all(&mut self.link, &way.script).await
+        self.play_all(&way.script).await
     }
 
     /// Limits that bound the instrument, by its own answers, in words. Limits that it does not

@@ -27,7 +27,6 @@ use guard::Refusal;
 
 use crate::{
     clock::{Clock, TimeMode},
-    exchange::words::Setting,
     scpi::{
         decode::{Expect, Response},
         excerpt,
@@ -97,8 +96,6 @@ pub struct Link {
     why: String,
     /// Bench time before which nothing may be sent, s.
     ready_at_s: f64,
-    /// Settings of the instrument, in words.
-    settings: &'static [Setting],
 }
 
 impl Link {
@@ -125,18 +122,7 @@ impl Link {
             identity: None,
             why: "not connected yet".to_owned(),
             ready_at_s: f64::NEG_INFINITY,
-            settings: &[],
         }
-    }
-
-    /// Tells errors of settings in these words.
-    pub fn speak(&mut self, settings: &'static [Setting]) {
-        self.settings = settings;
-    }
-
-    /// Settings of the instrument, in words.
-    pub fn settings(&self) -> &'static [Setting] {
-        self.settings
     }
 
     /// The instrument's name on this bench.

@@ -5,7 +5,7 @@ mod julabo;
 mod relay_board;
 
 use crate::{
-    exchange::{Answer, Exchange, Expect, Told, Way, leading_number, look, play},
+    exchange::{Answer, Exchange, Expect, Told, Way, leading_number, look},
     instrument::{Instrument, Model},
     link::LinkError,
     units::Celsius,
@@ -116,7 +116,7 @@ impl Instrument<dyn Dialect> {
         let script = self.dialect.run(Some(setpoint));
         // Where the daemon closes the loop, it changes what the relays are told all the time.
         if self.is_regulated() {
-            play(&mut self.link, &script).await
+            self.play(&script).await
         } else {
             self.tell(&script).await
         }
@@ -134,7 +134,7 @@ impl Instrument<dyn Dialect> {
     /// itself.
     pub async fn pulse(&mut self, seconds: f64) -> Result<(), LinkError> {
         match self.dialect.pulse(seconds) {
-            Some(script) => play(&mut self.link, &script).await,
+            Some(script) => self.play(&script).await,
             None => Ok(()),
         }
     }
@@ -150,7 +150,7 @@ impl Instrument<dyn Dialect> {
     /// The link's; a read-back that differs; manual mode, unless it stands still already.
     pub async fn stop(&mut self) -> Result<(), LinkError> {
         self.told = Told::default();
-        let stopped = play(&mut self.link, &self.dialect.run(None)).await;
+        let stopped = self.play(&self.dialect.run(None)).await;
         if let Err(LinkError::ReadBack { .. }) = &stopped {
             let status = self.status().await?;
             self.require_remote(&status)?;

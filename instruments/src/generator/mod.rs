@@ -4,7 +4,7 @@ mod keysight_33500b;
 mod siglent_sdg;
 
 use crate::{
-    exchange::{Answer, Exchange, Told, forget_errors, look, play_all},
+    exchange::{Answer, Exchange, Told, forget_errors, look},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Hertz, Volts},
@@ -201,7 +201,7 @@ impl Instrument<dyn Dialect> {
     pub async fn quiet(&mut self, offset: Volts) -> Result<(), LinkError> {
         let script = self.dialect.quiet(self.output_channel(), offset);
         self.forget_signal();
-        play_all(&mut self.link, &script).await
+        self.play_all(&script).await
     }
 
     /// A steady offset, as near as the instrument comes to it, that is the command of a direct
@@ -232,7 +232,7 @@ impl Instrument<dyn Dialect> {
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
         self.told = Told::default();
-        play_all(&mut self.link, &script).await
+        self.play_all(&script).await
     }
 
     /// Asks whether the output is off, and changes nothing.

@@ -49,7 +49,7 @@ impl Jig {
             Fixture::FakeCell => Exchange::word("JIG:MOUNT FAKE", "JIG:MOUNT?", &["FAKE"]),
             Fixture::Short => Exchange::word("JIG:MOUNT BAR", "JIG:MOUNT?", &["BAR"]),
         };
-        play(&mut self.link, &[script]).await
+        play(&mut self.link, &[], &[script]).await
     }
 
     /// Puts another of the cells under test into the jig's place for them, by its number from 1;
@@ -60,7 +60,7 @@ impl Jig {
     pub async fn insert(&mut self, number: usize) -> Result<(), LinkError> {
         let value = number as f64;
         let script = Exchange::number(format!("JIG:CELL {number}"), "JIG:CELL?", value, 0.0);
-        play(&mut self.link, &[script]).await
+        play(&mut self.link, &[], &[script]).await
     }
 
     /// The link, for reconnecting.

@@ -4,7 +4,7 @@ mod rigol_dl3000;
 mod siglent_sdl;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, Told, Way, look, play, play_all},
+    exchange::{Answer, Bound, Exchange, Told, Way, look},
     instrument::{Instrument, Model, Unattended},
     link::LinkError,
     units::{Amps, Volts, Watts},
@@ -76,10 +76,10 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, discharge: &Discharge) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.input(false)).await?;
+        self.play(&self.dialect.input(false)).await?;
         self.told = Told::default();
         let script = self.dialect.prepare(discharge);
-        play(&mut self.link, &script).await?;
+        self.play(&script).await?;
         self.told.add_bounds(&script, self.dialect.bounds());
         self.told.add(&self.dialect.level(discharge.draw));
         Ok(())
@@ -98,7 +98,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn watch(&mut self) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.watch()).await
+        self.play(&self.dialect.watch()).await
     }
 
     /// Input on.
@@ -115,7 +115,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         self.told = Told::default();
-        play_all(&mut self.link, &self.dialect.input(false)).await
+        self.play_all(&self.dialect.input(false)).await
     }
 
     /// Ways to sink nothing while the input does not open, the gentlest first.

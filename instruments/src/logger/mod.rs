@@ -4,7 +4,7 @@ mod keysight_34970a;
 mod siglent_sdm;
 
 use crate::{
-    exchange::{Exchange, forget_errors, play},
+    exchange::{Exchange, forget_errors},
     instrument::{Instrument, Model},
     link::LinkError,
     scpi::message::{Field, parse_response},
@@ -38,7 +38,7 @@ impl Instrument<dyn Dialect> {
     pub async fn configure(&mut self) -> Result<(), LinkError> {
         forget_errors(&mut self.link).await?;
         let script = self.dialect.configure(&self.ascending());
-        play(&mut self.link, &script).await
+        self.play(&script).await
     }
 
     /// One scan, in the order of the channels in use; `None` for an open thermocouple.

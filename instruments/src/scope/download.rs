@@ -2,7 +2,7 @@
 
 use super::{Dialect, Intent, Preamble, Waveform};
 use crate::{
-    exchange::{Exchange, leading_number, play},
+    exchange::{Exchange, leading_number},
     instrument::Instrument,
     link::LinkError,
 };
@@ -78,11 +78,8 @@ impl Instrument<dyn Dialect> {
     async fn try_choose(&mut self, channel: u8, points: u64) -> Result<Chosen, LinkError> {
         let in_memory = self.points_in_memory().await?;
         let stride = stride_of(in_memory, points);
-        play(
-            &mut self.link,
-            &self.dialect.script(&Intent::Transfer { channel, stride }),
-        )
-        .await?;
+        self.play(&self.dialect.script(&Intent::Transfer { channel, stride }))
+            .await?;
         Ok(Chosen {
             channel,
             stride,
@@ -176,7 +173,7 @@ impl Instrument<dyn Dialect> {
             stride,
             in_memory,
         } = chosen;
-        play(&mut self.link, script).await?;
+        self.play(script).await?;
         let preamble = self.preamble(in_memory).await?;
         let total = preamble.points.div_ceil(stride);
         if !self.dialect.capabilities().thins_out {

@@ -11,7 +11,7 @@ mod siglent_sds;
 pub use download::Chosen;
 
 use crate::{
-    exchange::{Exchange, play},
+    exchange::Exchange,
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Seconds, Volts},
@@ -260,7 +260,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The first message that was refused or whose read-back was wrong.
     pub async fn set(&mut self, intent: &Intent) -> Result<(), LinkError> {
-        play(&mut self.link, &self.dialect.script(intent)).await
+        self.play(&self.dialect.script(intent)).await
     }
 
     /// Stops and waits until the scope says so.

@@ -5,7 +5,7 @@ mod rigol_dp832;
 mod siglent_spd;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, Told, Way, forget_errors, look, play, play_all},
+    exchange::{Answer, Bound, Exchange, Told, Way, forget_errors, look},
     instrument::{Instrument, Model, Unattended},
     link::LinkError,
     units::{Amps, Volts},
@@ -73,7 +73,7 @@ impl Instrument<dyn Dialect> {
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, charge: &Charge) -> Result<(), LinkError> {
         forget_errors(&mut self.link).await?;
-        play(&mut self.link, &self.dialect.output(false)).await?;
+        self.play(&self.dialect.output(false)).await?;
         self.told = Told::default();
         self.tell(&self.dialect.prepare(charge)).await
     }
@@ -100,7 +100,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         self.told = Told::default();
-        play_all(&mut self.link, &self.dialect.output(false)).await
+        self.play_all(&self.dialect.output(false)).await
     }
 
     /// Ways to deliver nothing while the output does not go off, the gentlest first.

@@ -9,9 +9,7 @@ mod caenels;
 mod kepco;
 
 use crate::{
-    exchange::{
-        Answer, Bound, Exchange, Told, Way, after_header, forget_errors, look, play, play_all,
-    },
+    exchange::{Answer, Bound, Exchange, Told, Way, after_header, forget_errors, look},
     instrument::{Instrument, Model},
     link::LinkError,
     units::{Amps, Hertz, Volts},
@@ -121,9 +119,9 @@ impl Instrument<dyn Dialect> {
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, limits: &Limits) -> Result<(), LinkError> {
         forget_errors(&mut self.link).await?;
-        play(&mut self.link, &self.dialect.output(false)).await?;
+        self.play(&self.dialect.output(false)).await?;
         let script = self.dialect.prepare(limits);
-        play(&mut self.link, &script).await?;
+        self.play(&script).await?;
         self.told = Told::default();
         self.told.add_bounds(&script, self.dialect.bounds());
         Ok(())
@@ -145,8 +143,8 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::prepare`]; everything is sent whatever fails in between.
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         self.told = Told::default();
-        let off = play_all(&mut self.link, &self.dialect.output(false)).await;
-        let digital = play_all(&mut self.link, &self.dialect.analog(false)).await;
+        let off = self.play_all(&self.dialect.output(false)).await;
+        let digital = self.play_all(&self.dialect.analog(false)).await;
         off.and(digital)
     }
 

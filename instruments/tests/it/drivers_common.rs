@@ -313,7 +313,7 @@ fn a_script_stops_at_a_refused_message_and_switching_off_does_not() {
         };
         let refused = "dev: `NONSENSE 1` was refused: -113, Undefined header";
         assert_eq!(
-            play(&mut link, &bad_then_on())
+            play(&mut link, &[], &bad_then_on())
                 .await
                 .unwrap_err()
                 .to_string(),
@@ -324,7 +324,7 @@ fn a_script_stops_at_a_refused_message_and_switching_off_does_not() {
             "nothing is sent after a message that was refused"
         );
         assert_eq!(
-            play_all(&mut link, &bad_then_on())
+            play_all(&mut link, &[], &bad_then_on())
                 .await
                 .unwrap_err()
                 .to_string(),

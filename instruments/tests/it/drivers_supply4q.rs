@@ -297,7 +297,7 @@ fn a_read_back_that_is_late_is_believed_and_one_that_never_comes_true_is_not() {
             )
             .await
             .unwrap();
-            let outcome = play(&mut link, &[Exchange::switch("OUTP", false)]).await;
+            let outcome = play(&mut link, &[], &[Exchange::switch("OUTP", false)]).await;
             let text = "dev: after `OUTP OFF`, `OUTP?` answered `1`: expected 0 or OFF";
             assert_eq!(
                 outcome.map_err(|error| error.to_string()),

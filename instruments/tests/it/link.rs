@@ -428,7 +428,7 @@ fn a_read_back_that_is_not_yet_so_is_asked_again_and_the_command_is_not() {
         _ => Reply::Silence,
     };
     with_link(plain(), script, async |mut link, _, heard| {
-        play(&mut link, &[Exchange::switch("OUTP", true)])
+        play(&mut link, &[], &[Exchange::switch("OUTP", true)])
             .await
             .unwrap();
         let heard: Vec<String> = heard().into_iter().map(|(_, message)| message).collect();

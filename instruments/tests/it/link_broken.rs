@@ -234,7 +234,7 @@ fn an_answer_that_stays_away_does_not_keep_the_output_on() {
             Exchange::word("OUTP:MODE BATTERY", "OUTP:MODE?", &["BATTERY"]),
             Exchange::switch("OUTP", false),
         ];
-        let error = play_all(&mut link, &script).await.unwrap_err();
+        let error = play_all(&mut link, &[], &script).await.unwrap_err();
         assert!(error.to_string().contains("OUTP:MODE?"), "{error}");
         let heard: Vec<String> = heard().into_iter().map(|(_, message)| message).collect();
         assert_eq!(
