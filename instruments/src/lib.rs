@@ -11,7 +11,6 @@
 pub mod chiller;
 pub mod clock;
 pub mod exchange;
-pub mod fixture;
 pub mod generator;
 pub mod instrument;
 pub mod jig;
@@ -25,5 +24,6 @@ pub mod supply;
 pub mod supply4q;
 pub mod transcript;
 pub mod transport;
-pub mod units;
 pub mod wire;
+
+pub use instruments_domain::{fixture, units};

@@ -36,7 +36,7 @@ const SOURCES: [&str; 22] = [
     "fixtures/src/scenario/effects.rs",
     "fixtures/src/scenario/faults.rs",
     "fixtures/src/scenario/specimens.rs",
-    "instruments/src/fixture.rs",
+    "instruments/domain/src/fixture.rs",
     "instruments/src/mock/faults.rs",
     "analysis/diagnosis/src/data.rs",
     "analysis/effects/src/augmented/play.rs",

@@ -2,7 +2,7 @@
 //! amperes are meant. SI throughout.
 //!
 //! ```
-//! use instruments::units::{Amps, Volts};
+//! use instruments_domain::units::{Amps, Volts};
 //!
 //! let (limit, current) = (Volts(4.2), Amps(1.5));
 //! assert_eq!(limit.to_string(), "4.2 V");

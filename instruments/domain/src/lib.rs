@@ -1,0 +1,7 @@
+//! Words that drivers, mocks and callers share: [`units`] of what is sent to an instrument, and
+//! [`fixture`], the test position.
+//!
+//! Knows no instrument and does no I/O.
+
+pub mod fixture;
+pub mod units;
