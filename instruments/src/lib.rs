@@ -19,7 +19,6 @@ pub mod load;
 pub mod logger;
 pub mod mock;
 pub mod scope;
-pub mod scpi;
 pub mod supply;
 pub mod supply4q;
 pub mod transcript;
@@ -27,3 +26,4 @@ pub mod transport;
 pub mod wire;
 
 pub use instruments_domain::{fixture, units};
+pub use instruments_scpi as scpi;

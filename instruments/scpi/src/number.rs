@@ -49,8 +49,8 @@ pub enum NumberError {
 /// infinity, 9.91E37 is not-a-number, and so are the words `INF`, `NINF` and `NAN`.
 ///
 /// ```
-/// use instruments::scpi::number::parse_f64;
-/// # fn main() -> Result<(), instruments::scpi::number::NumberError> {
+/// use instruments_scpi::number::parse_f64;
+/// # fn main() -> Result<(), instruments_scpi::number::NumberError> {
 /// assert_eq!(parse_f64(" +4.2E+0")?, 4.2);
 /// assert_eq!(parse_f64("9.9E37")?, f64::INFINITY);
 /// assert!(parse_f64("4.2 V").is_err());
@@ -160,8 +160,8 @@ impl Quantity {
 /// Reads a number and the suffix behind it, if any: `1500 mA`, `2MHZ`, `-3.0E-1 V`, `0.707Vrms`.
 ///
 /// ```
-/// use instruments::scpi::number::parse_quantity;
-/// # fn main() -> Result<(), instruments::scpi::number::NumberError> {
+/// use instruments_scpi::number::parse_quantity;
+/// # fn main() -> Result<(), instruments_scpi::number::NumberError> {
 /// let quantity = parse_quantity("1500 mA")?;
 /// assert!((quantity.si("A")? - 1.5).abs() < 1.0e-12);
 /// assert!(quantity.si("V").is_err());

@@ -1,7 +1,7 @@
 //! Response messages, as the controller reads them: units joined by `;`, fields joined by `,`, both
 //! outside quotes only (IEEE 488.2 clause 8).
 
-use crate::scpi::number::{self, NumberError};
+use crate::number::{self, NumberError};
 
 /// One field of an answer.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -34,8 +34,8 @@ impl Field {
 /// without any character has no field.
 ///
 /// ```
-/// use instruments::scpi::message::parse_response;
-/// # fn main() -> Result<(), instruments::scpi::number::NumberError> {
+/// use instruments_scpi::message::parse_response;
+/// # fn main() -> Result<(), instruments_scpi::number::NumberError> {
 /// let fields = parse_response("\"A,B\",3.700E+00;ON");
 /// assert_eq!(fields.len(), 3);
 /// assert_eq!(fields[0].text, "A,B");

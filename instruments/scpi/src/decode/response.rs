@@ -1,7 +1,7 @@
 //! The controller's side: a stream of bytes becomes answers.
 
 use super::{Terminator, is_line_end};
-use crate::scpi::{
+use crate::{
     block::{self, BlockHeader},
     excerpt, text_of,
 };
@@ -121,8 +121,8 @@ pub enum DecodeError {
 /// Collects bytes and gives out complete answers. Push what one read gave, then pull.
 ///
 /// ```
-/// use instruments::scpi::decode::{DecoderOptions, Expect, Response, ResponseDecoder};
-/// # fn main() -> Result<(), instruments::scpi::decode::DecodeError> {
+/// use instruments_scpi::decode::{DecoderOptions, Expect, Response, ResponseDecoder};
+/// # fn main() -> Result<(), instruments_scpi::decode::DecodeError> {
 /// let mut decoder = ResponseDecoder::new(DecoderOptions::default());
 /// decoder.push(b"3.70");
 /// assert_eq!(decoder.pull(Expect::Line)?, None);

@@ -52,7 +52,7 @@ pub fn parse_header(bytes: &[u8]) -> BlockHeader {
 /// than the 999 999 999 bytes that nine digits can say.
 ///
 /// ```
-/// use instruments::scpi::block::{BlockHeader, encode_definite, parse_header};
+/// use instruments_scpi::block::{BlockHeader, encode_definite, parse_header};
 ///
 /// let block = encode_definite(b"abc").unwrap_or_default();
 /// assert_eq!(block, b"#13abc");

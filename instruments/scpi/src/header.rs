@@ -26,8 +26,8 @@ pub struct PatternError {
 /// commands only.
 ///
 /// ```
-/// use instruments::scpi::header::Pattern;
-/// # fn main() -> Result<(), instruments::scpi::header::PatternError> {
+/// use instruments_scpi::header::Pattern;
+/// # fn main() -> Result<(), instruments_scpi::header::PatternError> {
 /// let voltage = Pattern::parse("[:SOURce<n>]:VOLTage?")?;
 /// assert_eq!(voltage.matches("SOUR2:VOLT?"), Some(vec![2]));
 /// assert_eq!(voltage.matches("voltage?"), Some(vec![1]));

@@ -24,9 +24,9 @@ pub use exercise::exercise;
 /// How much of a foreign text an error message repeats, characters.
 const EXCERPT_CHARS: usize = 60;
 
-/// A short, printable form of foreign bytes for error messages: escaped, and cut after
-/// [`EXCERPT_CHARS`].
-pub(crate) fn excerpt(bytes: &[u8]) -> String {
+/// A short, printable form of foreign bytes for error messages: escaped, and cut
+/// where they are long.
+pub fn excerpt(bytes: &[u8]) -> String {
     let mut shown = escaped(&latin1(bytes.get(..EXCERPT_CHARS).unwrap_or(bytes)));
     if bytes.len() > EXCERPT_CHARS {
         shown.push_str(&format!("… ({} bytes)", bytes.len()));
@@ -49,7 +49,7 @@ fn escaped(text: &str) -> String {
 
 /// Text of an instrument: UTF-8 where it is, else Latin-1, as older firmware writes `°` and `Ω`.
 /// Never fails and loses nothing.
-pub(crate) fn text_of(bytes: &[u8]) -> String {
+pub fn text_of(bytes: &[u8]) -> String {
     std::str::from_utf8(bytes).map_or_else(|_| latin1(bytes), str::to_owned)
 }
 

@@ -2,7 +2,7 @@
 //! 1, 8.3.2).
 
 use super::ProgramError;
-use crate::scpi::{
+use crate::{
     block::{self, BlockHeader},
     excerpt,
     number::{self, NumberError, Quantity},
@@ -249,7 +249,7 @@ fn block_data(text: &[u8]) -> Result<(Argument, &[u8]), ProgramError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scpi::message::parse_program;
+    use crate::message::parse_program;
 
     fn arguments(message: &[u8]) -> Vec<Argument> {
         parse_program(message).unwrap().remove(0).arguments

@@ -2,7 +2,7 @@
 //! path that is remembered after `;`).
 
 use super::{Argument, argument};
-use crate::scpi::{excerpt, number::NumberError};
+use crate::{excerpt, number::NumberError};
 
 /// Longest absolute header, bytes. The remembered path could otherwise grow with every unit of a
 /// message.
@@ -21,7 +21,7 @@ pub struct ProgramUnit {
 }
 
 impl ProgramUnit {
-    /// The header with its question mark, as [`crate::scpi::header::Pattern::matches`] compares it.
+    /// The header with its question mark, as [`crate::header::Pattern::matches`] compares it.
     pub fn full_header(&self) -> String {
         format!("{}{}", self.header, if self.query { "?" } else { "" })
     }

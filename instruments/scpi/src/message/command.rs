@@ -1,7 +1,7 @@
 //! Program messages, as the controller writes them. What cannot be written safely (a number that is
 //! not finite, a text that would end the message) is refused before anything is sent.
 
-use crate::scpi::{
+use crate::{
     excerpt,
     number::{self, NumberError},
 };
@@ -32,8 +32,8 @@ pub enum CommandError {
 /// Builds one program message. The first mistake is kept and reported by [`Command::build`].
 ///
 /// ```
-/// use instruments::scpi::message::Command;
-/// # fn main() -> Result<(), instruments::scpi::message::CommandError> {
+/// use instruments_scpi::message::Command;
+/// # fn main() -> Result<(), instruments_scpi::message::CommandError> {
 /// let message = Command::new("SOUR:CURR").fixed(1.5, 3).build()?;
 /// assert_eq!(message, "SOUR:CURR 1.500");
 ///
@@ -166,7 +166,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::scpi::message::{Argument, parse_program};
+    use crate::message::{Argument, parse_program};
 
     #[test]
     fn messages_are_written_as_the_manuals_do() {

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use super::Terminator;
-use crate::scpi::block::{self, BlockHeader};
+use crate::block::{self, BlockHeader};
 
 /// A message that could not be taken in; the framer goes on after the next terminator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
@@ -21,7 +21,7 @@ pub enum FrameError {
 /// forgotten quote costs one message and not the connection.
 ///
 /// ```
-/// use instruments::scpi::decode::{ProgramFramer, Terminator};
+/// use instruments_scpi::decode::{ProgramFramer, Terminator};
 ///
 /// let mut framer = ProgramFramer::new(Terminator::Lf, 1024);
 /// framer.push(b"*RST\nMEAS:");
@@ -199,7 +199,7 @@ mod tests {
     use proptest::prelude::*;
 
     use super::*;
-    use crate::scpi::message::{Argument, Command, parse_program};
+    use crate::message::{Argument, Command, parse_program};
 
     type Frame = Result<Vec<u8>, FrameError>;
 
