@@ -6,24 +6,59 @@
 //! [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each with its
 //! dialects; and [`mock`], devices that answer the same messages on the same kinds of port.
 //!
+//! A question to a simulated thermometer:
+//!
+//! ```
+//! use instruments::{
+//!     clock::{Clock, TimeMode},
+//!     link::{Link, LinkOptions, LinkProfile},
+//!     mock::serve_memory,
+//!     transcript::Tap,
+//!     transport::MemoryHub,
+//! };
+//! # use instruments::{mock::Device, scpi::decode::Terminator};
+//! # struct Thermometer;
+//! # impl Device for Thermometer {
+//! #     fn terminator(&self) -> Terminator {
+//! #         Terminator::Lf
+//! #     }
+//! #     fn handle(&mut self, _now_s: f64, _message: &[u8]) -> Vec<u8> {
+//! #         b"25.0\n".to_vec()
+//! #     }
+//! # }
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # Clock::runtime(TimeMode::Virtual)?.block_on(async {
+//! let (clock, hub) = (Clock::start(TimeMode::Virtual), MemoryHub::new());
+//! serve_memory(Box::new(Thermometer), &hub, "thermometer", clock.clone())?;
+//! let mut link = Link::open(LinkOptions {
+//!     name: "thermometer".to_owned(),
+//!     address: "memory:thermometer".parse()?,
+//!     profile: LinkProfile::scpi(),
+//!     clock,
+//!     hub,
+//!     tap: Tap::none(),
+//! })
+//! .await?;
+//! assert_eq!(link.query("MEAS:TEMP?").await?, "25.0");
+//! # Ok(())
+//! # })
+//! # }
+//! ```
+//!
 //! Knows no physics, no files, no configuration and no procedure.
 
 pub mod chiller;
-pub mod clock;
 pub mod exchange;
 pub mod generator;
 pub mod instrument;
 pub mod jig;
-pub mod link;
 pub mod load;
 pub mod logger;
 pub mod mock;
 pub mod scope;
 pub mod supply;
 pub mod supply4q;
-pub mod transcript;
-pub mod transport;
-pub mod wire;
 
 pub use instruments_domain::{fixture, units};
+pub use instruments_link::{clock, link, transcript, transport, wire};
 pub use instruments_scpi as scpi;

@@ -5,11 +5,12 @@
 //! it, and a transport that has none, still answer in order: what comes before the answer to the
 //! question that was just asked belongs to questions from before, and is thrown away.
 
+use instruments_scpi::{excerpt, status, text_of};
+
 use super::{Connection, Link, LinkError};
 use crate::{
     clock::Clock,
     link::Grammar,
-    scpi::{excerpt, status, text_of},
     transcript::{Direction, Payload},
 };
 

@@ -22,17 +22,18 @@ pub use error::LinkError;
 pub use guard::{Grammar, NEVER_SENT};
 pub use profile::{LinkOptions, LinkProfile};
 
+use instruments_scpi::{
+    decode::{Expect, Response},
+    excerpt,
+    status::{self, ErrorEntry},
+    text_of,
+};
+
 use connection::{Broken, Connection};
 use guard::Refusal;
 
 use crate::{
     clock::{Clock, TimeMode},
-    scpi::{
-        decode::{Expect, Response},
-        excerpt,
-        status::{self, ErrorEntry},
-        text_of,
-    },
     transcript::{BlockRecord, Direction, INLINE_BLOCK_BYTES, Payload, Record},
     transport::{self, Address},
 };
@@ -44,43 +45,6 @@ const MAX_QUEUED_ERRORS: usize = 20;
 pub const ENDS_MESSAGES: [u8; 3] = [b'\n', b'\r', b'#'];
 
 /// A connection to one instrument.
-///
-/// ```
-/// use instruments::{
-///     clock::{Clock, TimeMode},
-///     link::{Link, LinkOptions, LinkProfile},
-///     mock::serve_memory,
-///     transcript::Tap,
-///     transport::MemoryHub,
-/// };
-/// # use instruments::{mock::Device, scpi::decode::Terminator};
-/// # struct Thermometer;
-/// # impl Device for Thermometer {
-/// #     fn terminator(&self) -> Terminator {
-/// #         Terminator::Lf
-/// #     }
-/// #     fn handle(&mut self, _now_s: f64, _message: &[u8]) -> Vec<u8> {
-/// #         b"25.0\n".to_vec()
-/// #     }
-/// # }
-/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
-/// # Clock::runtime(TimeMode::Virtual)?.block_on(async {
-/// let (clock, hub) = (Clock::start(TimeMode::Virtual), MemoryHub::new());
-/// serve_memory(Box::new(Thermometer), &hub, "thermometer", clock.clone())?;
-/// let mut link = Link::open(LinkOptions {
-///     name: "thermometer".to_owned(),
-///     address: "memory:thermometer".parse()?,
-///     profile: LinkProfile::scpi(),
-///     clock,
-///     hub,
-///     tap: Tap::none(),
-/// })
-/// .await?;
-/// assert_eq!(link.query("MEAS:TEMP?").await?, "25.0");
-/// # Ok(())
-/// # })
-/// # }
-/// ```
 #[derive(Debug)]
 pub struct Link {
     options: LinkOptions,

@@ -23,8 +23,8 @@ use crate::wire::{hislip, prologix, rpc};
 /// Where an instrument is.
 ///
 /// ```
-/// use instruments::transport::Address;
-/// # fn main() -> Result<(), instruments::transport::AddressError> {
+/// use instruments_link::transport::Address;
+/// # fn main() -> Result<(), instruments_link::transport::AddressError> {
 /// let address: Address = "tcp://192.168.1.20:5025".parse()?;
 /// assert_eq!(address.host(), Some("192.168.1.20"));
 /// assert_eq!(address.to_string(), "tcp://192.168.1.20:5025");

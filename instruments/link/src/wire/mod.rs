@@ -2,8 +2,8 @@
 //! socket: [`rpc`] and [`vxi11`], [`hislip`], [`prologix`].
 //!
 //! Bytes in, values out, and back; memory is bounded by the limits that the caller names. Who talks
-//! to whom and when is the business of [`crate::transport`] on the client's side and of
-//! [`crate::mock`] on the instrument's.
+//! to whom and when is the business of [`crate::transport`] on the client's side and of a
+//! simulated instrument on the other.
 
 pub mod hislip;
 pub mod prologix;
@@ -19,7 +19,8 @@ pub struct WireError {
 }
 
 impl WireError {
-    pub(crate) fn new(expected: impl Into<String>, found: impl Into<String>) -> Self {
+    /// What was expected, and what was found.
+    pub fn new(expected: impl Into<String>, found: impl Into<String>) -> Self {
         Self {
             expected: expected.into(),
             found: found.into(),

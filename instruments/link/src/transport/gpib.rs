@@ -7,13 +7,11 @@
 
 use std::io;
 
+use instruments_scpi::excerpt;
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 
 use super::{Arrival, Stream, cut_off};
-use crate::{
-    scpi::excerpt,
-    wire::prologix::{Marked, escaped},
-};
+use crate::wire::prologix::{Marked, escaped};
 
 /// Settings for which the adapter is made responsible: controller, no reading unasked, nothing
 /// added to data but EOI, a read waits half a second, and none of this is written into its memory.

@@ -2,8 +2,8 @@
 //! streams and the transports that carry the ends of messages, can be cleared and give a status
 //! byte. The text of an [`Address`] selects one.
 //!
-//! Knows no text: cutting the bytes is the business of [`crate::scpi::decode`], deadlines and order
-//! that of [`crate::link`]. Opening sends nothing to an instrument; what starts a session goes to
+//! Knows no text: cutting the bytes is the business of [`instruments_scpi::decode`], deadlines and
+//! order that of [`crate::link`]. Opening sends nothing to an instrument; what starts a session goes to
 //! the server or the adapter in front of it.
 
 mod address;
@@ -36,7 +36,7 @@ pub use channel::{Arrival, Channel, connect};
 pub use memory::{MemoryHub, MemoryListener};
 pub use pty::Pty;
 pub use serial::SerialConnection;
-pub(crate) use usbtmc::TRANSFER;
+pub use usbtmc::TRANSFER;
 
 /// An address that could not be opened.
 #[derive(Debug, thiserror::Error)]

@@ -3,7 +3,7 @@
 //!
 //! A read that gives fewer bytes than were asked for ends a message. The driver's device clear is
 //! an ioctl, which cannot be called without unsafe code: there is none here. A datagram socket in
-//! the place of the device's file is a simulated instrument ([`crate::mock::serve_usbtmc`]).
+//! the place of the device's file is a simulated instrument.
 
 use std::{
     fs::File,
@@ -26,7 +26,7 @@ use super::Arrival;
 
 /// Bytes in a full transfer through the socket in the place of a device's file; a shorter one ends
 /// a message.
-pub(crate) const TRANSFER: usize = 32 << 10;
+pub const TRANSFER: usize = 32 << 10;
 /// Bytes that are asked of the driver at once.
 const PAGE: usize = 256 << 10;
 /// After so long the socket in the place of a device's file gives up a read, as the driver does

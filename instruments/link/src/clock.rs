@@ -73,7 +73,7 @@ pub struct Elapsed(pub Duration);
 /// Bench time; cheap to clone, all clones agree.
 ///
 /// ```
-/// use instruments::clock::{Clock, TimeMode};
+/// use instruments_link::clock::{Clock, TimeMode};
 /// # fn main() -> std::io::Result<()> {
 /// let runtime = Clock::runtime(TimeMode::Virtual)?;
 /// let now_s = runtime.block_on(async {

@@ -2,12 +2,10 @@
 
 use std::{future::poll_fn, io, pin::Pin, task::Poll, time::Duration};
 
+use instruments_scpi::decode::{DecodeError, DecoderOptions, Expect, Response, ResponseDecoder};
 use tokio::io::{AsyncRead, AsyncReadExt, ReadBuf};
 
-use crate::{
-    scpi::decode::{DecodeError, DecoderOptions, Expect, Response, ResponseDecoder},
-    transport::{Channel, Stream},
-};
+use crate::transport::{Channel, Stream};
 
 /// Bytes asked of the stream at once.
 const CHUNK: usize = 64 << 10;

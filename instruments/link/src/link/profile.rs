@@ -2,10 +2,11 @@
 
 use std::time::Duration;
 
+use instruments_scpi::decode::{DecoderOptions, Terminator};
+
 use super::guard::{Grammar, NEVER_SENT};
 use crate::{
     clock::Clock,
-    scpi::decode::{DecoderOptions, Terminator},
     transcript::Tap,
     transport::{Address, MemoryHub},
 };

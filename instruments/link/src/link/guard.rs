@@ -2,7 +2,7 @@
 //! questions whose answer nobody would read, and commands that must never reach an instrument with
 //! a cell in the jig.
 
-use crate::scpi::{header::Pattern, message::parse_program};
+use instruments_scpi::{header::Pattern, message::parse_program};
 
 /// The language of a link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

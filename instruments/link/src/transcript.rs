@@ -120,8 +120,8 @@ pub struct TranscriptError {
 /// A recorded conversation.
 ///
 /// ```
-/// use instruments::transcript::{Direction, Payload, Transcript};
-/// # fn main() -> Result<(), instruments::transcript::TranscriptError> {
+/// use instruments_link::transcript::{Direction, Payload, Transcript};
+/// # fn main() -> Result<(), instruments_link::transcript::TranscriptError> {
 /// let transcript = Transcript::parse("0.100000 load > MEAS:VOLT?\n0.102000 load < 3.701\n")?;
 /// let answer = &transcript.records[1];
 /// assert_eq!(answer.direction, Direction::Received);

@@ -2,13 +2,12 @@
 
 use std::{io, time::Duration};
 
-use crate::{
-    scpi::{
-        decode::DecodeError,
-        status::{ErrorEntry, StatusError},
-    },
-    transport::{Address, TransportError},
+use instruments_scpi::{
+    decode::DecodeError,
+    status::{ErrorEntry, StatusError},
 };
+
+use crate::transport::{Address, TransportError};
 
 /// An exchange that failed; every text names the instrument, the message and the deadline where
 /// there is one.
