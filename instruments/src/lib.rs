@@ -54,11 +54,11 @@ pub mod instrument;
 pub mod jig;
 pub mod load;
 pub mod logger;
-pub mod mock;
 pub mod scope;
 pub mod supply;
 pub mod supply4q;
 
 pub use instruments_domain::{fixture, units};
 pub use instruments_link::{clock, link, transcript, transport, wire};
+pub use instruments_mock as mock;
 pub use instruments_scpi as scpi;

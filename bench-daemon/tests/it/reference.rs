@@ -37,7 +37,7 @@ const SOURCES: [&str; 22] = [
     "fixtures/src/scenario/faults.rs",
     "fixtures/src/scenario/specimens.rs",
     "instruments/domain/src/fixture.rs",
-    "instruments/src/mock/faults.rs",
+    "instruments/mock/src/faults.rs",
     "analysis/diagnosis/src/data.rs",
     "analysis/effects/src/augmented/play.rs",
     "analysis/files/src/dataset/index.rs",
