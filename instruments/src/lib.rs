@@ -1,10 +1,16 @@
 //! Drivers of the instruments of a battery test bench, and simulated instruments for tests.
 //!
-//! The layers, in reading order: [`units`], [`fixture`] and [`clock`]; [`scpi`], the sans-IO codec;
-//! [`transport`], bytes in and bytes out; [`transcript`] and [`link`], the only asynchronous layer;
-//! [`exchange`] and [`instrument`], common parts of the roles; the roles ([`supply4q`],
-//! [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`], [`jig`]), each with its
-//! dialects; and [`mock`], devices that answer the same messages on the same kinds of port.
+//! This crate only re-exports the crates below it, in the order in which they depend on each other:
+//!
+//! * `instruments-domain` – [`units`]; [`fixture`]: the test position.
+//! * `instruments-scpi` – [`scpi`]: the codec without I/O.
+//! * `instruments-link` – [`clock`]: bench time; [`wire`] and [`transport`]: bytes in and bytes out;
+//!   [`transcript`]: recorded conversations; [`link`]: one exchange at a time.
+//! * `instruments-drivers` – [`exchange`] and [`instrument`]: common parts of the roles; the roles
+//!   [`supply4q`], [`generator`], [`scope`], [`load`], [`supply`], [`chiller`], [`logger`] and
+//!   [`jig`], each with its dialects.
+//! * `instruments-mock` – [`mock`]: devices that answer the same messages on the same kinds of port.
+//!   It does not know the drivers.
 //!
 //! A question to a simulated thermometer:
 //!
@@ -47,18 +53,10 @@
 //!
 //! Knows no physics, no files, no configuration and no procedure.
 
-pub mod chiller;
-pub mod exchange;
-pub mod generator;
-pub mod instrument;
-pub mod jig;
-pub mod load;
-pub mod logger;
-pub mod scope;
-pub mod supply;
-pub mod supply4q;
-
 pub use instruments_domain::{fixture, units};
+pub use instruments_drivers::{
+    chiller, exchange, generator, instrument, jig, load, logger, scope, supply, supply4q,
+};
 pub use instruments_link::{clock, link, transcript, transport, wire};
 pub use instruments_mock as mock;
 pub use instruments_scpi as scpi;

@@ -3,8 +3,8 @@
 //! byte. The text of an [`Address`] selects one.
 //!
 //! Knows no text: cutting the bytes is the business of [`instruments_scpi::decode`], deadlines and
-//! order that of [`crate::link`]. Opening sends nothing to an instrument; what starts a session goes to
-//! the server or the adapter in front of it.
+//! order that of [`crate::link`]. Opening sends nothing to an instrument; what starts a session goes
+//! to the server or the adapter in front of it.
 
 mod address;
 mod channel;

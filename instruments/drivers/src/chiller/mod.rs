@@ -1,0 +1,221 @@
+//! The chiller that holds the cell's water blocks at a temperature.
+
+mod huber;
+mod julabo;
+mod relay_board;
+
+use instruments_domain::units::Celsius;
+use instruments_link::link::LinkError;
+
+use crate::{
+    exchange::{Answer, Exchange, Expect, Told, Way, leading_number, look},
+    instrument::{Instrument, Model},
+};
+
+/// State of a chiller by its own answer.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Status {
+    /// It circulates and controls.
+    pub running: bool,
+    /// It takes commands.
+    pub remote: bool,
+    /// An alarm that means the bath is not under control.
+    pub alarm: Option<String>,
+    /// The answer as it came.
+    pub raw: String,
+}
+
+/// One model's language.
+pub trait Dialect: Model {
+    /// Range of set-points.
+    fn range(&self) -> (Celsius, Celsius);
+    /// Set-point, then start; or stop.
+    fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange>;
+    /// Where the daemon closes the loop: heats for so many seconds, cools for a negative number of
+    /// them, lets both be for zero. The pulse ends by itself.
+    fn pulse(&self, _seconds: f64) -> Option<Vec<Exchange>> {
+        None
+    }
+    /// Ways to harm nothing while it does not stop.
+    fn zero(&self) -> Vec<Way>;
+    /// Queries for bath temperature and status.
+    fn queries(&self) -> [&'static str; 2];
+    /// Reads an answer to the first of them, °C; nothing where it is no temperature.
+    fn celsius(&self, answer: &str) -> Option<f64> {
+        leading_number(answer)
+    }
+    /// Reads a status answer.
+    fn status(&self, answer: &str) -> Status;
+    /// The question for its set-point, which is answered as a temperature is; none of a bath that
+    /// has none.
+    fn setpoint(&self) -> Option<&'static str> {
+        None
+    }
+    /// The question whether it runs, and the answer that means yes, where its status leaves that
+    /// open.
+    fn asks_whether_it_runs(&self, _answer: &str) -> Option<(&'static str, Expect)> {
+        None
+    }
+}
+
+/// A bath that does not stop is brought to where no cell comes to harm, °C: the room's.
+const HARMLESS_C: Celsius = Celsius(20.0);
+
+/// Every known model.
+pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO, &huber::HUBER, &relay_board::RELAY_BOARD];
+
+/// A chiller on its link.
+pub type Chiller = Instrument<dyn Dialect>;
+
+impl Instrument<dyn Dialect> {
+    /// Range of set-points.
+    pub fn range(&self) -> (Celsius, Celsius) {
+        self.dialect.range()
+    }
+
+    /// State and alarms.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn status(&mut self) -> Result<Status, LinkError> {
+        let answer = self.link.query(self.dialect.queries()[1]).await?;
+        let status = self.dialect.status(&answer);
+        match self
+            .dialect
+            .asks_whether_it_runs(&answer)
+            .filter(|_| status.alarm.is_none())
+        {
+            Some((query, yes)) => {
+                let running = yes.judge(&self.link.query(query).await?).is_ok();
+                // What it does in remote mode it was told to.
+                Ok(Status {
+                    running,
+                    remote: true,
+                    ..status
+                })
+            }
+            None => Ok(status),
+        }
+    }
+
+    /// Sets the temperature and starts, where it has a set-point; read back, for some ignore
+    /// commands silently while in manual mode.
+    ///
+    /// # Errors
+    /// The link's; manual mode; an alarm.
+    pub async fn start(&mut self, setpoint: Celsius) -> Result<(), LinkError> {
+        let status = self.status().await?;
+        self.require_remote(&status)?;
+        if let Some(alarm) = &status.alarm {
+            return Err(LinkError::unexpected(
+                self.link.name(),
+                self.dialect.queries()[1],
+                alarm,
+                "no alarm",
+            ));
+        }
+        let script = self.dialect.run(Some(setpoint));
+        // Where the daemon closes the loop, it changes what the relays are told all the time.
+        if self.is_regulated() {
+            self.play(&script).await
+        } else {
+            self.tell(&script).await
+        }
+    }
+
+    /// The loop is the daemon's to close, by [`Self::pulse`].
+    pub fn is_regulated(&self) -> bool {
+        self.dialect.pulse(0.0).is_some()
+    }
+
+    /// Heats, or cools, for so long; read back.
+    ///
+    /// # Errors
+    /// The link's; a relay that does not do it; nothing is sent to a chiller that closes its loop
+    /// itself.
+    pub async fn pulse(&mut self, seconds: f64) -> Result<(), LinkError> {
+        match self.dialect.pulse(seconds) {
+            Some(script) => self.play(&script).await,
+            None => Ok(()),
+        }
+    }
+
+    /// Ways to harm nothing while it does not stop.
+    pub fn zero(&self) -> Vec<Way> {
+        self.dialect.zero()
+    }
+
+    /// Stops the chiller.
+    ///
+    /// # Errors
+    /// The link's; a read-back that differs; manual mode, unless it stands still already.
+    pub async fn stop(&mut self) -> Result<(), LinkError> {
+        self.told = Told::default();
+        let stopped = self.play(&self.dialect.run(None)).await;
+        if let Err(LinkError::ReadBack { .. }) = &stopped {
+            let status = self.status().await?;
+            self.require_remote(&status)?;
+        }
+        stopped
+    }
+
+    fn require_remote(&self, status: &Status) -> Result<(), LinkError> {
+        if status.remote {
+            return Ok(());
+        }
+        let expected = "remote mode (set it on the panel: in manual mode commands are ignored)";
+        Err(LinkError::unexpected(
+            self.link.name(),
+            self.dialect.queries()[1],
+            &status.raw,
+            expected,
+        ))
+    }
+
+    /// Asks whether it stands still, or its relays are open, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        look(&mut self.link, &self.dialect.run(None)).await
+    }
+
+    /// It was started at this set-point by another process: what must still be so. Sends nothing.
+    pub fn was_left_at(&mut self, setpoint: Celsius) {
+        self.told = if self.is_regulated() {
+            Told::default()
+        } else {
+            Told::of(&self.dialect.run(Some(setpoint)))
+        };
+    }
+
+    /// Its set-point; none of a bath whose loop is closed elsewhere.
+    ///
+    /// # Errors
+    /// The link's; an answer that is no number.
+    pub async fn setpoint(&mut self) -> Result<Option<Celsius>, LinkError> {
+        match self.dialect.setpoint() {
+            Some(query) => self.celsius(query).await.map(Some),
+            None => Ok(None),
+        }
+    }
+
+    /// Temperature of the bath.
+    ///
+    /// # Errors
+    /// The link's; an answer that is no number.
+    pub async fn temperature(&mut self) -> Result<Celsius, LinkError> {
+        self.celsius(self.dialect.queries()[0]).await
+    }
+
+    async fn celsius(&mut self, query: &str) -> Result<Celsius, LinkError> {
+        let answer = self.link.query(query).await?;
+        let celsius = self
+            .dialect
+            .celsius(&answer)
+            .filter(|celsius| celsius.is_finite());
+        celsius
+            .map(Celsius)
+            .ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a temperature"))
+    }
+}

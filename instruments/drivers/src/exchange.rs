@@ -1,0 +1,491 @@
+//! Script that a dialect returns to its role: messages, each with a condition that must hold after
+//! it. The role plays it through the link.
+//!
+//! A dialect is sync and sends nothing itself, so that the very texts that go to an instrument can
+//! be printed, tested and read beforehand.
+
+mod expect;
+mod identity;
+mod words;
+
+pub use expect::{Expect, after_header, field, hex_word, leading_number, plain};
+pub use identity::Identity;
+pub use words::{CHOSEN, ON_OFF, Says, Setting, Shows};
+
+use instruments_link::link::{Link, LinkError};
+use instruments_scpi::message::Command;
+
+use words::Differs;
+
+/// One message with its proof.
+///
+/// ```
+/// use instruments_drivers::exchange::Exchange;
+///
+/// let exchange = Exchange::fixed("CURR", 1.5, 3, 1.0e-3);
+/// let Exchange::Set { message, read_back, expect } = exchange else {
+///     panic!("a finite number can be sent");
+/// };
+/// assert_eq!((message.as_str(), read_back.as_str()), ("CURR 1.500", "CURR?"));
+/// assert!(expect.judge("1.5004E+00").is_ok());
+/// assert!(expect.judge("1.6").is_err());
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub enum Exchange {
+    /// Sent; the error queue is asked where the instrument has one.
+    Send(String),
+    /// Sent, then read back.
+    Set {
+        /// The command.
+        message: String,
+        /// The query that shows what the instrument made of it.
+        read_back: String,
+        /// Condition that the answer must meet.
+        expect: Expect,
+    },
+    /// Bytes behind a head, sent as they are; what the instrument made of them shows in what comes
+    /// after. They must hold no byte that ends a message.
+    Data {
+        /// The message up to its data.
+        head: String,
+        /// The data.
+        data: Vec<u8>,
+    },
+    /// A command that the instrument answers by itself, as protocols with a confirmation do.
+    Ask {
+        /// The command.
+        message: String,
+        /// Condition that the answer must meet.
+        expect: Expect,
+        /// The query that shows what the instrument made of it, and what its answer must be; none
+        /// where the confirmation says it all.
+        read_back: Option<(String, Expect)>,
+    },
+    /// Not sent: what was wanted cannot be written as a message, such as a number that is none.
+    /// Playing it is an error.
+    Refuse {
+        /// The header of what was wanted.
+        message: String,
+        /// Why it is not sent.
+        reason: String,
+    },
+}
+
+/// A way to let no current flow through an instrument whose output does not go off.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Way {
+    /// Effect of the way, as the end of a sentence that begins with "by".
+    pub name: &'static str,
+    /// How.
+    pub script: Vec<Exchange>,
+}
+
+/// A limit within the instrument that bounds its current, as it can be asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Bound {
+    /// The question; its answer is a number.
+    pub query: &'static str,
+    /// The words before the number.
+    pub words: &'static str,
+    /// Its unit.
+    pub unit: &'static str,
+}
+
+impl Exchange {
+    /// A command that is sent and trusted to the error queue.
+    pub fn send(message: impl Into<String>) -> Self {
+        Self::Send(message.into())
+    }
+
+    /// A command as it is built, trusted to the error queue.
+    pub fn command(header: &str, arguments: impl FnOnce(Command) -> Command) -> Self {
+        match arguments(Command::new(header)).build() {
+            Ok(message) => Self::Send(message),
+            Err(error) => Self::Refuse {
+                message: header.to_owned(),
+                reason: error.to_string(),
+            },
+        }
+    }
+
+    /// `HEADER value` with so many decimals and never an exponent; `HEADER?` must then show the
+    /// value.
+    pub fn fixed(header: &str, value: f64, decimals: usize, tolerance: f64) -> Self {
+        match Self::command(header, |command| command.fixed(value, decimals)) {
+            Self::Send(message) => Self::number(message, format!("{header}?"), value, tolerance),
+            refused => refused,
+        }
+    }
+
+    /// `HEADER ON` or `HEADER OFF`; `HEADER?` must then show it.
+    pub fn switch(header: &str, on: bool) -> Self {
+        match Self::command(header, |command| command.on_off(on)) {
+            Self::Send(message) => Self::Set {
+                message,
+                read_back: format!("{header}?"),
+                expect: Expect::Switch(on),
+            },
+            refused => refused,
+        }
+    }
+
+    /// A command whose effect is read back as a number.
+    pub fn number(
+        message: impl Into<String>,
+        read_back: impl Into<String>,
+        value: f64,
+        tolerance: f64,
+    ) -> Self {
+        Self::Set {
+            message: message.into(),
+            read_back: read_back.into(),
+            expect: Expect::Number { value, tolerance },
+        }
+    }
+
+    /// A command whose effect is read back as one of several words.
+    pub fn word(
+        message: impl Into<String>,
+        read_back: impl Into<String>,
+        words: &'static [&'static str],
+    ) -> Self {
+        Self::Set {
+            message: message.into(),
+            read_back: read_back.into(),
+            expect: Expect::Word(words),
+        }
+    }
+}
+
+/// Plays a script; stops at the first message that is refused or not believed. Errors tell these
+/// settings in words.
+///
+/// # Errors
+/// The link's error for that message.
+pub async fn play(
+    link: &mut Link,
+    settings: &[Setting],
+    script: &[Exchange],
+) -> Result<(), LinkError> {
+    for exchange in script {
+        match exchange {
+            Exchange::Send(message) => link.send(message).await?,
+            Exchange::Set {
+                message,
+                read_back,
+                expect,
+            } => {
+                if let Some(value) = expect.not_finite() {
+                    let reason = format!("expected a finite number, found {value}");
+                    return Err(LinkError::Malformed {
+                        link: link.name().to_owned(),
+                        message: message.clone(),
+                        reason,
+                    });
+                }
+                let outcome = link
+                    .set(message, read_back, |answer| expect.judge(answer))
+                    .await;
+                let question = Question {
+                    text: read_back,
+                    expect,
+                    settings,
+                };
+                question.believe(link, outcome).await?;
+            }
+            Exchange::Data { head, data } => link.send_data(head, data).await?,
+            Exchange::Ask {
+                message,
+                expect,
+                read_back,
+            } => {
+                let answer = link.query(message).await?;
+                expect.judge(&answer).map_err(|expected| {
+                    LinkError::unexpected(link.name(), message, &answer, &expected)
+                })?;
+                if let Some((query, expect)) = read_back {
+                    let answer = link.query(query).await?;
+                    expect.judge(&answer).map_err(|expected| {
+                        let question = Question {
+                            text: query,
+                            expect,
+                            settings,
+                        };
+                        let (answer, expected) = question.readable(link, &answer, expected);
+                        LinkError::unexpected(link.name(), query, &answer, &expected)
+                    })?;
+                }
+            }
+            Exchange::Refuse { message, reason } => {
+                return Err(LinkError::Malformed {
+                    link: link.name().to_owned(),
+                    message: message.clone(),
+                    reason: reason.clone(),
+                });
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Question that shows what became of a message.
+struct Question<'a> {
+    text: &'a str,
+    /// Condition that the answer must meet.
+    expect: &'a Expect,
+    /// Settings of the instrument, in words.
+    settings: &'a [Setting],
+}
+
+impl Question<'_> {
+    /// Asks again for a while what was not yet so: some instruments answer before a write has taken
+    /// effect. A question may be repeated, a command not.
+    async fn believe(
+        &self,
+        link: &mut Link,
+        outcome: Result<(), LinkError>,
+    ) -> Result<(), LinkError> {
+        const PATIENCE: [f64; 4] = [0.1, 0.2, 0.3, 0.4];
+        if !matches!(outcome, Err(LinkError::ReadBack { .. })) {
+            return outcome;
+        }
+        for seconds in PATIENCE {
+            link.clock().clone().sleep_s(seconds).await;
+            if self.expect.judge(&link.query(self.text).await?).is_ok() {
+                return Ok(());
+            }
+        }
+        outcome.map_err(|error| match error {
+            LinkError::ReadBack {
+                link: name,
+                sent,
+                asked,
+                answered,
+                expected,
+            } => {
+                let (answered, expected) = self.readable(link, &answered, expected);
+                LinkError::ReadBack {
+                    link: name,
+                    sent,
+                    asked,
+                    answered,
+                    expected,
+                }
+            }
+            other => other,
+        })
+    }
+
+    /// Answer and expectation for an error message: those of a status word in words, because a mask
+    /// of bits is hard to read. The raw answer is in the log.
+    fn readable(&self, link: &Link, answer: &str, expected: String) -> (String, String) {
+        let Self {
+            text,
+            expect,
+            settings,
+        } = self;
+        let masked = matches!(expect, Expect::Bits { .. }) && hex_word(answer).is_some();
+        match Differs::of(settings, text, expect, answer).filter(|_| masked) {
+            Some(words) => {
+                tracing::info!(
+                    link = link.name(),
+                    "`{text}` is answered by `{answer}`: expected {expected}"
+                );
+                (words.found, words.wanted)
+            }
+            None => (answer.to_owned(), expected),
+        }
+    }
+}
+
+/// Plays a whole script whatever happens in between, for switching off: neither a message that is
+/// refused nor an answer that stays away must keep the next message from being sent. A link that
+/// was dropped is reconnected for it.
+///
+/// # Errors
+/// The link's error for the first message that failed.
+pub async fn play_all(
+    link: &mut Link,
+    settings: &[Setting],
+    script: &[Exchange],
+) -> Result<(), LinkError> {
+    let mut outcome = Ok(());
+    for exchange in script {
+        if link.is_dropped() {
+            // When that fails, so will the message, and say why.
+            let _ = link.reconnect().await;
+        }
+        let played = play(link, settings, std::slice::from_ref(exchange)).await;
+        outcome = outcome.and(played);
+    }
+    outcome
+}
+
+/// Answer of an instrument about itself.
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+pub struct Answer {
+    /// Question that was asked.
+    pub question: String,
+    /// Answer that was given.
+    pub answer: String,
+    /// It is what the script would have made it.
+    pub as_scripted: bool,
+}
+
+/// Asks the questions of a script and sends none of its commands: whether everything already is as
+/// the script would make it. Changes nothing.
+///
+/// # Errors
+/// The link's.
+pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, LinkError> {
+    let mut answers = Vec::new();
+    for exchange in script {
+        let (Exchange::Set {
+            read_back, expect, ..
+        }
+        | Exchange::Ask {
+            read_back: Some((read_back, expect)),
+            ..
+        }) = exchange
+        else {
+            continue;
+        };
+        let answer = link.query(read_back).await?;
+        answers.push(Answer {
+            question: read_back.clone(),
+            as_scripted: expect.judge(&answer).is_ok(),
+            answer,
+        });
+    }
+    Ok(answers)
+}
+
+/// The questions of scripts, each with the last thing that it must show.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Told(Vec<(String, Expect)>);
+
+impl Told {
+    /// Nothing is known but what this script makes so.
+    pub fn of(script: &[Exchange]) -> Self {
+        let mut told = Self::default();
+        told.add(script);
+        told
+    }
+
+    /// A later script changes what an earlier one has made so.
+    pub fn add(&mut self, script: &[Exchange]) {
+        for exchange in script {
+            let (Exchange::Set {
+                read_back, expect, ..
+            }
+            | Exchange::Ask {
+                read_back: Some((read_back, expect)),
+                ..
+            }) = exchange
+            else {
+                continue;
+            };
+            self.0.retain(|(question, _)| question != read_back);
+            self.0.push((read_back.clone(), expect.clone()));
+        }
+    }
+
+    /// Adds the part of a script that bounds the current, and must stay so too.
+    pub fn add_bounds(&mut self, script: &[Exchange], bounds: &[Bound]) {
+        let bounding = |exchange: &&Exchange| {
+            matches!(
+                exchange,
+                Exchange::Set { read_back, .. }
+                    if bounds.iter().any(|bound| bound.query == read_back)
+            )
+        };
+        script
+            .iter()
+            .filter(bounding)
+            .for_each(|exchange| self.add(std::slice::from_ref(exchange)));
+    }
+
+    /// Nothing is known.
+    pub fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
+    /// Only what this script makes so is known any more.
+    pub fn keep(&mut self, script: &[Exchange]) {
+        let kept = Self::of(script);
+        self.0
+            .retain(|(question, _)| kept.0.iter().any(|(other, _)| other == question));
+    }
+
+    /// Checks that all settings are still as they were made, and changes nothing. Returns the
+    /// differences, in the words of `settings`.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn differs(
+        &self,
+        link: &mut Link,
+        settings: &[Setting],
+    ) -> Result<Option<String>, LinkError> {
+        for (question, expect) in &self.0 {
+            let first = link.query(question).await?;
+            if expect.judge(&first).is_ok() {
+                continue;
+            }
+            // One answer may be garbled on its way: only two make a difference.
+            let answer = link.query(question).await?;
+            if let Err(expected) = expect.judge(&answer) {
+                tracing::info!(
+                    link = link.name(),
+                    "`{question}` is answered by `{answer}`: expected {expected}"
+                );
+                let words = Differs::of(settings, question, expect, &answer);
+                let unnamed =
+                    || format!("what `{question}` asks for is no longer as this run left it");
+                return Ok(Some(words.map_or_else(unnamed, |words| words.to_string())));
+            }
+        }
+        Ok(None)
+    }
+}
+
+/// Takes out of the error queue what an earlier client or the power-up left there, which would else
+/// be taken for an answer to the first message.
+///
+/// # Errors
+/// The link's.
+pub async fn forget_errors(link: &mut Link) -> Result<(), LinkError> {
+    for entry in link.drain_errors().await? {
+        tracing::warn!(link = link.name(), %entry, "an error from before was in the queue");
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_number_that_is_none_is_refused_before_it_is_sent() {
+        assert_eq!(
+            Exchange::fixed("CURR", 1.5, 4, 1e-3),
+            Exchange::Set {
+                message: "CURR 1.5000".to_owned(),
+                read_back: "CURR?".to_owned(),
+                expect: Expect::Number {
+                    value: 1.5,
+                    tolerance: 1e-3
+                }
+            }
+        );
+        let refused = Exchange::fixed("CURR", f64::NAN, 4, 1e-3);
+        assert!(
+            matches!(&refused, Exchange::Refuse { message, .. } if message == "CURR"),
+            "{refused:?}"
+        );
+        assert_eq!(
+            Expect::Fields(vec![("FRQ", 1.0, 0.1), ("AMP", f64::INFINITY, 0.1)]).not_finite(),
+            Some(f64::INFINITY)
+        );
+    }
+}

@@ -1,0 +1,238 @@
+//! Common parts of every role: a link, the dialect of the model on it, and the question who it is.
+
+use std::time::Duration;
+
+use instruments_domain::units::{Amps, Volts};
+use instruments_link::{
+    link::{Link, LinkError, LinkProfile},
+    transport::Address,
+};
+
+use crate::exchange::{
+    Bound, Exchange, Identity, Setting, Told, Way, leading_number, plain, play, play_all,
+};
+
+/// A model of instrument, whatever its role.
+pub trait Model: Send + Sync {
+    /// The name in a bench file.
+    fn key(&self) -> &'static str;
+
+    /// Pace and deadlines of its link.
+    fn profile(&self) -> LinkProfile;
+
+    /// Whether an identity answer is this model's.
+    fn recognises(&self, identity: &Identity) -> bool;
+
+    /// The question for the identity.
+    fn identity_query(&self) -> &'static str {
+        "*IDN?"
+    }
+
+    /// Settings in words, for messages about one that is not as it was set.
+    fn settings(&self) -> &'static [Setting] {
+        &[]
+    }
+}
+
+/// End of a direct current of a load or a charger when no further message arrives, as far as its
+/// maker states it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Unattended {
+    /// It stops below the voltage that it was given.
+    StopsBelow,
+    /// It holds the voltage that it was given, and the current falls.
+    HoldsVoltage,
+    /// Nothing that is known.
+    NothingKnown,
+}
+
+/// The model of this name in a role's table.
+pub fn by_key<D: Model + ?Sized>(dialects: &[&'static D], key: &str) -> Option<&'static D> {
+    dialects
+        .iter()
+        .copied()
+        .find(|dialect| dialect.key() == key)
+}
+
+/// Instrument on its link, driven by a role's dialect `D`.
+pub struct Instrument<D: Model + ?Sized + 'static> {
+    pub(crate) link: Link,
+    pub(crate) dialect: &'static D,
+    pub(crate) channels: Vec<u16>,
+    /// Part of the identity of another model that is accepted as this one.
+    accepted: Option<String>,
+    /// Settings that were made last and must stay so while current flows.
+    pub(crate) told: Told,
+}
+
+impl<D: Model + ?Sized> Instrument<D> {
+    /// Puts a dialect on a link. Sends nothing.
+    pub fn new(link: Link, dialect: &'static D) -> Self {
+        Self {
+            link,
+            dialect,
+            channels: Vec::new(),
+            accepted: None,
+            told: Told::default(),
+        }
+    }
+
+    /// Names the channels in use, where a model has several: the generator's output, the logger's
+    /// scan list.
+    #[must_use]
+    pub fn on_channels(self, channels: Vec<u16>) -> Self {
+        Self { channels, ..self }
+    }
+
+    /// Accepts an instrument whose identity contains this text as this model.
+    #[must_use]
+    pub fn accepting(self, accepted: Option<String>) -> Self {
+        Self { accepted, ..self }
+    }
+
+    /// Whether an identity answer is that of the expected instrument.
+    pub fn recognises(&self, identity: &Identity) -> bool {
+        let accepted = self
+            .accepted
+            .as_deref()
+            .is_some_and(|text| !text.is_empty() && identity.raw.contains(text));
+        accepted || self.dialect.recognises(identity)
+    }
+
+    /// Asks who it is; changes no setting. Where nothing tells that an earlier client left an
+    /// answer unread, a strange identity may be that answer: the link is brought into step then,
+    /// and the question asked again.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn identify(&mut self) -> Result<Identity, LinkError> {
+        let identity = Identity::parse(&self.link.query(self.dialect.identity_query()).await?);
+        if self.recognises(&identity) || !matches!(self.link.address(), Address::UsbTmc { .. }) {
+            return Ok(identity);
+        }
+        // A model that answers nothing else is still the one that it said it is.
+        if self.link.reconnect().await.is_err() {
+            return Ok(identity);
+        }
+        let again = self.link.query(self.dialect.identity_query()).await;
+        Ok(again.map_or(identity, |text| Identity::parse(&text)))
+    }
+
+    /// Reconnects and asks who it is: an instrument whose answers belong to other questions does
+    /// not answer with its identity.
+    ///
+    /// # Errors
+    /// The link's, and [`LinkError::Unexpected`] for an answer that is not this model's identity.
+    pub async fn reconnect_and_identify(&mut self) -> Result<(), LinkError> {
+        self.link.reconnect().await?;
+        let identity = self.identify().await?;
+        if self.recognises(&identity) {
+            return Ok(());
+        }
+        let expected = format!("the identity of a {}", self.dialect.key());
+        Err(LinkError::unexpected(
+            self.link.name(),
+            self.dialect.identity_query(),
+            &identity.raw,
+            &expected,
+        ))
+    }
+
+    /// Asks for one number.
+    pub(crate) async fn number(&mut self, query: &str) -> Result<f64, LinkError> {
+        let answer = self.link.query(query).await?;
+        // An overload (9.9E37) and a number that is none (9.91E37) are no readings.
+        leading_number(&answer)
+            .filter(|number| number.is_finite())
+            .ok_or_else(|| LinkError::unexpected(self.link.name(), query, &answer, "a number"))
+    }
+
+    /// Asks for a voltage, then for a current.
+    pub(crate) async fn volts_and_amps(
+        &mut self,
+        [volts, amps]: [&str; 2],
+    ) -> Result<(Volts, Amps), LinkError> {
+        Ok((
+            Volts(self.number(volts).await?),
+            Amps(self.number(amps).await?),
+        ))
+    }
+
+    /// Plays a script; stops at the first message that is refused or not believed.
+    pub(crate) async fn play(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
+        play(&mut self.link, self.dialect.settings(), script).await
+    }
+
+    /// Plays a whole script whatever happens in between, for switching off.
+    pub(crate) async fn play_all(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
+        play_all(&mut self.link, self.dialect.settings(), script).await
+    }
+
+    /// Plays a script that changes what drives a current, and remembers what it has made so.
+    pub(crate) async fn tell(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
+        self.play(script).await?;
+        self.told.add(script);
+        Ok(())
+    }
+
+    /// Something was set that must stay so.
+    pub fn was_told(&self) -> bool {
+        !self.told.is_empty()
+    }
+
+    /// Asks whether everything is still as it was set, while something is on, and changes nothing;
+    /// what is not, in words.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn differs(&mut self) -> Result<Option<String>, LinkError> {
+        let settings = self.dialect.settings();
+        self.told.differs(&mut self.link, settings).await
+    }
+
+    /// Goes a way to zero current, whatever is refused in between.
+    ///
+    /// # Errors
+    /// The link's error for the first message that failed.
+    pub async fn go(&mut self, way: &Way) -> Result<(), LinkError> {
+        self.play_all(&way.script).await
+    }
+
+    /// Limits that bound the instrument, by its own answers, in words. Limits that it does not
+    /// answer are left out.
+    pub async fn bounded_by(&mut self, bounds: &[Bound]) -> Vec<String> {
+        let mut told = Vec::new();
+        for Bound { query, words, unit } in bounds {
+            // Who does not answer once is not asked again: that would only take time.
+            let Ok(number) = self.number(query).await else {
+                break;
+            };
+            // No words twice.
+            let value = format!("{} {unit}", plain(number));
+            match told
+                .last_mut()
+                .filter(|last: &&mut String| last.starts_with(words))
+            {
+                Some(last) => last.push_str(&format!(" and {value}")),
+                None => told.push(format!("{words} {value}")),
+            }
+        }
+        told
+    }
+
+    /// Dialect in use.
+    pub fn dialect(&self) -> &'static D {
+        self.dialect
+    }
+
+    /// The link, for reconnecting.
+    pub fn link_mut(&mut self) -> &mut Link {
+        &mut self.link
+    }
+}
+
+/// Milliseconds, for profiles.
+pub(crate) const fn ms(milliseconds: u64) -> Duration {
+    Duration::from_millis(milliseconds)
+}

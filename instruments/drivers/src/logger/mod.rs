@@ -1,0 +1,90 @@
+//! The temperature logger: thermocouples on the cell and in the air.
+
+mod keysight_34970a;
+mod siglent_sdm;
+
+use instruments_domain::units::Celsius;
+use instruments_link::link::LinkError;
+use instruments_scpi::message::{Field, parse_response};
+
+use crate::{
+    exchange::{Exchange, forget_errors},
+    instrument::{Instrument, Model},
+};
+
+/// One model's language.
+pub trait Dialect: Model {
+    /// Whether there is such a channel; one that takes any number has a card whose slots are not
+    /// known from here.
+    fn has_channel(&self, _channel: u16) -> bool {
+        true
+    }
+    /// Type K thermocouples in °C on these channels, scanned together.
+    fn configure(&self, channels: &[u16]) -> Vec<Exchange>;
+    /// Query for one scan.
+    fn scan(&self) -> &'static str;
+}
+
+/// Every known model.
+pub const DIALECTS: &[&dyn Dialect] = &[&keysight_34970a::LOGGER_34970A, &siglent_sdm::SDM];
+
+/// A logger on its link.
+pub type Logger = Instrument<dyn Dialect>;
+
+impl Instrument<dyn Dialect> {
+    /// Sets up the scan.
+    ///
+    /// # Errors
+    /// The first message that was refused.
+    pub async fn configure(&mut self) -> Result<(), LinkError> {
+        forget_errors(&mut self.link).await?;
+        let script = self.dialect.configure(&self.ascending());
+        self.play(&script).await
+    }
+
+    /// One scan, in the order of the channels in use; `None` for an open thermocouple.
+    ///
+    /// # Errors
+    /// The link's; an answer with another number of readings than channels.
+    pub async fn scan(&mut self) -> Result<Vec<Option<Celsius>>, LinkError> {
+        let answer = self.link.query(self.dialect.scan()).await?;
+        let readings: Result<Vec<f64>, _> =
+            parse_response(&answer).iter().map(Field::as_f64).collect();
+        match readings {
+            // An open thermocouple is answered as 9.9E37, which the codec reads as infinite.
+            Ok(readings) if readings.len() == self.ascending().len() => {
+                // A scan list is answered by rising channel, whatever its order was.
+                let order = self.ascending();
+                let of = |channel: &u16| {
+                    order
+                        .iter()
+                        .position(|other| other == channel)
+                        .and_then(|index| readings.get(index).copied())
+                };
+                let celsius = |channel| {
+                    of(channel)
+                        .filter(|reading: &f64| reading.is_finite())
+                        .map(Celsius)
+                };
+                Ok(self.channels.iter().map(celsius).collect())
+            }
+            _ => {
+                let expected = format!("{} readings", self.ascending().len());
+                Err(LinkError::unexpected(
+                    self.link.name(),
+                    self.dialect.scan(),
+                    &answer,
+                    &expected,
+                ))
+            }
+        }
+    }
+
+    fn ascending(&self) -> Vec<u16> {
+        let mut channels = self.channels.clone();
+        channels.sort_unstable();
+        // A channel that is asked for twice is scanned once.
+        channels.dedup();
+        channels
+    }
+}

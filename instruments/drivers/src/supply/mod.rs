@@ -1,0 +1,133 @@
+//! The DC supply that charges the cell, constant current then constant voltage.
+
+mod keysight_e36312a;
+mod rigol_dp832;
+mod siglent_spd;
+
+use instruments_domain::units::{Amps, Volts};
+use instruments_link::link::LinkError;
+
+use crate::{
+    exchange::{Answer, Bound, Exchange, Told, Way, forget_errors, look},
+    instrument::{Instrument, Model, Unattended},
+};
+
+/// A charge as it is programmed into the instrument.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Charge {
+    /// Voltage limit.
+    pub voltage: Volts,
+    /// Current limit.
+    pub current: Amps,
+}
+
+/// Capabilities of a model.
+#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
+pub struct Capabilities {
+    /// Greatest current of one channel.
+    pub max_current: Amps,
+    /// Greatest voltage of one channel.
+    pub max_voltage: Volts,
+    /// End of its current without a message.
+    pub unattended: Unattended,
+}
+
+/// One model's language.
+pub trait Dialect: Model {
+    /// Capabilities of the model.
+    fn capabilities(&self) -> Capabilities;
+    /// Switches the output.
+    fn output(&self, on: bool) -> Vec<Exchange>;
+    /// Ways to deliver nothing while the output does not go off, the gentlest first: the current,
+    /// then the voltage, for below the cell's own voltage no charger charges, but one that can sink
+    /// would discharge, within its limit of the current.
+    fn zero(&self) -> Vec<Way>;
+    /// Limits of the current within the instrument.
+    fn bounds(&self) -> &'static [Bound];
+    /// Voltage and current limit; assumes the output is off.
+    fn prepare(&self, charge: &Charge) -> Vec<Exchange>;
+    /// Another current limit; the output stays as it is.
+    fn level(&self, current: Amps) -> Vec<Exchange>;
+    /// Queries for voltage and current.
+    fn measure(&self) -> [&'static str; 2];
+}
+
+/// Every known model.
+pub const DIALECTS: &[&dyn Dialect] = &[
+    &siglent_spd::SPD3303X,
+    &keysight_e36312a::E36312A,
+    &rigol_dp832::DP832,
+];
+
+/// Channel 1 of a DC supply on its link.
+pub type Supply = Instrument<dyn Dialect>;
+
+impl Instrument<dyn Dialect> {
+    /// Capabilities of the model.
+    pub fn capabilities(&self) -> Capabilities {
+        self.dialect.capabilities()
+    }
+
+    /// Output off, then the limits, read back.
+    ///
+    /// # Errors
+    /// The first message that was refused or whose read-back was wrong.
+    pub async fn prepare(&mut self, charge: &Charge) -> Result<(), LinkError> {
+        forget_errors(&mut self.link).await?;
+        self.play(&self.dialect.output(false)).await?;
+        self.told = Told::default();
+        self.tell(&self.dialect.prepare(charge)).await
+    }
+
+    /// Another current limit, read back, whether the output is on or off.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub async fn level(&mut self, current: Amps) -> Result<(), LinkError> {
+        self.tell(&self.dialect.level(current)).await
+    }
+
+    /// Output on.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub async fn energise(&mut self) -> Result<(), LinkError> {
+        self.tell(&self.dialect.output(true)).await
+    }
+
+    /// Output off. Safe at any time, also twice.
+    ///
+    /// # Errors
+    /// As [`Self::prepare`].
+    pub async fn safe(&mut self) -> Result<(), LinkError> {
+        self.told = Told::default();
+        self.play_all(&self.dialect.output(false)).await
+    }
+
+    /// Ways to deliver nothing while the output does not go off, the gentlest first.
+    pub fn zero(&self) -> Vec<Way> {
+        self.dialect.zero()
+    }
+
+    /// Limits of the current within the instrument, by its own answers.
+    pub async fn bounds(&mut self) -> Vec<String> {
+        self.bounded_by(self.dialect.bounds()).await
+    }
+
+    /// Asks whether the output is off, and changes nothing.
+    ///
+    /// # Errors
+    /// The link's.
+    pub async fn look(&mut self) -> Result<Vec<Answer>, LinkError> {
+        look(&mut self.link, &self.dialect.output(false)).await
+    }
+
+    /// Voltage at the terminals and current delivered.
+    ///
+    /// # Errors
+    /// The link's; an answer that is no number.
+    pub async fn measure(&mut self) -> Result<(Volts, Amps), LinkError> {
+        let queries = self.dialect.measure();
+        self.volts_and_amps(queries).await
+    }
+}
