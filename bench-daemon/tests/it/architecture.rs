@@ -11,7 +11,7 @@ fn manifest(krate: &str) -> toml::Table {
 }
 
 /// Folders of the crates, each after those that it may depend on.
-const FOLDERS: [&str; 14] = [
+const FOLDERS: [&str; 19] = [
     "analysis/numeric",
     "analysis/plot",
     "analysis/signal",
@@ -22,6 +22,11 @@ const FOLDERS: [&str; 14] = [
     "analysis/files",
     "analysis/diagnosis",
     "analysis",
+    "instruments/domain",
+    "instruments/scpi",
+    "instruments/link",
+    "instruments/drivers",
+    "instruments/mock",
     "instruments",
     "fixtures",
     "fixtures/study",
@@ -106,6 +111,18 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         // Its tests take data sets from there.
         ("bench-daemon", "study"),
         ("fixtures", "instruments"),
+        ("instruments", "instruments-domain"),
+        ("instruments", "instruments-drivers"),
+        ("instruments", "instruments-link"),
+        ("instruments", "instruments-mock"),
+        ("instruments", "instruments-scpi"),
+        ("instruments-drivers", "instruments-domain"),
+        ("instruments-drivers", "instruments-link"),
+        ("instruments-drivers", "instruments-scpi"),
+        ("instruments-link", "instruments-scpi"),
+        ("instruments-mock", "instruments-domain"),
+        ("instruments-mock", "instruments-link"),
+        ("instruments-mock", "instruments-scpi"),
         ("study", "analysis"),
         ("study", "fixtures"),
     ];
@@ -143,17 +160,43 @@ fn numbers_know_no_sockets_and_sockets_know_no_files_of_ours() {
             );
         }
     }
-    for forbidden in ["polars", "plotters", "toml", "clap", "rustfft"] {
-        assert!(
-            !dependencies("instruments", &["dependencies"]).contains(forbidden),
-            "instruments depends on {forbidden}"
-        );
+    for folder in FOLDERS
+        .iter()
+        .filter(|folder| folder.starts_with("instruments"))
+    {
+        for forbidden in ["polars", "plotters", "toml", "clap", "rustfft"] {
+            assert!(
+                !dependencies(folder, &["dependencies"]).contains(forbidden),
+                "{folder} depends on {forbidden}"
+            );
+        }
     }
     for forbidden in ["polars", "plotters", "tokio", "rustfft"] {
         assert!(
             !dependencies("fixtures", &["dependencies"]).contains(forbidden),
             "fixtures depends on {forbidden}"
         );
+    }
+}
+
+/// A mock that knew the drivers would share their mistakes.
+#[test]
+fn mocks_and_drivers_do_not_know_each_other() {
+    let all = ["dependencies", "dev-dependencies"];
+    assert!(!dependencies("instruments/mock", &all).contains("instruments-drivers"));
+    assert!(!dependencies("instruments/drivers", &all).contains("instruments-mock"));
+}
+
+/// The codec and the words of the instruments need no runtime.
+#[test]
+fn messages_are_read_and_written_without_io() {
+    for folder in ["instruments/domain", "instruments/scpi"] {
+        for forbidden in ["tokio", "tokio-serial", "nix"] {
+            assert!(
+                !dependencies(folder, &["dependencies"]).contains(forbidden),
+                "{folder} depends on {forbidden}"
+            );
+        }
     }
 }
 
@@ -184,10 +227,16 @@ fn hidden_cases_name_nothing_of_the_analysis() {
     assert!(read > 10, "{read} files");
 }
 
-/// Libraries that only one crate may use: tables of files by polars, pictures by plotters.
+/// Libraries that only one crate may use: tables of files by polars, pictures by plotters, serial
+/// ports by tokio-serial, the device side of SCPI by scpi.
 #[test]
-fn polars_and_plotters_have_one_user_each() {
-    for (library, user) in [("polars", "analysis/files"), ("plotters", "analysis/plot")] {
+fn some_libraries_have_one_user_each() {
+    for (library, user) in [
+        ("polars", "analysis/files"),
+        ("plotters", "analysis/plot"),
+        ("tokio-serial", "instruments/link"),
+        ("scpi", "instruments/mock"),
+    ] {
         let users: Vec<&str> = FOLDERS
             .into_iter()
             .filter(|folder| dependencies(folder, &["dependencies"]).contains(library))
