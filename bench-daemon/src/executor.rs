@@ -146,12 +146,13 @@ impl<'a> Executor<'a> {
                 })?;
                 self.rig.recorder.event(Event::Step, &step.to_string())?;
             }
-            self.sweep.next = if self.rig.overlaps() {
-                Next::after(number, stage, index, |at, step| {
-                    entrance.plays(stage, at, step)
-                })
-            } else {
-                None
+            self.sweep.next = match step {
+                Step::Sine { settings, .. } if self.rig.overlaps(settings) => {
+                    Next::after(number, stage, index, |at, step| {
+                        entrance.plays(stage, at, step)
+                    })
+                }
+                _ => None,
             };
             self.person.progress.begin(&stage.title(), step);
             self.rig
@@ -167,12 +168,12 @@ impl<'a> Executor<'a> {
                 })
             };
             match *step {
-                Step::Recheck { .. } if matches!(stage.purpose, Purpose::Multisine(_)) => {
-                    self.recheck_bands(stage, &mut points).await?;
+                Step::Recheck(ref quality) if matches!(stage.purpose, Purpose::Multisine(_)) => {
+                    self.recheck_bands(quality, stage, &mut points).await?;
                     done(self.rig.recorder)?;
                 }
-                Step::Recheck { .. } => {
-                    for (step, at) in self.recheck(fixture, stage, &mut points).await? {
+                Step::Recheck(ref quality) => {
+                    for (step, at) in self.recheck(fixture, quality, stage, &mut points).await? {
                         // The later entry of a step counts.
                         let idle = self.known.idle;
                         self.rig.recorder.point(number, step, idle, &points[at])?;
@@ -216,9 +217,9 @@ impl<'a> Executor<'a> {
         step: &Step,
     ) -> Result<Option<SweepPoint>, ExecuteError> {
         match *step {
-            Step::Specimen(ref specimen, run) => {
-                self.position.run = Some(run);
-                self.insert(specimen).await?;
+            Step::Specimen(ref run) => {
+                self.position.run = Some(run.clone());
+                self.insert(&run.cell).await?;
             }
             Step::Mount(_) => self.mount(fixture).await?,
             Step::HoldTemperature { .. } => self.hold_temperature(step).await?,
@@ -228,9 +229,11 @@ impl<'a> Executor<'a> {
             Step::PowerUp { .. } => self.power(fixture, step).await?,
             Step::Accept { band_v, missed } => self.accept(band_v.0..=band_v.1, missed)?,
             Step::Leg(leg) => self.leg(&leg).await?,
-            Step::Sine { .. } => return self.gated(fixture, step).await.map(Some),
+            Step::Sine { ref settings, .. } => {
+                return self.gated(fixture, step, settings).await.map(Some);
+            }
             // They give several points, or change those that are there.
-            Step::Multisine(_) | Step::Recheck { .. } => {}
+            Step::Multisine(_) | Step::Recheck(_) => {}
             Step::Pause { span_s } => self.rig.pause(span_s).await?,
             Step::Zero(ref trace) => self.zero(trace).await?,
             Step::Trace(ref trace) => self.trace(trace).await?,

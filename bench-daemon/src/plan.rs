@@ -6,6 +6,7 @@ mod crash;
 mod leg;
 mod multisine;
 mod specimen;
+mod sweep;
 mod time;
 mod trace;
 mod words;
@@ -17,13 +18,18 @@ use instruments::{fixture::Fixture, supply4q::Holds};
 pub use crash::AfterCrash;
 pub use leg::{Flow, Leg, Log};
 pub use multisine::Band;
-pub use specimen::Specimen;
+pub use specimen::{CampaignRun, Specimen};
+#[cfg(test)]
+pub(crate) use sweep::test_settings;
+pub use sweep::{Depth, IDLE_CURRENT_A, SweepSettings};
 pub use time::{LEEWAY_S, MAX_RANGING};
 #[cfg(test)]
 pub(crate) use trace::test_trace;
 pub use trace::{Averaged, Frame, LONGEST_FRAME_S, Level, Through, TracePlan};
 pub use words::fixture_name;
 use words::minutes;
+
+use crate::measure::quality::Quality;
 
 /// A plan.
 #[derive(Debug, Clone, PartialEq)]
@@ -58,12 +64,11 @@ pub enum Purpose {
     Trace,
 }
 
-/// One step.
+/// One step: everything that the executor sends for it.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Step {
-    /// One of the cells of a campaign is taken into use, for the run with this number; every output
-    /// is off.
-    Specimen(Arc<Specimen>, usize),
+    /// The cell of a run of a campaign is taken into use; every output is off.
+    Specimen(CampaignRun),
     /// Something else is clamped into the jig; every output is off.
     Mount(Fixture),
     /// The chiller holds a temperature, and the cell is waited for.
@@ -123,6 +128,10 @@ pub enum Step {
         limit_a: f64,
         /// Limit that the supply holds by itself while the generator commands the current.
         held: Holds,
+        /// Greatest current while its command is zero, A: more is a zero error that wants trimming.
+        idle_a: f64,
+        /// Depth that the scope is set to for the sweeps of the run; `None` where it has none.
+        depth: Option<Depth>,
     },
     /// One sinusoid is driven and captured.
     Sine {
@@ -134,16 +143,13 @@ pub enum Step {
         amplitude_a: f64,
         /// Shortest wait for the record, s.
         wait_s: f64,
+        /// Settings that it shares with the other points.
+        settings: Arc<SweepSettings>,
     },
     /// Many sinusoids are driven at once and captured.
     Multisine(Arc<Band>),
     /// The finished sweep is checked for consistency. Points that do not fit are measured again.
-    Recheck {
-        /// Time for that, s.
-        max_s: f64,
-        /// Charge that may be moved to and fro for that, C.
-        charge_c: f64,
-    },
+    Recheck(Quality),
     /// Nothing flows for a while.
     Pause {
         /// How long, s.

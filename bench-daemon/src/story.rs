@@ -239,7 +239,7 @@ pub(crate) fn test_started() -> Entry {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::test_trace;
+    use crate::plan::{test_settings, test_trace};
     use instruments::{fixture::Fixture, supply4q::Holds};
 
     const DISCHARGE: Step = Step::Discharge {
@@ -262,6 +262,8 @@ mod tests {
         compliance_v: 4.5,
         limit_a: 2.0,
         held: Holds::CurrentAndVoltage,
+        idle_a: 0.2,
+        depth: None,
     };
 
     fn sine(index: usize) -> Step {
@@ -270,6 +272,7 @@ mod tests {
             freq_hz: 1.0,
             amplitude_a: 1.0,
             wait_s: 12.0,
+            settings: test_settings(),
         }
     }
 

@@ -7,7 +7,7 @@ use fixtures::Scenario;
 use instruments::fixture::Fixture;
 
 use super::{ConfigError, Eis, Source, Trace, check::Check, raw};
-use crate::plan::Specimen;
+use crate::plan::{CampaignRun, Specimen};
 
 /// Several cells, each measured several times.
 #[derive(Debug, Clone)]
@@ -19,17 +19,6 @@ pub struct Campaign {
     /// Every cell once, then every cell again; else each cell as often as it is to be, then the
     /// next.
     pub round_robin: bool,
-}
-
-/// One of its runs.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct CampaignRun {
-    /// Its number, from 1, in the order in which the runs are planned.
-    pub number: usize,
-    /// The cell.
-    pub cell: Arc<Specimen>,
-    /// Number of the repeat of this cell, from 1.
-    pub repeat: usize,
 }
 
 impl Campaign {
@@ -53,21 +42,6 @@ impl Campaign {
     /// A run by its number.
     pub fn run(&self, number: usize) -> Option<CampaignRun> {
         self.runs().nth(number.checked_sub(1)?)
-    }
-}
-
-impl CampaignRun {
-    /// Name of its files.
-    pub fn name(&self) -> String {
-        format!("{}_{}", self.cell.name, self.repeat)
-    }
-
-    /// Prefix of a note about it.
-    pub fn prefix(&self) -> String {
-        format!(
-            "run {} (cell {}, repeat {}): ",
-            self.number, self.cell.name, self.repeat
-        )
     }
 }
 

@@ -29,7 +29,7 @@ use instruments::fixture::Fixture;
 pub use bench::{
     Bench, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Thermostat, Wiring,
 };
-pub use campaign::{Campaign, CampaignRun};
+pub use campaign::Campaign;
 pub(crate) use check::{LOAD_CUT_OFF_V, check_frames};
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;

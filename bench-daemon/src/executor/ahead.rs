@@ -12,7 +12,7 @@ use crate::{
     interlock::Reading,
     journal::Entry,
     measure::Spent,
-    plan::{Stage, Step},
+    plan::{Stage, Step, SweepSettings},
     record::{Event, Recorder},
 };
 
@@ -33,11 +33,11 @@ pub(super) struct Tone {
 }
 
 /// The point that comes after the one in work.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Next {
     stage: usize,
     step: usize,
-    index: usize,
+    sine: Step,
     tone: Tone,
 }
 
@@ -75,10 +75,10 @@ impl Next {
         };
         let step = stage.steps.get(index + 1)?;
         let Step::Sine {
-            index: point,
             freq_hz,
             amplitude_a,
             wait_s,
+            ..
         } = *step
         else {
             return None;
@@ -86,7 +86,7 @@ impl Next {
         plays(index + 1, step).then_some(Self {
             stage: number,
             step: index + 1,
-            index: point,
+            sine: step.clone(),
             tone: Tone {
                 freq_hz,
                 amplitude_a,
@@ -94,23 +94,15 @@ impl Next {
             },
         })
     }
-
-    fn sine(&self) -> Step {
-        Step::Sine {
-            index: self.index,
-            freq_hz: self.tone.freq_hz,
-            amplitude_a: self.tone.amplitude_a,
-            wait_s: self.tone.wait_s,
-        }
-    }
 }
 
 impl SweepState {
     /// Writes down that the next point is about to be begun, while this one still settles:
     /// afterwards each moment counts.
     pub(super) fn announce(&mut self, recorder: &mut Recorder) -> Result<(), ExecuteError> {
-        if let Some(next) = self.next.filter(|next| self.announced != Some(next.step)) {
-            let text = next.sine().to_string();
+        let next = self.next.as_ref();
+        if let Some(next) = next.filter(|next| self.announced != Some(next.step)) {
+            let text = next.sine.to_string();
             recorder.journal(Entry::Intent {
                 stage: next.stage,
                 step: next.step,
@@ -145,15 +137,20 @@ impl SweepState {
 impl Rig<'_> {
     /// Whether points overlap; where nobody has said so, in real time only: in any other nobody
     /// waits.
-    pub(super) fn overlaps(&self) -> bool {
-        let wanted = self.setup.sweeps.and_then(|sweeps| sweeps.overlap);
-        wanted.unwrap_or(self.clock.mode() == TimeMode::Real)
+    pub(super) fn overlaps(&self, settings: &SweepSettings) -> bool {
+        settings
+            .overlap
+            .unwrap_or(self.clock.mode() == TimeMode::Real)
     }
 
     /// A reading while a record is being fetched, as soon as the last one is as old as two readings
     /// may be apart.
-    pub(super) async fn watch_between(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        if self.overlaps() && self.clock.now_s() - self.watching.watched_s < POLL_S {
+    pub(super) async fn watch_between(
+        &mut self,
+        settings: &SweepSettings,
+        fixture: Fixture,
+    ) -> Result<(), ExecuteError> {
+        if self.overlaps(settings) && self.clock.now_s() - self.watching.watched_s < POLL_S {
             Ok(())
         } else {
             self.timed_watch(fixture).await.map(|_| ())
@@ -177,7 +174,7 @@ impl Executor<'_> {
     /// The scope holds its record: the generator goes on. Where crests would not be allowed the
     /// next step is to say so.
     pub(super) async fn go_ahead(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
-        let Some(next) = self.sweep.next else {
+        let Some(next) = self.sweep.next.clone() else {
             return Ok(());
         };
         let tone = next.tone;
@@ -187,7 +184,7 @@ impl Executor<'_> {
         {
             return Ok(());
         }
-        self.rig.begin(fixture, &next.sine());
+        self.rig.begin(fixture, &next.sine);
         let told_s = self.rig.clock.now_s();
         self.rig.drive(&tone).await?;
         let proven_s = self.rig.clock.now_s();

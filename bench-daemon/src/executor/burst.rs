@@ -4,10 +4,10 @@
 
 use instruments::link::LinkError;
 
-use super::{ExecuteError, Rig, power::IDLE_CURRENT_A, require};
+use super::{ExecuteError, Rig, require};
 use crate::{
     interlock::{NO_CURRENT_A, Reading},
-    plan::LEEWAY_S,
+    plan::{IDLE_CURRENT_A, LEEWAY_S},
 };
 
 /// A supply follows its command, and shows so, after this time, s; the clocks of a burst of an hour

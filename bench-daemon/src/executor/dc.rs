@@ -15,7 +15,7 @@ use super::{
 use crate::{
     config::LOAD_CUT_OFF_V,
     interlock::Reading,
-    plan::{Missed, Step},
+    plan::{CampaignRun, Missed, Step},
     record::Event,
     thermostat::Thermostat,
 };
@@ -153,10 +153,7 @@ impl Rig<'_> {
 impl Executor<'_> {
     /// A text about the run of a campaign that is in work, and that says so.
     pub(super) fn of_run(&self, text: &str) -> String {
-        let prefix = self
-            .position
-            .run
-            .and_then(|number| self.rig.setup.prefix(number));
+        let prefix = self.position.run.as_ref().map(CampaignRun::prefix);
         format!("{}{text}", prefix.unwrap_or_default())
     }
 

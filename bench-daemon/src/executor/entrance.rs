@@ -28,11 +28,11 @@ impl<'a> Entrance<'a> {
         let sine = |(at, step): (usize, &Step)| match step {
             Step::Sine { .. } => self.point(at).is_none(),
             // Whether it was done is not asked: done again, it finds nothing to do.
-            Step::Recheck { .. } => true,
+            Step::Recheck(_) => true,
             _ => false,
         };
         let idle = !self.points.is_empty() && !stage.steps.iter().enumerate().any(sine);
-        let clamps = matches!(step, Step::Specimen(..) | Step::Mount(_));
+        let clamps = matches!(step, Step::Specimen(_) | Step::Mount(_));
         self.point(index).is_none() && !idle && (index >= self.from || clamps)
     }
 }
@@ -40,7 +40,11 @@ impl<'a> Entrance<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{interlock::Reading, measure::SweepPoint, plan::Purpose};
+    use crate::{
+        interlock::Reading,
+        measure::SweepPoint,
+        plan::{Purpose, test_settings},
+    };
     use analysis::spectrum::{ChannelPhasors, PhasorVariance};
     use instruments::{fixture::Fixture, supply4q::Holds};
 
@@ -82,11 +86,14 @@ mod tests {
             freq_hz: 1.0,
             amplitude_a: 1.0,
             wait_s: 12.0,
+            settings: test_settings(),
         };
         let up = Step::PowerUp {
             compliance_v: 4.5,
             limit_a: 2.0,
             held: Holds::CurrentAndVoltage,
+            idle_a: 0.2,
+            depth: None,
         };
         let steps = vec![
             Step::Mount(Fixture::Cell),

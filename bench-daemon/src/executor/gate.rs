@@ -14,7 +14,7 @@ use crate::{
         Spent, SweepPoint,
         quality::{Failing, Quality, severity},
     },
-    plan::{Stage, Step},
+    plan::{Stage, Step, SweepSettings},
     record::Event,
 };
 
@@ -88,9 +88,10 @@ impl Executor<'_> {
         &mut self,
         fixture: Fixture,
         step: &Step,
+        settings: &SweepSettings,
     ) -> Result<SweepPoint, ExecuteError> {
         let mut best = self.sine(fixture, step, 0).await?;
-        let Some(quality) = self.rig.setup.sweeps.and_then(|sweeps| sweeps.quality) else {
+        let Some(quality) = settings.quality else {
             return Ok(best);
         };
         best.failing = quality.judge(&best.measures);
@@ -149,13 +150,11 @@ impl Executor<'_> {
     pub(super) async fn recheck(
         &mut self,
         fixture: Fixture,
+        quality: &Quality,
         stage: &Stage,
         points: &mut [SweepPoint],
     ) -> Result<Vec<(usize, usize)>, ExecuteError> {
         let before = points.to_vec();
-        let Some(quality) = self.rig.setup.sweeps.and_then(|sweeps| sweeps.quality) else {
-            return Ok(Vec::new());
-        };
         for round in 0..=ROUNDS {
             let residuals = self.known.residuals(points);
             let mut again = Vec::new();
@@ -177,10 +176,10 @@ impl Executor<'_> {
                 let (Some(step), Some(slot)) = (step, slot) else {
                     continue;
                 };
-                if slot.rechecked < quality.again && self.sweep.afford(&quality, step) {
+                if slot.rechecked < quality.again && self.sweep.afford(quality, step) {
                     let rechecked = slot.rechecked + 1;
                     let point = self
-                        .measure_again(fixture, step, &quality, slot.clone())
+                        .measure_again(fixture, step, quality, slot.clone())
                         .await?;
                     *slot = SweepPoint { rechecked, ..point };
                     measured = true;

@@ -38,7 +38,7 @@ impl Executor<'_> {
             points.push(point);
             self.known.lines.push(line);
         }
-        let Some(quality) = self.rig.setup.multisine_quality else {
+        let Some(quality) = band.quality else {
             return Ok(());
         };
         for point in &mut points[first..] {
@@ -59,12 +59,10 @@ impl Executor<'_> {
     /// do not fit.
     pub(super) async fn recheck_bands(
         &mut self,
+        quality: &Quality,
         stage: &Stage,
         points: &mut [SweepPoint],
     ) -> Result<(), ExecuteError> {
-        let Some(quality) = self.rig.setup.multisine_quality else {
-            return Ok(());
-        };
         for round in 0..=quality.again {
             let residuals = self.known.residuals(points);
             for (point, residual) in points.iter_mut().zip(residuals) {
@@ -87,8 +85,8 @@ impl Executor<'_> {
                 let fails = points[range.clone()]
                     .iter()
                     .any(|point| point.failing.iter().any(Failing::is_of_sweep));
-                if fails && self.sweep.afford_band(&quality, band) {
-                    self.band_again(band, &quality, range.start, points).await?;
+                if fails && self.sweep.afford_band(quality, band) {
+                    self.band_again(band, quality, range.start, points).await?;
                     measured = true;
                 }
             }

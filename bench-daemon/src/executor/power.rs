@@ -9,14 +9,10 @@ use instruments::{
 
 use super::{ExecuteError, Executor, Rig, require};
 use crate::{
-    interlock::NO_CURRENT_A,
-    plan::{Step, fixture_name},
+    plan::{Depth, Step, fixture_name},
     record::Event,
 };
 
-/// With its command at zero the bipolar supply may drive this much, A: more is a zero error that
-/// wants trimming.
-pub(super) const IDLE_CURRENT_A: f64 = 0.2;
 /// Readings of which the mean is the zero of an ammeter: their noise counts as charge for as long
 /// as the sweep lasts.
 const ZERO_READINGS: u32 = 4;
@@ -100,6 +96,8 @@ impl Executor<'_> {
         let Step::PowerUp {
             compliance_v,
             limit_a,
+            idle_a,
+            depth,
             ..
         } = *step
         else {
@@ -113,6 +111,8 @@ impl Executor<'_> {
                 compliance: Volts(compliance_v),
                 current: Amps(limit_a),
             },
+            idle_a,
+            depth,
         )
         .await
     }
@@ -121,6 +121,8 @@ impl Executor<'_> {
         &mut self,
         fixture: Fixture,
         limits: &supply4q::Limits,
+        allowed_a: f64,
+        depth: Option<Depth>,
     ) -> Result<(), ExecuteError> {
         let error = self.rig.bench.error("generator");
         let offset = Volts(self.rig.setup.wiring.command_offset_v);
@@ -150,13 +152,13 @@ impl Executor<'_> {
                 .await?;
         }
         let scope_error = self.rig.bench.error("scope");
-        if let Some(sweeps) = self.rig.setup.sweeps {
+        if let Some(depth) = depth {
             let scope = require(&mut self.rig.bench.scope, "scope")?;
             // What cannot be thinned out before it is sent is not taken in the first place.
             let memory_points = if scope.capabilities().thins_out {
-                sweeps.memory_points
+                depth.memory_points
             } else {
-                sweeps.record_points
+                depth.record_points
             };
             scope
                 .set(&instruments::scope::Intent::Session { memory_points })
@@ -182,14 +184,6 @@ impl Executor<'_> {
             .await?
             .current_a
             .unwrap_or(0.0);
-        let allowed_a = IDLE_CURRENT_A
-            .min(
-                self.rig
-                    .setup
-                    .sweeps
-                    .map_or(f64::INFINITY, |sweeps| 0.5 * sweeps.amplitude_a),
-            )
-            .max(NO_CURRENT_A);
         if idle_a.abs() > allowed_a {
             return Err(ExecuteError::Disobeyed {
                 what: "bipolar supply with its command at zero".to_owned(),

@@ -15,12 +15,11 @@ use super::{
     crest::Drawn,
     record::{Asked, Taken, analyse},
     require,
-    setup::Sweeps,
     watch::drawn,
 };
 use crate::{
     measure::SweepPoint,
-    plan::{MAX_RANGING, Step, fixture_name},
+    plan::{MAX_RANGING, Step, SweepSettings, fixture_name},
     record::CaptureFile,
 };
 
@@ -50,11 +49,12 @@ impl Rig<'_> {
     /// The four channels of the stopped frame.
     async fn fetch_frame(
         &mut self,
-        points: u64,
+        settings: &SweepSettings,
         chosen: Option<Chosen>,
         fixture: Fixture,
     ) -> Result<Vec<Waveform>, ExecuteError> {
-        let (overlaps, error) = (self.overlaps(), self.bench.error("scope"));
+        let (overlaps, error) = (self.overlaps(settings), self.bench.error("scope"));
+        let points = settings.depth.record_points;
         let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
             let scope = require(&mut self.bench.scope, "scope")?;
@@ -65,7 +65,7 @@ impl Rig<'_> {
             };
             waveforms.push(waveform.map_err(&error)?);
             // The current still flows: a download must not stop the watching.
-            self.watch_between(fixture).await?;
+            self.watch_between(settings, fixture).await?;
         }
         Ok(waveforms)
     }
@@ -100,17 +100,12 @@ impl Executor<'_> {
             freq_hz,
             amplitude_a,
             wait_s,
+            ref settings,
         } = *step
         else {
             return Err(ExecuteError::Signal {
                 freq_hz: 0.0,
                 reason: "not a sine step".to_owned(),
-            });
-        };
-        let Some(sweeps) = self.rig.setup.sweeps else {
-            return Err(ExecuteError::Signal {
-                freq_hz,
-                reason: "no section [eis]".to_owned(),
             });
         };
         let tone = Tone {
@@ -125,7 +120,7 @@ impl Executor<'_> {
         let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
         if self.scope.verticals[0].is_none() {
             // Those of the controls, whatever the amplitude: a gain belongs to a range.
-            self.first_ranges(fixture, sweeps.amplitude_a, &scope)
+            self.first_ranges(fixture, settings.amplitude_a, &scope)
                 .await?;
         }
         let mut warnings = Vec::new();
@@ -144,7 +139,7 @@ impl Executor<'_> {
             }
             let mut longer = 0..MOST_LONGER;
             let (waveforms, effective_a) = loop {
-                if let Some(taken) = self.capture(&sweeps, &tone, driven_s, fixture).await? {
+                if let Some(taken) = self.capture(settings, &tone, driven_s, fixture).await? {
                     break taken;
                 }
                 if longer.next().is_none() {
@@ -186,14 +181,14 @@ impl Executor<'_> {
                 .iter()
                 .any(|waveform| waveform.clipped_share() > 0.0);
             if ranged.is_empty()
-                || (attempt == MAX_RANGING && (!clipped || sweeps.quality.is_some()))
+                || (attempt == MAX_RANGING && (!clipped || settings.quality.is_some()))
             {
                 warnings.extend(ranged);
                 let asked = Asked {
                     fixture,
                     index,
                     freq_hz,
-                    mains_hz: sweeps.mains_hz,
+                    mains_hz: settings.mains_hz,
                 };
                 let point = analyse(&asked, &Taken::of(&waveforms), warnings)?;
                 let met_a = self.rig.check_current(&point, amplitude_a)?;
@@ -252,14 +247,14 @@ impl Executor<'_> {
     /// end, A; none where the signal has ended, or would end, before it does.
     async fn capture(
         &mut self,
-        sweeps: &Sweeps,
+        settings: &SweepSettings,
         tone: &Tone,
         driven_s: f64,
         fixture: Fixture,
     ) -> Result<Option<([Waveform; 4], Option<f64>)>, ExecuteError> {
         self.scope.apply(self.rig.bench).await?;
-        let span = Seconds(sweeps.periods_on_screen / tone.freq_hz);
-        let overlaps = self.rig.overlaps();
+        let span = Seconds(settings.periods_on_screen / tone.freq_hz);
+        let overlaps = self.rig.overlaps(settings);
         let screen_s = self.scope.arm(self.rig.bench, span, overlaps).await?;
         let ripe_s = if overlaps {
             self.rig.ripe_s(tone, driven_s, screen_s)
@@ -273,7 +268,7 @@ impl Executor<'_> {
             self.sweep.announce(self.rig.recorder)?;
             let error = self.rig.bench.error("scope");
             let chosen = require(&mut self.rig.bench.scope, "scope")?
-                .choose(1, sweeps.record_points)
+                .choose(1, settings.depth.record_points)
                 .await
                 .map_err(error)?;
             self.watch_until(ripe_s, fixture).await?;
@@ -293,10 +288,7 @@ impl Executor<'_> {
         }
         let effective_a = self.rig.interlock.effective_a();
         self.go_ahead(fixture).await?;
-        let waveforms = self
-            .rig
-            .fetch_frame(sweeps.record_points, chosen, fixture)
-            .await?;
+        let waveforms = self.rig.fetch_frame(settings, chosen, fixture).await?;
         self.scope.check_frame(tone.freq_hz, &waveforms, screen_s)?;
         let four = waveforms.try_into().map_err(|_| ExecuteError::Signal {
             freq_hz: tone.freq_hz,

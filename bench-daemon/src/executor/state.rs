@@ -6,7 +6,12 @@ use analysis::{calibration::Correction, multisine::Line};
 use instruments::fixture::Fixture;
 
 use super::{dc::Reset, leg::Legs, trace::Zero};
-use crate::{interlock::Reading, operator::Operator, plan::Specimen, progress::Progress};
+use crate::{
+    interlock::Reading,
+    operator::Operator,
+    plan::{CampaignRun, Specimen},
+    progress::Progress,
+};
 
 /// The person at the bench.
 pub struct Person<'a> {
@@ -24,8 +29,8 @@ pub(super) struct Position {
     pub(super) mounted: Option<(Fixture, Option<Arc<Specimen>>)>,
     /// The cell that is in use, where there are several.
     pub(super) specimen: Option<Arc<Specimen>>,
-    /// Number of the campaign's run that the stage in work belongs to.
-    pub(super) run: Option<usize>,
+    /// The campaign's run that the stage in work belongs to.
+    pub(super) run: Option<CampaignRun>,
     /// Number of the sweep, 0 for a control.
     pub(super) repeat: usize,
 }

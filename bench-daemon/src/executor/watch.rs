@@ -148,7 +148,7 @@ impl Rig<'_> {
                     ..live(limits, sweep_c(swing_c))
                 }
             }
-            Step::PowerDown | Step::Recheck { .. } => Allowance {
+            Step::PowerDown | Step::Recheck(_) => Allowance {
                 continues: true,
                 ..live(powered, idle.charge_c)
             },
@@ -175,7 +175,7 @@ impl Rig<'_> {
                 tempering: true,
                 ..idle
             },
-            Step::Specimen(..)
+            Step::Specimen(_)
             | Step::Mount(_)
             | Step::Accept { .. }
             | Step::Pause { .. }

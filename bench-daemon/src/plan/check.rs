@@ -91,7 +91,7 @@ impl Step {
             }
         };
         match *self {
-            Self::Specimen(..)
+            Self::Specimen(_)
             | Self::Mount(_)
             | Self::HoldTemperature { .. }
             | Self::Pause { .. }
@@ -185,7 +185,7 @@ impl Step {
                 }
                 band.check(limits)?;
             }
-            Self::Recheck { .. } => {
+            Self::Recheck(_) => {
                 if !powered {
                     return Err("expected the bipolar supply to be up".to_owned());
                 }
@@ -202,7 +202,7 @@ impl Step {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::plan::Stage;
+    use crate::plan::{Stage, test_settings};
 
     const LIMITS: Limits = Limits {
         min_v: 2.5,
@@ -216,13 +216,18 @@ mod tests {
         compliance_v: 5.0,
         limit_a: 3.0,
         held: Holds::CurrentAndVoltage,
+        idle_a: 0.2,
+        depth: None,
     };
-    const SINE: Step = Step::Sine {
-        index: 0,
-        freq_hz: 1.0,
-        amplitude_a: 1.0,
-        wait_s: 12.0,
-    };
+    fn sine() -> Step {
+        Step::Sine {
+            index: 0,
+            freq_hz: 1.0,
+            amplitude_a: 1.0,
+            wait_s: 12.0,
+            settings: test_settings(),
+        }
+    }
 
     #[test]
     fn a_short_is_driven_only_by_a_supply_that_limits_its_current() {
@@ -238,6 +243,8 @@ mod tests {
                 compliance_v: 5.0,
                 limit_a: 3.0,
                 held,
+                idle_a: 0.2,
+                depth: None,
             };
             let text = up.to_string();
             assert_eq!(
@@ -262,7 +269,7 @@ mod tests {
             );
             let stage = Stage {
                 purpose: Purpose::Sweep(fixture, 1),
-                steps: vec![Step::Mount(fixture), up, SINE, Step::PowerDown],
+                steps: vec![Step::Mount(fixture), up, sine(), Step::PowerDown],
             };
             assert_eq!(
                 Plan {
@@ -288,7 +295,15 @@ mod tests {
 
     #[test]
     fn a_sound_plan_passes() {
-        assert!(check(vec![Step::Mount(Fixture::Cell), UP, SINE, Step::PowerDown]).is_ok());
+        assert!(
+            check(vec![
+                Step::Mount(Fixture::Cell),
+                UP,
+                sine(),
+                Step::PowerDown
+            ])
+            .is_ok()
+        );
     }
 
     #[test]
@@ -299,16 +314,18 @@ mod tests {
             max_s: 60.0,
         };
         for (steps, reason) in [
-            (vec![SINE], "expected the bipolar supply to be up"),
+            (vec![sine()], "expected the bipolar supply to be up"),
             (
                 vec![Step::PowerUp {
                     compliance_v: 4.2,
                     limit_a: 3.0,
                     held: Holds::CurrentAndVoltage,
+                    idle_a: 0.2,
+                    depth: None,
                 }],
                 "expected a compliance within 4.45 V to 6.70 V, found 4.2 V",
             ),
-            (vec![UP, SINE], "taken down before the stage ends"),
+            (vec![UP, sine()], "taken down before the stage ends"),
             (
                 vec![UP, Step::Mount(Fixture::Shunt), Step::PowerDown],
                 "expected the bipolar supply to be down",
@@ -348,6 +365,7 @@ mod tests {
                         freq_hz: 1.0,
                         amplitude_a: 14.0,
                         wait_s: 1.0,
+                        settings: test_settings(),
                     },
                     Step::PowerDown,
                 ],
@@ -361,6 +379,7 @@ mod tests {
                         freq_hz: 1.0e-9,
                         amplitude_a: 1.0,
                         wait_s: 1.0e10,
+                        settings: test_settings(),
                     },
                     Step::PowerDown,
                 ],

@@ -20,7 +20,7 @@ impl Step {
     /// Effect of a crash in this step.
     pub fn after_crash(&self) -> AfterCrash {
         match self {
-            Self::Specimen(..)
+            Self::Specimen(_)
             | Self::Mount(_)
             | Self::HoldTemperature { .. }
             | Self::Rest { .. }
@@ -29,7 +29,7 @@ impl Step {
             | Self::Zero(_)
             | Self::PowerDown => AfterCrash::Repeat,
             // A sinusoid takes back what it gives.
-            Self::Sine { .. } | Self::Multisine(_) | Self::Recheck { .. } => AfterCrash::Repeat,
+            Self::Sine { .. } | Self::Multisine(_) | Self::Recheck(_) => AfterCrash::Repeat,
             // What a cell has come to is judged only behind the rest that it came to it in; legs
             // begin with a full cell.
             Self::Discharge { .. } | Self::Charge { .. } | Self::Accept { .. } | Self::Leg(_) => {

@@ -6,7 +6,7 @@ use std::fmt;
 use analysis::multisine::{Design, Disturbed};
 
 use super::minutes;
-use crate::interlock::Limits;
+use crate::{interlock::Limits, measure::quality::Quality};
 
 /// One band.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,6 +34,8 @@ pub struct Band {
     pub moved: Vec<(usize, usize)>,
     /// The line that images disturb most in theory; none where none falls onto any.
     pub disturbed: Option<Disturbed>,
+    /// The quality gate.
+    pub quality: Option<Quality>,
 }
 
 impl Band {

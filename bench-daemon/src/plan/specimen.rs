@@ -15,29 +15,55 @@ pub struct Specimen {
     pub serial: Option<String>,
 }
 
+/// One run of a campaign.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct CampaignRun {
+    /// Its number, from 1, in the order in which the runs are planned.
+    pub number: usize,
+    /// The cell.
+    pub cell: Arc<Specimen>,
+    /// Number of the repeat of this cell, from 1.
+    pub repeat: usize,
+}
+
+impl CampaignRun {
+    /// Name of its files.
+    pub fn name(&self) -> String {
+        format!("{}_{}", self.cell.name, self.repeat)
+    }
+
+    /// Prefix of a note about it.
+    pub fn prefix(&self) -> String {
+        format!(
+            "run {} (cell {}, repeat {}): ",
+            self.number, self.cell.name, self.repeat
+        )
+    }
+}
+
 impl Stage {
     /// The cell that it is about, where there are several.
     pub fn specimen(&self) -> Option<&Arc<Specimen>> {
-        self.of_campaign().map(|(specimen, _)| specimen)
+        self.of_campaign().map(|run| &run.cell)
     }
 
     /// Number of the campaign's run that it belongs to.
     pub fn run(&self) -> Option<usize> {
-        self.of_campaign().map(|(_, run)| run)
+        self.of_campaign().map(|run| run.number)
     }
 
     /// Purpose of the stage; in a campaign also the run and the cell that it belongs to.
     pub fn title(&self) -> String {
         let of_run = self
             .of_campaign()
-            .map(|(specimen, run)| format!("run {run}, cell {}: ", specimen.name));
+            .map(|run| format!("run {}, cell {}: ", run.number, run.cell.name));
         format!("{}{}", of_run.unwrap_or_default(), self.purpose)
     }
 
-    fn of_campaign(&self) -> Option<(&Arc<Specimen>, usize)> {
+    fn of_campaign(&self) -> Option<&CampaignRun> {
         self.steps.iter().find_map(|step| {
-            if let Step::Specimen(specimen, run) = step {
-                Some((specimen, *run))
+            if let Step::Specimen(run) = step {
+                Some(run)
             } else {
                 None
             }

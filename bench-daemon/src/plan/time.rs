@@ -47,7 +47,7 @@ impl Plan {
         // Points that are measured again are ended one by one.
         [
             longest(|_| true),
-            longest(|step| !step.ends_early() && !matches!(step, Step::Recheck { .. })),
+            longest(|step| !step.ends_early() && !matches!(step, Step::Recheck(_))),
         ]
     }
 
@@ -112,7 +112,7 @@ impl Step {
     /// Expected duration, bench s.
     pub fn expected_s(&self) -> f64 {
         match *self {
-            Self::Specimen(..) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => {
+            Self::Specimen(_) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => {
                 OVERHEAD_S
             }
             Self::HoldTemperature { max_s, .. } => TEMPER_S.min(max_s),
@@ -122,7 +122,7 @@ impl Step {
             Self::Leg(ref leg) => leg.expected_s(),
             Self::Sine { wait_s, .. } => wait_s + OVERHEAD_S,
             Self::Multisine(ref band) => band.expected_s() + 2.0 * OVERHEAD_S,
-            Self::Recheck { .. } => OVERHEAD_S,
+            Self::Recheck(_) => OVERHEAD_S,
             Self::Pause { span_s } => span_s,
             Self::Zero(ref trace) => trace.rest_s + 2.0 * OVERHEAD_S,
             Self::Trace(ref trace) => trace.length_s() + OVERHEAD_S,
@@ -132,13 +132,14 @@ impl Step {
     /// Longest possible duration, bench s.
     pub fn longest_s(&self) -> f64 {
         match *self {
-            Self::Specimen(..) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => 60.0,
+            Self::Specimen(_) | Self::Mount(_) | Self::PowerUp { .. } | Self::PowerDown => 60.0,
             Self::HoldTemperature { max_s, .. }
             | Self::Discharge { max_s, .. }
             | Self::Charge { max_s, .. }
             | Self::Rest { max_s, .. } => max_s,
             Self::Accept { .. } => 0.0,
-            Self::Leg(Leg { max_s, .. }) | Self::Recheck { max_s, .. } => max_s,
+            Self::Leg(Leg { max_s, .. }) => max_s,
+            Self::Recheck(quality) => quality.time_s,
             Self::Multisine(ref band) => (band.expected_s() + 60.0) * (MAX_RANGING + 1) as f64,
             Self::Sine { wait_s, .. } => (wait_s + 60.0) * (MAX_RANGING + 1) as f64,
             Self::Pause { span_s } => span_s + 60.0,

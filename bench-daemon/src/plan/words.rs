@@ -5,6 +5,7 @@ use std::fmt;
 use instruments::{fixture::Fixture, supply4q::Holds};
 
 use super::{Missed, Purpose, Step, Through};
+use crate::measure::quality::Quality;
 
 impl fmt::Display for Purpose {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -26,7 +27,7 @@ impl fmt::Display for Purpose {
 impl fmt::Display for Step {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
-            Self::Specimen(ref specimen, run) => write!(f, "run {run}: take {specimen}"),
+            Self::Specimen(ref run) => write!(f, "run {}: take {}", run.number, run.cell),
             Self::Mount(fixture) => write!(f, "mount {}", fixture_name(fixture)),
             Self::HoldTemperature {
                 setpoint_c,
@@ -93,6 +94,7 @@ impl fmt::Display for Step {
                 compliance_v,
                 limit_a,
                 held: Holds::CurrentAndVoltage,
+                ..
             } => {
                 write!(
                     f,
@@ -120,6 +122,7 @@ impl fmt::Display for Step {
                 freq_hz,
                 amplitude_a,
                 wait_s,
+                ..
             } => {
                 write!(
                     f,
@@ -128,12 +131,14 @@ impl fmt::Display for Step {
                 )
             }
             Self::Multisine(ref band) => band.fmt(f),
-            Self::Recheck { max_s, charge_c } => {
+            Self::Recheck(Quality {
+                time_s, charge_c, ..
+            }) => {
                 write!(
                     f,
                     "measure again what the quality gate refuses: at most {} and \
                 {charge_c:.0} C in all",
-                    minutes(max_s)
+                    minutes(time_s)
                 )
             }
             Self::Pause { span_s } => write!(f, "rest {}", minutes(span_s)),

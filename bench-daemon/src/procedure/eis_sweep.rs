@@ -1,13 +1,17 @@
 //! EIS sweep (thesis 3.3.1): one sinusoid after the other, at least eleven periods plus one second
 //! each. The same sweep over a control impedance is the fixture check (thesis 3.3.2).
 
-use instruments::{fixture::Fixture, supply4q::Holds};
+use std::sync::Arc;
+
+use instruments::fixture::Fixture;
 
 use crate::{
     config::{Eis, Order},
     interlock::Limits,
-    plan::{Purpose, Stage, Step},
+    plan::{Purpose, Stage, Step, SweepSettings},
 };
+
+use super::power::Power;
 
 /// Resistance of the loop outside the cell that the compliance must allow for, Ω: leads, shunt,
 /// contacts.
@@ -33,12 +37,14 @@ pub(super) struct Sweep<'a> {
     pub(super) repeat: usize,
     /// Amplitude, A.
     pub(super) amplitude_a: f64,
-    /// Limit that the bipolar supply holds by itself.
-    pub(super) held: Holds,
+    /// Power-up of the bipolar supply.
+    pub(super) power: Power,
     /// Frequencies beyond those of the sweep, for a control, Hz.
     pub(super) beyond_hz: &'a [f64],
     /// Seed of the order.
     pub(super) seed: u64,
+    /// Settings that its points share.
+    pub(super) settings: &'a Arc<SweepSettings>,
 }
 
 pub(super) fn stage(
@@ -51,18 +57,18 @@ pub(super) fn stage(
         fixture,
         repeat,
         amplitude_a,
-        held,
+        power,
+        settings,
         ..
     } = *sweep;
     let mut steps = vec![Step::Mount(fixture)];
     if fixture == Fixture::Cell && eis.rest_s > 0.0 {
         steps.push(Step::Pause { span_s: eis.rest_s });
     }
-    steps.push(Step::PowerUp {
-        compliance_v: limits.max_v + (LOOP_OHM * amplitude_a).max(COMPLIANCE_MARGIN_V),
-        limit_a: LIMIT_FACTOR * amplitude_a + LIMIT_MARGIN_A,
-        held,
-    });
+    steps.push(power.up(
+        limits.max_v + (LOOP_OHM * amplitude_a).max(COMPLIANCE_MARGIN_V),
+        LIMIT_FACTOR * amplitude_a + LIMIT_MARGIN_A,
+    ));
     for (index, freq_hz) in frequencies(sweep, eis).into_iter().enumerate() {
         let thesis_s = eis.periods / freq_hz + eis.extra_wait_s;
         let frame_s =
@@ -72,16 +78,14 @@ pub(super) fn stage(
             freq_hz,
             amplitude_a,
             wait_s: thesis_s.max(frame_s),
+            settings: settings.clone(),
         });
     }
     if let Some(quality) = eis
         .quality
         .filter(|quality| repeat > 0 && quality.again > 0)
     {
-        steps.push(Step::Recheck {
-            max_s: quality.time_s,
-            charge_c: quality.charge_c,
-        });
+        steps.push(Step::Recheck(quality));
     }
     steps.push(Step::PowerDown);
     Stage {
@@ -138,16 +142,28 @@ fn shuffled(values: &[f64], mut state: u64) -> Vec<f64> {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use instruments::supply4q::Holds;
 
-    const SWEEP: Sweep<'_> = Sweep {
-        fixture: Fixture::Cell,
-        repeat: 1,
-        amplitude_a: 1.0,
+    use super::*;
+    use crate::plan::test_settings;
+
+    const POWER: Power = Power {
         held: Holds::CurrentAndVoltage,
-        beyond_hz: &[],
-        seed: 1,
+        idle_a: 0.2,
+        depth: None,
     };
+
+    fn sweep(settings: &Arc<SweepSettings>) -> Sweep<'_> {
+        Sweep {
+            fixture: Fixture::Cell,
+            repeat: 1,
+            amplitude_a: 1.0,
+            power: POWER,
+            beyond_hz: &[],
+            seed: 1,
+            settings,
+        }
+    }
 
     #[test]
     fn every_point_waits_eleven_periods_and_a_second_and_a_whole_frame() {
@@ -177,7 +193,9 @@ mod tests {
             min_c: 0.0,
             max_c: 60.0,
         };
-        let stage = stage(&SWEEP, &eis, &limits, |span_s| 2.5 * span_s);
+        let stage = stage(&sweep(&test_settings()), &eis, &limits, |span_s| {
+            2.5 * span_s
+        });
         let waits: Vec<(f64, f64)> = stage
             .steps
             .iter()
@@ -226,7 +244,8 @@ mod tests {
             overlap: None,
             quality: None,
         };
-        let ordered = |order| frequencies(&SWEEP, &eis(order, false));
+        let settings = test_settings();
+        let ordered = |order| frequencies(&sweep(&settings), &eis(order, false));
         assert_eq!(ordered(Order::Ascending), [1.0, 2.0, 3.0, 4.0, 5.0]);
         assert_eq!(ordered(Order::Descending), [5.0, 4.0, 3.0, 2.0, 1.0]);
         assert_eq!(ordered(Order::Alternating), [1.0, 5.0, 2.0, 4.0, 3.0]);
@@ -244,18 +263,24 @@ mod tests {
         );
         assert_ne!(
             random,
-            frequencies(&Sweep { repeat: 2, ..SWEEP }, &eis(Order::Random, false)),
+            frequencies(
+                &Sweep {
+                    repeat: 2,
+                    ..sweep(&settings)
+                },
+                &eis(Order::Random, false)
+            ),
             "another one for the next sweep"
         );
         assert_eq!(
-            frequencies(&SWEEP, &eis(Order::Alternating, true)),
+            frequencies(&sweep(&settings), &eis(Order::Alternating, true)),
             [1.0, 5.0, 2.0, 4.0, 3.0, 3.0, 4.0, 2.0, 5.0, 1.0]
         );
         let control = Sweep {
             fixture: Fixture::Shunt,
             repeat: 0,
             beyond_hz: &[9.0],
-            ..SWEEP
+            ..sweep(&settings)
         };
         assert_eq!(
             frequencies(&control, &eis(Order::Random, true)),

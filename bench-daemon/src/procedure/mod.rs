@@ -4,15 +4,20 @@ mod campaign;
 mod eis_sweep;
 mod multisine;
 mod ocv_soc;
+mod power;
 mod soc_reset;
 mod trace;
 
-use instruments::{fixture::Fixture, instrument::by_key, scope, supply4q, units::Seconds};
+use std::sync::Arc;
+
+use instruments::{fixture::Fixture, instrument::by_key, scope, units::Seconds};
 
 use crate::{
-    config::{Experiment, Instrument, Temperature},
-    plan::{Plan, Purpose, Stage, Step},
+    config::{Eis, Experiment, Instrument, Temperature},
+    plan::{Depth, Plan, Purpose, Stage, Step, SweepSettings},
 };
+
+use power::Power;
 
 /// The whole experiment as a plan: fixture check, temperature, OCV over SOC, SOC reset, then rounds
 /// of one sweep and each trace, as often as each is to be repeated; in a campaign temperature, SOC
@@ -21,29 +26,23 @@ use crate::{
 /// sits.
 pub fn plan(experiment: &Experiment) -> Plan {
     let mut stages = Vec::new();
-    let supply = experiment
-        .bench
-        .instruments
-        .supply4q
-        .as_ref()
-        .and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
-    let held = supply.map_or(supply4q::Holds::Nothing, |dialect| {
-        dialect.capabilities().holds
-    });
+    let power = Power::of(experiment);
+    let settings = experiment.eis.as_ref().map(|eis| Arc::new(settings(eis)));
     let limits = &experiment.cell.limits;
     let beyond_hz = experiment
         .fixture_check
         .as_ref()
         .map_or(&[][..], |check| &check.beyond_hz);
     let sweep = |fixture, repeat, amplitude_a| {
-        let eis = experiment.eis.as_ref()?;
+        let (eis, settings) = experiment.eis.as_ref().zip(settings.as_ref())?;
         let sweep = eis_sweep::Sweep {
             fixture,
             repeat,
             amplitude_a,
-            held,
+            power,
             beyond_hz,
             seed: experiment.seed,
+            settings,
         };
         Some(eis_sweep::stage(&sweep, eis, limits, time_base(experiment)))
     };
@@ -64,7 +63,7 @@ pub fn plan(experiment: &Experiment) -> Plan {
                     trace,
                     run.number,
                     &experiment.cell,
-                    held,
+                    power,
                     time_base(experiment),
                 )
             });
@@ -117,14 +116,14 @@ pub fn plan(experiment: &Experiment) -> Plan {
             .iter()
             .filter(|multisine| round <= multisine.repeat);
         stages.extend(
-            due.map(|multisine| multisine::stage(multisine, round, limits, held, experiment.seed)),
+            due.map(|multisine| multisine::stage(multisine, round, limits, power, experiment.seed)),
         );
         let due = experiment
             .traces
             .iter()
             .filter(|trace| round <= trace.repeat);
         stages.extend(due.map(|trace| {
-            trace::stage(trace, round, &experiment.cell, held, time_base(experiment))
+            trace::stage(trace, round, &experiment.cell, power, time_base(experiment))
         }));
     }
     Plan { stages }
@@ -146,6 +145,21 @@ fn temperature(temperature: &Temperature) -> Stage {
                 max_s,
             },
         ],
+    }
+}
+
+/// The settings that all points of the sweeps share.
+fn settings(eis: &Eis) -> SweepSettings {
+    SweepSettings {
+        amplitude_a: eis.amplitude_a,
+        periods_on_screen: eis.periods_on_screen,
+        depth: Depth {
+            memory_points: eis.memory_points,
+            record_points: eis.record_points,
+        },
+        mains_hz: eis.mains_hz,
+        overlap: eis.overlap,
+        quality: eis.quality,
     }
 }
 

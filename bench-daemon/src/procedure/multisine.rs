@@ -4,13 +4,15 @@
 use std::sync::Arc;
 
 use analysis::multisine::{Choice, Path, Placement, Sampling, design, odd_grid, place};
-use instruments::{fixture::Fixture, supply4q::Holds};
+use instruments::fixture::Fixture;
 
 use crate::{
     config::{Band as Wanted, Multisine},
     interlock::Limits,
-    plan::{Band, Purpose, Stage, Step},
+    plan::{Band, Depth, Purpose, Stage, Step},
 };
+
+use super::power::Power;
 
 /// The compliance lies above the cell's limit by this much, V, and at least by what the loop takes,
 /// Ω.
@@ -80,15 +82,6 @@ fn placed(multisine: &Multisine, band: &Wanted) -> Placement {
     })
 }
 
-/// Points that are asked for.
-#[derive(Clone, Copy)]
-struct Depth {
-    /// Of the scope's memory.
-    memory_points: u64,
-    /// Of the record.
-    record_points: u64,
-}
-
 /// Points that a record can have: every n-th of the memory, whole numbers of them in a period, as
 /// many as asked for and not too many more. The depths of the scopes' memories are decades.
 fn record_sizes(wanted: Depth, periods: usize) -> Vec<usize> {
@@ -121,7 +114,7 @@ pub(super) fn stage(
     multisine: &Multisine,
     repeat: usize,
     limits: &Limits,
-    held: Holds,
+    power: Power,
     seed: u64,
 ) -> Stage {
     let peak_a = multisine.peak_a;
@@ -132,11 +125,7 @@ pub(super) fn stage(
         });
     }
     let compliance_v = limits.max_v + (COMPLIANCE.1 * peak_a).max(COMPLIANCE.0);
-    steps.push(Step::PowerUp {
-        compliance_v,
-        limit_a: LIMIT.0 * peak_a + LIMIT.1,
-        held,
-    });
+    steps.push(power.up(compliance_v, LIMIT.0 * peak_a + LIMIT.1));
     for (number, band) in (1..).zip(&multisine.bands) {
         let Placement {
             harmonics,
@@ -163,13 +152,11 @@ pub(super) fn stage(
             record_points: sampling.samples as u64,
             moved,
             disturbed: worst,
+            quality: multisine.quality,
         })));
     }
     if let Some(quality) = multisine.quality.filter(|quality| quality.again > 0) {
-        steps.push(Step::Recheck {
-            max_s: quality.time_s,
-            charge_c: quality.charge_c,
-        });
+        steps.push(Step::Recheck(quality));
     }
     steps.push(Step::PowerDown);
     Stage {

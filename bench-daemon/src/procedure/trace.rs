@@ -4,12 +4,14 @@
 
 use std::{ops::RangeInclusive, sync::Arc};
 
-use instruments::{fixture::Fixture, supply4q::Holds};
+use instruments::fixture::Fixture;
 
 use crate::{
     config::{AFTER_WAVE_S, BEFORE_S, Cell, Segment, Trace},
     plan::{Frame, LONGEST_FRAME_S, Level, Purpose, Stage, Step, Through, TracePlan},
 };
+
+use super::power::Power;
 
 /// A frame ends this long after a step at least, s.
 const AFTER_S: f64 = 2.0;
@@ -33,13 +35,13 @@ const COMPLIANCE: (f64, f64) = (0.3, 0.1);
 /// The current limit lies above the greatest current by this factor and this much, A.
 const LIMIT: (f64, f64) = (1.02, 0.5);
 
-/// `held` as for a sweep; `screen_s`: the time that the scope's screen spans when it is to hold at
+/// `screen_s`: the time that the scope's screen spans when it is to hold at
 /// least a given span.
 pub(super) fn stage(
     trace: &Trace,
     repeat: usize,
     cell: &Cell,
-    held: Holds,
+    power: Power,
     screen_s: impl Fn(f64) -> f64,
 ) -> Stage {
     let levels = levels(trace);
@@ -67,11 +69,10 @@ pub(super) fn stage(
     });
     let (least_a, greatest_a) = plan.extremes_a();
     let most_a = greatest_a.max(-least_a);
-    let up = Step::PowerUp {
-        compliance_v: hundredths(cell.limits.max_v + (COMPLIANCE.1 * most_a).max(COMPLIANCE.0)),
-        limit_a: hundredths(LIMIT.0 * most_a + LIMIT.1),
-        held,
-    };
+    let up = power.up(
+        hundredths(cell.limits.max_v + (COMPLIANCE.1 * most_a).max(COMPLIANCE.0)),
+        hundredths(LIMIT.0 * most_a + LIMIT.1),
+    );
     let (mount, zero) = (Step::Mount(Fixture::Cell), Step::Zero(plan.clone()));
     let steps = if plan.bipolar() {
         vec![mount, zero, up, Step::Trace(plan), Step::PowerDown]

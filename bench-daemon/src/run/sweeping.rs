@@ -13,12 +13,12 @@ use num_complex::Complex64;
 
 use super::Measured;
 use crate::{
-    config::{CampaignRun, Experiment},
+    config::Experiment,
     executor::Executor,
     fixture_check,
     journal::PointDone,
     measure::SweepPoint,
-    plan::{Stage, Step, fixture_name},
+    plan::{CampaignRun, Stage, Step, fixture_name},
     record::{RecordError, Recorder, sweep_name},
 };
 

@@ -15,7 +15,7 @@ use crate::{
     config::{Campaign, Experiment},
     executor::SOC_MISSED,
     failure::Failure,
-    plan::Specimen,
+    plan::{CampaignRun, Specimen},
     present::significant,
     record::Recorder,
     run::Measured,
@@ -163,7 +163,7 @@ pub(super) fn write(
 
 fn runs(recorder: &Recorder, campaign: &Campaign, judged: &[Judged]) -> Vec<RunRow> {
     let warnings = recorder.warnings();
-    let row = |run: crate::config::CampaignRun| {
+    let row = |run: CampaignRun| {
         let file = run_folder::campaign_spectrum(&run.name());
         let entry = recorder
             .index()

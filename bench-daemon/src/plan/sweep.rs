@@ -1,0 +1,49 @@
+//! Settings of a sweep as data: what its points share.
+
+use crate::measure::quality::Quality;
+
+/// With its command at zero the bipolar supply may drive this much, A: more is a zero error that
+/// wants trimming.
+pub const IDLE_CURRENT_A: f64 = 0.2;
+
+/// Settings that all points of the sweeps of a run share.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SweepSettings {
+    /// Greatest amplitude of the currents of the run's sweeps, A: the scope's first ranges follow
+    /// it.
+    pub amplitude_a: f64,
+    /// Periods on the screen at least.
+    pub periods_on_screen: f64,
+    /// Points that the scope takes and sends.
+    pub depth: Depth,
+    /// Frequency of the mains that is fitted besides the sinusoid, Hz.
+    pub mains_hz: Option<f64>,
+    /// Whether points overlap, where somebody has said so.
+    pub overlap: Option<bool>,
+    /// The quality gate.
+    pub quality: Option<Quality>,
+}
+
+/// Points per channel of a scope's record.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Depth {
+    /// Points in the scope's memory.
+    pub memory_points: u64,
+    /// Points that are downloaded.
+    pub record_points: u64,
+}
+
+#[cfg(test)]
+pub(crate) fn test_settings() -> std::sync::Arc<SweepSettings> {
+    std::sync::Arc::new(SweepSettings {
+        amplitude_a: 1.0,
+        periods_on_screen: 5.0,
+        depth: Depth {
+            memory_points: 1_000_000,
+            record_points: 10_000,
+        },
+        mains_hz: None,
+        overlap: None,
+        quality: None,
+    })
+}

@@ -1,0 +1,61 @@
+//! Power-up of the bipolar supply, as all stages of an experiment share it.
+
+use instruments::{
+    instrument::by_key,
+    supply4q::{self, Holds},
+};
+
+use crate::{
+    config::Experiment,
+    interlock::NO_CURRENT_A,
+    plan::{Depth, IDLE_CURRENT_A, Step},
+};
+
+/// Power-up as all stages of an experiment share it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Power {
+    /// Limit that the bipolar supply holds by itself.
+    pub(super) held: Holds,
+    /// Greatest current while its command is zero, A.
+    pub(super) idle_a: f64,
+    /// Depth that the scope is set to for the sweeps, where there are any.
+    pub(super) depth: Option<Depth>,
+}
+
+impl Power {
+    /// Power-up of an experiment: what its sweeps need holds for its other stages too.
+    pub(super) fn of(experiment: &Experiment) -> Self {
+        let supply = experiment
+            .bench
+            .instruments
+            .supply4q
+            .as_ref()
+            .and_then(|supply| by_key(supply4q::DIALECTS, &supply.model));
+        let eis = experiment.eis.as_ref();
+        let half_a = eis.map_or(f64::INFINITY, |eis| 0.5 * eis.amplitude_a);
+        Self {
+            held: supply.map_or(Holds::Nothing, |dialect| dialect.capabilities().holds),
+            idle_a: IDLE_CURRENT_A.min(half_a).max(NO_CURRENT_A),
+            depth: eis.map(|eis| Depth {
+                memory_points: eis.memory_points,
+                record_points: eis.record_points,
+            }),
+        }
+    }
+
+    /// The step that powers up.
+    pub(super) fn up(self, compliance_v: f64, limit_a: f64) -> Step {
+        let Self {
+            held,
+            idle_a,
+            depth,
+        } = self;
+        Step::PowerUp {
+            compliance_v,
+            limit_a,
+            held,
+            idle_a,
+            depth,
+        }
+    }
+}
