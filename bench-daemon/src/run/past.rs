@@ -39,7 +39,8 @@ pub(crate) struct Past {
     after: Option<String>,
 }
 
-/// The stages of a plan, each by the first digits of the hash of everything that it holds.
+/// The stages of a plan, each by the first digits of the hash of everything that it holds: of all
+/// that is sent, the shared settings of its steps included.
 pub(super) fn fingerprints(plan: &Plan) -> Vec<String> {
     plan.stages
         .iter()
@@ -313,8 +314,8 @@ pub(super) fn copied_experiment(folder: &Path, started: &Started) -> Result<Expe
     Ok(experiment)
 }
 
-/// Checks that the program still makes the same plan of the same files: another version may make
-/// another one.
+/// Checks that the same plan comes out as at the beginning: another configuration makes another
+/// one, and another build of the program may.
 fn same_plan(started: &Started, plan: &Plan) -> Result<(), String> {
     let found = fingerprints(plan);
     if let Some(number) = (0..found.len().max(started.plan.len()))
@@ -325,10 +326,65 @@ fn same_plan(started: &Started, plan: &Plan) -> Result<(), String> {
             .get(number)
             .map_or_else(|| "none".to_owned(), |stage| stage.purpose.to_string());
         return Err(format!(
-            "expected the plan that the run began with; stage {} ({what}) would be another one: \
-            this program is not the one that began it",
+            "expected the plan that the run began with; stage {} ({what}) would be another one: the \
+            configuration or the program has changed since; go on with the program that began it, \
+            or begin the run anew in another folder",
             number + 1
         ));
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        config::{Eis, load_experiment},
+        measure::quality::Quality,
+    };
+
+    const QUALITY: Quality = Quality {
+        noise: 0.01,
+        distortion: 0.01,
+        drift: 0.01,
+        repeatability: 0.01,
+        kramers_kronig: 0.01,
+        again: 0,
+        time_s: 0.0,
+        charge_c: 0.0,
+    };
+
+    #[test]
+    fn a_stage_has_another_fingerprint_where_its_sweep_sends_something_else() {
+        let file =
+            Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/experiments/campaign.toml");
+        let of = |change: fn(&mut Eis)| {
+            let mut experiment = load_experiment(&file, None).unwrap();
+            change(experiment.eis.as_mut().unwrap());
+            let plan = procedure::plan(&experiment);
+            (fingerprints(&plan), plan)
+        };
+        let (before, plan) = of(|_| {});
+        assert_eq!(before, of(|_| {}).0, "the same experiment");
+        let changes: [fn(&mut Eis); 6] = [
+            |eis| eis.record_points += 1,
+            |eis| eis.memory_points *= 10,
+            |eis| eis.periods_on_screen += 1.0,
+            |eis| eis.mains_hz = Some(60.0),
+            |eis| eis.overlap = Some(!eis.overlap.unwrap_or_default()),
+            |eis| eis.quality = Some(QUALITY),
+        ];
+        for (number, change) in changes.into_iter().enumerate() {
+            let (after, _) = of(change);
+            for (stage, (before, after)) in plan.stages.iter().zip(before.iter().zip(&after)) {
+                let sweeps = matches!(stage.purpose, Purpose::Sweep(..));
+                assert_eq!(
+                    before != after,
+                    sweeps,
+                    "change {number}: {}",
+                    stage.title()
+                );
+            }
+        }
+    }
 }
