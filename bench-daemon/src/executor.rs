@@ -32,7 +32,6 @@ use analysis::calibration::Correction;
 use instruments::fixture::Fixture;
 
 use ahead::{Next, SweepState};
-pub use dc::SOC_MISSED;
 pub use entrance::Entrance;
 pub use error::ExecuteError;
 pub(crate) use multisine::{BandFit, fit_band};

@@ -21,6 +21,8 @@ use sha2::{Digest, Sha256};
 
 use crate::{drill::Drill, interlock::Reading, measure::SweepPoint, reconcile::Found};
 
+/// Words by which a note of an older journal tells that the state of charge was missed.
+const SOC_MISSED: &str = "SOC reset: expected ";
 /// Text before the checksum of a line.
 const CHECKSUM: &str = ",\"sha256\":\"";
 
@@ -96,10 +98,7 @@ pub enum Entry {
         stage: usize,
     },
     /// Something odd, for the report.
-    Note {
-        /// In words.
-        text: String,
-    },
+    Note(Note),
     /// State of an instrument that a resumed run found before it changed anything.
     Found(Found),
     /// The run goes on after its process had died or been stopped.
@@ -118,6 +117,39 @@ pub enum Entry {
         /// How.
         how: String,
     },
+}
+
+/// Something odd, for the report.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Note {
+    /// In words.
+    pub text: String,
+    /// Its kind, where results depend on it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub kind: Option<NoteKind>,
+}
+
+/// Kind of a note that results depend on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum NoteKind {
+    /// The state of charge is not the one that was asked for.
+    SocMissed,
+}
+
+impl Note {
+    /// A note on which no result depends.
+    pub fn of(text: &str) -> Self {
+        Self {
+            text: text.to_owned(),
+            kind: None,
+        }
+    }
+
+    /// Whether it tells that the state of charge was missed. Older journals tell it in words only.
+    pub fn is_soc_missed(&self) -> bool {
+        self.kind == Some(NoteKind::SocMissed) || self.text.contains(SOC_MISSED)
+    }
 }
 
 /// Identity of a run: enough to know whether a resumed run is the same.

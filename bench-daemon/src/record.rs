@@ -38,7 +38,7 @@ pub(crate) use names::{capture_of, code_scale};
 use crate::{
     drill::Drill,
     interlock::Reading,
-    journal::{Entry, Journal, JournalError, PointDone},
+    journal::{Entry, Journal, JournalError, Note, PointDone},
     measure::SweepPoint,
     present::quoted,
 };
@@ -95,7 +95,7 @@ pub struct Recorder {
     readings: BufWriter<File>,
     series: Vec<SeriesRow>,
     index: RunIndex,
-    warnings: Vec<String>,
+    notes: Vec<Note>,
     /// Texts, and the sweeps and frequencies, Hz, that they are about.
     point_warnings: Vec<(String, Vec<(String, f64)>)>,
 }
@@ -136,7 +136,7 @@ impl Recorder {
             readings,
             series: Vec::new(),
             index: RunIndex::default(),
-            warnings: Vec::new(),
+            notes: Vec::new(),
             point_warnings: Vec::new(),
         })
     }

@@ -8,7 +8,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use crate::{
-    journal::{Entry, Line, PointDone, Started},
+    journal::{Entry, Line, Note, PointDone, Started},
     plan::{AfterCrash, Plan, Purpose, Stage, Step},
 };
 
@@ -37,7 +37,7 @@ pub struct Story {
     /// Its stages, as far as they were begun.
     pub stages: BTreeMap<usize, StageStory>,
     /// Warnings of the run.
-    pub notes: Vec<String>,
+    pub notes: Vec<Note>,
     /// The stage that was begun last.
     pub latest: Option<usize>,
     /// How the process ended by itself, if it did.
@@ -133,7 +133,7 @@ impl Story {
                 stage.points.insert(point.step, (**point).clone());
             }
             Entry::StageDone { stage } => self.stages.entry(*stage).or_default().finished = true,
-            Entry::Note { text } => self.notes.push(text.clone()),
+            Entry::Note(note) => self.notes.push(note.clone()),
             Entry::Ended { how } => self.ended = Some(how.clone()),
             Entry::Started(_)
             | Entry::Found(_)

@@ -158,6 +158,7 @@ fn flowing(lines: &[Line]) -> Option<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::journal::Note;
 
     #[test]
     fn a_current_may_flow_from_the_intent_until_something_says_that_everything_is_off() {
@@ -167,9 +168,7 @@ mod tests {
             text: text.to_owned(),
             live,
         };
-        let found = |text: &str| Entry::Note {
-            text: text.to_owned(),
-        };
+        let found = |text: &str| Entry::Note(Note::of(text));
         let done = Entry::Done { stage: 0, step: 0 };
         for (entries, expected) in [
             (vec![], None),

@@ -15,6 +15,7 @@ use super::{
 use crate::{
     config::LOAD_CUT_OFF_V,
     interlock::Reading,
+    journal::{Note, NoteKind},
     plan::{CampaignRun, Missed, Step},
     record::Event,
     thermostat::Thermostat,
@@ -34,9 +35,6 @@ const GREATEST_SHIFT_V: f64 = 0.1;
 /// The end of a charge lies this far below the limit of the supply at least, V: there the current
 /// dies away.
 const BELOW_LIMIT_V: f64 = 0.02;
-
-/// Prefix of a note about a state of charge that was missed.
-pub const SOC_MISSED: &str = "SOC reset";
 
 /// Where the reset of the state of charge stands.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -184,17 +182,20 @@ impl Executor<'_> {
                 };
                 let shift_mv = 1.0e3 * self.direct.reset.shift_v;
                 let text = format!(
-                    "{SOC_MISSED}: expected {expected}, found {met}; again, the end of the charge \
+                    "SOC reset: expected {expected}, found {met}; again, the end of the charge \
                     moved by {shift_mv:+.1} mV"
                 );
                 Ok(self.rig.recorder.event(Event::Again, &self.of_run(&text))?)
             }
             Some(Missed::Flag) => {
                 let text = format!(
-                    "{SOC_MISSED}: expected {expected}, found {met}: the state of charge is not \
+                    "SOC reset: expected {expected}, found {met}: the state of charge is not \
                     the one that was asked for"
                 );
-                self.rig.recorder.warning(&self.of_run(&text));
+                self.rig.recorder.note(Note {
+                    text: self.of_run(&text),
+                    kind: Some(NoteKind::SocMissed),
+                });
                 Ok(())
             }
             Some(Missed::Refuse) => Err(ExecuteError::Disobeyed {

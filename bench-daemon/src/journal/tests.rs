@@ -15,9 +15,7 @@ fn entries() -> Vec<Entry> {
             live: false,
         },
         Entry::Done { stage: 0, step: 0 },
-        Entry::Note {
-            text: "odd, \"sha256\":\" in it".to_owned(),
-        },
+        Entry::Note(Note::of("odd, \"sha256\":\" in it")),
         Entry::Ended {
             how: "finished".to_owned(),
         },
@@ -34,6 +32,34 @@ fn written() -> tempfile::TempDir {
             .for_each(|entry| journal.write(entry).unwrap());
     });
     folder
+}
+
+#[test]
+fn a_missed_state_of_charge_is_told_by_its_kind_or_in_older_journals_by_its_words() {
+    let words =
+        "run 1 (cell A, repeat 1): SOC reset: expected 3.7 V to 3.74 V at rest, found 3.6 V";
+    let missed = |text: &str| Note {
+        text: text.to_owned(),
+        kind: Some(NoteKind::SocMissed),
+    };
+    for (note, json, is_missed) in [
+        (Note::of("odd"), r#"{"note":{"text":"odd"}}"#, false),
+        (
+            Note::of(words),
+            &format!(r#"{{"note":{{"text":"{words}"}}}}"#),
+            true,
+        ),
+        (
+            missed("low"),
+            r#"{"note":{"text":"low","kind":"soc_missed"}}"#,
+            true,
+        ),
+    ] {
+        let entry = Entry::Note(note.clone());
+        assert_eq!(serde_json::to_string(&entry).unwrap(), json);
+        assert_eq!(serde_json::from_str::<Entry>(json).unwrap(), entry);
+        assert_eq!(note.is_soc_missed(), is_missed, "{json}");
+    }
 }
 
 #[test]

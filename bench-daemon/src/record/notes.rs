@@ -1,23 +1,27 @@
 //! Collects the warnings of a run for its report.
 
 use super::{Event, Recorder, names};
-use crate::journal::Entry;
+use crate::journal::{Entry, Note};
 
 impl Recorder {
     /// Remembers something odd for the report.
     pub fn warning(&mut self, text: &str) {
-        if self.warnings.iter().any(|known| odd(known) == odd(text)) {
+        self.note(Note::of(text));
+    }
+
+    /// As [`Self::warning`], with a kind where results depend on it.
+    pub fn note(&mut self, note: Note) {
+        let text = note.text.as_str();
+        if self.notes.iter().any(|known| odd(&known.text) == odd(text)) {
             return;
         }
         // A folder that cannot be written ends the run at the next record; the warning itself is
         // not worth it.
-        let noted = self.journal(Entry::Note {
-            text: text.to_owned(),
-        });
+        let noted = self.journal(Entry::Note(note.clone()));
         if let Err(error) = noted.and_then(|()| self.event(Event::Note, text)) {
             tracing::error!("{error}");
         }
-        self.warnings.push(text.to_owned());
+        self.notes.push(note);
     }
 
     /// Remembers something odd about a point of a sweep; what was odd about several is said once.
@@ -48,7 +52,14 @@ impl Recorder {
             .point_warnings
             .iter()
             .map(|(text, points)| format!("{}: {text}", names::places(points)));
-        points.chain(self.warnings.iter().cloned()).collect()
+        let notes = self.notes.iter().map(|note| note.text.clone());
+        points.chain(notes).collect()
+    }
+
+    /// Notes that tell that the state of charge was missed.
+    pub fn soc_missed(&self) -> impl Iterator<Item = &str> {
+        let missed = self.notes.iter().filter(|note| note.is_soc_missed());
+        missed.map(|note| note.text.as_str())
     }
 }
 

@@ -73,7 +73,7 @@ impl Recorder {
             folder: folder.to_owned(),
             clock,
             index,
-            warnings: story.notes.clone(),
+            notes: story.notes.clone(),
             point_warnings: Vec::new(),
         })
     }

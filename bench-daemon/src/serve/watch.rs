@@ -119,7 +119,7 @@ impl Watch {
         self.latest_s = self.latest_s.max(line.time_s);
         self.ended = None;
         self.safe = matches!(line.entry, Entry::Safe | Entry::Paused)
-            || (self.safe && matches!(line.entry, Entry::Note { .. } | Entry::Ended { .. }));
+            || (self.safe && matches!(line.entry, Entry::Note(_) | Entry::Ended { .. }));
         match line.entry {
             Entry::Started(started) => {
                 let time = started.time.parse::<TimeMode>().unwrap_or(TimeMode::Real);
@@ -166,7 +166,7 @@ impl Watch {
             Entry::GoneOn => self.paused = false,
             Entry::Resumed { .. } => (self.paused, self.process_s) = (false, line.time_s),
             Entry::Ended { how } => self.ended = Some(how),
-            Entry::Safe | Entry::Note { .. } | Entry::Found(_) => {}
+            Entry::Safe | Entry::Note(_) | Entry::Found(_) => {}
         }
     }
 

@@ -13,7 +13,6 @@ use serde::Serialize;
 
 use crate::{
     config::{Campaign, Experiment},
-    executor::SOC_MISSED,
     failure::Failure,
     plan::{CampaignRun, Specimen},
     present::significant,
@@ -188,7 +187,7 @@ fn runs(recorder: &Recorder, campaign: &Campaign, judged: &[Judged]) -> Vec<RunR
                 .iter()
                 .find(|one| one.name == run.name())
                 .map_or_else(|| "not tested".to_owned(), Judged::grade),
-            soc_missed: notes.iter().any(|note| note.starts_with(SOC_MISSED)),
+            soc_missed: recorder.soc_missed().any(|note| note.starts_with(&prefix)),
             notes,
         })
     };
