@@ -8,8 +8,8 @@ use crate::{
     command,
     failure::Failure,
     logging::{self, Verbosity},
+    run_control::RunAction,
     terminal::remark,
-    wishes::Course,
 };
 
 const EXAMPLES: &str = "\
@@ -99,13 +99,13 @@ enum Command {
     /// Go on with a run that died or was stopped, in its folder, at the next unfinished point.
     Resume(command::resume::ResumeArgs),
     /// Ask a run in another terminal to wait without any current, from the next point on.
-    Pause(command::wish::FolderArgs),
+    Pause(command::run_control::FolderArgs),
     /// Ask a paused run to go on.
-    GoOn(command::wish::FolderArgs),
+    GoOn(command::run_control::FolderArgs),
     /// Ask a run to end in safe state at the next point.
-    Abort(command::wish::FolderArgs),
+    Abort(command::run_control::FolderArgs),
     /// Ask a campaign to play the named runs next.
-    Reorder(command::wish::ReorderArgs),
+    Reorder(command::run_control::ReorderArgs),
     /// Print what an experiment would do, step by step, with its duration. Touches nothing.
     Plan(command::plan::PlanArgs),
     /// Serve the simulated instruments of a bench on real ports until stopped.
@@ -170,10 +170,10 @@ pub fn main() -> ExitCode {
     let result = match cli.command {
         Command::Run(args) => command::run::run(&args),
         Command::Resume(args) => command::resume::resume(&args),
-        Command::Pause(args) => command::wish::wish(&args, Course::Pause),
-        Command::GoOn(args) => command::wish::wish(&args, Course::GoOn),
-        Command::Abort(args) => command::wish::wish(&args, Course::Abort),
-        Command::Reorder(args) => command::wish::reorder(&args),
+        Command::Pause(args) => command::run_control::send_action(&args, RunAction::Pause),
+        Command::GoOn(args) => command::run_control::send_action(&args, RunAction::GoOn),
+        Command::Abort(args) => command::run_control::send_action(&args, RunAction::Abort),
+        Command::Reorder(args) => command::run_control::reorder(&args),
         Command::Plan(args) => command::plan::plan(&args),
         Command::Mock(args) => command::mock::mock(&args),
         Command::Identify(args) => command::identify::identify(&args),

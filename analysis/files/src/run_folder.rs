@@ -26,8 +26,8 @@ pub const READINGS: &str = "readings.csv";
 pub const READINGS_PARQUET: &str = "readings.parquet";
 /// The log.
 pub const LOG: &str = "log.txt";
-/// Wishes of a person for a run that is going on.
-pub const WISHES: &str = "wishes.json";
+/// Run control request of a person for a run that is going on.
+pub const RUN_CONTROL: &str = "wishes.json";
 /// Which sweeps and traces there are ([`crate::dataset::RunIndex`]).
 pub const INDEX: &str = "traces.json";
 /// The hashes of all other files.

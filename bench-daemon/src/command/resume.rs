@@ -25,8 +25,8 @@ use crate::{
     journal::{self, Entry, Line},
     record::RecordError,
     run::{Past, Session},
+    run_control::RunControl,
     terminal::say,
-    wishes::Wishes,
 };
 
 /// Arguments of `resume`.
@@ -58,7 +58,7 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
         custody::refuse(&experiment.bench)?;
         refuse_going(folder)
     })?;
-    Wishes::forget(folder);
+    RunControl::forget(folder);
     let addressed = experiment.bench.instruments.addressed();
     let in_process = addressed
         .iter()

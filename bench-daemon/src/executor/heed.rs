@@ -8,7 +8,7 @@ use crate::{
     journal::Entry,
     plan::{Purpose, Stage, Step},
     record::Event,
-    wishes::{Course, Wishes},
+    run_control::{RunAction, RunControl},
 };
 
 /// Seconds between two looks while the run waits.
@@ -59,11 +59,11 @@ impl Rig<'_> {
 
     /// Whether to wait; `waits` is what holds where nothing can be read.
     fn paused(&self, waits: bool) -> Result<bool, ExecuteError> {
-        match Wishes::said(self.recorder.folder()).map(|wishes| wishes.course) {
+        match RunControl::read_if_present(self.recorder.folder()).map(|request| request.action) {
             None => Ok(waits),
-            Some(Course::GoOn) => Ok(false),
-            Some(Course::Pause) => Ok(true),
-            Some(Course::Abort) => Err(ExecuteError::Aborted),
+            Some(RunAction::GoOn) => Ok(false),
+            Some(RunAction::Pause) => Ok(true),
+            Some(RunAction::Abort) => Err(ExecuteError::Aborted),
         }
     }
 }

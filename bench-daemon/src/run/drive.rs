@@ -23,7 +23,7 @@ use crate::{
     plan::{Checked, Plan, Purpose, Stage},
     progress::Progress,
     record::Recorder,
-    wishes::{self, Wishes},
+    run_control::{self, RunControl},
 };
 
 /// Results from before: the correction of another run on the same bench, or the part of this run
@@ -188,7 +188,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         {
             return;
         }
-        let mut order = Wishes::read(self.executor.rig.recorder.folder()).order;
+        let mut order = RunControl::read(self.executor.rig.recorder.folder()).order;
         order.splice(0..0, run);
         // What is not named comes as it is planned, whatever was wanted before.
         left.sort_unstable();
@@ -197,7 +197,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             .iter()
             .take_while(|number| self.run_of(**number).is_none())
             .count();
-        wishes::reorder(&mut left[controls..], &order, |number| {
+        run_control::reorder(&mut left[controls..], &order, |number| {
             self.plan.stages.get(*number).and_then(Stage::run)
         });
     }

@@ -13,9 +13,9 @@ use crate::{
     failure::Failure,
     guardian::GuardianError,
     journal::{self, Entry},
+    run_control::{RunAction, RunControl},
     state::{Lock, State},
     terminal::remark,
-    wishes::{Course, Wishes},
 };
 
 /// Interval at which it looks for a run control request while it waits, s.
@@ -213,7 +213,7 @@ impl Session {
         runtime.block_on(async {
             let end_s = self.clock.now_s() + wait_s;
             while self.clock.now_s() < end_s {
-                if Wishes::read(folder).course == Course::Abort {
+                if RunControl::read(folder).action == RunAction::Abort {
                     return Ok(false);
                 }
                 tokio::select! {

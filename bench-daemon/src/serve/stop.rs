@@ -15,8 +15,8 @@ use super::{Server, live::StopReport, locks};
 use crate::{
     bench::SafeReport,
     config,
+    run_control::{RunAction, RunControl},
     state::{Holder, State},
-    wishes::{Course, Wishes},
 };
 
 /// `eis-bench safe` is waited for so long: it tries each instrument several times.
@@ -112,9 +112,9 @@ async fn end_run(server: &Server, bench: &config::Bench, report: &mut StopReport
     };
     // Before anything is written: a disk that hangs must not hold up the signal.
     let asked = kill(Pid::from_raw(pid), Signal::SIGTERM);
-    if let Err(error) = (Wishes {
-        course: Course::Abort,
-        ..Wishes::read(&folder)
+    if let Err(error) = (RunControl {
+        action: RunAction::Abort,
+        ..RunControl::read(&folder)
     })
     .write(&folder)
     {

@@ -30,7 +30,7 @@ const DAEMON: &[&str] = &[
     "procedure",
     "progress",
     "operator",
-    "wishes",
+    "run_control",
     "bench",
     "sim",
     "survey",

@@ -364,7 +364,7 @@ pub async fn file(
 }
 
 /// Passes a run control request on, as a terminal would.
-async fn wish(
+async fn send_request(
     app: &App,
     run: &str,
     word: &'static str,
@@ -414,7 +414,7 @@ pub async fn pause(
     State(app): State<App>,
     Path(run): Path<String>,
 ) -> Result<Json<Conveyed>, Refusal> {
-    wish(&app, &run, "pause", &[]).await
+    send_request(&app, &run, "pause", &[]).await
 }
 
 /// Lets a run that waits go on: that lets current flow.
@@ -431,7 +431,7 @@ pub async fn go_on(
     State(app): State<App>,
     Path(run): Path<String>,
 ) -> Result<Json<Conveyed>, Refusal> {
-    wish(&app, &run, "go-on", &[]).await
+    send_request(&app, &run, "go-on", &[]).await
 }
 
 /// Says which runs of a campaign come next.
@@ -456,7 +456,7 @@ pub async fn order(
             "runs: expected 1 to 1000 numbers",
         ));
     }
-    wish(&app, &run, "reorder", &order.runs).await
+    send_request(&app, &run, "reorder", &order.runs).await
 }
 
 /// Puts a run that was interrupted into the queue again, to go on where it was: that lets current

@@ -11,10 +11,10 @@ use crate::{
     journal::{self, Entry, Line},
     procedure,
     run::begun_experiment,
+    run_control::{self, RunAction, RunControl, RunStatus},
     state::{Holder, State, is_stopped},
     story::Story,
     terminal::say,
-    wishes::{self, Course, Standing, Wishes},
 };
 
 /// Arguments of `pause`, `go-on` and `abort`.
@@ -38,21 +38,21 @@ pub struct ReorderArgs {
 ///
 /// # Errors
 /// A folder in which nothing runs.
-pub fn wish(args: &FolderArgs, course: Course) -> Result<(), Failure> {
-    said(
+pub fn send_action(args: &FolderArgs, action: RunAction) -> Result<(), Failure> {
+    send_request(
         args,
-        &Wishes {
-            course,
-            ..Wishes::read(&args.folder)
+        &RunControl {
+            action,
+            ..RunControl::read(&args.folder)
         },
     )?;
     say!(
         "{}",
-        match course {
-            Course::Pause =>
+        match action {
+            RunAction::Pause =>
                 "pauses after the step in work, every output off; `eis-bench go-on` lets it go on",
-            Course::GoOn => "goes on",
-            Course::Abort =>
+            RunAction::GoOn => "goes on",
+            RunAction::Abort =>
                 "ends in safe state: at the next point of a sweep, behind a trace, within seconds \
                 of anything else; then `eis-bench resume` can take it up again",
         }
@@ -63,45 +63,46 @@ pub fn wish(args: &FolderArgs, course: Course) -> Result<(), Failure> {
 /// Says which runs of a campaign come next. What was said before about the order holds no more.
 ///
 /// # Errors
-/// As [`wish`]; runs that are none of the campaign's, that are named twice or were begun.
+/// As [`send_action`]; runs that are none of the campaign's, that are named twice or were begun.
 pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
     let usage = |text: String| Failure::Usage(format!("{}: {text}", args.folder.display()));
     let story = going_on(&args.folder)?;
-    let runs = standings(&args.folder, &story)?;
+    let runs = run_statuses(&args.folder, &story)?;
     if runs.is_empty() {
         return Err(usage(
             "expected a campaign, whose runs have an order, found an experiment without [campaign]"
                 .to_owned(),
         ));
     }
-    let coming = wishes::coming(&runs, &args.runs).map_err(usage)?;
-    let before = Wishes::read(&args.folder);
-    let wish = Wishes {
+    let coming = run_control::coming(&runs, &args.runs).map_err(usage)?;
+    let before = RunControl::read(&args.folder);
+    let request = RunControl {
         order: args.runs.clone(),
-        course: before.course,
+        action: before.action,
     };
-    wish.write(&args.folder)
+    request
+        .write(&args.folder)
         .map_err(|error| usage(error.to_string()))?;
-    let work = wishes::in_words(
+    let work = run_control::in_words(
         runs.iter()
-            .filter(|run| run.1 == Standing::InWork)
+            .filter(|run| run.1 == RunStatus::InWork)
             .map(|run| run.0),
     );
     say!(
         "in work: {work}; then: {}",
-        wishes::in_words(coming.into_iter())
+        run_control::in_words(coming.into_iter())
     );
-    if !before.order.is_empty() && before.order != wish.order {
+    if !before.order.is_empty() && before.order != request.order {
         say!(
             "the order that was asked for before holds no more: {}",
-            wishes::in_words(before.order.into_iter())
+            run_control::in_words(before.order.into_iter())
         );
     }
     Ok(())
 }
 
 /// The runs of the campaign by their numbers, as far as they came; none where there is no campaign.
-fn standings(folder: &Path, story: &Story) -> Result<Vec<(usize, Standing)>, Failure> {
+fn run_statuses(folder: &Path, story: &Story) -> Result<Vec<(usize, RunStatus)>, Failure> {
     let experiment = begun_experiment(folder, &story.started)?;
     let plan = procedure::plan(&experiment);
     let of_run = |number: usize| {
@@ -110,25 +111,25 @@ fn standings(folder: &Path, story: &Story) -> Result<Vec<(usize, Standing)>, Fai
             .enumerate()
             .filter(move |(_, stage)| stage.run() == Some(number))
     };
-    let standing = |number: usize| {
+    let status = |number: usize| {
         if of_run(number).all(|(stage, _)| story.finished(stage)) {
-            Standing::Finished
+            RunStatus::Finished
         } else if of_run(number).any(|(stage, _)| story.stages.contains_key(&stage)) {
-            Standing::InWork
+            RunStatus::InWork
         } else {
-            Standing::Left
+            RunStatus::NotBegun
         }
     };
     let runs = experiment
         .campaign
         .iter()
         .flat_map(|campaign| campaign.runs());
-    Ok(runs.map(|run| (run.number, standing(run.number))).collect())
+    Ok(runs.map(|run| (run.number, status(run.number))).collect())
 }
 
-fn said(args: &FolderArgs, wishes: &Wishes) -> Result<(), Failure> {
+fn send_request(args: &FolderArgs, request: &RunControl) -> Result<(), Failure> {
     going_on(&args.folder)?;
-    wishes
+    request
         .write(&args.folder)
         .map_err(|error| Failure::Usage(format!("{}: {error}", args.folder.display())))
 }
@@ -182,13 +183,13 @@ fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
         Entry::Intent { text, .. } => Some(text.as_str()),
         _ => None,
     });
-    let left = match begun_experiment(folder, &story.started) {
-        Ok(begun) => left(&begun.bench),
+    let bench_state = match begun_experiment(folder, &story.started) {
+        Ok(begun) => bench_state(&begun.bench),
         Err(error) => format!("what its bench was left in is not known ({error})"),
     };
     format!(
         "nobody listens: the process of this run is gone, at {:.0} s of bench time, {points} \
-        points finished, last in step \"{}\"; {left}; \
+        points finished, last in step \"{}\"; {bench_state}; \
          `eis-bench resume {}` goes on with it",
         story.last_s,
         last.unwrap_or("none"),
@@ -197,7 +198,7 @@ fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
 }
 
 /// State in which a run has left its bench, by its records.
-fn left(bench: &config::Bench) -> String {
+fn bench_state(bench: &config::Bench) -> String {
     let safe = format!(
         "`eis-bench safe {}` switches off at any time",
         pasted(&bench.path)

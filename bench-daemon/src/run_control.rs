@@ -9,14 +9,14 @@ use std::path::Path;
 
 use analysis::{
     dataset::{self, DatasetError},
-    run_folder::WISHES,
+    run_folder::RUN_CONTROL,
 };
 use serde::{Deserialize, Serialize};
 
 /// To go on or not.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Course {
+pub enum RunAction {
     /// To go on.
     #[default]
     GoOn,
@@ -29,26 +29,27 @@ pub enum Course {
 /// Run control request.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Wishes {
+pub struct RunControl {
     /// To go on or not.
-    pub course: Course,
+    #[serde(rename = "course")]
+    pub action: RunAction,
     /// Runs of the campaign, by their numbers from 1, that come first, in this order.
     pub order: Vec<usize>,
 }
 
-impl Wishes {
+impl RunControl {
     /// Reads the run control request in a run folder. A file that cannot be read counts as no
     /// request: it must not stop a run.
     pub fn read(folder: &Path) -> Self {
-        Self::said(folder).unwrap_or_default()
+        Self::read_if_present(folder).unwrap_or_default()
     }
 
     /// Reads the request; `None` where there is no file or none that can be read. A paused run then
     /// stays paused: somebody may be at the jig.
-    pub fn said(folder: &Path) -> Option<Self> {
-        let text = std::fs::read_to_string(folder.join(WISHES)).ok()?;
+    pub fn read_if_present(folder: &Path) -> Option<Self> {
+        let text = std::fs::read_to_string(folder.join(RUN_CONTROL)).ok()?;
         serde_json::from_str(&text)
-            .inspect_err(|error| tracing::warn!("{WISHES}: {error}: not heeded"))
+            .inspect_err(|error| tracing::warn!("{RUN_CONTROL}: {error}: not heeded"))
             .ok()
     }
 
@@ -58,24 +59,24 @@ impl Wishes {
     /// A file that cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), DatasetError> {
         let text = serde_json::to_string(self).unwrap_or_default();
-        dataset::write_atomically(&folder.join(WISHES), text.as_bytes())
+        dataset::write_atomically(&folder.join(RUN_CONTROL), text.as_bytes())
     }
 
     /// Removes the request.
     pub fn forget(folder: &Path) {
-        let _ = std::fs::remove_file(folder.join(WISHES));
+        let _ = std::fs::remove_file(folder.join(RUN_CONTROL));
     }
 }
 
 /// State of a run of a campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Standing {
+pub enum RunStatus {
     /// Nothing of it is left to do.
     Finished,
     /// It was begun, and ends before anything else is.
     InWork,
     /// It was not begun.
-    Left,
+    NotBegun,
 }
 
 /// Numbers of the runs that come next, in their order, when the `wanted` ones come first. `runs`
@@ -83,27 +84,27 @@ pub enum Standing {
 ///
 /// # Errors
 /// A number that is none of a run, is named twice, or is that of a run that was begun.
-pub fn coming(runs: &[(usize, Standing)], wanted: &[usize]) -> Result<Vec<usize>, String> {
-    let numbers = |standing| {
+pub fn coming(runs: &[(usize, RunStatus)], wanted: &[usize]) -> Result<Vec<usize>, String> {
+    let numbers = |status| {
         runs.iter()
-            .filter(move |run| run.1 == standing)
+            .filter(move |run| run.1 == status)
             .map(|run| run.0)
     };
-    let left = in_words(numbers(Standing::Left));
+    let remaining = in_words(numbers(RunStatus::NotBegun));
     for (place, number) in wanted.iter().enumerate() {
-        let standing = runs.iter().find(|run| run.0 == *number).map(|run| run.1);
-        let found = match standing {
+        let status = runs.iter().find(|run| run.0 == *number).map(|run| run.1);
+        let found = match status {
             None => format!("{number}, of {} runs", runs.len()),
             Some(_) if wanted[..place].contains(number) => format!("{number} twice"),
-            Some(Standing::Finished) => format!("{number}, which is finished"),
-            Some(Standing::InWork) => format!("{number}, which is in work"),
-            Some(Standing::Left) => continue,
+            Some(RunStatus::Finished) => format!("{number}, which is finished"),
+            Some(RunStatus::InWork) => format!("{number}, which is in work"),
+            Some(RunStatus::NotBegun) => continue,
         };
         return Err(format!(
-            "expected runs that were not begun, each once, of: {left}; found {found}"
+            "expected runs that were not begun, each once, of: {remaining}; found {found}"
         ));
     }
-    let rest = numbers(Standing::Left).filter(|number| !wanted.contains(number));
+    let rest = numbers(RunStatus::NotBegun).filter(|number| !wanted.contains(number));
     Ok(wanted.iter().copied().chain(rest).collect())
 }
 
@@ -119,13 +120,13 @@ pub fn in_words(numbers: impl Iterator<Item = usize>) -> String {
 
 /// Sorts the remaining items as requested: first the named ones, then the rest in their old order.
 /// `number` gives an item's number.
-pub fn reorder<T>(left: &mut [T], order: &[usize], number: impl Fn(&T) -> Option<usize>) {
+pub fn reorder<T>(remaining: &mut [T], order: &[usize], number: impl Fn(&T) -> Option<usize>) {
     let place = |item: &T| {
         number(item)
             .and_then(|number| order.iter().position(|wanted| *wanted == number))
             .unwrap_or(usize::MAX)
     };
-    left.sort_by_key(place);
+    remaining.sort_by_key(place);
 }
 
 #[cfg(test)]
@@ -135,23 +136,29 @@ mod tests {
     #[test]
     fn what_is_said_is_heard_and_a_broken_file_says_nothing() {
         let folder = tempfile::tempdir().unwrap();
-        assert_eq!(Wishes::read(folder.path()), Wishes::default());
-        let wishes = Wishes {
-            course: Course::Pause,
+        assert_eq!(RunControl::read(folder.path()), RunControl::default());
+        let request = RunControl {
+            action: RunAction::Pause,
             order: vec![3, 1],
         };
-        wishes.write(folder.path()).unwrap();
-        assert_eq!(Wishes::read(folder.path()), wishes);
-        std::fs::write(folder.path().join(WISHES), "{\"course\":\"dance\"}").unwrap();
-        assert_eq!(Wishes::read(folder.path()), Wishes::default());
-        Wishes::forget(folder.path());
-        assert!(!folder.path().join(WISHES).exists());
+        request.write(folder.path()).unwrap();
+        assert_eq!(RunControl::read(folder.path()), request);
+        std::fs::write(folder.path().join(RUN_CONTROL), "{\"course\":\"dance\"}").unwrap();
+        assert_eq!(RunControl::read(folder.path()), RunControl::default());
+        RunControl::forget(folder.path());
+        assert!(!folder.path().join(RUN_CONTROL).exists());
     }
 
     #[test]
     fn an_order_is_of_runs_that_were_not_begun_each_once() {
-        use Standing::{Finished, InWork, Left};
-        let runs = [(1, Finished), (2, InWork), (3, Left), (4, Left), (5, Left)];
+        use RunStatus::{Finished, InWork, NotBegun};
+        let runs = [
+            (1, Finished),
+            (2, InWork),
+            (3, NotBegun),
+            (4, NotBegun),
+            (5, NotBegun),
+        ];
         assert_eq!(coming(&runs, &[5, 3]), Ok(vec![5, 3, 4]));
         for (wanted, found) in [
             (&[99][..], "found 99, of 5 runs"),
@@ -175,10 +182,10 @@ mod tests {
 
     #[test]
     fn the_named_come_first_and_the_rest_stays() {
-        let mut left = vec![2, 3, 4, 5];
-        reorder(&mut left, &[5, 9, 3], |item| Some(*item));
-        assert_eq!(left, [5, 3, 2, 4]);
-        reorder(&mut left, &[], |item| Some(*item));
-        assert_eq!(left, [5, 3, 2, 4]);
+        let mut remaining = vec![2, 3, 4, 5];
+        reorder(&mut remaining, &[5, 9, 3], |item| Some(*item));
+        assert_eq!(remaining, [5, 3, 2, 4]);
+        reorder(&mut remaining, &[], |item| Some(*item));
+        assert_eq!(remaining, [5, 3, 2, 4]);
     }
 }
