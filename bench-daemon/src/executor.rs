@@ -10,7 +10,7 @@ mod entrance;
 mod error;
 mod gate;
 mod gate_bands;
-mod heed;
+mod handle_request;
 mod leg;
 mod metered;
 mod multisine;
@@ -133,7 +133,7 @@ impl<'a> Executor<'a> {
             if self.direct.reset.accepted || !entrance.plays(stage, index, step) {
                 continue;
             }
-            self.heed(stage, index, fixture).await?;
+            self.handle_request(stage, index, fixture).await?;
             tracing::info!("step: {step}");
             let allowance = self.rig.allowance(fixture, step);
             if !self.sweep.was_announced(index) {

@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_said_is_heard_and_a_broken_file_says_nothing() {
+    fn what_is_written_is_read_and_a_broken_file_says_nothing() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(RunControl::read(folder.path()), RunControl::default());
         let request = RunControl {

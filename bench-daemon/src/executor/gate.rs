@@ -112,7 +112,7 @@ impl Executor<'_> {
         quality: &Quality,
         before: SweepPoint,
     ) -> Result<SweepPoint, ExecuteError> {
-        self.rig.heed_abort()?;
+        self.rig.handle_abort()?;
         let reasons: Vec<String> = before.failing.iter().map(ToString::to_string).collect();
         let text = format!("{step}: measured again: {}", reasons.join("; "));
         tracing::info!("{text}");

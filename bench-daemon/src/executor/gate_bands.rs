@@ -123,7 +123,7 @@ impl Executor<'_> {
             reasons.join("; ")
         );
         tracing::info!("{text}");
-        self.rig.heed_abort()?;
+        self.rig.handle_abort()?;
         self.rig.recorder.event(Event::Again, &text)?;
         let start_s = self.rig.clock.now_s();
         let taken = points[range.clone()]

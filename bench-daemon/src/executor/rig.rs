@@ -70,7 +70,7 @@ pub(super) struct Watching {
     /// Last reading of the voltmeter at the jig, V.
     pub(super) shown_v: Option<f64>,
     /// Requests to end.
-    pub(super) heeding: Heeding,
+    pub(super) requests: Requests,
 }
 
 impl Default for Watching {
@@ -83,20 +83,20 @@ impl Default for Watching {
             read_s: 0.0,
             took_s: 0.0,
             shown_v: None,
-            heeding: Heeding {
+            requests: Requests {
                 ends_early: false,
-                heeded_s: f64::NEG_INFINITY,
+                looked_s: f64::NEG_INFINITY,
             },
         }
     }
 }
 
 /// Requests to end in the middle of a step.
-pub(super) struct Heeding {
+pub(super) struct Requests {
     /// The step in work may be ended in its middle on request.
     pub(super) ends_early: bool,
     /// When it was looked for such a request last, bench s.
-    pub(super) heeded_s: f64,
+    pub(super) looked_s: f64,
 }
 
 /// The cell's temperature, its logger and its bath.

@@ -80,7 +80,7 @@ impl Rig<'_> {
             self.clock
                 .sleep_s(REST_POLL_S.min(end_s - self.clock.now_s()))
                 .await;
-            self.heed_within()?;
+            self.handle_request_within_step()?;
             self.glance("rest").await?;
         }
         Ok(())

@@ -449,7 +449,7 @@ impl Rig<'_> {
         phase: &str,
         fixture: Fixture,
     ) -> Result<(), ExecuteError> {
-        self.heed_within()?;
+        self.handle_request_within_step()?;
         if self.bench.supply4q.is_some() {
             self.watch(phase, fixture).await?;
         } else if self.bench.load.is_some() {
@@ -589,7 +589,7 @@ impl Rig<'_> {
 
     /// Writes a reading down and judges it.
     pub(super) fn judge(&mut self, phase: &str, reading: Reading) -> Result<(), ExecuteError> {
-        self.heed_within()?;
+        self.handle_request_within_step()?;
         self.recorder.reading(phase, &reading)?;
         match self.interlock.judge(&reading, self.clock.machine_s()) {
             Some(trip) => Err(trip.into()),

@@ -110,7 +110,7 @@ fn the_data_sheets_resistance_leaves_what_it_misses() {
 }
 
 #[test]
-fn an_abort_within_a_leg_of_hours_is_heeded_within_seconds() {
+fn an_abort_within_a_leg_of_hours_is_handled_within_seconds() {
     let files = Files::demo();
     let text = files.text(EXPERIMENT);
     let ocv = std::fs::read_to_string(crate::configuration::configs().join("experiments/ocv.toml"))

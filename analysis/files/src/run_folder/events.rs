@@ -21,7 +21,7 @@ pub enum Event {
     Check,
     /// Something is measured or done again.
     Again,
-    /// A person's request is heeded.
+    /// A person's request is handled.
     Request,
     /// The run goes on.
     Resumed,

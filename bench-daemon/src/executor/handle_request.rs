@@ -19,22 +19,22 @@ const PERSON_POLL_S: f64 = 1.0;
 impl Rig<'_> {
     /// Ends the run on request in the middle of a step of which nothing is kept but its end,
     /// looking a few times a minute.
-    pub(super) fn heed_within(&mut self) -> Result<(), ExecuteError> {
+    pub(super) fn handle_request_within_step(&mut self) -> Result<(), ExecuteError> {
         let now_s = self.clock.now_s();
-        if !self.watching.heeding.ends_early
+        if !self.watching.requests.ends_early
             || self.clock.mode() == TimeMode::Virtual
-            || now_s - self.watching.heeding.heeded_s < PAUSE_POLL_S
+            || now_s - self.watching.requests.looked_s < PAUSE_POLL_S
         {
             return Ok(());
         }
-        self.watching.heeding.heeded_s = now_s;
+        self.watching.requests.looked_s = now_s;
         // A pause waits for the end of the step.
         self.paused(false).map(|_| ())
     }
 
     /// Ends the run on request before a point is measured again; a pause waits for the end of the
     /// step.
-    pub(super) fn heed_abort(&self) -> Result<(), ExecuteError> {
+    pub(super) fn handle_abort(&self) -> Result<(), ExecuteError> {
         if self.clock.mode() == TimeMode::Virtual {
             Ok(())
         } else {
@@ -51,7 +51,7 @@ impl Rig<'_> {
                 return std::future::pending().await;
             }
             self.clock.sleep_s(PERSON_POLL_S).await;
-            if let Err(ended) = self.heed_abort() {
+            if let Err(ended) = self.handle_abort() {
                 return ended;
             }
         }
@@ -71,13 +71,13 @@ impl Rig<'_> {
 impl Executor<'_> {
     /// Waits as long as that is wanted, with every output off; what was powered before is powered
     /// again afterwards.
-    pub(super) async fn heed(
+    pub(super) async fn handle_request(
         &mut self,
         stage: &Stage,
         step: usize,
         fixture: Fixture,
     ) -> Result<(), ExecuteError> {
-        self.rig.watching.heeding.ends_early = stage.steps.get(step).is_some_and(Step::ends_early);
+        self.rig.watching.requests.ends_early = stage.steps.get(step).is_some_and(Step::ends_early);
         if self.rig.clock.mode() == TimeMode::Virtual || !self.rig.paused(false)? {
             return Ok(());
         }
