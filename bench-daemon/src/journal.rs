@@ -6,7 +6,7 @@
 //! synced before the step that they name is begun. A last line without its end is a torn one: it is
 //! cut off and kept in `journal.torn`. Anything else that is wrong with a line is an error.
 //!
-//! Not here: what follows from the entries for a resumed run ([`crate::story`]).
+//! Not here: what follows from the entries for a resumed run ([`crate::journal_replay`]).
 
 use std::{
     fs::{File, OpenOptions, TryLockError},

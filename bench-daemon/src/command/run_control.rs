@@ -9,11 +9,11 @@ use crate::{
     config,
     failure::{Failure, pasted},
     journal::{self, Entry, Line},
+    journal_replay::JournalReplay,
     procedure,
     run::begun_experiment,
     run_control::{self, RunAction, RunControl, RunStatus},
     state::{Holder, State, is_stopped},
-    story::Story,
     terminal::say,
 };
 
@@ -66,8 +66,8 @@ pub fn send_action(args: &FolderArgs, action: RunAction) -> Result<(), Failure> 
 /// As [`send_action`]; runs that are none of the campaign's, that are named twice or were begun.
 pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
     let usage = |text: String| Failure::Usage(format!("{}: {text}", args.folder.display()));
-    let story = going_on(&args.folder)?;
-    let runs = run_statuses(&args.folder, &story)?;
+    let replay = going_on(&args.folder)?;
+    let runs = run_statuses(&args.folder, &replay)?;
     if runs.is_empty() {
         return Err(usage(
             "expected a campaign, whose runs have an order, found an experiment without [campaign]"
@@ -102,8 +102,8 @@ pub fn reorder(args: &ReorderArgs) -> Result<(), Failure> {
 }
 
 /// The runs of the campaign by their numbers, as far as they came; none where there is no campaign.
-fn run_statuses(folder: &Path, story: &Story) -> Result<Vec<(usize, RunStatus)>, Failure> {
-    let experiment = begun_experiment(folder, &story.started)?;
+fn run_statuses(folder: &Path, replay: &JournalReplay) -> Result<Vec<(usize, RunStatus)>, Failure> {
+    let experiment = begun_experiment(folder, &replay.started)?;
     let plan = procedure::plan(&experiment);
     let of_run = |number: usize| {
         plan.stages
@@ -112,9 +112,9 @@ fn run_statuses(folder: &Path, story: &Story) -> Result<Vec<(usize, RunStatus)>,
             .filter(move |(_, stage)| stage.run() == Some(number))
     };
     let status = |number: usize| {
-        if of_run(number).all(|(stage, _)| story.finished(stage)) {
+        if of_run(number).all(|(stage, _)| replay.finished(stage)) {
             RunStatus::Finished
-        } else if of_run(number).any(|(stage, _)| story.stages.contains_key(&stage)) {
+        } else if of_run(number).any(|(stage, _)| replay.stages.contains_key(&stage)) {
             RunStatus::InWork
         } else {
             RunStatus::NotBegun
@@ -135,14 +135,14 @@ fn send_request(args: &FolderArgs, request: &RunControl) -> Result<(), Failure> 
 }
 
 /// How far a run came that goes on and can be asked.
-fn going_on(folder: &Path) -> Result<Story, Failure> {
+fn going_on(folder: &Path) -> Result<JournalReplay, Failure> {
     let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
     let lines = journal::read(folder)
         .map_err(|error| Failure::Usage(error.to_string()))?
         .lines;
-    let story = Story::of(&lines).map_err(|error| usage(error.to_string()))?;
+    let replay = JournalReplay::of(&lines).map_err(|error| usage(error.to_string()))?;
     // One that waits to go on by itself has ended for now, and holds its journal.
-    if let Some(how) = story
+    if let Some(how) = replay
         .ended
         .as_ref()
         .filter(|_| !journal::is_written(folder))
@@ -160,9 +160,9 @@ fn going_on(folder: &Path) -> Result<Story, Failure> {
         ));
     }
     if !journal::is_written(folder) {
-        return Err(usage(unheard(folder, &story, &lines)));
+        return Err(usage(unheard(folder, &replay, &lines)));
     }
-    let holder = begun_experiment(folder, &story.started)
+    let holder = begun_experiment(folder, &replay.started)
         .ok()
         .and_then(|begun| State::of(&begun.bench).ok()??.holder().ok()?);
     if let Some(Holder { pid, .. }) = holder.filter(|holder| is_stopped(holder.pid)) {
@@ -172,18 +172,18 @@ fn going_on(folder: &Path) -> Result<Story, Failure> {
         );
         return Err(usage(text));
     }
-    Ok(story)
+    Ok(replay)
 }
 
 /// Of a run whose process is gone: that nobody hears, how far it came, what its bench was left in,
 /// and what to do.
-fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
-    let points: usize = story.stages.values().map(|stage| stage.points.len()).sum();
+fn unheard(folder: &Path, replay: &JournalReplay, lines: &[Line]) -> String {
+    let points: usize = replay.stages.values().map(|stage| stage.points.len()).sum();
     let last = lines.iter().rev().find_map(|line| match &line.entry {
         Entry::Intent { text, .. } => Some(text.as_str()),
         _ => None,
     });
-    let bench_state = match begun_experiment(folder, &story.started) {
+    let bench_state = match begun_experiment(folder, &replay.started) {
         Ok(begun) => bench_state(&begun.bench),
         Err(error) => format!("what its bench was left in is not known ({error})"),
     };
@@ -191,7 +191,7 @@ fn unheard(folder: &Path, story: &Story, lines: &[Line]) -> String {
         "nobody listens: the process of this run is gone, at {:.0} s of bench time, {points} \
         points finished, last in step \"{}\"; {bench_state}; \
          `eis-bench resume {}` goes on with it",
-        story.last_s,
+        replay.last_s,
         last.unwrap_or("none"),
         pasted(folder)
     )

@@ -19,7 +19,7 @@ use crate::{
     drill::Drill,
     hash,
     journal::{Journal, PointDone, Read},
-    story::Story,
+    journal_replay::JournalReplay,
 };
 
 impl Recorder {
@@ -31,7 +31,7 @@ impl Recorder {
         folder: &Path,
         clock: Clock,
         read: &Read,
-        story: &Story,
+        replay: &JournalReplay,
     ) -> Result<Self, RecordError> {
         let journal = Journal::reopen(folder, &clock, read)?;
         for name in [EVENTS, READINGS, LOG] {
@@ -73,7 +73,7 @@ impl Recorder {
             folder: folder.to_owned(),
             clock,
             index,
-            notes: story.notes.clone(),
+            notes: replay.notes.clone(),
             point_warnings: Vec::new(),
         })
     }
@@ -320,15 +320,15 @@ mod tests {
         let started = crate::journal::Line {
             number: 1,
             time_s: 0.0,
-            entry: crate::story::test_started(),
+            entry: crate::journal_replay::test_started(),
         };
         let read = Read {
             lines: vec![started],
             whole_bytes: 0,
             torn: Vec::new(),
         };
-        let story = Story::of(&read.lines).unwrap();
-        drop(Recorder::reopen(&run, clock, &read, &story).unwrap());
+        let replay = JournalReplay::of(&read.lines).unwrap();
+        drop(Recorder::reopen(&run, clock, &read, &replay).unwrap());
         for name in growing {
             let text = fs::read_to_string(run.join(name)).unwrap();
             assert!(text.ends_with("1.000,whole\n"), "{name}: {text:?}");

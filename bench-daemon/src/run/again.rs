@@ -26,11 +26,11 @@ use crate::{
     executor::{Asked, Taken, analyse},
     failure::Failure,
     journal::{self, Entry, Line},
+    journal_replay::JournalReplay,
     measure::SweepPoint,
     plan::{Plan, Purpose, Step},
     procedure,
     record::Recorder,
-    story::Story,
 };
 use analysis::{
     calibration::Correction,
@@ -57,7 +57,7 @@ pub(crate) struct Recorded {
     plan: Plan,
     /// The journal up to the end of the measurement.
     lines: Vec<Line>,
-    story: Story,
+    replay: JournalReplay,
     stopped: Option<String>,
 }
 
@@ -93,7 +93,7 @@ impl Recorded {
         let mut lines = journal::read(folder)
             .map_err(|error| Failure::Usage(error.to_string()))?
             .lines;
-        let ended = Story::of(&lines)
+        let ended = JournalReplay::of(&lines)
             .map_err(|error| usage(error.to_string()))?
             .ended;
         let stopped = (ended.as_deref() != Some(FINISHED))
@@ -113,22 +113,22 @@ impl Recorded {
             .filter(|at| *at > last)
             .map_or(lines.len(), |at| at + 1);
         lines.truncate(end);
-        let story = Story::of(&lines).map_err(|error| usage(error.to_string()))?;
-        let experiment = past::copied_experiment(folder, &story.started)?;
+        let replay = JournalReplay::of(&lines).map_err(|error| usage(error.to_string()))?;
+        let experiment = past::copied_experiment(folder, &replay.started)?;
         let plan = procedure::plan(&experiment);
         Ok(Self {
             folder: folder.to_owned(),
             experiment,
             plan,
             lines,
-            story,
+            replay,
             stopped,
         })
     }
 
     /// The version of the program that made it.
     pub(crate) fn version(&self) -> &str {
-        &self.story.started.version
+        &self.replay.started.version
     }
 
     /// How a run ended that did not come to its end.
@@ -148,8 +148,8 @@ impl Recorded {
     /// A journal with a sweep where the plan has none.
     pub(crate) fn points(&self) -> Result<Vec<Known>, Failure> {
         let mut known = Vec::new();
-        for (stage, story) in &self.story.stages {
-            for (step, done) in &story.points {
+        for (stage, replay) in &self.replay.stages {
+            for (step, done) in &replay.points {
                 if self.swept(*stage).is_none() {
                     let text = format!(
                         "{}: expected a sweep as stage {} of the plan: this program plans another \
@@ -171,11 +171,11 @@ impl Recorded {
 
     /// How many points are of sweeps that were not finished: no spectrum is made of them.
     pub(crate) fn unfinished(&self) -> usize {
-        self.story
+        self.replay
             .stages
             .values()
-            .filter(|story| !story.finished)
-            .map(|story| story.points.len())
+            .filter(|replay| !replay.finished)
+            .map(|replay| replay.points.len())
             .sum()
     }
 
@@ -207,17 +207,17 @@ impl Recorded {
         }
         let mut gathered = Gathered::new(&self.experiment, inherited);
         let mut stages: Vec<usize> = self
-            .story
+            .replay
             .stages
             .iter()
-            .filter(|(_, story)| story.finished)
+            .filter(|(_, replay)| replay.finished)
             .map(|(stage, _)| *stage)
             .collect();
         let began_s = |stage: &usize| {
-            self.story
+            self.replay
                 .stages
                 .get(stage)
-                .map_or(0.0, |story| story.began_s)
+                .map_or(0.0, |replay| replay.began_s)
         };
         stages.sort_by(|a, b| began_s(a).total_cmp(&began_s(b)).then(a.cmp(b)));
         for number in stages {
@@ -444,7 +444,7 @@ impl Recorded {
         let read = journal::read(out).map_err(|error| Failure::Usage(error.to_string()))?;
         // Of no meaning here; virtual time spares the disk.
         let clock = Clock::start(TimeMode::Virtual);
-        Ok(Recorder::reopen(out, clock, &read, &self.story)?)
+        Ok(Recorder::reopen(out, clock, &read, &self.replay)?)
     }
 }
 

@@ -90,7 +90,7 @@ impl<'a, 'b> Drive<'a, 'b> {
     fn restore(&mut self) -> Result<(), Failure> {
         let Some(past) = self.past else { return Ok(()) };
         let latest = past
-            .story
+            .replay
             .latest
             .and_then(|number| self.plan.stages.get(number))
             .and_then(Stage::specimen)
@@ -102,7 +102,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             .stages
             .iter()
             .enumerate()
-            .filter(|(number, _)| past.story.finished(*number))
+            .filter(|(number, _)| past.replay.finished(*number))
         {
             if let Purpose::Multisine(repeat) = stage.purpose {
                 self.gathered.measured.multisines.push(multisine::restore(
@@ -114,10 +114,10 @@ impl<'a, 'b> Drive<'a, 'b> {
                 continue;
             };
             let points: Vec<&PointDone> = past
-                .story
+                .replay
                 .stages
                 .get(&number)
-                .map_or_else(Vec::new, |story| story.points.values().collect());
+                .map_or_else(Vec::new, |replay| replay.points.values().collect());
             let sweeping = self.gathered.sweeping(fixture, repeat);
             sweeping.restore(self.executor.rig.recorder, &points)?;
             let settled = sweeping.settle(
@@ -140,15 +140,15 @@ impl<'a, 'b> Drive<'a, 'b> {
 
     /// Everything that is left to do.
     async fn play(&mut self) -> Result<(), Failure> {
-        let finished = |number: &usize| self.past.is_some_and(|past| past.story.finished(*number));
+        let finished = |number: &usize| self.past.is_some_and(|past| past.replay.finished(*number));
         let mut left: Vec<usize> = (0..self.plan.stages.len())
             .filter(|number| !finished(number))
             .collect();
         let mut run = None;
-        if let Some(Past { next, story, .. }) = self.past {
-            run = story.latest.and_then(|latest| self.run_of(latest));
-            if let Some(again) = next.again {
-                self.stage(again, Entrance::default()).await?;
+        if let Some(Past { next, replay, .. }) = self.past {
+            run = replay.latest.and_then(|latest| self.run_of(latest));
+            if let Some(repeated_reset) = next.repeated_reset {
+                self.stage(repeated_reset, Entrance::default()).await?;
             }
             if let Some((open, from)) = next.open {
                 left.retain(|number| *number != open);
@@ -174,8 +174,8 @@ impl<'a, 'b> Drive<'a, 'b> {
     /// Points of a stage that was interrupted.
     fn known(&self, number: usize) -> Vec<&'b PointDone> {
         self.past
-            .and_then(|past| past.story.stages.get(&number))
-            .map_or_else(Vec::new, |story| story.points.values().collect())
+            .and_then(|past| past.replay.stages.get(&number))
+            .map_or_else(Vec::new, |replay| replay.points.values().collect())
     }
 
     fn run_of(&self, number: usize) -> Option<usize> {
@@ -251,9 +251,9 @@ impl<'a, 'b> Drive<'a, 'b> {
         let start_time_s = self
             .past
             .filter(|_| !entrance.points.is_empty())
-            .and_then(|past| past.story.stages.get(&number));
+            .and_then(|past| past.replay.stages.get(&number));
         let start_time_s =
-            start_time_s.map_or_else(|| self.executor.rig.clock.now_s(), |story| story.began_s);
+            start_time_s.map_or_else(|| self.executor.rig.clock.now_s(), |replay| replay.began_s);
         let recorder = &mut *self.executor.rig.recorder;
         recorder.forget_sweep(sweeping.indexed());
         recorder.drop_captures(&sweeping.name, &entrance.points)?;

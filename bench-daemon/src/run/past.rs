@@ -17,10 +17,10 @@ use crate::{
     failure::Failure,
     hash,
     journal::{self, ConfigCopy, Entry, Read, Started},
+    journal_replay::{JournalReplay, ResumeDecision},
     plan::{Plan, Purpose, Stage, Step},
     procedure, reconcile,
     record::{Event, Recorder},
-    story::{Next, Story},
 };
 
 /// The voltage at rest may differ by this much from that before the sweep, V. A sweep moves no
@@ -31,8 +31,8 @@ const MOVED_V: f64 = 0.02;
 /// Finished part of a run, and the point where it goes on.
 pub(crate) struct Past {
     pub(super) read: Read,
-    pub(super) story: Story,
-    pub(super) next: Next,
+    pub(super) replay: JournalReplay,
+    pub(super) next: ResumeDecision,
     /// A person has looked at the cell.
     accepted: bool,
     /// Reason of an automatic retry, in words; `None` where a person resumes it.
@@ -62,21 +62,21 @@ impl Past {
     ) -> Result<(Experiment, Self), Failure> {
         let read = journal::read(folder).map_err(|error| Failure::Usage(error.to_string()))?;
         let usage = |text: String| Failure::Usage(format!("{}: {text}", folder.display()));
-        let story = Story::of(&read.lines).map_err(|error| {
+        let replay = JournalReplay::of(&read.lines).map_err(|error| {
             usage(format!(
                 "{error}: nothing was done yet, so that it can be run \
             from the beginning in another folder"
             ))
         })?;
-        if story.ended.as_deref() == Some(FINISHED) {
+        if replay.ended.as_deref() == Some(FINISHED) {
             return Err(usage(
                 "expected a run that was interrupted, found one that is finished".to_owned(),
             ));
         }
-        let experiment = begun_experiment(folder, &story.started)?;
+        let experiment = begun_experiment(folder, &replay.started)?;
         bench(&experiment)?;
         let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
-        same_plan(&story.started, plan.plan()).map_err(usage)?;
+        same_plan(&replay.started, plan.plan()).map_err(usage)?;
         let index = std::fs::read_to_string(folder.join(INDEX)).unwrap_or_default();
         let index: RunIndex = serde_json::from_str(&index).unwrap_or_default();
         let recorded = |step: &Step| match step {
@@ -89,15 +89,15 @@ impl Past {
         // A world in virtual time is played again from its beginning: nothing of its charge is
         // unknown.
         let accepted = accept_charge;
-        let accept_charge = accept_charge || story.started.time == TimeMode::Virtual.to_string();
-        let next = story
+        let accept_charge = accept_charge || replay.started.time == TimeMode::Virtual.to_string();
+        let next = replay
             .next(plan.plan(), recorded, accept_charge)
-            .map_err(|stuck| usage(stuck.to_string()))?;
+            .map_err(|error| usage(error.to_string()))?;
         Ok((
             experiment,
             Self {
                 read,
-                story,
+                replay,
                 next,
                 accepted,
                 after: None,
@@ -116,11 +116,11 @@ impl Past {
     /// Bench time at which the run goes on, s: in real time as if it had gone on all the while, on
     /// scaled mocks the time of the last entry.
     pub(crate) fn time_s(&self, folder: &Path) -> f64 {
-        let real = self.story.started.time == TimeMode::Real.to_string();
+        let real = self.replay.started.time == TimeMode::Real.to_string();
         let passed_s = run_folder::started_unix_s(folder)
             .filter(|_| real)
             .map_or(0.0, |start_s| clock::unix_time_s() - start_s);
-        passed_s.max(self.story.last_s)
+        passed_s.max(self.replay.last_s)
     }
 
     /// Whether it has begun anything that may have left a current flowing.
@@ -133,7 +133,7 @@ impl Past {
 
     /// How many points were finished.
     pub(super) fn points(&self) -> usize {
-        self.story
+        self.replay
             .stages
             .values()
             .map(|stage| stage.points.len())
@@ -144,9 +144,9 @@ impl Past {
     /// cell has now.
     fn moved(&self, volts: f64) -> Option<String> {
         let (open, _) = self.next.open?;
-        let points = &self.story.stages.get(&open)?.points;
+        let points = &self.replay.stages.get(&open)?.points;
         let before_v = points.values().next()?.idle.voltage_v?;
-        if self.next.again.is_some() || (volts - before_v).abs() <= MOVED_V {
+        if self.next.repeated_reset.is_some() || (volts - before_v).abs() <= MOVED_V {
             return None;
         }
         let at: Vec<String> = points
@@ -164,7 +164,7 @@ impl Past {
 
     /// The run began on a simulated bench, or with a correction, of runs before it.
     pub(crate) fn inherited(&self) -> bool {
-        self.story.started.inherited
+        self.replay.started.inherited
     }
 
     /// Charge that traces have left in the cell in the jig since it was brought to a state of
@@ -173,12 +173,15 @@ impl Past {
         let Some(last) = recorder.index().traces.last() else {
             return Ok(0.0);
         };
-        let latest = self.story.latest.and_then(|number| plan.stages.get(number));
+        let latest = self
+            .replay
+            .latest
+            .and_then(|number| plan.stages.get(number));
         let same_cell = latest
             .and_then(Stage::specimen)
             .is_none_or(|specimen| last.cell.as_deref() == Some(specimen.name.as_str()));
         let resets = |stage: &Stage| matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc);
-        let began = |number: usize| self.story.stages.get(&number).map(|story| story.began_s);
+        let began = |number: usize| self.replay.stages.get(&number).map(|replay| replay.began_s);
         let reset = plan
             .stages
             .iter()
@@ -211,11 +214,12 @@ impl Past {
                 )
             },
         );
-        let again = self.next.again.map_or_else(String::new, |stage| {
+        let repeated_reset = self.next.repeated_reset.map_or_else(String::new, |stage| {
             format!(", after stage {} ({}) again", stage + 1, purpose(stage))
         });
         let points = self.points();
-        let text = format!("the run goes on {open}{again}; {points} points were finished before");
+        let text =
+            format!("the run goes on {open}{repeated_reset}; {points} points were finished before");
         tracing::info!("{text}");
         if let Some(after) = &self.after {
             recorder.warning(after);

@@ -195,8 +195,8 @@ impl Session {
                     return outcome;
                 }
                 Ok(read) => read,
-                Err(stuck) => {
-                    remark!("eis-bench: it cannot go on by itself: {stuck}");
+                Err(error) => {
+                    remark!("eis-bench: it cannot go on by itself: {error}");
                     return outcome;
                 }
             };

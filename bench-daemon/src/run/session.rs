@@ -146,7 +146,7 @@ impl Session {
         let finished = runtime.block_on(async {
             let mut recorder = match &past {
                 None => Recorder::create(folder, clock.clone())?,
-                Some(past) => Recorder::reopen(folder, clock.clone(), &past.read, &past.story)?,
+                Some(past) => Recorder::reopen(folder, clock.clone(), &past.read, &past.replay)?,
             };
             recorder.drill(&drill);
             logging::log_to(&recorder.path(LOG), &clock)?;

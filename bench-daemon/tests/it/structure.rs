@@ -37,7 +37,7 @@ const DAEMON: &[&str] = &[
     "reconcile",
     "present",
     "journal",
-    "story",
+    "journal_replay",
     "record",
     "thermostat",
     "executor",

@@ -14,7 +14,7 @@ use crate::{
 
 /// Journal replay of a stage: how far it came.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct StageStory {
+pub struct StageReplay {
     /// Bench time of its first beginning, s.
     pub began_s: f64,
     /// Its finished points, by their step.
@@ -29,13 +29,13 @@ pub struct StageStory {
 
 /// Journal replay of a run: how far it came.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Story {
+pub struct JournalReplay {
     /// First entry of the run.
     pub started: Started,
     /// Bench time of the last entry, s.
     pub last_s: f64,
     /// Its stages, as far as they were begun.
-    pub stages: BTreeMap<usize, StageStory>,
+    pub stages: BTreeMap<usize, StageReplay>,
     /// Warnings of the run.
     pub notes: Vec<Note>,
     /// The stage that was begun last.
@@ -46,9 +46,9 @@ pub struct Story {
 
 /// Resume point of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Next {
+pub struct ResumeDecision {
     /// A SOC reset that is played again first: the charge of the cell is not known any more.
-    pub again: Option<usize>,
+    pub repeated_reset: Option<usize>,
     /// The stage that was interrupted, and the step from which it is played; steps that clamp
     /// something are played in any case.
     pub open: Option<(usize, usize)>,
@@ -56,7 +56,7 @@ pub struct Next {
 
 /// Reason why a run cannot be resumed without a person.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Stuck {
+pub enum ResumeError {
     /// No first entry.
     #[error("expected a journal that begins with what runs, found {0}")]
     NotStarted(String),
@@ -78,12 +78,12 @@ pub enum Stuck {
     },
 }
 
-impl Story {
+impl JournalReplay {
     /// Replays the lines of a journal.
     ///
     /// # Errors
-    /// [`Stuck::NotStarted`].
-    pub fn of(lines: &[Line]) -> Result<Self, Stuck> {
+    /// [`ResumeError::NotStarted`].
+    pub fn of(lines: &[Line]) -> Result<Self, ResumeError> {
         let found = lines
             .first()
             .map_or_else(|| "nothing".to_owned(), |line| format!("{:?}", line.entry));
@@ -93,10 +93,10 @@ impl Story {
             ..
         }) = lines.first()
         else {
-            return Err(Stuck::NotStarted(found));
+            return Err(ResumeError::NotStarted(found));
         };
         let started = (**started).clone();
-        let mut story = Self {
+        let mut replay = Self {
             started,
             last_s: *time_s,
             stages: BTreeMap::new(),
@@ -104,8 +104,8 @@ impl Story {
             latest: None,
             ended: None,
         };
-        lines.iter().for_each(|line| story.add(line));
-        Ok(story)
+        lines.iter().for_each(|line| replay.add(line));
+        Ok(replay)
     }
 
     fn add(&mut self, line: &Line) {
@@ -113,9 +113,9 @@ impl Story {
         self.ended = None;
         match &line.entry {
             Entry::Stage { stage } => {
-                let known = self.stages.entry(*stage).or_insert_with(|| StageStory {
+                let known = self.stages.entry(*stage).or_insert_with(|| StageReplay {
                     began_s: line.time_s,
-                    ..StageStory::default()
+                    ..StageReplay::default()
                 });
                 (known.begun, known.done, known.finished) =
                     (BTreeSet::new(), BTreeSet::new(), false);
@@ -146,7 +146,9 @@ impl Story {
 
     /// Nothing of a stage is left to do.
     pub fn finished(&self, stage: usize) -> bool {
-        self.stages.get(&stage).is_some_and(|story| story.finished)
+        self.stages
+            .get(&stage)
+            .is_some_and(|replay| replay.finished)
     }
 
     /// Resume point of the run. `recorded` says of a step that its result is in the run folder,
@@ -154,20 +156,20 @@ impl Story {
     /// played again all the same.
     ///
     /// # Errors
-    /// [`Stuck::UnknownCharge`].
+    /// [`ResumeError::UnknownCharge`].
     pub fn next(
         &self,
         plan: &Plan,
         recorded: impl Fn(&Step) -> bool,
         accept_charge: bool,
-    ) -> Result<Next, Stuck> {
+    ) -> Result<ResumeDecision, ResumeError> {
         let open = self.latest.filter(|stage| !self.finished(*stage));
-        let Some((number, stage, story)) = open
+        let Some((number, stage, replay)) = open
             .and_then(|number| Some((number, plan.stages.get(number)?, self.stages.get(&number)?)))
         else {
-            return Ok(Next::default());
+            return Ok(ResumeDecision::default());
         };
-        let done = |index: usize, step: &Step| story.done.contains(&index) || recorded(step);
+        let done = |index: usize, step: &Step| replay.done.contains(&index) || recorded(step);
         let moves: Vec<(usize, &Step)> = stage
             .steps
             .iter()
@@ -176,7 +178,7 @@ impl Story {
             .collect();
         let crashed = moves
             .iter()
-            .find(|(index, step)| story.begun.contains(index) && !done(*index, step));
+            .find(|(index, step)| replay.begun.contains(index) && !done(*index, step));
         let left = moves.iter().any(|(index, step)| !done(*index, step));
         let unknown = moves.iter().any(|(index, step)| {
             let spent = done(*index, step) && left;
@@ -184,16 +186,16 @@ impl Story {
                 && (spent || crashed.is_some_and(|(at, _)| at == index))
         });
         if unknown && !accept_charge {
-            let again = last_reset(plan, number, stage);
+            let repeated_reset = last_reset(plan, number, stage);
             let (step, what) = crashed.map_or((0, String::new()), |(index, step)| {
                 (index + 1, step.to_string())
             });
-            return match again {
-                Some(again) => Ok(Next {
-                    again: Some(again),
+            return match repeated_reset {
+                Some(repeated_reset) => Ok(ResumeDecision {
+                    repeated_reset: Some(repeated_reset),
                     open: Some((number, 0)),
                 }),
-                None => Err(Stuck::UnknownCharge {
+                None => Err(ResumeError::UnknownCharge {
                     stage: number + 1,
                     step,
                     what,
@@ -205,8 +207,8 @@ impl Story {
         } else {
             moves.last().map_or(0, |(index, _)| index + 1)
         };
-        Ok(Next {
-            again: None,
+        Ok(ResumeDecision {
+            repeated_reset: None,
             open: Some((number, from)),
         })
     }
@@ -310,7 +312,7 @@ mod tests {
     }
 
     /// A journal in short: `S1` a stage, `i2` a step begun, `d2` done, `F` the stage is finished.
-    fn story(text: &str) -> Story {
+    fn replay(text: &str) -> JournalReplay {
         let (mut stage, mut lines) = (0, vec![test_started()]);
         for word in text.split_whitespace() {
             let number = word[1..].parse().unwrap_or(0);
@@ -337,12 +339,17 @@ mod tests {
             time_s: index as f64,
             entry,
         };
-        Story::of(&lines.into_iter().enumerate().map(line).collect::<Vec<_>>()).unwrap()
+        JournalReplay::of(&lines.into_iter().enumerate().map(line).collect::<Vec<_>>()).unwrap()
     }
 
     #[test]
     fn every_crash_has_its_place_to_go_on() {
-        let go = |again, open| Ok(Next { again, open });
+        let go = |repeated_reset, open| {
+            Ok(ResumeDecision {
+                repeated_reset,
+                open,
+            })
+        };
         for (text, expected) in [
             ("", go(None, None)),
             ("S0 i0", go(None, Some((0, 0)))),
@@ -369,7 +376,7 @@ mod tests {
             ("S0 F S1 F S2 F", go(None, None)),
         ] {
             assert_eq!(
-                story(text).next(&plan(true), |_| false, false),
+                replay(text).next(&plan(true), |_| false, false),
                 expected,
                 "{text}"
             );
@@ -378,7 +385,7 @@ mod tests {
 
     #[test]
     fn without_a_reset_an_unknown_charge_stops_the_run_and_says_what_to_do() {
-        let crashed = story("S0 F S1 F S2 i0 d0 i1 d1 i2 d2 i3");
+        let crashed = replay("S0 F S1 F S2 i0 d0 i1 d1 i2 d2 i3");
         let message = crashed
             .next(&plan(false), |_| false, false)
             .unwrap_err()
@@ -390,8 +397,8 @@ mod tests {
         );
         assert_eq!(
             crashed.next(&plan(false), |_| false, true),
-            Ok(Next {
-                again: None,
+            Ok(ResumeDecision {
+                repeated_reset: None,
                 open: Some((2, 0))
             })
         );
@@ -399,8 +406,8 @@ mod tests {
         let recorded = |step: &Step| matches!(step, Step::Trace(_));
         assert_eq!(
             crashed.next(&plan(false), recorded, false),
-            Ok(Next {
-                again: None,
+            Ok(ResumeDecision {
+                repeated_reset: None,
                 open: Some((2, 4))
             })
         );
@@ -408,7 +415,7 @@ mod tests {
 
     #[test]
     fn a_journal_without_a_beginning_is_none() {
-        let message = Story::of(&[]).unwrap_err().to_string();
+        let message = JournalReplay::of(&[]).unwrap_err().to_string();
         assert_eq!(
             message,
             "expected a journal that begins with what runs, found nothing"
