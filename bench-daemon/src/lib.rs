@@ -4,19 +4,19 @@
 //! In reading order: [`config`] (files → a checked experiment), [`procedure`] (experiment →
 //! [`plan`]), [`interlock`] (reading → trip), [`mod@bench`] (the named instruments), [`state`]
 //! (state of a bench across processes), [`guardian`] (a second process that can only switch off),
-//! [`custody`] (lease of a bench: lock, latch and guardian around a run), [`executor`] (plan →
+//! [`bench_lease`] (lease of a bench: lock, latch and guardian around a run), [`executor`] (plan →
 //! instruments → records), [`record`] (the run folder), [`dataset`] (runs of a campaign, for a
 //! diagnosis), [`sim`] (a simulated world behind mocks), [`investigation`] (campaign, diagnosis,
 //! and the recommended run), [`command`] (commands of the command line).
 
 pub mod addresses;
 pub mod bench;
+pub mod bench_lease;
 pub mod beneath;
 pub mod cli;
 pub mod command;
 pub mod compare;
 pub mod config;
-pub mod custody;
 pub mod dataset;
 pub mod doctor;
 pub mod drill;

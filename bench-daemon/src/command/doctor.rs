@@ -14,8 +14,8 @@ use instruments::{
 
 use crate::{
     bench::{Bench, Connections},
+    bench_lease::BenchLease,
     config::{self, Source, load_any_bench},
-    custody::Custody,
     doctor::{
         self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report,
         Texts, Verdict,
@@ -409,11 +409,11 @@ impl Visit<'_> {
         let mut stop = StopSignals::install()?;
         let expected = "a guardian that reaches every instrument that can move charge";
         let taken = tokio::select! {
-            taken = Custody::take_for(&charge, &self.clock, progress.doing()) => taken,
+            taken = BenchLease::take_for(&charge, &self.clock, progress.doing()) => taken,
             () = stop.requested() => return Err(Failure::Interrupted(self.folder.display().to_string())),
         };
-        let mut custody = match taken {
-            Ok(custody) => {
+        let mut lease = match taken {
+            Ok(lease) => {
                 if self.config.in_process() {
                     findings.skip(
                         &["guardian.start"],
@@ -431,7 +431,7 @@ impl Visit<'_> {
                         "",
                     );
                 }
-                custody
+                lease
             }
             // Somebody has the bench, or a person has to look at it first: that is no fault that a
             // report is to remember.
@@ -455,18 +455,18 @@ impl Visit<'_> {
         };
         let mut bench = match Bench::open(self.config, connections).await {
             Ok(bench) => bench,
-            Err(error) => return custody.end(Err(error.into())).await,
+            Err(error) => return lease.end(Err(error.into())).await,
         };
         // Nothing was changed yet, and what another program has switched on is not the doctor's to
         // switch off.
         if let Err(failure) = nobody_drives(&mut bench).await {
-            return custody.end(Err(failure)).await;
+            return lease.end(Err(failure)).await;
         }
         let mut examination = Examination::new(self.config, self.clock.clone(), bench, findings);
         let examined = tokio::select! {
             examined = caught(self.examine(&mut examination)) => examined,
             () = stop.requested() => Err(Failure::Interrupted(self.folder.display().to_string())),
-            lost = custody.lost() => Err(lost.into()),
+            lost = lease.lost() => Err(lost.into()),
         };
         let safe = examination.bench.made_safe().await;
         let Examination {
@@ -486,7 +486,7 @@ impl Visit<'_> {
                 "",
             );
         }
-        custody
+        lease
             .end(Failure::unsafe_first(safe, examined))
             .await
             .map(|()| findings)

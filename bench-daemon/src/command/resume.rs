@@ -18,9 +18,9 @@ use analysis::{
 use instruments::{clock::TimeMode, transport::Address};
 
 use crate::{
+    bench_lease,
     command::{diagnose, run::run_experiment},
     config::Experiment,
-    custody,
     failure::Failure,
     journal::{self, Entry, Line},
     record::RecordError,
@@ -55,7 +55,7 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     // A run that is still going on must find its folder, and what is wanted of it, as they are.
     // What it has left on is switched off whatever became of it.
     let (experiment, past) = Past::read(folder, args.accept_charge, |experiment| {
-        custody::refuse(&experiment.bench)?;
+        bench_lease::refuse(&experiment.bench)?;
         refuse_going(folder)
     })?;
     RunControl::forget(folder);

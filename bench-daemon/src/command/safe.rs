@@ -11,8 +11,8 @@ use nix::{
 
 use crate::{
     bench::{Bench, Connections, SafeReport},
+    bench_lease::settle_verified,
     config::{self, load_any_bench},
-    custody::settle_verified,
     failure::Failure,
     guardian::last_cell_c,
     state::{Holder, Latched, State},

@@ -19,8 +19,8 @@ use nix::sys::signal::{Signal, raise};
 use super::{Findings, Texts, Verdict, live::LIMITS};
 use crate::{
     bench::{Bench, BenchError, Connections},
+    bench_lease::BenchLease,
     config,
-    custody::Custody,
     failure::Failure,
     guardian::Charge,
     plan::Plan,
@@ -191,7 +191,7 @@ pub async fn hold(
         cell_c: None,
         sha256,
     };
-    let custody = Custody::take_for(&charge, clock, progress.doing()).await?;
+    let lease = BenchLease::take_for(&charge, clock, progress.doing()).await?;
     let connections = Connections {
         clock: clock.clone(),
         hub: MemoryHub::new(),
@@ -208,7 +208,7 @@ pub async fn hold(
     let safe = bench.made_safe().await;
     drop(bench);
     let outcome = on.map_err(Failure::from);
-    custody.end(safe.map_err(Failure::from).and(outcome)).await
+    lease.end(safe.map_err(Failure::from).and(outcome)).await
 }
 
 async fn output_on(config: &config::Bench, bench: &mut Bench) -> Result<(), BenchError> {

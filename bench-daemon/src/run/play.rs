@@ -14,8 +14,8 @@ use super::{
 };
 use crate::{
     bench::{Bench, Connections, Identified},
+    bench_lease::BenchLease,
     config::Experiment,
-    custody::Custody,
     doctor,
     failure::Failure,
     interlock::NO_CURRENT_A,
@@ -105,13 +105,13 @@ impl Run<'_> {
             .iter()
             .for_each(|text| self.recorder.warning(text));
         let progress = Progress::new(self.plan.plan());
-        let mut custody = tokio::select! {
-            taken = Custody::take(self.experiment, self.recorder.folder(), &self.clock, progress.doing()) => taken?,
+        let mut lease = tokio::select! {
+            taken = BenchLease::take(self.experiment, self.recorder.folder(), &self.clock, progress.doing()) => taken?,
             () = stop.requested() => return Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
         };
         let (mut bench, identities) = match self.open(&connections).await {
             Ok(opened) => opened,
-            Err(failure) => return custody.end(Err(failure)).await,
+            Err(failure) => return lease.end(Err(failure)).await,
         };
         let around = Around {
             clock: &self.clock,
@@ -127,7 +127,7 @@ impl Run<'_> {
                 drive::drive(&mut bench, &mut self.recorder, self.experiment, self.plan, around, before)
             ) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
-            lost = custody.lost() => Err(lost.into()),
+            lost = lease.lost() => Err(lost.into()),
         };
         progress.finish();
         let outcome = match caught(async { Ok(bench.made_safe().await) }).await {
@@ -146,7 +146,7 @@ impl Run<'_> {
         // What could not be switched off is left to the guardian, which needs the instruments for
         // itself.
         drop(bench);
-        let outcome = custody.end(outcome).await;
+        let outcome = lease.end(outcome).await;
         self.conclude(outcome, &identities, &connections, simulation)
     }
 

@@ -11,8 +11,8 @@ use tokio::runtime::Runtime;
 
 use super::{Finished, Past, play::Run, stop::StopSignals};
 use crate::{
+    bench_lease,
     config::{self, Experiment},
-    custody,
     drill::Drill,
     failure::Failure,
     logging,
@@ -140,7 +140,7 @@ impl Session {
             .correction
             .clone()
             .filter(|_| experiment.fixture_check.is_none());
-        custody::refuse(&experiment.bench)?;
+        bench_lease::refuse(&experiment.bench)?;
         let drill = Drill::from_environment(experiment.bench.simulation.is_some())
             .map_err(Failure::Usage)?;
         let finished = runtime.block_on(async {

@@ -46,7 +46,7 @@ const DAEMON: &[&str] = &[
     "guardian",
     "sums",
     "failure",
-    "custody",
+    "bench_lease",
     "compare",
     "dataset",
     "files",

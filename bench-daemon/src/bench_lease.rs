@@ -1,9 +1,9 @@
 //! Lease of a bench during a run: the lock, the latch, and the guardian. Only a bench with
 //! instruments outside this process has one.
 
-mod aftermath;
+mod after_crash;
 
-pub(crate) use aftermath::settle_verified;
+pub(crate) use after_crash::settle_verified;
 
 use std::path::Path;
 
@@ -37,24 +37,28 @@ pub fn refuse(bench: &config::Bench) -> Result<(), Failure> {
     let _lock = state.lock(&open.holder.run)?;
     Clock::runtime(bench.time())?.block_on(async {
         let clock = Clock::start(bench.time());
-        left(bench, &state, &clock).await
+        settle_earlier(bench, &state, &clock).await
     })
 }
 
 /// Handles what an earlier run has left, once its guardian has ended. This may latch the bench.
-async fn left(bench: &config::Bench, state: &State, clock: &Clock) -> Result<(), Failure> {
+async fn settle_earlier(
+    bench: &config::Bench,
+    state: &State,
+    clock: &Clock,
+) -> Result<(), Failure> {
     wait_for_earlier(state, clock).await?;
     state.refuse_latched()?;
-    aftermath::settle(bench, state, clock).await
+    after_crash::settle(bench, state, clock).await
 }
 
 /// A bench that this process runs.
-pub struct Custody {
-    around: Option<Around>,
+pub struct BenchLease {
+    held: Option<HeldBench>,
     clock: Clock,
 }
 
-struct Around {
+struct HeldBench {
     state: State,
     keeper: Keeper,
     run: std::path::PathBuf,
@@ -62,7 +66,7 @@ struct Around {
     _lock: Lock,
 }
 
-impl Custody {
+impl BenchLease {
     /// Locks the bench, refuses a latched one, starts the guardian, and says that outputs may be on
     /// from here on. Nothing was connected to before, and no output is on.
     ///
@@ -98,7 +102,7 @@ impl Custody {
     /// The same for whatever is written into `charge.run`.
     ///
     /// # Errors
-    /// As [`Custody::take`].
+    /// As [`BenchLease::take`].
     pub async fn take_for(
         charge: &Charge<'_>,
         clock: &Clock,
@@ -106,14 +110,14 @@ impl Custody {
     ) -> Result<Self, Failure> {
         let Some(state) = State::of(charge.bench)? else {
             return Ok(Self {
-                around: None,
+                held: None,
                 clock: clock.clone(),
             });
         };
         let run = std::path::absolute(charge.run)?;
         let lock = state.lock(&run)?;
         state.refuse_latched()?;
-        left(charge.bench, &state, clock).await?;
+        settle_earlier(charge.bench, &state, clock).await?;
         let charge = Charge {
             bench: charge.bench,
             run: &run,
@@ -127,7 +131,7 @@ impl Custody {
             return Err(error.into());
         }
         Ok(Self {
-            around: Some(Around {
+            held: Some(HeldBench {
                 state,
                 keeper,
                 run,
@@ -140,8 +144,8 @@ impl Custody {
 
     /// Waits until the guardian is no longer there; for ever where there is none.
     pub async fn lost(&mut self) -> GuardianError {
-        match &mut self.around {
-            Some(around) => around.keeper.lost().await,
+        match &mut self.held {
+            Some(held) => held.keeper.lost().await,
             None => std::future::pending().await,
         }
     }
@@ -149,13 +153,13 @@ impl Custody {
     /// Gives the bench back: latches it where a person has to look, and dismisses the guardian, or
     /// leaves an unverified safe state to it. The bench's connections must be closed.
     pub async fn end<T>(self, outcome: Result<T, Failure>) -> Result<T, Failure> {
-        let Some(Around {
+        let Some(HeldBench {
             state,
             keeper,
             run,
             doing,
             _lock,
-        }) = self.around
+        }) = self.held
         else {
             return outcome;
         };
