@@ -12,11 +12,11 @@
 pub mod addresses;
 pub mod bench;
 pub mod bench_lease;
-pub mod beneath;
 pub mod cli;
 pub mod command;
 pub mod compare;
 pub mod config;
+pub mod confined_path;
 pub mod dataset;
 pub mod doctor;
 pub mod drill;

@@ -11,7 +11,7 @@ use std::{
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 
-use crate::beneath;
+use crate::confined_path;
 
 /// A complaint about a configuration file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -85,7 +85,7 @@ impl Fence {
         let name = self
             .relative(path)
             .and_then(|name| name.to_str().map(str::to_owned));
-        let file = name.and_then(|name| beneath::open(&self.below, &name));
+        let file = name.and_then(|name| confined_path::open(&self.below, &name));
         let file = file.ok_or_else(|| {
             unreadable("there is no such file in the folder of the configuration".to_owned())
         })?;

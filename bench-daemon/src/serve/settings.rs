@@ -9,11 +9,11 @@ use std::{
 use serde::Deserialize;
 
 use crate::{
-    beneath::plain,
     config::{
         self, ConfigError, Source, load_bench,
         quantity::{Duration, Quantity},
     },
+    confined_path::plain,
 };
 
 /// File of a server as it is typed.

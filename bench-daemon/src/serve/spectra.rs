@@ -11,7 +11,7 @@ use analysis::{
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::beneath;
+use crate::confined_path;
 
 /// A spectrum.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
@@ -91,7 +91,7 @@ pub fn stamps(run: &Path) -> Stamps {
 
 /// Reads one; nothing where it cannot be read now.
 pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
-    beneath::open(run, file)?;
+    confined_path::open(run, file)?;
     let mut points: Vec<Point> = read_spectrum_csv(&run.join(file))
         .ok()?
         .iter()
@@ -115,7 +115,7 @@ pub fn fits(run: &Path) -> Vec<(String, serde_json::Value)> {
     names.retain(|name| run_folder::is_model(name));
     names.sort();
     let read = |name: String| {
-        let value = serde_json::from_reader(beneath::open(run, &name)?).ok()?;
+        let value = serde_json::from_reader(confined_path::open(run, &name)?).ok()?;
         Some((name.trim_end_matches(".json").to_owned(), value))
     };
     names.into_iter().filter_map(read).collect()

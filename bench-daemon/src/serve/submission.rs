@@ -11,8 +11,8 @@ use analysis::dataset::write_atomically;
 
 use super::settings::Settings;
 use crate::{
-    beneath::{self, plain},
     config::{self, Experiment, Fence, Jig, Source, resolve_experiment},
+    confined_path::{self, plain},
     procedure,
 };
 
@@ -85,7 +85,7 @@ fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
     if !plain(name) {
         return Err(unknown());
     }
-    let file = beneath::open(&settings.configs, &format!("{EXPERIMENTS}/{name}.toml"))
+    let file = confined_path::open(&settings.configs, &format!("{EXPERIMENTS}/{name}.toml"))
         .ok_or_else(unknown)?;
     std::io::read_to_string(file).map_err(|error| Refused::Unfit(error.to_string()))
 }

@@ -19,7 +19,7 @@ const DAEMON: &[&str] = &[
     "loopback",
     "addresses",
     "drill",
-    "beneath",
+    "confined_path",
     "logging",
     "terminal",
     "interlock",

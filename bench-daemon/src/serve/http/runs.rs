@@ -27,7 +27,7 @@ use super::{
     problem::Refusal,
 };
 use crate::{
-    beneath::{self, plain},
+    confined_path::{self, plain},
     serve::{
         jobs::{self, Job},
         live::RunNow,
@@ -100,7 +100,7 @@ pub struct Conveyed {
 }
 
 fn folder(app: &App, run: &str) -> Result<PathBuf, Refusal> {
-    beneath::folder(&app.server.runs(), run).ok_or_else(|| Refusal::not_found("a run", run))
+    confined_path::folder(&app.server.runs(), run).ok_or_else(|| Refusal::not_found("a run", run))
 }
 
 async fn aside<T: Send + 'static>(
@@ -274,7 +274,7 @@ pub async fn log(
 
 fn tail(folder: &std::path::Path, name: &str) -> Vec<String> {
     let read = || {
-        let mut file = beneath::open(folder, name)?;
+        let mut file = confined_path::open(folder, name)?;
         let length = file.metadata().ok()?.len();
         file.seek(SeekFrom::Start(length.saturating_sub(LOG_BYTES)))
             .ok()?;
@@ -291,8 +291,8 @@ fn tail(folder: &std::path::Path, name: &str) -> Vec<String> {
 }
 
 fn text(folder: &std::path::Path, name: &str) -> Result<String, Refusal> {
-    let file =
-        beneath::open(folder, name).ok_or_else(|| Refusal::not_found("a file of the run", name))?;
+    let file = confined_path::open(folder, name)
+        .ok_or_else(|| Refusal::not_found("a file of the run", name))?;
     std::io::read_to_string(file.take(LONGEST)).map_err(|error| Refusal::machine(&error))
 }
 
@@ -312,7 +312,7 @@ pub async fn files(
 ) -> Result<Json<Vec<FileEntry>>, Refusal> {
     let folder = folder(&app, &run)?;
     aside(move || {
-        let found = beneath::list(&folder).map_err(|error| Refusal::machine(&error))?;
+        let found = confined_path::list(&folder).map_err(|error| Refusal::machine(&error))?;
         Ok(Json(
             found
                 .into_iter()
@@ -340,7 +340,7 @@ pub async fn file(
     let folder = folder(&app, &run)?;
     aside(move || {
         let missing = || Refusal::not_found("a file of the run", &path);
-        let file = beneath::open(&folder, &path).ok_or_else(missing)?;
+        let file = confined_path::open(&folder, &path).ok_or_else(missing)?;
         let length = file
             .metadata()
             .map_err(|error| Refusal::machine(&error))?
