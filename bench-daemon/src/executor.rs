@@ -6,7 +6,6 @@ mod ahead;
 mod burst;
 mod crest;
 mod dc;
-mod entrance;
 mod error;
 mod gate;
 mod gate_bands;
@@ -16,6 +15,7 @@ mod metered;
 mod multisine;
 mod power;
 mod record;
+mod resume_point;
 mod rig;
 mod screen;
 mod setup;
@@ -32,10 +32,10 @@ use analysis::calibration::Correction;
 use instruments::fixture::Fixture;
 
 use ahead::{Next, SweepState};
-pub use entrance::Entrance;
 pub use error::ExecuteError;
 pub(crate) use multisine::{BandFit, fit_band};
 pub(crate) use record::{Asked, Taken, analyse};
+pub use resume_point::ResumePoint;
 pub use rig::Rig;
 use screen::Screen;
 pub use state::Person;
@@ -92,7 +92,7 @@ impl<'a> Executor<'a> {
         }
     }
 
-    /// Executes one stage, given with its number in the plan, from the resume point `entrance`;
+    /// Executes one stage, given with its number in the plan, from the resume point `resume_point`;
     /// `on_point` gets every finished point as soon as it and its capture are on disk. Returns all
     /// points, those that were there before included.
     ///
@@ -102,7 +102,7 @@ impl<'a> Executor<'a> {
         &mut self,
         number: usize,
         stage: &Stage,
-        entrance: &Entrance<'_>,
+        resume_point: &ResumePoint<'_>,
         on_point: &mut dyn FnMut(&mut Recorder, &SweepPoint) -> Result<(), ExecuteError>,
     ) -> Result<Vec<SweepPoint>, ExecuteError> {
         tracing::info!("stage: {}", stage.purpose);
@@ -118,7 +118,7 @@ impl<'a> Executor<'a> {
             } else {
                 0
             };
-        self.sweep.spent = Spent::of(entrance.points.iter().map(|known| &known.point));
+        self.sweep.spent = Spent::of(resume_point.points.iter().map(|known| &known.point));
         if matches!(stage.purpose, Purpose::SocReset | Purpose::OcvSoc) {
             // Where it ends, nothing is left of what traces have moved before.
             self.direct.charge_c = 0.0;
@@ -127,10 +127,10 @@ impl<'a> Executor<'a> {
         self.sweep.fall_back();
         self.scope.armed = None;
         for (index, step) in stage.steps.iter().enumerate() {
-            if let Some(known) = entrance.point(index) {
+            if let Some(known) = resume_point.point(index) {
                 points.push(known.point.clone());
             }
-            if self.direct.reset.accepted || !entrance.plays(stage, index, step) {
+            if self.direct.reset.accepted || !resume_point.plays(stage, index, step) {
                 continue;
             }
             self.handle_request(stage, index, fixture).await?;
@@ -148,7 +148,7 @@ impl<'a> Executor<'a> {
             self.sweep.next = match step {
                 Step::Sine { settings, .. } if self.rig.overlaps(settings) => {
                     Next::after(number, stage, index, |at, step| {
-                        entrance.plays(stage, at, step)
+                        resume_point.plays(stage, at, step)
                     })
                 }
                 _ => None,
@@ -196,7 +196,7 @@ impl<'a> Executor<'a> {
             }
             self.person.progress.end(step);
         }
-        if let Some(first) = entrance.points.first() {
+        if let Some(first) = resume_point.points.first() {
             // The sweep began when its first point did.
             self.known.idle = first.idle;
         }

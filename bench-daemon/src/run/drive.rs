@@ -15,7 +15,7 @@ use super::{
 use crate::{
     bench::Bench,
     config::Experiment,
-    executor::{Entrance, ExecuteError, Executor, Person, Rig},
+    executor::{ExecuteError, Executor, Person, ResumePoint, Rig},
     failure::Failure,
     journal::{Entry, PointDone},
     measure::SweepPoint,
@@ -148,13 +148,13 @@ impl<'a, 'b> Drive<'a, 'b> {
         if let Some(Past { next, replay, .. }) = self.past {
             run = replay.latest.and_then(|latest| self.run_of(latest));
             if let Some(repeated_reset) = next.repeated_reset {
-                self.stage(repeated_reset, Entrance::default()).await?;
+                self.stage(repeated_reset, ResumePoint::default()).await?;
             }
             if let Some((open, from)) = next.open {
                 left.retain(|number| *number != open);
                 self.stage(
                     open,
-                    Entrance {
+                    ResumePoint {
                         from,
                         points: self.known(open),
                     },
@@ -166,7 +166,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             self.reorder(&mut left, run);
             let number = left.remove(0);
             run = self.run_of(number);
-            self.stage(number, Entrance::default()).await?;
+            self.stage(number, ResumePoint::default()).await?;
         }
         Ok(())
     }
@@ -203,13 +203,13 @@ impl<'a, 'b> Drive<'a, 'b> {
     }
 
     /// One stage, and what is made of it.
-    async fn stage(&mut self, number: usize, entrance: Entrance<'_>) -> Result<(), Failure> {
+    async fn stage(&mut self, number: usize, resume_point: ResumePoint<'_>) -> Result<(), Failure> {
         let Some(stage) = self.plan.stages.get(number) else {
             return Ok(());
         };
         match stage.purpose {
             Purpose::Sweep(fixture, repeat) => {
-                self.sweep(number, stage, fixture, repeat, &entrance)
+                self.sweep(number, stage, fixture, repeat, &resume_point)
                     .await?;
             }
             Purpose::Multisine(repeat) => {
@@ -226,7 +226,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             }
             Purpose::Temperature | Purpose::SocReset | Purpose::OcvSoc | Purpose::Trace => {
                 self.executor
-                    .stage(number, stage, &entrance, &mut |_, _| Ok(()))
+                    .stage(number, stage, &resume_point, &mut |_, _| Ok(()))
                     .await?;
             }
         }
@@ -245,19 +245,19 @@ impl<'a, 'b> Drive<'a, 'b> {
         stage: &Stage,
         fixture: Fixture,
         repeat: usize,
-        entrance: &Entrance<'_>,
+        resume_point: &ResumePoint<'_>,
     ) -> Result<(), Failure> {
         let sweeping = self.gathered.sweeping(fixture, repeat);
         let start_time_s = self
             .past
-            .filter(|_| !entrance.points.is_empty())
+            .filter(|_| !resume_point.points.is_empty())
             .and_then(|past| past.replay.stages.get(&number));
         let start_time_s =
             start_time_s.map_or_else(|| self.executor.rig.clock.now_s(), |replay| replay.began_s);
         let recorder = &mut *self.executor.rig.recorder;
         recorder.forget_sweep(sweeping.indexed());
-        recorder.drop_captures(&sweeping.name, &entrance.points)?;
-        sweeping.restore(recorder, &entrance.points)?;
+        recorder.drop_captures(&sweeping.name, &resume_point.points)?;
+        sweeping.restore(recorder, &resume_point.points)?;
         let mut on_point =
             |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
                 sweeping.record(recorder, point)?;
@@ -268,7 +268,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             };
         let points = self
             .executor
-            .stage(number, stage, entrance, &mut on_point)
+            .stage(number, stage, resume_point, &mut on_point)
             .await?;
         let settled = sweeping.settle(self.executor.rig.recorder, points)?;
         let recorder = &mut *self.executor.rig.recorder;

@@ -15,7 +15,7 @@ use instruments::fixture::Fixture;
 use super::{Measured, sweeping};
 use crate::{
     config::Experiment,
-    executor::{Entrance, Executor},
+    executor::{Executor, ResumePoint},
     failure::Failure,
     plan::{Stage, Step, fixture_name},
     record::Recorder,
@@ -70,7 +70,7 @@ pub(super) async fn measure(
         .forget_sweep(&Multisine::Spectrum.file(repeat));
     // A multisine that was interrupted is done again whole: it takes back what it gives.
     let points = executor
-        .stage(number, stage, &Entrance::default(), &mut |_, _| Ok(()))
+        .stage(number, stage, &ResumePoint::default(), &mut |_, _| Ok(()))
         .await?;
     let took_s = executor.rig.clock.now_s() - start_s;
     for point in &points {

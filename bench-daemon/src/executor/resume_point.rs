@@ -7,14 +7,14 @@ use crate::{
 
 /// Resume point of an interrupted stage; by default its beginning.
 #[derive(Debug, Clone, Default)]
-pub struct Entrance<'a> {
+pub struct ResumePoint<'a> {
     /// The first step that is played.
     pub from: usize,
     /// Points that were finished before, by their steps.
     pub points: Vec<&'a PointDone>,
 }
 
-impl<'a> Entrance<'a> {
+impl<'a> ResumePoint<'a> {
     pub(super) fn point(&self, index: usize) -> Option<&'a PointDone> {
         self.points
             .iter()
@@ -114,7 +114,7 @@ mod tests {
             (0, 0..2, vec![]),
             (4, 0..0, vec![0, 4]),
         ] {
-            let entrance = Entrance {
+            let resume_point = ResumePoint {
                 from,
                 points: points[finished].iter().collect(),
             };
@@ -122,7 +122,7 @@ mod tests {
                 .steps
                 .iter()
                 .enumerate()
-                .filter(|(index, step)| entrance.plays(&stage, *index, step))
+                .filter(|(index, step)| resume_point.plays(&stage, *index, step))
                 .map(|(index, _)| index)
                 .collect();
             assert_eq!(met, played);
