@@ -5,13 +5,13 @@
 
 mod again;
 mod drive;
-mod gathered;
 mod manifest;
 mod multisine;
 mod past;
 mod persevere;
 mod play;
 pub(crate) mod results;
+mod run_accumulator;
 mod session;
 mod stop;
 mod sweeping;

@@ -20,7 +20,7 @@ use std::{
 
 pub(crate) use records::Beside;
 
-use super::{FINISHED, gathered::Gathered, multisine, past, results, sweeping};
+use super::{FINISHED, multisine, past, results, run_accumulator::RunAccumulator, sweeping};
 use crate::{
     config::Experiment,
     executor::{Asked, Taken, analyse},
@@ -205,7 +205,7 @@ impl Recorded {
         if let Some(correction) = &inherited {
             recorder.json(CORRECTION, correction)?;
         }
-        let mut gathered = Gathered::new(&self.experiment, inherited);
+        let mut accumulator = RunAccumulator::new(&self.experiment, inherited);
         let mut stages: Vec<usize> = self
             .replay
             .stages
@@ -237,16 +237,16 @@ impl Recorded {
                     stage,
                     repeat,
                     &found,
-                    &gathered.measured,
+                    &accumulator.measured,
                     told,
                 )?;
-                gathered.measured.multisines.push(run);
+                accumulator.measured.multisines.push(run);
             }
             for step in &stage.steps {
                 let Step::Trace(trace) = step else { continue };
                 self.trace(
                     &mut recorder,
-                    &gathered.measured.correction,
+                    &accumulator.measured.correction,
                     trace,
                     &mut beside,
                 )?;
@@ -254,7 +254,7 @@ impl Recorded {
             let Some((fixture, repeat)) = self.swept(number) else {
                 continue;
             };
-            let sweeping = gathered.sweeping(fixture, repeat);
+            let sweeping = accumulator.sweeping(fixture, repeat);
             let own: Vec<SweepPoint> = points
                 .iter()
                 .filter(|(stage, _)| *stage == number)
@@ -269,9 +269,9 @@ impl Recorded {
             sweeping::flags(&settled.points, &mut |freq_hz, text| {
                 recorder.known_point_warning(&sweeping.name, freq_hz, text);
             });
-            gathered.finish(&mut recorder, fixture, repeat, settled, true)?;
+            accumulator.finish(&mut recorder, fixture, repeat, settled, true)?;
         }
-        let measured = gathered.whole(&recorder)?;
+        let measured = accumulator.whole(&recorder)?;
         beside.refused = measured.refused();
         if whole {
             results::write(&mut recorder, &self.experiment, &measured)?;

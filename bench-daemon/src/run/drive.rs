@@ -7,9 +7,8 @@ use instruments::{
 };
 
 use super::{
-    Measured, Past,
-    gathered::Gathered,
-    multisine,
+    Measured, Past, multisine,
+    run_accumulator::RunAccumulator,
     sweeping::{self, Settled},
 };
 use crate::{
@@ -52,7 +51,7 @@ pub(super) async fn drive(
     bench.made_safe().await?;
     recorder.journal(Entry::Safe)?;
     let Before { inherited, past } = before;
-    let gathered = Gathered::new(experiment, inherited.clone());
+    let accumulator = RunAccumulator::new(experiment, inherited.clone());
     recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
     let mut executor = Executor::new(
         Rig::new(bench, experiment, around.clock.clone(), recorder),
@@ -70,11 +69,11 @@ pub(super) async fn drive(
         experiment,
         plan: plan.plan(),
         past,
-        gathered,
+        accumulator,
     };
     drive.restore()?;
     drive.play().await?;
-    drive.gathered.whole(drive.executor.rig.recorder)
+    drive.accumulator.whole(drive.executor.rig.recorder)
 }
 
 struct Drive<'a, 'b> {
@@ -82,7 +81,7 @@ struct Drive<'a, 'b> {
     experiment: &'a Experiment,
     plan: &'b Plan,
     past: Option<&'b Past>,
-    gathered: Gathered<'a>,
+    accumulator: RunAccumulator<'a>,
 }
 
 impl<'a, 'b> Drive<'a, 'b> {
@@ -105,10 +104,13 @@ impl<'a, 'b> Drive<'a, 'b> {
             .filter(|(number, _)| past.replay.finished(*number))
         {
             if let Purpose::Multisine(repeat) = stage.purpose {
-                self.gathered.measured.multisines.push(multisine::restore(
-                    self.executor.rig.recorder.folder(),
-                    repeat,
-                )?);
+                self.accumulator
+                    .measured
+                    .multisines
+                    .push(multisine::restore(
+                        self.executor.rig.recorder.folder(),
+                        repeat,
+                    )?);
             }
             let Purpose::Sweep(fixture, repeat) = stage.purpose else {
                 continue;
@@ -118,7 +120,7 @@ impl<'a, 'b> Drive<'a, 'b> {
                 .stages
                 .get(&number)
                 .map_or_else(Vec::new, |replay| replay.points.values().collect());
-            let sweeping = self.gathered.sweeping(fixture, repeat);
+            let sweeping = self.accumulator.sweeping(fixture, repeat);
             sweeping.restore(self.executor.rig.recorder, &points)?;
             let settled = sweeping.settle(
                 self.executor.rig.recorder,
@@ -219,10 +221,10 @@ impl<'a, 'b> Drive<'a, 'b> {
                     number,
                     stage,
                     repeat,
-                    &self.gathered.measured,
+                    &self.accumulator.measured,
                 )
                 .await?;
-                self.gathered.measured.multisines.push(run);
+                self.accumulator.measured.multisines.push(run);
             }
             Purpose::Temperature | Purpose::SocReset | Purpose::OcvSoc | Purpose::Trace => {
                 self.executor
@@ -247,7 +249,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         repeat: usize,
         resume_point: &ResumePoint<'_>,
     ) -> Result<(), Failure> {
-        let sweeping = self.gathered.sweeping(fixture, repeat);
+        let sweeping = self.accumulator.sweeping(fixture, repeat);
         let start_time_s = self
             .past
             .filter(|_| !resume_point.points.is_empty())
@@ -293,14 +295,14 @@ impl<'a, 'b> Drive<'a, 'b> {
         settled: Settled,
         restored: bool,
     ) -> Result<(), Failure> {
-        self.gathered.finish(
+        self.accumulator.finish(
             self.executor.rig.recorder,
             fixture,
             repeat,
             settled,
             restored,
         )?;
-        self.executor.known.correction = self.gathered.measured.correction.clone();
+        self.executor.known.correction = self.accumulator.measured.correction.clone();
         Ok(())
     }
 }

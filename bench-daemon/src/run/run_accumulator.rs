@@ -28,14 +28,14 @@ use crate::{
 };
 
 /// Results of the finished stages so far.
-pub(super) struct Gathered<'a> {
+pub(super) struct RunAccumulator<'a> {
     experiment: &'a Experiment,
     pub(super) measured: Measured,
     /// Sweeps of the cell, by their numbers.
     settled: BTreeMap<usize, Settled>,
 }
 
-impl<'a> Gathered<'a> {
+impl<'a> RunAccumulator<'a> {
     /// Nothing was measured yet; the correction is that of a run before, where there is one.
     pub(super) fn new(experiment: &'a Experiment, inherited: Option<Correction>) -> Self {
         let measured = Measured {
