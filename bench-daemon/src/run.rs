@@ -14,7 +14,7 @@ pub(crate) mod results;
 mod run_accumulator;
 mod session;
 mod stop;
-mod sweeping;
+mod sweep_writer;
 
 use std::{collections::BTreeMap, path::Path};
 

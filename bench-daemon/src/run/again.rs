@@ -20,7 +20,7 @@ use std::{
 
 pub(crate) use records::Beside;
 
-use super::{FINISHED, multisine, past, results, run_accumulator::RunAccumulator, sweeping};
+use super::{FINISHED, multisine, past, results, run_accumulator::RunAccumulator, sweep_writer};
 use crate::{
     config::Experiment,
     executor::{Asked, Taken, analyse},
@@ -254,7 +254,7 @@ impl Recorded {
             let Some((fixture, repeat)) = self.swept(number) else {
                 continue;
             };
-            let sweeping = accumulator.sweeping(fixture, repeat);
+            let sweep_writer = accumulator.sweep_writer(fixture, repeat);
             let own: Vec<SweepPoint> = points
                 .iter()
                 .filter(|(stage, _)| *stage == number)
@@ -262,12 +262,12 @@ impl Recorded {
                 .collect();
             for point in &own {
                 point.warnings.iter().for_each(|text| {
-                    recorder.known_point_warning(&sweeping.name, point.phasors.freq_hz, text);
+                    recorder.known_point_warning(&sweep_writer.name, point.phasors.freq_hz, text);
                 });
             }
-            let settled = sweeping.settle(&recorder, own)?;
-            sweeping::flags(&settled.points, &mut |freq_hz, text| {
-                recorder.known_point_warning(&sweeping.name, freq_hz, text);
+            let settled = sweep_writer.settle(&recorder, own)?;
+            sweep_writer::flags(&settled.points, &mut |freq_hz, text| {
+                recorder.known_point_warning(&sweep_writer.name, freq_hz, text);
             });
             accumulator.finish(&mut recorder, fixture, repeat, settled, true)?;
         }

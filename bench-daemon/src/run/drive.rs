@@ -9,7 +9,7 @@ use instruments::{
 use super::{
     Measured, Past, multisine,
     run_accumulator::RunAccumulator,
-    sweeping::{self, Settled},
+    sweep_writer::{self, Settled},
 };
 use crate::{
     bench::Bench,
@@ -120,20 +120,20 @@ impl<'a, 'b> Drive<'a, 'b> {
                 .stages
                 .get(&number)
                 .map_or_else(Vec::new, |replay| replay.points.values().collect());
-            let sweeping = self.accumulator.sweeping(fixture, repeat);
-            sweeping.restore(self.executor.rig.recorder, &points)?;
-            let settled = sweeping.settle(
+            let sweep_writer = self.accumulator.sweep_writer(fixture, repeat);
+            sweep_writer.restore(self.executor.rig.recorder, &points)?;
+            let settled = sweep_writer.settle(
                 self.executor.rig.recorder,
                 points
                     .into_iter()
                     .map(|point| point.point.clone())
                     .collect(),
             )?;
-            sweeping::flags(&settled.points, &mut |freq_hz, text| {
+            sweep_writer::flags(&settled.points, &mut |freq_hz, text| {
                 self.executor
                     .rig
                     .recorder
-                    .known_point_warning(&sweeping.name, freq_hz, text);
+                    .known_point_warning(&sweep_writer.name, freq_hz, text);
             });
             self.finish(fixture, repeat, settled, true)?;
         }
@@ -249,7 +249,7 @@ impl<'a, 'b> Drive<'a, 'b> {
         repeat: usize,
         resume_point: &ResumePoint<'_>,
     ) -> Result<(), Failure> {
-        let sweeping = self.accumulator.sweeping(fixture, repeat);
+        let sweep_writer = self.accumulator.sweep_writer(fixture, repeat);
         let start_time_s = self
             .past
             .filter(|_| !resume_point.points.is_empty())
@@ -257,14 +257,14 @@ impl<'a, 'b> Drive<'a, 'b> {
         let start_time_s =
             start_time_s.map_or_else(|| self.executor.rig.clock.now_s(), |replay| replay.began_s);
         let recorder = &mut *self.executor.rig.recorder;
-        recorder.forget_sweep(sweeping.indexed());
-        recorder.drop_captures(&sweeping.name, &resume_point.points)?;
-        sweeping.restore(recorder, &resume_point.points)?;
+        recorder.forget_sweep(sweep_writer.indexed());
+        recorder.drop_captures(&sweep_writer.name, &resume_point.points)?;
+        sweep_writer.restore(recorder, &resume_point.points)?;
         let mut on_point =
             |recorder: &mut Recorder, point: &SweepPoint| -> Result<(), ExecuteError> {
-                sweeping.record(recorder, point)?;
+                sweep_writer.record(recorder, point)?;
                 point.warnings.iter().for_each(|warning| {
-                    recorder.point_warning(&sweeping.name, point.phasors.freq_hz, warning);
+                    recorder.point_warning(&sweep_writer.name, point.phasors.freq_hz, warning);
                 });
                 Ok(())
             };
@@ -272,15 +272,15 @@ impl<'a, 'b> Drive<'a, 'b> {
             .executor
             .stage(number, stage, resume_point, &mut on_point)
             .await?;
-        let settled = sweeping.settle(self.executor.rig.recorder, points)?;
+        let settled = sweep_writer.settle(self.executor.rig.recorder, points)?;
         let recorder = &mut *self.executor.rig.recorder;
-        let flagged = sweeping::flags(&settled.points, &mut |freq_hz, text| {
-            recorder.point_warning(&sweeping.name, freq_hz, text);
+        let flagged = sweep_writer::flags(&settled.points, &mut |freq_hz, text| {
+            recorder.point_warning(&sweep_writer.name, freq_hz, text);
         });
         if repeat > 0 {
             let entry = SweepEntry {
                 flagged,
-                ..sweeping.entry(&self.executor, stage, start_time_s, &settled)
+                ..sweep_writer.entry(&self.executor, stage, start_time_s, &settled)
             };
             self.executor.rig.recorder.sweep(entry)?;
         }

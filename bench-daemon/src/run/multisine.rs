@@ -12,7 +12,7 @@ use analysis::{
 };
 use instruments::fixture::Fixture;
 
-use super::{Measured, sweeping};
+use super::{Measured, sweep_writer};
 use crate::{
     config::Experiment,
     executor::{Executor, ResumePoint},
@@ -82,7 +82,7 @@ pub(super) async fn measure(
         }
     }
     let recorder = &mut *executor.rig.recorder;
-    let flagged = sweeping::flags(&points, &mut |freq_hz, text| {
+    let flagged = sweep_writer::flags(&points, &mut |freq_hz, text| {
         recorder.point_warning("multisine", freq_hz, text);
     });
     let lines = std::mem::take(&mut executor.known.lines);
@@ -102,18 +102,18 @@ pub(super) async fn measure(
     )?;
     let corrected = measured.correction.reduced_chi2.is_some();
     let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
-    let below = sweeping::below(&phasors, experiment.bench.wiring.shunt.r_ohm);
+    let below = sweep_writer::below(&phasors, experiment.bench.wiring.shunt.r_ohm);
     let entry = SweepEntry {
         flagged: run.flagged.clone(),
         own_sigma_ohm: if corrected {
-            sweeping::own_sigma_ohm(&run.own_noise)
+            sweep_writer::own_sigma_ohm(&run.own_noise)
         } else {
             Vec::new()
         },
         common_error: if corrected {
             measured
                 .correction
-                .common_error(&phasors, &sweeping::shunt_phasors(measured))
+                .common_error(&phasors, &sweep_writer::shunt_phasors(measured))
         } else {
             None
         },
@@ -168,13 +168,13 @@ pub(super) fn write(
     };
     let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
     let spectrum = Spectrum::new(experiment.name.clone(), corrected);
-    let spectrum = sweeping::with_shared(
+    let spectrum = sweep_writer::with_shared(
         spectrum,
         &phasors,
         correction,
-        &sweeping::jig_phasors(measured),
+        &sweep_writer::jig_phasors(measured),
     );
-    sweeping::write_shared(
+    sweep_writer::write_shared(
         recorder,
         &Multisine::Spectrum.file(repeat),
         &spectrum,

@@ -109,7 +109,7 @@ fn evaluate(
         recorder.flagged_parquet(
             &run_folder::raw_parquet(name),
             &raw,
-            &super::sweeping::flag_texts(points),
+            &super::sweep_writer::flag_texts(points),
         )?;
     }
     let cell = measured

@@ -16,7 +16,7 @@ use instruments::fixture::Fixture;
 
 use super::{
     Measured,
-    sweeping::{self, Settled, Sweeping},
+    sweep_writer::{self, Settled, SweepWriter},
 };
 use crate::{
     config::Experiment,
@@ -63,8 +63,8 @@ impl<'a> RunAccumulator<'a> {
         }
     }
 
-    pub(super) fn sweeping(&self, fixture: Fixture, repeat: usize) -> Sweeping<'a> {
-        Sweeping::new(self.experiment, fixture, repeat, &self.measured)
+    pub(super) fn sweep_writer(&self, fixture: Fixture, repeat: usize) -> SweepWriter<'a> {
+        SweepWriter::new(self.experiment, fixture, repeat, &self.measured)
     }
 
     /// Evaluates a whole sweep. `restored`: its results were told before.
@@ -80,7 +80,7 @@ impl<'a> RunAccumulator<'a> {
         if fixture == Fixture::Cell {
             self.settled.insert(repeat, settled);
         } else {
-            let refused = sweeping::flags(&points, &mut |_, _| ())
+            let refused = sweep_writer::flags(&points, &mut |_, _| ())
                 .into_iter()
                 .map(|point| (fixture_name(fixture), point));
             self.measured.refused_controls.extend(refused);
@@ -150,7 +150,7 @@ impl<'a> RunAccumulator<'a> {
             let flags = measured
                 .points
                 .first()
-                .map_or_else(Vec::new, |points| sweeping::flag_texts(points));
+                .map_or_else(Vec::new, |points| sweep_writer::flag_texts(points));
             recorder.flagged_parquet(SPECTRUM_PARQUET, &measured.spectrum.points, &flags)?;
         }
         Ok(measured)

@@ -23,7 +23,7 @@ use crate::{
 };
 
 /// A sweep that is being written.
-pub(super) struct Sweeping<'a> {
+pub(super) struct SweepWriter<'a> {
     experiment: &'a Experiment,
     fixture: Fixture,
     repeat: usize,
@@ -53,7 +53,7 @@ pub(super) struct Settled {
     pub(super) file: String,
 }
 
-impl<'a> Sweeping<'a> {
+impl<'a> SweepWriter<'a> {
     pub(super) fn new(
         experiment: &'a Experiment,
         fixture: Fixture,
