@@ -7,10 +7,10 @@ mod again;
 mod drive;
 mod manifest;
 mod multisine;
-mod past;
 mod persevere;
 mod play;
 pub(crate) mod results;
+mod resume_context;
 mod run_accumulator;
 mod session;
 mod stop;
@@ -23,8 +23,8 @@ use analysis::{
     calibration::Correction,
     spectrum::{FlaggedPoint, Spectrum},
 };
-pub(crate) use past::{Past, begun_experiment};
 pub(crate) use play::nobody_drives;
+pub(crate) use resume_context::{ResumeContext, begun_experiment};
 pub(crate) use stop::{StopSignals, caught};
 
 use crate::{failure::Failure, fixture_check::ControlResult, measure::SweepPoint, sim::Simulation};

@@ -24,7 +24,7 @@ use crate::{
     failure::Failure,
     journal::{self, Entry, Line},
     record::RecordError,
-    run::{Past, Session},
+    run::{ResumeContext, Session},
     run_control::RunControl,
     terminal::say,
 };
@@ -54,7 +54,7 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     let folder = &args.folder.components().collect::<PathBuf>();
     // A run that is still going on must find its folder, and what is wanted of it, as they are.
     // What it has left on is switched off whatever became of it.
-    let (experiment, past) = Past::read(folder, args.accept_charge, |experiment| {
+    let (experiment, context) = ResumeContext::read(folder, args.accept_charge, |experiment| {
         bench_lease::refuse(&experiment.bench)?;
         refuse_going(folder)
     })?;
@@ -71,12 +71,12 @@ pub fn resume(args: &ResumeArgs) -> Result<(), Failure> {
     let usage = |text: &str| Err(Failure::Usage(format!("{}: {text}", folder.display())));
     let (summary, gated) = match (in_process, mode) {
         (false, _) => {
-            let mut session = Session::at(&experiment.bench, past.time_s(folder))?;
-            let mut finished = session.go_on(&experiment, folder, past)?;
+            let mut session = Session::at(&experiment.bench, context.time_s(folder))?;
+            let mut finished = session.go_on(&experiment, folder, context)?;
             diagnose::finished(&experiment, folder, &mut finished)?;
             finished.told()
         }
-        (true, _) if past.inherited() => {
+        (true, _) if context.inherited() => {
             return usage(
                 "expected a run that began in a world of its own, found one on a simulated bench \
                 that others had used before",

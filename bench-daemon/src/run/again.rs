@@ -20,7 +20,9 @@ use std::{
 
 pub(crate) use records::Beside;
 
-use super::{FINISHED, multisine, past, results, run_accumulator::RunAccumulator, sweep_writer};
+use super::{
+    FINISHED, multisine, results, resume_context, run_accumulator::RunAccumulator, sweep_writer,
+};
 use crate::{
     config::Experiment,
     executor::{Asked, Taken, analyse},
@@ -114,7 +116,7 @@ impl Recorded {
             .map_or(lines.len(), |at| at + 1);
         lines.truncate(end);
         let replay = JournalReplay::of(&lines).map_err(|error| usage(error.to_string()))?;
-        let experiment = past::copied_experiment(folder, &replay.started)?;
+        let experiment = resume_context::copied_experiment(folder, &replay.started)?;
         let plan = procedure::plan(&experiment);
         Ok(Self {
             folder: folder.to_owned(),

@@ -7,7 +7,7 @@ use instruments::{
 };
 
 use super::{
-    Measured, Past, multisine,
+    Measured, ResumeContext, multisine,
     run_accumulator::RunAccumulator,
     sweep_writer::{self, Settled},
 };
@@ -29,7 +29,7 @@ use crate::{
 /// that was done before its process died.
 pub(super) struct Before<'a> {
     pub(super) inherited: Option<Correction>,
-    pub(super) past: Option<&'a Past>,
+    pub(super) context: Option<&'a ResumeContext>,
 }
 
 /// Surroundings of a run besides its bench: its clock, who answers its questions, and its progress.
@@ -50,7 +50,7 @@ pub(super) async fn drive(
 ) -> Result<Measured, Failure> {
     bench.made_safe().await?;
     recorder.journal(Entry::Safe)?;
-    let Before { inherited, past } = before;
+    let Before { inherited, context } = before;
     let accumulator = RunAccumulator::new(experiment, inherited.clone());
     recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
     let mut executor = Executor::new(
@@ -68,7 +68,7 @@ pub(super) async fn drive(
         executor,
         experiment,
         plan: plan.plan(),
-        past,
+        context,
         accumulator,
     };
     drive.restore()?;
@@ -80,28 +80,30 @@ struct Drive<'a, 'b> {
     executor: Executor<'a>,
     experiment: &'a Experiment,
     plan: &'b Plan,
-    past: Option<&'b Past>,
+    context: Option<&'b ResumeContext>,
     accumulator: RunAccumulator<'a>,
 }
 
 impl<'a, 'b> Drive<'a, 'b> {
     /// Restores the results of finished stages from the run folder.
     fn restore(&mut self) -> Result<(), Failure> {
-        let Some(past) = self.past else { return Ok(()) };
-        let latest = past
+        let Some(context) = self.context else {
+            return Ok(());
+        };
+        let latest = context
             .replay
             .latest
             .and_then(|number| self.plan.stages.get(number))
             .and_then(Stage::specimen)
             .cloned();
-        let left_c = past.charge_left_c(self.executor.rig.recorder, self.plan)?;
+        let left_c = context.charge_left_c(self.executor.rig.recorder, self.plan)?;
         self.executor.take_over(latest, left_c);
         for (number, stage) in self
             .plan
             .stages
             .iter()
             .enumerate()
-            .filter(|(number, _)| past.replay.finished(*number))
+            .filter(|(number, _)| context.replay.finished(*number))
         {
             if let Purpose::Multisine(repeat) = stage.purpose {
                 self.accumulator
@@ -115,7 +117,7 @@ impl<'a, 'b> Drive<'a, 'b> {
             let Purpose::Sweep(fixture, repeat) = stage.purpose else {
                 continue;
             };
-            let points: Vec<&PointDone> = past
+            let points: Vec<&PointDone> = context
                 .replay
                 .stages
                 .get(&number)
@@ -142,12 +144,15 @@ impl<'a, 'b> Drive<'a, 'b> {
 
     /// Everything that is left to do.
     async fn play(&mut self) -> Result<(), Failure> {
-        let finished = |number: &usize| self.past.is_some_and(|past| past.replay.finished(*number));
+        let finished = |number: &usize| {
+            self.context
+                .is_some_and(|context| context.replay.finished(*number))
+        };
         let mut left: Vec<usize> = (0..self.plan.stages.len())
             .filter(|number| !finished(number))
             .collect();
         let mut run = None;
-        if let Some(Past { next, replay, .. }) = self.past {
+        if let Some(ResumeContext { next, replay, .. }) = self.context {
             run = replay.latest.and_then(|latest| self.run_of(latest));
             if let Some(repeated_reset) = next.repeated_reset {
                 self.stage(repeated_reset, ResumePoint::default()).await?;
@@ -175,8 +180,8 @@ impl<'a, 'b> Drive<'a, 'b> {
 
     /// Points of a stage that was interrupted.
     fn known(&self, number: usize) -> Vec<&'b PointDone> {
-        self.past
-            .and_then(|past| past.replay.stages.get(&number))
+        self.context
+            .and_then(|context| context.replay.stages.get(&number))
             .map_or_else(Vec::new, |replay| replay.points.values().collect())
     }
 
@@ -251,9 +256,9 @@ impl<'a, 'b> Drive<'a, 'b> {
     ) -> Result<(), Failure> {
         let sweep_writer = self.accumulator.sweep_writer(fixture, repeat);
         let start_time_s = self
-            .past
+            .context
             .filter(|_| !resume_point.points.is_empty())
-            .and_then(|past| past.replay.stages.get(&number));
+            .and_then(|context| context.replay.stages.get(&number));
         let start_time_s =
             start_time_s.map_or_else(|| self.executor.rig.clock.now_s(), |replay| replay.began_s);
         let recorder = &mut *self.executor.rig.recorder;

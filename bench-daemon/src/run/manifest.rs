@@ -8,7 +8,7 @@ use instruments::clock::{self, TimeMode};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 
-use super::{folder_of, past, play::Run};
+use super::{folder_of, play::Run, resume_context};
 use crate::{
     bench::Identified,
     config,
@@ -79,7 +79,7 @@ impl Run<'_> {
             time: self.clock.mode().to_string(),
             inherited: self.inherited_world || self.before.1.is_some(),
             files,
-            plan: past::fingerprints(self.plan.plan()),
+            plan: resume_context::fingerprints(self.plan.plan()),
         };
         Ok(self.recorder.journal(Entry::Started(Box::new(started)))?)
     }

@@ -5,7 +5,7 @@
 
 use std::path::Path;
 
-use super::{Finished, Past, Session, stop::StopSignals};
+use super::{Finished, ResumeContext, Session, stop::StopSignals};
 use crate::{
     bench::BenchError,
     config::{Experiment, Perseverance},
@@ -189,8 +189,8 @@ impl Session {
                 held.as_ref()
                     .map_or(Ok(()), |(state, _)| Ok(state.refuse_latched()?))
             };
-            let (experiment, past) = match Past::read(folder, false, free) {
-                Ok((_, past)) if !past.has_driven() => {
+            let (experiment, context) = match ResumeContext::read(folder, false, free) {
+                Ok((_, context)) if !context.has_driven() => {
                     remark!("eis-bench: nothing was switched on yet: it does not go on by itself");
                     return outcome;
                 }
@@ -201,7 +201,7 @@ impl Session {
                 }
             };
             drop((held, writing));
-            outcome = self.play(&experiment, folder, Some(past.after(text)));
+            outcome = self.play(&experiment, folder, Some(context.after(text)));
         }
     }
 

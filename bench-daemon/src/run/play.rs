@@ -7,7 +7,7 @@ use analysis::{calibration::Correction, run_folder::FAULTS};
 use instruments::{clock::Clock, transport::MemoryHub};
 
 use super::{
-    FINISHED, Finished, Measured, Past,
+    FINISHED, Finished, Measured, ResumeContext,
     drive::{self, Around, Before},
     results,
     stop::{StopSignals, caught},
@@ -41,7 +41,7 @@ pub(super) struct Run<'a> {
     /// A run before has used this simulated world.
     pub(super) inherited_world: bool,
     /// Finished part of this run, where its process died or was stopped before.
-    pub(super) past: Option<Past>,
+    pub(super) context: Option<ResumeContext>,
 }
 
 /// Refuses a bench on which something is switched on that can move charge: another program may be
@@ -76,9 +76,9 @@ impl Run<'_> {
     /// # Errors
     /// Any failure that ended the run early.
     pub(super) async fn go(mut self) -> Result<Finished, Failure> {
-        match &self.past {
+        match &self.context {
             None => self.begin()?,
-            Some(past) => past.tell(&mut self.recorder, self.plan.plan())?,
+            Some(context) => context.tell(&mut self.recorder, self.plan.plan())?,
         }
         let hub = MemoryHub::new();
         let simulation = self.before.0.take();
@@ -120,7 +120,7 @@ impl Run<'_> {
         };
         let before = Before {
             inherited: self.before.1.take(),
-            past: self.past.as_ref(),
+            context: self.context.as_ref(),
         };
         let outcome = tokio::select! {
             outcome = caught(
@@ -216,11 +216,11 @@ impl Run<'_> {
         self.doctored(&identities)?;
         self.manifest(&identities, "running")?;
         // Only what this run may have left on is its own to switch off.
-        if !self.past.as_ref().is_some_and(Past::has_driven) {
+        if !self.context.as_ref().is_some_and(ResumeContext::has_driven) {
             nobody_drives(&mut bench).await?;
         }
-        if self.past.is_some() {
-            self.reconcile(&mut bench).await?;
+        if self.context.is_some() {
+            self.read_back_outputs(&mut bench).await?;
         }
         Ok((bench, identities))
     }

@@ -9,7 +9,7 @@ use instruments::{
 };
 use tokio::runtime::Runtime;
 
-use super::{Finished, Past, play::Run, stop::StopSignals};
+use super::{Finished, ResumeContext, play::Run, stop::StopSignals};
 use crate::{
     bench_lease,
     config::{self, Experiment},
@@ -98,10 +98,10 @@ impl Session {
         &mut self,
         experiment: &Experiment,
         folder: &Path,
-        past: Past,
+        context: ResumeContext,
     ) -> Result<Finished, Failure> {
         let stop = self.signals()?;
-        let outcome = self.play(experiment, folder, Some(past));
+        let outcome = self.play(experiment, folder, Some(context));
         self.persevere(experiment, folder, outcome, stop)
     }
 
@@ -118,7 +118,7 @@ impl Session {
         &mut self,
         experiment: &Experiment,
         folder: &Path,
-        past: Option<Past>,
+        context: Option<ResumeContext>,
     ) -> Result<Finished, Failure> {
         let plan = procedure::plan(experiment).check(&experiment.cell.limits)?;
         experiment
@@ -144,9 +144,11 @@ impl Session {
         let drill = Drill::from_environment(experiment.bench.simulation.is_some())
             .map_err(Failure::Usage)?;
         let finished = runtime.block_on(async {
-            let mut recorder = match &past {
+            let mut recorder = match &context {
                 None => Recorder::create(folder, clock.clone())?,
-                Some(past) => Recorder::reopen(folder, clock.clone(), &past.read, &past.replay)?,
+                Some(context) => {
+                    Recorder::reopen(folder, clock.clone(), &context.read, &context.replay)?
+                }
             };
             recorder.drill(&drill);
             logging::log_to(&recorder.path(LOG), &clock)?;
@@ -160,7 +162,7 @@ impl Session {
                     recorder,
                     before,
                     inherited_world,
-                    past,
+                    context,
                 }
                 .go(),
             )

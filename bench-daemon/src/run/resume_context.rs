@@ -29,7 +29,7 @@ use crate::{
 const MOVED_V: f64 = 0.02;
 
 /// Finished part of a run, and the point where it goes on.
-pub(crate) struct Past {
+pub(crate) struct ResumeContext {
     pub(super) read: Read,
     pub(super) replay: JournalReplay,
     pub(super) next: ResumeDecision,
@@ -48,7 +48,7 @@ pub(super) fn fingerprints(plan: &Plan) -> Vec<String> {
         .collect()
 }
 
-impl Past {
+impl ResumeContext {
     /// Reads a run folder: the experiment as it was, and how far it came. `bench` is asked whether
     /// the bench may be used, before it is decided where to go on.
     ///
@@ -231,7 +231,7 @@ impl Past {
 
 impl Run<'_> {
     /// Writes down what the instruments are found in before anything is sent that changes them.
-    pub(super) async fn reconcile(&mut self, bench: &mut Bench) -> Result<(), Failure> {
+    pub(super) async fn read_back_outputs(&mut self, bench: &mut Bench) -> Result<(), Failure> {
         let found = reconcile::look(bench).await?;
         for found in &found {
             self.recorder.event(Event::Bench, &found.to_string())?;
@@ -246,13 +246,13 @@ impl Run<'_> {
             .iter()
             .filter(|found| found.moves_charge())
             .all(|found| found.off);
-        let Some((past, volts)) = self.past.as_ref().zip(volts).filter(|_| quiet) else {
+        let Some((context, volts)) = self.context.as_ref().zip(volts).filter(|_| quiet) else {
             return Ok(());
         };
-        let Some(text) = past.moved(volts) else {
+        let Some(text) = context.moved(volts) else {
             return Ok(());
         };
-        if !past.accepted {
+        if !context.accepted {
             let help = "bring the cell to its state by hand, or go on with --accept-charge, which \
             flags these points";
             return Err(Failure::Usage(format!(
