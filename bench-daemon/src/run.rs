@@ -3,12 +3,12 @@
 //! The bench is brought into safe state before this returns, once the instruments are known to be
 //! the configured ones. This also holds after a panic and after a request to stop.
 
-mod again;
 mod drive;
 mod manifest;
 mod multisine;
 mod persevere;
 mod play;
+mod recompute;
 pub(crate) mod results;
 mod resume_context;
 mod run_accumulator;
@@ -18,12 +18,12 @@ mod sweep_writer;
 
 use std::{collections::BTreeMap, path::Path};
 
-pub(crate) use again::{Again, Beside, Known, Recorded, on_all_cores};
 use analysis::{
     calibration::Correction,
     spectrum::{FlaggedPoint, Spectrum},
 };
 pub(crate) use play::nobody_drives;
+pub(crate) use recompute::{OtherResults, RecomputedPoint, Recorded, RecordedPoint, on_all_cores};
 pub(crate) use resume_context::{ResumeContext, begun_experiment};
 pub(crate) use stop::{StopSignals, caught};
 

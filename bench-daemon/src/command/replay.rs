@@ -142,11 +142,11 @@ pub fn rates(folder: &Path) -> Result<Vec<String>, Failure> {
     timed("replay: decoding, fits, quality", &|| {
         recorded.analyse(&known).map(drop)
     })?;
-    let again = recorded.analyse(&known)?;
+    let recomputed = recorded.analyse(&known)?;
     let same = known
         .iter()
-        .zip(&again)
-        .filter(|(known, again)| known.point == again.point)
+        .zip(&recomputed)
+        .filter(|(known, recomputed)| known.point == recomputed.point)
         .count();
     lines.push(format!("points bit-identical: {same} of {}", known.len()));
     Ok(lines)
@@ -192,21 +192,21 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<usize, Failure> {
     let recorded = Recorded::read(folder)?;
     let known = recorded.points()?;
     let clock = Clock::start(TimeMode::Real);
-    let again = recorded.analyse(&known)?;
+    let recomputed = recorded.analyse(&known)?;
     let took_s = clock.now_s();
-    let (bytes, samples) = again
+    let (bytes, samples) = recomputed
         .iter()
         .fold((0, 0), |sum, one| (sum.0 + one.bytes, sum.1 + one.samples));
     let same = known
         .iter()
-        .zip(&again)
-        .filter(|(known, again)| known.point == again.point)
+        .zip(&recomputed)
+        .filter(|(known, recomputed)| known.point == recomputed.point)
         .count();
     say!(
         "{}: {} captures, {:.1} MB on disk, {:.1} million samples, in {took_s:.3} s: {:.0} MB/s of \
         files, {:.0} MB/s of codes",
         folder.display(),
-        again.len(),
+        recomputed.len(),
         1.0e-6 * bytes as f64,
         1.0e-6 * samples as f64,
         1.0e-6 * bytes as f64 / took_s,
@@ -236,20 +236,20 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<usize, Failure> {
     let goal = out.unwrap_or(scratch.path());
     let points: Vec<_> = known
         .iter()
-        .zip(again)
-        .map(|(known, again)| (known.stage, again.point))
+        .zip(recomputed)
+        .map(|(known, recomputed)| (known.stage, recomputed.point))
         .collect();
-    let beside = recorded.settle(&points, goal, out.is_some() && recorded.stopped().is_none())?;
+    let others = recorded.settle(&points, goal, out.is_some() && recorded.stopped().is_none())?;
     tell(folder, goal)?;
     if let Some(out) = out {
         tidy(out)?;
         say!("  written: {}", out.display());
     }
-    Ok(beside.refused)
+    Ok(others.refused)
 }
 
 /// Compares the spectra of the index.
-fn tell(folder: &Path, again: &Path) -> Result<(), Failure> {
+fn tell(folder: &Path, recomputed: &Path) -> Result<(), Failure> {
     let text = fs::read_to_string(folder.join(INDEX)).unwrap_or_default();
     let index: RunIndex = serde_json::from_str(&text).unwrap_or_default();
     let files = index.sweeps.iter().map(|sweep| sweep.file.as_str());
@@ -258,9 +258,9 @@ fn tell(folder: &Path, again: &Path) -> Result<(), Failure> {
         let read = |folder: &Path| {
             dataset::read_spectrum_csv(&folder.join(file)).map_err(RecordError::from)
         };
-        let (was, is) = (read(folder)?, read(again)?);
+        let (was, is) = (read(folder)?, read(recomputed)?);
         spectra += 1;
-        if fs::read(folder.join(file))? == fs::read(again.join(file))? {
+        if fs::read(folder.join(file))? == fs::read(recomputed.join(file))? {
             identical += 1;
             continue;
         }
@@ -275,7 +275,7 @@ fn tell(folder: &Path, again: &Path) -> Result<(), Failure> {
         .collect();
     let mut same = 0;
     for file in &traces {
-        let differences = compare(folder, again, file)?;
+        let differences = compare(folder, recomputed, file)?;
         same += usize::from(differences.is_empty());
         differences
             .iter()

@@ -17,7 +17,7 @@ use super::replay::{Scratch, run_folders};
 use crate::{
     compare::{Difference, compare},
     failure::Failure,
-    run::{Again, Beside, Known, Recorded},
+    run::{OtherResults, RecomputedPoint, Recorded, RecordedPoint},
     sums::{self, Altered},
     terminal::say,
 };
@@ -126,24 +126,24 @@ fn counted(count: usize, none: &str, some: &str) -> String {
 fn points(folder: &Path) -> Result<(usize, Vec<Difference>), Failure> {
     let recorded = Recorded::read(folder)?;
     let known = recorded.points()?;
-    let again = recorded.analyse(&known)?;
-    Ok((known.len(), changed(&known, &again)))
+    let recomputed = recorded.analyse(&known)?;
+    Ok((known.len(), changed(&known, &recomputed)))
 }
 
-fn changed(known: &[Known], again: &[Again]) -> Vec<Difference> {
+fn changed(known: &[RecordedPoint], recomputed: &[RecomputedPoint]) -> Vec<Difference> {
     let differing = known
         .iter()
-        .zip(again)
-        .filter(|(known, again)| known.point != again.point);
-    let what = |known: &Known| {
+        .zip(recomputed)
+        .filter(|(known, recomputed)| known.point != recomputed.point);
+    let what = |known: &RecordedPoint| {
         format!(
             "the journal's point at {} Hz differs from what this capture gives",
             known.point.phasors.freq_hz
         )
     };
     differing
-        .map(|(known, again)| Difference {
-            file: again.file.clone(),
+        .map(|(known, recomputed)| Difference {
+            file: recomputed.file.clone(),
             what: what(known),
         })
         .collect()
@@ -153,15 +153,15 @@ fn changed(known: &[Known], again: &[Again]) -> Vec<Difference> {
 fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
     let recorded = Recorded::read(folder)?;
     let known = recorded.points()?;
-    let again = recorded.analyse(&known)?;
-    let mut differences = changed(&known, &again);
+    let recomputed = recorded.analyse(&known)?;
+    let mut differences = changed(&known, &recomputed);
     let scratch = Scratch::new("verify")?;
     let points: Vec<_> = known
         .iter()
-        .zip(again)
-        .map(|(known, again)| (known.stage, again.point))
+        .zip(recomputed)
+        .map(|(known, recomputed)| (known.stage, recomputed.point))
         .collect();
-    let beside = recorded.settle(&points, scratch.path(), true)?;
+    let others = recorded.settle(&points, scratch.path(), true)?;
     let files = made(scratch.path(), Path::new(""))?;
     let compared: Vec<Vec<Difference>> = files
         .par_iter()
@@ -182,16 +182,16 @@ fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
     say!(
         "{}: {}{} files recomputed from captures: {numbers}",
         folder.display(),
-        counts(known.len(), &beside),
+        counts(known.len(), &others),
         files.len()
     );
-    for file in &beside.as_read {
+    for file in &others.as_read {
         say!(
             "  {file}: its rows are what meters said, and no capture tells them anew: held against \
             its hash"
         );
     }
-    for file in &beside.uncommanded {
+    for file in &others.uncommanded {
         say!(
             "  {file}: recorded by a version that did not write down what was commanded: held \
             against its hash alone"
@@ -208,11 +208,11 @@ fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
 }
 
 /// How much was computed from captures.
-fn counts(points: usize, beside: &Beside) -> String {
+fn counts(points: usize, others: &OtherResults) -> String {
     let told = [
         (points, "points"),
-        (beside.lines, "lines of multisines"),
-        (beside.rows, "rows of traces"),
+        (others.lines, "lines of multisines"),
+        (others.rows, "rows of traces"),
     ];
     told.iter()
         .filter(|(count, _)| *count > 0)

@@ -18,7 +18,7 @@ use std::{
     thread,
 };
 
-pub(crate) use records::Beside;
+pub(crate) use records::OtherResults;
 
 use super::{
     FINISHED, multisine, results, resume_context, run_accumulator::RunAccumulator, sweep_writer,
@@ -64,7 +64,7 @@ pub(crate) struct Recorded {
 }
 
 /// A finished point as the journal knows it.
-pub(crate) struct Known {
+pub(crate) struct RecordedPoint {
     /// The number of its stage.
     pub(crate) stage: usize,
     /// All captures that were taken of it, relative to the folder.
@@ -74,7 +74,7 @@ pub(crate) struct Known {
 }
 
 /// The same point from the same capture, as the present program makes it.
-pub(crate) struct Again {
+pub(crate) struct RecomputedPoint {
     /// The point.
     pub(crate) point: SweepPoint,
     /// The capture.
@@ -148,7 +148,7 @@ impl Recorded {
     ///
     /// # Errors
     /// A journal with a sweep where the plan has none.
-    pub(crate) fn points(&self) -> Result<Vec<Known>, Failure> {
+    pub(crate) fn points(&self) -> Result<Vec<RecordedPoint>, Failure> {
         let mut known = Vec::new();
         for (stage, replay) in &self.replay.stages {
             for (step, done) in &replay.points {
@@ -161,7 +161,7 @@ impl Recorded {
                     );
                     return Err(Failure::Usage(text));
                 }
-                known.push(Known {
+                known.push(RecordedPoint {
                     stage: *stage,
                     files: self.files(*stage, *step),
                     point: done.point.clone(),
@@ -185,7 +185,7 @@ impl Recorded {
     ///
     /// # Errors
     /// A capture that cannot be read or analysed.
-    pub(crate) fn analyse(&self, known: &[Known]) -> Result<Vec<Again>, Failure> {
+    pub(crate) fn analyse(&self, known: &[RecordedPoint]) -> Result<Vec<RecomputedPoint>, Failure> {
         on_all_cores(known, |known| self.point(known))
     }
 
@@ -201,8 +201,8 @@ impl Recorded {
         points: &[(usize, SweepPoint)],
         out: &Path,
         whole: bool,
-    ) -> Result<Beside, Failure> {
-        let (mut recorder, mut beside) = (self.recorder(out)?, Beside::default());
+    ) -> Result<OtherResults, Failure> {
+        let (mut recorder, mut others) = (self.recorder(out)?, OtherResults::default());
         let inherited = self.inherited_correction()?;
         if let Some(correction) = &inherited {
             recorder.json(CORRECTION, correction)?;
@@ -228,7 +228,7 @@ impl Recorded {
             };
             if let Purpose::Multisine(repeat) = stage.purpose {
                 let (found, kept) = self.multisine(stage, repeat)?;
-                beside.lines += found.len();
+                others.lines += found.len();
                 let told = multisine::Told {
                     flagged: kept.flagged,
                     took_s: kept.took_s,
@@ -250,7 +250,7 @@ impl Recorded {
                     &mut recorder,
                     &accumulator.measured.correction,
                     trace,
-                    &mut beside,
+                    &mut others,
                 )?;
             }
             let Some((fixture, repeat)) = self.swept(number) else {
@@ -274,11 +274,11 @@ impl Recorded {
             accumulator.finish(&mut recorder, fixture, repeat, settled, true)?;
         }
         let measured = accumulator.whole(&recorder)?;
-        beside.refused = measured.refused();
+        others.refused = measured.refused();
         if whole {
             results::write(&mut recorder, &self.experiment, &measured)?;
         }
-        Ok(beside)
+        Ok(others)
     }
 
     fn swept(&self, stage: usize) -> Option<(Fixture, usize)> {
@@ -310,14 +310,14 @@ impl Recorded {
 
     /// A point from the capture that counts: the one that gives what the journal says; where none
     /// does, the latest.
-    fn point(&self, known: &Known) -> Result<Again, Failure> {
+    fn point(&self, known: &RecordedPoint) -> Result<RecomputedPoint, Failure> {
         let mut latest = None;
         for file in &known.files {
-            let again = self.of_capture(known, file)?;
-            if again.point.phasors == known.point.phasors {
-                return Ok(again);
+            let recomputed = self.of_capture(known, file)?;
+            if recomputed.point.phasors == known.point.phasors {
+                return Ok(recomputed);
             }
-            latest = latest.or(Some(again));
+            latest = latest.or(Some(recomputed));
         }
         let missing = || {
             Failure::Usage(format!(
@@ -328,7 +328,7 @@ impl Recorded {
         latest.ok_or_else(missing)
     }
 
-    fn of_capture(&self, known: &Known, file: &str) -> Result<Again, Failure> {
+    fn of_capture(&self, known: &RecordedPoint, file: &str) -> Result<RecomputedPoint, Failure> {
         let path = self.folder.join(file);
         let failed = |error: &dyn std::fmt::Display| Failure::Usage(error.to_string());
         let bytes = fs::metadata(&path)
@@ -384,7 +384,7 @@ impl Recorded {
             ..
         } = known.point;
         let samples = 4 * channels[0].len() as u64;
-        Ok(Again {
+        Ok(RecomputedPoint {
             point: SweepPoint {
                 time_s,
                 captures,

@@ -26,7 +26,7 @@ use crate::{
 
 /// Results that were recomputed beside the points of sweeps.
 #[derive(Debug, Default)]
-pub(crate) struct Beside {
+pub(crate) struct OtherResults {
     /// Lines of multisines.
     pub(crate) lines: usize,
     /// Rows of traces.
@@ -137,7 +137,7 @@ impl Recorded {
         recorder: &mut Recorder,
         correction: &Correction,
         trace: &TracePlan,
-        beside: &mut Beside,
+        others: &mut OtherResults,
     ) -> Result<(), Failure> {
         let known = recorder
             .index()
@@ -148,9 +148,9 @@ impl Recorded {
         let Some(entry) = known else { return Ok(()) };
         let Some(commanded) = entry.commanded.clone() else {
             let held = if trace.through == Through::LoadAndSupply {
-                &mut beside.as_read
+                &mut others.as_read
             } else {
-                &mut beside.uncommanded
+                &mut others.uncommanded
             };
             held.push(entry.file);
             return Ok(());
@@ -176,7 +176,7 @@ impl Recorded {
         for (row, was) in found.rows.iter_mut().zip(&was) {
             row.temperature_c = was.temperature_c;
         }
-        beside.rows += found.rows.len();
+        others.rows += found.rows.len();
         let [sample_sigma_a, sample_sigma_v] = found.scatter();
         let entry = TraceEntry {
             start_time_s,
