@@ -1,8 +1,8 @@
 //! Results of a finished run: fits, model files, plots, the report, and a summary for the terminal.
 
-mod beside;
 mod campaign;
 mod condition;
+mod multisine_and_trace;
 mod ocv;
 mod ranges;
 mod records;
@@ -38,7 +38,7 @@ pub(super) fn write(
     measured: &Measured,
 ) -> Result<String, Failure> {
     tell_controls(recorder, measured);
-    let mut shown = beside::write(recorder, measured)?;
+    let mut shown = multisine_and_trace::write(recorder, measured)?;
     let ocv = ocv::write(recorder, experiment, &mut shown)?;
     ranges::warn(recorder, measured)?;
     let text = evaluate(recorder, experiment, measured, shown)?;
@@ -75,7 +75,7 @@ fn evaluate(
     recorder: &mut Recorder,
     experiment: &Experiment,
     measured: &Measured,
-    shown: beside::Shown,
+    shown: multisine_and_trace::Shown,
 ) -> Result<String, Failure> {
     if measured.spectrum.points.is_empty() {
         report::without_sweeps(recorder, experiment, measured, shown)?;

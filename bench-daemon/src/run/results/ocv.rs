@@ -22,7 +22,7 @@ use crate::{
     record::{RecordError, Recorder},
 };
 
-use super::beside::{Shown, draw};
+use super::multisine_and_trace::{Shown, draw};
 
 /// After a change of the current the voltage is not that of a steady load for so long, s: six time
 /// constants of the slowest branch of the thesis' cell.

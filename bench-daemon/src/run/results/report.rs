@@ -11,9 +11,10 @@ use analysis::{
 use num_complex::Complex64;
 
 use super::{
-    beside::{Shown, draw},
     campaign::Told,
-    condition, records,
+    condition,
+    multisine_and_trace::{Shown, draw},
+    records,
     validity::{self, Judged},
 };
 use crate::{

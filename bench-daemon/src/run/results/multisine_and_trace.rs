@@ -128,7 +128,7 @@ fn multisine_chart(title: &str, run: &MultisineRun) -> Chart {
             .filter(|(_, percent)| *percent > 0.0);
         Trace::new(label, colour, TraceStyle::Points, points.collect())
     };
-    let beside = vec![
+    let shares = vec![
         share("noise", 6, |line| line.noise),
         share("even distortion", 2, |line| line.even),
         share("odd distortion", 3, |line| line.odd),
@@ -140,13 +140,13 @@ fn multisine_chart(title: &str, run: &MultisineRun) -> Chart {
             ..Panel::new(freq(), AxisSpec::linear("Phase / °"), vec![phase])
         },
     ];
-    if beside.iter().any(|trace| !trace.points.is_empty()) {
+    if shares.iter().any(|trace| !trace.points.is_empty()) {
         panels.push(Panel {
             aspect: 0.3,
             ..Panel::new(
                 freq(),
                 AxisSpec::logarithmic("% of the line's voltage"),
-                beside,
+                shares,
             )
         });
     }
