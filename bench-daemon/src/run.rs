@@ -3,10 +3,10 @@
 //! The bench is brought into safe state before this returns, once the instruments are known to be
 //! the configured ones. This also holds after a panic and after a request to stop.
 
+mod auto_resume;
 mod drive;
 mod manifest;
 mod multisine;
-mod persevere;
 mod play;
 mod recompute;
 pub(crate) mod results;

@@ -72,7 +72,7 @@ pub struct Experiment {
     /// that is asked for.
     pub diagnosed_rc: Option<usize>,
     /// Automatic retries after something has ended it.
-    pub perseverance: Perseverance,
+    pub auto_resume: AutoResume,
     /// The files that this was read from.
     pub sources: Vec<Source>,
 }
@@ -80,7 +80,7 @@ pub struct Experiment {
 /// When a run that something has ended goes on by itself. After what has touched a limit of the
 /// cell, and where an output is not known to be off, it never does.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Perseverance {
+pub struct AutoResume {
     /// How often after faults of the wire, which pass.
     pub passing: usize,
     /// The wait before that, s.

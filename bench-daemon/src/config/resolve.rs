@@ -8,7 +8,7 @@ use fixtures::Scenario;
 use instruments::transport::Address;
 
 use super::{
-    Cell, ConfigError, Experiment, Instruments, Perseverance, Source, check::Check, limits, raw,
+    AutoResume, Cell, ConfigError, Experiment, Instruments, Source, check::Check, limits, raw,
     resolve_bench::resolve_bench, source::in_field,
 };
 use crate::interlock::Limits;
@@ -145,10 +145,10 @@ pub fn resolve_experiment(
         .as_ref()
         .map(|section| check.diagnosis(section, &fit, eis.as_ref()))
         .transpose()?;
-    let perseverance = perseverance(&source, raw.resume.as_ref())?;
+    let auto_resume = auto_resume(&source, raw.resume.as_ref())?;
     Ok(Experiment {
         name: raw.name,
-        perseverance,
+        auto_resume,
         seed: raw.seed,
         bench,
         cell,
@@ -174,7 +174,7 @@ pub fn resolve_experiment(
 /// instrument to notice that its client has gone.
 const PASSING: (usize, f64) = (5, 5.0);
 
-fn perseverance(source: &Source, raw: Option<&raw::Resume>) -> Result<Perseverance, ConfigError> {
+fn auto_resume(source: &Source, raw: Option<&raw::Resume>) -> Result<AutoResume, ConfigError> {
     let within = |field: &str, value: f64, (least, greatest): (f64, f64), unit: &str| {
         let reason = || format!("expected {least}{unit} to {greatest}{unit}, found {value}{unit}");
         (least..=greatest)
@@ -182,7 +182,7 @@ fn perseverance(source: &Source, raw: Option<&raw::Resume>) -> Result<Perseveran
             .then_some(())
             .ok_or_else(|| source.complain(&format!("resume.{field}"), reason()))
     };
-    let none = Perseverance {
+    let none = AutoResume {
         passing: PASSING.0,
         pause_s: PASSING.1,
         most: 0,
@@ -193,7 +193,7 @@ fn perseverance(source: &Source, raw: Option<&raw::Resume>) -> Result<Perseveran
     within("most", raw.most as f64, (0.0, 20.0), "")?;
     let passing = raw.passing.unwrap_or(none.passing);
     within("passing", passing as f64, (0.0, 100.0), "")?;
-    Ok(Perseverance {
+    Ok(AutoResume {
         passing,
         most: raw.most,
         after_s: raw.after.si,

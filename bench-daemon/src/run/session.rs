@@ -87,7 +87,7 @@ impl Session {
     pub fn run(&mut self, experiment: &Experiment, folder: &Path) -> Result<Finished, Failure> {
         let stop = self.signals()?;
         let outcome = self.play(experiment, folder, None);
-        self.persevere(experiment, folder, outcome, stop)
+        self.resume_by_itself(experiment, folder, outcome, stop)
     }
 
     /// Goes on with a run in its folder.
@@ -102,7 +102,7 @@ impl Session {
     ) -> Result<Finished, Failure> {
         let stop = self.signals()?;
         let outcome = self.play(experiment, folder, Some(context));
-        self.persevere(experiment, folder, outcome, stop)
+        self.resume_by_itself(experiment, folder, outcome, stop)
     }
 
     /// Installs the signals that ask for the end from here on, whether or not anybody looks just

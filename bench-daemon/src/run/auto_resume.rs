@@ -8,7 +8,7 @@ use std::path::Path;
 use super::{Finished, ResumeContext, Session, stop::StopSignals};
 use crate::{
     bench::BenchError,
-    config::{Experiment, Perseverance},
+    config::{AutoResume, Experiment},
     executor::ExecuteError,
     failure::Failure,
     guardian::GuardianError,
@@ -24,7 +24,7 @@ const LOOK_S: f64 = 0.5;
 /// How often it may still go on by itself.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Budget {
-    policy: Perseverance,
+    policy: AutoResume,
     passing: usize,
     others: usize,
     /// Points that were finished when it went on last, when that was, bench s, how often nothing
@@ -45,7 +45,7 @@ const MOST_DOUBLED: usize = 6;
 const DONE_S: f64 = 600.0;
 
 impl Budget {
-    pub(super) fn of(policy: Perseverance) -> Self {
+    pub(super) fn of(policy: AutoResume) -> Self {
         Self {
             policy,
             passing: 0,
@@ -156,14 +156,14 @@ fn held(experiment: &Experiment, folder: &Path) -> Result<Option<(State, Lock)>,
 
 impl Session {
     /// Continues a run whose first part ended with `outcome`, where a retry is allowed.
-    pub(super) fn persevere(
+    pub(super) fn resume_by_itself(
         &mut self,
         experiment: &Experiment,
         folder: &Path,
         mut outcome: Result<Finished, Failure>,
         mut stop: StopSignals,
     ) -> Result<Finished, Failure> {
-        let mut budget = Budget::of(experiment.perseverance);
+        let mut budget = Budget::of(experiment.auto_resume);
         loop {
             let Err(failure) = &outcome else {
                 return outcome;
@@ -244,7 +244,7 @@ mod tests {
 
     /// The waits before six attempts; `at` gives finished points and time, s, of each failure.
     fn waits(most: usize, at: impl Fn(usize) -> (Failure, usize, f64)) -> Vec<Option<f64>> {
-        let mut budget = Budget::of(Perseverance {
+        let mut budget = Budget::of(AutoResume {
             passing: 5,
             pause_s: 5.0,
             most,
