@@ -19,7 +19,9 @@ use instruments::clock::{Clock, TimeMode};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
-use crate::{drill::Drill, interlock::Reading, measure::SweepPoint, reconcile::Found};
+use crate::{
+    drill::Drill, interlock::Reading, measure::SweepPoint, state_readback::InstrumentReadback,
+};
 
 /// Words by which a note of an older journal tells that the state of charge was missed.
 const SOC_MISSED: &str = "SOC reset: expected ";
@@ -100,7 +102,7 @@ pub enum Entry {
     /// Something odd, for the report.
     Note(Note),
     /// State of an instrument that a resumed run found before it changed anything.
-    Found(Found),
+    Found(InstrumentReadback),
     /// The run goes on after its process had died or been stopped.
     Resumed {
         /// Where it goes on, in words.

@@ -14,8 +14,8 @@ use crate::{
     guardian::last_cell_c,
     interlock::NO_CURRENT_A,
     journal::{self, Entry, Line},
-    reconcile,
     state::{Latched, OpenRun, State, StateError},
+    state_readback,
     terminal::remark,
 };
 
@@ -43,14 +43,14 @@ pub(super) async fn settle(
         taps: BTreeMap::new(),
     };
     let mut bench = Bench::unconnected(bench, &connections)?;
-    let found = reconcile::look_each(&mut bench).await;
+    let found = state_readback::look_each(&mut bench).await;
     let quiet = found.iter().all(|found| {
         found
             .as_ref()
             .is_ok_and(|found| found.off && found.amps.unwrap_or(0.0).abs() <= NO_CURRENT_A)
     });
     // A bath moves no charge: what it does is told, and judged by nobody but the reader.
-    let bath = reconcile::look_bath(&mut bench).await;
+    let bath = state_readback::look_bath(&mut bench).await;
     let listed: Vec<String> = found
         .iter()
         .chain(&bath)

@@ -24,9 +24,9 @@ use crate::{
     plan::Checked,
     present::quoted,
     progress::Progress,
-    reconcile,
     record::Recorder,
     sim::Simulation,
+    state_readback,
     terminal::remark,
 };
 
@@ -47,7 +47,7 @@ pub(super) struct Run<'a> {
 /// Refuses a bench on which something is switched on that can move charge: another program may be
 /// at it, and nothing was changed yet.
 pub(crate) async fn nobody_drives(bench: &mut Bench) -> Result<(), Failure> {
-    let found = reconcile::look(bench).await?;
+    let found = state_readback::look(bench).await?;
     // A bipolar supply that knows no off stands at zero while its generator does.
     let commanded = found
         .iter()

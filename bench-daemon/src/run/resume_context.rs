@@ -19,8 +19,9 @@ use crate::{
     journal::{self, ConfigCopy, Entry, Read, Started},
     journal_replay::{JournalReplay, ResumeDecision},
     plan::{Plan, Purpose, Stage, Step},
-    procedure, reconcile,
+    procedure,
     record::{Event, Recorder},
+    state_readback,
 };
 
 /// The voltage at rest may differ by this much from that before the sweep, V. A sweep moves no
@@ -232,7 +233,7 @@ impl ResumeContext {
 impl Run<'_> {
     /// Writes down what the instruments are found in before anything is sent that changes them.
     pub(super) async fn read_back_outputs(&mut self, bench: &mut Bench) -> Result<(), Failure> {
-        let found = reconcile::look(bench).await?;
+        let found = state_readback::look(bench).await?;
         for found in &found {
             self.recorder.event(Event::Bench, &found.to_string())?;
             self.recorder.journal(Entry::Found(found.clone()))?;

@@ -34,7 +34,7 @@ const DAEMON: &[&str] = &[
     "bench",
     "sim",
     "survey",
-    "reconcile",
+    "state_readback",
     "present",
     "journal",
     "journal_replay",

@@ -11,7 +11,7 @@ use crate::bench::{Bench, BenchError};
 
 /// State in which one instrument was found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Found {
+pub struct InstrumentReadback {
     /// Its role.
     pub role: String,
     /// Its output is off, or opened so that nothing can flow.
@@ -24,7 +24,7 @@ pub struct Found {
     pub amps: Option<f64>,
 }
 
-impl Found {
+impl InstrumentReadback {
     /// It can move charge; a bath cannot.
     pub fn moves_charge(&self) -> bool {
         self.role != "chiller"
@@ -35,14 +35,14 @@ impl Found {
 ///
 /// # Errors
 /// The first instrument that does not answer.
-pub async fn look(bench: &mut Bench) -> Result<Vec<Found>, BenchError> {
+pub async fn look(bench: &mut Bench) -> Result<Vec<InstrumentReadback>, BenchError> {
     let drives = look_each(bench).await;
     drives.into_iter().chain(look_bath(bench).await).collect()
 }
 
 /// Looks at the bath: whether it stands still, or its relays are open. What is not connected is
 /// connected to.
-pub async fn look_bath(bench: &mut Bench) -> Option<Result<Found, BenchError>> {
+pub async fn look_bath(bench: &mut Bench) -> Option<Result<InstrumentReadback, BenchError>> {
     let error = bench.error("chiller");
     let bath = bench.chiller.as_mut()?;
     let answers = async {
@@ -53,7 +53,7 @@ pub async fn look_bath(bench: &mut Bench) -> Option<Result<Found, BenchError>> {
     };
     let found = answers.await.map(|answers| {
         let off = answers.iter().all(|answer| answer.as_scripted);
-        Found {
+        InstrumentReadback {
             role: "chiller".to_owned(),
             off,
             answers,
@@ -66,7 +66,7 @@ pub async fn look_bath(bench: &mut Bench) -> Option<Result<Found, BenchError>> {
 
 /// Looks at everything that can move charge, each by itself: one that does not answer does not keep
 /// the others from being looked at. What is not connected is connected to.
-pub async fn look_each(bench: &mut Bench) -> Vec<Result<Found, BenchError>> {
+pub async fn look_each(bench: &mut Bench) -> Vec<Result<InstrumentReadback, BenchError>> {
     let mut all = Vec::new();
     macro_rules! look {
         ($role:literal, $field:ident, $measure:expr) => {
@@ -80,7 +80,7 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<Found, BenchError>> {
                     let off = answers.iter().all(|answer| answer.as_scripted);
                     #[allow(clippy::redundant_closure_call, reason = "only some roles measure")]
                     let (volts, amps) = $measure(instrument).await?;
-                    Ok(Found {
+                    Ok(InstrumentReadback {
                         role: $role.to_owned(),
                         off,
                         answers,
@@ -123,7 +123,7 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<Found, BenchError>> {
     all
 }
 
-impl std::fmt::Display for Found {
+impl std::fmt::Display for InstrumentReadback {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let measured = match (self.volts, self.amps) {
             (Some(volts), Some(amps)) => format!(", {volts:.4} V, {amps:.4} A"),
