@@ -25,7 +25,7 @@ use crate::bench::{Bench, for_roles};
 
 /// Statement of an instrument about itself.
 #[derive(Debug, Clone, Serialize)]
-pub struct Said {
+pub struct InstrumentReport {
     /// Its identity.
     pub identity: Identity,
     /// That is a model that the dialect is made for.
@@ -38,7 +38,7 @@ pub struct Said {
     pub health: Vec<String>,
 }
 
-impl Said {
+impl InstrumentReport {
     /// Nothing but who it is: what it would answer to the questions of another model is nobody's
     /// guess.
     pub fn unknown(identity: Identity) -> Self {
@@ -54,7 +54,7 @@ impl Said {
 
 /// An instrument of any role.
 #[expect(missing_docs, reason = "the roles")]
-pub enum Any {
+pub enum AnyInstrument {
     Supply4q(Supply4q),
     Generator(Generator),
     Scope(Scope),
@@ -67,7 +67,7 @@ pub enum Any {
 
 /// A dialect of any role.
 #[derive(Clone, Copy)]
-pub struct Known {
+pub struct KnownDialect {
     /// The role.
     pub role: &'static str,
     /// The name in a bench file.
@@ -76,11 +76,11 @@ pub struct Known {
     pub profile: LinkProfile,
     /// The question for the identity.
     pub question: &'static str,
-    dialect: Spoken,
+    dialect: RoleDialect,
 }
 
 #[derive(Clone, Copy)]
-enum Spoken {
+enum RoleDialect {
     Supply4q(&'static dyn supply4q::Dialect),
     Generator(&'static dyn generator::Dialect),
     Scope(&'static dyn scope::Dialect),
@@ -90,14 +90,14 @@ enum Spoken {
     Logger(&'static dyn logger::Dialect),
 }
 
-impl Known {
+impl KnownDialect {
     /// Every dialect, role by role.
     pub fn all() -> Vec<Self> {
         let mut all = Vec::new();
         macro_rules! add {
             ($($module:ident $variant:ident,)+) => {
                 $(all.extend($module::DIALECTS.iter().map(|dialect| {
-                    known(stringify!($module), *dialect, Spoken::$variant(*dialect))
+                    known(stringify!($module), *dialect, RoleDialect::$variant(*dialect))
                 }));)+
             };
         }
@@ -109,46 +109,54 @@ impl Known {
     pub fn recognises(&self, identity: &Identity) -> bool {
         macro_rules! ask {
             ($($module:ident $variant:ident,)+) => {
-                match self.dialect { $(Spoken::$variant(dialect) => dialect.recognises(identity),)+ }
+                match self.dialect {
+                    $(RoleDialect::$variant(dialect) => dialect.recognises(identity),)+
+                }
             };
         }
         for_roles!(ask)
     }
 
     /// Puts the dialect on a link. Sends nothing.
-    pub fn on(&self, link: Link) -> Any {
+    pub fn on(&self, link: Link) -> AnyInstrument {
         macro_rules! put {
             ($($module:ident $variant:ident,)+) => {
-                match self.dialect { $(Spoken::$variant(dialect) => Any::$variant(Instrument::new(link, dialect)),)+ }
+                match self.dialect {
+                    $(RoleDialect::$variant(dialect) => AnyInstrument::$variant(Instrument::new(link, dialect)),)+
+                }
             };
         }
         for_roles!(put)
     }
 }
 
-fn known<D: Model + ?Sized>(role: &'static str, dialect: &'static D, spoken: Spoken) -> Known {
-    Known {
+fn known<D: Model + ?Sized>(
+    role: &'static str,
+    dialect: &'static D,
+    dialect_of_role: RoleDialect,
+) -> KnownDialect {
+    KnownDialect {
         role,
         key: dialect.key(),
         profile: dialect.profile(),
         question: dialect.identity_query(),
-        dialect: spoken,
+        dialect: dialect_of_role,
     }
 }
 
-impl Any {
+impl AnyInstrument {
     /// The instruments of a bench with their roles, in a fixed order.
     pub fn of(bench: Bench) -> Vec<(&'static str, Self)> {
         let mut all = Vec::new();
         macro_rules! add {
             ($($module:ident $variant:ident,)+) => {
                 $(all.extend(
-                    bench.$module.map(|known| (stringify!($module), Any::$variant(known))),
+                    bench.$module.map(|known| (stringify!($module), AnyInstrument::$variant(known))),
                 );)+
             };
         }
         for_roles!(add);
-        all.extend(bench.jig.map(|jig| ("jig", Any::Jig(jig))));
+        all.extend(bench.jig.map(|jig| ("jig", AnyInstrument::Jig(jig))));
         all
     }
 
@@ -156,10 +164,10 @@ impl Any {
     ///
     /// # Errors
     /// The link's.
-    pub async fn say(&mut self) -> Result<Said, LinkError> {
+    pub async fn describe(&mut self) -> Result<InstrumentReport, LinkError> {
         let (identity, recognised) = self.identify().await?;
         if !recognised {
-            return Ok(Said::unknown(identity));
+            return Ok(InstrumentReport::unknown(identity));
         }
         let capabilities = self.capabilities();
         let questions = self.questions();
@@ -184,7 +192,7 @@ impl Any {
             health.extend(status.alarm);
             health.extend((!status.remote).then(|| format!("not in remote mode: {}", status.raw)));
         }
-        Ok(Said {
+        Ok(InstrumentReport {
             identity,
             recognised,
             capabilities,

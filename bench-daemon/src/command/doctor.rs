@@ -29,7 +29,7 @@ use crate::{
     run::{StopSignals, caught, nobody_drives},
     sim::Simulation,
     state::{self, Lock, State},
-    survey::Any,
+    survey::AnyInstrument,
     terminal::{remark, say},
 };
 
@@ -350,9 +350,9 @@ impl Visit<'_> {
                 instruments: self.config.instruments.only(role),
                 ..self.config.clone()
             };
-            let said = match Bench::open(&one, connections).await.map(Any::of) {
+            let said = match Bench::open(&one, connections).await.map(AnyInstrument::of) {
                 Ok(mut any) => match any.first_mut() {
-                    Some((_, any)) => any.say().await.map_err(|error| error.to_string()),
+                    Some((_, any)) => any.describe().await.map_err(|error| error.to_string()),
                     None => Err("no dialect".to_owned()),
                 },
                 Err(error) => Err(error.to_string()),

@@ -19,7 +19,7 @@ use crate::{
     doctor,
     failure::Failure,
     sim::Simulation,
-    survey::{Any, Known, Said},
+    survey::{AnyInstrument, InstrumentReport, KnownDialect},
     terminal::say,
 };
 
@@ -44,7 +44,7 @@ struct Found {
     model: Option<String>,
     address: String,
     #[serde(flatten)]
-    said: Option<Said>,
+    said: Option<InstrumentReport>,
     /// Reason why it did not answer.
     failure: Option<String>,
     /// Wall time from connecting to the last answer, s.
@@ -149,12 +149,12 @@ async fn ask(
     one: &config::Bench,
     instrument: &config::Instrument,
     connections: &Connections,
-) -> Result<Said, BenchError> {
-    let first = Any::of(Bench::open(one, connections).await?)
+) -> Result<InstrumentReport, BenchError> {
+    let first = AnyInstrument::of(Bench::open(one, connections).await?)
         .into_iter()
         .next();
     let (role, mut any) = first.ok_or(BenchError::Missing { role: "instrument" })?;
-    let said = any.say().await;
+    let said = any.describe().await;
     said.map_err(|source| BenchError::Link {
         role,
         model: instrument.model.clone(),
@@ -165,7 +165,7 @@ async fn ask(
 fn found(
     role: Option<&'static str>,
     instrument: &config::Instrument,
-    outcome: Result<Said, BenchError>,
+    outcome: Result<InstrumentReport, BenchError>,
     took_s: f64,
 ) -> Found {
     let (said, failure) = match outcome {
@@ -193,7 +193,7 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
         let clock = Clock::start(TimeMode::Real);
         let (mut answered, mut failure) = (None, None);
         for way in ways() {
-            let mut spoken = false;
+            let mut dialect_of_role = false;
             // A terminator that the instrument before did not know may have left half a message
             // behind.
             for _ in 0..if way.profile.terminator == Terminator::Lf {
@@ -202,14 +202,14 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
                 2
             } {
                 match identity(address, &way, &clock).await {
-                    Ok(identity) => (answered, spoken) = (Some(identity), true),
+                    Ok(identity) => (answered, dialect_of_role) = (Some(identity), true),
                     Err(error) => failure = Some(error),
                 }
-                if spoken {
+                if dialect_of_role {
                     break;
                 }
             }
-            if spoken
+            if dialect_of_role
                 || matches!(
                     failure,
                     Some(LinkError::Connect { .. } | LinkError::ConnectTimeout { .. })
@@ -219,10 +219,10 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
             }
         }
         let mut all = Vec::new();
-        let known: Vec<Known> = answered
+        let known: Vec<KnownDialect> = answered
             .iter()
             .flat_map(|identity| {
-                Known::all()
+                KnownDialect::all()
                     .into_iter()
                     .filter(|known| known.recognises(identity))
             })
@@ -230,7 +230,7 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
         for known in &known {
             let start_s = clock.machine_s();
             let said = match Link::open(options(address, known, &clock)).await {
-                Ok(link) => known.on(link).say().await,
+                Ok(link) => known.on(link).describe().await,
                 Err(error) => Err(error),
             };
             let took_s = clock.machine_s() - start_s;
@@ -253,7 +253,7 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
             let could_be_forced = answered
                 .as_ref()
                 .map_or_else(Vec::new, |identity| forcing(None, identity, address));
-            let said = answered.map(Said::unknown);
+            let said = answered.map(InstrumentReport::unknown);
             let failure = failure
                 .filter(|_| said.is_none())
                 .map(|error| error.to_string());
@@ -275,10 +275,10 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
 }
 
 /// One dialect for each way of asking who is there.
-fn ways() -> Vec<Known> {
-    let mut ways: Vec<Known> = Vec::new();
-    for known in Known::all() {
-        let same = |other: &Known| {
+fn ways() -> Vec<KnownDialect> {
+    let mut ways: Vec<KnownDialect> = Vec::new();
+    for known in KnownDialect::all() {
+        let same = |other: &KnownDialect| {
             other.question == known.question && other.profile.terminator == known.profile.terminator
         };
         if !ways.iter().any(same) {
@@ -288,12 +288,16 @@ fn ways() -> Vec<Known> {
     ways
 }
 
-async fn identity(address: &Address, way: &Known, clock: &Clock) -> Result<Identity, LinkError> {
+async fn identity(
+    address: &Address,
+    way: &KnownDialect,
+    clock: &Clock,
+) -> Result<Identity, LinkError> {
     let mut link = Link::open(options(address, way, clock)).await?;
     Ok(Identity::parse(&link.query(way.question).await?))
 }
 
-fn options(address: &Address, known: &Known, clock: &Clock) -> LinkOptions {
+fn options(address: &Address, known: &KnownDialect, clock: &Clock) -> LinkOptions {
     let (name, profile) = (address.to_string(), known.profile);
     LinkOptions {
         name,
@@ -309,11 +313,11 @@ fn options(address: &Address, known: &Known, clock: &Clock) -> LinkOptions {
 /// maker come first.
 fn forcing(role: Option<&str>, identity: &Identity, address: &Address) -> Vec<String> {
     let maker = identity.maker.to_lowercase();
-    let mut known: Vec<Known> = Known::all()
+    let mut known: Vec<KnownDialect> = KnownDialect::all()
         .into_iter()
         .filter(|known| role.is_none_or(|role| role == known.role))
         .collect();
-    let akin = |known: &Known| {
+    let akin = |known: &KnownDialect| {
         known
             .key
             .split('-')
@@ -327,7 +331,7 @@ fn forcing(role: Option<&str>, identity: &Identity, address: &Address) -> Vec<St
     } else {
         identity.raw.clone()
     };
-    let line = |known: &Known| {
+    let line = |known: &KnownDialect| {
         let more = if known.role == "logger" {
             ", cell_channel = 101"
         } else {

@@ -9,7 +9,7 @@ use instruments::{
 };
 
 use super::{Examination, Findings, Texts, Verdict, live::LIMITS};
-use crate::{bench::BenchError, survey::Said};
+use crate::{bench::BenchError, survey::InstrumentReport};
 
 /// Temperatures of a laboratory, °C, and how far two thermometers at rest may be apart, K.
 const ROOM_C: (f64, f64) = (-20.0, 80.0);
@@ -19,7 +19,7 @@ const APART_K: f64 = 10.0;
 pub fn reached(
     findings: &mut Findings,
     role: &str,
-    said: Result<&Said, String>,
+    said: Result<&InstrumentReport, String>,
     model: &str,
 ) -> bool {
     let id = format!("reach.{role}");
