@@ -1,10 +1,10 @@
 //! Executes the steps of a checked plan with the instruments, and writes readings and records. The
 //! caller brings the bench into safe state afterwards, whatever the outcome.
 
-mod agree;
 mod ahead;
 mod burst;
 mod crest;
+mod cross_check;
 mod dc;
 mod error;
 mod gate;

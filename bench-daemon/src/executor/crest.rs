@@ -115,7 +115,7 @@ impl Rig<'_> {
         }
         let cell = difference(high, low);
         // The scope may be wrong: the voltmeter says where the cell is between the crests.
-        let agreed = self.agree_with_scope(waveforms, amplitude_a * MOST_OHM);
+        let agreed = self.cross_check_scope(waveforms, amplitude_a * MOST_OHM);
         let (least_v, greatest_v) = cell
             .iter()
             .fold((f64::INFINITY, f64::NEG_INFINITY), |(least, most), v| {

@@ -307,7 +307,7 @@ impl Executor<'_> {
             self.rig.look_back().await?;
             self.rig.others_off(&["load", "supply"]).await?;
             self.rig
-                .agree_with_charger(terminal.value(), volts, amps.value())?;
+                .cross_check_charger(terminal.value(), volts, amps.value())?;
             if volts >= until_v {
                 break;
             }

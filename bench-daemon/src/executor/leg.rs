@@ -158,7 +158,7 @@ impl Executor<'_> {
             let fed_a = fed.value();
             self.keep("charge", &mut last_s, volts, fed_a).await?;
             self.rig
-                .agree_with_charger(terminal.value(), volts, fed_a)?;
+                .cross_check_charger(terminal.value(), volts, fed_a)?;
             let full = poll >= RISEN_POLLS && volts > limit_v - NEAR_LIMIT_V && fed_a <= cut_off_a;
             if full
                 || charge_c.is_some_and(|charge_c| self.direct.legs.charge_c - from_c >= charge_c)

@@ -233,7 +233,7 @@ impl Rig<'_> {
         work.polls += 1;
         // The first reading may still see what was before the step.
         if let Some(terminal_v) = terminal_v.filter(|_| work.polls >= 2) {
-            self.agree_with_charger(terminal_v, volts, current_a)?;
+            self.cross_check_charger(terminal_v, volts, current_a)?;
         }
         self.nothing_else(work, drawn_a).await?;
         match work.flowing {

@@ -192,7 +192,7 @@ impl Executor<'_> {
                 };
                 let point = analyse(&asked, &Taken::of(&waveforms), warnings)?;
                 let met_a = self.rig.check_current(&point, amplitude_a)?;
-                self.rig.agree_with_supply(effective_a, met_a)?;
+                self.rig.cross_check_supply(effective_a, met_a)?;
                 return Ok(SweepPoint {
                     time_s,
                     captures: attempt_in_all + 1,

@@ -500,7 +500,7 @@ impl Rig<'_> {
     /// The cell's temperature with every tenth reading, or earlier when it grows old.
     pub(super) async fn temperature_now_and_then(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.regulate().await?;
-        self.agree().await?;
+        self.check_stuck_meter().await?;
         self.watching.polls = self.watching.polls.wrapping_add(1);
         let due = self.watching.polls.is_multiple_of(TEMPERATURE_EVERY)
             || self.interlock.wants_temperature(self.clock.machine_s());
@@ -516,7 +516,7 @@ impl Rig<'_> {
     /// whether it still runs.
     pub(super) async fn cell_temperature(&mut self) -> Result<Option<f64>, ExecuteError> {
         self.regulate().await?;
-        self.agree().await?;
+        self.check_stuck_meter().await?;
         self.watch_chiller().await?;
         let error = self.bench.error("logger");
         let Some(logger) = self.bench.logger.as_mut() else {
@@ -534,7 +534,7 @@ impl Rig<'_> {
                 .flatten()
                 .map_or(f64::NAN, |celsius| celsius.value()),
         );
-        self.agree_with_bath().await?;
+        self.cross_check_bath().await?;
         Ok(self.temperatures.last_c)
     }
 

@@ -32,7 +32,7 @@ const EFFECTIVE: f64 = 0.3;
 
 impl Rig<'_> {
     /// Refuses to go on with a meter that stands still although its noise would move it.
-    pub(super) async fn agree(&mut self) -> Result<(), ExecuteError> {
+    pub(super) async fn check_stuck_meter(&mut self) -> Result<(), ExecuteError> {
         let Some(Stuck {
             quantity,
             times,
@@ -103,7 +103,7 @@ impl Rig<'_> {
 
     /// A bath that holds the cell is not far from it. While nothing can flow, or the temperature is
     /// to change, nothing is judged.
-    pub(super) async fn agree_with_bath(&mut self) -> Result<(), ExecuteError> {
+    pub(super) async fn cross_check_bath(&mut self) -> Result<(), ExecuteError> {
         let judged = self.interlock.is_live() && !self.interlock.tempering();
         let Some(cell_c) = self
             .temperatures
@@ -137,7 +137,7 @@ impl Rig<'_> {
     }
 
     /// The mean of the scope's record of the cell against the voltmeter.
-    pub(super) fn agree_with_scope(
+    pub(super) fn cross_check_scope(
         &self,
         [_, _, low, high]: &[Waveform; 4],
         amplitude_v: f64,
@@ -169,7 +169,7 @@ impl Rig<'_> {
 
     /// Compares the charger's terminal voltage while it charges with the cell's voltage and the
     /// drop of its leads.
-    pub(super) fn agree_with_charger(
+    pub(super) fn cross_check_charger(
         &self,
         terminal_v: f64,
         cell_v: f64,
@@ -196,7 +196,7 @@ impl Rig<'_> {
 
     /// The effective current by the supply's own readings of a period, where they follow it,
     /// against the amplitude in the record.
-    pub(super) fn agree_with_supply(
+    pub(super) fn cross_check_supply(
         &self,
         supply_a: Option<f64>,
         amplitude_a: f64,
