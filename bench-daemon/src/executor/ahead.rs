@@ -165,7 +165,7 @@ impl Rig<'_> {
     }
 
     /// When a point may be stopped: settled, and the scope armed for long enough, bench s.
-    pub(super) fn ripe_s(&self, tone: &Tone, driven_s: f64, screen_s: f64) -> f64 {
+    pub(super) fn settled_at_s(&self, tone: &Tone, driven_s: f64, screen_s: f64) -> f64 {
         (driven_s + tone.wait_s).max(self.clock.now_s() + screen_s + 1.0 / tone.freq_hz + ARMED_S)
     }
 }

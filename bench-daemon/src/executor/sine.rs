@@ -256,12 +256,12 @@ impl Executor<'_> {
         let span = Seconds(settings.periods_on_screen / tone.freq_hz);
         let overlaps = self.rig.overlaps(settings);
         let screen_s = self.scope.arm(self.rig.bench, span, overlaps).await?;
-        let ripe_s = if overlaps {
-            self.rig.ripe_s(tone, driven_s, screen_s)
+        let settled_at_s = if overlaps {
+            self.rig.settled_at_s(tone, driven_s, screen_s)
         } else {
             self.rig.clock.now_s() + tone.wait_s
         };
-        if self.rig.falls_short(ripe_s) {
+        if self.rig.falls_short(settled_at_s) {
             return Ok(None);
         }
         let chosen = if overlaps {
@@ -271,7 +271,7 @@ impl Executor<'_> {
                 .choose(1, settings.depth.record_points)
                 .await
                 .map_err(error)?;
-            self.watch_until(ripe_s, fixture).await?;
+            self.watch_until(settled_at_s, fixture).await?;
             chosen
         } else {
             self.rig.wait_watching(tone.wait_s, "sine", fixture).await?;
