@@ -1,7 +1,6 @@
 //! Executes the steps of a checked plan with the instruments, and writes readings and records. The
 //! caller brings the bench into safe state afterwards, whatever the outcome.
 
-mod ahead;
 mod burst;
 mod crest;
 mod cross_check;
@@ -13,6 +12,7 @@ mod handle_request;
 mod leg;
 mod metered;
 mod multisine;
+mod point_overlap;
 mod power;
 mod record;
 mod resume_point;
@@ -31,9 +31,9 @@ use std::sync::Arc;
 use analysis::calibration::Correction;
 use instruments::fixture::Fixture;
 
-use ahead::{Next, SweepState};
 pub use error::ExecuteError;
 pub(crate) use multisine::{BandFit, fit_band};
+use point_overlap::{NextPoint, SweepState};
 pub(crate) use record::{Asked, Taken, analyse};
 pub use resume_point::ResumePoint;
 pub use rig::Rig;
@@ -147,7 +147,7 @@ impl<'a> Executor<'a> {
             }
             self.sweep.next = match step {
                 Step::Sine { settings, .. } if self.rig.overlaps(settings) => {
-                    Next::after(number, stage, index, |at, step| {
+                    NextPoint::after(number, stage, index, |at, step| {
                         resume_point.plays(stage, at, step)
                     })
                 }

@@ -10,9 +10,9 @@ use instruments::{
 
 use super::{
     ExecuteError, Executor, Rig,
-    ahead::Tone,
     burst::MOST_LONGER,
     crest::Drawn,
+    point_overlap::Tone,
     record::{Asked, Taken, analyse},
     require,
     watch::drawn,
@@ -113,7 +113,7 @@ impl Executor<'_> {
             amplitude_a,
             wait_s,
         };
-        let mut driven_s = match self.sweep.taken_ahead(&tone) {
+        let mut driven_s = match self.sweep.take_started(&tone) {
             Some(since_s) => since_s,
             None => self.driven(fixture, &tone).await?,
         };
@@ -128,7 +128,7 @@ impl Executor<'_> {
             if attempt > 0 {
                 // The generator may have gone on already, and the ranges are new in any case.
                 self.rig.begin(fixture, step);
-                driven_s = match self.sweep.taken_ahead(&tone) {
+                driven_s = match self.sweep.take_started(&tone) {
                     None if self.sweep.next.is_none()
                         && self.rig.driving.burst.ends_s.is_infinite() =>
                     {
@@ -287,7 +287,7 @@ impl Executor<'_> {
             return Ok(None);
         }
         let effective_a = self.rig.interlock.effective_a();
-        self.go_ahead(fixture).await?;
+        self.start_next_point(fixture).await?;
         let waveforms = self.rig.fetch_frame(settings, chosen, fixture).await?;
         self.scope.check_frame(tone.freq_hz, &waveforms, screen_s)?;
         let four = waveforms.try_into().map_err(|_| ExecuteError::Signal {

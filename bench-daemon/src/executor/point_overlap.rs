@@ -34,7 +34,7 @@ pub(super) struct Tone {
 
 /// The point that comes after the one in work.
 #[derive(Debug, Clone)]
-pub(super) struct Next {
+pub(super) struct NextPoint {
     stage: usize,
     step: usize,
     sine: Step,
@@ -43,7 +43,7 @@ pub(super) struct Next {
 
 /// The generator is at the next point already.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Ahead {
+pub(super) struct StartedPoint {
     tone: Tone,
     /// Since when, bench s.
     since_s: f64,
@@ -53,16 +53,16 @@ pub(super) struct Ahead {
 #[derive(Default)]
 pub(super) struct SweepState {
     /// The point after the one in work, where the generator may go on to it.
-    pub(super) next: Option<Next>,
+    pub(super) next: Option<NextPoint>,
     /// The step that is in the journal before its turn.
     pub(super) announced: Option<usize>,
     /// The generator has gone on.
-    pub(super) ahead: Option<Ahead>,
+    pub(super) started: Option<StartedPoint>,
     /// Effort that went into measuring points of the sweep again.
     pub(super) spent: Spent,
 }
 
-impl Next {
+impl NextPoint {
     /// The point after a step of a stage, where both are points and that one is played.
     pub(super) fn after(
         number: usize,
@@ -121,16 +121,19 @@ impl SweepState {
     }
 
     /// Since when the generator plays this point, if it does.
-    pub(super) fn taken_ahead(&mut self, tone: &Tone) -> Option<f64> {
-        let same = |ahead: &Ahead| {
-            ahead.tone.freq_hz == tone.freq_hz && ahead.tone.amplitude_a == tone.amplitude_a
+    pub(super) fn take_started(&mut self, tone: &Tone) -> Option<f64> {
+        let same = |started: &StartedPoint| {
+            started.tone.freq_hz == tone.freq_hz && started.tone.amplitude_a == tone.amplitude_a
         };
-        self.ahead.take().filter(same).map(|ahead| ahead.since_s)
+        self.started
+            .take()
+            .filter(same)
+            .map(|started| started.since_s)
     }
 
     /// Forgets what was begun before its turn.
     pub(super) fn fall_back(&mut self) {
-        (self.announced, self.ahead) = (None, None);
+        (self.announced, self.started) = (None, None);
     }
 }
 
@@ -173,7 +176,7 @@ impl Rig<'_> {
 impl Executor<'_> {
     /// The scope holds its record: the generator goes on. Where crests would not be allowed the
     /// next step is to say so.
-    pub(super) async fn go_ahead(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
+    pub(super) async fn start_next_point(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         let Some(next) = self.sweep.next.clone() else {
             return Ok(());
         };
@@ -193,7 +196,7 @@ impl Executor<'_> {
         } else {
             proven_s
         };
-        self.sweep.ahead = Some(Ahead { tone, since_s });
+        self.sweep.started = Some(StartedPoint { tone, since_s });
         Ok(())
     }
 
