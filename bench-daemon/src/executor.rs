@@ -34,7 +34,7 @@ use instruments::fixture::Fixture;
 pub use error::ExecuteError;
 pub(crate) use multisine::{BandFit, fit_band};
 use point_overlap::{NextPoint, SweepState};
-pub(crate) use record::{Asked, Taken, analyse};
+pub(crate) use record::{ChannelRecord, PointRequest, analyse};
 pub use resume_point::ResumePoint;
 pub use rig::Rig;
 use screen::Screen;

@@ -33,7 +33,7 @@ const FREQ_TOLERANCE: f64 = 2.0e-3;
 
 /// Point to which a record belongs.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Asked {
+pub(crate) struct PointRequest {
     pub(crate) fixture: Fixture,
     pub(crate) index: usize,
     pub(crate) freq_hz: f64,
@@ -42,7 +42,7 @@ pub(crate) struct Asked {
 
 /// A record of the four channels, wherever its samples are.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Taken<'a> {
+pub(crate) struct ChannelRecord<'a> {
     pub(crate) channels: [Channel<'a>; 4],
     pub(crate) interval_s: f64,
     pub(crate) volts_per_div: [f64; 4],
@@ -50,7 +50,7 @@ pub(crate) struct Taken<'a> {
     pub(crate) lsb_v: [f64; 4],
 }
 
-impl<'a> Taken<'a> {
+impl<'a> ChannelRecord<'a> {
     /// Record as the scope has just returned it.
     pub(crate) fn of(waveforms: &'a [Waveform; 4]) -> Self {
         Self {
@@ -70,23 +70,23 @@ impl<'a> Taken<'a> {
 
 /// The point that a record gives; what only the run knows of it is left to the caller.
 pub(crate) fn analyse(
-    asked: &Asked,
-    taken: &Taken<'_>,
+    request: &PointRequest,
+    channel_record: &ChannelRecord<'_>,
     mut warnings: Vec<String>,
 ) -> Result<SweepPoint, ExecuteError> {
-    let Asked {
+    let PointRequest {
         fixture,
         index,
         freq_hz,
         mains_hz,
-    } = *asked;
+    } = *request;
     let fail = |reason: String| ExecuteError::Signal { freq_hz, reason };
-    let interval_s = taken.interval_s;
+    let interval_s = channel_record.interval_s;
     let record = Record {
-        channels: &taken.channels,
+        channels: &channel_record.channels,
         interval_s,
     };
-    let periods = interval_s * taken.channels[0].len() as f64 * freq_hz;
+    let periods = interval_s * channel_record.channels[0].len() as f64 * freq_hz;
     // Two clocks differ by parts per million: a screen of two periods may hold a sample less.
     if periods < MIN_RECORD_PERIODS * (1.0 - FREQ_TOLERANCE) {
         let reason = format!(
@@ -101,7 +101,7 @@ pub(crate) fn analyse(
     };
     if fixture == Fixture::Cell {
         // What a change of the frequency has left in it; a control has no memory.
-        options.decays_s = sine::relaxations(interval_s * taken.channels[0].len() as f64);
+        options.decays_s = sine::relaxations(interval_s * channel_record.channels[0].len() as f64);
     }
     if let Some(mains_hz) = mains_hz {
         options = options.with_mains(mains_hz, MAINS_ORDERS);
@@ -124,8 +124,8 @@ pub(crate) fn analyse(
         .iter()
         .map(|channel| channel.residual_lag1)
         .fold(0.0, f64::max);
-    let phasors =
-        ChannelPhasors::from_codes(&fit, taken.lsb_v).map_err(|error| fail(error.to_string()))?;
+    let phasors = ChannelPhasors::from_codes(&fit, channel_record.lsb_v)
+        .map_err(|error| fail(error.to_string()))?;
     let beside = Beside {
         relaxed: fit.relaxed,
         ..beside(&record, freq_hz)
@@ -141,7 +141,7 @@ pub(crate) fn analyse(
         fixture,
         index,
         phasors,
-        volts_per_div: taken.volts_per_div,
+        volts_per_div: channel_record.volts_per_div,
         free_freq_hz: free.freq_hz,
         residual_lag1,
         beside,

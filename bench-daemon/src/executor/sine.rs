@@ -13,7 +13,7 @@ use super::{
     burst::MOST_LONGER,
     crest::Drawn,
     point_overlap::Tone,
-    record::{Asked, Taken, analyse},
+    record::{ChannelRecord, PointRequest, analyse},
     require,
     watch::drawn,
 };
@@ -184,13 +184,13 @@ impl Executor<'_> {
                 || (attempt == MAX_RANGING && (!clipped || settings.quality.is_some()))
             {
                 warnings.extend(ranged);
-                let asked = Asked {
+                let request = PointRequest {
                     fixture,
                     index,
                     freq_hz,
                     mains_hz: settings.mains_hz,
                 };
-                let point = analyse(&asked, &Taken::of(&waveforms), warnings)?;
+                let point = analyse(&request, &ChannelRecord::of(&waveforms), warnings)?;
                 let met_a = self.rig.check_current(&point, amplitude_a)?;
                 self.rig.cross_check_supply(effective_a, met_a)?;
                 return Ok(SweepPoint {

@@ -25,7 +25,7 @@ use super::{
 };
 use crate::{
     config::Experiment,
-    executor::{Asked, Taken, analyse},
+    executor::{ChannelRecord, PointRequest, analyse},
     failure::Failure,
     journal::{self, Entry, Line},
     journal_replay::JournalReplay,
@@ -339,8 +339,8 @@ impl Recorded {
         } else {
             Records::Whole(dataset::read_capture(&path).map_err(|error| failed(&told(&error)))?)
         };
-        let (meta, channels) = stored.taken();
-        let taken = Taken {
+        let (meta, channels) = stored.channel_record();
+        let channel_record = ChannelRecord {
             channels,
             interval_s: meta.interval_s,
             volts_per_div: meta.channels.map(|channel| channel.volts_per_div),
@@ -350,7 +350,7 @@ impl Recorded {
         };
         let eis = self.experiment.eis.as_ref();
         let SweepPoint { fixture, index, .. } = known.point;
-        let asked = Asked {
+        let request = PointRequest {
             fixture,
             index,
             freq_hz: meta.freq_hz,
@@ -363,7 +363,7 @@ impl Recorded {
             .filter(|text| of_ranging(text))
             .cloned()
             .collect();
-        let point = analyse(&asked, &taken, ranging)
+        let point = analyse(&request, &channel_record, ranging)
             .map_err(|error| failed(&format!("{}: {error}", path.display())))?;
         let mut failing = eis
             .and_then(|eis| eis.quality)
@@ -457,7 +457,7 @@ enum Records {
 }
 
 impl Records {
-    fn taken(&self) -> (&CaptureMeta, [Channel<'_>; 4]) {
+    fn channel_record(&self) -> (&CaptureMeta, [Channel<'_>; 4]) {
         match self {
             Self::Whole(capture) => (&capture.meta, capture.channels()),
             Self::Stored(file) => (file.meta(), file.channels()),
