@@ -18,7 +18,7 @@ use instruments::{
 
 use super::{ExecuteError, Executor, Rig, burst::MOST_LONGER, crest::Drawn, require};
 use crate::{
-    measure::{Beside, SweepPoint, quality::Measures},
+    measure::{HarmonicsAndDrift, SweepPoint, quality::Measures},
     plan::{Band, MAX_RANGING},
     record::{capture_of, code_scale},
 };
@@ -159,7 +159,7 @@ impl Rig<'_> {
             volts_per_div,
             free_freq_hz: phasors.freq_hz,
             residual_lag1: 0.0,
-            beside: Beside::default(),
+            harmonics_and_drift: HarmonicsAndDrift::default(),
             warnings: if k == 0 { warnings.clone() } else { Vec::new() },
             time_s,
             captures,

@@ -10,8 +10,8 @@ use instruments::{fixture::Fixture, scope::Waveform};
 use super::ExecuteError;
 use crate::{
     measure::{
-        Beside, SweepPoint,
-        beside::beside,
+        HarmonicsAndDrift, SweepPoint,
+        harmonics_and_drift::fit_harmonics_and_drift,
         quality::{Failing, measure},
     },
     record::code_scale,
@@ -126,17 +126,17 @@ pub(crate) fn analyse(
         .fold(0.0, f64::max);
     let phasors = ChannelPhasors::from_codes(&fit, channel_record.lsb_v)
         .map_err(|error| fail(error.to_string()))?;
-    let beside = Beside {
+    let harmonics_and_drift = HarmonicsAndDrift {
         relaxed: fit.relaxed,
-        ..beside(&record, freq_hz)
+        ..fit_harmonics_and_drift(&record, freq_hz)
     };
-    warnings.extend(unsteady(&fit, &beside));
+    warnings.extend(unsteady(&fit, &harmonics_and_drift));
     let clipped = fit
         .channels
         .iter()
         .map(|channel| channel.clipped_samples as f64 / fit.samples as f64)
         .fold(0.0, f64::max);
-    let measures = measure(&record, &phasors, &beside, clipped);
+    let measures = measure(&record, &phasors, &harmonics_and_drift, clipped);
     Ok(SweepPoint {
         fixture,
         index,
@@ -144,7 +144,7 @@ pub(crate) fn analyse(
         volts_per_div: channel_record.volts_per_div,
         free_freq_hz: free.freq_hz,
         residual_lag1,
-        beside,
+        harmonics_and_drift,
         warnings,
         time_s: 0.0,
         captures: 1,
@@ -156,11 +156,11 @@ pub(crate) fn analyse(
 }
 
 /// A relaxation that the record shows, in words.
-fn unsteady(fit: &SineFit, beside: &Beside) -> Option<String> {
+fn unsteady(fit: &SineFit, harmonics_and_drift: &HarmonicsAndDrift) -> Option<String> {
     let [_, _, low, high] = fit.channels.as_slice() else {
         return None;
     };
-    let bend = beside.bend.filter(|bend| bend.is_certain())?;
+    let bend = harmonics_and_drift.bend.filter(|bend| bend.is_certain())?;
     let microvolts = 1.0e6
         * if fit.relaxed {
             high.relaxation_v - low.relaxation_v

@@ -61,7 +61,7 @@ mod tests {
             volts_per_div: [1.0; 4],
             free_freq_hz: 1.0,
             residual_lag1: 0.0,
-            beside: crate::measure::Beside::default(),
+            harmonics_and_drift: crate::measure::HarmonicsAndDrift::default(),
             warnings: Vec::new(),
             time_s: 0.0,
             captures: 1,

@@ -4,7 +4,7 @@ use analysis::spectrum::ChannelPhasors;
 use instruments::fixture::Fixture;
 
 use super::{
-    beside::Beside,
+    harmonics_and_drift::HarmonicsAndDrift,
     quality::{Failing, Measures, Quality},
 };
 
@@ -25,7 +25,8 @@ pub struct SweepPoint {
     /// sinusoid leaves out.
     pub residual_lag1: f64,
     /// Content of the record besides the sinusoid.
-    pub beside: Beside,
+    #[serde(rename = "beside")]
+    pub harmonics_and_drift: HarmonicsAndDrift,
     /// Warnings about it.
     pub warnings: Vec<String>,
     /// Bench time of the middle of its record, s, to a period and a half.

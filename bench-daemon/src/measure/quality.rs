@@ -11,7 +11,7 @@ use analysis::{
 };
 use num_complex::Complex64;
 
-use crate::measure::Beside;
+use crate::measure::HarmonicsAndDrift;
 
 /// Standard deviations from which on a number is no noise.
 const CERTAIN: f64 = 5.0;
@@ -181,7 +181,7 @@ pub fn severity(failing: &[Failing]) -> f64 {
 pub fn measure(
     record: &Record<'_>,
     phasors: &ChannelPhasors,
-    beside: &Beside,
+    harmonics_and_drift: &HarmonicsAndDrift,
     clipped: f64,
 ) -> Measures {
     let magnitude = |variance: fn(&PhasorVariance) -> analysis::numeric::Covariance2| {
@@ -199,9 +199,9 @@ pub fn measure(
         point.magnitude_sigma_ohm().max(across(&point)) / point.magnitude_ohm()
     };
     let amplitude_v = (phasors.volts[3] - phasors.volts[2]).norm();
-    let bend = beside
+    let bend = harmonics_and_drift
         .bend
-        .filter(|bend| bend.is_certain() && !beside.relaxed)
+        .filter(|bend| bend.is_certain() && !harmonics_and_drift.relaxed)
         .map_or(0.0, |bend| {
             let drift = Drift {
                 over_amplitude: bend.volts / amplitude_v,

@@ -32,20 +32,27 @@ pub(super) fn records(points: &[SweepPoint], shunt_ohm: f64) -> Vec<Record> {
 fn record(point: &SweepPoint, sweep: &[ImpedancePoint], shunt_ohm: f64) -> Record {
     let [_, _, low, high] = point.phasors.volts;
     let amplitude_v = (high - low).norm();
-    let harmonics = point.beside.harmonics.iter().map(|(order, phasors)| {
-        let [v1, v2, v3, v4] = phasors.volts;
-        let [n1, n2, n3, n4] = phasors.totals();
-        let per_shunt_volt = between(sweep, phasors.freq_hz) / shunt_ohm;
-        let noise = n3 + n4 + (n1 + n2).scaled(per_shunt_volt);
-        Harmonic {
-            order: *order,
-            ratio: (v4 - v3 - per_shunt_volt * (v2 - v1)).norm() / amplitude_v,
-            sigma: (0.5 * (noise.re_re + noise.im_im)).sqrt() / amplitude_v,
-        }
-    });
+    let harmonics = point
+        .harmonics_and_drift
+        .harmonics
+        .iter()
+        .map(|(order, phasors)| {
+            let [v1, v2, v3, v4] = phasors.volts;
+            let [n1, n2, n3, n4] = phasors.totals();
+            let per_shunt_volt = between(sweep, phasors.freq_hz) / shunt_ohm;
+            let noise = n3 + n4 + (n1 + n2).scaled(per_shunt_volt);
+            Harmonic {
+                order: *order,
+                ratio: (v4 - v3 - per_shunt_volt * (v2 - v1)).norm() / amplitude_v,
+                sigma: (0.5 * (noise.re_re + noise.im_im)).sqrt() / amplitude_v,
+            }
+        });
     // What relaxations have taken out is in Z no more.
-    let left = point.beside.bend.filter(|_| !point.beside.relaxed);
-    let bend = left.filter(|bend| bend.volts.abs() > SIGNIFICANT * bend.sigma_v);
+    let bend = point
+        .harmonics_and_drift
+        .bend
+        .filter(|_| !point.harmonics_and_drift.relaxed);
+    let bend = bend.filter(|bend| bend.volts.abs() > SIGNIFICANT * bend.sigma_v);
     Record {
         freq_hz: point.phasors.freq_hz,
         harmonics: harmonics.collect(),
@@ -133,7 +140,7 @@ pub(super) fn table(records: &[Record], of: &str) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::measure::{Bend, Beside};
+    use crate::measure::{Bend, HarmonicsAndDrift};
     use analysis::spectrum::{ChannelPhasors, PhasorVariance};
     use instruments::fixture::Fixture;
 
@@ -161,7 +168,7 @@ mod tests {
             volts_per_div: [1.0; 4],
             free_freq_hz: freq_hz,
             residual_lag1: 0.0,
-            beside: Beside::default(),
+            harmonics_and_drift: HarmonicsAndDrift::default(),
             warnings: Vec::new(),
             time_s: 0.0,
             captures: 1,
@@ -172,7 +179,7 @@ mod tests {
         };
         let mut points = vec![point(0, 1.0, 0.020), point(1, 4.0, 0.010)];
         let third = (0.020 - 0.010 * 3.0_f64.ln() / 4.0_f64.ln()) * 0.1;
-        points[0].beside.harmonics = vec![
+        points[0].harmonics_and_drift.harmonics = vec![
             (2, phasors(2.0, 0.1, 0.0015.into())),
             (3, phasors(3.0, 0.1, Complex64::new(third, 0.0002))),
         ];
@@ -202,13 +209,13 @@ mod tests {
     fn a_bend_counts_from_four_standard_deviations() {
         let mut points = sweep();
         let drift = |points: &[SweepPoint]| records(points, SHUNT_OHM)[0].drift;
-        points[0].beside.bend = Some(Bend {
+        points[0].harmonics_and_drift.bend = Some(Bend {
             volts: -0.004,
             sigma_v: 0.0011,
             periods: 5.0,
         });
         assert_eq!(drift(&points), None);
-        points[0].beside.bend = Some(Bend {
+        points[0].harmonics_and_drift.bend = Some(Bend {
             volts: -0.004,
             sigma_v: 0.0009,
             periods: 5.0,

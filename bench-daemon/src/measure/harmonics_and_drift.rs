@@ -12,7 +12,7 @@ const ORDERS: [u32; 2] = [2, 3];
 
 /// Content of a record besides its sinusoid.
 #[derive(Debug, Clone, PartialEq, Default, serde::Serialize, serde::Deserialize)]
-pub struct Beside {
+pub struct HarmonicsAndDrift {
     /// Orders and phasors of the harmonics that the record can tell apart.
     pub harmonics: Vec<(u32, ChannelPhasors)>,
     /// The drift that no straight line takes out; none where the record is too short for it.
@@ -45,7 +45,7 @@ impl Bend {
 
 /// Fits harmonics and a parabola besides the sinusoid; nothing where the record does not carry
 /// them.
-pub(crate) fn beside(record: &Record<'_>, freq_hz: f64) -> Beside {
+pub(crate) fn fit_harmonics_and_drift(record: &Record<'_>, freq_hz: f64) -> HarmonicsAndDrift {
     let options = FitOptions {
         drift: Drift::Quadratic,
         harmonics: ORDERS.to_vec(),
@@ -53,8 +53,8 @@ pub(crate) fn beside(record: &Record<'_>, freq_hz: f64) -> Beside {
     };
     // That the sinusoid itself can be fitted is another fit's to say.
     sine::fit_known_frequency(record, freq_hz, &options).map_or_else(
-        |_| Beside::default(),
-        |fit| Beside {
+        |_| HarmonicsAndDrift::default(),
+        |fit| HarmonicsAndDrift {
             harmonics: harmonics(&fit),
             bend: bend(&fit),
             relaxed: false,
@@ -133,7 +133,7 @@ mod tests {
             samples(0.5, 0.03, -0.015),
         ];
         let channels = volts.each_ref().map(|v| Channel::volts(v));
-        let found = beside(
+        let found = fit_harmonics_and_drift(
             &Record {
                 channels: &channels,
                 interval_s,
