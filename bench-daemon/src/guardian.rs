@@ -41,7 +41,7 @@ use crate::{
     terminal::say,
 };
 
-/// The words that go over the pipes, a line each: to the guardian …
+/// The messages that go over the pipes, a line each: to the guardian …
 const ALIVE: &str = ".";
 const DOING: &str = "doing ";
 /// Stands for the set-point of a bath that this run has not started.
@@ -176,7 +176,7 @@ struct Watch<'a> {
     report: Report,
     /// The cell is in the jig, as far as is known.
     cell: bool,
-    words: UnboundedReceiver<String>,
+    messages: UnboundedReceiver<String>,
     /// How the last attempt to latch the bench ended.
     latched: Option<Result<(), StateError>>,
     _place: crate::state::Lock,
@@ -239,7 +239,7 @@ impl<'a> Watch<'a> {
             connections,
             report,
             cell: false,
-            words: words(),
+            messages: daemon_messages(),
             latched: None,
             _place: place,
         })
@@ -248,7 +248,7 @@ impl<'a> Watch<'a> {
     async fn keep(mut self) -> Result<(), GuardianError> {
         let lease = Duration::from_secs_f64(self.charge.bench.guardian.lease_s);
         let cause = loop {
-            match self.clock.deadline(lease, self.words.recv()).await {
+            match self.clock.deadline(lease, self.messages.recv()).await {
                 Ok(Some(word)) if word == GOODBYE => {
                     tracing::info!("goodbye");
                     return self.tell(Status::Dismissed);
@@ -258,7 +258,7 @@ impl<'a> Watch<'a> {
                 }
                 Ok(Some(word)) => {
                     if let Some(doing) = word.strip_prefix(DOING) {
-                        self.heard(doing);
+                        self.note_daemon_state(doing);
                     }
                     say!("{ALIVE}");
                 }
@@ -276,9 +276,9 @@ impl<'a> Watch<'a> {
 
     /// Notes what the daemon says: fixture in the jig, set-point at which the bath was started, and
     /// step.
-    fn heard(&mut self, doing: &str) {
-        let mut words = doing.splitn(3, ' ');
-        let (Some(fixture), Some(bath), Some(step)) = (words.next(), words.next(), words.next())
+    fn note_daemon_state(&mut self, doing: &str) {
+        let mut fields = doing.splitn(3, ' ');
+        let (Some(fixture), Some(bath), Some(step)) = (fields.next(), fields.next(), fields.next())
         else {
             return;
         };
@@ -305,7 +305,7 @@ impl<'a> Watch<'a> {
                 tracing::error!("process {daemon} cannot be killed: {error}");
             }
         }
-        let gone = async { while self.words.recv().await.is_some() {} };
+        let gone = async { while self.messages.recv().await.is_some() {} };
         if self.clock.deadline(DEATH, gone).await.is_err() {
             tracing::error!("process {daemon} is still there");
         }
@@ -492,7 +492,7 @@ async fn reach(bench: &config::Bench, connections: &Connections) -> Result<(), G
 }
 
 /// The lines that the daemon sends; the channel ends with the daemon.
-fn words() -> UnboundedReceiver<String> {
+fn daemon_messages() -> UnboundedReceiver<String> {
     let (tell, told) = tokio::sync::mpsc::unbounded_channel();
     std::thread::spawn(move || {
         for line in std::io::stdin().lock().lines() {

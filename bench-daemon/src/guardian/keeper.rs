@@ -86,7 +86,7 @@ impl GuardianError {
     }
 }
 
-enum Heard {
+enum GuardianMessage {
     Ready,
     Refused(GuardianError),
     Silent,
@@ -95,7 +95,7 @@ enum Heard {
 
 /// A guardian that watches this process.
 pub struct Keeper {
-    heard: UnboundedReceiver<Heard>,
+    messages: UnboundedReceiver<GuardianMessage>,
     goodbye: mpsc::Sender<&'static str>,
     pid: u32,
 }
@@ -119,7 +119,7 @@ impl Keeper {
         let (Some(stdin), Some(stdout)) = (child.stdin.take(), child.stdout.take()) else {
             return Err(GuardianError::Start(std::io::Error::other("no pipes")));
         };
-        let (tell, heard) = unbounded_channel();
+        let (tell, messages) = unbounded_channel();
         let (goodbye, told) = mpsc::channel();
         let answers = Arc::new(AtomicU64::new(0));
         std::thread::spawn({
@@ -136,13 +136,13 @@ impl Keeper {
         };
         std::thread::spawn(move || renewal.keep(stdin, &told));
         let mut keeper = Self {
-            heard,
+            messages,
             goodbye,
             pid,
         };
-        match clock.deadline(START, keeper.heard.recv()).await {
-            Ok(Some(Heard::Ready)) => Ok(keeper),
-            Ok(Some(Heard::Refused(error))) => Err(error),
+        match clock.deadline(START, keeper.messages.recv()).await {
+            Ok(Some(GuardianMessage::Ready)) => Ok(keeper),
+            Ok(Some(GuardianMessage::Refused(error))) => Err(error),
             Ok(_) => Err(GuardianError::Lost("at its start")),
             Err(_) => Err(GuardianError::Silent),
         }
@@ -155,8 +155,8 @@ impl Keeper {
 
     /// Waits until it is no longer there.
     pub async fn lost(&mut self) -> GuardianError {
-        GuardianError::Lost(match self.heard.recv().await {
-            Some(Heard::Silent) => "it no longer answers",
+        GuardianError::Lost(match self.messages.recv().await {
+            Some(GuardianMessage::Silent) => "it no longer answers",
             _ => "its process has ended",
         })
     }
@@ -164,7 +164,12 @@ impl Keeper {
     /// The bench is off: says goodbye and waits for its end.
     pub async fn dismiss(mut self, clock: &Clock) {
         let _ = self.goodbye.send(GOODBYE);
-        let gone = async { while !matches!(self.heard.recv().await, Some(Heard::Gone) | None) {} };
+        let gone = async {
+            while !matches!(
+                self.messages.recv().await,
+                Some(GuardianMessage::Gone) | None
+            ) {}
+        };
         if clock.deadline(END, gone).await.is_err() {
             tracing::warn!(
                 "the guardian, process {}, did not end when it was dismissed",
@@ -177,7 +182,7 @@ impl Keeper {
     pub fn hand_over(self) {
         let _ = self.goodbye.send(TAKE_OVER);
         // The word must be out before this process ends: its thread ends when it is.
-        drop(self.heard);
+        drop(self.messages);
     }
 }
 
@@ -236,7 +241,7 @@ fn spawn(charge: &Charge<'_>) -> std::io::Result<Child> {
 fn listen(
     mut child: Child,
     stdout: ChildStdout,
-    tell: &UnboundedSender<Heard>,
+    tell: &UnboundedSender<GuardianMessage>,
     answers: &AtomicU64,
 ) {
     let mut refused: Option<GuardianError> = None;
@@ -248,16 +253,16 @@ fn listen(
         } else if line == Keeper::MAY_PASS {
             refused = refused.map(|error| GuardianError::Unreached(error.to_string()));
         } else if line == READY {
-            let _ = tell.send(Heard::Ready);
+            let _ = tell.send(GuardianMessage::Ready);
         } else {
             answers.fetch_add(1, Ordering::Relaxed);
         }
     }
     let _ = child.wait();
     if let Some(error) = refused {
-        let _ = tell.send(Heard::Refused(error));
+        let _ = tell.send(GuardianMessage::Refused(error));
     }
-    let _ = tell.send(Heard::Gone);
+    let _ = tell.send(GuardianMessage::Gone);
 }
 
 struct Renewal {
@@ -265,12 +270,12 @@ struct Renewal {
     doing: Doing,
     stall_s: f64,
     answers: Arc<AtomicU64>,
-    tell: UnboundedSender<Heard>,
+    tell: UnboundedSender<GuardianMessage>,
 }
 
 impl Renewal {
     /// Next message to the guardian; `None` while the executor hangs.
-    fn word(&self, known: &mut Option<Now>) -> Option<String> {
+    fn message(&self, known: &mut Option<Now>) -> Option<String> {
         if self.clock.overdue_s() > self.stall_s {
             return None;
         }
@@ -281,13 +286,13 @@ impl Renewal {
         let bath = now
             .bath_c
             .map_or_else(|| NO_BATH.to_owned(), |setpoint_c| setpoint_c.to_string());
-        let word = format!(
+        let message = format!(
             "{DOING}{} {bath} {}",
             now.fixture.map_or("unknown", fixture_name),
             now.step.replace('\n', " ")
         );
         *known = Some(now);
-        Some(word)
+        Some(message)
     }
 
     /// Says that the daemon is alive, as long as it is more than that: an executor that hangs is as
@@ -296,23 +301,23 @@ impl Renewal {
         let (mut sent, mut known) = (0, None);
         loop {
             match goodbye.recv_timeout(RENEWAL) {
-                Ok(word) => {
-                    let _ = writeln!(stdin, "{word}");
+                Ok(message) => {
+                    let _ = writeln!(stdin, "{message}");
                     return;
                 }
                 // Whoever let go of the guardian without a word leaves the switching off to it.
                 Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => {}
             }
-            let Some(word) = self.word(&mut known) else {
+            let Some(message) = self.message(&mut known) else {
                 continue;
             };
-            if writeln!(stdin, "{word}").is_err() {
+            if writeln!(stdin, "{message}").is_err() {
                 return;
             }
             sent += 1;
             if sent > self.answers.load(Ordering::Relaxed) + UNANSWERED {
-                let _ = self.tell.send(Heard::Silent);
+                let _ = self.tell.send(GuardianMessage::Silent);
             }
         }
     }
@@ -347,35 +352,35 @@ mod tests {
             };
             let mut known = None;
             assert_eq!(
-                renewal.word(&mut known).as_deref(),
+                renewal.message(&mut known).as_deref(),
                 Some("doing unknown - ")
             );
-            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            assert_eq!(renewal.message(&mut known).as_deref(), Some("."));
             let mount = Step::Mount(Fixture::Cell);
             progress.begin("sweep", &mount);
             progress.end(&mount);
             progress.begin("sweep", &Step::PowerDown);
             assert_eq!(
-                renewal.word(&mut known).as_deref(),
+                renewal.message(&mut known).as_deref(),
                 Some("doing cell - bipolar supply down")
             );
             progress.bath(25.5);
             assert_eq!(
-                renewal.word(&mut known).as_deref(),
+                renewal.message(&mut known).as_deref(),
                 Some("doing cell 25.5 bipolar supply down")
             );
             // A wait within its bound, however long.
             let wait = clock.wait(Some(Duration::from_secs(3600)));
             other.sleep_s(3000.0).await;
-            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            assert_eq!(renewal.message(&mut known).as_deref(), Some("."));
             // Computing, for a while and for too long.
             drop(wait);
             other.sleep_s(19.0).await;
-            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            assert_eq!(renewal.message(&mut known).as_deref(), Some("."));
             other.sleep_s(2.0).await;
-            assert_eq!(renewal.word(&mut known), None);
+            assert_eq!(renewal.message(&mut known), None);
             clock.sleep_s(0.1).await;
-            assert_eq!(renewal.word(&mut known).as_deref(), Some("."));
+            assert_eq!(renewal.message(&mut known).as_deref(), Some("."));
         });
     }
 }

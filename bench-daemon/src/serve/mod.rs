@@ -12,7 +12,6 @@
 
 pub mod audit;
 pub mod follow;
-pub mod heard;
 pub mod http;
 pub mod hub;
 pub mod jobs;
@@ -27,6 +26,7 @@ pub mod submission;
 pub mod supervisor;
 pub mod systemd;
 pub mod token;
+pub mod transcript_monitor;
 pub mod watch;
 
 use std::{

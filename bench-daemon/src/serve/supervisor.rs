@@ -495,15 +495,15 @@ impl Post {
                 .iter()
                 .chain(&self.manifest)
                 .find(|identity| identity.role == role);
-            let heard = watch.and_then(|watch| watch.heard.get(role));
-            let answered_s = heard.and_then(|heard| heard.answered_s);
-            let remark = heard
-                .and_then(|heard| heard.remark.as_ref())
+            let monitor = watch.and_then(|watch| watch.monitors.get(role));
+            let answered_s = monitor.and_then(|monitor| monitor.answered_s);
+            let remark = monitor
+                .and_then(|monitor| monitor.remark.as_ref())
                 .filter(|remark| answered_s.is_none_or(|answered| remark.1 > answered));
             let trouble = remark
                 .filter(|(text, _)| text.contains("dropped") || text.contains("cannot"))
                 .map(|(text, _)| text.clone());
-            let output = heard.and_then(|heard| heard.output);
+            let output = monitor.and_then(|monitor| monitor.output);
             let proven = proof.filter(|proof| proof.covers(role));
             let unknown = died && proof.is_none() && output.is_some();
             // Where nothing is left that could be read back, an instrument without an output has

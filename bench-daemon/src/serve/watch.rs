@@ -12,8 +12,8 @@ use instruments::{clock::TimeMode, fixture::Fixture};
 
 use super::{
     follow::Follow,
-    heard::Heard,
     live::{PointNow, ReadingNow, RunNow, Soc},
+    transcript_monitor::TranscriptMonitor,
 };
 use crate::{
     config::Experiment,
@@ -52,7 +52,7 @@ pub struct Watch {
     reading: Option<ReadingNow>,
     soc: Option<Soc>,
     /// The instruments, by role.
-    pub heard: BTreeMap<&'static str, Heard>,
+    pub monitors: BTreeMap<&'static str, TranscriptMonitor>,
 }
 
 #[derive(Debug, Default)]
@@ -85,7 +85,7 @@ impl Watch {
             last_text: String::new(),
             reading: None,
             soc: None,
-            heard: BTreeMap::new(),
+            monitors: BTreeMap::new(),
         }
     }
 
@@ -112,7 +112,7 @@ impl Watch {
         while let Some(lines) = grown(&mut self.readings) {
             lines.iter().for_each(|line| self.read(line));
         }
-        self.heard.values_mut().for_each(Heard::look);
+        self.monitors.values_mut().for_each(TranscriptMonitor::look);
     }
 
     fn entry(&mut self, line: Line) {
@@ -135,8 +135,8 @@ impl Watch {
                     .experiment
                     .iter()
                     .flat_map(|experiment| experiment.bench.instruments.addressed());
-                self.heard = roles
-                    .map(|(role, _)| (role, Heard::new(&self.folder, role)))
+                self.monitors = roles
+                    .map(|(role, _)| (role, TranscriptMonitor::new(&self.folder, role)))
                     .collect();
             }
             Entry::Stage { stage } => {

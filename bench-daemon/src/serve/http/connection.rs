@@ -115,7 +115,7 @@ impl Listener {
         let bounds = Bounds::of_system(server.settings.limits.connections);
         let mut places = Places {
             silent: VecDeque::new(),
-            heard: Heard::of(bounds.heard),
+            active: ActivePlaces::of(bounds.active),
         };
         let server_clock = server.clock.clone();
         loop {
@@ -131,7 +131,7 @@ impl Listener {
             let asked = Arc::new(AtomicBool::new(false));
             let place = Place {
                 asked: asked.clone(),
-                heard: places.heard.clone(),
+                active: places.active.clone(),
                 peer: peer.ip(),
                 held: None,
             };
@@ -160,7 +160,7 @@ impl Listener {
 #[derive(Debug, PartialEq, Eq)]
 struct Bounds {
     /// Those who have asked for something.
-    heard: usize,
+    active: usize,
     /// Those who are silent, as long as each of them may stay its time.
     silent: usize,
     /// Those who are silent, at any time.
@@ -176,11 +176,11 @@ impl Bounds {
             usize::try_from(files).unwrap_or(usize::MAX)
         });
         let bounds = Self::of(connections, files);
-        if bounds.heard < connections {
+        if bounds.active < connections {
             tracing::warn!(
                 "{connections} connections are configured, but {files} open files are granted: \
                 there are places for {}",
-                bounds.heard
+                bounds.active
             );
         }
         bounds
@@ -188,10 +188,10 @@ impl Bounds {
 
     fn of(connections: usize, files: usize) -> Self {
         let all = files - RESERVED.min(files / 2);
-        let heard = connections.min(all / 2);
-        let flood = FLOOD.saturating_mul(connections).min(all - heard);
+        let active = connections.min(all / 2);
+        let flood = FLOOD.saturating_mul(connections).min(all - active);
         Self {
-            heard,
+            active,
             silent: connections.min(flood),
             flood,
             all,
@@ -216,7 +216,7 @@ struct Waiting {
 struct Places {
     /// Those who have not yet asked for anything, by the order in which they came.
     silent: VecDeque<Waiting>,
-    heard: Heard,
+    active: ActivePlaces,
 }
 
 impl Places {
@@ -267,12 +267,12 @@ impl Places {
 /// Places of those who have asked for something, and whose they are: a quarter is for other peers
 /// than the one that has the most.
 #[derive(Clone)]
-struct Heard {
+struct ActivePlaces {
     most: usize,
     held: Arc<Mutex<HashMap<IpAddr, usize>>>,
 }
 
-impl Heard {
+impl ActivePlaces {
     fn of(most: usize) -> Self {
         Self {
             most,
@@ -289,7 +289,7 @@ impl Heard {
         }
         held.insert(peer, own + 1);
         Some(Held {
-            heard: self.clone(),
+            active: self.clone(),
             peer,
         })
     }
@@ -297,14 +297,14 @@ impl Heard {
 
 /// A place that is free again with its connection's end.
 struct Held {
-    heard: Heard,
+    active: ActivePlaces,
     peer: IpAddr,
 }
 
 impl Drop for Held {
     fn drop(&mut self) {
         let mut held = self
-            .heard
+            .active
             .held
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
@@ -320,7 +320,7 @@ impl Drop for Held {
 /// The place of one connection.
 struct Place {
     asked: Arc<AtomicBool>,
-    heard: Heard,
+    active: ActivePlaces,
     peer: IpAddr,
     held: Option<Held>,
 }
@@ -328,10 +328,10 @@ struct Place {
 impl Place {
     /// It has asked for something: it is no longer one of the silent. Whether there is a place for
     /// it.
-    fn heard(&mut self) -> bool {
+    fn activate(&mut self) -> bool {
         self.asked.store(true, Ordering::Relaxed);
         if self.held.is_none() {
-            self.held = self.heard.take(self.peer);
+            self.held = self.active.take(self.peer);
         }
         self.held.is_some()
     }
@@ -388,9 +388,12 @@ async fn requests<S>(
     let service = service_fn(move |mut request: Request<Incoming>| {
         request.extensions_mut().insert(Peer(peer.ip()));
         let stop = is_stop(request.method(), request.uri());
-        let heard = place.lock().unwrap_or_else(PoisonError::into_inner).heard();
+        let active = place
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .activate();
         // A stop needs no place.
-        let answer = (heard || stop).then(|| hyper::service::Service::call(&service, request));
+        let answer = (active || stop).then(|| hyper::service::Service::call(&service, request));
         async move {
             let words = "expected fewer connections at once, found more than this server, or one \
             peer, has places for";
@@ -398,7 +401,7 @@ async fn requests<S>(
                 Some(answer) => answer.await?,
                 None => Refusal::of(StatusCode::SERVICE_UNAVAILABLE, words).into_response(),
             };
-            if !heard {
+            if !active {
                 // Who has no place does not keep his connection either.
                 answer
                     .headers_mut()
@@ -557,22 +560,22 @@ impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
 
 #[cfg(test)]
 mod tests {
-    use super::{Bounds, Heard, RESERVED, instead_of};
+    use super::{ActivePlaces, Bounds, RESERVED, instead_of};
     use std::net::{IpAddr, Ipv4Addr};
 
     #[test]
     fn one_peer_leaves_a_quarter_of_the_places_and_gives_them_back() {
-        let (heard, one, other) = (
-            Heard::of(8),
+        let (active, one, other) = (
+            ActivePlaces::of(8),
             IpAddr::V4(Ipv4Addr::LOCALHOST),
             IpAddr::V4(Ipv4Addr::UNSPECIFIED),
         );
-        let mut held: Vec<_> = (0..8).map(|_| heard.take(one)).collect();
+        let mut held: Vec<_> = (0..8).map(|_| active.take(one)).collect();
         assert_eq!(held.iter().flatten().count(), 6);
-        let others: Vec<_> = (0..4).map(|_| heard.take(other)).collect();
+        let others: Vec<_> = (0..4).map(|_| active.take(other)).collect();
         assert_eq!(others.iter().flatten().count(), 2);
         held.clear();
-        held.extend((0..8).map(|_| heard.take(one)));
+        held.extend((0..8).map(|_| active.take(one)));
         assert_eq!(held.iter().flatten().count(), 6);
     }
 
@@ -581,7 +584,7 @@ mod tests {
         assert_eq!(
             Bounds::of(512, 1_048_576),
             Bounds {
-                heard: 512,
+                active: 512,
                 silent: 512,
                 flood: 8192,
                 all: 1_048_448
@@ -590,7 +593,7 @@ mod tests {
         assert_eq!(
             Bounds::of(512, 1024),
             Bounds {
-                heard: 448,
+                active: 448,
                 silent: 448,
                 flood: 448,
                 all: 896
@@ -599,7 +602,9 @@ mod tests {
         for files in [8, 64, 256, 300, 1024, 4096, 1_048_576] {
             let bounds = Bounds::of(512, files);
             assert!(
-                bounds.heard >= 1 && bounds.flood >= 1 && bounds.heard + bounds.flood <= bounds.all,
+                bounds.active >= 1
+                    && bounds.flood >= 1
+                    && bounds.active + bounds.flood <= bounds.all,
                 "{files}: {bounds:?}"
             );
             assert!(

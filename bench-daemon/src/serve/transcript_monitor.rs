@@ -14,7 +14,7 @@ const SPD_CHANNEL_1: u32 = 0x10;
 
 /// One instrument of a run.
 #[derive(Debug)]
-pub struct Heard {
+pub struct TranscriptMonitor {
     follow: Follow,
     asked: Option<String>,
     /// Bench time of its last answer, s.
@@ -25,7 +25,7 @@ pub struct Heard {
     pub remark: Option<(String, f64)>,
 }
 
-impl Heard {
+impl TranscriptMonitor {
     /// The instrument of a role in a run folder.
     pub fn new(run: &Path, role: &str) -> Self {
         let follow = Follow::new(run.join(run_folder::transcript(role)));
@@ -134,12 +134,12 @@ mod tests {
         let text = "1.0 load > :INP?\n1.1 load < 1\n2.0 load > :MEAS:VOLT?\n2.5 load < 0\n\
         3.0 load * dropped: no answer\n";
         std::fs::write(folder.path().join("transcripts/load.txt"), text).unwrap();
-        let mut heard = Heard::new(folder.path(), "load");
-        heard.look();
+        let mut monitor = TranscriptMonitor::new(folder.path(), "load");
+        monitor.look();
         assert_eq!(
-            (heard.output, heard.answered_s),
+            (monitor.output, monitor.answered_s),
             (Some((true, 1.1)), Some(2.5))
         );
-        assert_eq!(heard.remark, Some(("dropped: no answer".to_owned(), 3.0)));
+        assert_eq!(monitor.remark, Some(("dropped: no answer".to_owned(), 3.0)));
     }
 }
