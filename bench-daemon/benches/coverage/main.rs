@@ -26,7 +26,7 @@ const ALL: [&str; 6] = [
 ];
 
 /// Arguments of the command line.
-struct Asked {
+struct Options {
     names: Vec<String>,
     seeds: u64,
     from: u64,
@@ -36,8 +36,8 @@ struct Asked {
     out: Option<PathBuf>,
 }
 
-fn asked() -> Result<Asked, Box<dyn std::error::Error>> {
-    let mut asked = Asked {
+fn given() -> Result<Options, Box<dyn std::error::Error>> {
+    let mut given = Options {
         names: Vec::new(),
         seeds: 20,
         from: 1,
@@ -47,12 +47,12 @@ fn asked() -> Result<Asked, Box<dyn std::error::Error>> {
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
         match word.as_str() {
-            "--seeds" => asked.seeds = words.next().ok_or("--seeds: expected a number")?.parse()?,
-            "--from" => asked.from = words.next().ok_or("--from: expected a seed")?.parse()?,
-            "--out" => asked.out = Some(words.next().ok_or("--out: expected a folder")?.into()),
-            "--drawn" => asked.drawn = true,
+            "--seeds" => given.seeds = words.next().ok_or("--seeds: expected a number")?.parse()?,
+            "--from" => given.from = words.next().ok_or("--from: expected a seed")?.parse()?,
+            "--out" => given.out = Some(words.next().ok_or("--out: expected a folder")?.into()),
+            "--drawn" => given.drawn = true,
             "--bench" => {}
-            name if ALL.contains(&name) => asked.names.push(name.to_owned()),
+            name if ALL.contains(&name) => given.names.push(name.to_owned()),
             other => {
                 return Err(format!(
                     "expected one of {ALL:?}, --seeds N, --from SEED, --drawn \
@@ -62,17 +62,17 @@ fn asked() -> Result<Asked, Box<dyn std::error::Error>> {
             }
         }
     }
-    if asked.names.is_empty() {
-        asked.names = ALL.map(str::to_owned).to_vec();
+    if given.names.is_empty() {
+        given.names = ALL.map(str::to_owned).to_vec();
     }
-    Ok(asked)
+    Ok(given)
 }
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
-    let asked = asked()?;
-    let seeds: Vec<u64> = (asked.from..asked.from + asked.seeds).collect();
+    let given = given()?;
+    let seeds: Vec<u64> = (given.from..given.from + given.seeds).collect();
     let mut refuted = Vec::new();
-    for name in &asked.names {
+    for name in &given.names {
         let tally: Tally = if name == "joint" {
             synthetic::play(&seeds)
         } else {
@@ -80,7 +80,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 &Played {
                     configs: &configs(),
                     name,
-                    drawn: asked.drawn,
+                    drawn: given.drawn,
                 },
                 &seeds,
             )?
@@ -89,10 +89,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             "{}",
             tally.table(&format!(
                 "{name}, {} seeds from {}",
-                asked.seeds, asked.from
+                given.seeds, given.from
             ))
         );
-        if let Some(folder) = &asked.out {
+        if let Some(folder) = &given.out {
             std::fs::create_dir_all(folder)?;
             std::fs::write(folder.join(format!("{name}.csv")), csv(&tally))?;
         }

@@ -149,7 +149,7 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
     let first = means.out.join("campaign");
     let measured = session.run(experiment, &first)?.measured;
     let model = base_model(experiment, &measured, means)?;
-    let mut desk = Desk {
+    let mut workspace = Workspace {
         experiment,
         means,
         session,
@@ -161,16 +161,16 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         },
         refused: measured.refused(),
     };
-    let (mut outcome, mut asked) = desk.diagnose(&[])?;
+    let (mut outcome, mut menu) = workspace.diagnose(&[])?;
     let mut steps = vec![step(&first, None, &outcome.diagnosis)];
     let (end, end_text) = loop {
-        let (next, experiment) = match desk.next(&outcome, &asked, &steps) {
+        let (next, experiment) = match workspace.next(&outcome, &menu, &steps) {
             Ok(next) => next,
             Err(end) => break end,
         };
         let folder = means.out.join(format!("{}_{}", steps.len(), next.name));
-        let minutes = desk.buy(&experiment, &next, &outcome.next_runs, &folder)?;
-        (outcome, asked) = desk.diagnose(
+        let minutes = workspace.buy(&experiment, &next, &outcome.next_runs, &folder)?;
+        (outcome, menu) = workspace.diagnose(
             &steps
                 .iter()
                 .filter_map(Step::bought)
@@ -186,24 +186,24 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
             &outcome.diagnosis,
         ));
     };
-    write_dataset(&means.out.join("dataset"), &desk.loaded.set)
+    write_dataset(&means.out.join("dataset"), &workspace.loaded.set)
         .map_err(|error| Failure::Analysis(error.to_string()))?;
     let investigation = Investigation {
         schema: SCHEMA,
         name: experiment.name.clone(),
         budget: means.budget,
-        spent: desk.spent,
+        spent: workspace.spent,
         steps,
         end,
         end_text,
-        refused_points: desk.refused,
+        refused_points: workspace.refused,
         diagnosis: outcome.diagnosis,
     };
     page::write(means.out, &investigation)?;
     Ok(investigation)
 }
 
-struct Desk<'a> {
+struct Workspace<'a> {
     experiment: &'a Experiment,
     means: &'a Means<'a>,
     session: Session,
@@ -216,7 +216,7 @@ struct Desk<'a> {
 
 /// Results of the runs of the menu.
 #[derive(Debug, Clone, Default)]
-struct Asked {
+struct MenuOutcome {
     /// Names of those that can be played.
     allowed: Vec<String>,
     /// Name, how it would let the investigation end, and why it cannot be played.
@@ -230,9 +230,9 @@ impl Step {
     }
 }
 
-impl Desk<'_> {
+impl Workspace<'_> {
     /// The diagnosis of everything measured so far, and what became of the runs of the menu.
-    fn diagnose(&self, bought: &[&'static str]) -> Result<(Outcome, Asked), Failure> {
+    fn diagnose(&self, bought: &[&'static str]) -> Result<(Outcome, MenuOutcome), Failure> {
         let limits = &self.experiment.cell.limits;
         let part = |limit_a: f64| LIMIT_PART * limit_a.min(BENCH_A);
         let limits = BenchLimits {
@@ -241,10 +241,10 @@ impl Desk<'_> {
             highest_hz: HIGHEST_HZ,
             shunt_ohm: Some(self.experiment.bench.wiring.shunt.r_ohm),
         };
-        let asked = Arc::new(Mutex::new(Asked::default()));
+        let menu = Arc::new(Mutex::new(MenuOutcome::default()));
         let options = DiagnosisOptions {
             limits: Some(limits),
-            playable: Some(self.playable(bought, asked.clone())),
+            playable: Some(self.playable(bought, menu.clone())),
             ..DiagnosisOptions::default()
         };
         let unreadable = self
@@ -259,15 +259,15 @@ impl Desk<'_> {
             .diagnosis
             .notes
             .extend(self.loaded.notes.iter().cloned());
-        let asked = asked
+        let menu = menu
             .lock()
-            .map_or_else(|_| Asked::default(), |asked| asked.clone());
-        Ok((outcome, asked))
+            .map_or_else(|_| MenuOutcome::default(), |menu| menu.clone());
+        Ok((outcome, menu))
     }
 
     /// Refuses what was bought often enough, what bench or cell cannot do, and what the budget does
     /// not pay.
-    fn playable(&self, bought: &[&'static str], asked: Arc<Mutex<Asked>>) -> Playable {
+    fn playable(&self, bought: &[&'static str], menu: Arc<Mutex<MenuOutcome>>) -> Playable {
         let (site, bought) = (
             Site::new(self.experiment, &self.loaded.set, &self.model.ocv),
             bought.to_vec(),
@@ -297,10 +297,10 @@ impl Desk<'_> {
                 Ok(_) => Ok(()),
             };
             let allowed = found.is_ok();
-            if let Ok(mut asked) = asked.lock() {
+            if let Ok(mut menu) = menu.lock() {
                 match found {
-                    Ok(()) => asked.allowed.push(name.to_owned()),
-                    Err((end, reason)) => asked.refused.push((name.to_owned(), end, reason)),
+                    Ok(()) => menu.allowed.push(name.to_owned()),
+                    Err((end, reason)) => menu.refused.push((name.to_owned(), end, reason)),
                 }
             }
             allowed
@@ -311,7 +311,7 @@ impl Desk<'_> {
     fn next(
         &self,
         outcome: &Outcome,
-        asked: &Asked,
+        menu: &MenuOutcome,
         steps: &[Step],
     ) -> Result<(NextExperiment, Experiment), (End, String)> {
         let diagnosis = &outcome.diagnosis;
@@ -334,10 +334,9 @@ impl Desk<'_> {
             .filter(|_| steps.len() <= MOST_RUNS)
         else {
             let refused = || {
-                asked
-                    .refused
+                menu.refused
                     .iter()
-                    .filter(|(name, ..)| !asked.allowed.contains(name))
+                    .filter(|(name, ..)| !menu.allowed.contains(name))
             };
             let budget =
                 refused().any(|(_, end, _)| *end == End::Budget) || steps.len() > MOST_RUNS;

@@ -37,7 +37,7 @@ pub enum Refused {
 
 /// The experiment that is asked for.
 #[derive(Debug, Clone, Copy)]
-pub struct Asked<'a> {
+pub struct ExperimentRequest<'a> {
     /// Its name.
     pub name: &'a str,
     /// Its text; none for that of the file of this name.
@@ -95,8 +95,8 @@ impl Submission {
     ///
     /// # Errors
     /// Reason why it cannot be run.
-    pub fn new(settings: &Settings, asked: Asked<'_>) -> Result<Self, Refused> {
-        let Asked { name, text, bench } = asked;
+    pub fn new(settings: &Settings, request: ExperimentRequest<'_>) -> Result<Self, Refused> {
+        let ExperimentRequest { name, text, bench } = request;
         let text = text.map_or_else(|| text_of(settings, name), |text| Ok(text.to_owned()))?;
         let path = settings
             .configs

@@ -20,7 +20,7 @@ use crate::{
     serve::{
         Server,
         queue::{Item, Kind, QueueError, Wanted},
-        submission::{self, Asked, Refused, Submission},
+        submission::{self, ExperimentRequest, Refused, Submission},
     },
 };
 use instruments::clock;
@@ -199,7 +199,7 @@ pub async fn plan(
     aside(move || {
         let submission = Submission::new(
             &app.server.settings,
-            Asked {
+            ExperimentRequest {
                 name: &name,
                 text: None,
                 bench: on.bench.as_deref(),
@@ -256,7 +256,7 @@ pub async fn submit(
         let server = &app.server;
         let submission = Submission::new(
             &server.settings,
-            Asked {
+            ExperimentRequest {
                 name,
                 text,
                 bench: submit.bench.as_deref(),
