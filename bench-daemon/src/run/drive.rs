@@ -27,13 +27,13 @@ use crate::{
 
 /// Results from before: the correction of another run on the same bench, or the part of this run
 /// that was done before its process died.
-pub(super) struct Before<'a> {
+pub(super) struct PriorResults<'a> {
     pub(super) inherited: Option<Correction>,
     pub(super) context: Option<&'a ResumeContext>,
 }
 
 /// Surroundings of a run besides its bench: its clock, who answers its questions, and its progress.
-pub(super) struct Around<'a> {
+pub(super) struct RunEnvironment<'a> {
     pub(super) clock: &'a Clock,
     pub(super) operator: &'a Operator,
     pub(super) progress: &'a Progress,
@@ -45,19 +45,19 @@ pub(super) async fn drive(
     recorder: &mut Recorder,
     experiment: &Experiment,
     plan: &Checked,
-    around: Around<'_>,
-    before: Before<'_>,
+    environment: RunEnvironment<'_>,
+    before: PriorResults<'_>,
 ) -> Result<Measured, Failure> {
     bench.made_safe().await?;
     recorder.journal(Entry::Safe)?;
-    let Before { inherited, context } = before;
+    let PriorResults { inherited, context } = before;
     let accumulator = RunAccumulator::new(experiment, inherited.clone());
     recorder.about(&experiment.cell.name, experiment.cell.capacity_c);
     let mut executor = Executor::new(
-        Rig::new(bench, experiment, around.clock.clone(), recorder),
+        Rig::new(bench, experiment, environment.clock.clone(), recorder),
         Person {
-            operator: around.operator,
-            progress: around.progress,
+            operator: environment.operator,
+            progress: environment.progress,
         },
     );
     if let Some(correction) = inherited {

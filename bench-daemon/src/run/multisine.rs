@@ -42,10 +42,10 @@ pub struct MultisineRun {
 }
 
 /// A line: its phasors, the scope's V/div, what it says of noise and distortion.
-pub(super) type Found = (ChannelPhasors, [f64; 4], Line);
+pub(super) type MeasuredLine = (ChannelPhasors, [f64; 4], Line);
 
 /// Figures of a measured multisine besides its lines.
-pub(super) struct Told {
+pub(super) struct MultisineFigures {
     /// Points that the quality gate refused to the end.
     pub(super) flagged: Vec<FlaggedPoint>,
     /// Bench time that it took with all that belongs to it, s.
@@ -86,7 +86,7 @@ pub(super) async fn measure(
         recorder.point_warning("multisine", freq_hz, text);
     });
     let lines = std::mem::take(&mut executor.known.lines);
-    let found: Vec<Found> = points
+    let found: Vec<MeasuredLine> = points
         .iter()
         .zip(lines)
         .map(|(point, line)| (point.phasors, point.volts_per_div, line))
@@ -98,7 +98,7 @@ pub(super) async fn measure(
         repeat,
         &found,
         measured,
-        Told { flagged, took_s },
+        MultisineFigures { flagged, took_s },
     )?;
     let corrected = measured.correction.reduced_chi2.is_some();
     let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
@@ -131,11 +131,11 @@ pub(super) fn write(
     experiment: &Experiment,
     stage: &Stage,
     repeat: usize,
-    found: &[Found],
+    found: &[MeasuredLine],
     measured: &Measured,
-    told: Told,
+    figures: MultisineFigures,
 ) -> Result<MultisineRun, Failure> {
-    let Told { flagged, took_s } = told;
+    let MultisineFigures { flagged, took_s } = figures;
     let correction = &measured.correction;
     let corrected: Vec<ImpedancePoint> = found
         .iter()
@@ -154,7 +154,7 @@ pub(super) fn write(
     recorder.flagged_spectrum(&Multisine::Spectrum.file(repeat), &corrected, &flags)?;
     recorder.text(&Multisine::Lines.file(repeat), &table(&lines))?;
     recorder.flagged_parquet(&Multisine::SpectrumParquet.file(repeat), &corrected, &flags)?;
-    let own = |((phasors, ..), point): (&Found, &ImpedancePoint)| {
+    let own = |((phasors, ..), point): (&MeasuredLine, &ImpedancePoint)| {
         let covariance = correction.measured_parts(phasors).into_iter().sum();
         ImpedancePoint {
             covariance,

@@ -8,7 +8,7 @@ use instruments::{clock::Clock, transport::MemoryHub};
 
 use super::{
     FINISHED, Finished, Measured, ResumeContext,
-    drive::{self, Around, Before},
+    drive::{self, PriorResults, RunEnvironment},
     results,
     stop::{StopSignals, caught},
 };
@@ -113,18 +113,18 @@ impl Run<'_> {
             Ok(opened) => opened,
             Err(failure) => return lease.end(Err(failure)).await,
         };
-        let around = Around {
+        let environment = RunEnvironment {
             clock: &self.clock,
             operator: &self.operator,
             progress: &progress,
         };
-        let before = Before {
+        let before = PriorResults {
             inherited: self.before.1.take(),
             context: self.context.as_ref(),
         };
         let outcome = tokio::select! {
             outcome = caught(
-                drive::drive(&mut bench, &mut self.recorder, self.experiment, self.plan, around, before)
+                drive::drive(&mut bench, &mut self.recorder, self.experiment, self.plan, environment, before)
             ) => outcome,
             () = stop.requested() => Err(Failure::Interrupted(self.recorder.folder().display().to_string())),
             lost = lease.lost() => Err(lost.into()),

@@ -229,7 +229,7 @@ impl Recorded {
             if let Purpose::Multisine(repeat) = stage.purpose {
                 let (found, kept) = self.multisine(stage, repeat)?;
                 others.lines += found.len();
-                let told = multisine::Told {
+                let figures = multisine::MultisineFigures {
                     flagged: kept.flagged,
                     took_s: kept.took_s,
                 };
@@ -240,7 +240,7 @@ impl Recorded {
                     repeat,
                     &found,
                     &accumulator.measured,
-                    told,
+                    figures,
                 )?;
                 accumulator.measured.multisines.push(run);
             }
@@ -335,9 +335,9 @@ impl Recorded {
             .map_err(|error| failed(&format!("{}: {error}", path.display())))?
             .len();
         let stored = if bytes > LARGE_BYTES {
-            Records::Stored(dataset::open_capture(&path).map_err(|error| failed(&told(&error)))?)
+            Records::Stored(dataset::open_capture(&path).map_err(|error| failed(&figures(&error)))?)
         } else {
-            Records::Whole(dataset::read_capture(&path).map_err(|error| failed(&told(&error)))?)
+            Records::Whole(dataset::read_capture(&path).map_err(|error| failed(&figures(&error)))?)
         };
         let (meta, channels) = stored.channel_record();
         let channel_record = ChannelRecord {
@@ -505,7 +505,7 @@ fn of_ranging(text: &str) -> bool {
 }
 
 /// An error with what lies below it.
-fn told(error: &dyn std::error::Error) -> String {
+fn figures(error: &dyn std::error::Error) -> String {
     error
         .source()
         .map_or_else(|| error.to_string(), |source| format!("{error}: {source}"))

@@ -136,7 +136,7 @@ fn evaluate(
         recorder,
         experiment,
         measured,
-        report::Found {
+        report::SweepFindings {
             fits: &fits,
             budget: &budget,
             judged: &judged,

@@ -15,13 +15,13 @@ use analysis::{
     spectrum::raw_impedance,
 };
 
-use super::{Recorded, told};
+use super::{Recorded, figures};
 use crate::{
     executor::{BandFit, Frames, RecordedTrace, fit_band, zeros},
     failure::Failure,
     plan::{Band, Stage, Step, Through, TracePlan},
     record::{RecordError, Recorder},
-    run::multisine::{self, Found, MultisineRun},
+    run::multisine::{self, MeasuredLine, MultisineRun},
 };
 
 /// Results that were recomputed beside the points of sweeps.
@@ -46,12 +46,12 @@ impl Recorded {
         &self,
         stage: &Stage,
         repeat: usize,
-    ) -> Result<(Vec<Found>, MultisineRun), Failure> {
+    ) -> Result<(Vec<MeasuredLine>, MultisineRun), Failure> {
         let kept = multisine::restore(&self.folder, repeat)?;
         let raw = dataset::read_spectrum_csv(&self.folder.join(Multisine::Raw.file(repeat)))
             .map_err(RecordError::from)?;
         let shunt_ohm = self.experiment.bench.wiring.shunt.r_ohm;
-        let mut found: Vec<Found> = Vec::new();
+        let mut found: Vec<MeasuredLine> = Vec::new();
         for band in stage.steps.iter().filter_map(|step| {
             if let Step::Multisine(band) = step {
                 Some(band.as_ref())
@@ -62,7 +62,7 @@ impl Recorded {
             let attempts = self.attempts(band, repeat)?;
             for line in 0..band.design.harmonics.len() {
                 let stored = raw.get(found.len()).map(|point| point.z_ohm);
-                let same = |attempt: &&Vec<Found>| {
+                let same = |attempt: &&Vec<MeasuredLine>| {
                     attempt
                         .get(line)
                         .map(|own| raw_impedance(&own.0, shunt_ohm).z_ohm)
@@ -88,7 +88,7 @@ impl Recorded {
 
     /// The lines of all records of a band, the latest first. One that cannot be analysed was not
     /// kept, unless it is the only one.
-    fn attempts(&self, band: &Band, repeat: usize) -> Result<Vec<Vec<Found>>, Failure> {
+    fn attempts(&self, band: &Band, repeat: usize) -> Result<Vec<Vec<MeasuredLine>>, Failure> {
         let (mut attempts, mut wrong) = (Vec::new(), None);
         for attempt in 0_usize.. {
             let path = self.folder.join(run_folder::capture(
@@ -99,7 +99,7 @@ impl Recorded {
                 break;
             }
             let capture =
-                dataset::read_capture(&path).map_err(|error| Failure::Usage(told(&error)))?;
+                dataset::read_capture(&path).map_err(|error| Failure::Usage(figures(&error)))?;
             let scale = |slot: usize| capture.meta.channels[slot].scale;
             let volts = [0, 1, 2, 3].map(|slot| {
                 capture.codes[slot]
@@ -235,7 +235,7 @@ impl Recorded {
             &run_folder::trace_name(&trace.name, trace.repeat),
             name,
         ));
-        dataset::read_capture(&path).map_err(|error| Failure::Usage(told(&error)))
+        dataset::read_capture(&path).map_err(|error| Failure::Usage(figures(&error)))
     }
 
     fn failed(&self, what: &str) -> Failure {

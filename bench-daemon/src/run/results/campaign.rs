@@ -90,7 +90,7 @@ struct CampaignFile<'a> {
 }
 
 /// Additions of a campaign to the report and the summary.
-pub(super) struct Told {
+pub(super) struct CampaignResults {
     pub(super) figure: Figure,
     pub(super) table: Table,
     pub(super) text: String,
@@ -104,7 +104,7 @@ pub(super) fn write(
     measured: &Measured,
     fits: &[ErmFit],
     judged: &[Judged],
-) -> Result<Told, Failure> {
+) -> Result<CampaignResults, Failure> {
     let spectra: Vec<&Spectrum> = measured.spectra().collect();
     let cell_of = |spectrum: &Spectrum| {
         campaign
@@ -153,7 +153,7 @@ pub(super) fn write(
         svg: plot::nyquist_svg(&plot).map_err(drawn)?,
         caption,
     };
-    Ok(Told {
+    Ok(CampaignResults {
         figure,
         table: table(&spread),
         text: in_words(campaign, spectra.len(), &spread),

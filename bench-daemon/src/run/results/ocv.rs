@@ -34,7 +34,7 @@ const CONTRADICTS: f64 = 3.0;
 
 /// Everything that is known of the curve, `ocv_found.json`.
 #[derive(Debug, Serialize)]
-struct Found<'a> {
+struct OcvFindings<'a> {
     extraction: &'a OcvExtraction,
     interruptions: &'a [Interruption],
     /// Half the range of the resistances of the interruptions, Ω.
@@ -97,7 +97,7 @@ pub(super) fn write(
         caption,
     )?);
     shown.tables.extend(tables(&found, &down.interruptions));
-    let known = Found {
+    let known = OcvFindings {
         extraction: &found,
         interruptions: &down.interruptions,
         dcir_spread_ohm: down.resistance_ohm().map(|(_, spread_ohm)| spread_ohm),
@@ -109,7 +109,7 @@ pub(super) fn write(
         .warnings
         .iter()
         .for_each(|warning| recorder.warning(&format!("OCV: {warning}")));
-    Ok(words(&known, down.resistance_ohm()))
+    Ok(describe(&known, down.resistance_ohm()))
 }
 
 /// Reads the legs of one direction; discharge counts positive from here on.
@@ -233,7 +233,7 @@ fn contradicted(given_ohm: f64, down: &Interrupted) -> Option<String> {
     })
 }
 
-fn words(known: &Found<'_>, measured: Option<(f64, f64)>) -> String {
+fn describe(known: &OcvFindings<'_>, measured: Option<(f64, f64)>) -> String {
     let found = known.extraction;
     let mut lines = vec![format!(
         "OCV: {:.4} Ah between the limits at rest, {:.2} % of it carried on beyond the discharge \

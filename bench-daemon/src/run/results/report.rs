@@ -11,7 +11,7 @@ use analysis::{
 use num_complex::Complex64;
 
 use super::{
-    campaign::Told,
+    campaign::CampaignResults,
     condition,
     multisine_and_trace::{Shown, draw},
     records,
@@ -32,7 +32,7 @@ use crate::{
 const GOOD_CHI2: f64 = 2.0;
 
 /// Findings from the sweeps of the cell.
-pub(super) struct Found<'a> {
+pub(super) struct SweepFindings<'a> {
     /// Models of all sweeps alike.
     pub(super) fits: &'a [ErmFit],
     /// The uncertainty of the first sweep.
@@ -40,7 +40,7 @@ pub(super) struct Found<'a> {
     /// Judgement of each sweep.
     pub(super) judged: &'a [Judged],
     /// Additions of a campaign.
-    pub(super) told: Option<Told>,
+    pub(super) told: Option<CampaignResults>,
     /// Other measurements.
     pub(super) shown: Shown,
 }
@@ -50,9 +50,9 @@ pub(super) fn write(
     recorder: &Recorder,
     experiment: &Experiment,
     measured: &Measured,
-    found: Found<'_>,
+    found: SweepFindings<'_>,
 ) -> Result<(), Failure> {
-    let Found {
+    let SweepFindings {
         fits,
         budget,
         judged,
@@ -61,7 +61,7 @@ pub(super) fn write(
     } = found;
     let (mut figures, mut tables) = (Vec::new(), Vec::new());
     tables.extend(validity::table(experiment.campaign.as_ref(), judged));
-    if let Some(Told { figure, table, .. }) = told {
+    if let Some(CampaignResults { figure, table, .. }) = told {
         figures.push(figure);
         tables.push(table);
     }
