@@ -37,14 +37,14 @@ pub struct ControlResult {
     /// After the correction; `None` until every control was measured.
     pub corrected: Option<ControlVerdict>,
     /// How far the bench goes as read.
-    pub believed_as_read: Option<Believed>,
+    pub believed_as_read: Option<ValidBand>,
     /// How far it goes with the correction.
-    pub believed: Option<Believed>,
+    pub believed: Option<ValidBand>,
 }
 
 /// Up to which frequency a control is right.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Believed {
+pub struct ValidBand {
     /// Up to here every point is right, Hz; none where the slowest is wrong.
     pub believed_to_hz: Option<f64>,
     /// Here is the first that is wrong, Hz; none where all are right: then the control was not
@@ -107,7 +107,7 @@ pub fn believed_as_read(
     experiment: &Experiment,
     fixture: Fixture,
     points: &[SweepPoint],
-) -> Believed {
+) -> ValidBand {
     let share = experiment
         .fixture_check
         .as_ref()
@@ -127,7 +127,7 @@ pub fn believed(
     correction: &Correction,
     share: f64,
     points: &[SweepPoint],
-) -> Believed {
+) -> ValidBand {
     let corrected: Vec<ImpedancePoint> = points
         .iter()
         .map(|point| correction.apply(&point.phasors))
@@ -142,7 +142,7 @@ fn reach(
     experiment: &Experiment,
     fixture: Fixture,
     share: f64,
-) -> Believed {
+) -> ValidBand {
     let known = known(&experiment.bench, fixture);
     let scale = |freq_hz: f64| {
         if fixture == Fixture::Short {
@@ -155,7 +155,7 @@ fn reach(
         (point.z_ohm - known.at(point.freq_hz)).norm() <= share * scale(point.freq_hz)
     };
     let good = points.iter().take_while(right).count();
-    Believed {
+    ValidBand {
         believed_to_hz: good.checked_sub(1).map(|last| points[last].freq_hz),
         wrong_at_hz: points.get(good).map(|point| point.freq_hz),
         tolerance: share,
@@ -165,14 +165,14 @@ fn reach(
 /// How far the bench is to be believed, by all controls that were not the correction's own
 /// reference: a sentence; none without such a control.
 pub fn believed_in_words(controls: &[ControlResult]) -> Option<String> {
-    let limit = |of: fn(&ControlResult) -> Option<Believed>| {
-        let to_hz = |believed: &Believed| believed.believed_to_hz.unwrap_or(0.0);
+    let limit = |of: fn(&ControlResult) -> Option<ValidBand>| {
+        let to_hz = |believed: &ValidBand| believed.believed_to_hz.unwrap_or(0.0);
         controls
             .iter()
             .filter_map(of)
             .min_by(|a, b| to_hz(a).total_cmp(&to_hz(b)))
     };
-    let words = |believed: Believed| match (believed.believed_to_hz, believed.wrong_at_hz) {
+    let words = |believed: ValidBand| match (believed.believed_to_hz, believed.wrong_at_hz) {
         (Some(to_hz), Some(at_hz)) => format!(
             "up to {} Hz (wrong at {} Hz)",
             significant(to_hz, 4),

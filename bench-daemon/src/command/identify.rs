@@ -37,7 +37,7 @@ pub struct IdentifyArgs {
 
 /// Instrument found at one address.
 #[derive(Debug, Serialize)]
-struct Found {
+struct IdentifiedInstrument {
     /// Its role; of a single address, that of the dialect.
     role: Option<&'static str>,
     /// The dialect that was chosen.
@@ -53,7 +53,7 @@ struct Found {
     could_be_forced: Vec<String>,
 }
 
-impl Found {
+impl IdentifiedInstrument {
     fn good(&self) -> bool {
         self.said.as_ref().is_some_and(|said| said.recognised)
     }
@@ -104,7 +104,7 @@ pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
     }
 }
 
-fn bench(config: &config::Bench, quiet: bool) -> Result<Vec<Found>, Failure> {
+fn bench(config: &config::Bench, quiet: bool) -> Result<Vec<IdentifiedInstrument>, Failure> {
     let in_process = config.in_process();
     let mode = if in_process {
         TimeMode::Virtual
@@ -167,7 +167,7 @@ fn found(
     instrument: &config::Instrument,
     outcome: Result<InstrumentReport, BenchError>,
     took_s: f64,
-) -> Found {
+) -> IdentifiedInstrument {
     let (said, failure) = match outcome {
         Ok(said) => (Some(said), None),
         Err(error) => (None, Some(error.to_string())),
@@ -176,7 +176,7 @@ fn found(
     let could_be_forced = unknown.map_or_else(Vec::new, |said| {
         forcing(role, &said.identity, &instrument.address)
     });
-    Found {
+    IdentifiedInstrument {
         role,
         model: Some(instrument.model.clone()),
         address: instrument.address.to_string(),
@@ -188,7 +188,7 @@ fn found(
 }
 
 /// Asks an address of which nothing is known, one way of speaking after the other.
-fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
+fn single(address: &Address, quiet: bool) -> Result<Vec<IdentifiedInstrument>, Failure> {
     Clock::runtime(TimeMode::Real)?.block_on(async {
         let clock = Clock::start(TimeMode::Real);
         let (mut answered, mut failure) = (None, None);
@@ -239,7 +239,7 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
                 |said| (Some(said), None),
             );
             let (role, model) = (Some(known.role), Some(known.key.to_owned()));
-            all.push(Found {
+            all.push(IdentifiedInstrument {
                 role,
                 model,
                 address: address.to_string(),
@@ -257,7 +257,7 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<Found>, Failure> {
             let failure = failure
                 .filter(|_| said.is_none())
                 .map(|error| error.to_string());
-            all.push(Found {
+            all.push(IdentifiedInstrument {
                 role: None,
                 model: None,
                 address: address.to_string(),
@@ -346,8 +346,8 @@ fn forcing(role: Option<&str>, identity: &Identity, address: &Address) -> Vec<St
     known.iter().map(line).collect()
 }
 
-fn print(found: &Found) {
-    let Found {
+fn print(found: &IdentifiedInstrument) {
+    let IdentifiedInstrument {
         role,
         model,
         address,

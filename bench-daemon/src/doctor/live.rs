@@ -17,7 +17,7 @@ use instruments::{
 
 use super::{
     Examination, Texts, Verdict,
-    probes::{Known, Loop},
+    probes::{KnownResistance, Loop},
     scope::Level,
     steps::{self, Step},
 };
@@ -50,7 +50,7 @@ const AGAINST: (f64, f64) = (0.1, 0.3);
 
 /// Means of what all meters show.
 #[derive(Debug, Clone, Copy)]
-struct Seen {
+struct MeterMeans {
     amps: f64,
     volts: f64,
     load_v: Option<f64>,
@@ -239,7 +239,7 @@ impl Examination<'_> {
             channels_v: [0, 1, 2, 3].map(|slot| up.levels[slot].mean_v - down.levels[slot].mean_v),
             trim: self.config.wiring.command_trim,
         };
-        let known = |known: KnownImpedance| Known {
+        let known = |known: KnownImpedance| KnownResistance {
             ohm: known.r_ohm,
             sigma_ohm: known.r_sigma_ohm,
         };
@@ -471,7 +471,7 @@ impl Examination<'_> {
         Ok(())
     }
 
-    async fn see(&mut self) -> Result<Seen, BenchError> {
+    async fn see(&mut self) -> Result<MeterMeans, BenchError> {
         let levels = self.frame().await?.each_ref().map(Level::of);
         let (mut amps, mut volts, mut load_v) = (0.0, 0.0, 0.0);
         let (of_supply, of_load) = (self.bench.error("supply4q"), self.bench.error("load"));
@@ -483,7 +483,7 @@ impl Examination<'_> {
             }
         }
         let mean = |sum: f64| sum / READINGS as f64;
-        Ok(Seen {
+        Ok(MeterMeans {
             amps: mean(amps),
             volts: mean(volts),
             load_v: self.bench.load.is_some().then(|| mean(load_v)),

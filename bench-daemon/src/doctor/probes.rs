@@ -20,16 +20,16 @@ pub(super) struct Loop {
     /// Fixture that the probes C3 and C4 are on.
     pub(super) fixture: Fixture,
     /// The current shunt.
-    pub(super) shunt: Known,
+    pub(super) shunt: KnownResistance,
     /// The fixture.
-    pub(super) control: Known,
+    pub(super) control: KnownResistance,
     /// Standard deviation of the gain of one channel relative to another.
     pub(super) gain_sigma: f64,
 }
 
 /// A resistance of the bench file with its standard deviation, Ω.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Known {
+pub(super) struct KnownResistance {
     pub(super) ohm: f64,
     pub(super) sigma_ohm: f64,
 }
@@ -115,9 +115,10 @@ impl Loop {
     /// Values of the controls that make the readings possible as they are.
     fn values(&self, readings: [f64; 4]) -> Vec<Mistake> {
         let [a, b, c, d] = readings;
-        let another =
-            |met: f64, known: Known| (known.ohm / ANOTHER..=known.ohm * ANOTHER).contains(&met);
-        let with = |known: Known, ohm: f64| Known { ohm, ..known };
+        let another = |met: f64, known: KnownResistance| {
+            (known.ohm / ANOTHER..=known.ohm * ANOTHER).contains(&met)
+        };
+        let with = |known: KnownResistance, ohm: f64| KnownResistance { ohm, ..known };
         let mut found = Vec::new();
         let (shunt, control) = (with(self.shunt, b - a), with(self.control, d - c));
         let on_shunt = self.fixture == Fixture::Shunt;
@@ -144,7 +145,7 @@ impl Loop {
 
     /// Standard deviation of the difference of two readings, Ω: of their gains, and where a control
     /// lies between them, of its value and of the current.
-    pub(super) fn sigma_ohm(&self, low: f64, high: f64, known: Option<Known>) -> f64 {
+    pub(super) fn sigma_ohm(&self, low: f64, high: f64, known: Option<KnownResistance>) -> f64 {
         let control = known.map_or(0.0, |known| known.sigma_ohm.hypot(METER_SIGMA * known.ohm));
         (self.gain_sigma * low.hypot(high)).hypot(control)
     }
@@ -156,7 +157,7 @@ impl Loop {
 
     /// Whether four readings can be those of this loop; a channel may be left out of the account.
     fn possible(&self, readings: [f64; 4], without: Option<usize>) -> bool {
-        let near = |(low, high): (f64, f64), known: Option<Known>| {
+        let near = |(low, high): (f64, f64), known: Option<KnownResistance>| {
             let value = known.map_or(0.0, |known| known.ohm);
             (high - low - value).abs() <= self.bound(self.sigma_ohm(low, high, known))
         };
@@ -282,14 +283,14 @@ fn orders() -> Vec<[usize; 4]> {
 mod tests {
     use super::*;
 
-    const OF_SHUNT: Known = Known {
+    const OF_SHUNT: KnownResistance = KnownResistance {
         ohm: 9.96e-3,
         sigma_ohm: 0.02e-3,
     };
     const FAKE: Loop = Loop {
         fixture: Fixture::FakeCell,
         shunt: OF_SHUNT,
-        control: Known {
+        control: KnownResistance {
             ohm: 3.75e-3,
             sigma_ohm: 0.05e-3,
         },
@@ -406,7 +407,7 @@ mod tests {
             FAKE.sigma_ohm(
                 39.0e-3,
                 42.75e-3,
-                Some(Known {
+                Some(KnownResistance {
                     ohm: 3.75e-3,
                     sigma_ohm,
                 }),

@@ -5,7 +5,7 @@ use instruments::fixture::Fixture;
 
 use super::{
     findings::{Findings, Texts, Verdict},
-    probes::{COVERAGE, Known, Loop, METER_SIGMA, Mistake},
+    probes::{COVERAGE, KnownResistance, Loop, METER_SIGMA, Mistake},
 };
 
 /// The gain of the drive is right within this share, and remarkable beyond the first.
@@ -284,9 +284,9 @@ fn milli(ohms: f64) -> String {
 }
 
 /// A control with what a sound bench reads of it.
-fn expected(known: Known, sigma_ohm: f64) -> String {
+fn expected(known: KnownResistance, sigma_ohm: f64) -> String {
     let within = |k: f64| milli(k * sigma_ohm);
-    let Known {
+    let KnownResistance {
         ohm,
         sigma_ohm: own_ohm,
     } = known;
@@ -467,11 +467,11 @@ mod tests {
 
     const CIRCUIT: Loop = Loop {
         fixture: Fixture::FakeCell,
-        shunt: Known {
+        shunt: KnownResistance {
             ohm: 9.96e-3,
             sigma_ohm: 0.02e-3,
         },
-        control: Known {
+        control: KnownResistance {
             ohm: 3.75e-3,
             sigma_ohm: 0.05e-3,
         },
@@ -548,7 +548,7 @@ mod tests {
     /// the command tells.
     #[test]
     fn a_wrong_value_is_told_from_a_wrong_ammeter_by_a_second_control_or_the_command() {
-        let shunt_of = |ohm: f64| Known {
+        let shunt_of = |ohm: f64| KnownResistance {
             ohm,
             sigma_ohm: 0.02e-3,
         };
@@ -572,7 +572,7 @@ mod tests {
             // A fake cell of 3.75 mΩ where the bench file says 6.
             (
                 Loop {
-                    control: Known {
+                    control: KnownResistance {
                         ohm: 6.0e-3,
                         sigma_ohm: 0.05e-3,
                     },

@@ -92,7 +92,7 @@ pub enum End {
 
 /// A run that was bought to settle what was open.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Bought {
+pub struct FollowUpRun {
     /// Experiment that was recommended.
     pub experiment: NextExperiment,
     /// Time that it took on the bench, min.
@@ -105,7 +105,7 @@ pub struct Step {
     /// Run folder beside the investigation's files.
     pub folder: String,
     /// The experiment; none for the first campaign.
-    pub bought: Option<Bought>,
+    pub bought: Option<FollowUpRun>,
     /// Verdict.
     pub verdict: Verdict,
     /// Names given.
@@ -179,7 +179,7 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
         )?;
         steps.push(step(
             &folder,
-            Some(Bought {
+            Some(FollowUpRun {
                 experiment: next,
                 minutes,
             }),
@@ -390,7 +390,7 @@ impl Workspace<'_> {
     }
 }
 
-fn step(folder: &Path, bought: Option<Bought>, diagnosis: &Diagnosis) -> Step {
+fn step(folder: &Path, bought: Option<FollowUpRun>, diagnosis: &Diagnosis) -> Step {
     Step {
         folder: folder
             .file_name()

@@ -5,7 +5,7 @@ use std::{fmt::Write as _, path::Path};
 
 use analysis::dataset::write_atomically;
 
-use super::{Bought, Investigation, Step};
+use super::{FollowUpRun, Investigation, Step};
 use crate::{failure::Failure, present::significant};
 
 /// Writes both.
@@ -74,7 +74,7 @@ impl Investigation {
 }
 
 fn row(step: &Step) -> String {
-    let bought = |b: &Bought| {
+    let bought = |b: &FollowUpRun| {
         let next = &b.experiment;
         let (what, minutes, ah) = (&next.description, b.minutes, next.charge_ah);
         let (now, then) = (next.separation_now_sigma, next.separation_sigma);

@@ -20,7 +20,7 @@ pub struct Follow {
 
 /// Result of one look at a file.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub struct Grown {
+pub struct FileGrowth {
     /// Whole lines that are new.
     pub lines: Vec<String>,
     /// The file is another one or became shorter: what was read before holds no more.
@@ -41,10 +41,12 @@ impl Follow {
     ///
     /// # Errors
     /// The system's; a file that is not there has nothing new.
-    pub fn look(&mut self) -> io::Result<Grown> {
+    pub fn look(&mut self) -> io::Result<FileGrowth> {
         let mut file = match File::open(&self.path) {
             Ok(file) => file,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Grown::default()),
+            Err(error) if error.kind() == io::ErrorKind::NotFound => {
+                return Ok(FileGrowth::default());
+            }
             Err(error) => return Err(error),
         };
         let meta = file.metadata()?;
@@ -54,9 +56,9 @@ impl Follow {
         }
         self.inode = meta.ino();
         if meta.len() == self.at {
-            return Ok(Grown {
+            return Ok(FileGrowth {
                 anew,
-                ..Grown::default()
+                ..FileGrowth::default()
             });
         }
         file.seek(SeekFrom::Start(self.at))?;
@@ -71,7 +73,7 @@ impl Follow {
             .lines()
             .map(str::to_owned)
             .collect();
-        Ok(Grown { lines, anew })
+        Ok(FileGrowth { lines, anew })
     }
 }
 
@@ -84,7 +86,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("f");
         let mut follow = Follow::new(path.clone());
-        assert_eq!(follow.look().unwrap(), Grown::default());
+        assert_eq!(follow.look().unwrap(), FileGrowth::default());
         for (text, lines, anew) in [
             ("a\nb", vec!["a"], false),
             ("a\nbc\nd\n", vec!["bc", "d"], false),
@@ -103,7 +105,7 @@ mod tests {
         std::fs::rename(folder.path().join("g"), &path).unwrap();
         assert_eq!(
             follow.look().unwrap(),
-            Grown {
+            FileGrowth {
                 lines: vec!["x".to_owned(), "y".to_owned()],
                 anew: true
             }

@@ -28,7 +28,7 @@ pub struct Event {
 
 /// Events that came.
 #[derive(Debug)]
-pub struct Told {
+pub struct ReceivedEvents {
     /// In order.
     pub events: Vec<Arc<Event>>,
     /// Some before them are gone.
@@ -103,14 +103,14 @@ impl Hub {
     }
 
     /// Those after the event of this number.
-    pub fn after(&self, number: u64) -> Told {
+    pub fn after(&self, number: u64) -> ReceivedEvents {
         let ring = self.ring.lock().unwrap_or_else(PoisonError::into_inner);
         let oldest = ring
             .events
             .front()
             .map_or(ring.latest + 1, |event| event.number);
         let skip = usize::try_from((number + 1).saturating_sub(oldest)).unwrap_or(usize::MAX);
-        Told {
+        ReceivedEvents {
             events: ring
                 .events
                 .iter()

@@ -86,7 +86,7 @@ pub fn start(server: &Arc<Server>) -> Result<Supervisor, Failure> {
         .settings
         .benches
         .iter()
-        .map(|bench| Post::new(server, bench))
+        .map(|bench| SupervisedBench::new(server, bench))
         .collect::<Result<Vec<_>, _>>()?;
     let (server, handle) = (server.clone(), tokio::runtime::Handle::current());
     let end = Arc::new(AtomicBool::new(false));
@@ -115,7 +115,7 @@ impl Supervisor {
 }
 
 /// One bench.
-struct Post {
+struct SupervisedBench {
     bench: config::Bench,
     state: Option<State>,
     /// The process in work, where it is this server's child, with its place in the queue.
@@ -126,7 +126,7 @@ struct Post {
     told: (Live, f64),
 }
 
-impl Post {
+impl SupervisedBench {
     fn new(server: &Server, bench: &config::Bench) -> Result<Self, Failure> {
         let last = jobs::all(&server.settings.data)
             .into_iter()

@@ -410,7 +410,7 @@ async fn requests<S>(
             Ok::<_, Infallible>(answer)
         }
     });
-    let stream = Patient {
+    let stream = TimedStream {
         stream,
         clock: clock.clone(),
         patience,
@@ -449,7 +449,7 @@ fn acceptor(certificate: &std::path::Path, key: &std::path::Path) -> Result<TlsA
 
 /// A stream that gives up a peer which does not take what it is sent. What the HTTP library answers
 /// by itself, to a head that is none or is too long, gets the shape of every other refusal.
-struct Patient<S> {
+struct TimedStream<S> {
     stream: S,
     clock: Clock,
     patience: Duration,
@@ -493,7 +493,7 @@ fn instead_of(answer: &[u8]) -> Option<Vec<u8>> {
     Some((head + &body).into_bytes())
 }
 
-impl<S> Patient<S> {
+impl<S> TimedStream<S> {
     fn judge<T>(
         &mut self,
         context: &mut Context<'_>,
@@ -512,7 +512,7 @@ impl<S> Patient<S> {
     }
 }
 
-impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
+impl<S: AsyncRead + Unpin> AsyncRead for TimedStream<S> {
     fn poll_read(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,
@@ -522,7 +522,7 @@ impl<S: AsyncRead + Unpin> AsyncRead for Patient<S> {
     }
 }
 
-impl<S: AsyncWrite + Unpin> AsyncWrite for Patient<S> {
+impl<S: AsyncWrite + Unpin> AsyncWrite for TimedStream<S> {
     fn poll_write(
         mut self: Pin<&mut Self>,
         context: &mut Context<'_>,

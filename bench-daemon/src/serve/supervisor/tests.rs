@@ -46,7 +46,7 @@ fn begun(seen: Option<f64>, now: Option<f64>) -> (Option<i32>, Option<f64>) {
             },
         );
     }
-    let post = Post::new(&server, &bench).unwrap();
+    let post = SupervisedBench::new(&server, &bench).unwrap();
     let mut child = Command::new("sleep").arg("600").spawn().unwrap();
     post.begun(&server, &item, i32::try_from(child.id()).unwrap(), seen);
     // Whoever was not asked to end is killed here.
