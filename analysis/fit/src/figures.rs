@@ -1,7 +1,7 @@
 //! The thesis' figures 3.8 and 3.10–3.14 redrawn from data.
 
 use crate::fit::ErmFit;
-use analysis_numeric::brief::brief;
+use analysis_numeric::significant::format_significant;
 use analysis_plot::{ImpedancePlot, PlotError, Series, SeriesStyle, nyquist};
 use analysis_signal::spectrum::{Spectrum, cell_in_name};
 use std::{
@@ -181,8 +181,8 @@ fn band_text(spectra: &[Spectrum]) -> String {
     band_hz(spectra).map_or_else(String::new, |band_hz| {
         format!(
             "{} to {} Hz, axes equally scaled",
-            brief(*band_hz.start(), 3),
-            brief(*band_hz.end(), 3)
+            format_significant(*band_hz.start(), 3),
+            format_significant(*band_hz.end(), 3)
         )
     })
 }

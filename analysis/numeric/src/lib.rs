@@ -1,12 +1,12 @@
 //! Numerical methods for the rest of the analysis: small linear algebra, minimisers, random
 //! numbers, tails of distributions, covariances. Knows no battery.
 
-pub mod brief;
 mod covariance;
 mod global;
 pub mod linalg;
 mod local;
 mod rng;
+pub mod significant;
 pub mod stats;
 
 pub use covariance::Covariance2;

@@ -14,7 +14,7 @@ use crate::validity::{
     FEWEST_POINTS, KkOutcome, KkPoint, KramersKronig, Noise, NoiseSource, kramers_kronig, thinned,
 };
 use analysis_model::model::Erm;
-use analysis_numeric::{Covariance2, brief::brief};
+use analysis_numeric::{Covariance2, significant::format_significant};
 use analysis_signal::spectrum::Spectrum;
 
 /// Share of clean data sets in which a point may be taken to stand out.
@@ -92,9 +92,9 @@ fn of_spectrum(spectrum: &Spectrum, several: bool) -> Vec<String> {
     };
     let name = |p: &KkPoint| {
         let (freq_hz, sigmas, percent) = (
-            brief(p.freq_hz, 3),
-            brief(p.sigmas, 3),
-            brief(p.percent(), 3),
+            format_significant(p.freq_hz, 3),
+            format_significant(p.sigmas, 3),
+            format_significant(p.percent(), 3),
         );
         format!(
             "the point at {freq_hz} Hz{of} lies {sigmas} σ off the fit to the others ({percent} % \

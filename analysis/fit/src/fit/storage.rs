@@ -7,7 +7,7 @@ use super::problem::{Problem, to_erm};
 use super::search::{log_bounds, polish};
 use super::uncertainty::{Uncertainty, sigma_of};
 use analysis_model::model::Erm;
-use analysis_numeric::brief::brief;
+use analysis_numeric::significant::format_significant;
 use analysis_signal::spectrum::{OCV_SLOPE, OcvSlope, Spectrum};
 use serde::{Deserialize, Serialize};
 
@@ -85,14 +85,14 @@ impl ChargeStorage {
     pub(super) fn contradiction(&self) -> Option<String> {
         let off = (self.v_per_c - self.given.v_per_c) / self.given.sigma_v_per_c;
         (off.abs() > CONTRADICTED && off.is_finite()).then(|| {
-            let micro = |v: f64| brief(1.0e6 * v, 3);
+            let micro = |v: f64| format_significant(1.0e6 * v, 3);
             format!(
                 "these data want {} µV/C as the slope of the open-circuit voltage, {} times its \
                 uncertainty from the {} ± {} µV/C given: \
                  the curve, the state of charge or the prior is another, and the slow branches and \
                  the misfit depend on it; give the slope that holds here",
                 micro(self.v_per_c),
-                brief(off.abs(), 3),
+                format_significant(off.abs(), 3),
                 micro(self.given.v_per_c),
                 micro(self.given.sigma_v_per_c)
             )

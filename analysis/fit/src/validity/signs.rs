@@ -3,7 +3,7 @@
 use super::kramers_kronig::{FEWEST_POINTS, KkOutcome, kramers_kronig};
 use super::noise::Noise;
 use super::thin::thinned;
-use analysis_numeric::brief::brief;
+use analysis_numeric::significant::format_significant;
 use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
 
 /// Of a spectrum that obeys Kramers–Kronig with the other sign of its imaginary part only.
@@ -38,7 +38,7 @@ pub(super) fn inductive(points: &[ImpedancePoint]) -> Option<String> {
     let from_hz = inductive_from_hz(points)?;
     Some(format!(
         "the band is inductive from {} Hz on (Im Z > 0)",
-        brief(from_hz, 3)
+        format_significant(from_hz, 3)
     ))
 }
 

@@ -8,7 +8,7 @@ use super::signs::{WRONG_SIGN, inductive};
 use super::stationarity::Stationarity;
 use super::z_hit::ZHit;
 use super::{DOUBTFUL_RATE, FALSE_ALARM_RATE};
-use analysis_numeric::brief::brief;
+use analysis_numeric::significant::format_significant;
 use analysis_signal::spectrum::Spectrum;
 use serde::Serialize;
 use std::fmt;
@@ -402,5 +402,5 @@ fn text(findings: &Findings<'_>, points: &[PointVerdict], band: Option<(f64, f64
 
 /// Frequency with three significant digits.
 fn short(freq_hz: f64) -> String {
-    brief(freq_hz, 3)
+    format_significant(freq_hz, 3)
 }

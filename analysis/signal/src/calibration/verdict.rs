@@ -2,7 +2,7 @@
 
 use super::KnownImpedance;
 use crate::spectrum::ImpedancePoint;
-use analysis_numeric::brief::brief;
+use analysis_numeric::significant::format_significant;
 
 /// Largest allowed error of a control.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize, serde::Deserialize)]
@@ -167,5 +167,5 @@ fn in_words(
 
 /// A number as a verdict says it.
 fn short(value: f64) -> String {
-    brief(value, 4)
+    format_significant(value, 4)
 }

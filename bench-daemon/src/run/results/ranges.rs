@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use analysis::{brief::brief, dataset, run_folder};
+use analysis::{dataset, run_folder, significant::format_significant};
 
 use crate::{
     failure::Failure,
@@ -155,7 +155,7 @@ fn other(slot: usize, (freq_hz, volts): &Scales, reference: &[Scales]) -> bool {
 
 /// Four digits: as many as tell ranges apart that are not one.
 fn short(value: f64) -> String {
-    brief(value, 4)
+    format_significant(value, 4)
 }
 
 /// The record of a control that is nearest in frequency.

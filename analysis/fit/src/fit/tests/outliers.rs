@@ -44,7 +44,8 @@ fn a_wrong_point_is_named_by_every_objective_and_none_of_forty_clean_sweeps_is()
         for objective in [Objective::Complex, Objective::SumAbs] {
             let met = warnings(&sweep, objective);
             let named = off(&met);
-            let freq_hz = analysis_numeric::brief::brief(sweep.points[wrong].freq_hz, 3);
+            let freq_hz =
+                analysis_numeric::significant::format_significant(sweep.points[wrong].freq_hz, 3);
             assert!(
                 named.len() == 1 && named[0].contains(&format!("the point at {freq_hz} Hz lies")),
                 "sweep {k}, {objective:?}: {met:?}"

@@ -23,7 +23,7 @@ mod solve;
 
 use super::error::{LadderError, REFUSED};
 use analysis_model::model::{Circuit, Erm, RcBranch};
-use analysis_numeric::brief::brief;
+use analysis_numeric::significant::format_significant;
 use blocks::{Blocking, Blocks};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -286,7 +286,10 @@ impl Ladder {
     pub fn notes(&self, erm: &Erm) -> Vec<String> {
         let mut notes = vec![self.error_note(erm)];
         for l in &self.left_out {
-            let (z, of) = (brief(1e3 * l.impedance_ohm, 3), brief(1e3 * l.of_ohm, 3));
+            let (z, of) = (
+                format_significant(1e3 * l.impedance_ohm, 3),
+                format_significant(1e3 * l.of_ohm, 3),
+            );
             let place = format!(
                 "at {}, the upper end of the band, where |Z| is {of} mΩ",
                 hertz(l.freq_hz)
@@ -298,12 +301,12 @@ impl Ladder {
             ));
         }
         if let Some(storage_f) = self.storage_f {
-            let v_per_ah = brief(3600.0 / storage_f, 3);
+            let v_per_ah = format_significant(3600.0 / storage_f, 3);
             notes.push(format!(
                 "the circuit blocks a direct current: its capacitance in series, {} F ({v_per_ah} \
                 V per Ah), is charge storage. The slope of an OCV curve \
                  stands for it; a voltage at rest that is held leaves it out",
-                brief(storage_f, 4)
+                format_significant(storage_f, 4)
             ));
         }
         let ladder_ohm = erm.dc_resistance_ohm();
@@ -313,14 +316,14 @@ impl Ladder {
                 one way for longer than {} s meets too little; the \
                  ladder's DC resistance, {} mΩ, is its slowest branch's doing, and simple IR with \
                  it compares with nothing",
-                brief(horizon_s, 3),
-                brief(1e3 * ladder_ohm, 4)
+                format_significant(horizon_s, 3),
+                format_significant(1e3 * ladder_ohm, 4)
             )),
             (Some(dc_ohm), _) if (ladder_ohm / dc_ohm - 1.0).abs() > SAME_DC => notes.push(format!(
                 "DC resistance of the ladder {} mΩ, of the circuit {} mΩ: the rest lies below the \
                 band",
-                brief(1e3 * ladder_ohm, 4),
-                brief(1e3 * dc_ohm, 4)
+                format_significant(1e3 * ladder_ohm, 4),
+                format_significant(1e3 * dc_ohm, 4)
             )),
             _ => {}
         }
@@ -343,9 +346,9 @@ impl Ladder {
         Some(format!(
             "of the DC resistance of {} mΩ, {} mΩ lie in time constants beyond {} s, the slowest \
             that the data reach: there the circuit extrapolates",
-            brief(1e3 * dc_ohm, 4),
-            brief(1e3 * slow_ohm, 3),
-            brief(slowest_s, 3)
+            format_significant(1e3 * dc_ohm, 4),
+            format_significant(1e3 * slow_ohm, 3),
+            format_significant(slowest_s, 3)
         ))
     }
 
@@ -364,7 +367,7 @@ impl Ladder {
             {}{data}",
             self.circuit,
             erm.branches.len(),
-            brief(100.0 * self.worst_relative_error, 2),
+            format_significant(100.0 * self.worst_relative_error, 2),
             hertz(self.worst_at_hz),
             hertz(self.band_hz.0),
             hertz(self.band_hz.1)
@@ -375,9 +378,9 @@ impl Ladder {
 /// A frequency in words.
 fn hertz(freq_hz: f64) -> String {
     match freq_hz {
-        f if f < 0.1 => format!("{} mHz", brief(1e3 * f, 3)),
-        f if f < 1e3 => format!("{} Hz", brief(f, 3)),
-        f => format!("{} kHz", brief(1e-3 * f, 3)),
+        f if f < 0.1 => format!("{} mHz", format_significant(1e3 * f, 3)),
+        f if f < 1e3 => format!("{} Hz", format_significant(f, 3)),
+        f => format!("{} kHz", format_significant(1e-3 * f, 3)),
     }
 }
 

@@ -2,7 +2,7 @@
 //! keep every digit.
 
 /// Number with at most `digits` significant digits, without trailing zeros and without an exponent.
-pub fn brief(value: f64, digits: i32) -> String {
+pub fn format_significant(value: f64, digits: i32) -> String {
     let decimals = if value == 0.0 || !value.is_finite() {
         0
     } else {
@@ -18,7 +18,7 @@ pub fn brief(value: f64, digits: i32) -> String {
 
 #[cfg(test)]
 mod tests {
-    use super::brief;
+    use super::format_significant;
 
     #[test]
     fn digits_are_those_that_tell_and_zeros_at_the_end_do_not() {
@@ -31,7 +31,7 @@ mod tests {
             (9.9996, 4, "10"),
             (f64::NAN, 4, "NaN"),
         ] {
-            assert_eq!(brief(value, digits), text);
+            assert_eq!(format_significant(value, digits), text);
         }
     }
 }
