@@ -21,7 +21,7 @@ use super::data::Role;
 use super::guards::beyond_formula;
 use super::in_common::in_common;
 use super::inconsistency::Inconsistency;
-use super::intermittent::comes_and_goes;
+use super::intermittent::intermittent_contact;
 use super::localise::{Ranges, places};
 use super::periodic::{Wave, wave};
 use super::problem::{Fit, Problem, Tangent};
@@ -113,7 +113,7 @@ pub(super) fn inconsistencies(
         .zip(corrected)
         .for_each(|(f, p)| f.p_value = p);
     // Families of their own: what they find has no place among circumstances.
-    found.extend(comes_and_goes(problem, fit, gained));
+    found.extend(intermittent_contact(problem, fit, gained));
     found.extend(in_common(problem, fit, gained));
     found.sort_by(|a, b| {
         a.p_value

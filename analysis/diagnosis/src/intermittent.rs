@@ -28,7 +28,11 @@ use analysis_numeric::linalg::product;
 
 /// Whether there is something of the kind, probabilities corrected for the times that are asked
 /// for; `gained` is the λ of what was named.
-pub(super) fn comes_and_goes(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
+pub(super) fn intermittent_contact(
+    problem: &Problem,
+    fit: &Fit,
+    gained: f64,
+) -> Vec<Inconsistency> {
     let asked: Vec<(f64, (f64, f64))> = CONTACT_TAUS_S
         .into_iter()
         .zip(scores(problem, fit))
