@@ -19,12 +19,12 @@
 use super::block::{Current, Desk, Kind};
 use super::data::Role;
 use super::guards::beyond_formula;
-use super::in_common::in_common;
 use super::inconsistency::Inconsistency;
 use super::intermittent::intermittent_contact;
 use super::localise::{Ranges, places};
 use super::periodic::{Wave, wave};
 use super::problem::{Fit, Problem, Tangent};
+use super::repeat_mean::repeat_mean_residual;
 use super::structure::Structure;
 use super::whitening::dot;
 use crate::thresholds::{DIRECTION_LEFT_PART, MOST_TURNS, PULSE_FLOWS_PART};
@@ -114,7 +114,7 @@ pub(super) fn inconsistencies(
         .for_each(|(f, p)| f.p_value = p);
     // Families of their own: what they find has no place among circumstances.
     found.extend(intermittent_contact(problem, fit, gained));
-    found.extend(in_common(problem, fit, gained));
+    found.extend(repeat_mean_residual(problem, fit, gained));
     found.sort_by(|a, b| {
         a.p_value
             .total_cmp(&b.p_value)

@@ -1,4 +1,4 @@
-//! A reason not to take what is left for noise, as `consistency`, `intermittent` and `in_common`
+//! A reason not to take what is left for noise, as `consistency`, `intermittent` and `repeat_mean`
 //! find it.
 
 /// Sign that something may be left.

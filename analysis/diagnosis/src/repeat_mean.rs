@@ -21,7 +21,11 @@ struct Repeats {
 
 /// Each group of repeats, and all of them together, probabilities corrected for their number;
 /// `gained` is the λ of what was named.
-pub(super) fn in_common(problem: &Problem, fit: &Fit, gained: f64) -> Vec<Inconsistency> {
+pub(super) fn repeat_mean_residual(
+    problem: &Problem,
+    fit: &Fit,
+    gained: f64,
+) -> Vec<Inconsistency> {
     let mut groups: BTreeMap<(&str, usize), Repeats> = BTreeMap::new();
     for (k, block, left) in problem.left(fit) {
         let repeats = groups.entry((&block.group, block.rows())).or_default();
