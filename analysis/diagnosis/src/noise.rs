@@ -4,14 +4,15 @@
 //! C = diag(σ_w²/m) + σ_d² exp(−|Δt|/τ_d) + σ_V² 11ᵀ + σ_R² ηηᵀ + σ_g² b_g b_gᵀ + σ_o² b_o b_oᵀ + Σ
 //! σ_I² b_s b_sᵀ + F, with η what all resistances drop and b the model's responses to a gain, a
 //! zero error and a per-stretch error of the logged current, the counted charge included; F is what
-//! white noise of the current does to branches and charge, see `followed`. How the σ are found is
+//! white noise of the current does to branches and charge, see `current_noise_propagation`.
+//! How the σ are found is
 //! in `estimate`.
 
 use super::block::{Block, Desk, Kind, Model};
 use super::codes::Codes;
+use super::current_noise_propagation;
 use super::data::BenchHistory;
 use super::edges::{self, UNIFORM};
-use super::followed;
 use super::shared::{self, Errors, RecordRows};
 use super::time_block::TimeBlock;
 use super::whitening::{Whitener, dot};
@@ -138,7 +139,7 @@ pub(super) struct Shape {
     white: (Term, Vec<f64>),
     /// Current-noise propagation: covariance by white noise of the current after its own sample,
     /// row-major; empty where there is none.
-    followed: Vec<f64>,
+    propagated: Vec<f64>,
     /// Correlation of the drift, row-major; empty for a spectrum.
     pub(super) drift: Vec<f64>,
     /// One vector per estimated term of rank one.
@@ -173,7 +174,7 @@ impl Shape {
                         .map(|k| stated(k).powi(2) + (1e-7 * size[k]).powi(2))
                         .collect(),
                     white: (Term::Eis, size.iter().map(|z| z * z).collect()),
-                    followed: Vec::new(),
+                    propagated: Vec::new(),
                     drift: Vec::new(),
                     shared: shared::of_spectrum(
                         &block.kind,
@@ -280,10 +281,10 @@ impl Shape {
                 .collect(),
             white: (Term::White, counts.iter().map(|m| 1.0 / m).collect()),
             // Means over many samples have hardly any noise left, and they say what they have.
-            followed: if stated || fresh_a2 <= 0.0 {
+            propagated: if stated || fresh_a2 <= 0.0 {
                 Vec::new()
             } else {
-                followed::covariance(time, block.at.soc, base, fresh_a2)
+                current_noise_propagation::covariance(time, block.at.soc, base, fresh_a2)
             },
             drift: (0..n * n).map(|ij| correlation(ij / n, ij % n)).collect(),
             vectors,
@@ -330,7 +331,7 @@ impl Shape {
         self.vectors
             .retain(|(term, _)| !matches!(term, Term::Gain | Term::Zero));
         self.known.clear();
-        self.followed.clear();
+        self.propagated.clear();
         self.shared.iter_mut().for_each(|v| v.fill(0.0));
     }
 
@@ -355,7 +356,9 @@ impl Shape {
                 .for_each(|(c, r)| *c = scale * r);
         }
         c.iter_mut().zip(&self.codes).for_each(|(c, k)| *c += k);
-        c.iter_mut().zip(&self.followed).for_each(|(c, k)| *c += k);
+        c.iter_mut()
+            .zip(&self.propagated)
+            .for_each(|(c, k)| *c += k);
         let white = variance(self.white.0);
         for i in 0..n {
             c[i * n + i] += self.fixed[i] + white * self.white.1[i];

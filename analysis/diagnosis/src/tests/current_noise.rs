@@ -4,9 +4,9 @@ use super::bench::{BRANCHES, CAPACITY_AH, Chance, HISTORY, Hidden, R0, campaign,
 use crate::{
     DiagnosisOptions, Verdict,
     block::{Block, Kind},
+    current_noise_propagation,
     data::{BenchHistory, DataSet, RunData},
     diagnose::diagnose_with,
-    followed,
     guards::Guards,
     prepare::prepare,
     time_block::TimeBlock,
@@ -41,7 +41,8 @@ fn what_follows_noise_of_the_current_has_the_covariance_of_many_draws() {
         // Slow enough for many samples within the time constant, fast enough for none.
         base.erm.branches[1].c_f = 40.0 / base.erm.branches[1].r_ohm;
         let taus_s = [BRANCHES[0].1, 40.0];
-        let met = followed::covariance(time, block.at.soc, &base, sigma_a * sigma_a);
+        let met =
+            current_noise_propagation::covariance(time, block.at.soc, &base, sigma_a * sigma_a);
         let n = time.bins.len();
         let per_c: Vec<f64> = time
             .bins
