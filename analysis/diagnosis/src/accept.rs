@@ -14,7 +14,7 @@ use crate::thresholds::{
 
 /// True where an attempt's gain shows that something is missing beside an effect that has gained
 /// `gained` already.
-pub(super) fn tells(attempt: &Attempt, gained: f64) -> bool {
+pub(super) fn is_significant(attempt: &Attempt, gained: f64) -> bool {
     let penalty = attempt.lambda - attempt.score;
     beyond_formula(attempt.lambda, gained) - penalty >= LEAST_SCORE
 }
@@ -48,7 +48,7 @@ impl Search<'_> {
                 attempt.score
             ));
         }
-        if !tells(attempt, gained) {
+        if !is_significant(attempt, gained) {
             let percent = 100.0 * FORMULA_SHARE;
             return Err(format!(
                 "penalised gain {:.1}, no more than {percent:.0} % of an effect can look like",
@@ -183,8 +183,8 @@ mod tests {
             score: lambda - 14.0,
             distinct: lambda - 14.0,
         };
-        assert!(tells(&attempt(30.0), 0.0) && tells(&attempt(30.0), 100.0));
-        assert!(!tells(&attempt(30.0), 1e4) && tells(&attempt(100.0), 1e4));
-        assert!(!tells(&attempt(100.0), 1e6) && tells(&attempt(2000.0), 1e6));
+        assert!(is_significant(&attempt(30.0), 0.0) && is_significant(&attempt(30.0), 100.0));
+        assert!(!is_significant(&attempt(30.0), 1e4) && is_significant(&attempt(100.0), 1e4));
+        assert!(!is_significant(&attempt(100.0), 1e6) && is_significant(&attempt(2000.0), 1e6));
     }
 }

@@ -1,7 +1,7 @@
 //! Selection of effects: adds them one by one, each only if all guards accept it, and removes those
 //! that later ones make needless.
 
-use super::accept::tells;
+use super::accept::is_significant;
 use super::attempts::{Attempt, is_outside};
 use super::guards::outside_lead;
 use super::outcome::{Candidate, Evidence};
@@ -157,14 +157,14 @@ impl Search<'_> {
                 Ok(evidence) => return Some((attempt, evidence)),
                 Err(reason) => reason,
             };
-            let tells = tells(&attempt, gained);
-            if tells && selection.refused.is_none() {
+            let is_significant = is_significant(&attempt, gained);
+            if is_significant && selection.refused.is_none() {
                 selection.refused = Some((attempt.name, attempt.score, reason.clone()));
             }
             if let Some(c) = ranking.iter_mut().find(|c| c.name == attempt.name) {
                 c.refused_because = reason;
             }
-            if tells && selection.refused_fits.len() < MOST_REFUSED {
+            if is_significant && selection.refused_fits.len() < MOST_REFUSED {
                 selection.refused_fits.push(attempt);
             }
         }
