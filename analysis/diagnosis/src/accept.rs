@@ -96,8 +96,8 @@ impl Search<'_> {
     fn held_out(&mut self, before: &Fit, after: &Fit) -> Result<f64, String> {
         let mut change = 0.0;
         for k in self.problem.of_role(Role::HeldOut) {
-            let old = self.problem.block_chi2(before.at(), k, &mut self.desk);
-            let new = self.problem.block_chi2(after.at(), k, &mut self.desk);
+            let old = self.problem.block_chi2(before.at(), k, &mut self.workspace);
+            let new = self.problem.block_chi2(after.at(), k, &mut self.workspace);
             if self.guards.held_out && new > old * (1.0 + HELD_OUT_PART) + HELD_OUT_SUM {
                 return Err(format!(
                     "held-out run {} becomes worse: χ² from {old:.0} to {new:.0}",
@@ -121,8 +121,8 @@ impl Search<'_> {
     /// the change. A true effect leaves only noise there.
     fn contradiction(&mut self, before: &Fit, after: &Fit) -> f64 {
         let problem = self.problem;
-        let old = problem.whitened_of(Role::HeldOut, before.at(), &mut self.desk);
-        let new = problem.whitened_of(Role::HeldOut, after.at(), &mut self.desk);
+        let old = problem.whitened_of(Role::HeldOut, before.at(), &mut self.workspace);
+        let new = problem.whitened_of(Role::HeldOut, after.at(), &mut self.workspace);
         let mut u: Vec<f64> = new.iter().zip(&old).map(|(n, o)| n - o).collect();
         let size = dot(&u, &u).sqrt();
         let n = after.x.len();
@@ -130,7 +130,7 @@ impl Search<'_> {
             return 0.0;
         };
         u.iter_mut().for_each(|u| *u /= size);
-        let (left, columns) = problem.held_out(after, &mut self.desk);
+        let (left, columns) = problem.held_out(after, &mut self.workspace);
         let along: Vec<f64> = columns.iter().map(|c| dot(&u, c)).collect();
         let spread: f64 = (0..n * n)
             .map(|ij| along[ij / n] * along[ij % n] * covariance[ij])
@@ -147,8 +147,8 @@ impl Search<'_> {
     pub(super) fn integration_error(&mut self, fit: &Fit) -> f64 {
         let mut worst: f64 = 0.0;
         for k in 0..self.problem.blocks.len() {
-            let once = self.problem.predict(fit.at(), k, 1, &mut self.desk);
-            let halves = self.problem.predict(fit.at(), k, 2, &mut self.desk);
+            let once = self.problem.predict(fit.at(), k, 1, &mut self.workspace);
+            let halves = self.problem.predict(fit.at(), k, 2, &mut self.workspace);
             let change: Vec<f64> = once.iter().zip(&halves).map(|(a, b)| a - b).collect();
             let mut white = Vec::with_capacity(change.len());
             self.problem.whiteners[k].apply(&change, &mut white);

@@ -117,7 +117,7 @@ impl Search<'_> {
             x.extend_from_slice(&fit.x[x.len()..]);
             starts.push(
                 self.problem
-                    .at(&fit.structure, x, fit.axes.clone(), &mut self.desk),
+                    .at(&fit.structure, x, fit.axes.clone(), &mut self.workspace),
             );
         }
         starts
@@ -130,7 +130,7 @@ impl Search<'_> {
             Tangent::default()
         };
         let more: &[&'static dyn Effect] = if self.guards.outside { outside() } else { &[] };
-        let predicted = self.problem.prediction(fit.at(), &mut self.desk);
+        let predicted = self.problem.prediction(fit.at(), &mut self.workspace);
         let mut proposals = Vec::new();
         for effect in self.candidates.iter().chain(more) {
             let name = effect.card().name;
@@ -143,7 +143,7 @@ impl Search<'_> {
                 &predicted,
                 &tangent,
                 *effect,
-                &mut self.desk,
+                &mut self.workspace,
             );
             if !of.is_empty() {
                 proposals.push(of);
@@ -276,7 +276,7 @@ impl Search<'_> {
 
     /// A fit with one effect more, from a fit's base; its λ counts from `before_chi2`.
     fn try_member(&mut self, before_chi2: f64, from: &Fit, member: &Member) -> Attempt {
-        let found = self.problem.fit_added(from, member, &mut self.desk);
+        let found = self.problem.fit_added(from, member, &mut self.workspace);
         let lambda = before_chi2 - found.chi2;
         let score = lambda - self.problem.penalty(member);
         Attempt {
@@ -298,9 +298,12 @@ impl Search<'_> {
         {
             let mut structure = attempt.fit.structure.clone();
             structure.parts *= 2;
-            let fit =
-                self.problem
-                    .fit_from(&structure, attempt.fit.x, attempt.fit.axes, &mut self.desk);
+            let fit = self.problem.fit_from(
+                &structure,
+                attempt.fit.x,
+                attempt.fit.axes,
+                &mut self.workspace,
+            );
             let lambda = before.chi2 - fit.chi2;
             attempt = Attempt {
                 score: attempt.score + lambda - attempt.lambda,

@@ -237,7 +237,7 @@ impl Block {
         model: &Model<'_>,
         current_a: &[f64],
         parts: usize,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) {
         let Some(windows) = &time.windows else {
             let record = Record {
@@ -245,31 +245,31 @@ impl Block {
                 current_a,
                 ..self.circumstances()
             };
-            desk.player.play(
+            workspace.player.play(
                 model.base,
                 model.added,
                 &record,
                 &time.grid,
                 parts,
-                &mut desk.voltage_v,
+                &mut workspace.voltage_v,
             );
             return;
         };
-        windows.current(current_a, &mut desk.within_a);
+        windows.current(current_a, &mut workspace.within_a);
         let record = Record {
             time_s: &windows.time_s,
-            current_a: &desk.within_a,
+            current_a: &workspace.within_a,
             ..self.circumstances()
         };
-        desk.player.play(
+        workspace.player.play(
             model.base,
             model.added,
             &record,
             &time.grid,
             parts,
-            &mut desk.within_v,
+            &mut workspace.within_v,
         );
-        windows.means(&desk.within_v, &mut desk.voltage_v);
+        windows.means(&workspace.within_v, &mut workspace.voltage_v);
     }
 
     /// A record of a block in time, still without samples.
@@ -359,10 +359,10 @@ impl Block {
         &self,
         model: &Model<'_>,
         parts: usize,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
         rows: &mut Vec<f64>,
     ) {
-        self.predict_under(model, Current::Logged, parts, desk, rows);
+        self.predict_under(model, Current::Logged, parts, workspace, rows);
     }
 
     /// The same under the current as it was logged or driven.
@@ -371,7 +371,7 @@ impl Block {
         model: &Model<'_>,
         current: Current,
         parts: usize,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
         rows: &mut Vec<f64>,
     ) {
         match &self.kind {
@@ -397,8 +397,8 @@ impl Block {
                 } else {
                     &time.driven_a
                 };
-                self.play(time, model, current_a, parts, desk);
-                time.average_into(&desk.voltage_v, rows);
+                self.play(time, model, current_a, parts, workspace);
+                time.average_into(&workspace.voltage_v, rows);
             }
         }
     }
@@ -406,7 +406,7 @@ impl Block {
 
 /// Buffers of a prediction.
 #[derive(Debug, Default)]
-pub(super) struct Desk {
+pub(super) struct Workspace {
     pub(super) player: Player,
     pub(super) voltage_v: Vec<f64>,
     within_a: Vec<f64>,
@@ -514,14 +514,15 @@ mod tests {
                 start: Start::Soc(0.5),
                 data,
             };
-            let (block, mut desk) = (Block::new(&run, &base, 0.0).unwrap(), Desk::default());
+            let (block, mut workspace) =
+                (Block::new(&run, &base, 0.0).unwrap(), Workspace::default());
             let Kind::Time(time) = &block.kind else {
                 unreachable!()
             };
             let model = Model::new(&base, &[]);
-            block.play(time, &model, &time.current_a, 1, &mut desk);
+            block.play(time, &model, &time.current_a, 1, &mut workspace);
             assert_eq!(model.network.branches.len(), 1);
-            let off = desk
+            let off = workspace
                 .voltage_v
                 .iter()
                 .zip(&series.voltage_v)

@@ -16,7 +16,7 @@
 //! of directions and needs far more. Probabilities are corrected after Holm over all quantities and
 //! kinds of classes.
 
-use super::block::{Current, Desk, Kind};
+use super::block::{Current, Kind, Workspace};
 use super::data::Role;
 use super::guards::beyond_formula;
 use super::inconsistency::Inconsistency;
@@ -49,25 +49,25 @@ pub(super) fn inconsistencies(
     problem: &Problem,
     fit: &Fit,
     gained: f64,
-    desk: &mut Desk,
+    workspace: &mut Workspace,
 ) -> Vec<Inconsistency> {
     let train: Vec<usize> = problem.of_role(Role::Train).collect();
     let kinds = kinds(problem, &train);
     // The tangent must contain exactly what one value for all runs makes.
-    let tangent = problem.exact_tangent(fit, desk);
+    let tangent = problem.exact_tangent(fit, workspace);
     let mut found: Vec<Inconsistency> = Vec::new();
-    let predict = |x: &[f64], desk: &mut Desk| -> Vec<Vec<f64>> {
+    let predict = |x: &[f64], workspace: &mut Workspace| -> Vec<Vec<f64>> {
         train
             .iter()
-            .map(|k| problem.predict(fit.structure.at(x), *k, 1, desk))
+            .map(|k| problem.predict(fit.structure.at(x), *k, 1, workspace))
             .collect()
     };
-    let plain = predict(&fit.x, desk);
-    let left = free_of_current_noise(problem, &train, fit, desk);
+    let plain = predict(&fit.x, workspace);
+    let left = free_of_current_noise(problem, &train, fit, workspace);
     for (n, quantity) in quantities(problem, fit).into_iter().enumerate() {
         let mut x = fit.x.clone();
         quantity.moves.iter().for_each(|(k, step)| x[*k] += step);
-        let moved = predict(&x, desk);
+        let moved = predict(&x, workspace);
         let change: Vec<Vec<f64>> = moved
             .iter()
             .zip(&plain)
@@ -131,12 +131,13 @@ fn free_of_current_noise(
     problem: &Problem,
     train: &[usize],
     fit: &Fit,
-    desk: &mut Desk,
+    workspace: &mut Workspace,
 ) -> Vec<f64> {
     let (structure, base) = (Structure::default(), &fit.x[..=2 * problem.branches()]);
     let mut noise = Vec::with_capacity(fit.residuals.len());
     for k in train {
-        let mut predict = |current| problem.predict_under(structure.at(base), *k, current, 1, desk);
+        let mut predict =
+            |current| problem.predict_under(structure.at(base), *k, current, 1, workspace);
         let (logged, driven) = (predict(Current::Logged), predict(Current::Driven));
         let rows: Vec<f64> = logged.iter().zip(driven).map(|(l, d)| l - d).collect();
         problem.whiteners[*k].apply(&rows, &mut noise);

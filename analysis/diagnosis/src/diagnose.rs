@@ -1,6 +1,6 @@
 //! The workflow from a data set to a verdict.
 
-use super::block::{DataSetError, Desk, Kind};
+use super::block::{DataSetError, Kind, Workspace};
 use super::consistency::inconsistencies;
 use super::data::{DataSet, Role};
 use super::experiment::{Advice, BenchLimits, PlannedRun, Playable, recommend};
@@ -73,8 +73,8 @@ pub(crate) fn diagnose_with(
     guards: Guards,
 ) -> Result<Outcome, DataSetError> {
     let mut prepared = prepare(set, model, guards)?;
-    let mut desk = Desk::default();
-    let mut base = base_fit(&prepared.problem, &model.erm, &mut desk);
+    let mut workspace = Workspace::default();
+    let mut base = base_fit(&prepared.problem, &model.erm, &mut workspace);
     if prepared.problem.degrees_of_freedom(&base) < 1.0 {
         return Err(DataSetError::Set {
             name: set.name.clone(),
@@ -96,12 +96,12 @@ pub(crate) fn diagnose_with(
             // The missing effect may have been counted as noise from the start. It is therefore
             // searched under the noise that the bench had before.
             prepared = prepared.of_history(guards)?;
-            let base = base_fit(&prepared.problem, &model.erm, &mut desk);
+            let base = base_fit(&prepared.problem, &model.erm, &mut workspace);
             let fit = search(&prepared, options, guards).run(&base).fit;
             prepared = prepared.again(&fit, guards)?;
             moved = moved_floor(&prepared);
         }
-        base = base_fit(&prepared.problem, &model.erm, &mut desk);
+        base = base_fit(&prepared.problem, &model.erm, &mut workspace);
         selection = if moved.is_some() {
             Selection::nothing(&base)
         } else {
@@ -141,12 +141,12 @@ pub(crate) fn diagnose_with(
         model: model.name.clone(),
         verdict: Verdict::Unexplained,
         summary: String::new(),
-        effects: named(problem, last, &mut desk),
+        effects: named(problem, last, &mut workspace),
         rivals: rivals(&selection),
-        blocks: localise(problem, base, guards.tangent_projection, &mut desk),
-        where_after: localise(problem, fit, guards.tangent_projection, &mut desk),
-        gap: gaps(judged, &model.erm, fits, &mut desk),
-        gap_spectra: spectrum_gaps(problem, &model.erm, fits, &mut desk),
+        blocks: localise(problem, base, guards.tangent_projection, &mut workspace),
+        where_after: localise(problem, fit, guards.tangent_projection, &mut workspace),
+        gap: gaps(judged, &model.erm, fits, &mut workspace),
+        gap_spectra: spectrum_gaps(problem, &model.erm, fits, &mut workspace),
         next_experiment: None,
         inseparable: Vec::new(),
         notes: Vec::new(),
@@ -156,10 +156,10 @@ pub(crate) fn diagnose_with(
         base: Some(base.decode(problem.branches()).0),
         augmented: Some(fit.decode(problem.branches()).0),
     };
-    let held_out_z = held_out_z(problem, fit, &mut desk);
+    let held_out_z = held_out_z(problem, fit, &mut workspace);
     let asked = guards.consistency && measured(judged);
     let differs = if asked {
-        inconsistencies(problem, fit, base.chi2 - fit.chi2, &mut desk)
+        inconsistencies(problem, fit, base.chi2 - fit.chi2, &mut workspace)
     } else {
         Vec::new()
     };
@@ -172,7 +172,7 @@ pub(crate) fn diagnose_with(
             differs,
         },
     );
-    let curves = curves(judged, &model.erm, fits, &mut desk);
+    let curves = curves(judged, &model.erm, fits, &mut workspace);
     let advice = recommend(
         &prepared,
         d.verdict,
@@ -206,26 +206,29 @@ pub(super) fn refitted(
     guards: Guards,
 ) -> Option<(Prepared, [Fit; 2])> {
     let prepared = prepared.clone().again(fit, guards).ok()?;
-    let mut desk = Desk::default();
+    let mut workspace = Workspace::default();
     let again = [base, fit].map(|fit| {
-        prepared
-            .problem
-            .fit_from(&fit.structure, fit.x.clone(), fit.axes.clone(), &mut desk)
+        prepared.problem.fit_from(
+            &fit.structure,
+            fit.x.clone(),
+            fit.axes.clone(),
+            &mut workspace,
+        )
     });
     Some((prepared, again))
 }
 
 /// The base refitted to spectra and training records: from the model, and from other time constants
 /// where that does not reach the floor.
-pub(super) fn base_fit(problem: &Problem, erm: &Erm, desk: &mut Desk) -> Fit {
+pub(super) fn base_fit(problem: &Problem, erm: &Erm, workspace: &mut Workspace) -> Fit {
     let structure = Structure::default();
-    let mut best = problem.fit(&structure, erm, desk);
+    let mut best = problem.fit(&structure, erm, workspace);
     let dof = problem.training_rows() as f64 - best.x.len() as f64;
     if excess_z(best.chi2, dof) > MISFIT_Z {
         for factor in OTHER_STARTS {
             let mut start = erm.clone();
             start.branches.iter_mut().for_each(|b| b.c_f *= factor);
-            let other = problem.fit(&structure, &start, desk);
+            let other = problem.fit(&structure, &start, workspace);
             if other.chi2 < best.chi2 {
                 best = other;
             }
@@ -267,7 +270,7 @@ fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions, guards: Gua
         candidates,
         guards,
         measured: measured(prepared),
-        desk: Desk::default(),
+        workspace: Workspace::default(),
     }
 }
 
@@ -299,8 +302,8 @@ fn rivals(selection: &Selection) -> Vec<Rival> {
 
 /// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted, under noise and the
 /// uncertainty of the parameters: rᵀ(I + JΣJᵀ)⁻¹r = rᵀr − (Jᵀr)ᵀ(Σ⁻¹ + JᵀJ)⁻¹(Jᵀr).
-fn held_out_z(problem: &Problem, fit: &Fit, desk: &mut Desk) -> f64 {
-    let (left, columns) = problem.held_out(fit, desk);
+fn held_out_z(problem: &Problem, fit: &Fit, workspace: &mut Workspace) -> f64 {
+    let (left, columns) = problem.held_out(fit, workspace);
     if left.is_empty() {
         return 0.0;
     }
@@ -355,10 +358,10 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Predictions of a record's samples that are compared.
-fn samples(problem: &Problem, at: At<'_>, block: usize, desk: &mut Desk) -> Vec<f64> {
-    let _ = problem.predict(at, block, 1, desk);
+fn samples(problem: &Problem, at: At<'_>, block: usize, workspace: &mut Workspace) -> Vec<f64> {
+    let _ = problem.predict(at, block, 1, workspace);
     match &problem.blocks[block].kind {
-        Kind::Time(time) => desk.voltage_v[time.compared()].to_vec(),
+        Kind::Time(time) => workspace.voltage_v[time.compared()].to_vec(),
         Kind::Eis { .. } => Vec::new(),
     }
 }
@@ -371,7 +374,12 @@ pub(super) struct Fits<'a> {
     pub(super) augmented: &'a Fit,
 }
 
-pub(super) fn gaps(prepared: &Prepared, erm: &Erm, fits: Fits<'_>, desk: &mut Desk) -> Vec<Gap> {
+pub(super) fn gaps(
+    prepared: &Prepared,
+    erm: &Erm,
+    fits: Fits<'_>,
+    workspace: &mut Workspace,
+) -> Vec<Gap> {
     let problem = &prepared.problem;
     let empty = Structure::default();
     let start = empty.encode(erm);
@@ -382,7 +390,7 @@ pub(super) fn gaps(prepared: &Prepared, erm: &Erm, fits: Fits<'_>, desk: &mut De
             continue;
         };
         let mut gap = |at: At<'_>| {
-            let predicted = samples(problem, at, k, desk);
+            let predicted = samples(problem, at, k, workspace);
             let missed: Vec<f64> = predicted
                 .iter()
                 .zip(&time.voltage_v[time.compared()])
@@ -433,7 +441,7 @@ fn spectrum_gaps(
     problem: &Problem,
     erm: &Erm,
     fits: Fits<'_>,
-    desk: &mut Desk,
+    workspace: &mut Workspace,
 ) -> Vec<SpectrumGap> {
     let empty = Structure::default();
     let start = empty.encode(erm);
@@ -445,7 +453,7 @@ fn spectrum_gaps(
         }
         let size = |n: usize| block.measured[n & !1].hypot(block.measured[n | 1]);
         let mut gap = |at: At<'_>| {
-            let rows = problem.predict(at, k, 1, desk);
+            let rows = problem.predict(at, k, 1, workspace);
             100.0
                 * 2f64.sqrt()
                 * rms(rows
@@ -470,7 +478,12 @@ fn spectrum_gaps(
     gaps
 }
 
-fn curves(prepared: &Prepared, erm: &Erm, fits: Fits<'_>, desk: &mut Desk) -> Vec<RunCurves> {
+fn curves(
+    prepared: &Prepared,
+    erm: &Erm,
+    fits: Fits<'_>,
+    workspace: &mut Workspace,
+) -> Vec<RunCurves> {
     let problem = &prepared.problem;
     let empty = Structure::default();
     let start = empty.encode(erm);
@@ -488,7 +501,7 @@ fn curves(prepared: &Prepared, erm: &Erm, fits: Fits<'_>, desk: &mut Desk) -> Ve
             let curves = match &block.kind {
                 Kind::Eis { points, .. } => {
                     let [eis_only_ohm, base_ohm, augmented_ohm] =
-                        all.map(|at| complex(&problem.predict(at, k, 1, desk)));
+                        all.map(|at| complex(&problem.predict(at, k, 1, workspace)));
                     Curves::Eis {
                         freq_hz: points.iter().map(|p| p.freq_hz).collect(),
                         measured_ohm: complex(&block.measured),
@@ -503,7 +516,7 @@ fn curves(prepared: &Prepared, erm: &Erm, fits: Fits<'_>, desk: &mut Desk) -> Ve
                 }
                 Kind::Time(time) => {
                     let [eis_only_v, base_v, augmented_v] =
-                        all.map(|at| samples(problem, at, k, desk));
+                        all.map(|at| samples(problem, at, k, workspace));
                     Curves::Time {
                         time_s: time.time_s[time.compared()].to_vec(),
                         current_a: time.current_a[time.compared()].to_vec(),

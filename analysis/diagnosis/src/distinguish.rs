@@ -5,7 +5,7 @@
 //! order and around the base. It does not depend on how strong A is; √(λ·r) is how many standard
 //! deviations keep them apart.
 
-use super::block::{DataSetError, Desk};
+use super::block::{DataSetError, Workspace};
 use super::data::DataSet;
 use super::diagnose::base_fit;
 use super::guards::Guards;
@@ -37,10 +37,10 @@ pub fn distinguish(
 ) -> Result<Distinguishability, DataSetError> {
     let prepared = prepare(set, model, Guards::default())?;
     let problem = &prepared.problem;
-    let mut desk = Desk::default();
-    let fit = base_fit(problem, &model.erm, &mut desk);
+    let mut workspace = Workspace::default();
+    let fit = base_fit(problem, &model.erm, &mut workspace);
     let tangent = fit.tangent();
-    let predicted = problem.prediction(fit.at(), &mut desk);
+    let predicted = problem.prediction(fit.at(), &mut workspace);
     let mut found: Vec<Directions> = Vec::new();
     for effect in effects {
         let members = variants(*effect, &problem.base);
@@ -55,7 +55,7 @@ pub fn distinguish(
                 &predicted,
                 &fit.structure.with(member),
                 1.0,
-                &mut desk,
+                &mut workspace,
             ) else {
                 continue;
             };

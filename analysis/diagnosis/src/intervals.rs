@@ -2,7 +2,7 @@
 //! which χ², with everything else refitted, is 3.84 above its least. Shapes that were held while
 //! effects were chosen are free here, so that the intervals contain their uncertainty.
 
-use super::block::Desk;
+use super::block::Workspace;
 use super::outcome::{FittedParameter, NamedEffect};
 use super::problem::{Fit, Problem};
 use super::select::Selection;
@@ -16,7 +16,11 @@ const MOST_REFITS: usize = 8;
 const NEAR: f64 = 0.1;
 
 /// The effects taken, with values, intervals and evidence.
-pub(super) fn named(problem: &Problem, selection: &Selection, desk: &mut Desk) -> Vec<NamedEffect> {
+pub(super) fn named(
+    problem: &Problem,
+    selection: &Selection,
+    workspace: &mut Workspace,
+) -> Vec<NamedEffect> {
     let fit = &selection.fit;
     let (_, values) = fit.decode(problem.branches());
     let mut all = Vec::new();
@@ -27,7 +31,7 @@ pub(super) fn named(problem: &Problem, selection: &Selection, desk: &mut Desk) -
         .zip(&selection.taken)
         .enumerate()
     {
-        let open = with_free_shapes(problem, fit, k, desk);
+        let open = with_free_shapes(problem, fit, k, workspace);
         let covariance = open.covariance();
         let n = open.x.len();
         let mut at = open.structure.first(k, problem.branches());
@@ -45,8 +49,8 @@ pub(super) fn named(problem: &Problem, selection: &Selection, desk: &mut Desk) -
                 continue;
             }
             let deviation = covariance.as_ref().map(|c| c[at * n + at].sqrt());
-            let ends =
-                [-1.0, 1.0].map(|side| end(problem, &open, at, side, covariance.as_deref(), desk));
+            let ends = [-1.0, 1.0]
+                .map(|side| end(problem, &open, at, side, covariance.as_deref(), workspace));
             let linear = p.scale == Scale::Linear;
             let natural = |x: f64| if linear { x * p.typical } else { x.exp() };
             let interval = (
@@ -80,7 +84,7 @@ pub(super) fn named(problem: &Problem, selection: &Selection, desk: &mut Desk) -
 }
 
 /// The fit with all shapes of a member searched; as it is where they are.
-fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, desk: &mut Desk) -> Fit {
+fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, workspace: &mut Workspace) -> Fit {
     let (erm, values) = fit.decode(problem.branches());
     let own = searched(
         fit.structure.members[member].effect,
@@ -97,7 +101,7 @@ fn with_free_shapes(problem: &Problem, fit: &Fit, member: usize, desk: &mut Desk
         .zip(&values)
         .for_each(|(m, v)| m.start.clone_from(v));
     structure.members[member].parameters = own;
-    problem.fit(&structure, &erm, desk)
+    problem.fit(&structure, &erm, workspace)
 }
 
 /// One end of a coordinate's interval, on the side of the sign; its bound where the data leave it
@@ -109,7 +113,7 @@ fn end(
     k: usize,
     side: f64,
     covariance: Option<&[f64]>,
-    desk: &mut Desk,
+    workspace: &mut Workspace,
 ) -> f64 {
     let axis = &fit.axes[k];
     let bound = if side > 0.0 { axis.upper } else { axis.lower };
@@ -132,7 +136,7 @@ fn end(
             .enumerate()
             .map(|(j, x)| (x + along(j) * (at - from)).clamp(axes[j].lower, axes[j].upper))
             .collect();
-        let found = problem.fit_from(&fit.structure, x, axes, desk);
+        let found = problem.fit_from(&fit.structure, x, axes, workspace);
         let deviations = (found.chi2 - fit.chi2).max(0.0).sqrt();
         if (deviations - TWO_SIDED_95).abs() < NEAR || (at == bound && deviations <= TWO_SIDED_95) {
             return at;

@@ -5,7 +5,7 @@
 //! block) and for its mean. The smaller of both probabilities, doubled, is corrected after Holm
 //! over all blocks.
 
-use super::block::{Block as Run, Desk, Kind};
+use super::block::{Block as Run, Kind, Workspace};
 use super::data::Role;
 use super::outcome::Block;
 use super::problem::{Fit, Problem, Tangent};
@@ -18,7 +18,12 @@ pub(super) type Place = (&'static str, u32, String);
 
 /// Blocks of the training residuals of a fit, most significant first; `project` false leaves the
 /// tangent space in.
-pub(super) fn localise(problem: &Problem, fit: &Fit, project: bool, desk: &mut Desk) -> Vec<Block> {
+pub(super) fn localise(
+    problem: &Problem,
+    fit: &Fit,
+    project: bool,
+    workspace: &mut Workspace,
+) -> Vec<Block> {
     let tangent = if project {
         fit.tangent()
     } else {
@@ -31,7 +36,7 @@ pub(super) fn localise(problem: &Problem, fit: &Fit, project: bool, desk: &mut D
     let ranges = Ranges::new(problem);
     for k in problem.of_role(Role::Train) {
         let run = &problem.blocks[k];
-        let raw = raw(run, &problem.predict(fit.at(), k, 1, desk));
+        let raw = raw(run, &problem.predict(fit.at(), k, 1, workspace));
         for (n, raw) in raw.iter().enumerate() {
             let basis: Vec<f64> = tangent.basis.iter().map(|q| q[row]).collect();
             for place in places(run, n, &ranges) {

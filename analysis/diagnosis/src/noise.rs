@@ -8,7 +8,7 @@
 //! How the σ are found is
 //! in `estimate`.
 
-use super::block::{Block, Desk, Kind, Model};
+use super::block::{Block, Kind, Model, Workspace};
 use super::codes::Codes;
 use super::current_noise_propagation;
 use super::data::BenchHistory;
@@ -155,10 +155,15 @@ pub(super) struct Shape {
 
 impl Shape {
     /// The shape at a base model with effects.
-    pub(super) fn new(block: &Block, model: &Model<'_>, prior: &Prior, desk: &mut Desk) -> Self {
+    pub(super) fn new(
+        block: &Block,
+        model: &Model<'_>,
+        prior: &Prior,
+        workspace: &mut Workspace,
+    ) -> Self {
         let mut predicted = Vec::new();
-        block.predict(model, 1, desk, &mut predicted);
-        let resistance = resistance(block, model, &predicted, desk);
+        block.predict(model, 1, workspace, &mut predicted);
+        let resistance = resistance(block, model, &predicted, workspace);
         match &block.kind {
             Kind::Eis { sigma_ohm, .. } => {
                 let size: Vec<f64> = predicted
@@ -187,7 +192,9 @@ impl Shape {
                     codes: Vec::new(),
                 }
             }
-            Kind::Time(time) => Self::time(block, time, model, &predicted, resistance, prior, desk),
+            Kind::Time(time) => {
+                Self::time(block, time, model, &predicted, resistance, prior, workspace)
+            }
         }
     }
 
@@ -198,7 +205,7 @@ impl Shape {
         predicted: &[f64],
         resistance: Vec<f64>,
         prior: &Prior,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Self {
         let (base, h) = (model.base, &prior.history);
         let n = time.bins.len();
@@ -228,8 +235,8 @@ impl Shape {
                 .enumerate()
                 .map(|(k, i)| i + change(k, *i))
                 .collect();
-            block.play(time, model, &current_a, 1, &mut *desk);
-            time.average(&desk.voltage_v)
+            block.play(time, model, &current_a, 1, &mut *workspace);
+            time.average(&workspace.voltage_v)
                 .iter()
                 .zip(predicted)
                 .map(|(a, b)| (a - b) * scale)
@@ -448,7 +455,12 @@ fn current_variance_a2(h: &BenchHistory) -> f64 {
 }
 
 /// Change of the rows by a growth of all resistances, per unit. A control is larger as a whole.
-fn resistance(block: &Block, model: &Model<'_>, predicted: &[f64], desk: &mut Desk) -> Vec<f64> {
+fn resistance(
+    block: &Block,
+    model: &Model<'_>,
+    predicted: &[f64],
+    workspace: &mut Workspace,
+) -> Vec<f64> {
     if !block.at.is_cell {
         return predicted.to_vec();
     }
@@ -462,7 +474,7 @@ fn resistance(block: &Block, model: &Model<'_>, predicted: &[f64], desk: &mut De
         }])
         .collect();
     let mut rows = Vec::with_capacity(predicted.len());
-    block.predict(&Model::new(model.base, &larger), 1, desk, &mut rows);
+    block.predict(&Model::new(model.base, &larger), 1, workspace, &mut rows);
     rows.iter()
         .zip(predicted)
         .map(|(r, p)| (r - p) / LARGER)

@@ -1,6 +1,6 @@
 //! Prepares the problem from a data set and a model: facts, blocks, noise.
 
-use super::block::{Block, DataSetError, Desk, Kind, Model};
+use super::block::{Block, DataSetError, Kind, Model, Workspace};
 use super::data::{DataSet, Fixture, Role, Run, RunData, Start};
 use super::estimate::{Estimate, estimate};
 use super::experiment::planned::PlannedRun;
@@ -58,14 +58,14 @@ pub(super) fn prepare(
     };
     let blocks = blocks(set, &base)?;
     let prior = Prior::new(set.history, set.calibration, &base);
-    let mut desk = Desk::default();
+    let mut workspace = Workspace::default();
     let alone = Model::new(&base, &[]);
-    let shapes = guarded_shapes(&blocks, &alone, &prior, guards, &mut desk);
+    let shapes = guarded_shapes(&blocks, &alone, &prior, guards, &mut workspace);
     let residuals: Vec<Vec<f64>> = blocks
         .iter()
         .map(|b| {
             let mut rows = Vec::new();
-            b.predict(&alone, 1, &mut desk, &mut rows);
+            b.predict(&alone, 1, &mut workspace, &mut rows);
             b.measured.iter().zip(rows).map(|(m, p)| m - p).collect()
         })
         .collect();
@@ -114,7 +114,12 @@ fn blocks(set: &DataSet, base: &Base) -> Result<Vec<Block>, DataSetError> {
 }
 
 /// The shape of every block's noise about a model.
-fn shapes(blocks: &[Block], model: &Model<'_>, prior: &Prior, desk: &mut Desk) -> Vec<Shape> {
+fn shapes(
+    blocks: &[Block],
+    model: &Model<'_>,
+    prior: &Prior,
+    workspace: &mut Workspace,
+) -> Vec<Shape> {
     let repeats = |b: &Block| {
         blocks
             .iter()
@@ -122,7 +127,7 @@ fn shapes(blocks: &[Block], model: &Model<'_>, prior: &Prior, desk: &mut Desk) -
             .count()
     };
     let shape = |b: &Block| {
-        let mut shape = Shape::new(b, model, prior, desk);
+        let mut shape = Shape::new(b, model, prior, workspace);
         shape.share_codes(repeats(b));
         shape
     };
@@ -135,9 +140,9 @@ fn guarded_shapes(
     model: &Model<'_>,
     prior: &Prior,
     guards: Guards,
-    desk: &mut Desk,
+    workspace: &mut Workspace,
 ) -> Vec<Shape> {
-    let mut shapes = shapes(blocks, model, prior, desk);
+    let mut shapes = shapes(blocks, model, prior, workspace);
     if !guards.current_channel_noise {
         shapes.iter_mut().for_each(Shape::forget_current_channel);
     }
@@ -190,15 +195,15 @@ impl Prepared {
     /// makes repeats with slightly different currents differ, and the errors of the bench act on
     /// the cell as it is, with its effects.
     pub(super) fn again(mut self, fit: &Fit, guards: Guards) -> Result<Self, DataSetError> {
-        let mut desk = Desk::default();
+        let mut workspace = Workspace::default();
         let problem = &self.problem;
         let (erm, values) = fit.decode(problem.branches());
         let (base, added) = (problem.base_with(erm), fit.structure.added(&values));
         let model = Model::new(&base, &added);
-        let shapes = guarded_shapes(&problem.blocks, &model, &self.prior, guards, &mut desk);
+        let shapes = guarded_shapes(&problem.blocks, &model, &self.prior, guards, &mut workspace);
         let residuals: Vec<Vec<f64>> = (0..problem.blocks.len())
             .map(|k| {
-                let rows = problem.predict(fit.at(), k, 1, &mut desk);
+                let rows = problem.predict(fit.at(), k, 1, &mut workspace);
                 problem.blocks[k]
                     .measured
                     .iter()
@@ -219,7 +224,7 @@ impl Prepared {
             &Model::new(&problem.base, &[]),
             &self.prior,
             guards,
-            &mut Desk::default(),
+            &mut Workspace::default(),
         );
         self.estimate.log_sigmas = self.prior.log_sigmas;
         self.weighed(&shapes)
@@ -238,12 +243,12 @@ impl Prepared {
     pub(super) fn with_runs(mut self, set: &DataSet) -> Result<Self, DataSetError> {
         let problem = &mut self.problem;
         problem.blocks = blocks(set, &problem.base)?;
-        let mut desk = Desk::default();
+        let mut workspace = Workspace::default();
         let shapes = shapes(
             &problem.blocks,
             &Model::new(&problem.base, &[]),
             &self.prior,
-            &mut desk,
+            &mut workspace,
         );
         weigh(problem, &shapes, &self.estimate)?;
         Ok(self)
@@ -254,7 +259,7 @@ impl Prepared {
     pub(super) fn planned(
         &self,
         runs: &[PlannedRun],
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Result<Problem, DataSetError> {
         let base = &self.problem.base;
         let linear = self
@@ -282,7 +287,7 @@ impl Prepared {
                 last.charge_until(run.soc, base.ocv.capacity_ah)
             });
             block.lies_as(&self.problem.blocks);
-            let mut shape = Shape::new(&block, &Model::new(base, &[]), &self.prior, desk);
+            let mut shape = Shape::new(&block, &Model::new(base, &[]), &self.prior, workspace);
             shape.share_codes(run.repeat);
             let covariance = shape.whole_covariance(&self.estimate.log_sigmas, run.repeat);
             let singular = DataSetError::Run {

@@ -1,6 +1,6 @@
 //! Residuals, derivatives and fits of a structure to the training runs.
 
-use super::block::{Block, Current, Desk, Model};
+use super::block::{Block, Current, Model, Workspace};
 use super::data::Role;
 use super::shared::Shared;
 use super::structure::{At, Axis, Member, Structure, at_bound};
@@ -144,9 +144,9 @@ impl Problem {
         at: At<'_>,
         block: usize,
         parts: usize,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Vec<f64> {
-        self.predict_under(at, block, Current::Logged, parts, desk)
+        self.predict_under(at, block, Current::Logged, parts, workspace)
     }
 
     /// The same under the current as it was logged or driven.
@@ -156,7 +156,7 @@ impl Problem {
         block: usize,
         current: Current,
         parts: usize,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Vec<f64> {
         let At { structure, x } = at;
         let (erm, values) = structure.decode(x, self.branches());
@@ -167,23 +167,28 @@ impl Problem {
             &Model::new(&base, &added),
             current,
             structure.parts * parts,
-            desk,
+            workspace,
             &mut rows,
         );
         rows
     }
 
     /// Prediction of the training runs.
-    pub(super) fn prediction(&self, at: At<'_>, desk: &mut Desk) -> Prediction {
-        self.prediction_of(Role::Train, at, desk)
+    pub(super) fn prediction(&self, at: At<'_>, workspace: &mut Workspace) -> Prediction {
+        self.prediction_of(Role::Train, at, workspace)
     }
 
     /// Whitened predictions of the rows of a role.
-    pub(super) fn whitened_of(&self, role: Role, at: At<'_>, desk: &mut Desk) -> Vec<f64> {
-        self.prediction_of(role, at, desk).white
+    pub(super) fn whitened_of(
+        &self,
+        role: Role,
+        at: At<'_>,
+        workspace: &mut Workspace,
+    ) -> Vec<f64> {
+        self.prediction_of(role, at, workspace).white
     }
 
-    fn prediction_of(&self, role: Role, at: At<'_>, desk: &mut Desk) -> Prediction {
+    fn prediction_of(&self, role: Role, at: At<'_>, workspace: &mut Workspace) -> Prediction {
         let At { structure, x } = at;
         let (erm, values) = structure.decode(x, self.branches());
         let base = self.base_with(erm);
@@ -193,7 +198,7 @@ impl Problem {
         let mut rows: Vec<Vec<f64>> = vec![Vec::new(); self.blocks.len()];
         for k in self.of_role(role) {
             rows[k].reserve(self.blocks[k].rows());
-            self.blocks[k].predict(&model, structure.parts, desk, &mut rows[k]);
+            self.blocks[k].predict(&model, structure.parts, workspace, &mut rows[k]);
             self.whiteners[k].apply(&rows[k], &mut white);
         }
         self.take_shared(role, &mut white);
@@ -222,8 +227,12 @@ impl Problem {
 
     /// Whitened residuals of the held-out rows, and derivatives of their prediction, one column per
     /// coordinate.
-    pub(super) fn held_out(&self, fit: &Fit, desk: &mut Desk) -> (Vec<f64>, Vec<Vec<f64>>) {
-        let predicted = self.whitened_of(Role::HeldOut, fit.at(), desk);
+    pub(super) fn held_out(
+        &self,
+        fit: &Fit,
+        workspace: &mut Workspace,
+    ) -> (Vec<f64>, Vec<Vec<f64>>) {
+        let predicted = self.whitened_of(Role::HeldOut, fit.at(), workspace);
         let left = self
             .target_of(Role::HeldOut)
             .iter()
@@ -234,7 +243,7 @@ impl Problem {
             let mut x = fit.x.clone();
             let step = fit.axes[k].inwards(x[k]);
             x[k] += step;
-            let moved = self.whitened_of(Role::HeldOut, fit.structure.at(&x), desk);
+            let moved = self.whitened_of(Role::HeldOut, fit.structure.at(&x), workspace);
             moved
                 .iter()
                 .zip(&predicted)
@@ -245,8 +254,8 @@ impl Problem {
     }
 
     /// Whitened χ² of one block at a vector.
-    pub(super) fn block_chi2(&self, at: At<'_>, block: usize, desk: &mut Desk) -> f64 {
-        let rows = self.predict(at, block, 1, desk);
+    pub(super) fn block_chi2(&self, at: At<'_>, block: usize, workspace: &mut Workspace) -> f64 {
+        let rows = self.predict(at, block, 1, workspace);
         let difference: Vec<f64> = self.blocks[block]
             .measured
             .iter()
@@ -266,10 +275,10 @@ impl Problem {
         predicted: &Prediction,
         moved: usize,
         step: f64,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Vec<f64> {
         let each = at.structure.tells_repeats_apart();
-        self.changes(at, predicted, moved, step, each, desk)
+        self.changes(at, predicted, moved, step, each, workspace)
     }
 
     /// The same, of each run by itself or by the one that it repeats.
@@ -280,7 +289,7 @@ impl Problem {
         moved: usize,
         step: f64,
         each: bool,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Vec<f64> {
         let structure = at.structure;
         let mut x = at.x.to_vec();
@@ -294,7 +303,7 @@ impl Problem {
         for k in self.of_role(Role::Train) {
             let of = self.blocks[k].alike.filter(|_| !each).unwrap_or(k);
             if of == k {
-                self.blocks[k].predict(&model, structure.parts, desk, &mut changes[k]);
+                self.blocks[k].predict(&model, structure.parts, workspace, &mut changes[k]);
                 changes[k]
                     .iter_mut()
                     .zip(&predicted.rows[k])
@@ -307,12 +316,12 @@ impl Problem {
     }
 
     /// Tangent space of a fit, each run by itself: repeats are not merged.
-    pub(super) fn exact_tangent(&self, fit: &Fit, desk: &mut Desk) -> Tangent {
-        let predicted = self.prediction(fit.at(), desk);
+    pub(super) fn exact_tangent(&self, fit: &Fit, workspace: &mut Workspace) -> Tangent {
+        let predicted = self.prediction(fit.at(), workspace);
         let mut tangent = Tangent::default();
         for (k, axis) in fit.axes.iter().enumerate() {
             let step = axis.inwards(fit.x[k]);
-            tangent.add(self.changes(fit.at(), &predicted, k, step, true, desk));
+            tangent.add(self.changes(fit.at(), &predicted, k, step, true, workspace));
         }
         tangent
     }
@@ -323,12 +332,12 @@ impl Problem {
         at: At<'_>,
         axes: &[Axis],
         predicted: &Prediction,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Vec<Vec<f64>> {
         (0..at.x.len())
             .map(|k| {
                 let step = axes[k].inwards(at.x[k]);
-                let mut column = self.change(at, predicted, k, step, desk);
+                let mut column = self.change(at, predicted, k, step, workspace);
                 column.iter_mut().for_each(|c| *c /= step);
                 column
             })
@@ -336,17 +345,17 @@ impl Problem {
     }
 
     /// Fits a structure from its members' starts and a base.
-    pub(super) fn fit(&self, structure: &Structure, start: &Erm, desk: &mut Desk) -> Fit {
+    pub(super) fn fit(&self, structure: &Structure, start: &Erm, workspace: &mut Workspace) -> Fit {
         let axes = structure.axes(&self.base.erm);
         let mut x = structure.encode(start);
         x.iter_mut()
             .zip(&axes)
             .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
-        self.fit_from(structure, x, axes, desk)
+        self.fit_from(structure, x, axes, workspace)
     }
 
     /// Fits a structure with one effect more, from where a fit without it stands.
-    pub(super) fn fit_added(&self, fit: &Fit, member: &Member, desk: &mut Desk) -> Fit {
+    pub(super) fn fit_added(&self, fit: &Fit, member: &Member, workspace: &mut Workspace) -> Fit {
         let structure = fit.structure.with(member.clone());
         let axes = structure.axes(&self.base.erm);
         let mut x = fit.x.clone();
@@ -354,7 +363,7 @@ impl Problem {
         x.iter_mut()
             .zip(&axes)
             .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
-        self.fit_from(&structure, x, axes, desk)
+        self.fit_from(&structure, x, axes, workspace)
     }
 
     /// A structure at a vector, as it is.
@@ -363,16 +372,16 @@ impl Problem {
         structure: &Structure,
         x: Vec<f64>,
         axes: Vec<Axis>,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Fit {
-        let predicted = self.prediction(structure.at(&x), desk);
+        let predicted = self.prediction(structure.at(&x), workspace);
         let residuals: Vec<f64> = self
             .target()
             .iter()
             .zip(&predicted.white)
             .map(|(t, p)| t - p)
             .collect();
-        let columns = self.columns(structure.at(&x), &axes, &predicted, desk);
+        let columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
         Fit {
             structure: structure.clone(),
             x,
@@ -390,7 +399,7 @@ impl Problem {
         structure: &Structure,
         mut x: Vec<f64>,
         axes: Vec<Axis>,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Fit {
         let target = self.target();
         let difference = |p: &Prediction| {
@@ -400,10 +409,10 @@ impl Problem {
                 .map(|(t, p)| t - p)
                 .collect::<Vec<f64>>()
         };
-        let mut predicted = self.prediction(structure.at(&x), desk);
+        let mut predicted = self.prediction(structure.at(&x), workspace);
         let mut residuals = difference(&predicted);
         let mut chi2 = dot(&residuals, &residuals);
-        let mut columns = self.columns(structure.at(&x), &axes, &predicted, desk);
+        let mut columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
         let mut damping = 1e-4;
         for _ in 0..ITERATIONS {
             let Some((step, promise)) = step(&columns, &residuals, &axes, &x, damping) else {
@@ -418,7 +427,7 @@ impl Problem {
                 .zip(&axes)
                 .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
                 .collect();
-            let moved = self.prediction(structure.at(&trial), desk);
+            let moved = self.prediction(structure.at(&trial), workspace);
             let left = difference(&moved);
             let value = dot(&left, &left);
             if value < chi2 {
@@ -429,7 +438,7 @@ impl Problem {
                 } else {
                     damping
                 };
-                columns = self.columns(structure.at(&x), &axes, &predicted, desk);
+                columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
                 if gained < PROMISE {
                     break;
                 }

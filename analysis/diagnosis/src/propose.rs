@@ -5,7 +5,7 @@
 //! space, the χ² that a small step of it removes is (r·d⊥)²/(d⊥·d⊥), reached at (r·d⊥)/(d⊥·d⊥).
 //! Shapes and choices are tried on a grid.
 
-use super::block::Desk;
+use super::block::Workspace;
 use super::problem::{Fit, Prediction, Problem, Tangent};
 use super::structure::{Member, Structure, variants};
 use super::whitening::dot;
@@ -29,7 +29,7 @@ pub(super) fn propose(
     predicted: &Prediction,
     tangent: &Tangent,
     effect: &'static dyn Effect,
-    desk: &mut Desk,
+    workspace: &mut Workspace,
 ) -> Vec<Proposal> {
     let mut proposals: Vec<Proposal> = Vec::new();
     // Bounds come from the base fit before any effect was added, so that they do not move with what
@@ -39,7 +39,7 @@ pub(super) fn propose(
         let (range, typical) = (member.parameters[0].range, member.parameters[0].typical);
         let mut best = 0.0;
         for step in PROPOSAL_STEPS {
-            let Some(mut outside) = direction(problem, fit, predicted, &structure, step, desk)
+            let Some(mut outside) = direction(problem, fit, predicted, &structure, step, workspace)
             else {
                 continue;
             };
@@ -78,7 +78,7 @@ pub(super) fn direction(
     predicted: &Prediction,
     structure: &Structure,
     step: f64,
-    desk: &mut Desk,
+    workspace: &mut Workspace,
 ) -> Option<Vec<f64>> {
     let last = structure.members.len().checked_sub(1)?;
     let axes = structure.axes(&problem.base.erm);
@@ -91,7 +91,7 @@ pub(super) fn direction(
     } else {
         (-step).max(0.5 * axes[first].lower)
     };
-    let mut change = problem.change(structure.at(&x), predicted, first, step, desk);
+    let mut change = problem.change(structure.at(&x), predicted, first, step, workspace);
     change.iter_mut().for_each(|c| *c /= step);
     change.iter().all(|c| c.is_finite()).then_some(change)
 }

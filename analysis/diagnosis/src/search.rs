@@ -1,7 +1,7 @@
 //! The tools of a search for missing effects. `attempts` fits candidates, `accept` judges them,
 //! `rivals` looks for others that would do as well, `select` puts all of it together.
 
-use super::block::Desk;
+use super::block::Workspace;
 use super::guards::Guards;
 use super::problem::Problem;
 use analysis_effects::contract::Effect;
@@ -13,7 +13,7 @@ pub(super) struct Search<'a> {
     pub(super) guards: Guards,
     /// The noise was measured by repeats, not assumed.
     pub(super) measured: bool,
-    pub(super) desk: Desk,
+    pub(super) workspace: Workspace,
 }
 
 /// (χ² − dof)/√(2·dof).

@@ -179,7 +179,7 @@ impl Search<'_> {
             &fit.structure,
             with.x[..fit.x.len()].to_vec(),
             fit.axes.clone(),
-            &mut self.desk,
+            &mut self.workspace,
         );
         (again.chi2 < fit.chi2 - DEEPER_CHI2).then_some(again)
     }
@@ -267,8 +267,10 @@ impl Search<'_> {
         y.extend_from_slice(&x[1 + 2 * branches..]);
         let stay = self
             .problem
-            .fit_from(&structure, x, axes.clone(), &mut self.desk);
-        let fresh = self.problem.fit_from(&structure, y, axes, &mut self.desk);
+            .fit_from(&structure, x, axes.clone(), &mut self.workspace);
+        let fresh = self
+            .problem
+            .fit_from(&structure, y, axes, &mut self.workspace);
         if stay.chi2 <= fresh.chi2 { stay } else { fresh }
     }
 
@@ -287,7 +289,7 @@ impl Search<'_> {
                 continue;
             }
             structure.members[k].parameters = own;
-            let free = self.problem.fit(&structure, &erm, &mut self.desk);
+            let free = self.problem.fit(&structure, &erm, &mut self.workspace);
             if !free.member_at_bound(k, branches)
                 && free.chi2 <= selection.fit.chi2 + FREED_SHAPE_CHI2
             {

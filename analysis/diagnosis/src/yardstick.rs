@@ -3,7 +3,7 @@
 //!
 //! Nothing here is used by a diagnosis.
 
-use super::block::{DataSetError, Desk};
+use super::block::{DataSetError, Workspace};
 use super::data::DataSet;
 use super::diagnose::{Fits, base_fit, gaps, refitted};
 use super::guards::Guards;
@@ -23,7 +23,7 @@ pub fn removable_chi2(
     model: &BaseModel,
 ) -> Result<f64, DataSetError> {
     let prepared = prepare(noisy, model, Guards::default())?.with_runs(clean)?;
-    Ok(base_fit(&prepared.problem, &model.erm, &mut Desk::default()).chi2)
+    Ok(base_fit(&prepared.problem, &model.erm, &mut Workspace::default()).chi2)
 }
 
 /// Gaps on the held-out records of the base with the named effects, fitted without any question
@@ -38,8 +38,8 @@ pub fn oracle(
 ) -> Result<(f64, Vec<Gap>), DataSetError> {
     let prepared = prepare(set, model, Guards::default())?;
     let problem = &prepared.problem;
-    let mut desk = Desk::default();
-    let base = base_fit(problem, &model.erm, &mut desk);
+    let mut workspace = Workspace::default();
+    let base = base_fit(problem, &model.erm, &mut workspace);
     let mut fit = base.clone();
     for name in names {
         let effect = find(name).ok_or_else(|| DataSetError::Set {
@@ -49,14 +49,14 @@ pub fn oracle(
         let proposals = propose(
             problem,
             &fit,
-            &problem.prediction(fit.at(), &mut desk),
+            &problem.prediction(fit.at(), &mut workspace),
             &fit.tangent(),
             effect,
-            &mut desk,
+            &mut workspace,
         );
         let mut best: Option<super::problem::Fit> = None;
         for proposal in proposals.iter().take(4) {
-            let found = problem.fit_added(&fit, &proposal.member, &mut desk);
+            let found = problem.fit_added(&fit, &proposal.member, &mut workspace);
             if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
                 best = Some(found);
             }
@@ -70,5 +70,5 @@ pub fn oracle(
         base: &base,
         augmented: &fit,
     };
-    Ok((fit.chi2, gaps(&prepared, &model.erm, fits, &mut desk)))
+    Ok((fit.chi2, gaps(&prepared, &model.erm, fits, &mut workspace)))
 }

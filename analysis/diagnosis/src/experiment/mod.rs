@@ -14,7 +14,7 @@ use crate::thresholds::{
 };
 pub use planned::{BenchLimits, Planned, PlannedRun, Playable};
 
-use super::block::Desk;
+use super::block::Workspace;
 use super::outcome::{NextExperiment, Verdict};
 use super::prepare::Prepared;
 use super::select::Selection;
@@ -78,15 +78,20 @@ impl Planner<'_> {
     }
 
     /// Best of some items, and the pairs that none of them separates.
-    fn choose(&mut self, items: Vec<MenuItem>, others: Vec<MenuItem>, desk: &mut Desk) -> Advice {
+    fn choose(
+        &mut self,
+        items: Vec<MenuItem>,
+        others: Vec<MenuItem>,
+        workspace: &mut Workspace,
+    ) -> Advice {
         let mut all: Vec<Rated> = items
             .into_iter()
-            .filter_map(|item| self.rated(item, 1, desk))
+            .filter_map(|item| self.rated(item, 1, workspace))
             .collect();
         // Runs that cannot be played here, or not any more, would still tell the pairs apart.
         let elsewhere: Vec<Rated> = others
             .into_iter()
-            .filter_map(|item| self.rated(item, 1, desk))
+            .filter_map(|item| self.rated(item, 1, workspace))
             .collect();
         let thens: Vec<&[f64]> = all
             .iter()
@@ -98,7 +103,7 @@ impl Planner<'_> {
         let mut best: Vec<Rated> = all
             .iter()
             .take(REFINED_ITEMS)
-            .filter_map(|first| self.repeated(first, desk))
+            .filter_map(|first| self.repeated(first, workspace))
             .collect();
         best.sort_by(|a, b| self.order(a, b));
         let Some(mut best) = best.into_iter().next() else {
@@ -108,7 +113,7 @@ impl Planner<'_> {
             };
         };
         if self.open.least(&best.then) < 1.0 {
-            best = self.joined(&best, &all, desk).unwrap_or(best);
+            best = self.joined(&best, &all, workspace).unwrap_or(best);
         }
         let open = &self.open;
         let moved = open.moved(&best.then);
@@ -133,9 +138,9 @@ impl Planner<'_> {
         Advice { next, inseparable }
     }
 
-    fn rated(&self, item: MenuItem, steps: usize, desk: &mut Desk) -> Option<Rated> {
-        let planned = self.prepared.planned(&item.runs, desk).ok()?;
-        let then = self.open.lambdas(Some(&planned), steps, desk);
+    fn rated(&self, item: MenuItem, steps: usize, workspace: &mut Workspace) -> Option<Rated> {
+        let planned = self.prepared.planned(&item.runs, workspace).ok()?;
+        let then = self.open.lambdas(Some(&planned), steps, workspace);
         Some(Rated { item, then })
     }
 
@@ -154,18 +159,18 @@ impl Planner<'_> {
     }
 
     /// The item measured as often as it takes, as long as that brings something.
-    fn repeated(&self, first: &Rated, desk: &mut Desk) -> Option<Rated> {
+    fn repeated(&self, first: &Rated, workspace: &mut Workspace) -> Option<Rated> {
         let mut times = self.open.times(&self.open.now, &first.then, MOST_TIMES);
         while times > 1 && !self.allowed(&first.item.times(times)) {
             times /= 2;
         }
-        let mut best = self.rated(first.item.times(times), REFIT_STEPS, desk)?;
+        let mut best = self.rated(first.item.times(times), REFIT_STEPS, workspace)?;
         while self.open.least(&best.then) < 1.0 && 2 * times <= MOST_TIMES {
             times *= 2;
             let Some(item) = Some(first.item.times(times)).filter(|item| self.allowed(item)) else {
                 break;
             };
-            let Some(more) = self.rated(item, REFIT_STEPS, desk) else {
+            let Some(more) = self.rated(item, REFIT_STEPS, workspace) else {
                 break;
             };
             if self.open.settled(&more.then) < WORTH * self.open.settled(&best.then) {
@@ -177,7 +182,7 @@ impl Planner<'_> {
     }
 
     /// The best item with a second one for what it leaves open; none where that brings little.
-    fn joined(&self, best: &Rated, all: &[Rated], desk: &mut Desk) -> Option<Rated> {
+    fn joined(&self, best: &Rated, all: &[Rated], workspace: &mut Workspace) -> Option<Rated> {
         let both = |other: &Rated| {
             let sum: Vec<f64> = best
                 .then
@@ -198,7 +203,7 @@ impl Planner<'_> {
             let times = self.open.times(&best.then, &second.then, MOST_TIMES);
             let item = best.item.and(&second.item.times(times));
             if self.allowed(&item) {
-                found.extend(self.rated(item, REFIT_STEPS, desk));
+                found.extend(self.rated(item, REFIT_STEPS, workspace));
             }
         }
         found.sort_by(|a, b| self.order(a, b));
@@ -223,14 +228,14 @@ pub(super) fn recommend(
         return Advice::default();
     }
     let campaign = Campaign::new(&prepared.problem, limits);
-    let mut desk = Desk::default();
-    let without = absences(&prepared.problem, selection, &mut desk);
+    let mut workspace = Workspace::default();
+    let without = absences(&prepared.problem, selection, &mut workspace);
     let open = Open::new(
         prepared.estimate.repeats >= FEWEST_REPEATS,
         verdict,
         &without,
         selection,
-        &mut desk,
+        &mut workspace,
     );
     let mut planner = Planner {
         prepared,
@@ -251,7 +256,7 @@ pub(super) fn recommend(
         .into_iter()
         .partition(|item| planner.allowed(item));
     items.dedup_by(|later, first| later.name == first.name);
-    planner.choose(items, others, &mut desk)
+    planner.choose(items, others, &mut workspace)
 }
 
 /// The least λ of the pairs that a run brings forward.

@@ -6,7 +6,7 @@ use crate::thresholds::{
     CERTAIN_LAMBDA, LEAST_GROWTH, LINEAR_FACTOR, MOST_RIVALS, ONE_IN_TWENTY, WEAKEST_PART,
 };
 use crate::{
-    block::Desk,
+    block::Workspace,
     guards::naming_lead,
     outcome::Verdict,
     problem::{Fit, Problem},
@@ -41,7 +41,7 @@ impl<'a> Open<'a> {
         verdict: Verdict,
         without: &'a [Option<Fit>],
         selection: &'a Selection,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Self {
         let mut open = Self {
             fits: Vec::new(),
@@ -86,7 +86,7 @@ impl<'a> Open<'a> {
         if open.pairs.is_empty() {
             open.refused(selection, measured);
         }
-        open.now = open.lambdas(None, 1, desk);
+        open.now = open.lambdas(None, 1, workspace);
         open.within_reach = (0..open.pairs.len()).collect();
         open
     }
@@ -136,17 +136,17 @@ impl<'a> Open<'a> {
         &self,
         planned: Option<&Problem>,
         steps: usize,
-        desk: &mut Desk,
+        workspace: &mut Workspace,
     ) -> Vec<f64> {
         let views: Vec<View<'_>> = self
             .fits
             .iter()
-            .map(|(_, fit)| View::new(fit, planned, desk))
+            .map(|(_, fit)| View::new(fit, planned, workspace))
             .collect();
-        let lambda = |p: &Pair, desk: &mut Desk| {
-            separation_chi2(&views[p.truth], &views[p.other], planned, steps, desk)
+        let lambda = |p: &Pair, workspace: &mut Workspace| {
+            separation_chi2(&views[p.truth], &views[p.other], planned, steps, workspace)
         };
-        self.pairs.iter().map(|p| lambda(p, desk)).collect()
+        self.pairs.iter().map(|p| lambda(p, workspace)).collect()
     }
 
     /// Growth of a pair's λ by planned runs, as a part of the growth that settles it.
@@ -257,7 +257,7 @@ fn enough(need: f64, found: f64) -> f64 {
 pub(super) fn absences(
     problem: &Problem,
     selection: &Selection,
-    desk: &mut Desk,
+    workspace: &mut Workspace,
 ) -> Vec<Option<Fit>> {
     let alone = selection.taken.len() == 1;
     let without = |(k, taken): (usize, &crate::select::Taken)| {
@@ -268,7 +268,7 @@ pub(super) fn absences(
             return Some(selection.base.clone());
         }
         let (structure, x, axes) = problem.without(&selection.fit, k);
-        Some(problem.fit_from(&structure, x, axes, desk))
+        Some(problem.fit_from(&structure, x, axes, workspace))
     };
     selection.taken.iter().enumerate().map(without).collect()
 }

@@ -5,7 +5,7 @@
 //! on those it is Gauss–Newton.
 
 use crate::{
-    block::Desk,
+    block::Workspace,
     problem::{Fit, Problem, step},
     whitening::dot,
 };
@@ -23,19 +23,19 @@ pub(super) struct View<'a> {
 
 impl<'a> View<'a> {
     /// Without rows where no runs are planned.
-    pub(super) fn new(fit: &'a Fit, planned: Option<&Problem>, desk: &mut Desk) -> Self {
+    pub(super) fn new(fit: &'a Fit, planned: Option<&Problem>, workspace: &mut Workspace) -> Self {
         let alone = || Self {
             fit,
             predicted: Vec::new(),
             columns: Vec::new(),
         };
-        planned.map_or_else(alone, |p| Self::at(fit, &fit.x, p, desk))
+        planned.map_or_else(alone, |p| Self::at(fit, &fit.x, p, workspace))
     }
 
-    fn at(fit: &'a Fit, x: &[f64], planned: &Problem, desk: &mut Desk) -> Self {
+    fn at(fit: &'a Fit, x: &[f64], planned: &Problem, workspace: &mut Workspace) -> Self {
         let at = fit.structure.at(x);
-        let predicted = planned.prediction(at, desk);
-        let columns = planned.columns(at, &fit.axes, &predicted, desk);
+        let predicted = planned.prediction(at, workspace);
+        let columns = planned.columns(at, &fit.axes, &predicted, workspace);
         Self {
             fit,
             predicted: predicted.white,
@@ -51,7 +51,7 @@ pub(super) fn separation_chi2(
     other: &View<'_>,
     planned: Option<&Problem>,
     steps: usize,
-    desk: &mut Desk,
+    workspace: &mut Workspace,
 ) -> f64 {
     let (view, other) = (other, other.fit);
     // Residuals are measured less predicted: what was measured cancels.
@@ -93,7 +93,7 @@ pub(super) fn separation_chi2(
             .zip(&other.axes)
             .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
             .collect();
-        let moved = View::at(other, &trial, planned, desk);
+        let moved = View::at(other, &trial, planned, workspace);
         let mut left = known.clone();
         trial
             .iter()

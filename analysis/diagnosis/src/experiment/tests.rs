@@ -3,7 +3,7 @@ use super::open::Open;
 use super::separate::{View, separation_chi2};
 use super::{Advice, BenchLimits, Planned, PlannedRun, Playable, recommend};
 use crate::{
-    block::Desk,
+    block::Workspace,
     data::{DataSet, Fixture, RunData},
     gate::tests::sim::{Hidden, campaign, model},
     guards::Guards,
@@ -52,33 +52,38 @@ fn prepared(set: &DataSet) -> Prepared {
 }
 
 /// The base with one effect, fitted.
-fn fitted(p: &Prepared, name: &str, desk: &mut Desk) -> Fit {
-    let base = p.problem.fit(&Structure::default(), &model().erm, desk);
-    let predicted = p.problem.prediction(base.at(), desk);
+fn fitted(p: &Prepared, name: &str, workspace: &mut Workspace) -> Fit {
+    let base = p
+        .problem
+        .fit(&Structure::default(), &model().erm, workspace);
+    let predicted = p.problem.prediction(base.at(), workspace);
     let proposal = propose(
         &p.problem,
         &base,
         &predicted,
         &base.tangent(),
         find(name).unwrap(),
-        desk,
+        workspace,
     )
     .remove(0);
-    p.problem
-        .fit(&base.structure.with(proposal.member), &model().erm, desk)
+    p.problem.fit(
+        &base.structure.with(proposal.member),
+        &model().erm,
+        workspace,
+    )
 }
 
 /// The first effect named at this λ, the others as its rivals.
 fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> Selection {
-    let mut desk = Desk::default();
+    let mut workspace = Workspace::default();
     let base = p
         .problem
-        .fit(&Structure::default(), &model().erm, &mut desk);
+        .fit(&Structure::default(), &model().erm, &mut workspace);
     let rival = |name: &&'static str| RivalFit {
         name,
         score_gap: 0.0,
         discriminability: 0.0,
-        fit: fitted(p, name, &mut Desk::default()),
+        fit: fitted(p, name, &mut Workspace::default()),
     };
     let evidence = Evidence {
         lambda,
@@ -94,7 +99,7 @@ fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> Selection {
         limit_of: Vec::new(),
     };
     Selection {
-        fit: fitted(p, names[0], &mut desk),
+        fit: fitted(p, names[0], &mut workspace),
         taken: vec![taken],
         ..Selection::nothing(&base)
     }
@@ -183,9 +188,11 @@ fn what_is_too_weak_to_be_certain_is_to_be_seen_better() {
 #[test]
 fn what_is_settled_needs_no_experiment() {
     let p = prepared(&cell_runs(storage));
-    let base = p
-        .problem
-        .fit(&Structure::default(), &model().erm, &mut Desk::default());
+    let base = p.problem.fit(
+        &Structure::default(),
+        &model().erm,
+        &mut Workspace::default(),
+    );
     let nothing = Selection::nothing(&base);
     for verdict in [Verdict::AtNoiseFloor, Verdict::Explained, Verdict::Invalid] {
         assert!(
@@ -210,21 +217,21 @@ fn what_is_settled_needs_no_experiment() {
 #[test]
 fn a_structure_does_not_differ_from_itself_and_more_data_never_bring_it_nearer() {
     let p = prepared(&cell_runs(inductive));
-    let mut desk = Desk::default();
+    let mut workspace = Workspace::default();
     let (skew, slow) = (
-        fitted(&p, "time_skew", &mut desk),
-        fitted(&p, "rc_slow", &mut desk),
+        fitted(&p, "time_skew", &mut workspace),
+        fitted(&p, "rc_slow", &mut workspace),
     );
     let items = menu(&Campaign::new(&p.problem, None));
     let zero = items.iter().find(|i| i.name == "shunt_sweep").unwrap();
-    let planned = p.planned(&zero.runs, &mut desk).unwrap();
+    let planned = p.planned(&zero.runs, &mut workspace).unwrap();
     let mut between = |a: &Fit, b: &Fit, with: bool, steps: usize| {
         let planned = with.then_some(&planned);
         let (shown, view) = (
-            View::new(a, planned, &mut desk),
-            View::new(b, planned, &mut desk),
+            View::new(a, planned, &mut workspace),
+            View::new(b, planned, &mut workspace),
         );
-        separation_chi2(&shown, &view, planned, steps, &mut desk)
+        separation_chi2(&shown, &view, planned, steps, &mut workspace)
     };
     assert!(between(&skew, &skew, true, 3) < 1e-6);
     let (now, then) = (
@@ -241,35 +248,35 @@ fn a_structure_does_not_differ_from_itself_and_more_data_never_bring_it_nearer()
 #[test]
 fn the_expected_separation_is_what_a_full_refit_leaves() {
     let p = prepared(&cell_runs(inductive));
-    let mut desk = Desk::default();
+    let mut workspace = Workspace::default();
     let (truth, other) = (
-        fitted(&p, "inductance", &mut desk),
-        fitted(&p, "time_skew", &mut desk),
+        fitted(&p, "inductance", &mut workspace),
+        fitted(&p, "time_skew", &mut workspace),
     );
     let items = menu(&Campaign::new(&p.problem, None));
     let planned = p
         .planned(
             &items.iter().find(|i| i.name == "shunt_sweep").unwrap().runs,
-            &mut desk,
+            &mut workspace,
         )
         .unwrap();
     let (shown, view) = (
-        View::new(&truth, Some(&planned), &mut desk),
-        View::new(&other, Some(&planned), &mut desk),
+        View::new(&truth, Some(&planned), &mut workspace),
+        View::new(&other, Some(&planned), &mut workspace),
     );
-    let expected = separation_chi2(&shown, &view, Some(&planned), 3, &mut desk);
+    let expected = separation_chi2(&shown, &view, Some(&planned), 3, &mut workspace);
     let mut whole = prepared(&cell_runs(inductive)).problem;
     whole.blocks.extend(planned.blocks);
     whole.whiteners.extend(planned.whiteners);
     for k in 0..whole.blocks.len() {
-        whole.blocks[k].measured = whole.predict(truth.at(), k, 1, &mut desk);
+        whole.blocks[k].measured = whole.predict(truth.at(), k, 1, &mut workspace);
     }
     let full = whole
         .fit_from(
             &other.structure,
             other.x.clone(),
             other.axes.clone(),
-            &mut desk,
+            &mut workspace,
         )
         .chi2;
     assert!(
@@ -405,9 +412,11 @@ fn a_planned_run_counts_its_repeats_and_samples_densely_after_edges() {
 #[test]
 fn nothing_refused_and_nothing_named_leaves_nothing_open() {
     let p = prepared(&cell_runs(storage));
-    let base = p
-        .problem
-        .fit(&Structure::default(), &model().erm, &mut Desk::default());
+    let base = p.problem.fit(
+        &Structure::default(),
+        &model().erm,
+        &mut Workspace::default(),
+    );
     for verdict in [Verdict::Ambiguous, Verdict::Unexplained] {
         assert!(
             Open::new(
@@ -415,7 +424,7 @@ fn nothing_refused_and_nothing_named_leaves_nothing_open() {
                 verdict,
                 &[],
                 &Selection::nothing(&base),
-                &mut Desk::default()
+                &mut Workspace::default()
             )
             .pairs
             .is_empty()
@@ -461,7 +470,7 @@ fn what_no_run_brings_forward_is_named_and_does_not_count() {
         Verdict::Ambiguous,
         &[None],
         &selection,
-        &mut Desk::default(),
+        &mut Workspace::default(),
     );
     let more = |by: f64| open.now.iter().map(|l| l + by).collect::<Vec<f64>>();
     // A lead of 14 in all but one of twenty cases, of an effect that may be weaker, needs 36.5:

@@ -3,7 +3,7 @@
 use super::bench::{Hidden, campaign, model};
 use crate::{
     DataSet, Diagnosis, DiagnosisOptions, Role, RunData, Verdict,
-    block::Desk,
+    block::Workspace,
     diagnose::{base_fit, diagnose_with},
     guards::Guards,
     prepare::prepare,
@@ -266,9 +266,9 @@ fn integration_is_judged_by_what_it_does_to_whitened_rows() {
         candidates: &candidates,
         guards: Guards::default(),
         measured: true,
-        desk: Desk::default(),
+        workspace: Workspace::default(),
     };
-    let base = base_fit(problem, &model().erm, &mut search.desk);
+    let base = base_fit(problem, &model().erm, &mut search.workspace);
     let attempt = search
         .attempts(&base, None)
         .0
@@ -278,7 +278,8 @@ fn integration_is_judged_by_what_it_does_to_whitened_rows() {
     let at = attempt.fit.at();
     let (mut white, mut by_row) = (0.0f64, 0.0f64);
     for k in 0..problem.blocks.len() {
-        let [once, halves] = [1, 2].map(|parts| problem.predict(at, k, parts, &mut search.desk));
+        let [once, halves] =
+            [1, 2].map(|parts| problem.predict(at, k, parts, &mut search.workspace));
         let change: Vec<f64> = once.iter().zip(&halves).map(|(a, b)| a - b).collect();
         by_row = change
             .iter()
@@ -322,7 +323,7 @@ fn coarse_codes_are_noise_and_no_misfit() {
             .unwrap()
             .of_history(Guards::default())
             .unwrap();
-        let base = base_fit(&prepared.problem, &model().erm, &mut Desk::default());
+        let base = base_fit(&prepared.problem, &model().erm, &mut Workspace::default());
         excess_z(base.chi2, prepared.problem.degrees_of_freedom(&base))
     };
     let (told, untold) = (z(step_v), z(0.0));
@@ -514,9 +515,9 @@ fn a_fit_that_did_not_converge_is_no_evidence() {
             candidates: &candidates,
             guards,
             measured: true,
-            desk: Desk::default(),
+            workspace: Workspace::default(),
         };
-        let base = base_fit(problem, &model().erm, &mut search.desk);
+        let base = base_fit(problem, &model().erm, &mut search.workspace);
         let mut attempt = search
             .attempts(&base, None)
             .0

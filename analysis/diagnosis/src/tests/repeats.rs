@@ -2,7 +2,7 @@
 
 use super::bench::{Hidden, campaign, model};
 use crate::{
-    block::{Block, Desk, Kind},
+    block::{Block, Kind, Workspace},
     data::{
         BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
     },
@@ -51,11 +51,11 @@ fn repeats_share_derivatives_and_what_tells_them_apart_does_not() {
         shared, 4,
         "two of three pulses and two of three long discharges"
     );
-    let mut desk = Desk::default();
-    let fit = base_fit(problem, &model().erm, &mut desk);
-    let predicted = problem.prediction(fit.at(), &mut desk);
+    let mut workspace = Workspace::default();
+    let fit = base_fit(problem, &model().erm, &mut workspace);
+    let predicted = problem.prediction(fit.at(), &mut workspace);
     let mut columns =
-        |problem: &Problem| problem.columns(fit.at(), &fit.axes, &predicted, &mut desk);
+        |problem: &Problem| problem.columns(fit.at(), &fit.axes, &predicted, &mut workspace);
     let (near, exact) = (columns(problem), columns(&each));
     // Repeats are driven by currents that differ by a part in a thousand.
     assert!(
@@ -67,7 +67,7 @@ fn repeats_share_derivatives_and_what_tells_them_apart_does_not() {
         let member = variants(find(name).unwrap(), &problem.base).remove(0);
         let structure = fit.structure.with(member);
         let mut of = |problem: &Problem| {
-            direction(problem, &fit, &predicted, &structure, 0.3, &mut desk).unwrap()
+            direction(problem, &fit, &predicted, &structure, 0.3, &mut workspace).unwrap()
         };
         assert_eq!(of(problem) == of(&each), same, "{name}");
     }

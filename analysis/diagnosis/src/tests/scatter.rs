@@ -1,6 +1,6 @@
 //! Effect of the scatter of resistances from run to run on the rows of a cell with effects.
 
-use super::super::block::{Block, Desk, Model};
+use super::super::block::{Block, Model, Workspace};
 use super::super::noise::{Prior, Shape};
 use super::bench::{BLOCK, BRANCHES, Chance, HISTORY, Hidden, R0, campaign, model, record};
 use crate::{Run, RunData};
@@ -34,7 +34,7 @@ fn scatter(run: &Run, effects: &[(&str, &[f64])]) -> Vec<f64> {
         &block,
         &Model::new(&base, &added),
         &Prior::new(Some(HISTORY), None, &base),
-        &mut Desk::default(),
+        &mut Workspace::default(),
     )
     .trend(1.0)
 }
