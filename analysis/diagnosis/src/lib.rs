@@ -23,6 +23,7 @@ mod intervals;
 mod judge;
 mod localise;
 mod noise;
+pub mod oracle;
 mod outcome;
 mod periodic;
 mod prepare;
@@ -39,7 +40,6 @@ pub mod thresholds;
 mod time_block;
 mod whitening;
 mod windows;
-pub mod yardstick;
 
 pub use block::DataSetError;
 pub use data::{
