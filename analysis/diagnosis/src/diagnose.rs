@@ -108,7 +108,7 @@ pub(crate) fn diagnose_with(
             search(&prepared, options, guards).run(&base)
         };
     }
-    let again = if selection.taken.is_empty() {
+    let again = if selection.selected.is_empty() {
         None
     } else {
         refitted(&prepared, [&selection.base, &selection.fit], guards)
@@ -287,7 +287,7 @@ fn quality(problem: &Problem, base: &Fit, after: &Fit) -> Quality {
 
 fn rivals(selection: &Selection) -> Vec<Rival> {
     let taken = selection
-        .taken
+        .selected
         .iter()
         .flat_map(|t| t.rivals.iter().map(|r| (t.name, r)));
     taken

@@ -24,11 +24,11 @@ pub(super) fn named(
     let fit = &selection.fit;
     let (_, values) = fit.decode(problem.branches());
     let mut all = Vec::new();
-    for (k, (member, taken)) in fit
+    for (k, (member, selected)) in fit
         .structure
         .members
         .iter()
-        .zip(&selection.taken)
+        .zip(&selection.selected)
         .enumerate()
     {
         let open = with_free_shapes(problem, fit, k, workspace);
@@ -73,7 +73,7 @@ pub(super) fn named(
             title: card.title,
             group: card.group,
             parameters,
-            evidence: taken.evidence,
+            evidence: selected.evidence,
             falsified_by: format!(
                 "{} — without the signature \"{}\" the name is wrong",
                 card.experiment, card.signature

@@ -72,11 +72,11 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
         hint(d, selection);
         return;
     }
-    for taken in selection.taken.iter().filter(|_| fits) {
-        for container in taken.limit_of.iter().filter_map(|name| find(name)) {
+    for selected in selection.selected.iter().filter(|_| fits) {
+        for container in selected.limit_of.iter().filter_map(|name| find(name)) {
             let (title, named) = (
                 container.card().title,
-                find(taken.name).map_or(taken.name, |e| e.card().title),
+                find(selected.name).map_or(selected.name, |e| e.card().title),
             );
             d.notes.push(format!(
                 "{title} is not excluded: it becomes {named} at a limit of its \

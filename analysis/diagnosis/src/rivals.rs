@@ -5,7 +5,7 @@ use super::attempts::{Attempt, is_outside};
 use super::guards::naming_lead;
 use super::problem::Fit;
 use super::search::Search;
-use super::select::{RivalFit, Selection, Taken};
+use super::select::{RivalFit, SelectedEffect, Selection};
 use super::whitening::dot;
 use crate::thresholds::SUFFICES;
 use analysis_effects::effects::find;
@@ -13,20 +13,20 @@ use analysis_effects::effects::find;
 impl Search<'_> {
     /// For every effect taken, those that would do as well in its place.
     pub(super) fn find_rivals(&mut self, selection: &mut Selection) {
-        let names: Vec<&'static str> = selection.taken.iter().map(|t| t.name).collect();
+        let names: Vec<&'static str> = selection.selected.iter().map(|t| t.name).collect();
         for (k, name) in names.iter().enumerate() {
             let without = self.refit_without(&selection.base, &selection.fit, k);
             let lambda = without.chi2 - selection.fit.chi2;
             let own = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
             // An effect that was added later may have taken a share of it.
-            selection.taken[k].evidence.lambda = lambda;
-            selection.taken[k].evidence.score = own;
+            selection.selected[k].evidence.lambda = lambda;
+            selection.selected[k].evidence.score = own;
             let (attempts, _) = self.attempts(&without, Some(name));
             for other in attempts {
                 let lead = naming_lead(self.measured, lambda);
-                if !rivals(&selection.taken[k], &other, lead) || names.contains(&other.name) {
+                if !rivals(&selection.selected[k], &other, lead) || names.contains(&other.name) {
                     if contains(&other, name) && other.lambda > lambda - SUFFICES {
-                        selection.taken[k].limit_of.push(other.name);
+                        selection.selected[k].limit_of.push(other.name);
                     }
                     continue;
                 }
@@ -39,7 +39,7 @@ impl Search<'_> {
                 }
                 let distinct = self.discriminability(&selection.fit, &without, &other.fit);
                 let gap = other.score - own;
-                selection.taken[k].rivals.push(RivalFit {
+                selection.selected[k].rivals.push(RivalFit {
                     name: other.name,
                     score_gap: gap,
                     discriminability: distinct,
@@ -74,7 +74,7 @@ fn contains(other: &Attempt, name: &str) -> bool {
 /// Whether another effect is a rival of a named one. What contains the named effect as a limit fits
 /// as well by necessity: where the interval of its shape holds the limit, only its forms away from
 /// there count.
-fn rivals(named: &Taken, other: &Attempt, lead: f64) -> bool {
+fn rivals(named: &SelectedEffect, other: &Attempt, lead: f64) -> bool {
     let (lambda, own) = (named.evidence.lambda, named.evidence.score);
     let near = |score: f64| score - own >= -lead;
     if !contains(other, named.name) {

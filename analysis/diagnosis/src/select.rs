@@ -16,7 +16,7 @@ use analysis_effects::effects::outside;
 
 /// An effect that was taken.
 #[derive(Debug, Clone)]
-pub(super) struct Taken {
+pub(super) struct SelectedEffect {
     pub(super) name: &'static str,
     pub(super) evidence: Evidence,
     pub(super) rivals: Vec<RivalFit>,
@@ -39,7 +39,7 @@ pub(super) struct Selection {
     /// The base alone, at the deepest minimum that was met.
     pub(super) base: Fit,
     pub(super) fit: Fit,
-    pub(super) taken: Vec<Taken>,
+    pub(super) selected: Vec<SelectedEffect>,
     /// Candidates of the first round.
     pub(super) ranking: Vec<Candidate>,
     /// The best addition that was refused in the last round, with the reason.
@@ -59,7 +59,7 @@ impl Selection {
         Self {
             base: base.clone(),
             fit: base.clone(),
-            taken: Vec::new(),
+            selected: Vec::new(),
             ranking: Vec::new(),
             refused: None,
             refused_fits: Vec::new(),
@@ -71,7 +71,7 @@ impl Selection {
     /// Takes all names back: something outside the catalogue does better.
     fn withdraw(&mut self, title: &'static str) {
         self.fit = self.base.clone();
-        self.taken.clear();
+        self.selected.clear();
         self.outside = Some(title);
     }
 }
@@ -83,9 +83,9 @@ impl Search<'_> {
         // The best of what is outside the catalogue, on top of the base.
         let mut alone: Option<(&'static str, f64)> = None;
         let mut restarts = 0;
-        while selection.taken.len() < MOST_EFFECTS {
+        while selection.selected.len() < MOST_EFFECTS {
             let (attempts, mut ranking) = self.attempts(&selection.fit, None);
-            let first = selection.taken.is_empty();
+            let first = selection.selected.is_empty();
             if first {
                 alone = attempts
                     .iter()
@@ -94,10 +94,10 @@ impl Search<'_> {
             }
             let accepted = self.first_accepted(&mut selection, attempts, &mut ranking);
             if first {
-                if let Some((taken, _)) = &accepted {
+                if let Some((selected, _)) = &accepted {
                     let rest = ranking
                         .iter_mut()
-                        .filter(|c| c.name != taken.name && c.refused_because.is_empty());
+                        .filter(|c| c.name != selected.name && c.refused_because.is_empty());
                     rest.for_each(|c| c.refused_because = "another explains more".to_owned());
                 }
                 selection.ranking = ranking;
@@ -126,7 +126,7 @@ impl Search<'_> {
             }
             selection.refused = None;
             selection.fit = attempt.fit;
-            selection.taken.push(Taken {
+            selection.selected.push(SelectedEffect {
                 name: attempt.name,
                 evidence,
                 rivals: Vec::new(),
@@ -188,12 +188,12 @@ impl Search<'_> {
     /// do.
     fn gate_again(&mut self, selection: &mut Selection) {
         let mut k = 0;
-        while selection.taken.len() > 1 && k < selection.taken.len() {
+        while selection.selected.len() > 1 && k < selection.selected.len() {
             let without = self.refit_without(&selection.base, &selection.fit, k);
             let lambda = without.chi2 - selection.fit.chi2;
             let score = lambda - self.problem.penalty(&selection.fit.structure.members[k]);
             let attempt = Attempt {
-                name: selection.taken[k].name,
+                name: selection.selected[k].name,
                 lambda,
                 score,
                 distinct: score,
@@ -201,11 +201,11 @@ impl Search<'_> {
             };
             let gained = selection.base.chi2 - without.chi2;
             if let Ok(evidence) = self.accept(&without, gained, &attempt, k) {
-                selection.taken[k].evidence = evidence;
+                selection.selected[k].evidence = evidence;
                 k += 1;
             } else {
                 selection.fit = without;
-                selection.taken.remove(k);
+                selection.selected.remove(k);
                 k = 0;
             }
         }
@@ -228,20 +228,20 @@ impl Search<'_> {
             .map(|m| self.problem.penalty(m))
             .sum();
         let gained = selection.base.chi2 - selection.fit.chi2 - spent;
-        let led = |t: &Taken| {
+        let led = |t: &SelectedEffect| {
             t.rivals
                 .iter()
                 .find(|r| is_outside(r.name) && r.score_gap >= outside_lead(t.evidence.lambda))
                 .map(|r| r.name)
         };
-        let beaten = selection.taken.iter().find_map(led);
+        let beaten = selection.selected.iter().find_map(led);
         let refused = selection
             .refused
             .as_ref()
-            .filter(|r| selection.taken.is_empty() && r.1 >= OUTSIDE_ALONE)
+            .filter(|r| selection.selected.is_empty() && r.1 >= OUTSIDE_ALONE)
             .map(|r| r.0);
         let stands_alone = alone
-            .filter(|a| selection.taken.len() > 1 && a.1 >= gained)
+            .filter(|a| selection.selected.len() > 1 && a.1 >= gained)
             .map(|a| a.0);
         if let Some(title) = beaten.or(stands_alone).or(refused).and_then(title) {
             selection.withdraw(title);
@@ -252,7 +252,7 @@ impl Search<'_> {
                 "{name} would gain {score:.0} on top of it but may not be named"
             ));
         } else if let Some(title) = alone
-            .filter(|a| selection.taken.len() > 1 && a.1 > gained - NAMING_LEAD)
+            .filter(|a| selection.selected.len() > 1 && a.1 > gained - NAMING_LEAD)
             .and_then(|a| title(a.0))
         {
             selection.doubt = Some(format!("{title} alone would do as well"));
@@ -278,7 +278,7 @@ impl Search<'_> {
     /// their uncertainty. They stay held where freeing drives one to a bound.
     fn free_shapes(&mut self, selection: &mut Selection) {
         let branches = self.problem.branches();
-        for k in 0..selection.taken.len() {
+        for k in 0..selection.selected.len() {
             let (erm, values) = selection.fit.decode(branches);
             let mut structure = selection.fit.structure.clone();
             for (member, value) in structure.members.iter_mut().zip(&values) {

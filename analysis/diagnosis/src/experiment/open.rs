@@ -49,17 +49,17 @@ impl<'a> Open<'a> {
             now: Vec::new(),
             within_reach: Vec::new(),
         };
-        for (taken, without) in selection.taken.iter().zip(without) {
-            let found = taken.evidence.lambda;
+        for (selected, without) in selection.selected.iter().zip(without) {
+            let found = selected.evidence.lambda;
             let lead = naming_lead(measured, found);
-            let named = open.add(taken.name, &selection.fit);
-            let mut rivals: Vec<&RivalFit> = taken.rivals.iter().collect();
+            let named = open.add(selected.name, &selection.fit);
+            let mut rivals: Vec<&RivalFit> = selected.rivals.iter().collect();
             rivals.sort_by(|a, b| b.score_gap.total_cmp(&a.score_gap));
             for rival in rivals.into_iter().take(MOST_RIVALS) {
                 let other = open.add(rival.name, &rival.fit);
                 // An effect that contains the named effect as a limit imitates it in any
                 // measurement. It has to show that it is more.
-                if !find(rival.name).is_some_and(|e| e.card().contains.contains(&taken.name)) {
+                if !find(rival.name).is_some_and(|e| e.card().contains.contains(&selected.name)) {
                     open.pairs.push(Pair {
                         truth: named,
                         other,
@@ -259,9 +259,9 @@ pub(super) fn absences(
     selection: &Selection,
     workspace: &mut Workspace,
 ) -> Vec<Option<Fit>> {
-    let alone = selection.taken.len() == 1;
-    let without = |(k, taken): (usize, &crate::select::Taken)| {
-        if taken.evidence.lambda >= CERTAIN_LAMBDA {
+    let alone = selection.selected.len() == 1;
+    let without = |(k, selected): (usize, &crate::select::SelectedEffect)| {
+        if selected.evidence.lambda >= CERTAIN_LAMBDA {
             return None;
         }
         if alone {
@@ -270,5 +270,5 @@ pub(super) fn absences(
         let (structure, x, axes) = problem.without(&selection.fit, k);
         Some(problem.fit_from(&structure, x, axes, workspace))
     };
-    selection.taken.iter().enumerate().map(without).collect()
+    selection.selected.iter().enumerate().map(without).collect()
 }

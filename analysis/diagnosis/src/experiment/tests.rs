@@ -11,7 +11,7 @@ use crate::{
     prepare::{Prepared, prepare},
     problem::Fit,
     propose::propose,
-    select::{RivalFit, Selection, Taken},
+    select::{RivalFit, SelectedEffect, Selection},
     structure::Structure,
 };
 use analysis_effects::effects::find;
@@ -92,7 +92,7 @@ fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> Selection {
         held_out_change: 0.0,
         integration_error: 0.0,
     };
-    let taken = Taken {
+    let selected = SelectedEffect {
         name: names[0],
         evidence,
         rivals: names[1..].iter().map(rival).collect(),
@@ -100,7 +100,7 @@ fn selected(p: &Prepared, lambda: f64, names: &[&'static str]) -> Selection {
     };
     Selection {
         fit: fitted(p, names[0], &mut workspace),
-        taken: vec![taken],
+        selected: vec![selected],
         ..Selection::nothing(&base)
     }
 }
