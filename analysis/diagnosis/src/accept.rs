@@ -30,7 +30,7 @@ impl Search<'_> {
         member: usize,
     ) -> Result<Evidence, String> {
         let dof = self.problem.degrees_of_freedom(before);
-        let (excess, left) = (
+        let (excess, remaining_z) = (
             before.chi2 - dof,
             excess_z(
                 attempt.fit.chi2,
@@ -62,7 +62,7 @@ impl Search<'_> {
         if self.guards.convergence && promise > CONVERGED.max(CONVERGED_PART * attempt.lambda) {
             return Err("its fit did not converge".to_owned());
         }
-        if self.guards.material_share && share < MATERIAL_SHARE && left >= GOOD_FIT_Z {
+        if self.guards.material_share && share < MATERIAL_SHARE && remaining_z >= GOOD_FIT_Z {
             return Err(format!(
                 "removes {:.0} % of the excess: expected at least {:.0} %",
                 100.0 * share,
@@ -130,12 +130,12 @@ impl Search<'_> {
             return 0.0;
         };
         u.iter_mut().for_each(|u| *u /= size);
-        let (left, columns) = problem.held_out(after, &mut self.workspace);
+        let (residual, columns) = problem.held_out(after, &mut self.workspace);
         let along: Vec<f64> = columns.iter().map(|c| dot(&u, c)).collect();
         let spread: f64 = (0..n * n)
             .map(|ij| along[ij / n] * along[ij % n] * covariance[ij])
             .sum();
-        let along = dot(&u, &left);
+        let along = dot(&u, &residual);
         let beyond = (along.abs() - FORMULA_SHARE * size)
             .max(0.0)
             .copysign(along);

@@ -63,7 +63,7 @@ pub(super) fn inconsistencies(
             .collect()
     };
     let plain = predict(&fit.x, workspace);
-    let left = free_of_current_noise(problem, &train, fit, workspace);
+    let residual = free_of_current_noise(problem, &train, fit, workspace);
     for (n, quantity) in quantities(problem, fit).into_iter().enumerate() {
         let mut x = fit.x.clone();
         quantity.moves.iter().for_each(|(k, step)| x[*k] += step);
@@ -78,7 +78,7 @@ pub(super) fn inconsistencies(
             if *over == PULSES && n > 0 {
                 continue;
             }
-            let (q, dof) = between(problem, &train, &change, classes, &tangent, &left);
+            let (q, dof) = between(problem, &train, &change, classes, &tangent, &residual);
             let beyond = beyond_formula(q, gained);
             if dof > 0 {
                 let p_value = chi2_tail(beyond, dof as f64);
@@ -275,10 +275,10 @@ fn between(
         }
         problem.shared.apply(&mut column);
         let size = dot(&column, &column);
-        let mut left = column;
-        basis.project(&mut left);
-        if dot(&left, &left) > DIRECTION_LEFT_PART * DIRECTION_LEFT_PART * size {
-            basis.add(left);
+        let mut residual = column;
+        basis.project(&mut residual);
+        if dot(&residual, &residual) > DIRECTION_LEFT_PART * DIRECTION_LEFT_PART * size {
+            basis.add(residual);
         }
     }
     let along = basis.basis[own..]

@@ -303,8 +303,8 @@ fn rivals(selection: &Selection) -> Vec<Rival> {
 /// (χ² − dof)/√(2·dof) of the held-out runs, in which nothing was fitted, under noise and the
 /// uncertainty of the parameters: rᵀ(I + JΣJᵀ)⁻¹r = rᵀr − (Jᵀr)ᵀ(Σ⁻¹ + JᵀJ)⁻¹(Jᵀr).
 fn held_out_z(problem: &Problem, fit: &Fit, workspace: &mut Workspace) -> f64 {
-    let (left, columns) = problem.held_out(fit, workspace);
-    if left.is_empty() {
+    let (residual, columns) = problem.held_out(fit, workspace);
+    if residual.is_empty() {
         return 0.0;
     }
     let n = columns.len();
@@ -315,7 +315,7 @@ fn held_out_z(problem: &Problem, fit: &Fit, workspace: &mut Workspace) -> f64 {
         })
         .collect();
     (0..n).for_each(|i| information[i * n + i] += 1e-8);
-    let along: Vec<f64> = columns.iter().map(|c| dot(c, &left)).collect();
+    let along: Vec<f64> = columns.iter().map(|c| dot(c, &residual)).collect();
     let mut solved = along.clone();
     let taken = if cholesky(&mut information, n) {
         cholesky_substitute(&information, n, &mut solved);
@@ -323,7 +323,7 @@ fn held_out_z(problem: &Problem, fit: &Fit, workspace: &mut Workspace) -> f64 {
     } else {
         0.0
     };
-    excess_z(dot(&left, &left) - taken, left.len() as f64)
+    excess_z(dot(&residual, &residual) - taken, residual.len() as f64)
 }
 
 fn noise_report(prepared: &Prepared) -> NoiseReport {

@@ -61,8 +61,11 @@ pub(super) fn intermittent_contact(
 /// tells.
 fn scores(problem: &Problem, fit: &Fit) -> [(f64, f64); CONTACT_TAUS_S.len()] {
     let mut sums = [[Terms::default(); 2]; CONTACT_TAUS_S.len()];
-    for (k, block, left) in problem.left(fit).filter(|(_, block, _)| block.at.is_cell) {
-        let mut solved = left.to_vec();
+    for (k, block, residual) in problem
+        .whitened_residuals(fit)
+        .filter(|(_, block, _)| block.at.is_cell)
+    {
+        let mut solved = residual.to_vec();
         problem.whiteners[k].apply_transposed(&mut solved);
         let inverse = problem.whiteners[k].inverse();
         match &block.kind {

@@ -28,7 +28,7 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
     let quiet = d
         .where_after
         .iter()
-        .all(|left| left.p_value > LEAST_BLOCK_P || within_formula(gained, left));
+        .all(|remaining| remaining.p_value > LEAST_BLOCK_P || within_formula(gained, remaining));
     let differs = differs.first().filter(|d| d.p_value <= LEAST_BLOCK_P);
     let fits =
         d.quality.augmented_z < GOOD_FIT_Z && held_out_z < GOOD_FIT_Z && quiet && differs.is_none();
@@ -145,8 +145,9 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
 
 /// True where the residual of a block is within the error of the formulas of the named effects,
 /// which have gained `gained`.
-fn within_formula(gained: f64, left: &Block) -> bool {
-    let excess = (left.chi2 - left.expected_chi2).max(left.mean_z * left.mean_z);
+fn within_formula(gained: f64, remaining: &Block) -> bool {
+    let excess =
+        (remaining.chi2 - remaining.expected_chi2).max(remaining.mean_z * remaining.mean_z);
     beyond_formula(excess, gained) <= 0.0
 }
 

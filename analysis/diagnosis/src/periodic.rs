@@ -56,7 +56,10 @@ pub(super) fn wave<'a>(
         }),
         Kind::Eis { .. } => None,
     };
-    let records: Vec<Record<'_>> = problem.left(fit).filter_map(of_record).collect();
+    let records: Vec<Record<'_>> = problem
+        .whitened_residuals(fit)
+        .filter_map(of_record)
+        .collect();
     let longest_s = records
         .iter()
         .filter_map(|record| record.time.time_s.last().copied())

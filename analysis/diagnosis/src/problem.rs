@@ -117,7 +117,7 @@ impl Problem {
     }
 
     /// Residuals of a fit in each training run, whitened.
-    pub(super) fn left<'a>(
+    pub(super) fn whitened_residuals<'a>(
         &'a self,
         fit: &'a Fit,
     ) -> impl Iterator<Item = (usize, &'a Block, &'a [f64])> {
@@ -233,7 +233,7 @@ impl Problem {
         workspace: &mut Workspace,
     ) -> (Vec<f64>, Vec<Vec<f64>>) {
         let predicted = self.whitened_of(Role::HeldOut, fit.at(), workspace);
-        let left = self
+        let residual = self
             .target_of(Role::HeldOut)
             .iter()
             .zip(&predicted)
@@ -250,7 +250,7 @@ impl Problem {
                 .map(|(m, p)| (m - p) / step)
                 .collect()
         };
-        (left, (0..fit.x.len()).map(column).collect())
+        (residual, (0..fit.x.len()).map(column).collect())
     }
 
     /// Whitened χ² of one block at a vector.
@@ -428,11 +428,11 @@ impl Problem {
                 .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
                 .collect();
             let moved = self.prediction(structure.at(&trial), workspace);
-            let left = difference(&moved);
-            let value = dot(&left, &left);
+            let residual = difference(&moved);
+            let value = dot(&residual, &residual);
             if value < chi2 {
                 let gained = chi2 - value;
-                (x, predicted, residuals, chi2) = (trial, moved, left, value);
+                (x, predicted, residuals, chi2) = (trial, moved, residual, value);
                 damping = if gained > 0.5 * promise {
                     damping * 0.1
                 } else {
@@ -566,9 +566,9 @@ impl Tangent {
         let size = dot(&column, &column).sqrt();
         self.project(&mut column);
         self.project(&mut column);
-        let left = dot(&column, &column).sqrt();
-        if left > 1e-7 * size && left > 0.0 {
-            column.iter_mut().for_each(|c| *c /= left);
+        let residual = dot(&column, &column).sqrt();
+        if residual > 1e-7 * size && residual > 0.0 {
+            column.iter_mut().for_each(|c| *c /= residual);
             self.basis.push(column);
         }
     }

@@ -27,14 +27,14 @@ pub(super) fn repeat_mean_residual(
     gained: f64,
 ) -> Vec<Inconsistency> {
     let mut groups: BTreeMap<(&str, usize), Repeats> = BTreeMap::new();
-    for (k, block, left) in problem.left(fit) {
+    for (k, block, residual) in problem.whitened_residuals(fit) {
         let repeats = groups.entry((&block.group, block.rows())).or_default();
         repeats.blocks.push(k);
         repeats.sum.resize(block.rows(), 0.0);
         repeats
             .sum
             .iter_mut()
-            .zip(left)
+            .zip(residual)
             .for_each(|(sum, r)| *sum += r);
     }
     let mut asked: Vec<(String, f64, usize)> = Vec::new();

@@ -94,18 +94,23 @@ pub(super) fn separation_chi2(
             .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
             .collect();
         let moved = View::at(other, &trial, planned, workspace);
-        let mut left = known.clone();
+        let mut residual = known.clone();
         trial
             .iter()
             .zip(&x)
             .zip(&other.columns)
-            .for_each(|((t, x), c)| left.iter_mut().zip(c).for_each(|(l, c)| *l -= (t - x) * c));
-        let whole = joint(&left, &away(&moved));
+            .for_each(|((t, x), c)| {
+                residual
+                    .iter_mut()
+                    .zip(c)
+                    .for_each(|(l, c)| *l -= (t - x) * c);
+            });
+        let whole = joint(&residual, &away(&moved));
         let value = dot(&whole, &whole);
         if value >= chi2 {
             break;
         }
-        (x, known, residuals, chi2) = (trial, left, whole, value);
+        (x, known, residuals, chi2) = (trial, residual, whole, value);
         if n + 1 < steps {
             columns = joined(&moved);
         }

@@ -70,16 +70,16 @@ pub(super) fn unexplained(d: &Diagnosis) -> Section {
     } else {
         (&d.where_after, d.quality.augmented_z)
     };
-    let left: Vec<&Block> = blocks.iter().filter(|b| is_significant(b)).collect();
-    let mut points: Vec<String> = left
+    let remaining: Vec<&Block> = blocks.iter().filter(|b| is_significant(b)).collect();
+    let mut points: Vec<String> = remaining
         .iter()
         .take(MOST_BLOCKS)
         .map(|b| format!("{}: {}", b.dimension, b.part))
         .collect();
-    if left.len() > MOST_BLOCKS {
-        points.push(format!("and {} more blocks", left.len() - MOST_BLOCKS));
+    if remaining.len() > MOST_BLOCKS {
+        points.push(format!("and {} more blocks", remaining.len() - MOST_BLOCKS));
     }
-    let lead = match (left.is_empty(), z >= GOOD_FIT_Z) {
+    let lead = match (remaining.is_empty(), z >= GOOD_FIT_Z) {
         (true, false) => "Nothing beyond the noise.".to_owned(),
         (true, true) => format!(
             "χ² is still {} σ above noise, spread over all blocks.",

@@ -209,16 +209,16 @@ fn of_chunk<S: Sample>(
     chunk: &[S],
 ) -> Piece {
     let mut piece = Piece::default();
-    let mut left = [0.0; BLOCK];
+    let mut remainder = [0.0; BLOCK];
     let mut last = None;
     for (number, block) in chunk.chunks(BLOCK).enumerate() {
         let at = number * BLOCK;
-        for (cell, sample) in left.iter_mut().zip(block) {
+        for (cell, sample) in remainder.iter_mut().zip(block) {
             *cell = (*sample).into() - source.level;
         }
-        subtract(&mut left[..block.len()], stage, beta, start + at);
+        subtract(&mut remainder[..block.len()], stage, beta, start + at);
         for (k, sample) in block.iter().enumerate() {
-            let counted = is_inside(*sample, source.bounds).then_some(left[k]);
+            let counted = is_inside(*sample, source.bounds).then_some(remainder[k]);
             if let Some(r) = counted {
                 piece.sums.sum_squares += r * r;
                 if let Some(before) = last {
@@ -237,11 +237,12 @@ fn of_chunk<S: Sample>(
 }
 
 /// Takes the model off the samples of a block.
-fn subtract(left: &mut [f64], stage: &Stage, beta: &[f64], start: usize) {
+fn subtract(remainder: &mut [f64], stage: &Stage, beta: &[f64], start: usize) {
     let mut beta = beta.to_vec();
     stage.basis.place(start).pull_back(&mut beta);
     for (coefficient, column) in beta.iter().zip(&stage.table.exact) {
-        left.iter_mut()
+        remainder
+            .iter_mut()
             .zip(column.iter())
             .for_each(|(r, value)| *r -= coefficient * value);
     }

@@ -140,7 +140,7 @@ struct Solved {
     moments: Moments,
     normal: Normal,
     beta: Vec<f64>,
-    left: Residual,
+    residual: Residual,
     /// Variance of the residual, in the unit of the samples squared.
     noise: f64,
     /// Variance of the quantisation.
@@ -221,9 +221,10 @@ pub(super) fn misfit(
         // The logarithm weighs a channel by its residual relative to its signal: the likelihood
         // with unknown noise.
         let log_left = |solved: &Solved| {
-            let there = dot(&solved.beta, &solved.moments.right).abs() + solved.left.sum_squares;
+            let there =
+                dot(&solved.beta, &solved.moments.right).abs() + solved.residual.sum_squares;
             solved.moments.used as f64
-                * (solved.left.sum_squares + 1e-24 * there + f64::MIN_POSITIVE).ln()
+                * (solved.residual.sum_squares + 1e-24 * there + f64::MIN_POSITIVE).ln()
         };
         Ok(state.channels.iter().map(log_left).sum())
     })
@@ -301,7 +302,7 @@ impl Task<'_> {
                 .for_each(|(sum, part)| *sum += part);
         }
         let beta = normal.solve(&moments.right);
-        let left = residual(
+        let residual = residual(
             number,
             channel,
             stage,
@@ -310,12 +311,12 @@ impl Task<'_> {
             self.exclude_clipped,
         )?;
         let freedom = (found - normal.size()).max(1) as f64;
-        let (noise, step) = (left.sum_squares / freedom, lsb(channel).unwrap_or(0.0));
+        let (noise, step) = (residual.sum_squares / freedom, lsb(channel).unwrap_or(0.0));
         let mut solved = Solved {
             moments,
             normal,
             beta,
-            left,
+            residual,
             noise,
             floor: step * step / 12.0,
             systematic: None,
@@ -562,10 +563,11 @@ impl State {
             drift_v_per_s: (power(1) + relaxed.slope) * scale / seconds_per_unit,
             curvature_v_per_s2: power(2) * scale / (seconds_per_unit * seconds_per_unit),
             relaxation_v: relaxed.excursion * scale,
-            residual_rms_v: (solved.left.sum_squares / solved.moments.used as f64).sqrt() * scale,
-            residual_lag1: solved.left.lag1(),
+            residual_rms_v: (solved.residual.sum_squares / solved.moments.used as f64).sqrt()
+                * scale,
+            residual_lag1: solved.residual.lag1(),
             colour_factor: solved
-                .left
+                .residual
                 .colour_factor(rad_per_sample(self.freq_hz, record)),
             clipped_samples: solved.moments.clipped,
             samples_used: solved.moments.used,
@@ -588,7 +590,7 @@ fn volts_per_unit(channel: &Channel<'_>) -> f64 {
 impl Solved {
     /// Variance of a sample, as it counts for a sinusoid of a frequency.
     fn variance(&self, rad_per_sample: f64) -> f64 {
-        (self.noise * self.left.colour_factor(rad_per_sample)).max(self.floor) + self.extra
+        (self.noise * self.residual.colour_factor(rad_per_sample)).max(self.floor) + self.extra
     }
 
     /// Finds the error that steps of `lsb` may make, and raises the variance so that no direction

@@ -431,7 +431,7 @@ fn described(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> O
             .campaign
             .as_ref()
             .is_some_and(|campaign| campaign.cells.len() > 1);
-        text.push_str(&left(
+        text.push_str(&residual_text(
             fit.rms_ohm,
             scatter_ohm(&pool),
             if cells { "cells" } else { "repeats" },
@@ -445,7 +445,7 @@ fn described(experiment: &Experiment, measured: &Measured, fits: &[ErmFit]) -> O
 
 /// Residual of a fit to several spectra, in words: the spread of the spectra around their mean, and
 /// the error of the model for the mean; rms, Ω.
-fn left(rms_ohm: f64, scatter_ohm: f64, among: &str) -> String {
+fn residual_text(rms_ohm: f64, scatter_ohm: f64, among: &str) -> String {
     let micro = |ohms: f64| significant(1.0e6 * ohms, 3);
     let missed_ohm = (rms_ohm.powi(2) - scatter_ohm.powi(2)).max(0.0).sqrt();
     let (all, scatter, missed) = (micro(rms_ohm), micro(scatter_ohm), micro(missed_ohm));
@@ -653,8 +653,8 @@ mod tests {
         assert!((scatter - 0.001).abs() < 1.0e-12, "{scatter}");
         let text = " What is left, 1020 µΩ rms, is the spread between the cells, 1000 µΩ; of their \
         mean the model misses 201 µΩ.";
-        assert_eq!(left(0.00102, scatter, "cells"), text);
-        assert!(left(0.002, scatter, "repeats").starts_with(
+        assert_eq!(residual_text(0.00102, scatter, "cells"), text);
+        assert!(residual_text(0.002, scatter, "repeats").starts_with(
             " Of what is left, 2000 µΩ rms, the spread between the repeats makes 1000 µΩ;"
         ));
     }

@@ -85,12 +85,12 @@ fn all<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
                     start: from + rise * part as f64,
                     end: from + rise * (part + 1) as f64,
                 };
-                let left = if LAW == CLAMPED {
+                let outside = if LAW == CLAMPED {
                     by_one_root::<W, N, CURVED>(lanes, &mut now, gain, demand, index)
                 } else {
                     advance::<W, N, LAW, CURVED>(lanes, &mut now, gain, fraction, demand, index)
                 };
-                if CURVED && left {
+                if CURVED && outside {
                     lanes.now = now;
                     lanes.find_pieces();
                     now = lanes.now;
@@ -251,7 +251,7 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
     g: &LaneGains<W, N>,
     begin: &Begin<W>,
 ) -> bool {
-    let mut left = false;
+    let mut outside = false;
     for l in 0..W {
         let (e0, i0, d) = (now.e[l], begin.current[l], begin.d[l]);
         let more = d - begin.rise[l];
@@ -263,13 +263,13 @@ fn finish<const W: usize, const N: usize, const CURVED: bool>(
         now.e[l] = (e1 - g.ends_share[l] * d) + begin.back[l];
         if CURVED {
             now.soc[l] -= 0.5 * g.soc[l] * (i0 + i1);
-            left |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
+            outside |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
             now.e[l] += ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - begin.open[l];
         }
         let source = |e_v: f64, current_a: f64| Source { e_v, current_a };
         tally(lanes, now, g.step_s, l, source(e0, i0), source(e1, i1));
     }
-    left
+    outside
 }
 
 /// Sum of the branch voltages that remains at the end of the step, V.
@@ -328,7 +328,7 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
     demand: Ramp,
     index: f64,
 ) -> bool {
-    let mut left = false;
+    let mut outside = false;
     for l in 0..W {
         let asked = |e_v: f64, demand: f64| LaneAsked {
             e_v,
@@ -351,7 +351,7 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
         }
         if CURVED {
             now.soc[l] -= 0.5 * g.soc[l] * (i0 + i1);
-            left |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
+            outside |= (now.soc[l] < lanes.ocv.from[l]) | (now.soc[l] > lanes.ocv.to[l]);
         }
         now.e[l] = ocv::<W, N, CURVED>(lanes, l, now.soc[l]) - rest - g.ends[l] * i1;
         let source = |e_v: f64, current_a: f64| Source { e_v, current_a };
@@ -366,7 +366,7 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
             },
         );
     }
-    left
+    outside
 }
 
 #[inline(always)]
