@@ -10,7 +10,7 @@ use super::time_block::{Bin, TimeBlock};
 use crate::thresholds::{ALIKE_K, ALIKE_PART, ALIKE_S, ALIKE_SOC};
 use analysis_effects::{
     augmented::{Added, Player, impedance, network},
-    contract::{Base, Below, Moved, Network, Point, Record},
+    contract::{Base, CommonModeImpedance, Moved, Network, Point, Record},
 };
 use num_complex::Complex64;
 
@@ -123,10 +123,10 @@ impl Block {
             order: f64::from(run.order),
             start_s: run.start_s,
             is_cell,
-            below: if let RunData::Eis(sweep) = &run.data {
-                sweep.below
+            common_mode: if let RunData::Eis(sweep) = &run.data {
+                sweep.common_mode
             } else {
-                Below::default()
+                CommonModeImpedance::default()
             },
         };
         let (kind, measured) = match &run.data {
@@ -293,13 +293,15 @@ impl Block {
     pub(super) fn lies_as(&mut self, measured: &[Self]) {
         let is_cell = self.at.is_cell;
         // An unknown place is not the same as nothing below it.
-        let told = |b: &&Self| matches!(b.kind, Kind::Eis { .. }) && b.at.below != Below::default();
-        let below = |cell: bool| {
+        let told = |b: &&Self| {
+            matches!(b.kind, Kind::Eis { .. }) && b.at.common_mode != CommonModeImpedance::default()
+        };
+        let common_mode = |cell: bool| {
             measured
                 .iter()
                 .filter(told)
                 .find(|b| b.at.is_cell == cell)
-                .map(|b| b.at.below)
+                .map(|b| b.at.common_mode)
         };
         let Kind::Eis {
             points,
@@ -310,15 +312,15 @@ impl Block {
             return;
         };
         let guess = || {
-            below(true).map(|below| {
-                control_ohm.map_or(below, |own| Below {
-                    r_ohm: below.r_ohm.min(own),
+            common_mode(true).map(|common_mode| {
+                control_ohm.map_or(common_mode, |own| CommonModeImpedance {
+                    r_ohm: common_mode.r_ohm.min(own),
                     l_h: 0.0,
                 })
             })
         };
-        if let Some(below) = below(is_cell).or_else(guess) {
-            points.iter_mut().for_each(|p| p.below = below);
+        if let Some(common_mode) = common_mode(is_cell).or_else(guess) {
+            points.iter_mut().for_each(|p| p.common_mode = common_mode);
         }
     }
 

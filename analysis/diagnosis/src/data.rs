@@ -1,7 +1,7 @@
 //! Data set of a diagnosis: runs with their circumstances, and the errors of the bench known from
 //! its history.
 
-use analysis_effects::{augmented::Between, contract::Below};
+use analysis_effects::{augmented::Between, contract::CommonModeImpedance};
 use analysis_signal::{calibration::CommonError, series::TimeSeries};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
@@ -81,7 +81,7 @@ pub struct Sweep {
     pub bias_a: f64,
     /// Impedance between the lower tap of the swept object and the ground of the channels; zero
     /// where it is not stated.
-    pub below: Below,
+    pub common_mode: CommonModeImpedance,
     /// Time of each point since the start of the run, s; empty where it is not told.
     pub elapsed_s: Vec<f64>,
     /// Its points, by rising frequency.

@@ -7,7 +7,7 @@ use std::{
 };
 
 use analysis::{
-    contract::Below,
+    contract::CommonModeImpedance,
     dataset::TRACE_COLUMNS,
     diagnosis::{Sweep, SweepPoint},
     formats::{
@@ -103,7 +103,7 @@ pub(super) fn sweep(spectrum: &Spectrum, bias_a: f64, amplitude_a: Option<f64>) 
     });
     Sweep {
         bias_a,
-        below: Below::default(),
+        common_mode: CommonModeImpedance::default(),
         elapsed_s: Vec::new(),
         points: points.collect(),
     }

@@ -4,7 +4,7 @@ use std::{ops::RangeInclusive, path::Path};
 
 use analysis::{
     augmented::Between,
-    contract::Below,
+    contract::CommonModeImpedance,
     dataset::CurrentPositive,
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, TimeRecord},
     formats::CurrentSign,
@@ -335,10 +335,10 @@ fn sweep(at: &At<'_>, entry: &raw::Run) -> Result<Result<Swept, String>, ConfigE
     let bias_a = stated_a.or(chosen.origin.bias_a).unwrap_or(0.0);
     // −0 and 0 are one bias.
     let mut sweep = files::sweep(&chosen.spectrum, 0.0 - bias_a, amplitude_a);
-    let below = |field, stated| at.finite(field, stated).map(|value| value.unwrap_or(0.0));
-    sweep.below = Below {
-        r_ohm: below("below_ohm", entry.below_ohm)?,
-        l_h: below("below_h", entry.below_h)?,
+    let common_mode = |field, stated| at.finite(field, stated).map(|value| value.unwrap_or(0.0));
+    sweep.common_mode = CommonModeImpedance {
+        r_ohm: common_mode("below_ohm", entry.below_ohm)?,
+        l_h: common_mode("below_h", entry.below_h)?,
     };
     sweep.elapsed_s = entry.elapsed_s.clone().unwrap_or_default();
     if let Some(odd) = sweep.elapsed_s.iter().find(|t| !t.is_finite() || **t < 0.0) {

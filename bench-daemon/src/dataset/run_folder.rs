@@ -7,7 +7,7 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    contract::Below,
+    contract::CommonModeImpedance,
     dataset::{RunIndex, SweepEntry, TraceEntry, TraceRow, read_trace_csv},
     diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, TimeRecord},
     run_folder::{
@@ -202,7 +202,7 @@ impl Reader<'_> {
         };
         self.loaded.set.calibration = self.loaded.set.calibration.or(entry.common_error);
         if let RunData::Eis(sweep) = &mut data {
-            sweep.below = Below {
+            sweep.common_mode = CommonModeImpedance {
                 r_ohm: entry.below_ohm.unwrap_or(0.0),
                 l_h: entry.below_h.unwrap_or(0.0),
             };

@@ -3,7 +3,7 @@ use std::path::Path;
 use analysis::{
     augmented::Between,
     calibration::CommonError,
-    contract::Below,
+    contract::CommonModeImpedance,
     diagnosis::{
         BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
     },
@@ -354,7 +354,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
     };
     let sweep = Sweep {
         bias_a: 2.0,
-        below: Below {
+        common_mode: CommonModeImpedance {
             r_ohm: 0.04,
             l_h: 7e-7,
         },
@@ -515,9 +515,9 @@ fn a_run_folder_with_an_index_gives_its_sweeps_and_traces() {
         "of its own records"
     );
     assert_eq!(
-        (points(sweep).below, &points(sweep).elapsed_s),
+        (points(sweep).common_mode, &points(sweep).elapsed_s),
         (
-            Below {
+            CommonModeImpedance {
                 r_ohm: 0.035,
                 l_h: 8e-7
             },

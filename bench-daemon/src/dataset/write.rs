@@ -95,8 +95,8 @@ fn entry(run: &Run, file: &str) -> String {
             "eis",
             vec![
                 ("bias_a", json!(0.0 - sweep.bias_a)),
-                ("below_ohm", json!(sweep.below.r_ohm)),
-                ("below_h", json!(sweep.below.l_h)),
+                ("below_ohm", json!(sweep.common_mode.r_ohm)),
+                ("below_h", json!(sweep.common_mode.l_h)),
                 ("elapsed_s", json!(sweep.elapsed_s)),
             ],
         ),

@@ -102,7 +102,7 @@ pub(super) async fn measure(
     )?;
     let corrected = measured.correction.reduced_chi2.is_some();
     let phasors: Vec<ChannelPhasors> = found.iter().map(|(phasors, ..)| *phasors).collect();
-    let below = sweep_writer::below(&phasors, experiment.bench.wiring.shunt.r_ohm);
+    let common_mode = sweep_writer::common_mode(&phasors, experiment.bench.wiring.shunt.r_ohm);
     let entry = SweepEntry {
         flagged: run.flagged.clone(),
         own_sigma_ohm: if corrected {
@@ -117,8 +117,8 @@ pub(super) async fn measure(
         } else {
             None
         },
-        below_ohm: below.map(|below| below.r_ohm),
-        below_h: below.map(|below| below.l_h),
+        below_ohm: common_mode.map(|common_mode| common_mode.r_ohm),
+        below_h: common_mode.map(|common_mode| common_mode.l_h),
         ..entry(executor, stage, repeat, start_s, measured)
     };
     executor.rig.recorder.sweep(entry)?;

@@ -2,7 +2,7 @@
 
 use analysis::{
     calibration::{Correction, CorrectionModes},
-    contract::Below,
+    contract::CommonModeImpedance,
     dataset::SweepEntry,
     run_folder,
     series::Role,
@@ -264,7 +264,7 @@ impl<'a> SweepWriter<'a> {
         let corrected = self.correction.reduced_chi2.is_some();
         let phasors: Vec<ChannelPhasors> =
             settled.points.iter().map(|point| point.phasors).collect();
-        let below = below(&phasors, experiment.bench.wiring.shunt.r_ohm);
+        let common_mode = common_mode(&phasors, experiment.bench.wiring.shunt.r_ohm);
         SweepEntry {
             file: self.indexed().to_owned(),
             fixture: fixture_name(self.fixture).to_owned(),
@@ -294,8 +294,8 @@ impl<'a> SweepWriter<'a> {
             } else {
                 None
             },
-            below_ohm: below.map(|below| below.r_ohm),
-            below_h: below.map(|below| below.l_h),
+            below_ohm: common_mode.map(|common_mode| common_mode.r_ohm),
+            below_h: common_mode.map(|common_mode| common_mode.l_h),
             elapsed_s: settled
                 .points
                 .iter()
@@ -362,7 +362,10 @@ pub(super) fn write_shared(
 /// Impedance between the lower tap and the ground of the channels. The resistance is the median
 /// over the points, the inductance that over the upper half of the frequencies, where it shows.
 /// `None` without any points.
-pub(super) fn below(phasors: &[ChannelPhasors], shunt_ohm: f64) -> Option<Below> {
+pub(super) fn common_mode(
+    phasors: &[ChannelPhasors],
+    shunt_ohm: f64,
+) -> Option<CommonModeImpedance> {
     let of = |point: &ChannelPhasors| {
         let [low, high, tap, _] = point.volts;
         (
@@ -380,7 +383,7 @@ pub(super) fn below(phasors: &[ChannelPhasors], shunt_ohm: f64) -> Option<Below>
         .iter()
         .filter(|(omega, _)| *omega > 0.0);
     let l_h = median(upper.map(|(omega, z_ohm)| z_ohm.im / omega)).unwrap_or(0.0);
-    median(all.iter().map(|(_, z_ohm)| z_ohm.re)).map(|r_ohm| Below { r_ohm, l_h })
+    median(all.iter().map(|(_, z_ohm)| z_ohm.re)).map(|r_ohm| CommonModeImpedance { r_ohm, l_h })
 }
 
 /// The middle one.
@@ -453,12 +456,12 @@ mod tests {
     #[test]
     fn what_lies_below_the_cell_is_a_resistance_and_an_inductance() {
         let point = |freq_hz: f64| {
-            let below = Complex64::new(35e-3, std::f64::consts::TAU * freq_hz * 20e-9);
+            let common_mode = Complex64::new(35e-3, std::f64::consts::TAU * freq_hz * 20e-9);
             let volts = [
                 Complex64::new(10e-3, 0.0),
                 Complex64::new(30e-3, 0.0),
-                2.0 * below,
-                2.0 * below + 0.02,
+                2.0 * common_mode,
+                2.0 * common_mode + 0.02,
             ];
             ChannelPhasors {
                 freq_hz,
@@ -466,16 +469,16 @@ mod tests {
                 variance: [PhasorVariance::circular(1e-12); 4],
             }
         };
-        let met = below(&[point(1.0), point(100.0), point(1e4)], 10e-3).unwrap();
+        let met = common_mode(&[point(1.0), point(100.0), point(1e4)], 10e-3).unwrap();
         assert!(
             (met.r_ohm - 35e-3).abs() < 1e-12 && (met.l_h - 20e-9).abs() < 1e-15,
             "{met:?}"
         );
-        assert_eq!(below(&[], 10e-3), None);
+        assert_eq!(common_mode(&[], 10e-3), None);
         let still = ChannelPhasors {
             volts: [Complex64::ZERO; 4],
             ..point(1.0)
         };
-        assert_eq!(below(&[still], 10e-3), None, "no current");
+        assert_eq!(common_mode(&[still], 10e-3), None, "no current");
     }
 }

@@ -5,7 +5,7 @@ use crate::thresholds::{
     BETWEEN_REPEATS_S, POINT_S, SAMPLING_PART, SAMPLING_S, SLOW_HZ, SLOW_SWEEP_PERIODS,
     SWEEP_PERIODS,
 };
-use analysis_effects::{augmented::Between, contract::Below};
+use analysis_effects::{augmented::Between, contract::CommonModeImpedance};
 use analysis_signal::series::TimeSeries;
 use num_complex::Complex64;
 
@@ -153,7 +153,7 @@ impl PlannedRun {
                 };
                 RunData::Eis(Sweep {
                     bias_a: 0.0,
-                    below: Below::default(),
+                    common_mode: CommonModeImpedance::default(),
                     elapsed_s: Vec::new(),
                     points: freq_hz.iter().map(point).collect(),
                 })

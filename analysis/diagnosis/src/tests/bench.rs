@@ -8,7 +8,7 @@ use crate::{
     BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
     TimeRecord,
 };
-use analysis_effects::{augmented::Between, contract::Below};
+use analysis_effects::{augmented::Between, contract::CommonModeImpedance};
 use analysis_model::{
     model::{Erm, RcBranch},
     ocv::OcvCurve,
@@ -229,7 +229,7 @@ pub(super) fn sweep(hidden: &Hidden, chance: &mut Chance) -> Sweep {
         .collect();
     Sweep {
         bias_a: 0.0,
-        below: Below::default(),
+        common_mode: CommonModeImpedance::default(),
         elapsed_s: Vec::new(),
         points,
     }

@@ -16,7 +16,7 @@ use crate::{
 };
 use analysis_effects::{
     augmented::Between,
-    contract::{Below, Moved},
+    contract::{CommonModeImpedance, Moved},
     effects::find,
 };
 use analysis_signal::series::TimeSeries;
@@ -179,7 +179,7 @@ fn swung(visited: &[(f64, f64)]) -> Vec<Moved> {
     };
     let sweep = Sweep {
         bias_a: 0.0,
-        below: Below::default(),
+        common_mode: CommonModeImpedance::default(),
         elapsed_s: visited.iter().map(|v| 1000.0 + v.1).collect(),
         points: visited.iter().map(|v| point(v.0)).collect(),
     };

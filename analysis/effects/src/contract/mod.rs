@@ -11,7 +11,7 @@ use num_complex::Complex64;
 pub use branch::{Branch, Law, Ramp};
 pub use network::Network;
 pub use quantity::{Parameter, Range, Scale};
-pub use situation::{Base, Below, Facts, Instant, Modulation, Moved, Point, Record};
+pub use situation::{Base, CommonModeImpedance, Facts, Instant, Modulation, Moved, Point, Record};
 
 /// Place of an effect: in the cell or in the bench.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

@@ -97,20 +97,20 @@ pub struct Point {
     /// False for a control impedance in the jig: only the bench acts then.
     pub is_cell: bool,
     /// Impedance below the swept object.
-    pub below: Below,
+    pub common_mode: CommonModeImpedance,
 }
 
 /// Impedance between the lower tap of the swept object and the ground of the channels; zero where a
 /// channel measures the difference of both taps.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Below {
+pub struct CommonModeImpedance {
     /// Resistance, Ω.
     pub r_ohm: f64,
     /// Inductance, H.
     pub l_h: f64,
 }
 
-impl Below {
+impl CommonModeImpedance {
     /// Its impedance, Ω.
     pub fn impedance(&self, freq_hz: f64) -> Complex64 {
         Complex64::new(self.r_ohm, std::f64::consts::TAU * freq_hz * self.l_h)

@@ -52,7 +52,7 @@ impl Effect for TimeSkew {
 
     fn impedance(&self, p: &[f64], _base: &Base, at: &Point, z_ohm: Complex64) -> Complex64 {
         let late = Complex64::cis(-std::f64::consts::TAU * at.freq_hz * p[0]);
-        let below_ohm = at.below.impedance(at.freq_hz);
+        let below_ohm = at.common_mode.impedance(at.freq_hz);
         match p[1].round() as u8 {
             0 => z_ohm * late,
             1 => (z_ohm + below_ohm) * late - below_ohm,

@@ -5,7 +5,7 @@ use crate::{
     BaseModel, BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
     TimeRecord,
 };
-use analysis_effects::{augmented::Between, contract::Below};
+use analysis_effects::{augmented::Between, contract::CommonModeImpedance};
 use analysis_model::{
     model::{Erm, RcBranch},
     ocv::OcvCurve,
@@ -225,7 +225,7 @@ fn sweep(control_ohm: Option<f64>, hidden: &Hidden, order: f64, chance: &mut Cha
     });
     Sweep {
         bias_a: 0.0,
-        below: Below::default(),
+        common_mode: CommonModeImpedance::default(),
         elapsed_s: Vec::new(),
         points: points.collect(),
     }

@@ -2,7 +2,9 @@
 
 use crate::{
     augmented::{Added, Between, Grid, Player, impedance, network},
-    contract::{Base, Below, Effect, Facts, Group, Point, Record, Scale, storage_ohm},
+    contract::{
+        Base, CommonModeImpedance, Effect, Facts, Group, Point, Record, Scale, storage_ohm,
+    },
     effects::{catalogue, find},
 };
 use analysis_model::{
@@ -13,7 +15,7 @@ use num_complex::Complex64;
 use std::f64::consts::TAU;
 
 /// Impedance between every swept object and the ground of the channels.
-const BELOW: Below = Below {
+const COMMON_MODE: CommonModeImpedance = CommonModeImpedance {
     r_ohm: 0.08,
     l_h: 1e-6,
 };
@@ -89,7 +91,7 @@ fn point(freq_hz: f64, is_cell: bool) -> Point {
         order: 0.0,
         start_s: 0.0,
         is_cell,
-        below: BELOW,
+        common_mode: COMMON_MODE,
     }
 }
 
@@ -242,8 +244,9 @@ fn impedances_follow_their_formulas() {
     let f = 200.0;
     let (z, jw) = (Complex64::new(9e-3, -1e-3), Complex64::new(0.0, TAU * f));
     let w0 = TAU * 1000.0;
-    let below = BELOW.r_ohm + jw * BELOW.l_h;
-    let late = |z: Complex64, below: Complex64| (z + below) * (jw * 3e-6).exp() - below;
+    let common_mode = COMMON_MODE.r_ohm + jw * COMMON_MODE.l_h;
+    let late =
+        |z: Complex64, common_mode: Complex64| (z + common_mode) * (jw * 3e-6).exp() - common_mode;
     let cases: [(&str, Vec<f64>, Complex64, Complex64); 7] = [
         ("inductance", vec![2e-7], z + jw * 2e-7, z),
         (
@@ -262,14 +265,14 @@ fn impedances_follow_their_formulas() {
         (
             "time_skew",
             vec![-3e-6, 1.0],
-            late(z, below),
-            late(z, below),
+            late(z, common_mode),
+            late(z, common_mode),
         ),
         (
             "time_skew",
             vec![-3e-6, 2.0],
-            z - late(Complex64::ZERO, below),
-            z - late(Complex64::ZERO, below),
+            z - late(Complex64::ZERO, common_mode),
+            z - late(Complex64::ZERO, common_mode),
         ),
         (
             "channel_bandwidth",

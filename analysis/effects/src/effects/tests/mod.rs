@@ -6,7 +6,7 @@ mod cell;
 
 use crate::{
     augmented::{self, Added, Between, Grid, Player},
-    contract::{Base, Below, Effect, Facts, Parameter, Point, Record, storage_ohm},
+    contract::{Base, CommonModeImpedance, Effect, Facts, Parameter, Point, Record, storage_ohm},
 };
 use analysis_model::{
     model::{Erm, RcBranch},
@@ -165,7 +165,7 @@ fn point(freq_hz: f64) -> Point {
         order: 0.0,
         start_s: 0.0,
         is_cell: true,
-        below: Below {
+        common_mode: CommonModeImpedance {
             r_ohm: 0.02,
             l_h: 0.0,
         },
