@@ -10,7 +10,7 @@ use super::law::{Beyond, Demand, Drive};
 use super::model::{SimModel, SimState};
 use super::options::SimOptions;
 use super::profile::{Asked, Profile};
-use super::step::{Coefficients, Ends, Mover};
+use super::step::{Coefficients, Ends, Integrator};
 use analysis_effects::contract::Ramp;
 use nalgebra::{DMatrix, DVector};
 
@@ -111,7 +111,7 @@ pub fn step_with_jacobian(
     model.check(state)?;
     model.linear_only("derivatives")?;
     options.check()?;
-    let mover = Mover::new(
+    let integrator = Integrator::new(
         model,
         Drive {
             demand: options.demand,
@@ -121,10 +121,10 @@ pub fn step_with_jacobian(
     );
     let mut directions = directions(model);
     let at = |time_s: f64| Asked { time_s, demand };
-    let output = Look::at(&mover, at(0.0), state)?;
+    let output = Look::at(&integrator, at(0.0), state)?;
     let by: Vec<f64> = directions
         .iter()
-        .map(|d| output.slope(&mover, d, 1.0))
+        .map(|d| output.slope(&integrator, d, 1.0))
         .collect();
     let coefficients = Coefficients::new(model, options.step_s / f64::from(options.parts));
     let (mut now, mut infeasible) = (state.clone(), output.infeasible);
@@ -134,7 +134,7 @@ pub fn step_with_jacobian(
     };
     for _ in 0..options.parts {
         infeasible |= advance(
-            &mover,
+            &integrator,
             &coefficients,
             &mut now,
             &mut directions,
@@ -142,7 +142,7 @@ pub fn step_with_jacobian(
             held(1.0),
         );
     }
-    Look::at(&mover, at(options.step_s), &now)?;
+    Look::at(&integrator, at(options.step_s), &now)?;
     let (states, parameters) = (1 + now.v_rc_v.len(), 2 + 2 * now.v_rc_v.len());
     let all = matrix(&directions);
     Ok(Jacobian {
@@ -178,7 +178,7 @@ pub fn sensitivity(
         ..SimOptions::default()
     }
     .check(profile)?;
-    let mover = Mover::new(
+    let integrator = Integrator::new(
         model,
         Drive {
             demand: profile.demand,
@@ -197,7 +197,7 @@ pub fn sensitivity(
             coefficients = Coefficients::new(model, piece.step_s);
         }
         if last_demand != Some(piece.from) {
-            rows.push(row(&mover, piece.start(), &now, &directions)?);
+            rows.push(row(&integrator, piece.start(), &now, &directions)?);
         }
         last_demand = Some(piece.to);
         // A common factor moves the demand by the demand itself.
@@ -206,7 +206,7 @@ pub fn sensitivity(
             end: piece.to,
         };
         advance(
-            &mover,
+            &integrator,
             &coefficients,
             &mut now,
             &mut directions,
@@ -217,7 +217,7 @@ pub fn sensitivity(
             time_s: piece.from_s + piece.step_s,
             demand: piece.to,
         };
-        rows.push(row(&mover, end, &now, &directions)?);
+        rows.push(row(&integrator, end, &now, &directions)?);
     }
     Ok(Sensitivity {
         rows,
@@ -282,15 +282,15 @@ fn matrix(directions: &[Direction]) -> DMatrix<f64> {
 }
 
 fn row(
-    mover: &Mover<'_>,
+    integrator: &Integrator<'_>,
     asked: Asked,
     now: &SimState,
     directions: &[Direction],
 ) -> Result<SensitivityRow, ForwardError> {
-    let look = Look::at(mover, asked, now)?;
+    let look = Look::at(integrator, asked, now)?;
     let by: Vec<f64> = directions
         .iter()
-        .map(|d| look.slope(mover, d, asked.demand))
+        .map(|d| look.slope(integrator, d, asked.demand))
         .collect();
     let parameters = 2 + 2 * now.v_rc_v.len();
     Ok(SensitivityRow {
@@ -312,15 +312,19 @@ struct Look {
 }
 
 impl Look {
-    fn at(mover: &Mover<'_>, asked: Asked, state: &SimState) -> Result<Self, ForwardError> {
+    fn at(
+        integrator: &Integrator<'_>,
+        asked: Asked,
+        state: &SimState,
+    ) -> Result<Self, ForwardError> {
         let Asked { time_s, demand } = asked;
-        let e_v = mover.e_v(state);
-        if !e_v.is_finite() || (e_v <= 0.0 && mover.drive.demand == Demand::Power) {
+        let e_v = integrator.e_v(state);
+        if !e_v.is_finite() || (e_v <= 0.0 && integrator.drive.demand == Demand::Power) {
             return Err(ForwardError::Collapsed { time_s, e_v });
         }
-        let reply = mover.drive.reply(e_v, demand);
-        let ccv_v = e_v - mover.drive.r_ohm * reply.current_a;
-        let ocv_slope_v = mover.model.ocv_v(state.soc).1;
+        let reply = integrator.drive.reply(e_v, demand);
+        let ccv_v = e_v - integrator.drive.r_ohm * reply.current_a;
+        let ocv_slope_v = integrator.model.ocv_v(state.soc).1;
         Ok(Self {
             ccv_v,
             current_a: reply.current_a,
@@ -332,14 +336,14 @@ impl Look {
 
     /// Derivative of the voltage along a direction; `d_demand` is that of the demand along
     /// [`What::Demand`].
-    fn slope(&self, mover: &Mover<'_>, d: &Direction, d_demand: f64) -> f64 {
+    fn slope(&self, integrator: &Integrator<'_>, d: &Direction, d_demand: f64) -> f64 {
         let d_e = self.ocv_slope_v * d.soc - d.v.iter().sum::<f64>() + d.what.ocv();
         let series = if d.what == What::SeriesR {
             self.current_a
         } else {
             0.0
         };
-        d_e - mover.drive.r_ohm * self.reply.along(d.what, d_e, d_demand) - series
+        d_e - integrator.drive.r_ohm * self.reply.along(d.what, d_e, d_demand) - series
     }
 }
 
@@ -361,8 +365,13 @@ impl What {
 }
 
 /// Derivative of one branch's decay and gains (start, end) along a direction.
-fn gain_slope(mover: &Mover<'_>, c: &Coefficients, k: usize, what: What) -> (f64, f64, f64) {
-    let (g, b) = (&c.branches[k], &mover.model.erm.branches[k]);
+fn gain_slope(
+    integrator: &Integrator<'_>,
+    c: &Coefficients,
+    k: usize,
+    what: What,
+) -> (f64, f64, f64) {
+    let (g, b) = (&c.branches[k], &integrator.model.erm.branches[k]);
     let x = c.step_s / b.time_constant_s();
     // With respect to ln τ, which R and C change alike.
     let by_tau = (
@@ -384,7 +393,7 @@ fn gain_slope(mover: &Mover<'_>, c: &Coefficients, k: usize, what: What) -> (f64
 /// One step of the state and of all directions; the demand comes with its derivative along
 /// [`What::Demand`]. True where infeasible.
 fn advance(
-    mover: &Mover<'_>,
+    integrator: &Integrator<'_>,
     c: &Coefficients,
     now: &mut SimState,
     directions: &mut [Direction],
@@ -392,29 +401,29 @@ fn advance(
     d_demand: Ramp,
 ) -> bool {
     let from = now.clone();
-    let ends = mover.step(c, &from, now, demand);
+    let ends = integrator.step(c, &from, now, demand);
     for direction in directions {
-        follow(mover, c, &from, &ends, direction, d_demand);
+        follow(integrator, c, &from, &ends, direction, d_demand);
     }
     ends.start.infeasible || ends.end.infeasible
 }
 
 fn follow(
-    mover: &Mover<'_>,
+    integrator: &Integrator<'_>,
     c: &Coefficients,
     from: &SimState,
     ends: &Ends,
     d: &mut Direction,
     d_demand: Ramp,
 ) {
-    let (h, capacity_c) = (c.step_s, mover.capacity_c);
+    let (h, capacity_c) = (c.step_s, integrator.capacity_c);
     let (i0, i1) = (ends.start.current_a, ends.end.current_a);
-    let slope0_v = mover.model.ocv_v(from.soc).1;
-    let slope1_v = mover.model.ocv_v(from.soc - h * i0 / capacity_c).1;
+    let slope0_v = integrator.model.ocv_v(from.soc).1;
+    let slope1_v = integrator.model.ocv_v(from.soc - h * i0 / capacity_c).1;
     let d_e0 = slope0_v * d.soc - d.v.iter().sum::<f64>() + d.what.ocv();
     let d_i0 = ends.start.along(d.what, d_e0, d_demand.start);
     let slopes: Vec<(f64, f64, f64)> = (0..d.v.len())
-        .map(|k| gain_slope(mover, c, k, d.what))
+        .map(|k| gain_slope(integrator, c, k, d.what))
         .collect();
     let held = |k: usize| {
         let (g, s) = (&c.branches[k], &slopes[k]);

@@ -11,7 +11,7 @@ use super::law::{Beyond, Demand, Drive};
 use super::model::{SimModel, SimState};
 use super::options::{Method, SimOptions, Simulation};
 use super::profile::{Asked, Piece, Profile};
-use super::step::{Coefficients, Ends, Mover};
+use super::step::{Coefficients, Ends, Integrator};
 use super::trace::{Book, Point};
 use analysis_effects::contract::Ramp;
 use std::ops::Range;
@@ -110,7 +110,7 @@ pub fn simulate(
         r_ohm: model.erm.r_ohm,
     };
     let mut run = Run {
-        mover: Mover::new(model, drive),
+        integrator: Integrator::new(model, drive),
         options,
         state: state.clone(),
         book: Book::new(model, options.window),
@@ -166,7 +166,7 @@ impl Ladder {
 }
 
 struct Run<'a> {
-    mover: Mover<'a>,
+    integrator: Integrator<'a>,
     options: &'a SimOptions,
     state: SimState,
     book: Book<'a>,
@@ -193,19 +193,19 @@ impl Run<'_> {
 
     fn point(&self, asked: Asked, state: &SimState) -> Result<Point, ForwardError> {
         let Asked { time_s, demand } = asked;
-        let ocv_v = self.mover.model.ocv_v(state.soc).0;
+        let ocv_v = self.integrator.model.ocv_v(state.soc).0;
         let e_v = ocv_v - state.v_rc_v.iter().sum::<f64>();
-        let power = self.mover.drive.demand == Demand::Power;
+        let power = self.integrator.drive.demand == Demand::Power;
         if !e_v.is_finite() || (power && e_v <= 0.0) {
             return Err(ForwardError::Collapsed { time_s, e_v });
         }
-        let (reply, past_tangent) = self.mover.drive.reply_or_most(e_v, demand);
+        let (reply, past_tangent) = self.integrator.drive.reply_or_most(e_v, demand);
         let (current_a, ccv_v) = (
             reply.current_a,
-            e_v - self.mover.drive.r_ohm * reply.current_a,
+            e_v - self.integrator.drive.r_ohm * reply.current_a,
         );
         let demand_w = if power { demand } else { ccv_v * current_a };
-        let available_w = self.mover.drive.available_w(e_v);
+        let available_w = self.integrator.drive.available_w(e_v);
         Ok(Point {
             time_s,
             demand_w,
@@ -253,7 +253,7 @@ impl Run<'_> {
             let at =
                 |done: u64| piece.from + (piece.to - piece.from) * (done as f64 / count as f64);
             let from = self.state.clone();
-            self.mover
+            self.integrator
                 .euler(step_s, &from, &mut self.state, at(done - 1));
             self.book.held(&before, step_s, &from);
             before = self.look(Asked {
@@ -266,8 +266,8 @@ impl Run<'_> {
 
     /// One piece with error control; none when the run stops in it.
     fn piece(&mut self, piece: &Piece, start: Point) -> Result<Option<Point>, ForwardError> {
-        let tolerance_v = self.options.tolerance_v * f64::from(self.mover.model.pack.series);
-        let bend_v = BEND_V * f64::from(self.mover.model.pack.series);
+        let tolerance_v = self.options.tolerance_v * f64::from(self.integrator.model.pack.series);
+        let bend_v = BEND_V * f64::from(self.integrator.model.pack.series);
         let whole = 1u64 << DEEPEST;
         let (mut done, mut before) = (0u64, start);
         while done < whole {
@@ -330,7 +330,7 @@ impl Run<'_> {
         tolerance_v: f64,
     ) -> Result<Attempt, ForwardError> {
         self.ladder
-            .reach(self.mover.model, piece.step_s, self.level + 1);
+            .reach(self.integrator.model, piece.step_s, self.level + 1);
         let (long, short) = (
             &self.ladder.rungs[self.level],
             &self.ladder.rungs[self.level + 1],
@@ -341,21 +341,21 @@ impl Run<'_> {
         let ramp = |start: f64, end: f64| Ramp { start, end };
         let (mut once, mut middle, mut end) =
             (self.state.clone(), self.state.clone(), self.state.clone());
-        let mover = &self.mover;
+        let integrator = &self.integrator;
         let ends = [
-            mover.step(long, &self.state, &mut once, ramp(d0, d2)),
-            mover.step(short, &self.state, &mut middle, ramp(d0, d1)),
-            mover.step(short, &middle, &mut end, ramp(d1, d2)),
+            integrator.step(long, &self.state, &mut once, ramp(d0, d2)),
+            integrator.step(short, &self.state, &mut middle, ramp(d0, d1)),
+            integrator.step(short, &middle, &mut end, ramp(d1, d2)),
         ];
         let infeasible = ends.iter().any(|e| e.start.infeasible || e.end.infeasible);
-        let power = mover.drive.demand == Demand::Power;
+        let power = integrator.drive.demand == Demand::Power;
         let stops = infeasible
             && match self.options.beyond {
                 Beyond::Stop => true,
                 Beyond::Clamp => false,
                 Beyond::Extrapolate { .. } => power && ends.iter().any(|e| e.least_ccv_v <= 0.0),
             };
-        let ocv = |s: &SimState| mover.model.ocv_v(s.soc).0;
+        let ocv = |s: &SimState| integrator.model.ocv_v(s.soc).0;
         let apart: f64 = end
             .v_rc_v
             .iter()

@@ -72,13 +72,13 @@ pub(super) struct Ends {
 
 /// A model under a drive.
 #[derive(Debug, Clone)]
-pub(super) struct Mover<'m> {
+pub(super) struct Integrator<'m> {
     pub(super) model: &'m SimModel,
     pub(super) drive: Drive,
     pub(super) capacity_c: f64,
 }
 
-impl<'m> Mover<'m> {
+impl<'m> Integrator<'m> {
     pub(super) fn new(model: &'m SimModel, drive: Drive) -> Self {
         Self {
             model,
