@@ -12,7 +12,7 @@ use super::model::{SimModel, SimState};
 use super::options::{Method, SimOptions, Simulation};
 use super::profile::{Asked, Piece, Profile};
 use super::step::{Coefficients, Ends, Integrator};
-use super::trace::{Book, Point};
+use super::trace::{Point, TraceRecorder};
 use analysis_effects::contract::Ramp;
 use std::ops::Range;
 
@@ -113,7 +113,7 @@ pub fn simulate(
         integrator: Integrator::new(model, drive),
         options,
         state: state.clone(),
-        book: Book::new(model, options.window),
+        recorder: TraceRecorder::new(model, options.window),
         ladder: Ladder {
             step_s: f64::NAN,
             rungs: Vec::new(),
@@ -126,7 +126,7 @@ pub fn simulate(
             break;
         };
         if last_demand != Some(piece.from) {
-            run.book.row(&start, &run.state);
+            run.recorder.row(&start, &run.state);
         }
         last_demand = Some(piece.to);
         let arrived = run.ended(|run| match options.method {
@@ -134,10 +134,10 @@ pub fn simulate(
             Method::Thesis => run.euler(&piece, start, euler_step_s),
         })?;
         let Some(end) = arrived else { break };
-        run.book.row(&end, &run.state);
+        run.recorder.row(&end, &run.state);
     }
     let (summary, trace) = run
-        .book
+        .recorder
         .close(&run.state, profile.time_s.first().copied().unwrap_or(0.0));
     Ok(Simulation {
         summary,
@@ -169,7 +169,7 @@ struct Run<'a> {
     integrator: Integrator<'a>,
     options: &'a SimOptions,
     state: SimState,
-    book: Book<'a>,
+    recorder: TraceRecorder<'a>,
     ladder: Ladder,
     level: usize,
 }
@@ -187,7 +187,7 @@ impl Run<'_> {
     /// All that can be seen at an instant, and noted.
     fn look(&mut self, asked: Asked) -> Result<Point, ForwardError> {
         let point = self.point(asked, &self.state)?;
-        self.book.see(&point);
+        self.recorder.see(&point);
         Ok(point)
     }
 
@@ -224,8 +224,8 @@ impl Run<'_> {
         go: impl FnOnce(&mut Self) -> Result<Option<Point>, ForwardError>,
     ) -> Result<Option<Point>, ForwardError> {
         match go(self) {
-            Err(ForwardError::Collapsed { time_s, .. }) if !self.book.feasible() => {
-                self.book.emptied(time_s, self.options.beyond);
+            Err(ForwardError::Collapsed { time_s, .. }) if !self.recorder.feasible() => {
+                self.recorder.emptied(time_s, self.options.beyond);
                 Ok(None)
             }
             other => other,
@@ -255,7 +255,7 @@ impl Run<'_> {
             let from = self.state.clone();
             self.integrator
                 .euler(step_s, &from, &mut self.state, at(done - 1));
-            self.book.held(&before, step_s, &from);
+            self.recorder.held(&before, step_s, &from);
             before = self.look(Asked {
                 time_s: piece.from_s + step_s * done as f64,
                 demand: at(done),
@@ -302,9 +302,9 @@ impl Run<'_> {
                 continue;
             };
             let from = std::mem::replace(&mut self.state, attempt.end);
-            self.book.see(&middle);
-            self.book.see(&after);
-            self.book.passed(
+            self.recorder.see(&middle);
+            self.recorder.see(&after);
+            self.recorder.passed(
                 [&before, &middle, &after],
                 [&from, &attempt.middle, &self.state],
             );

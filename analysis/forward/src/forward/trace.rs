@@ -124,7 +124,7 @@ pub(super) struct Point {
 }
 
 /// Keeps the books of a run.
-pub(super) struct Book<'m> {
+pub(super) struct TraceRecorder<'m> {
     model: &'m SimModel,
     window: CellWindow,
     trace: Trace,
@@ -134,7 +134,7 @@ pub(super) struct Book<'m> {
     within: bool,
 }
 
-impl<'m> Book<'m> {
+impl<'m> TraceRecorder<'m> {
     pub(super) fn new(model: &'m SimModel, window: CellWindow) -> Self {
         let (inf, none) = (f64::INFINITY, f64::NEG_INFINITY);
         let summary = Summary {

@@ -7,7 +7,7 @@ use crate::forward::{
     nonlinear::Laws,
     options::{SimOptions, Simulation},
     profile::{Asked, Piece, Profile},
-    trace::{Book, Point},
+    trace::{Point, TraceRecorder},
 };
 use analysis_effects::contract::{Dynamics, Instant, Modulation, Ramp};
 use std::ops::Range;
@@ -31,7 +31,7 @@ pub(super) struct Run<'a> {
     soc: f64,
     /// Branches of one cell, V.
     v: Vec<f64>,
-    book: Book<'a>,
+    recorder: TraceRecorder<'a>,
     /// First step after a change of the demand, s.
     first_s: f64,
     /// Equal parts that each step is made in.
@@ -76,14 +76,14 @@ impl<'a> Run<'a> {
             dynamics: laws.dynamics(state.soc),
             soc: state.soc,
             v: state.v_rc_v.iter().map(|v| v / series).collect(),
-            book: Book::new(model, options.window),
+            recorder: TraceRecorder::new(model, options.window),
             first_s: FIRST * shortest_s,
             parts: 1 << halvings,
         };
         run.through(profile)?;
         let end = run.state();
         let (summary, trace) = run
-            .book
+            .recorder
             .close(&end, profile.time_s.first().copied().unwrap_or(0.0));
         Ok(Simulation {
             summary,
@@ -100,7 +100,7 @@ impl<'a> Run<'a> {
                 return Ok(());
             };
             if last.is_none_or(|(to, _)| to != piece.from) {
-                self.book.row(&start.point, &self.state());
+                self.recorder.row(&start.point, &self.state());
             }
             // Pieces of one row have one slope, up to rounding.
             if last.is_none_or(|(to, before)| {
@@ -112,7 +112,7 @@ impl<'a> Run<'a> {
             let Some(end) = self.piece(&piece, start, &mut step_s)? else {
                 return Ok(());
             };
-            self.book.row(&end.point, &self.state());
+            self.recorder.row(&end.point, &self.state());
         }
         Ok(())
     }
@@ -174,7 +174,7 @@ impl<'a> Run<'a> {
                 return Ok(None);
             };
             let heat_j = 0.5 * (heat_w(&before) + heat_w(&after)) * part_s;
-            self.book.moved(&before.point, &after.point, heat_j);
+            self.recorder.moved(&before.point, &after.point, heat_j);
             before = after;
         }
         Ok(Some(before))
@@ -232,13 +232,13 @@ impl<'a> Run<'a> {
     /// that could not be had.
     fn seen(&mut self, at: Asked) -> Result<Option<Look>, ForwardError> {
         match self.look(at) {
-            Err(ForwardError::Collapsed { time_s, .. }) if !self.book.feasible() => {
-                self.book.emptied(time_s, self.options.beyond);
+            Err(ForwardError::Collapsed { time_s, .. }) if !self.recorder.feasible() => {
+                self.recorder.emptied(time_s, self.options.beyond);
                 Ok(None)
             }
             Err(error) => Err(error),
             Ok(look) => {
-                self.book.see(&look.point);
+                self.recorder.see(&look.point);
                 Ok(Some(Look {
                     heat_w: self.heat_w(&look),
                     ..look
