@@ -14,8 +14,8 @@ mod analyse;
 mod crest;
 mod grid;
 mod images;
+mod measured_images;
 mod placement;
-mod seen;
 
 pub use analyse::{
     Line, MultisineError, MultisineFit, analyse, analyse_played, clock_offset, nonlinear,
@@ -24,5 +24,5 @@ pub use analyse::{
 pub use crest::{Design, design};
 pub use grid::odd_grid;
 pub use images::{Excited, Image, Sampling, images};
+pub use measured_images::Proof;
 pub use placement::{Choice, Disturbed, Path, Placement, place};
-pub use seen::Proof;

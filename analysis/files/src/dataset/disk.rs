@@ -14,8 +14,8 @@ use super::DatasetError;
 /// # Errors
 /// [`DatasetError::Io`]; the hidden file is then removed.
 pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
-    let beside = beside(path)?;
-    replace(path, &beside, File::create(&beside), bytes)
+    let temporary = temporary_path(path)?;
+    replace(path, &temporary, File::create(&temporary), bytes)
 }
 
 /// The same, by a file that has at most this mode from the beginning, whatever the process' umask
@@ -24,20 +24,20 @@ pub fn write_atomically(path: &Path, bytes: &[u8]) -> Result<(), DatasetError> {
 /// # Errors
 /// As [`write_atomically`].
 pub fn write_private(path: &Path, bytes: &[u8], mode: u32) -> Result<(), DatasetError> {
-    let beside = beside(path)?;
+    let temporary = temporary_path(path)?;
     // A file left by a crash would keep its mode.
-    let _ = fs::remove_file(&beside);
+    let _ = fs::remove_file(&temporary);
     let made = OpenOptions::new()
         .write(true)
         .create_new(true)
         .mode(mode)
-        .open(&beside);
-    replace(path, &beside, made, bytes)
+        .open(&temporary);
+    replace(path, &temporary, made, bytes)
 }
 
 fn replace(
     path: &Path,
-    beside: &Path,
+    temporary: &Path,
     made: io::Result<File>,
     bytes: &[u8],
 ) -> Result<(), DatasetError> {
@@ -46,13 +46,13 @@ fn replace(
         file.sync_all()
     });
     let result = match written {
-        Ok(()) => fs::rename(beside, path)
+        Ok(()) => fs::rename(temporary, path)
             .map_err(|source| io_error(path, "put the new file in place", source)),
-        Err(source) => Err(io_error(beside, "write the file", source)),
+        Err(source) => Err(io_error(temporary, "write the file", source)),
     };
     if result.is_err() {
         // The first failure matters. A left-over file that cannot be removed either adds nothing.
-        let _ = fs::remove_file(beside);
+        let _ = fs::remove_file(temporary);
     }
     result?;
     sync_folder(path)
@@ -133,7 +133,7 @@ fn check_header(path: &Path, file: &mut File, header: &str) -> Result<(), Datase
     })
 }
 
-fn beside(path: &Path) -> Result<PathBuf, DatasetError> {
+fn temporary_path(path: &Path) -> Result<PathBuf, DatasetError> {
     let name = path.file_name().ok_or_else(|| {
         let source = io::Error::new(io::ErrorKind::InvalidInput, "the path ends in no file name");
         io_error(path, "write the file", source)

@@ -129,17 +129,17 @@ pub enum SeriesReadError {
 }
 
 /// Names of time, voltage, current and temperature, and the direction counted positive.
-struct Known {
+struct ColumnNames {
     names: [&'static str; 4],
     sign: Option<CurrentSign>,
 }
 
-const KNOWN: [Known; 5] = [
-    Known {
+const KNOWN: [ColumnNames; 5] = [
+    ColumnNames {
         names: ["time_s", "voltage_v", "current_a", "temperature_c"],
         sign: Some(CurrentSign::Charge),
     },
-    Known {
+    ColumnNames {
         names: [
             "Test Time / s",
             "Voltage / V",
@@ -149,7 +149,7 @@ const KNOWN: [Known; 5] = [
         sign: Some(CurrentSign::Charge),
     },
     // The names of the same columns for machines.
-    Known {
+    ColumnNames {
         names: [
             "test_time_second",
             "voltage_volt",
@@ -158,7 +158,7 @@ const KNOWN: [Known; 5] = [
         ],
         sign: Some(CurrentSign::Charge),
     },
-    Known {
+    ColumnNames {
         names: [
             "Test_Time(s)",
             "Voltage(V)",
@@ -167,7 +167,7 @@ const KNOWN: [Known; 5] = [
         ],
         sign: Some(CurrentSign::Charge),
     },
-    Known {
+    ColumnNames {
         names: ["Time", "Voltage", "Current", "Temperature"],
         sign: None,
     },

@@ -51,9 +51,9 @@ pub(super) fn directions(spectrum: &Spectrum, index: usize, names: &[&str]) -> V
 /// Gives all points of one frequency the mean direction of each error that they have. A direction
 /// that follows each point's own noise, or its own cell, would let the error shrink the data until
 /// they agree (Peelle's puzzle; D'Agostini, Nucl. Instrum. Meth. A 346, 1994).
-fn level(group: &mut [Seen], count: usize) {
+fn level(group: &mut [MeasuredPoint], count: usize) {
     for error in 0..count {
-        let has = |seen: &&mut Seen| seen.directions[error] != Complex64::ZERO;
+        let has = |seen: &&mut MeasuredPoint| seen.directions[error] != Complex64::ZERO;
         let (sum, number) = group
             .iter_mut()
             .filter(has)
@@ -86,7 +86,7 @@ pub(crate) struct Common {
 }
 
 /// A measured point as the common errors see it.
-pub(super) struct Seen {
+pub(super) struct MeasuredPoint {
     pub(super) z: Complex64,
     pub(super) weight: Sym2,
     pub(super) directions: Vec<Complex64>,
@@ -94,7 +94,11 @@ pub(super) struct Seen {
 
 impl Common {
     /// From the points of all groups; none where nothing is shared.
-    pub(super) fn new(names: &[&str], groups: Vec<Vec<Seen>>, absolute: bool) -> Option<Self> {
+    pub(super) fn new(
+        names: &[&str],
+        groups: Vec<Vec<MeasuredPoint>>,
+        absolute: bool,
+    ) -> Option<Self> {
         let count = names.len();
         if count == 0 {
             return None;

@@ -3,7 +3,7 @@
 
 use super::options::{FitError, FitOptions, check_spectra};
 use super::problem::{Problem, to_erm};
-use super::search::{Basin, Found, log_bounds, same_minimum, search, sharp};
+use super::search::{Basin, Basins, log_bounds, same_minimum, search, sharp};
 use analysis_model::model::Erm;
 use analysis_numeric::{Smooth, linalg::cholesky};
 use analysis_signal::spectrum::Spectrum;
@@ -81,12 +81,12 @@ pub fn survey_seeds(
             0,
         )
     };
-    let found: Vec<Found> = (0..seeds.max(1)).into_par_iter().map(one).collect();
+    let found: Vec<Basins> = (0..seeds.max(1)).into_par_iter().map(one).collect();
     let best_value = found
         .iter()
         .map(|f| f.deepest.minimum.value)
         .fold(f64::INFINITY, f64::min);
-    let reached = |f: &&Found| f.deepest.minimum.value <= best_value + 1e-6 * best_value.abs();
+    let reached = |f: &&Basins| f.deepest.minimum.value <= best_value + 1e-6 * best_value.abs();
     let at_best = found.iter().filter(reached).count() as u64;
     let descents: usize = found.iter().map(|f| f.descents).sum();
     let mut basins: Vec<Basin> = Vec::new();
@@ -125,7 +125,7 @@ pub fn survey_seeds(
 pub(super) fn other_minima(
     problem: &Problem,
     options: &FitOptions,
-    found: &Found,
+    found: &Basins,
 ) -> Vec<LocalMinimum> {
     let described = found
         .others

@@ -5,7 +5,7 @@
 //! quadratic objectives need only each frequency's mean and scatter; the sum of norms needs every
 //! point.
 
-use super::common::{self, Common, Seen, Sym2};
+use super::common::{self, Common, MeasuredPoint, Sym2};
 use super::options::Objective;
 use analysis_model::model::{Erm, RcBranch};
 use analysis_numeric::{Covariance2, Smooth};
@@ -87,7 +87,7 @@ impl Problem {
                 .iter()
                 .all(|tag| inverse_covariance(&covariance(tag)).is_some());
         let mut groups: Vec<Group> = Vec::new();
-        let mut seen: Vec<Vec<Seen>> = Vec::new();
+        let mut seen: Vec<Vec<MeasuredPoint>> = Vec::new();
         for tag in &tagged {
             let (p, freq_hz) = (at(tag), at(tag).freq_hz);
             let weight = match kind {
@@ -102,7 +102,7 @@ impl Problem {
                 weight,
                 spectrum: tag.0,
             };
-            let shared = Seen {
+            let shared = MeasuredPoint {
                 z: p.z_ohm,
                 weight,
                 directions: common::directions(&spectra[tag.0], tag.1, names),

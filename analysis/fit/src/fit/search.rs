@@ -28,7 +28,7 @@ pub(super) struct Basin {
 /// All basins met, deepest first, and the number of descents made. There is always at least one
 /// basin.
 #[derive(Debug, Clone)]
-pub(super) struct Found {
+pub(super) struct Basins {
     pub(super) deepest: Basin,
     pub(super) others: Vec<Basin>,
     pub(super) descents: usize,
@@ -52,7 +52,7 @@ pub(super) fn search(
     coarse: &Problem,
     options: &FitOptions,
     starts: usize,
-) -> Found {
+) -> Basins {
     let bounds = log_bounds(options);
     let mut projection = Projection::new(coarse, &options.bounds);
     let begun = starting_points(coarse, options, starts);
@@ -91,7 +91,7 @@ pub(super) fn search(
         descents: 1,
     };
     let deepest = basins.next().unwrap_or_else(only);
-    Found {
+    Basins {
         deepest,
         others: basins.collect(),
         descents: descents.max(1),

@@ -46,7 +46,7 @@ pub(super) struct Piece {
 
 /// A demand at a time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Asked {
+pub(super) struct DemandPoint {
     /// Time, s.
     pub(super) time_s: f64,
     /// Demand, W, A or Ω.
@@ -55,8 +55,8 @@ pub(super) struct Asked {
 
 impl Piece {
     /// The demand at the start.
-    pub(super) fn start(&self) -> Asked {
-        Asked {
+    pub(super) fn start(&self) -> DemandPoint {
+        DemandPoint {
             time_s: self.from_s,
             demand: self.from,
         }

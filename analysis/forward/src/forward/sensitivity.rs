@@ -9,7 +9,7 @@ use super::error::ForwardError;
 use super::law::{Beyond, Demand, Drive};
 use super::model::{SimModel, SimState};
 use super::options::SimOptions;
-use super::profile::{Asked, Profile};
+use super::profile::{DemandPoint, Profile};
 use super::step::{Coefficients, Ends, Integrator};
 use analysis_effects::contract::Ramp;
 use nalgebra::{DMatrix, DVector};
@@ -120,7 +120,7 @@ pub fn step_with_jacobian(
         },
     );
     let mut directions = directions(model);
-    let at = |time_s: f64| Asked { time_s, demand };
+    let at = |time_s: f64| DemandPoint { time_s, demand };
     let output = Look::at(&integrator, at(0.0), state)?;
     let by: Vec<f64> = directions
         .iter()
@@ -213,7 +213,7 @@ pub fn sensitivity(
             demand,
             demand,
         );
-        let end = Asked {
+        let end = DemandPoint {
             time_s: piece.from_s + piece.step_s,
             demand: piece.to,
         };
@@ -283,7 +283,7 @@ fn matrix(directions: &[Direction]) -> DMatrix<f64> {
 
 fn row(
     integrator: &Integrator<'_>,
-    asked: Asked,
+    asked: DemandPoint,
     now: &SimState,
     directions: &[Direction],
 ) -> Result<SensitivityRow, ForwardError> {
@@ -314,10 +314,10 @@ struct Look {
 impl Look {
     fn at(
         integrator: &Integrator<'_>,
-        asked: Asked,
+        asked: DemandPoint,
         state: &SimState,
     ) -> Result<Self, ForwardError> {
-        let Asked { time_s, demand } = asked;
+        let DemandPoint { time_s, demand } = asked;
         let e_v = integrator.e_v(state);
         if !e_v.is_finite() || (e_v <= 0.0 && integrator.drive.demand == Demand::Power) {
             return Err(ForwardError::Collapsed { time_s, e_v });

@@ -10,7 +10,7 @@ use super::error::ForwardError;
 use super::law::{Beyond, Demand, Drive};
 use super::model::{SimModel, SimState};
 use super::options::{Method, SimOptions, Simulation};
-use super::profile::{Asked, Piece, Profile};
+use super::profile::{DemandPoint, Piece, Profile};
 use super::step::{Coefficients, Ends, Integrator};
 use super::trace::{Point, TraceRecorder};
 use analysis_effects::contract::Ramp;
@@ -185,14 +185,14 @@ struct Attempt {
 
 impl Run<'_> {
     /// All that can be seen at an instant, and noted.
-    fn look(&mut self, asked: Asked) -> Result<Point, ForwardError> {
+    fn look(&mut self, asked: DemandPoint) -> Result<Point, ForwardError> {
         let point = self.point(asked, &self.state)?;
         self.recorder.see(&point);
         Ok(point)
     }
 
-    fn point(&self, asked: Asked, state: &SimState) -> Result<Point, ForwardError> {
-        let Asked { time_s, demand } = asked;
+    fn point(&self, asked: DemandPoint, state: &SimState) -> Result<Point, ForwardError> {
+        let DemandPoint { time_s, demand } = asked;
         let ocv_v = self.integrator.model.ocv_v(state.soc).0;
         let e_v = ocv_v - state.v_rc_v.iter().sum::<f64>();
         let power = self.integrator.drive.demand == Demand::Power;
@@ -256,7 +256,7 @@ impl Run<'_> {
             self.integrator
                 .euler(step_s, &from, &mut self.state, at(done - 1));
             self.recorder.held(&before, step_s, &from);
-            before = self.look(Asked {
+            before = self.look(DemandPoint {
                 time_s: piece.from_s + step_s * done as f64,
                 demand: at(done),
             })?;
@@ -281,7 +281,7 @@ impl Run<'_> {
             let part = |done: u64| done as f64 / whole as f64;
             let (t0, t1) = (part(done), part(done + (whole >> self.level)));
             let attempt = self.attempt(piece, t0..t1, tolerance_v)?;
-            let at = |part: f64| Asked {
+            let at = |part: f64| DemandPoint {
                 time_s: piece.from_s + part * piece.step_s,
                 demand: piece.from + part * (piece.to - piece.from),
             };

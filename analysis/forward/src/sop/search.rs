@@ -195,11 +195,11 @@ impl Search<'_> {
                 break;
             }
             let (below, above) = (
-                Tried {
+                TrialPower {
                     power_w: kept.0,
                     margin: kept.1.margin * weight_kept,
                 },
-                Tried {
+                TrialPower {
                     power_w: lost.0,
                     margin: lost.1.margin * weight_lost,
                 },
@@ -313,7 +313,7 @@ impl Search<'_> {
 
 /// A power that was tried.
 #[derive(Clone, Copy)]
-struct Tried {
+struct TrialPower {
     /// Its size, W.
     power_w: f64,
     /// Margin that it leaves, times the weight of its end.
@@ -322,7 +322,7 @@ struct Tried {
 
 /// A trial between a kept and a lost power: by false position, every third time by bisection, and
 /// never at an end.
-fn between(kept: Tried, lost: Tried, trial: usize, accuracy: f64) -> f64 {
+fn between(kept: TrialPower, lost: TrialPower, trial: usize, accuracy: f64) -> f64 {
     let width = lost.power_w - kept.power_w;
     let share = if trial % 3 == 2 {
         0.5

@@ -12,7 +12,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{
     images::{Excited, Sampling},
-    seen::{Pairs, Proof, Seen},
+    measured_images::{MeasuredImages, Pairs, Proof},
 };
 use crate::spectrum::{ChannelPhasors, PhasorVariance, SpectrumError};
 use analysis_numeric::Covariance2;
@@ -166,7 +166,7 @@ pub fn analyse_played(
         periods: fit.periods,
         samples: channels[0].len(),
     };
-    let seen = Seen::new(&pairs, excited, sampling);
+    let seen = MeasuredImages::new(&pairs, excited, sampling);
     for phasors in [&mut fit.excited, &mut fit.even, &mut fit.odd] {
         let at: Vec<usize> = phasors
             .iter()

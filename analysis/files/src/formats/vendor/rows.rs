@@ -41,7 +41,7 @@ struct Line<'a> {
 }
 
 /// Kind of a line below the names.
-enum Told {
+enum LineKind {
     /// A blank one, or a remark.
     Nothing,
     Units,
@@ -97,13 +97,13 @@ impl<'a> Reader<'a> {
             }
             let line = self.line(at, &table);
             match self.told(&line, &table, seen)? {
-                Told::Nothing => {}
-                Told::Units => table.take_units(&line.fields, self.path, at + 1)?,
-                Told::End => {
+                LineKind::Nothing => {}
+                LineKind::Units => table.take_units(&line.fields, self.path, at + 1)?,
+                LineKind::End => {
                     end = at;
                     break;
                 }
-                Told::Row(freq) => {
+                LineKind::Row(freq) => {
                     seen += 1;
                     // So EC-Lab marks direct current.
                     if freq != 0.0 {
@@ -125,12 +125,12 @@ impl<'a> Reader<'a> {
     /// # Errors
     /// A row with a frequency that is none, or with too few or too many fields; text before further
     /// rows.
-    fn told(&self, line: &Line<'_>, table: &Table, seen: usize) -> Result<Told, FormatError> {
+    fn told(&self, line: &Line<'_>, table: &Table, seen: usize) -> Result<LineKind, FormatError> {
         if line.filled() == 0 || seen == 0 && self.counts_rows(line, table) {
-            return Ok(Told::Nothing);
+            return Ok(LineKind::Nothing);
         }
         if let Some(freq) = line.number(table.freq.index) {
-            return line.check_width(table.width).map(|()| Told::Row(freq));
+            return line.check_width(table.width).map(|()| LineKind::Row(freq));
         }
         let number = |column: &Column| line.number(column.index).is_some();
         if table
@@ -151,9 +151,9 @@ impl<'a> Reader<'a> {
         if seen == 0 && below <= UNITS && !self.ends(line.at) {
             return Ok(
                 if [line.filled(), line.fields.len()].contains(&table.width) {
-                    Told::Units
+                    LineKind::Units
                 } else {
-                    Told::Nothing
+                    LineKind::Nothing
                 },
             );
         }
@@ -163,7 +163,7 @@ impl<'a> Reader<'a> {
                 "a frequency in Hz, or no further rows behind the end of the table",
             ));
         }
-        Ok(Told::End)
+        Ok(LineKind::End)
     }
 
     /// Tells what was not read, and settles phases without unit.

@@ -4,7 +4,7 @@
 use super::options::{CircuitFitError, CircuitOptions, Weight};
 use crate::fit::{
     clusters::Clusters,
-    common::{self, Common, Seen},
+    common::{self, Common, MeasuredPoint},
     options::{Objective, check_spectra},
 };
 use analysis_numeric::Covariance2;
@@ -103,14 +103,14 @@ impl Data {
                 s.own_covariance(k)
             };
             let point = DataPoint::new(&ImpedancePoint { covariance, ..*p }, weight, i);
-            let seen = Seen {
+            let seen = MeasuredPoint {
                 z: p.z_ohm,
                 weight: point.weight,
                 directions: common::directions(s, k, &names),
             };
             (p.freq_hz, point, seen)
         };
-        let mut tagged: Vec<(f64, DataPoint, Seen)> = spectra
+        let mut tagged: Vec<(f64, DataPoint, MeasuredPoint)> = spectra
             .iter()
             .enumerate()
             .flat_map(|(i, s)| {
@@ -129,7 +129,7 @@ impl Data {
         norms.sort_by(f64::total_cmp);
         let scale = norms.get(norms.len() / 2).copied().unwrap_or(1.0);
         let mut groups: Vec<Group> = Vec::new();
-        let mut seen: Vec<Vec<Seen>> = Vec::new();
+        let mut seen: Vec<Vec<MeasuredPoint>> = Vec::new();
         for (freq_hz, point, as_seen) in tagged {
             match (groups.last_mut(), seen.last_mut()) {
                 // Files print frequencies with few significant digits. A difference in the tenth

@@ -39,7 +39,7 @@ const SAME: f64 = 1e-6;
 const FINALISTS: usize = 10;
 
 /// The best optimum and how it was found.
-pub(super) struct Found {
+pub(super) struct BestOptimum {
     pub(super) minimum: Minimum,
     /// Starts tried.
     pub(super) starts: usize,
@@ -52,7 +52,7 @@ pub(super) fn search(
     problem: &Problem,
     starter: &Starter,
     options: &CircuitOptions,
-) -> Option<Found> {
+) -> Option<BestOptimum> {
     let bounds: Vec<(f64, f64)> = problem.free.iter().map(|i| starter.bounds[*i]).collect();
     let lower = problem.variables(&spread(problem, &bounds, |b| b.0));
     let upper = problem.variables(&spread(problem, &bounds, |b| b.1));
@@ -84,7 +84,7 @@ pub(super) fn search(
         }
     }
     let (starts, agreeing) = (minima.len(), agreeing(&minima));
-    seeker.finish(minima).map(|minimum| Found {
+    seeker.finish(minima).map(|minimum| BestOptimum {
         minimum,
         starts,
         agreeing,

@@ -6,7 +6,7 @@ use crate::forward::{
     model::{SimModel, SimState},
     nonlinear::Laws,
     options::{SimOptions, Simulation},
-    profile::{Asked, Piece, Profile},
+    profile::{DemandPoint, Piece, Profile},
     trace::{Point, TraceRecorder},
 };
 use analysis_effects::contract::{Dynamics, Instant, Modulation, Ramp};
@@ -132,7 +132,7 @@ impl<'a> Run<'a> {
             } else {
                 done_s + *step_s
             };
-            let at = |t: f64| Asked {
+            let at = |t: f64| DemandPoint {
                 time_s: piece.from_s + t,
                 demand: piece.from + (piece.to - piece.from) * t / piece.step_s,
             };
@@ -150,7 +150,7 @@ impl<'a> Run<'a> {
         &mut self,
         start: Look,
         span_s: Range<f64>,
-        at: impl Fn(f64) -> Asked,
+        at: impl Fn(f64) -> DemandPoint,
     ) -> Result<Option<Look>, ForwardError> {
         let pack = self.model.pack;
         let cells = f64::from(pack.series) * f64::from(pack.parallel);
@@ -185,12 +185,12 @@ impl<'a> Run<'a> {
     }
 
     /// Moves the cell over a step that ends at a time with a demand.
-    fn step(&mut self, before: &Look, step_s: f64, end: Asked) -> Result<(), ForwardError> {
+    fn step(&mut self, before: &Look, step_s: f64, end: DemandPoint) -> Result<(), ForwardError> {
         let capacity_c = self.model.capacity_c() / f64::from(self.model.pack.parallel);
         self.dynamics
             .iter_mut()
             .for_each(|d| d.advance(&before.cell, 0.5 * step_s));
-        let start = self.look(Asked {
+        let start = self.look(DemandPoint {
             time_s: before.point.time_s,
             demand: before.demand,
         })?;
@@ -230,7 +230,7 @@ impl<'a> Run<'a> {
 
     /// An instant, noted; none when there is nothing left behind the series resistance after power
     /// that could not be had.
-    fn seen(&mut self, at: Asked) -> Result<Option<Look>, ForwardError> {
+    fn seen(&mut self, at: DemandPoint) -> Result<Option<Look>, ForwardError> {
         match self.look(at) {
             Err(ForwardError::Collapsed { time_s, .. }) if !self.recorder.feasible() => {
                 self.recorder.emptied(time_s, self.options.beyond);
@@ -249,8 +249,8 @@ impl<'a> Run<'a> {
 
     /// Answer of the law at a time under a demand, with the additions as they are. The heat
     /// is left to [`Self::seen`].
-    fn look(&self, at: Asked) -> Result<Look, ForwardError> {
-        let Asked { time_s, demand } = at;
+    fn look(&self, at: DemandPoint) -> Result<Look, ForwardError> {
+        let DemandPoint { time_s, demand } = at;
         let pack = &self.model.pack;
         let (series, parallel) = (f64::from(pack.series), f64::from(pack.parallel));
         let (ocv_v, slope_v) = self.model.ocv_v(self.soc);

@@ -330,7 +330,7 @@ fn advance<const W: usize, const N: usize, const LAW: u8, const CURVED: bool>(
 ) -> bool {
     let mut outside = false;
     for l in 0..W {
-        let asked = |e_v: f64, demand: f64| LaneAsked {
+        let asked = |e_v: f64, demand: f64| LaneDemand {
             e_v,
             demand: demand * lanes.scale[l],
             fraction,
@@ -385,7 +385,7 @@ fn ocv<const W: usize, const N: usize, const CURVED: bool>(
 
 /// A demand on a lane.
 #[derive(Clone, Copy)]
-struct LaneAsked {
+struct LaneDemand {
     /// E = OCV − Σv, V.
     e_v: f64,
     /// Demand, W, A or Ω.
@@ -399,9 +399,9 @@ struct LaneAsked {
 fn current<const W: usize, const N: usize, const LAW: u8>(
     lanes: &Lanes<'_, W, N>,
     l: usize,
-    asked: LaneAsked,
+    asked: LaneDemand,
 ) -> (f64, bool) {
-    let LaneAsked {
+    let LaneDemand {
         e_v: e,
         demand,
         fraction,

@@ -67,7 +67,7 @@ impl Proof {
 
 /// Measured images of one record.
 #[derive(Debug, Clone)]
-pub(super) struct Seen {
+pub(super) struct MeasuredImages {
     lines: Vec<(usize, f64)>,
     sampling: Sampling,
     /// Square of the factor over the share, from the generator's rate on, by octave.
@@ -84,7 +84,7 @@ struct Place {
     power: f64,
 }
 
-impl Seen {
+impl MeasuredImages {
     /// Looks at the images of the lines in a record; the base frequency names the frequencies of what is
     /// strange.
     pub(super) fn new(pairs: &Pairs, excited: Excited<'_>, sampling: Sampling) -> Self {
