@@ -22,8 +22,8 @@ mod jig;
 mod julabo;
 mod kepco;
 mod machine;
-mod manners;
 mod number;
+mod protocol_quirks;
 mod relay_board;
 mod replay;
 mod scanner;
@@ -450,7 +450,7 @@ pub fn make(
         ..options.clone()
     };
     let device = (model(key)?.make)(plant.clone(), &options);
-    Ok(Box::new(manners::Mannered::new(
+    Ok(Box::new(protocol_quirks::QuirkyDevice::new(
         device,
         plant,
         options.quirks,

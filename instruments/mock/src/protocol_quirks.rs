@@ -9,25 +9,25 @@ use super::{Device, Trouble, plant::SharedPlant, quirks::Quirks};
 const PREFIX: &[u8] = b"C1:WF ALL,";
 
 /// Device with the protocol quirks that it was given.
-pub(super) struct Mannered {
+pub(super) struct QuirkyDevice {
     device: Box<dyn Device>,
     plant: SharedPlant,
     quirks: Quirks,
     /// When the last message came, s.
-    heard_s: f64,
+    last_message_s: f64,
     /// Nothing was answered on this connection yet.
     fresh: bool,
     /// Additional time of the first answer, s; 0 for the others.
     first_s: f64,
 }
 
-impl Mannered {
+impl QuirkyDevice {
     pub(super) fn new(device: Box<dyn Device>, plant: SharedPlant, quirks: Quirks) -> Self {
         Self {
             device,
             plant,
             quirks,
-            heard_s: f64::NEG_INFINITY,
+            last_message_s: f64::NEG_INFINITY,
             fresh: true,
             first_s: 0.0,
         }
@@ -101,7 +101,7 @@ fn round(field: &str, digits: usize) -> String {
     }
 }
 
-impl Device for Mannered {
+impl Device for QuirkyDevice {
     fn terminator(&self) -> Terminator {
         self.device.terminator()
     }
@@ -112,7 +112,7 @@ impl Device for Mannered {
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        let gap_s = now_s - std::mem::replace(&mut self.heard_s, now_s);
+        let gap_s = now_s - std::mem::replace(&mut self.last_message_s, now_s);
         if gap_s < self.quirks.number("min_gap") {
             return Vec::new();
         }
