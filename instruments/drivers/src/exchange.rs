@@ -6,16 +6,16 @@
 
 mod expect;
 mod identity;
-mod words;
+mod setting_text;
 
 pub use expect::{Expect, after_header, field, hex_word, leading_number, plain};
 pub use identity::Identity;
-pub use words::{CHOSEN, ON_OFF, Says, Setting, Shows};
+pub use setting_text::{CHOSEN, ON_OFF, Says, Setting, Shows};
 
 use instruments_link::link::{Link, LinkError};
 use instruments_scpi::message::Command;
 
-use words::Differs;
+use setting_text::Differs;
 
 /// One message with its proof.
 ///
