@@ -17,7 +17,7 @@ use instruments::{
     clock::{Clock, TimeMode},
     fixture::Fixture,
     mock::{
-        Mended, Schedule,
+        FaultSwitch, Schedule,
         plant::{Meter, Plant},
     },
 };
@@ -282,7 +282,7 @@ fn without(text: &str, sections: &[&str]) -> String {
 /// Plays one attack.
 pub(crate) fn stand(program: &str, attack: &Attack, usual: &Usual) -> Row {
     let folder = files(attack.job);
-    let mended = Mended::default();
+    let mended = FaultSwitch::default();
     let schedule = match attack.deed {
         Deed::Fault(role, fault, variant) => Some(Schedule {
             seed: 1,

@@ -362,9 +362,9 @@ pub async fn look(link: &mut Link, script: &[Exchange]) -> Result<Vec<Answer>, L
 
 /// The questions of scripts, each with the last thing that it must show.
 #[derive(Debug, Clone, Default, PartialEq)]
-pub struct Told(Vec<(String, Expect)>);
+pub struct ExpectedAnswers(Vec<(String, Expect)>);
 
-impl Told {
+impl ExpectedAnswers {
     /// Nothing is known but what this script makes so.
     pub fn of(script: &[Exchange]) -> Self {
         let mut told = Self::default();

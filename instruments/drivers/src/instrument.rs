@@ -9,7 +9,7 @@ use instruments_link::{
 };
 
 use crate::exchange::{
-    Bound, Exchange, Identity, Setting, Told, Way, leading_number, plain, play, play_all,
+    Bound, Exchange, ExpectedAnswers, Identity, Setting, Way, leading_number, plain, play, play_all,
 };
 
 /// A model of instrument, whatever its role.
@@ -63,7 +63,7 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
     /// Part of the identity of another model that is accepted as this one.
     accepted: Option<String>,
     /// Settings that were made last and must stay so while current flows.
-    pub(crate) told: Told,
+    pub(crate) told: ExpectedAnswers,
 }
 
 impl<D: Model + ?Sized> Instrument<D> {
@@ -74,7 +74,7 @@ impl<D: Model + ?Sized> Instrument<D> {
             dialect,
             channels: Vec::new(),
             accepted: None,
-            told: Told::default(),
+            told: ExpectedAnswers::default(),
         }
     }
 

@@ -117,14 +117,14 @@ pub struct Schedule {
     /// Which of the things that another client may do; left to chance without it.
     pub variant: Option<usize>,
     /// Whoever mends the instruments.
-    pub mended: Mended,
+    pub mended: FaultSwitch,
 }
 
 /// A switch that ends every fault and every lie of a bench; clones are the same switch.
 #[derive(Debug, Clone, Default)]
-pub struct Mended(Arc<AtomicBool>);
+pub struct FaultSwitch(Arc<AtomicBool>);
 
-impl Mended {
+impl FaultSwitch {
     /// From now on the instruments are sound.
     pub fn mend(&self) {
         self.0.store(true, Ordering::SeqCst);
@@ -135,7 +135,7 @@ impl Mended {
     }
 }
 
-impl PartialEq for Mended {
+impl PartialEq for FaultSwitch {
     fn eq(&self, other: &Self) -> bool {
         Arc::ptr_eq(&self.0, &other.0) || self.is_so() == other.is_so()
     }
@@ -151,7 +151,7 @@ impl Default for Schedule {
             role: None,
             from_s: 0.0,
             variant: None,
-            mended: Mended::default(),
+            mended: FaultSwitch::default(),
         }
     }
 }
@@ -188,7 +188,7 @@ struct Troubled {
     options: MockOptions,
     known: &'static Model,
     schedule: Schedule,
-    lies: Lies,
+    lies: FalseAnswers,
     random: u64,
     happened: usize,
     log: FaultLog,
@@ -196,7 +196,7 @@ struct Troubled {
 
 /// How the instrument lies from now on.
 #[derive(Default)]
-struct Lies {
+struct FalseAnswers {
     stuck: bool,
     short: bool,
     /// The first answer to each question for a measurement.
@@ -251,7 +251,7 @@ pub fn make_troubled(
         options: options.clone(),
         known,
         schedule,
-        lies: Lies::default(),
+        lies: FalseAnswers::default(),
         random,
         happened,
         log: log.clone(),

@@ -36,7 +36,7 @@ mod spd;
 mod tree;
 mod world;
 
-pub use faults::{Fault, FaultLog, Happened, Mended, Schedule, Trouble, make_troubled};
+pub use faults::{Fault, FaultLog, FaultSwitch, Happened, Schedule, Trouble, make_troubled};
 use plant::SharedPlant;
 use quirks::{Quirk, QuirkError, Quirks, Value};
 pub use replay::{Divergence, Outcome, Replay};

@@ -8,7 +8,7 @@ use instruments_domain::units::Celsius;
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Exchange, Expect, Told, Way, leading_number, look},
+    exchange::{Answer, Exchange, Expect, ExpectedAnswers, Way, leading_number, look},
     instrument::{Instrument, Model},
 };
 
@@ -150,7 +150,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The link's; a read-back that differs; manual mode, unless it stands still already.
     pub async fn stop(&mut self) -> Result<(), LinkError> {
-        self.told = Told::default();
+        self.told = ExpectedAnswers::default();
         let stopped = self.play(&self.dialect.run(None)).await;
         if let Err(LinkError::ReadBack { .. }) = &stopped {
             let status = self.status().await?;
@@ -183,9 +183,9 @@ impl Instrument<dyn Dialect> {
     /// It was started at this set-point by another process: what must still be so. Sends nothing.
     pub fn was_left_at(&mut self, setpoint: Celsius) {
         self.told = if self.is_regulated() {
-            Told::default()
+            ExpectedAnswers::default()
         } else {
-            Told::of(&self.dialect.run(Some(setpoint)))
+            ExpectedAnswers::of(&self.dialect.run(Some(setpoint)))
         };
     }
 

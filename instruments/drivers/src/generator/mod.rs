@@ -7,7 +7,7 @@ use instruments_domain::units::{Hertz, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Exchange, Told, forget_errors, look},
+    exchange::{Answer, Exchange, ExpectedAnswers, forget_errors, look},
     instrument::{Instrument, Model},
 };
 
@@ -232,7 +232,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
-        self.told = Told::default();
+        self.told = ExpectedAnswers::default();
         self.play_all(&script).await
     }
 

@@ -7,7 +7,7 @@ use instruments_domain::units::{Amps, Volts, Watts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, Told, Way, look},
+    exchange::{Answer, Bound, Exchange, ExpectedAnswers, Way, look},
     instrument::{Instrument, Model, Unattended},
 };
 
@@ -78,7 +78,7 @@ impl Instrument<dyn Dialect> {
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, discharge: &Discharge) -> Result<(), LinkError> {
         self.play(&self.dialect.input(false)).await?;
-        self.told = Told::default();
+        self.told = ExpectedAnswers::default();
         let script = self.dialect.prepare(discharge);
         self.play(&script).await?;
         self.told.add_bounds(&script, self.dialect.bounds());
@@ -115,7 +115,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.told = Told::default();
+        self.told = ExpectedAnswers::default();
         self.play_all(&self.dialect.input(false)).await
     }
 

@@ -8,7 +8,7 @@ use instruments_domain::units::{Amps, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, Told, Way, forget_errors, look},
+    exchange::{Answer, Bound, Exchange, ExpectedAnswers, Way, forget_errors, look},
     instrument::{Instrument, Model, Unattended},
 };
 
@@ -75,7 +75,7 @@ impl Instrument<dyn Dialect> {
     pub async fn prepare(&mut self, charge: &Charge) -> Result<(), LinkError> {
         forget_errors(&mut self.link).await?;
         self.play(&self.dialect.output(false)).await?;
-        self.told = Told::default();
+        self.told = ExpectedAnswers::default();
         self.tell(&self.dialect.prepare(charge)).await
     }
 
@@ -100,7 +100,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.told = Told::default();
+        self.told = ExpectedAnswers::default();
         self.play_all(&self.dialect.output(false)).await
     }
 

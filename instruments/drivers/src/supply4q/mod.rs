@@ -12,7 +12,7 @@ use instruments_domain::units::{Amps, Hertz, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, Told, Way, after_header, forget_errors, look},
+    exchange::{Answer, Bound, Exchange, ExpectedAnswers, Way, after_header, forget_errors, look},
     instrument::{Instrument, Model},
 };
 
@@ -123,7 +123,7 @@ impl Instrument<dyn Dialect> {
         self.play(&self.dialect.output(false)).await?;
         let script = self.dialect.prepare(limits);
         self.play(&script).await?;
-        self.told = Told::default();
+        self.told = ExpectedAnswers::default();
         self.told.add_bounds(&script, self.dialect.bounds());
         Ok(())
     }
@@ -143,7 +143,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`]; everything is sent whatever fails in between.
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.told = Told::default();
+        self.told = ExpectedAnswers::default();
         let off = self.play_all(&self.dialect.output(false)).await;
         let digital = self.play_all(&self.dialect.analog(false)).await;
         off.and(digital)

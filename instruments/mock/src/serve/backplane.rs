@@ -79,7 +79,7 @@ struct Piece {
 
 /// Piece of an answer that was read out of the queue.
 #[derive(Debug, PartialEq, Eq)]
-pub(super) struct Taken {
+pub(super) struct ResponsePiece {
     /// Of the message that is answered.
     pub(super) id: u32,
     pub(super) bytes: Vec<u8>,
@@ -159,7 +159,7 @@ impl Backplane {
 
     /// Waits for an answer and takes up to `most` bytes of it, up to the byte `until` if it is
     /// there. May be abandoned.
-    pub(super) async fn take(&self, most: usize, until: Option<u8>) -> Taken {
+    pub(super) async fn take(&self, most: usize, until: Option<u8>) -> ResponsePiece {
         loop {
             let changed = self.shared.changed.notified();
             if let Some(taken) = self.shared.output().take(most, until) {
@@ -240,7 +240,7 @@ impl Output {
         self.pieces.push_back(piece);
     }
 
-    fn take(&mut self, most: usize, until: Option<u8>) -> Option<Taken> {
+    fn take(&mut self, most: usize, until: Option<u8>) -> Option<ResponsePiece> {
         let piece = self.pieces.front_mut()?;
         let wanted = until
             .and_then(|until| piece.bytes.iter().position(|&byte| byte == until))
@@ -255,7 +255,7 @@ impl Output {
             self.pieces.pop_front();
         }
         self.bytes -= bytes.len();
-        Some(Taken {
+        Some(ResponsePiece {
             id,
             bytes,
             end,

@@ -30,7 +30,7 @@ use tokio::{
 
 use super::{
     accept_all,
-    backplane::{Backplane, MESSAGE_AVAILABLE, Taken},
+    backplane::{Backplane, MESSAGE_AVAILABLE, ResponsePiece},
 };
 use crate::Device;
 
@@ -372,7 +372,11 @@ impl Server {
     }
 }
 
-async fn send_data(channel: &mut Channel, session: &Session, taken: Taken) -> io::Result<()> {
+async fn send_data(
+    channel: &mut Channel,
+    session: &Session,
+    taken: ResponsePiece,
+) -> io::Result<()> {
     let kind = if taken.end { Kind::DataEnd } else { Kind::Data };
     channel
         .send(Message::new(kind, 0, taken.id).with(taken.bytes))
