@@ -3,19 +3,21 @@
 
 mod check;
 mod crash;
+mod display;
 mod leg;
 mod multisine;
 mod specimen;
 mod sweep;
 mod time;
 mod trace;
-mod words;
 
 use std::sync::Arc;
 
 use instruments::{fixture::Fixture, supply4q::Holds};
 
 pub use crash::AfterCrash;
+pub use display::fixture_name;
+use display::minutes;
 pub use leg::{Flow, Leg, Log};
 pub use multisine::Band;
 pub use specimen::{CampaignRun, Specimen};
@@ -26,8 +28,6 @@ pub use time::{LEEWAY_S, MAX_RANGING};
 #[cfg(test)]
 pub(crate) use trace::test_trace;
 pub use trace::{Averaged, Frame, LONGEST_FRAME_S, Level, Through, TracePlan};
-pub use words::fixture_name;
-use words::minutes;
 
 use crate::measure::quality::Quality;
 

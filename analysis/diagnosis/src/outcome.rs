@@ -28,7 +28,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// In words.
-    pub fn words(self) -> &'static str {
+    pub fn label(self) -> &'static str {
         match self {
             Self::AtNoiseFloor => "at the noise floor",
             Self::Explained => "explained",

@@ -4,7 +4,7 @@
 use super::PlotError;
 use super::axis::Axis;
 use super::chart::{AxisSpec, dashes};
-use super::frame::{BOTTOM, Entry, RIGHT, TEXT, Titles, label, strip, widest, words, wrapped};
+use super::frame::{BOTTOM, Entry, RIGHT, TEXT, Titles, label, strip, text_shape, widest, wrapped};
 use super::marks::{GREY, INK, PALE, palette};
 use super::scene::{Anchor, Colour, Label, Scene, Shape};
 
@@ -303,7 +303,7 @@ fn draw_row(
         }));
     }
     for (k, text) in notes.iter().enumerate() {
-        shapes.push(words(
+        shapes.push(text_shape(
             text,
             (columns.notes, line(notes.len(), k)),
             SMALL,
@@ -339,7 +339,7 @@ fn draw_row(
             .as_ref()
             .and_then(|r| columns.place(panel, r.value))
             .unwrap_or(start);
-        shapes.push(words(
+        shapes.push(text_shape(
             &bar.text,
             (start.max(end).max(reference) + 6.0, y),
             SMALL,
@@ -377,9 +377,14 @@ fn grid(panel: &BarPanel, columns: &Columns, area: &Rectangle) -> Vec<Shape> {
         shapes.push(upright(at, GREY, 1.0));
     }
     for (v, text) in &columns.axis.ticks {
-        shapes.push(words(text, (x(*v), bottom + 8.0), TEXT - 1.0, Anchor::Top));
+        shapes.push(text_shape(
+            text,
+            (x(*v), bottom + 8.0),
+            TEXT - 1.0,
+            Anchor::Top,
+        ));
     }
-    shapes.push(words(
+    shapes.push(text_shape(
         &panel.axis.name,
         ((left + right) / 2.0, bottom + 31.0),
         TEXT,
@@ -401,7 +406,7 @@ fn reference(panel: &BarPanel, columns: &Columns, area: &Rectangle) -> Vec<Shape
         colour: INK,
         width: 1.5,
     });
-    shapes.push(words(
+    shapes.push(text_shape(
         &reference.label,
         (at, top - 11.0),
         SMALL,

@@ -84,9 +84,9 @@ impl Frame {
             colour: GREY,
             width: 1.0,
         });
-        let word = |text: &str, at, anchor| words(text, at, TEXT - 1.0, anchor);
+        let tick_text = |text: &str, at, anchor| text_shape(text, at, TEXT - 1.0, anchor);
         for (y, label) in &self.y.ticks {
-            shapes.push(word(
+            shapes.push(tick_text(
                 label,
                 (self.left - 9.0, self.place(self.x.lo, *y).1),
                 Anchor::Right,
@@ -105,13 +105,18 @@ impl Frame {
         shapes.push(Shape::Label(upright));
         if !x_name.is_empty() {
             for (x, label) in &self.x.ticks {
-                shapes.push(word(
+                shapes.push(tick_text(
                     label,
                     (self.place(*x, self.y.lo).0, bottom + 8.0),
                     Anchor::Top,
                 ));
             }
-            shapes.push(words(x_name, (middle.0, bottom + 33.0), TEXT, Anchor::Top));
+            shapes.push(text_shape(
+                x_name,
+                (middle.0, bottom + 33.0),
+                TEXT,
+                Anchor::Top,
+            ));
         }
         shapes
     }
@@ -182,7 +187,12 @@ pub(super) fn strip(
             y += LINE;
         }
         shapes.extend(sample((x + 14.0, y + LINE / 2.0)));
-        shapes.push(words(text, (x + 34.0, y + LINE / 2.0), TEXT, Anchor::Left));
+        shapes.push(text_shape(
+            text,
+            (x + 34.0, y + LINE / 2.0),
+            TEXT,
+            Anchor::Left,
+        ));
         x += entry + 24.0;
     }
     if !entries.is_empty() {
@@ -192,7 +202,7 @@ pub(super) fn strip(
 }
 
 /// Dark text at a place.
-pub(super) fn words(text: &str, at: Place, size: f64, anchor: Anchor) -> Shape {
+pub(super) fn text_shape(text: &str, at: Place, size: f64, anchor: Anchor) -> Shape {
     Shape::Label(label(text, at, size, anchor))
 }
 

@@ -1,7 +1,7 @@
 //! A matrix as coloured squares with numbers.
 
 use super::PlotError;
-use super::frame::{LEFT, RIGHT, Titles, label, strip, widest, words};
+use super::frame::{LEFT, RIGHT, Titles, label, strip, text_shape, widest};
 use super::marks::{GREY, INK};
 use super::scene::{Anchor, Colour, Label, Scene, Shape, text_width};
 
@@ -23,7 +23,7 @@ pub struct HeatScale {
     /// Value of the darkest and of the lightest colour; what lies beyond gets the nearest.
     pub ends: (f64, f64),
     /// Words at the two ends.
-    pub words: (String, String),
+    pub end_labels: (String, String),
     /// Decimals of the numbers in the squares.
     pub decimals: usize,
 }
@@ -74,7 +74,7 @@ pub(super) fn layout(map: &HeatMap) -> Result<Scene, PlotError> {
     for (row, values) in map.values.iter().enumerate() {
         let y = top + side * row as f64;
         let name = rows.get(row).map_or("", String::as_str);
-        shapes.push(words(
+        shapes.push(text_shape(
             name,
             (left - 9.0, y + side / 2.0),
             SMALL,
@@ -148,12 +148,12 @@ fn key(scale: &HeatScale, top: f64) -> Result<Vec<Shape>, PlotError> {
     const LENGTH: f64 = 180.0;
     const PIECES: u32 = 36;
     let (low, high) = (
-        format!("{} {}", scale.ends.0, scale.words.0),
-        format!("{} {}", scale.ends.1, scale.words.1),
+        format!("{} {}", scale.ends.0, scale.end_labels.0),
+        format!("{} {}", scale.ends.1, scale.end_labels.1),
     );
     let start = LEFT + text_width(&low, SMALL)? + 10.0;
     let middle = top + 12.0;
-    let mut shapes = vec![words(&low, (LEFT, middle), SMALL, Anchor::Left)];
+    let mut shapes = vec![text_shape(&low, (LEFT, middle), SMALL, Anchor::Left)];
     for k in 0..PIECES {
         let (x0, x1) = (
             start + LENGTH * f64::from(k) / f64::from(PIECES),
@@ -182,7 +182,7 @@ fn key(scale: &HeatScale, top: f64) -> Result<Vec<Shape>, PlotError> {
         colour: GREY,
         width: 1.0,
     });
-    shapes.push(words(
+    shapes.push(text_shape(
         &high,
         (start + LENGTH + 10.0, middle),
         SMALL,
@@ -207,7 +207,7 @@ mod tests {
     fn map(values: Vec<Vec<f64>>) -> HeatMap {
         let scale = HeatScale {
             ends: (0.0, 1.0),
-            words: ("identical".into(), "distinct".into()),
+            end_labels: ("identical".into(), "distinct".into()),
             decimals: 2,
         };
         let names = vec!["heat".to_owned(), "rc_slow".to_owned()];

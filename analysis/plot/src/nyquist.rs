@@ -1,7 +1,7 @@
 //! −Im Z against Re Z with equal scaling.
 
 use super::axis::{Axis, round_step};
-use super::frame::{BOTTOM, Frame, LEFT, RIGHT, Room, TEXT, heading, words};
+use super::frame::{BOTTOM, Frame, LEFT, RIGHT, Room, TEXT, heading, text_shape};
 use super::marks::{INK, draw, ellipse};
 use super::scene::{Anchor, Place, Scene, Shape, text_width};
 use super::{ImpedancePlot, PlotError, Series, SeriesStyle};
@@ -248,7 +248,10 @@ impl Note {
             colour: INK,
             width: 1.0,
         };
-        [leader, words(text, self.middle, TEXT - 2.0, Anchor::Centre)]
+        [
+            leader,
+            text_shape(text, self.middle, TEXT - 2.0, Anchor::Centre),
+        ]
     }
 }
 

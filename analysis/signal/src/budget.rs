@@ -70,7 +70,7 @@ impl Cause {
     }
 
     /// Name for people.
-    const fn words(self) -> &'static str {
+    const fn label(self) -> &'static str {
         match self {
             Self::Correction(Source::Mutual) => "mutual inductance",
             Self::Correction(Source::FakeCell) => "fake cell",
@@ -268,7 +268,7 @@ impl Budget {
         header.extend(
             self.causes()
                 .into_iter()
-                .map(|cause| cause.words().to_owned()),
+                .map(|cause| cause.label().to_owned()),
         );
         header.extend(["correction".to_owned(), "total".to_owned()]);
         let row = |point: &BudgetPoint| {
@@ -344,7 +344,7 @@ impl Budget {
                 TraceStyle::Line
             };
             traces.push(Trace::new(
-                name(cause.words()),
+                name(cause.label()),
                 cause.colour(),
                 style,
                 self.points.iter().filter_map(part).collect(),
@@ -373,8 +373,8 @@ impl Budget {
             let (pct, deg) = (short(total.magnitude_pct), short(total.phase_deg));
             format!(
                 "{pct} % (mostly {}) and {deg}° (mostly {}) at {} Hz",
-                magnitude.words(),
-                phase.words(),
+                magnitude.label(),
+                phase.label(),
                 short(point.point.freq_hz)
             )
         };

@@ -216,7 +216,7 @@ fn tell(report: &Report, folder: &Path, json: bool) -> Result<(), Failure> {
             } else {
                 format!("; expected {expected}")
             };
-            say!("{:<8} {id:<22} {met}{expected}", verdict.word());
+            say!("{:<8} {id:<22} {met}{expected}", verdict.label());
             if !advice.is_empty() {
                 say!("{:<8} {:<22} → {advice}", "", "");
             }

@@ -138,7 +138,7 @@ fn print(investigation: &Investigation) {
                 bought.minutes
             );
         }
-        say!("{}: {}", step.folder, step.verdict.words());
+        say!("{}: {}", step.folder, step.verdict.label());
     }
     say!("{}", report::text(&investigation.diagnosis));
     say!("the investigation ended: {}", investigation.end_text);

@@ -284,7 +284,7 @@ fn print_text(r: &SopReport) {
                 .into_iter()
                 .chain([e.charge_w, e.simple_ir_charge_w, e.charge_cell_a]);
         let numbers: String = numbers.map(tenths).collect();
-        let limits = (words(e.limited_by.discharge), words(e.limited_by.charge));
+        let limits = (label(e.limited_by.discharge), label(e.limited_by.charge));
         say!(
             "  {soc:>5}{:>9.3} {:>8}{numbers}  {}, {}",
             e.ocv_v,
@@ -304,7 +304,7 @@ fn tenths(number: f64) -> String {
     format!(" {rounded:>10.1}")
 }
 
-fn words(by: LimitedBy) -> &'static str {
+fn label(by: LimitedBy) -> &'static str {
     match by {
         LimitedBy::LowerVoltage => "lower voltage",
         LimitedBy::UpperVoltage => "upper voltage",
@@ -332,7 +332,7 @@ fn csv(map: &[SopEntry]) -> String {
             .into_iter()
             .chain([e.simple_ir_discharge_w, e.simple_ir_charge_w]);
         let numbers: Vec<String> = numbers.map(|number| number.to_string()).collect();
-        let limits = (words(e.limited_by.discharge), words(e.limited_by.charge));
+        let limits = (label(e.limited_by.discharge), label(e.limited_by.charge));
         text += &format!("{soc},{},{},{}\n", numbers.join(","), limits.0, limits.1);
     }
     text

@@ -19,7 +19,7 @@ pub enum Verdict {
 
 impl Verdict {
     /// The word for people.
-    pub fn word(self) -> &'static str {
+    pub fn label(self) -> &'static str {
         match self {
             Self::Ok => "ok",
             Self::Warn => "warn",
@@ -92,7 +92,7 @@ impl Findings {
         tracing::info!(
             "{}: {}: expected {}, met {}",
             check.id,
-            verdict.word(),
+            verdict.label(),
             check.expected,
             check.met
         );

@@ -191,7 +191,7 @@ impl Mistake {
     }
 
     /// Mistake, and its remedy.
-    pub(super) fn words(&self) -> (String, String) {
+    pub(super) fn describe(&self) -> (String, String) {
         match *self {
             Self::None => ("every probe where it belongs".to_owned(), String::new()),
             Self::Order([1, 0, 2, 3]) => (
@@ -447,14 +447,14 @@ mod tests {
             Mistake::Factor(4, 0.1),
             Mistake::Dead(2),
         ] {
-            let (what, advice) = mistake.words();
+            let (what, advice) = mistake.describe();
             assert!(
                 !what.is_empty() && !advice.is_empty() && mistake.id().starts_with("probes."),
                 "{mistake:?}"
             );
         }
         assert_eq!(
-            Mistake::Order([0, 3, 2, 1]).words().0,
+            Mistake::Order([0, 3, 2, 1]).describe().0,
             "C2 is where C4 belongs, C4 is where C2 belongs"
         );
     }

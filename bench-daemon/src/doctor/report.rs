@@ -140,7 +140,7 @@ impl Report {
             let _ = writeln!(
                 text,
                 "| {id} | {} | {} | {} | {} |",
-                verdict.word(),
+                verdict.label(),
                 cell(expected),
                 cell(met),
                 cell(advice)
@@ -178,7 +178,7 @@ impl Report {
         let row = |check: &Check| {
             vec![
                 check.id.clone(),
-                check.verdict.word().to_owned(),
+                check.verdict.label().to_owned(),
                 check.expected.clone(),
                 check.met.clone(),
                 check.advice.clone(),

@@ -203,7 +203,7 @@ fn probes(
                 advice,
             );
         } else if !mine.is_empty() {
-            let what: Vec<String> = mine.iter().map(|mistake| mistake.words().0).collect();
+            let what: Vec<String> = mine.iter().map(|mistake| mistake.describe().0).collect();
             let met = format!("{}: {}", milli(met), what.join(", or "));
             findings.add(
                 id,
@@ -243,7 +243,7 @@ fn probes(
     let id = "probes.swapped";
     match mistakes.iter().find(|mistake| mistake.id() == id) {
         Some(mistake) => {
-            let (what, advice) = mistake.words();
+            let (what, advice) = mistake.describe();
             let expected = format!(
                 "{} at C1, C2 and {} at C3, C4",
                 milli(circuit.shunt.ohm),
@@ -305,7 +305,7 @@ fn expected(known: KnownResistance, sigma_ohm: f64) -> String {
 
 /// Remedy, in words. Where a value of the bench file may be wrong, it says how to decide.
 fn advice(circuit: &Loop, mine: &[&Mistake], command: [bool; 2]) -> String {
-    let each: Vec<String> = mine.iter().map(|mistake| mistake.words().1).collect();
+    let each: Vec<String> = mine.iter().map(|mistake| mistake.describe().1).collect();
     let either = if each.len() > 1 {
         format!("either is possible: {}", each.join("; or "))
     } else {

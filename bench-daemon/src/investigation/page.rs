@@ -90,7 +90,7 @@ fn row(step: &Step) -> String {
             names.join(", ")
         }
     };
-    let verdict = step.verdict.words();
+    let verdict = step.verdict.label();
     let bought = step
         .bought
         .as_ref()

@@ -47,7 +47,7 @@ impl Distinguishability {
             subtitle: "r: part of the row's effect that the column's cannot imitate",
             scale: HeatScale {
                 ends: (0.0, 1.0),
-                words: ("identical".into(), "distinct".into()),
+                end_labels: ("identical".into(), "distinct".into()),
                 decimals: 2,
             },
         };
@@ -57,7 +57,7 @@ impl Distinguishability {
             subtitle: "√λ that is left to tell the row's effect from the column's",
             scale: HeatScale {
                 ends: (0.0, 10.0),
-                words: ("σ, not told apart".into(), "σ or more, told apart".into()),
+                end_labels: ("σ, not told apart".into(), "σ or more, told apart".into()),
                 decimals: 1,
             },
         };

@@ -44,7 +44,7 @@ impl Event {
     ];
 
     /// Its word in the file.
-    pub fn word(self) -> &'static str {
+    pub fn label(self) -> &'static str {
         match self {
             Self::Stage => "stage",
             Self::Step => "step",
@@ -59,12 +59,16 @@ impl Event {
     }
 
     fn of_word(word: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.word() == word)
+        Self::ALL.into_iter().find(|kind| kind.label() == word)
     }
 
     /// The row of an event of this kind, without the end of its line.
     pub fn row(self, time_s: f64, text: &str) -> String {
-        format!("{time_s:.3},{},\"{}\"", self.word(), text.replace('"', "'"))
+        format!(
+            "{time_s:.3},{},\"{}\"",
+            self.label(),
+            text.replace('"', "'")
+        )
     }
 }
 

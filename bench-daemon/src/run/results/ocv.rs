@@ -148,8 +148,8 @@ fn options(
 }
 
 fn tables(found: &OcvExtraction, interruptions: &[Interruption]) -> [Table; 2] {
-    let words = |words: &[&str]| {
-        words
+    let strings = |strings: &[&str]| {
+        strings
             .iter()
             .map(|word| (*word).to_owned())
             .collect::<Vec<_>>()
@@ -178,14 +178,14 @@ fn tables(found: &OcvExtraction, interruptions: &[Interruption]) -> [Table; 2] {
     [
         Table {
             caption: format!("Open-circuit voltage; all of it is in {OCV}"),
-            header: words(&["SOC", "OCV / V", "slope / V"]),
+            header: strings(&["SOC", "OCV / V", "slope / V"]),
             rows: (0..=10).map(at).collect(),
         },
         Table {
             caption: "Interruptions of the discharge and the resistance that they show (± one \
             standard deviation of the samples)"
                 .to_owned(),
-            header: words(&["drawn / Ah", "current / A", "resistance / mΩ", "pause / s"]),
+            header: strings(&["drawn / Ah", "current / A", "resistance / mΩ", "pause / s"]),
             rows: interruptions.iter().map(pause).collect(),
         },
     ]

@@ -82,8 +82,8 @@ fn between(sweep: &[ImpedancePoint], freq_hz: f64) -> Complex64 {
 
 /// The records as a table of the report; `of` names their sweep where there are several.
 pub(super) fn table(records: &[Record], of: &str) -> Table {
-    let words = |words: &[&str]| {
-        words
+    let strings = |strings: &[&str]| {
+        strings
             .iter()
             .map(|word| (*word).to_owned())
             .collect::<Vec<_>>()
@@ -126,7 +126,7 @@ pub(super) fn table(records: &[Record], of: &str) -> Table {
             "What the cell's records show besides the sine{of} (without what the current's \
             harmonics explain), and what it may do to Z"
         ),
-        header: words(&[
+        header: strings(&[
             "f / Hz",
             "2nd harmonic / % of U",
             "3rd harmonic / % of U",

@@ -480,8 +480,8 @@ fn scatter_ohm(pool: &[&Spectrum]) -> f64 {
     (squares / f64::from(count.max(1))).sqrt()
 }
 
-fn words(words: &[&str]) -> Vec<String> {
-    words.iter().map(|word| (*word).to_owned()).collect()
+fn strings(strings: &[&str]) -> Vec<String> {
+    strings.iter().map(|word| (*word).to_owned()).collect()
 }
 
 fn model_tables(experiment: &Experiment, fits: &[ErmFit]) -> [Table; 3] {
@@ -500,7 +500,7 @@ fn model_tables(experiment: &Experiment, fits: &[ErmFit]) -> [Table; 3] {
             "The same models for a pack of {series}S{parallel}P identical cells, without \
             interconnect"
         ),
-        header: words(&["RC", "R / mΩ", "DC resistance / mΩ"]),
+        header: strings(&["RC", "R / mΩ", "DC resistance / mΩ"]),
         rows: fits.iter().map(row).collect(),
     };
     [models_table(fits), branches_table(fits), pack]
@@ -536,7 +536,7 @@ fn spectrum_table(measured: &Measured, of: &str) -> Table {
     };
     Table {
         caption: format!("Corrected spectrum{of} (value ± one standard deviation)"),
-        header: words(&[
+        header: strings(&[
             "f / Hz",
             "Re Z / mΩ",
             "Im Z / mΩ",
@@ -572,7 +572,7 @@ fn harness_table(measured: &Measured) -> Table {
     };
     Table {
         caption: "The bench as its controls show it".to_owned(),
-        header: words(&["parameter", "value", "standard deviation", "unit"]),
+        header: strings(&["parameter", "value", "standard deviation", "unit"]),
         rows: parameters.iter().map(row).collect(),
     }
 }
