@@ -142,7 +142,7 @@ mod tests {
     #[test]
     fn the_number_that_differs_is_named() {
         let (a, b) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
-        let said = |name: &str, was: &str, is: &str| {
+        let message = |name: &str, was: &str, is: &str| {
             fs::write(a.path().join(name), was).unwrap();
             fs::write(b.path().join(name), is).unwrap();
             compare(a.path(), b.path(), name)
@@ -151,9 +151,9 @@ mod tests {
                 .map(|one| one.what)
                 .collect::<Vec<_>>()
         };
-        assert_eq!(said("x.csv", "f,z\n1,2\n", "f,z\n1,2\n"), [""; 0]);
+        assert_eq!(message("x.csv", "f,z\n1,2\n", "f,z\n1,2\n"), [""; 0]);
         assert_eq!(
-            said("x.csv", "f,z\n1,2\n3,4\n", "f,z\n1,2.5\n"),
+            message("x.csv", "f,z\n1,2\n3,4\n", "f,z\n1,2.5\n"),
             [
                 "line 2, z: stored 2, recomputed 2.5 (+2.50e-1 of it)",
                 "3 lines stored, 2 recomputed"
@@ -161,14 +161,14 @@ mod tests {
         );
         let (was, is) = (r#"{"a":{"b":[1,2]},"c":"x"}"#, r#"{"a":{"b":[1,4]}}"#);
         assert_eq!(
-            said("x.json", was, is),
+            message("x.json", was, is),
             [
                 "a.b[1]: stored 2, recomputed 4 (+1.00e0 of it)",
                 "c: stored \"x\", recomputed null"
             ]
         );
         assert_eq!(
-            said("x.png", "ab", "ac"),
+            message("x.png", "ab", "ac"),
             ["byte 1: 2 bytes stored, 2 recomputed"]
         );
     }

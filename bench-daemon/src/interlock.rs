@@ -90,10 +90,10 @@ pub enum Trip {
         cause: String,
     },
     /// The chiller does not do what it was started for.
-    #[error("chiller: expected it to run without an alarm, found `{said}` at {time_s:.1} s")]
+    #[error("chiller: expected it to run without an alarm, found `{message}` at {time_s:.1} s")]
     Chiller {
         /// Its status.
-        said: String,
+        message: String,
         /// Bench time, s.
         time_s: f64,
     },

@@ -170,15 +170,16 @@ mod tests {
         fs::write(folder.path().join("b/c"), "b/d").unwrap();
         fs::rename(folder.path().join("d"), folder.path().join("e")).unwrap();
         let (_, found) = check(folder.path()).unwrap();
-        let said: Vec<String> = found
+        let messages: Vec<String> = found
             .iter()
             .map(|one| format!("{}: {}", one.file, one.what))
             .collect();
         assert!(
-            said[0].starts_with("b/c: expected the SHA-256 ") && said[0].contains(", found "),
-            "{said:?}"
+            messages[0].starts_with("b/c: expected the SHA-256 ")
+                && messages[0].contains(", found "),
+            "{messages:?}"
         );
-        assert_eq!(said[1..], ["e: not in SHA256SUMS", "d: missing"]);
+        assert_eq!(messages[1..], ["e: not in SHA256SUMS", "d: missing"]);
     }
 
     #[test]

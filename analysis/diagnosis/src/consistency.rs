@@ -83,7 +83,7 @@ pub(super) fn inconsistencies(
             if dof > 0 {
                 let p_value = chi2_tail(beyond, dof as f64);
                 found.push(Inconsistency {
-                    said: format!("{} is not the same over {over}", quantity.name),
+                    message: format!("{} is not the same over {over}", quantity.name),
                     chi2: q,
                     dof,
                     p_value,
@@ -98,10 +98,10 @@ pub(super) fn inconsistencies(
         p_value,
     }) = wave(problem, fit, |chi2| beyond_formula(chi2, gained))
     {
-        let said =
+        let message =
             format!("what is left is not the same over the phase of a wave of {period_s:.3} s");
         found.push(Inconsistency {
-            said,
+            message,
             chi2,
             dof,
             p_value,

@@ -5,7 +5,7 @@
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Inconsistency {
     /// In words: what differs between which circumstances.
-    pub(super) said: String,
+    pub(super) message: String,
     /// χ² that would go if it could, and as how many quantities.
     pub(super) chi2: f64,
     pub(super) dof: usize,

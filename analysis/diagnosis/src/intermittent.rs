@@ -43,12 +43,12 @@ pub(super) fn intermittent_contact(
         .map(|(_, (chi2, dof))| chi2_tail(dof + beyond_formula(chi2 - dof, gained), *dof));
     let corrected = holm(&p_values.collect::<Vec<f64>>());
     let found = |((tau_s, (chi2, dof)), p_value): (&(f64, (f64, f64)), f64)| {
-        let said = format!(
+        let message = format!(
             "what is left under current comes and goes within about {tau_s} s, as with a loose \
             contact"
         );
         Inconsistency {
-            said,
+            message,
             chi2: *chi2,
             dof: dof.round() as usize,
             p_value,

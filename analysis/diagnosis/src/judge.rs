@@ -47,13 +47,13 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
     }
     if let Some(differs) = differs {
         let Inconsistency {
-            said,
+            message,
             chi2,
             dof,
             p_value,
         } = differs;
         d.notes
-            .push(format!("{said}: χ² {chi2:.0} of {dof}, p {p_value:.1e}"));
+            .push(format!("{message}: χ² {chi2:.0} of {dof}, p {p_value:.1e}"));
     }
     if let Some(reason) = moved {
         d.verdict = Verdict::Unexplained;

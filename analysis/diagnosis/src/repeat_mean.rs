@@ -68,7 +68,7 @@ pub(super) fn repeat_mean_residual(
     });
     let corrected = holm(&p_values.collect::<Vec<f64>>());
     let found = |((group, chi2, dof), p_value): (&(String, f64, usize), f64)| Inconsistency {
-        said: format!("all repeats of {group} have more in common than the model"),
+        message: format!("all repeats of {group} have more in common than the model"),
         chi2: *chi2,
         dof: *dof,
         p_value,

@@ -300,9 +300,9 @@ fn what_the_record_cannot_tell_apart_is_left_out_and_said() {
         fitted,
         [(ToneKind::Harmonic(2), 200.0), (ToneKind::Other, 150.0)]
     );
-    let said: Vec<String> = found.notes.iter().map(Note::to_string).collect();
+    let messages: Vec<String> = found.notes.iter().map(Note::to_string).collect();
     assert_eq!(
-        said,
+        messages,
         [
             "harmonic 5 (500.000000 Hz) is not fitted: half the sampling rate is 500.000000 Hz",
             "harmonic 2 (200.000000 Hz) is not fitted: the record cannot tell it from 200.000000 \
@@ -340,15 +340,18 @@ fn gaps_that_hide_the_extras_drop_them_and_not_the_fit() {
         "{:?}",
         found.channels[0]
     );
-    let said: Vec<String> = found.notes.iter().map(Note::to_string).collect();
-    assert!(found.tones.is_empty() && said.len() == 8, "{said:?}");
+    let messages: Vec<String> = found.notes.iter().map(Note::to_string).collect();
+    assert!(
+        found.tones.is_empty() && messages.len() == 8,
+        "{messages:?}"
+    );
     assert_eq!(
-        said[0],
+        messages[0],
         "the drift is fitted as a straight line: the usable samples of channel 1 do not determine \
         a parabola"
     );
     assert_eq!(
-        said[1],
+        messages[1],
         "harmonic 2 (6.000000 Hz) is not fitted: the usable samples of channel 1 do not determine \
         it"
     );

@@ -403,7 +403,7 @@ fn wait(done: impl FnMut() -> bool) {
 
 /// How a process ends, killed when it does not within the patience, and what it has said.
 fn ended(child: &mut Child) -> (Option<i32>, String) {
-    let said = [
+    let messages = [
         child.stdout.take().map(listen),
         child.stderr.take().map(listen),
     ];
@@ -418,11 +418,12 @@ fn ended(child: &mut Child) -> (Option<i32>, String) {
     }
     // A guardian that goes on may hold the pipes: what was said until now is enough.
     wait_at_most(LINGER, || {
-        said.iter()
+        messages
+            .iter()
             .flatten()
             .all(|(reader, _)| reader.is_finished())
     });
-    let text = said
+    let text = messages
         .iter()
         .flatten()
         .map(|(_, text)| lock(text).clone())
@@ -527,10 +528,14 @@ fn shares(run: &Path, served: &Served) -> Vec<(f64, Complex64)> {
 }
 
 /// How many points are off by more than a hundredth without a word in what the program has said.
-fn wrong_points(shares: &[(f64, Complex64)], usual: Option<&Vec<Complex64>>, said: &str) -> usize {
+fn wrong_points(
+    shares: &[(f64, Complex64)],
+    usual: Option<&Vec<Complex64>>,
+    messages: &str,
+) -> usize {
     let Some(usual) = usual else { return 0 };
     let off = |((freq_hz, share), usual): &(&(f64, Complex64), &Complex64)| {
-        (*share / *usual - 1.0).norm() > OFF && !said.contains(&format!("{freq_hz:.4} Hz"))
+        (*share / *usual - 1.0).norm() > OFF && !messages.contains(&format!("{freq_hz:.4} Hz"))
     };
     shares.iter().zip(usual).filter(off).count()
 }

@@ -123,13 +123,13 @@ impl Output {
                 )
             }
             (_, None) => {
-                let said = match (self.out_of_step, self.off) {
+                let text = match (self.out_of_step, self.off) {
                     (true, _) => "its answers do not belong to the questions",
                     (false, true) => "it says that it is off, and its meter does not answer",
                     (false, false) => "it does not answer",
                 };
                 format!(
-                    "whether a current flows through {name} is not known: {said}{bound}: {unplug}"
+                    "whether a current flows through {name} is not known: {text}{bound}: {unplug}"
                 )
             }
         }

@@ -350,7 +350,7 @@ impl Visit<'_> {
                 instruments: self.config.instruments.only(role),
                 ..self.config.clone()
             };
-            let said = match Bench::open(&one, connections).await.map(AnyInstrument::of) {
+            let answer = match Bench::open(&one, connections).await.map(AnyInstrument::of) {
                 Ok(mut any) => match any.first_mut() {
                     Some((_, any)) => any.describe().await.map_err(|error| error.to_string()),
                     None => Err("no dialect".to_owned()),
@@ -360,12 +360,12 @@ impl Visit<'_> {
             if !doctor::reached(
                 findings,
                 role,
-                said.as_ref().map_err(Clone::clone),
+                answer.as_ref().map_err(Clone::clone),
                 &instrument.model,
             ) {
                 findings.stop();
             }
-            let identity = said.map_or_else(|_| String::new(), |said| said.identity.raw);
+            let identity = answer.map_or_else(|_| String::new(), |answer| answer.identity.raw);
             let (model, address) = (instrument.model.clone(), instrument.address.to_string());
             found.push(Instrument {
                 role: role.to_owned(),

@@ -44,7 +44,7 @@ struct IdentifiedInstrument {
     model: Option<String>,
     address: String,
     #[serde(flatten)]
-    said: Option<InstrumentReport>,
+    report: Option<InstrumentReport>,
     /// Reason why it did not answer.
     failure: Option<String>,
     /// Wall time from connecting to the last answer, s.
@@ -55,7 +55,7 @@ struct IdentifiedInstrument {
 
 impl IdentifiedInstrument {
     fn good(&self) -> bool {
-        self.said.as_ref().is_some_and(|said| said.recognised)
+        self.report.as_ref().is_some_and(|report| report.recognised)
     }
 }
 
@@ -154,8 +154,8 @@ async fn ask(
         .into_iter()
         .next();
     let (role, mut any) = first.ok_or(BenchError::Missing { role: "instrument" })?;
-    let said = any.describe().await;
-    said.map_err(|source| BenchError::Link {
+    let report = any.describe().await;
+    report.map_err(|source| BenchError::Link {
         role,
         model: instrument.model.clone(),
         source: Box::new(source),
@@ -168,19 +168,19 @@ fn found(
     outcome: Result<InstrumentReport, BenchError>,
     took_s: f64,
 ) -> IdentifiedInstrument {
-    let (said, failure) = match outcome {
-        Ok(said) => (Some(said), None),
+    let (report, failure) = match outcome {
+        Ok(report) => (Some(report), None),
         Err(error) => (None, Some(error.to_string())),
     };
-    let unknown = said.as_ref().filter(|said| !said.recognised);
-    let could_be_forced = unknown.map_or_else(Vec::new, |said| {
-        forcing(role, &said.identity, &instrument.address)
+    let unknown = report.as_ref().filter(|report| !report.recognised);
+    let could_be_forced = unknown.map_or_else(Vec::new, |report| {
+        forcing(role, &report.identity, &instrument.address)
     });
     IdentifiedInstrument {
         role,
         model: Some(instrument.model.clone()),
         address: instrument.address.to_string(),
-        said,
+        report,
         failure,
         took_s,
         could_be_forced,
@@ -229,21 +229,21 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<IdentifiedInstrument>, F
             .collect();
         for known in &known {
             let start_s = clock.machine_s();
-            let said = match Link::open(options(address, known, &clock)).await {
+            let report = match Link::open(options(address, known, &clock)).await {
                 Ok(link) => known.on(link).describe().await,
                 Err(error) => Err(error),
             };
             let took_s = clock.machine_s() - start_s;
-            let (said, failure) = said.map_or_else(
+            let (report, failure) = report.map_or_else(
                 |error| (None, Some(error.to_string())),
-                |said| (Some(said), None),
+                |report| (Some(report), None),
             );
             let (role, model) = (Some(known.role), Some(known.key.to_owned()));
             all.push(IdentifiedInstrument {
                 role,
                 model,
                 address: address.to_string(),
-                said,
+                report,
                 failure,
                 took_s,
                 could_be_forced: Vec::new(),
@@ -253,15 +253,15 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<IdentifiedInstrument>, F
             let could_be_forced = answered
                 .as_ref()
                 .map_or_else(Vec::new, |identity| forcing(None, identity, address));
-            let said = answered.map(InstrumentReport::unknown);
+            let report = answered.map(InstrumentReport::unknown);
             let failure = failure
-                .filter(|_| said.is_none())
+                .filter(|_| report.is_none())
                 .map(|error| error.to_string());
             all.push(IdentifiedInstrument {
                 role: None,
                 model: None,
                 address: address.to_string(),
-                said,
+                report,
                 failure,
                 took_s: clock.machine_s(),
                 could_be_forced,
@@ -351,40 +351,40 @@ fn print(found: &IdentifiedInstrument) {
         role,
         model,
         address,
-        said,
+        report,
         failure,
         took_s,
         could_be_forced,
     } = found;
     let (role, model) = (role.unwrap_or("-"), model.as_deref().unwrap_or("unknown"));
-    let Some(said) = said else {
+    let Some(report) = report else {
         say!(
             "{role:<10} {model:<20} {address:<32} {} ({took_s:.2} s)",
             failure.as_deref().unwrap_or("no answer")
         );
         return;
     };
-    let verdict = if said.recognised {
+    let verdict = if report.recognised {
         "ok"
     } else {
         "NOT THE CONFIGURED MODEL"
     };
-    let verdict = if said.recognised || model != "unknown" {
+    let verdict = if report.recognised || model != "unknown" {
         verdict
     } else {
         "NO KNOWN MODEL"
     };
     say!(
         "{role:<10} {model:<20} {address:<32} {}  [{verdict}]",
-        said.identity.raw
+        report.identity.raw
     );
     for line in could_be_forced {
         say!("    could be tried as  {line}");
     }
-    if !said.recognised {
+    if !report.recognised {
         return;
     }
-    let identity = &said.identity;
+    let identity = &report.identity;
     let or_none = |text: &str| {
         if text.is_empty() {
             "not told".to_owned()
@@ -397,25 +397,25 @@ fn print(found: &IdentifiedInstrument) {
         or_none(&identity.serial),
         or_none(&identity.firmware)
     );
-    if let serde_json::Value::Object(fields) = &said.capabilities {
+    if let serde_json::Value::Object(fields) = &report.capabilities {
         let words: Vec<String> = fields
             .iter()
             .map(|(name, value)| format!("{} {value}", name.replace('_', " ")))
             .collect();
         say!("    can       {}", words.join("; "));
     }
-    if !said.programmed.is_empty() {
-        let words: Vec<String> = said
+    if !report.programmed.is_empty() {
+        let words: Vec<String> = report
             .programmed
             .iter()
             .map(|answer| format!("{} {}", answer.question, answer.answer.trim()))
             .collect();
         say!("    programmed {}", words.join("; "));
     }
-    let health = if said.health.is_empty() {
+    let health = if report.health.is_empty() {
         "nothing to complain of".to_owned()
     } else {
-        said.health.join("; ")
+        report.health.join("; ")
     };
     say!("    health    {health}");
 }

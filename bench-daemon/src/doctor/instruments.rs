@@ -19,12 +19,12 @@ const APART_K: f64 = 10.0;
 pub fn reached(
     findings: &mut Findings,
     role: &str,
-    said: Result<&InstrumentReport, String>,
+    report: Result<&InstrumentReport, String>,
     model: &str,
 ) -> bool {
     let id = format!("reach.{role}");
     let expected = format!("a {model}");
-    match said {
+    match report {
         Err(error) => {
             let advice = "see that it is switched on, that its address is right, and that nobody \
             else is connected to it";
@@ -38,25 +38,25 @@ pub fn reached(
                 advice,
             )
         }
-        Ok(said) if !said.recognised => {
+        Ok(report) if !report.recognised => {
             let advice = "check model and address in the bench file; `eis-bench identify` tells \
             which dialects could be forced";
             findings.judge(
                 &id,
                 Texts {
                     expected,
-                    met: said.identity.raw.clone(),
+                    met: report.identity.raw.clone(),
                 },
                 false,
                 advice,
             )
         }
-        Ok(said) => {
-            let healthy = said.health.is_empty();
+        Ok(report) => {
+            let healthy = report.health.is_empty();
             let met = if healthy {
-                said.identity.raw.clone()
+                report.identity.raw.clone()
             } else {
-                format!("{}; {}", said.identity.raw, said.health.join("; "))
+                format!("{}; {}", report.identity.raw, report.health.join("; "))
             };
             let verdict = if healthy { Verdict::Ok } else { Verdict::Warn };
             let advice = if healthy {

@@ -82,17 +82,17 @@ async fn drill(
         .ok_or("the bench is simulated in this process")?;
     let mut child = start(config, folder, fixture)
         .map_err(|error| format!("the other process cannot be started: {error}"))?;
-    let said = child
+    let message = child
         .stdout
         .take()
         .and_then(|out| BufReader::new(out).lines().next())
         .and_then(Result::ok);
-    let outcome = if said.as_deref() == Some(ON) {
+    let outcome = if message.as_deref() == Some(ON) {
         switched_off(&state, clock, config.guardian.lease_s).await
     } else {
         Err(format!(
             "the other process did not come as far as to hang: {}",
-            said.unwrap_or_default()
+            message.unwrap_or_default()
         ))
     };
     // It is dead by now, or of no use any more; without it its guardian switches off.

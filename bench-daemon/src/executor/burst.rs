@@ -107,7 +107,7 @@ impl Rig<'_> {
         match generator.burst(periods).await {
             Ok(()) => {}
             Err(
-                said @ (LinkError::ReadBack { .. }
+                message @ (LinkError::ReadBack { .. }
                 | LinkError::ErrorQueue { .. }
                 | LinkError::Refused { .. }
                 | LinkError::Unexpected { .. }),
@@ -115,7 +115,7 @@ impl Rig<'_> {
                 generator.burst(None).await.map_err(&error)?;
                 self.driving.burst.refused = true;
                 let text = format!(
-                    "generator: takes no bursts ({said}): its signal ends by the daemon and the \
+                    "generator: takes no bursts ({message}): its signal ends by the daemon and the \
                     guardian alone"
                 );
                 self.recorder.warning(&text);

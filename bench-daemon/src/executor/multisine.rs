@@ -194,7 +194,7 @@ impl Rig<'_> {
             .last()
             .map_or(0.0, |harmonic| *harmonic as f64 * band.base_hz);
         let turn_rad = std::f64::consts::TAU * fastest_hz * band.span_s * offset.abs();
-        let said = format!(
+        let message = format!(
             "the generator's clock runs {:+.1} ± {:.1} ppm against the scope's: the fastest line \
             turns by {turn_rad:.3} rad over the record",
             1.0e6 * offset,
@@ -204,12 +204,12 @@ impl Rig<'_> {
             return Err(failed(
                 band,
                 format!(
-                    "{said}, expected at most {GREATEST_TURN_RAD} rad: connect their 10 MHz \
+                    "{message}, expected at most {GREATEST_TURN_RAD} rad: connect their 10 MHz \
                     references, or shorten the record"
                 ),
             ));
         }
-        Ok((turn_rad > NOTED_TURN_RAD).then_some(said))
+        Ok((turn_rad > NOTED_TURN_RAD).then_some(message))
     }
 
     fn check_line(&self, phasors: &ChannelPhasors, amplitude_a: f64) -> Result<(), ExecuteError> {

@@ -236,7 +236,7 @@ mod tests {
             code_max: 2047,
             code_step: 1,
         };
-        let said = |codes: &[i16]| {
+        let message = |codes: &[i16]| {
             let channels = [Channel::codes(codes, scale)];
             let options = FitOptions {
                 harmonics: HARMONICS.to_vec(),
@@ -252,12 +252,12 @@ mod tests {
             );
             remarks(&fit.unwrap_or_else(|error| panic!("{error}")))
         };
-        assert_eq!(said(&codes(1000.0, 0.0, 3.0)), [""; 0]);
+        assert_eq!(message(&codes(1000.0, 0.0, 3.0)), [""; 0]);
         assert_eq!(
-            said(&codes(1000.0, 0.03, 3.0)),
+            message(&codes(1000.0, 0.03, 3.0)),
             ["channel 1: 3.0 % of distortion by harmonics [2, 3]"]
         );
-        let coarse = said(&codes(1.6, 0.0, 0.0));
+        let coarse = message(&codes(1.6, 0.0, 0.0));
         assert!(
             coarse[0].starts_with("channel 1: ") && coarse[0].contains("LSB of noise are too few"),
             "{coarse:?}"

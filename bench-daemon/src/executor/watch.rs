@@ -579,7 +579,7 @@ impl Rig<'_> {
             Action::Fault(fault) => {
                 chiller.pulse(0.0).await.map_err(error)?;
                 Err(Trip::Chiller {
-                    said: fault.to_string(),
+                    message: fault.to_string(),
                     time_s: now_s,
                 }
                 .into())

@@ -372,7 +372,7 @@ impl Interlock {
     /// Judges what the chiller says that was started.
     pub fn chiller(&self, status: &chiller::Status, time_s: f64) -> Option<Trip> {
         (!status.running || status.alarm.is_some()).then(|| Trip::Chiller {
-            said: status.raw.clone(),
+            message: status.raw.clone(),
             time_s,
         })
     }

@@ -91,12 +91,12 @@ mod tests {
         ] {
             recorder.point_warning(sweep, freq_hz, text);
         }
-        let said = [
+        let messages = [
             "shunt, 1.0000 Hz; cell, 1.0000 Hz: odd",
             "shunt, 1.0000 Hz: other",
             "of the run",
             "never looked at; `eis-bench doctor benches/a.toml` looks at it",
         ];
-        assert_eq!(recorder.warnings(), said);
+        assert_eq!(recorder.warnings(), messages);
     }
 }

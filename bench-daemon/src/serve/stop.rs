@@ -203,7 +203,7 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
             );
         }
     };
-    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let wording = String::from_utf8_lossy(&output.stdout).into_owned();
     if bench.in_process() {
         report.simulated = output.status.success() && in_work(server, bench).is_none();
         let ended = "nothing of this bench is outside the run's process, and none runs: no output \
@@ -220,7 +220,7 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
         );
     }
     // The last report counts: where the run ended late there are two.
-    let told = said
+    let told = wording
         .lines()
         .rev()
         .find_map(|line| serde_json::from_str::<SafeReport>(line).ok());

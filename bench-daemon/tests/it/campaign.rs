@@ -280,15 +280,15 @@ fn a_campaign_is_paused_reordered_aborted_and_gone_on_with_from_another_terminal
     rows("B_2.csv");
     say(&["abort"]);
     assert_eq!(child.0.wait().unwrap().code(), Some(130));
-    let mut said = String::new();
-    std::io::Read::read_to_string(child.0.stderr.as_mut().unwrap(), &mut said).unwrap();
+    let mut wording = String::new();
+    std::io::Read::read_to_string(child.0.stderr.as_mut().unwrap(), &mut wording).unwrap();
     for text in [
         "run 1, cell A: EIS sweep of the cell …",
         "paused on request: every output is off; ",
         "run 4, cell B: EIS sweep of the cell …",
         "ended on request; ",
     ] {
-        assert!(said.contains(text), "{text}: {said}");
+        assert!(wording.contains(text), "{text}: {wording}");
     }
     ports.assert_outputs_off();
     assert!(!run.join("spectra/A_2.csv").exists() && !run.join("spectra/B_1.csv").exists());

@@ -624,21 +624,21 @@ fn limits_beyond_the_cells_own_are_refused_and_useless_ones_are_loudly_said() {
             "interlock.reading_age_max = 600 s is above 60 s, ",
         ),
     ] {
-        let said = plan(&bare().edit(CELL, from, to));
-        said.expect_code(0);
+        let outcome = plan(&bare().edit(CELL, from, to));
+        outcome.expect_code(0);
         let expected = format!("note: A LIMIT OF THE CELL IS TOO WIDE: {expected}");
         assert!(
-            said.stderr.contains(&expected) && said.stderr.lines().count() == 1,
+            outcome.stderr.contains(&expected) && outcome.stderr.lines().count() == 1,
             "{expected}: {}",
-            said.stderr
+            outcome.stderr
         );
     }
     let files = bare().edit(CELL, "\"5 K/min\"", "\"600 K/min\"");
     let ran = files.run("run");
     ran.expect_code(0);
-    let said = "A LIMIT OF THE CELL IS TOO WIDE: interlock.temperature_rate_max = 600 K/min";
+    let outcome = "A LIMIT OF THE CELL IS TOO WIDE: interlock.temperature_rate_max = 600 K/min";
     assert!(
-        ran.stderr.contains(said) && ran.stdout.contains(said),
+        ran.stderr.contains(outcome) && ran.stdout.contains(outcome),
         "{} {}",
         ran.stderr,
         ran.stdout
@@ -646,6 +646,6 @@ fn limits_beyond_the_cells_own_are_refused_and_useless_ones_are_loudly_said() {
     assert!(
         std::fs::read_to_string(files.path("run/report.html"))
             .unwrap()
-            .contains(said)
+            .contains(outcome)
     );
 }

@@ -39,25 +39,28 @@ fn a_real_file_of_another_program_goes_through_every_format() {
         ("biologic", "gamry.mpt"),
         ("zview", "gamry.z"),
     ] {
-        let (code, said) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
-        assert_eq!(code, 0, "{said}");
+        let (code, message) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        assert_eq!(code, 0, "{message}");
         assert_eq!(numbers(&format!("{}/{file}", out(to))), expected, "{to}");
-        let (code, said) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        let (code, message) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
         assert!(
-            code == 2 && said.contains("expected no such file, found one"),
-            "{said}"
+            code == 2 && message.contains("expected no such file, found one"),
+            "{message}"
         );
     }
     // Whatever reads a spectrum takes them.
-    let (code, said) = eis_bench(&["fit", &source, "--rc", "1", "--json"]);
-    assert!(code == 0 && said.contains("\"rc\": 1"), "{code} {said}");
+    let (code, message) = eis_bench(&["fit", &source, "--rc", "1", "--json"]);
+    assert!(
+        code == 0 && message.contains("\"rc\": 1"),
+        "{code} {message}"
+    );
 }
 
 #[test]
 fn a_model_is_written_for_others_only_with_its_voltage() {
     let folder = tempfile::tempdir().unwrap();
     let out = |name: &str| folder.path().join(name).display().to_string();
-    let (code, said) = eis_bench(&[
+    let (code, message) = eis_bench(&[
         "fit",
         &fixture("spectra/vendors/autolab.txt"),
         "--rc",
@@ -65,7 +68,7 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
         "--out",
         &out("fit"),
     ]);
-    assert_eq!(code, 0, "{said}");
+    assert_eq!(code, 0, "{message}");
     let model = fs::read_dir(out("fit"))
         .unwrap()
         .flatten()
@@ -73,18 +76,19 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
         .find(|p| p.to_string_lossy().ends_with("model_1rc.json"))
         .unwrap();
     let model = model.display().to_string();
-    let (code, said) = eis_bench(&["convert", &model, "--to", "c", "--out", &out("c")]);
+    let (code, message) = eis_bench(&["convert", &model, "--to", "c", "--out", &out("c")]);
     assert!(
         code == 2
-            && said.contains("expected an open-circuit voltage over the state of charge, met none"),
-        "{said}"
+            && message
+                .contains("expected an open-circuit voltage over the state of charge, met none"),
+        "{message}"
     );
     for (to, ending) in [
         ("c", "model_1rc.h"),
         ("pybamm", "model_1rc_pybamm.py"),
         ("casadi", "model_1rc_casadi.py"),
     ] {
-        let (code, said) = eis_bench(&[
+        let (code, message) = eis_bench(&[
             "convert",
             &model,
             "--to",
@@ -102,7 +106,7 @@ fn a_model_is_written_for_others_only_with_its_voltage() {
                     .unwrap()
                     .contains("16200")
                     | (to == "pybamm"),
-            "{said}"
+            "{message}"
         );
     }
 }
@@ -146,10 +150,10 @@ fn exported_captures_give_the_impedance_that_is_in_them() {
     let toml = folder.path().join("capture.toml");
     fs::write(&toml, &description).unwrap();
     let out = folder.path().join("out").display().to_string();
-    let (code, said) = eis_bench(&["replay", &toml.display().to_string(), "--out", &out]);
+    let (code, message) = eis_bench(&["replay", &toml.display().to_string(), "--out", &out]);
     assert!(
-        code == 0 && said.contains("2 captures of a cell"),
-        "{code} {said}"
+        code == 0 && message.contains("2 captures of a cell"),
+        "{code} {message}"
     );
     let points = dataset::read_spectrum_csv(&PathBuf::from(out).join("spectrum.csv")).unwrap();
     for (point, freq_hz) in points.iter().zip([10.0, 100.0]) {
@@ -185,8 +189,8 @@ fn exported_captures_give_the_impedance_that_is_in_them() {
         ),
     ] {
         fs::write(&toml, description.replacen(from, to, 1)).unwrap();
-        let (code, said) = eis_bench(&["replay", &toml.display().to_string()]);
-        assert!(code == 2 && said.contains(expected), "{code} {said}");
+        let (code, message) = eis_bench(&["replay", &toml.display().to_string()]);
+        assert!(code == 2 && message.contains(expected), "{code} {message}");
     }
 }
 
@@ -212,15 +216,17 @@ fn several_sweeps_of_a_file_are_told_and_never_made_one() {
     more): \
                 three.mpt#loop1 (29 points), three.mpt#loop2 (29 points), three.mpt#loop3 (29 \
                 points)";
-    let (code, said) = eis_bench(&["fit", &file, "--rc", "1"]);
+    let (code, message) = eis_bench(&["fit", &file, "--rc", "1"]);
     assert!(
-        code == 0 && said.contains(told) && said.contains("three.mpt#loop3: 1 spectrum, 29 points"),
-        "{code} {said}"
+        code == 0
+            && message.contains(told)
+            && message.contains("three.mpt#loop3: 1 spectrum, 29 points"),
+        "{code} {message}"
     );
-    let (code, said) = eis_bench(&["kk", &file]);
-    assert!(code == 0 && said.contains(told), "{code} {said}");
+    let (code, message) = eis_bench(&["kk", &file]);
+    assert!(code == 0 && message.contains(told), "{code} {message}");
     let out = folder.path().join("out");
-    let (code, said) = eis_bench(&[
+    let (code, message) = eis_bench(&[
         "convert",
         &file,
         "--to",
@@ -229,8 +235,8 @@ fn several_sweeps_of_a_file_are_told_and_never_made_one() {
         &out.display().to_string(),
     ]);
     assert!(
-        code == 0 && said.contains(told) && out.join("three.mpt#loop2.csv").exists(),
-        "{code} {said}"
+        code == 0 && message.contains(told) && out.join("three.mpt#loop2.csv").exists(),
+        "{code} {message}"
     );
 }
 
@@ -257,20 +263,20 @@ fn two_curves_of_one_measurement_are_told_and_not_pooled() {
     }
     fs::write(&file, text).unwrap();
     let file = file.display().to_string();
-    let (code, said) = eis_bench(&["fit", &file, "--rc", "1"]);
+    let (code, message) = eis_bench(&["fit", &file, "--rc", "1"]);
     let told = "two curves of one measurement, with and without correction of its drift";
     assert!(
         code == 0
-            && said.contains(told)
-            && said.contains("drift.dta#uncorrected: 1 spectrum, 20 points"),
-        "{code} {said}"
+            && message.contains(told)
+            && message.contains("drift.dta#uncorrected: 1 spectrum, 20 points"),
+        "{code} {message}"
     );
-    let (code, said) = eis_bench(&["fit", &file, "--rc", "1", "--pool"]);
+    let (code, message) = eis_bench(&["fit", &file, "--rc", "1", "--pool"]);
     assert!(
         code == 2
-            && said.contains(
+            && message.contains(
                 "expected each measurement once, met curves of the same: drift.dta#drift-corrected"
             ),
-        "{code} {said}"
+        "{code} {message}"
     );
 }

@@ -111,15 +111,15 @@ fn points(run: &Path) -> Points {
 /// bench s.
 fn wave_s(generator: &[Record], from_s: f64) -> (f64, f64) {
     let sent_s = |text: &str, from_s: f64| {
-        let said = |record: &Record| match &record.payload {
-            Payload::Text(said) => said.contains(text),
+        let wording = |record: &Record| match &record.payload {
+            Payload::Text(wording) => wording.contains(text),
             Payload::Block(block) => block.prefix.contains(text),
         };
         let mut after = generator
             .iter()
             .filter(|record| record.direction == Direction::Sent && record.time_s > from_s);
         after
-            .find(|record| said(record))
+            .find(|record| wording(record))
             .unwrap_or_else(|| panic!("{text:?} was not sent after {from_s} s"))
             .time_s
     };

@@ -196,10 +196,10 @@ fn a_run_that_waits_to_go_on_by_itself_is_ended_by_safe_and_holds_its_bench_mean
         "{}",
         safe.stderr
     );
-    let (code, said) = end(child);
+    let (code, wording) = end(child);
     assert!(
-        code == Some(3) && said.contains("going on by itself in 5 s"),
-        "{code:?}: {said}"
+        code == Some(3) && wording.contains("going on by itself in 5 s"),
+        "{code:?}: {wording}"
     );
     assert!(!journal().contains("the run goes on"), "{}", journal());
     ports.assert_outputs_off();
@@ -387,11 +387,11 @@ fn a_bench_in_this_process_leaves_nothing_behind() {
                 .starts_with("demo is simulated in the process that runs it")
         );
     }
-    let said = on_bench(&files, &["safe", "--json"])
+    let wording = on_bench(&files, &["safe", "--json"])
         .expect_code(0)
         .stdout
         .clone();
-    let report: serde_json::Value = serde_json::from_str(said.trim()).unwrap();
+    let report: serde_json::Value = serde_json::from_str(wording.trim()).unwrap();
     assert!(
         report["verified"] == false && report["simulated"] == true,
         "nothing was read back: {report}"
@@ -470,17 +470,17 @@ fn lose(role: &str, lost: &str, reached: [&str; 3]) {
     let (code, text) = end(child);
     assert_eq!(code, Some(6), "{text}");
     // What cannot be verified is named, and what was reached is not.
-    let said = text
+    let wording = text
         .lines()
         .rev()
         .find_map(|line| line.strip_prefix("eis-bench: LOOK AT THE BENCH: "))
         .unwrap();
     assert!(
-        said.contains(lost) && !said.contains("safe state"),
-        "{said}"
+        wording.contains(lost) && !wording.contains("safe state"),
+        "{wording}"
     );
     for role in reached {
-        assert!(!said.contains(role), "{role}: {said}");
+        assert!(!wording.contains(role), "{role}: {wording}");
     }
     // Under the generator's least sine the supply drives milliamperes, and its own zero error.
     assert!(ports.world.lock().unwrap().truth_current_a().abs() < 0.1);

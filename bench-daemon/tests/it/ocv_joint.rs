@@ -215,8 +215,8 @@ fn what_cannot_be_used_is_said_and_ends_with_2() {
         ),
     ] {
         let output = eis_bench(&arguments);
-        let said = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert_eq!(output.status.code(), Some(2), "{said}");
-        assert!(said.contains(text), "{said}");
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{message}");
+        assert!(message.contains(text), "{message}");
     }
 }

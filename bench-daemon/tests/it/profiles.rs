@@ -405,10 +405,14 @@ fn rows_that_are_too_fast_are_averaged_and_what_is_lost_is_said_in_plan_and_repo
         "through = \"load_and_supply\"\nstep = \"1 s\"",
         &format!("power_w,duration_s\n{rows}"),
     );
-    let said = "100 powers averaged over steps of 1 s: the energy of each step is kept, 20.000 W \
+    let wording = "100 powers averaged over steps of 1 s: the energy of each step is kept, 20.000 W \
     rms (70.7 % of the rows' rms) and at most 20.000 W are left out";
     let plan = crate::support::program(&["plan".as_ref(), files.experiment().as_os_str()]);
-    assert!(plan.expect_code(0).stdout.contains(said), "{}", plan.stdout);
+    assert!(
+        plan.expect_code(0).stdout.contains(wording),
+        "{}",
+        plan.stdout
+    );
     let (finished, rows, _) = run(&files);
     let energy_j: f64 = rows
         .windows(2)
@@ -419,7 +423,7 @@ fn rows_that_are_too_fast_are_averaged_and_what_is_lost_is_said_in_plan_and_repo
         .sum();
     assert!((energy_j / -200.0 - 1.0).abs() < 0.03, "{energy_j} J");
     assert!(
-        finished.summary.contains(said)
+        finished.summary.contains(wording)
             && files
                 .text("run/report.html")
                 .contains("100 powers averaged over steps of 1 s"),

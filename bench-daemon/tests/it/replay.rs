@@ -108,20 +108,20 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
     )
     .unwrap();
     sums::write(&run).unwrap();
-    let (code, said) = eis_bench(&["verify"], &run);
-    assert_eq!(code, 10, "{said}");
+    let (code, message) = eis_bench(&["verify"], &run);
+    assert_eq!(code, 10, "{message}");
     assert!(
-        said.contains(&format!(
+        message.contains(&format!(
             "spectrum.csv: line 4, z_re_ohm: stored {:?}, recomputed {number}",
             points[2].z_ohm.re * 1.001
         )),
-        "{said}"
+        "{message}"
     );
-    let (code, said) = eis_bench(&["replay"], &run);
-    assert_eq!(code, 0, "{said}");
+    let (code, message) = eis_bench(&["replay"], &run);
+    assert_eq!(code, 0, "{message}");
     assert!(
-        said.contains("spectrum.csv: changed; 5 points stored, 5 now; |ΔZ|/σ at most "),
-        "{said}"
+        message.contains("spectrum.csv: changed; 5 points stored, 5 now; |ΔZ|/σ at most "),
+        "{message}"
     );
     fs::write(&path, &text).unwrap();
 
@@ -134,34 +134,36 @@ fn what_does_not_follow_from_the_captures_is_named_even_with_right_hashes() {
     capture.meta.channels[3].scale.volts_per_code *= 1.01;
     dataset::write_capture(&captures[0], &capture).unwrap();
     sums::write(&run).unwrap();
-    let (code, said) = eis_bench(&["verify"], &run);
+    let (code, message) = eis_bench(&["verify"], &run);
     assert!(
         code == 10
-            && said.contains("the journal's point at 100 Hz differs from what this capture gives"),
-        "{code} {said}"
+            && message
+                .contains("the journal's point at 100 Hz differs from what this capture gives"),
+        "{code} {message}"
     );
     assert!(
-        said.contains("spectrum.csv: line 2, z_re_ohm: stored ")
-            && said.contains("model_1rc.json: "),
-        "{said}"
+        message.contains("spectrum.csv: line 2, z_re_ohm: stored ")
+            && message.contains("model_1rc.json: "),
+        "{message}"
     );
-    let (_, said) = eis_bench(&["replay"], &run);
+    let (_, message) = eis_bench(&["replay"], &run);
     assert!(
-        said.contains("bit by bit: 14 of 15") && said.contains("spectra bit-identical: 0 of 1"),
-        "{said}"
+        message.contains("bit by bit: 14 of 15")
+            && message.contains("spectra bit-identical: 0 of 1"),
+        "{message}"
     );
 }
 
 #[test]
 fn a_folder_without_a_run_is_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let (code, said) = eis_bench(&["replay"], folder.path());
+    let (code, message) = eis_bench(&["replay"], folder.path());
     assert!(
         code == 2
-            && said.contains(
+            && message.contains(
                 "expected a run folder, or a folder of them, found no journal.jsonl in or below it"
             ),
-        "{said}"
+        "{message}"
     );
 }
 
@@ -184,21 +186,21 @@ fn a_run_that_was_stopped_is_no_damaged_one_and_its_finished_points_are_held_aga
             .status
             .success()
     );
-    let (code, said) = eis_bench(&["verify"], &run);
-    assert_eq!(code, 0, "{said}");
+    let (code, message) = eis_bench(&["verify"], &run);
+    assert_eq!(code, 0, "{message}");
     for text in [
         "the run was stopped (ended early: ",
         "no report, no SHA256SUMS",
         "12 points recomputed from captures: all as in the journal",
     ] {
-        assert!(said.contains(text), "{text}: {said}");
+        assert!(message.contains(text), "{text}: {message}");
     }
-    let (code, said) = eis_bench(&["replay"], &run);
-    assert_eq!(code, 0, "{said}");
+    let (code, message) = eis_bench(&["replay"], &run);
+    assert_eq!(code, 0, "{message}");
     assert!(
-        said.contains("bit by bit: 12 of 12")
-            && said.contains("2 points are of sweeps that were not finished"),
-        "{said}"
+        message.contains("bit by bit: 12 of 12")
+            && message.contains("2 points are of sweeps that were not finished"),
+        "{message}"
     );
 }
 
@@ -223,14 +225,14 @@ fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_v
         "{}",
         String::from_utf8_lossy(&output.stderr)
     );
-    let (code, said) = eis_bench(&["verify"], &run);
+    let (code, message) = eis_bench(&["verify"], &run);
     assert!(
-        code == 0 && said.contains("every number as stored"),
-        "{code} {said}"
+        code == 0 && message.contains("every number as stored"),
+        "{code} {message}"
     );
     assert!(
-        said.contains("series_jump_1.bdf.csv: its rows are what meters said"),
-        "{said}"
+        message.contains("series_jump_1.bdf.csv: its rows are what meters said"),
+        "{message}"
     );
 }
 
@@ -252,22 +254,23 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
                   periods = 10\nsettle = \"5 s\"\n";
     let files = Files::short(2).append(crate::support::EXPERIMENT, traces);
     let run = small_run(&files);
-    let (code, said) = eis_bench(&["verify"], &run);
+    let (code, message) = eis_bench(&["verify"], &run);
     assert!(
-        code == 0 && said.contains("every number as stored"),
-        "{code} {said}"
+        code == 0 && message.contains("every number as stored"),
+        "{code} {message}"
     );
     assert!(
-        said.contains("6 points, 8 lines of multisines, ") && said.contains(" rows of traces, "),
-        "{said}"
+        message.contains("6 points, 8 lines of multisines, ")
+            && message.contains(" rows of traces, "),
+        "{message}"
     );
-    assert!(!said.contains("held against its hash"), "{said}");
-    let (code, said) = eis_bench(&["replay"], &run);
+    assert!(!message.contains("held against its hash"), "{message}");
+    let (code, message) = eis_bench(&["replay"], &run);
     assert!(
         code == 0
-            && said.contains("spectra bit-identical: 2 of 2")
-            && said.contains("traces bit-identical: 2 of 2"),
-        "{code} {said}"
+            && message.contains("spectra bit-identical: 2 of 2")
+            && message.contains("traces bit-identical: 2 of 2"),
+        "{code} {message}"
     );
 
     // A capture of each that says something else, and hashes that fit it.
@@ -300,10 +303,10 @@ fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_fo
         altered.meta.channels[3].scale.volts_per_code *= 1.001;
         dataset::write_capture(&path, &altered).unwrap();
         sums::write(&run).unwrap();
-        let (code, said) = eis_bench(&["verify"], &run);
+        let (code, message) = eis_bench(&["verify"], &run);
         assert!(
-            code == 10 && told.iter().all(|told| said.contains(told)),
-            "{capture}: {code} {said}"
+            code == 10 && told.iter().all(|told| message.contains(told)),
+            "{capture}: {code} {message}"
         );
         fs::write(&path, was).unwrap();
     }

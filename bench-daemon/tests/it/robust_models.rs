@@ -247,16 +247,16 @@ fn a_record_that_saw_no_edge_has_no_pulses() {
         )
     };
     let refused = run(&arguments(&coarse, "1"));
-    let said = String::from_utf8_lossy(&refused.stderr);
+    let message = String::from_utf8_lossy(&refused.stderr);
     assert_eq!(
         refused.status.code(),
         Some(2),
-        "{said}\n{}",
+        "{message}\n{}",
         String::from_utf8_lossy(&refused.stdout)
     );
     let expected = "coarse.csv: expected samples at most 1 s apart around the edges of a pulse, \
     met 10 s at its 7 steps of the current";
-    assert!(said.contains(expected), "{said}");
+    assert!(message.contains(expected), "{message}");
     let taken = run(&arguments(&fine, "1"));
     assert!(
         taken.status.success(),
@@ -351,13 +351,13 @@ fn a_slow_discharge_is_chosen_from_a_longer_record() {
         "{half}"
     );
     let refused = |more: &[&str]| refusal(folder.path(), &[&base[..], more].concat());
-    let said = refused(&["--from", "6 h"]);
+    let message = refused(&["--from", "6 h"]);
     assert!(
-        said.contains(
+        message.contains(
             "long.csv: expected at least 2 samples from 21600 s on, found 0: its \
     times go from 0 s to 17990 s"
         ),
-        "{said}"
+        "{message}"
     );
     assert!(
         refused(&["--from", "3"])

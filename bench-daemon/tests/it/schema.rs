@@ -132,9 +132,9 @@ fn model_files_follow_their_schema() {
     }
     model["fit"]["erm"]["branches"][0]["c_f"] = Value::from(-1.0);
     model["rc"] = Value::from("two");
-    let said = mistakes(&schema, &schema, &model, "model");
+    let message = mistakes(&schema, &schema, &model, "model");
     assert_eq!(
-        said,
+        message,
         [
             "model.fit.erm.branches[0].c_f: met -1.0",
             "model.rc: expected [\"integer\"], met \"two\""

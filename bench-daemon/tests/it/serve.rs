@@ -539,16 +539,16 @@ fn a_run_waits_and_goes_on_as_it_is_told() {
     let served = Served::start(&files);
     let run = submit(&served, DEMO);
     served.points(1);
-    let said = served
+    let reply = served
         .post(&format!("/runs/{run}/pause"), "")
         .expect(200)
         .json();
     assert!(
-        said["said"]
+        reply["said"]
             .as_str()
             .unwrap()
             .starts_with("pauses after the step in work"),
-        "{said}"
+        "{reply}"
     );
     let live = poll("a pause", || {
         Some(served.get("/benches/demo")).filter(|live| live["state"] == "paused")

@@ -459,7 +459,7 @@ fn a_server_beyond_this_machine_wants_tokens_and_a_certificate() {
     // Without its last token it lets nobody in, whether that was revoked or the file is gone.
     let without = request.replace(&format!("Authorization: Bearer {secret}\r\n"), "");
     let config = files.path("serve.toml");
-    let said = program(&[
+    let wording = program(&[
         "token".as_ref(),
         "revoke".as_ref(),
         config.as_os_str(),
@@ -469,11 +469,11 @@ fn a_server_beyond_this_machine_wants_tokens_and_a_certificate() {
     .stdout
     .clone();
     assert!(
-        said.contains(
+        wording.contains(
             "that was the last token: the server listens beyond this machine (on \
     0.0.0.0:0) and lets nobody in"
         ),
-        "{said}"
+        "{wording}"
     );
     ask(&request).expect(401);
     ask(&without).expect(401);

@@ -318,9 +318,9 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     browser.wait("#stopped", "every output is off, read back");
     ports.assert_outputs_off();
     browser.click("#stopped summary");
-    let said = browser.text("#stopped");
+    let message = browser.text("#stopped");
     for words in ["supply4q", "load", "generator", "off, read back"] {
-        assert!(said.contains(words), "{said}");
+        assert!(message.contains(words), "{message}");
     }
     browser.wait("#state", "Idle");
     browser.wait("#held", "stopped by local");
@@ -458,11 +458,11 @@ fn what_the_page_says_of_a_current_follows_from_outputs_through_which_one_can_fl
             "▶ Running: every output says that it is off, no current was read yet",
         ),
     ] {
-        let said = browser.say(
+        let message = browser.say(
             "/execute/async",
             &json!({ "script": RUNNING, "args": [outputs, current_a, fresh] }),
         );
-        assert_eq!(said, words, "{outputs}, {current_a} A, fresh: {fresh}");
+        assert_eq!(message, words, "{outputs}, {current_a} A, fresh: {fresh}");
     }
 }
 

@@ -276,9 +276,9 @@ fn the_controls_can_be_measured_for_a_trace_alone() {
         (0, 2)
     );
     // The controls saw 1 A, the traces 5 A.
-    let said = "note: trace pulses, repeat 1; trace pulses, repeat 2 measured on channel ";
+    let wording = "note: trace pulses, repeat 1; trace pulses, repeat 2 measured on channel ";
     assert_eq!(
-        finished.summary.matches(said).count(),
+        finished.summary.matches(wording).count(),
         1,
         "{}",
         finished.summary

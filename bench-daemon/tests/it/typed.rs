@@ -18,23 +18,23 @@ fn eis_bench(folder: &Path, arguments: &[&str]) -> (i32, String) {
         .args(arguments)
         .output()
         .unwrap();
-    let said =
+    let message =
         String::from_utf8(output.stdout).unwrap() + &String::from_utf8(output.stderr).unwrap();
-    (output.status.code().unwrap(), said)
+    (output.status.code().unwrap(), message)
 }
 
 #[track_caller]
 fn done(folder: &Path, arguments: &[&str]) -> String {
-    let (code, said) = eis_bench(folder, arguments);
-    assert_eq!(code, 0, "{arguments:?}: {said}");
-    said
+    let (code, message) = eis_bench(folder, arguments);
+    assert_eq!(code, 0, "{arguments:?}: {message}");
+    message
 }
 
 #[track_caller]
 fn refused(folder: &Path, arguments: &[&str]) -> String {
-    let (code, said) = eis_bench(folder, arguments);
-    assert_eq!(code, 2, "{arguments:?}: {said}");
-    said
+    let (code, message) = eis_bench(folder, arguments);
+    assert_eq!(code, 2, "{arguments:?}: {message}");
+    message
 }
 
 #[track_caller]
@@ -319,7 +319,7 @@ fn convert_writes_a_model_in_each_way_with_the_error_of_a_ladder() {
         ] {
             let out = format!("{to}{k}");
             let given = ["--to", to, "--out", &out, "--ocv", "ocv.json"];
-            let said = done(
+            let message = done(
                 folder.path(),
                 &[&["convert"], &model[..], &given[..]].concat(),
             );
@@ -327,9 +327,9 @@ fn convert_writes_a_model_in_each_way_with_the_error_of_a_ladder() {
                 .unwrap();
             assert!(text.contains(number), "{text}");
             assert_eq!(
-                text.contains("off by at most") && said.contains("off by at most"),
+                text.contains("off by at most") && message.contains("off by at most"),
                 k == 2,
-                "{said} {text}"
+                "{message} {text}"
             );
             assert!(text.contains("no uncertainty"), "{text}");
         }

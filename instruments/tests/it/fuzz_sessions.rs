@@ -336,7 +336,7 @@ fn no_server_makes_a_client_panic() {
                 let port = listener.local_addr().unwrap();
                 // Some of what is right in the right order, then anything.
                 let right = random.below(seeds.len() + 1);
-                let said: Vec<Vec<u8>> = (0..8)
+                let inputs: Vec<Vec<u8>> = (0..8)
                     .map(|index| {
                         if index < right {
                             seeds[index].clone()
@@ -347,7 +347,7 @@ fn no_server_makes_a_client_panic() {
                     .collect();
                 tokio::spawn(async move {
                     let mut streams = Vec::new();
-                    for piece in said {
+                    for piece in inputs {
                         if let Ok(Ok((stream, _))) = Clock::start(TimeMode::Real)
                             .deadline(MOMENT / 4, listener.accept())
                             .await

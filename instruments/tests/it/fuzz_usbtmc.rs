@@ -102,10 +102,10 @@ fn no_transfer_makes_the_usbtmc_client_panic() {
         Clock::runtime(TimeMode::Real).unwrap().block_on(async {
             let (clock, hub, here) = (Clock::start(TimeMode::Real), MemoryHub::new(), Here::new());
             let address = format!("usbtmc:{}", here.1.display());
-            let said: Vec<Vec<u8>> = (0..8).map(|_| random.input(&seeds)).collect();
+            let inputs: Vec<Vec<u8>> = (0..8).map(|_| random.input(&seeds)).collect();
             let instrument = tokio::spawn(async move {
                 let mut buffer = [0; 4096];
-                for piece in said {
+                for piece in inputs {
                     let Ok((_, sender)) = here.0.recv_from(&mut buffer).await else {
                         return;
                     };

@@ -25,14 +25,14 @@ pub(super) fn attach(text: &Text<'_>, spectra: &mut [SourcedSpectrum]) {
         return;
     };
     for row in rows {
-        let said = row.fields.get(flags).copied().unwrap_or_default();
+        let message = row.fields.get(flags).copied().unwrap_or_default();
         let number = |column: usize| {
             row.fields
                 .get(column)
                 .and_then(|field| text::number(field, text.separator))
         };
         let (Some(freq_hz), Some(re_ohm), Some(im_ohm), false) =
-            (number(freq), number(re), number(im), said.is_empty())
+            (number(freq), number(re), number(im), message.is_empty())
         else {
             continue;
         };
@@ -43,7 +43,7 @@ pub(super) fn attach(text: &Text<'_>, spectra: &mut [SourcedSpectrum]) {
                 .iter()
                 .any(|p| p.freq_hz == freq_hz && p.z_ohm.re == re_ohm && p.z_ohm.im == im_ohm)
         };
-        let reasons = said.split("; ").map(str::to_owned).collect();
+        let reasons = message.split("; ").map(str::to_owned).collect();
         if let Some(one) = spectra.iter_mut().find(holds) {
             one.flagged.push(FlaggedPoint { freq_hz, reasons });
         }

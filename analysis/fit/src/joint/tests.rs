@@ -493,14 +493,14 @@ fn an_order_that_the_data_do_not_bear_is_named_and_not_chosen() {
     };
     assert!(not_borne(&truth(), &bounds).is_empty());
     let words = not_borne(&erm(&[(0.001, 10.0), (0.1, 1e5), (0.1, 1e5)]), &bounds);
-    let said = |words: &[String], text: &str| words.iter().any(|w| w.contains(text));
+    let reported = |words: &[String], text: &str| words.iter().any(|w| w.contains(text));
     assert!(
-        said(&words, "R2 is at one of its bounds (1.000e-1 Ω)")
-            && said(&words, "R3 is at one of its bounds"),
+        reported(&words, "R2 is at one of its bounds (1.000e-1 Ω)")
+            && reported(&words, "R3 is at one of its bounds"),
         "{words:?}"
     );
     assert!(
-        said(
+        reported(
             &words,
             "branches 2 and 3 have one time constant (1.000e4 s): they are one branch"
         ),

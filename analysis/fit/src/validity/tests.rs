@@ -292,10 +292,10 @@ fn a_small_spike_is_caught_by_its_own_point() {
             kk.points[28].percent(),
             kk.points[28].sigmas
         );
-        let said = point.grade == Grade::Bad
+        let reported = point.grade == Grade::Bad
             && point.reasons == [reason.clone()]
             && found.verdict.text.contains(&reason);
-        named += u32::from(alone && said && (0.4..2.6).contains(&kk.points[28].percent()));
+        named += u32::from(alone && reported && (0.4..2.6).contains(&kk.points[28].percent()));
         // With the spike's square put back, the sum over the others' degrees of freedom and its two
         // is still no rare one (99.7 % point, Wilson and Hilferty).
         let (sum, dof) = (kk.chi2 + kk.points[28].sigmas.powi(2), kk.dof + 2.0);

@@ -188,14 +188,14 @@ mod tests {
         for k in 0..=1000 {
             let z = f64::from(k) / 1000.0;
             let falls = p.voltage_v(z + 1e-5) < p.voltage_v(z - 1e-5);
-            let said = p.falling_soc.iter().any(|(a, b)| (*a..=*b).contains(&z));
+            let stated = p.falling_soc.iter().any(|(a, b)| (*a..=*b).contains(&z));
             let near_edge = p
                 .falling_soc
                 .iter()
                 .any(|(a, b)| (z - a).abs() < 1.1e-3 || (z - b).abs() < 1.1e-3);
             assert!(
-                falls == said || near_edge,
-                "SOC {z}: falls {falls}, said {said}"
+                falls == stated || near_edge,
+                "SOC {z}: falls {falls}, said {stated}"
             );
         }
         assert!(p.statement().contains("falls at SOC"));

@@ -251,9 +251,9 @@ mod tests {
         );
         assert!(left.validate().is_ok());
         left.shared[0].at_ohm.pop();
-        let said = left.validate().unwrap_err().to_string();
+        let message = left.validate().unwrap_err().to_string();
         assert_eq!(
-            said,
+            message,
             "spectrum \"s\": expected one value of the shared error \"OCV slope\" per point, 2 in \
             all, met 1"
         );

@@ -367,14 +367,14 @@ fn a_temperature_that_is_meant_to_change_may_change() {
 #[test]
 fn a_chiller_that_stopped_or_has_an_alarm_trips() {
     let interlock = live(FREE);
-    let said = |running, alarm: bool| chiller::Status {
+    let status = |running, alarm: bool| chiller::Status {
         running,
         remote: true,
         alarm: alarm.then(|| "-01 LOW LEVEL ALARM".to_owned()),
         raw: "02 REMOTE STOP".to_owned(),
     };
-    assert_eq!(interlock.chiller(&said(true, false), 7.0), None);
-    for status in [said(false, false), said(true, true)] {
+    assert_eq!(interlock.chiller(&status(true, false), 7.0), None);
+    for status in [status(false, false), status(true, true)] {
         let trip = interlock.chiller(&status, 7.0).map(|trip| trip.to_string());
         assert_eq!(
             trip.as_deref(),

@@ -97,16 +97,17 @@ pub(super) fn warn(recorder: &mut Recorder, measured: &Measured) -> Result<(), F
 /// Remarks on all measurements on other ranges than those of the controls. Each names its channels
 /// in one note; equal notes are given once.
 fn differing(all: &[Ranged], controls: &[(&str, Vec<Scales>)]) -> Vec<String> {
-    let mut said: BTreeMap<String, Vec<&str>> = BTreeMap::new();
+    let mut texts: BTreeMap<String, Vec<&str>> = BTreeMap::new();
     for (name, records) in all {
         let channels: Vec<String> = (0..4)
             .filter_map(|slot| channel(slot, records, controls))
             .collect();
         if !channels.is_empty() {
-            said.entry(channels.join(", ")).or_default().push(name);
+            texts.entry(channels.join(", ")).or_default().push(name);
         }
     }
-    said.into_iter()
+    texts
+        .into_iter()
         .map(|(text, names)| {
             format!(
                 "{} measured on {text}: the correction assumes equal gain",
@@ -198,7 +199,7 @@ mod tests {
             ("shunt", reference.to_vec()),
             ("fake_cell", reference[..1].to_vec()),
         ];
-        let said = [
+        let texts = [
             "trace u measured on channel 3 at 0.4 V/div (shunt 0.2): the correction assumes equal \
             gain",
             "multisine 1 measured on channel 4 at 0.2 V/div from 8 Hz on (shunt 0.5): the \
@@ -206,7 +207,7 @@ mod tests {
             "A_2; B_1 measured on channel 4 at 1 V/div from 10 Hz on (shunt 0.5): the correction \
             assumes equal gain",
         ];
-        assert_eq!(differing(&all, &controls[..1]), said);
+        assert_eq!(differing(&all, &controls[..1]), texts);
         // Several channels and controls make one note, without the dust of a single float.
         let dusty: Vec<Ranged> = vec![(
             "trace v".to_owned(),
@@ -215,9 +216,9 @@ mod tests {
                 [0.100_000_001_490_116_12, 0.2, 0.400_000_005_960_464_5, 0.2],
             )],
         )];
-        let said = "trace v measured on channel 2 at 0.2 V/div (shunt 0.1, fake_cell 0.1), channel \
+        let texts = "trace v measured on channel 2 at 0.2 V/div (shunt 0.1, fake_cell 0.1), channel \
         3 at 0.4 V/div (shunt 0.2, fake_cell 0.2): the \
                     correction assumes equal gain";
-        assert_eq!(differing(&dusty, &controls), [said]);
+        assert_eq!(differing(&dusty, &controls), [texts]);
     }
 }

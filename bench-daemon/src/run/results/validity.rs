@@ -102,13 +102,13 @@ pub(super) fn multisine_verdict(measured: &Measured) -> Option<Verdict> {
     } else {
         Level::Note
     };
-    let said: Vec<String> = judged
+    let messages: Vec<String> = judged
         .iter()
         .map(|one| format!("{}: {}", one.name, one.in_words()))
         .collect();
     Some(Verdict {
         level,
-        text: format!("Kramers–Kronig and Z-HIT, {}.", said.join("; ")),
+        text: format!("Kramers–Kronig and Z-HIT, {}.", messages.join("; ")),
     })
 }
 
@@ -266,11 +266,14 @@ mod tests {
             table.rows,
             [["A", "not tested", "not tested"], ["B", "not tested", "–"]]
         );
-        let said = verdict(&all);
+        let judgement = verdict(&all);
         let text = "Kramers–Kronig, Z-HIT, harmonics and drift of 3 spectra: 3 not tested; A_1: \
         not tested: too few points; \
                     B_1: not tested: too few points; A_2: not tested: too few points.";
-        assert_eq!((said.level, said.text.as_str()), (Level::Note, text));
+        assert_eq!(
+            (judgement.level, judgement.text.as_str()),
+            (Level::Note, text)
+        );
         assert!(super::table(None, &all[..1]).is_none());
         assert_eq!(
             verdict(&all[..1]).text,

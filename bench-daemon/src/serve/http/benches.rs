@@ -208,8 +208,8 @@ pub async fn identify(
         .map_err(|error| unavailable(&error))?;
     let found: Vec<Identity> = serde_json::from_slice(&output.stdout).unwrap_or_default();
     app.server.identities().insert(bench, found.clone());
-    let said = String::from_utf8_lossy(&output.stderr);
-    let trouble = said
+    let message = String::from_utf8_lossy(&output.stderr);
+    let trouble = message
         .lines()
         .rev()
         .find_map(|line| line.strip_prefix("eis-bench: "))

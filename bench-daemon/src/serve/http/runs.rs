@@ -96,7 +96,8 @@ pub struct CampaignOrder {
 #[derive(Debug, Serialize, ToSchema)]
 pub struct Conveyed {
     /// Reaction of the run, in words.
-    said: String,
+    #[serde(rename = "said")]
+    message: String,
 }
 
 fn folder(app: &App, run: &str) -> Result<PathBuf, Refusal> {
@@ -388,11 +389,11 @@ async fn send_request(
     let output = output.map_err(|error| Refusal::machine(&error))?;
     if output.status.success() {
         return Ok(Json(Conveyed {
-            said: String::from_utf8_lossy(&output.stdout).trim().to_owned(),
+            message: String::from_utf8_lossy(&output.stdout).trim().to_owned(),
         }));
     }
-    let said = String::from_utf8_lossy(&output.stderr);
-    let why = said
+    let message = String::from_utf8_lossy(&output.stderr);
+    let why = message
         .lines()
         .rev()
         .find_map(|line| line.strip_prefix("eis-bench: "))

@@ -215,11 +215,11 @@ fn a_header_of_charge_or_discharge_says_the_sign_and_load_alone_nothing() {
             "{text:?}"
         );
     }
-    let said = read("time_s,charge_current_a\n0,5\n1,0\n", |o| {
+    let series = read("time_s,charge_current_a\n0,5\n1,0\n", |o| {
         o.charge_positive = true;
     })
     .unwrap();
-    assert_eq!(said.value[0], -5.0);
+    assert_eq!(series.value[0], -5.0);
     let against = read("time_s,discharge_a\n0,5\n1,0\n", |o| {
         o.charge_positive = true;
     })

@@ -97,7 +97,7 @@ fn lists_of_modulus_and_phase_are_read_and_cycles_told_apart() {
 fn wrong_numbers_are_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.z");
-    let said = |text: &str| {
+    let message = |text: &str| {
         std::fs::write(&path, text).unwrap();
         read_spectra(&path)
             .unwrap_err()
@@ -105,15 +105,15 @@ fn wrong_numbers_are_named() {
             .replace(&path.display().to_string(), "x.z")
     };
     assert_eq!(
-        said("Freq(Hz)\tZ'(a)\tZ''(b)\n1\t2\tno\n"),
+        message("Freq(Hz)\tZ'(a)\tZ''(b)\n1\t2\tno\n"),
         "x.z, line 2, column 3 (Im Z): expected a finite number in Ω, met \"no\""
     );
     assert_eq!(
-        said("Freq(Hz)\tZ'(a)\tZ''(b)\n-1\t2\t3\n"),
+        message("Freq(Hz)\tZ'(a)\tZ''(b)\n-1\t2\t3\n"),
         "x.z, line 2, column 1 (frequency): expected a positive finite frequency in Hz, met \"-1\""
     );
     assert_eq!(
-        said("Freq(Hz)\tZ'(a)\tZ''(b)\n1\t2\n"),
+        message("Freq(Hz)\tZ'(a)\tZ''(b)\n1\t2\n"),
         "x.z, line 2, column 3: expected 3 fields, met 2"
     );
     let header = "Freq(Hz)\tZ'(a)\tZ''(b)\n";
@@ -133,7 +133,7 @@ fn wrong_numbers_are_named() {
             the end of the table, met \"note\"",
         ),
     ] {
-        assert_eq!(said(&format!("{header}{rows}")), format!("x.z, {place}"));
+        assert_eq!(message(&format!("{header}{rows}")), format!("x.z, {place}"));
     }
     for rows in [
         "1\t2\t3\n\n4\t2\t3\nend\n",
@@ -148,5 +148,5 @@ fn wrong_numbers_are_named() {
     }
     let empty = "x.z: expected at least one line with a frequency and an impedance, met the names \
     of columns and no row of numbers";
-    assert_eq!(said("Freq(Hz)\tZ'(a)\tZ''(b)\n"), empty);
+    assert_eq!(message("Freq(Hz)\tZ'(a)\tZ''(b)\n"), empty);
 }

@@ -68,9 +68,10 @@ fn branches_that_merge_in_the_noise_are_not_told_apart() {
     let all = tally((0.007, &[(0.0017, 10.0), (0.0017, 20.0)]), 0.016, 40);
     let unsure = all.iter().filter(|s| !s.is_clear()).count();
     assert!(unsure >= 20, "{unsure} of 40 unsure");
-    let said = |s: &OrderSelection| s.reasons.iter().any(|r| r.starts_with("cannot tell: 1, 2"));
+    let reported =
+        |s: &OrderSelection| s.reasons.iter().any(|r| r.starts_with("cannot tell: 1, 2"));
     assert!(
-        all.iter().filter(|s| said(s)).count() >= 16,
+        all.iter().filter(|s| reported(s)).count() >= 16,
         "{:?}",
         all.iter().map(|s| &s.plausible).collect::<Vec<_>>()
     );
