@@ -4,6 +4,8 @@
 mod bath;
 mod output;
 mod safe;
+pub mod state_readback;
+pub mod survey;
 
 pub use bath::BathLeft;
 pub use output::{Output, SafeReport, Unsafe};

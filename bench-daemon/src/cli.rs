@@ -6,10 +6,10 @@ use clap::{Parser, Subcommand};
 
 use crate::{
     command,
-    failure::Failure,
-    logging::{self, Verbosity},
-    run_control::RunAction,
-    terminal::remark,
+    operator::run_control::RunAction,
+    safety::failure::Failure,
+    support::logging::{self, Verbosity},
+    support::terminal::remark,
 };
 
 const EXAMPLES: &str = "\

@@ -21,6 +21,7 @@ mod screen;
 mod setup;
 mod sine;
 mod state;
+pub mod thermostat;
 mod trace;
 mod trace_rows;
 mod watch;

@@ -15,7 +15,9 @@ use analysis::{
     spectrum::{FlaggedPoint, SourcedSpectrum},
 };
 
-use crate::{failure::Failure, present::refused_in_words, terminal::remark};
+use crate::{
+    safety::failure::Failure, support::present::refused_in_words, support::terminal::remark,
+};
 
 /// Reads the spectra of a file, and says how they were told apart and what was left out.
 pub(crate) fn read_spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, Failure> {

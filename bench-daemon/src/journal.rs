@@ -6,7 +6,9 @@
 //! synced before the step that they name is begun. A last line without its end is a torn one: it is
 //! cut off and kept in `journal.torn`. Anything else that is wrong with a line is an error.
 //!
-//! Not here: what follows from the entries for a resumed run ([`crate::journal_replay`]).
+//! Not here: what follows from the entries for a resumed run ([`crate::journal::replay`]).
+
+pub mod replay;
 
 use std::{
     fs::{File, OpenOptions, TryLockError},
@@ -20,7 +22,8 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use crate::{
-    drill::Drill, interlock::Reading, measure::SweepPoint, state_readback::InstrumentReadback,
+    bench::state_readback::InstrumentReadback, interlock::Reading, measure::SweepPoint,
+    support::crash_point::Drill,
 };
 
 /// Words by which a note of an older journal tells that the state of charge was missed.

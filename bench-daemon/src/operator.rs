@@ -1,10 +1,13 @@
 //! The person at the bench, asked on the terminal to change the fixture.
 
+pub mod progress;
+pub mod run_control;
+
 use std::io::{BufRead, IsTerminal};
 
 use instruments::fixture::Fixture;
 
-use crate::{plan::Specimen, terminal::remark};
+use crate::{plan::Specimen, support::terminal::remark};
 
 /// A person who could not be asked, or did not confirm.
 #[derive(Debug, thiserror::Error)]

@@ -36,11 +36,11 @@ pub use names::sweep_name;
 pub(crate) use names::{capture_of, code_scale};
 
 use crate::{
-    drill::Drill,
     interlock::Reading,
     journal::{Entry, Journal, JournalError, Note, PointDone},
     measure::SweepPoint,
-    present::quoted,
+    support::crash_point::Drill,
+    support::present::quoted,
 };
 
 /// A file that cannot be written.

@@ -27,7 +27,10 @@ pub(crate) use recompute::{OtherResults, RecomputedPoint, Recorded, RecordedPoin
 pub(crate) use resume_context::{ResumeContext, begun_experiment};
 pub(crate) use stop::{StopSignals, caught};
 
-use crate::{failure::Failure, fixture_check::ControlResult, measure::SweepPoint, sim::Simulation};
+use crate::{
+    doctor::fixture_check::ControlResult, measure::SweepPoint, safety::failure::Failure,
+    sim::Simulation,
+};
 
 pub use multisine::MultisineRun;
 pub use session::Session;

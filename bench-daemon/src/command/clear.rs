@@ -9,9 +9,9 @@ use clap::Args;
 
 use crate::{
     config::load_any_bench,
-    failure::Failure,
-    state::State,
-    terminal::{remark, say},
+    safety::failure::Failure,
+    safety::state::State,
+    support::terminal::{remark, say},
 };
 
 /// Arguments of `clear`.

@@ -18,11 +18,11 @@ use clap::Args;
 
 use super::model_args::{self, ModelArgs, TYPED};
 use crate::{
-    failure::Failure,
     files,
-    present::refused_in_words,
     record::RecordError,
-    terminal::{remark, say},
+    safety::failure::Failure,
+    support::present::refused_in_words,
+    support::terminal::{remark, say},
 };
 
 /// Half the slope of a curve that stands for a constant voltage, V: knots must rise.

@@ -12,14 +12,15 @@ use analysis::{
 use super::model_args::ModelArgs;
 use crate::{
     config::Experiment,
-    dataset::{Loaded, Reading, read_as},
-    failure::Failure,
-    files, hash,
-    next_experiment::{Setting, experiment_file},
-    present::quoted,
+    files,
+    investigate::dataset::{Loaded, Reading, read_as},
+    investigate::next_experiment::{Setting, experiment_file},
     run::{Finished, Recorded},
-    sums,
-    terminal::say,
+    safety::failure::Failure,
+    support::hash,
+    support::present::quoted,
+    support::sums,
+    support::terminal::say,
 };
 
 /// Arguments of `diagnose`.

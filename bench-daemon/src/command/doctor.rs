@@ -13,24 +13,24 @@ use instruments::{
 };
 
 use crate::{
+    bench::survey::AnyInstrument,
     bench::{Bench, Connections},
-    bench_lease::BenchLease,
     config::{self, Source, load_any_bench},
     doctor::{
         self, COPPER_WINDOW_V, Check, Examination, Findings, Instrument, Outcome, REPORT, Report,
         Texts, Verdict,
     },
-    failure::Failure,
-    guardian::{Charge, GuardianError},
-    hash,
     operator::Operator,
+    operator::progress::Progress,
     plan::{Plan, fixture_name},
-    progress::Progress,
     run::{StopSignals, caught, nobody_drives},
+    safety::bench_lease::BenchLease,
+    safety::failure::Failure,
+    safety::guardian::{Charge, GuardianError},
+    safety::state::{self, Lock, State},
     sim::Simulation,
-    state::{self, Lock, State},
-    survey::AnyInstrument,
-    terminal::{remark, say},
+    support::hash,
+    support::terminal::{remark, say},
 };
 
 /// Arguments of `doctor`.
@@ -131,7 +131,7 @@ pub fn doctor(args: &DoctorArgs) -> Result<(), Failure> {
         bench: config.name.clone(),
         config_sha256: hash::sha256(source.text()),
         operator: args.operator.clone().unwrap_or_else(state::who),
-        date: crate::present::utc(unix_s),
+        date: crate::support::present::utc(unix_s),
         unix_s,
         fixture: fixture.map(|fixture| fixture_name(fixture).to_owned()),
         instruments,
@@ -170,7 +170,7 @@ fn confirmed(config: &config::Bench, args: &DoctorArgs) -> Result<(), Failure> {
 }
 
 fn folder(bench: &str, unix_s: f64) -> PathBuf {
-    let plain: String = crate::present::utc(unix_s)
+    let plain: String = crate::support::present::utc(unix_s)
         .chars()
         .filter(|c| c.is_ascii_digit() || *c == 'T')
         .collect();

@@ -14,7 +14,7 @@ use analysis::{
 use serde::Serialize;
 
 use super::{diagnose::Judged, model_args::ModelArgs};
-use crate::{failure::Failure, files, terminal::say};
+use crate::{files, safety::failure::Failure, support::terminal::say};
 
 /// Arguments of `effects`.
 #[derive(Debug, clap::Args)]

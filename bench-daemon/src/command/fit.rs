@@ -6,11 +6,11 @@ pub mod more;
 use self::more::{More, other_minima_note, print_selection};
 use crate::{
     command,
-    failure::Failure,
     figures::impedance::bode_plot,
     files,
-    present::{self, branches_table, fit_warnings, models_table},
-    terminal::{remark, say},
+    safety::failure::Failure,
+    support::present::{self, branches_table, fit_warnings, models_table},
+    support::terminal::{remark, say},
 };
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `eis-bench guardian`: the process that a run starts beside itself; see [`crate::guardian`].
+//! `eis-bench guardian`: the process that a run starts beside itself; see [`crate::safety::guardian`].
 
 use std::path::PathBuf;
 
@@ -7,11 +7,11 @@ use instruments::clock::Clock;
 
 use crate::{
     config::load_bench,
-    failure::Failure,
-    guardian::{self, Charge, Keeper},
-    hash,
     run::StopSignals,
-    terminal::say,
+    safety::failure::Failure,
+    safety::guardian::{self, Charge, Keeper},
+    support::hash,
+    support::terminal::say,
 };
 
 /// Arguments of `guardian`.

@@ -14,13 +14,13 @@ use instruments::{
 use serde::Serialize;
 
 use crate::{
+    bench::survey::{AnyInstrument, InstrumentReport, KnownDialect},
     bench::{Bench, BenchError, Connections},
     config::{self, load_any_bench},
     doctor,
-    failure::Failure,
+    safety::failure::Failure,
     sim::Simulation,
-    survey::{AnyInstrument, InstrumentReport, KnownDialect},
-    terminal::say,
+    support::terminal::say,
 };
 
 /// Arguments of `identify`.

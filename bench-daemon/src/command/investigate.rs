@@ -7,11 +7,11 @@ use analysis::diagnosis::report;
 
 use crate::{
     config::load_experiment,
-    failure::Failure,
     files,
-    investigation::{Budget, End, Investigation, Means, investigate as play},
+    investigate::closed_loop::{Budget, End, Investigation, Means, investigate as play},
     operator::Operator,
-    terminal::{remark, say},
+    safety::failure::Failure,
+    support::terminal::{remark, say},
 };
 
 /// Arguments of `investigate`.

@@ -2,10 +2,10 @@
 
 use crate::{
     command::ocv,
-    failure::Failure,
     files,
-    present::significant,
-    terminal::{remark, say},
+    safety::failure::Failure,
+    support::present::significant,
+    support::terminal::{remark, say},
 };
 use std::path::{Path, PathBuf};
 

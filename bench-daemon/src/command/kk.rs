@@ -4,11 +4,11 @@
 mod records;
 
 use crate::{
-    failure::Failure,
     figures::validity::plots,
     files,
-    present::{refused_in_words, significant},
-    terminal::{remark, say},
+    safety::failure::Failure,
+    support::present::{refused_in_words, significant},
+    support::terminal::{remark, say},
 };
 use std::path::{Path, PathBuf};
 

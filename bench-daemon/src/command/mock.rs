@@ -9,10 +9,10 @@ use instruments::clock::{Clock, TimeMode};
 use self::record::serve_record;
 use crate::{
     config::{Source, load_bench},
-    failure::Failure,
     run::StopSignals,
+    safety::failure::Failure,
     sim::{Served, SimError, Simulation},
-    terminal::say,
+    support::terminal::say,
 };
 
 /// Arguments of `mock`.

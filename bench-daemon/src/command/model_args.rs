@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use analysis::given::GivenModel;
 
 use super::erm_text;
-use crate::{failure::Failure, files, present::quoted};
+use crate::{files, safety::failure::Failure, support::present::quoted};
 
 /// Name of a model that was typed.
 pub(super) const TYPED: &str = "typed";

@@ -2,10 +2,10 @@
 
 use crate::{
     config::quantity::{Duration, Quantity},
-    failure::Failure,
     figures::ocv::{picture, write},
     files,
-    terminal::say,
+    safety::failure::Failure,
+    support::terminal::say,
 };
 use std::path::{Path, PathBuf};
 

@@ -9,7 +9,7 @@ use analysis::{
     spectrum::{OcvSlope, Spectrum},
 };
 
-use crate::{failure::Failure, files, present::significant};
+use crate::{files, safety::failure::Failure, support::present::significant};
 
 /// Arguments that tell the slope.
 #[derive(Debug, clap::Args)]

@@ -27,7 +27,7 @@ use super::{
     pack_size::ThermalArgs,
     profile_args::{ProfileArgs, taken},
 };
-use crate::{failure::Failure, files, terminal::say};
+use crate::{files, safety::failure::Failure, support::terminal::say};
 
 const HELP: &str = "\
 Draws many packs of cells that differ a little, runs the profile through each, and tells how the \

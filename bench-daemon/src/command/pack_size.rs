@@ -1,7 +1,7 @@
 //! `eis-bench pack size`: peak, crossing and regeneration power of a pack by the simple-IR model.
 
 use super::model_args::{self, ModelArgs};
-use crate::{failure::Failure, files, terminal::say};
+use crate::{files, safety::failure::Failure, support::terminal::say};
 use std::path::{Path, PathBuf};
 
 use analysis::{

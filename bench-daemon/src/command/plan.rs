@@ -10,11 +10,11 @@ use instruments::{
 
 use crate::{
     config::{Experiment, Instrument, Instruments, Jig, load_experiment},
-    failure::Failure,
     interlock::Limits,
     plan::{Flow, Leg, Plan, Step, Through},
     procedure,
-    terminal::{remark, say},
+    safety::failure::Failure,
+    support::terminal::{remark, say},
 };
 
 /// Arguments of `plan`.

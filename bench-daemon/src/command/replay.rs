@@ -23,8 +23,8 @@ use clap::Args;
 use instruments::clock::{Clock, TimeMode};
 
 use crate::{
-    compare::compare, failure::Failure, present::significant, record::RecordError, run::Recorded,
-    terminal::say,
+    record::RecordError, run::Recorded, safety::failure::Failure, support::compare::compare,
+    support::present::significant, support::terminal::say,
 };
 
 /// Changed points that are listed for each spectrum.
@@ -127,7 +127,7 @@ pub fn rates(folder: &Path) -> Result<Vec<String>, Failure> {
     })?;
     timed("SHA-256 of the files", &|| {
         on_all(&|file| {
-            crate::hash::sha256_of(file)
+            crate::support::hash::sha256_of(file)
                 .map(drop)
                 .map_err(Failure::from)
         })

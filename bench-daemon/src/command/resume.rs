@@ -18,15 +18,15 @@ use analysis::{
 use instruments::{clock::TimeMode, transport::Address};
 
 use crate::{
-    bench_lease,
     command::{diagnose, run::run_experiment},
     config::Experiment,
-    failure::Failure,
     journal::{self, Entry, Line},
+    operator::run_control::RunControl,
     record::RecordError,
     run::{ResumeContext, Session},
-    run_control::RunControl,
-    terminal::say,
+    safety::bench_lease,
+    safety::failure::Failure,
+    support::terminal::say,
 };
 
 /// Arguments of `resume`.

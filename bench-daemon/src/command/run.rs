@@ -5,9 +5,9 @@ use std::path::{Path, PathBuf};
 use crate::{
     command::diagnose,
     config::{Experiment, load_experiment},
-    failure::Failure,
     run::{Finished, Session},
-    terminal::say,
+    safety::failure::Failure,
+    support::terminal::say,
 };
 
 /// Arguments of `run`.

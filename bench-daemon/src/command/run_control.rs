@@ -7,14 +7,14 @@ use clap::Args;
 
 use crate::{
     config,
-    failure::{Failure, pasted},
+    journal::replay::JournalReplay,
     journal::{self, Entry, Line},
-    journal_replay::JournalReplay,
+    operator::run_control::{self, RunAction, RunControl, RunStatus},
     procedure,
     run::begun_experiment,
-    run_control::{self, RunAction, RunControl, RunStatus},
-    state::{Holder, State, is_stopped},
-    terminal::say,
+    safety::failure::{Failure, pasted},
+    safety::state::{Holder, State, is_stopped},
+    support::terminal::say,
 };
 
 /// Arguments of `pause`, `go-on` and `abort`.

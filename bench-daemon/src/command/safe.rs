@@ -11,12 +11,12 @@ use nix::{
 
 use crate::{
     bench::{Bench, Connections, SafeReport},
-    bench_lease::settle_verified,
     config::{self, load_any_bench},
-    failure::Failure,
-    guardian::last_cell_c,
-    state::{Holder, Latched, State},
-    terminal::{remark, say},
+    safety::bench_lease::settle_verified,
+    safety::failure::Failure,
+    safety::guardian::last_cell_c,
+    safety::state::{Holder, Latched, State},
+    support::terminal::{remark, say},
 };
 
 /// Arguments of `safe`.

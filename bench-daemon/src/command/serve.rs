@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 
 use crate::{
-    failure::Failure,
+    safety::failure::Failure,
     serve::{self, settings::Settings},
 };
 

@@ -8,9 +8,9 @@ use crate::{
         model_args::ModelArgs,
         profile_args::{ProfileArgs, taken},
     },
-    failure::Failure,
     files,
-    terminal::{remark, say},
+    safety::failure::Failure,
+    support::terminal::{remark, say},
 };
 use std::path::{Path, PathBuf};
 

@@ -13,7 +13,7 @@ use clap::Args;
 use serde::Serialize;
 
 use super::model_args::{self, ModelArgs};
-use crate::{failure::Failure, files, terminal::say};
+use crate::{files, safety::failure::Failure, support::terminal::say};
 
 const HELP: &str = "\
 State of power: the most constant power that the pack bears for a time, from rest, such that every \

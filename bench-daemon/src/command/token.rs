@@ -5,12 +5,12 @@ use std::{net::SocketAddr, path::PathBuf};
 use clap::{Args, Subcommand};
 
 use crate::{
-    failure::Failure,
+    safety::failure::Failure,
     serve::{
         settings::Settings,
         token::{Scope, TokenError, Tokens},
     },
-    terminal::{remark, say},
+    support::terminal::{remark, say},
 };
 
 /// Arguments of `token`.

@@ -15,11 +15,11 @@ use rayon::prelude::*;
 
 use super::replay::{Scratch, run_folders};
 use crate::{
-    compare::{Difference, compare},
-    failure::Failure,
     run::{OtherResults, RecomputedPoint, Recorded, RecordedPoint},
-    sums::{self, Altered},
-    terminal::say,
+    safety::failure::Failure,
+    support::compare::{Difference, compare},
+    support::sums::{self, Altered},
+    support::terminal::say,
 };
 
 /// Files that a folder holds only as they were read: no capture reproduces them.

@@ -16,7 +16,7 @@ use super::{
     Bench, ConfigError, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring,
     raw_bench, simulation, source::in_field,
 };
-use crate::{addresses::meet, loopback::names_loopback};
+use crate::{support::addresses::meet, support::loopback::names_loopback};
 
 /// Reads a bench.
 ///

@@ -11,7 +11,7 @@ use std::{
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 
-use crate::confined_path;
+use crate::support::confined_path;
 
 /// A complaint about a configuration file.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

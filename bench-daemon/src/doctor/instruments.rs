@@ -9,7 +9,7 @@ use instruments::{
 };
 
 use super::{Examination, Findings, Texts, Verdict, live::LIMITS};
-use crate::{bench::BenchError, survey::InstrumentReport};
+use crate::{bench::BenchError, bench::survey::InstrumentReport};
 
 /// Temperatures of a laboratory, °C, and how far two thermometers at rest may be apart, K.
 const ROOM_C: (f64, f64) = (-20.0, 80.0);

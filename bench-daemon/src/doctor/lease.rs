@@ -19,14 +19,14 @@ use nix::sys::signal::{Signal, raise};
 use super::{Findings, Texts, Verdict, live::LIMITS};
 use crate::{
     bench::{Bench, BenchError, Connections},
-    bench_lease::BenchLease,
     config,
-    failure::Failure,
-    guardian::Charge,
+    operator::progress::Progress,
     plan::Plan,
-    progress::Progress,
-    state::State,
-    terminal::say,
+    safety::bench_lease::BenchLease,
+    safety::failure::Failure,
+    safety::guardian::Charge,
+    safety::state::State,
+    support::terminal::say,
 };
 
 /// The word of the other process.

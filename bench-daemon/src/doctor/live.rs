@@ -21,7 +21,9 @@ use super::{
     scope::Level,
     steps::{self, Step},
 };
-use crate::{bench::BenchError, fixture_check, interlock::NO_CURRENT_A, record::code_scale};
+use crate::{
+    bench::BenchError, doctor::fixture_check, interlock::NO_CURRENT_A, record::code_scale,
+};
 
 /// Compliance voltage and current that are programmed into the bipolar supply.
 pub(super) const LIMITS: (f64, f64) = (2.0, 1.0);

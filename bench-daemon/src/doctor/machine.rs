@@ -8,9 +8,9 @@ use instruments::clock::{self, Clock, TimeMode};
 use super::{Findings, Texts, Verdict};
 use crate::{
     config,
-    failure::Failure,
-    guardian::wait_for_earlier,
-    state::{State, StateError},
+    safety::failure::Failure,
+    safety::guardian::wait_for_earlier,
+    safety::state::{State, StateError},
 };
 
 /// Free space from which on a run has room, and below which it is not to be begun, bytes.

@@ -7,6 +7,7 @@
 //! is energised any more. The bench always ends in safe state.
 
 mod findings;
+pub mod fixture_check;
 mod instruments;
 mod lease;
 mod live;

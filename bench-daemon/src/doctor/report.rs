@@ -10,7 +10,7 @@ use analysis::{
 use serde::{Deserialize, Serialize};
 
 use super::{Check, Verdict};
-use crate::{failure::Failure, hash};
+use crate::{safety::failure::Failure, support::hash};
 
 /// Outcome of the checks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

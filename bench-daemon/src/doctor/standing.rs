@@ -4,7 +4,7 @@
 use instruments::clock;
 
 use super::{Outcome, Report};
-use crate::{bench::Identified, config, hash, state::State};
+use crate::{bench::Identified, config, safety::state::State, support::hash};
 
 /// Its name in the state folder.
 pub const REPORT: &str = "doctor.json";

@@ -14,11 +14,11 @@ use super::{
 };
 use crate::{
     config::LOAD_CUT_OFF_V,
+    executor::thermostat::Thermostat,
     interlock::Reading,
     journal::{Note, NoteKind},
     plan::{CampaignRun, Missed, Step},
     record::Event,
-    thermostat::Thermostat,
 };
 
 /// Seconds between two readings while nothing flows.

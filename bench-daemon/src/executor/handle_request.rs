@@ -6,9 +6,9 @@ use instruments::{clock::TimeMode, fixture::Fixture};
 use super::{ExecuteError, Executor, Rig};
 use crate::{
     journal::Entry,
+    operator::run_control::{RunAction, RunControl},
     plan::{Purpose, Stage, Step},
     record::Event,
-    run_control::{RunAction, RunControl},
 };
 
 /// Seconds between two looks while the run waits.

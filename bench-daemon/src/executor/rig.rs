@@ -4,8 +4,8 @@ use instruments::clock::Clock;
 
 use super::{burst::Burst, setup::Setup};
 use crate::{
-    bench::Bench, config::Experiment, interlock::Interlock, record::Recorder,
-    thermostat::Thermostat,
+    bench::Bench, config::Experiment, executor::thermostat::Thermostat, interlock::Interlock,
+    record::Recorder,
 };
 
 /// The instruments of a run, with everything that reading and judging them needs.

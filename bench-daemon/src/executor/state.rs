@@ -9,8 +9,8 @@ use super::{dc::Reset, leg::Legs, trace::Zero};
 use crate::{
     interlock::Reading,
     operator::Operator,
+    operator::progress::Progress,
     plan::{CampaignRun, Specimen},
-    progress::Progress,
 };
 
 /// The person at the bench.

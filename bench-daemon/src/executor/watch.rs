@@ -7,9 +7,9 @@ use instruments::{fixture::Fixture, link::LinkError};
 
 use super::{ExecuteError, POLL_S, Rig, require};
 use crate::{
+    executor::thermostat::Action,
     interlock::{Allowance, Mean, NO_CURRENT_A, Reading, Trip},
     plan::{Flow, Step},
-    thermostat::Action,
 };
 
 /// Standard deviations that chance does not pass in a night of readings.

@@ -8,7 +8,7 @@ use analysis::{
     run_folder::{OCV, OCV_COLUMNS, OCV_CURVE},
 };
 
-use crate::{failure::Failure, files};
+use crate::{files, safety::failure::Failure};
 
 /// Points per trace of a plot.
 const DRAWN: usize = 1500;

@@ -9,7 +9,7 @@ use analysis::{
     validity::{Assessed, Record, assess},
 };
 
-use crate::failure::Failure;
+use crate::safety::failure::Failure;
 
 /// One spectrum of a run by itself, with the records that it was made from; else why it was not
 /// tested.

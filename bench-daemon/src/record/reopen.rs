@@ -16,10 +16,10 @@ use instruments::clock::Clock;
 
 use super::{RecordError, Recorder, io};
 use crate::{
-    drill::Drill,
-    hash,
+    journal::replay::JournalReplay,
     journal::{Journal, PointDone, Read},
-    journal_replay::JournalReplay,
+    support::crash_point::Drill,
+    support::hash,
 };
 
 impl Recorder {
@@ -320,7 +320,7 @@ mod tests {
         let started = crate::journal::Line {
             number: 1,
             time_s: 0.0,
-            entry: crate::journal_replay::test_started(),
+            entry: crate::journal::replay::test_started(),
         };
         let read = Read {
             lines: vec![started],

@@ -10,12 +10,12 @@ use crate::{
     bench::BenchError,
     config::{AutoResume, Experiment},
     executor::ExecuteError,
-    failure::Failure,
-    guardian::GuardianError,
     journal::{self, Entry},
-    run_control::{RunAction, RunControl},
-    state::{Lock, State},
-    terminal::remark,
+    operator::run_control::{RunAction, RunControl},
+    safety::failure::Failure,
+    safety::guardian::GuardianError,
+    safety::state::{Lock, State},
+    support::terminal::remark,
 };
 
 /// Interval at which it looks for a run control request while it waits, s.

@@ -15,14 +15,14 @@ use crate::{
     bench::Bench,
     config::Experiment,
     executor::{ExecuteError, Executor, Person, ResumePoint, Rig},
-    failure::Failure,
     journal::{Entry, PointDone},
     measure::SweepPoint,
     operator::Operator,
+    operator::progress::Progress,
+    operator::run_control::{self, RunControl},
     plan::{Checked, Plan, Purpose, Stage},
-    progress::Progress,
     record::Recorder,
-    run_control::{self, RunControl},
+    safety::failure::Failure,
 };
 
 /// Results from before: the correction of another run on the same bench, or the part of this run

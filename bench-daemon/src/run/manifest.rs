@@ -12,9 +12,9 @@ use super::{folder_of, play::Run, resume_context};
 use crate::{
     bench::Identified,
     config,
-    failure::Failure,
-    hash,
     journal::{ConfigCopy, Entry, Started},
+    safety::failure::Failure,
+    support::hash,
 };
 
 /// Manifest of a run, for whoever wants to run it again.

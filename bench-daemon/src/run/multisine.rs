@@ -16,9 +16,9 @@ use super::{Measured, sweep_writer};
 use crate::{
     config::Experiment,
     executor::{Executor, ResumePoint},
-    failure::Failure,
     plan::{Stage, Step, fixture_name},
     record::Recorder,
+    safety::failure::Failure,
 };
 
 /// Result of one multisine.

@@ -13,21 +13,21 @@ use super::{
     stop::{StopSignals, caught},
 };
 use crate::{
+    bench::state_readback,
     bench::{Bench, Connections, Identified},
-    bench_lease::BenchLease,
     config::Experiment,
     doctor,
-    failure::Failure,
     interlock::NO_CURRENT_A,
     journal::Entry,
     operator::Operator,
+    operator::progress::Progress,
     plan::Checked,
-    present::quoted,
-    progress::Progress,
     record::Recorder,
+    safety::bench_lease::BenchLease,
+    safety::failure::Failure,
     sim::Simulation,
-    state_readback,
-    terminal::remark,
+    support::present::quoted,
+    support::terminal::remark,
 };
 
 pub(super) struct Run<'a> {

@@ -26,13 +26,13 @@ use super::{
 use crate::{
     config::Experiment,
     executor::{ChannelRecord, PointRequest, analyse},
-    failure::Failure,
+    journal::replay::JournalReplay,
     journal::{self, Entry, Line},
-    journal_replay::JournalReplay,
     measure::SweepPoint,
     plan::{Plan, Purpose, Step},
     procedure,
     record::Recorder,
+    safety::failure::Failure,
 };
 use analysis::{
     calibration::Correction,

@@ -22,7 +22,8 @@ use instruments::fixture::Fixture;
 
 use super::Measured;
 use crate::{
-    config::Experiment, failure::Failure, fixture_check, measure::SweepPoint, record::Recorder,
+    config::Experiment, doctor::fixture_check, measure::SweepPoint, record::Recorder,
+    safety::failure::Failure,
 };
 
 /// Amplitudes that differ by less than this share are one.

@@ -12,16 +12,16 @@ use instruments::clock::{self, TimeMode};
 use super::{FINISHED, play::Run};
 use crate::{
     bench::Bench,
+    bench::state_readback,
     config::{Copies, Experiment, Source, resolve_experiment},
     executor::charge_of,
-    failure::Failure,
-    hash,
+    journal::replay::{JournalReplay, ResumeDecision},
     journal::{self, ConfigCopy, Entry, Read, Started},
-    journal_replay::{JournalReplay, ResumeDecision},
     plan::{Plan, Purpose, Stage, Step},
     procedure,
     record::{Event, Recorder},
-    state_readback,
+    safety::failure::Failure,
+    support::hash,
 };
 
 /// The voltage at rest may differ by this much from that before the sweep, V. A sweep moves no

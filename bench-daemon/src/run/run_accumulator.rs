@@ -20,11 +20,11 @@ use super::{
 };
 use crate::{
     config::Experiment,
-    failure::Failure,
-    fixture_check,
+    doctor::fixture_check,
     measure::SweepPoint,
     plan::fixture_name,
     record::{Event, RecordError, Recorder},
+    safety::failure::Failure,
 };
 
 /// Results of the finished stages so far.

@@ -11,17 +11,17 @@ use tokio::runtime::Runtime;
 
 use super::{Finished, ResumeContext, play::Run, stop::StopSignals};
 use crate::{
-    bench_lease,
     config::{self, Experiment},
-    drill::Drill,
-    failure::Failure,
-    logging,
     operator::Operator,
     procedure,
     record::Recorder,
+    safety::bench_lease,
+    safety::failure::Failure,
     sim::Simulation,
-    sums,
-    terminal::remark,
+    support::crash_point::Drill,
+    support::logging,
+    support::sums,
+    support::terminal::remark,
 };
 
 /// Runs on one bench, one after the other: time goes on from run to run, and so does a simulated

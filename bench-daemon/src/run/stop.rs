@@ -5,7 +5,7 @@ use std::{panic::AssertUnwindSafe, task::Poll};
 
 use tokio::signal::unix::{Signal, SignalKind, signal};
 
-use crate::failure::Failure;
+use crate::safety::failure::Failure;
 
 /// Number of the signal that Ctrl-Z sends, on Linux.
 const SIGTSTP: i32 = 20;

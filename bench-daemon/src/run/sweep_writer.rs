@@ -14,8 +14,8 @@ use num_complex::Complex64;
 use super::Measured;
 use crate::{
     config::Experiment,
+    doctor::fixture_check,
     executor::Executor,
-    fixture_check,
     journal::PointDone,
     measure::SweepPoint,
     plan::{CampaignRun, Stage, Step, fixture_name},
@@ -337,7 +337,10 @@ pub(super) fn with_shared(
     jig: &[ChannelPhasors],
 ) -> Spectrum {
     let text = serde_json::to_string(correction).unwrap_or_default();
-    let run: String = crate::hash::sha256(text).chars().take(12).collect();
+    let run: String = crate::support::hash::sha256(text)
+        .chars()
+        .take(12)
+        .collect();
     // Chosen by the control in the jig, so that they are the same for every sweep of the run.
     correction.with_shared(
         spectrum,

@@ -6,7 +6,7 @@ use utoipa::ToSchema;
 use crate::{
     bench::{Output, SafeReport},
     interlock::Limits,
-    state::Latched,
+    safety::state::Latched,
 };
 
 /// A bench as it is now.

@@ -41,7 +41,7 @@ use std::{
 use instruments::clock::{self, Clock, TimeMode};
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
-use crate::{failure::Failure, run::StopSignals, terminal::say};
+use crate::{run::StopSignals, safety::failure::Failure, support::terminal::say};
 use audit::Audit;
 use hub::Hub;
 use live::{Live, StopReport};

@@ -9,8 +9,8 @@ use analysis::run_folder::JOURNAL;
 use super::live::StopReport;
 use crate::{
     bench::SafeReport,
-    guardian::{DRIVES, Report, Status},
-    state::State,
+    safety::guardian::{DRIVES, Report, Status},
+    safety::state::State,
 };
 
 /// Somebody has read the outputs back as off.

@@ -13,7 +13,7 @@ use crate::{
         self, ConfigError, Source, load_bench,
         quantity::{Duration, Quantity},
     },
-    confined_path::plain,
+    support::confined_path::plain,
 };
 
 /// File of a server as it is typed.

@@ -11,7 +11,7 @@ use analysis::{
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::confined_path;
+use crate::support::confined_path;
 
 /// A spectrum.
 #[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]

@@ -15,8 +15,8 @@ use super::{Server, live::StopReport, locks};
 use crate::{
     bench::SafeReport,
     config,
-    run_control::{RunAction, RunControl},
-    state::{Holder, State},
+    operator::run_control::{RunAction, RunControl},
+    safety::state::{Holder, State},
 };
 
 /// `eis-bench safe` is waited for so long: it tries each instrument several times.

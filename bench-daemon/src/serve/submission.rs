@@ -12,8 +12,8 @@ use analysis::dataset::write_atomically;
 use super::settings::Settings;
 use crate::{
     config::{self, Experiment, Fence, Jig, Source, resolve_experiment},
-    confined_path::{self, plain},
     procedure,
+    support::confined_path::{self, plain},
 };
 
 /// Folder of the experiments, in that of the configuration.

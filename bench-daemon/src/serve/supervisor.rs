@@ -36,8 +36,8 @@ use super::{
 };
 use crate::{
     config,
-    failure::{Failure, GATE_REFUSED},
-    state::{Holder, State},
+    safety::failure::{Failure, GATE_REFUSED},
+    safety::state::{Holder, State},
 };
 
 /// Exit code of a finished run whose quality gate has refused points.

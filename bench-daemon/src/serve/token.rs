@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use subtle::ConstantTimeEq;
 
 use super::audit::private;
-use crate::{confined_path::plain, hash};
+use crate::{support::confined_path::plain, support::hash};
 
 const FILE: &str = "tokens.json";
 const PREFIX: &str = "eb_";

@@ -3,7 +3,7 @@
 
 use std::{fs, path::Path};
 
-use bench_daemon::state::{Latched, State};
+use bench_daemon::safety::state::{Latched, State};
 
 use crate::support::{BENCH, Ended, Files, Ports, SCENARIO, json, program};
 

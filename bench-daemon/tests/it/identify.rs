@@ -222,7 +222,9 @@ fn nobody_is_asked_on_a_bench_that_somebody_runs() {
     let _ports = Ports::serve(&files, 1.0, 1);
     let recorder = Recorder::before(&files, "scope");
     let (config, _) = bench_daemon::config::load_bench(&files.path(BENCH)).unwrap();
-    let state = bench_daemon::state::State::of(&config).unwrap().unwrap();
+    let state = bench_daemon::safety::state::State::of(&config)
+        .unwrap()
+        .unwrap();
     let run = files.path("run");
     let lock = state.lock(&run).unwrap();
     let (bench, out) = (files.path(BENCH), files.path("report"));

@@ -14,7 +14,7 @@ use analysis::{
 };
 use bench_daemon::{
     config::load_experiment,
-    investigation::{Budget, End, Investigation, Means, investigate},
+    investigate::closed_loop::{Budget, End, Investigation, Means, investigate},
 };
 
 /// Hidden effect: a seed, the lines for the scenario, and the names of the effect; none where

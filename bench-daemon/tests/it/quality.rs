@@ -438,7 +438,7 @@ fn refused_points_of_repeats_of_one_name_are_told_apart_and_a_replay_ends_with_t
         files.text("again/spectrum.csv"),
         files.text("run/spectrum.csv")
     );
-    let loaded = bench_daemon::dataset::read_dataset(&files.path("run")).unwrap();
+    let loaded = bench_daemon::investigate::dataset::read_dataset(&files.path("run")).unwrap();
     assert_eq!(loaded.refused.len(), count, "{:?}", loaded.notes);
     assert!(
         loaded.refused.iter().all(|point| !point.fitted)
@@ -447,7 +447,7 @@ fn refused_points_of_repeats_of_one_name_are_told_apart_and_a_replay_ends_with_t
                 .iter()
                 .any(|note| note.contains("the quality gate refused them"))
     );
-    let points = |loaded: &bench_daemon::dataset::Loaded| -> Vec<usize> {
+    let points = |loaded: &bench_daemon::investigate::dataset::Loaded| -> Vec<usize> {
         let of = |run: &analysis::diagnosis::Run| {
             if let analysis::diagnosis::RunData::Eis(sweep) = &run.data {
                 sweep.points.len()
@@ -463,11 +463,11 @@ fn refused_points_of_repeats_of_one_name_are_told_apart_and_a_replay_ends_with_t
         left.len() == 3 && left[0] < 6 && left.iter().all(|points| *points == left[0]),
         "{left:?}"
     );
-    let reading = bench_daemon::dataset::Reading {
+    let reading = bench_daemon::investigate::dataset::Reading {
         refused_points: true,
         ..Default::default()
     };
-    let wanted = bench_daemon::dataset::read_as(&files.path("run"), reading).unwrap();
+    let wanted = bench_daemon::investigate::dataset::read_as(&files.path("run"), reading).unwrap();
     assert_eq!(points(&wanted), [6, 6, 6]);
 }
 

@@ -31,7 +31,7 @@ const SOURCES: [&str; 22] = [
     "bench-daemon/src/config/mod.rs",
     "bench-daemon/src/plan.rs",
     "bench-daemon/src/serve/settings.rs",
-    "bench-daemon/src/dataset/raw.rs",
+    "bench-daemon/src/investigate/dataset/raw.rs",
     "fixtures/src/scenario.rs",
     "fixtures/src/scenario/effects.rs",
     "fixtures/src/scenario/faults.rs",

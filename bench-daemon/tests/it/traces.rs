@@ -9,7 +9,7 @@ use analysis::{
     series::Role,
 };
 use bench_daemon::{
-    command::run::run_experiment, config::load_experiment, failure::Failure, procedure,
+    command::run::run_experiment, config::load_experiment, procedure, safety::failure::Failure,
 };
 
 use crate::support::{BENCH, CELL, EXPERIMENT, Files, SCENARIO, sent};

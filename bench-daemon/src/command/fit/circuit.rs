@@ -5,9 +5,10 @@ use crate::{
         fit::{FitArgs, read},
         ocv_slope::Slope,
     },
-    failure::Failure,
-    files, present,
-    terminal::say,
+    files,
+    safety::failure::Failure,
+    support::present,
+    support::terminal::say,
 };
 use std::path::Path;
 

@@ -1,7 +1,9 @@
 //! Results of `eis-bench fit` beyond the fits: choice of the order, spread of cells, profiles,
 //! other minima, search over many seeds.
 
-use crate::{failure::Failure, files, present::significant, terminal::say};
+use crate::{
+    files, safety::failure::Failure, support::present::significant, support::terminal::say,
+};
 use std::path::Path;
 
 use analysis::{

@@ -8,7 +8,7 @@ use analysis::{
     validity::{Drift, DriftShape, Harmonic, Record},
 };
 
-use crate::failure::Failure;
+use crate::safety::failure::Failure;
 
 /// Highest harmonic that is looked for.
 const MOST: u32 = 20;

@@ -27,10 +27,10 @@ use instruments::{
 
 use crate::{
     command::mock::MockArgs,
-    failure::Failure,
     mocks::{self, Outcome, Replay},
     run::StopSignals,
-    terminal::say,
+    safety::failure::Failure,
+    support::terminal::say,
 };
 
 /// Between two looks at how far the conversation has come, s.

@@ -16,7 +16,7 @@ use analysis::{
 use serde::Serialize;
 
 use super::PackSimulateArgs;
-use crate::{failure::Failure, terminal::say};
+use crate::{safety::failure::Failure, support::terminal::say};
 
 /// The packs cell by cell, where they are given or asked for; the table is written if it is to be.
 pub(super) fn packs(

@@ -1,6 +1,6 @@
 //! Plots of packs with different cells: bands over time, and the distribution of the worst cells.
 
-use crate::{failure::Failure, files, present::titled};
+use crate::{files, safety::failure::Failure, support::present::titled};
 use std::path::Path;
 
 use analysis::{

@@ -20,10 +20,10 @@ use crate::{
         Source,
         quantity::{Duration, Frequency, Quantity, Resistance},
     },
-    failure::Failure,
-    present::significant,
     record::RecordError,
-    terminal::say,
+    safety::failure::Failure,
+    support::present::significant,
+    support::terminal::say,
 };
 
 /// Harmonics that are fitted besides the sinusoid.

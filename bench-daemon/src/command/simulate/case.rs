@@ -15,7 +15,7 @@ use analysis::{
 use serde::Serialize;
 
 use super::{Output, SimpleIr};
-use crate::{command::model_args, terminal::say};
+use crate::{command::model_args, support::terminal::say};
 
 /// A profile and its results.
 #[derive(Debug)]

@@ -1,7 +1,7 @@
 //! The picture of one or several profiles: power, voltage with the window, and state of charge
 //! where it is known.
 
-use crate::{failure::Failure, files};
+use crate::{files, safety::failure::Failure};
 use std::path::Path;
 
 use analysis::{

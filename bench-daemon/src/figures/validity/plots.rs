@@ -7,7 +7,7 @@ use analysis::{
     validity::{Assessed, KkPoint},
 };
 
-use crate::present::titled;
+use crate::support::present::titled;
 
 fn frequency() -> AxisSpec {
     AxisSpec::logarithmic("Frequency / Hz")

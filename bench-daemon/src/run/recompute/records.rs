@@ -18,10 +18,10 @@ use analysis::{
 use super::{Recorded, figures};
 use crate::{
     executor::{BandFit, Frames, RecordedTrace, fit_band, zeros},
-    failure::Failure,
     plan::{Band, Stage, Step, Through, TracePlan},
     record::{RecordError, Recorder},
     run::multisine::{self, MeasuredLine, MultisineRun},
+    safety::failure::Failure,
 };
 
 /// Results that were recomputed beside the points of sweeps.

@@ -13,11 +13,11 @@ use serde::Serialize;
 
 use crate::{
     config::{Campaign, Experiment},
-    failure::Failure,
     plan::{CampaignRun, Specimen},
-    present::significant,
     record::Recorder,
     run::Measured,
+    safety::failure::Failure,
+    support::present::significant,
 };
 
 use super::validity::Judged;

@@ -5,9 +5,9 @@ use instruments::{clock::TimeMode, fixture::Fixture};
 
 use crate::{
     config::Experiment,
-    failure::Failure,
     journal::{self, Entry},
     record::Recorder,
+    safety::failure::Failure,
 };
 
 /// Rows of the provenance: the date, the voltages at rest and the temperatures of the cell before

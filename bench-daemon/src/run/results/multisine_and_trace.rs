@@ -10,11 +10,11 @@ use analysis::{
 };
 
 use crate::{
-    failure::Failure,
     files,
-    present::significant,
     record::{RecordError, Recorder},
     run::{Measured, MultisineRun},
+    safety::failure::Failure,
+    support::present::significant,
 };
 
 /// Pictures and tables of a report.

@@ -15,11 +15,11 @@ use serde::Serialize;
 
 use crate::{
     config::{Experiment, OcvSoc},
-    failure::Failure,
     figures::ocv::{picture, write as write_curve},
     plan::Log,
-    present::significant,
     record::{RecordError, Recorder},
+    safety::failure::Failure,
+    support::present::significant,
 };
 
 use super::multisine_and_trace::{Shown, draw};

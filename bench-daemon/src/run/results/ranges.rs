@@ -6,10 +6,10 @@ use std::collections::BTreeMap;
 use analysis::{dataset, run_folder, significant::format_significant};
 
 use crate::{
-    failure::Failure,
     measure::SweepPoint,
     record::{RecordError, Recorder},
     run::Measured,
+    safety::failure::Failure,
 };
 
 /// Ranges that differ by less than this share are one.

@@ -7,7 +7,7 @@ use analysis::{
 };
 use num_complex::Complex64;
 
-use crate::{measure::SweepPoint, present::significant};
+use crate::{measure::SweepPoint, support::present::significant};
 
 /// A bend below so many standard deviations is noise.
 const SIGNIFICANT: f64 = 4.0;

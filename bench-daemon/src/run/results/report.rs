@@ -19,13 +19,14 @@ use super::{
 };
 use crate::{
     config::Experiment,
-    failure::Failure,
+    doctor::fixture_check,
     figures::impedance::{bode_plot, model_curves},
-    files, fixture_check,
+    files,
     journal::ConfigCopy,
-    present::{branches_table, fit_warnings, models_table, quoted, significant},
     record::Recorder,
     run::{Measured, manifest},
+    safety::failure::Failure,
+    support::present::{branches_table, fit_warnings, models_table, quoted, significant},
 };
 
 /// A reduced χ² above this says that the model leaves something out.

@@ -9,9 +9,9 @@ use analysis::{
 use super::records;
 use crate::{
     config::Campaign,
-    failure::Failure,
     figures::validity,
     run::{Measured, MultisineRun},
+    safety::failure::Failure,
 };
 
 /// Most spectra that are named one by one.

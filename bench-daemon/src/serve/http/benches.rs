@@ -17,6 +17,7 @@ use super::{
 };
 use crate::{
     config,
+    safety::state,
     serve::{
         audit::Deed,
         live::{InstrumentNow, Live, StopReport, TripNow},
@@ -24,7 +25,6 @@ use crate::{
         supervisor::Identity,
         token::Scope,
     },
-    state,
 };
 
 /// `eis-bench identify` is waited for so long.

@@ -45,7 +45,7 @@ use super::{
     problem::{Problem, Refusal, code_of},
     router,
 };
-use crate::{failure::Failure, serve::Server};
+use crate::{safety::failure::Failure, serve::Server};
 
 /// Longest head of a request, bytes.
 const HEAD_BYTES: usize = 16 * 1024;

@@ -21,7 +21,7 @@ use super::{
     caller::{Named, Peer},
     problem::{Code, Refusal},
 };
-use crate::{loopback::names_loopback, serve::audit::By};
+use crate::{serve::audit::By, support::loopback::names_loopback};
 
 /// Wrong tokens of one peer, and attempts of one without any that are written down, per second in
 /// the long run and at once.

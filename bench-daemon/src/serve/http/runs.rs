@@ -27,7 +27,6 @@ use super::{
     problem::Refusal,
 };
 use crate::{
-    confined_path::{self, plain},
     serve::{
         jobs::{self, Job},
         live::RunNow,
@@ -35,6 +34,7 @@ use crate::{
         spectra::{self, Spectrum},
         watch::Watch,
     },
+    support::confined_path::{self, plain},
 };
 
 /// Time within which a run control request is passed on, or not at all.

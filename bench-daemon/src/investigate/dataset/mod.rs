@@ -23,7 +23,7 @@ use analysis::{
     spectrum::FlaggedPoint,
 };
 
-use crate::{config::ConfigError, present};
+use crate::{config::ConfigError, support::present};
 
 pub use files::DataSetProblem;
 pub use write::write_dataset;

@@ -8,21 +8,21 @@ use std::collections::BTreeMap;
 use instruments::{clock::Clock, transport::MemoryHub};
 
 use crate::{
+    bench::state_readback,
     bench::{Bench, Connections},
     config,
-    failure::Failure,
-    guardian::last_cell_c,
     interlock::NO_CURRENT_A,
     journal::{self, Entry, Line},
-    state::{Latched, OpenRun, State, StateError},
-    state_readback,
-    terminal::remark,
+    safety::failure::Failure,
+    safety::guardian::last_cell_c,
+    safety::state::{Latched, OpenRun, State, StateError},
+    support::terminal::remark,
 };
 
 /// Settles what an earlier run has left; the bench is locked, and no guardian is at work on it.
 ///
 /// # Errors
-/// [`crate::state::StateError::Latched`] where a person has to look, [`Failure::Unsafe`] where
+/// [`crate::safety::state::StateError::Latched`] where a person has to look, [`Failure::Unsafe`] where
 /// something cannot be switched off.
 pub(super) async fn settle(
     bench: &config::Bench,

@@ -30,12 +30,12 @@ use serde::Serialize;
 
 use crate::{
     config::Experiment,
-    dataset::{Loaded, read_dataset, write_dataset},
-    failure::Failure,
+    investigate::dataset::{Loaded, read_dataset, write_dataset},
     run::{
         Measured, Session,
         results::{every_sweep, leave_out, refused_points},
     },
+    safety::failure::Failure,
 };
 
 /// Name of the schema of `investigation.json`.

@@ -6,7 +6,7 @@ use std::{fmt::Write as _, path::Path};
 use analysis::dataset::write_atomically;
 
 use super::{FollowUpRun, Investigation, Step};
-use crate::{failure::Failure, present::significant};
+use crate::{safety::failure::Failure, support::present::significant};
 
 /// Writes both.
 pub(super) fn write(folder: &Path, investigation: &Investigation) -> Result<(), Failure> {

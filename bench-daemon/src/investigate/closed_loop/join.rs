@@ -12,8 +12,8 @@ use analysis::{
 
 use crate::{
     config::ConfigError,
-    dataset::{Loaded, Reading, read_as},
-    failure::Failure,
+    investigate::dataset::{Loaded, Reading, read_as},
+    safety::failure::Failure,
 };
 
 /// The run folders that are joined.

@@ -19,10 +19,10 @@ use tokio::sync::mpsc::{UnboundedReceiver, UnboundedSender, unbounded_channel};
 use super::{ALIVE, Charge, DOING, GOODBYE, NO_BATH, READY, REFUSED, TAKE_OVER};
 use crate::{
     bench::BenchError,
+    operator::progress::{Doing, Now},
     plan::fixture_name,
-    progress::{Doing, Now},
-    state::{State, StateError},
-    terminal::remark,
+    safety::state::{State, StateError},
+    support::terminal::remark,
 };
 
 /// Time between two words to the guardian.
@@ -329,8 +329,8 @@ mod tests {
 
     use super::*;
     use crate::{
+        operator::progress::Progress,
         plan::{Plan, Step},
-        progress::Progress,
     };
 
     #[test]

@@ -16,7 +16,7 @@ use analysis::{
 };
 use rayon::prelude::*;
 
-use crate::hash;
+use crate::support::hash;
 
 /// Hashes that cannot be written or read.
 #[derive(Debug, thiserror::Error)]

@@ -10,12 +10,12 @@ pub fn line(mut to: impl Write, text: fmt::Arguments<'_>) {
 
 /// A line of a result, on standard output.
 macro_rules! say {
-    ($($text:tt)*) => { $crate::terminal::line(std::io::stdout(), format_args!($($text)*)) };
+    ($($text:tt)*) => { $crate::support::terminal::line(std::io::stdout(), format_args!($($text)*)) };
 }
 
 /// A line of a remark, on standard error.
 macro_rules! remark {
-    ($($text:tt)*) => { $crate::terminal::line(std::io::stderr(), format_args!($($text)*)) };
+    ($($text:tt)*) => { $crate::support::terminal::line(std::io::stderr(), format_args!($($text)*)) };
 }
 
 pub(crate) use {remark, say};

@@ -36,9 +36,9 @@ use crate::{
     bench::{Bench, Connections, Identified, SafeReport},
     config,
     interlock::Trip,
-    logging,
-    state::{Latched, State, StateError, pid},
-    terminal::say,
+    safety::state::{Latched, State, StateError, pid},
+    support::logging,
+    support::terminal::say,
 };
 
 /// The messages that go over the pipes, a line each: to the guardian …
@@ -179,7 +179,7 @@ struct Watch<'a> {
     messages: UnboundedReceiver<String>,
     /// How the last attempt to latch the bench ended.
     latched: Option<Result<(), StateError>>,
-    _place: crate::state::Lock,
+    _place: crate::safety::state::Lock,
 }
 
 impl<'a> Watch<'a> {

@@ -5,7 +5,7 @@
 use std::path::PathBuf;
 
 use super::StateError;
-use crate::{addresses::keys, config, hash};
+use crate::{config, support::addresses::keys, support::hash};
 
 /// Names the folder of all instruments; several accounts that run the same bench name one that all
 /// may write.

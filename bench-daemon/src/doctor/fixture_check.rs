@@ -18,7 +18,7 @@ use crate::{
     config::{Bench, Experiment, Tolerance},
     measure::SweepPoint,
     plan::fixture_name,
-    present::significant,
+    support::present::significant,
 };
 
 /// After the correction a control must be right in phase too: this many degrees for each per cent

@@ -12,7 +12,7 @@ use instruments::fixture::Fixture;
 
 use crate::{
     plan::{Plan, Step},
-    terminal::remark,
+    support::terminal::remark,
 };
 
 /// Progress through a plan, by expected bench time.

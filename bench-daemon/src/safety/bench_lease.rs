@@ -12,12 +12,12 @@ use instruments::clock::Clock;
 use crate::{
     config::{self, Experiment},
     executor::ExecuteError,
-    failure::Failure,
-    guardian::{Charge, GuardianError, Keeper, wait_for_earlier},
-    hash,
-    progress::Doing,
-    state::{Latched, Lock, State, StateError},
-    terminal::remark,
+    operator::progress::Doing,
+    safety::failure::Failure,
+    safety::guardian::{Charge, GuardianError, Keeper, wait_for_earlier},
+    safety::state::{Latched, Lock, State, StateError},
+    support::hash,
+    support::terminal::remark,
 };
 
 /// Refuses a bench that is latched or run by somebody else, before anything is made for a run, and

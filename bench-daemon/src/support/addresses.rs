@@ -11,7 +11,7 @@ use std::{
 
 use instruments::transport::{Adapter, Address, Socket, Vxi11Port};
 
-use crate::loopback::is_loopback;
+use crate::support::loopback::is_loopback;
 
 /// Ports at which instruments offer their raw socket beside VXI-11 and HiSLIP.
 const RAW_PORTS: [u16; 2] = [5025, 5555];

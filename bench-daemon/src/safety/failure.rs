@@ -6,13 +6,13 @@ use crate::{
     bench::{BenchError, Unsafe},
     config::ConfigError,
     executor::ExecuteError,
-    guardian::GuardianError,
     plan::PlanError,
-    present::quoted,
     record::RecordError,
+    safety::guardian::GuardianError,
+    safety::state::StateError,
     sim::SimError,
-    state::StateError,
-    sums::SumsError,
+    support::present::quoted,
+    support::sums::SumsError,
 };
 
 /// A path as a person pastes it into a shell: no way that goes up and down again, and short where

@@ -1,0 +1,12 @@
+//! Helpers that know nothing of a bench: paths, addresses, hashes, terminal, log.
+
+pub mod addresses;
+pub mod compare;
+pub mod confined_path;
+pub mod crash_point;
+pub mod hash;
+pub mod logging;
+pub mod loopback;
+pub mod present;
+pub mod sums;
+pub mod terminal;
