@@ -49,7 +49,7 @@ impl RunControl {
     pub fn read_if_present(folder: &Path) -> Option<Self> {
         let text = std::fs::read_to_string(folder.join(RUN_CONTROL)).ok()?;
         serde_json::from_str(&text)
-            .inspect_err(|error| tracing::warn!("{RUN_CONTROL}: {error}: not heeded"))
+            .inspect_err(|error| tracing::warn!("{RUN_CONTROL}: {error}: ignored"))
             .ok()
     }
 

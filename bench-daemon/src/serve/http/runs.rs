@@ -397,7 +397,7 @@ async fn send_request(
         .lines()
         .rev()
         .find_map(|line| line.strip_prefix("eis-bench: "))
-        .unwrap_or("the wish was refused");
+        .unwrap_or("the request was refused");
     Err(Refusal::conflict(why))
 }
 
