@@ -435,8 +435,8 @@ thresholds! {
         Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
     DITHERED_PART: f64 = 0.02, "1",
         "Part of q²/12 that samples of one voltage may share where the noise dithers the codes.",
-        Convention "K(0) of `codes` falls to that part at a noise of 0.295 of a code; such codes \
-        count as dithered.";
+        Convention "K(0) of `codes` falls to that part at a noise of 0.294 of a code, as \
+        √(ln(6/(0.02·π²)))/(2π). Such codes count as dithered.";
     LEAST_INFORMATION: f64 = 1e-3, "1",
         "Information of the repeats on ln σ from which on a σ is compared with the bench's \
         history.",
@@ -630,8 +630,8 @@ thresholds! {
         Quantile "Normal distribution, two-sided probability 6·10⁻⁵.";
     FORMULA_SHARE: f64 = 0.03, "1",
         "Part of an effect's size by which nature may differ from the catalogue's formula.",
-        Convention "Set by judgement in commit 0975594. Beside an effect of λ a gain of 0.0009·λ \
-        is then nothing, as 0.03².";
+        Convention "Set without a reason in commit 0975594 for held-out runs, and in 1b32884 for \
+        second effects and waves. Beside an effect of λ a gain of 0.03²·λ = 0.0009·λ is nothing.";
     INTEGRATION_PART: f64 = 0.1, "σ",
         "Largest error of integration of a row, in standard deviations of its noise.",
         Convention "In one row it adds 0.1² = 0.01 to χ², a hundredth of the row's expectation.";
@@ -639,7 +639,8 @@ thresholds! {
     NAMING_LEAD: f64 = 14.0, "1",
         "Score by which a name must lead every rival.",
         Convention "Above a BIC difference of 10, which is very strong evidence (Kass and Raftery, \
-        JASA 90, 1995).";
+        JASA 90, 1995). By the bound of `OUTSIDE_LEAD` chance gives it in Φ(−√14) = 9.1·10⁻⁵ of \
+        cases.";
     ASSUMED_LEAD: f64 = 0.05, "1",
         "Part of the λ of a name by which it must lead too where the noise is assumed.",
         Convention "Such a χ² is worth no more than the assumption. It was set on the Panasonic \
