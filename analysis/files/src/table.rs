@@ -1,11 +1,15 @@
-//! Tables that a person writes: fields separated by commas, a header in the first line. Lines that
-//! are empty or begin with `#` are comments.
+//! Tables that a person writes: a header in the first line, and fields as other tables have them
+//! (`formats::text`): between commas, semicolons or tabulators, with or without quotes.
 
 use std::path::{Path, PathBuf};
 
-/// A table as it stands in its file; every field without the blanks around it.
+use crate::formats::text;
+
+/// A table as it stands in its file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Table {
+    /// Number of the header's line in the file, from 1.
+    pub header_line: usize,
     /// Names of the columns, in order.
     pub columns: Vec<String>,
     /// Rows, in order; each may have more or fewer fields than the header.
@@ -18,6 +22,16 @@ pub struct Row {
     /// Number of its line in the file, from 1.
     pub line: usize,
     text: String,
+    separator: char,
+}
+
+/// What a line that begins with `#` is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Hash {
+    /// A comment, passed over.
+    Comment,
+    /// A row like any other: its first field may be a name such as `#12`.
+    Row,
 }
 
 /// A table that cannot be read.
@@ -29,34 +43,37 @@ pub struct TableError {
 }
 
 impl Table {
-    /// Reads a file.
+    /// Reads a file; blank lines are passed over.
     ///
     /// # Errors
     /// A file that cannot be read or is no text.
-    pub fn read(path: &Path) -> Result<Self, TableError> {
+    pub fn read(path: &Path, hash: Hash) -> Result<Self, TableError> {
         let text = std::fs::read_to_string(path).map_err(|source| TableError {
             path: path.to_path_buf(),
             source,
         })?;
-        Ok(Self::parse(&text))
+        Ok(Self::parse(&text, hash))
     }
 
-    fn parse(text: &str) -> Self {
-        let mut rows = text
+    fn parse(text: &str, hash: Hash) -> Self {
+        let is_comment = |line: &str| hash == Hash::Comment && line.trim_start().starts_with('#');
+        let mut lines = text
             .trim_start_matches('\u{feff}')
             .lines()
             .enumerate()
-            .filter(|(_, line)| !line.trim().is_empty() && !line.starts_with('#'))
-            .map(|(index, line)| Row {
-                line: index + 1,
-                text: line.to_owned(),
-            });
-        let columns = rows
-            .next()
-            .map_or_else(Vec::new, |row| row.fields().map(str::to_owned).collect());
+            .filter(|(_, line)| !line.trim().is_empty() && !is_comment(line));
+        let (index, header) = lines.next().unwrap_or((0, ""));
+        let separator = text::separator(header);
+        let columns = text::fields(header, separator).map(str::to_owned).collect();
+        let row = |(index, line): (usize, &str)| Row {
+            line: index + 1,
+            text: line.to_owned(),
+            separator,
+        };
         Self {
+            header_line: index + 1,
             columns,
-            rows: rows.collect(),
+            rows: lines.map(row).collect(),
         }
     }
 
@@ -67,18 +84,21 @@ impl Table {
 }
 
 impl Row {
-    fn fields(&self) -> impl Iterator<Item = &str> {
-        self.text.split(',').map(str::trim)
-    }
-
     /// Number of its fields.
     pub fn width(&self) -> usize {
-        self.fields().count()
+        text::fields(&self.text, self.separator).count()
     }
 
     /// Text of a field; empty where the row ends before it.
     pub fn field(&self, column: usize) -> &str {
-        self.fields().nth(column).unwrap_or("")
+        text::fields(&self.text, self.separator)
+            .nth(column)
+            .unwrap_or("")
+    }
+
+    /// Number in a field, with a decimal comma where fields are not separated by commas.
+    pub fn number(&self, column: usize) -> Option<f64> {
+        text::number(self.field(column), self.separator)
     }
 }
 
@@ -86,15 +106,31 @@ impl Row {
 mod tests {
     use super::*;
 
+    fn rows<'a>(table: &'a Table) -> Vec<(usize, usize, &'a str, &'a str)> {
+        let row = |row: &'a Row| (row.line, row.width(), row.field(0), row.field(1));
+        table.rows.iter().map(row).collect()
+    }
+
     #[test]
     fn fields_come_without_blanks_marks_and_comments() {
-        let table = Table::parse("\u{feff}freq_hz , name\r\n# a comment\n\n 1.5, a \n2\n");
-        assert_eq!(table.columns, ["freq_hz", "name"]);
-        let rows: Vec<(usize, usize, &str, &str)> = table
-            .rows
-            .iter()
-            .map(|row| (row.line, row.width(), row.field(0), row.field(1)))
-            .collect();
-        assert_eq!(rows, [(4, 2, "1.5", "a"), (5, 1, "2", "")]);
+        let text = "\u{feff}# made by hand\r\nfreq_hz , \"name\"\r\n  # a comment\n\n 1.5, a \n2\n";
+        let table = Table::parse(text, Hash::Comment);
+        assert_eq!((table.header_line, table.columns.len()), (2, 2));
+        assert_eq!(table.column("name"), Some(1));
+        assert_eq!(rows(&table), [(5, 2, "1.5", "a"), (6, 1, "2", "")]);
+    }
+
+    #[test]
+    fn a_name_may_begin_with_a_hash_where_there_are_no_comments() {
+        let table = Table::parse("name,group\n#12,1\n", Hash::Row);
+        assert_eq!(rows(&table), [(2, 2, "#12", "1")]);
+    }
+
+    #[test]
+    fn between_semicolons_a_comma_is_a_decimal_point() {
+        let table = Table::parse("a;b\n1,5;2\n", Hash::Comment);
+        assert_eq!(table.rows[0].number(0), Some(1.5));
+        let table = Table::parse("a,b\n1,5\n", Hash::Comment);
+        assert_eq!(table.rows[0].number(0), Some(1.0));
     }
 }

@@ -282,7 +282,7 @@ fn without(text: &str, sections: &[&str]) -> String {
 /// Plays one attack.
 pub(crate) fn stand(program: &str, attack: &Attack, usual: &Usual) -> Row {
     let folder = files(attack.job);
-    let mended = FaultSwitch::default();
+    let repaired = FaultSwitch::default();
     let schedule = match attack.deed {
         Deed::Fault(role, fault, variant) => Some(Schedule {
             seed: 1,
@@ -292,7 +292,7 @@ pub(crate) fn stand(program: &str, attack: &Attack, usual: &Usual) -> Row {
             role: Some(role.to_owned()),
             from_s: attack.from_s,
             variant: Some(variant),
-            mended: mended.clone(),
+            repaired: repaired.clone(),
         }),
         Deed::Signal(..) | Deed::Nothing => None,
     };
@@ -346,7 +346,7 @@ pub(crate) fn stand(program: &str, attack: &Attack, usual: &Usual) -> Row {
     // Not held while others want it.
     let usual = lock(usual).get(&attack.job).cloned();
     let wrong = wrong_points(&shares, usual.as_ref(), &text);
-    mended.mend();
+    repaired.mend();
     let resumed = if code == Some(0) {
         "–".to_owned()
     } else {

@@ -1,7 +1,7 @@
 //! Coverage of stated uncertainties: plays a shipped experiment on the simulated bench over many
 //! seeds and counts how often the truth lies within the stated 68 % and 95 % intervals, per
-//! frequency and per parameter. Fails where the seeds refute a 95 % interval. `cargo test` plays a
-//! share of it.
+//! frequency and per parameter. Fails where the seeds refute a 95 % interval. The drills play a share
+//! of it.
 //!
 //! `cargo bench --profile dev -p bench-daemon --bench coverage -- demo accurate multisine thesis
 //! campaign joint --seeds 100 --from 1`

@@ -54,7 +54,7 @@ impl Rig<'_> {
         fixture: Fixture,
     ) -> Result<Vec<Waveform>, ExecuteError> {
         let (overlaps, error) = (self.overlaps(settings), self.bench.error("scope"));
-        let points = settings.depth.record_points;
+        let points = settings.record_points;
         let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
             let scope = require(&mut self.bench.scope, "scope")?;
@@ -268,7 +268,7 @@ impl Executor<'_> {
             self.sweep.announce(self.rig.recorder)?;
             let error = self.rig.bench.error("scope");
             let chosen = require(&mut self.rig.bench.scope, "scope")?
-                .choose(1, settings.depth.record_points)
+                .choose(1, settings.record_points)
                 .await
                 .map_err(error)?;
             self.watch_until(settled_at_s, fixture).await?;

@@ -14,8 +14,8 @@ pub struct SweepSettings {
     pub amplitude_a: f64,
     /// Periods on the screen at least.
     pub periods_on_screen: f64,
-    /// Points that the scope takes and sends.
-    pub depth: Depth,
+    /// Points per channel that are downloaded.
+    pub record_points: u64,
     /// Frequency of the mains that is fitted besides the sinusoid, Hz.
     pub mains_hz: Option<f64>,
     /// Whether points overlap, where somebody has said so.
@@ -38,10 +38,7 @@ pub(crate) fn test_settings() -> std::sync::Arc<SweepSettings> {
     std::sync::Arc::new(SweepSettings {
         amplitude_a: 1.0,
         periods_on_screen: 5.0,
-        depth: Depth {
-            memory_points: 1_000_000,
-            record_points: 10_000,
-        },
+        record_points: 10_000,
         mains_hz: None,
         overlap: None,
         quality: None,

@@ -14,7 +14,7 @@ use instruments::{fixture::Fixture, instrument::by_key, scope, units::Seconds};
 
 use crate::{
     config::{Eis, Experiment, Instrument, Temperature},
-    plan::{Depth, Plan, Purpose, Stage, Step, SweepSettings},
+    plan::{Plan, Purpose, Stage, Step, SweepSettings},
 };
 
 use power::Power;
@@ -153,10 +153,7 @@ fn settings(eis: &Eis) -> SweepSettings {
     SweepSettings {
         amplitude_a: eis.amplitude_a,
         periods_on_screen: eis.periods_on_screen,
-        depth: Depth {
-            memory_points: eis.memory_points,
-            record_points: eis.record_points,
-        },
+        record_points: eis.record_points,
         mains_hz: eis.mains_hz,
         overlap: eis.overlap,
         quality: eis.quality,

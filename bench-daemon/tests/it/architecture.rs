@@ -110,7 +110,10 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("bench-daemon", "instruments"),
         // Its tests take data sets from there.
         ("bench-daemon", "study"),
+        // Its tests only.
         ("fixtures", "instruments"),
+        ("fixtures", "instruments-domain"),
+        ("fixtures", "instruments-mock"),
         ("instruments", "instruments-domain"),
         ("instruments", "instruments-drivers"),
         ("instruments", "instruments-link"),

@@ -63,7 +63,7 @@ pub struct Instrument<D: Model + ?Sized + 'static> {
     /// Part of the identity of another model that is accepted as this one.
     accepted: Option<String>,
     /// Settings that were made last and must stay so while current flows.
-    pub(crate) told: ExpectedAnswers,
+    pub(crate) expected: ExpectedAnswers,
 }
 
 impl<D: Model + ?Sized> Instrument<D> {
@@ -74,7 +74,7 @@ impl<D: Model + ?Sized> Instrument<D> {
             dialect,
             channels: Vec::new(),
             accepted: None,
-            told: ExpectedAnswers::default(),
+            expected: ExpectedAnswers::default(),
         }
     }
 
@@ -172,13 +172,13 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// Plays a script that changes what drives a current, and remembers what it has made so.
     pub(crate) async fn tell(&mut self, script: &[Exchange]) -> Result<(), LinkError> {
         self.play(script).await?;
-        self.told.add(script);
+        self.expected.add(script);
         Ok(())
     }
 
     /// Something was set that must stay so.
     pub fn was_told(&self) -> bool {
-        !self.told.is_empty()
+        !self.expected.is_empty()
     }
 
     /// Asks whether everything is still as it was set, while something is on, and changes nothing;
@@ -188,7 +188,7 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// The link's.
     pub async fn differs(&mut self) -> Result<Option<String>, LinkError> {
         let settings = self.dialect.settings();
-        self.told.differs(&mut self.link, settings).await
+        self.expected.differs(&mut self.link, settings).await
     }
 
     /// Goes a way to zero current, whatever is refused in between.
@@ -202,7 +202,7 @@ impl<D: Model + ?Sized> Instrument<D> {
     /// Limits that bound the instrument, by its own answers, in words. Limits that it does not
     /// answer are left out.
     pub async fn bounded_by(&mut self, bounds: &[Bound]) -> Vec<String> {
-        let mut told = Vec::new();
+        let mut bounds_in_words = Vec::new();
         for Bound { query, words, unit } in bounds {
             // Who does not answer once is not asked again: that would only take time.
             let Ok(number) = self.number(query).await else {
@@ -210,15 +210,15 @@ impl<D: Model + ?Sized> Instrument<D> {
             };
             // No words twice.
             let value = format!("{} {unit}", plain(number));
-            match told
+            match bounds_in_words
                 .last_mut()
                 .filter(|last: &&mut String| last.starts_with(words))
             {
                 Some(last) => last.push_str(&format!(" and {value}")),
-                None => told.push(format!("{words} {value}")),
+                None => bounds_in_words.push(format!("{words} {value}")),
             }
         }
-        told
+        bounds_in_words
     }
 
     /// Dialect in use.

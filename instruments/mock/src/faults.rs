@@ -117,7 +117,7 @@ pub struct Schedule {
     /// Which of the things that another client may do; left to chance without it.
     pub variant: Option<usize>,
     /// Whoever mends the instruments.
-    pub mended: FaultSwitch,
+    pub repaired: FaultSwitch,
 }
 
 /// A switch that ends every fault and every lie of a bench; clones are the same switch.
@@ -151,7 +151,7 @@ impl Default for Schedule {
             role: None,
             from_s: 0.0,
             variant: None,
-            mended: FaultSwitch::default(),
+            repaired: FaultSwitch::default(),
         }
     }
 }
@@ -362,7 +362,7 @@ impl Device for Troubled {
     }
 
     fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        if self.schedule.mended.is_so() {
+        if self.schedule.repaired.is_so() {
             return self.device.handle(now_s, message);
         }
         if self.lies.stuck && switches_off(message) {
@@ -404,7 +404,7 @@ impl Device for Troubled {
 
     fn trouble(&mut self, now_s: f64, message: &[u8]) -> Option<Trouble> {
         let (chance, which, share) = (self.uniform(), self.uniform(), self.uniform());
-        let may = !self.schedule.mended.is_so()
+        let may = !self.schedule.repaired.is_so()
             && now_s >= self.schedule.from_s
             && self.happened < self.schedule.most
             && chance < self.schedule.per_message;

@@ -37,7 +37,7 @@ mod profile;
 pub mod scope;
 pub(crate) mod shared;
 mod sweeps;
-mod text;
+pub(crate) mod text;
 mod timeseries;
 mod vendor;
 mod write;

@@ -49,12 +49,7 @@ impl<'a> Text<'a> {
             .map(|(i, l)| (i + 1, l.trim_end_matches('\r')));
         let rows = rows.filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
         let lines: Vec<(usize, &str)> = rows.collect();
-        let separator = [';', '\t'].into_iter().find(|separator| {
-            lines
-                .first()
-                .is_some_and(|(_, first)| first.contains(*separator))
-        });
-        let separator = separator.unwrap_or(',');
+        let separator = separator(lines.first().map_or("", |(_, first)| first));
         let rows = lines
             .into_iter()
             .map(|(line, raw)| Row {
@@ -120,12 +115,25 @@ pub(super) fn shorten(text: &str) -> String {
 }
 
 fn split(line: &str, separator: char) -> Vec<&str> {
-    line.split(separator).map(unquote).collect()
+    fields(line, separator).collect()
+}
+
+/// Fields of a line without surrounding blanks and quotes.
+pub(crate) fn fields(line: &str, separator: char) -> impl Iterator<Item = &str> {
+    line.split(separator).map(unquote)
+}
+
+/// Character between two fields, as the first line that is no comment tells it.
+pub(crate) fn separator(first: &str) -> char {
+    [';', '\t']
+        .into_iter()
+        .find(|separator| first.contains(*separator))
+        .unwrap_or(',')
 }
 
 /// The number in a field. Where fields are not separated by commas, a comma is a decimal point;
 /// thousands are not grouped.
-pub(super) fn number(field: &str, separator: char) -> Option<f64> {
+pub(crate) fn number(field: &str, separator: char) -> Option<f64> {
     if separator == ',' || !field.contains(',') {
         return field.parse().ok();
     }

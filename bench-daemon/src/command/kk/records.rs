@@ -4,7 +4,7 @@ use std::path::Path;
 
 use analysis::{
     spectrum::Spectrum,
-    table::{Row, Table},
+    table::{Hash, Row, Table},
     validity::{Drift, DriftShape, Harmonic, Record},
 };
 
@@ -36,7 +36,8 @@ struct Line<'a> {
 /// A file that cannot be read, a column that is not known or lacks its partner, a column that is
 /// missing, a field that is no number.
 pub(super) fn read(path: &Path) -> Result<Vec<(usize, Record)>, Failure> {
-    let table = Table::read(path).map_err(|error| Failure::Usage(error.to_string()))?;
+    let table =
+        Table::read(path, Hash::Comment).map_err(|error| Failure::Usage(error.to_string()))?;
     let columns = Columns::of(&table).ok_or_else(|| {
         Failure::Usage(format!(
             "{}: expected a header with freq_hz, found \"{}\"",

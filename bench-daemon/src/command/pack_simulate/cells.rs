@@ -105,15 +105,15 @@ struct Table<'a> {
 
 impl<'a> Table<'a> {
     fn read(path: &'a Path, setup: &'a ScatterSetup<'a>) -> Result<Self, Failure> {
-        let read =
-            table::Table::read(path).map_err(|error| Failure::Usage(format!("--cells {error}")))?;
+        let read = table::Table::read(path, table::Hash::Row)
+            .map_err(|error| Failure::Usage(format!("--cells {error}")))?;
         let mut table = Self {
             path,
             setup,
             columns: read.columns,
             cells: BTreeMap::new(),
         };
-        table.check_header()?;
+        table.check_header(read.header_line)?;
         for row in &read.rows {
             table.add(row)?;
         }
@@ -127,7 +127,7 @@ impl<'a> Table<'a> {
         ))
     }
 
-    fn check_header(&self) -> Result<(), Failure> {
+    fn check_header(&self, line: usize) -> Result<(), Failure> {
         let factors = factor_names(self.setup.cell.branches.len());
         let known = |name: &String| {
             ["draw", "group", "place", "name", "model", "soc"].contains(&name.as_str())
@@ -144,7 +144,7 @@ impl<'a> Table<'a> {
             factors.join(", ")
         );
         Err(self.fail(
-            ", line 1",
+            &format!(", line {line}"),
             &expected,
             &format!("{:?}", self.columns.join(",")),
         ))

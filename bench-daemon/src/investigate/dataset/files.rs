@@ -15,7 +15,7 @@ use analysis::{
     },
     series::{SeriesError, TimeSeries},
     spectrum::{SourcedSpectrum, Spectrum},
-    table::{Row, Table},
+    table::{Hash, Row, Table},
 };
 
 /// A run whose file is there but cannot be what was measured.
@@ -126,11 +126,12 @@ pub(super) fn column(
     if path.extension().is_none_or(|extension| extension != "csv") {
         return Ok(None);
     }
-    let table = Table::read(path).map_err(|error| FileError::Usage(error.to_string()))?;
+    let table =
+        Table::read(path, Hash::Comment).map_err(|error| FileError::Usage(error.to_string()))?;
     let Some(place) = table.column(name) else {
         return Ok(None);
     };
-    let value = |row: &Row| row.field(place).parse::<f64>().ok().filter(fits);
+    let value = |row: &Row| row.number(place).filter(fits);
     let values: Option<Vec<f64>> = table.rows.iter().map(value).collect();
     let expected = || {
         format!(

@@ -38,7 +38,7 @@ use crate::{
 };
 
 /// Time within which a run control request is passed on, or not at all.
-const WISH: Duration = Duration::from_secs(20);
+const RUN_CONTROL_DEADLINE: Duration = Duration::from_secs(20);
 /// Longest file that is sent, bytes: captures are copied from the disk instead.
 const LONGEST: u64 = 256 * 1024 * 1024;
 /// How much of a log is shown, bytes.
@@ -383,7 +383,7 @@ async fn send_request(
     let output = app
         .server
         .clock
-        .deadline(WISH, command.output())
+        .deadline(RUN_CONTROL_DEADLINE, command.output())
         .await
         .map_err(|error| Refusal::machine(&error))?;
     let output = output.map_err(|error| Refusal::machine(&error))?;

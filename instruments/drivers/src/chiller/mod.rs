@@ -150,7 +150,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// The link's; a read-back that differs; manual mode, unless it stands still already.
     pub async fn stop(&mut self) -> Result<(), LinkError> {
-        self.told = ExpectedAnswers::default();
+        self.expected = ExpectedAnswers::default();
         let stopped = self.play(&self.dialect.run(None)).await;
         if let Err(LinkError::ReadBack { .. }) = &stopped {
             let status = self.status().await?;
@@ -182,7 +182,7 @@ impl Instrument<dyn Dialect> {
 
     /// It was started at this set-point by another process: what must still be so. Sends nothing.
     pub fn was_left_at(&mut self, setpoint: Celsius) {
-        self.told = if self.is_regulated() {
+        self.expected = if self.is_regulated() {
             ExpectedAnswers::default()
         } else {
             ExpectedAnswers::of(&self.dialect.run(Some(setpoint)))

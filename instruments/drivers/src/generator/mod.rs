@@ -232,7 +232,7 @@ impl Instrument<dyn Dialect> {
     /// As [`Self::sine`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
         let script = self.dialect.output(self.output_channel(), false);
-        self.told = ExpectedAnswers::default();
+        self.expected = ExpectedAnswers::default();
         self.play_all(&script).await
     }
 
@@ -248,7 +248,7 @@ impl Instrument<dyn Dialect> {
     /// Forgets what is known of the signal, but not of the output.
     fn forget_signal(&mut self) {
         let script = self.dialect.output(self.output_channel(), true);
-        self.told.keep(&script);
+        self.expected.keep(&script);
     }
 
     /// The first of the channels in use; 1 where none was named.

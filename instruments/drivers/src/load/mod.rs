@@ -78,11 +78,11 @@ impl Instrument<dyn Dialect> {
     /// The first message that was refused or whose read-back was wrong.
     pub async fn prepare(&mut self, discharge: &Discharge) -> Result<(), LinkError> {
         self.play(&self.dialect.input(false)).await?;
-        self.told = ExpectedAnswers::default();
+        self.expected = ExpectedAnswers::default();
         let script = self.dialect.prepare(discharge);
         self.play(&script).await?;
-        self.told.add_bounds(&script, self.dialect.bounds());
-        self.told.add(&self.dialect.level(discharge.draw));
+        self.expected.add_bounds(&script, self.dialect.bounds());
+        self.expected.add(&self.dialect.level(discharge.draw));
         Ok(())
     }
 
@@ -115,7 +115,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.told = ExpectedAnswers::default();
+        self.expected = ExpectedAnswers::default();
         self.play_all(&self.dialect.input(false)).await
     }
 

@@ -75,7 +75,7 @@ impl Instrument<dyn Dialect> {
     pub async fn prepare(&mut self, charge: &Charge) -> Result<(), LinkError> {
         forget_errors(&mut self.link).await?;
         self.play(&self.dialect.output(false)).await?;
-        self.told = ExpectedAnswers::default();
+        self.expected = ExpectedAnswers::default();
         self.tell(&self.dialect.prepare(charge)).await
     }
 
@@ -100,7 +100,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`].
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.told = ExpectedAnswers::default();
+        self.expected = ExpectedAnswers::default();
         self.play_all(&self.dialect.output(false)).await
     }
 

@@ -123,8 +123,8 @@ impl Instrument<dyn Dialect> {
         self.play(&self.dialect.output(false)).await?;
         let script = self.dialect.prepare(limits);
         self.play(&script).await?;
-        self.told = ExpectedAnswers::default();
-        self.told.add_bounds(&script, self.dialect.bounds());
+        self.expected = ExpectedAnswers::default();
+        self.expected.add_bounds(&script, self.dialect.bounds());
         Ok(())
     }
 
@@ -143,7 +143,7 @@ impl Instrument<dyn Dialect> {
     /// # Errors
     /// As [`Self::prepare`]; everything is sent whatever fails in between.
     pub async fn safe(&mut self) -> Result<(), LinkError> {
-        self.told = ExpectedAnswers::default();
+        self.expected = ExpectedAnswers::default();
         let off = self.play_all(&self.dialect.output(false)).await;
         let digital = self.play_all(&self.dialect.analog(false)).await;
         off.and(digital)
