@@ -56,22 +56,18 @@ impl Table {
     }
 
     fn parse(text: &str, hash: Hash) -> Self {
-        let is_comment = |line: &str| hash == Hash::Comment && line.trim_start().starts_with('#');
-        let mut lines = text
-            .trim_start_matches('\u{feff}')
-            .lines()
-            .enumerate()
-            .filter(|(_, line)| !line.trim().is_empty() && !is_comment(line));
-        let (index, header) = lines.next().unwrap_or((0, ""));
+        let mut lines = text::lines(text.trim_start_matches('\u{feff}'))
+            .filter(|(_, line)| hash == Hash::Row || !text::is_comment(line));
+        let (header_line, header) = lines.next().unwrap_or((1, ""));
         let separator = text::separator(header);
         let columns = text::fields(header, separator).map(str::to_owned).collect();
-        let row = |(index, line): (usize, &str)| Row {
-            line: index + 1,
-            text: line.to_owned(),
+        let row = |(line, text): (usize, &str)| Row {
+            line,
+            text: text.to_owned(),
             separator,
         };
         Self {
-            header_line: index + 1,
+            header_line,
             columns,
             rows: lines.map(row).collect(),
         }

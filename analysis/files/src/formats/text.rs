@@ -43,12 +43,7 @@ impl<'a> Text<'a> {
                 byte: rest.first().copied().unwrap_or(0),
             }
         })?;
-        let rows = text
-            .lines()
-            .enumerate()
-            .map(|(i, l)| (i + 1, l.trim_end_matches('\r')));
-        let rows = rows.filter(|(_, l)| !l.trim().is_empty() && !l.trim_start().starts_with('#'));
-        let lines: Vec<(usize, &str)> = rows.collect();
+        let lines: Vec<(usize, &str)> = lines(text).filter(|(_, line)| !is_comment(line)).collect();
         let separator = separator(lines.first().map_or("", |(_, first)| first));
         let rows = lines
             .into_iter()
@@ -121,6 +116,18 @@ fn split(line: &str, separator: char) -> Vec<&str> {
 /// Fields of a line without surrounding blanks and quotes.
 pub(crate) fn fields(line: &str, separator: char) -> impl Iterator<Item = &str> {
     line.split(separator).map(unquote)
+}
+
+/// Lines of a text that are not blank, with their numbers from 1.
+pub(crate) fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    (1..)
+        .zip(text.lines().map(|line| line.trim_end_matches('\r')))
+        .filter(|(_, line)| !line.trim().is_empty())
+}
+
+/// Whether a line is a comment.
+pub(crate) fn is_comment(line: &str) -> bool {
+    line.trim_start().starts_with('#')
 }
 
 /// Character between two fields, as the first line that is no comment tells it.
