@@ -10,8 +10,9 @@ use super::propose::{Proposal, propose};
 use super::search::{Search, excess_z};
 use super::structure::Member;
 use crate::thresholds::{
-    ALWAYS_FITTED, HELD_STARTS, INTEGRATION_PART, KEPT_PART, LEAST_LAGRANGE, LEAST_SCORE, MISFIT_Z,
-    MOST_FITTED, MOST_PARTS, NEAR_BEST, SHAPE_DRIFT, STRONG_LAGRANGE, WEAKER_STARTS,
+    ALWAYS_FITTED, DEEPER_CHI2, HELD_STARTS, INTEGRATION_PART, KEPT_PART, LEAST_LAGRANGE,
+    LEAST_SCORE, MISFIT_Z, MOST_FITTED, MOST_PARTS, MOST_RESTARTS, NEAR_BEST, SHAPE_DRIFT,
+    STRONG_LAGRANGE, WEAKER_STARTS,
 };
 use analysis_effects::{contract::Effect, effects::outside};
 
@@ -52,6 +53,36 @@ impl Origin {
     }
 }
 
+/// Takes over the better attempt of each effect; best score first.
+fn keep_better(attempts: &mut Vec<Attempt>, others: Vec<Attempt>) {
+    for other in others {
+        match attempts.iter_mut().find(|a| a.name == other.name) {
+            Some(own) if own.score < other.score => *own = other,
+            Some(_) => {}
+            None => attempts.push(other),
+        }
+    }
+    attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
+}
+
+/// Takes over the better result of each candidate; best score first.
+fn keep_better_candidates(ranking: &mut Vec<Candidate>, others: Vec<Candidate>) {
+    let score = |c: &Candidate| c.score.unwrap_or(f64::NEG_INFINITY);
+    for other in others {
+        if let Some(own) = ranking.iter_mut().find(|c| c.name == other.name)
+            && score(own) < score(&other)
+        {
+            let lagrange = own.lagrange;
+            *own = Candidate { lagrange, ..other };
+        }
+    }
+    ranking.sort_by(|a, b| {
+        score(b)
+            .total_cmp(&score(a))
+            .then(b.lagrange.total_cmp(&a.lagrange))
+    });
+}
+
 /// True for an effect that is never named.
 pub(super) fn is_outside(name: &str) -> bool {
     outside().iter().any(|e| e.card().name == name)
@@ -65,8 +96,47 @@ impl Search<'_> {
         fit: &Fit,
         instead: Option<&'static str>,
     ) -> (Vec<Attempt>, Vec<Candidate>) {
-        let origins: Vec<Origin> = self
-            .starts(fit)
+        let starts = self.starts(fit);
+        let (mut attempts, mut ranking) = self.attempts_from(fit, starts, instead);
+        for _ in 0..MOST_RESTARTS {
+            let Some(best) = attempts.first().filter(|a| self.is_strong_and_misses(a)) else {
+                break;
+            };
+            let best_score = best.score;
+            let start = self.beside(fit, best);
+            let (others, more) = self.attempts_from(fit, vec![start], instead);
+            keep_better(&mut attempts, others);
+            keep_better_candidates(&mut ranking, more);
+            if attempts[0].score <= best_score + DEEPER_CHI2 {
+                break;
+            }
+        }
+        (attempts, ranking)
+    }
+
+    /// Whether an addition gains much and leaves more than noise: its fit may then stand in a wrong
+    /// minimum.
+    fn is_strong_and_misses(&self, attempt: &Attempt) -> bool {
+        let dof = self.problem.degrees_of_freedom(&attempt.fit);
+        attempt.lambda > STRONG_LAGRANGE && excess_z(attempt.fit.chi2, dof) > MISFIT_Z
+    }
+
+    /// The fit where an addition has put its parameters, without the addition: there the branches
+    /// of the base may stand where they belong, and a better addition is found from there only.
+    fn beside(&mut self, fit: &Fit, attempt: &Attempt) -> Fit {
+        let x = attempt.fit.x[..fit.x.len()].to_vec();
+        self.problem
+            .at(&fit.structure, x, fit.axes.clone(), &mut self.workspace)
+    }
+
+    /// Fits from these starts; how good a candidate looks is judged at the first of them.
+    fn attempts_from(
+        &mut self,
+        fit: &Fit,
+        starts: Vec<Fit>,
+        instead: Option<&'static str>,
+    ) -> (Vec<Attempt>, Vec<Candidate>) {
+        let origins: Vec<Origin> = starts
             .into_iter()
             .map(|f| self.origin(f, instead))
             .collect();
@@ -100,12 +170,7 @@ impl Search<'_> {
             attempts.extend(attempt);
         }
         attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
-        ranking.sort_by(|a, b| {
-            b.score
-                .unwrap_or(f64::NEG_INFINITY)
-                .total_cmp(&a.score.unwrap_or(f64::NEG_INFINITY))
-                .then(b.lagrange.total_cmp(&a.lagrange))
-        });
+        keep_better_candidates(&mut ranking, Vec::new());
         (attempts, ranking)
     }
 
@@ -271,7 +336,9 @@ impl Search<'_> {
             .unwrap_or(member.start[0]);
         let mut start = member.start.clone();
         start[0] = strength;
-        self.try_member(fit.chi2, &held.fit.base_of(fit), &member.from(&start))
+        let mut freed = self.try_member(fit.chi2, &held.fit.base_of(fit), &member.from(&start));
+        freed.fit = self.with_identity(freed.fit);
+        freed
     }
 
     /// A fit with one effect more, from a fit's base; its λ counts from `before_chi2`.

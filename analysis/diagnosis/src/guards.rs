@@ -45,13 +45,16 @@ impl Default for Guards {
     }
 }
 
-/// Penalised gain by which an effect of this λ must lead its rivals.
+/// Penalised gain by which an effect of this λ must lead its rivals. Nature may differ from a
+/// formula by [`FORMULA_SHARE`] of the effect, so that a strong effect must lead by as much as that
+/// is worth.
 pub(super) fn naming_lead(measured: bool, lambda: f64) -> f64 {
-    if measured {
-        NAMING_LEAD
+    let part = if measured {
+        FORMULA_SHARE * FORMULA_SHARE
     } else {
-        NAMING_LEAD.max(ASSUMED_LEAD * lambda)
-    }
+        ASSUMED_LEAD
+    };
+    NAMING_LEAD.max(part * lambda)
 }
 
 /// Penalised gain by which something outside the catalogue must lead a name of this λ: 3 % of an

@@ -17,6 +17,7 @@ mod estimate;
 mod experiment;
 pub mod gate;
 mod guards;
+mod identity;
 mod inconsistency;
 mod intermittent;
 mod intervals;
