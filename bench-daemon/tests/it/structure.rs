@@ -111,26 +111,86 @@ fn walk(folder: &Path, at: &mut Module, found: &mut BTreeMap<Module, PathBuf>) {
             walk(&path, at, found);
             at.pop();
         } else if path.extension().is_some_and(|end| end == "rs") {
-            let own = (!["lib", "main", "mod"].contains(&stem.as_str())).then_some(stem);
+            let own = (!["lib", "mod"].contains(&stem.as_str())).then_some(stem);
             found.insert(at.iter().cloned().chain(own).collect(), path);
         }
     }
 }
 
-/// The paths that a file names, as they stand there.
+/// What a file names, as it stands there, and what it defines.
 #[derive(Default)]
-struct Named(Vec<Module>);
+struct Source {
+    /// Paths of its code and of its private imports.
+    named: Vec<Module>,
+    /// Paths of its public imports.
+    exported: Vec<Module>,
+    /// Paths of all its imports, by the name that they get.
+    imports: BTreeMap<String, Module>,
+    /// Paths of the imports that end in `*`.
+    globs: Vec<Module>,
+    /// Names of its items, and all names in the macros among them, which may define items.
+    items: BTreeSet<String>,
+}
 
-impl Named {
-    fn tree(&mut self, before: &Module, tree: &UseTree) {
-        let with = |name: &syn::Ident| [before.as_slice(), &[name.to_string()]].concat();
-        match tree {
-            UseTree::Path(path) => self.tree(&with(&path.ident), &path.tree),
-            UseTree::Name(name) => self.0.push(with(&name.ident)),
-            UseTree::Rename(name) => self.0.push(with(&name.ident)),
-            UseTree::Glob(_) => self.0.push(before.clone()),
-            UseTree::Group(group) => group.items.iter().for_each(|tree| self.tree(before, tree)),
+impl Source {
+    fn of(file: &syn::File) -> Self {
+        let mut source = Self::default();
+        source.visit_file(file);
+        for item in &file.items {
+            let name = match item {
+                syn::Item::Const(item) => &item.ident,
+                syn::Item::Enum(item) => &item.ident,
+                syn::Item::Fn(item) => &item.sig.ident,
+                syn::Item::Mod(item) if item.content.is_some() => &item.ident,
+                syn::Item::Static(item) => &item.ident,
+                syn::Item::Struct(item) => &item.ident,
+                syn::Item::Trait(item) => &item.ident,
+                syn::Item::Type(item) => &item.ident,
+                syn::Item::Macro(item) => {
+                    source
+                        .items
+                        .extend(item.ident.as_ref().map(ToString::to_string));
+                    source.define_all(item.mac.tokens.clone());
+                    continue;
+                }
+                _ => continue,
+            };
+            source.items.insert(name.to_string());
         }
+        source
+    }
+
+    fn define_all(&mut self, tokens: TokenStream) {
+        for token in tokens {
+            match token {
+                TokenTree::Ident(name) => _ = self.items.insert(name.to_string()),
+                TokenTree::Group(group) => self.define_all(group.stream()),
+                _ => (),
+            }
+        }
+    }
+
+    /// Enters the imports of a `use`, and returns their paths.
+    fn import(&mut self, before: &[String], tree: &UseTree) -> Vec<Module> {
+        let with = |name: &syn::Ident| match name.to_string() {
+            name if name == "self" => before.to_vec(),
+            name => [before, &[name]].concat(),
+        };
+        let (name, path) = match tree {
+            UseTree::Path(path) => return self.import(&with(&path.ident), &path.tree),
+            UseTree::Group(group) => {
+                let each = group.items.iter();
+                return each.flat_map(|tree| self.import(before, tree)).collect();
+            }
+            UseTree::Glob(_) => {
+                self.globs.push(before.to_vec());
+                return vec![before.to_vec()];
+            }
+            UseTree::Name(name) => (with(&name.ident).last().cloned(), with(&name.ident)),
+            UseTree::Rename(name) => (Some(name.rename.to_string()), with(&name.ident)),
+        };
+        self.imports.extend(name.map(|name| (name, path.clone())));
+        vec![path]
     }
 
     /// Paths in the arguments of macros, which are not parsed.
@@ -138,22 +198,24 @@ impl Named {
         let (mut path, mut colons): (Module, usize) = (Vec::new(), 0);
         for token in tokens {
             match token {
-                TokenTree::Ident(name) if path.is_empty() || colons == 2 => {
+                TokenTree::Punct(mark) if mark.as_char() == ':' => colons += 1,
+                TokenTree::Ident(name) => {
+                    if colons != 2 {
+                        self.named.push(std::mem::take(&mut path));
+                    }
                     path.push(name.to_string());
                     colons = 0;
-                    continue;
                 }
-                TokenTree::Punct(mark) if mark.as_char() == ':' && !path.is_empty() => {
-                    colons += 1;
-                    continue;
+                other => {
+                    self.named.push(std::mem::take(&mut path));
+                    colons = 0;
+                    if let TokenTree::Group(group) = other {
+                        self.tokens(group.stream());
+                    }
                 }
-                TokenTree::Group(group) => self.tokens(group.stream()),
-                _ => (),
             }
-            self.0.push(std::mem::take(&mut path));
-            colons = 0;
         }
-        self.0.push(path);
+        self.named.push(path);
     }
 }
 
@@ -188,67 +250,87 @@ fn is_test(item: &syn::ItemMod) -> bool {
     })
 }
 
-impl<'ast> Visit<'ast> for Named {
+impl<'ast> Visit<'ast> for Source {
     /// `pub(super)` names no module.
     fn visit_visibility(&mut self, _: &'ast syn::Visibility) {}
 
     fn visit_item_use(&mut self, item: &'ast syn::ItemUse) {
-        self.tree(&Vec::new(), &item.tree);
+        let paths = self.import(&[], &item.tree);
+        match item.vis {
+            syn::Visibility::Inherited => self.named.extend(paths),
+            _ => self.exported.extend(paths),
+        }
     }
 
     fn visit_path(&mut self, path: &'ast syn::Path) {
         let names = path.segments.iter();
-        self.0
+        self.named
             .push(names.map(|segment| segment.ident.to_string()).collect());
         visit::visit_path(self, path);
     }
 
     fn visit_macro(&mut self, item: &'ast syn::Macro) {
+        self.visit_path(&item.path);
         self.tokens(item.tokens.clone());
     }
 }
 
-/// The module that a path means, as seen from a module; none outside the crate.
-fn meant(path: &Module, from: &Module, files: &BTreeMap<Module, PathBuf>) -> Option<Module> {
-    let mut rest = path.iter();
-    let mut at = match rest.next()?.as_str() {
-        "crate" => Vec::new(),
-        "self" => from.clone(),
-        "super" => from[..from.len().checked_sub(1)?].to_vec(),
-        _ => return None,
-    };
-    for name in rest {
-        if name == "super" {
-            at.pop();
-            continue;
-        }
-        at.push(name.clone());
-        if !files.contains_key(&at) {
-            at.pop();
-            break;
-        }
-    }
-    Some(at)
+type Sources = BTreeMap<Module, Source>;
+
+/// The sources of a crate by module.
+fn sources(krate: &str) -> Sources {
+    let files = files(krate).into_iter();
+    files
+        .map(|(module, path)| (module, Source::of(&parsed(path))))
+        .collect()
 }
 
-/// Which module names which other ones of its crate; the root of a crate does not count.
-fn arrows(krate: &str) -> BTreeMap<Module, BTreeSet<Module>> {
-    let files = files(krate);
-    let of = |(module, path): (&Module, &PathBuf)| {
-        let mut named = Named::default();
-        named.visit_file(&parsed(path));
-        let to = named
-            .0
-            .iter()
-            .filter_map(|path| meant(path, module, &files));
-        let to = to.filter(|to| to != module && !to.is_empty()).collect();
+/// The file that defines what a path names, as seen from a module. None where the path ends in a
+/// module or leaves the crate. Imports are followed: whoever passes a name on does not count.
+fn definer(path: &[String], from: &[String], sources: &Sources) -> Option<Module> {
+    let (name, rest) = path.split_first()?;
+    let source = sources.get(from)?;
+    let inner = [from, std::slice::from_ref(name)].concat();
+    let is_module = sources.contains_key(&inner);
+    match name.as_str() {
+        "crate" => definer(rest, &[], sources),
+        "self" => definer(rest, from, sources),
+        "super" => definer(rest, from.split_last()?.1, sources),
+        _ if is_module && !rest.is_empty() => definer(rest, &inner, sources),
+        _ if source.items.contains(name) => Some(from.to_vec()),
+        _ => match source.imports.get(name) {
+            // An import that begins with its own name is of another crate.
+            Some(import) if is_module || import[0] != *name => {
+                definer(&[import, rest].concat(), from, sources)
+            }
+            Some(_) => None,
+            None => {
+                let of_a_child =
+                    |glob: &&Module| sources.contains_key(&[from, &glob[..1]].concat());
+                let within = |glob: &Module| definer(&[glob, path].concat(), from, sources);
+                source.globs.iter().filter(of_a_child).find_map(within)
+            }
+        },
+    }
+}
+
+type Arrows = BTreeMap<Module, BTreeSet<Module>>;
+
+/// Which file uses which other ones of its crate. An arrow goes from a file to the file that
+/// defines what it names, by whatever way the name came there. Not counted is `mod`, and `pub use`
+/// of what stands in files below: a parent that only lists its children does not use them.
+fn arrows(sources: &Sources) -> Arrows {
+    let of = |(module, source): (&Module, &Source)| {
+        let find = |path: &Module| definer(path, module, sources);
+        let exported = source.exported.iter().filter_map(find);
+        let to = exported
+            .filter(|to| !to.starts_with(module))
+            .chain(source.named.iter().filter_map(find))
+            .filter(|to| to != module)
+            .collect();
         (module.clone(), to)
     };
-    files
-        .iter()
-        .filter(|(module, _)| !module.is_empty())
-        .map(of)
-        .collect()
+    sources.iter().map(of).collect()
 }
 
 /// Arrows that go up in an order of modules.
@@ -257,20 +339,18 @@ fn upward(krate: &str, order: &[&str]) -> Vec<String> {
         let found = order.iter().position(|name| *name == module[0]);
         found.unwrap_or_else(|| panic!("{} has no place in the order of {krate}", module[0]))
     };
-    let all = arrows(krate);
+    let all = arrows(&sources(krate));
     let each = all
         .iter()
-        .flat_map(|(from, to)| to.iter().map(move |to| (from, to)));
+        .flat_map(|(from, to)| to.iter().map(move |to| (from, to)))
+        .filter(|(from, to)| !from.is_empty() && !to.is_empty());
     each.filter(|(from, to)| place(to) > place(from))
         .map(|(from, to)| format!("{} -> {}", from.join("::"), to.join("::")))
         .collect()
 }
 
 /// Modules that can be reached from a module.
-fn reached<'a>(
-    from: &'a Module,
-    arrows: &'a BTreeMap<Module, BTreeSet<Module>>,
-) -> BTreeSet<&'a Module> {
+fn reached<'a>(from: &'a Module, arrows: &'a Arrows) -> BTreeSet<&'a Module> {
     let (mut seen, mut next) = (BTreeSet::new(), vec![from]);
     while let Some(module) = next.pop() {
         for to in arrows.get(module).into_iter().flatten() {
@@ -282,12 +362,11 @@ fn reached<'a>(
     seen
 }
 
-/// The circles of files of a crate, the largest first.
-fn circles(krate: &str) -> Vec<Vec<String>> {
-    let arrows = arrows(krate);
+/// The circles of files, the largest first.
+fn circles(arrows: &Arrows) -> Vec<Vec<String>> {
     let reach: BTreeMap<&Module, BTreeSet<&Module>> = arrows
         .keys()
-        .map(|module| (module, reached(module, &arrows)))
+        .map(|module| (module, reached(module, arrows)))
         .collect();
     let mut found = BTreeSet::new();
     for (module, reached) in &reach {
@@ -318,7 +397,7 @@ fn circles_of_files_become_fewer_and_smaller_only() {
         most,
     } in CIRCLES
     {
-        let found = circles(krate);
+        let found = circles(&arrows(&sources(krate)));
         let size = found.first().map_or(0, Vec::len);
         assert!(
             size <= largest && found.len() <= most,
@@ -473,10 +552,11 @@ fn one_file_of_the_daemon_names_the_mocks() {
     let found: Vec<String> = files("bench-daemon")
         .into_iter()
         .filter(|(_, path)| {
-            let mut named = Named::default();
-            named.visit_file(&parsed(path));
+            let Source {
+                named, exported, ..
+            } = Source::of(&parsed(path));
             let is_mocks = |path: &Module| path.iter().take(2).eq(["instruments", "mock"]);
-            named.0.iter().any(is_mocks)
+            named.iter().chain(&exported).any(is_mocks)
         })
         .map(|(module, _)| module.join("::"))
         .collect();
