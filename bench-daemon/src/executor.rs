@@ -40,7 +40,7 @@ pub use resume_point::ResumePoint;
 pub use rig::Rig;
 use screen::Screen;
 pub use state::Person;
-use state::{Direct, Known, Position};
+use state::{Direct, Known, Position, Reset};
 pub use trace::charge_of;
 pub(crate) use trace_rows::{Frames, Recorded as RecordedTrace, zeros};
 
@@ -52,9 +52,7 @@ use crate::{
     plan::{Purpose, Specimen, Stage, Step},
     record::{Event, Recorder},
 };
-
-/// Seconds between two readings while current flows.
-const POLL_S: f64 = 1.0;
+use rig::{POLL_S, require};
 
 /// Executes stages on a bench.
 pub struct Executor<'a> {
@@ -124,7 +122,7 @@ impl<'a> Executor<'a> {
             // Where it ends, nothing is left of what traces have moved before.
             self.direct.charge_c = 0.0;
         }
-        self.direct.reset = dc::Reset::default();
+        self.direct.reset = Reset::default();
         self.sweep.fall_back();
         self.scope.armed = None;
         for (index, step) in stage.steps.iter().enumerate() {
@@ -301,12 +299,4 @@ impl<'a> Executor<'a> {
         }
         Ok(())
     }
-}
-
-/// The instrument of a role, or a complaint that the bench lacks it.
-fn require<'b, T>(
-    instrument: &'b mut Option<T>,
-    role: &'static str,
-) -> Result<&'b mut T, BenchError> {
-    instrument.as_mut().ok_or(BenchError::Missing { role })
 }

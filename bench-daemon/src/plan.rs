@@ -197,3 +197,33 @@ impl Checked {
         &self.0
     }
 }
+
+impl Stage {
+    /// The cell that it is about, where there are several.
+    pub fn specimen(&self) -> Option<&Arc<Specimen>> {
+        self.of_campaign().map(|run| &run.cell)
+    }
+
+    /// Number of the campaign's run that it belongs to.
+    pub fn run(&self) -> Option<usize> {
+        self.of_campaign().map(|run| run.number)
+    }
+
+    /// Purpose of the stage; in a campaign also the run and the cell that it belongs to.
+    pub fn title(&self) -> String {
+        let of_run = self
+            .of_campaign()
+            .map(|run| format!("run {}, cell {}: ", run.number, run.cell.name));
+        format!("{}{}", of_run.unwrap_or_default(), self.purpose)
+    }
+
+    fn of_campaign(&self) -> Option<&CampaignRun> {
+        self.steps.iter().find_map(|step| {
+            if let Step::Specimen(run) = step {
+                Some(run)
+            } else {
+                None
+            }
+        })
+    }
+}

@@ -10,7 +10,9 @@
 //! Knows no run folder and no file name; foreign formats are in [`crate::formats`].
 
 mod capture;
+mod columns;
 mod disk;
+mod error;
 mod frame;
 mod index;
 mod rows;
@@ -18,7 +20,7 @@ pub(crate) mod shared;
 mod stored;
 mod trace;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 pub use capture::{
     CAPTURE_COLUMNS, Capture, CaptureMeta, ChannelMeta, read_capture, write_capture,
@@ -30,150 +32,12 @@ pub use trace::write_trace_parquet;
 
 use analysis_numeric::Covariance2;
 use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
+use columns::FLAGS_COLUMN;
+pub use columns::{
+    ColumnSpec, FLAGS, LEG_COLUMNS, SERIES_COLUMNS, SPECTRUM_COLUMNS, TRACE_COLUMNS,
+};
+pub use error::DatasetError;
 use num_complex::Complex64;
-
-/// One column of a file.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ColumnSpec {
-    /// Name, with the unit in it.
-    pub name: &'static str,
-    /// Unit; `1` for a pure number.
-    pub unit: &'static str,
-    /// Contents of the column, in words.
-    pub doc: &'static str,
-}
-
-/// Columns of a spectrum.
-pub const SPECTRUM_COLUMNS: &[ColumnSpec] = &[
-    ColumnSpec {
-        name: "freq_hz",
-        unit: "Hz",
-        doc: "frequency",
-    },
-    ColumnSpec {
-        name: "z_re_ohm",
-        unit: "Ω",
-        doc: "real part of the impedance",
-    },
-    ColumnSpec {
-        name: "z_im_ohm",
-        unit: "Ω",
-        doc: "imaginary part of the impedance",
-    },
-    ColumnSpec {
-        name: "sigma_re_ohm",
-        unit: "Ω",
-        doc: "standard deviation of the real part; NaN if unknown",
-    },
-    ColumnSpec {
-        name: "sigma_im_ohm",
-        unit: "Ω",
-        doc: "standard deviation of the imaginary part; NaN if unknown",
-    },
-    ColumnSpec {
-        name: "cov_re_im_ohm2",
-        unit: "Ω²",
-        doc: "covariance of real and imaginary part; NaN if unknown",
-    },
-    ColumnSpec {
-        name: "amplitude_a",
-        unit: "A",
-        doc: "amplitude of the current, zero to peak; NaN if unknown",
-    },
-];
-
-/// Columns of a time series.
-pub const SERIES_COLUMNS: &[ColumnSpec] = &[
-    ColumnSpec {
-        name: "time_s",
-        unit: "s",
-        doc: "bench time",
-    },
-    ColumnSpec {
-        name: "voltage_v",
-        unit: "V",
-        doc: "voltage of the cell; NaN if not measured",
-    },
-    ColumnSpec {
-        name: "current_a",
-        unit: "A",
-        doc: "current into the cell, charge positive; NaN if not measured",
-    },
-    ColumnSpec {
-        name: "temperature_c",
-        unit: "°C",
-        doc: "temperature of the cell's surface; NaN if not measured",
-    },
-];
-
-/// Columns of a trace: those of BDF (battery data format), and how many samples a row is the mean
-/// of.
-pub const TRACE_COLUMNS: &[ColumnSpec] = &[
-    ColumnSpec {
-        name: "Test Time / s",
-        unit: "s",
-        doc: "time since the start of the trace",
-    },
-    ColumnSpec {
-        name: "Current / A",
-        unit: "A",
-        doc: "current into the cell, charge positive",
-    },
-    ColumnSpec {
-        name: "Voltage / V",
-        unit: "V",
-        doc: "voltage of the cell",
-    },
-    ColumnSpec {
-        name: "Surface Temperature T1 / degC",
-        unit: "°C",
-        doc: "temperature of the cell's surface; NaN if not measured",
-    },
-    ColumnSpec {
-        name: "Averaged Samples / 1",
-        unit: "1",
-        doc: "samples of the scope that current and voltage are the mean of",
-    },
-    ColumnSpec {
-        name: "Averaged From / s",
-        unit: "s",
-        doc: "start of that mean, in test time; NaN if unknown",
-    },
-    ColumnSpec {
-        name: "Averaged To / s",
-        unit: "s",
-        doc: "its end",
-    },
-];
-
-/// Columns of a leg of direct current: those of BDF, and the charge.
-pub const LEG_COLUMNS: &[ColumnSpec] = &[
-    ColumnSpec {
-        name: "Test Time / s",
-        unit: "s",
-        doc: "time since the start of the first leg",
-    },
-    ColumnSpec {
-        name: "Current / A",
-        unit: "A",
-        doc: "current into the cell, charge positive",
-    },
-    ColumnSpec {
-        name: "Voltage / V",
-        unit: "V",
-        doc: "voltage at the load's sense terminals",
-    },
-    ColumnSpec {
-        name: "Surface Temperature T1 / degC",
-        unit: "°C",
-        doc: "temperature of the cell's surface; NaN if not measured",
-    },
-    ColumnSpec {
-        name: "Charge / C",
-        unit: "C",
-        doc: "charge that has flowed into the cell since the start of the first leg",
-    },
-];
 
 /// One reading of a leg of direct current or of rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -219,92 +83,6 @@ pub struct SeriesRow {
     pub current_a: f64,
     /// Temperature of the cell's surface, °C; not a number if not measured.
     pub temperature_c: f64,
-}
-
-/// Reason why a file of a run could not be written or read.
-#[derive(Debug, thiserror::Error)]
-pub enum DatasetError {
-    /// The file system refused.
-    #[error("{}: could not {action}", path.display())]
-    Io {
-        /// The file.
-        path: PathBuf,
-        /// Action that failed, in words.
-        action: &'static str,
-        /// The file system's answer.
-        #[source]
-        source: std::io::Error,
-    },
-    /// The file is no Parquet, or the table cannot become one.
-    #[error("{}: could not {action}", path.display())]
-    Parquet {
-        /// The file.
-        path: PathBuf,
-        /// Action that failed, in words.
-        action: &'static str,
-        /// Error of the library.
-        #[source]
-        source: polars::prelude::PolarsError,
-    },
-    /// A column is missing or not what it should be.
-    #[error("{}, column {column}: expected {expected}, met {found}", path.display())]
-    Column {
-        /// The file.
-        path: PathBuf,
-        /// The column.
-        column: String,
-        /// Allowed values, in words.
-        expected: String,
-        /// Value found.
-        found: String,
-    },
-    /// The bytes are not those that were written.
-    #[error("{}: expected a file of this program with the checksum {expected}, met {found}; it is \
-    damaged or comes from elsewhere", path.display())]
-    Checksum {
-        /// The file.
-        path: PathBuf,
-        /// The checksum in the file.
-        expected: String,
-        /// That of its bytes.
-        found: String,
-    },
-    /// The metadata of a file lacks something or does not parse.
-    #[error("{}, metadata {key}: expected {expected}, met {found}", path.display())]
-    Metadata {
-        /// The file.
-        path: PathBuf,
-        /// The key.
-        key: String,
-        /// Allowed values, in words.
-        expected: &'static str,
-        /// Value found.
-        found: String,
-    },
-    /// The first line of a CSV file is not the header of its kind.
-    #[error("{}, line 1: expected the header {expected:?}, met {found:?}", path.display())]
-    Header {
-        /// The file.
-        path: PathBuf,
-        /// The header of this kind of file.
-        expected: String,
-        /// The first line.
-        found: String,
-    },
-    /// A field of a CSV file is wrong.
-    #[error("{}, line {line}, column {column}: expected {expected}, met {found:?}", path.display())]
-    Field {
-        /// The file.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// The column.
-        column: String,
-        /// Allowed values, in words.
-        expected: &'static str,
-        /// Value found.
-        found: String,
-    },
 }
 
 impl rows::Row for ImpedancePoint {
@@ -503,15 +281,6 @@ pub fn write_whole_spectrum_csv(
     }
     rows::write_csv_with(path, &spectrum.points, &header, &rows)
 }
-
-/// The column of what a gate has refused, in a header.
-pub const FLAGS: &str = ",flags";
-/// The same in Parquet.
-const FLAGS_COLUMN: ColumnSpec = ColumnSpec {
-    name: "flags",
-    unit: "1",
-    doc: "why a quality gate refused the point; empty for the others",
-};
 
 /// Whether any point was refused.
 fn is_flagged(flags: &[String]) -> bool {

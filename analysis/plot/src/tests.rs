@@ -1,5 +1,7 @@
 use super::scene::{Scene, Shape};
 use super::*;
+use analysis_numeric::Covariance2;
+use num_complex::Complex64;
 
 /// Impedance of 6.9 mΩ, 1.7 mΩ ∥ 1.17 F and 2.6 mΩ ∥ 750 F, Ω.
 fn cell(freq_hz: f64) -> Complex64 {

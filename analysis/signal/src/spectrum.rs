@@ -4,6 +4,7 @@
 //! time zero. The voltage pair is channel 4 minus channel 3, the current pair channel 2 minus
 //! channel 1 over the shunt (thesis 3.3.1).
 
+mod error;
 mod frozen;
 mod phasors;
 mod shared;
@@ -13,6 +14,7 @@ use analysis_numeric::Covariance2;
 use analysis_plot::{Series, SeriesPoint};
 use num_complex::Complex64;
 
+pub use error::SpectrumError;
 pub use frozen::at_one_time;
 pub use phasors::{ChannelPhasors, PhasorVariance};
 pub use shared::{OCV_SLOPE, OcvSlope, SharedError};
@@ -67,52 +69,6 @@ pub struct Spectrum {
     /// are as measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub less: Option<OcvSlope>,
-}
-
-/// Reason why fits or points are no spectrum.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum SpectrumError {
-    /// The record does not have the four probe channels.
-    #[error("expected fits of 4 channels, met {found}")]
-    Channels {
-        /// Channels met.
-        found: usize,
-    },
-    /// There is no point.
-    #[error("spectrum {name:?}: expected at least one point, met none")]
-    Empty {
-        /// Name of the spectrum.
-        name: String,
-    },
-    /// A shared error does not have one value per point.
-    #[error(
-        "spectrum {name:?}: expected one value of the shared error {error:?} per point, {points} \
-        in all, met {found}"
-    )]
-    Shared {
-        /// Name of the spectrum.
-        name: String,
-        /// Name of the error.
-        error: String,
-        /// Points of the spectrum.
-        points: usize,
-        /// Values met.
-        found: usize,
-    },
-    /// A number of a point is unusable.
-    #[error("spectrum {name:?}, point {number} ({freq_hz} Hz): expected {expected}, met {found}")]
-    Point {
-        /// Name of the spectrum.
-        name: String,
-        /// Number of the point, from 1.
-        number: usize,
-        /// Its frequency, Hz.
-        freq_hz: f64,
-        /// Allowed values, in words.
-        expected: &'static str,
-        /// Value found.
-        found: String,
-    },
 }
 
 /// Impedance by the voltage pair over the current pair, (V₄ − V₃)/(V₂ − V₁) · R_shunt, without any

@@ -1,18 +1,20 @@
 //! `eis-bench fit`: the extended Randles model for spectra from anywhere.
 
 pub mod circuit;
+mod input;
 pub mod more;
 
 use self::more::{More, other_minima_note, print_selection};
 use crate::{
-    command,
     figures::impedance::bode_plot,
     files,
     safety::failure::Failure,
-    support::present::{self, branches_table, fit_warnings, models_table},
-    support::terminal::{remark, say},
+    support::{
+        present::{self, branches_table, fit_warnings, models_table},
+        terminal::say,
+    },
 };
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use analysis::{
     fit::{
@@ -25,54 +27,8 @@ use analysis::{
     run_folder,
     spectrum::{SourcedSpectrum, Spectrum},
 };
-
-/// Arguments of `fit`.
-#[derive(Debug, clap::Args)]
-pub struct FitArgs {
-    /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis'
-    /// `freq,offset,resistance,theta`, files of Gamry, EC-Lab, ZPlot, Autolab.
-    #[arg(required = true, value_name = "FILE")]
-    pub files: Vec<PathBuf>,
-    /// Leave out what is below this frequency, Hz.
-    #[arg(long, default_value_t = 0.0, value_name = "HZ")]
-    pub from_hz: f64,
-    /// Leave out what is above this frequency, Hz.
-    #[arg(long, default_value_t = f64::INFINITY, value_name = "HZ", hide_default_value = true)]
-    pub to_hz: f64,
-    /// Fit points that the quality gate of their measurement refused, too: those of the column
-    /// `flags`.
-    #[arg(long)]
-    pub refused_points: bool,
-    /// One fit over all spectra instead of one for each.
-    #[arg(long)]
-    pub pool: bool,
-    /// Orders: a number of RC pairs, several with commas, `all` for 1 to 4, or `auto` for the one
-    /// that the data bear.
-    #[arg(long, default_value = "all", value_name = "N|all|auto")]
-    pub rc: String,
-    /// Objective to minimise: `sum-abs` (Σ|Z_model − Z_data|, as the thesis), `modulus` (|Z| only)
-    /// or `complex` (least squares).
-    #[arg(long, default_value = "complex")]
-    pub objective: String,
-    /// Charge storage of the cell.
-    #[command(flatten)]
-    pub slope: command::ocv_slope::SlopeArgs,
-    /// A circuit instead of the extended Randles model, and how to fit it.
-    #[command(flatten)]
-    pub circuit: circuit::CircuitArgs,
-    /// Seed of the global search.
-    #[arg(long, default_value_t = 0)]
-    pub seed: u64,
-    /// Write models, plots and a report into this folder.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Order, uncertainty and search in depth.
-    #[command(flatten)]
-    pub more: more::MoreArgs,
-    /// Print JSON.
-    #[arg(long)]
-    pub json: bool,
-}
+pub use input::FitArgs;
+pub(super) use input::read;
 
 /// The spectra that one set of models belongs to.
 struct Group {
@@ -220,61 +176,6 @@ fn orders(text: &str) -> Result<Option<Vec<usize>>, Failure> {
     let sound =
         distinct.len() == orders.len() && distinct.iter().all(|order| (1..=MAX_RC).contains(order));
     if sound { Ok(Some(orders)) } else { Err(fail()) }
-}
-
-/// The spectra to be fitted, and the control impedances that came with them. Sweeps with a bias
-/// belong to neither.
-pub(super) fn read(args: &FitArgs) -> Result<(Vec<SourcedSpectrum>, Vec<Spectrum>), Failure> {
-    let mut cells = Vec::new();
-    let mut others = Vec::new();
-    let mut passed_over = Vec::new();
-    for file in &args.files {
-        for mut sourced in files::read_spectra(file)? {
-            sourced
-                .spectrum
-                .keep(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
-            sourced
-                .flagged
-                .retain(|p| (args.from_hz..=args.to_hz).contains(&p.freq_hz));
-            if sourced.spectrum.points.is_empty() {
-                let met = format!("none from {} Hz to {} Hz", args.from_hz, args.to_hz);
-                return Err(Failure::Usage(format!(
-                    "{}: expected frequencies to be fitted, found {met}",
-                    file.display()
-                )));
-            }
-            if sourced.origin.is_unbiased_cell() {
-                files::leave_out_refused(&mut sourced, args.refused_points)?;
-                cells.push(sourced);
-            } else {
-                let SourcedSpectrum {
-                    origin, spectrum, ..
-                } = sourced;
-                passed_over.push(spectrum.name.clone());
-                if origin.fixture.as_deref() != Some("cell")
-                    && origin.bias_a.is_none_or(|bias| bias == 0.0)
-                {
-                    others.push(spectrum);
-                }
-            }
-        }
-    }
-    if !passed_over.is_empty() {
-        remark!(
-            "not fitted, for they are controls or carry a direct current: {}",
-            passed_over.join(", ")
-        );
-    }
-    if args.pool {
-        files::refuse_curves(&cells)?;
-    }
-    if cells.is_empty() {
-        return Err(Failure::Usage(
-            "expected at least one spectrum of a cell without direct current, found none"
-                .to_owned(),
-        ));
-    }
-    Ok((cells, others))
 }
 
 fn report_of(fitted: &[Group]) -> FitReport {

@@ -18,15 +18,14 @@ use analysis::{
     dataset::write_trace_parquet,
     formats::read_profile,
     forward::{
-        Beyond, CellWindow, ForwardError, Infeasible, Method, OcvSource, Profile, ScaleBound,
-        SimModel, SimOptions, SimState, Summary,
+        Beyond, CellWindow, ForwardError, Infeasible, Method, OcvSource, Profile, SimModel,
+        SimOptions, SimState,
     },
     given::GivenModel,
     pack::Pack,
 };
-use serde::Serialize;
 
-use case::{Case, Parameter};
+use case::{Case, Output};
 
 /// Most steps of explicit Euler: six hours of the thesis' 4-RC model, whose shortest time constant
 /// of 0.83 ms makes steps of 0.21 ms.
@@ -128,51 +127,6 @@ pub enum Policy {
     Stop,
     /// The voltage goes on along its tangent.
     Extrapolate,
-}
-
-/// Report that `--json` prints for a profile.
-#[derive(Debug, Clone, Serialize)]
-struct Output {
-    profile: String,
-    model: String,
-    pack: String,
-    #[serde(flatten)]
-    summary: Summary,
-    /// Where the first infeasible power is met; null if none.
-    first_infeasible: Option<Infeasible>,
-    /// One standard deviation of the lowest voltage that comes from the model's fit; null where
-    /// that has no covariance.
-    min_ccv_sigma_v: Option<f64>,
-    /// Change of the lowest terminal voltage when one parameter of the cell rises by 1 %, V.
-    min_ccv_per_percent_v: Vec<Parameter>,
-    /// The largest factor of the profile within the window.
-    largest_factor: Option<f64>,
-    largest_factor_bound: Option<ScaleBound>,
-    /// Peak power at that factor, W; for a profile that only charges the most negative one; null
-    /// for no power profile.
-    largest_peak_power_w: Option<f64>,
-    simple_ir: SimpleIr,
-    /// How much more peak power, without sign, the transient model allows than the simple-IR model,
-    /// W.
-    freed_peak_power_w: Option<f64>,
-    /// Notes on how to read the numbers.
-    notes: Vec<String>,
-    trace: PathBuf,
-}
-
-/// The same with the DC resistance alone.
-#[derive(Debug, Clone, Serialize)]
-struct SimpleIr {
-    /// DC resistance of a cell, Ω.
-    dcir_ohm: f64,
-    min_ccv_v: f64,
-    max_ccv_v: f64,
-    margin_low_v: f64,
-    margin_high_v: f64,
-    energy_j: f64,
-    feasible: bool,
-    largest_factor: Option<f64>,
-    largest_peak_power_w: Option<f64>,
 }
 
 /// Runs the profiles, prints what comes of them, and writes traces and plots.

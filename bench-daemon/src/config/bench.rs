@@ -8,8 +8,10 @@ use analysis::{
 };
 use instruments::{clock::TimeMode, transport::Address};
 
-use super::resolve_bench;
-use crate::mocks::{Quirks, Schedule};
+use crate::{
+    mocks::{Quirks, Schedule},
+    support::loopback::names_loopback,
+};
 
 /// A bench.
 #[derive(Debug, Clone)]
@@ -60,7 +62,7 @@ impl Bench {
                 .instruments
                 .addressed()
                 .iter()
-                .all(|(_, instrument)| resolve_bench::is_local(&instrument.address))
+                .all(|(_, instrument)| is_local(&instrument.address))
     }
 
     /// How bench time runs.
@@ -218,4 +220,15 @@ pub struct Simulation {
     pub faults: Option<Schedule>,
     /// Quirks of the mocks, by role.
     pub quirks: BTreeMap<&'static str, Quirks>,
+}
+
+/// In this process, on the loopback interface, on a pseudo-terminal, or a socket in the place of a
+/// device's file.
+pub(super) fn is_local(address: &Address) -> bool {
+    match (address, address.host(), address.path()) {
+        (_, Some(host), _) => names_loopback(host),
+        (Address::UsbTmc { .. }, _, Some(path)) => !path.starts_with("/dev/"),
+        (_, _, Some(path)) => path.starts_with("/dev/pts/"),
+        (_, None, None) => true,
+    }
 }

@@ -14,9 +14,9 @@ use instruments::{
 
 use super::{
     Bench, ConfigError, Doctor, Guardian, Instrument, Instruments, Jig, Simulation, Source, Wiring,
-    raw_bench, simulation, source::in_field,
+    bench::is_local, raw_bench, simulation, source::in_field,
 };
-use crate::{support::addresses::meet, support::loopback::names_loopback};
+use crate::support::addresses::meet;
 
 /// Reads a bench.
 ///
@@ -289,17 +289,6 @@ fn resolve_simulation(
         faults,
         quirks,
     })
-}
-
-/// In this process, on the loopback interface, on a pseudo-terminal, or a socket in the place of a
-/// device's file.
-pub(super) fn is_local(address: &Address) -> bool {
-    match (address, address.host(), address.path()) {
-        (_, Some(host), _) => names_loopback(host),
-        (Address::UsbTmc { .. }, _, Some(path)) => !path.starts_with("/dev/"),
-        (_, _, Some(path)) => path.starts_with("/dev/pts/"),
-        (_, None, None) => true,
-    }
 }
 
 fn known(

@@ -3,6 +3,7 @@
 
 mod average;
 mod rows;
+mod segment;
 mod through;
 
 use analysis::series::Role;
@@ -10,6 +11,7 @@ use analysis::series::Role;
 use super::{ConfigError, Source, check::Check, raw};
 use crate::plan::{Averaged, Through};
 use rows::Row;
+pub use segment::Segment;
 pub(crate) use through::AFTER_WAVE_S;
 
 /// A current that steps, and how it is recorded.
@@ -44,18 +46,6 @@ pub struct Trace {
     pub growth: f64,
     /// Longest time between two rows, s.
     pub longest_s: f64,
-}
-
-/// A current for a while.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Segment {
-    /// Current, A, charge positive; of a power, what it takes at the least voltage of the cell.
-    pub current_a: f64,
-    /// How long it flows, s.
-    pub duration_s: f64,
-    /// Power into the cell, W, where it is given: the current follows from the voltage when it
-    /// begins.
-    pub power_w: Option<f64>,
 }
 
 /// Nothing flows for so long before the first row, s.

@@ -6,6 +6,7 @@
 //! meters, probes, limits and safe state. After a failure that makes the next check unsafe, nothing
 //! is energised any more. The bench always ends in safe state.
 
+mod examination;
 mod findings;
 pub mod fixture_check;
 mod instruments;
@@ -31,6 +32,7 @@ use crate::{
     bench::{Bench, BenchError},
     config,
 };
+pub use examination::Examination;
 
 /// Checks with current, in this order.
 pub const LIVE: [&str; 16] = [
@@ -54,21 +56,6 @@ pub const LIVE: [&str; 16] = [
 
 /// Voltages that a guardian may find at a jig with copper in it, V.
 pub const COPPER_WINDOW_V: (f64, f64) = (-1.0, 1.0);
-
-/// A bench under examination.
-pub struct Examination<'a> {
-    /// The bench file.
-    pub config: &'a config::Bench,
-    /// Bench time.
-    pub clock: Clock,
-    /// The instruments.
-    pub bench: Bench,
-    /// Findings so far.
-    pub findings: Findings,
-    scope: scope::Ranges,
-    /// Voltages of channels 1 to 4 without current, V.
-    zero_v: [f64; 4],
-}
 
 impl<'a> Examination<'a> {
     /// Begins with an open bench and what the machine was found to be.

@@ -1,6 +1,8 @@
 //! Frames of the scope while nothing changes: half a second of four channels, on ranges that widen
 //! until nothing clips.
 
+mod ranges;
+
 use instruments::{
     scope::{Intent, Trigger, Vertical, Waveform},
     units::{Seconds, Volts},
@@ -8,6 +10,7 @@ use instruments::{
 
 use super::Examination;
 use crate::bench::BenchError;
+pub(super) use ranges::Ranges;
 
 /// Length of a frame, s. From here on a roll keeps what the screen held.
 const SPAN_S: f64 = 0.5;
@@ -17,25 +20,6 @@ const POINTS: u64 = 10_000;
 /// A range that clips is made wider by this, so many times at most.
 const WIDER: f64 = 5.0;
 const TRIES: usize = 4;
-
-/// The vertical ranges in use.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Ranges {
-    per_div_v: [f64; 4],
-    applied: [f64; 4],
-    session: bool,
-}
-
-impl Ranges {
-    /// Those of the bench file for one ampere.
-    pub(super) fn new(per_ampere_v: &[f64; 4]) -> Self {
-        Self {
-            per_div_v: *per_ampere_v,
-            applied: [f64::NAN; 4],
-            session: false,
-        }
-    }
-}
 
 /// Mean and standard deviation of a channel, V; also its scale, V per division.
 #[derive(Debug, Clone, Copy, Default)]

@@ -2,13 +2,12 @@
 //! then stays at its offset. That holds also when no message can reach it any more. Where the model
 //! has no bursts, or does not obey, only the daemon and the guardian can end the signal.
 
+mod state;
+
 use instruments::link::LinkError;
 
 use super::{ExecuteError, Rig, require};
-use crate::{
-    interlock::{NO_CURRENT_A, Reading},
-    plan::{IDLE_CURRENT_A, LEEWAY_S},
-};
+pub(super) use state::Burst;
 
 /// A supply follows its command, and shows so, after this time, s; the clocks of a burst of an hour
 /// differ by less.
@@ -17,57 +16,6 @@ const FADES_S: f64 = 1.0;
 const LONGER: f64 = 2.0;
 /// How often it is made longer, for one point.
 pub(super) const MOST_LONGER: usize = 6;
-
-/// How long the generator's signal goes on by itself.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Burst {
-    /// The signal ends at this time at the earliest, bench s.
-    pub(super) ends_s: f64,
-    /// It has ended at this time at the latest, bench s.
-    ended_s: f64,
-    leeway_s: f64,
-    /// The generator is in bursts.
-    on: bool,
-    /// It did not do what it was told.
-    pub(super) refused: bool,
-}
-
-impl Default for Burst {
-    fn default() -> Self {
-        Self {
-            ends_s: f64::INFINITY,
-            ended_s: f64::INFINITY,
-            leeway_s: LEEWAY_S,
-            on: false,
-            refused: false,
-        }
-    }
-}
-
-impl Burst {
-    /// Refuses a reading of a current after the signal must have ended.
-    ///
-    /// # Errors
-    /// [`ExecuteError::Disobeyed`].
-    pub(super) fn over(&self, reading: &Reading) -> Result<(), ExecuteError> {
-        let nothing_a = IDLE_CURRENT_A + NO_CURRENT_A;
-        let Some(amps) = reading
-            .current_a
-            .filter(|amps| reading.time_s > self.ended_s && amps.abs() > nothing_a)
-        else {
-            return Ok(());
-        };
-        let expected = format!(
-            "its burst to have ended {:.1} s ago",
-            reading.time_s - self.ended_s
-        );
-        Err(ExecuteError::Disobeyed {
-            what: "generator".to_owned(),
-            expected,
-            met: format!("{amps:.3} A"),
-        })
-    }
-}
 
 impl Rig<'_> {
     /// Begins what the generator was set to, for whole periods that last `needed_s` and the leeway,
@@ -155,6 +103,7 @@ impl Rig<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::interlock::Reading;
 
     #[test]
     fn a_current_behind_the_end_of_a_burst_is_an_error_and_before_it_is_none() {

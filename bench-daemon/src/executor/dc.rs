@@ -36,17 +36,6 @@ const GREATEST_SHIFT_V: f64 = 0.1;
 /// dies away.
 const BELOW_LIMIT_V: f64 = 0.02;
 
-/// Where the reset of the state of charge stands.
-#[derive(Debug, Clone, Copy, Default, PartialEq)]
-pub(super) struct Reset {
-    /// Voltage after the rest, V, and whether it was steady.
-    rested: Option<(f64, bool)>,
-    /// The end of the next charge is moved by this, V.
-    shift_v: f64,
-    /// The cell is where it should be: nothing is left to do.
-    pub(super) accepted: bool,
-}
-
 impl Rig<'_> {
     pub(super) async fn discharge(&mut self, step: &Step) -> Result<(), ExecuteError> {
         let Step::Discharge {

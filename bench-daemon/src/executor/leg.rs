@@ -1,7 +1,6 @@
 //! Legs of direct current or of rest: load or supply as for a discharge and a charge, every reading
 //! judged, and kept with the charge that has flowed.
 
-use analysis::dataset::LegRow;
 use instruments::{
     load::{Discharge, Draw},
     supply::Charge,
@@ -12,40 +11,19 @@ use super::{
     ExecuteError, Executor, POLL_S,
     dc::{bound, follows},
     require,
+    state::Legs,
     watch::LOAD_CURRENT,
 };
 use crate::{
     config::LOAD_CUT_OFF_V,
     interlock::Reading,
-    plan::{Flow, Leg, Log},
+    plan::{Flow, Leg},
 };
 
 /// So near to its limit, V, the supply's current may fall.
 const NEAR_LIMIT_V: f64 = 0.1;
 /// A current that has fallen is judged after so many readings: by then it has come up.
 const RISEN_POLLS: u32 = 5;
-
-/// The readings of the legs of one direction.
-#[derive(Default)]
-pub(super) struct Legs {
-    log: Option<Log>,
-    start_s: f64,
-    charge_c: f64,
-    rows: Vec<LegRow>,
-}
-
-impl Legs {
-    /// Keeps a reading of bench time; its current charges positive.
-    fn push(&mut self, time_s: f64, voltage_v: f64, current_a: f64, last_c: Option<f64>) {
-        self.rows.push(LegRow {
-            time_s: time_s - self.start_s,
-            current_a,
-            voltage_v,
-            temperature_c: last_c.unwrap_or(f64::NAN),
-            charge_c: self.charge_c,
-        });
-    }
-}
 
 impl Executor<'_> {
     pub(super) async fn leg(&mut self, leg: &Leg) -> Result<(), ExecuteError> {

@@ -14,7 +14,7 @@ use super::{
     ExecuteError, Executor, POLL_S, Rig,
     dc::{RISE_POLLS, follows},
     require,
-    trace::Zero,
+    state::Zero,
     trace_rows::Recorded,
     watch::{BELOW_GREATEST_V, LOAD_CURRENT},
 };

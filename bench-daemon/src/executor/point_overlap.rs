@@ -5,137 +5,18 @@
 //! Every step is in the journal before it is begun, as always. A record that is to be taken again
 //! brings the generator back.
 
+mod sweep_state;
+
 use instruments::{clock::TimeMode, fixture::Fixture};
 
 use super::{ExecuteError, Executor, POLL_S, Rig};
-use crate::{
-    interlock::Reading,
-    journal::Entry,
-    measure::Spent,
-    plan::{Stage, Step, SweepSettings},
-    record::{Event, Recorder},
-};
+use crate::{interlock::Reading, plan::SweepSettings};
+pub(super) use sweep_state::{NextPoint, StartedPoint, SweepState, Tone};
 
 /// A command that was obeyed within this time counts from when it was handed over, s.
 const PROMPT_S: f64 = 0.05;
 /// After arming the scope needs a screen and a period for a record, and this, s.
 const ARMED_S: f64 = 0.05;
-
-/// A sinusoid as it is driven.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Tone {
-    /// Frequency, Hz.
-    pub(super) freq_hz: f64,
-    /// Amplitude of the current, A.
-    pub(super) amplitude_a: f64,
-    /// Shortest wait for the record, s.
-    pub(super) wait_s: f64,
-}
-
-/// The point that comes after the one in work.
-#[derive(Debug, Clone)]
-pub(super) struct NextPoint {
-    stage: usize,
-    step: usize,
-    sine: Step,
-    tone: Tone,
-}
-
-/// The generator is at the next point already.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct StartedPoint {
-    tone: Tone,
-    /// Since when, bench s.
-    since_s: f64,
-}
-
-/// The sweep in work: what is ahead of its point, and what its points have cost.
-#[derive(Default)]
-pub(super) struct SweepState {
-    /// The point after the one in work, where the generator may go on to it.
-    pub(super) next: Option<NextPoint>,
-    /// The step that is in the journal before its turn.
-    pub(super) announced: Option<usize>,
-    /// The generator has gone on.
-    pub(super) started: Option<StartedPoint>,
-    /// Effort that went into measuring points of the sweep again.
-    pub(super) spent: Spent,
-}
-
-impl NextPoint {
-    /// The point after a step of a stage, where both are points and that one is played.
-    pub(super) fn after(
-        number: usize,
-        stage: &Stage,
-        index: usize,
-        plays: impl Fn(usize, &Step) -> bool,
-    ) -> Option<Self> {
-        let Some(Step::Sine { .. }) = stage.steps.get(index) else {
-            return None;
-        };
-        let step = stage.steps.get(index + 1)?;
-        let Step::Sine {
-            freq_hz,
-            amplitude_a,
-            wait_s,
-            ..
-        } = *step
-        else {
-            return None;
-        };
-        plays(index + 1, step).then_some(Self {
-            stage: number,
-            step: index + 1,
-            sine: step.clone(),
-            tone: Tone {
-                freq_hz,
-                amplitude_a,
-                wait_s,
-            },
-        })
-    }
-}
-
-impl SweepState {
-    /// Writes down that the next point is about to be begun, while this one still settles:
-    /// afterwards each moment counts.
-    pub(super) fn announce(&mut self, recorder: &mut Recorder) -> Result<(), ExecuteError> {
-        let next = self.next.as_ref();
-        if let Some(next) = next.filter(|next| self.announced != Some(next.step)) {
-            let text = next.sine.to_string();
-            recorder.journal(Entry::Intent {
-                stage: next.stage,
-                step: next.step,
-                text: text.clone(),
-                live: true,
-            })?;
-            recorder.event(Event::Step, &text)?;
-            self.announced = Some(next.step);
-        }
-        Ok(())
-    }
-
-    /// Whether a step is in the journal already as begun.
-    pub(super) fn was_announced(&self, step: usize) -> bool {
-        self.announced == Some(step)
-    }
-
-    /// Since when the generator plays this point, if it does.
-    pub(super) fn take_started(&mut self, tone: &Tone) -> Option<f64> {
-        let same = |started: &StartedPoint| {
-            started.tone.freq_hz == tone.freq_hz && started.tone.amplitude_a == tone.amplitude_a
-        };
-        self.started
-            .take()
-            .filter(same)
-            .map(|started| started.since_s)
-    }
-
-    /// Forgets what was begun before its turn.
-    pub(super) fn fall_back(&mut self) {
-        (self.announced, self.started) = (None, None);
-    }
-}
 
 impl Rig<'_> {
     /// Whether points overlap; where nobody has said so, in real time only: in any other nobody

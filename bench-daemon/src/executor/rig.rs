@@ -4,7 +4,10 @@ use instruments::clock::Clock;
 
 use super::{burst::Burst, setup::Setup};
 use crate::{
-    bench::Bench, config::Experiment, executor::thermostat::Thermostat, interlock::Interlock,
+    bench::{Bench, BenchError},
+    config::Experiment,
+    executor::thermostat::Thermostat,
+    interlock::Interlock,
     record::Recorder,
 };
 
@@ -134,4 +137,15 @@ pub(super) struct Driving {
     pub(super) mean_change_a: f64,
     /// It was said that the bipolar supply is not bounded.
     pub(super) told: bool,
+}
+
+/// Seconds between two readings while current flows.
+pub(super) const POLL_S: f64 = 1.0;
+
+/// The instrument of a role, or a complaint that the bench lacks it.
+pub(super) fn require<'b, T>(
+    instrument: &'b mut Option<T>,
+    role: &'static str,
+) -> Result<&'b mut T, BenchError> {
+    instrument.as_mut().ok_or(BenchError::Missing { role })
 }

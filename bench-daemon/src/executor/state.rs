@@ -2,15 +2,14 @@
 
 use std::sync::Arc;
 
-use analysis::{calibration::Correction, multisine::Line};
+use analysis::{calibration::Correction, dataset::LegRow, multisine::Line};
 use instruments::fixture::Fixture;
 
-use super::{dc::Reset, leg::Legs, trace::Zero};
 use crate::{
     interlock::Reading,
     operator::Operator,
     operator::progress::Progress,
-    plan::{CampaignRun, Specimen},
+    plan::{CampaignRun, Log, Specimen},
 };
 
 /// The person at the bench.
@@ -56,4 +55,56 @@ pub(crate) struct Known {
     pub(crate) idle: Reading,
     /// Lines of multisines, with their noise and distortion, until somebody takes them.
     pub(crate) lines: Vec<Line>,
+}
+
+/// Where the reset of the state of charge stands.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub(super) struct Reset {
+    /// Voltage after the rest, V, and whether it was steady.
+    pub(super) rested: Option<(f64, bool)>,
+    /// The end of the next charge is moved by this, V.
+    pub(super) shift_v: f64,
+    /// The cell is where it should be: nothing is left to do.
+    pub(super) accepted: bool,
+}
+
+/// The readings of the legs of one direction.
+#[derive(Default)]
+pub(super) struct Legs {
+    pub(super) log: Option<Log>,
+    pub(super) start_s: f64,
+    pub(super) charge_c: f64,
+    pub(super) rows: Vec<LegRow>,
+}
+
+impl Legs {
+    /// Keeps a reading of bench time; its current charges positive.
+    pub(super) fn push(
+        &mut self,
+        time_s: f64,
+        voltage_v: f64,
+        current_a: f64,
+        last_c: Option<f64>,
+    ) {
+        self.rows.push(LegRow {
+            time_s: time_s - self.start_s,
+            current_a,
+            voltage_v,
+            temperature_c: last_c.unwrap_or(f64::NAN),
+            charge_c: self.charge_c,
+        });
+    }
+}
+
+/// State of the channels and the voltmeter while no current flows.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Zero {
+    /// Channels 1…4, V.
+    pub(super) volts: [f64; 4],
+    /// Voltage at rest by the voltmeter, V.
+    pub(super) ocv_v: f64,
+    /// Scatter of a reading of voltage and current, V and A.
+    pub(super) scatter: (f64, f64),
+    /// Temperature of the cell, °C.
+    pub(super) temperature_c: Option<f64>,
 }

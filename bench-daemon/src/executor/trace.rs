@@ -18,6 +18,7 @@ use instruments::{
 
 use super::{
     ExecuteError, Executor, POLL_S, Rig, require,
+    state::Zero,
     trace_rows::{Frames, Recorded, zeros},
 };
 use crate::{
@@ -50,19 +51,6 @@ const WAVE_SPIKES: f64 = 0.02;
 const FOLLOWS: (f64, f64) = (0.1, 0.3);
 /// Least current that the vertical scales are set for, A.
 const LEAST_SCALE_A: f64 = 0.5;
-
-/// State of the channels and the voltmeter while no current flows.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Zero {
-    /// Channels 1…4, V.
-    pub(super) volts: [f64; 4],
-    /// Voltage at rest by the voltmeter, V.
-    pub(super) ocv_v: f64,
-    /// Scatter of a reading of voltage and current, V and A.
-    pub(super) scatter: (f64, f64),
-    /// Temperature of the cell, °C.
-    pub(super) temperature_c: Option<f64>,
-}
 
 /// Action at one instant of a trace.
 #[derive(Debug, Clone, Copy)]

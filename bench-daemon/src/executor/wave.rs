@@ -20,7 +20,8 @@ use instruments::{
 
 use super::{
     ExecuteError, Executor, POLL_S, Rig, require,
-    trace::{Zero, disobeyed},
+    state::Zero,
+    trace::disobeyed,
     trace_rows::{Frames, Recorded, SETTLE_S},
 };
 use crate::{config::AFTER_WAVE_S, plan::TracePlan};

@@ -1,11 +1,15 @@
 //! Words a plan, for `eis-bench plan` and the journal.
 
+mod words;
+
 use std::fmt;
 
 use instruments::{fixture::Fixture, supply4q::Holds};
 
 use super::{Missed, Purpose, Step, Through};
 use crate::measure::quality::Quality;
+pub use words::fixture_name;
+pub(super) use words::minutes;
 
 impl fmt::Display for Purpose {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -189,23 +193,5 @@ impl fmt::Display for Step {
             }
             Self::PowerDown => write!(f, "bipolar supply down"),
         }
-    }
-}
-
-/// The fixture's name in files and configuration.
-pub fn fixture_name(fixture: Fixture) -> &'static str {
-    match fixture {
-        Fixture::Cell => "cell",
-        Fixture::Shunt => "shunt",
-        Fixture::FakeCell => "fake_cell",
-        Fixture::Short => "short",
-    }
-}
-
-pub(super) fn minutes(seconds: f64) -> String {
-    if seconds < 120.0 {
-        format!("{seconds:.0} s")
-    } else {
-        format!("{:.1} min", seconds / 60.0)
     }
 }

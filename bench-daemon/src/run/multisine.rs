@@ -1,6 +1,8 @@
 //! Writes a measured multisine: its spectrum like that of a sweep, and the noise and distortion of
 //! each line.
 
+mod result;
+
 use std::{fmt::Write as _, path::Path};
 
 use analysis::{
@@ -20,26 +22,7 @@ use crate::{
     record::Recorder,
     safety::failure::Failure,
 };
-
-/// Result of one multisine.
-#[derive(Debug, serde::Serialize, serde::Deserialize)]
-pub struct MultisineRun {
-    /// The corrected spectrum.
-    pub spectrum: Spectrum,
-    /// The same with the noise of its own records only.
-    pub own_noise: Spectrum,
-    /// Degrees of freedom of that noise: it is found from the bins between the harmonics.
-    pub noise_dof: f64,
-    /// Lines that the quality gate refused to the end.
-    pub flagged: Vec<FlaggedPoint>,
-    /// Its lines.
-    pub lines: Vec<Line>,
-    /// V/div of channels 1…4 at each line.
-    #[serde(default)]
-    pub volts_per_div: Vec<[f64; 4]>,
-    /// Bench time that it took with all that belongs to it, s.
-    pub took_s: f64,
-}
+pub use result::MultisineRun;
 
 /// A line: its phasors, the scope's V/div, what it says of noise and distortion.
 pub(super) type MeasuredLine = (ChannelPhasors, [f64; 4], Line);

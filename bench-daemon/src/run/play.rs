@@ -1,10 +1,12 @@
 //! One run from its first connection to its last file: guardian, instruments, plan, safe state,
 //! results.
 
+mod begun;
+
 use std::collections::BTreeMap;
 
-use analysis::{calibration::Correction, run_folder::FAULTS};
-use instruments::{clock::Clock, transport::MemoryHub};
+use analysis::run_folder::FAULTS;
+use instruments::transport::MemoryHub;
 
 use super::{
     FINISHED, Finished, Measured, ResumeContext,
@@ -13,36 +15,17 @@ use super::{
     stop::{StopSignals, caught},
 };
 use crate::{
-    bench::state_readback,
-    bench::{Bench, Connections, Identified},
-    config::Experiment,
+    bench::{Bench, Connections, Identified, state_readback},
     doctor,
     interlock::NO_CURRENT_A,
     journal::Entry,
-    operator::Operator,
     operator::progress::Progress,
-    plan::Checked,
-    record::Recorder,
-    safety::bench_lease::BenchLease,
-    safety::failure::Failure,
+    record::Event,
+    safety::{bench_lease::BenchLease, failure::Failure},
     sim::Simulation,
-    support::present::quoted,
-    support::terminal::remark,
+    support::{present::quoted, terminal::remark},
 };
-
-pub(super) struct Run<'a> {
-    pub(super) experiment: &'a Experiment,
-    pub(super) plan: &'a Checked,
-    pub(super) clock: Clock,
-    pub(super) operator: Operator,
-    pub(super) recorder: Recorder,
-    /// The simulated world, and the correction where that of a run before is to be kept.
-    pub(super) before: (Option<Simulation>, Option<Correction>),
-    /// A run before has used this simulated world.
-    pub(super) inherited_world: bool,
-    /// Finished part of this run, where its process died or was stopped before.
-    pub(super) context: Option<ResumeContext>,
-}
+pub(super) use begun::Run;
 
 /// Refuses a bench on which something is switched on that can move charge: another program may be
 /// at it, and nothing was changed yet.
@@ -268,5 +251,41 @@ impl Run<'_> {
         if let Err(error) = told {
             tracing::error!("{error}");
         }
+    }
+}
+
+impl Run<'_> {
+    /// Writes down what the instruments are found in before anything is sent that changes them.
+    pub(super) async fn read_back_outputs(&mut self, bench: &mut Bench) -> Result<(), Failure> {
+        let found = state_readback::look(bench).await?;
+        for found in &found {
+            self.recorder.event(Event::Bench, &found.to_string())?;
+            self.recorder.journal(Entry::Found(found.clone()))?;
+        }
+        // The load's leads see the cell itself; a current that flows moves it, too.
+        let volts = found
+            .iter()
+            .find(|found| found.role == "load")
+            .and_then(|found| found.volts);
+        let quiet = found
+            .iter()
+            .filter(|found| found.moves_charge())
+            .all(|found| found.off);
+        let Some((context, volts)) = self.context.as_ref().zip(volts).filter(|_| quiet) else {
+            return Ok(());
+        };
+        let Some(text) = context.moved(volts) else {
+            return Ok(());
+        };
+        if !context.accepted {
+            let help = "bring the cell to its state by hand, or go on with --accept-charge, which \
+            flags these points";
+            return Err(Failure::Usage(format!(
+                "{}: {text}; {help}",
+                self.recorder.folder().display()
+            )));
+        }
+        self.recorder.warning(&text);
+        Ok(())
     }
 }

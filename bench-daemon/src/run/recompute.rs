@@ -5,12 +5,13 @@
 //! The journal supplies what no capture holds: which record of a point counts, when it was taken,
 //! and what was read beside it.
 
+mod recorded;
 mod records;
 
 use std::{
     fs,
     os::unix::fs::symlink,
-    path::{Path, PathBuf},
+    path::Path,
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicUsize, Ordering},
@@ -24,12 +25,10 @@ use super::{
     FINISHED, multisine, results, resume_context, run_accumulator::RunAccumulator, sweep_writer,
 };
 use crate::{
-    config::Experiment,
     executor::{ChannelRecord, PointRequest, analyse},
-    journal::replay::JournalReplay,
-    journal::{self, Entry, Line},
+    journal::{self, Entry, Line, replay::JournalReplay},
     measure::SweepPoint,
-    plan::{Plan, Purpose, Step},
+    plan::{Purpose, Step},
     procedure,
     record::Recorder,
     safety::failure::Failure,
@@ -47,21 +46,12 @@ use instruments::{
     clock::{Clock, TimeMode},
     fixture::Fixture,
 };
+pub(crate) use recorded::Recorded;
+use recorded::figures;
 
 /// Captures above this size are read by pieces, bytes: what is in memory at once is this for each
 /// core, decoded.
 const LARGE_BYTES: u64 = 1 << 23;
-
-/// Run as its folder holds it.
-pub(crate) struct Recorded {
-    folder: PathBuf,
-    experiment: Experiment,
-    plan: Plan,
-    /// The journal up to the end of the measurement.
-    lines: Vec<Line>,
-    replay: JournalReplay,
-    stopped: Option<String>,
-}
 
 /// A finished point as the journal knows it.
 pub(crate) struct RecordedPoint {
@@ -502,11 +492,4 @@ pub(crate) fn on_all_cores<T: Sync, R: Send>(
 fn of_ranging(text: &str) -> bool {
     text.starts_with("measured again: ")
         || (text.starts_with("channel ") && text.ends_with(" V/div"))
-}
-
-/// An error with what lies below it.
-fn figures(error: &dyn std::error::Error) -> String {
-    error
-        .source()
-        .map_or_else(|| error.to_string(), |source| format!("{error}: {source}"))
 }

@@ -9,10 +9,8 @@ use analysis::{
 };
 use instruments::clock::{self, TimeMode};
 
-use super::{FINISHED, play::Run};
+use super::FINISHED;
 use crate::{
-    bench::Bench,
-    bench::state_readback,
     config::{Copies, Experiment, Source, resolve_experiment},
     executor::charge_of,
     journal::replay::{JournalReplay, ResumeDecision},
@@ -35,7 +33,7 @@ pub(crate) struct ResumeContext {
     pub(super) replay: JournalReplay,
     pub(super) next: ResumeDecision,
     /// A person has looked at the cell.
-    accepted: bool,
+    pub(super) accepted: bool,
     /// Reason of an automatic retry, in words; `None` where a person resumes it.
     after: Option<String>,
 }
@@ -143,7 +141,7 @@ impl ResumeContext {
 
     /// Warning where the points of the open sweep were measured at another state of charge than the
     /// cell has now.
-    fn moved(&self, volts: f64) -> Option<String> {
+    pub(super) fn moved(&self, volts: f64) -> Option<String> {
         let (open, _) = self.next.open?;
         let points = &self.replay.stages.get(&open)?.points;
         let before_v = points.values().next()?.idle.voltage_v?;
@@ -227,42 +225,6 @@ impl ResumeContext {
         }
         recorder.event(Event::Resumed, &text)?;
         Ok(recorder.journal(Entry::Resumed { text })?)
-    }
-}
-
-impl Run<'_> {
-    /// Writes down what the instruments are found in before anything is sent that changes them.
-    pub(super) async fn read_back_outputs(&mut self, bench: &mut Bench) -> Result<(), Failure> {
-        let found = state_readback::look(bench).await?;
-        for found in &found {
-            self.recorder.event(Event::Bench, &found.to_string())?;
-            self.recorder.journal(Entry::Found(found.clone()))?;
-        }
-        // The load's leads see the cell itself; a current that flows moves it, too.
-        let volts = found
-            .iter()
-            .find(|found| found.role == "load")
-            .and_then(|found| found.volts);
-        let quiet = found
-            .iter()
-            .filter(|found| found.moves_charge())
-            .all(|found| found.off);
-        let Some((context, volts)) = self.context.as_ref().zip(volts).filter(|_| quiet) else {
-            return Ok(());
-        };
-        let Some(text) = context.moved(volts) else {
-            return Ok(());
-        };
-        if !context.accepted {
-            let help = "bring the cell to its state by hand, or go on with --accept-charge, which \
-            flags these points";
-            return Err(Failure::Usage(format!(
-                "{}: {text}; {help}",
-                self.recorder.folder().display()
-            )));
-        }
-        self.recorder.warning(&text);
-        Ok(())
     }
 }
 

@@ -7,6 +7,7 @@
 //! through whatever bench file. A bench that is simulated in this process has none: nothing of it
 //! is left afterwards.
 
+mod error;
 mod files;
 mod latched;
 mod place;
@@ -24,10 +25,11 @@ use serde::Serialize;
 pub use files::{Holder, OpenRun, Settled};
 use files::{Latch, json, make, named_holder, open, read, remove};
 pub use latched::Latched;
-pub use place::VARIABLE;
 pub use process::{began, is_stopped, pid, who};
 
 use crate::config;
+use error::io;
+pub use error::{StateError, VARIABLE};
 
 const LOCK: &str = "lock";
 const GUARDIAN_LOCK: &str = "guardian.lock";
@@ -35,49 +37,6 @@ const TRIP: &str = "trip.json";
 const OPEN: &str = "open.json";
 const SETTLED: &str = "settled.json";
 const HISTORY: &str = "trips.jsonl";
-
-/// Fault in the state of a bench.
-#[derive(Debug, thiserror::Error)]
-pub enum StateError {
-    /// The file system.
-    #[error("{path}: the state of the bench {what}: {source}; state_folder in the bench file names \
-    another place", path = path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// Operation that was tried.
-        what: &'static str,
-        /// Error of the operating system.
-        source: std::io::Error,
-    },
-    /// No account, no folder.
-    #[error(
-        "expected a folder for the state of the instruments in {VARIABLE}, for neither \
-        XDG_STATE_HOME nor HOME is set"
-    )]
-    Nowhere,
-    /// Another daemon runs the bench.
-    #[error("expected a bench that nobody runs: process {pid} runs {bench} for {run}", run = run.display())]
-    Busy {
-        /// The bench.
-        bench: String,
-        /// The other process.
-        pid: i32,
-        /// Its run folder.
-        run: PathBuf,
-    },
-    /// A person has to look first.
-    #[error("{bench} is latched: {trip}. Look at the bench and the cell, then `eis-bench clear \
-    {}`", path.display())]
-    Latched {
-        /// The bench.
-        bench: String,
-        /// Its file.
-        path: PathBuf,
-        /// Why.
-        trip: Box<Latched>,
-    },
-}
 
 /// Held as long as the process runs the bench; the system takes it back when the process ends,
 /// however it ends.
@@ -480,15 +439,6 @@ impl State {
         writeln!(file, "{torn}{entry}")
             .and_then(|()| file.sync_all())
             .map_err(io(&path, "cannot be written"))
-    }
-}
-
-fn io(path: &Path, what: &'static str) -> impl Fn(std::io::Error) -> StateError + use<> {
-    let path = path.to_owned();
-    move |source| StateError::Io {
-        path: path.clone(),
-        what,
-        source,
     }
 }
 

@@ -19,6 +19,8 @@ pub mod live;
 pub mod locks;
 pub mod proof;
 pub mod queue;
+pub mod queue_now;
+mod server;
 pub mod settings;
 pub mod spectra;
 pub mod stop;
@@ -29,159 +31,13 @@ pub mod token;
 pub mod transcript_monitor;
 pub mod watch;
 
-use std::{
-    collections::BTreeMap,
-    path::PathBuf,
-    sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicU64, Ordering},
-    },
-};
+use std::sync::{Arc, atomic::Ordering};
 
-use instruments::clock::{self, Clock, TimeMode};
 use nix::sys::resource::{Resource, getrlimit, setrlimit};
 
 use crate::{run::StopSignals, safety::failure::Failure, support::terminal::say};
-use audit::Audit;
-use hub::Hub;
-use live::{Live, StopReport};
-use queue::Queue;
+pub use server::{Counts, Server};
 use settings::Settings;
-use token::{TokenError, Tokens};
-
-/// State that all requests share.
-pub struct Server {
-    /// Its file, resolved.
-    pub settings: Settings,
-    /// Events of the server.
-    pub hub: Hub,
-    /// Who may do what.
-    pub tokens: Tokens,
-    /// Who did what.
-    pub audit: Audit,
-    /// Real time.
-    pub clock: Clock,
-    /// This program, to be started for runs.
-    pub program: PathBuf,
-    /// Counters for the metrics.
-    pub counts: Counts,
-    queue: Mutex<Queue>,
-    live: Mutex<BTreeMap<String, Live>>,
-    stops: Mutex<BTreeMap<String, StopReport>>,
-    identities: Mutex<BTreeMap<String, Vec<supervisor::Identity>>>,
-}
-
-/// Counters since the start.
-#[derive(Debug, Default)]
-pub struct Counts {
-    /// Answers by the first digit of their status.
-    pub answers: [AtomicU64; 6],
-    /// Listeners at present.
-    pub listeners: AtomicU64,
-    /// Connections at present.
-    pub connections: AtomicU64,
-    /// Listeners that were told that they had missed something.
-    pub lagged: AtomicU64,
-    /// Looks of the supervisor.
-    pub looks: AtomicU64,
-}
-
-impl Counts {
-    /// One more answer.
-    pub fn answered(&self, status: u16) {
-        if let Some(count) = self.answers.get(usize::from(status / 100)) {
-            count.fetch_add(1, Ordering::Relaxed);
-        }
-    }
-}
-
-impl Server {
-    /// Opens the data folder; nothing is begun yet. Must be called inside a runtime.
-    ///
-    /// # Errors
-    /// A data folder that cannot be made, read or written; another server that uses it.
-    pub fn open(settings: Settings) -> Result<Self, Failure> {
-        let tokens = Tokens::of(&settings.data);
-        if !settings.listen.ip().is_loopback()
-            && tokens
-                .all()
-                .map_err(|error| Failure::Usage(error.to_string()))?
-                .is_empty()
-        {
-            return Err(Failure::Usage(format!(
-                "expected at least one token to listen beyond this machine (on {}), found none: \
-                `eis-bench token add` makes one",
-                settings.listen
-            )));
-        }
-        let queue =
-            Queue::open(&settings.data).map_err(|error| Failure::Usage(error.to_string()))?;
-        let live = settings.benches.iter().map(|bench| {
-            (
-                bench.name.clone(),
-                Live {
-                    bench: bench.name.clone(),
-                    ..Live::default()
-                },
-            )
-        });
-        Ok(Self {
-            hub: Hub::new((clock::unix_time_s() * 1.0e3) as u64),
-            audit: Audit::open(&settings.data)?,
-            clock: Clock::start(TimeMode::Real),
-            program: std::env::current_exe()?,
-            counts: Counts::default(),
-            queue: Mutex::new(queue),
-            live: Mutex::new(live.collect()),
-            stops: Mutex::default(),
-            identities: Mutex::default(),
-            tokens,
-            settings,
-        })
-    }
-
-    /// Whether everybody on this machine may do everything: it listens nowhere else, and there is
-    /// no token at all.
-    ///
-    /// # Errors
-    /// Tokens that cannot be read.
-    pub fn open_to_all(&self) -> Result<bool, TokenError> {
-        Ok(self.settings.listen.ip().is_loopback() && self.tokens.all()?.is_empty())
-    }
-
-    /// The queue.
-    pub fn queue(&self) -> MutexGuard<'_, Queue> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// The benches as they are now.
-    pub fn live(&self) -> MutexGuard<'_, BTreeMap<String, Live>> {
-        self.live.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Reports of the last stops, by bench.
-    pub fn stops(&self) -> MutexGuard<'_, BTreeMap<String, StopReport>> {
-        self.stops.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Identities of the instruments by their own last answers, by bench.
-    pub fn identities(&self) -> MutexGuard<'_, BTreeMap<String, Vec<supervisor::Identity>>> {
-        self.identities
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-    }
-
-    /// Folder of the runs.
-    pub fn runs(&self) -> PathBuf {
-        self.settings.data.join("runs")
-    }
-
-    /// Tells everybody what is in the queue.
-    pub fn tell_queue(&self) {
-        let shown = http::queue::QueueNow::of(self);
-        self.hub.tell("queue", &shown);
-    }
-}
 
 /// Serves until a signal asks to stop. Runs in work go on; the next server finds them.
 ///

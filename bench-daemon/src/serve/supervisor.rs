@@ -1,6 +1,8 @@
 //! Single thread that begins runs, watches them, and publishes changes. It waits for no listener
 //! and no request.
 
+mod identity;
+
 use std::{
     fs::File,
     io::Write,
@@ -20,7 +22,7 @@ use nix::{
     sys::signal::{Signal, kill},
     unistd::Pid,
 };
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
 use super::{
     Server,
@@ -39,6 +41,7 @@ use crate::{
     safety::failure::{Failure, GATE_REFUSED},
     safety::state::{Holder, State},
 };
+pub use identity::{Answer, Identity};
 
 /// Exit code of a finished run whose quality gate has refused points.
 const GATED: i32 = 11;
@@ -57,24 +60,6 @@ const RESUMED: &str = "-- resumed --";
 pub struct Supervisor {
     end: Arc<AtomicBool>,
     thread: JoinHandle<()>,
-}
-
-/// Identity of an instrument.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Identity {
-    /// Its role.
-    pub role: String,
-    /// Its answer.
-    pub identity: Answer,
-    /// Whether that is the configured model.
-    pub recognised: bool,
-}
-
-/// The answer itself.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Answer {
-    /// As it came.
-    pub raw: String,
 }
 
 /// Starts the thread. Must be called inside a runtime.

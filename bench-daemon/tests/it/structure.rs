@@ -39,8 +39,8 @@ const DAEMON: &[&str] = &[
     "cli",
 ];
 
-/// Files that name each other in a circle, and how many circles there are, for each crate. Both
-/// numbers may only fall.
+/// Size of the largest circle of files that use each other, and number of circles, for each crate.
+/// Both numbers may only fall. [`arrows`] says what counts as use.
 const CIRCLES: [Circles; 19] = [
     Circles::of("analysis/numeric", 0, 0),
     Circles::of("analysis/plot", 0, 0),
@@ -60,7 +60,7 @@ const CIRCLES: [Circles; 19] = [
     Circles::of("instruments", 0, 0),
     Circles::of("fixtures", 0, 0),
     Circles::of("fixtures/study", 0, 0),
-    Circles::of("bench-daemon", 2, 2),
+    Circles::of("bench-daemon", 4, 2),
 ];
 
 /// Most columns of a line of a source file.
@@ -316,9 +316,13 @@ fn definer(path: &[String], from: &[String], sources: &Sources) -> Option<Module
 
 type Arrows = BTreeMap<Module, BTreeSet<Module>>;
 
-/// Which file uses which other ones of its crate. An arrow goes from a file to the file that
-/// defines what it names, by whatever way the name came there. Not counted is `mod`, and `pub use`
-/// of what stands in files below: a parent that only lists its children does not use them.
+/// Which file uses which other ones of its crate.
+///
+/// An arrow goes from a file to the file that defines what it names. Paths may begin with `crate`,
+/// `self`, `super` or a child module. Imports are followed: a file that only passes a name on gets
+/// no arrow. `mod` and `pub use` of files below are no use either: a parent may list its children.
+/// A parent whose own code uses a child that uses the parent makes a circle. Calls of methods are
+/// not seen.
 fn arrows(sources: &Sources) -> Arrows {
     let of = |(module, source): (&Module, &Source)| {
         let find = |path: &Module| definer(path, module, sources);
@@ -387,6 +391,45 @@ fn circles(arrows: &Arrows) -> Vec<Vec<String>> {
 #[test]
 fn the_modules_of_the_daemon_depend_one_way_only() {
     assert_eq!(upward("bench-daemon", DAEMON), [""; 0]);
+}
+
+/// Circles of a small crate, given by its files.
+fn circles_of(files: &[(&str, &str)]) -> Vec<Vec<String>> {
+    let module = |path: &str| path.split_terminator("::").map(str::to_owned).collect();
+    let source = |text: &str| Source::of(&syn::parse_file(text).unwrap());
+    let files = files.iter().chain(&[("", "mod a;")]);
+    let sources = files.map(|(path, text)| (module(path), source(text)));
+    circles(&arrows(&sources.collect()))
+}
+
+#[test]
+fn a_parent_whose_code_uses_a_child_that_uses_it_is_a_circle() {
+    let child = ("a::b", "use super::Data; pub fn f(_: Data) {}");
+    let pair = [["a", "a::b"]];
+    for uses in [
+        "fn g() { b::f(Data) }",
+        "use b::f; fn g() { f(Data) }",
+        "pub use b::f; fn g() { f(Data) }",
+        "fn g() { call!(b::f(Data)) }",
+    ] {
+        let parent = format!("mod b; pub struct Data; {uses}");
+        assert_eq!(circles_of(&[("a", &parent), child]), pair, "{uses}");
+    }
+    let lists = "pub mod b; pub use b::f; pub struct Data;";
+    assert_eq!(circles_of(&[("a", lists), child]), [[""; 0]; 0]);
+}
+
+#[test]
+fn a_name_that_a_parent_passes_on_leads_to_the_file_that_defines_it() {
+    let parent = "mod b; mod c; pub use b::Data; pub use c::*;";
+    let needs = ("a::c", "use super::Data; pub fn f(_: Data) {}");
+    let free = ("a::b", "pub struct Data;");
+    assert_eq!(circles_of(&[("a", parent), free, needs]), [[""; 0]; 0]);
+    for back in ["use super::f;", "use crate::a::f;", "use super::c::f;"] {
+        let defines = format!("{back} pub struct Data;");
+        let found = circles_of(&[("a", parent), ("a::b", &defines), needs]);
+        assert_eq!(found, [["a::b", "a::c"]], "{back}");
+    }
 }
 
 #[test]

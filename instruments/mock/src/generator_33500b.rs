@@ -14,15 +14,13 @@ mod waves;
 
 use std::{collections::BTreeMap, ops::RangeInclusive, sync::Arc};
 
-use instruments_scpi::decode::Terminator;
-use scpi::error::{Error, ErrorCode};
+use scpi::error::ErrorCode;
 
 use super::{
-    Device, MockOptions,
+    MockOptions,
+    number::nr3,
     plant::{Action, GeneratorState, SharedPlant},
-    tree::{
-        Answer, Argument, Arguments, Fallible, HasStatus, Span, Status, exchange, fail, to_number,
-    },
+    tree::{Answer, Argument, Arguments, Fallible, HasStatus, Span, Status, fail, text, to_number},
     world::World,
 };
 
@@ -486,7 +484,7 @@ impl Keysight {
 
     fn at_load(&self, index: usize, open: fn(&Channel) -> f64) -> Fallible<Answer> {
         let channel = &self.channels[index];
-        tree::number(open(channel) * channel.divider())
+        number(open(channel) * channel.divider())
     }
 
     fn reset(&mut self, _: &mut Arguments) -> Fallible {
@@ -508,23 +506,12 @@ impl HasStatus for Keysight {
     }
 }
 
-impl scpi::Device for Keysight {
-    fn handle_error(&mut self, error: Error) {
-        self.status
-            .push(Error::custom(error.get_code(), error.get_message()));
-    }
-}
-
-impl Device for Keysight {
-    fn terminator(&self) -> Terminator {
-        Terminator::Lf
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.world.now_s = now_s;
-        if self.load_wave(message) {
-            return Vec::new();
-        }
-        exchange(&tree::TREE, self, message)
-    }
+/// A sign, sixteen digits and an exponent: `+1.000000000000000E+03`.
+fn number(value: f64) -> Fallible<Answer> {
+    let digits = nr3(value, 16);
+    text(if digits.starts_with('-') {
+        digits
+    } else {
+        format!("+{digits}")
+    })
 }

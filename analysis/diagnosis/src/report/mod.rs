@@ -12,17 +12,17 @@ mod reserve;
 mod sections;
 #[cfg(test)]
 mod tests;
+mod words;
 
 pub use catalogue::{Distinguishability, catalogue_markdown, catalogue_text};
 pub use pictures::{Kind, Picture, pictures};
 
-use super::outcome::{Block, Diagnosis};
-use crate::thresholds::SIGNIFICANT_P;
-use analysis_effects::effects;
+use super::outcome::Diagnosis;
 use analysis_plot::{
     PlotError,
     report::{Level, Report, Section, Verdict},
 };
+use words::{after, counted, is_significant, misfit, titled};
 
 /// A diagnosis for a terminal, at most 100 characters wide.
 pub fn text(d: &Diagnosis) -> String {
@@ -65,33 +65,4 @@ pub fn html(d: &Diagnosis, pictures: &[Picture]) -> Result<Report, PlotError> {
         sections: sections?,
         ..Report::default()
     })
-}
-
-fn is_significant(block: &Block) -> bool {
-    block.p_value < SIGNIFICANT_P
-}
-
-/// Root of χ² over its expectation: 1 is noise alone.
-fn misfit(block: &Block) -> f64 {
-    (block.chi2 / block.expected_chi2).sqrt()
-}
-
-/// The same block with the named effects added.
-fn after<'a>(d: &'a Diagnosis, block: &Block) -> Option<&'a Block> {
-    d.where_after
-        .iter()
-        .find(|b| b.dimension == block.dimension && b.part == block.part)
-}
-
-/// Title and name of an effect.
-fn titled(name: &str) -> String {
-    effects::find(name).map_or_else(
-        || name.to_owned(),
-        |effect| format!("{} ({name})", effect.card().title),
-    )
-}
-
-/// A number and a noun in its number.
-fn counted(count: usize, one: &str, many: &str) -> String {
-    format!("{count} {}", if count == 1 { one } else { many })
 }

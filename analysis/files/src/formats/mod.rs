@@ -29,6 +29,7 @@
 
 mod bdf;
 mod error;
+mod file_spectra;
 mod flags;
 mod foreign;
 mod layout;
@@ -49,6 +50,7 @@ pub use timeseries::{CurrentSign, SeriesOptions, SeriesReadError, read_series};
 pub use write::{SpectrumFormat, spectrum_text};
 
 use analysis_signal::spectrum::{SourcedSpectrum, Spectrum};
+pub use file_spectra::FileSpectra;
 use std::path::Path;
 
 /// Reads all spectra of a file, in the order of their first row.
@@ -82,17 +84,6 @@ pub fn read_unbiased_cells(path: &Path) -> Result<Vec<Spectrum>, FormatError> {
 /// As [`read_spectra`].
 pub fn read_sourced(path: &Path) -> Result<Vec<SourcedSpectrum>, FormatError> {
     Ok(read_file(path)?.spectra)
-}
-
-/// The spectra of a file, and remarks on how they were read, which whoever asked for them ought to
-/// see.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct FileSpectra {
-    /// The spectra, in the order of their first row.
-    pub spectra: Vec<SourcedSpectrum>,
-    /// Sentences that begin with the file's name: by what spectra were told apart, what was left
-    /// out or taken for granted.
-    pub notes: Vec<String>,
 }
 
 /// Reads all spectra of a file, with remarks on how.

@@ -7,6 +7,7 @@
 mod circuit;
 mod error;
 mod ladder;
+mod model;
 mod plain;
 
 pub use error::{GivenError, LadderError, MOST_BRANCHES, REFUSED};
@@ -19,30 +20,8 @@ use analysis_model::{
     model::{Erm, ModelError},
     ocv::OcvCurve,
 };
+pub use model::GivenModel;
 use serde_json::Value;
-
-/// A cell's model and all that is known of it.
-#[derive(Debug, Clone, PartialEq)]
-pub struct GivenModel {
-    /// Name: of the cell, of the file, of the circuit.
-    pub name: String,
-    /// The model.
-    pub erm: Erm,
-    /// Open-circuit voltage over state of charge, where it is known.
-    pub ocv: Option<OcvCurve>,
-    /// Covariance of the logarithmic parameters of `erm`, row by row, where it is known.
-    pub log_covariance: Option<Vec<Vec<f64>>>,
-    /// Warnings of the fit.
-    pub warnings: Vec<String>,
-    /// Effects that a diagnosis has added.
-    pub additions: Vec<Addition>,
-    /// Range of the data that the additions come from.
-    pub facts: Option<Facts>,
-    /// Report on the ladder that follows the circuit; none for other sources.
-    pub ladder: Option<Ladder>,
-    /// The model file; none for what was typed and for circuits.
-    fitted: Option<Box<ModelFile>>,
-}
 
 impl GivenModel {
     /// A model of nothing but its components.

@@ -6,78 +6,25 @@
 //! them with [`BatchOptions::max_step_s`]. Lanes of a vector are cells; each core takes lanes of
 //! its own. Results do not depend on the machine, its vector length or its number of cores.
 
+mod cell;
 mod kernel;
 mod lanes;
 mod plan;
 
 use super::error::ForwardError;
-use super::law::{Beyond, Demand};
-use super::model::{OcvSource, SimModel, SimState};
+use super::law::Demand;
+use super::model::OcvSource;
 use super::options::SimOptions;
 use super::profile::Profile;
+pub use cell::{BatchCell, BatchOptions, BatchOutcome};
 use lanes::Lanes;
 use plan::Plan;
 use rayon::prelude::*;
-use serde::Serialize;
 
 /// RC branches at most.
 pub const MAX_BATCH_RC: usize = 8;
 /// Cells in lockstep on one core: enough to hide how long a root takes.
 const WIDE: usize = 16;
-
-/// One cell (or pack) of a batch.
-#[derive(Debug, Clone, Copy)]
-pub struct BatchCell<'a> {
-    /// The model.
-    pub model: &'a SimModel,
-    /// State at the start.
-    pub state: &'a SimState,
-    /// Factor of the profile's demand for this cell.
-    pub scale: f64,
-}
-
-/// Options of a batch.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct BatchOptions {
-    /// Treatment of power that cannot be delivered. [`Beyond::Stop`] goes on as [`Beyond::Clamp`]
-    /// and says when it would have stopped.
-    pub beyond: Beyond,
-    /// Longest step, s; infinite for the rows of the profile.
-    pub max_step_s: f64,
-}
-
-impl Default for BatchOptions {
-    fn default() -> Self {
-        Self {
-            beyond: Beyond::Stop,
-            max_step_s: f64::INFINITY,
-        }
-    }
-}
-
-/// Result of one cell. Extremes are those at both ends of every step.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct BatchOutcome {
-    /// Lowest voltage at the terminals, V.
-    pub min_ccv_v: f64,
-    /// Highest voltage at the terminals, V.
-    pub max_ccv_v: f64,
-    /// Lowest mean voltage of a cell, V, without the interconnect.
-    pub min_cell_v: f64,
-    /// Highest mean voltage of a cell, V.
-    pub max_cell_v: f64,
-    /// Energy delivered at the terminals, J (trapezoids).
-    pub energy_j: f64,
-    /// Charge taken, C.
-    pub charge_c: f64,
-    /// Start of the first step in which more power was asked for than there is, s.
-    pub infeasible_s: Option<f64>,
-    /// The state at the end.
-    pub end: SimState,
-    /// True when the voltage behind the series resistance was gone under a power: the other figures
-    /// then mean nothing.
-    pub collapsed: bool,
-}
 
 /// Runs one profile through many cells, in the order of the cells.
 ///

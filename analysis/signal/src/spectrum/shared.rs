@@ -6,35 +6,13 @@
 //! number of variance 1 that moves all points along a known direction. The covariance of points k
 //! and l is then Cₖδₖₗ + Σ dₖdₗᵀ, with d the directions as vectors of real and imaginary part.
 
+mod cause;
+
 use num_complex::Complex64;
-use serde::{Deserialize, Serialize};
 
 use super::{ImpedancePoint, Spectrum};
 use analysis_numeric::Covariance2;
-
-/// Name of the shared error that stands for the uncertainty of an [`OcvSlope`].
-pub const OCV_SLOPE: &str = "OCV slope";
-
-/// One error that all points share. Errors of one name in several spectra are one error.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct SharedError {
-    /// Cause. Errors of other runs have other names.
-    pub name: String,
-    /// Deviation of each point by one standard deviation of the error, Ω.
-    pub at_ohm: Vec<Complex64>,
-}
-
-/// Slope dU/dQ of the open-circuit voltage at the charge of a spectrum. It adds −j·(dU/dQ)/ω to the
-/// impedance: charge that is stored, no resistance.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct OcvSlope {
-    /// Slope, V/C.
-    pub v_per_c: f64,
-    /// Its standard deviation, V/C.
-    pub sigma_v_per_c: f64,
-}
+pub use cause::{OCV_SLOPE, OcvSlope, SharedError};
 
 impl OcvSlope {
     /// Ratio of the slope to the real part of Z at the lowest frequency where no curve is known,

@@ -1,5 +1,7 @@
 //! `eis-bench fit --circuit`: any equivalent circuit, written as impedance.py's users know it.
 
+mod args;
+
 use crate::{
     command::{
         fit::{FitArgs, read},
@@ -22,30 +24,7 @@ use analysis::{
     run_folder::REPORT,
     spectrum::{SourcedSpectrum, Spectrum},
 };
-
-/// Arguments of `fit` that concern circuits.
-#[derive(Debug, clap::Args)]
-pub struct CircuitArgs {
-    /// The circuit: elements in series `-` and in parallel `p(…,…)`, of the kinds R C L La W Wo Ws
-    /// CPE G Gs K Zarc with a number.
-    #[arg(long, value_name = "CIRCUIT", conflicts_with = "rc")]
-    pub circuit: Option<String>,
-    /// Weight of the residuals: `unit`, `modulus` or `covariance` [default: for `complex` the
-    /// covariance where all points have one, else the modulus; for the others unit]
-    #[arg(long, requires = "circuit")]
-    pub weight: Option<String>,
-    /// Start values; none are needed. With all of them only the optimum next to them is looked for,
-    /// unless --starts asks for more.
-    #[arg(long, requires = "circuit", value_name = "NAME=VALUE,…")]
-    pub guess: Option<String>,
-    /// Parameters that are held.
-    #[arg(long, requires = "circuit", value_name = "NAME=VALUE,…")]
-    pub constants: Option<String>,
-    /// How the global optimum is looked for: `starts` (many local fits) or `evolution`
-    /// (differential evolution, then local fits).
-    #[arg(long, requires = "circuit", default_value = "starts")]
-    pub search: String,
-}
+pub use args::CircuitArgs;
 
 /// The spectra fitted together, and the fit.
 struct Group {

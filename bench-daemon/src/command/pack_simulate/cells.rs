@@ -9,6 +9,7 @@ use analysis::{
         OcvSource,
         pack::{Draws, Outcome, PlacedCell, ScatterSetup, Spread, drawn_cells},
     },
+    given::GivenModel,
     model::Erm,
     pack::Pack,
     table,
@@ -16,7 +17,7 @@ use analysis::{
 use serde::Serialize;
 
 use super::PackSimulateArgs;
-use crate::{safety::failure::Failure, support::terminal::say};
+use crate::{files, safety::failure::Failure, support::terminal::say};
 
 /// The packs cell by cell, where they are given or asked for; the table is written if it is to be.
 pub(super) fn packs(
@@ -414,5 +415,25 @@ impl Means {
                 .collect();
             say!("  mean over the table's cells: {}", means.join(", "));
         }
+    }
+}
+
+/// The cell as an ERM. Cells that scatter are linear: what no branch stands for is refused.
+pub(super) fn cell(file: &GivenModel, ocv: &OcvSource) -> Result<Erm, Failure> {
+    let model = files::sim_model(
+        file,
+        ocv.clone(),
+        Pack {
+            series: 1,
+            parallel: 1,
+            interconnect_ohm: 0.0,
+        },
+    )?;
+    match model.laws() {
+        None => Ok(model.erm),
+        Some(names) => Err(Failure::Usage(format!(
+            "--model: expected additions that linear branches stand for, found {names}; `simulate \
+            --series --parallel` takes them, with equal cells"
+        ))),
     }
 }

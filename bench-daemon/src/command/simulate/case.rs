@@ -5,8 +5,9 @@ use std::path::PathBuf;
 
 use analysis::{
     forward::{
-        Demand, ForwardError, Profile, ScaleLimit, ScaleOptions, SimModel, SimOptions, SimState,
-        Simulation, TRACE_BRANCHES, largest_scale, sensitivity, simulate,
+        Demand, ForwardError, Infeasible, Profile, ScaleBound, ScaleLimit, ScaleOptions, SimModel,
+        SimOptions, SimState, Simulation, Summary, TRACE_BRANCHES, largest_scale, sensitivity,
+        simulate,
     },
     given::GivenModel,
     model::Erm,
@@ -14,7 +15,6 @@ use analysis::{
 };
 use serde::Serialize;
 
-use super::{Output, SimpleIr};
 use crate::{command::model_args, support::terminal::say};
 
 /// A profile and its results.
@@ -343,4 +343,49 @@ pub(super) fn state_words(curve: Option<&OcvCurve>) -> &'static str {
     } else {
         "constant OCV"
     }
+}
+
+/// Report that `--json` prints for a profile.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct Output {
+    pub(super) profile: String,
+    model: String,
+    pack: String,
+    #[serde(flatten)]
+    pub(super) summary: Summary,
+    /// Where the first infeasible power is met; null if none.
+    pub(super) first_infeasible: Option<Infeasible>,
+    /// One standard deviation of the lowest voltage that comes from the model's fit; null where
+    /// that has no covariance.
+    min_ccv_sigma_v: Option<f64>,
+    /// Change of the lowest terminal voltage when one parameter of the cell rises by 1 %, V.
+    min_ccv_per_percent_v: Vec<Parameter>,
+    /// The largest factor of the profile within the window.
+    largest_factor: Option<f64>,
+    largest_factor_bound: Option<ScaleBound>,
+    /// Peak power at that factor, W; for a profile that only charges the most negative one; null
+    /// for no power profile.
+    largest_peak_power_w: Option<f64>,
+    pub(super) simple_ir: SimpleIr,
+    /// How much more peak power, without sign, the transient model allows than the simple-IR model,
+    /// W.
+    freed_peak_power_w: Option<f64>,
+    /// Notes on how to read the numbers.
+    pub(super) notes: Vec<String>,
+    pub(super) trace: PathBuf,
+}
+
+/// The same with the DC resistance alone.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct SimpleIr {
+    /// DC resistance of a cell, Ω.
+    pub(super) dcir_ohm: f64,
+    min_ccv_v: f64,
+    max_ccv_v: f64,
+    margin_low_v: f64,
+    margin_high_v: f64,
+    energy_j: f64,
+    feasible: bool,
+    largest_factor: Option<f64>,
+    largest_peak_power_w: Option<f64>,
 }

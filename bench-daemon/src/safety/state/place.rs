@@ -4,12 +4,8 @@
 
 use std::path::PathBuf;
 
-use super::StateError;
+use super::{StateError, VARIABLE};
 use crate::{config, support::addresses::keys, support::hash};
-
-/// Names the folder of all instruments; several accounts that run the same bench name one that all
-/// may write.
-pub const VARIABLE: &str = "EIS_BENCH_STATE";
 
 /// The folders of a bench's instruments, sorted, each once.
 ///

@@ -1,5 +1,6 @@
 //! The server over HTTP: the routes, and the way from a socket to them.
 
+mod app;
 pub mod benches;
 pub mod caller;
 mod connection;
@@ -12,8 +13,6 @@ pub mod problem;
 pub mod queue;
 pub mod runs;
 
-use std::sync::Arc;
-
 use axum::{
     Router, middleware,
     routing::{delete, get, post},
@@ -21,36 +20,7 @@ use axum::{
 
 pub use connection::Listener;
 
-use super::Server;
-use guard::Rate;
-
-/// State that every handler gets.
-#[derive(Clone)]
-pub struct App {
-    /// The server.
-    pub server: Arc<Server>,
-    /// Requests by peer.
-    pub rate: Arc<Rate>,
-    /// Wrong tokens by peer.
-    pub guesses: Arc<Rate>,
-    /// Attempts of peers without a token, as far as they are written down.
-    pub strangers: Arc<Rate>,
-}
-
-impl App {
-    /// The handlers' share of a server.
-    pub fn of(server: &Arc<Server>) -> Self {
-        let limits = server.settings.limits;
-        let few = || Arc::new(Rate::new(guard::GUESSES.0, guard::GUESSES.1));
-        let rate = Arc::new(Rate::new(limits.requests_per_s, limits.burst));
-        Self {
-            server: server.clone(),
-            rate,
-            guesses: few(),
-            strangers: few(),
-        }
-    }
-}
+pub use app::App;
 
 /// All routes.
 pub fn router(app: &App) -> Router {

@@ -6,7 +6,6 @@ use axum::{
     http::StatusCode,
 };
 use serde::{Deserialize, Serialize};
-use std::collections::BTreeMap;
 use utoipa::{IntoParams, ToSchema};
 
 use super::{
@@ -18,37 +17,12 @@ use super::{
 use crate::{
     procedure,
     serve::{
-        Server,
         queue::{Item, Kind, QueueError, Wanted},
+        queue_now::QueueNow,
         submission::{self, ExperimentRequest, Refused, Submission},
     },
 };
 use instruments::clock;
-
-/// The queue as it is now.
-#[derive(Debug, Serialize, ToSchema)]
-pub struct QueueNow {
-    /// Runs in work and waiting, in order.
-    items: Vec<Item>,
-    /// Benches on which nothing is begun, and why.
-    held: BTreeMap<String, String>,
-}
-
-impl QueueNow {
-    /// That of a server.
-    pub fn of(server: &Server) -> Self {
-        let queue = server.queue();
-        let held = |bench: &crate::config::Bench| {
-            queue
-                .held(&bench.name)
-                .map(|why| (bench.name.clone(), why.to_owned()))
-        };
-        Self {
-            items: queue.items().to_vec(),
-            held: server.settings.benches.iter().filter_map(held).collect(),
-        }
-    }
-}
 
 /// Run that is submitted.
 #[derive(Debug, Deserialize, ToSchema)]

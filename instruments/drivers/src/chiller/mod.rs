@@ -1,5 +1,6 @@
 //! The chiller that holds the cell's water blocks at a temperature.
 
+mod contract;
 mod huber;
 mod julabo;
 mod relay_board;
@@ -8,58 +9,11 @@ use instruments_domain::units::Celsius;
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Exchange, Expect, ExpectedAnswers, Way, leading_number, look},
-    instrument::{Instrument, Model},
+    exchange::{Answer, ExpectedAnswers, Way, look},
+    instrument::Instrument,
 };
-
-/// State of a chiller by its own answer.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Status {
-    /// It circulates and controls.
-    pub running: bool,
-    /// It takes commands.
-    pub remote: bool,
-    /// An alarm that means the bath is not under control.
-    pub alarm: Option<String>,
-    /// The answer as it came.
-    pub raw: String,
-}
-
-/// One model's language.
-pub trait Dialect: Model {
-    /// Range of set-points.
-    fn range(&self) -> (Celsius, Celsius);
-    /// Set-point, then start; or stop.
-    fn run(&self, setpoint: Option<Celsius>) -> Vec<Exchange>;
-    /// Where the daemon closes the loop: heats for so many seconds, cools for a negative number of
-    /// them, lets both be for zero. The pulse ends by itself.
-    fn pulse(&self, _seconds: f64) -> Option<Vec<Exchange>> {
-        None
-    }
-    /// Ways to harm nothing while it does not stop.
-    fn zero(&self) -> Vec<Way>;
-    /// Queries for bath temperature and status.
-    fn queries(&self) -> [&'static str; 2];
-    /// Reads an answer to the first of them, °C; nothing where it is no temperature.
-    fn celsius(&self, answer: &str) -> Option<f64> {
-        leading_number(answer)
-    }
-    /// Reads a status answer.
-    fn status(&self, answer: &str) -> Status;
-    /// The question for its set-point, which is answered as a temperature is; none of a bath that
-    /// has none.
-    fn setpoint(&self) -> Option<&'static str> {
-        None
-    }
-    /// The question whether it runs, and the answer that means yes, where its status leaves that
-    /// open.
-    fn asks_whether_it_runs(&self, _answer: &str) -> Option<(&'static str, Expect)> {
-        None
-    }
-}
-
-/// A bath that does not stop is brought to where no cell comes to harm, °C: the room's.
-const HARMLESS_C: Celsius = Celsius(20.0);
+use contract::HARMLESS_C;
+pub use contract::{Dialect, Status};
 
 /// Every known model.
 pub const DIALECTS: &[&dyn Dialect] = &[&julabo::JULABO, &huber::HUBER, &relay_board::RELAY_BOARD];

@@ -1,64 +1,17 @@
 //! The DC load that discharges the cell at constant current or constant power.
 
+mod contract;
 mod rigol_dl3000;
 mod siglent_sdl;
 
-use instruments_domain::units::{Amps, Volts, Watts};
+use instruments_domain::units::{Amps, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, ExpectedAnswers, Way, look},
-    instrument::{Instrument, Model, Unattended},
+    exchange::{Answer, ExpectedAnswers, Way, look},
+    instrument::Instrument,
 };
-
-/// Quantity that a load draws.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Draw {
-    /// Constant current.
-    Current(Amps),
-    /// Constant power at its terminals.
-    Power(Watts),
-}
-
-/// A discharge as it is programmed into the instrument.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Discharge {
-    /// Quantity that is drawn; of levels that change, the greatest.
-    pub draw: Draw,
-    /// The instrument itself stops sinking below this.
-    pub stop_below: Volts,
-}
-
-/// Capabilities of a model.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Capabilities {
-    /// Greatest current.
-    pub max_current: Amps,
-    /// Greatest power, W.
-    pub max_power_w: f64,
-    /// End of its current without a message.
-    pub unattended: Unattended,
-}
-
-/// One model's language.
-pub trait Dialect: Model {
-    /// Capabilities of the model.
-    fn capabilities(&self) -> Capabilities;
-    /// Switches the input.
-    fn input(&self, on: bool) -> Vec<Exchange>;
-    /// Ways to sink nothing while the input does not open, the gentlest first.
-    fn zero(&self) -> Vec<Way>;
-    /// Limits of the current within the instrument.
-    fn bounds(&self) -> &'static [Bound];
-    /// Constant current or power with its limits; assumes the input is off.
-    fn prepare(&self, discharge: &Discharge) -> Vec<Exchange>;
-    /// Another level of the function that was prepared, within its range; the input stays as it is.
-    fn level(&self, draw: Draw) -> Vec<Exchange>;
-    /// The finest range for a cell's voltage; assumes the input is off.
-    fn watch(&self) -> Vec<Exchange>;
-    /// Queries for voltage and current.
-    fn measure(&self) -> [&'static str; 2];
-}
+pub use contract::{Capabilities, Dialect, Discharge, Draw};
 
 /// Every known model.
 pub const DIALECTS: &[&dyn Dialect] = &[&siglent_sdl::SDL1000X, &rigol_dl3000::DL3000];

@@ -1,5 +1,6 @@
 //! The temperature logger: thermocouples on the cell and in the air.
 
+mod contract;
 mod keysight_34970a;
 mod siglent_sdm;
 
@@ -7,23 +8,8 @@ use instruments_domain::units::Celsius;
 use instruments_link::link::LinkError;
 use instruments_scpi::message::{Field, parse_response};
 
-use crate::{
-    exchange::{Exchange, forget_errors},
-    instrument::{Instrument, Model},
-};
-
-/// One model's language.
-pub trait Dialect: Model {
-    /// Whether there is such a channel; one that takes any number has a card whose slots are not
-    /// known from here.
-    fn has_channel(&self, _channel: u16) -> bool {
-        true
-    }
-    /// Type K thermocouples in °C on these channels, scanned together.
-    fn configure(&self, channels: &[u16]) -> Vec<Exchange>;
-    /// Query for one scan.
-    fn scan(&self) -> &'static str;
-}
+use crate::{exchange::forget_errors, instrument::Instrument};
+pub use contract::Dialect;
 
 /// Every known model.
 pub const DIALECTS: &[&dyn Dialect] = &[&keysight_34970a::LOGGER_34970A, &siglent_sdm::SDM];

@@ -6,100 +6,17 @@
 //! caller's business, for this module knows one instrument only.
 
 mod caenels;
+mod contract;
 mod kepco;
 
-use instruments_domain::units::{Amps, Hertz, Volts};
+use instruments_domain::units::{Amps, Volts};
 use instruments_link::link::LinkError;
 
 use crate::{
-    exchange::{Answer, Bound, Exchange, ExpectedAnswers, Way, after_header, forget_errors, look},
-    instrument::{Instrument, Model},
+    exchange::{Answer, ExpectedAnswers, Way, after_header, forget_errors, look},
+    instrument::Instrument,
 };
-
-/// How the analog input is made to command the output.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum AnalogSelect {
-    /// A command selects it, and another takes it back.
-    Command,
-    /// Switches and the rear connector select it: it drives the output whenever the output is on,
-    /// whatever is sent.
-    Wiring,
-}
-
-/// Which limits can be sent that hold while the analog input commands the output.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Holds {
-    /// Of the current and of the voltage.
-    CurrentAndVoltage,
-    /// Of the voltage only: the output follows the generator up to its rated current.
-    Voltage,
-    /// None: the output follows the generator up to its rated current, at any voltage up to its
-    /// rating.
-    Nothing,
-}
-
-/// Limits that a model holds by itself, whatever is sent to it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OwnLimits {
-    /// Least and greatest voltage, V.
-    pub volts: (f64, f64),
-    /// Least and greatest current, A.
-    pub amps: (f64, f64),
-}
-
-/// Capabilities of a model.
-#[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
-pub struct Capabilities {
-    /// How the analog input is selected.
-    pub analog_select: AnalogSelect,
-    /// The limits that it takes over.
-    pub holds: Holds,
-    /// Rated current; ± this is full scale of the analog input.
-    pub full_scale: Amps,
-    /// Up to here the output follows the analog input within a few per cent.
-    pub max_freq: Hertz,
-    /// Analog input for full scale.
-    pub analog_full_scale: Volts,
-}
-
-/// Limits programmed into the instrument before it is energised.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Limits {
-    /// Compliance voltage in current mode; sent where [`Capabilities::holds`] says so.
-    pub compliance: Volts,
-    /// Greatest current of either sign; sent where [`Capabilities::holds`] says so.
-    pub current: Amps,
-}
-
-/// One model's language.
-pub trait Dialect: Model {
-    /// Capabilities of the model.
-    fn capabilities(&self) -> Capabilities;
-    /// Switches the output. Off is the first and the last thing, and must leave the cell
-    /// unconnected, not shorted by an output that holds zero volts: where the instrument can do
-    /// either, the script chooses first.
-    fn output(&self, on: bool) -> Vec<Exchange>;
-    /// Ways to drive nothing while the output does not go off, the gentlest first. One that only
-    /// its analog input commands has none of its own: the generator's least sine is it.
-    fn zero(&self) -> Vec<Way>;
-    /// Limits of the current within the instrument.
-    fn bounds(&self) -> &'static [Bound] {
-        &[]
-    }
-    /// Current mode, limits, zero set-point; assumes the output is off.
-    fn prepare(&self, limits: &Limits) -> Vec<Exchange>;
-    /// Hands the output to the analog input, or takes it back.
-    fn analog(&self, on: bool) -> Vec<Exchange>;
-    /// Queries for terminal voltage and current.
-    fn measure(&self) -> [&'static str; 2];
-    /// Query for the limits of its own: least and greatest voltage, least and greatest current,
-    /// separated by `:`.
-    fn own_limits(&self) -> Option<&'static str> {
-        None
-    }
-}
+pub use contract::{AnalogSelect, Capabilities, Dialect, Holds, Limits, OwnLimits};
 
 /// Every known model.
 pub const DIALECTS: &[&dyn Dialect] = &[&kepco::BOP_MG, &kepco::BOP_LINEAR, &caenels::FAST_PS];

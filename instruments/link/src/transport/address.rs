@@ -10,6 +10,7 @@
 //!   adapter of Prologix' kind
 //! * `memory:NAME`: a pipe inside this process
 
+mod error;
 mod serial;
 #[cfg(test)]
 mod tests;
@@ -19,6 +20,7 @@ use std::{fmt, str::FromStr};
 pub use serial::{DataBits, Flow, Parity, SerialSettings, StopBits};
 
 use crate::wire::{hislip, prologix, rpc};
+pub use error::AddressError;
 
 /// Where an instrument is.
 ///
@@ -139,31 +141,6 @@ impl Address {
             Self::UsbTmc { path } => Some(path),
             _ => None,
         }
-    }
-}
-
-/// An address that could not be read.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("{field}: expected {expected}, found `{found}`")]
-pub struct AddressError {
-    field: &'static str,
-    expected: String,
-    found: String,
-}
-
-impl AddressError {
-    fn new(field: &'static str, expected: &str, found: &str) -> Self {
-        Self {
-            field,
-            expected: expected.to_owned(),
-            found: found.to_owned(),
-        }
-    }
-
-    /// The part of the address that is wrong: `address`, `host`, `port`, `path`, `baud`, `parity`,
-    /// `data`, `stop`, `flow`, `option`, `name`, `device` or `gpib address`.
-    pub fn field(&self) -> &'static str {
-        self.field
     }
 }
 

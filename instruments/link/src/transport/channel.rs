@@ -1,5 +1,7 @@
 //! A connection to one instrument, whatever carries it: whole messages out, pieces of answers in.
 
+mod arrival;
+
 use std::{io, time::Duration};
 
 use tokio::io::AsyncWriteExt;
@@ -8,6 +10,7 @@ use super::{
     Address, MemoryHub, Stream, TransportError, gpib::Gpib, hislip::HiSlip, open, usbtmc::UsbTmc,
     vxi11::Vxi11,
 };
+pub use arrival::Arrival;
 
 /// An open connection.
 #[derive(Debug)]
@@ -23,15 +26,6 @@ pub enum Channel {
     UsbTmc(UsbTmc),
     /// GPIB through an adapter.
     Gpib(Box<Gpib>),
-}
-
-/// A piece of an answer.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Arrival {
-    /// The bytes.
-    pub bytes: Vec<u8>,
-    /// With the last of them the answer ends.
-    pub end: bool,
 }
 
 /// Opens the channel that `address` names; `hub` is where memory names are looked up. Waits as long

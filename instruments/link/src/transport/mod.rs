@@ -8,6 +8,7 @@
 
 mod address;
 mod channel;
+mod error;
 mod gpib;
 mod hislip;
 mod memory;
@@ -33,42 +34,11 @@ pub use address::{
     Vxi11Port,
 };
 pub use channel::{Arrival, Channel, connect};
+pub use error::TransportError;
 pub use memory::{MemoryHub, MemoryListener};
 pub use pty::Pty;
 pub use serial::SerialConnection;
 pub use usbtmc::TRANSFER;
-
-/// An address that could not be opened.
-#[derive(Debug, thiserror::Error)]
-pub enum TransportError {
-    /// The operating system refused.
-    #[error("cannot open {address}: {source}")]
-    Open {
-        /// The address.
-        address: Address,
-        /// Error of the operating system.
-        #[source]
-        source: io::Error,
-    },
-    /// Nobody listens under this name in this process.
-    #[error("cannot open memory:{name}: nobody listens under this name in this process")]
-    NobodyListens {
-        /// The name.
-        name: String,
-    },
-    /// The listener has not yet taken in the connections that came before.
-    #[error("cannot open memory:{name}: its listener takes in no connections")]
-    Busy {
-        /// The name.
-        name: String,
-    },
-    /// Somebody listens under this name already.
-    #[error("cannot listen on memory:{name}: somebody does already")]
-    AlreadyListening {
-        /// The name.
-        name: String,
-    },
-}
 
 /// An open connection.
 #[derive(Debug)]

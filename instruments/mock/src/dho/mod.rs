@@ -9,16 +9,15 @@
 mod tree;
 mod waveform;
 
-use instruments_scpi::decode::Terminator;
 use scpi::error::{Error, ErrorCode};
 
 use super::{
-    Device, MockOptions,
+    MockOptions,
     acquisition::{Acquisition, Edge, Mode, View},
     number::short_nr3,
     plant::SharedPlant,
     quirks::Quirks,
-    tree::{Answer, Argument, Arguments, Fallible, exchange, fail, text},
+    tree::{Answer, Argument, Arguments, Fallible, fail, text},
     world::World,
 };
 
@@ -403,30 +402,4 @@ fn real(value: f64) -> Fallible<Answer> {
     } else {
         short_nr3(value)
     })
-}
-
-impl scpi::Device for Dho {
-    fn handle_error(&mut self, _: Error) {}
-}
-
-impl Device for Dho {
-    fn terminator(&self) -> Terminator {
-        Terminator::Lf
-    }
-
-    fn connected(&mut self, _: f64) {
-        if !self.quirks.is("sticky_transfer") {
-            self.transfer = Transfer::default();
-        }
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.world.now_s = now_s;
-        self.acquisition
-            .refresh(&self.world, self.panel, &self.panel.view());
-        if self.quirks.is("busy_opc") && self.acquisition.keeps_waiting(message) {
-            return Vec::new();
-        }
-        exchange(&tree::TREE, self, message)
-    }
 }

@@ -1,11 +1,13 @@
 //! The command tree of the oscilloscope.
 
-use scpi::{Branch, Leaf, Root, tree::Node};
+use instruments_scpi::decode::Terminator;
+use scpi::{Branch, Leaf, Root, error::Error, tree::Node};
 
-use super::{Dho, bare, real};
+use super::{Dho, Transfer, bare, real};
 use crate::{
+    Device,
     acquisition::Mode,
-    tree::{Fallible, bit, both, common, get, set, text},
+    tree::{Fallible, bit, both, common, exchange, get, set, text},
 };
 
 fn settle(scope: &mut Dho, action: fn(&mut Dho)) -> Fallible {
@@ -135,3 +137,29 @@ pub(super) const TREE: Node<'static, Dho> = Root! {
     TRIGGER,
     WAVEFORM
 };
+
+impl scpi::Device for Dho {
+    fn handle_error(&mut self, _: Error) {}
+}
+
+impl Device for Dho {
+    fn terminator(&self) -> Terminator {
+        Terminator::Lf
+    }
+
+    fn connected(&mut self, _: f64) {
+        if !self.quirks.is("sticky_transfer") {
+            self.transfer = Transfer::default();
+        }
+    }
+
+    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
+        self.world.now_s = now_s;
+        self.acquisition
+            .refresh(&self.world, self.panel, &self.panel.view());
+        if self.quirks.is("busy_opc") && self.acquisition.keeps_waiting(message) {
+            return Vec::new();
+        }
+        exchange(&TREE, self, message)
+    }
+}

@@ -1,24 +1,19 @@
 //! The command tree of the 33500B.
 
-use scpi::{Branch, Leaf, Root, error::ErrorCode, tree::Node};
+use instruments_scpi::decode::Terminator;
+use scpi::{
+    Branch, Leaf, Root,
+    error::{Error, ErrorCode},
+    tree::Node,
+};
 
 use super::{
     super::{
-        number::nr3,
-        tree::{Answer, Arguments, Fallible, both, common, fail, get, set, text},
+        Device,
+        tree::{Arguments, Fallible, both, common, exchange, fail, get, set, text},
     },
-    Channel, Keysight,
+    Channel, Keysight, number,
 };
-
-/// A sign, sixteen digits and an exponent: `+1.000000000000000E+03`.
-pub(super) fn number(value: f64) -> Fallible<Answer> {
-    let digits = nr3(value, 16);
-    text(if digits.starts_with('-') {
-        digits
-    } else {
-        format!("+{digits}")
-    })
-}
 
 /// Only `VPP` is simulated.
 fn only_vpp(_: &mut Keysight, arguments: &mut Arguments) -> Fallible {
@@ -185,3 +180,24 @@ pub(super) const TREE: Node<'static, Keysight> = Root! {
         }
     }
 };
+
+impl scpi::Device for Keysight {
+    fn handle_error(&mut self, error: Error) {
+        self.status
+            .push(Error::custom(error.get_code(), error.get_message()));
+    }
+}
+
+impl Device for Keysight {
+    fn terminator(&self) -> Terminator {
+        Terminator::Lf
+    }
+
+    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
+        self.world.now_s = now_s;
+        if self.load_wave(message) {
+            return Vec::new();
+        }
+        exchange(&TREE, self, message)
+    }
+}

@@ -10,13 +10,12 @@
 
 mod tree;
 
-use instruments_scpi::decode::Terminator;
-use scpi::error::{Error, ErrorCode};
+use scpi::error::ErrorCode;
 
 use super::{
-    Device, MockOptions,
+    MockOptions,
     plant::{Action, BipolarState, SharedPlant},
-    tree::{Fallible, HasStatus, Span, Status, exchange, fail},
+    tree::{Fallible, HasStatus, Span, Status, fail},
     world::World,
 };
 
@@ -268,29 +267,6 @@ fn truncated(digits: &str) -> String {
 impl HasStatus for Kepco {
     fn status(&mut self) -> &mut Status {
         &mut self.status
-    }
-}
-
-impl scpi::Device for Kepco {
-    fn handle_error(&mut self, error: Error) {
-        // Only the number and its text are queued, without the detail that the parser adds.
-        self.status
-            .push(Error::custom(error.get_code(), error.get_message()));
-    }
-}
-
-impl Device for Kepco {
-    fn terminator(&self) -> Terminator {
-        Terminator::Lf
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.world.now_s = now_s;
-        if message.len() > LONGEST_MESSAGE {
-            self.status.push(Error::new(ErrorCode::InputBufferOverrun));
-            return Vec::new();
-        }
-        exchange(&tree::TREE, self, message)
     }
 }
 

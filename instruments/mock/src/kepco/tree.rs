@@ -1,17 +1,20 @@
 //! The command tree of a Kepco BOP.
 
+use instruments_scpi::decode::Terminator;
 use scpi::{
     Branch, Leaf, Root,
     error::{Error, ErrorCode},
     tree::Node,
 };
 
-use super::{Bounds, Channel, Kepco, Side, Which, truncated};
+use super::{Bounds, Channel, Kepco, LONGEST_MESSAGE, Side, Which, truncated};
 use crate::{
+    Device,
     number::short_nr3,
     plant::Meter,
     tree::{
-        Answer, Argument, Arguments, Fallible, Span, both, common, fail, get, set, text, to_number,
+        Answer, Argument, Arguments, Fallible, Span, both, common, exchange, fail, get, set, text,
+        to_number,
     },
 };
 
@@ -270,3 +273,26 @@ pub(super) const TREE: Node<'static, Kepco> = Root! {
         }
     }
 };
+
+impl scpi::Device for Kepco {
+    fn handle_error(&mut self, error: Error) {
+        // Only the number and its text are queued, without the detail that the parser adds.
+        self.status
+            .push(Error::custom(error.get_code(), error.get_message()));
+    }
+}
+
+impl Device for Kepco {
+    fn terminator(&self) -> Terminator {
+        Terminator::Lf
+    }
+
+    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
+        self.world.now_s = now_s;
+        if message.len() > LONGEST_MESSAGE {
+            self.status.push(Error::new(ErrorCode::InputBufferOverrun));
+            return Vec::new();
+        }
+        exchange(&TREE, self, message)
+    }
+}

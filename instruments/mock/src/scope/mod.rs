@@ -23,15 +23,12 @@ mod descriptor;
 mod tree;
 mod waveform;
 
-use instruments_scpi::decode::Terminator;
-use scpi::error::{Error, ErrorCode};
-
 use super::{
-    Device, MockOptions,
+    MockOptions,
     number::nr3,
     plant::SharedPlant,
     quirks::Quirks,
-    tree::{Answer, Fallible, HasStatus, Status, WRONG_FORM, exchange, text},
+    tree::{Answer, Fallible, HasStatus, Status, text},
     world::World,
 };
 
@@ -252,44 +249,5 @@ impl Scope {
 impl HasStatus for Scope {
     fn status(&mut self) -> &mut Status {
         &mut self.status
-    }
-}
-
-impl scpi::Device for Scope {
-    fn handle_error(&mut self, error: Error) {
-        // As reported of firmware 4.8: a path that leads nowhere, a header in the form that it does
-        // not have, and a missing argument.
-        let own = if error == ErrorCode::UndefinedHeader && error.get_extended() == Some(WRONG_FORM)
-        {
-            Error::new(ErrorCode::UndefinedHeader)
-        } else if error == ErrorCode::UndefinedHeader {
-            Error::new(ErrorCode::InvalidCharacter)
-        } else if error == ErrorCode::MissingParameter {
-            Error::new(ErrorCode::ExecutionError)
-        } else {
-            Error::custom(error.get_code(), error.get_message())
-        };
-        self.status.push(own);
-    }
-}
-
-impl Device for Scope {
-    fn terminator(&self) -> Terminator {
-        Terminator::Lf
-    }
-
-    fn connected(&mut self, _: f64) {
-        if !self.quirks.is("sticky_transfer") {
-            self.transfer = Transfer::default();
-        }
-    }
-
-    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
-        self.world.now_s = now_s;
-        self.refresh();
-        if self.quirks.is("busy_opc") && self.acquisition.keeps_waiting(message) {
-            return Vec::new();
-        }
-        exchange(&tree::TREE, self, message)
     }
 }

@@ -1,9 +1,17 @@
 //! The command tree of the oscilloscope.
 
-use scpi::{Branch, Leaf, Root, tree::Node};
+use instruments_scpi::decode::Terminator;
+use scpi::{
+    Branch, Leaf, Root,
+    error::{Error, ErrorCode},
+    tree::Node,
+};
 
-use super::{Scope, control::points};
-use crate::tree::{Answer, Fallible, both, common, get, set, text};
+use super::{Scope, Transfer, control::points};
+use crate::{
+    Device,
+    tree::{Answer, Fallible, WRONG_FORM, both, common, exchange, get, set, text},
+};
 
 fn on_off(on: bool) -> Fallible<Answer> {
     text(if on { "ON" } else { "OFF" })
@@ -137,3 +145,42 @@ pub(super) const TREE: Node<'static, Scope> = Root! {
         Leaf! {b"REMote" => &both(|s: &mut Scope, a| { s.remote = a.switch()?; Ok(()) }, |s, _| on_off(s.remote))}
     }
 };
+
+impl scpi::Device for Scope {
+    fn handle_error(&mut self, error: Error) {
+        // As reported of firmware 4.8: a path that leads nowhere, a header in the form that it does
+        // not have, and a missing argument.
+        let own = if error == ErrorCode::UndefinedHeader && error.get_extended() == Some(WRONG_FORM)
+        {
+            Error::new(ErrorCode::UndefinedHeader)
+        } else if error == ErrorCode::UndefinedHeader {
+            Error::new(ErrorCode::InvalidCharacter)
+        } else if error == ErrorCode::MissingParameter {
+            Error::new(ErrorCode::ExecutionError)
+        } else {
+            Error::custom(error.get_code(), error.get_message())
+        };
+        self.status.push(own);
+    }
+}
+
+impl Device for Scope {
+    fn terminator(&self) -> Terminator {
+        Terminator::Lf
+    }
+
+    fn connected(&mut self, _: f64) {
+        if !self.quirks.is("sticky_transfer") {
+            self.transfer = Transfer::default();
+        }
+    }
+
+    fn handle(&mut self, now_s: f64, message: &[u8]) -> Vec<u8> {
+        self.world.now_s = now_s;
+        self.refresh();
+        if self.quirks.is("busy_opc") && self.acquisition.keeps_waiting(message) {
+            return Vec::new();
+        }
+        exchange(&TREE, self, message)
+    }
+}

@@ -5,7 +5,6 @@ use std::f64::consts::SQRT_2;
 
 use scpi::parser::mnemonic_compare;
 
-use super::SHORT_KEY;
 use crate::{
     number::general,
     plant::GeneratorState,
@@ -429,3 +428,5 @@ fn step(volts: f64) -> f64 {
 fn on_off(on: bool) -> &'static str {
     if on { "ON" } else { "OFF" }
 }
+
+pub(super) const SHORT_KEY: &[u8] = b"MAXOUTPUTAMP";

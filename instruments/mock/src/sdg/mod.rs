@@ -21,7 +21,7 @@ use scpi::{
     tree::Node,
 };
 
-use channel::{Channel, Manner};
+use channel::{Channel, Manner, SHORT_KEY};
 
 use instruments_scpi::decode::Terminator;
 
@@ -35,8 +35,6 @@ use super::{
 
 /// The parser takes words of at most 12 characters; this key has 14.
 const LONG_KEY: &[u8] = b"MAX_OUTPUT_AMP";
-const SHORT_KEY: &[u8] = b"MAXOUTPUTAMP";
-
 /// The generator.
 pub(super) struct Sdg {
     world: World,

@@ -4,50 +4,16 @@
 //! file alone, green the noise.
 
 mod bars;
+mod picture;
 mod residuals;
 
 use super::{is_significant, misfit};
 use crate::outcome::{Curves, Diagnosis, RunCurves, Verdict};
-use analysis_plot::Drawing;
+use picture::{AFTER, ALONE, BEFORE, NOISE, effect_names, has_after};
+pub use picture::{Kind, Picture};
 
 /// Most held-out runs of a kind that get a picture of their own.
 const MOST_RUNS: usize = 6;
-/// Indices of colours.
-const AFTER: usize = 0;
-const BEFORE: usize = 1;
-const NOISE: usize = 2;
-const ALONE: usize = 6;
-
-/// Kind of a picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Kind {
-    /// Blocks of residuals and their misfit.
-    Map,
-    /// Residuals of a record over time.
-    Time,
-    /// Residuals of a spectrum over frequency.
-    Spectrum,
-    /// Scores of the candidates.
-    Ranking,
-    /// Gaps of the held-out runs.
-    Gap,
-    /// Matrix of effects that can be separated.
-    Matrix,
-}
-
-/// A picture with its words.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Picture {
-    /// File name without extension.
-    pub name: String,
-    /// Kind of the picture.
-    pub kind: Kind,
-    /// A sentence to stand below it.
-    pub caption: String,
-    /// The picture.
-    pub drawing: Drawing,
-}
-
 /// The pictures of a diagnosis: the map, the residuals of held-out runs and of the worst training
 /// run of each kind, the ranking, the gaps. None for data that cannot be used.
 pub fn pictures(d: &Diagnosis, runs: &[RunCurves]) -> Vec<Picture> {
@@ -93,18 +59,4 @@ fn chosen<'a>(runs: impl Iterator<Item = &'a RunCurves>) -> Vec<&'a RunCurves> {
             .max_by(|a, b| size(a).total_cmp(&size(b))),
     );
     held_out
-}
-
-/// True where there is more to show than the base model.
-fn has_after(d: &Diagnosis) -> bool {
-    !d.effects.is_empty()
-}
-
-/// The named effects, short enough for a legend.
-fn effect_names(d: &Diagnosis) -> String {
-    d.effects
-        .iter()
-        .map(|e| e.name)
-        .collect::<Vec<_>>()
-        .join(" + ")
 }

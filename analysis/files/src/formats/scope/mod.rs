@@ -12,132 +12,18 @@
 //! temporary file of numbers. Rigol's `.wfm` is not documented by its maker and refused. Knows no
 //! shunt and no frequency.
 
+mod error;
 mod lecroy;
 mod raw;
+mod record;
 mod rigol;
 mod siglent;
 mod table;
 
-use std::fs::File;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use analysis_signal::sine::{Channel, Stored};
-use raw::RawFile;
-
-/// A record of one or more channels, on disk.
-#[derive(Debug)]
-pub struct ScopeRecord {
-    /// Kind of the file.
-    pub kind: &'static str,
-    /// Time between two samples, s.
-    pub interval_s: f64,
-    /// Samples of each channel.
-    pub samples: usize,
-    /// Names of the channels as the file has them.
-    pub names: Vec<String>,
-    raw: RawFile,
-}
-
-impl ScopeRecord {
-    /// A channel by its number in the file, from 0, ready to be fitted.
-    pub fn channel(&self, index: usize) -> Option<Channel<'_>> {
-        let layout = self.raw.channels.get(index)?;
-        Some(Channel::Stored(Stored {
-            samples: &self.raw,
-            channel: index,
-            start: 0,
-            count: self.samples,
-            scale: layout.scale,
-            lsb_v: layout.lsb_v,
-            level_v: layout.level_v,
-        }))
-    }
-
-    /// Volts of a channel from its number `start` on, at most `count`.
-    ///
-    /// # Errors
-    /// [`ScopeError::Layout`] for a file that cannot be read any more.
-    pub fn volts(&self, index: usize, start: usize, count: usize) -> Result<Vec<f64>, ScopeError> {
-        self.raw
-            .volts_of(index, start, count.min(self.samples.saturating_sub(start)))
-    }
-}
-
-/// Reason why a file was not taken as a scope's.
-#[derive(Debug, thiserror::Error)]
-pub enum ScopeError {
-    /// The file system.
-    #[error("{}: could not {action}: {source}", file.display())]
-    Io {
-        /// The file.
-        file: PathBuf,
-        /// Action that failed, in words.
-        action: &'static str,
-        /// Error of the operating system.
-        #[source]
-        source: std::io::Error,
-    },
-    /// A header that cannot be.
-    #[error("{}: {kind}, {field}: expected {expected}, met {met}", file.display())]
-    Layout {
-        /// The file.
-        file: PathBuf,
-        /// Kind of the file.
-        kind: &'static str,
-        /// The field.
-        field: &'static str,
-        /// Allowed values, in words.
-        expected: String,
-        /// Value found.
-        met: String,
-    },
-    /// A file of no known kind.
-    #[error(
-        "{}: expected a scope's record (Siglent .bin of V2 to V4, Rigol .bin, LeCroy .trc, or a \
-        CSV with rows of numbers), met {met}",
-        file.display()
-    )]
-    Unknown {
-        /// The file.
-        file: PathBuf,
-        /// First bytes of the file.
-        met: String,
-    },
-    /// A table that breaks off or does not hold numbers.
-    #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
-    Row {
-        /// The file.
-        file: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// Allowed values, in words.
-        expected: String,
-        /// Value found.
-        met: String,
-    },
-}
-
-impl ScopeError {
-    /// Makes the complaints about the header of one file: field, what it should be, what it is.
-    fn about(file: &Path, kind: &'static str) -> impl Fn(&'static str, &str, String) -> Self {
-        move |field, expected, met| Self::Layout {
-            file: file.to_owned(),
-            kind,
-            field,
-            expected: expected.to_owned(),
-            met,
-        }
-    }
-
-    /// The open file.
-    fn opened(path: &Path) -> Result<File, Self> {
-        File::open(path).map_err(|source| Self::Io {
-            file: path.to_owned(),
-            action: "open it",
-            source,
-        })
-    }
-}
+pub use error::ScopeError;
+pub use record::ScopeRecord;
 
 /// Opens a scope's record. `interval_s`: time between two samples, for a table that does not tell
 /// it.

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::*;
-use analysis_signal::sine::{FitOptions, Record, fit_known_frequency};
+use analysis_signal::sine::{Channel, FitOptions, Record, fit_known_frequency};
 
 fn fixture(name: &str) -> PathBuf {
     PathBuf::from(concat!(

@@ -1,6 +1,5 @@
 //! The blocks of a circuit in series, sorted by how an ERM can have them.
 
-use super::Exact;
 use analysis_model::model::{Circuit, ElementKind, Erm, Node, RcBranch};
 use num_complex::Complex64;
 use std::ops::RangeInclusive;
@@ -260,4 +259,13 @@ fn dc_ohm(node: &Node, p: &[f64]) -> f64 {
                 .sum::<f64>()
         }
     }
+}
+
+/// A branch that a circuit has as it is.
+#[derive(Debug, Clone)]
+pub(super) struct Exact {
+    pub(super) branch: RcBranch,
+    /// Indices of the parameters and powers with which they enter resistance and capacitance.
+    pub(super) r_powers: Vec<(usize, f64)>,
+    pub(super) c_powers: Vec<(usize, f64)>,
 }

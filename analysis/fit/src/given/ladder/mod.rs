@@ -22,11 +22,12 @@ mod rows;
 mod solve;
 
 use super::error::{LadderError, REFUSED};
-use analysis_model::model::{Circuit, Erm, RcBranch};
+use analysis_model::model::{Circuit, Erm};
 use analysis_numeric::significant::format_significant;
 use blocks::{Blocking, Blocks};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
+pub use solve::TARGET;
 use solve::{Problem, best_ladder};
 use std::f64::consts::TAU;
 use std::ops::RangeInclusive;
@@ -34,9 +35,6 @@ use std::ops::RangeInclusive;
 /// Factor by which the band of the ladder reaches beyond that of the data: steps and their first
 /// instants lie above it, slow loads below.
 const WIDER: f64 = 10.0;
-/// Relative error that ends the search: a third of the 0.3 % by which the thesis' sweeps of one
-/// cell repeat.
-pub const TARGET: f64 = 1e-3;
 /// A DC resistance of the ladder that differs from the circuit's by less counts as the same.
 const SAME_DC: f64 = TARGET;
 
@@ -382,15 +380,6 @@ fn hertz(freq_hz: f64) -> String {
         f if f < 1e3 => format!("{} Hz", format_significant(f, 3)),
         f => format!("{} kHz", format_significant(1e-3 * f, 3)),
     }
-}
-
-/// A branch that a circuit has as it is.
-#[derive(Debug, Clone)]
-struct Exact {
-    branch: RcBranch,
-    /// Indices of the parameters and powers with which they enter resistance and capacitance.
-    r_powers: Vec<(usize, f64)>,
-    c_powers: Vec<(usize, f64)>,
 }
 
 #[cfg(test)]

@@ -19,7 +19,6 @@ use num_complex::Complex64;
 use std::f64::consts::TAU;
 use std::fmt;
 use std::ops::Range;
-use std::str::FromStr;
 
 /// One element of a circuit.
 #[derive(Debug, Clone, PartialEq)]
@@ -138,31 +137,9 @@ impl Circuit {
         self.root.expand(parameters, TAU * freq_hz, slopes)
     }
 
-    /// Reads `name = value, …` into the indices of the parameters and their values; `what` names
-    /// the list in messages.
-    ///
-    /// # Errors
-    /// [`ParseError`] for another form, a name that is no parameter or comes twice, a value beyond
-    /// the physical range.
-    pub fn assignments(
-        &self,
-        what: &'static str,
-        text: &str,
-    ) -> Result<Vec<(usize, f64)>, ParseError> {
-        parse::assignments(self, what, text)
-    }
-
     /// Outermost node of the tree.
     pub fn root(&self) -> &Node {
         &self.root
-    }
-}
-
-impl FromStr for Circuit {
-    type Err = ParseError;
-
-    fn from_str(text: &str) -> Result<Self, ParseError> {
-        parse::circuit(text)
     }
 }
 

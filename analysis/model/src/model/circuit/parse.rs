@@ -11,6 +11,7 @@
 
 use super::element::ElementKind;
 use super::{Circuit, Element, Node};
+use std::str::FromStr;
 
 /// Deepest nesting of `p(…)`.
 pub const MAX_DEPTH: usize = 32;
@@ -124,8 +125,32 @@ struct Parser {
     parameters: usize,
 }
 
+impl FromStr for Circuit {
+    type Err = ParseError;
+
+    fn from_str(text: &str) -> Result<Self, ParseError> {
+        circuit(text)
+    }
+}
+
+impl Circuit {
+    /// Reads `name = value, …` into the indices of the parameters and their values; `what` names
+    /// the list in messages.
+    ///
+    /// # Errors
+    /// [`ParseError`] for another form, a name that is no parameter or comes twice, a value beyond
+    /// the physical range.
+    pub fn assignments(
+        &self,
+        what: &'static str,
+        text: &str,
+    ) -> Result<Vec<(usize, f64)>, ParseError> {
+        assignments(self, what, text)
+    }
+}
+
 /// Reads a circuit.
-pub(super) fn circuit(text: &str) -> Result<Circuit, ParseError> {
+fn circuit(text: &str) -> Result<Circuit, ParseError> {
     let mut parser = Parser {
         cursor: Cursor::new("circuit", text),
         names: Vec::new(),
@@ -283,7 +308,7 @@ fn edit_distance(a: &str, b: &str) -> usize {
 
 /// Reads `name = value, name = value, …` into pairs of the parameter's index and its value; `what`
 /// names the list in messages.
-pub(super) fn assignments(
+fn assignments(
     circuit: &Circuit,
     what: &'static str,
     text: &str,

@@ -1,7 +1,7 @@
 //! The cells of a pack one by one, as factors of the model's: drawn from a spread, or given.
 
 use super::super::network::Cell;
-use super::{Draws, ScatterSetup, Spread, bounds, check, normal};
+use super::{Draws, ScatterSetup, Spread, bounds, check};
 use analysis_model::{model::Erm, pack::PackError};
 use analysis_numeric::Rng;
 
@@ -164,4 +164,10 @@ pub(super) fn check_packs(
         pack.iter().try_for_each(|cell| cell.check(setup.cell))?;
     }
     Ok(())
+}
+
+/// A number of the standard normal distribution (Box and Muller).
+fn normal(rng: &mut Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.uniform()).ln()).sqrt();
+    radius * (std::f64::consts::TAU * rng.uniform()).cos()
 }

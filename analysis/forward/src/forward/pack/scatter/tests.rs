@@ -1,5 +1,10 @@
 use super::*;
-use analysis_model::{model::RcBranch, ocv::OcvCurve};
+use crate::forward::CellWindow;
+use analysis_model::{
+    model::{Erm, RcBranch},
+    ocv::OcvCurve,
+    pack::{Pack, ThermalMass},
+};
 
 fn erm() -> Erm {
     Erm {

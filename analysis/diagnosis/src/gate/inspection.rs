@@ -1,0 +1,170 @@
+//! Data as the checks of the gate see them, and what a check finds.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::{
+    super::data::{DataSet, Run, RunData, Sweep, TimeRecord},
+    expected::{Expected, Prediction},
+};
+use crate::thresholds::MEDIAN_STEP_SIGMAS;
+
+/// Kind of fault.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Check {
+    /// A file that could not be read as what it should be.
+    Unreadable,
+    /// No data, too few, or lists of different lengths.
+    Empty,
+    /// Numbers that are not finite.
+    NotFinite,
+    /// Times that do not rise, or jump.
+    TimesGoBack,
+    /// Volts, amperes or ohms in thousandths or thousands.
+    Unit,
+    /// A current or an imaginary part of the wrong sign.
+    Sign,
+    /// Flat tops where the voltage must move.
+    Clipped,
+    /// The logged current follows the voltage late.
+    CurrentLags,
+    /// Not the spectrum of a linear system at rest.
+    KramersKronig,
+    /// The content belongs to another run.
+    Swapped,
+    /// A run that ends before its repeats.
+    Truncated,
+    /// A repeat that is none.
+    Repeats,
+}
+
+/// One reason why data cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Reason {
+    /// Kind of fault.
+    pub check: Check,
+    /// The runs concerned.
+    pub runs: Vec<String>,
+    /// In words, with the numbers.
+    pub text: String,
+}
+
+impl Reason {
+    /// A run whose file could not be read; the text says why.
+    pub fn unreadable(run: &str, text: &str) -> Self {
+        Self {
+            check: Check::Unreadable,
+            runs: vec![run.to_owned()],
+            text: text.to_owned(),
+        }
+    }
+}
+
+impl fmt::Display for Reason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.runs.join(", "), self.text)
+    }
+}
+
+/// Findings of one check.
+#[derive(Debug, Default)]
+pub(super) struct Findings {
+    pub(super) invalid: Vec<Reason>,
+    pub(super) notes: Vec<String>,
+}
+
+impl Findings {
+    pub(super) fn add(&mut self, check: Check, run: &Run, text: String) {
+        self.invalid.push(Reason {
+            check,
+            runs: vec![run.name.clone()],
+            text,
+        });
+    }
+}
+
+/// A run that has passed so far.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Subject<'a> {
+    pub(super) run: &'a Run,
+    pub(super) prediction: &'a Prediction,
+}
+
+impl<'a> Subject<'a> {
+    /// The record with the voltage expected of it; none for a spectrum, or where nothing could be
+    /// predicted.
+    pub(super) fn record(&self) -> Option<(&'a TimeRecord, &'a [f64])> {
+        match (&self.run.data, self.prediction) {
+            (RunData::Time(record), Prediction::Voltage(v, _))
+                if v.len() == record.series.len() =>
+            {
+                Some((record, v))
+            }
+            _ => None,
+        }
+    }
+
+    /// Error of the expected open-circuit voltage for a current that is read wrong by one ampere,
+    /// so long after the start of a record, V.
+    pub(super) fn counted_wrong_v(&self, time_s: f64) -> f64 {
+        if let Prediction::Voltage(_, per_c_v) = self.prediction {
+            per_c_v * time_s
+        } else {
+            0.0
+        }
+    }
+
+    /// The sweep with the impedance expected of it.
+    pub(super) fn sweep(&self) -> Option<(&'a Sweep, &'a [num_complex::Complex64])> {
+        match (&self.run.data, self.prediction) {
+            (RunData::Eis(sweep), Prediction::Impedance(z)) if z.len() == sweep.points.len() => {
+                Some((sweep, z))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Inputs of a check.
+pub(super) struct Inspection<'a> {
+    pub(super) set: &'a DataSet,
+    pub(super) expected: &'a Expected,
+    /// Runs that nothing was found against yet.
+    pub(super) runs: Vec<Subject<'a>>,
+}
+
+impl Inspection<'_> {
+    /// Standard deviation of one voltage sample, V: the bench's history and what is stated, else
+    /// the scatter of the record's own steps.
+    pub(super) fn sample_noise_v(&self, record: &TimeRecord) -> f64 {
+        if let Some(h) = self.set.history {
+            let stated = record
+                .sigma_v
+                .as_ref()
+                .map_or(0.0, |sigma_v| median(sigma_v.clone()));
+            return h
+                .voltage_noise_v
+                .hypot(h.voltage_resolution_v / 12f64.sqrt())
+                .hypot(stated);
+        }
+        let steps: Vec<f64> = record
+            .series
+            .voltage_v
+            .windows(2)
+            .map(|w| (w[1] - w[0]).abs())
+            .collect();
+        median(steps) / MEDIAN_STEP_SIGMAS
+    }
+}
+
+/// The middle one, or the mean of both; zero of none.
+pub(super) fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_unstable_by(f64::total_cmp);
+    match values.as_slice() {
+        [] => 0.0,
+        all if all.len() % 2 == 1 => all[all.len() / 2],
+        all => 0.5 * (all[all.len() / 2 - 1] + all[all.len() / 2]),
+    }
+}

@@ -1,0 +1,125 @@
+//! The sweep in work: what is ahead of its point, and what its points have cost.
+
+use super::super::ExecuteError;
+use crate::{
+    journal::Entry,
+    measure::Spent,
+    plan::{Stage, Step},
+    record::{Event, Recorder},
+};
+
+/// A sinusoid as it is driven.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Tone {
+    /// Frequency, Hz.
+    pub(crate) freq_hz: f64,
+    /// Amplitude of the current, A.
+    pub(crate) amplitude_a: f64,
+    /// Shortest wait for the record, s.
+    pub(crate) wait_s: f64,
+}
+
+/// The point that comes after the one in work.
+#[derive(Debug, Clone)]
+pub(crate) struct NextPoint {
+    stage: usize,
+    step: usize,
+    pub(super) sine: Step,
+    pub(super) tone: Tone,
+}
+
+/// The generator is at the next point already.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct StartedPoint {
+    pub(super) tone: Tone,
+    /// Since when, bench s.
+    pub(super) since_s: f64,
+}
+
+/// The sweep in work: what is ahead of its point, and what its points have cost.
+#[derive(Default)]
+pub(crate) struct SweepState {
+    /// The point after the one in work, where the generator may go on to it.
+    pub(crate) next: Option<NextPoint>,
+    /// The step that is in the journal before its turn.
+    pub(crate) announced: Option<usize>,
+    /// The generator has gone on.
+    pub(crate) started: Option<StartedPoint>,
+    /// Effort that went into measuring points of the sweep again.
+    pub(crate) spent: Spent,
+}
+
+impl NextPoint {
+    /// The point after a step of a stage, where both are points and that one is played.
+    pub(crate) fn after(
+        number: usize,
+        stage: &Stage,
+        index: usize,
+        plays: impl Fn(usize, &Step) -> bool,
+    ) -> Option<Self> {
+        let Some(Step::Sine { .. }) = stage.steps.get(index) else {
+            return None;
+        };
+        let step = stage.steps.get(index + 1)?;
+        let Step::Sine {
+            freq_hz,
+            amplitude_a,
+            wait_s,
+            ..
+        } = *step
+        else {
+            return None;
+        };
+        plays(index + 1, step).then_some(Self {
+            stage: number,
+            step: index + 1,
+            sine: step.clone(),
+            tone: Tone {
+                freq_hz,
+                amplitude_a,
+                wait_s,
+            },
+        })
+    }
+}
+
+impl SweepState {
+    /// Writes down that the next point is about to be begun, while this one still settles:
+    /// afterwards each moment counts.
+    pub(crate) fn announce(&mut self, recorder: &mut Recorder) -> Result<(), ExecuteError> {
+        let next = self.next.as_ref();
+        if let Some(next) = next.filter(|next| self.announced != Some(next.step)) {
+            let text = next.sine.to_string();
+            recorder.journal(Entry::Intent {
+                stage: next.stage,
+                step: next.step,
+                text: text.clone(),
+                live: true,
+            })?;
+            recorder.event(Event::Step, &text)?;
+            self.announced = Some(next.step);
+        }
+        Ok(())
+    }
+
+    /// Whether a step is in the journal already as begun.
+    pub(crate) fn was_announced(&self, step: usize) -> bool {
+        self.announced == Some(step)
+    }
+
+    /// Since when the generator plays this point, if it does.
+    pub(crate) fn take_started(&mut self, tone: &Tone) -> Option<f64> {
+        let same = |started: &StartedPoint| {
+            started.tone.freq_hz == tone.freq_hz && started.tone.amplitude_a == tone.amplitude_a
+        };
+        self.started
+            .take()
+            .filter(same)
+            .map(|started| started.since_s)
+    }
+
+    /// Forgets what was begun before its turn.
+    pub(crate) fn fall_back(&mut self) {
+        (self.announced, self.started) = (None, None);
+    }
+}

@@ -1,0 +1,137 @@
+//! A data set as far as its files could be read.
+
+use analysis::{
+    calibration::CommonError,
+    diagnosis::{DataSet, Run, RunData},
+    fit::RefusedPoint,
+    spectrum::FlaggedPoint,
+};
+
+use super::files::DataSetProblem;
+use crate::support::present;
+
+/// Name of the file that makes a folder a data set.
+pub const DATASET_FILE: &str = "dataset.toml";
+
+/// A data set as far as its files could be read.
+#[derive(Debug)]
+pub struct Loaded {
+    /// The runs that could be read.
+    pub set: DataSet,
+    /// The runs that could not.
+    pub problems: Vec<DataSetProblem>,
+    /// Assumptions that had to be made.
+    pub notes: Vec<String>,
+    /// Points that the quality gate of their measurement has refused, by the names of their runs,
+    /// and whether they are used all the same.
+    pub refused: Vec<RefusedPoint>,
+}
+
+/// How a data set is read.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Reading {
+    /// Error that an inherited correction leaves, which a run without its own controls cannot tell.
+    pub known: Option<CommonError>,
+    /// Points that a quality gate has refused are used, too.
+    pub refused_points: bool,
+}
+
+/// Points of a sweep that a quality gate has refused.
+pub(super) struct Flagged {
+    pub(super) run: String,
+    pub(super) file: String,
+    /// How many points it has.
+    pub(super) points: usize,
+    pub(super) flagged: Vec<FlaggedPoint>,
+    /// They are used all the same.
+    pub(super) wanted: bool,
+}
+
+impl Loaded {
+    /// Notes what a quality gate has refused of a sweep.
+    pub(super) fn flag(&mut self, refused: &Flagged) {
+        let Flagged {
+            run,
+            file,
+            points,
+            flagged,
+            ..
+        } = refused;
+        let fitted = refused.wanted;
+        if flagged.is_empty() {
+            return;
+        }
+        let told = present::refused_in_words(flagged);
+        let what = if fitted {
+            "are used, because that was asked for, though"
+        } else {
+            "and their like in its repeats are left out:"
+        };
+        let asked = if fitted {
+            ""
+        } else {
+            "; --refused-points uses them"
+        };
+        self.notes.push(format!(
+            "{run}: {} of {points} points {what} the quality gate refused them: {told}{asked}",
+            flagged.len()
+        ));
+        self.refused
+            .extend(flagged.iter().map(|point| RefusedPoint {
+                spectrum: run.clone(),
+                file: file.clone(),
+                freq_hz: point.freq_hz,
+                reasons: point.reasons.clone(),
+                fitted,
+            }));
+    }
+
+    /// Takes out what a quality gate has refused. Repeats are compared point by point: what one of
+    /// them lost, the others lose too; but a sweep of which nothing is left takes nothing of the
+    /// others with it.
+    pub(crate) fn leave_out_refused(&mut self) {
+        let refused = &self.refused;
+        let own = |run: &Run, freq_hz: f64| {
+            refused
+                .iter()
+                .any(|one| !one.fitted && one.spectrum == run.name && one.freq_hz == freq_hz)
+        };
+        let freqs = |run: &Run| {
+            if let RunData::Eis(sweep) = &run.data {
+                sweep.points.iter().map(|p| p.freq_hz).collect()
+            } else {
+                Vec::new()
+            }
+        };
+        self.set.runs.retain(|run| {
+            let all: Vec<f64> = freqs(run);
+            all.is_empty() || !all.iter().all(|freq_hz| own(run, *freq_hz))
+        });
+        let of_group = |one: &RefusedPoint| {
+            let run = self.set.runs.iter().find(|run| run.name == one.spectrum)?;
+            (!one.fitted).then(|| (run.repeat_group.clone(), one.freq_hz))
+        };
+        let lost: Vec<(String, f64)> = refused.iter().filter_map(of_group).collect();
+        for run in &mut self.set.runs {
+            let RunData::Eis(sweep) = &mut run.data else {
+                continue;
+            };
+            let stays: Vec<bool> = sweep
+                .points
+                .iter()
+                .map(|p| {
+                    !lost
+                        .iter()
+                        .any(|(group, freq_hz)| *group == run.repeat_group && *freq_hz == p.freq_hz)
+                })
+                .collect();
+            let mut kept = stays.iter();
+            sweep.elapsed_s.retain(|_| *kept.next().unwrap_or(&true));
+            let mut kept = stays.iter();
+            sweep.points.retain(|_| *kept.next().unwrap_or(&true));
+        }
+        self.set
+            .runs
+            .retain(|run| !matches!(&run.data, RunData::Eis(sweep) if sweep.points.is_empty()));
+    }
+}

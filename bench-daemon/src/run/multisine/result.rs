@@ -1,0 +1,26 @@
+//! Result of one multisine.
+
+use analysis::{
+    multisine::Line,
+    spectrum::{FlaggedPoint, Spectrum},
+};
+
+/// Result of one multisine.
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
+pub struct MultisineRun {
+    /// The corrected spectrum.
+    pub spectrum: Spectrum,
+    /// The same with the noise of its own records only.
+    pub own_noise: Spectrum,
+    /// Degrees of freedom of that noise: it is found from the bins between the harmonics.
+    pub noise_dof: f64,
+    /// Lines that the quality gate refused to the end.
+    pub flagged: Vec<FlaggedPoint>,
+    /// Its lines.
+    pub lines: Vec<Line>,
+    /// V/div of channels 1…4 at each line.
+    #[serde(default)]
+    pub volts_per_div: Vec<[f64; 4]>,
+    /// Bench time that it took with all that belongs to it, s.
+    pub took_s: f64,
+}

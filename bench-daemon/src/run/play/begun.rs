@@ -1,0 +1,23 @@
+//! A run that is being played.
+
+use analysis::calibration::Correction;
+use instruments::clock::Clock;
+
+use super::super::ResumeContext;
+use crate::{
+    config::Experiment, operator::Operator, plan::Checked, record::Recorder, sim::Simulation,
+};
+
+pub(crate) struct Run<'a> {
+    pub(crate) experiment: &'a Experiment,
+    pub(crate) plan: &'a Checked,
+    pub(crate) clock: Clock,
+    pub(crate) operator: Operator,
+    pub(crate) recorder: Recorder,
+    /// The simulated world, and the correction where that of a run before is to be kept.
+    pub(crate) before: (Option<Simulation>, Option<Correction>),
+    /// A run before has used this simulated world.
+    pub(crate) inherited_world: bool,
+    /// Finished part of this run, where its process died or was stopped before.
+    pub(crate) context: Option<ResumeContext>,
+}

@@ -1,0 +1,36 @@
+//! State that every handler gets.
+
+use std::sync::Arc;
+
+use super::{
+    super::Server,
+    guard::{self, Rate},
+};
+
+/// State that every handler gets.
+#[derive(Clone)]
+pub struct App {
+    /// The server.
+    pub server: Arc<Server>,
+    /// Requests by peer.
+    pub rate: Arc<Rate>,
+    /// Wrong tokens by peer.
+    pub guesses: Arc<Rate>,
+    /// Attempts of peers without a token, as far as they are written down.
+    pub strangers: Arc<Rate>,
+}
+
+impl App {
+    /// The handlers' share of a server.
+    pub fn of(server: &Arc<Server>) -> Self {
+        let limits = server.settings.limits;
+        let few = || Arc::new(Rate::new(guard::GUESSES.0, guard::GUESSES.1));
+        let rate = Arc::new(Rate::new(limits.requests_per_s, limits.burst));
+        Self {
+            server: server.clone(),
+            rate,
+            guesses: few(),
+            strangers: few(),
+        }
+    }
+}

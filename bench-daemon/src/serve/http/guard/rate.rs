@@ -1,0 +1,48 @@
+//! How often each peer may do something.
+
+use std::{
+    collections::HashMap,
+    net::IpAddr,
+    sync::{Mutex, PoisonError},
+};
+
+/// Wrong tokens of one peer, and attempts of one without any that are written down, per second in
+/// the long run and at once.
+pub const GUESSES: (f64, f64) = (0.5, 20.0);
+
+/// So many peers are remembered.
+const PEERS: usize = 10_000;
+
+/// How often each peer may do something: a bucket that refills.
+#[derive(Debug)]
+pub struct Rate {
+    per_s: f64,
+    burst: f64,
+    buckets: Mutex<HashMap<IpAddr, (f64, f64)>>,
+}
+
+impl Rate {
+    /// So often per second, and so often at once.
+    pub fn new(per_s: f64, burst: f64) -> Self {
+        Self {
+            per_s,
+            burst,
+            buckets: Mutex::default(),
+        }
+    }
+
+    /// Takes one; whether there was one.
+    pub fn take(&self, peer: IpAddr, now_s: f64) -> bool {
+        let mut buckets = self.buckets.lock().unwrap_or_else(PoisonError::into_inner);
+        if buckets.len() > PEERS {
+            // Who has not been seen for so long has a full one again.
+            buckets.retain(|_, (left, seen_s)| *left + (now_s - *seen_s) * self.per_s < self.burst);
+        }
+        let (left, seen_s) = buckets.entry(peer).or_insert((self.burst, now_s));
+        *left = (*left + (now_s - *seen_s) * self.per_s).min(self.burst);
+        *seen_s = now_s;
+        let enough = *left >= 1.0;
+        *left -= if enough { 1.0 } else { 0.0 };
+        enough
+    }
+}

@@ -1,0 +1,41 @@
+//! The queue as clients see it.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::{Server, queue::Item};
+
+/// The queue as it is now.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct QueueNow {
+    /// Runs in work and waiting, in order.
+    items: Vec<Item>,
+    /// Benches on which nothing is begun, and why.
+    held: BTreeMap<String, String>,
+}
+
+impl QueueNow {
+    /// That of a server.
+    pub fn of(server: &Server) -> Self {
+        let queue = server.queue();
+        let held = |bench: &crate::config::Bench| {
+            queue
+                .held(&bench.name)
+                .map(|why| (bench.name.clone(), why.to_owned()))
+        };
+        Self {
+            items: queue.items().to_vec(),
+            held: server.settings.benches.iter().filter_map(held).collect(),
+        }
+    }
+}
+
+impl Server {
+    /// Tells everybody what is in the queue.
+    pub fn tell_queue(&self) {
+        let shown = QueueNow::of(self);
+        self.hub.tell("queue", &shown);
+    }
+}

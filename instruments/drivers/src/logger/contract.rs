@@ -1,0 +1,16 @@
+//! Contract between a logger and its dialects.
+
+use crate::{exchange::Exchange, instrument::Model};
+
+/// One model's language.
+pub trait Dialect: Model {
+    /// Whether there is such a channel; one that takes any number has a card whose slots are not
+    /// known from here.
+    fn has_channel(&self, _channel: u16) -> bool {
+        true
+    }
+    /// Type K thermocouples in °C on these channels, scanned together.
+    fn configure(&self, channels: &[u16]) -> Vec<Exchange>;
+    /// Query for one scan.
+    fn scan(&self) -> &'static str;
+}
