@@ -2,10 +2,18 @@
 //! readings in, a trip or nothing out. [`judge`] looks at one reading, [`Interlock`] also at those
 //! before it: rates, charge, age, and values that do not move.
 
+mod ages;
+mod allowance;
+mod charge;
 mod history;
+mod meters;
 mod noise;
+mod period;
+mod temperatures;
 
-pub use history::{Allowance, Interlock, Mean, Quantity, Settings, Stuck};
+pub use allowance::{Allowance, Mean, Settings};
+pub use history::Interlock;
+pub use meters::{Quantity, Stuck};
 
 /// Limits of a cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]

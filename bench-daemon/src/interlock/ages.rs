@@ -1,0 +1,77 @@
+//! Readings that are late or missing while a current may flow.
+
+use super::{Reading, Trip, allowance::Settings};
+
+/// When the instruments were read last, seconds of the machine.
+#[derive(Debug)]
+pub(super) struct Ages {
+    /// There is a thermometer.
+    logger: bool,
+    /// When anything was read.
+    read_s: Option<f64>,
+    /// When the temperature was read.
+    temperature_s: f64,
+}
+
+impl Ages {
+    /// Nothing was read yet.
+    pub(super) fn new(logger: bool) -> Self {
+        Self {
+            logger,
+            read_s: None,
+            temperature_s: f64::NEG_INFINITY,
+        }
+    }
+
+    /// A step of its own begins: what was not read while nothing flowed is not late.
+    pub(super) fn begin(&mut self, machine_s: f64) {
+        self.read_s = Some(machine_s);
+        self.temperature_s = self.temperature_s.max(machine_s);
+    }
+
+    /// Time since the temperature was read, s.
+    pub(super) fn temperature_age_s(&self, machine_s: f64) -> f64 {
+        machine_s - self.temperature_s
+    }
+
+    /// Takes a reading that came at `machine_s`, and judges the time before it where a current may
+    /// flow.
+    pub(super) fn judge(
+        &mut self,
+        reading: &Reading,
+        machine_s: f64,
+        live: bool,
+        settings: &Settings,
+    ) -> Option<Trip> {
+        let since_s = self
+            .read_s
+            .replace(machine_s)
+            .map_or(0.0, |read_s| machine_s - read_s);
+        // Nobody saw what came before the reading that ends a gap.
+        let age_s = if self.logger {
+            self.temperature_age_s(machine_s)
+        } else {
+            0.0
+        };
+        if reading.temperature_c.is_some() {
+            self.temperature_s = machine_s;
+        }
+        let limit = |what, value, greatest| {
+            (live && value > greatest).then_some(Trip::Limit {
+                what,
+                value,
+                unit: "s",
+                least: 0.0,
+                greatest,
+                time_s: reading.time_s,
+            })
+        };
+        limit("time without a reading", since_s, settings.reading_age_s).or_else(|| {
+            limit(
+                "time without a cell temperature",
+                age_s,
+                settings.temperature_age_s,
+            )
+        })
+    }
+}

@@ -1,0 +1,200 @@
+//! Meters that do not move: values that stay the same while charge passes or a sinusoid flows, and
+//! values that stand still for longer than the noise of their meter allows.
+
+use super::{
+    Reading, Trip,
+    allowance::{Allowance, Settings},
+    noise::Noise,
+};
+
+/// Periods of a slow sinusoid in which a reading must move.
+const SWINGS: f64 = 2.0;
+
+/// A meter that shows the same for longer than its noise allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stuck {
+    /// Quantity that it measures.
+    pub quantity: Quantity,
+    /// How often it was read alike.
+    pub times: u32,
+    /// Value that it shows, in V, A or °C.
+    pub value: f64,
+}
+
+/// Quantity that a meter measures.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// The cell's voltage.
+    Voltage,
+    /// The cell's current.
+    Current,
+    /// The cell's temperature.
+    Temperature,
+}
+
+/// Charge and time: at a moment, or passed since then.
+#[derive(Debug, Clone, Copy)]
+struct Passed {
+    charge_c: f64,
+    time_s: f64,
+}
+
+/// A value, and the charge, C, and the bench time, s, at which it was seen to change last.
+#[derive(Debug, Clone, Copy, Default)]
+struct Last {
+    value: Option<f64>,
+    charge_c: f64,
+    /// None: from the next reading on.
+    time_s: Option<f64>,
+}
+
+impl Last {
+    /// Charge and time that have passed since the value changed.
+    fn since(&mut self, value: f64, now: Passed) -> Passed {
+        if self.value != Some(value) {
+            *self = Self {
+                value: Some(value),
+                charge_c: now.charge_c,
+                time_s: None,
+            };
+        }
+        Passed {
+            charge_c: (now.charge_c - self.charge_c).abs(),
+            time_s: now.time_s - *self.time_s.get_or_insert(now.time_s),
+        }
+    }
+}
+
+/// One meter: its last value and its known noise.
+#[derive(Debug, Default)]
+struct Meter {
+    last: Last,
+    noise: Noise,
+}
+
+impl Meter {
+    fn stuck(&self, quantity: Quantity) -> Option<Stuck> {
+        Some(Stuck {
+            quantity,
+            times: self.noise.stuck()?,
+            value: self.last.value?,
+        })
+    }
+}
+
+/// The meters of the cell.
+#[derive(Debug, Default)]
+pub(super) struct Meters {
+    voltage: Meter,
+    current: Meter,
+    temperature: Meter,
+}
+
+impl Meters {
+    /// A meter that shows the same for longer than its noise allows.
+    pub(super) fn stuck(&self) -> Option<Stuck> {
+        self.temperature
+            .stuck(Quantity::Temperature)
+            .or_else(|| self.voltage.stuck(Quantity::Voltage))
+            .or_else(|| self.current.stuck(Quantity::Current))
+    }
+
+    /// A step of its own begins. The noise of voltage and current held for the step before, because
+    /// their ranges change from step to step.
+    pub(super) fn begin(&mut self) {
+        (self.voltage, self.current) = (Meter::default(), Meter::default());
+        self.temperature.last = Last::default();
+    }
+
+    /// Another current flows: what stood still before stood still rightly.
+    pub(super) fn move_anew(&mut self) {
+        (self.voltage.last.time_s, self.current.last.time_s) = (None, None);
+    }
+
+    /// The temperature stands still for longer than usual.
+    pub(super) fn temperature_is_suspect(&self) -> bool {
+        self.temperature.noise.suspect()
+    }
+
+    /// Learns the noise of each meter. Under a sinusoid readings turn back without any noise.
+    pub(super) fn listen(&mut self, reading: &Reading, allowance: &Allowance) {
+        if let Some(celsius) = reading.temperature_c {
+            self.temperature.noise.take(celsius);
+        }
+        if allowance.mean.is_some() || allowance.swing_s.is_some() {
+            return;
+        }
+        // A supply that holds the voltage may hold it better than the meter shows.
+        if let Some(volts) = reading.voltage_v.filter(|volts| *volts < allowance.held_v) {
+            self.voltage.noise.take(volts);
+        }
+        if let Some(amps) = reading.current_a.filter(|_| allowance.live) {
+            self.current.noise.take(amps);
+        }
+    }
+
+    /// Takes a reading, before which the step has moved so much charge, C, and judges whether a
+    /// value stood still for too long.
+    pub(super) fn judge(
+        &mut self,
+        reading: &Reading,
+        charge_c: f64,
+        allowance: &Allowance,
+        settings: &Settings,
+    ) -> Option<Trip> {
+        let now = Passed {
+            charge_c,
+            time_s: reading.time_s,
+        };
+        let volts = reading
+            .voltage_v
+            .map(|volts| self.voltage.last.since(volts, now));
+        let amps = reading
+            .current_a
+            .map(|amps| self.current.last.since(amps, now));
+        let celsius = reading
+            .temperature_c
+            .map(|celsius| self.temperature.last.since(celsius, now));
+        if !allowance.live {
+            return None;
+        }
+        let held = reading
+            .voltage_v
+            .is_some_and(|volts| volts >= allowance.held_v);
+        let cell = |since: Option<Passed>| since.filter(|_| allowance.cell);
+        let charge = |since: Option<Passed>| Some((cell(since)?.charge_c, settings.frozen_c, "C"));
+        let time = |since: Option<Passed>| {
+            let least_s = SWINGS * allowance.swing_s?;
+            Some((since?.time_s, settings.frozen_s.max(least_s), "s"))
+        };
+        let stood = [
+            (
+                "charge while the cell voltage stood still",
+                charge(volts.filter(|_| !held)),
+            ),
+            (
+                "charge while the cell temperature stood still",
+                charge(celsius),
+            ),
+            (
+                "time in which the cell voltage stood still under a sinusoid",
+                time(cell(volts)),
+            ),
+            (
+                "time in which the cell current stood still under a sinusoid",
+                time(amps),
+            ),
+        ];
+        let frozen = stood.into_iter().find_map(|(what, found)| {
+            Some((what, found.filter(|(value, greatest, _)| value > greatest)?))
+        });
+        frozen.map(|(what, (value, greatest, unit))| Trip::Limit {
+            what,
+            value,
+            unit,
+            least: 0.0,
+            greatest,
+            time_s: reading.time_s,
+        })
+    }
+}

@@ -1,0 +1,51 @@
+//! Mean of a periodic current, from readings that follow it.
+
+use std::collections::VecDeque;
+
+use super::allowance::Mean;
+
+/// Fewest readings in a period that give its mean.
+pub(super) const FEWEST: f64 = 4.0;
+
+/// Bench times, s, and currents, A, of one period of the sinusoid in work.
+#[derive(Debug, Default)]
+pub(super) struct Period(VecDeque<(f64, f64)>);
+
+impl Period {
+    /// Drops the readings so far, because they are not of one signal or not of known times.
+    pub(super) fn lose(&mut self) {
+        self.0.clear();
+    }
+
+    /// Takes a reading, and drops what came before the last period.
+    pub(super) fn take(&mut self, mean: &Mean, time_s: f64, current_a: f64) {
+        self.0.push_back((time_s, current_a));
+        let from_s = time_s - mean.period_s;
+        while self.0.get(1).is_some_and(|(time_s, _)| *time_s <= from_s) {
+            self.0.pop_front();
+        }
+    }
+
+    /// The mean of something of the current over the last period, by the trapezoidal rule, as soon
+    /// as a whole one was read.
+    pub(super) fn mean_of(&self, mean: &Mean, of: fn(f64) -> f64) -> Option<f64> {
+        let pairs = || self.0.iter().zip(self.0.iter().skip(1));
+        let from_s = self.0.back()?.0 - mean.period_s;
+        // What came too seldom says nothing of a mean.
+        let apart_s = pairs()
+            .map(|(one, other)| other.0 - one.0)
+            .fold(0.0, f64::max);
+        if self.0.front().is_none_or(|(time_s, _)| *time_s > from_s)
+            || apart_s > mean.period_s / FEWEST
+        {
+            return None;
+        }
+        let part = |((t0, a0), (t1, a1)): (&(f64, f64), &(f64, f64))| {
+            // The first pair begins before the period does.
+            let start_s = t0.max(from_s);
+            let start_a = a0 + (a1 - a0) * (start_s - t0) / (t1 - t0);
+            0.5 * (of(start_a) + of(*a1)) * (t1 - start_s)
+        };
+        Some(pairs().map(part).sum::<f64>() / mean.period_s)
+    }
+}
