@@ -10,94 +10,55 @@
 //! `plots/` · `report.html` · `transcripts/` every message · `log.txt` · `journal.jsonl` what was
 //! intended and what was done, from which a run that died goes on.
 
+mod error;
+mod folder;
 mod measured;
 mod names;
 mod notes;
 mod reopen;
+mod tables;
+mod warnings;
 
 use std::{
     fs::{self, File},
-    io::{BufWriter, Write},
+    io::BufWriter,
     path::{Path, PathBuf},
 };
 
-use analysis::{
-    dataset::{self, DatasetError, RunIndex, SeriesRow},
-    run_folder::{
-        self, EVENT_COLUMNS, EVENTS, READING_COLUMNS, READINGS, READINGS_PARQUET, ReadingRow,
-    },
-};
+use analysis::{dataset::RunIndex, run_folder};
 use instruments::{clock::Clock, transcript::Tap};
 use serde::Serialize;
 
+use error::io;
+use folder::Folder;
+use tables::Tables;
+use warnings::Warnings;
+
 pub use analysis::run_folder::Event;
-pub use measured::CaptureFile;
-pub use names::sweep_name;
+pub use error::RecordError;
+pub(crate) use error::with_causes;
+pub use names::{CaptureFile, sweep_name};
 pub(crate) use names::{capture_of, code_scale};
 
 use crate::{
     interlock::Reading,
-    journal::{Entry, Journal, JournalError, Note, PointDone},
+    journal::{Entry, Journal, PointDone},
     measure::SweepPoint,
     support::crash_point::Drill,
-    support::present::quoted,
 };
-
-/// A file that cannot be written.
-#[derive(Debug, thiserror::Error)]
-pub enum RecordError {
-    /// The file system.
-    #[error("{path}: {what}: {source}", path = path.display())]
-    Io {
-        /// The file or folder.
-        path: PathBuf,
-        /// Operation that was tried.
-        what: &'static str,
-        /// Error of the operating system.
-        source: std::io::Error,
-    },
-    /// A table.
-    #[error("{}", with_causes(.0))]
-    Dataset(#[from] DatasetError),
-    /// The journal.
-    #[error(transparent)]
-    Journal(#[from] JournalError),
-    /// A file of the folder is not what the journal says of it.
-    #[error("{path}: expected {expected}, found {found}", path = path.display())]
-    Differs {
-        /// The file.
-        path: PathBuf,
-        /// Expected content.
-        expected: String,
-        /// Content that was found.
-        found: String,
-    },
-    /// The folder is already in use.
-    #[error("{path}: expected a new or empty folder, found files in it; choose another with --out, \
-    or go on with that run: `eis-bench resume {pasted}`", path = path.display(), pasted = quoted(path))]
-    NotEmpty {
-        /// The folder.
-        path: PathBuf,
-    },
-}
 
 /// A run folder.
 pub struct Recorder {
-    folder: PathBuf,
+    folder: Folder,
     clock: Clock,
     journal: Journal,
-    drill: Drill,
     /// Captures of the point in work, with their SHA-256.
     fresh: Vec<(String, String)>,
     /// The conversations that are being written.
     taps: Vec<(PathBuf, Tap)>,
-    events: BufWriter<File>,
-    readings: BufWriter<File>,
-    series: Vec<SeriesRow>,
+    tables: Tables,
     index: RunIndex,
-    notes: Vec<Note>,
-    /// Texts, and the sweeps and frequencies, Hz, that they are about.
-    point_warnings: Vec<(String, Vec<(String, f64)>)>,
+    warnings: Warnings,
 }
 
 impl Recorder {
@@ -121,39 +82,32 @@ impl Recorder {
             fs::create_dir_all(&path).map_err(io(&path, "cannot be made"))?;
         }
         let journal = Journal::create(folder, &clock)?;
-        let mut events = create(&folder.join(EVENTS))?;
-        let mut readings = create(&folder.join(READINGS))?;
-        line(&mut events, &folder.join(EVENTS), EVENT_COLUMNS)?;
-        line(&mut readings, &folder.join(READINGS), READING_COLUMNS)?;
+        let folder = Folder::new(folder);
         Ok(Self {
-            folder: folder.to_owned(),
+            tables: Tables::create(&folder)?,
+            folder,
             clock,
             journal,
-            drill: Drill::none(),
             fresh: Vec::new(),
             taps: Vec::new(),
-            events,
-            readings,
-            series: Vec::new(),
             index: RunIndex::default(),
-            notes: Vec::new(),
-            point_warnings: Vec::new(),
+            warnings: Warnings::of(Vec::new()),
         })
     }
 
     /// The folder.
     pub fn folder(&self) -> &Path {
-        &self.folder
+        self.folder.path()
     }
 
     /// A file in the folder.
     pub fn path(&self, name: &str) -> PathBuf {
-        self.folder.join(name)
+        self.folder.file(name)
     }
 
     /// From now on the journal and the transcripts are points of a crash drill.
     pub fn drill(&mut self, drill: &Drill) {
-        self.drill = drill.clone();
+        self.folder.drill(drill);
         self.journal.drill(drill.clone());
     }
 
@@ -169,16 +123,9 @@ impl Recorder {
             .create(true)
             .open(&path)
             .map_err(io(&path, "cannot be made"))?;
-        let tap = Tap::new(self.drill.transcript(BufWriter::new(file), name));
+        let tap = Tap::new(self.folder.transcript(BufWriter::new(file), name));
         self.taps.push((path, tap.clone()));
         Ok(tap)
-    }
-
-    /// Whether there is room for a file; see [`Drill::room`].
-    fn room(&self, name: &str) -> Result<(), RecordError> {
-        self.drill
-            .room(name)
-            .map_err(io(&self.path(name), "cannot be written"))
     }
 
     /// Writes an entry into the journal; it is on disk when this returns. Nothing is begun whose
@@ -224,8 +171,7 @@ impl Recorder {
     /// A file that cannot be written.
     pub fn event(&mut self, kind: Event, text: &str) -> Result<(), RecordError> {
         let row = kind.row(self.clock.now_s(), text);
-        self.room(EVENTS)?;
-        line(&mut self.events, &self.folder.join(EVENTS), &row)
+        self.tables.event(&self.folder, &row)
     }
 
     /// Writes a reading.
@@ -233,21 +179,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn reading(&mut self, phase: &str, reading: &Reading) -> Result<(), RecordError> {
-        let row = ReadingRow {
-            time_s: reading.time_s,
-            phase,
-            voltage_v: reading.voltage_v,
-            current_a: reading.current_a,
-            temperature_c: reading.temperature_c,
-        };
-        self.series.push(SeriesRow {
-            time_s: reading.time_s,
-            voltage_v: reading.voltage_v.unwrap_or(f64::NAN),
-            current_a: reading.current_a.unwrap_or(f64::NAN),
-            temperature_c: reading.temperature_c.unwrap_or(f64::NAN),
-        });
-        self.room(READINGS)?;
-        line(&mut self.readings, &self.folder.join(READINGS), &row.row())
+        self.tables.reading(&self.folder, phase, reading)
     }
 
     /// Writes all readings again as one table with full digits, at the end of a run.
@@ -255,11 +187,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn finish_readings(&self) -> Result<(), RecordError> {
-        self.room(READINGS_PARQUET)?;
-        Ok(dataset::write_series_parquet(
-            &self.path(READINGS_PARQUET),
-            &self.series,
-        )?)
+        self.tables.finish(&self.folder)
     }
 
     /// Writes a structure as JSON, whole or not at all.
@@ -267,15 +195,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn json<T: Serialize>(&self, name: &str, value: &T) -> Result<(), RecordError> {
-        self.room(name)?;
-        let path = self.path(name);
-        let mut text = serde_json::to_string_pretty(value).map_err(|error| RecordError::Io {
-            path: path.clone(),
-            what: "cannot be put into JSON",
-            source: std::io::Error::other(error),
-        })?;
-        text.push('\n');
-        Ok(dataset::write_atomically(&path, text.as_bytes())?)
+        self.folder.json(name, value)
     }
 
     /// Writes a text, whole or not at all.
@@ -283,37 +203,6 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn text(&self, name: &str, text: &str) -> Result<(), RecordError> {
-        self.room(name)?;
-        Ok(dataset::write_atomically(
-            &self.path(name),
-            text.as_bytes(),
-        )?)
-    }
-}
-
-/// An error and what has caused it, which is what a person can mend.
-pub(crate) fn with_causes(error: &dyn std::error::Error) -> String {
-    let causes = std::iter::successors(error.source(), |cause| cause.source());
-    causes.fold(error.to_string(), |text, cause| format!("{text}: {cause}"))
-}
-
-fn create(path: &Path) -> Result<BufWriter<File>, RecordError> {
-    File::create(path)
-        .map(BufWriter::new)
-        .map_err(io(path, "cannot be made"))
-}
-
-fn line(writer: &mut BufWriter<File>, path: &Path, text: &str) -> Result<(), RecordError> {
-    writeln!(writer, "{text}")
-        .and_then(|()| writer.flush())
-        .map_err(io(path, "cannot be written"))
-}
-
-fn io(path: &Path, what: &'static str) -> impl Fn(std::io::Error) -> RecordError + use<> {
-    let path = path.to_owned();
-    move |source| RecordError::Io {
-        path: path.clone(),
-        what,
-        source,
+        self.folder.text(name, text)
     }
 }

@@ -7,28 +7,14 @@ use analysis::{
     run_folder::{self, CAPTURES, INDEX},
     spectrum::{ImpedancePoint, Spectrum},
 };
-use instruments::{fixture::Fixture, scope::Waveform};
+use instruments::scope::Waveform;
 
-use super::{RecordError, Recorder, capture_of, io, names::sweep_name, reopen};
-
-/// Which capture it is.
-#[derive(Debug, Clone, Copy)]
-pub struct CaptureFile {
-    /// Fixture in the jig.
-    pub fixture: Fixture,
-    /// Number of the sweep, 0 for a control.
-    pub repeat: usize,
-    /// Number of the point, from 0.
-    pub index: usize,
-    /// Number of the attempt, from 0: later ones after a change of range.
-    pub attempt: usize,
-    /// Frequency, Hz.
-    pub freq_hz: f64,
-    /// Commanded amplitude of the current, A.
-    pub amplitude_a: f64,
-    /// Bench time when it was downloaded, s.
-    pub start_s: f64,
-}
+use super::{
+    Recorder,
+    error::{RecordError, io},
+    names::{CaptureFile, capture_of, sweep_name},
+    reopen,
+};
 
 impl Recorder {
     /// Writes the raw codes of a point, whole and before anything is made of them.
@@ -73,7 +59,7 @@ impl Recorder {
         capture: &Capture,
     ) -> Result<(), RecordError> {
         let file = run_folder::capture(folder, name);
-        self.room(&file)?;
+        self.folder.room(&file)?;
         let folder = self.path(CAPTURES).join(folder);
         fs::create_dir_all(&folder).map_err(io(&folder, "cannot be made"))?;
         Ok(dataset::write_capture(&self.path(&file), capture)?)
@@ -84,7 +70,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn trace(&mut self, entry: TraceEntry, rows: &[TraceRow]) -> Result<(), RecordError> {
-        self.room(&entry.file)?;
+        self.folder.room(&entry.file)?;
         dataset::write_trace_csv(&self.path(&entry.file), rows)?;
         self.index.traces.push(entry);
         self.json(INDEX, &self.index)
@@ -112,7 +98,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn legs(&self, name: &str, rows: &[LegRow]) -> Result<(), RecordError> {
-        self.room(name)?;
+        self.folder.room(name)?;
         Ok(dataset::write_legs_csv(&self.path(name), rows)?)
     }
 
@@ -155,7 +141,7 @@ impl Recorder {
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
         }
-        self.room(name)?;
+        self.folder.room(name)?;
         Ok(dataset::append_spectrum_csv(&path, point)?)
     }
 
@@ -165,7 +151,7 @@ impl Recorder {
     /// # Errors
     /// A file that cannot be written.
     pub fn spectrum(&self, name: &str, points: &[ImpedancePoint]) -> Result<(), RecordError> {
-        self.room(name)?;
+        self.folder.room(name)?;
         Ok(dataset::write_spectrum_csv(&self.path(name), points)?)
     }
 
@@ -183,7 +169,7 @@ impl Recorder {
         if flags.iter().all(String::is_empty) {
             return self.spectrum(name, points);
         }
-        self.room(name)?;
+        self.folder.room(name)?;
         Ok(dataset::write_flagged_spectrum_csv(
             &self.path(name),
             points,
@@ -223,7 +209,7 @@ impl Recorder {
         if let Some(folder) = path.parent() {
             fs::create_dir_all(folder).map_err(io(folder, "cannot be made"))?;
         }
-        self.room(name)?;
+        self.folder.room(name)?;
         Ok(dataset::write_whole_spectrum_csv(&path, spectrum, flags)?)
     }
 }

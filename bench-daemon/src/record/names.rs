@@ -64,6 +64,25 @@ pub fn sweep_name(fixture: Fixture, repeat: usize) -> String {
     }
 }
 
+/// Which capture it is.
+#[derive(Debug, Clone, Copy)]
+pub struct CaptureFile {
+    /// Fixture in the jig.
+    pub fixture: Fixture,
+    /// Number of the sweep, 0 for a control.
+    pub repeat: usize,
+    /// Number of the point, from 0.
+    pub index: usize,
+    /// Number of the attempt, from 0: later ones after a change of range.
+    pub attempt: usize,
+    /// Frequency, Hz.
+    pub freq_hz: f64,
+    /// Commanded amplitude of the current, A.
+    pub amplitude_a: f64,
+    /// Bench time when it was downloaded, s.
+    pub start_s: f64,
+}
+
 /// A frame of four channels as it is stored.
 pub(crate) fn capture_of(
     label: String,

@@ -1,6 +1,8 @@
 //! Collects the warnings of a run for its report.
 
-use super::{Event, Recorder, names};
+use analysis::run_folder::Event;
+
+use super::Recorder;
 use crate::journal::{Entry, Note};
 
 impl Recorder {
@@ -12,7 +14,7 @@ impl Recorder {
     /// As [`Self::warning`], with a kind where results depend on it.
     pub fn note(&mut self, note: Note) {
         let text = note.text.as_str();
-        if self.notes.iter().any(|known| odd(&known.text) == odd(text)) {
+        if self.warnings.knows(text) {
             return;
         }
         // A folder that cannot be written ends the run at the next record; the warning itself is
@@ -21,7 +23,7 @@ impl Recorder {
         if let Err(error) = noted.and_then(|()| self.event(Event::Note, text)) {
             tracing::error!("{error}");
         }
-        self.notes.push(note);
+        self.warnings.add(note);
     }
 
     /// Remembers something odd about a point of a sweep; what was odd about several is said once.
@@ -34,40 +36,18 @@ impl Recorder {
 
     /// As [`Self::point_warning`], for a point whose event was written when it was measured.
     pub fn known_point_warning(&mut self, sweep: &str, freq_hz: f64, text: &str) {
-        match self
-            .point_warnings
-            .iter_mut()
-            .find(|(known, _)| known == text)
-        {
-            Some((_, points)) => points.push((sweep.to_owned(), freq_hz)),
-            None => self
-                .point_warnings
-                .push((text.to_owned(), vec![(sweep.to_owned(), freq_hz)])),
-        }
+        self.warnings.add_of_point(sweep, freq_hz, text);
     }
 
     /// Warnings of the run.
     pub fn warnings(&self) -> Vec<String> {
-        let points = self
-            .point_warnings
-            .iter()
-            .map(|(text, points)| format!("{}: {text}", names::places(points)));
-        let notes = self.notes.iter().map(|note| note.text.clone());
-        points.chain(notes).collect()
+        self.warnings.texts()
     }
 
     /// Notes that tell that the state of charge was missed.
     pub fn soc_missed(&self) -> impl Iterator<Item = &str> {
-        let missed = self.notes.iter().filter(|note| note.is_soc_missed());
-        missed.map(|note| note.text.as_str())
+        self.warnings.soc_missed()
     }
-}
-
-/// Text of a warning without the command that looks at it: a resumed run may spell the path in it
-/// another way.
-fn odd(text: &str) -> &str {
-    text.split_once("; `eis-bench ")
-        .map_or(text, |(odd, _)| odd)
 }
 
 #[cfg(test)]

@@ -3,22 +3,26 @@
 
 use std::{
     fs::{self, File},
-    io::BufWriter,
     path::Path,
 };
 
 use analysis::{
-    dataset::{self, RunIndex, SeriesRow},
-    run_folder::{CAPTURES, EVENT_COLUMNS, EVENTS, INDEX, LOG, READINGS, ReadingRow, TRANSCRIPTS},
+    dataset::{self, RunIndex},
+    run_folder::{CAPTURES, EVENT_COLUMNS, EVENTS, INDEX, LOG, READINGS, TRANSCRIPTS},
     spectrum::ImpedancePoint,
 };
 use instruments::clock::Clock;
 
-use super::{RecordError, Recorder, io};
+use super::{
+    Recorder,
+    error::{RecordError, io},
+    folder::Folder,
+    tables::Tables,
+    warnings::Warnings,
+};
 use crate::{
     journal::replay::JournalReplay,
     journal::{Journal, PointDone, Read},
-    support::crash_point::Drill,
     support::hash,
 };
 
@@ -62,19 +66,16 @@ impl Recorder {
             // It is written with the first sweep.
             Err(_) => RunIndex::default(),
         };
+        let folder = Folder::new(folder);
         Ok(Self {
+            tables: Tables::reopen(&folder)?,
+            folder,
+            clock,
             journal,
-            drill: Drill::none(),
             fresh: Vec::new(),
             taps: Vec::new(),
-            events: append(&folder.join(EVENTS))?,
-            readings: append(&folder.join(READINGS))?,
-            series: readings(&folder.join(READINGS)),
-            folder: folder.to_owned(),
-            clock,
             index,
-            notes: replay.notes.clone(),
-            point_warnings: Vec::new(),
+            warnings: Warnings::of(replay.notes.clone()),
         })
     }
 
@@ -197,42 +198,6 @@ fn cut_torn_line(path: &Path) -> Result<u64, RecordError> {
             .map_err(io(path, "cannot be cut after its last whole line"))?;
     }
     Ok(whole)
-}
-
-fn append(path: &Path) -> Result<BufWriter<File>, RecordError> {
-    File::options()
-        .append(true)
-        .create(true)
-        .open(path)
-        .map(BufWriter::new)
-        .map_err(io(path, "cannot be opened"))
-}
-
-/// The readings so far, with the digits of the table. No finished point depends on them: rows that
-/// are none are left out, and said.
-fn readings(path: &Path) -> Vec<SeriesRow> {
-    let bytes = fs::read(path).unwrap_or_default();
-    let text = String::from_utf8_lossy(&bytes);
-    let rows = text.lines().skip(1).map(reading);
-    let lost = rows.clone().filter(Option::is_none).count();
-    if lost > 0 {
-        tracing::warn!(
-            "{}: {lost} rows cannot be read and are left out of the readings",
-            path.display()
-        );
-    }
-    rows.flatten().collect()
-}
-
-/// A row of the readings; what was not read is not a number.
-fn reading(line: &str) -> Option<SeriesRow> {
-    let row = ReadingRow::parse_whole(line)?;
-    Some(SeriesRow {
-        time_s: row.time_s,
-        voltage_v: row.voltage_v.unwrap_or(f64::NAN),
-        current_a: row.current_a.unwrap_or(f64::NAN),
-        temperature_c: row.temperature_c.unwrap_or(f64::NAN),
-    })
 }
 
 #[cfg(test)]
