@@ -2,130 +2,33 @@
 //! Opening changes nothing on any of them.
 
 mod bath;
+mod error;
 mod output;
+mod roles;
 mod safe;
 pub mod state_readback;
 pub mod survey;
 
-pub use bath::BathLeft;
-pub use output::{Output, SafeReport, Unsafe};
+pub use error::BenchError;
+pub use output::{BathLeft, Output, SafeReport, Unsafe};
+pub(crate) use roles::for_roles;
+pub use roles::{Connections, Instruments};
 
 use std::collections::BTreeMap;
 
 use instruments::{
-    chiller::{self, Chiller},
-    clock::Clock,
-    exchange::Identity,
-    generator::{self, Generator},
-    instrument::{Instrument, Model, by_key},
-    jig::Jig,
-    link::{Link, LinkError, LinkOptions, LinkProfile},
-    load::{self, Load},
-    logger::{self, Logger},
-    scope::{self, Scope},
-    supply::{self, Supply},
-    supply4q::{self, Supply4q},
-    transcript::Tap,
-    transport::MemoryHub,
+    clock::Clock, exchange::Identity, instrument::Instrument, jig::Jig, link::LinkError,
 };
+
+use error::wrap;
 
 use crate::config;
 
-/// Hands the roles whose models speak a dialect to another macro, in the order in which instruments
-/// are listed: the role's module in `instruments`, which is its field and its name, too, and its
-/// variant.
-macro_rules! for_roles {
-    ($hand:ident) => {
-        $hand! {
-            supply4q Supply4q,
-            generator Generator,
-            scope Scope,
-            load Load,
-            supply Supply,
-            chiller Chiller,
-            logger Logger,
-        }
-    };
-}
-pub(crate) use for_roles;
-
-/// Reason why a bench cannot be used.
-#[derive(Debug, thiserror::Error)]
-pub enum BenchError {
-    /// An instrument does not answer as it must.
-    #[error("{role} ({model}): {source}")]
-    Link {
-        /// Its role.
-        role: &'static str,
-        /// Its model in the configuration.
-        model: String,
-        /// Error of the link.
-        source: Box<LinkError>,
-    },
-    /// Another model answers than the configuration says.
-    #[error(
-        "{role}: expected a {model}, found {found:?} at {address}; check model and address in the \
-        bench file"
-    )]
-    Identity {
-        /// Its role.
-        role: &'static str,
-        /// Its model in the configuration.
-        model: String,
-        /// Its address.
-        address: String,
-        /// Its answer.
-        found: String,
-    },
-    /// Outputs that are not known to be off.
-    #[error(transparent)]
-    Unsafe(#[from] Unsafe),
-    /// A step needs a role that the bench lacks.
-    #[error("the bench has no {role}, which this step needs")]
-    Missing {
-        /// The role.
-        role: &'static str,
-    },
-    /// A key without a dialect: the configuration should have refused it.
-    #[error("{role}: no dialect {model:?}")]
-    Dialect {
-        /// The role.
-        role: &'static str,
-        /// The key.
-        model: String,
-    },
-}
-
-/// Resources that all links of a bench share.
-pub struct Connections {
-    /// Bench time.
-    pub clock: Clock,
-    /// In-process streams.
-    pub hub: MemoryHub,
-    /// Where each instrument's conversation is written, by role.
-    pub taps: BTreeMap<&'static str, Tap>,
-}
-
-/// The instruments of one bench.
+/// A bench: its instruments, and what the configuration says of them.
 pub struct Bench {
-    /// Its name.
     name: String,
-    /// Bipolar supply.
-    pub supply4q: Option<Supply4q>,
-    /// Signal generator.
-    pub generator: Option<Generator>,
-    /// Oscilloscope.
-    pub scope: Option<Scope>,
-    /// DC load.
-    pub load: Option<Load>,
-    /// DC supply.
-    pub supply: Option<Supply>,
-    /// Chiller.
-    pub chiller: Option<Chiller>,
-    /// Logger, whose first channel is the cell's.
-    pub logger: Option<Logger>,
-    /// The jig, where a device changes the fixture.
-    pub jig: Option<Jig>,
+    /// Its instruments, by role.
+    pub instruments: Instruments,
     models: BTreeMap<&'static str, config::Instrument>,
     clock: Clock,
     command_offset_v: f64,
@@ -181,82 +84,8 @@ impl Bench {
         config: &config::Bench,
         connections: &Connections,
     ) -> Result<Self, BenchError> {
-        let instruments = &config.instruments;
-        let channel = config.wiring.generator_channel;
-        let logger_channels = instruments
-            .logger
-            .as_ref()
-            .map_or_else(Vec::new, |(_, cell, ambient)| {
-                std::iter::once(*cell).chain(*ambient).collect()
-            });
-        let jig = match &instruments.jig {
-            Some(config::Jig::Device(instrument)) => Some(Jig::new(
-                link(connections, "jig", instrument, Jig::profile()).await?,
-            )),
-            Some(config::Jig::Person) | None => None,
-        };
-        let logger = instruments
-            .logger
-            .as_ref()
-            .map(|(instrument, _, _)| instrument);
-        Ok(Self {
-            name: config.name.clone(),
-            supply4q: open(
-                connections,
-                "supply4q",
-                supply4q::DIALECTS,
-                instruments.supply4q.as_ref(),
-            )
-            .await?,
-            generator: open(
-                connections,
-                "generator",
-                generator::DIALECTS,
-                instruments.generator.as_ref(),
-            )
-            .await?
-            .map(|generator| generator.on_channels(vec![u16::from(channel)])),
-            scope: open(
-                connections,
-                "scope",
-                scope::DIALECTS,
-                instruments.scope.as_ref(),
-            )
-            .await?,
-            load: open(
-                connections,
-                "load",
-                load::DIALECTS,
-                instruments.load.as_ref(),
-            )
-            .await?,
-            supply: open(
-                connections,
-                "supply",
-                supply::DIALECTS,
-                instruments.supply.as_ref(),
-            )
-            .await?,
-            chiller: open(
-                connections,
-                "chiller",
-                chiller::DIALECTS,
-                instruments.chiller.as_ref(),
-            )
-            .await?,
-            logger: open(connections, "logger", logger::DIALECTS, logger)
-                .await?
-                .map(|logger| logger.on_channels(logger_channels)),
-            jig,
-            clock: connections.clock.clone(),
-            command_offset_v: config.wiring.command_offset_v,
-            lied: BTreeMap::new(),
-            models: instruments
-                .addressed()
-                .into_iter()
-                .map(|(role, instrument)| (role, instrument.clone()))
-                .collect(),
-        })
+        let instruments = Instruments::open(config, connections).await?;
+        Ok(Self::of(instruments, config, connections))
     }
 
     /// The instruments that can move charge, and the bath, not yet connected to: switching off and
@@ -269,53 +98,22 @@ impl Bench {
         config: &config::Bench,
         connections: &Connections,
     ) -> Result<Self, BenchError> {
-        let instruments = &config.instruments;
-        let channel = u16::from(config.wiring.generator_channel);
-        Ok(Self {
+        let instruments = Instruments::unconnected(config, connections)?;
+        Ok(Self::of(instruments, config, connections))
+    }
+
+    fn of(instruments: Instruments, config: &config::Bench, connections: &Connections) -> Self {
+        let addressed = config.instruments.addressed().into_iter();
+        Self {
             name: config.name.clone(),
-            supply4q: unconnected(
-                connections,
-                "supply4q",
-                supply4q::DIALECTS,
-                instruments.supply4q.as_ref(),
-            )?,
-            generator: unconnected(
-                connections,
-                "generator",
-                generator::DIALECTS,
-                instruments.generator.as_ref(),
-            )?
-            .map(|generator| generator.on_channels(vec![channel])),
-            scope: None,
-            load: unconnected(
-                connections,
-                "load",
-                load::DIALECTS,
-                instruments.load.as_ref(),
-            )?,
-            supply: unconnected(
-                connections,
-                "supply",
-                supply::DIALECTS,
-                instruments.supply.as_ref(),
-            )?,
-            chiller: unconnected(
-                connections,
-                "chiller",
-                chiller::DIALECTS,
-                instruments.chiller.as_ref(),
-            )?,
-            logger: None,
-            jig: None,
+            instruments,
+            models: addressed
+                .map(|(role, instrument)| (role, instrument.clone()))
+                .collect(),
             clock: connections.clock.clone(),
             command_offset_v: config.wiring.command_offset_v,
             lied: BTreeMap::new(),
-            models: instruments
-                .addressed()
-                .into_iter()
-                .map(|(role, instrument)| (role, instrument.clone()))
-                .collect(),
-        })
+        }
     }
 
     /// A new connection to each instrument that can move charge and has none. The bath is not among
@@ -326,7 +124,7 @@ impl Bench {
     pub async fn connect(&mut self) -> Result<(), BenchError> {
         macro_rules! connect {
             ($role:literal, $field:ident) => {
-                if let Some(instrument) = self.$field.as_mut()
+                if let Some(instrument) = self.instruments.$field.as_mut()
                     && instrument.link_mut().is_dropped()
                 {
                     let reconnected = instrument.link_mut().reconnect().await;
@@ -359,7 +157,7 @@ impl Bench {
         macro_rules! ask {
             ($role:expr, $field:ident, $recognises:expr) => {
                 if let (Some(instrument), Some(config)) =
-                    (self.$field.as_mut(), self.models.get($role))
+                    (self.instruments.$field.as_mut(), self.models.get($role))
                 {
                     let identity = instrument
                         .identify()
@@ -406,89 +204,5 @@ impl Bench {
     pub fn error(&self, role: &'static str) -> impl Fn(LinkError) -> BenchError + use<> {
         let model = self.model(role).to_owned();
         move |source| wrap(role, &model, source)
-    }
-}
-
-/// Connects the instrument of a role, where the bench has one; sends nothing.
-async fn open<D: Model + ?Sized>(
-    connections: &Connections,
-    role: &'static str,
-    dialects: &[&'static D],
-    instrument: Option<&config::Instrument>,
-) -> Result<Option<Instrument<D>>, BenchError> {
-    let Some(instrument) = instrument else {
-        return Ok(None);
-    };
-    let dialect = spoken(role, dialects, instrument)?;
-    let link = link(connections, role, instrument, dialect.profile()).await?;
-    Ok(Some(
-        Instrument::new(link, dialect).accepting(instrument.accept.clone()),
-    ))
-}
-
-/// The dialect of an instrument's model.
-fn spoken<D: Model + ?Sized>(
-    role: &'static str,
-    dialects: &[&'static D],
-    instrument: &config::Instrument,
-) -> Result<&'static D, BenchError> {
-    by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect {
-        role,
-        model: instrument.model.clone(),
-    })
-}
-
-/// The same without a connection.
-fn unconnected<D: Model + ?Sized>(
-    connections: &Connections,
-    role: &'static str,
-    dialects: &[&'static D],
-    instrument: Option<&config::Instrument>,
-) -> Result<Option<Instrument<D>>, BenchError> {
-    let Some(instrument) = instrument else {
-        return Ok(None);
-    };
-    let dialect = spoken(role, dialects, instrument)?;
-    let link = Link::unconnected(options(connections, role, instrument, dialect.profile()));
-    Ok(Some(
-        Instrument::new(link, dialect).accepting(instrument.accept.clone()),
-    ))
-}
-
-fn wrap(role: &'static str, model: &str, source: LinkError) -> BenchError {
-    BenchError::Link {
-        role,
-        model: model.to_owned(),
-        source: Box::new(source),
-    }
-}
-
-async fn link(
-    connections: &Connections,
-    role: &'static str,
-    instrument: &config::Instrument,
-    profile: LinkProfile,
-) -> Result<Link, BenchError> {
-    let opened = Link::open(options(connections, role, instrument, profile)).await;
-    opened.map_err(|source| wrap(role, &instrument.model, source))
-}
-
-fn options(
-    connections: &Connections,
-    role: &'static str,
-    instrument: &config::Instrument,
-    profile: LinkProfile,
-) -> LinkOptions {
-    LinkOptions {
-        name: role.to_owned(),
-        address: instrument.address.clone(),
-        profile,
-        clock: connections.clock.clone(),
-        hub: connections.hub.clone(),
-        tap: connections
-            .taps
-            .get(role)
-            .cloned()
-            .unwrap_or_else(Tap::none),
     }
 }

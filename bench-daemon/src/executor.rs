@@ -246,7 +246,7 @@ impl<'a> Executor<'a> {
         self.rig.bench.made_safe().await.map_err(BenchError::from)?;
         self.rig.bench.off_again().await?;
         let error = self.rig.bench.error("jig");
-        if let Some(jig) = self.rig.bench.jig.as_mut() {
+        if let Some(jig) = self.rig.bench.instruments.jig.as_mut() {
             jig.insert(specimen.number).await.map_err(error)?;
         }
         if self.position.specimen.replace(specimen.clone()).as_ref() != Some(specimen) {
@@ -260,7 +260,7 @@ impl<'a> Executor<'a> {
     async fn mount(&mut self, fixture: Fixture) -> Result<(), ExecuteError> {
         self.rig.bench.made_safe().await.map_err(BenchError::from)?;
         let error = self.rig.bench.error("load");
-        if let Some(load) = self.rig.bench.load.as_mut() {
+        if let Some(load) = self.rig.bench.instruments.load.as_mut() {
             // From here on it is the cell's voltmeter.
             load.watch().await.map_err(error)?;
         }
@@ -271,7 +271,7 @@ impl<'a> Executor<'a> {
             self.rig.refuse_a_cell("before mounting the short").await?;
         }
         self.rig.bench.off_again().await?;
-        match self.rig.bench.jig.as_mut() {
+        match self.rig.bench.instruments.jig.as_mut() {
             Some(jig) => {
                 let mounted = jig.mount(fixture).await;
                 mounted.map_err(self.rig.bench.error("jig"))?;

@@ -5,45 +5,16 @@
 use std::time::Duration;
 
 use instruments::{chiller::Chiller, exchange::plain, units::Celsius};
-use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
 
-use super::{Bench, BenchError, safe::fresh, wrap};
+use super::{
+    Bench,
+    error::{BenchError, wrap},
+    output::BathLeft,
+    roles::fresh,
+};
 
 /// Longest wait for its answers.
 const ASKED: Duration = Duration::from_secs(5);
-
-/// State in which a bath was left.
-#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
-pub struct BathLeft {
-    /// In words.
-    pub words: String,
-    /// It may go to a temperature that harms the cell, and was told to stop without success: a
-    /// person has to look at it.
-    pub astray: bool,
-}
-
-impl BathLeft {
-    fn told(words: String) -> Self {
-        Self {
-            words,
-            astray: false,
-        }
-    }
-
-    fn astray(words: &str) -> Self {
-        Self {
-            words: format!("LOOK AT THE BATH: {words}"),
-            astray: true,
-        }
-    }
-}
-
-impl std::fmt::Display for BathLeft {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.words)
-    }
-}
 
 impl Bench {
     /// Connects to the bath and asks who it is.
@@ -51,7 +22,7 @@ impl Bench {
     /// # Errors
     /// It cannot be reached, or is another model.
     pub async fn reach_bath(&mut self) -> Result<(), BenchError> {
-        let Some(bath) = self.chiller.as_mut() else {
+        let Some(bath) = self.instruments.chiller.as_mut() else {
             return Ok(());
         };
         let reached = bath.reconnect_and_identify().await;
@@ -63,6 +34,7 @@ impl Bench {
     /// is as it should be.
     pub async fn stray_bath(&mut self) -> Option<BathLeft> {
         let bath = self
+            .instruments
             .chiller
             .as_mut()
             .filter(|chiller| !chiller.is_regulated() && chiller.was_told())?;
@@ -87,7 +59,10 @@ impl Bench {
 
     /// The same for a bath that another process, which is dead, had started at this set-point, °C.
     pub async fn stray_bath_of(&mut self, setpoint_c: f64) -> Option<BathLeft> {
-        self.chiller.as_mut()?.was_left_at(Celsius(setpoint_c));
+        self.instruments
+            .chiller
+            .as_mut()?
+            .was_left_at(Celsius(setpoint_c));
         self.stray_bath().await
     }
 
@@ -97,6 +72,7 @@ impl Bench {
     pub async fn bath(&mut self, cell_c: Option<(f64, f64)>) -> Option<BathLeft> {
         let model = self.model("chiller").to_owned();
         let bath = self
+            .instruments
             .chiller
             .as_mut()
             .filter(|chiller| !chiller.is_regulated())?;

@@ -5,7 +5,6 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::BathLeft;
 use crate::interlock::NO_CURRENT_A;
 
 /// State in which one instrument was left.
@@ -176,6 +175,38 @@ impl Output {
             "{:<10} {:<20} {state}{meter}{trouble}",
             self.role, self.model
         )
+    }
+}
+
+/// State in which a bath was left.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct BathLeft {
+    /// In words.
+    pub words: String,
+    /// It may go to a temperature that harms the cell, and was told to stop without success: a
+    /// person has to look at it.
+    pub astray: bool,
+}
+
+impl BathLeft {
+    pub(super) fn told(words: String) -> Self {
+        Self {
+            words,
+            astray: false,
+        }
+    }
+
+    pub(super) fn astray(words: &str) -> Self {
+        Self {
+            words: format!("LOOK AT THE BATH: {words}"),
+            astray: true,
+        }
+    }
+}
+
+impl std::fmt::Display for BathLeft {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.words)
     }
 }
 

@@ -5,22 +5,15 @@
 use std::{collections::BTreeMap, time::Duration};
 
 use instruments::{
-    chiller::Chiller,
-    clock::Clock,
-    exchange::Way,
-    generator::Generator,
-    instrument::{Instrument, Model},
-    link::LinkError,
-    load::Load,
-    supply::Supply,
-    supply4q::Supply4q,
-    units::Volts,
+    chiller::Chiller, clock::Clock, exchange::Way, generator::Generator, link::LinkError,
+    load::Load, supply::Supply, supply4q::Supply4q, units::Volts,
 };
 
 use super::{
-    Bench, BenchError,
+    Bench,
+    error::{BenchError, wrap},
     output::{LEAST_SINE, Output, SafeReport, Unsafe},
-    wrap,
+    roles::{Instruments, fresh},
 };
 use crate::interlock::NO_CURRENT_A;
 
@@ -154,11 +147,16 @@ impl Bench {
     pub async fn off_again(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
         let clock = self.clock.clone();
-        let driven = off(&mut self.generator, &mut self.supply4q, &clock, offset);
+        let driven = off(
+            &mut self.instruments.generator,
+            &mut self.instruments.supply4q,
+            &clock,
+            offset,
+        );
         let ((supply4q, generator, _), load, supply) = tokio::join!(
             driven,
-            end(&mut self.load, &clock),
-            end(&mut self.supply, &clock)
+            end(&mut self.instruments.load, &clock),
+            end(&mut self.instruments.supply, &clock)
         );
         for (role, ended) in [
             ("supply4q", supply4q.0),
@@ -178,8 +176,13 @@ impl Bench {
     /// The first that could not be read back as off.
     pub async fn drive_off(&mut self) -> Result<(), BenchError> {
         let offset = Volts(self.command_offset_v);
-        let ((supply4q, _), generator, _) =
-            off(&mut self.generator, &mut self.supply4q, &self.clock, offset).await;
+        let ((supply4q, _), generator, _) = off(
+            &mut self.instruments.generator,
+            &mut self.instruments.supply4q,
+            &self.clock,
+            offset,
+        )
+        .await;
         supply4q.map_err(|source| wrap("supply4q", self.model("supply4q"), source))?;
         generator.map_err(|source| wrap("generator", self.model("generator"), source))
     }
@@ -190,7 +193,7 @@ impl Bench {
         let mut found = Vec::new();
         macro_rules! read {
             ($role:literal, $field:ident) => {
-                if let Some(instrument) = self.$field.as_mut() {
+                if let Some(instrument) = self.instruments.$field.as_mut() {
                     let read = instrument.read().await;
                     found.push((
                         $role,
@@ -208,14 +211,14 @@ impl Bench {
     async fn try_safe(&mut self) -> Vec<Output> {
         let offset = Volts(self.command_offset_v);
         let clock = self.clock.clone();
-        let Self {
+        let Instruments {
             generator,
             supply4q,
             load,
             supply,
             chiller,
             ..
-        } = self;
+        } = &mut self.instruments;
         // What moves charge waits for no bath.
         let driven = async {
             let driven = off(generator, supply4q, &clock, offset);
@@ -248,7 +251,10 @@ impl Bench {
             ("supply4q", supply4q),
             (
                 "generator",
-                self.generator.is_some().then(|| commands(generator)),
+                self.instruments
+                    .generator
+                    .is_some()
+                    .then(|| commands(generator)),
             ),
             ("load", load),
             ("supply", supply),
@@ -469,14 +475,6 @@ async fn off(
         }
         Some(_) => (supply, Ok(()), true),
         None => (supply, Ok(()), false),
-    }
-}
-
-/// A new connection where the old one was dropped. When that fails, so does what is tried next, and
-/// says why.
-pub(super) async fn fresh<D: Model + ?Sized>(instrument: &mut Instrument<D>) {
-    if instrument.link_mut().is_dropped() {
-        let _ = instrument.link_mut().reconnect().await;
     }
 }
 

@@ -44,7 +44,7 @@ pub async fn look(bench: &mut Bench) -> Result<Vec<InstrumentReadback>, BenchErr
 /// connected to.
 pub async fn look_bath(bench: &mut Bench) -> Option<Result<InstrumentReadback, BenchError>> {
     let error = bench.error("chiller");
-    let bath = bench.chiller.as_mut()?;
+    let bath = bench.instruments.chiller.as_mut()?;
     let answers = async {
         if bath.link_mut().is_dropped() {
             bath.link_mut().reconnect().await?;
@@ -71,7 +71,7 @@ pub async fn look_each(bench: &mut Bench) -> Vec<Result<InstrumentReadback, Benc
     macro_rules! look {
         ($role:literal, $field:ident, $measure:expr) => {
             let error = bench.error($role);
-            if let Some(instrument) = bench.$field.as_mut() {
+            if let Some(instrument) = bench.instruments.$field.as_mut() {
                 let found = async {
                     if instrument.link_mut().is_dropped() {
                         instrument.link_mut().reconnect().await?;

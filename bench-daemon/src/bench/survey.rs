@@ -151,12 +151,17 @@ impl AnyInstrument {
         macro_rules! add {
             ($($module:ident $variant:ident,)+) => {
                 $(all.extend(
-                    bench.$module.map(|known| (stringify!($module), AnyInstrument::$variant(known))),
+                    bench.instruments.$module.map(|known| (stringify!($module), AnyInstrument::$variant(known))),
                 );)+
             };
         }
         for_roles!(add);
-        all.extend(bench.jig.map(|jig| ("jig", AnyInstrument::Jig(jig))));
+        all.extend(
+            bench
+                .instruments
+                .jig
+                .map(|jig| ("jig", AnyInstrument::Jig(jig))),
+        );
         all
     }
 

@@ -514,7 +514,7 @@ impl Visit<'_> {
         examination.bench.made_safe().await?;
         examination.bench.off_again().await?;
         let error = examination.bench.error("jig");
-        if let Some(jig) = examination.bench.jig.as_mut() {
+        if let Some(jig) = examination.bench.instruments.jig.as_mut() {
             return Ok(jig.mount(fixture).await.map_err(error)?);
         }
         if self.yes {

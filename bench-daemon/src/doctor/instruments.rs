@@ -105,7 +105,7 @@ impl Examination<'_> {
             "a set-point, a start and a stop, each read back",
         );
         let error = self.bench.error("chiller");
-        let Some(chiller) = self.bench.chiller.as_mut() else {
+        let Some(chiller) = self.bench.instruments.chiller.as_mut() else {
             return Ok(());
         };
         if chiller.status().await.map_err(&error)?.running && !chiller.is_regulated() {
@@ -134,7 +134,7 @@ impl Examination<'_> {
 
     async fn limits(&mut self) {
         let mut taken = Vec::new();
-        if let Some(supply) = self.bench.supply4q.as_mut() {
+        if let Some(supply) = self.bench.instruments.supply4q.as_mut() {
             let limits = supply4q::Limits {
                 compliance: Volts(LIMITS.0),
                 current: Amps(LIMITS.1),
@@ -145,7 +145,7 @@ impl Examination<'_> {
                 supply.prepare(&limits).await,
             ));
         }
-        if let Some(load) = self.bench.load.as_mut() {
+        if let Some(load) = self.bench.instruments.load.as_mut() {
             let discharge = Discharge {
                 draw: Draw::Current(Amps(0.1)),
                 stop_below: Volts(2.5),
@@ -156,7 +156,7 @@ impl Examination<'_> {
                 load.prepare(&discharge).await,
             ));
         }
-        if let Some(supply) = self.bench.supply.as_mut() {
+        if let Some(supply) = self.bench.instruments.supply.as_mut() {
             let charge = Charge {
                 voltage: Volts(1.0),
                 current: Amps(0.1),
@@ -190,7 +190,7 @@ impl Examination<'_> {
     async fn thermometers(&mut self) -> Result<(), BenchError> {
         let mut found: Vec<(&str, f64)> = Vec::new();
         let error = self.bench.error("logger");
-        if let Some(logger) = self.bench.logger.as_mut() {
+        if let Some(logger) = self.bench.instruments.logger.as_mut() {
             logger.configure().await.map_err(&error)?;
             let readings = logger.scan().await.map_err(error)?;
             let celsius = readings
@@ -199,7 +199,7 @@ impl Examination<'_> {
             found.extend(["cell", "ambient"].into_iter().zip(celsius));
         }
         let error = self.bench.error("chiller");
-        if let Some(chiller) = self.bench.chiller.as_mut() {
+        if let Some(chiller) = self.bench.instruments.chiller.as_mut() {
             found.push(("bath", chiller.temperature().await.map_err(error)?.value()));
         }
         if found.is_empty() {

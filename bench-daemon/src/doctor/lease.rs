@@ -151,7 +151,7 @@ async fn look(config: &config::Bench, clock: &Clock) -> Result<(), String> {
     let mut bench = Bench::unconnected(config, &connections).map_err(|error| error.to_string())?;
     bench.connect().await.map_err(|error| error.to_string())?;
     let error = bench.error("supply4q");
-    if let Some(supply) = bench.supply4q.as_mut() {
+    if let Some(supply) = bench.instruments.supply4q.as_mut() {
         let answers = supply
             .look()
             .await
@@ -214,6 +214,7 @@ pub async fn hold(
 async fn output_on(config: &config::Bench, bench: &mut Bench) -> Result<(), BenchError> {
     let (error, of_supply) = (bench.error("generator"), bench.error("supply4q"));
     let generator = bench
+        .instruments
         .generator
         .as_mut()
         .ok_or(BenchError::Missing { role: "generator" })?;
@@ -224,6 +225,7 @@ async fn output_on(config: &config::Bench, bench: &mut Bench) -> Result<(), Benc
         .map_err(&error)?;
     generator.output(true).await.map_err(&error)?;
     let supply = bench
+        .instruments
         .supply4q
         .as_mut()
         .ok_or(BenchError::Missing { role: "supply4q" })?;

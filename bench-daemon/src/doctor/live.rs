@@ -80,7 +80,7 @@ impl Examination<'_> {
     /// a voltage.
     async fn no_cell(&mut self) -> Result<bool, BenchError> {
         let error = self.bench.error("load");
-        if let Some(load) = self.bench.load.as_mut() {
+        if let Some(load) = self.bench.instruments.load.as_mut() {
             load.watch().await.map_err(error)?;
         }
         let volts = self.jig_v().await?;
@@ -103,7 +103,7 @@ impl Examination<'_> {
 
     async fn jig_v(&mut self) -> Result<f64, BenchError> {
         let error = self.bench.error("load");
-        if let Some(load) = self.bench.load.as_mut() {
+        if let Some(load) = self.bench.instruments.load.as_mut() {
             return Ok(load.measure().await.map_err(error)?.0.value());
         }
         Ok(self
@@ -346,7 +346,7 @@ impl Examination<'_> {
         let id = "limit.charger";
         self.down().await?;
         let error = self.bench.error("supply");
-        let Some(supply) = self.bench.supply.as_mut() else {
+        let Some(supply) = self.bench.instruments.supply.as_mut() else {
             self.findings.skip(&[id], "the bench has no charger", "");
             return Ok(());
         };
@@ -397,7 +397,7 @@ impl Examination<'_> {
         macro_rules! look {
             ($role:literal, $field:ident) => {
                 let error = self.bench.error($role);
-                if let Some(instrument) = self.bench.$field.as_mut() {
+                if let Some(instrument) = self.bench.instruments.$field.as_mut() {
                     let answers = instrument.look().await.map_err(error)?;
                     let other = answers.iter().filter(|answer| !answer.as_scripted);
                     wrong.extend(other.map(|answer| {
@@ -480,7 +480,7 @@ impl Examination<'_> {
         for _ in 0..READINGS {
             let (supply_v, supply_a) = self.supply4q()?.measure().await.map_err(&of_supply)?;
             (volts, amps) = (volts + supply_v.value(), amps + supply_a.value());
-            if let Some(load) = self.bench.load.as_mut() {
+            if let Some(load) = self.bench.instruments.load.as_mut() {
                 load_v += load.measure().await.map_err(&of_load)?.0.value();
             }
         }
@@ -488,7 +488,7 @@ impl Examination<'_> {
         Ok(MeterMeans {
             amps: mean(amps),
             volts: mean(volts),
-            load_v: self.bench.load.is_some().then(|| mean(load_v)),
+            load_v: self.bench.instruments.load.is_some().then(|| mean(load_v)),
             levels,
         })
     }
@@ -502,6 +502,7 @@ impl Examination<'_> {
 
     fn supply4q(&mut self) -> Result<&mut instruments::supply4q::Supply4q, BenchError> {
         self.bench
+            .instruments
             .supply4q
             .as_mut()
             .ok_or(BenchError::Missing { role: "supply4q" })
@@ -509,6 +510,7 @@ impl Examination<'_> {
 
     fn generator(&mut self) -> Result<&mut instruments::generator::Generator, BenchError> {
         self.bench
+            .instruments
             .generator
             .as_mut()
             .ok_or(BenchError::Missing { role: "generator" })

@@ -59,7 +59,7 @@ impl Examination<'_> {
     pub(super) async fn frame(&mut self) -> Result<[Waveform; 4], BenchError> {
         let missing = BenchError::Missing { role: "scope" };
         let error = self.bench.error("scope");
-        let Some(scope) = self.bench.scope.as_mut() else {
+        let Some(scope) = self.bench.instruments.scope.as_mut() else {
             return Err(missing);
         };
         if !self.scope.session {

@@ -40,7 +40,7 @@ impl Rig<'_> {
     ) -> Result<(), ExecuteError> {
         let error = self.bench.error("generator");
         let wiring = &self.setup.wiring;
-        let generator = require(&mut self.bench.generator, "generator")?;
+        let generator = require(&mut self.bench.instruments.generator, "generator")?;
         let most = generator.most_periods().filter(|most| {
             wiring.bursts && !self.driving.burst.refused && wanted <= f64::from(*most)
         });

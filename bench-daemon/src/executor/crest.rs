@@ -162,6 +162,7 @@ impl Rig<'_> {
     pub(super) fn offset_error_v(&self, waveform: &Waveform) -> f64 {
         let half_range_div = self
             .bench
+            .instruments
             .scope
             .as_ref()
             .map_or(4.0, |scope| scope.capabilities().half_range_div);

@@ -76,12 +76,12 @@ impl Rig<'_> {
 
     /// Whose voltmeter is in use, and what another one shows.
     async fn other_volts(&mut self) -> (&'static str, Option<(&'static str, f64)>) {
-        let Some(supply) = self.bench.supply4q.as_mut() else {
+        let Some(supply) = self.bench.instruments.supply4q.as_mut() else {
             return ("the load", None);
         };
         // The message is worth more than another error.
         let shown = supply.measure().await.ok().map(|(volts, _)| volts.value());
-        if self.bench.load.is_some() {
+        if self.bench.instruments.load.is_some() {
             ("the load", shown.map(|volts| ("the bipolar supply", volts)))
         } else {
             ("the bipolar supply", None)
@@ -91,6 +91,7 @@ impl Rig<'_> {
     async fn bath_c(&mut self) -> Option<f64> {
         let chiller = self
             .bench
+            .instruments
             .chiller
             .as_mut()
             .filter(|_| self.temperatures.chiller_runs)?;

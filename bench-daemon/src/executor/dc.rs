@@ -55,14 +55,14 @@ impl Rig<'_> {
         // the load ends it if the daemon does not.
         let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.setup.limits.min_v));
         let error = self.bench.error("load");
-        let load = require(&mut self.bench.load, "load")?;
+        let load = require(&mut self.bench.instruments.load, "load")?;
         load.prepare(&Discharge {
             draw: Draw::Current(Amps(current_a)),
             stop_below,
         })
         .await
         .map_err(&error)?;
-        require(&mut self.bench.load, "load")?
+        require(&mut self.bench.instruments.load, "load")?
             .energise()
             .await
             .map_err(&error)?;
@@ -92,7 +92,7 @@ impl Rig<'_> {
                 format!("the cell is at {volts:.3} V")
             })?;
         }
-        require(&mut self.bench.load, "load")?
+        require(&mut self.bench.instruments.load, "load")?
             .safe()
             .await
             .map_err(error)?;
@@ -129,7 +129,7 @@ impl Rig<'_> {
 
     pub(super) async fn load_volts(&mut self) -> Result<(f64, f64), ExecuteError> {
         let error = self.bench.error("load");
-        let (volts, amps) = require(&mut self.bench.load, "load")?
+        let (volts, amps) = require(&mut self.bench.instruments.load, "load")?
             .measure()
             .await
             .map_err(error)?;
@@ -205,7 +205,7 @@ impl Executor<'_> {
             return Ok(());
         };
         let error = self.rig.bench.error("chiller");
-        let chiller = require(&mut self.rig.bench.chiller, "chiller")?;
+        let chiller = require(&mut self.rig.bench.instruments.chiller, "chiller")?;
         match self.rig.temperatures.thermostat.as_mut() {
             Some(thermostat) => thermostat.set(setpoint_c),
             None => {
@@ -266,11 +266,11 @@ impl Executor<'_> {
             voltage: Volts(limit_v),
             current: Amps(current_a),
         };
-        require(&mut self.rig.bench.supply, "supply")?
+        require(&mut self.rig.bench.instruments.supply, "supply")?
             .prepare(&charge)
             .await
             .map_err(&error)?;
-        require(&mut self.rig.bench.supply, "supply")?
+        require(&mut self.rig.bench.instruments.supply, "supply")?
             .energise()
             .await
             .map_err(&error)?;
@@ -279,7 +279,7 @@ impl Executor<'_> {
             self.rig.clock.sleep_s(POLL_S).await;
             // The supply has no sense leads: the load's, with its input off, see the cell itself.
             let (volts, drawn_a) = self.rig.load_volts().await?;
-            let (terminal, amps) = require(&mut self.rig.bench.supply, "supply")?
+            let (terminal, amps) = require(&mut self.rig.bench.instruments.supply, "supply")?
                 .measure()
                 .await
                 .map_err(&error)?;
@@ -310,7 +310,7 @@ impl Executor<'_> {
                 format!("the cell is at {volts:.3} V")
             })?;
         }
-        require(&mut self.rig.bench.supply, "supply")?
+        require(&mut self.rig.bench.instruments.supply, "supply")?
             .safe()
             .await
             .map_err(error)?;
@@ -332,7 +332,7 @@ impl Executor<'_> {
             self.rig.clock.sleep_s(REST_POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
             let error = self.rig.bench.error("supply");
-            let (_, fed) = require(&mut self.rig.bench.supply, "supply")?
+            let (_, fed) = require(&mut self.rig.bench.instruments.supply, "supply")?
                 .measure()
                 .await
                 .map_err(error)?;

@@ -64,7 +64,7 @@ impl Executor<'_> {
         // cell's limit.
         let stop_below = Volts((until_v - LOAD_CUT_OFF_V).max(self.rig.setup.limits.min_v));
         let error = self.rig.bench.error("load");
-        let load = require(&mut self.rig.bench.load, "load")?;
+        let load = require(&mut self.rig.bench.instruments.load, "load")?;
         load.prepare(&Discharge {
             draw: Draw::Current(Amps(current_a)),
             stop_below,
@@ -90,7 +90,7 @@ impl Executor<'_> {
                 format!("the cell is at {volts:.3} V")
             })?;
         }
-        Ok(require(&mut self.rig.bench.load, "load")?
+        Ok(require(&mut self.rig.bench.instruments.load, "load")?
             .safe()
             .await
             .map_err(error)?)
@@ -114,7 +114,7 @@ impl Executor<'_> {
             return Ok(());
         }
         let error = self.rig.bench.error("supply");
-        let supply = require(&mut self.rig.bench.supply, "supply")?;
+        let supply = require(&mut self.rig.bench.instruments.supply, "supply")?;
         supply
             .prepare(&Charge {
                 voltage: Volts(limit_v),
@@ -129,7 +129,7 @@ impl Executor<'_> {
             self.rig.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
             self.rig.no_current(LOAD_CURRENT, drawn_a)?;
-            let (terminal, fed) = require(&mut self.rig.bench.supply, "supply")?
+            let (terminal, fed) = require(&mut self.rig.bench.instruments.supply, "supply")?
                 .measure()
                 .await
                 .map_err(&error)?;
@@ -152,7 +152,7 @@ impl Executor<'_> {
                 format!("the cell is at {volts:.3} V and takes {fed_a:.3} A")
             })?;
         }
-        Ok(require(&mut self.rig.bench.supply, "supply")?
+        Ok(require(&mut self.rig.bench.instruments.supply, "supply")?
             .safe()
             .await
             .map_err(error)?)
@@ -165,7 +165,7 @@ impl Executor<'_> {
             self.rig.clock.sleep_s(POLL_S).await;
             let (volts, drawn_a) = self.rig.load_volts().await?;
             let error = self.rig.bench.error("supply");
-            let fed_a = require(&mut self.rig.bench.supply, "supply")?
+            let fed_a = require(&mut self.rig.bench.instruments.supply, "supply")?
                 .measure()
                 .await
                 .map_err(error)?

@@ -68,7 +68,7 @@ impl Rig<'_> {
                 voltage,
                 current: Amps(greatest_a),
             };
-            require(&mut self.bench.supply, "supply")?
+            require(&mut self.bench.instruments.supply, "supply")?
                 .prepare(&charge)
                 .await
                 .map_err(error)?;
@@ -93,7 +93,7 @@ impl Rig<'_> {
         };
         let error = self.bench.error("load");
         let stop_below = Volts(self.setup.limits.min_v);
-        require(&mut self.bench.load, "load")?
+        require(&mut self.bench.instruments.load, "load")?
             .prepare(&Discharge { draw, stop_below })
             .await
             .map_err(error)?;
@@ -124,7 +124,7 @@ impl Rig<'_> {
                         Draw::Power(Watts(-watts))
                     });
                 let error = self.bench.error("load");
-                let load = require(&mut self.bench.load, "load")?;
+                let load = require(&mut self.bench.instruments.load, "load")?;
                 load.level(draw).await.map_err(&error)?;
                 if work.flowing != wanted {
                     load.energise().await.map_err(error)?;
@@ -137,7 +137,7 @@ impl Rig<'_> {
                     level.current_a
                 };
                 let error = self.bench.error("supply");
-                let supply = require(&mut self.bench.supply, "supply")?;
+                let supply = require(&mut self.bench.instruments.supply, "supply")?;
                 supply.level(Amps(amps)).await.map_err(&error)?;
                 if work.flowing != wanted {
                     supply.energise().await.map_err(error)?;
@@ -160,14 +160,14 @@ impl Rig<'_> {
             Flowing::Nothing => Ok(()),
             Flowing::Load { .. } => {
                 let error = self.bench.error("load");
-                Ok(require(&mut self.bench.load, "load")?
+                Ok(require(&mut self.bench.instruments.load, "load")?
                     .safe()
                     .await
                     .map_err(error)?)
             }
             Flowing::Supply => {
                 let error = self.bench.error("supply");
-                Ok(require(&mut self.bench.supply, "supply")?
+                Ok(require(&mut self.bench.instruments.supply, "supply")?
                     .safe()
                     .await
                     .map_err(error)?)
@@ -207,7 +207,7 @@ impl Rig<'_> {
             Flowing::Load { .. } => -drawn_a,
             Flowing::Supply => {
                 let error = self.bench.error("supply");
-                let (terminal, fed) = require(&mut self.bench.supply, "supply")?
+                let (terminal, fed) = require(&mut self.bench.instruments.supply, "supply")?
                     .measure()
                     .await
                     .map_err(error)?;

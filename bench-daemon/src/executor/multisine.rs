@@ -83,7 +83,7 @@ fn excited(band: &Band) -> Excited<'_> {
 
 impl Rig<'_> {
     async fn play_wave(&mut self, band: &Band) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
         let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let sine = Sine {
@@ -93,7 +93,7 @@ impl Rig<'_> {
         };
         let wave = Wave::named("eis", band.design.samples(band.steps), sine);
         let error = self.bench.error("generator");
-        let generator = require(&mut self.bench.generator, "generator")?;
+        let generator = require(&mut self.bench.instruments.generator, "generator")?;
         // A wave is loaded while the least sine plays, never under a current.
         generator.quiet(wave.offset).await.map_err(&error)?;
         generator.wave(&wave).await.map_err(error)?;
@@ -239,7 +239,7 @@ impl Executor<'_> {
     ) -> Result<Vec<(SweepPoint, Line)>, ExecuteError> {
         self.headroom(Fixture::Cell, band.base_hz, band.peak_a)?;
         self.rig.play_wave(band).await?;
-        let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
+        let scope = require(&mut self.rig.bench.instruments.scope, "scope")?.capabilities();
         if self.scope.verticals[0].is_none() {
             self.first_ranges(Fixture::Cell, band.peak_a, &scope)
                 .await?;
@@ -307,7 +307,7 @@ impl Executor<'_> {
         self.scope.apply(self.rig.bench).await?;
         let error = self.rig.bench.error("scope");
         let level = self.scope.out_of_reach();
-        let scope = require(&mut self.rig.bench.scope, "scope")?;
+        let scope = require(&mut self.rig.bench.instruments.scope, "scope")?;
         let per_div = scope.capabilities().time_per_div(Seconds(band.span_s));
         let memory_points = band.memory_points;
         let intents = [
@@ -330,7 +330,7 @@ impl Executor<'_> {
             .wait_watching(band.span_s + FILL_S, "sine", Fixture::Cell)
             .await?;
         let end_s = self.rig.clock.now_s();
-        require(&mut self.rig.bench.scope, "scope")?
+        require(&mut self.rig.bench.instruments.scope, "scope")?
             .stop()
             .await
             .map_err(&error)?;
@@ -340,7 +340,7 @@ impl Executor<'_> {
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(
-                require(&mut self.rig.bench.scope, "scope")?
+                require(&mut self.rig.bench.instruments.scope, "scope")?
                     .download(channel, band.record_points)
                     .await
                     .map_err(&error)?,

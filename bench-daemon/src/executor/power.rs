@@ -24,7 +24,7 @@ impl Rig<'_> {
     /// A supply that takes no limit of the voltage says what it would go to by itself.
     async fn tell_own_limits(&mut self, limits: &supply4q::Limits) -> Result<(), ExecuteError> {
         let error = self.bench.error("supply4q");
-        let supply = require(&mut self.bench.supply4q, "supply4q")?;
+        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?;
         if supply.capabilities().holds != supply4q::Holds::Nothing {
             return Ok(());
         }
@@ -55,7 +55,7 @@ impl Rig<'_> {
         let mut sum_a = first_a;
         for _ in 1..ZERO_READINGS {
             let error = self.bench.error("supply4q");
-            sum_a += require(&mut self.bench.supply4q, "supply4q")?
+            sum_a += require(&mut self.bench.instruments.supply4q, "supply4q")?
                 .measure()
                 .await
                 .map_err(error)?
@@ -126,12 +126,12 @@ impl Executor<'_> {
     ) -> Result<(), ExecuteError> {
         let error = self.rig.bench.error("generator");
         let offset = Volts(self.rig.setup.wiring.command_offset_v);
-        let generator = require(&mut self.rig.bench.generator, "generator")?;
+        let generator = require(&mut self.rig.bench.instruments.generator, "generator")?;
         generator.output(false).await.map_err(&error)?;
         generator.quiet(offset).await.map_err(&error)?;
         self.rig.no_burst();
         let error = self.rig.bench.error("supply4q");
-        let supply = require(&mut self.rig.bench.supply4q, "supply4q")?;
+        let supply = require(&mut self.rig.bench.instruments.supply4q, "supply4q")?;
         supply.prepare(limits).await.map_err(&error)?;
         self.rig.tell_own_limits(limits).await?;
         if fixture == Fixture::Cell {
@@ -153,7 +153,7 @@ impl Executor<'_> {
         }
         let scope_error = self.rig.bench.error("scope");
         if let Some(depth) = depth {
-            let scope = require(&mut self.rig.bench.scope, "scope")?;
+            let scope = require(&mut self.rig.bench.instruments.scope, "scope")?;
             // What cannot be thinned out before it is sent is not taken in the first place.
             let memory_points = if scope.capabilities().thins_out {
                 depth.memory_points
@@ -169,12 +169,12 @@ impl Executor<'_> {
         // The generator holds the offset that brings the supply's zero error to zero current before
         // the output goes on.
         let generator_error = self.rig.bench.error("generator");
-        require(&mut self.rig.bench.generator, "generator")?
+        require(&mut self.rig.bench.instruments.generator, "generator")?
             .output(true)
             .await
             .map_err(generator_error)?;
         self.rig.recorder.event(Event::OutputOn, OUTPUT_ON)?;
-        require(&mut self.rig.bench.supply4q, "supply4q")?
+        require(&mut self.rig.bench.instruments.supply4q, "supply4q")?
             .energise()
             .await
             .map_err(&error)?;

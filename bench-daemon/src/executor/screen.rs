@@ -75,7 +75,7 @@ impl Screen {
         let error = bench.error("scope");
         for (wanted, applied) in self.verticals.iter().zip(&mut self.applied) {
             if let Some(vertical) = wanted.filter(|_| wanted != applied) {
-                require(&mut bench.scope, "scope")?
+                require(&mut bench.instruments.scope, "scope")?
                     .set(&Intent::Vertical(vertical))
                     .await
                     .map_err(&error)?;
@@ -97,7 +97,7 @@ impl Screen {
             level: self.trigger_v,
         };
         let error = bench.error("scope");
-        let scope = require(&mut bench.scope, "scope")?;
+        let scope = require(&mut bench.instruments.scope, "scope")?;
         let (per_div, scope_divisions) = (
             scope.capabilities().time_per_div(span),
             scope.capabilities().horizontal_div,

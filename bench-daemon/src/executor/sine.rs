@@ -30,7 +30,7 @@ const CURRENT_TOLERANCE: f64 = 0.2;
 impl Rig<'_> {
     /// Sets the generator so that the supply drives `amplitude_a`, for `wait_s` at least.
     pub(super) async fn drive(&mut self, tone: &Tone) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
         let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let sine = Sine {
@@ -39,7 +39,7 @@ impl Rig<'_> {
             offset: Volts(wiring.command_offset_v),
         };
         let error = self.bench.error("generator");
-        require(&mut self.bench.generator, "generator")?
+        require(&mut self.bench.instruments.generator, "generator")?
             .sine(&sine)
             .await
             .map_err(error)?;
@@ -57,7 +57,7 @@ impl Rig<'_> {
         let points = settings.record_points;
         let mut waveforms: Vec<Waveform> = Vec::with_capacity(4);
         for channel in 1..=4 {
-            let scope = require(&mut self.bench.scope, "scope")?;
+            let scope = require(&mut self.bench.instruments.scope, "scope")?;
             let waveform = match (waveforms.last().filter(|_| overlaps), chosen) {
                 (Some(before), _) => scope.download_beside(channel, points, before).await,
                 (None, Some(chosen)) => scope.download_chosen(chosen, points).await,
@@ -117,7 +117,7 @@ impl Executor<'_> {
             Some(since_s) => since_s,
             None => self.driven(fixture, &tone).await?,
         };
-        let scope = require(&mut self.rig.bench.scope, "scope")?.capabilities();
+        let scope = require(&mut self.rig.bench.instruments.scope, "scope")?.capabilities();
         if self.scope.verticals[0].is_none() {
             // Those of the controls, whatever the amplitude: a gain belongs to a range.
             self.first_ranges(fixture, settings.amplitude_a, &scope)
@@ -267,7 +267,7 @@ impl Executor<'_> {
         let chosen = if overlaps {
             self.sweep.announce(self.rig.recorder)?;
             let error = self.rig.bench.error("scope");
-            let chosen = require(&mut self.rig.bench.scope, "scope")?
+            let chosen = require(&mut self.rig.bench.instruments.scope, "scope")?
                 .choose(1, settings.record_points)
                 .await
                 .map_err(error)?;
@@ -278,7 +278,7 @@ impl Executor<'_> {
             None
         };
         let error = self.rig.bench.error("scope");
-        require(&mut self.rig.bench.scope, "scope")?
+        require(&mut self.rig.bench.instruments.scope, "scope")?
             .stop()
             .await
             .map_err(error)?;

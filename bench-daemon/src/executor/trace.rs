@@ -76,7 +76,7 @@ impl Rig<'_> {
 
     /// One reading of the cell, by the bipolar supply where there is one.
     pub(super) async fn glance(&mut self, phase: &str) -> Result<Reading, ExecuteError> {
-        if self.bench.supply4q.is_some() {
+        if self.bench.instruments.supply4q.is_some() {
             return self.watch(phase, Fixture::Cell).await;
         }
         let (volts, drawn_a) = self.load_volts().await?;
@@ -125,7 +125,7 @@ impl Rig<'_> {
     pub(super) async fn freeze(&mut self) -> Result<f64, ExecuteError> {
         let error = self.bench.error("scope");
         let end_s = self.clock.now_s();
-        require(&mut self.bench.scope, "scope")?
+        require(&mut self.bench.instruments.scope, "scope")?
             .stop()
             .await
             .map_err(&error)?;
@@ -134,13 +134,13 @@ impl Rig<'_> {
 
     /// Commands a direct current, A, charge positive.
     async fn command(&mut self, current_a: f64) -> Result<(), ExecuteError> {
-        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
         let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let offset =
             Volts(current_a * volts_per_amp * wiring.command_trim + wiring.command_offset_v);
         let error = self.bench.error("generator");
-        let generator = require(&mut self.bench.generator, "generator")?;
+        let generator = require(&mut self.bench.instruments.generator, "generator")?;
         Ok(generator.direct(offset).await.map_err(error)?)
     }
 
@@ -309,6 +309,7 @@ impl Executor<'_> {
         let Some(scope) = self
             .rig
             .bench
+            .instruments
             .scope
             .as_ref()
             .map(|scope| scope.capabilities())
@@ -331,7 +332,7 @@ impl Executor<'_> {
         let memory_points = frame.memory_points;
         let level = self.scope.out_of_reach();
         let remembered = self.scope.memory_points.replace(memory_points) == Some(memory_points);
-        let scope = require(&mut self.rig.bench.scope, "scope")?;
+        let scope = require(&mut self.rig.bench.instruments.scope, "scope")?;
         if !remembered {
             scope
                 .set(&Intent::Session { memory_points })
@@ -372,7 +373,7 @@ impl Executor<'_> {
         let mut waveforms = Vec::with_capacity(4);
         for channel in 1..=4 {
             waveforms.push(
-                require(&mut self.rig.bench.scope, "scope")?
+                require(&mut self.rig.bench.instruments.scope, "scope")?
                     .download(channel, frame.record_points)
                     .await
                     .map_err(&error)?,
@@ -389,7 +390,7 @@ impl Executor<'_> {
         let waveforms: [Waveform; 4] = waveforms
             .try_into()
             .map_err(|_| fail("not four channels".to_owned()))?;
-        let screen_s = require(&mut self.rig.bench.scope, "scope")?.capabilities();
+        let screen_s = require(&mut self.rig.bench.instruments.scope, "scope")?.capabilities();
         let screen_s =
             screen_s.time_per_div(Seconds(frame.span_s)).value() * screen_s.horizontal_div;
         self.scope

@@ -323,6 +323,7 @@ impl Rig<'_> {
                 let error = self.bench.error($role);
                 let Some(instrument) = self
                     .bench
+                    .instruments
                     .$field
                     .as_mut()
                     .filter(|instrument| instrument.was_told())
@@ -379,7 +380,7 @@ impl Rig<'_> {
                 .await;
             let error = self.bench.error("supply4q");
             let asked_s = self.clock.now_s();
-            let (_, other) = require(&mut self.bench.supply4q, "supply4q")?
+            let (_, other) = require(&mut self.bench.instruments.supply4q, "supply4q")?
                 .measure()
                 .await
                 .map_err(error)?;
@@ -400,7 +401,7 @@ impl Rig<'_> {
     pub(super) async fn read_supply4q(&mut self) -> Result<Reading, ExecuteError> {
         let error = self.bench.error("supply4q");
         let start_s = self.clock.now_s();
-        let (mut volts, amps) = require(&mut self.bench.supply4q, "supply4q")?
+        let (mut volts, amps) = require(&mut self.bench.instruments.supply4q, "supply4q")?
             .measure()
             .await
             .map_err(error)?;
@@ -410,7 +411,7 @@ impl Rig<'_> {
         // The supply sees the drop of its leads; the load, with its input off, is a voltmeter at
         // the jig.
         let error = self.bench.error("load");
-        if let Some(load) = self.bench.load.as_mut() {
+        if let Some(load) = self.bench.instruments.load.as_mut() {
             let (seen, drawn) = load.measure().await.map_err(error)?;
             volts = seen;
             self.watching.shown_v = Some(seen.value());
@@ -450,9 +451,9 @@ impl Rig<'_> {
         fixture: Fixture,
     ) -> Result<(), ExecuteError> {
         self.handle_request_within_step()?;
-        if self.bench.supply4q.is_some() {
+        if self.bench.instruments.supply4q.is_some() {
             self.watch(phase, fixture).await?;
-        } else if self.bench.load.is_some() {
+        } else if self.bench.instruments.load.is_some() {
             let (volts, drawn_a) = self.load_volts().await?;
             self.no_current(LOAD_CURRENT, drawn_a)?;
             let temperature_c = self.temperature_now_and_then().await?;
@@ -482,6 +483,7 @@ impl Rig<'_> {
                 let error = self.bench.error($role);
                 if let Some(instrument) = self
                     .bench
+                    .instruments
                     .$field
                     .as_mut()
                     .filter(|_| !used.contains(&$role))
@@ -519,7 +521,7 @@ impl Rig<'_> {
         self.check_stuck_meter().await?;
         self.watch_chiller().await?;
         let error = self.bench.error("logger");
-        let Some(logger) = self.bench.logger.as_mut() else {
+        let Some(logger) = self.bench.instruments.logger.as_mut() else {
             return Ok(None);
         };
         if !self.temperatures.logger_ready {
@@ -542,6 +544,7 @@ impl Rig<'_> {
         let error = self.bench.error("chiller");
         let Some(chiller) = self
             .bench
+            .instruments
             .chiller
             .as_mut()
             .filter(|_| self.temperatures.chiller_runs)
@@ -568,7 +571,7 @@ impl Rig<'_> {
         else {
             return Ok(());
         };
-        let chiller = require(&mut self.bench.chiller, "chiller")?;
+        let chiller = require(&mut self.bench.instruments.chiller, "chiller")?;
         let reading_c = match chiller.temperature().await {
             Ok(celsius) => Some(celsius.value()),
             Err(LinkError::Unexpected { .. }) => None,

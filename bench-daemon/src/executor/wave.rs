@@ -54,7 +54,7 @@ impl Rig<'_> {
         step_s: f64,
         steps: usize,
     ) -> Result<f64, ExecuteError> {
-        let supply = require(&mut self.bench.supply4q, "supply4q")?.capabilities();
+        let supply = require(&mut self.bench.instruments.supply4q, "supply4q")?.capabilities();
         let wiring = &self.setup.wiring;
         let volts_per_amp = supply.analog_full_scale.value() / supply.full_scale.value();
         let peak_a = currents
@@ -63,7 +63,7 @@ impl Rig<'_> {
         let offset = Volts(wiring.command_offset_v);
         let amplitude = Volts(peak_a * volts_per_amp * wiring.command_trim);
         let error = self.bench.error("generator");
-        let generator = require(&mut self.bench.generator, "generator")?;
+        let generator = require(&mut self.bench.instruments.generator, "generator")?;
         let grid_hz = generator.capabilities().freq_step.value();
         let freq_hz = (1.0 / (step_s * steps as f64) / grid_hz).round() * grid_hz;
         let mut shape: Vec<f64> = currents.iter().map(|amps| amps / peak_a).collect();
@@ -81,7 +81,7 @@ impl Rig<'_> {
         self.begin_periods(freq_hz, 1.0).await?;
         if self.driving.burst.refused != refused {
             // Meanwhile it has played on; it begins anew.
-            let generator = require(&mut self.bench.generator, "generator")?;
+            let generator = require(&mut self.bench.instruments.generator, "generator")?;
             generator.quiet(offset).await.map_err(&error)?;
             generator.wave(&wave).await.map_err(&error)?;
         }
@@ -155,7 +155,7 @@ impl Executor<'_> {
         let frozen_s = self.rig.freeze().await?;
         let offset = Volts(self.rig.setup.wiring.command_offset_v);
         let error = self.rig.bench.error("generator");
-        require(&mut self.rig.bench.generator, "generator")?
+        require(&mut self.rig.bench.instruments.generator, "generator")?
             .quiet(offset)
             .await
             .map_err(error)?;

@@ -477,13 +477,13 @@ impl<'a> Watch<'a> {
 async fn reach(bench: &config::Bench, connections: &Connections) -> Result<(), GuardianError> {
     let mut bench = Bench::unconnected(bench, connections)?;
     bench.connect().await?;
-    let bath = bench.chiller.take();
+    let bath = bench.instruments.chiller.take();
     bench
         .identify()
         .await?
         .iter()
         .try_for_each(Identified::expected)?;
-    bench.chiller = bath;
+    bench.instruments.chiller = bath;
     // It moves no charge, and may serve another client: the daemon says what it thinks of that.
     if let Err(error) = bench.reach_bath().await {
         tracing::warn!("{error}");

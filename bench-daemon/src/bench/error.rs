@@ -1,0 +1,61 @@
+//! Reason why a bench cannot be used.
+
+use instruments::link::LinkError;
+
+use super::output::Unsafe;
+
+/// Reason why a bench cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum BenchError {
+    /// An instrument does not answer as it must.
+    #[error("{role} ({model}): {source}")]
+    Link {
+        /// Its role.
+        role: &'static str,
+        /// Its model in the configuration.
+        model: String,
+        /// Error of the link.
+        source: Box<LinkError>,
+    },
+    /// Another model answers than the configuration says.
+    #[error(
+        "{role}: expected a {model}, found {found:?} at {address}; check model and address in the \
+        bench file"
+    )]
+    Identity {
+        /// Its role.
+        role: &'static str,
+        /// Its model in the configuration.
+        model: String,
+        /// Its address.
+        address: String,
+        /// Its answer.
+        found: String,
+    },
+    /// Outputs that are not known to be off.
+    #[error(transparent)]
+    Unsafe(#[from] Unsafe),
+    /// A step needs a role that the bench lacks.
+    #[error("the bench has no {role}, which this step needs")]
+    Missing {
+        /// The role.
+        role: &'static str,
+    },
+    /// A key without a dialect: the configuration should have refused it.
+    #[error("{role}: no dialect {model:?}")]
+    Dialect {
+        /// The role.
+        role: &'static str,
+        /// The key.
+        model: String,
+    },
+}
+
+/// Wraps a link's error with its role and its model in the configuration.
+pub(super) fn wrap(role: &'static str, model: &str, source: LinkError) -> BenchError {
+    BenchError::Link {
+        role,
+        model: model.to_owned(),
+        source: Box::new(source),
+    }
+}

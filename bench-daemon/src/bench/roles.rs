@@ -1,0 +1,275 @@
+//! The instruments of one bench by role, and their links.
+
+use std::collections::BTreeMap;
+
+use instruments::{
+    chiller::{self, Chiller},
+    clock::Clock,
+    generator::{self, Generator},
+    instrument::{Instrument, Model, by_key},
+    jig::Jig,
+    link::{Link, LinkOptions, LinkProfile},
+    load::{self, Load},
+    logger::{self, Logger},
+    scope::{self, Scope},
+    supply::{self, Supply},
+    supply4q::{self, Supply4q},
+    transcript::Tap,
+    transport::MemoryHub,
+};
+
+use super::error::{BenchError, wrap};
+use crate::config;
+
+/// Hands the roles whose models speak a dialect to another macro, in the order in which instruments
+/// are listed: the role's module in `instruments`, which is its field and its name, too, and its
+/// variant.
+macro_rules! for_roles {
+    ($hand:ident) => {
+        $hand! {
+            supply4q Supply4q,
+            generator Generator,
+            scope Scope,
+            load Load,
+            supply Supply,
+            chiller Chiller,
+            logger Logger,
+        }
+    };
+}
+pub(crate) use for_roles;
+
+/// Resources that all links of a bench share.
+pub struct Connections {
+    /// Bench time.
+    pub clock: Clock,
+    /// In-process streams.
+    pub hub: MemoryHub,
+    /// Where each instrument's conversation is written, by role.
+    pub taps: BTreeMap<&'static str, Tap>,
+}
+
+/// The instruments of one bench, by role.
+pub struct Instruments {
+    /// Bipolar supply.
+    pub supply4q: Option<Supply4q>,
+    /// Signal generator.
+    pub generator: Option<Generator>,
+    /// Oscilloscope.
+    pub scope: Option<Scope>,
+    /// DC load.
+    pub load: Option<Load>,
+    /// DC supply.
+    pub supply: Option<Supply>,
+    /// Chiller.
+    pub chiller: Option<Chiller>,
+    /// Logger, whose first channel is the cell's.
+    pub logger: Option<Logger>,
+    /// The jig, where a device changes the fixture.
+    pub jig: Option<Jig>,
+}
+
+impl Instruments {
+    /// Connects to every instrument; sends nothing.
+    pub(super) async fn open(
+        config: &config::Bench,
+        connections: &Connections,
+    ) -> Result<Self, BenchError> {
+        let instruments = &config.instruments;
+        let channel = config.wiring.generator_channel;
+        let logger_channels = instruments
+            .logger
+            .as_ref()
+            .map_or_else(Vec::new, |(_, cell, ambient)| {
+                std::iter::once(*cell).chain(*ambient).collect()
+            });
+        let jig = match &instruments.jig {
+            Some(config::Jig::Device(instrument)) => Some(Jig::new(
+                link(connections, "jig", instrument, Jig::profile()).await?,
+            )),
+            Some(config::Jig::Person) | None => None,
+        };
+        let logger = instruments
+            .logger
+            .as_ref()
+            .map(|(instrument, _, _)| instrument);
+        Ok(Self {
+            supply4q: open(
+                connections,
+                "supply4q",
+                supply4q::DIALECTS,
+                instruments.supply4q.as_ref(),
+            )
+            .await?,
+            generator: open(
+                connections,
+                "generator",
+                generator::DIALECTS,
+                instruments.generator.as_ref(),
+            )
+            .await?
+            .map(|generator| generator.on_channels(vec![u16::from(channel)])),
+            scope: open(
+                connections,
+                "scope",
+                scope::DIALECTS,
+                instruments.scope.as_ref(),
+            )
+            .await?,
+            load: open(
+                connections,
+                "load",
+                load::DIALECTS,
+                instruments.load.as_ref(),
+            )
+            .await?,
+            supply: open(
+                connections,
+                "supply",
+                supply::DIALECTS,
+                instruments.supply.as_ref(),
+            )
+            .await?,
+            chiller: open(
+                connections,
+                "chiller",
+                chiller::DIALECTS,
+                instruments.chiller.as_ref(),
+            )
+            .await?,
+            logger: open(connections, "logger", logger::DIALECTS, logger)
+                .await?
+                .map(|logger| logger.on_channels(logger_channels)),
+            jig,
+        })
+    }
+
+    /// The instruments that can move charge, and the bath, not yet connected to.
+    pub(super) fn unconnected(
+        config: &config::Bench,
+        connections: &Connections,
+    ) -> Result<Self, BenchError> {
+        let instruments = &config.instruments;
+        let channel = u16::from(config.wiring.generator_channel);
+        Ok(Self {
+            supply4q: unconnected(
+                connections,
+                "supply4q",
+                supply4q::DIALECTS,
+                instruments.supply4q.as_ref(),
+            )?,
+            generator: unconnected(
+                connections,
+                "generator",
+                generator::DIALECTS,
+                instruments.generator.as_ref(),
+            )?
+            .map(|generator| generator.on_channels(vec![channel])),
+            scope: None,
+            load: unconnected(
+                connections,
+                "load",
+                load::DIALECTS,
+                instruments.load.as_ref(),
+            )?,
+            supply: unconnected(
+                connections,
+                "supply",
+                supply::DIALECTS,
+                instruments.supply.as_ref(),
+            )?,
+            chiller: unconnected(
+                connections,
+                "chiller",
+                chiller::DIALECTS,
+                instruments.chiller.as_ref(),
+            )?,
+            logger: None,
+            jig: None,
+        })
+    }
+}
+
+/// Connects the instrument of a role, where the bench has one; sends nothing.
+async fn open<D: Model + ?Sized>(
+    connections: &Connections,
+    role: &'static str,
+    dialects: &[&'static D],
+    instrument: Option<&config::Instrument>,
+) -> Result<Option<Instrument<D>>, BenchError> {
+    let Some(instrument) = instrument else {
+        return Ok(None);
+    };
+    let dialect = spoken(role, dialects, instrument)?;
+    let link = link(connections, role, instrument, dialect.profile()).await?;
+    Ok(Some(
+        Instrument::new(link, dialect).accepting(instrument.accept.clone()),
+    ))
+}
+
+/// The dialect of an instrument's model.
+fn spoken<D: Model + ?Sized>(
+    role: &'static str,
+    dialects: &[&'static D],
+    instrument: &config::Instrument,
+) -> Result<&'static D, BenchError> {
+    by_key(dialects, &instrument.model).ok_or_else(|| BenchError::Dialect {
+        role,
+        model: instrument.model.clone(),
+    })
+}
+
+/// The same without a connection.
+fn unconnected<D: Model + ?Sized>(
+    connections: &Connections,
+    role: &'static str,
+    dialects: &[&'static D],
+    instrument: Option<&config::Instrument>,
+) -> Result<Option<Instrument<D>>, BenchError> {
+    let Some(instrument) = instrument else {
+        return Ok(None);
+    };
+    let dialect = spoken(role, dialects, instrument)?;
+    let link = Link::unconnected(options(connections, role, instrument, dialect.profile()));
+    Ok(Some(
+        Instrument::new(link, dialect).accepting(instrument.accept.clone()),
+    ))
+}
+
+async fn link(
+    connections: &Connections,
+    role: &'static str,
+    instrument: &config::Instrument,
+    profile: LinkProfile,
+) -> Result<Link, BenchError> {
+    let opened = Link::open(options(connections, role, instrument, profile)).await;
+    opened.map_err(|source| wrap(role, &instrument.model, source))
+}
+
+fn options(
+    connections: &Connections,
+    role: &'static str,
+    instrument: &config::Instrument,
+    profile: LinkProfile,
+) -> LinkOptions {
+    LinkOptions {
+        name: role.to_owned(),
+        address: instrument.address.clone(),
+        profile,
+        clock: connections.clock.clone(),
+        hub: connections.hub.clone(),
+        tap: connections
+            .taps
+            .get(role)
+            .cloned()
+            .unwrap_or_else(Tap::none),
+    }
+}
+
+/// A new connection where the old one was dropped. When that fails, so does what is tried next, and
+/// says why.
+pub(super) async fn fresh<D: Model + ?Sized>(instrument: &mut Instrument<D>) {
+    if instrument.link_mut().is_dropped() {
+        let _ = instrument.link_mut().reconnect().await;
+    }
+}
