@@ -36,7 +36,7 @@ use crate::{
     bench::{Bench, Connections, Identified, SafeReport},
     config,
     interlock::Trip,
-    safety::state::{Latched, State, StateError, pid},
+    safety::state::{Latched, Lock, State, StateError, pid},
     support::logging,
     support::terminal::say,
 };
@@ -168,18 +168,50 @@ pub async fn watch(charge: &Charge<'_>, clock: &Clock) -> Result<(), GuardianErr
     }
 }
 
+/// The state folder of the bench, held by this guardian.
+struct HeldState {
+    folder: State,
+    /// How the last attempt to latch the bench ended.
+    latched: Option<Result<(), StateError>>,
+    _place: Lock,
+}
+
+impl HeldState {
+    fn new(folder: State, place: Lock) -> Self {
+        Self {
+            folder,
+            latched: None,
+            _place: place,
+        }
+    }
+
+    /// Latches the bench, as well as that can be written.
+    fn latch(&mut self, trip: &Latched) {
+        let latched = self.folder.latch(trip);
+        if let Err(error) = &latched {
+            tracing::error!("{error}");
+        }
+        self.latched = Some(latched);
+    }
+
+    /// Settles the run, unless the bench was to be latched and that could not be written.
+    fn settle(&mut self) {
+        let latched = self.latched.take().unwrap_or(Ok(()));
+        if let Err(error) = latched.and_then(|()| self.folder.settled()) {
+            tracing::error!("{error}");
+        }
+    }
+}
+
 struct Watch<'a> {
     charge: &'a Charge<'a>,
     clock: Clock,
-    state: State,
     connections: Connections,
     report: Report,
     /// The cell is in the jig, as far as is known.
     cell: bool,
     messages: UnboundedReceiver<String>,
-    /// How the last attempt to latch the bench ended.
-    latched: Option<Result<(), StateError>>,
-    _place: crate::safety::state::Lock,
+    state: HeldState,
 }
 
 impl<'a> Watch<'a> {
@@ -235,13 +267,11 @@ impl<'a> Watch<'a> {
         Ok(Self {
             charge,
             clock: clock.clone(),
-            state,
             connections,
             report,
             cell: false,
             messages: daemon_messages(),
-            latched: None,
-            _place: place,
+            state: HeldState::new(state, place),
         })
     }
 
@@ -341,7 +371,7 @@ impl<'a> Watch<'a> {
                 self.report.bath_ended = Some(safe.message.clone());
                 return self.verified(&safe, Status::BathNotReached);
             }
-            if !self.state.exists() && self.report.attempts >= PATIENCE {
+            if !self.state.folder.exists() && self.report.attempts >= PATIENCE {
                 tracing::error!("the state folder was taken away: giving up");
                 return Err(GuardianError::GaveUp);
             }
@@ -439,15 +469,8 @@ impl<'a> Watch<'a> {
         }
         self.note(status);
         // After the latch: where that could not be written, the run stays open.
-        if let Err(error) = self
-            .latched
-            .take()
-            .unwrap_or(Ok(()))
-            .and_then(|()| self.state.settled())
-        {
-            tracing::error!("{error}");
-        }
-        Ok(self.state.remember(
+        self.state.settle();
+        Ok(self.state.folder.remember(
             &serde_json::json!({ "what": "switched off by the guardian", "report": self.report }),
         )?)
     }
@@ -457,18 +480,13 @@ impl<'a> Watch<'a> {
     }
 
     fn latch(&mut self, trip: Latched) {
-        let latched = self
-            .state
-            .latch(&trip.during(self.charge.run, &self.report.step));
-        if let Err(error) = &latched {
-            tracing::error!("{error}");
-        }
-        self.latched = Some(latched);
+        let trip = trip.during(self.charge.run, &self.report.step);
+        self.state.latch(&trip);
     }
 
     fn tell(&mut self, status: Status) -> Result<(), GuardianError> {
         (self.report.status, self.report.unix_s) = (status, clock::unix_time_s());
-        Ok(self.state.json(REPORT, &self.report)?)
+        Ok(self.state.folder.json(REPORT, &self.report)?)
     }
 }
 
