@@ -3,11 +3,7 @@
 use serde::Serialize;
 use utoipa::ToSchema;
 
-use crate::{
-    bench::{Output, SafeReport},
-    interlock::Limits,
-    safety::state::Latched,
-};
+use crate::{bench::Output, interlock::Limits, safety::state::Latched};
 
 /// A bench as it is now.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, ToSchema)]
@@ -251,12 +247,6 @@ pub struct StopReport {
 }
 
 impl StopReport {
-    /// Takes over what `eis-bench safe` has found.
-    pub fn found(&mut self, safe: &SafeReport) {
-        self.message.clone_from(&safe.message);
-        self.outputs = safe.outputs.iter().map(OutputRead::from).collect();
-    }
-
     /// It is over, and has left nothing of which it is not known that it is off.
     pub fn proven(&self) -> bool {
         self.over && (self.verified || self.simulated)
@@ -344,6 +334,7 @@ pub fn limits(limits: &Limits, cell: bool, reading: &ReadingNow) -> Vec<Limit> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::bench::SafeReport;
 
     #[test]
     fn the_report_of_a_stop_is_that_of_safe_and_more() {
@@ -365,12 +356,13 @@ mod tests {
             outputs: vec![load],
             bath: None,
         };
-        let mut stop = StopReport {
+        let stop = StopReport {
             bench: "demo".to_owned(),
             by: "ann".to_owned(),
+            message: safe.message.clone(),
+            outputs: safe.outputs.iter().map(OutputRead::from).collect(),
             ..StopReport::default()
         };
-        stop.found(&safe);
         let json = serde_json::to_value(&stop).unwrap();
         assert_eq!(json["outputs"][0]["verified"], false);
         assert_eq!(serde_json::from_value::<SafeReport>(json).unwrap(), safe);

@@ -11,7 +11,11 @@ use nix::{
     unistd::Pid,
 };
 
-use super::{Server, live::StopReport, locks};
+use super::{
+    Server,
+    live::{OutputRead, StopReport},
+    locks,
+};
 use crate::{
     bench::SafeReport,
     config,
@@ -229,7 +233,8 @@ async fn switch_off(server: &Server, bench: &config::Bench, gone: bool, report: 
         .filter(|told| !told.verified)
         .map(|told| format!("LOOK AT THE BENCH: {}", told.message));
     if let Some(told) = &told {
-        report.found(told);
+        report.message.clone_from(&told.message);
+        report.outputs = told.outputs.iter().map(OutputRead::from).collect();
     }
     report.verified = output.status.success()
         && told.is_some_and(|told| told.verified && !told.outputs.is_empty());
