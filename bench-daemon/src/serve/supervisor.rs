@@ -438,7 +438,7 @@ impl SupervisedBench {
         let experiment = self
             .watch
             .as_ref()
-            .and_then(|(_, watch)| watch.experiment.as_ref());
+            .and_then(|(_, watch)| watch.experiment());
         let limits = match (experiment, &reading) {
             (Some(experiment), Some(reading)) => {
                 live::limits(&experiment.cell.limits, reading.fixture == "cell", reading)
@@ -480,7 +480,7 @@ impl SupervisedBench {
                 .iter()
                 .chain(&self.manifest)
                 .find(|identity| identity.role == role);
-            let monitor = watch.and_then(|watch| watch.monitors.get(role));
+            let monitor = watch.and_then(|watch| watch.monitor(role));
             let answered_s = monitor.and_then(|monitor| monitor.answered_s);
             let remark = monitor
                 .and_then(|monitor| monitor.remark.as_ref())

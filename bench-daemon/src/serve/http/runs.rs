@@ -158,7 +158,7 @@ pub async fn detail(
         let going = job.as_ref().is_some_and(|job| job.ended.is_none());
         let mut watch = Watch::new(&folder);
         watch.look();
-        let resumable = !going && watch.experiment.is_some() && watch.ended() != Some("finished");
+        let resumable = !going && watch.experiment().is_some() && watch.ended() != Some("finished");
         Ok(Json(Run {
             job,
             now: watch.now(Some(run), going),
