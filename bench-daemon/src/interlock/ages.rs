@@ -1,6 +1,9 @@
 //! Readings that are late or missing while a current may flow.
 
-use super::{Reading, Trip, allowance::Settings};
+use super::{
+    allowance::Settings,
+    limits::{Reading, Trip},
+};
 
 /// When the instruments were read last, seconds of the machine.
 #[derive(Debug)]

@@ -1,6 +1,6 @@
 //! Settings of the interlock, and what the step in work allows.
 
-use super::{Limits, Trip};
+use super::limits::{Limits, Trip};
 
 /// Settings of the interlock beside the limits of the cell.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]

@@ -1,6 +1,9 @@
 //! Charge that the step in work has moved, with those before it that it continues.
 
-use super::{NET_CHARGE, NO_CURRENT_A, Reading, Trip, allowance::Allowance};
+use super::{
+    allowance::Allowance,
+    limits::{NET_CHARGE, NO_CURRENT_A, Reading, Trip},
+};
 
 /// Charge that is counted reading by reading.
 #[derive(Debug, Default)]

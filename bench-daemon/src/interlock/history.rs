@@ -4,11 +4,10 @@
 use instruments::chiller;
 
 use super::{
-    Limits, Reading, Trip,
     ages::Ages,
     allowance::{Allowance, Mean, Settings},
     charge::ChargeCount,
-    judge,
+    limits::{Limits, Reading, Trip, judge},
     meters::{Meters, Stuck},
     period::Period,
     temperatures::Temperatures,

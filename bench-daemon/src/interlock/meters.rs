@@ -2,8 +2,8 @@
 //! values that stand still for longer than the noise of their meter allows.
 
 use super::{
-    Reading, Trip,
     allowance::{Allowance, Settings},
+    limits::{Reading, Trip},
     noise::Noise,
 };
 

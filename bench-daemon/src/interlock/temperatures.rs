@@ -2,7 +2,10 @@
 
 use std::collections::VecDeque;
 
-use super::{Reading, Trip, allowance::Settings};
+use super::{
+    allowance::Settings,
+    limits::{Reading, Trip},
+};
 
 /// Fewest temperatures, and least share of the window, that make a rate.
 const RATE: (usize, f64) = (3, 0.5);
