@@ -6,7 +6,7 @@
 
 use instruments::{
     chiller::{self, Chiller},
-    exchange::{Answer, Exchange, Identity, look},
+    exchange::{Answer, Exchange, Identity, Setting, look},
     generator::{self, Generator},
     instrument::{Instrument, Model},
     jig::{self, Jig},
@@ -76,6 +76,8 @@ pub struct KnownDialect {
     pub profile: LinkProfile,
     /// The question for the identity.
     pub question: &'static str,
+    /// The setting that tells whether its output or input is on, or its control of a bath.
+    pub switch: Option<Setting>,
     dialect: RoleDialect,
 }
 
@@ -103,6 +105,12 @@ impl KnownDialect {
         }
         for_roles!(add);
         all
+    }
+
+    /// The dialect of a role and a model in a bench file.
+    pub fn of(role: &str, model: &str) -> Option<Self> {
+        let mut all = Self::all().into_iter();
+        all.find(|known| known.role == role && known.key == model)
     }
 
     /// Whether an identity is this model's.
@@ -140,6 +148,7 @@ fn known<D: Model + ?Sized>(
         key: dialect.key(),
         profile: dialect.profile(),
         question: dialect.identity_query(),
+        switch: dialect.switch(),
         dialect: dialect_of_role,
     }
 }

@@ -5,17 +5,20 @@
 use std::{path::Path, str::FromStr};
 
 use analysis::run_folder;
-use instruments::transcript::{Direction, Payload, Transcript};
+use instruments::{
+    exchange::Setting,
+    transcript::{Direction, Payload, Transcript},
+};
 
 use super::follow::Follow;
-
-/// Bits of a Siglent supply's status word that tell that channel 1 is on.
-const SPD_CHANNEL_1: u32 = 0x10;
+use crate::bench::survey::KnownDialect;
 
 /// One instrument of a run.
 #[derive(Debug)]
 pub struct TranscriptMonitor {
     follow: Follow,
+    /// The setting that tells whether its output is on.
+    switch: Option<Setting>,
     asked: Option<String>,
     /// Bench time of its last answer, s.
     pub answered_s: Option<f64>,
@@ -26,11 +29,12 @@ pub struct TranscriptMonitor {
 }
 
 impl TranscriptMonitor {
-    /// The instrument of a role in a run folder.
-    pub fn new(run: &Path, role: &str) -> Self {
+    /// The instrument of a role and a model in a run folder.
+    pub fn new(run: &Path, role: &str, model: &str) -> Self {
         let follow = Follow::new(run.join(run_folder::transcript(role)));
         Self {
             follow,
+            switch: KnownDialect::of(role, model).and_then(|known| known.switch),
             asked: None,
             answered_s: None,
             output: None,
@@ -57,8 +61,12 @@ impl TranscriptMonitor {
                     Direction::Unsolicited => {}
                     Direction::Received => {
                         self.answered_s = Some(record.time_s);
-                        if let Some(on) = self.asked.take().and_then(|asked| output(&asked, &text))
-                        {
+                        let asked = self.asked.take();
+                        let shown = self
+                            .switch
+                            .zip(asked)
+                            .and_then(|(switch, asked)| switch.shows_on(asked.trim(), &text));
+                        if let Some(on) = shown {
                             self.output = Some((on, record.time_s));
                         }
                     }
@@ -68,62 +76,65 @@ impl TranscriptMonitor {
     }
 }
 
-/// State of the output by an answer; `None` where the question was about something else.
-fn output(asked: &str, answer: &str) -> Option<bool> {
-    let asked = asked.trim().to_ascii_uppercase();
-    let answer = answer.trim().to_ascii_uppercase();
-    if asked == "SYST:STAT?" {
-        let bits = u32::from_str_radix(answer.trim_start_matches("0X"), 16).ok()?;
-        return Some(bits & SPD_CHANNEL_1 != 0);
-    }
-    let header = asked.split_whitespace().next()?;
-    let leaf = header
-        .strip_suffix('?')?
-        .trim_end_matches(|c: char| c.is_ascii_digit());
-    let switch = [
-        "OUTP",
-        "OUTP:STAT",
-        "OUTPUT",
-        "OUTPUT:STATE",
-        ":OUTP",
-        "INP",
-        "INP:STAT",
-    ];
-    let about = switch
-        .iter()
-        .any(|end| leaf == *end || leaf.ends_with(&format!(":{end}")))
-        || header == "IN_MODE_05";
-    let first = answer.split([' ', ',']).find(|word| !word.contains(':'))?;
-    match first {
-        "1" | "ON" if about => Some(true),
-        "0" | "OFF" if about => Some(false),
-        _ => None,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn switches_of_all_dialects_are_read_and_nothing_else_is() {
-        for (asked, answer, expected) in [
-            ("OUTP?", "1", Some(true)),
-            ("C1:OUTP?", "C1:OUTP OFF,LOAD,HZ,PLRT,NOR", Some(false)),
-            ("C1:OUTP?", "C1:OUTP ON,LOAD,HZ,PLRT,NOR", Some(true)),
-            ("OUTP1?", "0", Some(false)),
-            ("OUTP? (@1)", "1", Some(true)),
-            (":OUTP? CH1", "ON", Some(true)),
-            (":INP?", "0", Some(false)),
-            (":SOUR:INP:STAT?", "1", Some(true)),
-            ("SYST:STAT?", "0x14", Some(true)),
-            ("SYST:STAT?", "0x4", Some(false)),
-            (":OUTP:OVP? CH1", "ON", None),
-            ("OUTP:MODE?", "1", None),
-            ("MEAS:VOLT?", "1", None),
-            ("*OPC?", "1", None),
+        for (model, asked, answer, expected) in [
+            ("kepco-bop-mg", "OUTP?", "1", Some(true)),
+            ("kepco-bop-mg", "OUTP:MODE?", "1", None),
+            ("kepco-bop-mg", "MEAS:VOLT?", "1", None),
+            ("kepco-bop-mg", "*OPC?", "1", None),
+            ("caenels-fast-ps", "MST", "#MST:08000003", Some(true)),
+            ("caenels-fast-ps", "MST", "#MST:08000002", Some(false)),
+            (
+                "siglent-sdg1000x",
+                "C1:OUTP?",
+                "C1:OUTP OFF,LOAD,HZ,PLRT,NOR",
+                Some(false),
+            ),
+            (
+                "siglent-sdg1000x",
+                "C1:OUTP?",
+                "C1:OUTP ON,LOAD,50,PLRT,NOR",
+                Some(true),
+            ),
+            ("keysight-33500b", "OUTP1?", "0", Some(false)),
+            ("keysight-33500b", "OUTP1:LOAD?", "1", None),
+            ("keysight-e36312a", "OUTP? (@1)", "1", Some(true)),
+            ("rigol-dp832", ":OUTP? CH1", "ON", Some(true)),
+            ("rigol-dp832", ":OUTP:OVP? CH1", "ON", None),
+            ("siglent-sdl1000x", ":INP?", "0", Some(false)),
+            ("rigol-dl3000", ":SOUR:INP:STAT?", "1", Some(true)),
+            ("siglent-spd3303x", "SYST:STAT?", "0x14", Some(true)),
+            ("siglent-spd3303x", "SYST:STAT?", "0x4", Some(false)),
+            ("huber-pb", "{M14****", "{S140001", Some(true)),
+            ("julabo", "IN_MODE_05", "0", Some(false)),
         ] {
-            assert_eq!(output(asked, answer), expected, "{asked} {answer}");
+            let known = KnownDialect::all()
+                .into_iter()
+                .find(|known| known.key == model);
+            let switch = known.unwrap().switch.unwrap();
+            assert_eq!(
+                switch.shows_on(asked, answer),
+                expected,
+                "{model} {asked} {answer}"
+            );
+        }
+    }
+
+    /// Roles without an output, and the board whose relays go off by themselves.
+    const WITHOUT_SWITCH: [&str; 3] = ["scope", "logger", "relay-thermostat"];
+
+    #[test]
+    fn every_dialect_that_has_an_output_tells_whether_it_is_on() {
+        for known in KnownDialect::all() {
+            let is_without = WITHOUT_SWITCH
+                .iter()
+                .any(|name| [known.role, known.key].contains(name));
+            assert_eq!(known.switch.is_none(), is_without, "{}", known.key);
         }
     }
 
@@ -134,7 +145,7 @@ mod tests {
         let text = "1.0 load > :INP?\n1.1 load < 1\n2.0 load > :MEAS:VOLT?\n2.5 load < 0\n\
         3.0 load * dropped: no answer\n";
         std::fs::write(folder.path().join("transcripts/load.txt"), text).unwrap();
-        let mut monitor = TranscriptMonitor::new(folder.path(), "load");
+        let mut monitor = TranscriptMonitor::new(folder.path(), "load", "siglent-sdl1000x");
         monitor.look();
         assert_eq!(
             (monitor.output, monitor.answered_s),

@@ -101,7 +101,10 @@ impl Watch {
                 let experiment = self.run.experiment.iter();
                 self.monitors = experiment
                     .flat_map(|experiment| experiment.bench.instruments.addressed())
-                    .map(|(role, _)| (role, TranscriptMonitor::new(folder, role)))
+                    .map(|(role, instrument)| {
+                        let monitor = TranscriptMonitor::new(folder, role, &instrument.model);
+                        (role, monitor)
+                    })
                     .collect();
             }
             Entry::Stage { stage } => self.position.begin_stage(stage, line.time_s),

@@ -32,6 +32,15 @@ pub trait Model: Send + Sync {
     fn settings(&self) -> &'static [Setting] {
         &[]
     }
+
+    /// The setting that tells whether its output or input is on, or its control of a bath; none of
+    /// one that has no such switch.
+    fn switch(&self) -> Option<Setting> {
+        self.settings()
+            .iter()
+            .copied()
+            .find(|setting| setting.is_switch)
+    }
 }
 
 /// End of a direct current of a load or a charger when no further message arrives, as far as its

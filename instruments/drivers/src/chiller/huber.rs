@@ -37,8 +37,9 @@ const SETTINGS: &[Setting] = &[
         question: "{M00****",
         name: "set-point",
         says: Says::Hundredths("°C"),
+        is_switch: false,
     },
-    Setting::state(
+    Setting::switch(
         "{M14****",
         "control",
         Says::States(&[

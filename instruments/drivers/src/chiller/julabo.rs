@@ -19,7 +19,7 @@ pub(super) struct Julabo;
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
     Setting::number("IN_SP_00", "set-point", "°C"),
-    Setting::state("IN_MODE_05", "control", ON_OFF),
+    Setting::switch("IN_MODE_05", "control", ON_OFF),
     Setting::state(
         "IN_MODE_04",
         "sensor",

@@ -14,6 +14,8 @@ pub struct Setting {
     pub name: &'static str,
     /// Meaning of its answers.
     pub says: Says,
+    /// It tells whether the instrument's output or input is on, or its control of a bath.
+    pub is_switch: bool,
 }
 
 /// How the answers of a setting are to be read.
@@ -74,6 +76,7 @@ impl Setting {
             question,
             name,
             says: Says::Number(unit),
+            is_switch: false,
         }
     }
 
@@ -83,6 +86,31 @@ impl Setting {
             question,
             name,
             says,
+            is_switch: false,
+        }
+    }
+
+    /// The setting that tells whether the instrument's output or input is on, or its control of a
+    /// bath.
+    pub const fn switch(question: &'static str, name: &'static str, says: Says) -> Self {
+        Self {
+            question,
+            name,
+            says,
+            is_switch: true,
+        }
+    }
+
+    /// Whether a switch is on by an answer; `None` where the question was another one.
+    pub fn shows_on(&self, question: &str, answer: &str) -> Option<bool> {
+        match self
+            .found(answer)
+            .filter(|_| self.answers(question))?
+            .as_str()
+        {
+            "on" => Some(true),
+            "off" => Some(false),
+            _ => None,
         }
     }
 
@@ -310,6 +338,7 @@ mod tests {
             question: "{M00****",
             name: "set-point",
             says: Says::Hundredths("°C"),
+            is_switch: false,
         },
     ];
 

@@ -36,7 +36,7 @@ pub(super) struct Keysight;
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting::state("OUTP#?", "output", ON_OFF),
+    Setting::switch("OUTP#?", "output", ON_OFF),
     Setting::state(
         "OUTP#:LOAD?",
         "assumed load",

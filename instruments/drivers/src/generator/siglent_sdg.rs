@@ -36,7 +36,7 @@ pub(super) struct Sdg;
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting::state(
+    Setting::switch(
         "C#:OUTP?",
         "output",
         Says::States(&[

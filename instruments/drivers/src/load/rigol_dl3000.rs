@@ -23,7 +23,7 @@ pub(super) struct Dl3000;
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting::state(":SOUR:INP:STAT?", "input", ON_OFF),
+    Setting::switch(":SOUR:INP:STAT?", "input", ON_OFF),
     Setting::state(
         ":SOUR:FUNC?",
         "function",

@@ -25,7 +25,7 @@ pub(super) struct Sdl;
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting::state(":INP?", "input", ON_OFF),
+    Setting::switch(":INP?", "input", ON_OFF),
     Setting::state(
         ":FUNC?",
         "function",

@@ -25,7 +25,7 @@ pub(super) struct Keysight;
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting::state("OUTP? (@1)", "output", ON_OFF),
+    Setting::switch("OUTP? (@1)", "output", ON_OFF),
     Setting::number("VOLT? (@1)", "voltage", "V"),
     Setting::number("CURR? (@1)", "current", "A"),
     Setting::number("VOLT:PROT? (@1)", "over-voltage protection", "V"),

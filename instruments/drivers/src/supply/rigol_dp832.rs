@@ -22,7 +22,7 @@ pub(super) struct Dp832;
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting::state(":OUTP? CH1", "output", ON_OFF),
+    Setting::switch(":OUTP? CH1", "output", ON_OFF),
     Setting::number(":SOUR1:VOLT?", "voltage", "V"),
     Setting::number(":SOUR1:CURR?", "current", "A"),
     Setting::number(":OUTP:OVP:VAL? CH1", "over-voltage protection", "V"),

@@ -24,7 +24,7 @@ pub(super) struct Spd;
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting::state(
+    Setting::switch(
         "SYST:STAT?",
         "output",
         Says::States(&[

@@ -46,7 +46,7 @@ pub(super) struct FastPs;
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting::state(
+    Setting::switch(
         "MST",
         "output",
         Says::States(&[(Shows::Bits(ON, ON), "on"), (Shows::Bits(ON, 0), "off")]),

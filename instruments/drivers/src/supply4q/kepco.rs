@@ -54,7 +54,7 @@ const FOLLOWS: Says = Says::States(&[
 
 /// Its settings in words.
 const SETTINGS: &[Setting] = &[
-    Setting::state("OUTP?", "output", ON_OFF),
+    Setting::switch("OUTP?", "output", ON_OFF),
     Setting::state(
         "OUTP:MODE?",
         "state of the output when off",
