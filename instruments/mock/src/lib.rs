@@ -23,6 +23,7 @@ mod jig;
 mod julabo;
 mod kepco;
 mod machine;
+mod messages;
 mod number;
 mod protocol_quirks;
 mod relay_board;
@@ -38,6 +39,7 @@ mod tree;
 mod world;
 
 pub use faults::{Fault, FaultLog, FaultSwitch, Happened, Schedule, Trouble, make_troubled};
+pub use messages::Messages;
 use plant::SharedPlant;
 use quirks::{Quirk, QuirkError, Quirks};
 pub use replay::{Divergence, Outcome, Replay};
@@ -59,6 +61,8 @@ pub struct Model {
     /// Message with the same effect as its protection, or a person at its panel, that switches the
     /// output off.
     pub panel_off: Option<&'static str>,
+    /// Messages whose effect the faults must know.
+    pub messages: Messages,
     /// Messages that another client might send to it, in several variants.
     pub meddling: &'static [&'static [&'static str]],
     /// Quirks that it has beside the common ones.
@@ -83,6 +87,7 @@ pub const MODELS: &[Model] = &[
         role: "supply4q",
         description: "Kepco BOP 1KW 50-20MG: ±50 V ±20 A, analog input selected by command",
         panel_off: Some("OUTP OFF"),
+        messages: Messages::metered(&["OUTP OFF"]),
         meddling: &[
             &["CURR:MODE FIX", "CURR 1.9"],
             &["CURR:LIM 20"],
@@ -98,6 +103,7 @@ pub const MODELS: &[Model] = &[
         role: "supply4q",
         description: "Kepco BOP 20-20 with BIT card: ±20 V ±20 A, analog input by wiring",
         panel_off: Some("OUTP OFF"),
+        messages: Messages::metered(&["OUTP OFF"]),
         meddling: &[&["OUTP OFF"], &["VOLT 20"]],
         own_quirks: &[quirks::KEPCO_LINEAR, quirks::QUEUE, quirks::REFUSES],
         make: |plant, options| {
@@ -115,6 +121,11 @@ pub const MODELS: &[Model] = &[
         role: "supply4q",
         description: "CAENels FAST-PS 2020-400: ±20 V ±20 A, analog input selected by command",
         panel_off: Some("MOFF"),
+        messages: Messages {
+            off: &["MOFF"],
+            off_answer: "#AK\r\n",
+            measure: &["MRV", "MRI"],
+        },
         meddling: &[&["UPMODE:NORMAL", "MWI:1.9"], &["MOFF"]],
         own_quirks: &[quirks::FAST_PS],
         make: |plant, options| Box::new(fast_ps::FastPs::new(plant, options)),
@@ -124,6 +135,10 @@ pub const MODELS: &[Model] = &[
         role: "generator",
         description: "Siglent SDG1032X: sine and offset on channel 1",
         panel_off: Some("C1:OUTP OFF"),
+        messages: Messages {
+            off: &["C#:OUTP OFF"],
+            ..Messages::NONE
+        },
         meddling: &[
             &["C1:BSWV AMP,2"],
             &["C1:BSWV OFST,0.43"],
@@ -140,6 +155,7 @@ pub const MODELS: &[Model] = &[
         role: "scope",
         description: "Siglent SDS824X HD: four channels, 12 bits",
         panel_off: None,
+        messages: Messages::NONE,
         meddling: &[
             &[":CHANnel2:SCALe 2"],
             &[":TIMebase:SCALe 1E-3"],
@@ -153,6 +169,7 @@ pub const MODELS: &[Model] = &[
         role: "scope",
         description: "Rigol DHO824: four channels, 12 bits",
         panel_off: None,
+        messages: Messages::NONE,
         meddling: &[
             &[":CHANnel2:SCALe 2"],
             &[":TIMebase:MAIN:SCALe 1E-3"],
@@ -166,6 +183,7 @@ pub const MODELS: &[Model] = &[
         role: "load",
         description: "Siglent SDL1020X-E: constant current to 30 A",
         panel_off: Some(":INP OFF"),
+        messages: Messages::metered(&[":INP OFF"]),
         meddling: &[
             &[":CURR:LEV:IMM 5"],
             &[":CURR:LEV:IMM 2", ":INP ON"],
@@ -179,6 +197,7 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Siglent SPD3303X: 32 V 3.2 A on channel 1",
         panel_off: Some("OUTP CH1,OFF"),
+        messages: Messages::metered(&["OUTP CH1,OFF"]),
         meddling: &[
             &["CH1:CURR 3"],
             &["CH1:VOLT 5", "CH1:CURR 1", "OUTP CH1,ON"],
@@ -192,6 +211,10 @@ pub const MODELS: &[Model] = &[
         role: "generator",
         description: "Keysight 33522B: sine and offset on channel 1",
         panel_off: Some("OUTP1 OFF"),
+        messages: Messages {
+            off: &["OUTP# OFF"],
+            ..Messages::NONE
+        },
         meddling: &[
             &["SOUR1:VOLT 2"],
             &["SOUR1:VOLT:OFFS 0.43"],
@@ -208,6 +231,7 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Keysight E36312A: 6 V 5 A on channel 1",
         panel_off: Some("OUTP OFF,(@1)"),
+        messages: Messages::metered(&["OUTP OFF,(@1)"]),
         meddling: &[
             &["CURR 3,(@1)"],
             &["VOLT 5,(@1)", "CURR 1,(@1)", "OUTP ON,(@1)"],
@@ -221,6 +245,7 @@ pub const MODELS: &[Model] = &[
         role: "supply",
         description: "Rigol DP832: 30 V 3 A on channel 1",
         panel_off: Some(":OUTP CH1,OFF"),
+        messages: Messages::metered(&[":OUTP CH1,OFF"]),
         meddling: &[
             &[":SOUR1:CURR 3"],
             &[":SOUR1:VOLT 5", ":SOUR1:CURR 1", ":OUTP CH1,ON"],
@@ -234,6 +259,7 @@ pub const MODELS: &[Model] = &[
         role: "load",
         description: "Rigol DL3021: constant current to 40 A",
         panel_off: Some(":INP OFF"),
+        messages: Messages::metered(&[":SOUR:INP:STAT OFF", ":INP OFF"]),
         meddling: &[
             &[":SOUR:CURR:LEV:IMM 5"],
             &[":SOUR:CURR:LEV:IMM 2", ":SOUR:INP:STAT ON"],
@@ -247,6 +273,7 @@ pub const MODELS: &[Model] = &[
         role: "chiller",
         description: "Huber Pilot ONE circulator, PB commands",
         panel_off: Some("{M140000"),
+        messages: Messages::measuring(&["{M01"]),
         meddling: &[&["{M001B58"], &["{M140000"]],
         own_quirks: &[quirks::HUBER],
         make: |plant, options| Box::new(huber::Huber::new(plant, options)),
@@ -256,6 +283,7 @@ pub const MODELS: &[Model] = &[
         role: "chiller",
         description: "Julabo CF31 circulator, serial",
         panel_off: Some("OUT_MODE_05 0"),
+        messages: Messages::measuring(&["IN_PV"]),
         meddling: &[&["OUT_SP_00 70.00"], &["OUT_MODE_05 0"]],
         own_quirks: &[quirks::JULABO],
         make: |plant, options| Box::new(julabo::Julabo::new(plant, options)),
@@ -265,6 +293,7 @@ pub const MODELS: &[Model] = &[
         role: "chiller",
         description: "a bath with a DS18B20, a heater and a cooler on relays, on one serial board",
         panel_off: Some("OFF"),
+        messages: Messages::measuring(&["TEMP"]),
         meddling: &[],
         own_quirks: &[quirks::RELAYS],
         make: |plant, options| Box::new(relay_board::RelayBoard::new(plant, options)),
@@ -274,6 +303,7 @@ pub const MODELS: &[Model] = &[
         role: "logger",
         description: "Siglent SDM3065X: one thermocouple on the cell",
         panel_off: None,
+        messages: Messages::measuring(&["READ?"]),
         meddling: &[],
         own_quirks: &[quirks::SDM, quirks::QUEUE],
         make: |plant, options| Box::new(sdm::Sdm::new(plant, options)),
@@ -283,6 +313,7 @@ pub const MODELS: &[Model] = &[
         role: "logger",
         description: "Keysight 34970A: thermocouples on 101 (cell), 102 (ambient), 103 (bath)",
         panel_off: None,
+        messages: Messages::measuring(&["READ?"]),
         meddling: &[],
         own_quirks: &[quirks::SCANNER, quirks::BLOCKS, quirks::QUEUE],
         make: |plant, options| Box::new(scanner::Scanner::new(plant, options)),
@@ -292,6 +323,7 @@ pub const MODELS: &[Model] = &[
         role: "jig",
         description: "the hands that clamp another fixture into the jig",
         panel_off: None,
+        messages: Messages::NONE,
         meddling: &[],
         own_quirks: &[],
         make: |plant, options| Box::new(jig::Jig::new(plant, options)),

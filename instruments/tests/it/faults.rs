@@ -7,12 +7,17 @@ use std::{
 };
 
 use instruments::{
+    chiller,
     clock::{Clock, TimeMode},
+    exchange::Exchange,
+    generator,
     link::{Link, LinkProfile},
+    load, logger,
     mock::{
         self, Fault, FaultLog, MockOptions, Schedule, make_troubled,
         plant::{Action, BipolarState},
     },
+    supply, supply4q,
     transcript::Tap,
     transport::MemoryHub,
 };
@@ -220,5 +225,64 @@ fn over_every_transport_the_faults_lead_to_no_wrong_answer() {
             happened > Fault::ALL.len() && answered > 10 * Fault::ALL.len(),
             "{kind:?}: {happened} faults, {answered} answers"
         );
+    }
+}
+
+/// The text that an exchange sends first.
+fn command(exchange: &Exchange) -> &str {
+    match exchange {
+        Exchange::Send(message) | Exchange::Set { message, .. } | Exchange::Ask { message, .. } => {
+            message
+        }
+        Exchange::Data { head, .. } => head,
+        Exchange::Refuse { message, .. } => panic!("{message} cannot be sent"),
+    }
+}
+
+/// The faults must know every command that a driver sends to switch its output off, and no other.
+fn knows_what_switches_off(key: &str, off: &[Exchange], on: &[Exchange]) {
+    let messages = &mock::model(key).unwrap().messages;
+    let count = |script: &[Exchange]| {
+        let texts = script.iter().map(command);
+        texts
+            .filter(|text| messages.switches_off(text.as_bytes()))
+            .count()
+    };
+    assert_eq!((count(off), count(on)), (1, 0), "{key}: {off:?}");
+}
+
+/// The faults must know every question that a driver asks for a measurement.
+fn knows_what_measures(key: &str, questions: &[&str]) {
+    let messages = &mock::model(key).unwrap().messages;
+    for question in questions {
+        assert!(messages.measures(question.as_bytes()), "{key}: {question}");
+    }
+}
+
+#[test]
+fn the_faults_know_what_the_drivers_send() {
+    for driver in supply4q::DIALECTS {
+        knows_what_switches_off(driver.key(), &driver.output(false), &driver.output(true));
+        knows_what_measures(driver.key(), &driver.measure());
+    }
+    for driver in supply::DIALECTS {
+        knows_what_switches_off(driver.key(), &driver.output(false), &driver.output(true));
+        knows_what_measures(driver.key(), &driver.measure());
+    }
+    for driver in load::DIALECTS {
+        knows_what_switches_off(driver.key(), &driver.input(false), &driver.input(true));
+        knows_what_measures(driver.key(), &driver.measure());
+    }
+    for driver in generator::DIALECTS {
+        for channel in [1, 2] {
+            let (off, on) = (driver.output(channel, false), driver.output(channel, true));
+            knows_what_switches_off(driver.key(), &off, &on);
+        }
+    }
+    for driver in chiller::DIALECTS {
+        knows_what_measures(driver.key(), &driver.queries()[..1]);
+    }
+    for driver in logger::DIALECTS {
+        knows_what_measures(driver.key(), &[driver.scan()]);
     }
 }

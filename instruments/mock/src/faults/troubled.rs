@@ -115,11 +115,11 @@ impl Troubled {
     /// Whether the fault means anything to this instrument.
     fn can(&self, fault: Fault) -> bool {
         match fault {
-            Fault::StuckOutput => self.known.panel_off.is_some() && self.known.role != "chiller",
+            Fault::StuckOutput => !self.known.messages.off.is_empty(),
             Fault::SecondClient => !self.known.meddling.is_empty(),
             Fault::ShortBlock => self.known.role == "scope",
             Fault::OffsetDrift => self.known.role == "supply4q",
-            Fault::FrozenMeter => !matches!(self.known.role, "generator" | "scope" | "jig"),
+            Fault::FrozenMeter => !self.known.messages.measure.is_empty(),
             _ => true,
         }
     }
@@ -133,28 +133,6 @@ impl Troubled {
             self.device = device;
         }
     }
-}
-
-/// A message that switches an output off, in any of the dialects.
-fn switches_off(message: &[u8]) -> bool {
-    let text = String::from_utf8_lossy(message).to_ascii_uppercase();
-    let output = ["OUTP", "INP", "MOFF"]
-        .iter()
-        .any(|word| text.contains(word));
-    let other = ["MODE", "PROT", "OVP", "OCP", "TRACK", "LOAD", "?"]
-        .iter()
-        .any(|word| text.contains(word));
-    output && !other && (text.contains("OFF") || text.ends_with('0'))
-}
-
-/// A question for a measurement, in any of the dialects.
-fn measures(message: &[u8]) -> bool {
-    let text = String::from_utf8_lossy(message).to_ascii_uppercase();
-    [
-        "MEAS", "MRV", "MRI", "READ?", "FETC", "IN_PV", "{M01", "TEMP",
-    ]
-    .iter()
-    .any(|word| text.contains(word))
 }
 
 /// A definite block without its last third, as one that is whole.
@@ -196,16 +174,18 @@ impl Device for Troubled {
         if self.schedule.repaired.is_so() {
             return self.device.handle(now_s, message);
         }
-        if self.lies.stuck && switches_off(message) {
+        let known = &self.known.messages;
+        if self.lies.stuck && known.switches_off(message) {
             // It says that it has done so where it answers every command.
-            return if message.starts_with(b"MOFF") {
-                b"#AK\r\n".to_vec()
-            } else {
-                Vec::new()
-            };
+            return known.off_answer.as_bytes().to_vec();
         }
         let mut reply = self.device.handle(now_s, message);
-        if let Some(frozen) = self.lies.frozen.as_mut().filter(|_| measures(message)) {
+        if let Some(frozen) = self
+            .lies
+            .frozen
+            .as_mut()
+            .filter(|_| known.measures(message))
+        {
             reply = frozen.entry(message.to_vec()).or_insert(reply).clone();
         }
         if self.lies.short {
@@ -310,33 +290,6 @@ impl Device for Troubled {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn the_messages_that_switch_off_are_known_in_every_dialect() {
-        for known in crate::MODELS
-            .iter()
-            .filter(|known| !matches!(known.role, "chiller"))
-        {
-            assert!(
-                known
-                    .panel_off
-                    .is_none_or(|off| switches_off(off.as_bytes())),
-                "{}",
-                known.key
-            );
-        }
-        for other in [
-            "OUTP ON",
-            "OUTP?",
-            "OUTP:MODE BATTERY",
-            ":OUTP:OCP CH1,OFF",
-            "C1:OUTP LOAD,HZ",
-            "CURR 0",
-            ":CURR:PROT:STAT OFF",
-        ] {
-            assert!(!switches_off(other.as_bytes()), "{other}");
-        }
-    }
 
     #[test]
     fn a_short_block_is_whole_by_its_own_head() {
