@@ -6,14 +6,15 @@ use std::path::{Path, PathBuf};
 use analysis::{
     diagnosis::{self, BaseModel, DiagnosisOptions, Fixture, Outcome, Verdict, gate, report},
     given::GivenModel,
+    ocv::OcvCurve,
     run_folder::{self, JOURNAL, SUMS},
 };
 
-use super::model_args::ModelArgs;
+use super::model_args::{DatasetModelArgs, ModelArgs};
 use crate::{
     config::Experiment,
     files,
-    investigate::dataset::{Loaded, Reading, read_as},
+    investigate::dataset::{Loaded, NamedFile, NamedFiles, Reading, read_as},
     investigate::next_experiment::{Setting, experiment_file},
     run::{Finished, Recorded},
     safety::failure::Failure,
@@ -31,9 +32,9 @@ pub struct DiagnoseArgs {
     pub data: PathBuf,
     /// The model to be judged.
     #[command(flatten)]
-    pub model: ModelArgs,
+    pub model: DatasetModelArgs,
     /// The OCV curve, as `ocv --out` writes it (`ocv.json`), where the model file holds none or
-    /// another is wanted.
+    /// another is wanted [default: `ocv` of dataset.toml]
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Write `diagnosis.html`, `diagnosis.json`, `diagnosis.md` with its pictures and, where
@@ -67,7 +68,7 @@ pub struct DiagnoseArgs {
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     let judged = Judged::read(
         &args.data,
-        &args.model,
+        &ModelArgs::from(&args.model),
         args.ocv.as_deref(),
         args.refused_points,
     )?;
@@ -210,6 +211,8 @@ pub(super) struct Judged {
     named: ModelArgs,
     /// The file that the curve was asked for from.
     ocv: Option<PathBuf>,
+    /// What the data set named and no argument did.
+    defaults: NamedFiles,
     /// The one cell that is meant, where there are several.
     specimen: Option<String>,
     /// The run folder of which it is a step: what it tells of files is told from there, so that a
@@ -220,21 +223,45 @@ pub(super) struct Judged {
 }
 
 impl Judged {
-    /// Reads both; the curve from `ocv`, the model file, or the cell's file of a run folder.
+    /// Reads both. The model is that of the arguments, else that of the data set. The curve is that
+    /// of `ocv`, of a model of the arguments, of the data set, of its model, or of the cell's file
+    /// of a run folder.
     pub(super) fn read(
         data: &Path,
         named: &ModelArgs,
         ocv: Option<&Path>,
         refused_points: bool,
     ) -> Result<Self, Failure> {
-        let option = if named.model.is_some() {
-            "--model "
-        } else {
-            ""
+        let reading = Reading {
+            refused_points,
+            ..Reading::default()
         };
-        let fail = |text: &str| Failure::Usage(format!("{option}{}: {text}", named.told()));
-        let file = named.read(None)?;
-        let given = ocv.map(files::read_curve).transpose()?;
+        let loaded = read_as(data, reading)?;
+        let named_model = loaded.named.model.clone().filter(|_| named.is_absent());
+        let fail = |text: &str| match &named_model {
+            Some(file) => Failure::from(file.complain(text)),
+            None if named.model.is_some() => {
+                Failure::Usage(format!("--model {}: {text}", named.told()))
+            }
+            None => Failure::Usage(format!("{}: {text}", named.told())),
+        };
+        let file = match &named_model {
+            Some(file) => named.read_named(file)?,
+            None if named.is_absent() => {
+                return Err(Failure::Usage(format!(
+                    "{}: expected --model, --erm, or `model` in its dataset.toml, found none",
+                    data.display()
+                )));
+            }
+            None => named.read(None)?,
+        };
+        let without_curve = ocv.is_none() && (named_model.is_some() || file.ocv.is_none());
+        let named_ocv = loaded.named.ocv.clone().filter(|_| without_curve);
+        let given = match (ocv, &named_ocv) {
+            (Some(path), _) => Some(files::read_curve(path)?),
+            (None, Some(file)) => Some(read_named_curve(file)?),
+            (None, None) => None,
+        };
         let mut curve = given.or_else(|| file.ocv.clone());
         if curve.is_none() && data.join(JOURNAL).is_file() {
             curve = Recorded::read(data)?.ocv().cloned();
@@ -252,23 +279,17 @@ impl Judged {
             erm: file.erm.clone(),
             ocv: curve,
         };
-        let (loaded, ocv) = (
-            read_as(
-                data,
-                Reading {
-                    refused_points,
-                    ..Reading::default()
-                },
-            )?,
-            ocv.map(Path::to_owned),
-        );
         Ok(Self {
             loaded,
             model,
             file,
             data: data.to_owned(),
             named: named.clone(),
-            ocv,
+            ocv: ocv.map(Path::to_owned),
+            defaults: NamedFiles {
+                model: named_model,
+                ocv: named_ocv,
+            },
             specimen: None,
             within: None,
             refused_points,
@@ -331,6 +352,7 @@ impl Judged {
             problems: self.loaded.problems.clone(),
             notes: self.loaded.notes.clone(),
             refused,
+            named: self.loaded.named.clone(),
         };
         let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
         let (specimen, within, refused_points) = (
@@ -345,10 +367,23 @@ impl Judged {
             data: self.data.clone(),
             named: self.named.clone(),
             ocv,
+            defaults: self.defaults.clone(),
             specimen,
             within,
             refused_points,
         }
+    }
+
+    /// The model's file, where it has one.
+    fn model_path(&self) -> Option<&Path> {
+        let by_data_set = self.defaults.model.as_ref().map(|file| file.path.as_path());
+        by_data_set.or(self.named.model.as_deref())
+    }
+
+    /// The file of the curve, where it has one of its own.
+    fn ocv_path(&self) -> Option<&Path> {
+        let by_data_set = self.defaults.ocv.as_ref().map(|file| file.path.as_path());
+        by_data_set.or(self.ocv.as_deref())
     }
 
     /// A path as it is told.
@@ -406,6 +441,16 @@ impl Judged {
         outcome.diagnosis.notes.extend(self.file.notes());
         Ok(outcome)
     }
+}
+
+/// The curve that a data set names. A complaint names the place that names it.
+fn read_named_curve(file: &NamedFile) -> Result<OcvCurve, Failure> {
+    files::read_curve(&file.path).map_err(|error| {
+        file.complain(format!(
+            "expected an OCV curve as `ocv --out` writes it; {error}"
+        ))
+        .into()
+    })
 }
 
 /// The recommended run as an experiment file, where there is one, and a bench and a cell for it.
@@ -491,9 +536,7 @@ fn page(
         (
             "model".to_owned(),
             judged
-                .named
-                .model
-                .as_deref()
+                .model_path()
                 .map_or_else(|| judged.named.erm.clone().unwrap_or_default(), hashed),
         ),
         (
@@ -514,7 +557,7 @@ fn page(
             judged.again(),
         ),
     ];
-    if let Some(ocv) = &judged.ocv {
+    if let Some(ocv) = judged.ocv_path() {
         page.provenance
             .insert(3, ("open-circuit voltage".to_owned(), hashed(ocv)));
     }

@@ -19,7 +19,8 @@ use crate::{files, safety::failure::Failure, support::terminal::say};
 /// Arguments of `effects`.
 #[derive(Debug, clap::Args)]
 pub struct EffectsArgs {
-    /// A data set for which to say what could be told apart; needs --model or --erm.
+    /// A data set for which to say what could be told apart; needs --model or --erm, unless its
+    /// `dataset.toml` names a model.
     #[arg(value_name = "DATASET")]
     pub data: Option<PathBuf>,
     /// The model of the data set's cell: a file of `fit`, `joint` or a run, JSON of `r_ohm` and

@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use analysis::given::GivenModel;
 
 use super::erm_text;
-use crate::{files, safety::failure::Failure, support::present::quoted};
+use crate::{
+    files, investigate::dataset::NamedFile, safety::failure::Failure, support::present::quoted,
+};
 
 /// Name of a model that was typed.
 pub(super) const TYPED: &str = "typed";
@@ -26,6 +28,34 @@ pub struct ModelArgs {
     /// [default: the band of its data, a decade more on each side]
     #[arg(long, value_name = "LOW,HIGH")]
     pub ladder_band_hz: Option<String>,
+}
+
+/// Which model, for a data set that may name one.
+#[derive(Debug, Clone, Default, clap::Args)]
+pub struct DatasetModelArgs {
+    /// The cell's model: a file of `fit`, `joint` or a run; JSON of `r_ohm` and `branches` alone;
+    /// or `circuit.json` of `fit --circuit`, followed by RC branches [default: `model` of
+    /// dataset.toml]
+    #[arg(long, value_name = "FILE")]
+    pub model: Option<PathBuf>,
+    /// The model typed: series resistance; then branches of resistance, capacitance or time
+    /// constant: "6.43 mΩ; 1.51 mΩ, 0.553 F; 0.66 mΩ, 4.6 ms".
+    #[arg(long, value_name = "TEXT", conflicts_with = "model")]
+    pub erm: Option<String>,
+    /// For circuit.json: lowest and highest frequency, Hz, at which the RC branches follow it
+    /// [default: the band of its data, a decade more on each side]
+    #[arg(long, value_name = "LOW,HIGH")]
+    pub ladder_band_hz: Option<String>,
+}
+
+impl From<&DatasetModelArgs> for ModelArgs {
+    fn from(args: &DatasetModelArgs) -> Self {
+        Self {
+            model: args.model.clone(),
+            erm: args.erm.clone(),
+            ladder_band_hz: args.ladder_band_hz.clone(),
+        }
+    }
 }
 
 impl ModelArgs {
@@ -67,6 +97,24 @@ impl ModelArgs {
         let band_hz = self.ladder_band_hz.as_deref().map(band).transpose()?;
         read_model(path, band_hz)
             .map_err(|error| Failure::Usage(format!("--model {}: {error}", path.display())))
+    }
+
+    /// Whether neither a file nor a text is given.
+    pub(super) fn is_absent(&self) -> bool {
+        self.model.is_none() && self.erm.is_none()
+    }
+
+    /// Reads the model that a data set names. A complaint names the place that names it.
+    ///
+    /// # Errors
+    /// A file that is no model.
+    pub(super) fn read_named(&self, file: &NamedFile) -> Result<GivenModel, Failure> {
+        let band_hz = self.ladder_band_hz.as_deref().map(band).transpose()?;
+        read_model(&file.path, band_hz).map_err(|error| {
+            let found = file.path.display();
+            let reason = format!("expected a model of `fit`, `joint` or a run; {found}: {error}");
+            file.complain(reason).into()
+        })
     }
 
     /// The model as it is called in messages.

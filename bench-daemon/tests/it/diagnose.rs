@@ -127,6 +127,70 @@ fn what_is_missing_is_told_and_ends_with_2() {
     );
 }
 
+/// Puts keys before everything else of `data/dataset.toml`.
+fn name_in_data_set(folder: &Path, keys: &str) {
+    let path = folder.join("data/dataset.toml");
+    let text = std::fs::read_to_string(&path).unwrap();
+    let runs = text.trim_start_matches(|c| c != '\n');
+    let name = text.strip_suffix(runs).unwrap();
+    assert!(name.starts_with("name = "), "{name}");
+    std::fs::write(&path, format!("{name}\n{keys}{runs}")).unwrap();
+}
+
+#[test]
+fn a_data_set_may_name_its_model_and_its_curve() {
+    let folder = tempfile::tempdir().unwrap();
+    let spec = Spec {
+        // A verdict that takes no fit.
+        corruption: Some(Corruption::VoltageMillivolts),
+        ..Spec::null(1)
+    };
+    campaign(folder.path(), &spec);
+    let data = folder.path().join("data");
+    let plain = || eis_bench(&[Path::new("diagnose"), &data]);
+    let refused = |text: &str| {
+        let output = plain();
+        let error = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(
+            output.status.code() == Some(2) && error.contains(text),
+            "{error}"
+        );
+    };
+    refused("data: expected --model, --erm, or `model` in its dataset.toml, found none");
+
+    let toml = std::fs::read_to_string(data.join("dataset.toml")).unwrap();
+    name_in_data_set(folder.path(), "model = \"../none.json\"\n");
+    refused("dataset.toml:2: model: expected a model of `fit`, `joint` or a run; ");
+    std::fs::write(data.join("dataset.toml"), &toml).unwrap();
+    name_in_data_set(folder.path(), "model = \"../bare.json\"\n");
+    refused("dataset.toml:2: model: expected an OCV curve in it, found none");
+    std::fs::write(data.join("dataset.toml"), &toml).unwrap();
+    let keys = "model = \"../bare.json\"\nocv = \"../bare.json\"\n";
+    name_in_data_set(folder.path(), keys);
+    refused("dataset.toml:3: ocv: expected an OCV curve as `ocv --out` writes it; ");
+
+    // The curve of the arguments takes the place of the data set's.
+    let model = folder.path().join("model.json");
+    let whole: serde_json::Value = crate::support::json(&model);
+    let curve = folder.path().join("ocv.json");
+    std::fs::write(&curve, whole["ocv"].to_string()).unwrap();
+    let words = [Path::new("diagnose"), &data, Path::new("--ocv"), &curve];
+    assert_eq!(eis_bench(&words).status.code(), Some(12));
+    let words = [Path::new("diagnose"), &data, Path::new("--model"), &model];
+    assert_eq!(eis_bench(&words).status.code(), Some(12));
+
+    std::fs::write(data.join("dataset.toml"), &toml).unwrap();
+    let keys = "model = \"../bare.json\"\nocv = \"../ocv.json\"\n";
+    name_in_data_set(folder.path(), keys);
+    let out = folder.path().join("out");
+    let words = [Path::new("diagnose"), &data, Path::new("--out"), &out];
+    assert_eq!(eis_bench(&words).status.code(), Some(12));
+    let page = std::fs::read_to_string(out.join("diagnosis.html")).unwrap();
+    for text in ["bare.json, SHA-256 ", "ocv.json, SHA-256 "] {
+        assert!(page.contains(text), "{text}");
+    }
+}
+
 #[test]
 fn the_catalogue_is_printed() {
     let text = String::from_utf8(eis_bench(&[Path::new("effects")]).stdout).unwrap();

@@ -1,7 +1,7 @@
 //! Reads and writes data sets for a diagnosis: a folder with `dataset.toml`, or a run folder of
 //! this program.
 //!
-//! `dataset.toml` holds a name, perhaps `[bench]` (the fields of
+//! `dataset.toml` holds a name, perhaps a model and an OCV curve, perhaps `[bench]` (the fields of
 //! [`BenchHistory`](analysis::diagnosis::BenchHistory)), perhaps `[calibration]` (the fields of
 //! [`CommonError`]), and a `[[runs]]` for each run. `docs/reference-dataset.md` lists all keys.
 //!
@@ -10,6 +10,7 @@
 
 mod files;
 mod loaded;
+mod named;
 mod raw;
 mod resolve;
 mod run_folder;
@@ -22,6 +23,7 @@ use crate::config::ConfigError;
 pub use files::DataSetProblem;
 use loaded::Flagged;
 pub use loaded::{DATASET_FILE, Loaded, Reading};
+pub use named::{NamedFile, NamedFiles};
 pub use write::write_dataset;
 
 /// Reads a data set: a `dataset.toml`, the folder that holds one, or a run folder.

@@ -15,6 +15,12 @@ use serde::Deserialize;
 pub(super) struct File {
     /// Name of the data set.
     pub(super) name: String,
+    /// Path of the cell's model, from the folder of this file. Left out: `--model` or `--erm` must
+    /// be given.
+    pub(super) model: Option<String>,
+    /// Path of the cell's OCV curve, from the folder of this file. `--ocv` and the curve of a model
+    /// given by `--model` take its place. Left out: the model must hold one, or `--ocv` be given.
+    pub(super) ocv: Option<String>,
     /// Errors of the bench as its past shows them. Left out: they are assumed.
     pub(super) bench: Option<BenchHistory>,
     /// Error that the correction leaves in all spectra alike, if the standard deviations of the

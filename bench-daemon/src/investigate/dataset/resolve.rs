@@ -13,7 +13,7 @@ use analysis::{
 };
 
 use super::{
-    DataSetProblem, Flagged, Loaded, Reading,
+    DataSetProblem, Flagged, Loaded, NamedFile, NamedFiles, Reading,
     files::{self, FileError, Files},
     raw,
 };
@@ -73,6 +73,12 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         problems,
         notes: Vec::new(),
         refused: Vec::new(),
+        named: NamedFiles {
+            model: raw
+                .model
+                .map(|path| NamedFile::new(&source, "model", &path)),
+            ocv: raw.ocv.map(|path| NamedFile::new(&source, "ocv", &path)),
+        },
     };
     for flagged in resolver.flagged {
         loaded.flag(&Flagged {
