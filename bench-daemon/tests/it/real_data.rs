@@ -1,5 +1,6 @@
-//! Diagnoses of measured cells, of which nobody knows the truth. The measured files are not part of
-//! the project: without them the tests pass over.
+//! Diagnoses of measured cells, of which nobody knows the truth. Tables trimmed from the measured
+//! files are part of the project (`fixtures/data/cells`). The full files are not: where they stand in
+//! a folder `shared` beside the project, one test compares both.
 
 use std::{
     path::{Path, PathBuf},
@@ -8,8 +9,8 @@ use std::{
 
 use serde_json::Value;
 
-/// The folder of the measured files, where it is.
-fn measured() -> Option<PathBuf> {
+/// The folder of the full files, where it is.
+fn full_files() -> Option<PathBuf> {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data");
     if !folder.is_dir() {
         eprintln!("skipped: no measured data in {}", folder.display());
@@ -41,22 +42,114 @@ fn run(folder: &Path, words: &[&str]) -> Vec<u8> {
     output.stdout
 }
 
-/// The diagnosis of a data set of `configs/datasets`, with `ocv/ocv.json` in the folder.
-fn diagnosis(folder: &Path, set: &str, model: &str) -> Value {
-    let set = project(&format!("configs/datasets/{set}"));
-    serde_json::from_slice(&run(
-        folder,
+/// The diagnosis of a data set of `configs/datasets`, with what it names and these arguments.
+fn diagnosis(set: &str, more: &[&str]) -> Value {
+    diagnosis_of(&project(&format!("configs/datasets/{set}")), more)
+}
+
+fn diagnosis_of(set: &str, more: &[&str]) -> Value {
+    let words = [&["diagnose", set, "--json"], more].concat();
+    serde_json::from_slice(&run(Path::new("."), &words)).unwrap()
+}
+
+/// Arguments of `ocv` and `fit` that make the curves and models beside the tables: the folder of
+/// the tables and the name of the file, then the arguments. A part in angle brackets is a table.
+const MADE: [(&str, &str, &[&str]); 5] = [
+    (
+        "panasonic_18650pf_25C",
+        "ocv.json",
+        &["ocv", "<c20_ocv.bdf.csv>", "--dcir-ohm", "0.04"],
+    ),
+    ("panasonic_18650pf_25C", "model_3rc.json", &PANASONIC_FIT),
+    ("panasonic_18650pf_10C", "model_3rc.json", &PANASONIC_FIT),
+    (
+        "p45b_25C",
+        "model_4rc.json",
         &[
-            "diagnose",
-            &set,
-            "--model",
-            model,
-            "--ocv",
-            "ocv/ocv.json",
-            "--json",
+            "fit",
+            "<../../spectra/p45b_thesis.csv>",
+            "--pool",
+            "--rc",
+            "4",
         ],
-    ))
-    .unwrap()
+    ),
+    (
+        "a123_26650_25C",
+        "ocv.json",
+        &[
+            "ocv",
+            "<A123_OCV_P25_S1.bdf.csv>",
+            "--charge",
+            "<A123_OCV_P25_S3.bdf.csv>",
+            "--mean",
+            "--dcir-ohm",
+            "0.031",
+            "--low-v",
+            "2.0",
+            "--high-v",
+            "3.6",
+        ],
+    ),
+];
+
+const PANASONIC_FIT: [&str; 8] = [
+    "fit",
+    "<eis_07.csv>",
+    "--from-hz",
+    "0.1",
+    "--to-hz",
+    "300",
+    "--rc",
+    "3",
+];
+
+/// Runs such arguments; `table` says where a table is.
+fn make(folder: &Path, words: &[&str], table: impl Fn(&str) -> String) {
+    let words: Vec<String> = words
+        .iter()
+        .map(|word| match word.strip_prefix('<') {
+            Some(name) => table(name.trim_end_matches('>')),
+            None => (*word).to_owned(),
+        })
+        .chain(["--out".to_owned(), "made".to_owned()])
+        .collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    run(folder, &words);
+}
+
+/// Numbers may differ by rounding, of another processor.
+fn assert_alike(met: &Value, stored: &Value, place: &str) {
+    match (met, stored) {
+        (Value::Object(a), Value::Object(b)) => {
+            assert!(a.keys().eq(b.keys()), "{place}");
+            for (key, value) in a {
+                assert_alike(value, &b[key], &format!("{place}.{key}"));
+            }
+        }
+        (Value::Array(a), Value::Array(b)) => {
+            assert_eq!(a.len(), b.len(), "{place}");
+            for (k, (a, b)) in a.iter().zip(b).enumerate() {
+                assert_alike(a, b, &format!("{place}[{k}]"));
+            }
+        }
+        (Value::Number(a), Value::Number(b)) => {
+            let (a, b) = (a.as_f64().unwrap(), b.as_f64().unwrap());
+            assert!((a - b).abs() <= 1e-6 * b.abs() + 1e-12, "{place}: {a} {b}");
+        }
+        _ => assert_eq!(met, stored, "{place}"),
+    }
+}
+
+#[test]
+fn curves_and_models_beside_the_tables_are_what_the_commands_make() {
+    for (tables, file, words) in MADE {
+        let tables = project(&format!("fixtures/data/cells/{tables}"));
+        let folder = tempfile::tempdir().unwrap();
+        make(folder.path(), words, |name| format!("{tables}/{name}"));
+        let met = crate::support::json(&folder.path().join("made").join(file));
+        let stored = crate::support::json(&Path::new(&tables).join(file));
+        assert_alike(&met, &stored, &format!("{tables}/{file}"));
+    }
 }
 
 fn names(list: &Value) -> Vec<&str> {
@@ -65,6 +158,13 @@ fn names(list: &Value) -> Vec<&str> {
         .iter()
         .map(|e| e["name"].as_str().unwrap())
         .collect()
+}
+
+/// Names of the rivals, sorted.
+fn rivals(d: &Value) -> Vec<&str> {
+    let mut rivals = names(&d["rivals"]);
+    rivals.sort_unstable();
+    rivals
 }
 
 /// The gaps of a held-out run in mV: by the model file, refitted, augmented.
@@ -87,54 +187,17 @@ fn within(met: [f64; 3], seen: [f64; 3]) {
     );
 }
 
-fn panasonic(rc: &str) -> Option<Value> {
-    let data = measured()?.join("cells/panasonic_18650pf_25C");
-    let folder = tempfile::tempdir().unwrap();
-    let file = |name: &str| data.join(name).to_str().unwrap().to_owned();
-    run(
-        folder.path(),
-        &[
-            "ocv",
-            &file("c20_ocv.bdf.csv"),
-            "--dcir-ohm",
-            "0.04",
-            "--out",
-            "ocv",
-        ],
-    );
-    let words = [
-        "fit",
-        &file("eis/eis_07.csv"),
-        "--from-hz",
-        "0.1",
-        "--to-hz",
-        "300",
-        "--rc",
-        rc,
-        "--out",
-        "fit",
-    ];
-    run(folder.path(), &words);
-    Some(diagnosis(
-        folder.path(),
-        "panasonic_50soc",
-        &format!("fit/model_{}rc.json", if rc == "auto" { "6" } else { rc }),
-    ))
-}
-
 #[test]
 #[ignore = "drill"]
 fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
-    let Some(d) = panasonic("3") else { return };
+    let d = diagnosis("panasonic_50soc", &[]);
     assert_eq!(
         (d["verdict"].as_str().unwrap(), names(&d["effects"])),
         ("unexplained", vec!["diffusion"])
     );
     // A slow process with a power law at its onset: which of its forms, data without repeats cannot
     // tell.
-    let mut rivals = names(&d["rivals"]);
-    rivals.sort_unstable();
-    assert_eq!(rivals, ["cpe", "warburg"]);
+    assert_eq!(rivals(&d), ["cpe", "warburg"]);
     within(gap_mv(&d, "2C"), [14.59, 8.74, 3.45]);
     within(gap_mv(&d, "6C"), [34.25, 16.15, 5.82]);
     // No repeats: whatever is left, it is not said to be noise.
@@ -149,9 +212,32 @@ fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
     );
 }
 
+/// Half as much again is missing at 10 °C. The names close the gap at 2C and open it at 6C: what
+/// depends on the current is not among them.
+#[test]
+#[ignore = "drill"]
+fn cold_panasonic_lacks_more_and_its_names_fail_at_the_greatest_current() {
+    let d = diagnosis("panasonic_10c", &[]);
+    assert_eq!(
+        (d["verdict"].as_str().unwrap(), names(&d["effects"])),
+        ("unexplained", vec!["diffusion", "rc_slow"])
+    );
+    assert_eq!(rivals(&d), ["cpe", "warburg"]);
+    within(gap_mv(&d, "2C"), [21.7, 11.7, 2.79]);
+    within(gap_mv(&d, "6C"), [46.7, 16.7, 24.0]);
+}
+
 #[test]
 fn six_branches_imitate_the_diffusion_of_panasonic() {
-    let Some(d) = panasonic("auto") else { return };
+    let tables = project("fixtures/data/cells/panasonic_18650pf_25C");
+    let folder = tempfile::tempdir().unwrap();
+    let words: Vec<&str> = PANASONIC_FIT
+        .iter()
+        .map(|word| if *word == "3" { "auto" } else { word })
+        .collect();
+    make(folder.path(), &words, |name| format!("{tables}/{name}"));
+    let model = folder.path().join("made/model_6rc.json");
+    let d = diagnosis("panasonic_50soc", &["--model", model.to_str().unwrap()]);
     assert_eq!(
         (d["verdict"].as_str().unwrap(), names(&d["effects"])),
         ("unexplained", Vec::new())
@@ -160,49 +246,18 @@ fn six_branches_imitate_the_diffusion_of_panasonic() {
     within(gap_mv(&d, "6C"), [16.83, 5.91, 5.91]);
 }
 
-fn p45b(set: &str) -> Option<Value> {
-    let slow = measured()?.join("p45b/cycler_25C/2023_08_25-13_19_52_discharge_1A.csv");
-    let folder = tempfile::tempdir().unwrap();
-    run(
-        folder.path(),
-        &[
-            "ocv",
-            slow.to_str().unwrap(),
-            "--dcir-ohm",
-            "0.0137",
-            "--out",
-            "ocv",
-        ],
-    );
-    run(
-        folder.path(),
-        &[
-            "fit",
-            &project("fixtures/data/spectra/p45b_thesis.csv"),
-            "--pool",
-            "--rc",
-            "4",
-            "--out",
-            "fit",
-        ],
-    );
-    Some(diagnosis(folder.path(), set, "fit/model_4rc.json"))
-}
-
 #[test]
 #[ignore = "drill"]
 fn pulses_of_p45b_relax_slower_than_its_spectra_and_do_not_tell_why() {
-    let Some(d) = p45b("p45b_pulses") else { return };
+    let d = diagnosis("p45b_pulses", &[]);
     assert_eq!(
         (d["verdict"].as_str().unwrap(), names(&d["effects"])),
         ("ambiguous", vec!["surface_soc"])
     );
-    let mut rivals = names(&d["rivals"]);
-    rivals.sort_unstable();
-    assert_eq!(rivals, ["cpe", "diffusion"]);
-    within(gap_mv(&d, "pulse_4"), [0.481, 0.451, 0.372]);
-    within(gap_mv(&d, "pulse_6"), [0.426, 0.380, 0.296]);
-    within(gap_mv(&d, "pulse_8"), [0.460, 0.444, 0.454]);
+    assert_eq!(rivals(&d), ["cpe", "diffusion"]);
+    within(gap_mv(&d, "pulse_4"), [0.480, 0.451, 0.369]);
+    within(gap_mv(&d, "pulse_6"), [0.428, 0.382, 0.300]);
+    within(gap_mv(&d, "pulse_8"), [0.460, 0.444, 0.451]);
     assert!(
         d["noise"]["from_repeats"] == false,
         "the sweeps repeat, the pulses do not"
@@ -211,7 +266,7 @@ fn pulses_of_p45b_relax_slower_than_its_spectra_and_do_not_tell_why() {
 
 #[test]
 fn a_direct_current_changes_p45b_in_no_way_of_the_catalogue() {
-    let Some(d) = p45b("p45b_bias") else { return };
+    let d = diagnosis("p45b_bias", &[]);
     assert_eq!(d["verdict"], "unexplained");
     let gap = &d["gap_spectra"][0];
     let met = ["eis_only_percent", "base_percent", "augmented_percent"]
@@ -224,37 +279,7 @@ fn a_direct_current_changes_p45b_in_no_way_of_the_catalogue() {
 #[test]
 #[ignore = "drill"]
 fn hysteresis_of_a123_is_seen_and_its_form_is_not_the_catalogues() {
-    let Some(data) = measured() else { return };
-    let file = |name: &str| {
-        data.join("cells/a123_26650_25C")
-            .join(name)
-            .to_str()
-            .unwrap()
-            .to_owned()
-    };
-    let folder = tempfile::tempdir().unwrap();
-    let (down, up) = (file("A123_OCV_P25_S1.csv"), file("A123_OCV_P25_S3.csv"));
-    let words = [
-        "ocv",
-        &down,
-        "--charge",
-        &up,
-        "--mean",
-        "--dcir-ohm",
-        "0.031",
-        "--low-v",
-        "2.0",
-        "--high-v",
-        "3.6",
-        "--out",
-        "ocv",
-    ];
-    run(folder.path(), &words);
-    let d = diagnosis(
-        folder.path(),
-        "a123_lfp",
-        &project("configs/datasets/a123_lfp/model.json"),
-    );
+    let d = diagnosis("a123_lfp", &[]);
     assert_eq!(
         (d["verdict"].as_str().unwrap(), names(&d["effects"])),
         ("unexplained", Vec::new())
@@ -274,4 +299,97 @@ fn hysteresis_of_a123_is_seen_and_its_form_is_not_the_catalogues() {
         .collect();
     assert_eq!(best, ["hysteresis"]);
     within(gap_mv(&d, "cycle_05"), [19.99, 17.86, 17.86]);
+}
+
+/// Tables of the project, the full file of each, and the direction of a current without a sign.
+const FULL: [(&str, &str, &str); 6] = [
+    (
+        "panasonic_18650pf_25C/pulses.bdf.csv",
+        "cells/panasonic_18650pf_25C/five_pulse_hppc.bdf.csv",
+        "charge",
+    ),
+    (
+        "panasonic_18650pf_10C/pulses.bdf.csv",
+        "cells/panasonic_18650pf_10C/five_pulse_hppc.bdf.csv",
+        "charge",
+    ),
+    (
+        "p45b_25C/pulses.bdf.csv",
+        "p45b/cycler_25C/2023_08_29-14_19_21_discharge_1A_pulse_2A.csv",
+        "discharge",
+    ),
+    (
+        "a123_26650_25C/A123_OCV_P25_S1.bdf.csv",
+        "cells/a123_26650_25C/A123_OCV_P25_S1.csv",
+        "charge",
+    ),
+    (
+        "a123_26650_25C/A123_OCV_P25_S3.bdf.csv",
+        "cells/a123_26650_25C/A123_OCV_P25_S3.csv",
+        "charge",
+    ),
+    (
+        "a123_26650_25C/A123_DYN_50_P25_s1.bdf.csv",
+        "cells/a123_26650_25C/A123_DYN_50_P25_s1.csv",
+        "discharge",
+    ),
+];
+
+/// A data set of `configs/datasets` in a folder, with the full files in the place of the tables.
+fn with_full_files(set: &str, full: &Path, folder: &Path) {
+    let toml = project(&format!("configs/datasets/{set}/dataset.toml"));
+    let mut text = std::fs::read_to_string(toml).unwrap();
+    for (table, file, positive) in FULL {
+        let table = format!("\"../../../fixtures/data/cells/{table}\"");
+        let file = full.join(file);
+        let file = format!(
+            "{:?}\ncurrent_positive = \"{positive}\"",
+            file.to_str().unwrap()
+        );
+        text = text.replace(&table, &file);
+    }
+    let text = text.replace("../../..", &project("")).replace(
+        "\"model.json\"",
+        &format!("{:?}", project("configs/datasets/a123_lfp/model.json")),
+    );
+    std::fs::write(folder.join("dataset.toml"), text).unwrap();
+}
+
+#[test]
+#[ignore = "drill"]
+fn trimmed_tables_tell_the_same_as_the_full_files() {
+    let Some(full) = full_files() else { return };
+    for (set, held_out) in [
+        ("panasonic_50soc", ["2C", "6C"].as_slice()),
+        ("panasonic_10c", &["2C", "6C"]),
+        ("p45b_pulses", &["pulse_4", "pulse_6", "pulse_8"]),
+        ("a123_lfp", &["cycle_05"]),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        with_full_files(set, &full, folder.path());
+        let mut more = Vec::new();
+        if set == "a123_lfp" {
+            // The only curve that is of trimmed tables.
+            let file = |name: &str| full.join("cells/a123_26650_25C").join(name);
+            make(folder.path(), MADE[4].2, |name| {
+                let name = name.replace(".bdf", "");
+                file(&name).to_str().unwrap().to_owned()
+            });
+            let curve = folder.path().join("made/ocv.json");
+            more = vec!["--ocv".to_owned(), curve.to_str().unwrap().to_owned()];
+        }
+        let more: Vec<&str> = more.iter().map(String::as_str).collect();
+        let of_full = diagnosis_of(folder.path().to_str().unwrap(), &more);
+        let of_trimmed = diagnosis(set, &[]);
+        assert_eq!(of_full["verdict"], of_trimmed["verdict"], "{set}");
+        assert_eq!(
+            names(&of_full["effects"]),
+            names(&of_trimmed["effects"]),
+            "{set}"
+        );
+        assert_eq!(rivals(&of_full), rivals(&of_trimmed), "{set}");
+        for run in held_out {
+            within(gap_mv(&of_trimmed, run), gap_mv(&of_full, run));
+        }
+    }
 }
