@@ -14,7 +14,7 @@ use super::model_args::{DatasetModelArgs, ModelArgs};
 use crate::{
     config::Experiment,
     files,
-    investigate::dataset::{Loaded, NamedFile, NamedFiles, Reading, read_as},
+    investigate::dataset::{Loaded, NamedFile, NamedFiles, Reading, named_files, read_as},
     investigate::next_experiment::{Setting, experiment_file},
     run::{Finished, Recorded},
     safety::failure::Failure,
@@ -232,12 +232,11 @@ impl Judged {
         ocv: Option<&Path>,
         refused_points: bool,
     ) -> Result<Self, Failure> {
-        let reading = Reading {
-            refused_points,
-            ..Reading::default()
-        };
-        let loaded = read_as(data, reading)?;
-        let named_model = loaded.named.model.clone().filter(|_| named.is_absent());
+        let NamedFiles {
+            model: in_set,
+            ocv: curve_in_set,
+        } = named_files(data)?;
+        let named_model = in_set.filter(|_| named.is_absent());
         let fail = |text: &str| match &named_model {
             Some(file) => Failure::from(file.complain(text)),
             None if named.model.is_some() => {
@@ -256,7 +255,7 @@ impl Judged {
             None => named.read(None)?,
         };
         let without_curve = ocv.is_none() && (named_model.is_some() || file.ocv.is_none());
-        let named_ocv = loaded.named.ocv.clone().filter(|_| without_curve);
+        let named_ocv = curve_in_set.filter(|_| without_curve);
         let given = match (ocv, &named_ocv) {
             (Some(path), _) => Some(files::read_curve(path)?),
             (None, Some(file)) => Some(read_named_curve(file)?),
@@ -279,8 +278,12 @@ impl Judged {
             erm: file.erm.clone(),
             ocv: curve,
         };
+        let reading = Reading {
+            refused_points,
+            ..Reading::default()
+        };
         Ok(Self {
-            loaded,
+            loaded: read_as(data, reading)?,
             model,
             file,
             data: data.to_owned(),
@@ -352,7 +355,6 @@ impl Judged {
             problems: self.loaded.problems.clone(),
             notes: self.loaded.notes.clone(),
             refused,
-            named: self.loaded.named.clone(),
         };
         let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
         let (specimen, within, refused_points) = (

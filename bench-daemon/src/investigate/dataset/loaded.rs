@@ -7,7 +7,7 @@ use analysis::{
     spectrum::FlaggedPoint,
 };
 
-use super::{files::DataSetProblem, named::NamedFiles};
+use super::files::DataSetProblem;
 use crate::support::present;
 
 /// Name of the file that makes a folder a data set.
@@ -25,8 +25,6 @@ pub struct Loaded {
     /// Points that the quality gate of their measurement has refused, by the names of their runs,
     /// and whether they are used all the same.
     pub refused: Vec<RefusedPoint>,
-    /// Files that a diagnosis takes where its arguments name none.
-    pub named: NamedFiles,
 }
 
 /// How a data set is read.

@@ -16,7 +16,7 @@ mod resolve;
 mod run_folder;
 mod write;
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use crate::config::ConfigError;
 
@@ -40,14 +40,29 @@ pub fn read_dataset(path: &Path) -> Result<Loaded, ConfigError> {
 /// # Errors
 /// As [`read_dataset`].
 pub fn read_as(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
+    match listing(path) {
+        Some(file) => resolve::read(&file, how),
+        None => run_folder::read(path, how),
+    }
+}
+
+/// Files that a data set names for a diagnosis; none where it is a run folder.
+///
+/// # Errors
+/// [`ConfigError`] for a `dataset.toml` that is not as expected.
+pub fn named_files(path: &Path) -> Result<NamedFiles, ConfigError> {
+    match listing(path) {
+        Some(file) => resolve::named_files(&file),
+        None => Ok(NamedFiles::default()),
+    }
+}
+
+/// The file that lists the runs, where there is one.
+fn listing(path: &Path) -> Option<PathBuf> {
     if path.is_file() {
-        return resolve::read(path, how);
+        return Some(path.to_owned());
     }
-    let listed = path.join(DATASET_FILE);
-    if listed.is_file() {
-        return resolve::read(&listed, how);
-    }
-    run_folder::read(path, how)
+    Some(path.join(DATASET_FILE)).filter(|file| file.is_file())
 }
 
 #[cfg(test)]

@@ -73,12 +73,6 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         problems,
         notes: Vec::new(),
         refused: Vec::new(),
-        named: NamedFiles {
-            model: raw
-                .model
-                .map(|path| NamedFile::new(&source, "model", &path)),
-            ocv: raw.ocv.map(|path| NamedFile::new(&source, "ocv", &path)),
-        },
     };
     for flagged in resolver.flagged {
         loaded.flag(&Flagged {
@@ -88,6 +82,20 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     }
     loaded.leave_out_refused();
     Ok(loaded)
+}
+
+/// Reads which files the file names for a diagnosis.
+///
+/// # Errors
+/// A file that cannot be read, or that holds what it must not.
+pub(super) fn named_files(path: &Path) -> Result<NamedFiles, ConfigError> {
+    let source = Source::read(path)?;
+    let raw: raw::File = source.parse()?;
+    let file = |key, path: Option<String>| path.map(|path| NamedFile::new(&source, key, &path));
+    Ok(NamedFiles {
+        model: file("model", raw.model),
+        ocv: file("ocv", raw.ocv),
+    })
 }
 
 /// Runs that state no start begin when the one before ends.

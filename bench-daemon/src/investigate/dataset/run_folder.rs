@@ -19,7 +19,7 @@ use analysis::{
 use serde::Deserialize;
 
 use super::{
-    DataSetProblem, Flagged, Loaded, NamedFiles, Reading,
+    DataSetProblem, Flagged, Loaded, Reading,
     files::{self, FileError, Files},
     raw::sign,
     resolve::{CONTROL_SOC, stem},
@@ -90,7 +90,6 @@ fn empty(name: String) -> Loaded {
         problems: Vec::new(),
         notes: Vec::new(),
         refused: Vec::new(),
-        named: NamedFiles::default(),
     }
 }
 
