@@ -1,6 +1,6 @@
 //! Diagnoses of measured cells, of which nobody knows the truth. Tables trimmed from the measured
-//! files are part of the project (`fixtures/data/cells`). The full files are not: where they stand in
-//! a folder `shared` beside the project, one test compares both.
+//! files are part of the project (`fixtures/data/cells`). The full files are not. Where they stand
+//! in a folder `shared` beside the project, one test compares both.
 
 use std::{
     path::{Path, PathBuf},
@@ -198,8 +198,8 @@ fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
     // A slow process with a power law at its onset: which of its forms, data without repeats cannot
     // tell.
     assert_eq!(rivals(&d), ["cpe", "warburg"]);
-    within(gap_mv(&d, "2C"), [14.59, 8.74, 3.45]);
-    within(gap_mv(&d, "6C"), [34.25, 16.15, 5.82]);
+    within(gap_mv(&d, "2C"), [14.71, 8.74, 3.45]);
+    within(gap_mv(&d, "6C"), [35.23, 16.15, 5.82]);
     // No repeats: whatever is left, it is not said to be noise.
     assert!(
         d["noise"]["from_repeats"] == false
@@ -212,7 +212,7 @@ fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
     );
 }
 
-/// Half as much again is missing at 10 °C. The names close the gap at 2C and open it at 6C: what
+/// More is missing at 10 °C than at 25 °C. The names close the gap at 2C and open it at 6C: what
 /// depends on the current is not among them.
 #[test]
 #[ignore = "drill"]
@@ -223,8 +223,8 @@ fn cold_panasonic_lacks_more_and_its_names_fail_at_the_greatest_current() {
         ("unexplained", vec!["diffusion", "rc_slow"])
     );
     assert_eq!(rivals(&d), ["cpe", "warburg"]);
-    within(gap_mv(&d, "2C"), [21.7, 11.7, 2.79]);
-    within(gap_mv(&d, "6C"), [46.7, 16.7, 24.0]);
+    within(gap_mv(&d, "2C"), [21.67, 11.65, 2.79]);
+    within(gap_mv(&d, "6C"), [46.66, 16.66, 24.04]);
 }
 
 #[test]
@@ -298,7 +298,7 @@ fn hysteresis_of_a123_is_seen_and_its_form_is_not_the_catalogues() {
         .take(1)
         .collect();
     assert_eq!(best, ["hysteresis"]);
-    within(gap_mv(&d, "cycle_05"), [19.99, 17.86, 17.86]);
+    within(gap_mv(&d, "cycle_05"), [19.98, 17.86, 17.86]);
 }
 
 /// Tables of the project, the full file of each, and the direction of a current without a sign.
