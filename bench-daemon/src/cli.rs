@@ -137,6 +137,8 @@ enum Command {
     /// Fit the model to spectra and pulses together; say by how much the spectra alone miss the
     /// pulses.
     Joint(command::joint::JointArgs),
+    /// Make a data set for `diagnose` from spectra and logs of a cycler.
+    Dataset(command::dataset::DatasetArgs),
     /// Find where a model and a data set disagree, which effect is missing, and whether adding it
     /// closes the gap.
     Diagnose(command::diagnose::DiagnoseArgs),
@@ -187,6 +189,7 @@ pub fn main() -> ExitCode {
         Command::Ocv(args) => command::ocv::ocv(&args),
         Command::Simulate(args) => command::simulate::simulate(&args),
         Command::Joint(args) => command::joint::joint(&args),
+        Command::Dataset(args) => command::dataset::dataset(&args),
         Command::Diagnose(args) => command::diagnose::diagnose(&args),
         Command::Investigate(args) => command::investigate::investigate(&args),
         Command::Effects(args) => command::effects::effects(&args),
@@ -228,6 +231,7 @@ mod tests {
             "kk",
             "ocv",
             "joint",
+            "dataset",
             "diagnose",
             "investigate",
             "effects",

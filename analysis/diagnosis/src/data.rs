@@ -6,6 +6,12 @@ use analysis_signal::{calibration::CommonError, series::TimeSeries};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
+use crate::thresholds::{
+    ASSUMED_CURRENT_NOISE_PART, ASSUMED_DRIFT_S, ASSUMED_DRIFT_V, ASSUMED_EIS_NOISE_PART,
+    ASSUMED_GAIN_PART, ASSUMED_LEVEL_V, ASSUMED_NOISE_V, ASSUMED_RESISTANCE_PART,
+    ASSUMED_ZERO_PART,
+};
+
 /// Runs that belong together.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DataSet {
@@ -161,4 +167,26 @@ pub struct BenchHistory {
     /// does not show it, a record that moves along the curve does.
     #[serde(default)]
     pub channel_gain_rel: f64,
+}
+
+impl BenchHistory {
+    /// Errors of a bench of which nothing is known, for a greatest current in A.
+    pub fn assumed(greatest_a: f64) -> Self {
+        Self {
+            voltage_noise_v: ASSUMED_NOISE_V,
+            voltage_resolution_v: 0.0,
+            voltage_offset_v: ASSUMED_LEVEL_V,
+            voltage_drift_v: ASSUMED_DRIFT_V,
+            voltage_drift_s: ASSUMED_DRIFT_S,
+            resistance_rel: ASSUMED_RESISTANCE_PART,
+            current_gain_rel: ASSUMED_GAIN_PART,
+            current_offset_a: ASSUMED_ZERO_PART * greatest_a,
+            current_noise_a: ASSUMED_CURRENT_NOISE_PART * greatest_a,
+            current_resolution_a: 0.0,
+            eis_noise_rel: ASSUMED_EIS_NOISE_PART,
+            start_voltage_v: 0.0,
+            calibration_rel: 0.0,
+            channel_gain_rel: 0.0,
+        }
+    }
 }

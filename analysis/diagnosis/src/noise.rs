@@ -16,11 +16,7 @@ use super::edges::{self, UNIFORM};
 use super::shared::{self, Errors, RecordRows};
 use super::time_block::TimeBlock;
 use super::whitening::{Whitener, dot};
-use crate::thresholds::{
-    ASSUMED_CURRENT_NOISE_PART, ASSUMED_DRIFT_S, ASSUMED_DRIFT_V, ASSUMED_EIS_NOISE_PART,
-    ASSUMED_GAIN_PART, ASSUMED_LEVEL_V, ASSUMED_NOISE_V, ASSUMED_RESISTANCE_PART,
-    ASSUMED_ZERO_PART, HISTORY_SPREAD, IGNORANCE_SPREAD, MOST_STRETCHES,
-};
+use crate::thresholds::{HISTORY_SPREAD, IGNORANCE_SPREAD, MOST_STRETCHES};
 use analysis_effects::{augmented::Added, contract::Base, effects::resistance_spread};
 use analysis_signal::calibration::CommonError;
 
@@ -69,24 +65,7 @@ impl Prior {
         calibration: Option<CommonError>,
         base: &Base,
     ) -> Self {
-        let greatest = base.facts.greatest_a;
-        let guess = BenchHistory {
-            voltage_noise_v: ASSUMED_NOISE_V,
-            voltage_resolution_v: 0.0,
-            voltage_offset_v: ASSUMED_LEVEL_V,
-            voltage_drift_v: ASSUMED_DRIFT_V,
-            voltage_drift_s: ASSUMED_DRIFT_S,
-            resistance_rel: ASSUMED_RESISTANCE_PART,
-            current_gain_rel: ASSUMED_GAIN_PART,
-            current_offset_a: ASSUMED_ZERO_PART * greatest,
-            current_noise_a: ASSUMED_CURRENT_NOISE_PART * greatest,
-            current_resolution_a: 0.0,
-            eis_noise_rel: ASSUMED_EIS_NOISE_PART,
-            start_voltage_v: 0.0,
-            calibration_rel: 0.0,
-            channel_gain_rel: 0.0,
-        };
-        let h = history.unwrap_or(guess);
+        let h = history.unwrap_or_else(|| BenchHistory::assumed(base.facts.greatest_a));
         let sigma = |term: Term| match term {
             Term::White => h.voltage_noise_v,
             Term::Drift => h.voltage_drift_v,

@@ -2,6 +2,7 @@
 
 pub mod clear;
 pub mod convert;
+pub mod dataset;
 pub mod diagnose;
 pub mod doctor;
 pub mod effects;

@@ -22,12 +22,77 @@ pub(super) struct File {
     /// given by `--model` take its place. Left out: the model must hold one, or `--ocv` be given.
     pub(super) ocv: Option<String>,
     /// Errors of the bench as its past shows them. Left out: they are assumed.
-    pub(super) bench: Option<BenchHistory>,
+    pub(super) bench: Option<Bench>,
     /// Error that the correction leaves in all spectra alike, if the standard deviations of the
     /// spectra are without it. Left out: none.
     pub(super) calibration: Option<CommonError>,
     /// Runs, at least one.
     pub(super) runs: Vec<Run>,
+}
+
+/// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data
+/// sheets, zero checks. An error that is left out is assumed.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Bench {
+    /// White noise of one voltage sample, V. Left out: 5e-4.
+    pub(super) voltage_noise_v: Option<f64>,
+    /// Step of the voltage channel's codes, V; 0 where unknown. Left out: 0.
+    pub(super) voltage_resolution_v: Option<f64>,
+    /// Level of a run's voltage, V. Left out: 1e-3.
+    pub(super) voltage_offset_v: Option<f64>,
+    /// Slow drift of the voltage, V. Left out: 2e-4.
+    pub(super) voltage_drift_v: Option<f64>,
+    /// Its correlation time, s. Left out: 2.
+    pub(super) voltage_drift_s: Option<f64>,
+    /// Run-to-run spread of all resistances, as a fraction. Left out: 0.01.
+    pub(super) resistance_rel: Option<f64>,
+    /// Gain of the current channel from run to run, as a fraction. Left out: 2e-3.
+    pub(super) current_gain_rel: Option<f64>,
+    /// Zero of the current channel from run to run, A. Left out: 1e-3 of the greatest current.
+    pub(super) current_offset_a: Option<f64>,
+    /// White noise of one current sample, A. Left out: 2e-4 of the greatest current.
+    pub(super) current_noise_a: Option<f64>,
+    /// Step of the current channel's codes, A; 0 where unknown. Left out: 0.
+    pub(super) current_resolution_a: Option<f64>,
+    /// Noise of one part of a spectrum's point, as a fraction of |Z|. Left out: 3e-3.
+    pub(super) eis_noise_rel: Option<f64>,
+    /// Error of the meter that start voltages are read with, V: the state of charge at the start is
+    /// off by as much over the curve's slope. Left out: 0.
+    pub(super) start_voltage_v: Option<f64>,
+    /// Error that the calibration of the current channel leaves, as a fraction: the same in all
+    /// runs, so that repeats do not show it. Left out: 0.
+    pub(super) calibration_rel: Option<f64>,
+    /// Gain that the channels of current and voltage have in common, as a fraction: an impedance
+    /// does not show it, a record that moves along the curve does. Left out: 0.
+    pub(super) channel_gain_rel: Option<f64>,
+}
+
+impl Bench {
+    /// The errors that are stated, and the others as they are assumed for a greatest current in A.
+    pub(super) fn completed(&self, greatest_a: f64) -> BenchHistory {
+        let assumed = BenchHistory::assumed(greatest_a);
+        BenchHistory {
+            voltage_noise_v: self.voltage_noise_v.unwrap_or(assumed.voltage_noise_v),
+            voltage_resolution_v: self
+                .voltage_resolution_v
+                .unwrap_or(assumed.voltage_resolution_v),
+            voltage_offset_v: self.voltage_offset_v.unwrap_or(assumed.voltage_offset_v),
+            voltage_drift_v: self.voltage_drift_v.unwrap_or(assumed.voltage_drift_v),
+            voltage_drift_s: self.voltage_drift_s.unwrap_or(assumed.voltage_drift_s),
+            resistance_rel: self.resistance_rel.unwrap_or(assumed.resistance_rel),
+            current_gain_rel: self.current_gain_rel.unwrap_or(assumed.current_gain_rel),
+            current_offset_a: self.current_offset_a.unwrap_or(assumed.current_offset_a),
+            current_noise_a: self.current_noise_a.unwrap_or(assumed.current_noise_a),
+            current_resolution_a: self
+                .current_resolution_a
+                .unwrap_or(assumed.current_resolution_a),
+            eis_noise_rel: self.eis_noise_rel.unwrap_or(assumed.eis_noise_rel),
+            start_voltage_v: self.start_voltage_v.unwrap_or(assumed.start_voltage_v),
+            calibration_rel: self.calibration_rel.unwrap_or(assumed.calibration_rel),
+            channel_gain_rel: self.channel_gain_rel.unwrap_or(assumed.channel_gain_rel),
+        }
+    }
 }
 
 /// One run: a file, or a part of it, and what is known of its measurement.

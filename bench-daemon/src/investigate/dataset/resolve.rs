@@ -32,7 +32,9 @@ const TEMPERATURES_C: RangeInclusive<f64> = -60.0..=120.0;
 pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     let source = Source::read(path)?;
     let raw: raw::File = source.parse()?;
-    check_history(&source, raw.bench.as_ref())?;
+    // Assumed errors are as they should be for any current.
+    let stated = raw.bench.as_ref().map(|bench| bench.completed(0.0));
+    check_history(&source, stated.as_ref())?;
     let mut resolver = Resolver {
         source: &source,
         files: Files::default(),
@@ -62,10 +64,11 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     if left.is_some_and(|left| !left.is_finite()) {
         return Err(source.complain("calibration", "expected finite numbers"));
     }
+    let runs = with_starts(listed);
     let set = DataSet {
         name: raw.name,
-        runs: with_starts(listed),
-        history: raw.bench,
+        history: raw.bench.map(|bench| bench.completed(greatest_a(&runs))),
+        runs,
         calibration: raw.calibration,
     };
     let mut loaded = Loaded {
@@ -82,6 +85,18 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     }
     loaded.leave_out_refused();
     Ok(loaded)
+}
+
+/// Greatest current of these runs, A.
+fn greatest_a(runs: &[Run]) -> f64 {
+    let of = |run: &Run| match &run.data {
+        RunData::Time(record) => {
+            let size = record.series.current_a.iter().map(|a| a.abs());
+            size.fold(0.0, f64::max)
+        }
+        RunData::Eis(sweep) => sweep.bias_a.abs(),
+    };
+    runs.iter().map(of).fold(0.0, f64::max)
 }
 
 /// Reads which files the file names for a diagnosis.

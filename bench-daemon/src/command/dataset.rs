@@ -1,0 +1,202 @@
+//! `eis-bench dataset init`: a `dataset.toml` for spectra and logs of a cycler.
+
+mod args;
+mod findings;
+mod print;
+mod read;
+
+use analysis::{dataset, formats::CurrentSign, series::TimeSeries};
+
+use crate::{
+    files,
+    investigate::{
+        dataset::{DATASET_FILE, read_dataset},
+        proposal::{
+            ChargeKnown, FoundLog, LogSearch, Named, check_spectra, count_charge, dataset_text,
+            estimate, loads, propose,
+        },
+    },
+    record::RecordError,
+    safety::failure::Failure,
+    support::terminal::say,
+};
+use args::{Act, InitArgs};
+use findings::Findings;
+use read::Content;
+
+pub use args::DatasetArgs;
+
+/// Makes a data set.
+///
+/// # Errors
+/// An argument that is not as expected; a `dataset.toml` that is there already; no usable run.
+pub fn dataset(args: &DatasetArgs) -> Result<(), Failure> {
+    match &args.act {
+        Act::Init(args) => init(args),
+    }
+}
+
+fn init(args: &InitArgs) -> Result<(), Failure> {
+    let target = args.out.join(DATASET_FILE);
+    if !args.dry_run && target.exists() {
+        return Err(Failure::Usage(format!(
+            "{}: expected no such file, found one: nothing is written over; choose another folder \
+            with --out",
+            target.display()
+        )));
+    }
+    check(args)?;
+    let contents = read::read_all(args)?;
+    let findings = found(args, contents)?;
+    let text = dataset_text(
+        &named(args)?,
+        &findings.logs,
+        &findings.runs,
+        &findings.spectra,
+        &findings.bench,
+    );
+    if args.json {
+        let text = serde_json::to_string_pretty(&findings)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
+        say!("{text}");
+    } else {
+        print::findings(&findings);
+    }
+    let used = findings.runs.len()
+        + findings
+            .spectra
+            .iter()
+            .filter(|spectrum| spectrum.refusal.is_none())
+            .count();
+    if used == 0 {
+        return Err(Failure::Usage(
+            "expected at least one run or spectrum that can be used, found none; nothing is \
+            written"
+                .to_owned(),
+        ));
+    }
+    if args.dry_run {
+        if !args.json {
+            say!("\n{text}");
+        }
+        return Ok(());
+    }
+    files::make_folder(&args.out)?;
+    dataset::write_atomically(&target, text.as_bytes()).map_err(RecordError::from)?;
+    let read = read_dataset(&target)?;
+    if let Some(problem) = read.problems.first() {
+        return Err(Failure::Usage(format!(
+            "{}: written, but not usable: {problem}",
+            target.display()
+        )));
+    }
+    if !args.json {
+        say!(
+            "\nwritten and read back: {}, {} runs; next: eis-bench diagnose {} --model MODEL",
+            target.display(),
+            read.set.runs.len(),
+            args.out.display()
+        );
+    }
+    Ok(())
+}
+
+/// Refuses numbers that cannot be.
+fn check(args: &InitArgs) -> Result<(), Failure> {
+    let fail = |option: &str, expected: &str, met: f64| {
+        Err(Failure::Usage(format!(
+            "--{option}: expected {expected}, met {met}"
+        )))
+    };
+    if let Some(ah) = args.capacity_ah.filter(|ah| !(*ah > 0.0 && ah.is_finite())) {
+        return fail("capacity-ah", "a capacity above 0 Ah", ah);
+    }
+    if let Some(soc) = args.soc_start.filter(|soc| !(0.0..=1.0).contains(soc)) {
+        return fail("soc-start", "a state of charge from 0 to 1", soc);
+    }
+    if args.soc_start.is_some() && args.capacity_ah.is_none() && args.ocv.is_none() {
+        return Err(Failure::Usage(
+            "--soc-start: expected --capacity-ah or --ocv beside it, met neither: charge cannot be \
+            counted without a capacity"
+                .to_owned(),
+        ));
+    }
+    match args.temperature_c.filter(|celsius| !celsius.is_finite()) {
+        Some(celsius) => fail("temperature-c", "a finite temperature", celsius),
+        None => Ok(()),
+    }
+}
+
+fn named(args: &InitArgs) -> Result<Named, Failure> {
+    let ocv = args
+        .ocv
+        .as_deref()
+        .map(|path| read::from_folder(path, &args.out))
+        .transpose()?;
+    Ok(Named {
+        name: args.cell.clone(),
+        cell: args.cell.clone(),
+        ocv,
+        current_positive: args.positive.map(|sign| match sign {
+            CurrentSign::Charge => "charge",
+            CurrentSign::Discharge => "discharge",
+        }),
+        rest_s: args.rest,
+    })
+}
+
+/// Loads, runs, split and noise of what was read.
+fn found(args: &InitArgs, contents: Vec<Content>) -> Result<Findings, Failure> {
+    let curve = args.ocv.as_deref().map(files::read_curve).transpose()?;
+    let search = LogSearch {
+        rest_s: args.rest,
+        slowest_s: args.sampling,
+    };
+    let (mut listed, mut logs, mut series, mut spectra) = (vec![], vec![], vec![], vec![]);
+    for content in contents {
+        listed.push(content.finding);
+        spectra.extend(content.spectra);
+        let Some(log) = content.log else { continue };
+        let stated = read::stated(&args.at, &log.name);
+        let mut found = loads(&log.series, &search);
+        let known = ChargeKnown {
+            capacity_ah: args.capacity_ah,
+            soc_start: stated.soc.or(args.soc_start),
+            curve: curve.as_ref(),
+        };
+        count_charge(&log.series, &mut found, known);
+        let temperature_c = stated.temperature_c.or(args.temperature_c);
+        for load in &mut found {
+            if load.refusal.is_none() && load.temperature_c.or(temperature_c).is_none() {
+                load.refusal = Some(
+                    "no temperature: the log holds none, --temperature-c states it".to_owned(),
+                );
+            }
+        }
+        logs.push(FoundLog {
+            file: log.file,
+            name: log.name,
+            lasting_s: lasting_s(&log.series),
+            temperature_c,
+            loads: found,
+        });
+        series.push(log.series);
+    }
+    let runs = propose(&logs);
+    check_spectra(&mut spectra, &runs);
+    let series: Vec<&TimeSeries> = series.iter().collect();
+    Ok(Findings {
+        files: listed,
+        bench: estimate(&series),
+        logs,
+        spectra,
+        runs,
+    })
+}
+
+fn lasting_s(series: &TimeSeries) -> f64 {
+    match (series.time_s.first(), series.time_s.last()) {
+        (Some(first), Some(last)) => last - first,
+        _ => 0.0,
+    }
+}

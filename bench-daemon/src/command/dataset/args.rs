@@ -1,0 +1,117 @@
+//! Arguments of `dataset`.
+
+use std::{path::PathBuf, str::FromStr};
+
+use analysis::formats::CurrentSign;
+use clap::{Args, Subcommand};
+
+use crate::{
+    config::quantity::{Duration, Quantity},
+    investigate::proposal::Place,
+};
+
+/// Arguments of `dataset`.
+#[derive(Debug, Args)]
+pub struct DatasetArgs {
+    #[command(subcommand)]
+    pub(super) act: Act,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Act {
+    /// Propose a data set for `diagnose` from spectra and logs: runs, repeats, split, noise.
+    Init(InitArgs),
+}
+
+/// Arguments of `dataset init`.
+#[derive(Debug, Args)]
+pub(super) struct InitArgs {
+    /// Spectra and logs of a cycler, the format told by the content. They stay where they are.
+    #[arg(required = true, value_name = "FILE")]
+    pub files: Vec<PathBuf>,
+    /// Folder of the new `dataset.toml`. A file that is there is never written over.
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Name of the cell.
+    #[arg(long, default_value = "cell", value_name = "NAME")]
+    pub cell: String,
+    /// Capacity for counting charge, Ah [default: that of the OCV curve]
+    #[arg(long, value_name = "AH")]
+    pub capacity_ah: Option<f64>,
+    /// State of charge at the first row of each log, 0 to 1.
+    #[arg(long, value_name = "SOC")]
+    pub soc_start: Option<f64>,
+    /// OCV curve, as `ocv --out` writes it: it gives states of charge, and the data set names it.
+    #[arg(long, value_name = "JSON")]
+    pub ocv: Option<PathBuf>,
+    /// Temperature for logs and spectra without one, °C.
+    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    pub temperature_c: Option<f64>,
+    /// Circumstances of one spectrum or log, such as "eis_07:ocv_v=3.66,temperature_c=26.8" or
+    /// "log_2:soc=1". Keys: `soc`, `ocv_v` (spectra only), `temperature_c`.
+    #[arg(long, value_name = "NAME:KEY=VALUE")]
+    pub at: Vec<Stated>,
+    /// Shortest logged rest before a load, such as "10 s" or "30 min".
+    #[arg(long, value_name = "TIME", default_value = "10 s", value_parser = duration)]
+    pub rest: f64,
+    /// Slowest sampling of a pulse or a drive cycle.
+    #[arg(long, value_name = "TIME", default_value = "1 s", value_parser = duration)]
+    pub sampling: f64,
+    /// Direction that the logs count positive, `discharge` or `charge` [default: by format and
+    /// file name]
+    #[arg(long, value_name = "DIRECTION")]
+    pub positive: Option<CurrentSign>,
+    /// Print what would be written, and write nothing.
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Print the findings as JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+fn duration(text: &str) -> Result<f64, String> {
+    Quantity::<Duration>::parse(text).map(|duration| duration.si)
+}
+
+/// Circumstances of a file or spectrum, as typed.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub(super) struct Stated {
+    /// Name of the log or spectrum.
+    pub(super) name: String,
+    /// Its place.
+    pub(super) place: Place,
+}
+
+impl FromStr for Stated {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let expected =
+            || format!("expected NAME:KEY=VALUE with keys soc, ocv_v, temperature_c, met {text:?}");
+        let (name, values) = text.rsplit_once(':').ok_or_else(expected)?;
+        let mut place = Place::default();
+        for pair in values.split(',') {
+            let (key, value) = pair.split_once('=').ok_or_else(expected)?;
+            let value: f64 = value.trim().parse().map_err(|_| expected())?;
+            let (target, fits) = match key.trim() {
+                "soc" => (&mut place.soc, (0.0..=1.0).contains(&value)),
+                "ocv_v" => (&mut place.ocv_v, value > 0.0 && value.is_finite()),
+                "temperature_c" => (&mut place.temperature_c, value.is_finite()),
+                _ => return Err(expected()),
+            };
+            if !fits {
+                return Err(format!("expected a value that {key} can have, met {value}"));
+            }
+            *target = Some(value);
+        }
+        if place.soc.is_some() && place.ocv_v.is_some() {
+            return Err(format!(
+                "expected either soc or ocv_v, met both in {text:?}"
+            ));
+        }
+        Ok(Self {
+            name: name.to_owned(),
+            place,
+        })
+    }
+}

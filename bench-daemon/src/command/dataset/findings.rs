@@ -1,0 +1,41 @@
+//! Findings of `dataset init`.
+
+use serde::Serialize;
+
+use crate::investigate::proposal::{Estimate, FoundLog, FoundSpectrum, ProposedRun};
+
+/// Everything that was found, for `--json`.
+#[derive(Debug, Serialize)]
+pub(super) struct Findings {
+    /// Every file, with its kind or why it cannot be read.
+    pub(super) files: Vec<FileFinding>,
+    /// Logs with their loads.
+    pub(super) logs: Vec<FoundLog>,
+    /// Spectra.
+    pub(super) spectra: Vec<FoundSpectrum>,
+    /// Runs in time that are proposed.
+    pub(super) runs: Vec<ProposedRun>,
+    /// Noise and codes.
+    pub(super) bench: Estimate,
+}
+
+/// A file and its kind.
+#[derive(Debug, Clone, Serialize)]
+pub(super) struct FileFinding {
+    /// Path as given.
+    pub(super) file: String,
+    /// Kind; none where the file cannot be read.
+    pub(super) kind: Option<FileKind>,
+    /// Content in a few words, or the nearest reader and the reason.
+    pub(super) text: String,
+}
+
+/// Kind of a file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(super) enum FileKind {
+    /// Spectra.
+    Spectra,
+    /// Current and voltage over time.
+    Log,
+}

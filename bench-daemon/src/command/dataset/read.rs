@@ -1,0 +1,225 @@
+//! Reads the files of `dataset init`, tells their kinds, and names their paths from the folder of
+//! the data set.
+
+use std::path::{Component, Path, PathBuf};
+
+use analysis::{
+    formats::{
+        FormatError, ReadOptions, SeriesOptions, SeriesReadError, read_file, read_profile,
+        read_series,
+    },
+    forward::Interpolation,
+    series::TimeSeries,
+    spectrum::SourcedSpectrum,
+};
+
+use super::{
+    args::{InitArgs, Stated},
+    findings::{FileFinding, FileKind},
+};
+use crate::{
+    investigate::proposal::{FoundSpectrum, Place},
+    safety::failure::Failure,
+};
+
+/// A log that was read.
+pub(super) struct Log {
+    /// Path from the folder of the data set.
+    pub(super) file: String,
+    pub(super) name: String,
+    pub(super) series: TimeSeries,
+}
+
+/// Content of a file.
+pub(super) struct Content {
+    pub(super) finding: FileFinding,
+    pub(super) log: Option<Log>,
+    pub(super) spectra: Vec<FoundSpectrum>,
+}
+
+/// Circumstances that were stated for a name.
+pub(super) fn stated(all: &[Stated], name: &str) -> Place {
+    all.iter()
+        .find(|one| one.name == name)
+        .map_or_else(Place::default, |one| one.place)
+}
+
+/// Reads all files. One that no reader takes is told and passed over.
+pub(super) fn read_all(args: &InitArgs) -> Result<Vec<Content>, Failure> {
+    let contents: Vec<Content> = args
+        .files
+        .iter()
+        .map(|path| one(args, path))
+        .collect::<Result<_, _>>()?;
+    let known = |name: &str| {
+        contents.iter().any(|content| {
+            content.log.as_ref().is_some_and(|log| log.name == name)
+                || content.spectra.iter().any(|spectrum| spectrum.name == name)
+        })
+    };
+    match args.at.iter().find(|one| !known(&one.name)) {
+        Some(one) => Err(Failure::Usage(format!(
+            "--at: expected the name of a log or a spectrum of these files, met {:?}",
+            one.name
+        ))),
+        None => Ok(contents),
+    }
+}
+
+fn one(args: &InitArgs, path: &Path) -> Result<Content, Failure> {
+    let options = SeriesOptions {
+        sign: args.positive,
+    };
+    let finding = |kind, text| FileFinding {
+        file: path.display().to_string(),
+        kind,
+        text,
+    };
+    let series_error = match read_series(path, &options) {
+        Ok(series) => {
+            let text = format!("{} rows", series.len());
+            return Ok(Content {
+                finding: finding(Some(FileKind::Log), text),
+                log: Some(Log {
+                    file: from_folder(path, &args.out)?,
+                    name: stem(path),
+                    series,
+                }),
+                spectra: Vec::new(),
+            });
+        }
+        Err(error) => error,
+    };
+    match read_file(path) {
+        Ok(read) => {
+            let file = from_folder(path, &args.out)?;
+            let several = read.spectra.len() > 1;
+            let spectra: Vec<FoundSpectrum> = read
+                .spectra
+                .iter()
+                .map(|sourced| spectrum(args, sourced, &file, several))
+                .collect();
+            let mut text = match spectra.len() {
+                1 => "1 spectrum".to_owned(),
+                count => format!("{count} spectra"),
+            };
+            text.extend(read.notes.iter().map(|note| format!("; {note}")));
+            Ok(Content {
+                finding: finding(Some(FileKind::Spectra), text),
+                log: None,
+                spectra,
+            })
+        }
+        Err(error) => Ok(Content {
+            finding: finding(None, nearest(path, &series_error, &error)),
+            log: None,
+            spectra: Vec::new(),
+        }),
+    }
+}
+
+/// The reader that came furthest, and its reason.
+fn nearest(path: &Path, series: &SeriesReadError, spectra: &FormatError) -> String {
+    let knows_columns = !matches!(
+        series,
+        SeriesReadError::UnknownFormat { .. }
+            | SeriesReadError::Text(_)
+            | SeriesReadError::Read { .. }
+    );
+    if knows_columns {
+        return format!("nearest is the reader of logs: {series}");
+    }
+    if !matches!(spectra, FormatError::UnknownFormat { .. }) {
+        return format!("nearest is the reader of spectra: {spectra}");
+    }
+    let profile = ReadOptions {
+        demand: None,
+        interpolation: Interpolation::Hold,
+        charge_positive: false,
+    };
+    if read_profile(path, &profile).is_ok() {
+        return "it reads as a load profile, which has no voltage: no run can be made of it"
+            .to_owned();
+    }
+    format!("no reader knows it. As a log: {series}. As spectra: {spectra}")
+}
+
+fn spectrum(
+    args: &InitArgs,
+    sourced: &SourcedSpectrum,
+    file: &str,
+    several: bool,
+) -> FoundSpectrum {
+    let name = sourced.spectrum.name.clone();
+    let mut place = stated(&args.at, &name);
+    place.temperature_c = place.temperature_c.or(args.temperature_c);
+    let points = &sourced.spectrum.points;
+    // The points are by rising frequency.
+    let inductive = points.iter().position(|point| point.z_ohm.im > 0.0);
+    let of_cell = sourced
+        .origin
+        .fixture
+        .as_deref()
+        .is_none_or(|fixture| fixture == "cell");
+    FoundSpectrum {
+        file: file.to_owned(),
+        among: several.then(|| name.clone()),
+        points: points.len(),
+        to_hz: inductive
+            .and_then(|first| first.checked_sub(1))
+            .map(|last| points[last].freq_hz),
+        place,
+        assumed: Vec::new(),
+        refusal: if of_cell {
+            sourced
+                .spectrum
+                .validate()
+                .err()
+                .map(|error| error.to_string())
+        } else {
+            Some("it is of a control and not of a cell".to_owned())
+        },
+        name,
+    }
+}
+
+/// A path as it is named from a folder, which need not be there yet.
+pub(super) fn from_folder(path: &Path, folder: &Path) -> Result<String, Failure> {
+    let fail = |path: &Path, error: &std::io::Error| {
+        Failure::Usage(format!("{}: {error}", path.display()))
+    };
+    let target = std::fs::canonicalize(path).map_err(|error| fail(path, &error))?;
+    let base = whole(folder).map_err(|error| fail(folder, &error))?;
+    let same = target
+        .components()
+        .zip(base.components())
+        .take_while(|(a, b)| a == b)
+        .count();
+    let mut relative: PathBuf = base.components().skip(same).map(|_| "..").collect();
+    relative.extend(target.components().skip(same));
+    Ok(relative.to_string_lossy().into_owned())
+}
+
+/// A folder without links and ways up; the end of it need not be there yet.
+fn whole(folder: &Path) -> std::io::Result<PathBuf> {
+    let mut found = std::env::current_dir().and_then(std::fs::canonicalize)?;
+    for component in folder.components() {
+        match component {
+            Component::ParentDir => _ = found.pop(),
+            other => found.push(other),
+        }
+        if let Ok(real) = std::fs::canonicalize(&found) {
+            found = real;
+        }
+    }
+    Ok(found)
+}
+
+/// Name of a file without its endings.
+fn stem(path: &Path) -> String {
+    let stem = path.file_stem().map_or_else(
+        || "file".to_owned(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    stem.trim_end_matches(".bdf").to_owned()
+}

@@ -1,0 +1,101 @@
+//! Noise and code steps of the channels, from rests and constant currents of logs.
+
+use analysis::series::TimeSeries;
+use serde::Serialize;
+
+use super::{
+    segment::{self, Course, inner, median},
+    thresholds::{CODES_PART, FEWEST_STEPS, NEAR_CODES, OFF_CODE},
+};
+
+/// Errors of the channels that logs tell; none where they do not.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Estimate {
+    /// White noise of one voltage sample, V.
+    pub voltage_noise_v: Option<f64>,
+    /// Step of the voltage channel's codes, V.
+    pub voltage_resolution_v: Option<f64>,
+    /// White noise of one current sample, A.
+    pub current_noise_a: Option<f64>,
+    /// Step of the current channel's codes, A.
+    pub current_resolution_a: Option<f64>,
+}
+
+/// Noise and codes of these logs: the voltage by rests, the current by constant currents.
+pub fn estimate(logs: &[&TimeSeries]) -> Estimate {
+    let (mut rest_v, mut constant_a) = (Vec::new(), Vec::new());
+    for series in logs {
+        for segment in segment::segments(series) {
+            if segment.rest {
+                bends(&series.voltage_v[segment.samples], &mut rest_v);
+            } else if segment::course(series, &segment) == Course::Constant {
+                bends(&series.current_a[inner(&segment)], &mut constant_a);
+            }
+        }
+    }
+    let steps = |of: fn(&TimeSeries) -> &[f64]| -> Vec<f64> {
+        let all = logs.iter().flat_map(|series| of(series).windows(2));
+        all.map(|pair| (pair[1] - pair[0]).abs()).collect()
+    };
+    let voltage_resolution_v = code(steps(|series| &series.voltage_v));
+    let current_resolution_a = code(steps(|series| &series.current_a));
+    Estimate {
+        voltage_noise_v: noise(&rest_v, voltage_resolution_v),
+        voltage_resolution_v,
+        current_noise_a: noise(&constant_a, current_resolution_a),
+        current_resolution_a,
+    }
+}
+
+/// Enters the second differences of a record. A straight drift leaves them.
+fn bends(values: &[f64], all: &mut Vec<f64>) {
+    let each = values.windows(3).map(|w| w[0] - 2.0 * w[1] + w[2]);
+    all.extend(each.filter(|bend| bend.is_finite()));
+}
+
+/// Standard deviation of one sample from second differences, with a tenth left out at the top: the
+/// first samples of a relaxation bend. No less than what a code hides.
+fn noise(bends: &[f64], code: Option<f64>) -> Option<f64> {
+    if bends.len() < FEWEST_STEPS {
+        return None;
+    }
+    let mut squares: Vec<f64> = bends.iter().map(|bend| bend * bend).collect();
+    squares.sort_by(f64::total_cmp);
+    squares.truncate(squares.len() - squares.len() / 10);
+    #[expect(clippy::cast_precision_loss, reason = "numbers of samples")]
+    let count = squares.len() as f64;
+    // White noise of σ has second differences of √6 σ.
+    let sigma = (squares.iter().sum::<f64>() / count / 6.0).sqrt();
+    let hidden = code.map_or(0.0, |code| code / 12.0_f64.sqrt());
+    Some(sigma.max(hidden)).filter(|sigma| *sigma > 0.0)
+}
+
+/// Step of the codes of a channel from the steps between its samples; none where they are no
+/// multiples of one.
+fn code(mut steps: Vec<f64>) -> Option<f64> {
+    steps.retain(|step| step.is_finite() && *step > 1e-9);
+    steps.sort_by(f64::total_cmp);
+    if steps.len() < FEWEST_STEPS {
+        return None;
+    }
+    // The smallest one may be rounded down.
+    let smallest = steps[steps.len() / 100];
+    let first = median(
+        steps
+            .iter()
+            .copied()
+            .filter(|step| *step < 1.5 * smallest)
+            .collect(),
+    );
+    let near: Vec<f64> = steps
+        .into_iter()
+        .filter(|step| *step < NEAR_CODES * first)
+        .collect();
+    let whole = |step: &&f64| {
+        let codes = **step / first;
+        codes > 0.5 && (codes - codes.round()).abs() < OFF_CODE
+    };
+    #[expect(clippy::cast_precision_loss, reason = "numbers of samples")]
+    let part = near.iter().filter(whole).count() as f64 / near.len() as f64;
+    (near.len() >= FEWEST_STEPS && part >= CODES_PART).then_some(first)
+}

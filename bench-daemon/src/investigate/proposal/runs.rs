@@ -1,0 +1,321 @@
+//! Runs of a data set from the loads of logs and from spectra: names, repeats, split.
+
+use analysis::diagnosis::Role;
+use serde::Serialize;
+
+use super::{
+    load::{Kind, Load},
+    thresholds::{
+        REPEAT_SOC, REPEAT_TEMPERATURE_C, REPEAT_V, SAME_CURRENT_PART, SAME_DURATION_PART,
+        STATE_SOC, STATE_TEMPERATURE_C, STATE_V,
+    },
+};
+
+/// A log and its loads.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FoundLog {
+    /// Its path from the folder of the data set.
+    pub file: String,
+    /// Name for runs.
+    pub name: String,
+    /// Time between its first and its last row, s.
+    pub lasting_s: f64,
+    /// Temperature for a log without one, °C.
+    pub temperature_c: Option<f64>,
+    /// Its loads.
+    pub loads: Vec<Load>,
+}
+
+/// Circumstances of a run that other runs are compared with.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub struct Place {
+    /// State of charge.
+    pub soc: Option<f64>,
+    /// Rest voltage, V.
+    pub ocv_v: Option<f64>,
+    /// Temperature, °C.
+    pub temperature_c: Option<f64>,
+}
+
+impl Place {
+    /// Whether both are one within these tolerances. What one of them does not tell counts as the
+    /// same.
+    fn is_near(&self, other: &Self, within: &Tolerance) -> bool {
+        let near = |a: Option<f64>, b: Option<f64>, most: f64| match (a, b) {
+            (Some(a), Some(b)) => (a - b).abs() < most,
+            _ => true,
+        };
+        near(
+            self.temperature_c,
+            other.temperature_c,
+            within.temperature_c,
+        ) && match (self.soc, other.soc) {
+            (Some(_), Some(_)) => near(self.soc, other.soc, within.soc),
+            _ => near(self.ocv_v, other.ocv_v, within.ocv_v),
+        }
+    }
+
+    /// State of charge or rest voltage, in words.
+    pub(super) fn state(&self) -> String {
+        match (self.soc, self.ocv_v) {
+            (Some(soc), _) => format!("{:.1} % SOC", 100.0 * soc),
+            (None, Some(ocv_v)) => format!("{ocv_v:.4} V"),
+            (None, None) => "an unknown state".to_owned(),
+        }
+    }
+}
+
+/// Distances within which two places are one.
+struct Tolerance {
+    soc: f64,
+    ocv_v: f64,
+    temperature_c: f64,
+}
+
+const REPEAT: Tolerance = Tolerance {
+    soc: REPEAT_SOC,
+    ocv_v: REPEAT_V,
+    temperature_c: REPEAT_TEMPERATURE_C,
+};
+
+const STATE: Tolerance = Tolerance {
+    soc: STATE_SOC,
+    ocv_v: STATE_V,
+    temperature_c: STATE_TEMPERATURE_C,
+};
+
+/// A run that is proposed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ProposedRun {
+    /// Unique name.
+    pub name: String,
+    /// Number of its log, from 0.
+    pub log: usize,
+    /// Number of its load in the log, from 0.
+    pub load: usize,
+    /// Circumstances at its start.
+    pub place: Place,
+    /// Group of repeats.
+    pub repeat_group: String,
+    /// Time of its start in the campaign, s.
+    pub start_s: f64,
+    /// Purpose.
+    pub role: Role,
+    /// Reason for the purpose, in words.
+    pub reason: String,
+}
+
+/// A spectrum of a file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct FoundSpectrum {
+    /// Name of the run.
+    pub name: String,
+    /// Path of its file from the folder of the data set.
+    pub file: String,
+    /// Name in the file, where the file holds several.
+    pub among: Option<String>,
+    /// Number of points.
+    pub points: usize,
+    /// Highest frequency below the inductive points, Hz; none where no point is inductive.
+    pub to_hz: Option<f64>,
+    /// Circumstances as stated.
+    pub place: Place,
+    /// Values of `place` that nobody stated: they are those of the runs in time.
+    pub assumed: Vec<String>,
+    /// Reason why it is not used.
+    pub refusal: Option<String>,
+}
+
+/// Runs of the usable loads, in the order of the logs.
+pub fn propose(logs: &[FoundLog]) -> Vec<ProposedRun> {
+    let mut runs: Vec<ProposedRun> = Vec::new();
+    let mut free_s = 0.0;
+    for (log, found) in logs.iter().enumerate() {
+        let usable = || {
+            found
+                .loads
+                .iter()
+                .enumerate()
+                .filter(|(_, load)| load.refusal.is_none())
+        };
+        let zero_s = usable().next().map_or(0.0, |(_, load)| load.from_s);
+        let mut end_s = free_s;
+        for (number, load) in usable() {
+            let start_s = free_s + load.from_s - zero_s;
+            end_s = start_s + load.to_s - load.from_s;
+            let word = load.kind.word();
+            let of_log = if logs.len() > 1 {
+                format!("{}_", found.name)
+            } else {
+                String::new()
+            };
+            let name = format!("{of_log}{word}_{}_{}", number + 1, amperes(load));
+            runs.push(ProposedRun {
+                repeat_group: name.clone(),
+                name,
+                log,
+                load: number,
+                place: Place {
+                    soc: load.soc,
+                    ocv_v: load.rest_v(),
+                    temperature_c: load.temperature_c.or(found.temperature_c),
+                },
+                start_s,
+                role: Role::Train,
+                reason: String::new(),
+            });
+        }
+        free_s = end_s;
+    }
+    group(&mut runs, logs);
+    split(&mut runs, logs);
+    runs
+}
+
+/// A current as a part of a name.
+fn amperes(load: &Load) -> String {
+    let size = load.current_a.abs();
+    let digits = if size < 0.1 { 3 } else { 2 };
+    let direction = match load.kind {
+        Kind::Pulse if load.current_a < 0.0 => "_charge",
+        _ => "",
+    };
+    format!("{size:.digits$}A{direction}")
+}
+
+fn load_of<'a>(run: &ProposedRun, logs: &'a [FoundLog]) -> &'a Load {
+    &logs[run.log].loads[run.load]
+}
+
+fn same_current(a: &Load, b: &Load) -> bool {
+    (a.current_a - b.current_a).abs() <= SAME_CURRENT_PART * a.current_a.abs()
+}
+
+/// Gives pulses that repeat an earlier one its group.
+fn group(runs: &mut [ProposedRun], logs: &[FoundLog]) {
+    for later in 1..runs.len() {
+        let (before, rest) = runs.split_at_mut(later);
+        let Some(run) = rest.first_mut() else { return };
+        let load = load_of(run, logs);
+        let repeats = |first: &&ProposedRun| {
+            let other = load_of(first, logs);
+            let step_s = load.step_s.max(other.step_s);
+            let apart_s = (load.duration_s - other.duration_s).abs();
+            load.kind == Kind::Pulse
+                && other.kind == Kind::Pulse
+                && first.repeat_group == first.name
+                && same_current(other, load)
+                && apart_s <= (SAME_DURATION_PART * other.duration_s).max(step_s)
+                && first.place.is_near(&run.place, &REPEAT)
+        };
+        if let Some(first) = before.iter().find(repeats) {
+            run.repeat_group = first.repeat_group.clone();
+        }
+    }
+}
+
+/// Holds out, at each state, the pulses of the largest and of a middle current where at least two
+/// currents are left to train; of several drive cycles the last one.
+fn split(runs: &mut [ProposedRun], logs: &[FoundLog]) {
+    let mut waiting: Vec<usize> = (0..runs.len())
+        .filter(|k| load_of(&runs[*k], logs).kind == Kind::Pulse)
+        .collect();
+    while let Some(first) = waiting.first().copied() {
+        let place = runs[first].place;
+        let (here, elsewhere) = waiting
+            .into_iter()
+            .partition(|k| runs[*k].place.is_near(&place, &STATE));
+        waiting = elsewhere;
+        split_state(runs, &here, logs);
+    }
+    let cycles: Vec<usize> = (0..runs.len())
+        .filter(|k| load_of(&runs[*k], logs).kind == Kind::DriveCycle)
+        .collect();
+    for k in &cycles {
+        let is_last = cycles.len() > 1 && cycles.last() == Some(k);
+        runs[*k].role = role(is_last);
+        runs[*k].reason = match (is_last, cycles.len()) {
+            (true, _) => "the last of several drive cycles is held out",
+            (false, 1) => "the only drive cycle trains",
+            (false, _) => "a drive cycle before the last trains",
+        }
+        .to_owned();
+    }
+    for run in runs.iter_mut().filter(|run| run.reason.is_empty()) {
+        run.reason = "long constant currents train".to_owned();
+    }
+}
+
+fn role(held_out: bool) -> Role {
+    if held_out { Role::HeldOut } else { Role::Train }
+}
+
+/// Splits the pulses of one state.
+fn split_state(runs: &mut [ProposedRun], here: &[usize], logs: &[FoundLog]) {
+    // One load for each current, by rising magnitude.
+    let mut levels: Vec<&Load> = Vec::new();
+    for k in here {
+        let load = load_of(&runs[*k], logs);
+        if !levels.iter().any(|level| same_current(level, load)) {
+            levels.push(load);
+        }
+    }
+    levels.sort_by(|a, b| a.current_a.abs().total_cmp(&b.current_a.abs()));
+    let count = levels.len();
+    let largest = (count >= 3).then(|| count - 1);
+    let middle = (count >= 4).then(|| (count - 1) / 2);
+    for k in here {
+        let load = load_of(&runs[*k], logs);
+        let level = levels.iter().position(|level| same_current(level, load));
+        let (held_out, reason) = match level {
+            _ if count < 3 => (false, "too few currents at this state: all train"),
+            level if level == largest => (true, "the largest current at this state is held out"),
+            level if level == middle => (true, "a middle current at this state is held out"),
+            _ => (false, "the other currents at this state train"),
+        };
+        runs[*k].role = role(held_out);
+        reason.clone_into(&mut runs[*k].reason);
+    }
+}
+
+/// Completes the places of spectra by those of the runs, and refuses spectra that were taken at
+/// another one.
+pub fn check_spectra(spectra: &mut [FoundSpectrum], runs: &[ProposedRun]) {
+    let first = runs.first().map(|run| run.place);
+    for spectrum in spectra.iter_mut().filter(|one| one.refusal.is_none()) {
+        let place = &mut spectrum.place;
+        let Some(first) = first else {
+            if place.temperature_c.is_none() || (place.soc.is_none() && place.ocv_v.is_none()) {
+                spectrum.refusal = Some("its state or temperature is not stated".to_owned());
+            }
+            continue;
+        };
+        let one_state = runs.iter().all(|run| run.place.is_near(&first, &STATE));
+        let unstated = place.temperature_c.is_none() || (place.soc.or(place.ocv_v)).is_none();
+        if unstated && !one_state {
+            let reason = "its state or temperature is not stated, and the runs have several";
+            spectrum.refusal = Some(reason.to_owned());
+            continue;
+        }
+        if place.temperature_c.is_none() {
+            place.temperature_c = first.temperature_c;
+            spectrum.assumed.push("temperature_c".to_owned());
+        }
+        if place.soc.is_none() && place.ocv_v.is_none() {
+            place.ocv_v = first.ocv_v;
+            place.soc = first.soc.filter(|_| first.ocv_v.is_none());
+            spectrum.assumed.push("ocv_v".to_owned());
+        }
+        if !runs.iter().any(|run| run.place.is_near(place, &STATE)) {
+            let at = |place: &Place| match place.temperature_c {
+                Some(celsius) => format!("{} and {celsius:.1} °C", place.state()),
+                None => place.state(),
+            };
+            spectrum.refusal = Some(format!(
+                "it was taken at {}, the first run at {}",
+                at(place),
+                at(&first)
+            ));
+        }
+    }
+}

@@ -1,0 +1,289 @@
+//! `dataset.toml` of a proposal, with a comment on every choice.
+
+use analysis::diagnosis::Role;
+use serde_json::json;
+
+use super::{
+    load::Load,
+    noise::Estimate,
+    runs::{FoundLog, FoundSpectrum, ProposedRun},
+};
+
+/// Names of a data set that nobody measures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Named {
+    /// Name of the data set.
+    pub name: String,
+    /// Name of the cell.
+    pub cell: String,
+    /// Path of the OCV curve from the folder of the data set.
+    pub ocv: Option<String>,
+    /// Direction that the logs count positive, where the user said it.
+    pub current_positive: Option<&'static str>,
+    /// Shortest rest before a load, s.
+    pub rest_s: f64,
+}
+
+/// A proposal as the text of `dataset.toml`. Every number of a JSON text is one of TOML.
+pub fn dataset_text(
+    named: &Named,
+    logs: &[FoundLog],
+    runs: &[ProposedRun],
+    spectra: &[FoundSpectrum],
+    bench: &Estimate,
+) -> String {
+    let mut text = head(named);
+    text += &bench_text(bench);
+    for (order, run) in runs.iter().enumerate() {
+        text += &run_text(named, logs, run, order);
+    }
+    for (number, spectrum) in spectra.iter().enumerate() {
+        text += &spectrum_text(named, spectrum, runs.len() + number);
+    }
+    text += &left_out(logs);
+    text
+}
+
+fn head(named: &Named) -> String {
+    let mut text = format!(
+        "\
+# Proposed by `eis-bench dataset init`. Every choice below may be changed.
+# Runs: each begins in the rest before its load and ends with the rest after it, or where the run
+# after it begins. The rest before it is logged for {} s at least, and its voltage stands still.
+# Repeats: pulses of equal current, duration, temperature and state share a `repeat_group`.
+# Split: at each state of charge the pulses of the largest and of a middle current are held out. At
+# least two currents train; of three currents only the largest is held out, of two none.
+# Of several drive cycles the last one is held out. Long discharges and spectra train.
+# Times between logs are not known: each log begins where the one before it ends.
+name = {}
+",
+        named.rest_s,
+        json!(named.name)
+    );
+    match &named.ocv {
+        Some(path) => text += &format!("ocv = {}\n", json!(path)),
+        None => text += "# No OCV curve was given: the model must hold one, or `--ocv` names it.\n",
+    }
+    text + "# The model of the cell: `eis-bench diagnose` takes it as `--model`.\n"
+}
+
+/// Why a key of `[bench]` may be missing.
+const NOT_TOLD: &str = "the data do not tell it; the diagnosis assumes it";
+
+/// Keys that no single campaign of a cycler tells.
+const NEVER_TOLD: [&str; 7] = [
+    "voltage_offset_v",
+    "voltage_drift_v",
+    "voltage_drift_s",
+    "resistance_rel",
+    "current_gain_rel",
+    "current_offset_a",
+    "eis_noise_rel",
+];
+
+fn bench_text(bench: &Estimate) -> String {
+    let told = [
+        (
+            "voltage_noise_v",
+            bench.voltage_noise_v,
+            "scatter in the rests, no less than what a code hides",
+        ),
+        (
+            "voltage_resolution_v",
+            bench.voltage_resolution_v,
+            "step between codes",
+        ),
+        (
+            "current_noise_a",
+            bench.current_noise_a,
+            "scatter of constant currents, no less than what a code hides",
+        ),
+        (
+            "current_resolution_a",
+            bench.current_resolution_a,
+            "step between codes",
+        ),
+    ];
+    let mut text = "\n# Errors of the bench, as far as the logs tell them.\n[bench]\n".to_owned();
+    for (key, value, meaning) in told {
+        text += &match value {
+            Some(value) => format!("{key} = {value:.1e}  # {meaning}\n"),
+            None => format!("# {key}: {NOT_TOLD}\n"),
+        };
+    }
+    for key in NEVER_TOLD {
+        text += &format!("# {key}: {NOT_TOLD}\n");
+    }
+    text
+}
+
+/// A time rounded to milliseconds, away from a sample that it must not lose.
+fn milliseconds(time_s: f64, up: bool) -> f64 {
+    let whole = 1e3 * time_s;
+    (if up { whole.ceil() } else { whole.floor() }) / 1e3
+}
+
+fn run_text(named: &Named, logs: &[FoundLog], run: &ProposedRun, order: usize) -> String {
+    let log = &logs[run.log];
+    let load = &log.loads[run.load];
+    let mut lines = vec![
+        String::new(),
+        format!("# {}.", load_words(load)),
+        format!("# {}.", rest_words(load)),
+        format!("# {}.", state_words(load)),
+        format!("# Role: {}.", run.reason),
+        "[[runs]]".to_owned(),
+        format!("name = {}", json!(run.name)),
+        format!("file = {}", json!(log.file)),
+        "kind = \"time\"".to_owned(),
+        format!("cell = {}", json!(named.cell)),
+    ];
+    if load.temperature_c.is_none() {
+        lines.extend(run.place.temperature_c.map(|celsius| {
+            format!("temperature_c = {celsius:?}  # as stated; the log holds none")
+        }));
+    }
+    lines.extend(start_line(load));
+    if let Some(positive) = named.current_positive {
+        lines.push(format!("current_positive = {}", json!(positive)));
+    }
+    let [from_s, to_s] = [
+        milliseconds(load.from_s, false),
+        milliseconds(load.to_s, true),
+    ];
+    lines.extend([
+        format!("from_s = {from_s:?}"),
+        format!("to_s = {to_s:?}"),
+        format!("repeat_group = {}", json!(run.repeat_group)),
+        format!("order = {order}"),
+        format!("start_s = {:?}", milliseconds(run.start_s, false)),
+    ]);
+    if run.role == Role::HeldOut {
+        lines.push("role = \"held_out\"".to_owned());
+    }
+    lines.join("\n") + "\n"
+}
+
+/// The key of the state at the start.
+fn start_line(load: &Load) -> Option<String> {
+    let by_rest = load
+        .rest_v()
+        .filter(|_| !load.counted && !load.soc.is_some_and(|soc| soc <= 0.0 || soc >= 1.0));
+    match (by_rest, load.soc) {
+        (Some(ocv_v), _) => Some(format!("ocv_v = {ocv_v:.5}")),
+        (None, Some(soc)) => Some(format!("soc = {soc:.5}")),
+        (None, None) => None,
+    }
+}
+
+fn load_words(load: &Load) -> String {
+    let direction = if load.current_a < 0.0 {
+        "charge"
+    } else {
+        "discharge"
+    };
+    format!(
+        "{}: {:.3} A {direction} for {:.1} s from {:.1} s on",
+        load.kind.word(),
+        load.current_a.abs(),
+        load.duration_s,
+        load.start_s
+    )
+}
+
+fn rest_words(load: &Load) -> String {
+    let after = format!("{:.0} s of rest after it", load.rest_after_s);
+    match load.rest {
+        Some(rest) => format!(
+            "Rest before it: {:.1} s logged, {:.4} V, {:+.2} ± {:.2} mV per minute; {after}",
+            rest.duration_s,
+            rest.voltage_v,
+            6e4 * rest.slope_v_per_s,
+            6e4 * rest.slope_sigma_v_per_s
+        ),
+        None => format!("No rest before it; {after}"),
+    }
+}
+
+fn state_words(load: &Load) -> String {
+    let celsius = match load.temperature_c {
+        Some(celsius) => format!("{celsius:.1} °C logged"),
+        None => "no temperature logged".to_owned(),
+    };
+    match load.soc {
+        Some(soc) if load.counted => format!("{:.2} % SOC by counted charge, {celsius}", 1e2 * soc),
+        Some(soc) => format!(
+            "{:.2} % SOC by rest voltage and curve, {celsius}",
+            1e2 * soc
+        ),
+        None => format!("State by the rest voltage, {celsius}"),
+    }
+}
+
+fn spectrum_text(named: &Named, spectrum: &FoundSpectrum, order: usize) -> String {
+    let place = &spectrum.place;
+    let mut lines = vec![
+        "[[runs]]".to_owned(),
+        format!("name = {}", json!(spectrum.name)),
+        format!("file = {}", json!(spectrum.file)),
+        "kind = \"eis\"".to_owned(),
+        format!("cell = {}", json!(named.cell)),
+    ];
+    if let Some(among) = &spectrum.among {
+        lines.push(format!("spectrum = {}", json!(among)));
+    }
+    lines.extend(
+        place
+            .temperature_c
+            .map(|celsius| format!("temperature_c = {celsius:?}")),
+    );
+    lines.extend(match (place.soc, place.ocv_v) {
+        (_, Some(ocv_v)) => Some(format!("ocv_v = {ocv_v:?}")),
+        (Some(soc), None) => Some(format!("soc = {soc:?}")),
+        (None, None) => None,
+    });
+    lines.extend(spectrum.to_hz.map(|hz| format!("to_hz = {hz:?}")));
+    lines.push(format!("order = {order}"));
+    let mut notes = vec![format!("Spectrum of {} points.", spectrum.points)];
+    if !spectrum.assumed.is_empty() {
+        notes.push(format!(
+            "ASSUMED, for the file does not tell it: {} as at the first run in time.",
+            spectrum.assumed.join(", ")
+        ));
+    }
+    if spectrum.to_hz.is_some() {
+        notes.push("Points above `to_hz` are inductive, which the model is not.".to_owned());
+    }
+    notes.push("It is listed last: its time in the campaign is not known.".to_owned());
+    let used = match &spectrum.refusal {
+        Some(reason) => {
+            notes.push(format!("Left out: {reason}."));
+            false
+        }
+        None => true,
+    };
+    let notes: String = notes.iter().map(|note| format!("# {note}\n")).collect();
+    let mark = if used { "" } else { "# " };
+    let lines: String = lines.iter().map(|line| format!("{mark}{line}\n")).collect();
+    format!("\n{notes}{lines}")
+}
+
+fn left_out(logs: &[FoundLog]) -> String {
+    let mut text = String::new();
+    for log in logs {
+        for load in &log.loads {
+            let Some(reason) = &load.refusal else {
+                continue;
+            };
+            text += &format!(
+                "\n# Left out: {reason}.\n# {}.\n# [[runs]]\n# file = {}\n# kind = \"time\"\n\
+                # from_s = {:?}\n# to_s = {:?}\n",
+                load_words(load),
+                json!(log.file),
+                milliseconds(load.from_s, false),
+                milliseconds(load.to_s, true)
+            );
+        }
+    }
+    text
+}
