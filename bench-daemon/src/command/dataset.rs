@@ -121,6 +121,12 @@ fn check(args: &InitArgs) -> Result<(), Failure> {
                 .to_owned(),
         ));
     }
+    let band = [("from-hz", args.from_hz), ("to-hz", args.to_hz)];
+    for (option, hz) in band {
+        if let Some(hz) = hz.filter(|hz| !(*hz > 0.0 && hz.is_finite())) {
+            return fail(option, "a frequency above 0 Hz", hz);
+        }
+    }
     match args.temperature_c.filter(|celsius| !celsius.is_finite()) {
         Some(celsius) => fail("temperature-c", "a finite temperature", celsius),
         None => Ok(()),

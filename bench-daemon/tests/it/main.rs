@@ -21,6 +21,7 @@ mod convert;
 mod coverage;
 mod crash;
 mod crash_ahead;
+mod dataset_init;
 mod demo;
 mod diagnose;
 mod doctor;

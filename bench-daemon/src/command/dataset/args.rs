@@ -51,6 +51,12 @@ pub(super) struct InitArgs {
     /// "log_2:soc=1". Keys: `soc`, `ocv_v` (spectra only), `temperature_c`.
     #[arg(long, value_name = "NAME:KEY=VALUE")]
     pub at: Vec<Stated>,
+    /// Lowest frequency of spectra that is used, Hz: the band in which `fit` fitted the model.
+    #[arg(long, value_name = "HZ")]
+    pub from_hz: Option<f64>,
+    /// Highest frequency of spectra that is used, Hz [default: where they become inductive]
+    #[arg(long, value_name = "HZ")]
+    pub to_hz: Option<f64>,
     /// Shortest logged rest before a load, such as "10 s" or "30 min".
     #[arg(long, value_name = "TIME", default_value = "10 s", value_parser = duration)]
     pub rest: f64,

@@ -112,7 +112,7 @@ fn row(load: &Load, used: &str) {
         or_dash(load.rest.map(|rest| format!("{:.4}", rest.voltage_v))),
         or_dash(
             load.rest
-                .map(|rest| format!("{:+.2}", 6e4 * rest.slope_v_per_s))
+                .map(|rest| format!("{:+.2}", rest.slope_mv_per_min()))
         ),
         or_dash(load.soc.map(|soc| format!("{soc:.4}"))),
     );

@@ -46,10 +46,11 @@ pub(super) fn stated(all: &[Stated], name: &str) -> Place {
 
 /// Reads all files. One that no reader takes is told and passed over.
 pub(super) fn read_all(args: &InitArgs) -> Result<Vec<Content>, Failure> {
+    let mut names = Names::default();
     let contents: Vec<Content> = args
         .files
         .iter()
-        .map(|path| one(args, path))
+        .map(|path| one(args, path, &mut names))
         .collect::<Result<_, _>>()?;
     let known = |name: &str| {
         contents.iter().any(|content| {
@@ -66,7 +67,23 @@ pub(super) fn read_all(args: &InitArgs) -> Result<Vec<Content>, Failure> {
     }
 }
 
-fn one(args: &InitArgs, path: &Path) -> Result<Content, Failure> {
+/// Names that are given to logs and spectra.
+#[derive(Default)]
+struct Names(Vec<String>);
+
+impl Names {
+    /// The name, with a number where it was given before.
+    fn unique(&mut self, name: &str) -> String {
+        let numbered = (2..).map(|number| format!("{name}_{number}"));
+        let mut candidates = std::iter::once(name.to_owned()).chain(numbered);
+        let free = candidates.find(|candidate| !self.0.contains(candidate));
+        let free = free.unwrap_or_default();
+        self.0.push(free.clone());
+        free
+    }
+}
+
+fn one(args: &InitArgs, path: &Path, names: &mut Names) -> Result<Content, Failure> {
     let options = SeriesOptions {
         sign: args.positive,
     };
@@ -82,7 +99,7 @@ fn one(args: &InitArgs, path: &Path) -> Result<Content, Failure> {
                 finding: finding(Some(FileKind::Log), text),
                 log: Some(Log {
                     file: from_folder(path, &args.out)?,
-                    name: stem(path),
+                    name: names.unique(&stem(path)),
                     series,
                 }),
                 spectra: Vec::new(),
@@ -97,7 +114,10 @@ fn one(args: &InitArgs, path: &Path) -> Result<Content, Failure> {
             let spectra: Vec<FoundSpectrum> = read
                 .spectra
                 .iter()
-                .map(|sourced| spectrum(args, sourced, &file, several))
+                .map(|sourced| FoundSpectrum {
+                    among: several.then(|| sourced.spectrum.name.clone()),
+                    ..spectrum(args, sourced, &file, names)
+                })
                 .collect();
             let mut text = match spectra.len() {
                 1 => "1 spectrum".to_owned(),
@@ -148,9 +168,9 @@ fn spectrum(
     args: &InitArgs,
     sourced: &SourcedSpectrum,
     file: &str,
-    several: bool,
+    names: &mut Names,
 ) -> FoundSpectrum {
-    let name = sourced.spectrum.name.clone();
+    let name = names.unique(&sourced.spectrum.name);
     let mut place = stated(&args.at, &name);
     place.temperature_c = place.temperature_c.or(args.temperature_c);
     let points = &sourced.spectrum.points;
@@ -163,11 +183,14 @@ fn spectrum(
         .is_none_or(|fixture| fixture == "cell");
     FoundSpectrum {
         file: file.to_owned(),
-        among: several.then(|| name.clone()),
+        among: None,
         points: points.len(),
-        to_hz: inductive
-            .and_then(|first| first.checked_sub(1))
-            .map(|last| points[last].freq_hz),
+        from_hz: args.from_hz,
+        to_hz: args.to_hz.or_else(|| {
+            let last = inductive?.checked_sub(1)?;
+            Some(points[last].freq_hz)
+        }),
+        inductive: args.to_hz.is_none() && inductive.is_some(),
         place,
         assumed: Vec::new(),
         refusal: if of_cell {

@@ -22,7 +22,7 @@ pub(super) struct File {
     /// given by `--model` take its place. Left out: the model must hold one, or `--ocv` be given.
     pub(super) ocv: Option<String>,
     /// Errors of the bench as its past shows them. Left out: they are assumed.
-    pub(super) bench: Option<Bench>,
+    pub(super) bench: Option<StatedBench>,
     /// Error that the correction leaves in all spectra alike, if the standard deviations of the
     /// spectra are without it. Left out: none.
     pub(super) calibration: Option<CommonError>,
@@ -34,7 +34,7 @@ pub(super) struct File {
 /// sheets, zero checks. An error that is left out is assumed.
 #[derive(Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub(super) struct Bench {
+pub(super) struct StatedBench {
     /// White noise of one voltage sample, V. Left out: 5e-4.
     pub(super) voltage_noise_v: Option<f64>,
     /// Step of the voltage channel's codes, V; 0 where unknown. Left out: 0.
@@ -68,7 +68,7 @@ pub(super) struct Bench {
     pub(super) channel_gain_rel: Option<f64>,
 }
 
-impl Bench {
+impl StatedBench {
     /// The errors that are stated, and the others as they are assumed for a greatest current in A.
     pub(super) fn completed(&self, greatest_a: f64) -> BenchHistory {
         let assumed = BenchHistory::assumed(greatest_a);
@@ -92,6 +92,28 @@ impl Bench {
             calibration_rel: self.calibration_rel.unwrap_or(assumed.calibration_rel),
             channel_gain_rel: self.channel_gain_rel.unwrap_or(assumed.channel_gain_rel),
         }
+    }
+
+    /// Keys of errors that are assumed. The last three of the table are 0 where they are left out.
+    pub(super) fn assumed_keys(&self) -> Vec<&'static str> {
+        let stated = [
+            ("voltage_noise_v", self.voltage_noise_v),
+            ("voltage_resolution_v", self.voltage_resolution_v),
+            ("voltage_offset_v", self.voltage_offset_v),
+            ("voltage_drift_v", self.voltage_drift_v),
+            ("voltage_drift_s", self.voltage_drift_s),
+            ("resistance_rel", self.resistance_rel),
+            ("current_gain_rel", self.current_gain_rel),
+            ("current_offset_a", self.current_offset_a),
+            ("current_noise_a", self.current_noise_a),
+            ("current_resolution_a", self.current_resolution_a),
+            ("eis_noise_rel", self.eis_noise_rel),
+        ];
+        stated
+            .iter()
+            .filter(|(_, value)| value.is_none())
+            .map(|(key, _)| *key)
+            .collect()
     }
 }
 

@@ -65,6 +65,7 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         return Err(source.complain("calibration", "expected finite numbers"));
     }
     let runs = with_starts(listed);
+    let notes = raw.bench.as_ref().and_then(assumed_note);
     let set = DataSet {
         name: raw.name,
         history: raw.bench.map(|bench| bench.completed(greatest_a(&runs))),
@@ -74,7 +75,7 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     let mut loaded = Loaded {
         set,
         problems,
-        notes: Vec::new(),
+        notes: notes.into_iter().collect(),
         refused: Vec::new(),
     };
     for flagged in resolver.flagged {
@@ -85,6 +86,17 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
     }
     loaded.leave_out_refused();
     Ok(loaded)
+}
+
+/// Remark on the errors that `[bench]` does not state.
+fn assumed_note(bench: &raw::StatedBench) -> Option<String> {
+    let assumed = bench.assumed_keys();
+    (!assumed.is_empty()).then(|| {
+        format!(
+            "[bench] does not state {}: they are assumed, and weighed as if they were known",
+            assumed.join(", ")
+        )
+    })
 }
 
 /// Greatest current of these runs, A.

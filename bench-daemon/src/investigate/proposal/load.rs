@@ -59,6 +59,13 @@ pub struct Rest {
     pub slope_sigma_v_per_s: f64,
 }
 
+impl Rest {
+    /// Residual slope in mV per minute, rounded so that nothing has no sign.
+    pub fn slope_mv_per_min(&self) -> f64 {
+        (6e6 * self.slope_v_per_s).round() / 1e2 + 0.0
+    }
+}
+
 /// A load, and the run that it would be.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Load {
@@ -125,7 +132,15 @@ pub fn loads(series: &TimeSeries, search: &LogSearch) -> Vec<Load> {
         };
         Some(one(series, search, load, before, after))
     };
-    (0..segments.len()).filter_map(of).collect()
+    let mut all: Vec<Load> = (0..segments.len()).filter_map(of).collect();
+    for k in 1..all.len() {
+        // A load that is left out takes no rest from the one before it.
+        if all[k].refusal.is_some() {
+            let before = &mut all[k - 1];
+            before.to_s = before.start_s + before.duration_s + before.rest_after_s;
+        }
+    }
+    all
 }
 
 /// Rest before a load.
@@ -250,7 +265,7 @@ fn refusal(load: &Load, course: Course, search: &LogSearch) -> Option<String> {
     if sure > STEEPEST_V_PER_S {
         return Some(format!(
             "the voltage before it still moves by {:.2} mV per minute",
-            6e4 * rest.slope_v_per_s
+            rest.slope_mv_per_min()
         ));
     }
     if course == Course::AtLimit {

@@ -13,10 +13,14 @@ use super::{
 pub struct Estimate {
     /// White noise of one voltage sample, V.
     pub voltage_noise_v: Option<f64>,
+    /// Whether the codes hide the noise of the voltage: it is no more than stated.
+    pub voltage_noise_hidden: bool,
     /// Step of the voltage channel's codes, V.
     pub voltage_resolution_v: Option<f64>,
     /// White noise of one current sample, A.
     pub current_noise_a: Option<f64>,
+    /// Whether the codes hide the noise of the current: it is no more than stated.
+    pub current_noise_hidden: bool,
     /// Step of the current channel's codes, A.
     pub current_resolution_a: Option<f64>,
 }
@@ -39,10 +43,14 @@ pub fn estimate(logs: &[&TimeSeries]) -> Estimate {
     };
     let voltage_resolution_v = code(steps(|series| &series.voltage_v));
     let current_resolution_a = code(steps(|series| &series.current_a));
+    let voltage = noise(&rest_v, voltage_resolution_v);
+    let current = noise(&constant_a, current_resolution_a);
     Estimate {
-        voltage_noise_v: noise(&rest_v, voltage_resolution_v),
+        voltage_noise_v: voltage.map(|noise| noise.sigma),
+        voltage_noise_hidden: voltage.is_some_and(|noise| noise.hidden),
         voltage_resolution_v,
-        current_noise_a: noise(&constant_a, current_resolution_a),
+        current_noise_a: current.map(|noise| noise.sigma),
+        current_noise_hidden: current.is_some_and(|noise| noise.hidden),
         current_resolution_a,
     }
 }
@@ -53,9 +61,17 @@ fn bends(values: &[f64], all: &mut Vec<f64>) {
     all.extend(each.filter(|bend| bend.is_finite()));
 }
 
+/// Noise of a channel.
+#[derive(Clone, Copy)]
+struct Noise {
+    sigma: f64,
+    /// Whether the codes hide it, so that `sigma` is the most that it can be.
+    hidden: bool,
+}
+
 /// Standard deviation of one sample from second differences, with a tenth left out at the top: the
-/// first samples of a relaxation bend. No less than what a code hides.
-fn noise(bends: &[f64], code: Option<f64>) -> Option<f64> {
+/// first samples of a relaxation bend. The error of the codes themselves is taken out.
+fn noise(bends: &[f64], code: Option<f64>) -> Option<Noise> {
     if bends.len() < FEWEST_STEPS {
         return None;
     }
@@ -65,9 +81,16 @@ fn noise(bends: &[f64], code: Option<f64>) -> Option<f64> {
     #[expect(clippy::cast_precision_loss, reason = "numbers of samples")]
     let count = squares.len() as f64;
     // White noise of σ has second differences of √6 σ.
-    let sigma = (squares.iter().sum::<f64>() / count / 6.0).sqrt();
-    let hidden = code.map_or(0.0, |code| code / 12.0_f64.sqrt());
-    Some(sigma.max(hidden)).filter(|sigma| *sigma > 0.0)
+    let variance = squares.iter().sum::<f64>() / count / 6.0;
+    let of_codes = code.map_or(0.0, |code| code * code / 12.0);
+    // Beyond the variance of the codes lies as much again: the noise dithers them.
+    let hidden = variance < 2.0 * of_codes;
+    let sigma = if hidden {
+        of_codes.sqrt()
+    } else {
+        (variance - of_codes).sqrt()
+    };
+    Some(Noise { sigma, hidden }).filter(|noise| noise.sigma > 0.0)
 }
 
 /// Step of the codes of a channel from the steps between its samples; none where they are no

@@ -116,8 +116,12 @@ pub struct FoundSpectrum {
     pub among: Option<String>,
     /// Number of points.
     pub points: usize,
-    /// Highest frequency below the inductive points, Hz; none where no point is inductive.
+    /// Lowest used frequency, Hz; none where all are used.
+    pub from_hz: Option<f64>,
+    /// Highest used frequency, Hz; none where all are used.
     pub to_hz: Option<f64>,
+    /// Whether `to_hz` leaves out inductive points.
+    pub inductive: bool,
     /// Circumstances as stated.
     pub place: Place,
     /// Values of `place` that nobody stated: they are those of the runs in time.

@@ -221,6 +221,29 @@ fn a_short_load_that_varies_is_no_pulse_and_a_long_one_is_a_drive_cycle() {
 }
 
 #[test]
+fn a_rest_is_shared_with_a_pulse_that_is_used_only() {
+    let parts = [
+        part(60.0, 0.0),
+        part(10.0, 2.0),
+        part(40.0, 0.0),
+        part(10.0, -1.5),
+        part(60.0, 0.0),
+    ];
+    let mut series = log(&parts, 1.0);
+    let used = found(&series);
+    assert_eq!(
+        (refusal(&used[1]), used[0].to_s, used[1].from_s),
+        ("", 89.5, 90.0)
+    );
+    for k in 70..110 {
+        series.voltage_v[k] = 3.69 + 2.5e-4 * (k - 70) as f64;
+    }
+    let left_out = found(&series);
+    assert!(refusal(&left_out[1]).contains("still moves"));
+    assert_eq!((left_out[0].to_s, left_out[0].rest_after_s), (109.0, 39.0));
+}
+
+#[test]
 fn equal_pulses_are_one_group_and_have_one_role() {
     let runs = proposed(pulses(&[1.0, 2.0, 4.0, 2.0, 8.0, -2.0]));
     let groups: Vec<&str> = runs.iter().map(|run| run.repeat_group.as_str()).collect();
@@ -315,7 +338,9 @@ fn a_spectrum_elsewhere_is_refused_and_one_without_a_state_is_taken_at_the_pulse
         file: "eis.csv".to_owned(),
         among: None,
         points: 10,
+        from_hz: None,
         to_hz: None,
+        inductive: false,
         place,
         assumed: Vec::new(),
         refusal: None,
@@ -363,5 +388,6 @@ fn noise_and_codes_are_estimated_and_nothing_is_told_of_a_log_without_rests() {
         (told.current_noise_a, told.current_resolution_a),
         (None, None)
     );
+    assert!(!told.voltage_noise_hidden);
     assert_eq!(estimate(&[]), Estimate::default());
 }

@@ -82,27 +82,31 @@ const NEVER_TOLD: [&str; 7] = [
 ];
 
 fn bench_text(bench: &Estimate) -> String {
+    let scatter = |hidden: bool, of: &str| {
+        if hidden {
+            format!("hidden by the codes: the most that it can be; seen in {of}")
+        } else {
+            format!("scatter in {of}")
+        }
+    };
+    let codes = "step between codes".to_owned();
     let told = [
         (
             "voltage_noise_v",
             bench.voltage_noise_v,
-            "scatter in the rests, no less than what a code hides",
+            scatter(bench.voltage_noise_hidden, "the rests"),
         ),
         (
             "voltage_resolution_v",
             bench.voltage_resolution_v,
-            "step between codes",
+            codes.clone(),
         ),
         (
             "current_noise_a",
             bench.current_noise_a,
-            "scatter of constant currents, no less than what a code hides",
+            scatter(bench.current_noise_hidden, "constant currents"),
         ),
-        (
-            "current_resolution_a",
-            bench.current_resolution_a,
-            "step between codes",
-        ),
+        ("current_resolution_a", bench.current_resolution_a, codes),
     ];
     let mut text = "\n# Errors of the bench, as far as the logs tell them.\n[bench]\n".to_owned();
     for (key, value, meaning) in told {
@@ -128,7 +132,7 @@ fn run_text(named: &Named, logs: &[FoundLog], run: &ProposedRun, order: usize) -
     let load = &log.loads[run.load];
     let mut lines = vec![
         String::new(),
-        format!("# {}.", load_words(load)),
+        format!("# Load: {}.", load_words(load)),
         format!("# {}.", rest_words(load)),
         format!("# {}.", state_words(load)),
         format!("# Role: {}.", run.reason),
@@ -198,7 +202,7 @@ fn rest_words(load: &Load) -> String {
             "Rest before it: {:.1} s logged, {:.4} V, {:+.2} ± {:.2} mV per minute; {after}",
             rest.duration_s,
             rest.voltage_v,
-            6e4 * rest.slope_v_per_s,
+            rest.slope_mv_per_min(),
             6e4 * rest.slope_sigma_v_per_s
         ),
         None => format!("No rest before it; {after}"),
@@ -242,6 +246,7 @@ fn spectrum_text(named: &Named, spectrum: &FoundSpectrum, order: usize) -> Strin
         (Some(soc), None) => Some(format!("soc = {soc:?}")),
         (None, None) => None,
     });
+    lines.extend(spectrum.from_hz.map(|hz| format!("from_hz = {hz:?}")));
     lines.extend(spectrum.to_hz.map(|hz| format!("to_hz = {hz:?}")));
     lines.push(format!("order = {order}"));
     let mut notes = vec![format!("Spectrum of {} points.", spectrum.points)];
@@ -251,7 +256,13 @@ fn spectrum_text(named: &Named, spectrum: &FoundSpectrum, order: usize) -> Strin
             spectrum.assumed.join(", ")
         ));
     }
-    if spectrum.to_hz.is_some() {
+    if spectrum.from_hz.is_none() {
+        notes.push(
+            "No `from_hz`: all low frequencies count. It should be that of the fit of the model."
+                .to_owned(),
+        );
+    }
+    if spectrum.inductive {
         notes.push("Points above `to_hz` are inductive, which the model is not.".to_owned());
     }
     notes.push("It is listed last: its time in the campaign is not known.".to_owned());
@@ -276,7 +287,7 @@ fn left_out(logs: &[FoundLog]) -> String {
                 continue;
             };
             text += &format!(
-                "\n# Left out: {reason}.\n# {}.\n# [[runs]]\n# file = {}\n# kind = \"time\"\n\
+                "\n# Left out: {reason}.\n# Load: {}.\n# [[runs]]\n# file = {}\n# kind = \"time\"\n\
                 # from_s = {:?}\n# to_s = {:?}\n",
                 load_words(load),
                 json!(log.file),

@@ -1,0 +1,211 @@
+//! `dataset init` on the tables of the Panasonic cell: what it writes is what a person wrote, and
+//! `diagnose` takes it.
+
+use std::{
+    path::{Path, PathBuf},
+    process::{Command, Output},
+};
+
+use analysis::diagnosis::{DataSet, Role, RunData, Start};
+use bench_daemon::investigate::dataset::read_dataset;
+use serde_json::Value;
+
+fn project(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(path)
+}
+
+fn tables(cell: &str) -> PathBuf {
+    project("fixtures/data/cells").join(cell)
+}
+
+fn eis_bench(words: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .args(words)
+        .output()
+        .unwrap()
+}
+
+/// `dataset init` of the tables of a cell, with its spectrum's circumstances.
+fn init(cell: &str, at: &str, out: &Path, more: &[&str]) -> Output {
+    let file = |name: &str| tables(cell).join(name).to_str().unwrap().to_owned();
+    let curve = tables("panasonic_18650pf_25C").join("ocv.json");
+    let words = [
+        "dataset",
+        "init",
+        &file("pulses.bdf.csv"),
+        &file("eis_07.csv"),
+        "--cell",
+        "NCR18650PF",
+        "--ocv",
+        curve.to_str().unwrap(),
+        "--at",
+        at,
+        "--from-hz",
+        "0.1",
+        "--to-hz",
+        "300",
+        "--out",
+        out.to_str().unwrap(),
+    ];
+    eis_bench(&[&words, more].concat())
+}
+
+fn error(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned()
+}
+
+fn ocv_v(set: &DataSet, run: usize) -> f64 {
+    match set.runs[run].start {
+        Start::Ocv(ocv_v) => ocv_v,
+        Start::Soc(_) => panic!("{}", set.runs[run].name),
+    }
+}
+
+/// Compares with the data set of a person: the same rows, but for one at an end, and the same
+/// split.
+fn assert_as_by_hand(made: &DataSet, by_hand: &str) {
+    let hand = read_dataset(&project("configs/datasets").join(by_hand)).unwrap();
+    let hand = hand.set;
+    assert_eq!(made.runs.len(), hand.runs.len());
+    // The spectrum is first there, and last here.
+    let moved = |k: usize| (k + 1) % made.runs.len();
+    for k in 0..made.runs.len() {
+        let (run, other) = (&made.runs[k], &hand.runs[moved(k)]);
+        assert_eq!(
+            (run.role, run.order, &run.fixture),
+            (other.role, other.order, &other.fixture)
+        );
+        match (&run.data, &other.data) {
+            (RunData::Time(run), RunData::Time(other)) => {
+                let rows = run.series.len();
+                assert!(rows.abs_diff(other.series.len()) <= 1, "{rows}");
+                assert_eq!(run.series.voltage_v[..400], other.series.voltage_v[..400]);
+            }
+            (run, other) => assert!(run == other),
+        }
+        assert!((ocv_v(made, k) - ocv_v(&hand, moved(k))).abs() < 1e-4);
+        assert!((run.temperature_c - other.temperature_c).abs() < 0.5);
+    }
+}
+
+#[test]
+fn the_tables_of_panasonic_become_the_data_sets_that_a_person_made() {
+    for (cell, at, by_hand, gaps_mv) in [
+        (
+            "panasonic_18650pf_25C",
+            "eis_07:ocv_v=3.6635,temperature_c=26.8",
+            "panasonic_50soc",
+            [14.71, 35.23],
+        ),
+        (
+            "panasonic_18650pf_10C",
+            "eis_07:ocv_v=3.657,temperature_c=12.41",
+            "panasonic_10c",
+            [21.67, 46.66],
+        ),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("data");
+        let output = init(cell, at, &out, &[]);
+        assert!(output.status.success(), "{}", error(&output));
+        let read = read_dataset(&out).unwrap();
+        assert!(read.problems.is_empty());
+        assert_as_by_hand(&read.set, by_hand);
+        let history = read.set.history.unwrap();
+        assert!((history.voltage_resolution_v - 6.4e-4).abs() < 1e-5);
+        // Not told by the data: as it is assumed.
+        assert_eq!(history.voltage_offset_v, 1e-3);
+
+        let model = tables(cell).join("model_3rc.json");
+        let diagnosis = eis_bench(&[
+            "diagnose",
+            out.to_str().unwrap(),
+            "--model",
+            model.to_str().unwrap(),
+            "--json",
+        ]);
+        assert!(diagnosis.status.success(), "{}", error(&diagnosis));
+        let told: Value = serde_json::from_slice(&diagnosis.stdout).unwrap();
+        assert_eq!(told["verdict"], "unexplained");
+        // The gaps of the model file as by the data set of a person.
+        for (gap, expected_mv) in told["gap"].as_array().unwrap().iter().zip(gaps_mv) {
+            let met_mv = gap["eis_only_mv"].as_f64().unwrap();
+            assert!((met_mv / expected_mv - 1.0).abs() < 0.03, "{gap}");
+        }
+        assert_eq!(told["gap"].as_array().unwrap().len(), 2);
+    }
+}
+
+#[test]
+fn nothing_is_written_over_and_a_dry_run_writes_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let (cell, at) = ("panasonic_18650pf_25C", "eis_07:temperature_c=25");
+    let dry = init(cell, at, &out, &["--dry-run"]);
+    let printed = String::from_utf8(dry.stdout).unwrap();
+    assert!(
+        !out.exists() && printed.contains("role = \"held_out\""),
+        "{printed}"
+    );
+    std::fs::create_dir(&out).unwrap();
+    std::fs::write(out.join("dataset.toml"), "name = \"mine\"\n").unwrap();
+    let refused = init(cell, at, &out, &[]);
+    assert!(
+        refused.status.code() == Some(2) && error(&refused).contains("nothing is written over")
+    );
+    let kept = std::fs::read_to_string(out.join("dataset.toml")).unwrap();
+    assert_eq!(kept, "name = \"mine\"\n");
+}
+
+#[test]
+fn files_that_cannot_be_read_are_told_and_a_spectrum_elsewhere_is_a_comment() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("data");
+    let repeats = folder.path().join("repeats.bdf.csv");
+    let text = "Test Time / s,Current / A,Voltage / V\n0,0,3.7\n0,0,3.7\n";
+    std::fs::write(&repeats, text).unwrap();
+    let notes = folder.path().join("notes.txt");
+    std::fs::write(&notes, "cell 7, new fixture\n").unwrap();
+    let more = [repeats.to_str().unwrap(), notes.to_str().unwrap(), "--json"];
+    let (cell, at) = ("panasonic_18650pf_25C", "eis_07:ocv_v=3.9,temperature_c=25");
+    let output = init(cell, at, &out, &more);
+    assert!(output.status.success(), "{}", error(&output));
+    let found: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let kinds: Vec<&Value> = found["files"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .map(|file| &file["kind"])
+        .collect();
+    assert_eq!(
+        kinds,
+        ["log", "spectra", "", ""]
+            .map(|kind| match kind {
+                "" => Value::Null,
+                kind => Value::from(kind),
+            })
+            .iter()
+            .collect::<Vec<_>>()
+    );
+    let text = |file: usize| found["files"][file]["text"].as_str().unwrap();
+    assert!(text(2).contains("reader of logs") && text(2).contains("times in s that rise"));
+    assert!(text(3).contains("no reader knows it"), "{}", text(3));
+    let set = read_dataset(&out).unwrap().set;
+    assert!(
+        set.runs
+            .iter()
+            .all(|run| matches!(run.data, RunData::Time(_)))
+    );
+    assert_eq!(
+        set.runs
+            .iter()
+            .filter(|run| run.role == Role::HeldOut)
+            .count(),
+        2
+    );
+    let written = std::fs::read_to_string(out.join("dataset.toml")).unwrap();
+    assert!(
+        written.contains("# Left out: it was taken at 3.9000 V"),
+        "{written}"
+    );
+}
