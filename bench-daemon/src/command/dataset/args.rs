@@ -121,3 +121,32 @@ impl FromStr for Stated {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn circumstances_are_read_and_others_refused() {
+        let stated: Stated = "a.mpt#loop:1:ocv_v=3.66,temperature_c=-5".parse().unwrap();
+        assert_eq!(stated.name, "a.mpt#loop:1");
+        assert_eq!(
+            stated.place,
+            Place {
+                soc: None,
+                ocv_v: Some(3.66),
+                temperature_c: Some(-5.0)
+            }
+        );
+        for text in [
+            "a",
+            "a:soc",
+            "a:soc=2",
+            "a:soc=x",
+            "a:r=1",
+            "a:soc=0.5,ocv_v=3.6",
+        ] {
+            assert!(text.parse::<Stated>().is_err(), "{text}");
+        }
+    }
+}

@@ -12,11 +12,12 @@ use crate::{
 pub(super) fn findings(found: &Findings) {
     found.files.iter().for_each(file);
     for (number, log) in found.logs.iter().enumerate() {
+        let count = log.loads.len();
         say!(
-            "\n{}: {:.0} s, {} loads",
+            "\n{}: {:.0} s, {count} load{}",
             log.name,
             log.lasting_s,
-            log.loads.len()
+            if count == 1 { "" } else { "s" }
         );
         if log.loads.is_empty() {
             continue;

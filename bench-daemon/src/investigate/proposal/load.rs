@@ -6,8 +6,8 @@ use serde::Serialize;
 use super::{
     segment::{self, Course, Segment, inner, median, median_a},
     thresholds::{
-        FEWEST_OF_DISCHARGE, JITTER_PART, LEAD_S, LONGEST_PULSE_S, REST_WINDOW_S, SHORTEST_CYCLE_S,
-        STEEPEST_V_PER_S,
+        FEWEST_OF_DISCHARGE, FEWEST_OF_SLOPE, JITTER_PART, LEAD_S, LONGEST_PULSE_S, REST_VOLTAGE_S,
+        REST_WINDOW_S, SHORTEST_CYCLE_S, STEEPEST_V_PER_S,
     },
 };
 
@@ -303,8 +303,8 @@ fn rest_of(series: &TimeSeries, rest: &Segment, load_s: f64) -> Rest {
     let duration_s = load_s - time_s[0];
     let late = |window_s: f64| time_s.partition_point(|t| *t < load_s - window_s);
     // A slow log has less than a few samples in the window.
-    let begin = late(REST_WINDOW_S).min(time_s.len().saturating_sub(5));
-    let end = begin.max(late(LAST_S)).min(time_s.len() - 1);
+    let begin = late(REST_WINDOW_S).min(time_s.len().saturating_sub(FEWEST_OF_SLOPE));
+    let end = begin.max(late(REST_VOLTAGE_S)).min(time_s.len() - 1);
     let (slope, sigma) = slope(&time_s[begin..], &voltage_v[begin..]);
     Rest {
         duration_s,
@@ -313,9 +313,6 @@ fn rest_of(series: &TimeSeries, rest: &Segment, load_s: f64) -> Rest {
         slope_sigma_v_per_s: sigma,
     }
 }
-
-/// Last part of a rest whose median is the rest voltage, s.
-const LAST_S: f64 = 10.0;
 
 /// Slope of a straight line and its standard uncertainty; 0 and 0 where there are too few samples.
 fn slope(time_s: &[f64], voltage_v: &[f64]) -> (f64, f64) {

@@ -5,8 +5,8 @@ use std::ops::Range;
 use analysis::series::TimeSeries;
 
 use super::thresholds::{
-    CONSTANT_PART, CUT_S, LIMIT_BAND_V, LIMIT_CURRENT_PART, LIMIT_PART, LONGEST_PAUSE_S, REST_PART,
-    SHORTEST_REST_S,
+    CONSTANT_PART, CUT_S, FEWEST_AT_LIMIT, LIMIT_BAND_V, LIMIT_CURRENT_PART, LIMIT_PART,
+    LONGEST_PAUSE_S, REST_PART, SHORTEST_REST_S,
 };
 
 /// A stretch of a log, at rest or not.
@@ -66,10 +66,7 @@ pub(super) fn segments(series: &TimeSeries) -> Vec<Segment> {
             }),
         }
     }
-    let all = joined(all, |before, pause, after| {
-        let _ = (before, after);
-        pause.lasting_s(series) < SHORTEST_REST_S
-    });
+    let all = joined(all, |_, pause, _| pause.lasting_s(series) < SHORTEST_REST_S);
     joined(all, |before, pause, after| {
         let courses = [before, after].map(|load| course(series, load));
         pause.lasting_s(series) < LONGEST_PAUSE_S
@@ -167,5 +164,5 @@ fn at_limit(series: &TimeSeries, samples: Range<usize>) -> bool {
     };
     #[expect(clippy::cast_precision_loss, reason = "numbers of samples")]
     let part = held.len() as f64 / current_a.len() as f64;
-    stays && falls && held.len() >= 3 && part >= LIMIT_PART
+    stays && falls && held.len() >= FEWEST_AT_LIMIT && part >= LIMIT_PART
 }

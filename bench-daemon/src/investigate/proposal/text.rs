@@ -187,7 +187,7 @@ fn load_words(load: &Load) -> String {
         "discharge"
     };
     format!(
-        "{}: {:.3} A {direction} for {:.1} s from {:.1} s on",
+        "{} of {:.3} A ({direction}) for {:.1} s from {:.1} s on",
         load.kind.word(),
         load.current_a.abs(),
         load.duration_s,

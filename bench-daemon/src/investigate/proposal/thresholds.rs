@@ -17,8 +17,13 @@ pub(super) const LEAD_S: f64 = 60.0;
 /// Largest residual slope of the rest before a load, V/s: 0.6 mV per minute. A run of a minute and
 /// a half then drifts by less than the level error of 1 mV that the diagnosis assumes.
 pub(super) const STEEPEST_V_PER_S: f64 = 1e-5;
-/// Last part of a rest whose voltage and slope count, s.
-pub(super) const REST_WINDOW_S: f64 = 60.0;
+/// Last part of a rest whose slope counts, s. Convention: as [`LEAD_S`].
+pub(super) const REST_WINDOW_S: f64 = LEAD_S;
+/// Last part of a rest whose median is the rest voltage, s. At [`STEEPEST_V_PER_S`] the voltage
+/// moves by 0.1 mV in it.
+pub(super) const REST_VOLTAGE_S: f64 = 10.0;
+/// Fewest samples of a slope, where the log is slow. Convention.
+pub(super) const FEWEST_OF_SLOPE: usize = 5;
 /// Deviation from its median up to which a current is constant, as a fraction. Half and twice the
 /// current are 50 times as far away; cyclers hold 0.1 %.
 pub(super) const CONSTANT_PART: f64 = 0.02;
@@ -34,6 +39,8 @@ pub(super) const FEWEST_OF_DISCHARGE: f64 = 50.0;
 pub(super) const LIMIT_BAND_V: f64 = 5e-3;
 /// Part of a stretch's samples that lie in the band where a limit was hit. Convention.
 pub(super) const LIMIT_PART: f64 = 0.1;
+/// Fewest samples at a limit. Convention.
+pub(super) const FEWEST_AT_LIMIT: usize = 3;
 /// Part of its current that is left at the end of a stretch at a limit, at most. A constant current
 /// loses none.
 pub(super) const LIMIT_CURRENT_PART: f64 = 0.95;
