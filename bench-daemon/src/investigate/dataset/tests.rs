@@ -260,8 +260,8 @@ fn mistakes_name_file_line_and_field() {
         ),
         (
             "[[runs]]",
-            "[bench]\nvoltage_noise_v = 1\n[[runs]]",
-            "dataset.toml:2: bench: missing field `voltage_resolution_v`",
+            "[bench]\nvoltage_noise_v = -1\n[[runs]]",
+            "dataset.toml:3: bench.voltage_noise_v: expected a number of zero or more, found -1",
         ),
     ] {
         let message = read(&good.replace(from, to)).unwrap_err();
@@ -274,6 +274,25 @@ fn mistakes_name_file_line_and_field() {
         read(&twice).unwrap_err(),
         "dataset.toml:7: runs.2.name: expected a name of its own for every run, found \"p\""
     );
+}
+
+#[test]
+fn errors_of_a_bench_that_are_not_stated_are_assumed_and_told() {
+    let loaded = read(
+        "name = \"d\"\n[bench]\nvoltage_noise_v = 1e-4\n[[runs]]\nfile = \"p.bdf.csv\"\n\
+        kind = \"time\"\nsoc = 0.5\ntemperature_c = 25\n",
+    )
+    .unwrap();
+    // The greatest current is 2 A.
+    let expected = BenchHistory {
+        voltage_noise_v: 1e-4,
+        ..BenchHistory::assumed(2.0)
+    };
+    assert_eq!(loaded.set.history, Some(expected));
+    let [note] = loaded.notes.as_slice() else {
+        panic!("{:?}", loaded.notes)
+    };
+    assert!(note.starts_with("[bench] does not state voltage_resolution_v, voltage_offset_v"));
 }
 
 #[test]

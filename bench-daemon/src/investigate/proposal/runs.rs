@@ -218,7 +218,7 @@ fn group(runs: &mut [ProposedRun], logs: &[FoundLog]) {
     }
 }
 
-/// Holds out, at each state, the pulses of the largest and of a middle current where at least two
+/// Holds out, at each state and in each direction, the pulses of the largest and of a middle current where at least two
 /// currents are left to train; of several drive cycles the last one.
 fn split(runs: &mut [ProposedRun], logs: &[FoundLog]) {
     let mut waiting: Vec<usize> = (0..runs.len())
@@ -226,9 +226,11 @@ fn split(runs: &mut [ProposedRun], logs: &[FoundLog]) {
         .collect();
     while let Some(first) = waiting.first().copied() {
         let place = runs[first].place;
+        let charges = |k: &usize| load_of(&runs[*k], logs).current_a < 0.0;
+        let charging = charges(&first);
         let (here, elsewhere) = waiting
             .into_iter()
-            .partition(|k| runs[*k].place.is_near(&place, &STATE));
+            .partition(|k| runs[*k].place.is_near(&place, &STATE) && charges(k) == charging);
         waiting = elsewhere;
         split_state(runs, &here, logs);
     }
@@ -254,7 +256,7 @@ fn role(held_out: bool) -> Role {
     if held_out { Role::HeldOut } else { Role::Train }
 }
 
-/// Splits the pulses of one state.
+/// Splits the pulses of one state and direction.
 fn split_state(runs: &mut [ProposedRun], here: &[usize], logs: &[FoundLog]) {
     // One load for each current, by rising magnitude.
     let mut levels: Vec<&Load> = Vec::new();
@@ -272,10 +274,22 @@ fn split_state(runs: &mut [ProposedRun], here: &[usize], logs: &[FoundLog]) {
         let load = load_of(&runs[*k], logs);
         let level = levels.iter().position(|level| same_current(level, load));
         let (held_out, reason) = match level {
-            _ if count < 3 => (false, "too few currents at this state: all train"),
-            level if level == largest => (true, "the largest current at this state is held out"),
-            level if level == middle => (true, "a middle current at this state is held out"),
-            _ => (false, "the other currents at this state train"),
+            _ if count < 3 => (
+                false,
+                "too few currents at this state and in this direction: all train",
+            ),
+            level if level == largest => (
+                true,
+                "the largest current at this state and direction is held out",
+            ),
+            level if level == middle => (
+                true,
+                "a middle current at this state and direction is held out",
+            ),
+            _ => (
+                false,
+                "the other currents at this state and direction train",
+            ),
         };
         runs[*k].role = role(held_out);
         reason.clone_into(&mut runs[*k].reason);

@@ -49,7 +49,7 @@ pub(super) fn segments(series: &TimeSeries) -> Vec<Segment> {
     let below_a = rest_current_a(series);
     let mut all: Vec<Segment> = Vec::new();
     for k in 0..series.len() {
-        let before = all.last().map_or(true, |last| last.rest);
+        let before = all.last().is_none_or(|last| last.rest);
         // A row without a current belongs to what was before.
         let rest = match series.current_a[k] {
             a if a.is_finite() => a.abs() <= below_a,
@@ -137,7 +137,7 @@ pub(super) fn course(series: &TimeSeries, load: &Segment) -> Course {
 fn at_limit(series: &TimeSeries, samples: Range<usize>) -> bool {
     let current_a = &series.current_a[samples.clone()];
     let voltage_v = &series.voltage_v[samples];
-    let charging = current_a.iter().all(|a| !(*a > 0.0));
+    let charging = current_a.iter().all(|a| a.is_nan() || *a <= 0.0);
     if !charging && current_a.iter().any(|a| *a < 0.0) {
         return false;
     }

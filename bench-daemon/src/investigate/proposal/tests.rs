@@ -271,6 +271,8 @@ fn the_largest_and_a_middle_current_are_held_out_where_two_are_left() {
         (&[0.5, 1.0, 2.0], &[2.0]),
         (&[0.5, 1.0], &[]),
         (&[0.5], &[]),
+        // Each direction has its own currents.
+        (&[-0.75, 1.0, -1.5, 2.0, -3.0], &[-3.0]),
     ] {
         let loads = pulses(currents_a);
         let runs = proposed(loads.clone());

@@ -51,8 +51,9 @@ fn head(named: &Named) -> String {
 # Runs: each begins in the rest before its load and ends with the rest after it, or where the run
 # after it begins. The rest before it is logged for {} s at least, and its voltage stands still.
 # Repeats: pulses of equal current, duration, temperature and state share a `repeat_group`.
-# Split: at each state of charge the pulses of the largest and of a middle current are held out. At
-# least two currents train; of three currents only the largest is held out, of two none.
+# Split: at each state of charge and in each direction the pulses of the largest and of a middle
+# current are held out. At least two currents train; of three only the largest is held out, of two
+# none.
 # Of several drive cycles the last one is held out. Long discharges and spectra train.
 # Times between logs are not known: each log begins where the one before it ends.
 name = {}
