@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::{
     segment::{self, Course, inner, median},
-    thresholds::{CODES_PART, FEWEST_STEPS, NEAR_CODES, OFF_CODE},
+    thresholds::{CODES_PART, FEWEST_STEPS, KEPT_VARIANCE, NEAR_CODES, OFF_CODE},
 };
 
 /// Errors of the channels that logs tell; none where they do not.
@@ -81,7 +81,7 @@ fn noise(bends: &[f64], code: Option<f64>) -> Option<Noise> {
     #[expect(clippy::cast_precision_loss, reason = "numbers of samples")]
     let count = squares.len() as f64;
     // White noise of σ has second differences of √6 σ.
-    let variance = squares.iter().sum::<f64>() / count / 6.0;
+    let variance = squares.iter().sum::<f64>() / count / 6.0 / KEPT_VARIANCE;
     let of_codes = code.map_or(0.0, |code| code * code / 12.0);
     // Beyond the variance of the codes lies as much again: the noise dithers them.
     let hidden = variance < 2.0 * of_codes;
