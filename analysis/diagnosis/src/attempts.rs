@@ -66,7 +66,7 @@ fn keep_better(attempts: &mut Vec<Attempt>, others: Vec<Attempt>) {
 }
 
 /// Takes over the better result of each candidate; best score first.
-fn keep_better_candidates(ranking: &mut Vec<Candidate>, others: Vec<Candidate>) {
+fn keep_better_candidates(ranking: &mut [Candidate], others: Vec<Candidate>) {
     let score = |c: &Candidate| c.score.unwrap_or(f64::NEG_INFINITY);
     for other in others {
         if let Some(own) = ranking.iter_mut().find(|c| c.name == other.name)

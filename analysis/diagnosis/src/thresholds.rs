@@ -598,10 +598,6 @@ thresholds! {
         Convention "Three halvings; what is still too coarse is refused. No study of the value is \
         on record.";
     // Accept.
-    MOSTLY_SHARE: f64 = 0.9, "1",
-        "Part of the excess of χ² from which on names explain most of what is missing.",
-        Convention "Three times `MATERIAL_SHARE`; what is left is less than a third of the misfit \
-        in root mean square, as √0.1 = 0.32.";
     LEAST_SCORE: f64 = 8.0, "1",
         "Score λ − k·ln N that an effect must have.",
         Convention "A BIC difference of 6 to 10 is strong evidence (Kass and Raftery, JASA 90, \

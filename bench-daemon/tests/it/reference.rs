@@ -20,12 +20,13 @@ use sources::Library;
 const WRITE: &str = "EIS_BENCH_WRITE_REFERENCE";
 
 /// Sources that hold the structures of the files, and the types that these refer to.
-const SOURCES: [&str; 22] = [
+const SOURCES: [&str; 23] = [
     "bench-daemon/src/config/raw.rs",
     "bench-daemon/src/config/raw_bench.rs",
     "bench-daemon/src/config/raw_multisine.rs",
     "bench-daemon/src/config/raw_ocv_soc.rs",
     "bench-daemon/src/config/raw_quality.rs",
+    "bench-daemon/src/config/section.rs",
     "bench-daemon/src/config/interlock.rs",
     "bench-daemon/src/config/limits.rs",
     "bench-daemon/src/config/mod.rs",
