@@ -60,7 +60,7 @@ const CIRCLES: [Circles; 19] = [
     Circles::of("instruments", 0, 0),
     Circles::of("fixtures", 0, 0),
     Circles::of("fixtures/study", 0, 0),
-    Circles::of("bench-daemon", 4, 2),
+    Circles::of("bench-daemon", 2, 1),
 ];
 
 /// Most columns of a line of a source file.
