@@ -70,7 +70,7 @@ pub trait Device: Send {
 pub struct MockOptions {
     /// Serial number in the identity (`34970A` has none, `julabo` no identity).
     pub serial_number: String,
-    /// In which ways it differs from the usual one; each model has its own ([`Model::quirks`]).
+    /// In which ways it differs from the usual one; each model has its own (`Model::quirks`).
     pub quirks: Quirks,
     /// Bench time at which it is switched on, s.
     pub since_s: f64,

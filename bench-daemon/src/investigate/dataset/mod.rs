@@ -3,7 +3,8 @@
 //!
 //! `dataset.toml` holds a name, perhaps a model and an OCV curve, perhaps `[bench]` (the fields of
 //! [`BenchHistory`](analysis::diagnosis::BenchHistory)), perhaps `[calibration]` (the fields of
-//! [`CommonError`](analysis::calibration::CommonError)), and a `[[runs]]` for each run. `docs/reference-dataset.md` lists all keys.
+//! [`CommonError`](analysis::calibration::CommonError)), and a `[[runs]]` for each run.
+//! `docs/reference-dataset.md` lists all keys.
 //!
 //! A mistake in `dataset.toml` is an error. A file that is there but damaged is a
 //! (`DataSetProblem`): the diagnosis then ends as invalid, with the reason.
