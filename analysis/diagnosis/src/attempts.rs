@@ -65,17 +65,15 @@ fn keep_better(attempts: &mut Vec<Attempt>, others: Vec<Attempt>) {
     attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
 }
 
-/// Takes over the better result of each candidate; best score first.
-fn keep_better_candidates(ranking: &mut [Candidate], others: Vec<Candidate>) {
-    let score = |c: &Candidate| c.score.unwrap_or(f64::NEG_INFINITY);
-    for other in others {
-        if let Some(own) = ranking.iter_mut().find(|c| c.name == other.name)
-            && score(own) < score(&other)
-        {
-            let lagrange = own.lagrange;
-            *own = Candidate { lagrange, ..other };
+/// Gives the candidates the results of their attempts; best score first.
+fn rank(ranking: &mut [Candidate], attempts: &[Attempt]) {
+    for attempt in attempts {
+        if let Some(candidate) = ranking.iter_mut().find(|c| c.name == attempt.name) {
+            (candidate.lambda, candidate.score) = (Some(attempt.lambda), Some(attempt.score));
+            candidate.refused_because.clear();
         }
     }
+    let score = |c: &Candidate| c.score.unwrap_or(f64::NEG_INFINITY);
     ranking.sort_by(|a, b| {
         score(b)
             .total_cmp(&score(a))
@@ -97,20 +95,22 @@ impl Search<'_> {
         instead: Option<&'static str>,
     ) -> (Vec<Attempt>, Vec<Candidate>) {
         let starts = self.starts(fit);
-        let (mut attempts, mut ranking) = self.attempts_from(fit, starts, instead);
+        let (found, mut ranking) = self.attempts_from(fit, starts, instead);
+        let mut attempts = Vec::new();
+        keep_better(&mut attempts, found);
         for _ in 0..MOST_RESTARTS {
             let Some(best) = attempts.first().filter(|a| self.is_strong_and_misses(a)) else {
                 break;
             };
             let best_score = best.score;
             let start = self.beside(fit, best);
-            let (others, more) = self.attempts_from(fit, vec![start], instead);
+            let (others, _) = self.attempts_from(fit, vec![start], instead);
             keep_better(&mut attempts, others);
-            keep_better_candidates(&mut ranking, more);
             if attempts[0].score <= best_score + DEEPER_CHI2 {
                 break;
             }
         }
+        rank(&mut ranking, &attempts);
         (attempts, ranking)
     }
 
@@ -124,12 +124,14 @@ impl Search<'_> {
     /// The fit where an addition has put its parameters, without the addition: there the branches
     /// of the base may stand where they belong, and a better addition is found from there only.
     fn beside(&mut self, fit: &Fit, attempt: &Attempt) -> Fit {
-        let x = attempt.fit.x[..fit.x.len()].to_vec();
-        self.problem
-            .at(&fit.structure, x, fit.axes.clone(), &mut self.workspace)
+        let Fit {
+            structure, x, axes, ..
+        } = attempt.fit.base_of(fit);
+        self.problem.at(&structure, x, axes, &mut self.workspace)
     }
 
-    /// Fits from these starts; how good a candidate looks is judged at the first of them.
+    /// Fits from these starts, and the candidates still without their results; how good a candidate
+    /// looks is judged at the first of them.
     fn attempts_from(
         &mut self,
         fit: &Fit,
@@ -159,8 +161,8 @@ impl Search<'_> {
             ranking.push(Candidate {
                 name,
                 lagrange,
-                lambda: attempt.as_ref().map(|a| a.lambda),
-                score: attempt.as_ref().map(|a| a.score),
+                lambda: None,
+                score: None,
                 refused_because: if keep {
                     String::new()
                 } else {
@@ -169,8 +171,6 @@ impl Search<'_> {
             });
             attempts.extend(attempt);
         }
-        attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
-        keep_better_candidates(&mut ranking, Vec::new());
         (attempts, ranking)
     }
 
