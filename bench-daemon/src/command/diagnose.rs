@@ -211,7 +211,7 @@ pub(super) struct Judged {
     named: ModelArgs,
     /// The file that the curve was asked for from.
     ocv: Option<PathBuf>,
-    /// What the data set named and no argument did.
+    /// Files that the data set named and no argument did.
     defaults: NamedFiles,
     /// The one cell that is meant, where there are several.
     specimen: Option<String>,

@@ -117,7 +117,7 @@ fn walk(folder: &Path, at: &mut Module, found: &mut BTreeMap<Module, PathBuf>) {
     }
 }
 
-/// What a file names, as it stands there, and what it defines.
+/// Paths that a file names, as they stand there, and the names that it defines.
 #[derive(Default)]
 struct Source {
     /// Paths of its code and of its private imports.

@@ -1,4 +1,4 @@
-//! What every mock is, and its options.
+//! Trait of every mock, and its options.
 
 use instruments_scpi::decode::Terminator;
 

@@ -8,7 +8,7 @@ use super::{
     thresholds::{CUT_S, SOC_BEYOND},
 };
 
-/// What is known of a cell's charge.
+/// Knowledge of a cell's charge.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ChargeKnown<'a> {
     /// Capacity, Ah.
