@@ -88,35 +88,56 @@ fn assert_as_by_hand(made: &DataSet, by_hand: &str) {
     }
 }
 
+/// Tables that are in the project, and the data set that a person made of them.
+struct Known {
+    cell: &'static str,
+    at: &'static str,
+    by_hand: &'static str,
+    /// Gaps of the model file on the two held-out runs, mV.
+    gaps_mv: [f64; 2],
+}
+
+const KNOWN: [Known; 2] = [
+    Known {
+        cell: "panasonic_18650pf_25C",
+        at: "eis_07:ocv_v=3.6635,temperature_c=26.8",
+        by_hand: "panasonic_50soc",
+        gaps_mv: [14.71, 35.23],
+    },
+    Known {
+        cell: "panasonic_18650pf_10C",
+        at: "eis_07:ocv_v=3.657,temperature_c=12.41",
+        by_hand: "panasonic_10c",
+        gaps_mv: [21.67, 46.66],
+    },
+];
+
 #[test]
 fn the_tables_of_panasonic_become_the_data_sets_that_a_person_made() {
-    for (cell, at, by_hand, gaps_mv) in [
-        (
-            "panasonic_18650pf_25C",
-            "eis_07:ocv_v=3.6635,temperature_c=26.8",
-            "panasonic_50soc",
-            [14.71, 35.23],
-        ),
-        (
-            "panasonic_18650pf_10C",
-            "eis_07:ocv_v=3.657,temperature_c=12.41",
-            "panasonic_10c",
-            [21.67, 46.66],
-        ),
-    ] {
+    for known in KNOWN {
         let folder = tempfile::tempdir().unwrap();
         let out = folder.path().join("data");
-        let output = init(cell, at, &out, &[]);
+        let output = init(known.cell, known.at, &out, &[]);
         assert!(output.status.success(), "{}", error(&output));
         let read = read_dataset(&out).unwrap();
         assert!(read.problems.is_empty());
-        assert_as_by_hand(&read.set, by_hand);
+        assert_as_by_hand(&read.set, known.by_hand);
         let history = read.set.history.unwrap();
         assert!((history.voltage_resolution_v - 6.4e-4).abs() < 1e-5);
         // Not told by the data: as it is assumed.
         assert_eq!(history.voltage_offset_v, 1e-3);
+    }
+}
 
-        let model = tables(cell).join("model_3rc.json");
+#[test]
+#[ignore = "drill"]
+fn a_diagnosis_of_proposed_data_sets_is_that_of_the_data_sets_of_a_person() {
+    for known in KNOWN {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("data");
+        let output = init(known.cell, known.at, &out, &[]);
+        assert!(output.status.success(), "{}", error(&output));
+        let model = tables(known.cell).join("model_3rc.json");
         let diagnosis = eis_bench(&[
             "diagnose",
             out.to_str().unwrap(),
@@ -128,7 +149,7 @@ fn the_tables_of_panasonic_become_the_data_sets_that_a_person_made() {
         let told: Value = serde_json::from_slice(&diagnosis.stdout).unwrap();
         assert_eq!(told["verdict"], "unexplained");
         // The gaps of the model file as by the data set of a person.
-        for (gap, expected_mv) in told["gap"].as_array().unwrap().iter().zip(gaps_mv) {
+        for (gap, expected_mv) in told["gap"].as_array().unwrap().iter().zip(known.gaps_mv) {
             let met_mv = gap["eis_only_mv"].as_f64().unwrap();
             assert!((met_mv / expected_mv - 1.0).abs() < 0.03, "{gap}");
         }
