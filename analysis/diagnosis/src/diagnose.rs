@@ -4,20 +4,21 @@ use super::block::{DataSetError, Kind, Workspace};
 use super::consistency::inconsistencies;
 use super::data::{DataSet, Role};
 use super::experiment::{Advice, BenchLimits, PlannedRun, Playable, recommend};
+use super::gap::{Fits, gaps, sample_floor, samples, spectrum_gaps};
 use super::guards::Guards;
 use super::intervals::named;
 use super::judge::{Doubts, judge};
 use super::localise::localise;
-use super::noise::{TERMS, Term};
+use super::noise::TERMS;
 use super::outcome::{
-    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Gap, NoiseReport, NoiseTerm,
-    Quality, Rival, RunCurves, SpectrumGap, Verdict,
+    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, NoiseTerm, Quality,
+    Rival, RunCurves, Verdict,
 };
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
 use super::search::{Search, excess_z};
 use super::select::Selection;
-use super::structure::{At, Structure};
+use super::structure::Structure;
 use super::whitening::dot;
 use crate::thresholds::{FEWEST_REPEATS, MISFIT_Z, OTHER_STARTS, SENTINEL_Z};
 use analysis_effects::{
@@ -350,132 +351,6 @@ fn noise_report(prepared: &Prepared) -> NoiseReport {
 /// Whether repeats have measured the noise.
 fn measured(prepared: &Prepared) -> bool {
     prepared.estimate.repeats >= FEWEST_REPEATS
-}
-
-fn rms(values: impl Iterator<Item = f64>) -> f64 {
-    let (count, sum) = values.fold((0usize, 0.0), |(n, s), v| (n + 1, s + v * v));
-    (sum / count.max(1) as f64).sqrt()
-}
-
-/// Predictions of a record's samples that are compared.
-fn samples(problem: &Problem, at: At<'_>, block: usize, workspace: &mut Workspace) -> Vec<f64> {
-    let _ = problem.predict(at, block, 1, workspace);
-    match &problem.blocks[block].kind {
-        Kind::Time(time) => workspace.voltage_v[time.compared()].to_vec(),
-        Kind::Eis { .. } => Vec::new(),
-    }
-}
-
-/// The fits that are held against the model file.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Fits<'a> {
-    pub(super) base: &'a Fit,
-    /// The base with the named effects.
-    pub(super) augmented: &'a Fit,
-}
-
-pub(super) fn gaps(
-    prepared: &Prepared,
-    erm: &Erm,
-    fits: Fits<'_>,
-    workspace: &mut Workspace,
-) -> Vec<Gap> {
-    let problem = &prepared.problem;
-    let empty = Structure::default();
-    let start = empty.encode(erm);
-    let mut gaps = Vec::new();
-    for k in problem.of_role(Role::HeldOut) {
-        let block = &problem.blocks[k];
-        let Kind::Time(time) = &block.kind else {
-            continue;
-        };
-        let mut gap = |at: At<'_>| {
-            let predicted = samples(problem, at, k, workspace);
-            let missed: Vec<f64> = predicted
-                .iter()
-                .zip(&time.voltage_v[time.compared()])
-                .map(|(p, m)| p - m)
-                .collect();
-            let mean = missed.iter().sum::<f64>() / missed.len() as f64;
-            let level = if time.level_sigma_v > 0.0 { mean } else { 0.0 };
-            1e3 * rms(missed.iter().map(|v| v - level))
-        };
-        gaps.push(Gap {
-            run: block.name.clone(),
-            eis_only_mv: gap(empty.at(&start)),
-            base_mv: gap(fits.base.at()),
-            augmented_mv: gap(fits.augmented.at()),
-            floor_mv: 1e3 * rms(sample_floor(prepared, k, time).into_iter()),
-        });
-    }
-    gaps
-}
-
-/// Standard deviation per sample: the rows' own, with the white noise of a single sample instead of
-/// the mean's.
-fn sample_floor(
-    prepared: &Prepared,
-    block: usize,
-    time: &super::time_block::TimeBlock,
-) -> Vec<f64> {
-    let white = prepared.sample_noise_v.powi(2);
-    // A level that is free is no part of a gap about the mean.
-    let level = if time.level_sigma_v > 0.0 {
-        time.level_sigma_v.powi(2) + prepared.estimate.variance(Term::Level)
-    } else {
-        0.0
-    };
-    let mut floor = Vec::with_capacity(time.voltage_v.len());
-    for (bin, sigma) in time.bins.iter().zip(&prepared.problem.floors[block]) {
-        let count = (bin.to - bin.from) as f64;
-        let single = white * (1.0 - 1.0 / count) + bin.stated_v2 * (count - 1.0);
-        floor.extend(std::iter::repeat_n(
-            (sigma * sigma - level + single).max(0.0).sqrt(),
-            bin.to - bin.from,
-        ));
-    }
-    floor
-}
-
-fn spectrum_gaps(
-    problem: &Problem,
-    erm: &Erm,
-    fits: Fits<'_>,
-    workspace: &mut Workspace,
-) -> Vec<SpectrumGap> {
-    let empty = Structure::default();
-    let start = empty.encode(erm);
-    let mut gaps = Vec::new();
-    for k in problem.of_role(Role::HeldOut) {
-        let block = &problem.blocks[k];
-        if !matches!(block.kind, Kind::Eis { .. }) {
-            continue;
-        }
-        let size = |n: usize| block.measured[n & !1].hypot(block.measured[n | 1]);
-        let mut gap = |at: At<'_>| {
-            let rows = problem.predict(at, k, 1, workspace);
-            100.0
-                * 2f64.sqrt()
-                * rms(rows
-                    .iter()
-                    .zip(&block.measured)
-                    .enumerate()
-                    .map(|(n, (p, m))| (p - m) / size(n)))
-        };
-        gaps.push(SpectrumGap {
-            run: block.name.clone(),
-            eis_only_percent: gap(empty.at(&start)),
-            base_percent: gap(fits.base.at()),
-            augmented_percent: gap(fits.augmented.at()),
-            floor_percent: 100.0
-                * 2f64.sqrt()
-                * rms(problem.floors[k]
-                    .iter()
-                    .enumerate()
-                    .map(|(n, f)| f / size(n))),
-        });
-    }
-    gaps
 }
 
 fn curves(

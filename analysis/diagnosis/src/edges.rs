@@ -9,8 +9,14 @@ use analysis_effects::contract::Base;
 /// samples.
 pub(super) const UNIFORM: f64 = 0.288_675_134_594_812_9;
 
+/// The errors of all edges of a record; its first sample is none.
+pub(super) fn of_record(time: &TimeBlock, base: &Base) -> Vec<Vec<f64>> {
+    let edges = time.edges.iter().skip(1);
+    edges.flat_map(|edge| errors(time, *edge, base)).collect()
+}
+
 /// The errors of one edge, by the number of its first sample.
-pub(super) fn errors(time: &TimeBlock, edge: usize, base: &Base) -> [Vec<f64>; 2] {
+fn errors(time: &TimeBlock, edge: usize, base: &Base) -> [Vec<f64>; 2] {
     [shift(time, edge, base), lag(time, edge, base)]
 }
 

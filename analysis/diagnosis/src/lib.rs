@@ -15,6 +15,7 @@ mod distinguish;
 mod edges;
 mod estimate;
 mod experiment;
+mod gap;
 pub mod gate;
 mod guards;
 mod identity;

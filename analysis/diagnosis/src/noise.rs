@@ -16,7 +16,7 @@ use super::edges::{self, UNIFORM};
 use super::shared::{self, Errors, RecordRows};
 use super::time_block::TimeBlock;
 use super::whitening::{Whitener, dot};
-use crate::thresholds::{HISTORY_SPREAD, IGNORANCE_SPREAD, MOST_STRETCHES};
+use crate::thresholds::{EDGE_ROW_PART, HISTORY_SPREAD, IGNORANCE_SPREAD, MOST_STRETCHES};
 use analysis_effects::{augmented::Added, contract::Base, effects::resistance_spread};
 use analysis_signal::calibration::CommonError;
 
@@ -125,6 +125,9 @@ pub(super) struct Shape {
     vectors: Vec<(Term, Vec<f64>)>,
     /// Vectors of known standard deviation, each run's own.
     known: Vec<Vec<f64>>,
+    /// Variance of each row by the errors at edges of the current, which `known` holds; empty where
+    /// there are none.
+    edge_v2: Vec<f64>,
     /// The same of what all runs share.
     shared: Errors,
     /// Covariance of what the codes leave where the noise does not dither them, row-major; empty
@@ -168,6 +171,7 @@ impl Shape {
                     ),
                     vectors: vec![(Term::Resistance, resistance)],
                     known: Vec::new(),
+                    edge_v2: Vec::new(),
                     codes: Vec::new(),
                 }
             }
@@ -243,13 +247,16 @@ impl Shape {
                 )
             }));
         }
+        let mut edge_v2 = Vec::new();
         if time.linear {
-            known.extend(
-                time.edges
-                    .iter()
-                    .skip(1)
-                    .flat_map(|edge| edges::errors(time, *edge, base)),
-            );
+            edge_v2.resize(n, 0.0);
+            for error in edges::of_record(time, base) {
+                edge_v2
+                    .iter_mut()
+                    .zip(&error)
+                    .for_each(|(v2, e)| *v2 += e * e);
+                known.push(error);
+            }
         }
         if time.level_sigma_v > 0.0 {
             known.push(vec![time.level_sigma_v; n]);
@@ -275,6 +282,7 @@ impl Shape {
             drift: (0..n * n).map(|ij| correlation(ij / n, ij % n)).collect(),
             vectors,
             known,
+            edge_v2,
             shared,
             codes: codes.shared().map_or_else(Vec::new, |_| {
                 (0..n * n)
@@ -292,6 +300,17 @@ impl Shape {
     /// Errors of a run that its repeats may share or not, one standard deviation each.
     pub(super) fn known(&self) -> &[Vec<f64>] {
         &self.known
+    }
+
+    /// Rows at edges of the current: those whose variance is an edge's by more than a part.
+    /// `whole` is the variance of each row.
+    pub(super) fn at_edges(&self, whole: &[f64]) -> Vec<bool> {
+        let edges = self.edge_v2.iter().chain(std::iter::repeat(&0.0));
+        whole
+            .iter()
+            .zip(edges)
+            .map(|(whole, edge)| *edge > EDGE_ROW_PART * whole)
+            .collect()
     }
 
     /// Keeps the codes' error in the mean of `repeats` runs: they meet the same codes at the same
@@ -317,6 +336,7 @@ impl Shape {
         self.vectors
             .retain(|(term, _)| !matches!(term, Term::Gain | Term::Zero));
         self.known.clear();
+        self.edge_v2.clear();
         self.propagated.clear();
         self.shared.iter_mut().for_each(|v| v.fill(0.0));
     }

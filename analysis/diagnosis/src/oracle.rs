@@ -5,7 +5,8 @@
 
 use super::block::{DataSetError, Workspace};
 use super::data::DataSet;
-use super::diagnose::{Fits, base_fit, gaps, refitted};
+use super::diagnose::{base_fit, refitted};
+use super::gap::{Fits, gaps};
 use super::guards::Guards;
 use super::outcome::Gap;
 use super::prepare::{BaseModel, prepare};

@@ -169,7 +169,10 @@ pub struct Block {
 }
 
 /// Gap between prediction and measurement of a held-out record, root mean square over its samples.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+///
+/// Where a logger leaves the time of an edge of the current open, samples at an edge are left out of
+/// the gaps and of their floor alike; `*_with_edges_mv` are taken over all samples.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct Gap {
     /// Name of the run.
     pub run: String,
@@ -179,8 +182,18 @@ pub struct Gap {
     pub base_mv: f64,
     /// RMS with the named effects, mV.
     pub augmented_mv: f64,
-    /// Floor that noise and repeatability set for any model, mV.
+    /// Floor that noise and repeatability set for any model over the same samples, mV.
     pub floor_mv: f64,
+    /// As `eis_only_mv`, samples at edges among them, mV.
+    pub eis_only_with_edges_mv: f64,
+    /// As `base_mv`, samples at edges among them, mV.
+    pub base_with_edges_mv: f64,
+    /// As `augmented_mv`, samples at edges among them, mV.
+    pub augmented_with_edges_mv: f64,
+    /// As `floor_mv`, samples at edges among them, mV.
+    pub floor_with_edges_mv: f64,
+    /// Samples at edges.
+    pub edge_samples: usize,
 }
 
 /// The same for a held-out spectrum, root mean square of |ΔZ|/|Z|.

@@ -151,14 +151,17 @@ fn guarded_shapes(
 
 /// Whiteners, standard deviations and shared errors of a problem.
 fn weigh(problem: &mut Problem, shapes: &[Shape], estimate: &Estimate) -> Result<(), DataSetError> {
-    (problem.whiteners, problem.floors, problem.repeating) = (Vec::new(), Vec::new(), Vec::new());
+    (problem.whiteners, problem.repeating) = (Vec::new(), Vec::new());
+    (problem.floors, problem.at_edges) = (Vec::new(), Vec::new());
     let mut errors = Errors::default();
     for (block, shape) in problem.blocks.iter().zip(shapes) {
         let n = block.rows();
         let whole = shape.whole_covariance(&estimate.log_sigmas, 1);
+        let variances: Vec<f64> = (0..n).map(|i| whole[i * n + i]).collect();
+        problem.at_edges.push(shape.at_edges(&variances));
         problem
             .floors
-            .push((0..n).map(|i| whole[i * n + i].sqrt()).collect());
+            .push(variances.iter().map(|v| v.sqrt()).collect());
         let met = || DataSetError::Run {
             run: block.name.clone(),
             expected: "noise that is not zero",

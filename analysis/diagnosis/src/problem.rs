@@ -28,6 +28,8 @@ pub(super) struct Problem {
     pub(super) shared: Shared,
     /// Standard deviation of every row of every block.
     pub(super) floors: Vec<Vec<f64>>,
+    /// Rows of every block that lie at an edge of the current.
+    pub(super) at_edges: Vec<Vec<bool>>,
     /// Whitened errors of every block that its repeats may have too.
     pub(super) repeating: Vec<Vec<Vec<f64>>>,
 }
@@ -66,6 +68,7 @@ impl Problem {
             whiteners: Vec::new(),
             shared: Shared::default(),
             floors: Vec::new(),
+            at_edges: Vec::new(),
             repeating: Vec::new(),
         }
     }

@@ -360,6 +360,11 @@ thresholds! {
         "Multiple of the codes' mean variance that a current at the border of two codes may have.",
         Derivation "Half of the samples on either code give q²/4, the mean over all places gives \
         q²/12: (q²/4)/(q²/12) = 3.";
+    EDGE_ROW_PART: f64 = 0.5, "1",
+        "Part of a row's variance that errors at edges of the current must make for it to be left \
+        out of gaps and floors in millivolts.",
+        Derivation "More than half: the row then tells of the edge's time rather than of all else \
+        together.";
     EDGE_SAMPLES: usize = 2, "samples",
         "Samples after an edge that stay as they were logged, for a smoothed channel shows there.",
         Convention "One sample may be read during the edge, and one shows the smoothing. No study \

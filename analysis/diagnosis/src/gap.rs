@@ -1,0 +1,196 @@
+//! Gaps of held-out runs: root mean squares of prediction less measurement, and the floor that noise
+//! sets over the same samples.
+//!
+//! Samples at an edge of the current are told apart where a logger leaves the edge's time open: there
+//! the floor is that of the edge and says nothing of the model.
+
+use super::block::{Kind, Workspace};
+use super::data::Role;
+use super::noise::Term;
+use super::outcome::{Gap, SpectrumGap};
+use super::prepare::Prepared;
+use super::problem::{Fit, Problem};
+use super::structure::{At, Structure};
+use super::time_block::TimeBlock;
+use analysis_model::model::Erm;
+
+/// The fits that are held against the model file.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Fits<'a> {
+    pub(super) base: &'a Fit,
+    /// The base with the named effects.
+    pub(super) augmented: &'a Fit,
+}
+
+/// Root mean square.
+pub(super) fn rms(values: impl Iterator<Item = f64>) -> f64 {
+    let (count, sum) = values.fold((0usize, 0.0), |(n, s), v| (n + 1, s + v * v));
+    (sum / count.max(1) as f64).sqrt()
+}
+
+/// Predictions of a record's samples that are compared.
+pub(super) fn samples(
+    problem: &Problem,
+    at: At<'_>,
+    block: usize,
+    workspace: &mut Workspace,
+) -> Vec<f64> {
+    let _ = problem.predict(at, block, 1, workspace);
+    match &problem.blocks[block].kind {
+        Kind::Time(time) => workspace.voltage_v[time.compared()].to_vec(),
+        Kind::Eis { .. } => Vec::new(),
+    }
+}
+
+/// Samples of a record that are compared and lie at no edge of the current; all where every one
+/// lies at an edge.
+pub(super) fn beside_edges(problem: &Problem, block: usize, time: &TimeBlock) -> Vec<bool> {
+    let mut beside = Vec::with_capacity(time.voltage_v.len());
+    for (bin, at_edge) in time.bins.iter().zip(&problem.at_edges[block]) {
+        beside.extend(std::iter::repeat_n(!at_edge, bin.to - bin.from));
+    }
+    if beside.iter().all(|b| !b) {
+        beside.fill(true);
+    }
+    beside
+}
+
+/// Prediction less measurement of a record's samples, about its mean over the kept ones where the
+/// level is free; zero for the others.
+pub(super) fn missed_v(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> Vec<f64> {
+    let measured_v = &time.voltage_v[time.compared()];
+    let mut missed: Vec<f64> = predicted_v
+        .iter()
+        .zip(measured_v)
+        .map(|(p, m)| p - m)
+        .collect();
+    if time.level_sigma_v > 0.0 {
+        let (count, sum) = kept(&missed, keep).fold((0usize, 0.0), |(n, s), v| (n + 1, s + v));
+        let mean = sum / count.max(1) as f64;
+        missed.iter_mut().for_each(|v| *v -= mean);
+    }
+    missed
+        .iter_mut()
+        .zip(keep)
+        .filter(|(_, keep)| !**keep)
+        .for_each(|(v, _)| *v = 0.0);
+    missed
+}
+
+fn kept<'a>(values: &'a [f64], keep: &'a [bool]) -> impl Iterator<Item = f64> + 'a {
+    let both = values.iter().zip(keep);
+    both.filter(|(_, keep)| **keep).map(|(v, _)| *v)
+}
+
+/// Gaps of the held-out records.
+pub(super) fn gaps(
+    prepared: &Prepared,
+    erm: &Erm,
+    fits: Fits<'_>,
+    workspace: &mut Workspace,
+) -> Vec<Gap> {
+    let problem = &prepared.problem;
+    let empty = Structure::default();
+    let start = empty.encode(erm);
+    let all = [empty.at(&start), fits.base.at(), fits.augmented.at()];
+    let mut gaps = Vec::new();
+    for k in problem.of_role(Role::HeldOut) {
+        let block = &problem.blocks[k];
+        let Kind::Time(time) = &block.kind else {
+            continue;
+        };
+        let predicted = all.map(|at| samples(problem, at, k, workspace));
+        let floor_v = sample_floor(prepared, k, time);
+        let over = |keep: &[bool]| {
+            let of =
+                |predicted_v: &Vec<f64>| 1e3 * rms(kept(&missed_v(time, predicted_v, keep), keep));
+            let [alone, base, augmented] = [0, 1, 2].map(|n| of(&predicted[n]));
+            [alone, base, augmented, 1e3 * rms(kept(&floor_v, keep))]
+        };
+        let beside = beside_edges(problem, k, time);
+        let [eis_only_mv, base_mv, augmented_mv, floor_mv] = over(&beside);
+        let [
+            eis_only_with_edges_mv,
+            base_with_edges_mv,
+            augmented_with_edges_mv,
+            floor_with_edges_mv,
+        ] = over(&vec![true; beside.len()]);
+        gaps.push(Gap {
+            run: block.name.clone(),
+            eis_only_mv,
+            base_mv,
+            augmented_mv,
+            floor_mv,
+            eis_only_with_edges_mv,
+            base_with_edges_mv,
+            augmented_with_edges_mv,
+            floor_with_edges_mv,
+            edge_samples: beside.iter().filter(|b| !**b).count(),
+        });
+    }
+    gaps
+}
+
+/// Standard deviation per sample: the rows' own, with the white noise of a single sample instead of
+/// the mean's.
+pub(super) fn sample_floor(prepared: &Prepared, block: usize, time: &TimeBlock) -> Vec<f64> {
+    let white = prepared.sample_noise_v.powi(2);
+    // A level that is free is no part of a gap about the mean.
+    let level = if time.level_sigma_v > 0.0 {
+        time.level_sigma_v.powi(2) + prepared.estimate.variance(Term::Level)
+    } else {
+        0.0
+    };
+    let mut floor = Vec::with_capacity(time.voltage_v.len());
+    for (bin, sigma) in time.bins.iter().zip(&prepared.problem.floors[block]) {
+        let count = (bin.to - bin.from) as f64;
+        let single = white * (1.0 - 1.0 / count) + bin.stated_v2 * (count - 1.0);
+        floor.extend(std::iter::repeat_n(
+            (sigma * sigma - level + single).max(0.0).sqrt(),
+            bin.to - bin.from,
+        ));
+    }
+    floor
+}
+
+/// Gaps of the held-out spectra.
+pub(super) fn spectrum_gaps(
+    problem: &Problem,
+    erm: &Erm,
+    fits: Fits<'_>,
+    workspace: &mut Workspace,
+) -> Vec<SpectrumGap> {
+    let empty = Structure::default();
+    let start = empty.encode(erm);
+    let mut gaps = Vec::new();
+    for k in problem.of_role(Role::HeldOut) {
+        let block = &problem.blocks[k];
+        if !matches!(block.kind, Kind::Eis { .. }) {
+            continue;
+        }
+        let size = |n: usize| block.measured[n & !1].hypot(block.measured[n | 1]);
+        let mut gap = |at: At<'_>| {
+            let rows = problem.predict(at, k, 1, workspace);
+            100.0
+                * 2f64.sqrt()
+                * rms(rows
+                    .iter()
+                    .zip(&block.measured)
+                    .enumerate()
+                    .map(|(n, (p, m))| (p - m) / size(n)))
+        };
+        gaps.push(SpectrumGap {
+            run: block.name.clone(),
+            eis_only_percent: gap(empty.at(&start)),
+            base_percent: gap(fits.base.at()),
+            augmented_percent: gap(fits.augmented.at()),
+            floor_percent: 100.0
+                * 2f64.sqrt()
+                * rms(problem.floors[k]
+                    .iter()
+                    .enumerate()
+                    .map(|(n, f)| f / size(n))),
+        });
+    }
+    gaps
+}
