@@ -74,10 +74,7 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
     }
     for selected in selection.selected.iter().filter(|_| fits) {
         for container in selected.limit_of.iter().filter_map(|name| find(name)) {
-            let (title, named) = (
-                container.card().title,
-                find(selected.name).map_or(selected.name, |e| e.card().title),
-            );
+            let (title, named) = (container.card().title, title(selected.name));
             d.notes.push(format!(
                 "{title} is not excluded: it becomes {named} at a limit of its \
                 shape, from which these runs do not tell it"
@@ -118,7 +115,7 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
             format!("Missing and now added: {}.", names.join(", ")),
         ),
         (true, false) => {
-            let others: Vec<&str> = d.rivals.iter().map(|r| r.name).collect();
+            let others: Vec<&str> = d.rivals.iter().map(|r| title(r.name)).collect();
             (
                 Verdict::Ambiguous,
                 format!(
@@ -143,6 +140,11 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
     hint(d, selection);
 }
 
+/// Title of an effect.
+fn title(name: &'static str) -> &'static str {
+    find(name).map_or(name, |e| e.card().title)
+}
+
 /// True where the residual of a block is within the error of the formulas of the named effects,
 /// which have gained `gained`.
 fn within_formula(gained: f64, remaining: &Block) -> bool {
@@ -155,7 +157,8 @@ fn within_formula(gained: f64, remaining: &Block) -> bool {
 fn hint(d: &mut Diagnosis, selection: &Selection) {
     if let Some((name, score, reason)) = &selection.refused {
         d.notes.push(format!(
-            "hint only, not named: {name} would gain {score:.0} but {reason}"
+            "hint only, not named: {} would gain {score:.0} but {reason}",
+            title(name)
         ));
     }
 }

@@ -249,7 +249,8 @@ impl Search<'_> {
         }
         if let Some((name, score, _)) = &selection.refused {
             selection.doubt = Some(format!(
-                "{name} would gain {score:.0} on top of it but may not be named"
+                "{} would gain {score:.0} on top of it but may not be named",
+                title(name).unwrap_or(name)
             ));
         } else if let Some(title) = alone
             .filter(|a| selection.selected.len() > 1 && a.1 > gained - NAMING_LEAD)

@@ -72,6 +72,8 @@ pub struct Section {
     pub heading: String,
     /// From the top.
     pub parts: Vec<Part>,
+    /// True where a new page begins in print.
+    pub new_page: bool,
 }
 
 /// A piece of a section.
@@ -140,7 +142,15 @@ impl Report {
         {
             push(
                 &mut html,
-                format_args!("<h2>{}</h2>\n", escape(&section.heading)),
+                format_args!(
+                    "<h2{}>{}</h2>\n",
+                    if section.new_page {
+                        " class=\"new-page\""
+                    } else {
+                        ""
+                    },
+                    escape(&section.heading)
+                ),
             );
             section
                 .parts
@@ -354,6 +364,7 @@ system-ui,-apple-system,\"Segoe UI\",Roboto,sans-serif}
 main{max-width:62rem;margin:0 auto;padding:1.25rem 1rem 3rem}
 h1{font-size:1.7rem;line-height:1.2;margin:.5rem 0 1rem;overflow-wrap:anywhere}
 h2{font-size:1.2rem;margin:2rem 0 .5rem}
+h2.new-page{font-size:1.4rem;margin-top:3rem;padding-top:1.5rem;border-top:2px solid var(--line)}
 .verdict{list-style:none;margin:0 0 1.5rem;padding:0}
 .verdict li{border-left:.3rem solid;padding:.35rem .75rem;margin:.4rem 0;background:var(--stripe)}
 .verdict strong{margin-right:.4rem}
@@ -384,7 +395,8 @@ details{margin:.3rem 0;font-size:.9rem}summary{cursor:pointer;color:var(--soft)}
 body{font-size:10pt}main{max-width:none;padding:0}figure \
 svg{filter:none;min-width:0}.table,figure,pre{overflow:visible}pre{white-space:pre-wrap}
 th,td{white-space:normal}figure,.table,.verdict \
-li{break-inside:avoid}h2,h3,caption{break-after:avoid}@page{margin:1.6cm}}
+li{break-inside:avoid}h2,h3,caption{break-after:avoid}
+h2.new-page{break-before:page;border-top:0;margin-top:0;padding-top:0}@page{margin:1.6cm}}
 ";
 
 #[cfg(test)]
@@ -434,6 +446,7 @@ mod tests {
                     Part::Fields("effect".into(), vec![("p".into(), "<0.01".into())]),
                     Part::Verbatim("x<y\n".into()),
                 ],
+                new_page: true,
             }],
             provenance: vec![("seed".into(), "7".into()), ("config".into(), "a'b".into())],
             files: vec![("a.toml".into(), "k = \"<v>\"".into())],
@@ -452,7 +465,7 @@ mod tests {
             "<td class=\"number\">−6.94</td><td>&lt;script&gt;alert(1)&lt;/script&gt;</td>",
             "<tr><td class=\"number\">2</td><td></td><td></td></tr>",
             "<dt>config</dt><dd>a&#39;b</dd>",
-            "<h2>Where &amp; what</h2>\n<p>1 &lt; 2</p>\n<ul>\n<li>a &amp; b</li>\n</ul>",
+            "<h2 class=\"new-page\">Where &amp; what</h2>\n<p>1 &lt; 2</p>\n<ul>\n<li>a &amp; b</li>\n</ul>",
             "<h3>effect</h3>\n<dl>\n<dt>p</dt><dd>&lt;0.01</dd>\n</dl>",
             "<pre>x&lt;y</pre>",
             "<details><summary>a.toml</summary><pre>k = &quot;&lt;v&gt;&quot;</pre></details>",

@@ -1,10 +1,12 @@
 //! Report of a diagnosis for a person: words for a terminal and for Markdown, and the pictures.
 //!
-//! "Where" comes before "what", and what is not claimed is said. Everything here is a string or a
+//! The first page is plain words and the gaps; statistics and names of the code follow in the
+//! details. "Where" comes before "what", and what is not claimed is said. Everything here is a string or a
 //! described picture; who called writes the files. What is not here: `diagnosis.json`, which is
 //! [`Diagnosis`] itself, and any judgement.
 
 mod catalogue;
+mod first_page;
 mod numbers;
 mod page;
 mod pictures;
@@ -22,7 +24,7 @@ use analysis_plot::{
     PlotError,
     report::{Level, Report, Section, Verdict},
 };
-use words::{after, counted, is_significant, misfit, titled};
+use words::{after, counted, is_significant, misfit, named_title, titled};
 
 /// A diagnosis for a terminal, at most 100 characters wide.
 pub fn text(d: &Diagnosis) -> String {

@@ -27,6 +27,8 @@ pub(super) struct Page {
 pub(super) struct Section {
     pub(super) heading: &'static str,
     pub(super) items: Vec<Item>,
+    /// True where a new page begins in print.
+    pub(super) new_page: bool,
 }
 
 /// A piece of a page.
@@ -48,7 +50,19 @@ pub(super) enum Item {
 
 impl Section {
     pub(super) fn new(heading: &'static str, items: Vec<Item>) -> Self {
-        Self { heading, items }
+        Self {
+            heading,
+            items,
+            new_page: false,
+        }
+    }
+
+    /// A section that begins a new page in print.
+    pub(super) fn on_new_page(heading: &'static str, items: Vec<Item>) -> Self {
+        Self {
+            new_page: true,
+            ..Self::new(heading, items)
+        }
     }
 
     /// For a page of HTML, with the pictures in their places.
@@ -60,6 +74,7 @@ impl Section {
         Ok(report::Section {
             heading: self.heading.to_owned(),
             parts,
+            new_page: self.new_page,
         })
     }
 }
@@ -70,6 +85,9 @@ impl Page {
         let mut out = format!("{}\n", self.title);
         for section in self.sections.iter().filter(|s| !s.items.is_empty()) {
             out.push_str(if out.ends_with("\n\n") { "" } else { "\n" });
+            if section.new_page {
+                out.push_str(&format!("{}\n\n", "─".repeat(WIDTH)));
+            }
             out.push_str(&format!("{}\n", section.heading.to_uppercase()));
             for item in &section.items {
                 item.text(&mut out);
@@ -82,7 +100,8 @@ impl Page {
     pub(super) fn markdown(&self, pictures: &[Picture]) -> String {
         let mut out = format!("# {}\n", escaped(&self.title));
         for section in self.sections.iter().filter(|s| !s.items.is_empty()) {
-            out.push_str(&format!("\n## {}\n", section.heading));
+            let rule = if section.new_page { "\n---\n" } else { "" };
+            out.push_str(&format!("{rule}\n## {}\n", section.heading));
             for item in &section.items {
                 item.markdown(&mut out, pictures);
             }

@@ -80,6 +80,11 @@ pub(super) fn unexplained(d: &Diagnosis) -> Section {
         points.push(format!("and {} more blocks", remaining.len() - MOST_BLOCKS));
     }
     let lead = match (remaining.is_empty(), z >= GOOD_FIT_Z) {
+        (true, false) if d.verdict == Verdict::Unexplained => {
+            "No block of the fitted runs lies outside the noise. What speaks against the model is in \
+            the verdict and the notes."
+                .to_owned()
+        }
         (true, false) => "Nothing beyond the noise.".to_owned(),
         (true, true) => format!(
             "χ² is still {} σ above noise, spread over all blocks.",

@@ -4,7 +4,7 @@
 use super::numbers::{Unit, percent, plain, probability, times};
 use super::page::{Item, Page, Section};
 use super::pictures::Kind;
-use super::{after, counted, is_significant, misfit, reserve, titled};
+use super::{after, counted, first_page, is_significant, misfit, reserve, titled};
 use crate::{
     attempts::is_outside,
     outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict},
@@ -24,7 +24,8 @@ pub(super) fn page(d: &Diagnosis) -> Page {
         d.data_set,
         d.model
     );
-    let mut sections = vec![Section::new("Verdict", vec![Item::Text(d.summary.clone())])];
+    let mut sections = first_page::sections(d);
+    sections.push(first_page::details());
     if d.verdict != Verdict::Invalid {
         sections.extend([
             location(d),
@@ -73,7 +74,7 @@ fn location(d: &Diagnosis) -> Section {
             significant.len(),
             worst.dimension,
             worst.part,
-            left_over(d)
+            left_over(d, &significant)
         )),
     }];
     if !significant.is_empty() {
@@ -89,17 +90,36 @@ fn location(d: &Diagnosis) -> Section {
     Section::new("Where", items)
 }
 
-fn left_over(d: &Diagnosis) -> String {
+/// Number of blocks outside the noise with the named effects, and why it may be more than before.
+fn left_over(d: &Diagnosis, before: &[&Block]) -> String {
     if d.effects.is_empty() {
         return String::new();
     }
-    match d.where_after.iter().filter(|b| is_significant(b)).count() {
-        0 => " With the named effects none is left.".to_owned(),
-        left => format!(
-            " With the named effects {left} of them {} left.",
-            if left == 1 { "is" } else { "are" }
+    let left: Vec<&Block> = d.where_after.iter().filter(|b| is_significant(b)).collect();
+    let were = |b: &&&Block| {
+        before
+            .iter()
+            .any(|a| (a.dimension, &a.part) == (b.dimension, &b.part))
+    };
+    let stay = left.iter().filter(were).count();
+    let come = left.len() - stay;
+    let is_are = |count: usize| if count == 1 { "is" } else { "are" };
+    let mut text = match stay {
+        0 => " With the named effects none of them is left.".to_owned(),
+        _ => format!(
+            " With the named effects {stay} of them {} left.",
+            is_are(stay)
         ),
+    };
+    if come > 0 {
+        text.push_str(&format!(
+            " {come} {} outside then that {} not before: another model takes other residuals up, \
+            and what the refitted base had spread over many blocks can show in one.",
+            if come == 1 { "other is" } else { "others are" },
+            if come == 1 { "was" } else { "were" }
+        ));
     }
+    text
 }
 
 fn block_table(d: &Diagnosis, blocks: &[&Block]) -> Item {
@@ -281,9 +301,13 @@ fn what_else(d: &Diagnosis) -> Section {
                 .into(),
         ));
     } else if !d.effects.is_empty() {
-        items.push(Item::Text(
-            "No other effect of the catalogue explains these data as well.".into(),
-        ));
+        let text = if d.verdict == Verdict::Explained {
+            "No other effect of the catalogue explains these data as well."
+        } else {
+            "No other effect does as well in the place of a named one. Why the names are not all \
+            the truth, the verdict says."
+        };
+        items.push(Item::Text(text.into()));
     }
     if !d.ranking.is_empty() {
         let row = |c: &crate::Candidate| {

@@ -21,6 +21,14 @@ pub(super) fn after<'a>(d: &'a Diagnosis, block: &Block) -> Option<&'a Block> {
         .find(|b| b.dimension == block.dimension && b.part == block.part)
 }
 
+/// Title of an effect, or its name in words where the catalogue does not have it.
+pub(super) fn named_title(name: &str) -> String {
+    effects::find(name).map_or_else(
+        || name.replace('_', " "),
+        |effect| effect.card().title.to_owned(),
+    )
+}
+
 /// Title and name of an effect.
 pub(super) fn titled(name: &str) -> String {
     effects::find(name).map_or_else(

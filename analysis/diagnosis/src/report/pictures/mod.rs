@@ -4,17 +4,18 @@
 //! file alone, green the noise.
 
 mod bars;
+mod held_out;
 mod picture;
 mod residuals;
 
 use super::{is_significant, misfit};
 use crate::outcome::{Curves, Diagnosis, RunCurves, Verdict};
-use picture::{AFTER, ALONE, BEFORE, NOISE, effect_names, has_after};
+use picture::{AFTER, ALONE, BEFORE, NOISE, effect_names, file_name, has_after};
 pub use picture::{Kind, Picture};
 
 /// Most held-out runs of a kind that get a picture of their own.
 const MOST_RUNS: usize = 6;
-/// The pictures of a diagnosis: the map, the residuals of held-out runs and of the worst training
+/// The pictures of a diagnosis: the gap of each held-out run, the map, the residuals of held-out runs and of the worst training
 /// run of each kind, the ranking, the gaps. None for data that cannot be used.
 pub fn pictures(d: &Diagnosis, runs: &[RunCurves]) -> Vec<Picture> {
     if d.verdict == Verdict::Invalid {
@@ -34,8 +35,9 @@ pub fn pictures(d: &Diagnosis, runs: &[RunCurves]) -> Vec<Picture> {
         name: format!("residual-{}-{}", k + 1, p.name),
         ..p
     });
-    bars::map(d)
+    held_out::held_out(d)
         .into_iter()
+        .chain(bars::map(d))
         .chain(numbered)
         .chain(bars::ranking(d))
         .chain(bars::gap(d))

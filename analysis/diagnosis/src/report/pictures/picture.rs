@@ -13,6 +13,8 @@ pub(super) const ALONE: usize = 6;
 /// Kind of a picture.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Kind {
+    /// Gap of one held-out run.
+    HeldOut,
     /// Blocks of residuals and their misfit.
     Map,
     /// Residuals of a record over time.
@@ -38,6 +40,18 @@ pub struct Picture {
     pub caption: String,
     /// The picture.
     pub drawing: Drawing,
+}
+
+/// A name with nothing in it that a file name cannot have.
+pub(super) fn file_name(name: &str) -> String {
+    let fit = |c: char| {
+        if c.is_alphanumeric() || c == '-' {
+            c
+        } else {
+            '_'
+        }
+    };
+    name.chars().map(fit).collect()
 }
 
 /// True where there is more to show than the base model.

@@ -1,7 +1,7 @@
 //! Residuals of one run: over time with the current below, or over frequency.
 
 use super::super::numbers::plain;
-use super::{AFTER, ALONE, BEFORE, Kind, NOISE, Picture, effect_names, has_after};
+use super::{AFTER, ALONE, BEFORE, Kind, NOISE, Picture, effect_names, file_name, has_after};
 use crate::outcome::{Curves, Diagnosis, RunCurves};
 use analysis_plot::{AxisSpec, Chart, Drawing, Panel, Trace, TraceStyle};
 use num_complex::Complex64;
@@ -42,15 +42,8 @@ pub(super) fn picture(d: &Diagnosis, run: &RunCurves) -> Option<Picture> {
             run.name
         ),
     };
-    let fit = |c: char| {
-        if c.is_alphanumeric() || c == '-' {
-            c
-        } else {
-            '_'
-        }
-    };
     Some(Picture {
-        name: run.name.chars().map(fit).collect(),
+        name: file_name(&run.name),
         kind,
         caption,
         drawing: Drawing::Chart(chart),

@@ -161,6 +161,7 @@ pub(super) fn explained() -> Diagnosis {
                 base_mv: 6.2,
                 augmented_mv: 1.3,
                 floor_mv: 1.1,
+                ..Gap::default()
             },
             Gap {
                 run: "60 A block".into(),
@@ -168,6 +169,11 @@ pub(super) fn explained() -> Diagnosis {
                 base_mv: 15.1,
                 augmented_mv: 2.2,
                 floor_mv: 1.9,
+                eis_only_with_edges_mv: 31.4,
+                base_with_edges_mv: 20.3,
+                augmented_with_edges_mv: 13.1,
+                floor_with_edges_mv: 14.2,
+                edge_samples: 6,
             },
         ],
         gap_spectra: vec![SpectrumGap {
@@ -384,6 +390,7 @@ pub(super) fn at_floor() -> Diagnosis {
             base_mv: 1.2,
             augmented_mv: 1.2,
             floor_mv: 1.1,
+            ..Gap::default()
         }],
         gap_spectra: vec![],
         quality: Quality {

@@ -44,6 +44,58 @@ fn markdown_has_its_pictures_in_their_places() {
     assert!(order.windows(2).all(|w| at(w[0]) < at(w[1])));
 }
 
+/// Names of the code have an underscore between letters; names of runs may have one before a number.
+fn is_of_the_code(word: &str) -> bool {
+    let letters = |c: Option<char>| c.is_some_and(char::is_alphabetic);
+    word.match_indices('_').any(|(at, _)| {
+        letters(word[..at].chars().next_back()) && letters(word[at + 1..].chars().next())
+    })
+}
+
+#[test]
+fn the_first_page_has_no_name_of_the_code_and_no_statistics() {
+    let several = Diagnosis {
+        effects: [sample::explained().effects, sample::ambiguous().effects].concat(),
+        ..sample::unexplained()
+    };
+    for d in [
+        sample::explained(),
+        sample::ambiguous(),
+        sample::unexplained(),
+        sample::at_floor(),
+        sample::invalid(),
+        several,
+    ] {
+        let words = text(&d);
+        let (first, details) = words.split_once("DETAILS").unwrap();
+        for word in first.split_whitespace() {
+            let statistics = ["χ", "λ", "σ", "Holm", "Lagrange", "p-value"];
+            assert!(
+                !is_of_the_code(word) && !statistics.iter().any(|s| word.contains(s)),
+                "{word} in {first}"
+            );
+        }
+        assert!(
+            details.contains("χ²") && first.contains("What to do next"),
+            "{words}"
+        );
+    }
+}
+
+/// Six blocks are left of four only if it is said that others have come.
+#[test]
+fn blocks_that_come_with_the_effects_are_told_from_those_that_stay() {
+    let mut d = sample::explained();
+    d.blocks.truncate(4);
+    d.where_after = sample::explained().blocks.split_off(3);
+    d.where_after.truncate(3);
+    let words = text(&d).split_whitespace().collect::<Vec<_>>().join(" ");
+    assert!(
+        words.contains("1 of them is left. 2 others are outside then that were not before"),
+        "{words}"
+    );
+}
+
 #[test]
 fn no_floor_is_claimed_without_repeats() {
     for base in [

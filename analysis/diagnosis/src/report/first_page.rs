@@ -1,0 +1,426 @@
+//! First page of a report, for an engineer who does not know the method: what disagrees, what is
+//! missing or not to be trusted, and what to do next. No names of the code and no statistics stand
+//! here; both are in the details.
+
+use super::numbers::{Unit, plain, times};
+use super::page::{Item, Section};
+use super::pictures::Kind;
+use super::{counted, is_significant, misfit, named_title};
+use crate::outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict};
+use analysis_effects::contract::Group;
+
+/// Words for the model file without any change.
+pub(super) const AS_GIVEN: &str = "model as given";
+/// Words for its parameters fitted again.
+pub(super) const REFITTED: &str = "fitted again";
+
+pub(super) fn sections(d: &Diagnosis) -> Vec<Section> {
+    let answers = [
+        ("What disagrees", disagreement(d)),
+        ("What is missing", missing(d)),
+        ("What to distrust", distrust(d)),
+        ("What to do next", next(d)),
+    ];
+    let points = answers
+        .into_iter()
+        .filter(|(_, sentences)| !sentences.is_empty())
+        .map(|(question, sentences)| format!("{question}: {}", sentences.join(" ")))
+        .collect();
+    vec![
+        Section::new("Verdict", vec![Item::Text(d.summary.clone())]),
+        Section::new("In short", vec![Item::List(points)]),
+        held_out(d),
+    ]
+}
+
+/// The misfit of the worst held-out run of each kind, and its place in the fitted runs.
+fn disagreement(d: &Diagnosis) -> Vec<String> {
+    if d.verdict == Verdict::Invalid {
+        return Vec::new();
+    }
+    let records: Vec<Row> = d.gap.iter().map(Row::beside_edges).collect();
+    let spectra: Vec<Row> = d.gap_spectra.iter().map(Row::of_spectrum).collect();
+    let mut sentences: Vec<String> = [worst(&records), worst(&spectra)]
+        .into_iter()
+        .flatten()
+        .map(|row| row.sentence(d))
+        .collect();
+    if sentences.is_empty() {
+        sentences.push("No run was held out, so that no prediction was tested.".to_owned());
+    }
+    sentences.push(match outstanding(&d.blocks).as_slice() {
+        [] => "In the fitted runs nothing stands out from the noise.".to_owned(),
+        places => format!(
+            "In the fitted runs the {REFITTED} model misses most clearly {}.",
+            places.join(", and ")
+        ),
+    });
+    if !d.effects.is_empty() {
+        sentences.push(match outstanding(&d.where_after).as_slice() {
+            [] => format!("With {} nothing stands out any more.", titles(d)),
+            places => format!(
+                "With {} it still stands out {}.",
+                titles(d),
+                places.join(", and ")
+            ),
+        });
+    }
+    sentences
+}
+
+/// The block of each dimension of time and frequency that stands out most from the noise.
+fn outstanding(blocks: &[Block]) -> Vec<String> {
+    let of = |dimension: &str| {
+        blocks
+            .iter()
+            .filter(|b| b.dimension == dimension && is_significant(b))
+            .max_by(|a, b| misfit(a).total_cmp(&misfit(b)))
+    };
+    let places: Vec<String> = [of("time since edge"), of("frequency")]
+        .into_iter()
+        .flatten()
+        .map(place)
+        .collect();
+    if !places.is_empty() {
+        return places;
+    }
+    // What shows in neither is told by what it shows in.
+    let other = blocks.iter().find(|b| is_significant(b));
+    other.map(place).into_iter().collect()
+}
+
+/// A block in words: "5 to 60 s after a change of the current, at rest (3.2 mV)".
+fn place(block: &Block) -> String {
+    let part = shortened(&block.part);
+    let size = match block.dimension {
+        "frequency" => format!("{} % of |Z|", plain(0.1 * block.rms)),
+        _ => format!("{} mV", plain(block.rms)),
+    };
+    let words = match (block.dimension, part.rsplit_once(", ")) {
+        ("time since edge", Some((span, phase))) => {
+            let phase = if phase == "rest" { "at rest" } else { phase };
+            format!("{span} after a change of the current, {phase}")
+        }
+        ("time since edge", None) => format!("{part} after a change of the current"),
+        ("frequency", _) => format!("in the spectra at {part}"),
+        (dimension, _) => format!("in a part of the rows ({dimension}: {part})"),
+    };
+    format!("{words} ({size})")
+}
+
+/// Text whose numbers have three significant digits.
+fn shortened(text: &str) -> String {
+    let word = |word: &str| match word.parse::<f64>() {
+        Ok(value) if word.contains('.') => plain(value),
+        _ => word.to_owned(),
+    };
+    text.split(' ').map(word).collect::<Vec<_>>().join(" ")
+}
+
+fn missing(d: &Diagnosis) -> Vec<String> {
+    let named: Vec<String> = d.effects.iter().map(with_values).collect();
+    let named = named.join("; and ");
+    match d.verdict {
+        Verdict::Invalid => Vec::new(),
+        Verdict::AtNoiseFloor => {
+            vec!["Nothing that these runs could show; a weaker effect stays hidden.".to_owned()]
+        }
+        Verdict::Explained => vec![format!("{named}.")],
+        Verdict::Ambiguous => {
+            let rivals: Vec<String> = d.rivals.iter().map(|r| named_title(r.name)).collect();
+            let mut sentences = vec![format!("Something. What fits best is {named}.")];
+            if !rivals.is_empty() {
+                let or = rivals.join(", or ");
+                sentences.push(format!("As well could be {or}: these runs do not tell."));
+            }
+            sentences
+        }
+        Verdict::Unexplained if d.effects.is_empty() => {
+            vec!["No effect of the catalogue passes every test, so that none is named.".to_owned()]
+        }
+        Verdict::Unexplained => vec![
+            format!("A part of it is {named}."),
+            "No effect of the catalogue explains the rest.".to_owned(),
+        ],
+    }
+}
+
+/// An effect with its values: "diffusion over a finite length (5.31 ± 0.14 mΩ, 148 ± 11 s)".
+fn with_values(effect: &NamedEffect) -> String {
+    let values: Vec<String> = effect
+        .parameters
+        .iter()
+        .filter(|p| !matches!(p.unit, "" | "1"))
+        .filter_map(|p| p.sigma.map(|sigma| (p, sigma)))
+        .map(|(p, sigma)| {
+            let unit = Unit::of(p.value, sigma, p.unit);
+            format!("{} ± {}", unit.number(p.value), unit.with_unit(sigma))
+        })
+        .collect();
+    match values.as_slice() {
+        [] => effect.title.to_owned(),
+        _ => format!("{} ({})", effect.title, values.join(", ")),
+    }
+}
+
+fn distrust(d: &Diagnosis) -> Vec<String> {
+    if d.verdict == Verdict::Invalid {
+        return d.notes.clone();
+    }
+    let mut sentences = Vec::new();
+    if !d.noise.from_repeats {
+        sentences.push(
+            "The noise: it is assumed, for too few runs were repeated, and every judgement here \
+            depends on it."
+                .to_owned(),
+        );
+    }
+    let of_bench = d.effects.iter().filter(|e| e.group == Group::Bench);
+    sentences.extend(of_bench.map(|e| {
+        format!(
+            "The bench: {} belongs to the measurement and not to the cell.",
+            e.title
+        )
+    }));
+    let open = d
+        .effects
+        .iter()
+        .filter(|e| e.parameters.iter().any(|p| p.sigma.is_none()));
+    sentences.extend(open.map(|e| format!("A value of {}, which these runs leave open.", e.title)));
+    if d.verdict == Verdict::Unexplained {
+        sentences.push(
+            "Predictions of the model for other runs: what it lacks is not known.".to_owned(),
+        );
+    }
+    sentences
+}
+
+fn next(d: &Diagnosis) -> Vec<String> {
+    if let Some(next) = &d.next_experiment {
+        let mut sentences = vec![format!(
+            "Measure {} ({} min, {} Ah in either direction).",
+            next.description,
+            plain(next.duration_min),
+            plain(next.charge_ah)
+        )];
+        let names: Vec<String> = next.separates.iter().map(|n| named_title(n)).collect();
+        match (names.as_slice(), next.settles) {
+            ([], _) => {}
+            ([one], true) => sentences.push(format!("It should settle whether it is {one}.")),
+            ([one], false) => sentences.push(format!("It helps to tell whether it is {one}.")),
+            (names, true) => sentences.push(format!("It should tell {}.", names.join(" from "))),
+            (names, false) => {
+                sentences.push(format!("It helps to tell {}.", names.join(" from ")));
+            }
+        }
+        return sentences;
+    }
+    let text = match d.verdict {
+        Verdict::Invalid => "Repair what is named above and measure these runs again.",
+        Verdict::AtNoiseFloor => {
+            "Use the model, within the currents, frequencies, states of charge and temperatures of \
+            these runs."
+        }
+        Verdict::Explained => {
+            "Use the model with what was added, within the currents, frequencies, states of charge \
+            and temperatures of these runs. The details tell which run would contradict it."
+        }
+        Verdict::Ambiguous | Verdict::Unexplained => {
+            "None of the runs that the program can plan would tell more. Look at the details: where \
+            it disagrees, and what was refused for which reason."
+        }
+    };
+    vec![text.to_owned()]
+}
+
+/// One held-out run: what every model misses over the same rows, and the noise over them.
+pub(super) struct Row {
+    pub(super) run: String,
+    /// Rows that are compared; empty where there is no choice.
+    pub(super) rows: &'static str,
+    pub(super) alone: f64,
+    pub(super) base: f64,
+    pub(super) augmented: f64,
+    pub(super) floor: f64,
+    pub(super) unit: &'static str,
+}
+
+impl Row {
+    /// Over the rows beside the edges of the current.
+    pub(super) fn beside_edges(gap: &Gap) -> Self {
+        Self {
+            run: gap.run.clone(),
+            rows: if gap.edge_samples > 0 {
+                "between edges"
+            } else {
+                ""
+            },
+            alone: gap.eis_only_mv,
+            base: gap.base_mv,
+            augmented: gap.augmented_mv,
+            floor: gap.floor_mv,
+            unit: "mV",
+        }
+    }
+
+    /// Over all rows; none where that is the same.
+    pub(super) fn with_edges(gap: &Gap) -> Option<Self> {
+        (gap.edge_samples > 0).then(|| Self {
+            run: gap.run.clone(),
+            rows: "with edges",
+            alone: gap.eis_only_with_edges_mv,
+            base: gap.base_with_edges_mv,
+            augmented: gap.augmented_with_edges_mv,
+            floor: gap.floor_with_edges_mv,
+            unit: "mV",
+        })
+    }
+
+    pub(super) fn of_spectrum(gap: &SpectrumGap) -> Self {
+        Self {
+            run: gap.run.clone(),
+            rows: "",
+            alone: gap.eis_only_percent,
+            base: gap.base_percent,
+            augmented: gap.augmented_percent,
+            floor: gap.floor_percent,
+            unit: "%",
+        }
+    }
+
+    fn value(&self, value: f64) -> String {
+        format!("{} {}", plain(value), self.unit)
+    }
+
+    fn sentence(&self, d: &Diagnosis) -> String {
+        let of = if self.unit == "%" { " of |Z|" } else { "" };
+        let mut text = format!(
+            "In {}, which no fit has seen, the {AS_GIVEN} is wrong by {}{of} (rms), {REFITTED} by {}",
+            self.run,
+            self.value(self.alone),
+            self.value(self.base)
+        );
+        if !d.effects.is_empty() {
+            let added = format!(", with what was added by {}", self.value(self.augmented));
+            text.push_str(&added);
+        }
+        let noise = if d.noise.from_repeats {
+            "noise"
+        } else {
+            "the assumed noise"
+        };
+        text.push_str(&format!(
+            "; {noise} alone makes {}.",
+            self.value(self.floor)
+        ));
+        let last = if d.effects.is_empty() {
+            self.base
+        } else {
+            self.augmented
+        };
+        if last > self.floor && self.floor > 0.0 {
+            text.push_str(&format!(
+                " What is left is {} times the noise.",
+                times(last / self.floor)
+            ));
+        }
+        text
+    }
+}
+
+/// The run that the model as given misses most.
+fn worst(rows: &[Row]) -> Option<&Row> {
+    rows.iter().max_by(|a, b| a.alone.total_cmp(&b.alone))
+}
+
+/// Pictures and a table of all held-out runs.
+fn held_out(d: &Diagnosis) -> Section {
+    let records = d.gap.iter().flat_map(|gap| {
+        let beside = Row::beside_edges(gap);
+        std::iter::once(beside).chain(Row::with_edges(gap))
+    });
+    let rows: Vec<Row> = records
+        .chain(d.gap_spectra.iter().map(Row::of_spectrum))
+        .collect();
+    if rows.is_empty() {
+        return Section::default();
+    }
+    let edges = rows.iter().any(|row| !row.rows.is_empty());
+    let noise = if d.noise.from_repeats {
+        "Noise"
+    } else {
+        "Assumed noise"
+    };
+    let mut header = vec![
+        "Run",
+        "Rows",
+        "Model as given",
+        "Fitted again",
+        "With additions",
+        noise,
+    ];
+    if d.effects.is_empty() {
+        header.remove(4);
+    }
+    if !edges {
+        header.remove(1);
+    }
+    let cells = |row: &Row| {
+        let mut cells = vec![row.run.clone()];
+        if edges {
+            cells.push(if row.rows.is_empty() {
+                "all".to_owned()
+            } else {
+                row.rows.to_owned()
+            });
+        }
+        cells.extend([row.value(row.alone), row.value(row.base)]);
+        if !d.effects.is_empty() {
+            cells.push(row.value(row.augmented));
+        }
+        cells.push(row.value(row.floor));
+        cells
+    };
+    let mut text = "Prediction less measurement, root mean square, and what noise alone makes of \
+        the same rows."
+        .to_owned();
+    if edges {
+        text.push_str(
+            " Where a logger does not tell when the current changed, the rows at that edge say \
+            little about the model: they are counted apart.",
+        );
+    }
+    let table = Item::Table(header, rows.iter().map(cells).collect());
+    let runs = counted(d.gap.len() + d.gap_spectra.len(), "run", "runs");
+    Section::new(
+        "Held-out runs",
+        vec![
+            Item::Text(format!("{runs} that no fit has seen. {text}")),
+            Item::Pictures(Kind::HeldOut),
+            table,
+        ],
+    )
+}
+
+/// The named effects in words.
+pub(super) fn titles(d: &Diagnosis) -> String {
+    let titles: Vec<&str> = d.effects.iter().map(|e| e.title).collect();
+    titles.join(" and ")
+}
+
+/// First section of the details: the terms that the first page does without.
+pub(super) fn details() -> Section {
+    let terms = [
+        "Residual: measured less predicted. Whitened residuals are divided by their noise, so that \
+        noise alone gives independent numbers of standard deviation 1 (σ).",
+        "χ²: the sum of squares of whitened residuals. Noise alone gives about as much as there are \
+        degrees of freedom: rows less fitted parameters.",
+        "Block: residuals that have something in common, such as a band of frequencies. A block is \
+        judged without what a change of the fitted parameters could take up.",
+        "λ: the part of χ² that an effect takes away. Score: λ less what as many free parameters \
+        take from noise.",
+        "p: probability that noise alone gives as much.",
+    ];
+    let items = vec![Item::List(terms.map(str::to_owned).to_vec())];
+    Section::on_new_page("Details", items)
+}
