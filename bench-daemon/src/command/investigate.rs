@@ -8,7 +8,9 @@ use analysis::diagnosis::report;
 use crate::{
     config::load_experiment,
     files,
-    investigate::closed_loop::{Budget, End, Investigation, Means, investigate as play},
+    investigate::closed_loop::{
+        Budget, End, Investigation, Means, investigate as play, not_played_text,
+    },
     operator::Operator,
     safety::failure::Failure,
     support::terminal::{remark, say},
@@ -64,7 +66,7 @@ pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
     let out = args.out.clone().unwrap_or_else(|| {
         PathBuf::from("runs").join(format!("{}-investigation", experiment.name))
     });
-    let investigation = play(
+    let mut investigation = play(
         &experiment,
         &Means {
             out: &out,
@@ -81,6 +83,9 @@ pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
     } else {
         print(&investigation);
         say!("written to {}", out.display());
+    }
+    if let Some(failure) = investigation.failure.take() {
+        return Err(failure);
     }
     match (investigation.end, investigation.refused_points) {
         (End::Invalid, _) => Err(Failure::Invalid(investigation.diagnosis.summary)),
@@ -142,4 +147,7 @@ fn print(investigation: &Investigation) {
     }
     say!("{}", report::text(&investigation.diagnosis));
     say!("the investigation ended: {}", investigation.end_text);
+    if !investigation.not_played.is_empty() {
+        say!("{}", not_played_text(&investigation.not_played));
+    }
 }

@@ -33,25 +33,22 @@ pub(super) fn sections(d: &Diagnosis) -> Vec<Section> {
     ]
 }
 
-/// The misfit of the worst held-out run of each kind, and its place in the fitted runs.
+/// The misfit of the worst held-out run, and the place of the misfit in the fitted runs.
 fn disagreement(d: &Diagnosis) -> Vec<String> {
     if d.verdict == Verdict::Invalid {
         return Vec::new();
     }
     let records: Vec<Row> = d.gap.iter().map(Row::beside_edges).collect();
     let spectra: Vec<Row> = d.gap_spectra.iter().map(Row::of_spectrum).collect();
-    let mut sentences: Vec<String> = [worst(&records), worst(&spectra)]
-        .into_iter()
-        .flatten()
-        .map(|row| row.sentence(d))
-        .collect();
+    let run = worst(&records).or(worst(&spectra));
+    let mut sentences: Vec<String> = run.map(|row| row.sentence(d)).into_iter().collect();
     if sentences.is_empty() {
         sentences.push("No run was held out, so that no prediction was tested.".to_owned());
     }
     sentences.push(match outstanding(&d.blocks).as_slice() {
-        [] => "In the fitted runs nothing stands out from the noise.".to_owned(),
+        [] => "In the runs that were fitted, nothing stands out from the noise.".to_owned(),
         places => format!(
-            "In the fitted runs the {REFITTED} model misses most clearly {}.",
+            "In the runs that were fitted, the disagreement stands out most {}.",
             places.join(", and ")
         ),
     });
@@ -102,7 +99,7 @@ fn place(block: &Block) -> String {
             format!("{span} after a change of the current, {phase}")
         }
         ("time since edge", None) => format!("{part} after a change of the current"),
-        ("frequency", _) => format!("in the spectra at {part}"),
+        ("frequency", _) => format!("in the spectra, {part}"),
         (dimension, _) => format!("in a part of the rows ({dimension}: {part})"),
     };
     format!("{words} ({size})")
@@ -165,7 +162,7 @@ fn with_values(effect: &NamedEffect) -> String {
 
 fn distrust(d: &Diagnosis) -> Vec<String> {
     if d.verdict == Verdict::Invalid {
-        return d.notes.clone();
+        return vec!["The runs that the verdict names. Nothing was compared.".to_owned()];
     }
     let mut sentences = Vec::new();
     if !d.noise.from_repeats {
@@ -186,7 +183,7 @@ fn distrust(d: &Diagnosis) -> Vec<String> {
         .effects
         .iter()
         .filter(|e| e.parameters.iter().any(|p| p.sigma.is_none()));
-    sentences.extend(open.map(|e| format!("A value of {}, which these runs leave open.", e.title)));
+    sentences.extend(open.map(|e| format!("One value of {}: these runs leave it open.", e.title)));
     if d.verdict == Verdict::Unexplained {
         sentences.push(
             "Predictions of the model for other runs: what it lacks is not known.".to_owned(),
@@ -198,8 +195,8 @@ fn distrust(d: &Diagnosis) -> Vec<String> {
 fn next(d: &Diagnosis) -> Vec<String> {
     if let Some(next) = &d.next_experiment {
         let mut sentences = vec![format!(
-            "Measure {} ({} min, {} Ah in either direction).",
-            next.description,
+            "Measure this: {} ({} min, {} Ah in either direction).",
+            next.description.trim_end_matches('.'),
             plain(next.duration_min),
             plain(next.charge_ah)
         )];

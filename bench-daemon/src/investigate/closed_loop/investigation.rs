@@ -3,6 +3,8 @@
 use analysis::diagnosis::{Diagnosis, NextExperiment, Verdict};
 use serde::Serialize;
 
+use crate::safety::failure::Failure;
+
 /// Budget after the first campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Budget {
@@ -26,6 +28,56 @@ pub enum End {
     NoExperiment,
     /// The rest of the budget does not pay for a run that might tell more.
     Budget,
+    /// A run that was asked for ended early.
+    Stopped,
+}
+
+/// Reason why a run was not played in the end.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum WhyNot {
+    /// It costs more than what is left of the budget.
+    Cost,
+    /// Bench, cell or experiment file do not allow it.
+    Limit,
+    /// It was played as often as it may be.
+    Played,
+    /// It can be played, and would tell nothing of what is open.
+    TellsNothing,
+}
+
+impl WhyNot {
+    /// In words.
+    pub fn label(self) -> &'static str {
+        match self {
+            Self::Cost => "cost",
+            Self::Limit => "limit",
+            Self::Played => "played already",
+            Self::TellsNothing => "tells nothing",
+        }
+    }
+}
+
+/// A run of the menu that was not played in the end.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct NotPlayed {
+    /// Name in the menu.
+    pub run: String,
+    /// Kind of reason.
+    pub why: WhyNot,
+    /// The reason in words.
+    pub detail: String,
+}
+
+impl NotPlayed {
+    /// Cells of the table: run, reason, detail; without names of the code.
+    pub fn cells(&self) -> [String; 3] {
+        [
+            self.run.replace('_', " "),
+            self.why.label().to_owned(),
+            self.detail.clone(),
+        ]
+    }
 }
 
 /// A run that was bought to settle what was open.
@@ -55,7 +107,7 @@ pub struct Step {
 }
 
 /// An investigation as it is written.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Serialize)]
 pub struct Investigation {
     /// Name of the schema.
     pub schema: &'static str,
@@ -69,12 +121,17 @@ pub struct Investigation {
     pub steps: Vec<Step>,
     /// How it ended.
     pub end: End,
-    /// The end in words.
+    /// The end in one sentence.
     pub end_text: String,
+    /// Runs of the menu that were not played in the end; empty where no question was open.
+    pub not_played: Vec<NotPlayed>,
     /// Points that the quality gate has refused to the end, of all runs.
     pub refused_points: usize,
     /// The last diagnosis.
     pub diagnosis: Diagnosis,
+    /// Error of a run that ended early, which ended the investigation.
+    #[serde(skip)]
+    pub failure: Option<Failure>,
 }
 
 impl Step {

@@ -30,6 +30,7 @@ use follow_up::Site;
 
 use crate::{
     config::Experiment,
+    files::write_text,
     investigate::dataset::{Loaded, read_dataset, write_dataset},
     run::{
         Measured, Session,
@@ -37,7 +38,8 @@ use crate::{
     },
     safety::failure::Failure,
 };
-pub use investigation::{Budget, End, FollowUpRun, Investigation, Step};
+pub use investigation::{Budget, End, FollowUpRun, Investigation, NotPlayed, Step, WhyNot};
+pub(crate) use page::not_played_text;
 
 /// Name of the schema of `investigation.json`.
 const SCHEMA: &str = "eis-bench/investigation";
@@ -66,16 +68,18 @@ pub struct Means<'a> {
     pub budget: Budget,
 }
 
-/// Plays an investigation and writes `investigation.json`, `investigation.md`, `model.json`, the
-/// joined data set, and a run folder per step.
+/// Plays an investigation and writes `investigation.json`, `.md` and `.html` with their pictures,
+/// `model.json`, `model_augmented.json` where something was added, the joined data set, and a run
+/// folder per step. A later run that ended early ends the investigation, which is written all the
+/// same.
 ///
 /// # Errors
-/// A run that ended early, a model that cannot be fitted, a folder that cannot be written.
+/// A campaign that ended early, a model that cannot be fitted, a folder that cannot be written.
 pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investigation, Failure> {
     let mut session = Session::new(&experiment.bench)?;
     let first = means.out.join("campaign");
     let measured = session.run(experiment, &first)?.measured;
-    let model = base_model(experiment, &measured, means)?;
+    let (file, model) = base_model(experiment, &measured, means)?;
     let mut workspace = Workspace {
         experiment,
         means,
@@ -90,44 +94,83 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
     };
     let (mut outcome, mut menu) = workspace.diagnose(&[])?;
     let mut steps = vec![step(&first, None, &outcome.diagnosis)];
-    let (end, end_text) = loop {
-        let (next, experiment) = match workspace.next(&outcome, &menu, &steps) {
+    let mut failure = None;
+    let ended = loop {
+        let (next, experiment) = match workspace.next(&outcome, menu, &steps) {
             Ok(next) => next,
-            Err(end) => break end,
+            Err(ended) => break ended,
         };
         let folder = means.out.join(format!("{}_{}", steps.len(), next.name));
-        let minutes = workspace.buy(&experiment, &next, &outcome.next_runs, &folder)?;
-        (outcome, menu) = workspace.diagnose(
-            &steps
-                .iter()
-                .filter_map(Step::bought)
-                .chain([next.name])
-                .collect::<Vec<_>>(),
-        )?;
-        steps.push(step(
-            &folder,
-            Some(FollowUpRun {
-                experiment: next,
-                minutes,
-            }),
-            &outcome.diagnosis,
-        ));
+        let minutes = match workspace.buy(&experiment, &next, &outcome.next_runs, &folder) {
+            Ok(minutes) => minutes,
+            Err(error) => {
+                let text = format!("a run ended early: {}: {error}", next.description);
+                failure = Some(error);
+                break Ended::without_runs(End::Stopped, text);
+            }
+        };
+        let bought = steps.iter().filter_map(Step::bought).chain([next.name]);
+        (outcome, menu) = workspace.diagnose(&bought.collect::<Vec<_>>())?;
+        let run = FollowUpRun {
+            experiment: next,
+            minutes,
+        };
+        steps.push(step(&folder, Some(run), &outcome.diagnosis));
     };
     write_dataset(&means.out.join("dataset"), &workspace.loaded.set)
         .map_err(|error| Failure::Analysis(error.to_string()))?;
+    write_augmented(means.out, file, &outcome)?;
     let investigation = Investigation {
         schema: SCHEMA,
         name: experiment.name.clone(),
         budget: means.budget,
         spent: workspace.spent,
         steps,
-        end,
-        end_text,
+        end: ended.end,
+        end_text: ended.text,
+        not_played: ended.not_played,
         refused_points: workspace.refused,
         diagnosis: outcome.diagnosis,
+        failure,
     };
-    page::write(means.out, &investigation)?;
+    page::write(means.out, &investigation, &outcome.curves)?;
     Ok(investigation)
+}
+
+/// End of an investigation.
+struct Ended {
+    end: End,
+    text: String,
+    not_played: Vec<NotPlayed>,
+}
+
+impl Ended {
+    fn without_runs(end: End, text: impl Into<String>) -> Self {
+        Self {
+            end,
+            text: text.into(),
+            not_played: Vec::new(),
+        }
+    }
+}
+
+/// Writes the model with what was added, where something was.
+fn write_augmented(folder: &Path, file: ModelFile, outcome: &Outcome) -> Result<(), Failure> {
+    let additions = outcome
+        .diagnosis
+        .additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
+    let (Some(erm), Some(facts), false) = (
+        &outcome.diagnosis.augmented,
+        outcome.facts,
+        additions.is_empty(),
+    ) else {
+        return Ok(());
+    };
+    let text = file
+        .with_additions(erm.clone(), facts, additions)
+        .to_json()
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
+    write_text(folder, "model_augmented.json", &text)
 }
 
 struct Workspace<'a> {
@@ -146,8 +189,27 @@ struct Workspace<'a> {
 struct MenuOutcome {
     /// Names of those that can be played.
     allowed: Vec<String>,
-    /// Name, how it would let the investigation end, and why it cannot be played.
-    refused: Vec<(String, End, String)>,
+    /// Those that cannot be played, each as it was asked for.
+    refused: Vec<NotPlayed>,
+}
+
+impl MenuOutcome {
+    /// Every run of the menu once, with the reason why it is not played: what can be played tells
+    /// nothing, for else it would have been asked for.
+    fn not_played(self) -> Vec<NotPlayed> {
+        let mut runs: Vec<NotPlayed> = Vec::new();
+        let nothing = |run| NotPlayed {
+            run,
+            why: WhyNot::TellsNothing,
+            detail: "would move no open question forward".to_owned(),
+        };
+        for run in self.allowed.into_iter().map(nothing).chain(self.refused) {
+            if !runs.iter().any(|known| known.run == run.run) {
+                runs.push(run);
+            }
+        }
+        runs
+    }
 }
 
 impl Workspace<'_> {
@@ -204,15 +266,15 @@ impl Workspace<'_> {
                 .and_then(|site| site.experiment(runs))
             {
                 _ if bought.iter().filter(|played| **played == name).count() >= MOST_AGAIN => {
-                    Err((End::NoExperiment, "was played already".to_owned()))
+                    Err((WhyNot::Played, format!("played {MOST_AGAIN} times")))
                 }
-                Err(reason) => Err((End::NoExperiment, reason)),
+                Err(reason) => Err((WhyNot::Limit, reason)),
                 Ok((_, minutes)) if minutes > minutes_left || charge_ah > ah_left => {
                     let left = format!(
                         "takes {minutes:.0} min and {charge_ah:.2} Ah; left are {minutes_left:.0} \
                         min and {ah_left:.2} Ah"
                     );
-                    Err((End::Budget, left))
+                    Err((WhyNot::Cost, left))
                 }
                 Ok(_) => Ok(()),
             };
@@ -220,7 +282,11 @@ impl Workspace<'_> {
             if let Ok(mut menu) = menu.lock() {
                 match found {
                     Ok(()) => menu.allowed.push(name.to_owned()),
-                    Err((end, reason)) => menu.refused.push((name.to_owned(), end, reason)),
+                    Err((why, detail)) => menu.refused.push(NotPlayed {
+                        run: name.to_owned(),
+                        why,
+                        detail,
+                    }),
                 }
             }
             allowed
@@ -231,58 +297,70 @@ impl Workspace<'_> {
     fn next(
         &self,
         outcome: &Outcome,
-        menu: &MenuOutcome,
+        menu: MenuOutcome,
         steps: &[Step],
-    ) -> Result<(NextExperiment, Experiment), (End, String)> {
+    ) -> Result<(NextExperiment, Experiment), Ended> {
         let diagnosis = &outcome.diagnosis;
-        match diagnosis.verdict {
-            Verdict::Explained => {
-                return Err((End::Explained, "what was missing has a name".to_owned()));
+        let (end, text) = match diagnosis.verdict {
+            Verdict::Explained => (End::Explained, "what was missing has a name"),
+            Verdict::AtNoiseFloor => (
+                End::AtNoiseFloor,
+                "nothing is missing that these repeats could show",
+            ),
+            Verdict::Invalid => (End::Invalid, "the data cannot be used"),
+            Verdict::Ambiguous | Verdict::Unexplained => {
+                return self.next_open(outcome, menu, steps);
             }
-            Verdict::AtNoiseFloor => {
-                return Err((
-                    End::AtNoiseFloor,
-                    "nothing is missing that these repeats could show".to_owned(),
-                ));
-            }
-            Verdict::Invalid => return Err((End::Invalid, "the data cannot be used".to_owned())),
-            Verdict::Ambiguous | Verdict::Unexplained => {}
-        }
-        let Some(next) = diagnosis
-            .next_experiment
-            .as_ref()
-            .filter(|_| steps.len() <= MOST_RUNS)
-        else {
-            let refused = || {
-                menu.refused
-                    .iter()
-                    .filter(|(name, ..)| !menu.allowed.contains(name))
-            };
-            let budget =
-                refused().any(|(_, end, _)| *end == End::Budget) || steps.len() > MOST_RUNS;
-            let reasons: Vec<String> = refused()
-                .map(|(name, _, reason)| format!("{name}: {reason}"))
-                .collect();
-            let without = if reasons.is_empty() {
-                String::new()
-            } else {
-                format!("; not asked for: {}", reasons.join("; "))
-            };
-            let text = format!("no run that can be played would tell more{without}");
-            return Err((
-                if budget {
-                    End::Budget
-                } else {
-                    End::NoExperiment
-                },
-                text,
-            ));
         };
+        Err(Ended::without_runs(end, text))
+    }
+
+    /// As [`Self::next`], while a question is open.
+    fn next_open(
+        &self,
+        outcome: &Outcome,
+        menu: MenuOutcome,
+        steps: &[Step],
+    ) -> Result<(NextExperiment, Experiment), Ended> {
+        let Some(next) = &outcome.diagnosis.next_experiment else {
+            let not_played = menu.not_played();
+            let dear = not_played.iter().any(|run| run.why == WhyNot::Cost);
+            let (end, text) = if dear {
+                (
+                    End::Budget,
+                    "what is left of the budget does not pay for a run that might tell more",
+                )
+            } else {
+                (
+                    End::NoExperiment,
+                    "no run that this bench can play would tell more",
+                )
+            };
+            return Err(Ended {
+                not_played,
+                ..Ended::without_runs(end, text)
+            });
+        };
+        if steps.len() > MOST_RUNS {
+            let text = format!("{MOST_RUNS} runs were played, which is the most");
+            return Err(Ended::without_runs(End::Budget, text));
+        }
         let site = Site::new(self.experiment, &self.loaded.set, &self.model.ocv);
         let planned = site.and_then(|site| site.experiment(&outcome.next_runs));
-        planned
-            .map(|(experiment, _)| (next.clone(), experiment))
-            .map_err(|reason| (End::NoExperiment, reason))
+        match planned {
+            Ok((experiment, _)) => Ok((next.clone(), experiment)),
+            Err(detail) => Err(Ended {
+                not_played: vec![NotPlayed {
+                    run: next.name.to_owned(),
+                    why: WhyNot::Limit,
+                    detail,
+                }],
+                ..Ended::without_runs(
+                    End::NoExperiment,
+                    "the run that was asked for cannot be played",
+                )
+            }),
+        }
     }
 
     /// Plays an experiment and joins what it measured; returns the minutes that it took.
@@ -329,7 +407,7 @@ fn base_model(
     experiment: &Experiment,
     measured: &Measured,
     means: &Means<'_>,
-) -> Result<BaseModel, Failure> {
+) -> Result<(ModelFile, BaseModel), Failure> {
     let refused = |error: &dyn std::fmt::Display| Failure::Analysis(format!("no model: {error}"));
     let mut sweeps: Vec<Spectrum> = every_sweep(measured).cloned().collect();
     let every: Vec<usize> = (0..sweeps.len()).collect();
@@ -374,9 +452,10 @@ fn base_model(
     let path: PathBuf = means.out.join(MODEL);
     let text = file.to_json().map_err(|error| refused(&error))?;
     analysis::dataset::write_atomically(&path, text.as_bytes()).map_err(|error| refused(&error))?;
-    Ok(BaseModel {
+    let model = BaseModel {
         name: experiment.cell.name.clone(),
         erm,
         ocv: means.ocv.clone(),
-    })
+    };
+    Ok((file, model))
 }

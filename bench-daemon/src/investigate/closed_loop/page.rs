@@ -1,30 +1,52 @@
-//! Writes an investigation as files: `investigation.json` for programs, `investigation.md` for
-//! people.
+//! Writes an investigation as files: `investigation.json` for programs, `investigation.md` and
+//! `investigation.html` with their pictures for people.
 
 use std::{fmt::Write as _, path::Path};
 
-use analysis::dataset::write_atomically;
+use analysis::{
+    diagnosis::{RunCurves, report},
+    effects,
+    report::{Part, Section, Table},
+};
 
-use super::{FollowUpRun, Investigation, Step};
-use crate::{safety::failure::Failure, support::present::significant};
+use super::{FollowUpRun, Investigation, NotPlayed, Step};
+use crate::{
+    files::{write_picture, write_text},
+    safety::failure::Failure,
+    support::present::significant,
+};
 
-/// Writes both.
-pub(super) fn write(folder: &Path, investigation: &Investigation) -> Result<(), Failure> {
+/// Columns of the runs that were not played.
+pub(crate) const NOT_PLAYED: [&str; 3] = ["Run", "Why not", "Detail"];
+
+/// Writes all of them.
+pub(super) fn write(
+    folder: &Path,
+    investigation: &Investigation,
+    curves: &[RunCurves],
+) -> Result<(), Failure> {
     let fail = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
     let json = serde_json::to_string_pretty(investigation).map_err(|error| fail(&error))? + "\n";
-    for (name, text) in [
-        ("investigation.json", json),
-        ("investigation.md", investigation.to_markdown()),
-    ] {
-        write_atomically(&folder.join(name), text.as_bytes()).map_err(|error| fail(&error))?;
+    let pictures = report::pictures(&investigation.diagnosis, curves);
+    for picture in &pictures {
+        write_picture(folder, &picture.name, |path| picture.drawing.write(path))?;
     }
-    Ok(())
+    write_text(folder, "investigation.json", &json)?;
+    write_text(folder, "investigation.md", &investigation.to_markdown())?;
+    write_text(
+        folder,
+        "investigation.html",
+        &investigation.to_html(&pictures)?,
+    )
 }
 
 impl Investigation {
     /// The investigation in words.
     pub fn to_markdown(&self) -> String {
-        let mut text = format!("# Investigation {}\n\n**{}**\n\n", self.name, self.end_text);
+        let mut text = format!(
+            "# Investigation {}\n\n**Ended: {}**\n\n",
+            self.name, self.end_text
+        );
         // Writing into a string cannot fail.
         let _ = writeln!(text, "{}\n", self.diagnosis.summary);
         let _ = writeln!(
@@ -35,6 +57,16 @@ impl Investigation {
         text += "## Steps\n\n| measured | bought | verdict | effects | rivals |\n\
         |---|---|---|---|---|\n";
         self.steps.iter().for_each(|step| text += &row(step));
+        if !self.not_played.is_empty() {
+            let _ = write!(
+                text,
+                "\n## Runs that were not played\n\n| {} |\n|---|---|---|\n",
+                NOT_PLAYED.join(" | ")
+            );
+        }
+        for run in &self.not_played {
+            let _ = writeln!(text, "| {} |", run.cells().join(" | "));
+        }
         if !self.diagnosis.effects.is_empty() {
             text += "\n## Effects\n\n";
         }
@@ -71,6 +103,103 @@ impl Investigation {
         }
         text
     }
+
+    /// The investigation as one page: the first page of the diagnosis with what was measured and why
+    /// it ended, then the details of the diagnosis.
+    fn to_html(&self, pictures: &[report::Picture]) -> Result<String, Failure> {
+        let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
+        let mut page = report::html(&self.diagnosis, pictures).map_err(|error| failed(&error))?;
+        page.title = format!("Investigation {}: {}", self.name, page.title);
+        let details = page
+            .sections
+            .iter()
+            .position(|section| section.new_page)
+            .unwrap_or(page.sections.len());
+        let own = [self.measured(), self.ended()];
+        page.sections.splice(details..details, own);
+        page.provenance = vec![
+            (
+                "program".to_owned(),
+                format!("eis-bench {}", env!("CARGO_PKG_VERSION")),
+            ),
+            (
+                "everything in numbers".to_owned(),
+                "investigation.json beside this page".to_owned(),
+            ),
+        ];
+        page.to_html().map_err(|error| failed(&error))
+    }
+
+    fn measured(&self) -> Section {
+        let header = ["Measured", "Time", "Verdict", "Names"];
+        let cells = |step: &Step| {
+            let (what, minutes) = step.bought.as_ref().map_or_else(
+                || ("the campaign".to_owned(), "–".to_owned()),
+                |b| {
+                    let minutes = format!("{:.0} min", b.minutes);
+                    (b.experiment.description.clone(), minutes)
+                },
+            );
+            let names: Vec<&str> = step.effects.iter().map(|name| title(name)).collect();
+            let names = if names.is_empty() {
+                "–".to_owned()
+            } else {
+                names.join(", ")
+            };
+            vec![what, minutes, step.verdict.label().to_owned(), names]
+        };
+        Section {
+            heading: "What was measured".to_owned(),
+            parts: vec![Part::Table(Table {
+                caption: String::new(),
+                header: header.map(str::to_owned).to_vec(),
+                rows: self.steps.iter().map(cells).collect(),
+            })],
+            new_page: false,
+        }
+    }
+
+    fn ended(&self) -> Section {
+        let mut parts = vec![Part::Text(format!("It ended because {}.", self.end_text))];
+        if !self.not_played.is_empty() {
+            parts.push(Part::Table(Table {
+                caption: "Runs that were not played".to_owned(),
+                header: NOT_PLAYED.map(str::to_owned).to_vec(),
+                rows: self
+                    .not_played
+                    .iter()
+                    .map(|run| run.cells().to_vec())
+                    .collect(),
+            }));
+        }
+        Section {
+            heading: "Why it ended".to_owned(),
+            parts,
+            new_page: false,
+        }
+    }
+}
+
+/// Title of an effect.
+fn title(name: &'static str) -> &'static str {
+    effects::find(name).map_or(name, |effect| effect.card().title)
+}
+
+/// The runs that were not played, for a terminal.
+pub(crate) fn not_played_text(runs: &[NotPlayed]) -> String {
+    let rows: Vec<[String; 3]> = std::iter::once(NOT_PLAYED.map(str::to_owned))
+        .chain(runs.iter().map(NotPlayed::cells))
+        .collect();
+    let width = |k: usize| {
+        rows.iter()
+            .map(|row| row[k].chars().count())
+            .max()
+            .unwrap_or(0)
+    };
+    let (run, why) = (width(0), width(1));
+    rows.iter()
+        .map(|row| format!("  {:<run$}  {:<why$}  {}\n", row[0], row[1], row[2]))
+        .collect()
 }
 
 fn row(step: &Step) -> String {
