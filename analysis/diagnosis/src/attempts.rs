@@ -132,7 +132,7 @@ impl Search<'_> {
 
     /// Fits from these starts, and the candidates still without their results; how good a candidate
     /// looks is judged at the first of them.
-    fn attempts_from(
+    pub(super) fn attempts_from(
         &mut self,
         fit: &Fit,
         starts: Vec<Fit>,

@@ -37,6 +37,7 @@ mod rivals;
 mod search;
 mod select;
 mod shared;
+mod simpler;
 mod structure;
 pub mod thresholds;
 mod time_block;

@@ -12,7 +12,7 @@ use crate::thresholds::{
     DEEPER_CHI2, FREED_SHAPE_CHI2, MOST_EFFECTS, MOST_REFUSED, MOST_RESTARTS, NAMING_LEAD,
     OUTSIDE_ALONE,
 };
-use analysis_effects::effects::outside;
+use analysis_effects::effects::{find, outside};
 
 /// An effect that was taken.
 #[derive(Debug, Clone)]
@@ -82,17 +82,32 @@ impl Search<'_> {
         let mut selection = Selection::nothing(base);
         // The best of what is outside the catalogue, on top of the base.
         let mut alone: Option<(&'static str, f64)> = None;
+        self.add(&mut selection, &mut alone);
+        self.gate_again(&mut selection);
+        if self.in_place_of_several(&mut selection) {
+            // What stands on top of it now is another question.
+            self.add(&mut selection, &mut alone);
+            self.gate_again(&mut selection);
+        }
+        self.find_rivals(&mut selection);
+        self.free_shapes(&mut selection);
+        self.look_outside(&mut selection, alone);
+        selection
+    }
+
+    /// Adds effects one by one, as long as one is accepted.
+    fn add(&mut self, selection: &mut Selection, alone: &mut Option<(&'static str, f64)>) {
         let mut restarts = 0;
         while selection.selected.len() < MOST_EFFECTS {
             let (attempts, mut ranking) = self.attempts(&selection.fit, None);
             let first = selection.selected.is_empty();
             if first {
-                alone = attempts
+                *alone = attempts
                     .iter()
                     .find(|a| is_outside(a.name))
                     .map(|a| (a.name, a.score));
             }
-            let accepted = self.first_accepted(&mut selection, attempts, &mut ranking);
+            let accepted = self.first_accepted(selection, attempts, &mut ranking);
             if first {
                 if let Some((selected, _)) = &accepted {
                     let rest = ranking
@@ -133,11 +148,6 @@ impl Search<'_> {
                 limit_of: Vec::new(),
             });
         }
-        self.gate_again(&mut selection);
-        self.find_rivals(&mut selection);
-        self.free_shapes(&mut selection);
-        self.look_outside(&mut selection, alone);
-        selection
     }
 
     /// The best attempt that everything speaks for; what stands before it is noted with the reason.
@@ -250,7 +260,9 @@ impl Search<'_> {
         if let Some((name, score, _)) = &selection.refused {
             selection.doubt = Some(format!(
                 "{} would gain {score:.0} on top of it but may not be named",
-                title(name).unwrap_or(name)
+                title(name)
+                    .or(find(name).map(|e| e.card().title))
+                    .unwrap_or(name)
             ));
         } else if let Some(title) = alone
             .filter(|a| selection.selected.len() > 1 && a.1 > gained - NAMING_LEAD)
