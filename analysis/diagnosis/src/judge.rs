@@ -128,7 +128,7 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
         (false, false) => (
             Verdict::Unexplained,
             format!(
-                "{} explains a part; the rest has no name in the catalogue.",
+                "A part is explained by {}; the rest has no name in the catalogue.",
                 names.join(", ")
             ),
         ),

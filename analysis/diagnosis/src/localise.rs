@@ -37,13 +37,18 @@ pub(super) fn localise(
     for k in problem.of_role(Role::Train) {
         let run = &problem.blocks[k];
         let raw = raw(run, &problem.predict(fit.at(), k, 1, workspace));
+        let at_edges = &problem.at_edges[k];
         for (n, raw) in raw.iter().enumerate() {
             let basis: Vec<f64> = tangent.basis.iter().map(|q| q[row]).collect();
             for place in places(run, n, &ranges) {
-                cells
-                    .entry(place)
-                    .or_default()
-                    .add(residuals[row], &basis, *raw);
+                cells.entry(place).or_default().add(
+                    residuals[row],
+                    &basis,
+                    Raw {
+                        residual: *raw,
+                        at_edge: at_edges[n],
+                    },
+                );
             }
             row += 1;
         }
@@ -80,26 +85,41 @@ fn raw(run: &Run, predicted: &[f64]) -> Vec<f64> {
         .collect()
 }
 
+/// Residual before whitening.
+#[derive(Clone, Copy)]
+struct Raw {
+    residual: f64,
+    at_edge: bool,
+}
+
 #[derive(Default)]
 struct Sums {
     count: usize,
     chi2: f64,
     expected: f64,
     sum: f64,
+    /// Sum of the squares of all rows.
     square: f64,
+    /// Number and sum of the squares of the rows beside edges.
+    beside_edges: (usize, f64),
     /// Sum of each vector of the tangent space's basis over the block.
     along: Vec<f64>,
 }
 
 impl Sums {
-    fn add(&mut self, r: f64, basis: &[f64], raw: f64) {
+    fn add(&mut self, r: f64, basis: &[f64], raw: Raw) {
         self.count += 1;
         self.chi2 += r * r;
         self.expected += 1.0 - basis.iter().map(|q| q * q).sum::<f64>();
         self.along.resize(basis.len(), 0.0);
         self.along.iter_mut().zip(basis).for_each(|(a, q)| *a += q);
         self.sum += r;
-        self.square += raw * raw;
+        let square = raw.residual * raw.residual;
+        self.square += square;
+        if !raw.at_edge {
+            self.beside_edges.0 += 1;
+            self.beside_edges.1 += square;
+        }
     }
 
     fn block(&self, dimension: &'static str, part: String) -> Block {
@@ -114,7 +134,12 @@ impl Sums {
         };
         let p =
             (2.0 * chi2_tail(self.chi2, expected).min(deviate_tail(mean_z.abs(), None))).min(1.0);
-        let rms = 1e3 * (self.square / self.count as f64).sqrt();
+        // At an edge the residual tells when the current changed.
+        let (count, square) = match self.beside_edges {
+            (0, _) => (self.count, self.square),
+            beside => beside,
+        };
+        let rms = 1e3 * (square / count as f64).sqrt();
         Block {
             dimension,
             part,

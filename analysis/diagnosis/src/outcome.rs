@@ -164,7 +164,8 @@ pub struct Block {
     pub mean_z: f64,
     /// Probability of as much by noise alone, corrected for the number of blocks (Holm).
     pub p_value: f64,
-    /// Root mean square of the residuals: mV for records, parts per thousand of |Z| for spectra.
+    /// Root mean square of the residuals: mV for records, parts per thousand of |Z| for spectra. Rows
+    /// at edges of the current are left out, where there are others.
     pub rms: f64,
 }
 

@@ -87,7 +87,7 @@ pub enum Part {
     Table(Table),
     /// A plot.
     Figure(Figure),
-    /// A name with its properties.
+    /// A name, which may be empty, with its properties.
     Fields(String, Vec<(String, String)>),
     /// Text set as it is.
     Verbatim(String),
@@ -213,7 +213,9 @@ impl Part {
             Self::Table(table) => table.push(html),
             Self::Figure(figure) => figure.push(html, figures)?,
             Self::Fields(name, fields) => {
-                push(html, format_args!("<h3>{}</h3>\n", escape(name)));
+                if !name.is_empty() {
+                    push(html, format_args!("<h3>{}</h3>\n", escape(name)));
+                }
                 push_fields(html, fields);
             }
             Self::Verbatim(text) => push(
@@ -392,7 +394,7 @@ details{margin:.3rem 0;font-size:.9rem}summary{cursor:pointer;color:var(--soft)}
 @media (prefers-color-scheme:dark){figure svg{filter:invert(.91) hue-rotate(180deg)}}
 @media print{:root{--ink:#000;--soft:#444;--page:#fff;--line:#bbb;--stripe:#f5f6f7;\
 --good:#00724f;--note:#8a5a00;--bad:#b3261e}
-body{font-size:10pt}main{max-width:none;padding:0}figure \
+html{font-size:9pt}body{font-size:1rem}main{max-width:none;padding:0}figure,.table{margin:.8rem 0}figure \
 svg{filter:none;min-width:0}.table,figure,pre{overflow:visible}pre{white-space:pre-wrap}
 th,td{white-space:normal}figure,.table,.verdict \
 li{break-inside:avoid}h2,h3,caption{break-after:avoid}

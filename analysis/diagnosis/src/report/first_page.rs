@@ -24,11 +24,11 @@ pub(super) fn sections(d: &Diagnosis) -> Vec<Section> {
     let points = answers
         .into_iter()
         .filter(|(_, sentences)| !sentences.is_empty())
-        .map(|(question, sentences)| format!("{question}: {}", sentences.join(" ")))
+        .map(|(question, sentences)| (question, sentences.join(" ")))
         .collect();
     vec![
         Section::new("Verdict", vec![Item::Text(d.summary.clone())]),
-        Section::new("In short", vec![Item::List(points)]),
+        Section::new("In short", vec![Item::Fields(String::new(), points)]),
         held_out(d),
     ]
 }
@@ -56,9 +56,14 @@ fn disagreement(d: &Diagnosis) -> Vec<String> {
         sentences.push(match outstanding(&d.where_after).as_slice() {
             [] => format!("With {} nothing stands out any more.", titles(d)),
             places => format!(
-                "With {} it still stands out {}.",
+                "With {} it still stands out {}{}.",
                 titles(d),
-                places.join(", and ")
+                places.join(", and "),
+                if d.verdict == Verdict::Unexplained {
+                    ""
+                } else {
+                    ", which is no more than chance and the error of the effects' formulas allow"
+                }
             ),
         });
     }
@@ -100,9 +105,10 @@ fn place(block: &Block) -> String {
         }
         ("time since edge", None) => format!("{part} after a change of the current"),
         ("frequency", _) => format!("in the spectra, {part}"),
-        (dimension, _) => format!("in a part of the rows ({dimension}: {part})"),
+        ("sign", _) => format!("under {part}"),
+        (dimension, _) => format!("at {dimension} {part}"),
     };
-    format!("{words} ({size})")
+    format!("{words} ({size} rms)")
 }
 
 /// Text whose numbers have three significant digits.
@@ -205,10 +211,11 @@ fn next(d: &Diagnosis) -> Vec<String> {
             ([], _) => {}
             ([one], true) => sentences.push(format!("It should settle whether it is {one}.")),
             ([one], false) => sentences.push(format!("It helps to tell whether it is {one}.")),
-            (names, true) => sentences.push(format!("It should tell {}.", names.join(" from "))),
-            (names, false) => {
-                sentences.push(format!("It helps to tell {}.", names.join(" from ")));
-            }
+            ([names @ .., last], settles) => sentences.push(format!(
+                "It {} tell {} and {last} apart.",
+                if settles { "should" } else { "helps to" },
+                names.join(", ")
+            )),
         }
         return sentences;
     }

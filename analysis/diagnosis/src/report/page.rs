@@ -40,7 +40,7 @@ pub(super) enum Item {
     List(Vec<String>),
     /// A table: header and rows.
     Table(Vec<&'static str>, Vec<Vec<String>>),
-    /// A name with its properties: property, text.
+    /// A name, which may be empty, with its properties: property, text.
     Fields(String, Vec<(&'static str, String)>),
     /// Text set as it is.
     Verbatim(String),
@@ -125,8 +125,10 @@ impl Item {
                 .iter()
                 .for_each(|point| push_wrapped(out, point, Indents::POINT)),
             Self::Fields(name, fields) => {
-                out.push_str(if out.ends_with("\n\n") { "" } else { "\n" });
-                out.push_str(&format!("  {name}\n"));
+                if !name.is_empty() {
+                    out.push_str(if out.ends_with("\n\n") { "" } else { "\n" });
+                    out.push_str(&format!("  {name}\n"));
+                }
                 let most = fields
                     .iter()
                     .map(|f| f.0.chars().count())
@@ -201,7 +203,10 @@ impl Item {
                     .for_each(|row| out.push_str(&line(&mut row.iter().map(|c| escaped(c)))));
             }
             Self::Fields(name, fields) => {
-                out.push_str(&format!("\n### {}\n\n", escaped(name)));
+                if !name.is_empty() {
+                    out.push_str(&format!("\n### {}\n", escaped(name)));
+                }
+                out.push('\n');
                 fields.iter().for_each(|(field, text)| {
                     out.push_str(&format!("- **{field}:** {}\n", escaped(text)));
                 });

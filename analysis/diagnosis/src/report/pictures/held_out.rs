@@ -1,5 +1,5 @@
-//! One chart of the gap per held-out run: all rows and those beside edges, the noise over the same
-//! rows.
+//! One chart of the gap per held-out run: the rows beside edges and all rows, each with the noise
+//! over the same rows.
 
 use super::super::first_page::{AS_GIVEN, REFITTED, Row, titles};
 use super::super::numbers::plain;
@@ -59,13 +59,14 @@ fn picture(d: &Diagnosis, number: usize, rows: &[Row]) -> Picture {
         "mV" => "Voltage, rms / mV",
         _ => "Impedance, rms of |ΔZ| / % of |Z|",
     };
-    let panel = BarPanel {
+    // An axis for each choice of rows: the noise at edges can be many times all else.
+    let panel = |row: &Row| BarPanel {
         axis: AxisSpec::linear(axis),
         baseline: 0.0,
         reference: None,
         groups: vec![BarGroup {
             heading: String::new(),
-            rows: rows.iter().map(|row| bars(d, row)).collect(),
+            rows: vec![bars(d, row)],
         }],
         note_heading: String::new(),
     };
@@ -73,7 +74,7 @@ fn picture(d: &Diagnosis, number: usize, rows: &[Row]) -> Picture {
         title: format!("{run}: prediction less measurement"),
         subtitle: "A run that no fit has seen".to_owned(),
         legend,
-        panels: vec![panel],
+        panels: rows.iter().map(panel).collect(),
         width_px: WIDTH_PX,
     };
     Picture {

@@ -15,8 +15,10 @@ pub use picture::{Kind, Picture};
 
 /// Most held-out runs of a kind that get a picture of their own.
 const MOST_RUNS: usize = 6;
-/// The pictures of a diagnosis: the gap of each held-out run, the map, the residuals of held-out runs and of the worst training
-/// run of each kind, the ranking, the gaps. None for data that cannot be used.
+
+/// The pictures of a diagnosis: the gap of each held-out run, the map, the residuals of held-out
+/// runs and of the worst training run of each kind, the ranking, the gaps. None for data that cannot
+/// be used.
 pub fn pictures(d: &Diagnosis, runs: &[RunCurves]) -> Vec<Picture> {
     if d.verdict == Verdict::Invalid {
         return Vec::new();
