@@ -21,6 +21,9 @@ use crate::{
 pub struct InvestigateArgs {
     /// The experiment file of the first campaign.
     pub experiment: PathBuf,
+    /// Another bench file than the experiment names.
+    #[arg(long, value_name = "FILE")]
+    pub bench: Option<PathBuf>,
     /// Folder of the investigation [default: runs/NAME-investigation]
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
@@ -51,7 +54,7 @@ pub struct InvestigateArgs {
 /// energised; later whatever ends a run; in the end data that cannot be diagnosed, and points that
 /// the quality gate has refused.
 pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
-    let mut experiment = load_experiment(&args.experiment, None)?;
+    let mut experiment = load_experiment(&args.experiment, args.bench.as_deref())?;
     experiment.seed = args.seed.unwrap_or(experiment.seed);
     let given = args.ocv.as_deref().map(files::read_curve).transpose()?;
     let ocv = given

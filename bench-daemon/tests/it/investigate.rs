@@ -457,6 +457,120 @@ fn line(case: &Hidden, score: Score, investigation: &Investigation) -> String {
     text
 }
 
+fn named(investigation: &Investigation) -> Vec<&'static str> {
+    let mut names: Vec<&str> = investigation
+        .diagnosis
+        .effects
+        .iter()
+        .map(|e| e.name)
+        .collect();
+    names.sort_unstable();
+    names
+}
+
+/// The examples in words of the scenario file: each is found with its size, and both together get
+/// no wrong name.
+#[test]
+#[ignore = "drill: three investigations"]
+fn the_examples_of_the_scenario_file_are_found() {
+    let diffusion = "[effects.diffusion]\nr_ohm = 2e-3\ntau_s = 60";
+    let arrhenius = "[effects.arrhenius]\nenergy_j_per_mol = 30000\nreference_c = 25";
+    let hidden = |scenario: String, names| Hidden {
+        seed: 1,
+        scenario: Cow::Owned(scenario),
+        names,
+    };
+    let (score, found) = play(&hidden(diffusion.to_owned(), &["diffusion"]));
+    assert_eq!((score, named(&found)), (Score::Right, vec!["diffusion"]));
+    for (parameter, truth) in found.diagnosis.effects[0]
+        .parameters
+        .iter()
+        .zip([2e-3, 60.0])
+    {
+        assert!(
+            (parameter.value / truth - 1.0).abs() < 0.02,
+            "{parameter:?}"
+        );
+    }
+    let (score, found) = play(&hidden(arrhenius.to_owned(), &["self_heating"]));
+    assert_eq!((score, named(&found)), (Score::Right, vec!["self_heating"]));
+    let (_, found) = play(&hidden(format!("{diffusion}\n{arrhenius}"), &[]));
+    assert!(
+        found.diagnosis.verdict != Verdict::Explained
+            || named(&found) == ["diffusion", "self_heating"],
+        "{:?}",
+        found.diagnosis.summary
+    );
+}
+
+/// What the README shows: the names, and the truth of the scenario files within every interval.
+#[test]
+#[ignore = "drill: two investigations"]
+fn the_showcases_end_as_told() {
+    let cases: [(&str, &[(&str, f64)]); 2] = [
+        ("hidden_diffusion", &[("r_ohm", 1e-3), ("tau_s", 30.0)]),
+        (
+            "hidden_pair",
+            &[
+                ("r_ohm", 1e-3),
+                ("tau_s", 30.0),
+                ("m_v", 8e-4),
+                ("gamma", 30.0),
+            ],
+        ),
+    ];
+    for (bench, truth) in cases {
+        let configs = crate::configuration::configs();
+        let bench = configs.join(format!("benches/{bench}.toml"));
+        let experiment =
+            load_experiment(&configs.join("experiments/investigate.toml"), Some(&bench)).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let means = Means {
+            out: folder.path(),
+            ocv: experiment.cell.ocv.clone().unwrap(),
+            budget: Budget {
+                minutes: 240.0,
+                charge_ah: 20.0,
+            },
+        };
+        let found = investigate(&experiment, &means).unwrap();
+        assert_eq!(found.end, End::Explained);
+        let parameters = || found.diagnosis.effects.iter().flat_map(|e| &e.parameters);
+        for (name, value) in truth {
+            let (low, high) = parameters().find(|p| p.name == *name).unwrap().interval;
+            assert!((low..=high).contains(value), "{name}: {low} to {high}");
+        }
+        for gap in &found.diagnosis.gap {
+            assert!(
+                gap.augmented_mv < gap.floor_mv && gap.floor_mv < gap.base_mv,
+                "{gap:?}"
+            );
+        }
+        let page = fs::read_to_string(folder.path().join("investigation.html")).unwrap();
+        let first = page.split("Details</h2>").next().unwrap();
+        assert!(first.contains("What is missing") && !first.contains("rc_slow"));
+        assert!(folder.path().join("model_augmented.json").is_file());
+    }
+}
+
+/// The benches of the showcases differ from that of `investigate.toml` by name and truth alone.
+#[test]
+fn the_benches_of_the_showcases_are_one_bench() {
+    let lines = |bench: &str| -> Vec<String> {
+        let path = crate::configuration::configs().join(format!("benches/{bench}.toml"));
+        let text = fs::read_to_string(path)
+            .unwrap()
+            .replace(bench, "investigate");
+        text.lines()
+            .filter(|line| !line.starts_with('#'))
+            .map(str::to_owned)
+            .collect()
+    };
+    for bench in ["hidden_diffusion", "hidden_pair"] {
+        assert_eq!(lines(bench), lines("investigate"));
+    }
+}
+
 #[test]
 #[ignore = "drill"]
 fn nothing_hidden_ends_at_the_floor_and_what_is_hidden_is_found() {

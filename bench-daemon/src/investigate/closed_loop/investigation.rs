@@ -3,7 +3,7 @@
 use analysis::diagnosis::{Diagnosis, NextExperiment, Verdict};
 use serde::Serialize;
 
-use crate::safety::failure::Failure;
+use crate::{safety::failure::Failure, support::present::significant};
 
 /// Budget after the first campaign.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -32,18 +32,18 @@ pub enum End {
     Stopped,
 }
 
-/// Reason why a run was not played in the end.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+/// Reason why a run was not played in the end, the one that is nearest to be played first.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum WhyNot {
+    /// It can be played, and would tell nothing of what is open.
+    TellsNothing,
+    /// It was played as often as it may be.
+    Played,
     /// It costs more than what is left of the budget.
     Cost,
     /// Bench, cell or experiment file do not allow it.
     Limit,
-    /// It was played as often as it may be.
-    Played,
-    /// It can be played, and would tell nothing of what is open.
-    TellsNothing,
 }
 
 impl WhyNot {
@@ -70,12 +70,21 @@ pub struct NotPlayed {
 }
 
 impl NotPlayed {
-    /// Cells of the table: run, reason, detail; without names of the code.
+    /// Cells of the table: run, reason, detail; without names of the code, the place in the plan and
+    /// digits that nobody needs.
     pub fn cells(&self) -> [String; 3] {
+        let detail = match self.detail.split_once("): ") {
+            Some((place, reason)) if place.starts_with("stage ") => reason,
+            _ => self.detail.as_str(),
+        };
+        let word = |word: &str| match word.parse::<f64>() {
+            Ok(value) if word.contains('.') => significant(value, 3),
+            _ => word.to_owned(),
+        };
         [
             self.run.replace('_', " "),
             self.why.label().to_owned(),
-            self.detail.clone(),
+            detail.split(' ').map(word).collect::<Vec<_>>().join(" "),
         ]
     }
 }

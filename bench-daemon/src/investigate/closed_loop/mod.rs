@@ -204,8 +204,11 @@ impl MenuOutcome {
             detail: "would move no open question forward".to_owned(),
         };
         for run in self.allowed.into_iter().map(nothing).chain(self.refused) {
-            if !runs.iter().any(|known| known.run == run.run) {
-                runs.push(run);
+            match runs.iter_mut().find(|known| known.run == run.run) {
+                // Of several forms of a run, the one that is nearest to be played is told.
+                Some(known) if run.why < known.why => *known = run,
+                Some(_) => {}
+                None => runs.push(run),
             }
         }
         runs

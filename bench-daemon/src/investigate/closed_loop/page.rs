@@ -104,19 +104,19 @@ impl Investigation {
         text
     }
 
-    /// The investigation as one page: the first page of the diagnosis with what was measured and why
-    /// it ended, then the details of the diagnosis.
+    /// The investigation as one page: the diagnosis with what was measured and why it ended.
     fn to_html(&self, pictures: &[report::Picture]) -> Result<String, Failure> {
         let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
         let mut page = report::html(&self.diagnosis, pictures).map_err(|error| failed(&error))?;
-        page.title = format!("Investigation {}: {}", self.name, page.title);
-        let details = page
-            .sections
-            .iter()
-            .position(|section| section.new_page)
-            .unwrap_or(page.sections.len());
+        page.title = format!(
+            "Investigation {}: {}",
+            self.name,
+            self.diagnosis.verdict.label()
+        );
+        // What it says in short comes first, the gaps follow.
+        let place = page.sections.len().min(1);
         let own = [self.measured(), self.ended()];
-        page.sections.splice(details..details, own);
+        page.sections.splice(place..place, own);
         page.provenance = vec![
             (
                 "program".to_owned(),
