@@ -150,7 +150,7 @@ fn a_diagnosis_of_proposed_data_sets_is_that_of_the_data_sets_of_a_person() {
         assert_eq!(told["verdict"], "unexplained");
         // The gaps of the model file as by the data set of a person.
         for (gap, expected_mv) in told["gap"].as_array().unwrap().iter().zip(known.gaps_mv) {
-            let met_mv = gap["eis_only_mv"].as_f64().unwrap();
+            let met_mv = gap["eis_only_with_edges_mv"].as_f64().unwrap();
             assert!((met_mv / expected_mv - 1.0).abs() < 0.03, "{gap}");
         }
         assert_eq!(told["gap"].as_array().unwrap().len(), 2);
