@@ -5,6 +5,7 @@ use std::path::Path;
 use analysis::{
     contract::Group,
     dataset,
+    diagnosis::{Outcome, report::Picture},
     fit::RefusedPoint,
     formats::read_file,
     forward::{OcvSource, SimModel},
@@ -166,6 +167,35 @@ pub(crate) fn write_picture(
         draw(&folder.join(format!("{name}.{extension}")))
             .map_err(|error| Failure::Analysis(error.to_string()))
     })
+}
+
+/// Writes the pictures of a diagnosis into a folder.
+pub(crate) fn write_pictures(folder: &Path, pictures: &[Picture]) -> Result<(), Failure> {
+    pictures.iter().try_for_each(|picture| {
+        write_picture(folder, &picture.name, |at| picture.drawing.write(at))
+    })
+}
+
+/// Writes the diagnosed model with what was added to it, where something was; `refused` are the
+/// points that the gate of the data has refused.
+pub(crate) fn write_augmented(
+    folder: &Path,
+    base: GivenModel,
+    outcome: &Outcome,
+    refused: Vec<RefusedPoint>,
+) -> Result<(), Failure> {
+    let d = &outcome.diagnosis;
+    let additions = d.additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
+    let (Some(erm), Some(facts), false) = (&d.augmented, outcome.facts, additions.is_empty())
+    else {
+        return Ok(());
+    };
+    let text = base
+        .with_additions(erm.clone(), facts, additions)
+        .with_refused(refused)
+        .to_json()
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
+    write_text(folder, "model_augmented.json", &text)
 }
 
 /// Draws a chart into a folder, as SVG and as PNG.

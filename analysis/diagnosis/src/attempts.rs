@@ -103,7 +103,7 @@ impl Search<'_> {
                 break;
             };
             let best_score = best.score;
-            let start = self.beside(fit, best);
+            let start = self.beside(fit, &best.fit);
             let (others, _) = self.attempts_from(fit, vec![start], instead);
             keep_better(&mut attempts, others);
             if attempts[0].score <= best_score + DEEPER_CHI2 {
@@ -121,12 +121,12 @@ impl Search<'_> {
         attempt.lambda > STRONG_LAGRANGE && excess_z(attempt.fit.chi2, dof) > MISFIT_Z
     }
 
-    /// The fit where an addition has put its parameters, without the addition: there the branches
+    /// The fit where additions have put its parameters, without the additions: there the branches
     /// of the base may stand where they belong, and a better addition is found from there only.
-    fn beside(&mut self, fit: &Fit, attempt: &Attempt) -> Fit {
+    pub(super) fn beside(&mut self, fit: &Fit, with: &Fit) -> Fit {
         let Fit {
             structure, x, axes, ..
-        } = attempt.fit.base_of(fit);
+        } = with.base_of(fit);
         self.problem.at(&structure, x, axes, &mut self.workspace)
     }
 

@@ -23,7 +23,7 @@ pub(super) struct Fits<'a> {
 }
 
 /// Root mean square.
-pub(super) fn rms(values: impl Iterator<Item = f64>) -> f64 {
+fn rms(values: impl Iterator<Item = f64>) -> f64 {
     let (count, sum) = values.fold((0usize, 0.0), |(n, s), v| (n + 1, s + v * v));
     (sum / count.max(1) as f64).sqrt()
 }
@@ -44,7 +44,7 @@ pub(super) fn samples(
 
 /// Samples of a record that are compared and lie at no edge of the current; all where every one
 /// lies at an edge.
-pub(super) fn beside_edges(problem: &Problem, block: usize, time: &TimeBlock) -> Vec<bool> {
+fn beside_edges(problem: &Problem, block: usize, time: &TimeBlock) -> Vec<bool> {
     let mut beside = Vec::with_capacity(time.voltage_v.len());
     for (bin, at_edge) in time.bins.iter().zip(&problem.at_edges[block]) {
         beside.extend(std::iter::repeat_n(!at_edge, bin.to - bin.from));
@@ -55,26 +55,22 @@ pub(super) fn beside_edges(problem: &Problem, block: usize, time: &TimeBlock) ->
     beside
 }
 
-/// Prediction less measurement of a record's samples, about its mean over the kept ones where the
-/// level is free; zero for the others.
-pub(super) fn missed_v(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> Vec<f64> {
+/// Root mean square of prediction less measurement over the kept samples of a record, V; about the
+/// mean where the level is free.
+fn missed_v(time: &TimeBlock, predicted_v: &[f64], keep: &[bool]) -> f64 {
     let measured_v = &time.voltage_v[time.compared()];
-    let mut missed: Vec<f64> = predicted_v
+    let all: Vec<f64> = predicted_v
         .iter()
         .zip(measured_v)
         .map(|(p, m)| p - m)
         .collect();
-    if time.level_sigma_v > 0.0 {
-        let (count, sum) = kept(&missed, keep).fold((0usize, 0.0), |(n, s), v| (n + 1, s + v));
-        let mean = sum / count.max(1) as f64;
-        missed.iter_mut().for_each(|v| *v -= mean);
-    }
-    missed
-        .iter_mut()
-        .zip(keep)
-        .filter(|(_, keep)| !**keep)
-        .for_each(|(v, _)| *v = 0.0);
-    missed
+    let missed: Vec<f64> = kept(&all, keep).collect();
+    let level_v = if time.level_sigma_v > 0.0 {
+        missed.iter().sum::<f64>() / missed.len().max(1) as f64
+    } else {
+        0.0
+    };
+    rms(missed.iter().map(|v| v - level_v))
 }
 
 fn kept<'a>(values: &'a [f64], keep: &'a [bool]) -> impl Iterator<Item = f64> + 'a {
@@ -102,10 +98,8 @@ pub(super) fn gaps(
         let predicted = all.map(|at| samples(problem, at, k, workspace));
         let floor_v = sample_floor(prepared, k, time);
         let over = |keep: &[bool]| {
-            let of =
-                |predicted_v: &Vec<f64>| 1e3 * rms(kept(&missed_v(time, predicted_v, keep), keep));
-            let [alone, base, augmented] = [0, 1, 2].map(|n| of(&predicted[n]));
-            [alone, base, augmented, 1e3 * rms(kept(&floor_v, keep))]
+            let [alone, base, augmented] = [0, 1, 2].map(|n| missed_v(time, &predicted[n], keep));
+            [alone, base, augmented, rms(kept(&floor_v, keep))].map(|v| 1e3 * v)
         };
         let beside = beside_edges(problem, k, time);
         let [eis_only_mv, base_mv, augmented_mv, floor_mv] = over(&beside);

@@ -5,7 +5,7 @@ use super::inconsistency::Inconsistency;
 use super::outcome::{Block, Diagnosis, Verdict};
 use super::select::Selection;
 use crate::thresholds::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P};
-use analysis_effects::effects::find;
+use analysis_effects::effects::{self, find};
 
 /// Evidence, beside χ² and blocks, that the residuals are more than noise.
 pub(super) struct Doubts {
@@ -140,9 +140,9 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
     hint(d, selection);
 }
 
-/// Title of an effect.
+/// Title of an effect or of a law outside the catalogue.
 fn title(name: &'static str) -> &'static str {
-    find(name).map_or(name, |e| e.card().title)
+    effects::title(name).unwrap_or(name)
 }
 
 /// True where the residual of a block is within the error of the formulas of the named effects,

@@ -540,8 +540,8 @@ impl Fit {
             .any(|k| at_bound(self.x[k], &self.axes[k]))
     }
 
-    /// Another fit's structure at the coordinates that this one, which has one effect more, gives
-    /// to it.
+    /// Another fit's structure at the coordinates that this one, which has more effects, gives to
+    /// it.
     pub(super) fn base_of(&self, other: &Self) -> Self {
         Self {
             x: self.x[..other.x.len()].to_vec(),

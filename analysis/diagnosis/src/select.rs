@@ -12,7 +12,7 @@ use crate::thresholds::{
     DEEPER_CHI2, FREED_SHAPE_CHI2, MOST_EFFECTS, MOST_REFUSED, MOST_RESTARTS, NAMING_LEAD,
     OUTSIDE_ALONE,
 };
-use analysis_effects::effects::{find, outside};
+use analysis_effects::effects::title;
 
 /// An effect that was taken.
 #[derive(Debug, Clone)]
@@ -22,6 +22,18 @@ pub(super) struct SelectedEffect {
     pub(super) rivals: Vec<RivalFit>,
     /// Effects that become this one at a limit, and that these data cannot separate from it.
     pub(super) limit_of: Vec<&'static str>,
+}
+
+impl SelectedEffect {
+    /// An effect whose rivals were not looked for yet.
+    pub(super) fn new(name: &'static str, evidence: Evidence) -> Self {
+        Self {
+            name,
+            evidence,
+            rivals: Vec::new(),
+            limit_of: Vec::new(),
+        }
+    }
 }
 
 /// Rival: an effect that explains the data as well in the place of one that was taken.
@@ -141,12 +153,8 @@ impl Search<'_> {
             }
             selection.refused = None;
             selection.fit = attempt.fit;
-            selection.selected.push(SelectedEffect {
-                name: attempt.name,
-                evidence,
-                rivals: Vec::new(),
-                limit_of: Vec::new(),
-            });
+            let name = attempt.name;
+            selection.selected.push(SelectedEffect::new(name, evidence));
         }
     }
 
@@ -221,23 +229,17 @@ impl Search<'_> {
         }
     }
 
+    /// Gain of all names together over the base, after the price of their parameters.
+    pub(super) fn gained(&self, selection: &Selection) -> f64 {
+        let members = &selection.fit.structure.members;
+        let spent: f64 = members.iter().map(|m| self.problem.penalty(m)).sum();
+        selection.base.chi2 - selection.fit.chi2 - spent
+    }
+
     /// Asks whether one effect outside the catalogue does as well as all names together, and
     /// whether something refused stays on top of them.
     fn look_outside(&mut self, selection: &mut Selection, alone: Option<(&'static str, f64)>) {
-        let title = |name: &str| {
-            outside()
-                .iter()
-                .find(|e| e.card().name == name)
-                .map(|e| e.card().title)
-        };
-        let spent: f64 = selection
-            .fit
-            .structure
-            .members
-            .iter()
-            .map(|m| self.problem.penalty(m))
-            .sum();
-        let gained = selection.base.chi2 - selection.fit.chi2 - spent;
+        let gained = self.gained(selection);
         let led = |t: &SelectedEffect| {
             t.rivals
                 .iter()
@@ -249,7 +251,8 @@ impl Search<'_> {
             .refused
             .as_ref()
             .filter(|r| selection.selected.is_empty() && r.1 >= OUTSIDE_ALONE)
-            .map(|r| r.0);
+            .map(|r| r.0)
+            .filter(|name| is_outside(name));
         let stands_alone = alone
             .filter(|a| selection.selected.len() > 1 && a.1 >= gained)
             .map(|a| a.0);
@@ -260,9 +263,7 @@ impl Search<'_> {
         if let Some((name, score, _)) = &selection.refused {
             selection.doubt = Some(format!(
                 "{} would gain {score:.0} on top of it but may not be named",
-                title(name)
-                    .or(find(name).map(|e| e.card().title))
-                    .unwrap_or(name)
+                title(name).unwrap_or(name)
             ));
         } else if let Some(title) = alone
             .filter(|a| selection.selected.len() > 1 && a.1 > gained - NAMING_LEAD)

@@ -5,7 +5,6 @@
 //! the base has ended, one effect alone may do what the names do together.
 
 use super::attempts::{Attempt, is_outside};
-use super::problem::Fit;
 use super::search::Search;
 use super::select::{SelectedEffect, Selection};
 
@@ -16,16 +15,11 @@ impl Search<'_> {
         if selection.selected.len() < 2 {
             return false;
         }
-        let Fit {
-            structure, x, axes, ..
-        } = selection.fit.base_of(&selection.base);
-        let start = self.problem.at(&structure, x, axes, &mut self.workspace);
         let base = selection.base.clone();
+        let start = self.beside(&base, &selection.fit);
         let (mut attempts, _) = self.attempts_from(&base, vec![start], None);
         attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
-        let members = &selection.fit.structure.members;
-        let spent: f64 = members.iter().map(|m| self.problem.penalty(m)).sum();
-        let gained = base.chi2 - selection.fit.chi2 - spent;
+        let gained = self.gained(selection);
         let enough: Vec<Attempt> = attempts
             .into_iter()
             .filter(|a| a.score >= gained && !is_outside(a.name))
@@ -33,12 +27,7 @@ impl Search<'_> {
         for attempt in enough {
             let attempt = self.integrated(&base, attempt);
             if let Ok(evidence) = self.accept(&base, 0.0, &attempt, 0) {
-                selection.selected = vec![SelectedEffect {
-                    name: attempt.name,
-                    evidence,
-                    rivals: Vec::new(),
-                    limit_of: Vec::new(),
-                }];
+                selection.selected = vec![SelectedEffect::new(attempt.name, evidence)];
                 selection.fit = attempt.fit;
                 return true;
             }

@@ -576,21 +576,9 @@ fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failur
     files::write_text(folder, "diagnosis.json", &(json(outcome)? + "\n"))?;
     let d = &outcome.diagnosis;
     let pictures = report::pictures(d, &outcome.curves);
-    for picture in &pictures {
-        files::write_picture(folder, &picture.name, |path| picture.drawing.write(path))?;
-    }
+    files::write_pictures(folder, &pictures)?;
     files::write_text(folder, "diagnosis.md", &report::markdown(d, &pictures))?;
     files::write_text(folder, "diagnosis.html", &page(outcome, judged, &pictures)?)?;
-    let additions = d.additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
-    if let (Some(erm), Some(facts), false) = (&d.augmented, outcome.facts, additions.is_empty()) {
-        let base = judged.file.clone().with_ocv(Some(judged.model.ocv.clone()));
-        let augmented = base
-            .with_additions(erm.clone(), facts, additions)
-            .with_refused(judged.loaded.refused.clone());
-        let text = augmented
-            .to_json()
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
-        files::write_text(folder, "model_augmented.json", &text)?;
-    }
-    Ok(())
+    let base = judged.file.clone().with_ocv(Some(judged.model.ocv.clone()));
+    files::write_augmented(folder, base, outcome, judged.loaded.refused.clone())
 }

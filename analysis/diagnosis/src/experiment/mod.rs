@@ -18,7 +18,7 @@ use super::block::Workspace;
 use super::outcome::{NextExperiment, Verdict};
 use super::prepare::Prepared;
 use super::select::Selection;
-use analysis_effects::effects::find;
+use analysis_effects::effects::{self, find};
 use menu::{Campaign, MenuItem, menu, sentinel_repeat};
 use open::{Open, absences};
 
@@ -37,7 +37,7 @@ pub(super) struct Advice {
 impl Advice {
     /// Notes on the pairs that no run separates, and on the experiment outside the menu that would.
     pub(super) fn notes(&self) -> Vec<String> {
-        let title = |name: &'static str| find(name).map_or(name, |e| e.card().title);
+        let title = |name: &'static str| effects::title(name).unwrap_or(name);
         let note = |pair: &[&'static str; 2]| {
             let [truth, other] = *pair;
             if other.is_empty() {

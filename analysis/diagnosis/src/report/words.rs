@@ -23,16 +23,7 @@ pub(super) fn after<'a>(d: &'a Diagnosis, block: &Block) -> Option<&'a Block> {
 
 /// Title of an effect, or its name in words where the catalogue does not have it.
 pub(super) fn named_title(name: &str) -> String {
-    let outside = || {
-        effects::outside()
-            .iter()
-            .find(|e| e.card().name == name)
-            .copied()
-    };
-    effects::find(name).or_else(outside).map_or_else(
-        || name.replace('_', " "),
-        |effect| effect.card().title.to_owned(),
-    )
+    effects::title(name).map_or_else(|| name.replace('_', " "), str::to_owned)
 }
 
 /// Title and name of an effect.

@@ -1,5 +1,6 @@
 //! The catalogue: one line per effect.
 
+use super::outside;
 use super::{
     ageing, butler_volmer, butler_volmer_asymmetric, cpe, current_asymmetry, diffusion,
     electrolyte_depletion, entropic_heat,
@@ -59,4 +60,10 @@ pub fn catalogue() -> &'static [&'static dyn Effect] {
 /// The effect of a name.
 pub fn find(name: &str) -> Option<&'static dyn Effect> {
     CATALOGUE.iter().copied().find(|e| e.card().name == name)
+}
+
+/// Title of an effect of the catalogue or of a law outside it.
+pub fn title(name: &str) -> Option<&'static str> {
+    let mut all = CATALOGUE.iter().chain(outside());
+    all.find(|e| e.card().name == name).map(|e| e.card().title)
 }

@@ -30,7 +30,7 @@ use follow_up::Site;
 
 use crate::{
     config::Experiment,
-    files::write_text,
+    files::write_augmented,
     investigate::dataset::{Loaded, read_dataset, write_dataset},
     run::{
         Measured, Session,
@@ -119,7 +119,8 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
     };
     write_dataset(&means.out.join("dataset"), &workspace.loaded.set)
         .map_err(|error| Failure::Analysis(error.to_string()))?;
-    write_augmented(means.out, file, &outcome)?;
+    let refused = workspace.loaded.refused.clone();
+    write_augmented(means.out, file.into(), &outcome, refused)?;
     let investigation = Investigation {
         schema: SCHEMA,
         name: experiment.name.clone(),
@@ -152,25 +153,6 @@ impl Ended {
             not_played: Vec::new(),
         }
     }
-}
-
-/// Writes the model with what was added, where something was.
-fn write_augmented(folder: &Path, file: ModelFile, outcome: &Outcome) -> Result<(), Failure> {
-    let additions = outcome
-        .diagnosis
-        .additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
-    let (Some(erm), Some(facts), false) = (
-        &outcome.diagnosis.augmented,
-        outcome.facts,
-        additions.is_empty(),
-    ) else {
-        return Ok(());
-    };
-    let text = file
-        .with_additions(erm.clone(), facts, additions)
-        .to_json()
-        .map_err(|error| Failure::Analysis(error.to_string()))?;
-    write_text(folder, "model_augmented.json", &text)
 }
 
 struct Workspace<'a> {

@@ -11,7 +11,7 @@ use analysis::{
 
 use super::{FollowUpRun, Investigation, NotPlayed, Step};
 use crate::{
-    files::{write_picture, write_text},
+    files::{write_pictures, write_text},
     safety::failure::Failure,
     support::present::significant,
 };
@@ -28,9 +28,7 @@ pub(super) fn write(
     let fail = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
     let json = serde_json::to_string_pretty(investigation).map_err(|error| fail(&error))? + "\n";
     let pictures = report::pictures(&investigation.diagnosis, curves);
-    for picture in &pictures {
-        write_picture(folder, &picture.name, |path| picture.drawing.write(path))?;
-    }
+    write_pictures(folder, &pictures)?;
     write_text(folder, "investigation.json", &json)?;
     write_text(folder, "investigation.md", &investigation.to_markdown())?;
     write_text(
@@ -140,7 +138,11 @@ impl Investigation {
                     (b.experiment.description.clone(), minutes)
                 },
             );
-            let names: Vec<&str> = step.effects.iter().map(|name| title(name)).collect();
+            let names: Vec<&str> = step
+                .effects
+                .iter()
+                .map(|name| effects::title(name).unwrap_or(name))
+                .collect();
             let names = if names.is_empty() {
                 "–".to_owned()
             } else {
@@ -178,11 +180,6 @@ impl Investigation {
             new_page: false,
         }
     }
-}
-
-/// Title of an effect.
-fn title(name: &'static str) -> &'static str {
-    effects::find(name).map_or(name, |effect| effect.card().title)
 }
 
 /// The runs that were not played, for a terminal.
