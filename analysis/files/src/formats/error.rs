@@ -36,9 +36,9 @@ pub enum FormatError {
     #[error(
         "{}, line {line}: expected three numbers (frequency, Re, Im) or one of the headers \
          \"freq_hz,z_re_ohm,z_im_ohm[,…]\", \"freq,offset,resistance,theta\", \
-         \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", a file of Gamry, EC-Lab, \
-         ZPlot or Autolab, \
-         or a table that names its columns (`f,re,im`, `Frequency/Hz`, `Zreal`, `|Z|/Ohm`, \
+         \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", a file of a \
+         potentiostat's program that docs/formats.md lists, or a table that names its columns \
+         (`f,re,im`, `Frequency/Hz`, `Zreal`, `|Z|/Ohm`, \
          `Phase/deg`, …), met {met}", file.display()
     )]
     UnknownFormat {

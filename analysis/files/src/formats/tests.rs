@@ -187,7 +187,7 @@ fn errors_name_the_place_and_what_was_expected() {
     headers \"freq_hz,z_re_ohm,z_im_ohm[,…]\", \
                  \"freq,offset,resistance,theta\", \
                  \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", \
-                 a file of Gamry, EC-Lab, ZPlot or Autolab, \
+                 a file of a potentiostat's program that docs/formats.md lists, \
                  or a table that names its columns (`f,re,im`, `Frequency/Hz`, `Zreal`, `|Z|/Ohm`, \
                  `Phase/deg`, …)";
     let header = "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2\n";

@@ -11,7 +11,7 @@ use crate::{command, files, safety::failure::Failure, support::terminal::remark}
 #[derive(Debug, clap::Args)]
 pub struct FitArgs {
     /// Spectra: the project's CSV, impedance.py's plain `f,re,im`, the thesis'
-    /// `freq,offset,resistance,theta`, files of Gamry, EC-Lab, ZPlot, Autolab.
+    /// `freq,offset,resistance,theta`, files of the programs that docs/formats.md lists.
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Leave out what is below this frequency, Hz.
