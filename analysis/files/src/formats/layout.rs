@@ -160,7 +160,6 @@ impl Layout {
             return Ok((Self::plain(3, column(0, "frequency"), impedance), false));
         }
         let header = Header { text, row: first };
-        header.refuse_doubles()?;
         let width = first.fields.len();
         let layout = if let Some([fixture, cell, repeat, bias, freq, abs, phase]) = header.all(TIDY)
         {
@@ -186,6 +185,8 @@ impl Layout {
         } else {
             return Err(unknown());
         };
+        // Only of its own: the head of another program may say what it likes.
+        header.refuse_doubles()?;
         let sweeps = first
             .fields
             .iter()

@@ -133,6 +133,15 @@ fn columns_may_be_named_and_between_semicolons_a_comma_is_a_decimal_point() {
 }
 
 #[test]
+fn the_first_line_of_another_program_may_say_one_thing_twice() {
+    let spectra = read("Program,a,a\nf/Hz,Re(Z)/Ohm,Im(Z)/Ohm\n10,0.007,-1e-3\n").unwrap();
+    assert_eq!(
+        spectra[0].spectrum.points[0].z_ohm,
+        Complex64::new(0.007, -1e-3)
+    );
+}
+
+#[test]
 fn the_thesis_writes_magnitude_and_phase() {
     let spectra =
         read("freq,offset,resistance,theta\n0.2,-2,0.01,0\n0.1,-2,0.02,-1.5707963267948966\n")
