@@ -61,6 +61,23 @@ fn files_of_others_are_read() {
 }
 
 #[test]
+fn every_file_beside_them_is_read_and_has_its_row() {
+    let rows = std::fs::read_to_string(fixture("README.md")).unwrap();
+    for entry in std::fs::read_dir(fixture("")).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        if name == "README.md" {
+            continue;
+        }
+        assert!(
+            rows.contains(&format!("| `{name}` | ")),
+            "README.md beside {name}: expected a row with its source and licence"
+        );
+        assert!(!read_spectra(&path).unwrap().is_empty(), "{name}");
+    }
+}
+
+#[test]
 fn lists_of_modulus_and_phase_are_read_and_cycles_told_apart() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("list.txt");
