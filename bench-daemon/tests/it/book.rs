@@ -9,6 +9,8 @@ use std::{
     process::{Command, Stdio},
 };
 
+use instruments::{chiller, generator, load, logger, scope, supply, supply4q};
+
 /// The longest sentence, in words.
 pub(super) const LONGEST: usize = 40;
 
@@ -397,4 +399,32 @@ fn the_commands_of_the_tutorial_from_a_bench_to_a_model_run_in_a_bare_clone() {
 #[ignore = "drill"]
 fn the_commands_of_the_tutorial_from_a_spectrum_to_a_pack_run_in_a_bare_clone() {
     play("tutorial-spectrum.md");
+}
+
+#[test]
+fn every_model_stands_on_the_pages_that_tell_of_it() {
+    macro_rules! keys {
+        ($($role:ident),+) => {
+            [$($role::DIALECTS.iter().map(|dialect| dialect.key()).collect::<Vec<_>>()),+].concat()
+        };
+    }
+    let page = |name: &str| read(&root().join("docs").join(name));
+    let row = |text: &str, key: &str| {
+        text.lines()
+            .any(|line| line.starts_with('|') && line.contains(key))
+    };
+    let (known, safety) = (page("bring-up.md"), page("safety.md"));
+    let drivers = keys!(supply4q, generator, load, supply, chiller);
+    for key in [drivers.clone(), keys!(scope, logger)].concat() {
+        assert!(
+            row(&known, &format!("`{key}`")),
+            "docs/bring-up.md: expected `{key}` in the table of models that are known"
+        );
+    }
+    for key in drivers {
+        assert!(
+            row(&safety, key),
+            "docs/safety.md: expected {key} in the table of what ends without a message"
+        );
+    }
 }
