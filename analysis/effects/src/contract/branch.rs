@@ -12,7 +12,7 @@ const EXPONENT_STEP: f64 = 0.1;
 /// First sub-step of the asymmetric law, in its time constants.
 const FIRST_STEP: f64 = 0.2;
 /// Error that is allowed where a branch with the asymmetric law is taken to be at rest, V.
-const REST_V: f64 = 1e-10;
+const REST_V: f64 = 1e-9;
 /// Sub-steps of the asymmetric law at most.
 const MOST_SUBSTEPS: usize = 400;
 /// Parts of a ramp for a change of the current by 1/β.
@@ -97,19 +97,17 @@ impl Gain {
     pub(crate) fn new(branch: &Branch, factor: f64, step_s: f64, linear: bool) -> Self {
         let r = branch.r_ohm * factor;
         let x = step_s / (branch.tau_s * factor);
-        let decay = (-x).exp();
+        // One exponential serves both: this is where records spend their time.
+        let lost = -(-x).exp_m1();
+        let decay = 1.0 - lost;
         if !linear {
             return Self {
                 decay,
-                start: -(-x).exp_m1() * r,
+                start: lost * r,
                 end: 0.0,
             };
         }
-        let phi = if x > 1e-9 {
-            -(-x).exp_m1() / x
-        } else {
-            1.0 - 0.5 * x
-        };
+        let phi = if x > 1e-9 { lost / x } else { 1.0 - 0.5 * x };
         Self {
             decay,
             start: r * (phi - decay),
@@ -253,16 +251,15 @@ fn asymmetric(law: Asymmetric, held: Held) -> f64 {
     let mut y = to_exponent * v;
     let drive = 2.0 * beta * current_a;
     // dy/dx = 2βi − exp(αy) + exp(−(1 − α)y): no unit is left.
-    let rate = |y: f64| drive - (alpha * y).exp() + (-(1.0 - alpha) * y).exp();
-    let (mut left, mut settled) = (x, 0.0_f64);
+    let parts = |y: f64| ((alpha * y).exp(), (-(1.0 - alpha) * y).exp());
+    let (mut left, mut grown) = (x, 1.0_f64);
     for count in 1..=MOST_SUBSTEPS {
-        let (now, slope) = (
-            rate(y),
-            alpha * (alpha * y).exp() + (1.0 - alpha) * (-(1.0 - alpha) * y).exp(),
-        );
-        // The error of a single step to the end is of the second order in the rate.
-        let rests = now * now <= REST_V * to_exponent;
-        let short = (FIRST_STEP * (settled / 3.0).exp() / slope)
+        let (forth, back) = parts(y);
+        let (now, slope) = (drive - forth + back, alpha * forth + (1.0 - alpha) * back);
+        // The error of a single step to the end is of the third order in the way to go, now/slope.
+        let way = now.abs() / slope;
+        let rests = way * way * way <= REST_V * to_exponent;
+        let short = (FIRST_STEP * grown / slope)
             .min(EXPONENT_STEP / now.abs())
             .min(left);
         let h = if rests || count == MOST_SUBSTEPS {
@@ -271,21 +268,24 @@ fn asymmetric(law: Asymmetric, held: Held) -> f64 {
             short
         };
         let z = h * slope;
-        let there = y - (-z).exp_m1() / slope * now;
-        y = there + 2.0 * h * phi_3(z) * (rate(there) - now + slope * (there - y));
-        settled += z;
+        let lost = -(-z).exp_m1();
+        let there = y + lost / slope * now;
+        let (forth, back) = parts(there);
+        let bent = drive - forth + back - now + slope * (there - y);
+        y = there + 2.0 * h * phi_3(z, lost) * bent;
         left -= h;
         if left <= 0.0 {
             break;
         }
+        grown *= (z / 3.0).exp();
     }
     y / to_exponent
 }
 
-/// (1 − z + z²/2 − exp(−z))/z³.
-fn phi_3(z: f64) -> f64 {
+/// (1 − z + z²/2 − exp(−z))/z³; `lost` is 1 − exp(−z).
+fn phi_3(z: f64, lost: f64) -> f64 {
     if z > 0.05 {
-        return (1.0 - z + 0.5 * z * z - (-z).exp()) / (z * z * z);
+        return (lost - z + 0.5 * z * z) / (z * z * z);
     }
     1.0 / 6.0 - z * (1.0 / 24.0 - z * (1.0 / 120.0 - z * (1.0 / 720.0 - z / 5040.0)))
 }
@@ -353,6 +353,33 @@ mod tests {
                 );
             }
         }
+    }
+
+    /// Steps of which the smaller changes are taken at once, because the branch nearly rests, against
+    /// the same in 4000 parts, whose error is 4000² times smaller.
+    #[test]
+    fn a_small_way_is_gone_at_once() {
+        let mut worst: f64 = 0.0;
+        for (k, current_a) in [-80.0, -5.0, 0.0, 3.0, 60.0].into_iter().enumerate() {
+            let (beta, alpha) = (0.02, 0.3 + 0.1 * k as f64);
+            let branch = Branch {
+                r_ohm: 2e-3,
+                tau_s: 0.06,
+                law: Law::Asymmetric { beta, alpha },
+            };
+            let rest_v = step(&branch, 1.0, 0.0, current_a, 60.0);
+            for change_a in [-0.03, 0.03, 0.06, 0.2] {
+                for step_s in [0.002, 0.03, 0.1, 1.0] {
+                    let current_a = current_a + change_a;
+                    let once = step(&branch, 1.0, rest_v, current_a, step_s);
+                    let fine = (0..4000).fold(rest_v, |v, _| {
+                        step(&branch, 1.0, v, current_a, step_s / 4000.0)
+                    });
+                    worst = worst.max((once - fine).abs());
+                }
+            }
+        }
+        assert!(worst < 5.0 * REST_V, "{worst} V");
     }
 
     #[test]
