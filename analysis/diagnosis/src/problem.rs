@@ -13,6 +13,8 @@ use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
 const ITERATIONS: usize = 60;
 /// A fit ends when less χ² than this is promised.
 const PROMISE: f64 = 2e-3;
+/// Derivatives follow a step whose gain differs from what it promised by less than this part.
+const KEPT_PROMISE: f64 = 0.5;
 /// Information given to a coordinate in any case: a move by 1 changes the prediction by less than
 /// 1e-4 standard deviations.
 const UNMOVED: f64 = 1e-8;
@@ -416,14 +418,21 @@ impl Problem {
         let mut residuals = difference(&predicted);
         let mut chi2 = dot(&residuals, &residuals);
         let mut columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
+        // Derivatives cost as many predictions as there are parameters. Between two times that they
+        // are taken they follow what the steps have shown; a fit never ends by such ones.
+        let mut exact = true;
         let mut damping = 1e-4;
         for _ in 0..ITERATIONS {
-            let Some((step, promise)) = step(&columns, &residuals, &axes, &x, damping) else {
-                break;
+            let next = step(&columns, &residuals, &axes, &x, damping)
+                .filter(|(_, promise)| *promise >= PROMISE);
+            let Some((step, promise)) = next else {
+                if exact {
+                    break;
+                }
+                columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
+                exact = true;
+                continue;
             };
-            if promise < PROMISE {
-                break;
-            }
             let trial: Vec<f64> = x
                 .iter()
                 .zip(&step)
@@ -435,22 +444,37 @@ impl Problem {
             let value = dot(&residual, &residual);
             if value < chi2 {
                 let gained = chi2 - value;
+                let as_promised = (gained / promise - 1.0).abs() < KEPT_PROMISE;
+                if as_promised && gained >= PROMISE {
+                    let went: Vec<f64> = trial.iter().zip(&x).map(|(t, x)| t - x).collect();
+                    follow(&mut columns, &went, &predicted.white, &moved.white);
+                    exact = false;
+                }
                 (x, predicted, residuals, chi2) = (trial, moved, residual, value);
-                damping = if gained > 0.5 * promise {
-                    damping * 0.1
-                } else {
-                    damping
-                };
+                if gained > 0.5 * promise {
+                    damping *= 0.1;
+                }
+                if as_promised && gained >= PROMISE {
+                    continue;
+                }
+                let ends = gained < PROMISE && exact;
                 columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
-                if gained < PROMISE {
+                exact = true;
+                if ends {
                     break;
                 }
-            } else {
+            } else if exact {
                 damping = (damping * 10.0).max(1e-6);
                 if damping > 1e8 {
                     break;
                 }
+            } else {
+                columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
+                exact = true;
             }
+        }
+        if !exact {
+            columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
         }
         let promise =
             step(&columns, &residuals, &axes, &x, 0.0).map_or(0.0, |(_, promise)| promise);
@@ -463,6 +487,34 @@ impl Problem {
             columns,
             promise,
         }
+    }
+}
+
+/// Broyden's update of derivatives by a step and the two predictions at its ends: the least change
+/// after which they tell the step, with each coordinate in units of what it does (Broyden 1965).
+fn follow(columns: &mut [Vec<f64>], went: &[f64], from: &[f64], to: &[f64]) {
+    let weighted: Vec<f64> = columns
+        .iter()
+        .zip(went)
+        .map(|(column, went)| dot(column, column) * went)
+        .collect();
+    let size = dot(&weighted, went);
+    if size <= 0.0 {
+        return;
+    }
+    let mut missed: Vec<f64> = to.iter().zip(from).map(|(to, from)| to - from).collect();
+    for (column, went) in columns.iter().zip(went) {
+        missed
+            .iter_mut()
+            .zip(column)
+            .for_each(|(m, c)| *m -= c * went);
+    }
+    for (column, weight) in columns.iter_mut().zip(&weighted) {
+        let part = weight / size;
+        column
+            .iter_mut()
+            .zip(&missed)
+            .for_each(|(c, m)| *c += part * m);
     }
 }
 
