@@ -176,26 +176,42 @@ pub(crate) fn write_pictures(folder: &Path, pictures: &[Picture]) -> Result<(), 
     })
 }
 
-/// Writes the diagnosed model with what was added to it, where something was; `refused` are the
-/// points that the gate of the data has refused.
+/// Writes the diagnosed model with what was added to it, where something was, and with what predicts
+/// best where no name is certain; `refused` are the points that the gate of the data has refused.
 pub(crate) fn write_augmented(
     folder: &Path,
-    base: GivenModel,
+    base: &GivenModel,
     outcome: &Outcome,
-    refused: Vec<RefusedPoint>,
+    refused: &[RefusedPoint],
 ) -> Result<(), Failure> {
+    const BY: &str = concat!("eis-bench ", env!("CARGO_PKG_VERSION"));
     let d = &outcome.diagnosis;
-    let additions = d.additions(concat!("eis-bench ", env!("CARGO_PKG_VERSION")));
-    let (Some(erm), Some(facts), false) = (&d.augmented, outcome.facts, additions.is_empty())
-    else {
-        return Ok(());
-    };
-    let text = base
-        .with_additions(erm.clone(), facts, additions)
-        .with_refused(refused)
-        .to_json()
-        .map_err(|error| Failure::Analysis(error.to_string()))?;
-    write_text(folder, "model_augmented.json", &text)
+    let predictive = d.predictive.as_ref().map(|predictive| &predictive.model);
+    let models = [
+        (
+            "model_augmented.json",
+            d.augmented.as_ref(),
+            d.additions(BY),
+        ),
+        (
+            "model_predictive.json",
+            predictive,
+            d.predictive_additions(BY),
+        ),
+    ];
+    for (name, erm, additions) in models {
+        let (Some(erm), Some(facts), false) = (erm, outcome.facts, additions.is_empty()) else {
+            continue;
+        };
+        let text = base
+            .clone()
+            .with_additions(erm.clone(), facts, additions)
+            .with_refused(refused.to_vec())
+            .to_json()
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
+        write_text(folder, name, &text)?;
+    }
+    Ok(())
 }
 
 /// Draws a chart into a folder, as SVG and as PNG.

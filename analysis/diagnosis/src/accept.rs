@@ -1,15 +1,13 @@
 //! Conditions that an addition must meet before it is named.
 
 use super::attempts::{Attempt, is_outside};
-use super::data::Role;
 use super::guards::beyond_formula;
 use super::outcome::Evidence;
 use super::problem::Fit;
 use super::search::{Search, excess_z};
-use super::whitening::dot;
 use crate::thresholds::{
-    CONVERGED, CONVERGED_PART, FORMULA_SHARE, GOOD_FIT_Z, HELD_OUT_PART, HELD_OUT_SUM, HELD_OUT_Z,
-    INTEGRATION_PART, LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE,
+    CONVERGED, CONVERGED_PART, FORMULA_SHARE, GOOD_FIT_Z, INTEGRATION_PART, LEAST_LAMBDA,
+    LEAST_SCORE, MATERIAL_SHARE,
 };
 
 /// True where an attempt's gain shows that something is missing beside an effect that has gained
@@ -90,56 +88,6 @@ impl Search<'_> {
             held_out_change,
             integration_error,
         })
-    }
-
-    /// Change of the held-out χ²; an error where one run becomes worse.
-    fn held_out(&mut self, before: &Fit, after: &Fit) -> Result<f64, String> {
-        let mut change = 0.0;
-        for k in self.problem.of_role(Role::HeldOut) {
-            let old = self.problem.block_chi2(before.at(), k, &mut self.workspace);
-            let new = self.problem.block_chi2(after.at(), k, &mut self.workspace);
-            if self.guards.held_out && new > old * (1.0 + HELD_OUT_PART) + HELD_OUT_SUM {
-                return Err(format!(
-                    "held-out run {} becomes worse: χ² from {old:.0} to {new:.0}",
-                    self.problem.blocks[k].name
-                ));
-            }
-            change += new - old;
-        }
-        let z = self.contradiction(before, after);
-        if self.guards.held_out && z.abs() > HELD_OUT_Z {
-            return Err(format!(
-                "held-out runs contradict the size of what it predicts for them by {z:.1} standard \
-                deviations"
-            ));
-        }
-        Ok(change)
-    }
-
-    /// Residual of the held-out runs along the change that the addition makes to their prediction,
-    /// in standard deviations of noise and parameters: u·r/√(1 + uᵀJΣJᵀu) with u the direction of
-    /// the change. A true effect leaves only noise there.
-    fn contradiction(&mut self, before: &Fit, after: &Fit) -> f64 {
-        let problem = self.problem;
-        let old = problem.whitened_of(Role::HeldOut, before.at(), &mut self.workspace);
-        let new = problem.whitened_of(Role::HeldOut, after.at(), &mut self.workspace);
-        let mut u: Vec<f64> = new.iter().zip(&old).map(|(n, o)| n - o).collect();
-        let size = dot(&u, &u).sqrt();
-        let n = after.x.len();
-        let (Some(covariance), true) = (after.covariance(), size > 1e-6) else {
-            return 0.0;
-        };
-        u.iter_mut().for_each(|u| *u /= size);
-        let (residual, columns) = problem.held_out(after, &mut self.workspace);
-        let along: Vec<f64> = columns.iter().map(|c| dot(&u, c)).collect();
-        let spread: f64 = (0..n * n)
-            .map(|ij| along[ij / n] * along[ij % n] * covariance[ij])
-            .sum();
-        let along = dot(&u, &residual);
-        let beyond = (along.abs() - FORMULA_SHARE * size)
-            .max(0.0)
-            .copysign(along);
-        beyond / (1.0 + spread.max(0.0)).sqrt()
     }
 
     /// Largest change of any whitened row by halving all steps: what an error of integration would

@@ -1,6 +1,8 @@
 //! A diagnosis' effects as additions to a model file, each with its evidence.
 
-use super::outcome::{Diagnosis, Gap, NamedEffect, Verdict};
+use super::outcome::{
+    Diagnosis, FittedParameter, Gap, NamedEffect, PREDICTION_ONLY, PredictiveTerm, Verdict,
+};
 use analysis_fit::fit::{Addition, AdditionEvidence, AdditionParameter};
 
 impl Diagnosis {
@@ -13,11 +15,38 @@ impl Diagnosis {
             .collect()
     }
 
-    fn addition(&self, effect: &NamedEffect, added_by: &str) -> Addition {
-        let rms_v = |pick: fn(&Gap) -> f64| {
-            let sum: f64 = self.gap.iter().map(|g| pick(g).powi(2)).sum();
-            (!self.gap.is_empty()).then(|| 1e-3 * (sum / self.gap.len() as f64).sqrt())
+    /// The terms of the augmentation for predictions as additions to the model that was refitted
+    /// together with them; empty where there is none.
+    pub fn predictive_additions(&self, added_by: &str) -> Vec<Addition> {
+        let Some(predictive) = &self.predictive else {
+            return Vec::new();
         };
+        let over = |of: fn(&Gap) -> f64| rms_v(&predictive.gap, of);
+        let range = predictive.range;
+        let text = format!(
+            "{PREDICTION_ONLY}: stands for \"{{form}}\", claims no cause; holds up to {} A, for {} \
+            s, about a state of charge of {:.2}, at {} °C",
+            range.greatest_a, range.longest_s, range.soc, range.temperature_c
+        );
+        let addition = |term: &PredictiveTerm| Addition {
+            name: term.name.to_owned(),
+            title: term.title.to_owned(),
+            group: term.group,
+            parameters: parameters(&term.parameters),
+            evidence: AdditionEvidence {
+                text: text.replace("{form}", term.stands_for),
+                lambda: predictive.lambda,
+                score: predictive.score,
+                held_out_gap_before_v: over(|g| g.base_mv),
+                held_out_gap_after_v: over(|g| g.augmented_mv),
+            },
+            data_set: self.data_set.clone(),
+            added_by: added_by.to_owned(),
+        };
+        predictive.terms.iter().map(addition).collect()
+    }
+
+    fn addition(&self, effect: &NamedEffect, added_by: &str) -> Addition {
         let sure = match self.verdict {
             Verdict::Explained if self.gap.is_empty() => {
                 "explained on training runs; no held-out record has seen it"
@@ -31,25 +60,32 @@ impl Diagnosis {
             name: effect.name.to_owned(),
             title: effect.title.to_owned(),
             group: effect.group,
-            parameters: effect
-                .parameters
-                .iter()
-                .map(|p| AdditionParameter {
-                    name: p.name.to_owned(),
-                    value: p.value,
-                    sigma: p.sigma,
-                    unit: p.unit.to_owned(),
-                })
-                .collect(),
+            parameters: parameters(&effect.parameters),
             evidence: AdditionEvidence {
                 text: sure.to_owned(),
                 lambda: e.lambda,
                 score: e.score,
-                held_out_gap_before_v: rms_v(|g| g.base_mv),
-                held_out_gap_after_v: rms_v(|g| g.augmented_mv),
+                held_out_gap_before_v: rms_v(&self.gap, |g| g.base_mv),
+                held_out_gap_after_v: rms_v(&self.gap, |g| g.augmented_mv),
             },
             data_set: self.data_set.clone(),
             added_by: added_by.to_owned(),
         }
     }
+}
+
+fn parameters(fitted: &[FittedParameter]) -> Vec<AdditionParameter> {
+    let parameter = |p: &FittedParameter| AdditionParameter {
+        name: p.name.to_owned(),
+        value: p.value,
+        sigma: p.sigma,
+        unit: p.unit.to_owned(),
+    };
+    fitted.iter().map(parameter).collect()
+}
+
+/// Root mean square over records, V; none without any.
+fn rms_v(gaps: &[Gap], of: fn(&Gap) -> f64) -> Option<f64> {
+    let sum: f64 = gaps.iter().map(|g| of(g).powi(2)).sum();
+    (!gaps.is_empty()).then(|| 1e-3 * (sum / gaps.len() as f64).sqrt())
 }

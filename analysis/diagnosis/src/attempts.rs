@@ -140,7 +140,7 @@ impl Search<'_> {
     ) -> (Vec<Attempt>, Vec<Candidate>) {
         let origins: Vec<Origin> = starts
             .into_iter()
-            .map(|f| self.origin(f, instead))
+            .map(|f| self.origin(f, |name| instead != Some(name)))
             .collect();
         let names = origins[0].names();
         let best = names.first().map_or(0.0, |n| origins[0].lagrange(n));
@@ -188,7 +188,21 @@ impl Search<'_> {
         starts
     }
 
-    fn origin(&mut self, fit: Fit, instead: Option<&'static str>) -> Origin {
+    /// Fits of the candidates with the best Lagrange scores among those that are wanted.
+    pub(super) fn attempts_of(
+        &mut self,
+        fit: &Fit,
+        most: usize,
+        wanted: impl Fn(&'static str) -> bool,
+    ) -> Vec<Attempt> {
+        let origins = [self.origin(fit.clone(), wanted)];
+        let names = origins[0].names();
+        let best = names.into_iter().take(most);
+        best.filter_map(|name| self.attempt(fit, name, &origins))
+            .collect()
+    }
+
+    fn origin(&mut self, fit: Fit, wanted: impl Fn(&'static str) -> bool) -> Origin {
         let tangent = if self.guards.tangent_projection {
             fit.tangent()
         } else {
@@ -199,7 +213,7 @@ impl Search<'_> {
         let mut proposals = Vec::new();
         for effect in self.candidates.iter().chain(more) {
             let name = effect.card().name;
-            if instead == Some(name) || fit.structure.members.iter().any(|m| m.name() == name) {
+            if !wanted(name) || fit.structure.members.iter().any(|m| m.name() == name) {
                 continue;
             }
             let of = propose(
@@ -357,28 +371,32 @@ impl Search<'_> {
 
     /// The attempt with steps so fine that integration is no question; as it is where it has no say
     /// anyway.
-    pub(super) fn integrated(&mut self, before: &Fit, mut attempt: Attempt) -> Attempt {
-        while self.guards.integration
-            && attempt.score >= LEAST_SCORE
-            && attempt.fit.structure.parts < MOST_PARTS
-            && self.integration_error(&attempt.fit) > INTEGRATION_PART
-        {
-            let mut structure = attempt.fit.structure.clone();
-            structure.parts *= 2;
-            let fit = self.problem.fit_from(
-                &structure,
-                attempt.fit.x,
-                attempt.fit.axes,
-                &mut self.workspace,
-            );
-            let lambda = before.chi2 - fit.chi2;
-            attempt = Attempt {
-                score: attempt.score + lambda - attempt.lambda,
-                lambda,
-                fit,
-                ..attempt
-            };
+    pub(super) fn integrated(&mut self, before: &Fit, attempt: Attempt) -> Attempt {
+        if attempt.score < LEAST_SCORE {
+            return attempt;
         }
-        attempt
+        let fit = self.with_fine_steps(attempt.fit);
+        let lambda = before.chi2 - fit.chi2;
+        Attempt {
+            score: attempt.score + lambda - attempt.lambda,
+            lambda,
+            fit,
+            ..attempt
+        }
+    }
+
+    /// The fit with its steps halved until integration is no question.
+    pub(super) fn with_fine_steps(&mut self, mut fit: Fit) -> Fit {
+        while self.guards.integration
+            && fit.structure.parts < MOST_PARTS
+            && self.integration_error(&fit) > INTEGRATION_PART
+        {
+            let mut structure = fit.structure.clone();
+            structure.parts *= 2;
+            fit = self
+                .problem
+                .fit_from(&structure, fit.x, fit.axes, &mut self.workspace);
+        }
+        fit
     }
 }

@@ -11,9 +11,10 @@ use super::judge::{Doubts, judge};
 use super::localise::localise;
 use super::noise::TERMS;
 use super::outcome::{
-    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, NoiseTerm, Quality,
-    Rival, RunCurves, Verdict,
+    Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, NoiseTerm,
+    Predictive, Quality, Rival, RunCurves, Verdict,
 };
+use super::predictive::described;
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
 use super::search::{Search, excess_z};
@@ -156,8 +157,10 @@ pub(crate) fn diagnose_with(
         ranking: selection.ranking.clone(),
         base: Some(base.decode(problem.branches()).0),
         augmented: Some(fit.decode(problem.branches()).0),
+        predictive: None,
     };
     let held_out_z = held_out_z(problem, fit, &mut workspace);
+    let floor_moved = moved.is_some();
     let asked = guards.consistency && measured(judged);
     let differs = if asked {
         inconsistencies(problem, fit, base.chi2 - fit.chi2, &mut workspace)
@@ -173,6 +176,9 @@ pub(crate) fn diagnose_with(
             differs,
         },
     );
+    if matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) && !floor_moved {
+        d.predictive = predictive(&prepared, model, &selection, options, guards);
+    }
     let curves = curves(judged, &model.erm, fits, &mut workspace);
     let advice = recommend(
         &prepared,
@@ -217,6 +223,24 @@ pub(super) fn refitted(
         )
     });
     Some((prepared, again))
+}
+
+/// What predicts best beside the names; none where nothing helps, or where no held-out record has
+/// tested it. It stays under the noise that it was tested with.
+fn predictive(
+    prepared: &Prepared,
+    model: &BaseModel,
+    selection: &Selection,
+    options: &DiagnosisOptions,
+    guards: Guards,
+) -> Option<Predictive> {
+    prepared.problem.of_role(Role::HeldOut).next()?;
+    let fit = search(prepared, options, guards).predictive(selection)?;
+    let fits = Fits {
+        base: &selection.base,
+        augmented: &fit,
+    };
+    described(prepared, &model.erm, fits, &mut Workspace::default())
 }
 
 /// The base refitted to spectra and training records: from the model, and from other time constants

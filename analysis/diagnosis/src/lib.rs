@@ -18,6 +18,7 @@ mod experiment;
 mod gap;
 pub mod gate;
 mod guards;
+mod held_out;
 mod identity;
 mod inconsistency;
 mod intermittent;
@@ -28,6 +29,7 @@ mod noise;
 pub mod oracle;
 mod outcome;
 mod periodic;
+mod predictive;
 mod prepare;
 mod problem;
 mod propose;
@@ -41,6 +43,7 @@ mod simpler;
 mod structure;
 pub mod thresholds;
 mod time_block;
+mod together;
 mod whitening;
 mod windows;
 
@@ -54,8 +57,8 @@ pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
 pub use gate::diagnose;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence,
-    FittedParameter, Gap, NamedEffect, NextExperiment, NoiseReport, NoiseTerm, Quality, Rival,
-    RunCurves, SpectrumGap, Verdict,
+    FittedParameter, Gap, NamedEffect, NextExperiment, NoiseReport, NoiseTerm, PREDICTION_ONLY,
+    Predictive, PredictiveTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
 };
 pub use prepare::BaseModel;
 

@@ -1,12 +1,14 @@
 //! Result of a diagnosis: `diagnosis.json`, and the curves behind its pictures.
 
-use analysis_effects::contract::Group;
+use analysis_effects::contract::{Facts, Group};
 use analysis_model::model::Erm;
 use num_complex::Complex64;
 use serde::Serialize;
 
 /// Name of the file's schema.
 pub const DIAGNOSIS_SCHEMA: &str = "eis-bench/diagnosis";
+/// What [`Predictive`] claims.
+pub const PREDICTION_ONLY: &str = "prediction_only";
 /// Version of the file's schema.
 pub const DIAGNOSIS_SCHEMA_VERSION: u32 = 1;
 
@@ -85,6 +87,42 @@ pub struct Diagnosis {
     pub base: Option<Erm>,
     /// The base model refitted together with the named effects.
     pub augmented: Option<Erm>,
+    /// What predicts best where no name is certain.
+    pub predictive: Option<Predictive>,
+}
+
+/// An augmentation for predictions, which claims nothing about the cause.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Predictive {
+    /// [`PREDICTION_ONLY`].
+    pub claim: &'static str,
+    /// χ² that all of its terms together remove from the training runs.
+    pub lambda: f64,
+    /// The same less the price of their parameters.
+    pub score: f64,
+    /// Its terms: the named effects first.
+    pub terms: Vec<PredictiveTerm>,
+    /// Gap per held-out record; `augmented_*` is with these terms.
+    pub gap: Vec<Gap>,
+    /// Range of the data that it was fitted and tested with; outside it nothing is known.
+    pub range: Facts,
+    /// The base model refitted together with them.
+    pub model: Erm,
+}
+
+/// One term of a [`Predictive`].
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct PredictiveTerm {
+    /// Name in the catalogue of the form that it has.
+    pub name: &'static str,
+    /// Name in words.
+    pub title: &'static str,
+    /// Cell or bench.
+    pub group: Group,
+    /// Form of the signal that it stands for.
+    pub stands_for: &'static str,
+    /// Its parameters, the strength first; the interval is the range that was searched.
+    pub parameters: Vec<FittedParameter>,
 }
 
 /// An effect with its parameters and evidence.

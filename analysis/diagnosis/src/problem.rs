@@ -636,3 +636,28 @@ impl Tangent {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// After the update the derivatives tell the step that was gone, and no step across it, in units
+    /// of what each coordinate does, has changed.
+    #[test]
+    fn derivatives_follow_a_step() {
+        let before = vec![vec![1.0, 0.0, 2.0], vec![0.0, 30.0, 10.0]];
+        let mut columns = before.clone();
+        let (went, from, to) = ([0.2, -0.01], [1.0, 1.0, 1.0], [1.3, 0.8, 1.25]);
+        follow(&mut columns, &went, &from, &to);
+        let along = |columns: &[Vec<f64>], step: [f64; 2], row: usize| {
+            columns[0][row] * step[0] + columns[1][row] * step[1]
+        };
+        let sizes = [5.0, 1000.0];
+        let across = [sizes[1] * went[1], -sizes[0] * went[0]];
+        for row in 0..3 {
+            assert!((along(&columns, went, row) - (to[row] - from[row])).abs() < 1e-12);
+            let kept = along(&columns, across, row) - along(&before, across, row);
+            assert!(kept.abs() < 1e-12, "row {row} by {kept}");
+        }
+    }
+}

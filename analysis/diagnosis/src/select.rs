@@ -8,6 +8,7 @@ use super::outcome::{Candidate, Evidence};
 use super::problem::Fit;
 use super::search::Search;
 use super::structure::searched;
+use super::together::Joint;
 use crate::thresholds::{
     DEEPER_CHI2, FREED_SHAPE_CHI2, MOST_EFFECTS, MOST_REFUSED, MOST_RESTARTS, NAMING_LEAD,
     OUTSIDE_ALONE,
@@ -25,6 +26,18 @@ pub(super) struct SelectedEffect {
 }
 
 impl SelectedEffect {
+    /// An effect that was not judged yet.
+    pub(super) fn unjudged(name: &'static str) -> Self {
+        let nothing = Evidence {
+            lambda: 0.0,
+            score: 0.0,
+            share_of_excess: 0.0,
+            held_out_change: 0.0,
+            integration_error: 0.0,
+        };
+        Self::new(name, nothing)
+    }
+
     /// An effect whose rivals were not looked for yet.
     pub(super) fn new(name: &'static str, evidence: Evidence) -> Self {
         Self {
@@ -54,6 +67,10 @@ pub(super) struct Selection {
     pub(super) selected: Vec<SelectedEffect>,
     /// Candidates of the first round.
     pub(super) ranking: Vec<Candidate>,
+    /// Their fits, best score first.
+    pub(super) first_attempts: Vec<Attempt>,
+    /// Pairs that gained more than what was selected, best score first.
+    pub(super) pairs: Vec<Joint>,
     /// The best addition that was refused in the last round, with the reason.
     pub(super) refused: Option<(&'static str, f64, String)>,
     /// The best that were refused in the last round.
@@ -73,6 +90,8 @@ impl Selection {
             fit: base.clone(),
             selected: Vec::new(),
             ranking: Vec::new(),
+            first_attempts: Vec::new(),
+            pairs: Vec::new(),
             refused: None,
             refused_fits: Vec::new(),
             outside: None,
@@ -101,6 +120,10 @@ impl Search<'_> {
             self.add(&mut selection, &mut alone);
             self.gate_again(&mut selection);
         }
+        if self.together(&mut selection) {
+            self.add(&mut selection, &mut alone);
+            self.gate_again(&mut selection);
+        }
         self.find_rivals(&mut selection);
         self.free_shapes(&mut selection);
         self.look_outside(&mut selection, alone);
@@ -118,6 +141,7 @@ impl Search<'_> {
                     .iter()
                     .find(|a| is_outside(a.name))
                     .map(|a| (a.name, a.score));
+                selection.first_attempts.clone_from(&attempts);
             }
             let accepted = self.first_accepted(selection, attempts, &mut ranking);
             if first {
@@ -204,7 +228,7 @@ impl Search<'_> {
 
     /// Takes back effects that later ones have made needless: all that spoke for each must still
     /// do.
-    fn gate_again(&mut self, selection: &mut Selection) {
+    pub(super) fn gate_again(&mut self, selection: &mut Selection) {
         let mut k = 0;
         while selection.selected.len() > 1 && k < selection.selected.len() {
             let without = self.refit_without(&selection.base, &selection.fit, k);
@@ -231,9 +255,13 @@ impl Search<'_> {
 
     /// Gain of all names together over the base, after the price of their parameters.
     pub(super) fn gained(&self, selection: &Selection) -> f64 {
-        let members = &selection.fit.structure.members;
-        let spent: f64 = members.iter().map(|m| self.problem.penalty(m)).sum();
-        selection.base.chi2 - selection.fit.chi2 - spent
+        selection.base.chi2 - selection.fit.chi2 - self.spent(&selection.fit)
+    }
+
+    /// Price of the parameters of all effects of a fit.
+    pub(super) fn spent(&self, fit: &Fit) -> f64 {
+        let members = &fit.structure.members;
+        members.iter().map(|m| self.problem.penalty(m)).sum()
     }
 
     /// Asks whether one effect outside the catalogue does as well as all names together, and

@@ -598,6 +598,29 @@ thresholds! {
     MOST_EFFECTS: usize = 3, "effects",
         "Most effects that are added.",
         Convention "The study hides up to three. No study of more is on record.";
+    PAIRS_FITTED: usize = 3, "pairs",
+        "Pairs of effects with the best joint Lagrange scores that are fitted.",
+        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
+    PAIR_PARTNERS: usize = 2, "effects",
+        "Best single effects that a partner is looked for.",
+        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
+    PARTNERS_TRIED: usize = 2, "effects",
+        "Partners of the best Lagrange scores that are fitted for each of them.",
+        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
+    PAIRS_JUDGED: usize = 3, "pairs",
+        "Best pairs that are judged, until one passes.",
+        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
+    PAIR_DISTINCT: f64 = 1e-3, "1",
+        "Least 1 − cos² between the directions of two effects that are tried together.",
+        Convention "Below it their strengths have 30 times the error of one alone, as 1/√(1 − \
+        cos²).";
+    PREDICTIVE_TERMS: usize = 4, "effects",
+        "Most effects of an augmentation for predictions.",
+        Convention "One more than `MOST_EFFECTS`, for a form may need two of them. No study of \
+        more is on record.";
+    PREDICTIVE_TRIED: usize = 3, "effects",
+        "Candidates of the best Lagrange scores that are fitted for each of them.",
+        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
     MOST_PARTS: usize = 8, "1",
         "Most parts that a step of a record is divided into to integrate well enough.",
         Convention "Three halvings; what is still too coarse is refused. No study of the value is \
@@ -633,6 +656,10 @@ thresholds! {
         "Standard deviations by which held-out runs may contradict the size of what an effect \
         predicts for them.",
         Quantile "Normal distribution, two-sided probability 6·10⁻⁵.";
+    HELD_OUT_RMS_Z: f64 = 3.0, "σ",
+        "Standard deviations of its noise beyond which a held-out record may not be missed by more \
+        millivolts than before.",
+        Quantile "Normal distribution, one-sided probability 1.3·10⁻³ per run.";
     FORMULA_SHARE: f64 = 0.03, "1",
         "Part of an effect's size by which nature may differ from the catalogue's formula.",
         Convention "Set without a reason in commit 0975594 for held-out runs, and in 1b32884 for \

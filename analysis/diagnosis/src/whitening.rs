@@ -56,6 +56,18 @@ impl Whitener {
         }
     }
 
+    /// vᵀ·C·v: the variance of the sum of the rows with these weights, |Lᵀ·v|².
+    pub(super) fn variance(&self, v: &[f64]) -> f64 {
+        let mut y = v.to_vec();
+        let mut at = self.columns.len();
+        for j in (0..self.n).rev() {
+            at -= self.n - j;
+            let column = &self.columns[at..at + self.n - j];
+            y[j] = (v[j] - dot(&column[1..], &y[j + 1..])) / column[0];
+        }
+        dot(&y, &y)
+    }
+
     /// C⁻¹·v.
     pub(super) fn solve(&self, v: &[f64]) -> Vec<f64> {
         let mut w = Vec::with_capacity(self.n);
@@ -135,6 +147,8 @@ mod tests {
             let back: f64 = (0..n).map(|j| c[i * n + j] * x[j]).sum();
             assert!((back - v[i]).abs() < 1e-12);
         }
+        let vcv: f64 = (0..n * n).map(|ij| v[ij / n] * c[ij] * v[ij % n]).sum();
+        assert!((w.variance(&v) / vcv - 1.0).abs() < 1e-12);
         let inverse = w.inverse();
         let trace: f64 = (0..n).map(|i| (i as f64) * inverse[i * n + i]).sum();
         let g: Vec<f64> = (0..n).map(|i| i as f64).collect();

@@ -38,7 +38,8 @@ pub struct DiagnoseArgs {
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Write `diagnosis.html`, `diagnosis.json`, `diagnosis.md` with its pictures and, where
-    /// effects were added, `model_augmented.json` into this folder.
+    /// effects were added, `model_augmented.json` and, where no name is certain,
+    /// `model_predictive.json` into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// The bench's file: with --cell and --out, the recommended run is written as
@@ -580,5 +581,5 @@ fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failur
     files::write_text(folder, "diagnosis.md", &report::markdown(d, &pictures))?;
     files::write_text(folder, "diagnosis.html", &page(outcome, judged, &pictures)?)?;
     let base = judged.file.clone().with_ocv(Some(judged.model.ocv.clone()));
-    files::write_augmented(folder, base, outcome, judged.loaded.refused.clone())
+    files::write_augmented(folder, &base, outcome, &judged.loaded.refused)
 }

@@ -70,5 +70,6 @@ fn refused(set: &DataSet, model: &BaseModel, reasons: &[Reason], notes: Vec<Stri
         ranking: Vec::new(),
         base: None,
         augmented: None,
+        predictive: None,
     }
 }

@@ -5,8 +5,8 @@
 use super::numbers::{Unit, plain, times};
 use super::page::{Item, Section};
 use super::pictures::Kind;
-use super::{counted, is_significant, misfit, named_title};
-use crate::outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict};
+use super::{counted, is_significant, misfit, named_title, predictive};
+use crate::outcome::{Block, Diagnosis, FittedParameter, Gap, SpectrumGap, Verdict};
 use analysis_effects::contract::Group;
 
 /// Words for the model file without any change.
@@ -20,6 +20,7 @@ pub(super) fn sections(d: &Diagnosis) -> Vec<Section> {
         ("What is missing", missing(d)),
         ("What to distrust", distrust(d)),
         ("What to do next", next(d)),
+        ("What to predict with meanwhile", predictive::sentences(d)),
     ];
     let points = answers
         .into_iter()
@@ -121,7 +122,11 @@ fn shortened(text: &str) -> String {
 }
 
 fn missing(d: &Diagnosis) -> Vec<String> {
-    let named: Vec<String> = d.effects.iter().map(with_values).collect();
+    let named: Vec<String> = d
+        .effects
+        .iter()
+        .map(|effect| with_values(effect.title, &effect.parameters))
+        .collect();
     let named = named.join("; and ");
     match d.verdict {
         Verdict::Invalid => Vec::new(),
@@ -149,9 +154,8 @@ fn missing(d: &Diagnosis) -> Vec<String> {
 }
 
 /// An effect with its values: "diffusion over a finite length (5.31 ± 0.14 mΩ, 148 ± 11 s)".
-fn with_values(effect: &NamedEffect) -> String {
-    let values: Vec<String> = effect
-        .parameters
+pub(super) fn with_values(title: &str, parameters: &[FittedParameter]) -> String {
+    let values: Vec<String> = parameters
         .iter()
         .filter(|p| !matches!(p.unit, "" | "1"))
         .filter_map(|p| p.sigma.map(|sigma| (p, sigma)))
@@ -161,8 +165,8 @@ fn with_values(effect: &NamedEffect) -> String {
         })
         .collect();
     match values.as_slice() {
-        [] => effect.title.to_owned(),
-        _ => format!("{} ({})", effect.title, values.join(", ")),
+        [] => title.to_owned(),
+        _ => format!("{title} ({})", values.join(", ")),
     }
 }
 

@@ -10,6 +10,7 @@ mod first_page;
 mod numbers;
 mod page;
 mod pictures;
+mod predictive;
 mod reserve;
 mod sections;
 #[cfg(test)]

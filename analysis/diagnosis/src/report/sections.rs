@@ -4,7 +4,7 @@
 use super::numbers::{Unit, percent, plain, probability, times};
 use super::page::{Item, Page, Section};
 use super::pictures::Kind;
-use super::{after, counted, first_page, is_significant, misfit, reserve, titled};
+use super::{after, counted, first_page, is_significant, misfit, predictive, reserve, titled};
 use crate::{
     attempts::is_outside,
     outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict},
@@ -33,6 +33,7 @@ pub(super) fn page(d: &Diagnosis) -> Page {
             how_sure(d),
             what_else(d),
             gap(d),
+            predictive::section(d),
             reserve::falsifiers(d),
         ]);
     }

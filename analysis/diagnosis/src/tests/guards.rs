@@ -116,6 +116,88 @@ fn held_out_runs_that_contradict_are_heard() {
     assert_eq!(names(&off), ["soc_resistance"]);
 }
 
+/// The fit of a base and of the base with the effect that was hidden in the training runs; an error
+/// tells whether held-out records are missed by more millivolts then.
+fn worse_in_millivolts(seed: u64, train: &Hidden, held_out: &Hidden) -> Result<(), String> {
+    let set = campaign(seed, train, held_out);
+    let prepared = prepare(&set, &model(), Guards::default()).unwrap();
+    let problem = &prepared.problem;
+    let mut workspace = Workspace::default();
+    let base = base_fit(problem, &model().erm, &mut workspace);
+    let effect = analysis_effects::effects::find("soc_resistance").unwrap();
+    let member = crate::structure::variants(effect, &problem.base).remove(0);
+    let fit = problem.fit_added(&base, &member, &mut workspace);
+    assert!(
+        fit.chi2 < base.chi2 - 100.0,
+        "the effect is in the training runs"
+    );
+    let mut search = Search {
+        problem,
+        candidates: &[],
+        guards: Guards::default(),
+        measured: true,
+        workspace,
+    };
+    search.no_record_worse(&base, &fit)
+}
+
+#[test]
+fn a_record_that_is_missed_by_more_millivolts_is_told_by_name() {
+    let hidden = Hidden {
+        per_soc: -0.6,
+        ..Hidden::default()
+    };
+    assert_eq!(worse_in_millivolts(42, &hidden, &hidden), Ok(()));
+    let message = worse_in_millivolts(42, &hidden, &Hidden::default()).unwrap_err();
+    assert!(
+        message.contains("becomes worse") && message.contains(" mV to "),
+        "{message}"
+    );
+}
+
+#[test]
+fn what_makes_held_out_records_worse_predicts_nothing() {
+    let train = Hidden {
+        per_soc: -0.6,
+        ..Hidden::default()
+    };
+    let d = with(&campaign(41, &train, &Hidden::default()), Guards::default());
+    let terms: Vec<&str> = d
+        .predictive
+        .iter()
+        .flat_map(|p| p.terms.iter().map(|t| t.name))
+        .collect();
+    assert!(!terms.contains(&"soc_resistance"), "{terms:?}");
+    let rms = |pick: fn(&crate::Gap) -> f64| {
+        let gaps = d.predictive.iter().flat_map(|p| &p.gap);
+        gaps.map(|g| pick(g).powi(2)).sum::<f64>()
+    };
+    assert!(rms(|g| g.augmented_mv) <= rms(|g| g.base_mv));
+}
+
+#[test]
+fn a_gap_is_closed_where_no_name_may_be_given() {
+    let hidden = Hidden {
+        slow: (3e-3, 30.0),
+        ripple_v: 4e-3,
+        ..Hidden::default()
+    };
+    let d = with(&campaign(43, &hidden, &hidden), Guards::default());
+    assert_eq!(d.verdict, Verdict::Unexplained, "{}", d.summary);
+    let predictive = d.predictive.unwrap();
+    assert_eq!(predictive.claim, crate::PREDICTION_ONLY);
+    let rms = |pick: fn(&crate::Gap) -> f64| {
+        let squares = predictive.gap.iter().map(|g| pick(g).powi(2));
+        (squares.sum::<f64>() / predictive.gap.len() as f64).sqrt()
+    };
+    let [base, with] = [rms(|g| g.base_mv), rms(|g| g.augmented_mv)];
+    assert!(with < 0.7 * base, "{base} mV to {with} mV");
+    assert!(
+        predictive.terms.iter().all(|t| !t.stands_for.is_empty())
+            && predictive.range.greatest_a > 0.0
+    );
+}
+
 #[test]
 fn a_small_help_is_no_name() {
     let hidden = Hidden {

@@ -46,6 +46,6 @@ mod time_skew;
 mod voltage_gain;
 mod warburg;
 
-pub use catalogue::{catalogue, find, title};
+pub use catalogue::{GROUPS, catalogue, find, title};
 pub use outside::outside;
 pub use resistance_spread::resistance_spread;

@@ -119,8 +119,8 @@ pub fn investigate(experiment: &Experiment, means: &Means<'_>) -> Result<Investi
     };
     write_dataset(&means.out.join("dataset"), &workspace.loaded.set)
         .map_err(|error| Failure::Analysis(error.to_string()))?;
-    let refused = workspace.loaded.refused.clone();
-    write_augmented(means.out, file.into(), &outcome, refused)?;
+    let refused = &workspace.loaded.refused;
+    write_augmented(means.out, &file.into(), &outcome, refused)?;
     let investigation = Investigation {
         schema: SCHEMA,
         name: experiment.name.clone(),

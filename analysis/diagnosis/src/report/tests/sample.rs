@@ -139,6 +139,34 @@ fn diffusion() -> NamedEffect {
     }
 }
 
+/// Diffusion for predictions, as it is offered where it may not be named.
+fn predictive() -> Predictive {
+    let term = diffusion();
+    Predictive {
+        claim: PREDICTION_ONLY,
+        lambda: 9200.0,
+        score: 9185.8,
+        terms: vec![PredictiveTerm {
+            name: term.name,
+            title: term.title,
+            group: term.group,
+            stands_for: "√t growth under a pulse, long relaxation",
+            parameters: term.parameters,
+        }],
+        gap: explained().gap,
+        range: Facts {
+            greatest_a: 60.0,
+            longest_s: 680.0,
+            widest_soc: 0.12,
+            ..Facts::NONE
+        },
+        model: Erm {
+            r_ohm: 7e-3,
+            branches: Vec::new(),
+        },
+    }
+}
+
 /// Diffusion was missing.
 pub(super) fn explained() -> Diagnosis {
     Diagnosis {
@@ -229,6 +257,7 @@ pub(super) fn explained() -> Diagnosis {
         ],
         base: None,
         augmented: None,
+        predictive: None,
     }
 }
 
@@ -373,6 +402,7 @@ pub(super) fn unexplained() -> Diagnosis {
             candidate("time_skew", 1.2, None, "Lagrange score too low to fit it"),
         ],
         noise: noise(false),
+        predictive: Some(predictive()),
         ..base
     }
 }

@@ -1,0 +1,157 @@
+//! Judges an addition by the held-out runs, in which nothing was fitted.
+//!
+//! Three questions: does the whitened χ² of a run grow, does the root mean square of a record grow
+//! in volts, and is what the addition predicts for all of them found there.
+
+use super::block::Kind;
+use super::data::Role;
+use super::problem::Fit;
+use super::search::Search;
+use super::whitening::dot;
+use crate::thresholds::{FORMULA_SHARE, HELD_OUT_PART, HELD_OUT_RMS_Z, HELD_OUT_SUM, HELD_OUT_Z};
+
+/// A held-out record that an addition predicts worse.
+#[derive(Debug, Clone, PartialEq)]
+struct Worse {
+    before_mv: f64,
+    after_mv: f64,
+    /// Distance from what noise can do, σ.
+    z: f64,
+}
+
+impl Search<'_> {
+    /// Change of the held-out χ²; an error where one run becomes worse.
+    pub(super) fn held_out(&mut self, before: &Fit, after: &Fit) -> Result<f64, String> {
+        let mut change = 0.0;
+        for k in self.problem.of_role(Role::HeldOut) {
+            let old = self.problem.block_chi2(before.at(), k, &mut self.workspace);
+            let new = self.problem.block_chi2(after.at(), k, &mut self.workspace);
+            if self.guards.held_out && new > old * (1.0 + HELD_OUT_PART) + HELD_OUT_SUM {
+                return Err(format!(
+                    "held-out run {} becomes worse: χ² from {old:.0} to {new:.0}",
+                    self.problem.blocks[k].name
+                ));
+            }
+            change += new - old;
+        }
+        if self.guards.held_out {
+            self.no_record_worse(before, after)?;
+        }
+        let z = self.contradiction(before, after);
+        if self.guards.held_out && z.abs() > HELD_OUT_Z {
+            return Err(format!(
+                "held-out runs contradict the size of what it predicts for them by {z:.1} standard \
+                deviations"
+            ));
+        }
+        Ok(change)
+    }
+
+    /// An error where a held-out record is missed by more millivolts than before, beyond its noise.
+    ///
+    /// A whitened χ² can fall while the root mean square grows: it counts most what the noise
+    /// hides least.
+    pub(super) fn no_record_worse(&mut self, before: &Fit, after: &Fit) -> Result<(), String> {
+        for k in self.problem.of_role(Role::HeldOut) {
+            if let Some(Worse {
+                before_mv,
+                after_mv,
+                z,
+            }) = self.worse(before, after, k)
+            {
+                return Err(format!(
+                    "held-out run {} becomes worse: {before_mv:.2} mV to {after_mv:.2} mV, {z:.1} \
+                    standard deviations beyond its noise",
+                    self.problem.blocks[k].name
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    /// How a record is predicted worse; none where it is not, or where noise can do as much.
+    ///
+    /// With Δ what is left and d the change of the prediction, the sum of squares grows by
+    /// −2·dᵀΔ − dᵀd. Were the new prediction true, dᵀΔ would be noise of variance dᵀC·d.
+    fn worse(&mut self, before: &Fit, after: &Fit, block: usize) -> Option<Worse> {
+        let Kind::Time(time) = &self.problem.blocks[block].kind else {
+            return None;
+        };
+        let at_edges = &self.problem.at_edges[block];
+        let all_at_edges = at_edges.iter().all(|at| *at);
+        let weights: Vec<f64> = time
+            .bins
+            .iter()
+            .zip(at_edges)
+            .map(|(bin, at_edge)| {
+                if *at_edge && !all_at_edges {
+                    0.0
+                } else {
+                    (bin.to - bin.from) as f64
+                }
+            })
+            .collect();
+        let sum: f64 = weights.iter().sum();
+        let [old, new] = [before, after].map(|fit| {
+            self.problem
+                .predict(fit.at(), block, 1, &mut self.workspace)
+        });
+        let measured = &self.problem.blocks[block].measured;
+        let free_level = time.level_sigma_v > 0.0;
+        let about = |mut rows: Vec<f64>| {
+            if free_level {
+                let level = dot(&rows, &weights) / sum;
+                rows.iter_mut().for_each(|row| *row -= level);
+            }
+            rows
+        };
+        let minus = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a - b).collect();
+        let left = [&old, &new].map(|predicted| about(minus(measured, predicted)));
+        let [before_v2, after_v2] = [&left[0], &left[1]].map(|rows| {
+            let squares: f64 = rows.iter().zip(&weights).map(|(r, w)| w * r * r).sum();
+            squares / sum
+        });
+        if after_v2 <= before_v2 {
+            return None;
+        }
+        let change: Vec<f64> = about(minus(&new, &old))
+            .iter()
+            .zip(&weights)
+            .map(|(change, weight)| change * weight)
+            .collect();
+        let along = dot(&left[1], &change);
+        let sigma = self.problem.whiteners[block].variance(&change).sqrt();
+        let z = along.abs() / sigma.max(f64::MIN_POSITIVE);
+        (z > HELD_OUT_RMS_Z).then(|| Worse {
+            before_mv: 1e3 * before_v2.sqrt(),
+            after_mv: 1e3 * after_v2.sqrt(),
+            z,
+        })
+    }
+
+    /// Residual of the held-out runs along the change that the addition makes to their prediction,
+    /// in standard deviations of noise and parameters: u·r/√(1 + uᵀJΣJᵀu) with u the direction of
+    /// the change. A true effect leaves only noise there.
+    fn contradiction(&mut self, before: &Fit, after: &Fit) -> f64 {
+        let problem = self.problem;
+        let old = problem.whitened_of(Role::HeldOut, before.at(), &mut self.workspace);
+        let new = problem.whitened_of(Role::HeldOut, after.at(), &mut self.workspace);
+        let mut u: Vec<f64> = new.iter().zip(&old).map(|(n, o)| n - o).collect();
+        let size = dot(&u, &u).sqrt();
+        let n = after.x.len();
+        let (Some(covariance), true) = (after.covariance(), size > 1e-6) else {
+            return 0.0;
+        };
+        u.iter_mut().for_each(|u| *u /= size);
+        let (residual, columns) = problem.held_out(after, &mut self.workspace);
+        let along: Vec<f64> = columns.iter().map(|c| dot(&u, c)).collect();
+        let spread: f64 = (0..n * n)
+            .map(|ij| along[ij / n] * along[ij % n] * covariance[ij])
+            .sum();
+        let along = dot(&u, &residual);
+        let beyond = (along.abs() - FORMULA_SHARE * size)
+            .max(0.0)
+            .copysign(along);
+        beyond / (1.0 + spread.max(0.0)).sqrt()
+    }
+}

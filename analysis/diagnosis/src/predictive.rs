@@ -1,0 +1,170 @@
+//! A model for predictions where no name is certain.
+//!
+//! The best penalised set of effects of the cell is added to what was named, whatever the set is
+//! called: its form predicts, and nothing is claimed about its cause. Each member must gain more
+//! than its parameters cost, converge, stand at no bound, and make no held-out record worse.
+
+use super::block::Workspace;
+use super::gap::{Fits, gaps};
+use super::outcome::{FittedParameter, PREDICTION_ONLY, Predictive, PredictiveTerm};
+use super::prepare::Prepared;
+use super::problem::Fit;
+use super::search::{Search, excess_z};
+use super::select::Selection;
+use crate::thresholds::{
+    CONVERGED, CONVERGED_PART, GOOD_FIT_Z, LEAST_SCORE, PREDICTIVE_TERMS, PREDICTIVE_TRIED,
+};
+use analysis_effects::{
+    contract::{Group, Scale},
+    effects::find,
+};
+use analysis_model::model::Erm;
+
+impl Search<'_> {
+    /// Base, named effects and what else predicts better; none where nothing more does.
+    ///
+    /// A term that makes a held-out record worse may do so because its partner is missing: it stays
+    /// for the next one, and counts only where the record is put right by then.
+    pub(super) fn predictive(&mut self, selection: &Selection) -> Option<Fit> {
+        let mut proven = self
+            .pair_that_predicts(selection)
+            .unwrap_or_else(|| selection.fit.clone());
+        let mut last = Term {
+            fit: proven.clone(),
+            is_proven: true,
+        };
+        while last.fit.structure.members.len() < PREDICTIVE_TERMS {
+            let dof = self.problem.degrees_of_freedom(&last.fit);
+            if last.is_proven && excess_z(last.fit.chi2, dof) < GOOD_FIT_Z {
+                break;
+            }
+            let Some(next) = self.next_term(&selection.base, &last.fit) else {
+                break;
+            };
+            if next.is_proven {
+                proven.clone_from(&next.fit);
+            }
+            last = next;
+        }
+        (!proven.structure.members.is_empty()).then_some(proven)
+    }
+
+    /// The best pair of effects of the cell that no held-out record speaks against.
+    fn pair_that_predicts(&mut self, selection: &Selection) -> Option<Fit> {
+        for pair in &selection.pairs {
+            let fit = self.with_fine_steps(pair.fit.clone());
+            let members = &fit.structure.members;
+            let may = members.iter().enumerate().all(|(k, member)| {
+                may_predict(member.name()) && !fit.member_at_bound(k, self.problem.branches())
+            });
+            let converged = fit.promise <= CONVERGED.max(CONVERGED_PART * pair.score);
+            if may && converged && self.no_record_worse(&selection.base, &fit).is_ok() {
+                return Some(fit);
+            }
+        }
+        None
+    }
+
+    /// The best further effect of the cell: one that no held-out record speaks against, else the
+    /// one that gains most.
+    fn next_term(&mut self, base: &Fit, fit: &Fit) -> Option<Term> {
+        let mut attempts = self.attempts_of(fit, PREDICTIVE_TRIED, may_predict);
+        attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
+        let mut best = None;
+        for attempt in attempts {
+            let attempt = self.integrated(fit, attempt);
+            let last = attempt.fit.structure.members.len() - 1;
+            let converged = attempt.fit.promise <= CONVERGED.max(CONVERGED_PART * attempt.lambda);
+            let at_bound = attempt.fit.member_at_bound(last, self.problem.branches());
+            if attempt.score < LEAST_SCORE || !converged || at_bound {
+                continue;
+            }
+            let is_proven = self.no_record_worse(base, &attempt.fit).is_ok()
+                && self.no_record_worse(fit, &attempt.fit).is_ok();
+            let term = Term {
+                fit: attempt.fit,
+                is_proven,
+            };
+            if is_proven {
+                return Some(term);
+            }
+            best = best.or(Some(term));
+        }
+        best
+    }
+}
+
+/// A fit with one term more.
+struct Term {
+    fit: Fit,
+    /// No held-out record is predicted worse than by the base or without the term.
+    is_proven: bool,
+}
+
+/// Whether an effect of this name may predict: it is one of the cell.
+fn may_predict(name: &str) -> bool {
+    find(name).is_some_and(|effect| effect.card().group == Group::Cell)
+}
+
+/// The augmentation as it is written, with the gaps that it leaves; none where no held-out record
+/// has tested it.
+pub(super) fn described(
+    prepared: &Prepared,
+    erm: &Erm,
+    fits: Fits<'_>,
+    workspace: &mut Workspace,
+) -> Option<Predictive> {
+    let problem = &prepared.problem;
+    let fit = fits.augmented;
+    let gap = gaps(prepared, erm, fits, workspace);
+    if gap.is_empty() {
+        return None;
+    }
+    let lambda = fits.base.chi2 - fit.chi2;
+    let members = &fit.structure.members;
+    let spent: f64 = members.iter().map(|m| problem.penalty(m)).sum();
+    let (model, values) = fit.decode(problem.branches());
+    let covariance = fit.covariance();
+    let n = fit.x.len();
+    let mut terms = Vec::new();
+    for (k, (member, values)) in fit.structure.members.iter().zip(&values).enumerate() {
+        let card = member.effect.card();
+        let mut at = fit.structure.first(k, problem.branches());
+        let mut parameters = Vec::new();
+        for (p, value) in member.parameters.iter().zip(values) {
+            let unit = match p.scale {
+                Scale::Linear => Some(p.typical),
+                Scale::Log => Some(*value),
+                Scale::Choice => None,
+            };
+            let sigma = unit.and_then(|unit| {
+                let sigma = covariance.as_ref().map(|c| unit * c[at * n + at].sqrt());
+                at += 1;
+                sigma
+            });
+            parameters.push(FittedParameter {
+                name: p.name,
+                value: *value,
+                sigma,
+                interval: (p.range.lower, p.range.upper),
+                unit: p.unit,
+            });
+        }
+        terms.push(PredictiveTerm {
+            name: card.name,
+            title: card.title,
+            group: card.group,
+            stands_for: card.signature,
+            parameters,
+        });
+    }
+    Some(Predictive {
+        claim: PREDICTION_ONLY,
+        lambda,
+        score: lambda - spent,
+        terms,
+        gap,
+        range: problem.base.facts,
+        model,
+    })
+}

@@ -1,0 +1,99 @@
+//! The augmentation for predictions: its terms, its gaps, and where it holds.
+
+use super::first_page::with_values;
+use super::numbers::plain;
+use super::page::{Item, Section};
+use crate::outcome::{Diagnosis, Gap, Predictive};
+
+/// What to predict with while no name is certain, for the first page.
+pub(super) fn sentences(d: &Diagnosis) -> Vec<String> {
+    let Some(predictive) = &d.predictive else {
+        return Vec::new();
+    };
+    let titles: Vec<&str> = predictive.terms.iter().map(|t| t.title).collect();
+    let mut sentences = vec![format!(
+        "Use the model with {} for predictions only: their form fits, and nothing is claimed about \
+        the cause.",
+        titles.join(" and ")
+    )];
+    let [before, after, floor] = [
+        |gap: &Gap| gap.base_mv,
+        |gap: &Gap| gap.augmented_mv,
+        |gap: &Gap| gap.floor_mv,
+    ]
+    .map(|of| rms(&predictive.gap, of));
+    sentences.push(format!(
+        "Over the held-out records it is wrong by {} mV (rms) in the place of {} mV; noise alone \
+        makes {} mV.",
+        plain(after),
+        plain(before),
+        plain(floor)
+    ));
+    sentences.push(range(predictive));
+    sentences
+}
+
+fn rms(gaps: &[Gap], of: fn(&Gap) -> f64) -> f64 {
+    let square: f64 = gaps.iter().map(|gap| of(gap).powi(2)).sum();
+    (square / gaps.len().max(1) as f64).sqrt()
+}
+
+/// The range in which it was fitted and tested.
+fn range(predictive: &Predictive) -> String {
+    let range = &predictive.range;
+    format!(
+        "It holds up to {} A, for {} s, within {} % of the capacity about a state of charge of {}, \
+        at {} °C.",
+        plain(range.greatest_a),
+        plain(range.longest_s),
+        plain(100.0 * range.widest_soc),
+        plain(range.soc),
+        plain(range.temperature_c)
+    )
+}
+
+/// Its terms and gaps, for the details.
+pub(super) fn section(d: &Diagnosis) -> Section {
+    let Some(predictive) = &d.predictive else {
+        return Section::default();
+    };
+    let terms = predictive
+        .terms
+        .iter()
+        .map(|term| {
+            vec![
+                with_values(term.title, &term.parameters),
+                term.stands_for.to_owned(),
+            ]
+        })
+        .collect();
+    let value = |v: f64| format!("{} mV", plain(v));
+    let gaps = predictive
+        .gap
+        .iter()
+        .map(|gap| {
+            vec![
+                gap.run.clone(),
+                value(gap.eis_only_mv),
+                value(gap.base_mv),
+                value(gap.augmented_mv),
+                value(gap.floor_mv),
+            ]
+        })
+        .collect();
+    let lead = "No name is certain, and a prediction is wanted all the same. These terms were chosen \
+        because they predict, each against the price of its parameters, and none makes a held-out \
+        record worse. They are not physics: other terms may do as well.";
+    Section::new(
+        "For predictions only",
+        vec![
+            Item::Text(lead.to_owned()),
+            Item::Table(vec!["Term", "Form that it stands for"], terms),
+            Item::Table(
+                vec!["Run", "Spectra alone", "Refit", "With these terms", "Floor"],
+                gaps,
+            ),
+            Item::Text(range(predictive)),
+        ],
+    )
+}
