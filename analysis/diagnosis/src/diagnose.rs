@@ -150,6 +150,7 @@ pub(crate) fn diagnose_with(
         gap_spectra: spectrum_gaps(problem, &model.erm, fits, &mut workspace),
         next_experiment: None,
         inseparable: Vec::new(),
+        findings: Vec::new(),
         notes: Vec::new(),
         quality: quality(problem, base, fit),
         noise: noise_report(judged),

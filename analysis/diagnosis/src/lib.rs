@@ -15,6 +15,7 @@ mod distinguish;
 mod edges;
 mod estimate;
 mod experiment;
+pub mod findings;
 mod gap;
 pub mod gate;
 mod guards;
@@ -51,6 +52,7 @@ pub use data::{
 pub use diagnose::{DiagnosisOptions, Outcome};
 pub use distinguish::distinguish;
 pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
+pub use findings::{Finding, FindingKind};
 pub use gate::diagnose;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence,

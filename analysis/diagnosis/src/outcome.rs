@@ -1,5 +1,6 @@
 //! Result of a diagnosis: `diagnosis.json`, and the curves behind its pictures.
 
+use super::findings::Finding;
 use analysis_effects::contract::Group;
 use analysis_model::model::Erm;
 use num_complex::Complex64;
@@ -73,6 +74,8 @@ pub struct Diagnosis {
     /// the second name is empty where the signal is too small for any of them to make the name
     /// certain.
     pub inseparable: Vec<[&'static str; 2]>,
+    /// What is odd in the data as they were written, before any physics.
+    pub findings: Vec<Finding>,
     /// Warnings to the user, in sentences.
     pub notes: Vec<String>,
     /// Quality of the fits.

@@ -354,6 +354,7 @@ impl Judged {
             set,
             problems: self.loaded.problems.clone(),
             notes: self.loaded.notes.clone(),
+            findings: self.loaded.findings.clone(),
             refused,
         };
         let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
@@ -436,10 +437,16 @@ impl Judged {
             &DiagnosisOptions::default(),
         )
         .map_err(|error| Failure::Usage(error.to_string()))?;
-        outcome
-            .diagnosis
-            .notes
-            .extend(self.loaded.notes.iter().cloned());
+        let d = &mut outcome.diagnosis;
+        // Those of the runs of this cell and of the controls.
+        let named = |run: &String| self.loaded.set.runs.iter().any(|other| other.name == *run);
+        let of_files = self.loaded.findings.iter();
+        d.findings.extend(
+            of_files
+                .filter(|finding| finding.runs.iter().all(named))
+                .cloned(),
+        );
+        d.notes.extend(self.loaded.notes.iter().cloned());
         outcome.diagnosis.notes.extend(self.file.notes());
         Ok(outcome)
     }

@@ -1,6 +1,7 @@
 //! The diagnosis behind the gate: runs the workflow only on data that the gate accepts.
 
 use super::super::data::DataSet;
+use super::super::findings::findings;
 use super::super::outcome::{
     DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, Quality, Verdict,
 };
@@ -20,10 +21,13 @@ pub fn diagnose(
     model: &BaseModel,
     options: &DiagnosisOptions,
 ) -> Result<Outcome, DataSetError> {
-    let report = gate(set, &Expected::new(set, model));
+    let expected = Expected::new(set, model);
+    let report = gate(set, &expected);
+    let found = findings(set, &expected, model, &report.invalid);
     let reasons: Vec<Reason> = unreadable.into_iter().chain(report.invalid).collect();
     if !reasons.is_empty() {
-        let diagnosis = refused(set, model, &reasons, report.notes);
+        let mut diagnosis = refused(set, model, &reasons, report.notes);
+        diagnosis.findings = found;
         return Ok(Outcome {
             diagnosis,
             curves: Vec::new(),
@@ -32,6 +36,7 @@ pub fn diagnose(
         });
     }
     let mut outcome = diagnose_with(set, model, options, Guards::default())?;
+    outcome.diagnosis.findings = found;
     outcome.diagnosis.notes.extend(report.notes);
     Ok(outcome)
 }
@@ -55,6 +60,7 @@ fn refused(set: &DataSet, model: &BaseModel, reasons: &[Reason], notes: Vec<Stri
         gap_spectra: Vec::new(),
         next_experiment: None,
         inseparable: Vec::new(),
+        findings: Vec::new(),
         notes,
         quality: Quality {
             base_chi2: none,

@@ -185,6 +185,7 @@ pub(super) fn explained() -> Diagnosis {
         }],
         next_experiment: None,
         inseparable: Vec::new(),
+        findings: Vec::new(),
         notes: vec!["Run pulse_7 was left out: its first sample stands before the edge.".into()],
         quality: Quality {
             base_chi2: 15480.0,
@@ -405,6 +406,7 @@ pub(super) fn at_floor() -> Diagnosis {
             candidate("time_skew", 1.2, None, "Lagrange score too low to fit it"),
         ],
         noise: noise(true),
+        findings: Vec::new(),
         notes: vec![],
         ..base
     }
@@ -427,6 +429,7 @@ pub(super) fn invalid() -> Diagnosis {
             from_repeats: false,
             terms: vec![],
         },
+        findings: Vec::new(),
         notes: vec!["Set the range of channel 2 to 5 V and measure pulse_3 again.".into()],
         quality: Quality {
             base_chi2: f64::NAN,
