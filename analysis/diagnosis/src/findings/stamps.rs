@@ -79,7 +79,7 @@ pub(super) fn slow(scene: &Scene<'_>) -> Vec<Finding> {
         .filter(|played| played.record.between == Between::Linear)
         .filter_map(|played| Some((played.run.name.clone(), at_edges_s(&played)?)))
         .collect();
-    let runs_of = |interval_s: f64| {
+    let share_of = |interval_s: f64| {
         erm.branches
             .iter()
             .filter(|b| b.time_constant_s() < SLOW_BRANCH_PART * interval_s)
@@ -89,11 +89,11 @@ pub(super) fn slow(scene: &Scene<'_>) -> Vec<Finding> {
     };
     let slow: Vec<&(String, f64)> = all
         .iter()
-        .filter(|(_, interval_s)| runs_of(*interval_s) > SLOW_SHARE)
+        .filter(|(_, interval_s)| share_of(*interval_s) > SLOW_SHARE)
         .collect();
-    let Some((_, interval_s)) = slow.iter().max_by(|a, b| a.1.total_cmp(&b.1)) else {
+    if slow.is_empty() {
         return Vec::new();
-    };
+    }
     let runs: Vec<String> = slow.iter().map(|(name, _)| name.clone()).collect();
     let typical_s = median(slow.iter().map(|(_, s)| *s).collect());
     vec![Finding {
@@ -102,8 +102,8 @@ pub(super) fn slow(scene: &Scene<'_>) -> Vec<Finding> {
             "{}: samples at edges of the current are {typical_s:.3} s apart in the middle; \
             branches faster than {:.3} s hold {:.0} % of the model's resistance",
             names(&runs),
-            SLOW_BRANCH_PART * interval_s,
-            100.0 * runs_of(*interval_s)
+            SLOW_BRANCH_PART * typical_s,
+            100.0 * share_of(typical_s)
         ),
         how_sure: "certain: stamps against the model's time constants".to_owned(),
         effect: "These records cannot tell such a branch from the series resistance, nor a fast \
