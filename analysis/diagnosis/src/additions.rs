@@ -13,6 +13,16 @@ impl Diagnosis {
             .collect()
     }
 
+    /// Which corrected data the evidence hangs on.
+    fn of_corrected(&self) -> String {
+        let titles: Vec<&str> = self.accepted.iter().map(|kind| kind.title()).collect();
+        if titles.is_empty() {
+            String::new()
+        } else {
+            format!("; on data corrected for: {}", titles.join(", "))
+        }
+    }
+
     fn addition(&self, effect: &NamedEffect, added_by: &str) -> Addition {
         let rms_v = |pick: fn(&Gap) -> f64| {
             let sum: f64 = self.gap.iter().map(|g| pick(g).powi(2)).sum();
@@ -42,7 +52,7 @@ impl Diagnosis {
                 })
                 .collect(),
             evidence: AdditionEvidence {
-                text: sure.to_owned(),
+                text: format!("{sure}{}", self.of_corrected()),
                 lambda: e.lambda,
                 score: e.score,
                 held_out_gap_before_v: rms_v(|g| g.base_mv),

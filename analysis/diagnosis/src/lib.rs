@@ -8,6 +8,7 @@ mod block;
 mod charge;
 mod codes;
 mod consistency;
+mod current_filter;
 mod current_noise_propagation;
 mod data;
 mod diagnose;

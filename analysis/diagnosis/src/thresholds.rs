@@ -448,6 +448,41 @@ thresholds! {
     SCALE_SPECTRUM_NEAR: f64 = 0.1, "1",
         "Logarithm of the factor of spectra to the model below which they belong together.",
         Convention "Repeats of spectra agree to some per cent. No study of the value is on record.";
+    FILTER_TRIED_S: (f64, f64) = (0.02, 10.0), "s",
+        "Shortest and longest filter of the current that is tried.",
+        Convention "From twice the fastest logger of the study to the slowest smoothing of a \
+        cycler.";
+    FILTER_TRIES: usize = 32, "1",
+        "Number of time constants that are tried first, equally spaced in their logarithm.",
+        Convention "22 % from one to the next; the best is then sharpened.";
+    FILTER_FEWEST_EDGES: usize = 4, "1",
+        "Fewest steps of the current that tell a filter.",
+        Convention "A pulse has two; one record of one pulse is too little to speak of all.";
+    FILTER_EDGE_SIGMAS: f64 = 6.0, "σ",
+        "Least jump of the current that the voltage needs, in standard deviations of such jumps.",
+        Quantile "Normal distribution, two-sided probability 2·10⁻⁹.";
+    FILTER_EDGE_PART: f64 = 0.01, "1",
+        "The same as a part of the record's largest current.",
+        Convention "Smaller steps are left in the log as they are.";
+    FILTER_MERGE_SIGMAS: f64 = 4.0, "σ",
+        "Difference of two levels of the current below which there was no step between them.",
+        Quantile "Normal distribution, two-sided probability 6·10⁻⁵.";
+    FILTER_LEFT_PART: f64 = 0.3, "1",
+        "Part of the squares without a filter that the best one may leave.",
+        Convention "As `LAG_LEFT_PART`.";
+    FILTER_RECORDS_PART: f64 = 0.6, "1",
+        "Part of the records with steps in which the filter must show.",
+        Convention "What a minority has is damage of single records, which the gate refuses.";
+    FILTER_REST_PART: f64 = 0.02, "1",
+        "Part of the record's largest current below which none flows.",
+        Convention "As `REST_CURRENT_PART`.";
+    FILTER_AT_ONCE: f64 = 0.6, "1",
+        "Part of a large step that the voltage must show in its first sample.",
+        Convention "Where the source is slow, the voltage shows as little of it as the log.";
+    FILTER_SLOWER: f64 = 1.0, "1",
+        "Least time constant as a multiple of the distance of the first two samples after a step.",
+        Convention "A faster one is told by one sample, which the time of the edge explains as \
+        well.";
     // Rows of a run.
     MOST_BINS: usize = 140, "rows",
         "Most rows of a record; more are merged.",

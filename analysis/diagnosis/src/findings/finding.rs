@@ -30,6 +30,8 @@ pub enum FindingKind {
     Resolution,
     /// A factor between model and records.
     Scale,
+    /// A filter of the logged current.
+    CurrentFilter,
 }
 
 impl FindingKind {
@@ -47,6 +49,7 @@ impl FindingKind {
             Self::SamplingSlow => "slow sampling",
             Self::Resolution => "coarse codes",
             Self::Scale => "factor between model and records",
+            Self::CurrentFilter => "filter of the logged current",
         }
     }
 }

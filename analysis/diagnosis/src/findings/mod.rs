@@ -5,6 +5,7 @@
 //! A detector compares the data with themselves, with what is stated of them, and by shape and size
 //! with the base model.
 
+mod current;
 mod finding;
 mod leakage;
 mod resolution;
@@ -25,6 +26,7 @@ use scene::Scene;
 type Detector = fn(&Scene<'_>) -> Vec<Finding>;
 
 const DETECTORS: [Detector; 8] = [
+    current::find,
     leakage::find,
     rest::find,
     rows::missing,
@@ -32,16 +34,36 @@ const DETECTORS: [Detector; 8] = [
     stamps::rounded,
     stamps::slow,
     resolution::find,
-    scale::find,
 ];
 
+/// A data set that is told of.
+#[derive(Debug, Clone, Copy)]
+pub struct Told<'a> {
+    /// As it was written.
+    pub set: &'a DataSet,
+    /// What the model expects of it.
+    pub expected: &'a Expected,
+    /// As it is where corrections apply, and what the model expects of that.
+    pub corrected: Option<(&'a DataSet, &'a Expected)>,
+}
+
 /// The findings on a data set; runs that the gate refused are left out.
-pub fn findings(
-    set: &DataSet,
-    expected: &Expected,
-    model: &BaseModel,
-    refused: &[Reason],
-) -> Vec<Finding> {
+pub fn findings(told: Told<'_>, model: &BaseModel, refused: &[Reason]) -> Vec<Finding> {
+    let scene = |set, expected| Scene {
+        at: inspection(set, expected, refused),
+        model,
+    };
+    let raw = scene(told.set, told.expected);
+    let mut found: Vec<Finding> = DETECTORS.iter().flat_map(|find| find(&raw)).collect();
+    // A current that comes late looks like a cell of another size.
+    found.extend(match told.corrected {
+        Some((set, expected)) => scale::find(&scene(set, expected)),
+        None => scale::find(&raw),
+    });
+    found
+}
+
+fn inspection<'a>(set: &'a DataSet, expected: &'a Expected, refused: &[Reason]) -> Inspection<'a> {
     let is_refused = |name: &String| refused.iter().any(|reason| reason.runs.contains(name));
     let runs = set
         .runs
@@ -49,15 +71,11 @@ pub fn findings(
         .zip(&expected.runs)
         .filter(|(run, _)| !is_refused(&run.name))
         .map(|(run, prediction)| Subject { run, prediction });
-    let scene = Scene {
-        at: Inspection {
-            set,
-            expected,
-            runs: runs.collect(),
-        },
-        model,
-    };
-    DETECTORS.iter().flat_map(|find| find(&scene)).collect()
+    Inspection {
+        set,
+        expected,
+        runs: runs.collect(),
+    }
 }
 
 #[cfg(test)]

@@ -1,10 +1,18 @@
-use super::{Finding, FindingKind, findings};
+use super::{Finding, FindingKind, Told, findings};
 use crate::gate::Expected;
 use crate::gate::tests::sim::{Hidden, campaign, model, points, series};
 use crate::{BaseModel, DataSet, Role, RunData};
 
 fn look(set: &DataSet, model: &BaseModel) -> Vec<Finding> {
-    findings(set, &Expected::new(set, model), model, &[])
+    let expected = Expected::new(set, model);
+    let corrected = expected.filter.as_ref().map(|f| f.corrected(set, model));
+    let of_corrected = corrected.as_ref().map(|set| Expected::new(set, model));
+    let told = Told {
+        set,
+        expected: &expected,
+        corrected: corrected.as_ref().zip(of_corrected.as_ref()),
+    };
+    findings(told, model, &[])
 }
 
 fn hold_out(set: &mut DataSet, name: &str) {

@@ -6,14 +6,25 @@ use crate::outcome::Diagnosis;
 
 /// Sentences of the first page.
 pub(super) fn in_short(d: &Diagnosis) -> Vec<String> {
-    let told: Vec<String> = d.findings.iter().take(3).map(sentence).collect();
+    let told: Vec<String> = d
+        .findings
+        .iter()
+        .take(3)
+        .map(|finding| sentence(finding, d))
+        .collect();
     let more = d.findings.len() - told.len();
     let rest = (more > 0).then(|| format!("The details tell {more} more."));
     told.into_iter().chain(rest).collect()
 }
 
-fn sentence(finding: &Finding) -> String {
-    format!("{}: {}.", capital(finding.kind.title()), finding.text)
+fn sentence(finding: &Finding, d: &Diagnosis) -> String {
+    let corrected = if d.accepted.contains(&finding.kind) {
+        " The corrected data were used, as accepted: all that follows hangs on them."
+    } else {
+        ""
+    };
+    let title = capital(finding.kind.title());
+    format!("{title}: {}.{corrected}", finding.text)
 }
 
 fn capital(text: &str) -> String {
@@ -32,7 +43,12 @@ pub(super) fn details(d: &Diagnosis) -> Section {
             ("Effect", finding.effect.clone()),
         ];
         if finding.correctable {
-            let text = "Corrected data can be used in the place of the raw ones: `--accept`.";
+            let text = if d.accepted.contains(&finding.kind) {
+                "The corrected data were used in the place of the raw ones, as accepted."
+            } else {
+                "Corrected data can be used in the place of the raw ones: `--accept \
+                current_filter`, or `accept` in dataset.toml."
+            };
             properties.push(("Correction", text.to_owned()));
         }
         Item::Fields(capital(finding.kind.title()), properties)

@@ -186,6 +186,7 @@ pub(super) fn explained() -> Diagnosis {
         next_experiment: None,
         inseparable: Vec::new(),
         findings: Vec::new(),
+        accepted: Vec::new(),
         notes: vec!["Run pulse_7 was left out: its first sample stands before the edge.".into()],
         quality: Quality {
             base_chi2: 15480.0,
@@ -407,6 +408,7 @@ pub(super) fn at_floor() -> Diagnosis {
         ],
         noise: noise(true),
         findings: Vec::new(),
+        accepted: Vec::new(),
         notes: vec![],
         ..base
     }
@@ -430,6 +432,7 @@ pub(super) fn invalid() -> Diagnosis {
             terms: vec![],
         },
         findings: Vec::new(),
+        accepted: Vec::new(),
         notes: vec!["Set the range of channel 2 to 5 V and measure pulse_3 again.".into()],
         quality: Quality {
             base_chi2: f64::NAN,
