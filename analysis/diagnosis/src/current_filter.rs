@@ -17,8 +17,8 @@ use super::data::{BenchHistory, DataSet, Fixture, Run, RunData, Start, TimeRecor
 use super::prepare::BaseModel;
 use crate::thresholds::{
     FILTER_AT_ONCE, FILTER_EDGE_PART, FILTER_EDGE_SIGMAS, FILTER_FEWEST_EDGES, FILTER_LEFT_PART,
-    FILTER_MERGE_SIGMAS, FILTER_RECORDS_PART, FILTER_REST_PART, FILTER_SLOWER, FILTER_TRIED_S,
-    FILTER_TRIES, LARGE_STEP_PART,
+    FILTER_MERGE_SIGMAS, FILTER_OFF_PART, FILTER_RECORDS_PART, FILTER_REST_PART, FILTER_SLOWER,
+    FILTER_SWING_PART, FILTER_TRIED_S, FILTER_TRIES, LARGE_STEP_PART,
 };
 
 /// Form of a filter.
@@ -82,6 +82,8 @@ struct Cut<'a> {
     by_voltage_a: Vec<f64>,
     segments: Vec<Range<usize>>,
     largest_a: f64,
+    /// Largest current that the channel shows where none flows, A.
+    rest_a: f64,
 }
 
 /// A filter that is tried.
@@ -123,32 +125,37 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
     };
     let (low, high) = FILTER_TRIED_S;
     let step = (high / low).ln() / (FILTER_TRIES - 1) as f64;
-    let mut best = (none, f64::INFINITY);
-    for form in [Form::Plain, Form::Restart, Form::Mean] {
-        for averaged in [false, true] {
-            for k in 0..FILTER_TRIES {
-                let tried = Tried {
+    let forms = [Form::Plain, Form::Restart, Form::Mean]
+        .into_iter()
+        .flat_map(|form| [false, true].map(|averaged| (form, averaged)));
+    // The best of each form on a coarse grid.
+    let coarse: Vec<(Tried, f64)> = forms
+        .filter_map(|(form, averaged)| {
+            (0..FILTER_TRIES)
+                .map(|k| Tried {
                     form,
                     averaged,
                     tau_s: low * (step * k as f64).exp(),
-                };
-                let squares = total(&cuts, tried);
-                if squares < best.1 {
-                    best = (tried, squares);
-                }
-            }
-        }
-    }
-    if best.1 >= FILTER_LEFT_PART * total(&cuts, none) {
+                })
+                .map(|tried| (tried, total(&cuts, tried)))
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+        })
+        .collect();
+    let (rough, squares) = coarse.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    if squares >= FILTER_LEFT_PART * total(&cuts, none) {
         return None;
     }
     for cut in &mut cuts {
-        cut.merge(best.0);
+        cut.merge(rough);
     }
     let without = total(&cuts, none);
-    let at = |tau_s: f64| total(&cuts, Tried { tau_s, ..best.0 });
-    let (tau_s, curvature, squares) = sharpened(at, best.0.tau_s, step);
-    let tried = Tried { tau_s, ..best.0 };
+    let sharp = coarse.iter().map(|(tried, _)| {
+        let at = |tau_s: f64| total(&cuts, Tried { tau_s, ..*tried });
+        let (tau_s, curvature, squares) = sharpened(at, tried.tau_s, step);
+        (Tried { tau_s, ..*tried }, curvature, squares)
+    });
+    let (tried, curvature, squares) = sharp.min_by(|a, b| a.2.total_cmp(&b.2))?;
+    let tau_s = tried.tau_s;
     let rows: usize = cuts.iter().map(Cut::rows).sum();
     let levels: usize = cuts.iter().map(|cut| cut.segments.len()).sum();
     let variance = squares / rows.saturating_sub(levels + 1).max(1) as f64;
@@ -275,7 +282,19 @@ impl<'a> Cut<'a> {
             by_voltage_a,
             segments,
             largest_a,
+            rest_a: history
+                .map_or(0.0, |h| 3.0 * h.current_noise_a + h.current_resolution_a)
+                .max(FILTER_REST_PART * largest_a),
         })
+    }
+
+    /// Whether no current flows any more: the log says so in all rows, and the voltage says that it
+    /// had flowed.
+    fn is_switched_off(&self, segment: &Range<usize>) -> bool {
+        let currents = &self.record.series.current_a[segment.clone()];
+        let [before_a, now_a] = [segment.start - 1, segment.start].map(|k| self.by_voltage_a[k]);
+        currents.iter().all(|i| i.abs() < self.rest_a)
+            && now_a.abs() < FILTER_OFF_PART * before_a.abs()
     }
 
     /// Rows that tell a level.
@@ -354,18 +373,19 @@ impl<'a> Cut<'a> {
                     } else {
                         (-(end_s - begun_s) / tried.tau_s).exp()
                     };
-            if tried.form == Form::Restart && j > 0 && tried.tau_s > 0.0 {
-                // Where no current flows, the log is at its level from the first sample on.
-                let mean_a = rows.clone().map(|k| series.current_a[k]).sum::<f64>()
-                    / rows.len().max(1) as f64;
-                if mean_a.abs() < FILTER_REST_PART * self.largest_a {
-                    let off: f64 = rows
-                        .clone()
-                        .map(|k| (series.current_a[k] - mean_a).powi(2))
-                        .sum();
-                    (level_a, shown, squares) = (mean_a, rows.len() as f64, off);
-                    new_state_a = mean_a;
-                }
+            if tried.form == Form::Restart
+                && j > 0
+                && tried.tau_s > 0.0
+                && self.is_switched_off(segment)
+            {
+                // The log is at its level from the first sample on.
+                let count = rows.len().max(1) as f64;
+                level_a = rows.clone().map(|k| series.current_a[k]).sum::<f64>() / count;
+                squares = rows
+                    .clone()
+                    .map(|k| (series.current_a[k] - level_a).powi(2))
+                    .sum();
+                (shown, new_state_a) = (count, level_a);
             }
             found.level_a.push(level_a);
             found.shown.push(shown);
@@ -408,13 +428,21 @@ impl<'a> Cut<'a> {
             let levels = self.levels(tried);
             let free = self.rows().saturating_sub(self.segments.len()).max(1);
             let sigma_a = (levels.squares / free as f64).sqrt();
-            let alike = (1..self.segments.len()).find(|k| {
+            let is_alike = |k: &usize| {
                 let error_a = sigma_a
                     * (1.0 / levels.shown[k - 1].max(f64::MIN_POSITIVE)
                         + 1.0 / levels.shown[*k].max(f64::MIN_POSITIVE))
                     .sqrt();
                 (levels.level_a[*k] - levels.level_a[k - 1]).abs() < FILTER_MERGE_SIGMAS * error_a
-            });
+            };
+            let jump_a = |k: &usize| {
+                let start = self.segments[*k].start;
+                (self.by_voltage_a[start] - self.by_voltage_a[start - 1]).abs()
+            };
+            // The smallest jump first: a short segment may be like both of its neighbours.
+            let alike = (1..self.segments.len())
+                .filter(|k| jump_a(k) < LARGE_STEP_PART * self.largest_a && is_alike(k))
+                .min_by(|a, b| jump_a(a).total_cmp(&jump_a(b)));
             let Some(k) = alike else {
                 return;
             };
@@ -459,14 +487,15 @@ fn inverse(record: &TimeRecord, soc: f64, model: &BaseModel) -> Vec<f64> {
     let mut branch_v = vec![0.0; erm.branches.len()];
     let mut soc = soc;
     let level_v = model.ocv.voltage_v(soc) - series.voltage_v[0];
-    let begins_at_rest = series.current_a[0].abs()
-        < FILTER_REST_PART
-            * series
-                .current_a
-                .iter()
-                .fold(0.0f64, |most, i| most.max(i.abs()));
+    let largest_a = series
+        .current_a
+        .iter()
+        .fold(0.0f64, |most, i| most.max(i.abs()));
+    let begins_at_rest = series.current_a[0].abs() < FILTER_REST_PART * largest_a;
     let level_v = if begins_at_rest { level_v } else { 0.0 };
-    let mut all = Vec::with_capacity(series.len());
+    let mut all: Vec<f64> = Vec::with_capacity(series.len());
+    // Current that flows on until the next sample, A.
+    let mut flowing_a = 0.0;
     for k in 0..series.len() {
         let step_s = if k > 0 {
             series.time_s[k] - series.time_s[k - 1]
@@ -480,17 +509,32 @@ fn inverse(record: &TimeRecord, soc: f64, model: &BaseModel) -> Vec<f64> {
             };
             soc -= mean_a * step_s / (3600.0 * model.ocv.capacity_ah);
         }
-        let (mut kept_v, mut ohm) = (0.0, erm.r_ohm);
-        for (v, branch) in branch_v.iter().zip(&erm.branches) {
-            let old = (-step_s / branch.time_constant_s()).exp();
-            kept_v += old * v;
-            ohm += (1.0 - old) * branch.r_ohm;
-        }
-        let current_a = (model.ocv.voltage_v(soc) - level_v - kept_v - series.voltage_v[k]) / ohm;
+        let old = |time_constant_s: f64| (-step_s / time_constant_s).exp();
+        let (mut of_branches_v, mut ohm) = (0.0, erm.r_ohm);
         for (v, branch) in branch_v.iter_mut().zip(&erm.branches) {
-            let old = (-step_s / branch.time_constant_s()).exp();
-            *v = old * *v + (1.0 - old) * branch.r_ohm * current_a;
+            let old = old(branch.time_constant_s());
+            *v *= old;
+            match record.between {
+                // The new current begins with its sample.
+                Between::Hold => *v += (1.0 - old) * branch.r_ohm * flowing_a,
+                // It began somewhere since the sample before.
+                Between::Linear => ohm += (1.0 - old) * branch.r_ohm,
+            }
+            of_branches_v += *v;
         }
+        let open_v = model.ocv.voltage_v(soc) - level_v;
+        let current_a = (open_v - of_branches_v - series.voltage_v[k]) / ohm;
+        if record.between == Between::Linear {
+            for (v, branch) in branch_v.iter_mut().zip(&erm.branches) {
+                *v += (1.0 - old(branch.time_constant_s())) * branch.r_ohm * current_a;
+            }
+        }
+        // A part of what the model misses only, so that it does not swing over long steps.
+        flowing_a = if (current_a - flowing_a).abs() > FILTER_SWING_PART * largest_a {
+            current_a
+        } else {
+            0.75 * flowing_a + 0.25 * current_a
+        };
         all.push(current_a);
     }
     all

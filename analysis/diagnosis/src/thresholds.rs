@@ -476,6 +476,12 @@ thresholds! {
     FILTER_REST_PART: f64 = 0.02, "1",
         "Part of the record's largest current below which none flows.",
         Convention "As `REST_CURRENT_PART`.";
+    FILTER_OFF_PART: f64 = 0.3, "1",
+        "Part of the current before it, by the voltage, below which the current was switched off.",
+        Convention "What a model misses of a voltage after a load is less.";
+    FILTER_SWING_PART: f64 = 0.05, "1",
+        "Change of the current by the voltage, as a part of the largest, that is followed at once.",
+        Convention "Smaller ones are followed slowly, so that a misfit does not swing.";
     FILTER_AT_ONCE: f64 = 0.6, "1",
         "Part of a large step that the voltage must show in its first sample.",
         Convention "Where the source is slow, the voltage shows as little of it as the log.";
