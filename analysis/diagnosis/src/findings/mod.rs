@@ -16,7 +16,7 @@ mod scene;
 mod stamps;
 
 use crate::data::DataSet;
-use crate::gate::{Expected, Inspection, Reason, Subject};
+use crate::gate::{Expected, GateReport, Inspection, Reason, Subject, gate};
 use crate::prepare::BaseModel;
 
 pub use finding::{Finding, FindingKind};
@@ -45,6 +45,21 @@ pub struct Told<'a> {
     pub expected: &'a Expected,
     /// As it is where corrections apply, and what the model expects of that.
     pub corrected: Option<(&'a DataSet, &'a Expected)>,
+}
+
+/// The findings on a data set and what the gate says of it, without a diagnosis.
+pub fn inspect(set: &DataSet, model: &BaseModel) -> (GateReport, Vec<Finding>) {
+    let expected = Expected::new(set, model);
+    let report = gate(set, &expected);
+    let corrected = expected.filter.as_ref().map(|f| f.corrected(set, model));
+    let of_corrected = corrected.as_ref().map(|set| Expected::new(set, model));
+    let told = Told {
+        set,
+        expected: &expected,
+        corrected: corrected.as_ref().zip(of_corrected.as_ref()),
+    };
+    let found = findings(told, model, &report.invalid);
+    (report, found)
 }
 
 /// The findings on a data set; runs that the gate refused are left out.

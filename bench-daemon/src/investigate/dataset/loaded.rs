@@ -2,7 +2,7 @@
 
 use analysis::{
     calibration::CommonError,
-    diagnosis::{DataSet, Finding, Run, RunData},
+    diagnosis::{DataSet, Finding, FindingKind, Run, RunData},
     fit::RefusedPoint,
     spectrum::FlaggedPoint,
 };
@@ -24,6 +24,8 @@ pub struct Loaded {
     pub notes: Vec<String>,
     /// What is odd in the files.
     pub findings: Vec<Finding>,
+    /// Findings whose correction is asked for.
+    pub accept: Vec<FindingKind>,
     /// Points that the quality gate of their measurement has refused, by the names of their runs,
     /// and whether they are used all the same.
     pub refused: Vec<RefusedPoint>,

@@ -80,6 +80,7 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         problems,
         notes: notes.into_iter().collect(),
         findings: resolver.findings,
+        accept: raw.accept.iter().flatten().map(|one| one.kind()).collect(),
         refused: Vec::new(),
     };
     for flagged in resolver.flagged {

@@ -89,6 +89,7 @@ fn empty(name: String) -> Loaded {
         set,
         problems: Vec::new(),
         findings: Vec::new(),
+        accept: Vec::new(),
         notes: Vec::new(),
         refused: Vec::new(),
     }
