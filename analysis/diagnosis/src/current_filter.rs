@@ -17,8 +17,8 @@ use super::data::{BenchHistory, DataSet, Fixture, Run, RunData, Start, TimeRecor
 use super::prepare::BaseModel;
 use crate::thresholds::{
     FILTER_AT_ONCE, FILTER_EDGE_PART, FILTER_EDGE_SIGMAS, FILTER_FEWEST_EDGES, FILTER_LEFT_PART,
-    FILTER_MERGE_SIGMAS, FILTER_OFF_PART, FILTER_RECORDS_PART, FILTER_REST_PART, FILTER_SLOWER,
-    FILTER_SWING_PART, FILTER_TRIED_S, FILTER_TRIES, LARGE_STEP_PART,
+    FILTER_MERGE_SIGMAS, FILTER_OFF_PART, FILTER_RECORDS_PART, FILTER_REST_PART, FILTER_SEGMENT_S,
+    FILTER_SLOWER, FILTER_SWING_PART, FILTER_TRIED_S, FILTER_TRIES, LARGE_STEP_PART,
 };
 
 /// Form of a filter.
@@ -120,8 +120,24 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
         averaged: false,
         tau_s: 0.0,
     };
+    // Levels shorter than a filter are told badly: records with longer ones have the say.
+    let telling = |cut: &&Cut<'_>| cut.typical_s() >= FILTER_SEGMENT_S;
+    let steps_of = |cut: &Cut<'_>| cut.segments.len() - 1;
+    let enough = cuts.iter().filter(telling).map(steps_of).sum::<usize>() >= FILTER_FEWEST_EDGES;
+    if enough {
+        // They come first, in the order of the set.
+        cuts.sort_by_key(|cut| !telling(&cut));
+    }
+    let count = if enough {
+        cuts.iter().filter(telling).count()
+    } else {
+        cuts.len()
+    };
     let total = |cuts: &[Cut<'_>], tried: Tried| -> f64 {
-        cuts.iter().map(|cut| cut.levels(tried).squares).sum()
+        cuts[..count]
+            .iter()
+            .map(|cut| cut.levels(tried).squares)
+            .sum()
     };
     let (low, high) = FILTER_TRIED_S;
     let step = (high / low).ln() / (FILTER_TRIES - 1) as f64;
@@ -156,17 +172,24 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
     });
     let (tried, curvature, squares) = sharp.min_by(|a, b| a.2.total_cmp(&b.2))?;
     let tau_s = tried.tau_s;
-    let rows: usize = cuts.iter().map(Cut::rows).sum();
-    let levels: usize = cuts.iter().map(|cut| cut.segments.len()).sum();
+    let rows: usize = cuts[..count].iter().map(Cut::rows).sum();
+    let levels: usize = cuts[..count].iter().map(|cut| cut.segments.len()).sum();
     let variance = squares / rows.saturating_sub(levels + 1).max(1) as f64;
     let has_it =
         |cut: &&Cut<'_>| cut.levels(tried).squares < FILTER_LEFT_PART * cut.levels(none).squares;
     let stepped: Vec<&Cut<'_>> = cuts.iter().filter(|cut| cut.segments.len() > 1).collect();
-    let filtered = stepped.iter().copied().filter(has_it).count();
-    let [by_voltage, by_log, after_s] = first_samples(&cuts, tried);
+    let asked = cuts[..count]
+        .iter()
+        .filter(|cut| cut.segments.len() > 1)
+        .count();
+    let filtered = cuts[..count]
+        .iter()
+        .filter(|cut| cut.segments.len() > 1 && has_it(cut))
+        .count();
+    let [by_voltage, by_log, after_s] = first_samples(&cuts[..count], tried);
     let shared = squares < FILTER_LEFT_PART * without
-        && filtered >= 2.min(stepped.len())
-        && filtered as f64 >= FILTER_RECORDS_PART * stepped.len() as f64
+        && filtered >= 2.min(asked)
+        && filtered as f64 >= FILTER_RECORDS_PART * asked as f64
         && by_voltage > FILTER_AT_ONCE
         && by_voltage > by_log
         && tau_s > FILTER_SLOWER * after_s;
@@ -286,6 +309,18 @@ impl<'a> Cut<'a> {
                 .map_or(0.0, |h| 3.0 * h.current_noise_a + h.current_resolution_a)
                 .max(FILTER_REST_PART * largest_a),
         })
+    }
+
+    /// Middle of how long a level lasts, s.
+    fn typical_s(&self) -> f64 {
+        let time_s = &self.record.series.time_s;
+        let mut spans_s: Vec<f64> = self
+            .segments
+            .iter()
+            .filter_map(|segment| Some(time_s.get(segment.end)? - time_s[segment.start]))
+            .collect();
+        spans_s.sort_unstable_by(f64::total_cmp);
+        spans_s.get(spans_s.len() / 2).copied().unwrap_or(0.0)
     }
 
     /// Whether no current flows any more: the log says so in all rows, and the voltage says that it

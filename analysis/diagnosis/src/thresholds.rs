@@ -409,9 +409,9 @@ thresholds! {
         "Least part of the steps that are uneven by exactly one quantum.",
         Convention "Fewer say that the record was made of pieces. No study of the value is on \
         record.";
-    ROUNDED_MOST_QUANTA: usize = 8, "1",
+    ROUNDED_MOST_QUANTA: usize = 10, "1",
         "Most quanta in a step for their rounding to matter.",
-        Convention "An edge is then known to an eighth of a sample or better.";
+        Convention "An edge is then known to a tenth of a sample or better.";
     SLOW_BRANCH_PART: f64 = 0.5, "1",
         "Time constant of a branch, as a part of the distance of samples at edges, below which a \
         record does not see it.",
@@ -464,6 +464,10 @@ thresholds! {
     FILTER_EDGE_PART: f64 = 0.01, "1",
         "The same as a part of the record's largest current.",
         Convention "Smaller steps are left in the log as they are.";
+    FILTER_SEGMENT_S: f64 = 2.0, "s",
+        "Typical time that a record's current is constant for the record to have a say about form \
+        and time constant.",
+        Convention "Most of a filter of 1 s is then seen. Where no records are so, all have a say.";
     FILTER_MERGE_SIGMAS: f64 = 4.0, "σ",
         "Difference of two levels of the current below which there was no step between them.",
         Quantile "Normal distribution, two-sided probability 6·10⁻⁵.";

@@ -25,16 +25,16 @@ use scene::Scene;
 /// One detector over the runs that the gate let pass.
 type Detector = fn(&Scene<'_>) -> Vec<Finding>;
 
-const DETECTORS: [Detector; 8] = [
+const DETECTORS: [Detector; 5] = [
     current::find,
     leakage::find,
     rest::find,
-    rows::missing,
-    rows::repeated,
-    stamps::rounded,
     stamps::slow,
     resolution::find,
 ];
+
+/// Detectors over all runs: what they find may be why the gate refused one.
+const OF_ALL: [Detector; 3] = [rows::missing, rows::repeated, stamps::rounded];
 
 /// A data set that is told of.
 #[derive(Debug, Clone, Copy)]
@@ -62,7 +62,7 @@ pub fn inspect(set: &DataSet, model: &BaseModel) -> (GateReport, Vec<Finding>) {
     (report, found)
 }
 
-/// The findings on a data set; runs that the gate refused are left out.
+/// The findings on a data set; of runs that the gate refused, only what their rows and stamps tell.
 pub fn findings(told: Told<'_>, model: &BaseModel, refused: &[Reason]) -> Vec<Finding> {
     let scene = |set, expected| Scene {
         at: inspection(set, expected, refused),
@@ -70,6 +70,11 @@ pub fn findings(told: Told<'_>, model: &BaseModel, refused: &[Reason]) -> Vec<Fi
     };
     let raw = scene(told.set, told.expected);
     let mut found: Vec<Finding> = DETECTORS.iter().flat_map(|find| find(&raw)).collect();
+    let all = Scene {
+        at: inspection(told.set, told.expected, &[]),
+        model,
+    };
+    found.extend(OF_ALL.iter().flat_map(|find| find(&all)));
     // A current that comes late looks like a cell of another size.
     found.extend(match told.corrected {
         Some((set, expected)) => scale::find(&scene(set, expected)),

@@ -4,8 +4,8 @@ use super::finding::{Finding, FindingKind, names};
 use super::scene::{Played, Scene};
 use crate::gate::median;
 use crate::thresholds::{
-    LARGE_STEP_PART, ROUNDED_FEWEST, ROUNDED_MOST_QUANTA, ROUNDED_PART, SLOW_BRANCH_PART,
-    SLOW_SHARE,
+    GAP_CHANGES_PART, LARGE_STEP_PART, ROUNDED_FEWEST, ROUNDED_MOST_QUANTA, ROUNDED_PART,
+    SLOW_BRANCH_PART, SLOW_SHARE,
 };
 use analysis_effects::augmented::Between;
 
@@ -13,7 +13,7 @@ pub(super) fn rounded(scene: &Scene<'_>) -> Vec<Finding> {
     let all: Vec<(Played<'_>, f64, f64)> = scene
         .records()
         .filter_map(|played| {
-            let (quantum_s, part) = rounding(&played.record.series.time_s)?;
+            let (quantum_s, part) = rounding(&played)?;
             Some((played, quantum_s, part))
         })
         .collect();
@@ -44,9 +44,10 @@ pub(super) fn rounded(scene: &Scene<'_>) -> Vec<Finding> {
 
 /// The quantum of stamps, s, and the part of steps that it makes uneven; none where the sampling is
 /// as even as the stamps.
-fn rounding(time_s: &[f64]) -> Option<(f64, f64)> {
+fn rounding(played: &Played<'_>) -> Option<(f64, f64)> {
     const QUANTA_S: [f64; 10] = [10.0, 5.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.001];
-    let steps: Vec<f64> = time_s.windows(2).map(|w| w[1] - w[0]).collect();
+    let series = &played.record.series;
+    let steps: Vec<f64> = series.time_s.windows(2).map(|w| w[1] - w[0]).collect();
     let is_multiple = |h: &f64, q: f64| {
         let n = h / q;
         n > 0.5 && (n - n.round()).abs() < 1e-4
@@ -59,13 +60,22 @@ fn rounding(time_s: &[f64]) -> Option<(f64, f64)> {
         .iter()
         .map(|h| (h / quantum_s).round() as i64)
         .collect();
+    // A logger that samples at edges too is not uneven by rounding.
+    let largest_a = played.largest_a();
+    let is_quiet = |rows: &[f64]| {
+        rows.windows(2)
+            .all(|w| (w[1] - w[0]).abs() < GAP_CHANGES_PART * largest_a)
+    };
     let uneven = quanta
         .windows(3)
-        .filter(|w| {
+        .enumerate()
+        .filter(|(first, w)| {
+            let around = first.saturating_sub(1)..(first + 5).min(series.len());
             let most = w.iter().max().copied().unwrap_or(0);
             (w[1] - w[0]).abs() == 1
                 && (w[2] - w[1]) * (w[1] - w[0]) <= 0
                 && most <= ROUNDED_MOST_QUANTA as i64
+                && is_quiet(&series.current_a[around])
         })
         .count();
     let part = uneven as f64 / quanta.len().max(1) as f64;
