@@ -57,8 +57,8 @@ pub struct Filter {
     pub(crate) left: f64,
     /// Edges of the current that tell it.
     pub(crate) edges: usize,
-    /// Part of a step that the voltage shows in its first sample, and the logged current, in the
-    /// middle of the large ones.
+    /// Part of a step that the voltage shows in its first sample, in the middle of the large ones,
+    /// and the logged current, in their lower quartile.
     pub(crate) at_once: [f64; 2],
     /// The records, by their names, with the current that flowed.
     pub(crate) records: Vec<Corrected>,
@@ -237,7 +237,7 @@ fn sharpened(at: impl Fn(f64) -> f64, first_s: f64, first_step: f64) -> (f64, f6
 }
 
 /// Part of the large steps that voltage and log show in the first sample, and the time to the next
-/// one, s: the middle of each.
+/// one, s.
 fn first_samples(cuts: &[Cut<'_>], tried: Tried) -> [f64; 3] {
     let mut parts: [Vec<f64>; 3] = Default::default();
     for cut in cuts {
@@ -255,9 +255,11 @@ fn first_samples(cuts: &[Cut<'_>], tried: Tried) -> [f64; 3] {
             }
         }
     }
-    parts.map(|mut all| {
+    // A filter that starts anew shows a switching off at once: the lower quartile of the log tells.
+    let [voltage, log, times] = &mut parts;
+    [(voltage, 2), (log, 4), (times, 2)].map(|(all, part)| {
         all.sort_unstable_by(f64::total_cmp);
-        all.get(all.len() / 2).copied().unwrap_or(0.0)
+        all.get(all.len() / part).copied().unwrap_or(0.0)
     })
 }
 

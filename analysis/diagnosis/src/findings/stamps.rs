@@ -1,5 +1,7 @@
 //! Time stamps that are rounded, and samples too far apart for what the model knows.
 
+use std::ops::Range;
+
 use super::finding::{Finding, FindingKind, names};
 use super::scene::{Played, Scene};
 use crate::gate::median;
@@ -62,9 +64,20 @@ fn rounding(played: &Played<'_>) -> Option<(f64, f64)> {
         .collect();
     // A logger that samples at edges too is not uneven by rounding.
     let largest_a = played.largest_a();
-    let is_quiet = |rows: &[f64]| {
+    let (low_v, high_v) = series
+        .voltage_v
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+            (l.min(*v), h.max(*v))
+        });
+    let still = |rows: &[f64], size: f64| {
         rows.windows(2)
-            .all(|w| (w[1] - w[0]).abs() < GAP_CHANGES_PART * largest_a)
+            .all(|w| (w[1] - w[0]).abs() < GAP_CHANGES_PART * size)
+    };
+    // The voltage sees an edge that the log has smoothed.
+    let is_quiet = |rows: Range<usize>| {
+        still(&series.current_a[rows.clone()], largest_a)
+            && still(&series.voltage_v[rows], high_v - low_v)
     };
     let uneven = quanta
         .windows(3)
@@ -75,7 +88,7 @@ fn rounding(played: &Played<'_>) -> Option<(f64, f64)> {
             (w[1] - w[0]).abs() == 1
                 && (w[2] - w[1]) * (w[1] - w[0]) <= 0
                 && most <= ROUNDED_MOST_QUANTA as i64
-                && is_quiet(&series.current_a[around])
+                && is_quiet(around)
         })
         .count();
     let part = uneven as f64 / quanta.len().max(1) as f64;
