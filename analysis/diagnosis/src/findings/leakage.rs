@@ -24,7 +24,7 @@ pub(super) fn find(scene: &Scene<'_>) -> Vec<Finding> {
                 found.push(finding(
                     &[&later.run.name, &earlier.run.name],
                     held_out,
-                    text,
+                    &text,
                     how_sure,
                 ));
             }
@@ -47,14 +47,14 @@ pub(super) fn find(scene: &Scene<'_>) -> Vec<Finding> {
         for (earlier, was_held_out, other) in &sweeps[..k] {
             if let Some((text, how_sure)) = same_points(sweep, other) {
                 let held_out = [*is_held_out, *was_held_out];
-                found.push(finding(&[later, earlier], held_out, text, how_sure));
+                found.push(finding(&[later, earlier], held_out, &text, how_sure));
             }
         }
     }
     found
 }
 
-fn finding(runs: &[&str; 2], held_out: [bool; 2], text: String, how_sure: String) -> Finding {
+fn finding(runs: &[&str; 2], held_out: [bool; 2], text: &str, how_sure: String) -> Finding {
     // The held-out run is named first.
     let [a, b] = match held_out {
         [false, true] => [runs[1], runs[0]],

@@ -93,6 +93,8 @@ fn frozen(scene: &Scene<'_>, played: &Played<'_>) -> Option<Finding> {
     let least_v =
         (FROZEN_CODES * codes_v).max(FROZEN_SIGMAS * scene.at.sample_noise_v(played.record));
     let kept = by_codes(scene, played, codes_v);
+    // A model of a larger cell, or a current in mA, expects more than is there.
+    let shrunk = (range(&series.voltage_v) / range(played.expected_v)).min(1.0);
     let stuck: Vec<(Range<usize>, f64)> = stretches(series.len(), same)
         .into_iter()
         .filter(|row| row.len() >= FROZEN_LEAST_ROWS)
@@ -115,13 +117,8 @@ fn frozen(scene: &Scene<'_>, played: &Played<'_>) -> Option<Finding> {
                 .fold(often.max(kept), f64::max)
                 .min(1.0);
             let chance = series.len() as f64 * often.powi(repeats as i32);
-            let (low, high) = row
-                .clone()
-                .map(|k| played.expected_v[k])
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
-                    (l.min(v), h.max(v))
-                });
-            (chance < FROZEN_BY_CHANCE || high - low > least_v).then_some((row, chance))
+            let moves_v = shrunk * range(&played.expected_v[row.clone()]);
+            (chance < FROZEN_BY_CHANCE || moves_v > least_v).then_some((row, chance))
         })
         .collect();
     let (longest, chance) = stuck.iter().max_by_key(|(row, _)| row.len())?;
@@ -164,6 +161,15 @@ fn by_codes(scene: &Scene<'_>, played: &Played<'_>, codes_v: f64) -> f64 {
     let step_v = codes_v.max(h.voltage_resolution_v);
     let step_a = codes_a.max(h.current_resolution_a);
     within(step_v, h.voltage_noise_v) * within(step_a, h.current_noise_a)
+}
+
+fn range(values: &[f64]) -> f64 {
+    let (low, high) = values
+        .iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+            (l.min(*v), h.max(*v))
+        });
+    high - low
 }
 
 /// Stretches of rows in which each is the same as the one before.
