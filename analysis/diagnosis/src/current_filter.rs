@@ -14,6 +14,7 @@ use analysis_effects::augmented::Between;
 use serde::Serialize;
 
 use super::data::{BenchHistory, DataSet, Fixture, Run, RunData, Start, TimeRecord};
+use super::edges::UNIFORM;
 use super::prepare::BaseModel;
 use crate::thresholds::{
     FILTER_AT_ONCE, FILTER_EDGE_PART, FILTER_EDGE_SIGMAS, FILTER_FEWEST_EDGES, FILTER_LEFT_PART,
@@ -70,8 +71,8 @@ pub(crate) struct Corrected {
     pub(crate) run: String,
     /// Current that flowed at each sample, A.
     pub(crate) current_a: Vec<f64>,
-    /// Its standard deviation, A.
-    pub(crate) sigma_a: Vec<f64>,
+    /// Standard deviation of each level, A.
+    pub(crate) level_sigma_a: Vec<f64>,
 }
 
 /// A record cut where the voltage tells that the current stepped.
@@ -491,16 +492,15 @@ impl<'a> Cut<'a> {
     fn corrected(&self, tried: Tried, sigma_a: f64) -> Corrected {
         let levels = self.levels(tried);
         let n = self.record.series.len();
-        let (mut current_a, mut errors_a) = (vec![0.0; n], vec![0.0; n]);
+        let mut current_a = vec![0.0; n];
         for (k, segment) in self.segments.iter().enumerate() {
             current_a[segment.clone()].fill(levels.level_a[k]);
-            let error_a = sigma_a / levels.shown[k].max(f64::MIN_POSITIVE).sqrt();
-            errors_a[segment.clone()].fill(error_a);
         }
+        let error_a = |shown: &f64| sigma_a / shown.max(f64::MIN_POSITIVE).sqrt();
         Corrected {
             run: self.run.name.clone(),
             current_a,
-            sigma_a: errors_a,
+            level_sigma_a: levels.shown.iter().map(error_a).collect(),
         }
     }
 }
@@ -595,26 +595,25 @@ impl Filter {
         )
     }
 
-    /// The data with the current that flowed in the place of the logged one. What is not known of
-    /// it counts as noise of the voltage.
-    pub(crate) fn corrected(&self, set: &DataSet, model: &BaseModel) -> DataSet {
+    /// The data with the current that flowed in the place of the logged one. Each level is known as
+    /// well as the log tells it: an error of its own, as one code of the channel is.
+    pub(crate) fn corrected(&self, set: &DataSet) -> DataSet {
         let mut set = set.clone();
         for run in &mut set.runs {
-            let (RunData::Time(record), Some(own)) = (
+            if let (RunData::Time(record), Some(own)) = (
                 &mut run.data,
                 self.records.iter().find(|own| own.run == run.name),
-            ) else {
-                continue;
-            };
-            record.series.current_a.clone_from(&own.current_a);
-            let stated = record.sigma_v.clone();
-            let sigma = own.sigma_a.iter().enumerate().map(|(k, sigma_a)| {
-                let of_current_v = sigma_a * model.erm.r_ohm;
-                stated
-                    .as_ref()
-                    .map_or(of_current_v, |all| all[k].hypot(of_current_v))
-            });
-            record.sigma_v = Some(sigma.collect());
+            ) {
+                record.series.current_a.clone_from(&own.current_a);
+            }
+        }
+        let levels = self.records.iter().flat_map(|own| &own.level_sigma_a);
+        let mut sigmas_a: Vec<f64> = levels.copied().collect();
+        sigmas_a.sort_unstable_by(f64::total_cmp);
+        let typical_a = sigmas_a.get(sigmas_a.len() / 2).copied().unwrap_or(0.0);
+        if let Some(history) = &mut set.history {
+            let as_code_a = typical_a / UNIFORM;
+            history.current_resolution_a = history.current_resolution_a.max(as_code_a);
         }
         set
     }

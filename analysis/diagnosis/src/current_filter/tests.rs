@@ -65,7 +65,7 @@ fn the_corrected_current_is_the_one_that_flowed() {
         let clean = campaign(&Hidden::default(), 2);
         let set = damaged(2, |t, i| filtered(t, i, 1.0, anew));
         let filter = found(&set);
-        let mut corrected = filter.corrected(&set, &model());
+        let mut corrected = filter.corrected(&set);
         let mut flowed = clean;
         for name in ["pulse_0", "discharge_1"] {
             let (own, truth) = (

@@ -51,7 +51,7 @@ pub struct Told<'a> {
 pub fn inspect(set: &DataSet, model: &BaseModel) -> (GateReport, Vec<Finding>) {
     let expected = Expected::new(set, model);
     let report = gate(set, &expected);
-    let corrected = expected.filter.as_ref().map(|f| f.corrected(set, model));
+    let corrected = expected.filter.as_ref().map(|f| f.corrected(set));
     let of_corrected = corrected.as_ref().map(|set| Expected::new(set, model));
     let told = Told {
         set,

@@ -5,7 +5,7 @@ use crate::{BaseModel, DataSet, Role, RunData};
 
 fn look(set: &DataSet, model: &BaseModel) -> Vec<Finding> {
     let expected = Expected::new(set, model);
-    let corrected = expected.filter.as_ref().map(|f| f.corrected(set, model));
+    let corrected = expected.filter.as_ref().map(|f| f.corrected(set));
     let of_corrected = corrected.as_ref().map(|set| Expected::new(set, model));
     let told = Told {
         set,

@@ -23,10 +23,7 @@ pub fn diagnose(
     options: &DiagnosisOptions,
 ) -> Result<Outcome, DataSetError> {
     let raw = Expected::new(set, model);
-    let corrected = raw
-        .filter
-        .as_ref()
-        .map(|filter| filter.corrected(set, model));
+    let corrected = raw.filter.as_ref().map(|filter| filter.corrected(set));
     let of_corrected = corrected.as_ref().map(|set| Expected {
         filter: None,
         ..Expected::new(set, model)
