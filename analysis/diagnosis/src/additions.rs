@@ -15,6 +15,16 @@ impl Diagnosis {
             .collect()
     }
 
+    /// Which corrected data the evidence hangs on.
+    fn of_corrected(&self) -> String {
+        let titles: Vec<&str> = self.accepted.iter().map(|kind| kind.title()).collect();
+        if titles.is_empty() {
+            String::new()
+        } else {
+            format!("; on data corrected for: {}", titles.join(", "))
+        }
+    }
+
     /// The terms of the augmentation for predictions as additions to the model that was refitted
     /// together with them; empty where there is none.
     pub fn predictive_additions(&self, added_by: &str) -> Vec<Addition> {
@@ -34,7 +44,7 @@ impl Diagnosis {
             group: term.group,
             parameters: parameters(&term.parameters),
             evidence: AdditionEvidence {
-                text: text.replace("{form}", term.stands_for),
+                text: text.replace("{form}", term.stands_for) + &self.of_corrected(),
                 lambda: predictive.lambda,
                 score: predictive.score,
                 held_out_gap_before_v: over(|g| g.base_mv),
@@ -62,7 +72,7 @@ impl Diagnosis {
             group: effect.group,
             parameters: parameters(&effect.parameters),
             evidence: AdditionEvidence {
-                text: sure.to_owned(),
+                text: format!("{sure}{}", self.of_corrected()),
                 lambda: e.lambda,
                 score: e.score,
                 held_out_gap_before_v: rms_v(&self.gap, |g| g.base_mv),

@@ -4,6 +4,7 @@ use super::block::{DataSetError, Kind, Workspace};
 use super::consistency::inconsistencies;
 use super::data::{DataSet, Role};
 use super::experiment::{Advice, BenchLimits, PlannedRun, Playable, recommend};
+use super::findings::FindingKind;
 use super::gap::{Fits, gaps, sample_floor, samples, spectrum_gaps};
 use super::guards::Guards;
 use super::intervals::named;
@@ -39,6 +40,8 @@ pub struct DiagnosisOptions {
     pub limits: Option<BenchLimits>,
     /// Filter of the planned runs that may be recommended; all unless told otherwise.
     pub playable: Option<Playable>,
+    /// Findings whose correction is used in the place of the raw data; none unless told otherwise.
+    pub accept: Vec<FindingKind>,
 }
 
 impl Default for DiagnosisOptions {
@@ -47,6 +50,7 @@ impl Default for DiagnosisOptions {
             candidates: catalogue().to_vec(),
             limits: None,
             playable: None,
+            accept: Vec::new(),
         }
     }
 }
@@ -151,6 +155,8 @@ pub(crate) fn diagnose_with(
         gap_spectra: spectrum_gaps(problem, &model.erm, fits, &mut workspace),
         next_experiment: None,
         inseparable: Vec::new(),
+        findings: Vec::new(),
+        accepted: Vec::new(),
         notes: Vec::new(),
         quality: quality(problem, base, fit),
         noise: noise_report(judged),

@@ -8,6 +8,7 @@ mod block;
 mod charge;
 mod codes;
 mod consistency;
+mod current_filter;
 mod current_noise_propagation;
 mod data;
 mod diagnose;
@@ -15,6 +16,7 @@ mod distinguish;
 mod edges;
 mod estimate;
 mod experiment;
+pub mod findings;
 mod gap;
 pub mod gate;
 mod guards;
@@ -54,6 +56,7 @@ pub use data::{
 pub use diagnose::{DiagnosisOptions, Outcome};
 pub use distinguish::distinguish;
 pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
+pub use findings::{Finding, FindingKind};
 pub use gate::diagnose;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence,

@@ -1,5 +1,6 @@
 //! Result of a diagnosis: `diagnosis.json`, and the curves behind its pictures.
 
+use super::findings::{Finding, FindingKind};
 use analysis_effects::contract::{Facts, Group};
 use analysis_model::model::Erm;
 use num_complex::Complex64;
@@ -75,6 +76,10 @@ pub struct Diagnosis {
     /// the second name is empty where the signal is too small for any of them to make the name
     /// certain.
     pub inseparable: Vec<[&'static str; 2]>,
+    /// What is odd in the data as they were written, before any physics.
+    pub findings: Vec<Finding>,
+    /// The findings whose correction was used in the place of the raw data.
+    pub accepted: Vec<FindingKind>,
     /// Warnings to the user, in sentences.
     pub notes: Vec<String>,
     /// Quality of the fits.

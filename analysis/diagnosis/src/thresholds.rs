@@ -325,6 +325,174 @@ thresholds! {
         "Median of the magnitude of the difference of two samples of white noise, in standard \
         deviations of a sample.",
         Quantile "Half-normal distribution of scale √2, probability 0.5: 0.6745·√2 = 0.9539.";
+    // Findings on the data.
+    COPY_WINDOW: usize = 12, "rows",
+        "Rows in a row that must be equal in two runs for the place of a copy to be looked for.",
+        Convention "Where a third of the rows of two repeats are equal by their codes, twelve in a \
+        row are by chance once in 500 000.";
+    COPY_DISTINCT: usize = 6, "1",
+        "Fewest voltages that differ among these rows.",
+        Convention "Half of the rows must tell something: a rest repeats few codes in every run.";
+    COPY_LEAST_ROWS: usize = 24, "rows",
+        "Fewest rows that two runs share in a copy.",
+        Convention "Two windows of `COPY_WINDOW`.";
+    COPY_CHANGES: usize = 12, "1",
+        "Fewest changes of the voltage among the shared rows.",
+        Convention "Each change is a coincidence of its own. No study of the value is on record.";
+    COPY_EQUAL_PART: f64 = 0.98, "1",
+        "Part of the shared rows, or points of a spectrum, that must be equal to the last digit.",
+        Convention "Repeats of a bench with coarse codes have many equal rows, but not all.";
+    COPY_OF_RUN: f64 = 0.05, "1",
+        "Least part of the shorter run that the shared rows are.",
+        Convention "Less of a run hardly moves a gap. No study of the value is on record.";
+    COPY_NOISE_PART: f64 = 0.4, "1",
+        "Scatter of the difference of two runs, as a part of what two measurements make, below \
+        which one is made of the other.",
+        Convention "Two measurements give one within some per cent, a copy that was rounded much \
+        less. Where the model misses, they give less than one.";
+    WHITE_SCATTER_SIGMAS: f64 = 1.652, "σ",
+        "Median of the magnitude of the second difference of white noise, in standard deviations of \
+        a sample.",
+        Quantile "Half-normal distribution of scale √6, probability 0.5: 0.6745·√6 = 1.652.";
+    COPY_LEAST_V: f64 = 1e-8, "V",
+        "Scatter of that difference below which coarse codes have made the two runs equal.",
+        Convention "Far below any code; zero but for the digits of a float.";
+    REST_CURRENT_PART: f64 = 0.02, "1",
+        "Part of the record's largest current up to which it rests.",
+        Convention "Zero and noise of a channel lie within it. No study of the value is on record.";
+    REST_SIGMAS: f64 = 5.0, "σ",
+        "Distance of the rest voltage from its expectation, in standard deviations of noise, level \
+        and start voltage, that is told.",
+        Quantile "Normal distribution, two-sided probability 6·10⁻⁷.";
+    REST_LEAST_V: f64 = 0.03, "V",
+        "Least distance of the rest voltage that is told.",
+        Convention "Hysteresis of LFP is 17 mV and a rest of minutes lacks some millivolts: both \
+        are the physics' to name.";
+    REST_SOC: f64 = 0.02, "1",
+        "Error of a stated state of charge that is allowed in addition, by the curve's slope.",
+        Convention "As for counted states in `dataset init`: further than 2 % off is refused there.";
+    GAP_TIMES_EVEN: f64 = 3.0, "1",
+        "Multiple of the steps around from which on rows are missing in an evenly sampled record.",
+        Convention "Three rows or more are lost; one late row is no gap.";
+    GAP_TIMES: f64 = 12.0, "1",
+        "The same in a record whose spacing changes.",
+        Convention "Loggers that slow down by decades make steps of ten times the one before.";
+    GAP_AROUND: usize = 3, "1",
+        "Steps before and after a gap that it is compared with.",
+        Convention "A logger that slows down has longer steps behind it.";
+    GAP_CHANGES_PART: f64 = 0.05, "1",
+        "Part of the largest current by which it must differ across a gap for an edge to be lost.",
+        Convention "As `REPEAT_FLOWS_PART`.";
+    EVEN_PART: f64 = 0.9, "1",
+        "Part of the steps that must be alike for a record to be sampled evenly.",
+        Convention "Gaps, edges and the odd late row are the rest.";
+    EVEN_STEP_PART: f64 = 0.25, "1",
+        "Relative distance from the middle step within which steps are alike.",
+        Convention "Timers of cyclers scatter by a part of a step. No study of the value is on \
+        record.";
+    FROZEN_LEAST_ROWS: usize = 8, "rows",
+        "Fewest equal rows in a row that may be a logger that stood still.",
+        Convention "Codes repeat a value too; chance and motion decide, not this number.";
+    FROZEN_BY_CHANCE: f64 = 1e-9, "1",
+        "Expected number of such stretches in a record by chance, below which they are told.",
+        Convention "Rows are not independent: a drift of the noise holds a code longer.";
+    FROZEN_CODES: f64 = 3.0, "codes",
+        "Least expected motion of the voltage during equal rows that tells a standstill.",
+        Convention "One code is rounding; three are beyond it and the noise of one code.";
+    FROZEN_SIGMAS: f64 = 10.0, "σ",
+        "The same in standard deviations of a sample.",
+        Convention "As `CLIP_MOVES_SIGMAS`.";
+    ROUNDED_FEWEST: usize = 8, "1",
+        "Fewest uneven steps that tell rounded stamps.",
+        Convention "An edge makes one or two. No study of the value is on record.";
+    ROUNDED_PART: f64 = 0.05, "1",
+        "Least part of the steps that are uneven by exactly one quantum.",
+        Convention "Fewer say that the record was made of pieces. No study of the value is on \
+        record.";
+    ROUNDED_MOST_QUANTA: usize = 10, "1",
+        "Most quanta in a step for their rounding to matter.",
+        Convention "An edge is then known to a tenth of a sample or better.";
+    SLOW_BRANCH_PART: f64 = 0.5, "1",
+        "Time constant of a branch, as a part of the distance of samples at edges, below which a \
+        record does not see it.",
+        Derivation "exp(−2) = 14 % of it is left at the next sample.";
+    SLOW_SHARE: f64 = 0.25, "1",
+        "Part of the model's resistance in such branches from which on it is told.",
+        Convention "Less goes with the series resistance unseen. No study of the value is on \
+        record.";
+    CODES_FEWEST: usize = 6, "1",
+        "Fewest different values that codes are looked for in.",
+        Convention "A current of a few set points lies on any grid.";
+    CODES_FIT_PART: f64 = 0.1, "1",
+        "Distance of a step from a multiple of the code that still fits, per code.",
+        Convention "Digits of a file round codes: 0.64325 mV is written as 0.64 or 0.65 mV.";
+    CODES_ON_GRID: f64 = 0.95, "1",
+        "Part of the steps between values that must fit.",
+        Convention "Of values on no grid a third fits by chance.";
+    CODES_TIMES_STATED: f64 = 2.5, "1",
+        "Multiple of the stated step, or of the stated noise where that is more, from which on \
+        codes are coarse.",
+        Convention "The clean sets lie at 1; rounding of 2.5 times the noise is most of a floor.";
+    SCALE_WINDOW_S: f64 = 5.0, "s",
+        "Time after an edge over which model and record are compared for a factor.",
+        Convention "Diffusion and charge are small within it, most branches are not.";
+    SCALE_FEWEST: usize = 3, "1",
+        "Fewest edges that tell a factor with its scatter.",
+        Derivation "Two have one degree of freedom, of which a scatter is known to 70 %.";
+    SCALE_LEAST: f64 = 1.25, "1",
+        "Factor, or its inverse, from which on it is told.",
+        Convention "Temperature, ageing and missing effects make less on the real data sets.";
+    SCALE_SIGMAS: f64 = 5.0, "σ",
+        "Distance of the factor from one in standard deviations.",
+        Quantile "Normal distribution, two-sided probability 6·10⁻⁷.";
+    SCALE_SPECTRUM_NEAR: f64 = 0.1, "1",
+        "Logarithm of the factor of spectra to the model below which they belong together.",
+        Convention "Repeats of spectra agree to some per cent. No study of the value is on record.";
+    FILTER_TRIED_S: (f64, f64) = (0.02, 10.0), "s",
+        "Shortest and longest filter of the current that is tried.",
+        Convention "From twice the fastest logger of the study to the slowest smoothing of a \
+        cycler.";
+    FILTER_TRIES: usize = 32, "1",
+        "Number of time constants that are tried first, equally spaced in their logarithm.",
+        Convention "22 % from one to the next; the best is then sharpened.";
+    FILTER_FEWEST_EDGES: usize = 4, "1",
+        "Fewest steps of the current that tell a filter.",
+        Convention "A pulse has two; one record of one pulse is too little to speak of all.";
+    FILTER_EDGE_SIGMAS: f64 = 6.0, "σ",
+        "Least jump of the current that the voltage needs, in standard deviations of such jumps.",
+        Quantile "Normal distribution, two-sided probability 2·10⁻⁹.";
+    FILTER_EDGE_PART: f64 = 0.01, "1",
+        "The same as a part of the record's largest current.",
+        Convention "Smaller steps are left in the log as they are.";
+    FILTER_SEGMENT_S: f64 = 2.0, "s",
+        "Typical time that a record's current is constant for the record to have a say about form \
+        and time constant.",
+        Convention "Most of a filter of 1 s is then seen. Where no records are so, all have a say.";
+    FILTER_MERGE_SIGMAS: f64 = 4.0, "σ",
+        "Difference of two levels of the current below which there was no step between them.",
+        Quantile "Normal distribution, two-sided probability 6·10⁻⁵.";
+    FILTER_LEFT_PART: f64 = 0.3, "1",
+        "Part of the squares without a filter that the best one may leave.",
+        Convention "As `LAG_LEFT_PART`.";
+    FILTER_RECORDS_PART: f64 = 0.6, "1",
+        "Part of the records with steps in which the filter must show.",
+        Convention "What a minority has is damage of single records, which the gate refuses.";
+    FILTER_REST_PART: f64 = 0.02, "1",
+        "Part of the record's largest current below which none flows.",
+        Convention "As `REST_CURRENT_PART`.";
+    FILTER_OFF_PART: f64 = 0.3, "1",
+        "Part of the current before it, by the voltage, below which the current was switched off.",
+        Convention "What a model misses of a voltage after a load is less.";
+    FILTER_SWING_PART: f64 = 0.05, "1",
+        "Change of the current by the voltage, as a part of the largest, that is followed at once.",
+        Convention "Smaller ones are followed slowly, so that a misfit does not swing.";
+    FILTER_AT_ONCE: f64 = 0.6, "1",
+        "Part of a large step that the voltage must show in its first sample.",
+        Convention "Where the source is slow, the voltage shows as little of it as the log.";
+    FILTER_SLOWER: f64 = 1.0, "1",
+        "Least time constant as a multiple of the distance of the first two samples after a step.",
+        Convention "A faster one is told by one sample, which the time of the edge explains as \
+        well.";
     // Rows of a run.
     MOST_BINS: usize = 140, "rows",
         "Most rows of a record; more are merged.",

@@ -4,7 +4,9 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    diagnosis::{self, BaseModel, DiagnosisOptions, Fixture, Outcome, Verdict, gate, report},
+    diagnosis::{
+        self, BaseModel, DiagnosisOptions, FindingKind, Fixture, Outcome, Verdict, gate, report,
+    },
     given::GivenModel,
     ocv::OcvCurve,
     run_folder::{self, JOURNAL, SUMS},
@@ -14,7 +16,7 @@ use super::model_args::{DatasetModelArgs, ModelArgs};
 use crate::{
     config::Experiment,
     files,
-    investigate::dataset::{Loaded, NamedFile, NamedFiles, Reading, named_files, read_as},
+    investigate::dataset::{Accept, Loaded, NamedFile, NamedFiles, Reading, named_files, read_as},
     investigate::next_experiment::{Setting, experiment_file},
     run::{Finished, Recorded},
     safety::failure::Failure,
@@ -55,6 +57,10 @@ pub struct DiagnoseArgs {
     /// Use points that the quality gate of their measurement refused, too.
     #[arg(long)]
     pub refused_points: bool,
+    /// Use the correction of this finding on the data in the place of the raw data; every result
+    /// says so.
+    #[arg(long, value_name = "FINDING", value_enum)]
+    pub accept: Vec<Accept>,
     /// Print JSON; of several cells, a list.
     #[arg(long)]
     pub json: bool,
@@ -67,12 +73,13 @@ pub struct DiagnoseArgs {
 /// [`Failure::Invalid`], once everything is told, where the data cannot be diagnosed. Any other
 /// verdict is a result and no error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
-    let judged = Judged::read(
+    let mut judged = Judged::read(
         &args.data,
         &ModelArgs::from(&args.model),
         args.ocv.as_deref(),
         args.refused_points,
     )?;
+    judged.accept(&args.accept);
     let cells = judged.cells(args.specimen.as_deref())?;
     if args.bench.is_some() && cells.len() > 1 {
         let reason = format!(
@@ -300,6 +307,15 @@ impl Judged {
         })
     }
 
+    /// Uses the corrections of these findings, too.
+    fn accept(&mut self, accepted: &[Accept]) {
+        for kind in accepted.iter().map(|one| one.kind()) {
+            if !self.loaded.accept.contains(&kind) {
+                self.loaded.accept.push(kind);
+            }
+        }
+    }
+
     /// The names of the cells that are to be judged, each by itself: a model is one cell's.
     fn cells(&self, specimen: Option<&str>) -> Result<Vec<String>, Failure> {
         let mut cells: Vec<String> = Vec::new();
@@ -355,6 +371,8 @@ impl Judged {
             set,
             problems: self.loaded.problems.clone(),
             notes: self.loaded.notes.clone(),
+            findings: self.loaded.findings.clone(),
+            accept: self.loaded.accept.clone(),
             refused,
         };
         let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
@@ -416,6 +434,9 @@ impl Judged {
         if self.refused_points {
             text.push_str(" --refused-points");
         }
+        if self.loaded.accept.contains(&FindingKind::CurrentFilter) {
+            text.push_str(" --accept current_filter");
+        }
         if let Some(specimen) = &self.specimen {
             text.push_str(&format!(" --specimen {}", quoted(Path::new(specimen))));
         }
@@ -434,13 +455,22 @@ impl Judged {
             &self.loaded.set,
             unreadable,
             &self.model,
-            &DiagnosisOptions::default(),
+            &DiagnosisOptions {
+                accept: self.loaded.accept.clone(),
+                ..DiagnosisOptions::default()
+            },
         )
         .map_err(|error| Failure::Usage(error.to_string()))?;
-        outcome
-            .diagnosis
-            .notes
-            .extend(self.loaded.notes.iter().cloned());
+        let d = &mut outcome.diagnosis;
+        // Those of the runs of this cell and of the controls.
+        let named = |run: &String| self.loaded.set.runs.iter().any(|other| other.name == *run);
+        let of_files = self.loaded.findings.iter();
+        d.findings.extend(
+            of_files
+                .filter(|finding| finding.runs.iter().all(named))
+                .cloned(),
+        );
+        d.notes.extend(self.loaded.notes.iter().cloned());
         outcome.diagnosis.notes.extend(self.file.notes());
         Ok(outcome)
     }

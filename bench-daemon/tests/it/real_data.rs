@@ -202,8 +202,8 @@ fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
     within(gap_mv(&d, "2C"), [14.71, 8.74, 3.45]);
     within(gap_mv(&d, "6C"), [35.23, 16.15, 5.82]);
     for run in ["2C", "6C"] {
-        let [alone, with] = ["eis_only_mv", "augmented_mv"]
-            .map(|key| predicted(&d, run)[key].as_f64().unwrap());
+        let [alone, with] =
+            ["eis_only_mv", "augmented_mv"].map(|key| predicted(&d, run)[key].as_f64().unwrap());
         assert!(with < 0.15 * alone, "{run}: {alone} mV to {with} mV");
     }
     // No repeats: whatever is left, it is not said to be noise.

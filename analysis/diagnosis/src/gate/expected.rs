@@ -1,5 +1,6 @@
 //! Predictions of the base model for every run.
 
+use super::super::current_filter::{Filter, shared};
 use super::super::data::{DataSet, Fixture, Run, RunData, Start};
 use super::super::prepare::BaseModel;
 use analysis_effects::{
@@ -16,6 +17,8 @@ pub struct Expected {
     pub resistance_ohm: (f64, f64),
     /// One per run, in the order of the set.
     pub runs: Vec<Prediction>,
+    /// Filter that the logger puts on the current of the records.
+    pub filter: Option<Filter>,
 }
 
 /// Prediction for one run.
@@ -47,6 +50,7 @@ impl Expected {
         Self {
             resistance_ohm: (model.erm.r_ohm, model.erm.dc_resistance_ohm()),
             runs,
+            filter: shared(set, model),
         }
     }
 }

@@ -87,15 +87,15 @@ impl Findings {
 
 /// A run that has passed so far.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Subject<'a> {
-    pub(super) run: &'a Run,
-    pub(super) prediction: &'a Prediction,
+pub(crate) struct Subject<'a> {
+    pub(crate) run: &'a Run,
+    pub(crate) prediction: &'a Prediction,
 }
 
 impl<'a> Subject<'a> {
     /// The record with the voltage expected of it; none for a spectrum, or where nothing could be
     /// predicted.
-    pub(super) fn record(&self) -> Option<(&'a TimeRecord, &'a [f64])> {
+    pub(crate) fn record(&self) -> Option<(&'a TimeRecord, &'a [f64])> {
         match (&self.run.data, self.prediction) {
             (RunData::Time(record), Prediction::Voltage(v, _))
                 if v.len() == record.series.len() =>
@@ -117,7 +117,7 @@ impl<'a> Subject<'a> {
     }
 
     /// The sweep with the impedance expected of it.
-    pub(super) fn sweep(&self) -> Option<(&'a Sweep, &'a [num_complex::Complex64])> {
+    pub(crate) fn sweep(&self) -> Option<(&'a Sweep, &'a [num_complex::Complex64])> {
         match (&self.run.data, self.prediction) {
             (RunData::Eis(sweep), Prediction::Impedance(z)) if z.len() == sweep.points.len() => {
                 Some((sweep, z))
@@ -128,17 +128,17 @@ impl<'a> Subject<'a> {
 }
 
 /// Inputs of a check.
-pub(super) struct Inspection<'a> {
-    pub(super) set: &'a DataSet,
-    pub(super) expected: &'a Expected,
+pub(crate) struct Inspection<'a> {
+    pub(crate) set: &'a DataSet,
+    pub(crate) expected: &'a Expected,
     /// Runs that nothing was found against yet.
-    pub(super) runs: Vec<Subject<'a>>,
+    pub(crate) runs: Vec<Subject<'a>>,
 }
 
 impl Inspection<'_> {
     /// Standard deviation of one voltage sample, V: the bench's history and what is stated, else
     /// the scatter of the record's own steps.
-    pub(super) fn sample_noise_v(&self, record: &TimeRecord) -> f64 {
+    pub(crate) fn sample_noise_v(&self, record: &TimeRecord) -> f64 {
         if let Some(h) = self.set.history {
             let stated = record
                 .sigma_v
@@ -160,7 +160,7 @@ impl Inspection<'_> {
 }
 
 /// The middle one, or the mean of both; zero of none.
-pub(super) fn median(mut values: Vec<f64>) -> f64 {
+pub(crate) fn median(mut values: Vec<f64>) -> f64 {
     values.sort_unstable_by(f64::total_cmp);
     match values.as_slice() {
         [] => 0.0,

@@ -41,12 +41,25 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         let like = Some(others(true))
             .filter(|all| !all.is_empty())
             .unwrap_or_else(|| others(false));
-        let alone = !like.is_empty() && *lag_s > (LAG_TIMES_OTHERS * median(like)).max(*interval_s);
+        let alone = !like.is_empty()
+            && !shares_filter(at, subject)
+            && *lag_s > (LAG_TIMES_OTHERS * median(like)).max(*interval_s);
         if alone {
-            let text = format!(
-                "its logged current lags by {lag_s:.2} s behind the voltage, the other records' \
-                does not"
-            );
+            let lagging: Vec<f64> = others(false)
+                .into_iter()
+                .filter(|lag_s| *lag_s > 0.0)
+                .collect();
+            let of_others = if lagging.is_empty() {
+                "the other records' does not".to_owned()
+            } else {
+                format!(
+                    "that of {} other records by {:.2} s in the middle",
+                    lagging.len(),
+                    median(lagging)
+                )
+            };
+            let text =
+                format!("its logged current lags by {lag_s:.2} s behind the voltage, {of_others}");
             found.add(Check::CurrentLags, subject.run, text);
         } else if *lag_s > 0.0 {
             shared.push(*lag_s);
@@ -60,6 +73,12 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         ));
     }
     found
+}
+
+/// Whether the record's lag is the filter that the logger puts on all.
+fn shares_filter(at: &Inspection<'_>, subject: &Subject<'_>) -> bool {
+    let filter = at.expected.filter.as_ref();
+    filter.is_some_and(|filter| filter.holds(&subject.run.name))
 }
 
 /// Typical distance of two samples while something happens, s.

@@ -22,8 +22,9 @@ use super::data::DataSet;
 use serde::Serialize;
 
 pub use expected::{Expected, Prediction};
+use inspection::Findings;
 pub use inspection::{Check, Reason};
-use inspection::{Findings, Inspection, Subject, median};
+pub(crate) use inspection::{Inspection, Subject, median};
 pub use refusal::diagnose;
 
 /// Report of the gate.

@@ -1,6 +1,8 @@
 //! The diagnosis behind the gate: runs the workflow only on data that the gate accepts.
 
+use super::super::current_filter::Filter;
 use super::super::data::DataSet;
+use super::super::findings::{FindingKind, Told, findings};
 use super::super::outcome::{
     DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, Quality, Verdict,
 };
@@ -20,10 +22,47 @@ pub fn diagnose(
     model: &BaseModel,
     options: &DiagnosisOptions,
 ) -> Result<Outcome, DataSetError> {
-    let report = gate(set, &Expected::new(set, model));
+    let raw = Expected::new(set, model);
+    let corrected = raw.filter.as_ref().map(|filter| filter.corrected(set));
+    let of_corrected = corrected.as_ref().map(|set| Expected {
+        filter: None,
+        ..Expected::new(set, model)
+    });
+    let wanted = options.accept.contains(&FindingKind::CurrentFilter);
+    let used = match (&corrected, &of_corrected) {
+        (Some(set), Some(expected)) if wanted => Some((set, expected)),
+        _ => None,
+    };
+    let (used_set, expected) = used.unwrap_or((set, &raw));
+    let report = gate(used_set, expected);
+    let found = findings(
+        Told {
+            set,
+            expected: &raw,
+            corrected: corrected.as_ref().zip(of_corrected.as_ref()),
+        },
+        model,
+        &report.invalid,
+    );
+    let accepted: Vec<FindingKind> = used
+        .map(|_| FindingKind::CurrentFilter)
+        .into_iter()
+        .collect();
+    let told = wanted.then(|| {
+        raw.filter.as_ref().map_or_else(
+            || {
+                "current_filter was accepted, but no filter of the logged current was found: the \
+                logged current was used"
+                    .to_owned()
+            },
+            Filter::told,
+        )
+    });
     let reasons: Vec<Reason> = unreadable.into_iter().chain(report.invalid).collect();
     if !reasons.is_empty() {
-        let diagnosis = refused(set, model, &reasons, report.notes);
+        let mut diagnosis = refused(set, model, &reasons, report.notes);
+        (diagnosis.findings, diagnosis.accepted) = (found, accepted);
+        diagnosis.notes.extend(told);
         return Ok(Outcome {
             diagnosis,
             curves: Vec::new(),
@@ -31,7 +70,9 @@ pub fn diagnose(
             next_runs: Vec::new(),
         });
     }
-    let mut outcome = diagnose_with(set, model, options, Guards::default())?;
+    let mut outcome = diagnose_with(used_set, model, options, Guards::default())?;
+    (outcome.diagnosis.findings, outcome.diagnosis.accepted) = (found, accepted);
+    outcome.diagnosis.notes.extend(told);
     outcome.diagnosis.notes.extend(report.notes);
     Ok(outcome)
 }
@@ -55,6 +96,8 @@ fn refused(set: &DataSet, model: &BaseModel, reasons: &[Reason], notes: Vec<Stri
         gap_spectra: Vec::new(),
         next_experiment: None,
         inseparable: Vec::new(),
+        findings: Vec::new(),
+        accepted: Vec::new(),
         notes,
         quality: Quality {
             base_chi2: none,

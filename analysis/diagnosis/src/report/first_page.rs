@@ -5,7 +5,7 @@
 use super::numbers::{Unit, plain, times};
 use super::page::{Item, Section};
 use super::pictures::Kind;
-use super::{counted, is_significant, misfit, named_title, predictive};
+use super::{counted, findings, is_significant, misfit, named_title, predictive};
 use crate::outcome::{Block, Diagnosis, FittedParameter, Gap, SpectrumGap, Verdict};
 use analysis_effects::contract::Group;
 
@@ -16,6 +16,7 @@ pub(super) const REFITTED: &str = "fitted again";
 
 pub(super) fn sections(d: &Diagnosis) -> Vec<Section> {
     let answers = [
+        ("What is odd in the data", findings::in_short(d)),
         ("What disagrees", disagreement(d)),
         ("What is missing", missing(d)),
         ("What to distrust", distrust(d)),

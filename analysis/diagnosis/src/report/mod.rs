@@ -6,6 +6,7 @@
 //! [`Diagnosis`] itself, and any judgement.
 
 mod catalogue;
+mod findings;
 mod first_page;
 mod numbers;
 mod page;

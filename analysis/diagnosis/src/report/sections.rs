@@ -4,7 +4,9 @@
 use super::numbers::{Unit, percent, plain, probability, times};
 use super::page::{Item, Page, Section};
 use super::pictures::Kind;
-use super::{after, counted, first_page, is_significant, misfit, predictive, reserve, titled};
+use super::{
+    after, counted, findings, first_page, is_significant, misfit, predictive, reserve, titled,
+};
 use crate::{
     attempts::is_outside,
     outcome::{Block, Diagnosis, Gap, NamedEffect, SpectrumGap, Verdict},
@@ -26,6 +28,7 @@ pub(super) fn page(d: &Diagnosis) -> Page {
     );
     let mut sections = first_page::sections(d);
     sections.push(first_page::details());
+    sections.push(findings::details(d));
     if d.verdict != Verdict::Invalid {
         sections.extend([
             location(d),

@@ -46,7 +46,9 @@ mod write;
 pub use bdf::{bdf_text, write_bdf_parquet};
 pub use error::FormatError;
 pub use profile::{ProfileReadError, ReadOptions, first_bare_row, parse_profile, read_profile};
-pub use timeseries::{CurrentSign, SeriesOptions, SeriesReadError, read_series};
+pub use timeseries::{
+    CurrentSign, LeftOut, SeriesOptions, SeriesReadError, read_series, read_series_with_left_out,
+};
 pub use write::{SpectrumFormat, spectrum_text};
 
 use analysis_signal::spectrum::{SourcedSpectrum, Spectrum};

@@ -179,11 +179,31 @@ const KNOWN: [ColumnNames; 5] = [
 /// [`SeriesReadError`] when the file cannot be read, is of no known format, holds what cannot be a
 /// measurement, or does not tell its direction.
 pub fn read_series(path: &Path, options: &SeriesOptions) -> Result<TimeSeries, SeriesReadError> {
+    read_series_with_left_out(path, options).map(|(series, _)| series)
+}
+
+/// A row that was left out, because it holds no voltage or no current.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeftOut {
+    /// Its line, from 1; in Parquet the row.
+    pub line: usize,
+    /// Its time, s.
+    pub time_s: f64,
+}
+
+/// As [`read_series`], with the rows that were left out.
+///
+/// # Errors
+/// As [`read_series`].
+pub fn read_series_with_left_out(
+    path: &Path,
+    options: &SeriesOptions,
+) -> Result<(TimeSeries, Vec<LeftOut>), SeriesReadError> {
     let bytes = std::fs::read(path).map_err(|source| SeriesReadError::Read {
         file: path.to_owned(),
         source,
     })?;
-    let (raw, sign) = if bytes.starts_with(b"PAR1") {
+    let (mut raw, sign) = if bytes.starts_with(b"PAR1") {
         parquet(path, bytes)?
     } else {
         csv(path, &bytes)?
@@ -195,6 +215,7 @@ pub fn read_series(path: &Path, options: &SeriesOptions) -> Result<TimeSeries, S
         .ok_or_else(|| SeriesReadError::Sign {
             file: path.to_owned(),
         })?;
+    let left_out = std::mem::take(&mut raw.left_out);
     let series = raw.finish(
         path,
         if sign == CurrentSign::Discharge {
@@ -209,7 +230,7 @@ pub fn read_series(path: &Path, options: &SeriesOptions) -> Result<TimeSeries, S
             file: path.to_owned(),
             source,
         })?;
-    Ok(series)
+    Ok((series, left_out))
 }
 
 fn sign_of_name(path: &Path) -> Option<CurrentSign> {
@@ -227,11 +248,18 @@ struct Raw {
     rows: Vec<[f64; 3]>,
     /// Beside the rows, where there is such a column.
     temperature_c: Option<Vec<f64>>,
+    /// Rows without a voltage or a current.
+    left_out: Vec<LeftOut>,
 }
 
 impl Raw {
-    fn push(&mut self, row: [f64; 3], temperature_c: Option<f64>) {
+    /// Adds a row of this line.
+    fn push(&mut self, line: usize, row: [f64; 3], temperature_c: Option<f64>) {
         if row[1].is_nan() || row[2].is_nan() {
+            self.left_out.push(LeftOut {
+                line,
+                time_s: row[0],
+            });
             return;
         }
         self.rows.push(row);
@@ -313,7 +341,7 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesRe
         let temperature_c = temperature
             .map(|column| field(column, known.names[3], true))
             .transpose()?;
-        raw.push(values, temperature_c);
+        raw.push(row.line, values, temperature_c);
     }
     Ok((raw, known.sign))
 }
@@ -386,7 +414,7 @@ fn parquet(path: &Path, bytes: Vec<u8>) -> Result<(Raw, Option<CurrentSign>), Se
         ..Raw::default()
     };
     for (k, ((t, v), i)) in time.iter().zip(&voltage).zip(&current).enumerate() {
-        raw.push([*t, *v, *i], temperature.as_ref().map(|all| all[k]));
+        raw.push(k + 1, [*t, *v, *i], temperature.as_ref().map(|all| all[k]));
     }
     Ok((raw, known.sign))
 }
@@ -397,8 +425,9 @@ fn bench(path: &Path) -> Result<Raw, SeriesReadError> {
         temperature_c: Some(Vec::new()),
         ..Raw::default()
     };
-    for row in dataset::read_series_parquet(path)? {
+    for (k, row) in dataset::read_series_parquet(path)?.into_iter().enumerate() {
         raw.push(
+            k + 1,
             [row.time_s, row.voltage_v, row.current_a],
             Some(row.temperature_c),
         );
@@ -486,6 +515,17 @@ mod tests {
             ([2.0, -0.5].as_slice(), [0.0, 1.0].as_slice())
         );
         assert_eq!(series.temperature_c, None);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("x.bdf.csv");
+        std::fs::write(&path, text).unwrap();
+        let (_, left_out) = read_series_with_left_out(&path, &SeriesOptions::default()).unwrap();
+        assert_eq!(
+            left_out,
+            [LeftOut {
+                line: 4,
+                time_s: 2.0
+            }]
+        );
         let arbin = "Data_Point,Test_Time(s),Current(A),Voltage(V)\n1,0,-2,4.1\n2,1,0.5,4.0\n";
         assert_eq!(
             read("x.csv", arbin.as_bytes(), SeriesOptions::default())

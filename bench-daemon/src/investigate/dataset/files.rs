@@ -11,7 +11,8 @@ use analysis::{
     dataset::TRACE_COLUMNS,
     diagnosis::{Sweep, SweepPoint},
     formats::{
-        CurrentSign, FormatError, SeriesOptions, SeriesReadError, read_series, read_sourced,
+        CurrentSign, FormatError, LeftOut, SeriesOptions, SeriesReadError,
+        read_series_with_left_out, read_sourced,
     },
     series::{SeriesError, TimeSeries},
     spectrum::{SourcedSpectrum, Spectrum},
@@ -40,19 +41,19 @@ pub(super) enum FileError {
 /// Reads files, each series once: a long one may serve many runs.
 #[derive(Debug, Default)]
 pub(super) struct Files {
-    series: HashMap<(PathBuf, Option<Sign>), TimeSeries>,
+    series: HashMap<(PathBuf, Option<Sign>), (TimeSeries, Vec<LeftOut>)>,
 }
 
 /// A hashable [`CurrentSign`]: true for discharge.
 type Sign = bool;
 
 impl Files {
-    /// The series of a file, discharge positive.
+    /// The series of a file, discharge positive, and its rows without a number.
     pub(super) fn series(
         &mut self,
         path: &Path,
         sign: Option<CurrentSign>,
-    ) -> Result<&TimeSeries, FileError> {
+    ) -> Result<&(TimeSeries, Vec<LeftOut>), FileError> {
         let key = (
             path.to_owned(),
             sign.map(|sign| sign == CurrentSign::Discharge),
@@ -60,7 +61,8 @@ impl Files {
         match self.series.entry(key) {
             std::collections::hash_map::Entry::Occupied(known) => Ok(known.into_mut()),
             std::collections::hash_map::Entry::Vacant(place) => Ok(place.insert(
-                read_series(path, &SeriesOptions { sign }).map_err(|error| series_error(&error))?,
+                read_series_with_left_out(path, &SeriesOptions { sign })
+                    .map_err(|error| series_error(&error))?,
             )),
         }
     }

@@ -2,7 +2,7 @@
 
 use analysis::{
     calibration::CommonError,
-    diagnosis::{DataSet, Run, RunData},
+    diagnosis::{DataSet, Finding, FindingKind, Run, RunData},
     fit::RefusedPoint,
     spectrum::FlaggedPoint,
 };
@@ -22,6 +22,10 @@ pub struct Loaded {
     pub problems: Vec<DataSetProblem>,
     /// Assumptions that had to be made.
     pub notes: Vec<String>,
+    /// What is odd in the files.
+    pub findings: Vec<Finding>,
+    /// Findings whose correction is asked for.
+    pub accept: Vec<FindingKind>,
     /// Points that the quality gate of their measurement has refused, by the names of their runs,
     /// and whether they are used all the same.
     pub refused: Vec<RefusedPoint>,

@@ -25,6 +25,7 @@ pub use files::DataSetProblem;
 use loaded::Flagged;
 pub use loaded::{DATASET_FILE, Loaded, Reading};
 pub use named::{NamedFile, NamedFiles};
+pub use raw::Accept;
 pub use write::write_dataset;
 
 /// Reads a data set: a `dataset.toml`, the folder that holds one, or a run folder.

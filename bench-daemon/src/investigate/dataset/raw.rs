@@ -4,7 +4,7 @@ use analysis::{
     augmented::Between,
     calibration::CommonError,
     dataset::CurrentPositive,
-    diagnosis::{BenchHistory, Role},
+    diagnosis::{BenchHistory, FindingKind, Role},
     formats::CurrentSign,
 };
 use serde::Deserialize;
@@ -26,6 +26,9 @@ pub(super) struct File {
     /// Error that the correction leaves in all spectra alike, if the standard deviations of the
     /// spectra are without it. Left out: none.
     pub(super) calibration: Option<CommonError>,
+    /// Findings on the data whose correction is used in the place of the raw data, as `--accept`
+    /// does. Left out: none.
+    pub(super) accept: Option<Vec<Accept>>,
     /// Runs, at least one.
     pub(super) runs: Vec<Run>,
 }
@@ -189,6 +192,24 @@ pub(super) struct Run {
     /// `flags` of the file says.
     #[serde(default)]
     pub(super) refused_points: bool,
+}
+
+/// A finding with a correction.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, clap::ValueEnum)]
+#[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
+pub enum Accept {
+    /// The steps of the current in the place of what the logger has filtered.
+    CurrentFilter,
+}
+
+impl Accept {
+    /// The finding.
+    pub fn kind(self) -> FindingKind {
+        match self {
+            Self::CurrentFilter => FindingKind::CurrentFilter,
+        }
+    }
 }
 
 /// Kind of a run.

@@ -6,7 +6,9 @@ use analysis::{
     augmented::Between,
     contract::CommonModeImpedance,
     dataset::CurrentPositive,
-    diagnosis::{BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, TimeRecord},
+    diagnosis::{
+        BenchHistory, DataSet, Finding, Fixture, Role, Run, RunData, Start, Sweep, TimeRecord,
+    },
     formats::CurrentSign,
     series::TimeSeries,
     spectrum::{FlaggedPoint, SourcedSpectrum},
@@ -39,6 +41,7 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         source: &source,
         files: Files::default(),
         flagged: Vec::new(),
+        findings: Vec::new(),
     };
     let (mut listed, mut problems) = (Vec::new(), Vec::new());
     let mut names: Vec<String> = Vec::new();
@@ -76,6 +79,8 @@ pub(super) fn read(path: &Path, how: Reading) -> Result<Loaded, ConfigError> {
         set,
         problems,
         notes: notes.into_iter().collect(),
+        findings: resolver.findings,
+        accept: raw.accept.iter().flatten().map(|one| one.kind()).collect(),
         refused: Vec::new(),
     };
     for flagged in resolver.flagged {
@@ -188,6 +193,8 @@ struct Resolver<'a> {
     files: Files,
     /// Points of the sweeps so far that quality gates have refused.
     flagged: Vec<Flagged>,
+    /// What is odd in the files so far.
+    findings: Vec<Finding>,
 }
 
 /// A run, or why its file gives none.
@@ -206,7 +213,7 @@ impl Resolver<'_> {
         let start = at.start(entry)?;
         at.fields_of_kind(entry)?;
         let data = match entry.kind {
-            raw::Kind::Time => self.record(&at, entry)?,
+            raw::Kind::Time => self.record(&at, &name, entry)?,
             raw::Kind::Eis => sweep(&at, entry)?.map(|(swept, flagged)| {
                 let (points, wanted) = (swept.points.len(), entry.refused_points);
                 self.flagged.push(Flagged {
@@ -241,10 +248,11 @@ impl Resolver<'_> {
     fn record(
         &mut self,
         at: &At<'_>,
+        name: &str,
         entry: &raw::Run,
     ) -> Result<Result<RunData, String>, ConfigError> {
         let path = self.source.relative(&entry.file);
-        let series = match self
+        let (series, left_out) = match self
             .files
             .series(&path, entry.current_positive.map(raw::sign))
         {
@@ -315,6 +323,21 @@ impl Resolver<'_> {
             Err(error) => return at.damaged(error),
         };
         let first_s = series.time_s[window.start];
+        let stamps = &series.time_s[window.clone()];
+        if let Some(to_s) = to_s {
+            self.findings
+                .extend(Finding::ends_early(name, stamps, to_s));
+        }
+        let last_s = to_s.unwrap_or(f64::INFINITY);
+        let lines: Vec<usize> = left_out
+            .iter()
+            .filter(|row| (first_s..=last_s).contains(&row.time_s))
+            .map(|row| row.line)
+            .collect();
+        if !lines.is_empty() {
+            self.findings
+                .push(Finding::rows_not_measured(name, &lines, window.len()));
+        }
         let averaged_s = windows.map(|(from, to)| {
             from.iter()
                 .zip(&to)

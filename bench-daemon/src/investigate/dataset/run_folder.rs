@@ -88,6 +88,8 @@ fn empty(name: String) -> Loaded {
     Loaded {
         set,
         problems: Vec::new(),
+        findings: Vec::new(),
+        accept: Vec::new(),
         notes: Vec::new(),
         refused: Vec::new(),
     }
@@ -252,7 +254,7 @@ impl Reader<'_> {
             &self.folder.join(&entry.file),
             Some(sign(entry.current_positive)),
         );
-        let part = read.map(|series| {
+        let part = read.map(|(series, _)| {
             files::window(series, f64::NEG_INFINITY, f64::INFINITY)
                 .map(|all| files::part(series, all))
         });

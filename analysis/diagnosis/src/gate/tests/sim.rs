@@ -279,7 +279,7 @@ pub(crate) fn campaign(hidden: &Hidden, seed: u64) -> DataSet {
 }
 
 /// The record of a run, to be damaged.
-pub(super) fn series<'a>(set: &'a mut DataSet, name: &str) -> &'a mut TimeSeries {
+pub(crate) fn series<'a>(set: &'a mut DataSet, name: &str) -> &'a mut TimeSeries {
     let run = set.runs.iter_mut().find(|run| run.name == name).unwrap();
     let RunData::Time(record) = &mut run.data else {
         panic!("{name} is no record")
@@ -288,7 +288,7 @@ pub(super) fn series<'a>(set: &'a mut DataSet, name: &str) -> &'a mut TimeSeries
 }
 
 /// The points of a sweep, to be damaged.
-pub(super) fn points<'a>(set: &'a mut DataSet, name: &str) -> &'a mut Vec<SweepPoint> {
+pub(crate) fn points<'a>(set: &'a mut DataSet, name: &str) -> &'a mut Vec<SweepPoint> {
     let run = set.runs.iter_mut().find(|run| run.name == name).unwrap();
     let RunData::Eis(sweep) = &mut run.data else {
         panic!("{name} is no sweep")

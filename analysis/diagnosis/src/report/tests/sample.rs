@@ -1,7 +1,8 @@
 //! Diagnoses as they may come out, one per verdict.
 
 use crate::outcome::*;
-use analysis_effects::contract::Group;
+use analysis_effects::contract::{Facts, Group};
+use analysis_model::model::Erm;
 use num_complex::Complex64;
 
 fn block(dimension: &'static str, part: &str, chi2: f64, p_value: f64) -> Block {
@@ -213,6 +214,8 @@ pub(super) fn explained() -> Diagnosis {
         }],
         next_experiment: None,
         inseparable: Vec::new(),
+        findings: Vec::new(),
+        accepted: Vec::new(),
         notes: vec!["Run pulse_7 was left out: its first sample stands before the edge.".into()],
         quality: Quality {
             base_chi2: 15480.0,
@@ -435,6 +438,8 @@ pub(super) fn at_floor() -> Diagnosis {
             candidate("time_skew", 1.2, None, "Lagrange score too low to fit it"),
         ],
         noise: noise(true),
+        findings: Vec::new(),
+        accepted: Vec::new(),
         notes: vec![],
         ..base
     }
@@ -457,6 +462,8 @@ pub(super) fn invalid() -> Diagnosis {
             from_repeats: false,
             terms: vec![],
         },
+        findings: Vec::new(),
+        accepted: Vec::new(),
         notes: vec!["Set the range of channel 2 to 5 V and measure pulse_3 again.".into()],
         quality: Quality {
             base_chi2: f64::NAN,

@@ -1,0 +1,623 @@
+//! A filter that the logger puts on the current of every record.
+//!
+//! The voltage tells when the current steps: the model turned around, from voltage to current,
+//! jumps there at once. Between two steps the true current is constant, and the logged one goes
+//! from where it was to that level as the filter lets it. Levels and one time constant for all
+//! records are fitted to the logged current, for each form of filter, and compared with no filter
+//! at all. Where the voltage goes as slowly as the logged current, that current flows, and there
+//! are no jumps to begin with.
+
+use std::fmt;
+use std::ops::Range;
+
+use analysis_effects::augmented::Between;
+use serde::Serialize;
+
+use super::data::{BenchHistory, DataSet, Fixture, Run, RunData, Start, TimeRecord};
+use super::edges::UNIFORM;
+use super::prepare::BaseModel;
+use crate::thresholds::{
+    FILTER_AT_ONCE, FILTER_EDGE_PART, FILTER_EDGE_SIGMAS, FILTER_FEWEST_EDGES, FILTER_LEFT_PART,
+    FILTER_MERGE_SIGMAS, FILTER_OFF_PART, FILTER_RECORDS_PART, FILTER_REST_PART, FILTER_SEGMENT_S,
+    FILTER_SLOWER, FILTER_SWING_PART, FILTER_TRIED_S, FILTER_TRIES, LARGE_STEP_PART,
+};
+
+/// Form of a filter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Form {
+    /// First order.
+    Plain,
+    /// First order; it starts anew where no current flows.
+    Restart,
+    /// Mean over the last seconds.
+    Mean,
+}
+
+impl fmt::Display for Form {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Plain => "a first-order filter",
+            Self::Restart => {
+                "a first-order filter that starts anew when the current is switched off"
+            }
+            Self::Mean => "a moving mean",
+        })
+    }
+}
+
+/// A filter of all records' logged current.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Filter {
+    pub(crate) form: Form,
+    /// Time constant, or length of the mean, s.
+    pub(crate) tau_s: f64,
+    /// Standard deviation of it, s.
+    pub(crate) sigma_s: f64,
+    /// Part of the squares that no filter leaves which this one leaves.
+    pub(crate) left: f64,
+    /// Edges of the current that tell it.
+    pub(crate) edges: usize,
+    /// Part of a step that the voltage shows in its first sample, in the middle of the large ones,
+    /// and the logged current, in their lower quartile.
+    pub(crate) at_once: [f64; 2],
+    /// The records, by their names, with the current that flowed.
+    pub(crate) records: Vec<Corrected>,
+}
+
+/// The reconstructed current of a record.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Corrected {
+    pub(crate) run: String,
+    /// Current that flowed at each sample, A.
+    pub(crate) current_a: Vec<f64>,
+    /// Standard deviation of each level, A.
+    pub(crate) level_sigma_a: Vec<f64>,
+}
+
+/// A record cut where the voltage tells that the current stepped.
+struct Cut<'a> {
+    run: &'a Run,
+    record: &'a TimeRecord,
+    /// Current by the model turned around, A.
+    by_voltage_a: Vec<f64>,
+    segments: Vec<Range<usize>>,
+    largest_a: f64,
+    /// Largest current that the channel shows where none flows, A.
+    rest_a: f64,
+}
+
+/// A filter that is tried.
+#[derive(Clone, Copy)]
+struct Tried {
+    form: Form,
+    /// Rows are means until the next row.
+    averaged: bool,
+    /// None tries no filter.
+    tau_s: f64,
+}
+
+/// The levels of a record under a filter.
+struct Levels {
+    level_a: Vec<f64>,
+    /// Σb²: how much of a level its rows show.
+    shown: Vec<f64>,
+    squares: f64,
+}
+
+/// Finds the filter that the records share.
+pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
+    let mut cuts: Vec<Cut<'_>> = set
+        .runs
+        .iter()
+        .filter_map(|run| Cut::new(run, set.history, model))
+        .collect();
+    let edges: usize = cuts.iter().map(|cut| cut.segments.len() - 1).sum();
+    if edges < FILTER_FEWEST_EDGES {
+        return None;
+    }
+    let none = Tried {
+        form: Form::Plain,
+        averaged: false,
+        tau_s: 0.0,
+    };
+    // Levels shorter than a filter are told badly: records with longer ones have the say.
+    let telling = |cut: &&Cut<'_>| cut.typical_s() >= FILTER_SEGMENT_S;
+    let steps_of = |cut: &Cut<'_>| cut.segments.len() - 1;
+    let enough = cuts.iter().filter(telling).map(steps_of).sum::<usize>() >= FILTER_FEWEST_EDGES;
+    if enough {
+        // They come first, in the order of the set.
+        cuts.sort_by_key(|cut| !telling(&cut));
+    }
+    let count = if enough {
+        cuts.iter().filter(telling).count()
+    } else {
+        cuts.len()
+    };
+    let total = |cuts: &[Cut<'_>], tried: Tried| -> f64 {
+        cuts[..count]
+            .iter()
+            .map(|cut| cut.levels(tried).squares)
+            .sum()
+    };
+    let (low, high) = FILTER_TRIED_S;
+    let step = (high / low).ln() / (FILTER_TRIES - 1) as f64;
+    let forms = [Form::Plain, Form::Restart, Form::Mean]
+        .into_iter()
+        .flat_map(|form| [false, true].map(|averaged| (form, averaged)));
+    // The best of each form on a coarse grid.
+    let coarse: Vec<(Tried, f64)> = forms
+        .filter_map(|(form, averaged)| {
+            (0..FILTER_TRIES)
+                .map(|k| Tried {
+                    form,
+                    averaged,
+                    tau_s: low * (step * k as f64).exp(),
+                })
+                .map(|tried| (tried, total(&cuts, tried)))
+                .min_by(|a, b| a.1.total_cmp(&b.1))
+        })
+        .collect();
+    let (rough, squares) = coarse.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1))?;
+    if squares >= FILTER_LEFT_PART * total(&cuts, none) {
+        return None;
+    }
+    for cut in &mut cuts {
+        cut.merge(rough);
+    }
+    let without = total(&cuts, none);
+    let sharp = coarse.iter().map(|(tried, _)| {
+        let at = |tau_s: f64| total(&cuts, Tried { tau_s, ..*tried });
+        let (tau_s, curvature, squares) = sharpened(at, tried.tau_s, step);
+        (Tried { tau_s, ..*tried }, curvature, squares)
+    });
+    let (tried, curvature, squares) = sharp.min_by(|a, b| a.2.total_cmp(&b.2))?;
+    let tau_s = tried.tau_s;
+    let rows: usize = cuts[..count].iter().map(Cut::rows).sum();
+    let levels: usize = cuts[..count].iter().map(|cut| cut.segments.len()).sum();
+    let variance = squares / rows.saturating_sub(levels + 1).max(1) as f64;
+    let has_it =
+        |cut: &&Cut<'_>| cut.levels(tried).squares < FILTER_LEFT_PART * cut.levels(none).squares;
+    let stepped: Vec<&Cut<'_>> = cuts.iter().filter(|cut| cut.segments.len() > 1).collect();
+    let asked = cuts[..count]
+        .iter()
+        .filter(|cut| cut.segments.len() > 1)
+        .count();
+    let filtered = cuts[..count]
+        .iter()
+        .filter(|cut| cut.segments.len() > 1 && has_it(cut))
+        .count();
+    let [by_voltage, by_log, after_s] = first_samples(&cuts[..count], tried);
+    let shared = squares < FILTER_LEFT_PART * without
+        && filtered >= 2.min(asked)
+        && filtered as f64 >= FILTER_RECORDS_PART * asked as f64
+        && by_voltage > FILTER_AT_ONCE
+        && by_voltage > by_log
+        && tau_s > FILTER_SLOWER * after_s;
+    shared.then(|| Filter {
+        form: tried.form,
+        tau_s,
+        sigma_s: if curvature > 0.0 {
+            tau_s * (2.0 * variance / curvature).sqrt()
+        } else {
+            f64::NAN
+        },
+        left: squares / without,
+        edges: cuts.iter().map(|cut| cut.segments.len() - 1).sum(),
+        at_once: [by_voltage, by_log],
+        records: stepped
+            .iter()
+            .filter(|cut| has_it(cut))
+            .map(|cut| cut.corrected(tried, variance.sqrt()))
+            .collect(),
+    })
+}
+
+/// The least of a function of a time near a first guess, by three points of a finer and finer grid
+/// in its logarithm: place, second derivative and value.
+fn sharpened(at: impl Fn(f64) -> f64, first_s: f64, first_step: f64) -> (f64, f64, f64) {
+    let (mut best_s, mut step) = (first_s, first_step);
+    let mut values = [f64::NAN; 3];
+    for _ in 0..6 {
+        values = [-1.0, 0.0, 1.0].map(|k: f64| at(best_s * (k * step).exp()));
+        let bend = values[0] - 2.0 * values[1] + values[2];
+        let moved = if bend > 0.0 {
+            (0.5 * (values[0] - values[2]) / bend).clamp(-1.0, 1.0)
+        } else if values[0] < values[2] {
+            -1.0
+        } else {
+            1.0
+        };
+        best_s *= (moved * step).exp();
+        step *= 0.5;
+    }
+    let value = at(best_s);
+    // The last bend was taken at twice the step that is left.
+    let bend = (values[0] - 2.0 * values[1] + values[2]) / (2.0 * step).powi(2);
+    (best_s, bend, value)
+}
+
+/// Part of the large steps that voltage and log show in the first sample, and the time to the next
+/// one, s.
+fn first_samples(cuts: &[Cut<'_>], tried: Tried) -> [f64; 3] {
+    let mut parts: [Vec<f64>; 3] = Default::default();
+    for cut in cuts {
+        let levels = cut.levels(tried).level_a;
+        for (pair, segment) in levels.windows(2).zip(&cut.segments[1..]) {
+            let step_a = pair[1] - pair[0];
+            if step_a.abs() < LARGE_STEP_PART * cut.largest_a {
+                continue;
+            }
+            let (k, series) = (segment.start, &cut.record.series);
+            parts[0].push((cut.by_voltage_a[k] - cut.by_voltage_a[k - 1]) / step_a);
+            parts[1].push((series.current_a[k] - series.current_a[k - 1]) / step_a);
+            if let Some(next_s) = series.time_s.get(k + 1) {
+                parts[2].push(next_s - series.time_s[k]);
+            }
+        }
+    }
+    // A filter that starts anew shows a switching off at once: the lower quartile of the log tells.
+    let [voltage, log, times] = &mut parts;
+    [(voltage, 2), (log, 4), (times, 2)].map(|(all, part)| {
+        all.sort_unstable_by(f64::total_cmp);
+        all.get(all.len() / part).copied().unwrap_or(0.0)
+    })
+}
+
+impl<'a> Cut<'a> {
+    /// None for what is no record of a cell, or has no numbers to play.
+    fn new(run: &'a Run, history: Option<BenchHistory>, model: &BaseModel) -> Option<Self> {
+        let RunData::Time(record) = &run.data else {
+            return None;
+        };
+        if !matches!(run.fixture, Fixture::Cell(_)) || record.series.validate().is_err() {
+            return None;
+        }
+        let soc = match run.start {
+            Start::Soc(soc) => soc,
+            Start::Ocv(ocv_v) => model.ocv.soc_at(ocv_v)?,
+        };
+        let by_voltage_a = inverse(record, soc, model);
+        let steps: Vec<f64> = by_voltage_a.windows(2).map(|w| w[1] - w[0]).collect();
+        let mut sizes: Vec<f64> = steps.iter().map(|a| a.abs()).collect();
+        sizes.sort_unstable_by(f64::total_cmp);
+        // The lower quartile of a half-normal distribution: a profile may step at every other row.
+        let quiet_a = sizes.get(sizes.len() / 4).copied().unwrap_or(0.0) / 0.3186;
+        let stated_a = history.map_or(0.0, |h| {
+            let noise_v = h
+                .voltage_noise_v
+                .hypot(h.voltage_resolution_v / 12f64.sqrt());
+            2f64.sqrt() * noise_v / model.erm.r_ohm.max(f64::MIN_POSITIVE)
+        });
+        let largest_a = record
+            .series
+            .current_a
+            .iter()
+            .fold(0.0f64, |most, i| most.max(i.abs()));
+        let least_a =
+            (FILTER_EDGE_SIGMAS * quiet_a.max(stated_a)).max(FILTER_EDGE_PART * largest_a);
+        let mut starts: Vec<usize> = vec![0];
+        starts.extend(
+            (1..=steps.len()).filter(|k| steps[k - 1].abs() > least_a || steps[k - 1].is_nan()),
+        );
+        let ends = starts.iter().skip(1).copied().chain([record.series.len()]);
+        let segments = starts.iter().zip(ends).map(|(a, b)| *a..b).collect();
+        (largest_a > 0.0 && by_voltage_a.iter().all(|a| a.is_finite())).then_some(Self {
+            run,
+            record,
+            by_voltage_a,
+            segments,
+            largest_a,
+            rest_a: history
+                .map_or(0.0, |h| 3.0 * h.current_noise_a + h.current_resolution_a)
+                .max(FILTER_REST_PART * largest_a),
+        })
+    }
+
+    /// Middle of how long a level lasts, s.
+    fn typical_s(&self) -> f64 {
+        let time_s = &self.record.series.time_s;
+        let mut spans_s: Vec<f64> = self
+            .segments
+            .iter()
+            .filter_map(|segment| Some(time_s.get(segment.end)? - time_s[segment.start]))
+            .collect();
+        spans_s.sort_unstable_by(f64::total_cmp);
+        spans_s.get(spans_s.len() / 2).copied().unwrap_or(0.0)
+    }
+
+    /// Whether no current flows any more: the log says so in all rows, and the voltage says that it
+    /// had flowed.
+    fn is_switched_off(&self, segment: &Range<usize>) -> bool {
+        let currents = &self.record.series.current_a[segment.clone()];
+        let [before_a, now_a] = [segment.start - 1, segment.start].map(|k| self.by_voltage_a[k]);
+        currents.iter().all(|i| i.abs() < self.rest_a)
+            && now_a.abs() < FILTER_OFF_PART * before_a.abs()
+    }
+
+    /// Rows that tell a level.
+    fn rows(&self) -> usize {
+        let told = |segment: &Range<usize>| segment.len() - self.skipped(segment);
+        self.segments.iter().map(told).sum()
+    }
+
+    /// Rows at the start of a segment that may be read while the current changes.
+    fn skipped(&self, segment: &Range<usize>) -> usize {
+        usize::from(
+            self.record.between == Between::Linear && segment.start > 0 && segment.len() > 1,
+        )
+    }
+
+    /// When the current of a segment began, s.
+    fn begun_s(&self, segment: &Range<usize>) -> f64 {
+        let (t, k) = (&self.record.series.time_s, segment.start);
+        match self.record.between {
+            Between::Linear if k > 0 => 0.5 * (t[k - 1] + t[k]),
+            _ => t[k],
+        }
+    }
+
+    /// Fits one level to each segment, from the first on.
+    fn levels(&self, tried: Tried) -> Levels {
+        let series = &self.record.series;
+        let mut found = Levels {
+            level_a: Vec::with_capacity(self.segments.len()),
+            shown: Vec::with_capacity(self.segments.len()),
+            squares: 0.0,
+        };
+        // What the filter shows at the start of the segment.
+        let mut state_a = 0.0;
+        for (j, segment) in self.segments.iter().enumerate() {
+            let begun_s = self.begun_s(segment);
+            let of = |k: usize| -> (f64, f64) {
+                if j == 0 || tried.tau_s <= 0.0 {
+                    return (0.0, 1.0);
+                }
+                let since_s = series.time_s[k] - begun_s;
+                let step_s = if tried.averaged {
+                    let last = series.len() - 1;
+                    series.time_s[(k + 1).min(last)] - series.time_s[k.min(last - 1)]
+                } else {
+                    0.0
+                };
+                match tried.form {
+                    Form::Mean => self.mean(&found.level_a, tried.tau_s, since_s + 0.5 * step_s),
+                    _ => {
+                        let old = decay(since_s, step_s, tried.tau_s);
+                        (old * state_a, 1.0 - old)
+                    }
+                }
+            };
+            let rows = segment.start + self.skipped(segment)..segment.end;
+            let (mut along, mut shown) = (0.0, 0.0);
+            for k in rows.clone() {
+                let (known, part) = of(k);
+                along += part * (series.current_a[k] - known);
+                shown += part * part;
+            }
+            let mut level_a = if shown > 0.0 { along / shown } else { state_a };
+            let mut squares = 0.0;
+            for k in rows.clone() {
+                let (known, part) = of(k);
+                squares += (series.current_a[k] - known - part * level_a).powi(2);
+            }
+            let end_s = series.time_s.get(segment.end).map_or(f64::INFINITY, |_| {
+                self.begun_s(&(segment.end..segment.end + 1))
+            });
+            let mut new_state_a = level_a
+                + (state_a - level_a)
+                    * if j == 0 || tried.tau_s <= 0.0 {
+                        0.0
+                    } else {
+                        (-(end_s - begun_s) / tried.tau_s).exp()
+                    };
+            if tried.form == Form::Restart
+                && j > 0
+                && tried.tau_s > 0.0
+                && self.is_switched_off(segment)
+            {
+                // The log is at its level from the first sample on.
+                let count = rows.len().max(1) as f64;
+                level_a = rows.clone().map(|k| series.current_a[k]).sum::<f64>() / count;
+                squares = rows
+                    .clone()
+                    .map(|k| (series.current_a[k] - level_a).powi(2))
+                    .sum();
+                (shown, new_state_a) = (count, level_a);
+            }
+            found.level_a.push(level_a);
+            found.shown.push(shown);
+            found.squares += squares;
+            state_a = new_state_a;
+        }
+        found
+    }
+
+    /// Mean over the last seconds at a time since the start of the segment that is next: what the
+    /// known levels make of it, and the part of the new one.
+    fn mean(&self, level_a: &[f64], length_s: f64, since_s: f64) -> (f64, f64) {
+        let part = (since_s / length_s).min(1.0);
+        let Some(next) = self.segments.get(level_a.len()) else {
+            return (0.0, 1.0);
+        };
+        let now_s = self.begun_s(next) + since_s;
+        let from_s = now_s - length_s;
+        let (mut known, mut end_s) = (0.0, self.begun_s(next));
+        for (k, level) in level_a.iter().enumerate().rev() {
+            let start_s = if k == 0 {
+                f64::NEG_INFINITY
+            } else {
+                self.begun_s(&self.segments[k])
+            };
+            let overlap_s = end_s - start_s.max(from_s);
+            if overlap_s <= 0.0 {
+                break;
+            }
+            known += level * overlap_s / length_s;
+            end_s = start_s;
+        }
+        (known, part)
+    }
+
+    /// Joins segments whose levels are the same within their errors: not every jump of the voltage
+    /// is a step.
+    fn merge(&mut self, tried: Tried) {
+        loop {
+            let levels = self.levels(tried);
+            let free = self.rows().saturating_sub(self.segments.len()).max(1);
+            let sigma_a = (levels.squares / free as f64).sqrt();
+            let is_alike = |k: &usize| {
+                let error_a = sigma_a
+                    * (1.0 / levels.shown[k - 1].max(f64::MIN_POSITIVE)
+                        + 1.0 / levels.shown[*k].max(f64::MIN_POSITIVE))
+                    .sqrt();
+                (levels.level_a[*k] - levels.level_a[k - 1]).abs() < FILTER_MERGE_SIGMAS * error_a
+            };
+            let jump_a = |k: &usize| {
+                let start = self.segments[*k].start;
+                (self.by_voltage_a[start] - self.by_voltage_a[start - 1]).abs()
+            };
+            // The smallest jump first: a short segment may be like both of its neighbours.
+            let alike = (1..self.segments.len())
+                .filter(|k| jump_a(k) < LARGE_STEP_PART * self.largest_a && is_alike(k))
+                .min_by(|a, b| jump_a(a).total_cmp(&jump_a(b)));
+            let Some(k) = alike else {
+                return;
+            };
+            self.segments[k - 1].end = self.segments[k].end;
+            self.segments.remove(k);
+        }
+    }
+
+    fn corrected(&self, tried: Tried, sigma_a: f64) -> Corrected {
+        let levels = self.levels(tried);
+        let n = self.record.series.len();
+        let mut current_a = vec![0.0; n];
+        for (k, segment) in self.segments.iter().enumerate() {
+            current_a[segment.clone()].fill(levels.level_a[k]);
+        }
+        let error_a = |shown: &f64| sigma_a / shown.max(f64::MIN_POSITIVE).sqrt();
+        Corrected {
+            run: self.run.name.clone(),
+            current_a,
+            level_sigma_a: levels.shown.iter().map(error_a).collect(),
+        }
+    }
+}
+
+/// Part of the old state that a first-order filter shows so long after a step, in the mean over an
+/// interval from then on.
+fn decay(since_s: f64, step_s: f64, tau_s: f64) -> f64 {
+    let now = (-since_s.max(0.0) / tau_s).exp();
+    if step_s > 0.0 {
+        now * -(-step_s / tau_s).exp_m1() * tau_s / step_s
+    } else {
+        now
+    }
+}
+
+/// The current that the model needs for the voltage of each sample, A, taken as constant since the
+/// sample before. The charge is that of the logged current, for a filter loses none.
+fn inverse(record: &TimeRecord, soc: f64, model: &BaseModel) -> Vec<f64> {
+    let series = &record.series;
+    let erm = &model.erm;
+    let mut branch_v = vec![0.0; erm.branches.len()];
+    let mut soc = soc;
+    let level_v = model.ocv.voltage_v(soc) - series.voltage_v[0];
+    let largest_a = series
+        .current_a
+        .iter()
+        .fold(0.0f64, |most, i| most.max(i.abs()));
+    let begins_at_rest = series.current_a[0].abs() < FILTER_REST_PART * largest_a;
+    let level_v = if begins_at_rest { level_v } else { 0.0 };
+    let mut all: Vec<f64> = Vec::with_capacity(series.len());
+    // Current that flows on until the next sample, A.
+    let mut flowing_a = 0.0;
+    for k in 0..series.len() {
+        let step_s = if k > 0 {
+            series.time_s[k] - series.time_s[k - 1]
+        } else {
+            0.0
+        };
+        if k > 0 {
+            let mean_a = match record.between {
+                Between::Hold => series.current_a[k - 1],
+                Between::Linear => 0.5 * (series.current_a[k - 1] + series.current_a[k]),
+            };
+            soc -= mean_a * step_s / (3600.0 * model.ocv.capacity_ah);
+        }
+        let old = |time_constant_s: f64| (-step_s / time_constant_s).exp();
+        let (mut of_branches_v, mut ohm) = (0.0, erm.r_ohm);
+        for (v, branch) in branch_v.iter_mut().zip(&erm.branches) {
+            let old = old(branch.time_constant_s());
+            *v *= old;
+            match record.between {
+                // The new current begins with its sample.
+                Between::Hold => *v += (1.0 - old) * branch.r_ohm * flowing_a,
+                // It began somewhere since the sample before.
+                Between::Linear => ohm += (1.0 - old) * branch.r_ohm,
+            }
+            of_branches_v += *v;
+        }
+        let open_v = model.ocv.voltage_v(soc) - level_v;
+        let current_a = (open_v - of_branches_v - series.voltage_v[k]) / ohm;
+        if record.between == Between::Linear {
+            for (v, branch) in branch_v.iter_mut().zip(&erm.branches) {
+                *v += (1.0 - old(branch.time_constant_s())) * branch.r_ohm * current_a;
+            }
+        }
+        // A part of what the model misses only, so that it does not swing over long steps.
+        flowing_a = if (current_a - flowing_a).abs() > FILTER_SWING_PART * largest_a {
+            current_a
+        } else {
+            0.75 * flowing_a + 0.25 * current_a
+        };
+        all.push(current_a);
+    }
+    all
+}
+
+impl Filter {
+    /// Whether this run has it.
+    pub(crate) fn holds(&self, run: &str) -> bool {
+        self.records.iter().any(|own| own.run == run)
+    }
+
+    /// What was corrected, in words.
+    pub(crate) fn told(&self) -> String {
+        format!(
+            "the current of {} records was corrected for {} of {:.3} ± {:.3} s, as accepted: all \
+            that is told hangs on the corrected current; the files hold the logged one",
+            self.records.len(),
+            self.form,
+            self.tau_s,
+            self.sigma_s
+        )
+    }
+
+    /// The data with the current that flowed in the place of the logged one. Each level is known as
+    /// well as the log tells it: an error of its own, as one code of the channel is.
+    pub(crate) fn corrected(&self, set: &DataSet) -> DataSet {
+        let mut set = set.clone();
+        for run in &mut set.runs {
+            if let (RunData::Time(record), Some(own)) = (
+                &mut run.data,
+                self.records.iter().find(|own| own.run == run.name),
+            ) {
+                record.series.current_a.clone_from(&own.current_a);
+            }
+        }
+        let levels = self.records.iter().flat_map(|own| &own.level_sigma_a);
+        let mut sigmas_a: Vec<f64> = levels.copied().collect();
+        sigmas_a.sort_unstable_by(f64::total_cmp);
+        let typical_a = sigmas_a.get(sigmas_a.len() / 2).copied().unwrap_or(0.0);
+        if let Some(history) = &mut set.history {
+            let as_code_a = typical_a / UNIFORM;
+            history.current_resolution_a = history.current_resolution_a.max(as_code_a);
+        }
+        set
+    }
+}
+
+#[cfg(test)]
+mod tests;

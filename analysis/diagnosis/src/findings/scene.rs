@@ -1,0 +1,63 @@
+//! What a detector looks at.
+
+use crate::data::{Fixture, Role, Run, TimeRecord};
+use crate::gate::Inspection;
+use crate::prepare::BaseModel;
+
+/// The data with what the model expects of them.
+pub(super) struct Scene<'a> {
+    /// Runs that the gate let pass.
+    pub(super) at: Inspection<'a>,
+    /// The model that is judged.
+    pub(super) model: &'a BaseModel,
+}
+
+/// A record with the voltage expected of it.
+#[derive(Clone, Copy)]
+pub(super) struct Played<'a> {
+    /// The run.
+    pub(super) run: &'a Run,
+    /// Its record.
+    pub(super) record: &'a TimeRecord,
+    /// Voltage expected of each sample, V.
+    pub(super) expected_v: &'a [f64],
+}
+
+impl<'a> Scene<'a> {
+    /// All records that could be played.
+    pub(super) fn records(&'a self) -> impl Iterator<Item = Played<'a>> {
+        self.at.runs.iter().filter_map(|subject| {
+            let (record, expected_v) = subject.record()?;
+            Some(Played {
+                run: subject.run,
+                record,
+                expected_v,
+            })
+        })
+    }
+
+    /// The records of cells.
+    pub(super) fn of_cells(&'a self) -> impl Iterator<Item = Played<'a>> {
+        self.records()
+            .filter(|played| matches!(played.run.fixture, Fixture::Cell(_)))
+    }
+}
+
+impl Played<'_> {
+    /// The first row that is compared.
+    pub(super) fn first_compared(&self) -> usize {
+        let from_s = self.record.compared_from_s;
+        self.record.series.time_s.partition_point(|t| *t < from_s)
+    }
+
+    /// Largest current, A.
+    pub(super) fn largest_a(&self) -> f64 {
+        let currents = &self.record.series.current_a;
+        currents.iter().fold(0.0f64, |most, i| most.max(i.abs()))
+    }
+
+    /// True for a held-out run.
+    pub(super) fn is_held_out(&self) -> bool {
+        self.run.role == Role::HeldOut
+    }
+}
