@@ -21,7 +21,7 @@ pub(super) fn sections(d: &Diagnosis) -> Vec<Section> {
         ("What is missing", missing(d)),
         ("What to distrust", distrust(d)),
         ("What to do next", next(d)),
-        ("What to predict with meanwhile", predictive::sentences(d)),
+        ("To predict now", predictive::sentences(d)),
     ];
     let points = answers
         .into_iter()

@@ -12,7 +12,7 @@ pub(super) fn sentences(d: &Diagnosis) -> Vec<String> {
     };
     let titles: Vec<&str> = predictive.terms.iter().map(|t| t.title).collect();
     let mut sentences = vec![format!(
-        "Use the model with {} for predictions only: their form fits, and nothing is claimed about \
+        "Use the model with {} for predictions only: the form fits, and nothing is claimed about \
         the cause.",
         titles.join(" and ")
     )];
@@ -23,7 +23,7 @@ pub(super) fn sentences(d: &Diagnosis) -> Vec<String> {
     ]
     .map(|of| rms(&predictive.gap, of));
     sentences.push(format!(
-        "Over the held-out records it is wrong by {} mV (rms) in the place of {} mV; noise alone \
+        "Over the held-out records it is wrong by {} mV (rms) instead of {} mV; noise alone \
         makes {} mV.",
         plain(after),
         plain(before),

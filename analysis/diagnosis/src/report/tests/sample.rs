@@ -441,6 +441,7 @@ pub(super) fn at_floor() -> Diagnosis {
         findings: Vec::new(),
         accepted: Vec::new(),
         notes: vec![],
+        predictive: None,
         ..base
     }
 }
