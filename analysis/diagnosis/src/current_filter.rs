@@ -19,7 +19,8 @@ use super::prepare::BaseModel;
 use crate::thresholds::{
     FILTER_AT_ONCE, FILTER_EDGE_PART, FILTER_EDGE_SIGMAS, FILTER_FEWEST_EDGES, FILTER_LEFT_PART,
     FILTER_MERGE_SIGMAS, FILTER_OFF_PART, FILTER_RECORDS_PART, FILTER_REST_PART, FILTER_SEGMENT_S,
-    FILTER_SLOWER, FILTER_SWING_PART, FILTER_TRIED_S, FILTER_TRIES, LARGE_STEP_PART,
+    FILTER_SHORT_PART, FILTER_SLOWER, FILTER_SWING_PART, FILTER_TRIED_S, FILTER_TRIES,
+    LARGE_STEP_PART,
 };
 
 /// Form of a filter.
@@ -158,20 +159,24 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
                 .min_by(|a, b| a.1.total_cmp(&b.1))
         })
         .collect();
-    let (rough, squares) = coarse.iter().copied().min_by(|a, b| a.1.total_cmp(&b.1))?;
-    if squares >= FILTER_LEFT_PART * total(&cuts, none) {
+    let rough = coarse.iter().map(|(_, squares)| *squares);
+    if rough.fold(f64::INFINITY, f64::min) >= FILTER_LEFT_PART * total(&cuts, none) {
         return None;
     }
+    let sharp = |cuts: &[Cut<'_>]| {
+        let each = coarse.iter().map(|(tried, _)| {
+            let at = |tau_s: f64| total(cuts, Tried { tau_s, ..*tried });
+            let (tau_s, curvature, squares) = sharpened(at, tried.tau_s, step);
+            (Tried { tau_s, ..*tried }, curvature, squares)
+        });
+        each.min_by(|a, b| a.2.total_cmp(&b.2))
+    };
+    let (first, ..) = sharp(&cuts)?;
     for cut in &mut cuts {
-        cut.merge(rough);
+        cut.merge(first);
     }
     let without = total(&cuts, none);
-    let sharp = coarse.iter().map(|(tried, _)| {
-        let at = |tau_s: f64| total(&cuts, Tried { tau_s, ..*tried });
-        let (tau_s, curvature, squares) = sharpened(at, tried.tau_s, step);
-        (Tried { tau_s, ..*tried }, curvature, squares)
-    });
-    let (tried, curvature, squares) = sharp.min_by(|a, b| a.2.total_cmp(&b.2))?;
+    let (tried, curvature, squares) = sharp(&cuts)?;
     let tau_s = tried.tau_s;
     let rows: usize = cuts[..count].iter().map(Cut::rows).sum();
     let levels: usize = cuts[..count].iter().map(|cut| cut.segments.len()).sum();
@@ -207,7 +212,7 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
         at_once: [by_voltage, by_log],
         records: stepped
             .iter()
-            .filter(|cut| has_it(cut))
+            .filter(|cut| cut.levels(tried).squares < cut.levels(none).squares)
             .map(|cut| cut.corrected(tried, variance.sqrt()))
             .collect(),
     })
@@ -388,7 +393,10 @@ impl<'a> Cut<'a> {
                     }
                 }
             };
-            let rows = segment.start + self.skipped(segment)..segment.end;
+            // How long the last row is a mean for is not told.
+            let last =
+                usize::from(tried.averaged && segment.end == series.len() && segment.len() > 1);
+            let rows = segment.start + self.skipped(segment)..segment.end - last;
             let (mut along, mut shown) = (0.0, 0.0);
             for k in rows.clone() {
                 let (known, part) = of(k);
@@ -477,9 +485,19 @@ impl<'a> Cut<'a> {
                 let start = self.segments[*k].start;
                 (self.by_voltage_a[start] - self.by_voltage_a[start - 1]).abs()
             };
+            // A level that lasts is told well enough to stand.
+            let is_short = |k: usize| {
+                let (time_s, segment) = (&self.record.series.time_s, &self.segments[k]);
+                let end_s = time_s.get(segment.end).copied().unwrap_or(f64::INFINITY);
+                end_s - time_s[segment.start] < FILTER_SHORT_PART * tried.tau_s
+            };
             // The smallest jump first: a short segment may be like both of its neighbours.
             let alike = (1..self.segments.len())
-                .filter(|k| jump_a(k) < LARGE_STEP_PART * self.largest_a && is_alike(k))
+                .filter(|k| {
+                    (is_short(*k) || is_short(k - 1))
+                        && jump_a(k) < LARGE_STEP_PART * self.largest_a
+                        && is_alike(k)
+                })
                 .min_by(|a, b| jump_a(a).total_cmp(&jump_a(b)));
             let Some(k) = alike else {
                 return;

@@ -471,6 +471,9 @@ thresholds! {
     FILTER_MERGE_SIGMAS: f64 = 4.0, "σ",
         "Difference of two levels of the current below which there was no step between them.",
         Quantile "Normal distribution, two-sided probability 6·10⁻⁵.";
+    FILTER_SHORT_PART: f64 = 0.1, "1",
+        "Part of the time constant below which a level is so short that it may be no level.",
+        Convention "A tenth of a step shows in the log then: its level is known ten times worse.";
     FILTER_LEFT_PART: f64 = 0.3, "1",
         "Part of the squares without a filter that the best one may leave.",
         Convention "As `LAG_LEFT_PART`.";

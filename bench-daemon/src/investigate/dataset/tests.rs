@@ -5,7 +5,8 @@ use analysis::{
     calibration::CommonError,
     contract::CommonModeImpedance,
     diagnosis::{
-        BenchHistory, DataSet, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint, TimeRecord,
+        BenchHistory, DataSet, FindingKind, Fixture, Role, Run, RunData, Start, Sweep, SweepPoint,
+        TimeRecord,
     },
     series::TimeSeries,
 };
@@ -104,6 +105,31 @@ fn a_short_file_is_completed_by_defaults() {
         (&series(n).series.time_s, &series(n).series.current_a),
         (&vec![0.0, 1.0], &vec![-2.0, -2.0])
     );
+}
+
+#[test]
+fn what_is_odd_in_a_file_is_told_and_corrections_are_asked_for() {
+    let toml = "name = \"d\"\naccept = [\"current_filter\"]\n[[runs]]\nfile = \"p.bdf.csv\"\n\
+                kind = \"time\"\nocv_v = 3.7\ntemperature_c = 25\nto_s = 71\n";
+    let folder = folder(toml);
+    let file = folder.path().join("p.bdf.csv");
+    std::fs::write(file, SERIES.replace("12,-2,3.59", "12,-2,nan")).unwrap();
+    let loaded = read_dataset(folder.path()).unwrap();
+    assert_eq!(loaded.accept, [FindingKind::CurrentFilter]);
+    let texts: Vec<&str> = loaded.findings.iter().map(|f| f.text.as_str()).collect();
+    assert_eq!(
+        texts,
+        [
+            "p ends at 13 s, 58.000 s before its `to_s` of 71 s",
+            "p: 1 row of its part of the file without a voltage or a current (line 4)",
+        ]
+    );
+    let whole = read(
+        &toml
+            .replace("to_s = 71\n", "")
+            .replace("current_filter", "none"),
+    );
+    assert!(whole.unwrap_err().contains("current_filter"));
 }
 
 #[test]
