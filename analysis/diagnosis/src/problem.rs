@@ -5,6 +5,7 @@ use super::data::Role;
 use super::shared::Shared;
 use super::structure::{At, Axis, Member, Structure, at_bound};
 use super::whitening::{Whitener, dot};
+use crate::thresholds::KEPT_PROMISE;
 use analysis_effects::contract::Base;
 use analysis_model::model::Erm;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
@@ -13,8 +14,6 @@ use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
 const ITERATIONS: usize = 60;
 /// A fit ends when less χ² than this is promised.
 const PROMISE: f64 = 2e-3;
-/// Derivatives follow a step whose gain differs from what it promised by less than this part.
-const KEPT_PROMISE: f64 = 0.5;
 /// Information given to a coordinate in any case: a move by 1 changes the prediction by less than
 /// 1e-4 standard deviations.
 const UNMOVED: f64 = 1e-8;

@@ -2,13 +2,12 @@
 //! that later ones make needless.
 
 use super::accept::is_significant;
-use super::attempts::{Attempt, is_outside};
+use super::attempts::{Attempt, Joint, is_outside};
 use super::guards::outside_lead;
 use super::outcome::{Candidate, Evidence};
 use super::problem::Fit;
 use super::search::Search;
 use super::structure::searched;
-use super::together::Joint;
 use crate::thresholds::{
     DEEPER_CHI2, FREED_SHAPE_CHI2, MOST_EFFECTS, MOST_REFUSED, MOST_RESTARTS, NAMING_LEAD,
     OUTSIDE_ALONE,

@@ -3,10 +3,10 @@
 //! Effects are added one by one, and the first is judged while the second is missing: held-out runs
 //! contradict its size, its parameters run to their bounds, another one does better. So pairs are
 //! tried too. They come from the Lagrange scores of two directions at once, from the best partner of
-//! each of the best single effects, and from what comes together in nature. All are fitted jointly, and each member must
-//! pass every question beside the other.
+//! each of the best single effects, and from what comes together in nature. All are fitted jointly,
+//! and each member must pass every question beside the other.
 
-use super::attempts::{Attempt, is_outside};
+use super::attempts::{Attempt, Joint, is_outside};
 use super::problem::{Fit, Tangent};
 use super::propose::direction;
 use super::search::{Search, excess_z};
@@ -35,14 +35,6 @@ struct Pair {
     members: [Member; 2],
     /// χ² that small steps of both would remove, after the price of their parameters.
     score: f64,
-}
-
-/// A joint fit of base and two effects.
-#[derive(Debug, Clone)]
-pub(super) struct Joint {
-    pub(super) fit: Fit,
-    /// χ² that both remove from the base, after the price of their parameters.
-    pub(super) score: f64,
 }
 
 impl Search<'_> {

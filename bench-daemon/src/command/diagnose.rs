@@ -79,7 +79,7 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
         args.ocv.as_deref(),
         args.refused_points,
     )?;
-    judged.accept(&args.accept);
+    accept(&mut judged.loaded, &args.accept);
     let cells = judged.cells(args.specimen.as_deref())?;
     if args.bench.is_some() && cells.len() > 1 {
         let reason = format!(
@@ -210,6 +210,15 @@ fn json(outcome: &Outcome) -> Result<String, Failure> {
         .map_err(|error| Failure::Analysis(error.to_string()))
 }
 
+/// Uses the corrections of these findings, too.
+fn accept(loaded: &mut Loaded, accepted: &[Accept]) {
+    for kind in accepted.iter().map(|one| one.kind()) {
+        if !loaded.accept.contains(&kind) {
+            loaded.accept.push(kind);
+        }
+    }
+}
+
 /// A data set and the model that it judges.
 pub(super) struct Judged {
     pub(super) loaded: Loaded,
@@ -305,15 +314,6 @@ impl Judged {
             within: None,
             refused_points,
         })
-    }
-
-    /// Uses the corrections of these findings, too.
-    fn accept(&mut self, accepted: &[Accept]) {
-        for kind in accepted.iter().map(|one| one.kind()) {
-            if !self.loaded.accept.contains(&kind) {
-                self.loaded.accept.push(kind);
-            }
-        }
     }
 
     /// The names of the cells that are to be judged, each by itself: a model is one cell's.

@@ -2,11 +2,11 @@
 //! missing or not to be trusted, and what to do next. No names of the code and no statistics stand
 //! here; both are in the details.
 
-use super::numbers::{Unit, plain, times};
+use super::numbers::{plain, times, with_values};
 use super::page::{Item, Section};
 use super::pictures::Kind;
 use super::{counted, findings, is_significant, misfit, named_title, predictive};
-use crate::outcome::{Block, Diagnosis, FittedParameter, Gap, SpectrumGap, Verdict};
+use crate::outcome::{Block, Diagnosis, Gap, SpectrumGap, Verdict};
 use analysis_effects::contract::Group;
 
 /// Words for the model file without any change.
@@ -151,23 +151,6 @@ fn missing(d: &Diagnosis) -> Vec<String> {
             format!("A part of it is {named}."),
             "No effect of the catalogue explains the rest.".to_owned(),
         ],
-    }
-}
-
-/// An effect with its values: "diffusion over a finite length (5.31 ± 0.14 mΩ, 148 ± 11 s)".
-pub(super) fn with_values(title: &str, parameters: &[FittedParameter]) -> String {
-    let values: Vec<String> = parameters
-        .iter()
-        .filter(|p| !matches!(p.unit, "" | "1"))
-        .filter_map(|p| p.sigma.map(|sigma| (p, sigma)))
-        .map(|(p, sigma)| {
-            let unit = Unit::of(p.value, sigma, p.unit);
-            format!("{} ± {}", unit.number(p.value), unit.with_unit(sigma))
-        })
-        .collect();
-    match values.as_slice() {
-        [] => title.to_owned(),
-        _ => format!("{title} ({})", values.join(", ")),
     }
 }
 

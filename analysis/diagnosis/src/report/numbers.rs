@@ -1,5 +1,7 @@
 //! Numbers as text: with units, prefixes and only their significant digits.
 
+use crate::outcome::FittedParameter;
+
 /// Units that take a prefix.
 const PREFIXED: [&str; 7] = ["Ω", "V", "A", "s", "F", "H", "Hz"];
 const PREFIXES: [(f64, &str); 7] = [
@@ -150,6 +152,23 @@ fn superscript(exponent: i32) -> String {
         .filter_map(|b| DIGITS.get(usize::from(b - b'0')))
         .collect();
     format!("{sign}{digits}")
+}
+
+/// An effect with its values: "diffusion over a finite length (5.31 ± 0.14 mΩ, 148 ± 11 s)".
+pub(super) fn with_values(title: &str, parameters: &[FittedParameter]) -> String {
+    let values: Vec<String> = parameters
+        .iter()
+        .filter(|p| !matches!(p.unit, "" | "1"))
+        .filter_map(|p| p.sigma.map(|sigma| (p, sigma)))
+        .map(|(p, sigma)| {
+            let unit = Unit::of(p.value, sigma, p.unit);
+            format!("{} ± {}", unit.number(p.value), unit.with_unit(sigma))
+        })
+        .collect();
+    match values.as_slice() {
+        [] => title.to_owned(),
+        _ => format!("{title} ({})", values.join(", ")),
+    }
 }
 
 #[cfg(test)]

@@ -1,7 +1,6 @@
 //! The augmentation for predictions: its terms, its gaps, and where it holds.
 
-use super::first_page::with_values;
-use super::numbers::plain;
+use super::numbers::{plain, with_values};
 use super::page::{Item, Section};
 use crate::outcome::{Diagnosis, Gap, Predictive};
 
