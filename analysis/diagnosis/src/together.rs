@@ -95,7 +95,7 @@ impl Search<'_> {
         best.sort_by(|a, b| b.score.total_cmp(&a.score));
         best.truncate(PAIRS_FITTED);
         best.into_iter()
-            .map(|pair| self.fit_pair(base, pair.members))
+            .map(|pair| self.fit_pair(base, &pair.members))
             .collect()
     }
 
@@ -151,14 +151,14 @@ impl Search<'_> {
             member.start[0] = value.min(range.upper);
         }
         let price: f64 = members.iter().map(|m| self.problem.penalty(m)).sum();
-        (removed > alone + LEAST_SCORE).then(|| Pair {
+        (removed > alone + LEAST_SCORE).then_some(Pair {
             score: removed - price,
             members,
         })
     }
 
     /// Base and two effects: with their shapes held first, then free.
-    fn fit_pair(&mut self, base: &Fit, members: [Member; 2]) -> Joint {
+    fn fit_pair(&mut self, base: &Fit, members: &[Member; 2]) -> Joint {
         let held = members.iter().fold(base.clone(), |fit, member| {
             let structure = fit.structure.with(member.frozen());
             let mut x = fit.x.clone();
