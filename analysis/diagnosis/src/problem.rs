@@ -5,7 +5,6 @@ use super::data::Role;
 use super::shared::Shared;
 use super::structure::{At, Axis, Member, Structure, at_bound};
 use super::whitening::{Whitener, dot};
-use crate::thresholds::KEPT_PROMISE;
 use analysis_effects::contract::Base;
 use analysis_model::model::Erm;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
@@ -417,21 +416,14 @@ impl Problem {
         let mut residuals = difference(&predicted);
         let mut chi2 = dot(&residuals, &residuals);
         let mut columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
-        // Derivatives cost as many predictions as there are parameters. Between two times that they
-        // are taken they follow what the steps have shown; a fit never ends by such ones.
-        let mut exact = true;
         let mut damping = 1e-4;
         for _ in 0..ITERATIONS {
-            let next = step(&columns, &residuals, &axes, &x, damping)
-                .filter(|(_, promise)| *promise >= PROMISE);
-            let Some((step, promise)) = next else {
-                if exact {
-                    break;
-                }
-                columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
-                exact = true;
-                continue;
+            let Some((step, promise)) = step(&columns, &residuals, &axes, &x, damping) else {
+                break;
             };
+            if promise < PROMISE {
+                break;
+            }
             let trial: Vec<f64> = x
                 .iter()
                 .zip(&step)
@@ -443,37 +435,22 @@ impl Problem {
             let value = dot(&residual, &residual);
             if value < chi2 {
                 let gained = chi2 - value;
-                let as_promised = (gained / promise - 1.0).abs() < KEPT_PROMISE;
-                if as_promised && gained >= PROMISE {
-                    let went: Vec<f64> = trial.iter().zip(&x).map(|(t, x)| t - x).collect();
-                    follow(&mut columns, &went, &predicted.white, &moved.white);
-                    exact = false;
-                }
                 (x, predicted, residuals, chi2) = (trial, moved, residual, value);
-                if gained > 0.5 * promise {
-                    damping *= 0.1;
-                }
-                if as_promised && gained >= PROMISE {
-                    continue;
-                }
-                let ends = gained < PROMISE && exact;
+                damping = if gained > 0.5 * promise {
+                    damping * 0.1
+                } else {
+                    damping
+                };
                 columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
-                exact = true;
-                if ends {
+                if gained < PROMISE {
                     break;
                 }
-            } else if exact {
+            } else {
                 damping = (damping * 10.0).max(1e-6);
                 if damping > 1e8 {
                     break;
                 }
-            } else {
-                columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
-                exact = true;
             }
-        }
-        if !exact {
-            columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
         }
         let promise =
             step(&columns, &residuals, &axes, &x, 0.0).map_or(0.0, |(_, promise)| promise);
@@ -486,34 +463,6 @@ impl Problem {
             columns,
             promise,
         }
-    }
-}
-
-/// Broyden's update of derivatives by a step and the two predictions at its ends: the least change
-/// after which they tell the step, with each coordinate in units of what it does (Broyden 1965).
-fn follow(columns: &mut [Vec<f64>], went: &[f64], from: &[f64], to: &[f64]) {
-    let weighted: Vec<f64> = columns
-        .iter()
-        .zip(went)
-        .map(|(column, went)| dot(column, column) * went)
-        .collect();
-    let size = dot(&weighted, went);
-    if size <= 0.0 {
-        return;
-    }
-    let mut missed: Vec<f64> = to.iter().zip(from).map(|(to, from)| to - from).collect();
-    for (column, went) in columns.iter().zip(went) {
-        missed
-            .iter_mut()
-            .zip(column)
-            .for_each(|(m, c)| *m -= c * went);
-    }
-    for (column, weight) in columns.iter_mut().zip(&weighted) {
-        let part = weight / size;
-        column
-            .iter_mut()
-            .zip(&missed)
-            .for_each(|(c, m)| *c += part * m);
     }
 }
 
@@ -632,31 +581,6 @@ impl Tangent {
         for q in &self.basis {
             let along = dot(q, v);
             v.iter_mut().zip(q).for_each(|(v, q)| *v -= along * q);
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// After the update the derivatives tell the step that was gone, and no step across it, in units
-    /// of what each coordinate does, has changed.
-    #[test]
-    fn derivatives_follow_a_step() {
-        let before = vec![vec![1.0, 0.0, 2.0], vec![0.0, 30.0, 10.0]];
-        let mut columns = before.clone();
-        let (went, from, to) = ([0.2, -0.01], [1.0, 1.0, 1.0], [1.3, 0.8, 1.25]);
-        follow(&mut columns, &went, &from, &to);
-        let along = |columns: &[Vec<f64>], step: [f64; 2], row: usize| {
-            columns[0][row] * step[0] + columns[1][row] * step[1]
-        };
-        let sizes = [5.0, 1000.0];
-        let across = [sizes[1] * went[1], -sizes[0] * went[0]];
-        for row in 0..3 {
-            assert!((along(&columns, went, row) - (to[row] - from[row])).abs() < 1e-12);
-            let kept = along(&columns, across, row) - along(&before, across, row);
-            assert!(kept.abs() < 1e-12, "row {row} by {kept}");
         }
     }
 }

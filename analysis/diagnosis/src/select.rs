@@ -25,18 +25,6 @@ pub(super) struct SelectedEffect {
 }
 
 impl SelectedEffect {
-    /// An effect that was not judged yet.
-    pub(super) fn unjudged(name: &'static str) -> Self {
-        let nothing = Evidence {
-            lambda: 0.0,
-            score: 0.0,
-            share_of_excess: 0.0,
-            held_out_change: 0.0,
-            integration_error: 0.0,
-        };
-        Self::new(name, nothing)
-    }
-
     /// An effect whose rivals were not looked for yet.
     pub(super) fn new(name: &'static str, evidence: Evidence) -> Self {
         Self {
@@ -119,10 +107,7 @@ impl Search<'_> {
             self.add(&mut selection, &mut alone);
             self.gate_again(&mut selection);
         }
-        if self.together(&mut selection) {
-            self.add(&mut selection, &mut alone);
-            self.gate_again(&mut selection);
-        }
+        self.together(&mut selection);
         self.find_rivals(&mut selection);
         self.free_shapes(&mut selection);
         self.look_outside(&mut selection, alone);
@@ -227,7 +212,7 @@ impl Search<'_> {
 
     /// Takes back effects that later ones have made needless: all that spoke for each must still
     /// do.
-    pub(super) fn gate_again(&mut self, selection: &mut Selection) {
+    fn gate_again(&mut self, selection: &mut Selection) {
         let mut k = 0;
         while selection.selected.len() > 1 && k < selection.selected.len() {
             let without = self.refit_without(&selection.base, &selection.fit, k);

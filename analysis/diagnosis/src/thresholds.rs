@@ -778,18 +778,10 @@ thresholds! {
     PARTNERS_TRIED: usize = 2, "effects",
         "Partners of the best Lagrange scores that are fitted for each of them.",
         Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
-    PAIRS_JUDGED: usize = 3, "pairs",
-        "Best pairs that are judged, until one passes.",
-        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
     PAIR_DISTINCT: f64 = 1e-3, "1",
         "Least 1 − cos² between the directions of two effects that are tried together.",
         Convention "Below it their strengths have 30 times the error of one alone, as 1/√(1 − \
         cos²).";
-    KEPT_PROMISE: f64 = 0.5, "1",
-        "Part by which the gain of a step may differ from what it promised for the derivatives to \
-        follow it and not to be taken anew.",
-        Convention "Half, as for the damping of the fit. It costs time only: a fit never ends by \
-        derivatives that were not taken.";
     PREDICTIVE_TERMS: usize = 4, "effects",
         "Most effects of an augmentation for predictions.",
         Convention "One more than `MOST_EFFECTS`, for a form may need two of them. No study of \

@@ -3,20 +3,20 @@
 //! Effects are added one by one, and the first is judged while the second is missing: held-out runs
 //! contradict its size, its parameters run to their bounds, another one does better. So pairs are
 //! tried too. They come from the Lagrange scores of two directions at once, from the best partner of
-//! each of the best single effects, and from what comes together in nature. All are fitted jointly,
-//! and each member must pass every question beside the other.
+//! each of the best single effects, and from what comes together in nature. All are fitted jointly.
+//! They serve predictions only; names are given one by one.
 
 use super::attempts::{Attempt, Joint, is_outside};
 use super::problem::{Fit, Tangent};
 use super::propose::direction;
 use super::search::{Search, excess_z};
-use super::select::{SelectedEffect, Selection};
+use super::select::Selection;
 use super::structure::{Member, variants};
 use super::whitening::dot;
 
 use crate::thresholds::{
-    GOOD_FIT_Z, LEAST_SCORE, PAIR_DISTINCT, PAIR_PARTNERS, PAIRS_FITTED, PAIRS_JUDGED,
-    PARTNERS_TRIED, PROPOSAL_STEPS,
+    GOOD_FIT_Z, LEAST_SCORE, PAIR_DISTINCT, PAIR_PARTNERS, PAIRS_FITTED, PARTNERS_TRIED,
+    PROPOSAL_STEPS,
 };
 use analysis_effects::effects::GROUPS;
 
@@ -38,39 +38,18 @@ struct Pair {
 }
 
 impl Search<'_> {
-    /// Puts the best pair in the place of what was selected where it gains more, and each of the two
-    /// passes every question beside the other; true where it did.
-    pub(super) fn together(&mut self, selection: &mut Selection) -> bool {
+    /// Keeps the pairs that gain more than what was selected. They are no names.
+    pub(super) fn together(&mut self, selection: &mut Selection) {
         let dof = self.problem.degrees_of_freedom(&selection.fit);
         if excess_z(selection.fit.chi2, dof) < GOOD_FIT_Z {
-            return false;
+            return;
         }
         let mut joint = self.pairs_by_score(&selection.base);
         joint.extend(self.partners(selection));
         joint.sort_by(|a, b| b.score.total_cmp(&a.score));
         let gained = self.gained(selection);
         joint.retain(|j| j.score >= gained + LEAST_SCORE);
-        selection.pairs.clone_from(&joint);
-        for joint in joint.into_iter().take(PAIRS_JUDGED) {
-            let fit = self.with_fine_steps(joint.fit);
-            let members = &fit.structure.members;
-            let selected = members
-                .iter()
-                .map(|m| SelectedEffect::unjudged(m.name()))
-                .collect();
-            let mut pair = Selection {
-                fit,
-                selected,
-                ..selection.clone()
-            };
-            self.gate_again(&mut pair);
-            if pair.selected.len() == 2 {
-                pair.refused = None;
-                *selection = pair;
-                return true;
-            }
-        }
-        false
+        selection.pairs = joint;
     }
 
     /// Joint fits of the pairs whose directions at the base take up most.
