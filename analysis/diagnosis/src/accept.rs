@@ -6,8 +6,7 @@ use super::outcome::Evidence;
 use super::problem::Fit;
 use super::search::{Search, excess_z};
 use crate::thresholds::{
-    CONVERGED, CONVERGED_PART, FORMULA_SHARE, GOOD_FIT_Z, INTEGRATION_PART, LEAST_LAMBDA,
-    LEAST_SCORE, MATERIAL_SHARE,
+    FORMULA_SHARE, GOOD_FIT_Z, INTEGRATION_PART, LEAST_LAMBDA, LEAST_SCORE, MATERIAL_SHARE,
 };
 
 /// True where an attempt's gain shows that something is missing beside an effect that has gained
@@ -56,8 +55,10 @@ impl Search<'_> {
         if is_outside(attempt.name) {
             return Err("it is no effect of the catalogue".to_owned());
         }
-        let promise = before.promise.max(attempt.fit.promise);
-        if self.guards.convergence && promise > CONVERGED.max(CONVERGED_PART * attempt.lambda) {
+        let converged = [before, &attempt.fit]
+            .iter()
+            .all(|fit| fit.has_converged(attempt.lambda));
+        if self.guards.convergence && !converged {
             return Err("its fit did not converge".to_owned());
         }
         if self.guards.material_share && share < MATERIAL_SHARE && remaining_z >= GOOD_FIT_Z {

@@ -1,5 +1,6 @@
 //! A diagnosis' effects as additions to a model file, each with its evidence.
 
+use super::gap::rms_mv;
 use super::outcome::{
     Diagnosis, FittedParameter, Gap, NamedEffect, PREDICTION_ONLY, PredictiveTerm, Verdict,
 };
@@ -96,6 +97,5 @@ fn parameters(fitted: &[FittedParameter]) -> Vec<AdditionParameter> {
 
 /// Root mean square over records, V; none without any.
 fn rms_v(gaps: &[Gap], of: fn(&Gap) -> f64) -> Option<f64> {
-    let sum: f64 = gaps.iter().map(|g| of(g).powi(2)).sum();
-    (!gaps.is_empty()).then(|| 1e-3 * (sum / gaps.len() as f64).sqrt())
+    (!gaps.is_empty()).then(|| 1e-3 * rms_mv(gaps, of))
 }

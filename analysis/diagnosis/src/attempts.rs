@@ -28,14 +28,6 @@ pub(super) struct Attempt {
     pub(super) distinct: f64,
 }
 
-/// A joint fit of base and two effects.
-#[derive(Debug, Clone)]
-pub(super) struct Joint {
-    pub(super) fit: Fit,
-    /// χ² that both remove from the base, after the price of their parameters.
-    pub(super) score: f64,
-}
-
 /// Start of an addition, and its ways from there, best first.
 struct Origin {
     fit: Fit,

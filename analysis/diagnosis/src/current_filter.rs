@@ -601,7 +601,7 @@ impl Filter {
         self.records.iter().any(|own| own.run == run)
     }
 
-    /// What was corrected, in words.
+    /// The correction in words.
     pub(crate) fn told(&self) -> String {
         format!(
             "the current of {} records was corrected for {} of {:.3} ± {:.3} s, as accepted: all \

@@ -231,7 +231,7 @@ pub(super) fn refitted(
     Some((prepared, again))
 }
 
-/// What predicts best beside the names; none where nothing helps, or where no held-out record has
+/// The best prediction beside the names; none where nothing helps, or where no held-out record has
 /// tested it. It stays under the noise that it was tested with.
 fn predictive(
     prepared: &Prepared,

@@ -28,6 +28,11 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (sum / count.max(1) as f64).sqrt()
 }
 
+/// Root mean square of a gap over records, mV; zero without any.
+pub fn rms_mv(gaps: &[Gap], of: fn(&Gap) -> f64) -> f64 {
+    rms(gaps.iter().map(of))
+}
+
 /// Predictions of a record's samples that are compared.
 pub(super) fn samples(
     problem: &Problem,

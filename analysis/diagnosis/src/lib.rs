@@ -57,6 +57,7 @@ pub use diagnose::{DiagnosisOptions, Outcome};
 pub use distinguish::distinguish;
 pub use experiment::{BenchLimits, Planned, PlannedRun, Playable};
 pub use findings::{Finding, FindingKind};
+pub use gap::rms_mv;
 pub use gate::diagnose;
 pub use outcome::{
     Block, Candidate, Curves, DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, Evidence,

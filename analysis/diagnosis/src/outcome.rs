@@ -8,7 +8,7 @@ use serde::Serialize;
 
 /// Name of the file's schema.
 pub const DIAGNOSIS_SCHEMA: &str = "eis-bench/diagnosis";
-/// What [`Predictive`] claims.
+/// The claim of a [`Predictive`].
 pub const PREDICTION_ONLY: &str = "prediction_only";
 /// Version of the file's schema.
 pub const DIAGNOSIS_SCHEMA_VERSION: u32 = 1;
@@ -76,7 +76,7 @@ pub struct Diagnosis {
     /// the second name is empty where the signal is too small for any of them to make the name
     /// certain.
     pub inseparable: Vec<[&'static str; 2]>,
-    /// What is odd in the data as they were written, before any physics.
+    /// Oddities of the data as they were written, before any physics.
     pub findings: Vec<Finding>,
     /// The findings whose correction was used in the place of the raw data.
     pub accepted: Vec<FindingKind>,
@@ -92,7 +92,7 @@ pub struct Diagnosis {
     pub base: Option<Erm>,
     /// The base model refitted together with the named effects.
     pub augmented: Option<Erm>,
-    /// What predicts best where no name is certain.
+    /// The best prediction where no name is certain.
     pub predictive: Option<Predictive>,
 }
 

@@ -11,9 +11,7 @@ use super::prepare::Prepared;
 use super::problem::Fit;
 use super::search::{Search, excess_z};
 use super::select::Selection;
-use crate::thresholds::{
-    CONVERGED, CONVERGED_PART, GOOD_FIT_Z, LEAST_SCORE, PREDICTIVE_TERMS, PREDICTIVE_TRIED,
-};
+use crate::thresholds::{GOOD_FIT_Z, LEAST_SCORE, PREDICTIVE_TERMS, PREDICTIVE_TRIED};
 use analysis_effects::{
     contract::{Group, Scale},
     effects::find,
@@ -51,14 +49,16 @@ impl Search<'_> {
 
     /// The best pair of effects of the cell that no held-out record speaks against.
     fn pair_that_predicts(&mut self, selection: &Selection) -> Option<Fit> {
-        for pair in &selection.pairs {
-            let fit = self.with_fine_steps(pair.fit.clone());
+        for pair in self.pairs(selection) {
+            let fit = self.with_fine_steps(pair.fit);
             let members = &fit.structure.members;
             let may = members.iter().enumerate().all(|(k, member)| {
                 may_predict(member.name()) && !fit.member_at_bound(k, self.problem.branches())
             });
-            let converged = fit.promise <= CONVERGED.max(CONVERGED_PART * pair.score);
-            if may && converged && self.no_record_worse(&selection.base, &fit).is_ok() {
+            if may
+                && fit.has_converged(pair.score)
+                && self.no_record_worse(&selection.base, &fit).is_ok()
+            {
                 return Some(fit);
             }
         }
@@ -74,7 +74,7 @@ impl Search<'_> {
         for attempt in attempts {
             let attempt = self.integrated(fit, attempt);
             let last = attempt.fit.structure.members.len() - 1;
-            let converged = attempt.fit.promise <= CONVERGED.max(CONVERGED_PART * attempt.lambda);
+            let converged = attempt.fit.has_converged(attempt.lambda);
             let at_bound = attempt.fit.member_at_bound(last, self.problem.branches());
             if attempt.score < LEAST_SCORE || !converged || at_bound {
                 continue;
@@ -121,8 +121,6 @@ pub(super) fn described(
         return None;
     }
     let lambda = fits.base.chi2 - fit.chi2;
-    let members = &fit.structure.members;
-    let spent: f64 = members.iter().map(|m| problem.penalty(m)).sum();
     let (model, values) = fit.decode(problem.branches());
     let covariance = fit.covariance();
     let n = fit.x.len();
@@ -161,7 +159,7 @@ pub(super) fn described(
     Some(Predictive {
         claim: PREDICTION_ONLY,
         lambda,
-        score: lambda - spent,
+        score: lambda - problem.spent(fit),
         terms,
         gap,
         range: problem.base.facts,

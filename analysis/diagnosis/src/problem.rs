@@ -5,6 +5,7 @@ use super::data::Role;
 use super::shared::Shared;
 use super::structure::{At, Axis, Member, Structure, at_bound};
 use super::whitening::{Whitener, dot};
+use crate::thresholds::{CONVERGED, CONVERGED_PART};
 use analysis_effects::contract::Base;
 use analysis_model::model::Erm;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
@@ -104,6 +105,12 @@ impl Problem {
     pub(super) fn penalty(&self, member: &Member) -> f64 {
         member.free() as f64 * (self.training_rows() as f64).ln()
             + 2.0 * (member.choices() as f64).ln()
+    }
+
+    /// Price of the parameters of all effects of a fit.
+    pub(super) fn spent(&self, fit: &Fit) -> f64 {
+        let members = &fit.structure.members;
+        members.iter().map(|m| self.penalty(m)).sum()
     }
 
     /// Training rows less parameters.
@@ -520,6 +527,11 @@ impl Fit {
     /// The fitted ERM and the values of the effects.
     pub(super) fn decode(&self, branches: usize) -> (Erm, Vec<Vec<f64>>) {
         self.structure.decode(&self.x, branches)
+    }
+
+    /// True where a further step promises nothing against a gain of λ.
+    pub(super) fn has_converged(&self, lambda: f64) -> bool {
+        self.promise <= CONVERGED.max(CONVERGED_PART * lambda)
     }
 
     /// Covariance of the coordinates, row-major; none where the data do not fix them.

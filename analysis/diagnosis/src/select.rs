@@ -2,7 +2,7 @@
 //! that later ones make needless.
 
 use super::accept::is_significant;
-use super::attempts::{Attempt, Joint, is_outside};
+use super::attempts::{Attempt, is_outside};
 use super::guards::outside_lead;
 use super::outcome::{Candidate, Evidence};
 use super::problem::Fit;
@@ -56,8 +56,6 @@ pub(super) struct Selection {
     pub(super) ranking: Vec<Candidate>,
     /// Their fits, best score first.
     pub(super) first_attempts: Vec<Attempt>,
-    /// Pairs that gained more than what was selected, best score first.
-    pub(super) pairs: Vec<Joint>,
     /// The best addition that was refused in the last round, with the reason.
     pub(super) refused: Option<(&'static str, f64, String)>,
     /// The best that were refused in the last round.
@@ -78,7 +76,6 @@ impl Selection {
             selected: Vec::new(),
             ranking: Vec::new(),
             first_attempts: Vec::new(),
-            pairs: Vec::new(),
             refused: None,
             refused_fits: Vec::new(),
             outside: None,
@@ -107,7 +104,6 @@ impl Search<'_> {
             self.add(&mut selection, &mut alone);
             self.gate_again(&mut selection);
         }
-        self.together(&mut selection);
         self.find_rivals(&mut selection);
         self.free_shapes(&mut selection);
         self.look_outside(&mut selection, alone);
@@ -239,13 +235,7 @@ impl Search<'_> {
 
     /// Gain of all names together over the base, after the price of their parameters.
     pub(super) fn gained(&self, selection: &Selection) -> f64 {
-        selection.base.chi2 - selection.fit.chi2 - self.spent(&selection.fit)
-    }
-
-    /// Price of the parameters of all effects of a fit.
-    pub(super) fn spent(&self, fit: &Fit) -> f64 {
-        let members = &fit.structure.members;
-        members.iter().map(|m| self.problem.penalty(m)).sum()
+        selection.base.chi2 - selection.fit.chi2 - self.problem.spent(&selection.fit)
     }
 
     /// Asks whether one effect outside the catalogue does as well as all names together, and

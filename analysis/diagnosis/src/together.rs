@@ -6,14 +6,13 @@
 //! each of the best single effects, and from what comes together in nature. All are fitted jointly.
 //! They serve predictions only; names are given one by one.
 
-use super::attempts::{Attempt, Joint, is_outside};
-use super::problem::{Fit, Tangent};
+use super::attempts::{Attempt, is_outside};
+use super::problem::Fit;
 use super::propose::direction;
 use super::search::{Search, excess_z};
 use super::select::Selection;
 use super::structure::{Member, variants};
 use super::whitening::dot;
-
 use crate::thresholds::{
     GOOD_FIT_Z, LEAST_SCORE, PAIR_DISTINCT, PAIR_PARTNERS, PAIRS_FITTED, PARTNERS_TRIED,
     PROPOSAL_STEPS,
@@ -37,19 +36,27 @@ struct Pair {
     score: f64,
 }
 
+/// A joint fit of base and two effects.
+#[derive(Debug, Clone)]
+pub(super) struct Joint {
+    pub(super) fit: Fit,
+    /// χ² that both remove from the base, after the price of their parameters.
+    pub(super) score: f64,
+}
+
 impl Search<'_> {
-    /// Keeps the pairs that gain more than what was selected. They are no names.
-    pub(super) fn together(&mut self, selection: &mut Selection) {
+    /// Pairs that gain more than what was selected, best first; none where that leaves noise only.
+    pub(super) fn pairs(&mut self, selection: &Selection) -> Vec<Joint> {
         let dof = self.problem.degrees_of_freedom(&selection.fit);
         if excess_z(selection.fit.chi2, dof) < GOOD_FIT_Z {
-            return;
+            return Vec::new();
         }
         let mut joint = self.pairs_by_score(&selection.base);
         joint.extend(self.partners(selection));
         joint.sort_by(|a, b| b.score.total_cmp(&a.score));
         let gained = self.gained(selection);
         joint.retain(|j| j.score >= gained + LEAST_SCORE);
-        selection.pairs = joint;
+        joint
     }
 
     /// Joint fits of the pairs whose directions at the base take up most.
@@ -80,7 +87,7 @@ impl Search<'_> {
 
     fn directions(&mut self, base: &Fit) -> Vec<Direction> {
         let problem = self.problem;
-        let tangent: Tangent = base.tangent();
+        let tangent = base.tangent();
         let predicted = problem.prediction(base.at(), &mut self.workspace);
         let mut all = Vec::new();
         for effect in self.candidates {
@@ -138,21 +145,11 @@ impl Search<'_> {
 
     /// Base and two effects: with their shapes held first, then free.
     fn fit_pair(&mut self, base: &Fit, members: &[Member; 2]) -> Joint {
-        let held = members.iter().fold(base.clone(), |fit, member| {
-            let structure = fit.structure.with(member.frozen());
-            let mut x = fit.x.clone();
-            x.extend(member.frozen().encode());
-            let axes = structure.axes(&self.problem.base.erm);
-            Fit {
-                structure,
-                x,
-                axes,
-                ..fit
-            }
+        let (erm, _) = base.decode(self.problem.branches());
+        let held = members.iter().fold(base.structure.clone(), |structure, m| {
+            structure.with(m.frozen())
         });
-        let held = self
-            .problem
-            .fit_from(&held.structure, held.x, held.axes, &mut self.workspace);
+        let held = self.problem.fit(&held, &erm, &mut self.workspace);
         let held = self.joint(base, held);
         let (erm, values) = held.fit.decode(self.problem.branches());
         let mut structure = base.structure.clone();
@@ -194,7 +191,7 @@ impl Search<'_> {
 
     fn joint(&self, base: &Fit, fit: Fit) -> Joint {
         Joint {
-            score: base.chi2 - fit.chi2 - self.spent(&fit),
+            score: base.chi2 - fit.chi2 - self.problem.spent(&fit),
             fit,
         }
     }

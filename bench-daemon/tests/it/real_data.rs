@@ -167,7 +167,7 @@ fn rivals(d: &Value) -> Vec<&str> {
     rivals
 }
 
-/// What is named and its rivals.
+/// The names and their rivals, sorted.
 fn possible(d: &Value) -> Vec<&str> {
     let mut all = names(&d["effects"]);
     all.extend(rivals(d));

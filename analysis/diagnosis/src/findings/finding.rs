@@ -54,14 +54,14 @@ impl FindingKind {
     }
 }
 
-/// What was found in the data before any physics.
+/// One oddity of the data, found before any physics.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Finding {
     /// Kind.
     pub kind: FindingKind,
     /// The runs concerned.
     pub runs: Vec<String>,
-    /// What and where, with numbers.
+    /// Oddity and place, with numbers.
     pub text: String,
     /// How sure it is: a number of standard deviations, or a count.
     pub how_sure: String,

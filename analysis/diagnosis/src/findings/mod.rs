@@ -36,51 +36,56 @@ const DETECTORS: [Detector; 5] = [
 /// Detectors over all runs: what they find may be why the gate refused one.
 const OF_ALL: [Detector; 3] = [rows::missing, rows::repeated, stamps::rounded];
 
-/// A data set that is told of.
-#[derive(Debug, Clone, Copy)]
-pub struct Told<'a> {
-    /// As it was written.
-    pub set: &'a DataSet,
-    /// What the model expects of it.
-    pub expected: &'a Expected,
-    /// As it is where corrections apply, and what the model expects of that.
-    pub corrected: Option<(&'a DataSet, &'a Expected)>,
+/// A data set with what the model expects of it: as it was written and, where the logger has
+/// filtered its current, with that put right.
+pub(crate) struct Inspected<'a> {
+    set: &'a DataSet,
+    model: &'a BaseModel,
+    pub(crate) expected: Expected,
+    pub(crate) corrected: Option<(DataSet, Expected)>,
+}
+
+impl<'a> Inspected<'a> {
+    pub(crate) fn new(set: &'a DataSet, model: &'a BaseModel) -> Self {
+        let expected = Expected::new(set, model);
+        let corrected = expected.filter.as_ref().map(|filter| {
+            let set = filter.corrected(set);
+            let expected = Expected::without_filter(&set, model);
+            (set, expected)
+        });
+        Self {
+            set,
+            model,
+            expected,
+            corrected,
+        }
+    }
+
+    /// The findings; of runs that the gate refused, only those of their rows and stamps.
+    pub(crate) fn findings(&self, refused: &[Reason]) -> Vec<Finding> {
+        let scene = |set, expected, refused| Scene {
+            at: inspection(set, expected, refused),
+            model: self.model,
+        };
+        let raw = scene(self.set, &self.expected, refused);
+        let mut found: Vec<Finding> = DETECTORS.iter().flat_map(|find| find(&raw)).collect();
+        let all = scene(self.set, &self.expected, &[]);
+        found.extend(OF_ALL.iter().flat_map(|find| find(&all)));
+        // A current that comes late looks like a cell of another size.
+        found.extend(match &self.corrected {
+            Some((set, expected)) => scale::find(&scene(set, expected, refused)),
+            None => scale::find(&raw),
+        });
+        found
+    }
 }
 
 /// The findings on a data set and what the gate says of it, without a diagnosis.
 pub fn inspect(set: &DataSet, model: &BaseModel) -> (GateReport, Vec<Finding>) {
-    let expected = Expected::new(set, model);
-    let report = gate(set, &expected);
-    let corrected = expected.filter.as_ref().map(|f| f.corrected(set));
-    let of_corrected = corrected.as_ref().map(|set| Expected::new(set, model));
-    let told = Told {
-        set,
-        expected: &expected,
-        corrected: corrected.as_ref().zip(of_corrected.as_ref()),
-    };
-    let found = findings(told, model, &report.invalid);
+    let inspected = Inspected::new(set, model);
+    let report = gate(set, &inspected.expected);
+    let found = inspected.findings(&report.invalid);
     (report, found)
-}
-
-/// The findings on a data set; of runs that the gate refused, only what their rows and stamps tell.
-pub fn findings(told: Told<'_>, model: &BaseModel, refused: &[Reason]) -> Vec<Finding> {
-    let scene = |set, expected| Scene {
-        at: inspection(set, expected, refused),
-        model,
-    };
-    let raw = scene(told.set, told.expected);
-    let mut found: Vec<Finding> = DETECTORS.iter().flat_map(|find| find(&raw)).collect();
-    let all = Scene {
-        at: inspection(told.set, told.expected, &[]),
-        model,
-    };
-    found.extend(OF_ALL.iter().flat_map(|find| find(&all)));
-    // A current that comes late looks like a cell of another size.
-    found.extend(match told.corrected {
-        Some((set, expected)) => scale::find(&scene(set, expected)),
-        None => scale::find(&raw),
-    });
-    found
 }
 
 fn inspection<'a>(set: &'a DataSet, expected: &'a Expected, refused: &[Reason]) -> Inspection<'a> {

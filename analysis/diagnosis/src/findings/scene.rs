@@ -1,4 +1,4 @@
-//! What a detector looks at.
+//! The view of a detector.
 
 use crate::data::{Fixture, Role, Run, TimeRecord};
 use crate::gate::Inspection;

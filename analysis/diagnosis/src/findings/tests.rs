@@ -1,18 +1,9 @@
-use super::{Finding, FindingKind, Told, findings};
-use crate::gate::Expected;
+use super::{Finding, FindingKind, Inspected};
 use crate::gate::tests::sim::{Hidden, campaign, model, points, series};
 use crate::{BaseModel, DataSet, Role, RunData};
 
 fn look(set: &DataSet, model: &BaseModel) -> Vec<Finding> {
-    let expected = Expected::new(set, model);
-    let corrected = expected.filter.as_ref().map(|f| f.corrected(set));
-    let of_corrected = corrected.as_ref().map(|set| Expected::new(set, model));
-    let told = Told {
-        set,
-        expected: &expected,
-        corrected: corrected.as_ref().zip(of_corrected.as_ref()),
-    };
-    findings(told, model, &[])
+    Inspected::new(set, model).findings(&[])
 }
 
 fn hold_out(set: &mut DataSet, name: &str) {

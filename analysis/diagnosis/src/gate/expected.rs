@@ -34,8 +34,16 @@ pub enum Prediction {
 }
 
 impl Expected {
-    /// The predictions of a model.
+    /// The predictions of a model, and the filter that they show.
     pub fn new(set: &DataSet, model: &BaseModel) -> Self {
+        Self {
+            filter: shared(set, model),
+            ..Self::without_filter(set, model)
+        }
+    }
+
+    /// The predictions alone: no filter is looked for.
+    pub(crate) fn without_filter(set: &DataSet, model: &BaseModel) -> Self {
         let base = Base {
             erm: model.erm.clone(),
             ocv: model.ocv.clone(),
@@ -50,7 +58,7 @@ impl Expected {
         Self {
             resistance_ohm: (model.erm.r_ohm, model.erm.dc_resistance_ohm()),
             runs,
-            filter: shared(set, model),
+            filter: None,
         }
     }
 }

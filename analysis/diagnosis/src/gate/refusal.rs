@@ -2,14 +2,14 @@
 
 use super::super::current_filter::Filter;
 use super::super::data::DataSet;
-use super::super::findings::{FindingKind, Told, findings};
+use super::super::findings::{FindingKind, Inspected};
 use super::super::outcome::{
     DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, Quality, Verdict,
 };
 use super::super::{
     BaseModel, DataSetError, DiagnosisOptions, Outcome, diagnose::diagnose_with, guards::Guards,
 };
-use super::{Expected, Reason, gate};
+use super::{Reason, gate};
 
 /// Diagnoses a data set if the gate lets it pass; else the verdict is [`Verdict::Invalid`].
 /// `unreadable` are the runs that no data could be read of.
@@ -22,34 +22,20 @@ pub fn diagnose(
     model: &BaseModel,
     options: &DiagnosisOptions,
 ) -> Result<Outcome, DataSetError> {
-    let raw = Expected::new(set, model);
-    let corrected = raw.filter.as_ref().map(|filter| filter.corrected(set));
-    let of_corrected = corrected.as_ref().map(|set| Expected {
-        filter: None,
-        ..Expected::new(set, model)
-    });
+    let inspected = Inspected::new(set, model);
     let wanted = options.accept.contains(&FindingKind::CurrentFilter);
-    let used = match (&corrected, &of_corrected) {
-        (Some(set), Some(expected)) if wanted => Some((set, expected)),
-        _ => None,
-    };
-    let (used_set, expected) = used.unwrap_or((set, &raw));
+    let used = inspected.corrected.as_ref().filter(|_| wanted);
+    let (used_set, expected) = used.map_or((set, &inspected.expected), |(set, expected)| {
+        (set, expected)
+    });
     let report = gate(used_set, expected);
-    let found = findings(
-        Told {
-            set,
-            expected: &raw,
-            corrected: corrected.as_ref().zip(of_corrected.as_ref()),
-        },
-        model,
-        &report.invalid,
-    );
+    let found = inspected.findings(&report.invalid);
     let accepted: Vec<FindingKind> = used
         .map(|_| FindingKind::CurrentFilter)
         .into_iter()
         .collect();
     let told = wanted.then(|| {
-        raw.filter.as_ref().map_or_else(
+        inspected.expected.filter.as_ref().map_or_else(
             || {
                 "current_filter was accepted, but no filter of the logged current was found: the \
                 logged current was used"

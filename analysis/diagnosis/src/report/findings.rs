@@ -1,4 +1,4 @@
-//! What is odd in the data themselves: in short on the first page, in full in the details.
+//! Oddities of the data themselves: in short on the first page, in full in the details.
 
 use super::page::{Item, Section};
 use crate::findings::Finding;

@@ -2,9 +2,10 @@
 
 use super::numbers::{plain, with_values};
 use super::page::{Item, Section};
+use crate::gap::rms_mv;
 use crate::outcome::{Diagnosis, Gap, Predictive};
 
-/// What to predict with while no name is certain, for the first page.
+/// The model to predict with while no name is certain, for the first page.
 pub(super) fn sentences(d: &Diagnosis) -> Vec<String> {
     let Some(predictive) = &d.predictive else {
         return Vec::new();
@@ -20,7 +21,7 @@ pub(super) fn sentences(d: &Diagnosis) -> Vec<String> {
         |gap: &Gap| gap.augmented_mv,
         |gap: &Gap| gap.floor_mv,
     ]
-    .map(|of| rms(&predictive.gap, of));
+    .map(|of| rms_mv(&predictive.gap, of));
     sentences.push(format!(
         "Over the held-out records it is wrong by {} mV (rms) instead of {} mV; noise alone \
         makes {} mV.",
@@ -30,11 +31,6 @@ pub(super) fn sentences(d: &Diagnosis) -> Vec<String> {
     ));
     sentences.push(range(predictive));
     sentences
-}
-
-fn rms(gaps: &[Gap], of: fn(&Gap) -> f64) -> f64 {
-    let square: f64 = gaps.iter().map(|gap| of(gap).powi(2)).sum();
-    (square / gaps.len().max(1) as f64).sqrt()
 }
 
 /// The range in which it was fitted and tested.

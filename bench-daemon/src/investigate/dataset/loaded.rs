@@ -22,7 +22,7 @@ pub struct Loaded {
     pub problems: Vec<DataSetProblem>,
     /// Assumptions that had to be made.
     pub notes: Vec<String>,
-    /// What is odd in the files.
+    /// Oddities of the files.
     pub findings: Vec<Finding>,
     /// Findings whose correction is asked for.
     pub accept: Vec<FindingKind>,

@@ -193,7 +193,7 @@ struct Resolver<'a> {
     files: Files,
     /// Points of the sweeps so far that quality gates have refused.
     flagged: Vec<Flagged>,
-    /// What is odd in the files so far.
+    /// Oddities of the files so far.
     findings: Vec<Finding>,
 }
 
