@@ -769,19 +769,6 @@ thresholds! {
     MOST_EFFECTS: usize = 3, "effects",
         "Most effects that are added.",
         Convention "The study hides up to three. No study of more is on record.";
-    PAIRS_FITTED: usize = 3, "pairs",
-        "Pairs of effects with the best joint Lagrange scores that are fitted.",
-        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
-    PAIR_PARTNERS: usize = 2, "effects",
-        "Best single effects that a partner is looked for.",
-        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
-    PARTNERS_TRIED: usize = 2, "effects",
-        "Partners of the best Lagrange scores that are fitted for each of them.",
-        Convention "A compromise with the time of a diagnosis. No study of the value is on record.";
-    PAIR_DISTINCT: f64 = 1e-3, "1",
-        "Least 1 − cos² between the directions of two effects that are tried together.",
-        Convention "Below it their strengths have 30 times the error of one alone, as 1/√(1 − \
-        cos²).";
     PREDICTIVE_TERMS: usize = 4, "effects",
         "Most effects of an augmentation for predictions.",
         Convention "One more than `MOST_EFFECTS`, for a form may need two of them. No study of \
