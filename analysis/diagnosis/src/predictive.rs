@@ -4,6 +4,7 @@
 //! called: its form predicts, and nothing is claimed about its cause. Each member must gain more
 //! than its parameters cost, converge, stand at no bound, and make no held-out record worse.
 
+use super::attempts::Attempt;
 use super::block::Workspace;
 use super::gap::{Fits, gaps};
 use super::outcome::{FittedParameter, PREDICTION_ONLY, Predictive, PredictiveTerm};
@@ -36,7 +37,12 @@ impl Search<'_> {
             if last.is_proven && excess_z(last.fit.chi2, dof) < GOOD_FIT_Z {
                 break;
             }
-            let Some(next) = self.next_term(&selection.base, &last.fit) else {
+            let attempts = if last.fit.structure.members.is_empty() {
+                selection.first_attempts.clone()
+            } else {
+                self.attempts_of(&last.fit, PREDICTIVE_TRIED, may_predict)
+            };
+            let Some(next) = self.next_term(&selection.base, &last.fit, attempts) else {
                 break;
             };
             if next.is_proven {
@@ -67,8 +73,8 @@ impl Search<'_> {
 
     /// The best further effect of the cell: one that no held-out record speaks against, else the
     /// one that gains most.
-    fn next_term(&mut self, base: &Fit, fit: &Fit) -> Option<Term> {
-        let mut attempts = self.attempts_of(fit, PREDICTIVE_TRIED, may_predict);
+    fn next_term(&mut self, base: &Fit, fit: &Fit, mut attempts: Vec<Attempt>) -> Option<Term> {
+        attempts.retain(|attempt| may_predict(attempt.name));
         attempts.sort_by(|a, b| b.score.total_cmp(&a.score));
         let mut best = None;
         for attempt in attempts {

@@ -320,9 +320,13 @@ impl Player {
             .zip(&run.network.branches)
             .enumerate()
         {
-            if factor.start == 1.0 && factor.middle == 1.0 && branch.law == Law::Linear {
-                let gain = self.gains[d * n + j];
-                *v = gain.decay * *v + gain.start * from + gain.end * to;
+            if factor.start == 1.0 && factor.middle == 1.0 {
+                *v = if branch.law == Law::Linear {
+                    let gain = self.gains[d * n + j];
+                    gain.decay * *v + gain.start * from + gain.end * to
+                } else {
+                    branch::ramp(branch, 1.0, *v, current_a, part_s)
+                };
                 continue;
             }
             // A fast branch ends with the resistance of the step's end: the product of resistance

@@ -2,7 +2,7 @@
 
 use super::super::charge_transfer::{Kinetics, greatest_beta, thermal_v};
 use super::*;
-use crate::contract::{Base, Moved};
+use crate::contract::{Base, Branch, Moved, Network};
 use std::f64::consts::{PI, TAU};
 
 const PULSE_A: f64 = 50.0;
@@ -564,5 +564,70 @@ fn a_hysteresis_is_carried_from_record_to_record() {
         m_v * towards(0.0, -1.0, moved_c),
         1e-9,
         "by itself",
+    );
+}
+
+/// Part of a step response of diffusion into spheres that the finite-length formula leaves, at its
+/// best strength and time constant: root mean square over the logarithm of the time.
+fn left_of_spheres(decades: i32) -> f64 {
+    let diffusion = super::super::find("diffusion").unwrap();
+    let base = super::base();
+    // Crank, The Mathematics of Diffusion, 6.3: tan λ = λ has one root in each (kπ, (k + ½)π).
+    let roots: Vec<f64> = (1..300)
+        .map(|k| {
+            let (mut low, mut high) = (f64::from(k) * PI, (f64::from(k) + 0.5) * PI);
+            for _ in 0..60 {
+                let middle = 0.5 * (low + high);
+                let (sin, cos) = middle.sin_cos();
+                // sin − λ·cos has the sign of tan − λ, without its pole.
+                if (sin - middle * cos) * cos.signum() < 0.0 {
+                    low = middle;
+                } else {
+                    high = middle;
+                }
+            }
+            low
+        })
+        .collect();
+    let times: Vec<f64> = (0..=200)
+        .map(|k| 10f64.powf(1.0 - f64::from(decades) * (1.0 - f64::from(k) / 200.0)))
+        .collect();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let sphere: Vec<f64> = times
+        .iter()
+        .map(|t| {
+            let term = |l: &f64| 2.0 / (l * l) * (1.0 - (-l * l * t).exp());
+            roots.iter().map(term).sum()
+        })
+        .collect();
+    let size = dot(&sphere, &sphere);
+    (-30..=0)
+        .map(|k| {
+            let tau_s = 10f64.powf(f64::from(k) / 20.0);
+            let mut network = Network::of(&base.erm);
+            let own = network.branches.len();
+            diffusion.network(&[1.0, tau_s], &base, &mut network);
+            let branches = &network.branches[own..];
+            let formula: Vec<f64> = times
+                .iter()
+                .map(|t| {
+                    let term = |b: &Branch| b.r_ohm * (1.0 - (-t / b.tau_s).exp());
+                    branches.iter().map(term).sum()
+                })
+                .collect();
+            let along = dot(&sphere, &formula);
+            (1.0 - along * along / (size * dot(&formula, &formula))).sqrt()
+        })
+        .fold(f64::INFINITY, f64::min)
+}
+
+/// The source of the diagnosis' `FORMULA_SHARE`: what a cell with spherical particles leaves of the
+/// formula for a layer.
+#[test]
+fn a_layer_leaves_three_percent_of_spheres() {
+    let [three, four] = [3, 4].map(left_of_spheres);
+    assert!(
+        (0.020..0.026).contains(&three) && (0.032..0.038).contains(&four),
+        "{three} {four}"
     );
 }
