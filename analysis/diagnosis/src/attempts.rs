@@ -4,17 +4,19 @@
 //! imitate the missing effect. Candidates are then also fitted from the model file's own
 //! parameters, where the linear test gives another strength and shape.
 
+use super::block::Workspace;
 use super::outcome::Candidate;
-use super::problem::{Fit, Tangent};
+use super::problem::{Fit, PROMISE, Tangent};
 use super::propose::{Proposal, propose};
 use super::search::{Search, excess_z};
 use super::structure::Member;
 use crate::thresholds::{
-    ALWAYS_FITTED, DEEPER_CHI2, HELD_STARTS, INTEGRATION_PART, KEPT_PART, LEAST_LAGRANGE,
-    LEAST_SCORE, MISFIT_Z, MOST_FITTED, MOST_PARTS, MOST_RESTARTS, NEAR_BEST, SHAPE_DRIFT,
-    STRONG_LAGRANGE, WEAKER_STARTS,
+    ALWAYS_FITTED, CONVERGED, DEEPER_CHI2, HELD_STARTS, INTEGRATION_PART, KEPT_PART,
+    LEAST_LAGRANGE, LEAST_SCORE, MISFIT_Z, MOST_FITTED, MOST_PARTS, MOST_RESTARTS, NEAR_BEST,
+    SHAPE_DRIFT, STRONG_LAGRANGE, WEAKER_STARTS,
 };
 use analysis_effects::{contract::Effect, effects::outside};
+use rayon::prelude::*;
 
 /// A fitted addition.
 #[derive(Debug, Clone)]
@@ -147,31 +149,41 @@ impl Search<'_> {
         let elsewhere: Vec<&'static str> = origins.get(1).map_or_else(Vec::new, |o| {
             o.names().into_iter().take(ALWAYS_FITTED).collect()
         });
-        let (mut attempts, mut ranking) = (Vec::new(), Vec::new());
-        for (rank, name) in names.into_iter().enumerate() {
+        let kept = |rank: usize, name: &'static str| {
             let lagrange = origins[0].lagrange(name);
             let near =
                 lagrange > LEAST_LAGRANGE && (rank < MOST_FITTED || lagrange > NEAR_BEST * best);
-            let keep = rank < ALWAYS_FITTED || near || elsewhere.contains(&name);
-            let attempt = if keep {
-                self.attempt(fit, name, &origins)
-            } else {
-                None
-            };
-            ranking.push(Candidate {
+            rank < ALWAYS_FITTED || near || elsewhere.contains(&name)
+        };
+        let (promising, others): (Vec<_>, Vec<_>) = names
+            .iter()
+            .copied()
+            .enumerate()
+            .partition(|(rank, name)| kept(*rank, name));
+        let ranking = names
+            .iter()
+            .map(|name| Candidate {
                 name,
-                lagrange,
+                lagrange: origins[0].lagrange(name),
                 lambda: None,
                 score: None,
-                refused_because: if keep {
-                    String::new()
-                } else {
+                refused_because: if others.iter().any(|(_, other)| other == name) {
                     "Lagrange score too low to fit it".to_owned()
+                } else {
+                    String::new()
                 },
-            });
-            attempts.extend(attempt);
-        }
-        (attempts, ranking)
+            })
+            .collect();
+        let promising = promising.into_iter().map(|(_, name)| name).collect();
+        (self.attempt_all(fit, promising, &origins), ranking)
+    }
+
+    /// Fits of these candidates, on all cores.
+    fn attempt_all(&self, fit: &Fit, names: Vec<&'static str>, origins: &[Origin]) -> Vec<Attempt> {
+        let fitted = names.into_par_iter();
+        fitted
+            .filter_map(|name| self.aside().attempt(fit, name, origins))
+            .collect()
     }
 
     /// The fit, and where it misses the model file's base with the same effects.
@@ -196,10 +208,9 @@ impl Search<'_> {
         wanted: impl Fn(&'static str) -> bool,
     ) -> Vec<Attempt> {
         let origins = [self.origin(fit.clone(), wanted)];
-        let names = origins[0].names();
-        let best = names.into_iter().take(most);
-        best.filter_map(|name| self.attempt(fit, name, &origins))
-            .collect()
+        let mut names = origins[0].names();
+        names.truncate(most);
+        self.attempt_all(fit, names, &origins)
     }
 
     fn origin(&mut self, fit: Fit, wanted: impl Fn(&'static str) -> bool) -> Origin {
@@ -210,24 +221,27 @@ impl Search<'_> {
         };
         let more: &[&'static dyn Effect] = if self.guards.outside { outside() } else { &[] };
         let predicted = self.problem.prediction(fit.at(), &mut self.workspace);
-        let mut proposals = Vec::new();
-        for effect in self.candidates.iter().chain(more) {
+        let mut asked: Vec<&'static dyn Effect> =
+            self.candidates.iter().chain(more).copied().collect();
+        asked.retain(|effect| {
             let name = effect.card().name;
-            if !wanted(name) || fit.structure.members.iter().any(|m| m.name() == name) {
-                continue;
-            }
-            let of = propose(
-                self.problem,
-                &fit,
-                &predicted,
-                &tangent,
-                *effect,
-                &mut self.workspace,
-            );
-            if !of.is_empty() {
-                proposals.push(of);
-            }
-        }
+            wanted(name) && !fit.structure.members.iter().any(|m| m.name() == name)
+        });
+        let proposals = asked
+            .into_par_iter()
+            .map(|effect| {
+                let mut workspace = Workspace::default();
+                propose(
+                    self.problem,
+                    &fit,
+                    &predicted,
+                    &tangent,
+                    effect,
+                    &mut workspace,
+                )
+            })
+            .filter(|of| !of.is_empty())
+            .collect();
         Origin { fit, proposals }
     }
 
@@ -282,7 +296,7 @@ impl Search<'_> {
         all.sort_by(|a, b| b.0.score.total_cmp(&a.0.score));
         let (held, member) = all.first()?.clone();
         if member.frozen().free() == member.free() {
-            return Some(held);
+            return Some(self.polished(held));
         }
         // A strong effect has minima between the starts' shapes: the best one is not always reached
         // from the best start.
@@ -302,14 +316,14 @@ impl Search<'_> {
         let worth = |a: &Attempt| a.score - if at_bound(a) { SHAPE_DRIFT } else { 0.0 };
         let freed = freed.into_iter().filter(|a| a.score.is_finite());
         let Some(free) = freed.max_by(|a, b| worth(a).total_cmp(&worth(b))) else {
-            return Some(held);
+            return Some(self.polished(held));
         };
         let bound = at_bound(&free);
         // Shapes that the data do not fix drift to a bound, and then carry no information.
         let drifted = bound && free.lambda < held.lambda + SHAPE_DRIFT;
         let distinct = held.score;
         Some(if drifted || held.score >= free.score {
-            held
+            self.polished(held)
         } else {
             Attempt { distinct, ..free }
         })
@@ -321,7 +335,7 @@ impl Search<'_> {
     /// promised, weaker starts are tried.
     fn hold(&mut self, fit: &Fit, from: &Fit, proposal: &Proposal) -> Attempt {
         let member = proposal.member.frozen();
-        let mut best = self.try_member(fit.chi2, from, &member);
+        let mut best = self.try_member(fit.chi2, from, &member, CONVERGED);
         for weaker in WEAKER_STARTS {
             // The test made its promise for the fit that the attempt started from.
             if proposal.lagrange <= STRONG_LAGRANGE
@@ -331,12 +345,25 @@ impl Search<'_> {
             }
             let mut start = member.start.clone();
             start[0] *= weaker;
-            let other = self.try_member(fit.chi2, from, &member.from(&start));
+            let other = self.try_member(fit.chi2, from, &member.from(&start), CONVERGED);
             if other.score > best.score || best.score.is_nan() {
                 best = other;
             }
         }
         best
+    }
+
+    /// An attempt whose fit was ended early, fitted to the end.
+    fn polished(&mut self, attempt: Attempt) -> Attempt {
+        let before = attempt.fit.chi2;
+        let fit = self.problem.polished(attempt.fit, &mut self.workspace);
+        let gained = before - fit.chi2;
+        Attempt {
+            score: attempt.score + gained,
+            lambda: attempt.lambda + gained,
+            fit,
+            ..attempt
+        }
     }
 
     /// The fit with the shapes free, from where it ended with them held.
@@ -350,14 +377,23 @@ impl Search<'_> {
             .unwrap_or(member.start[0]);
         let mut start = member.start.clone();
         start[0] = strength;
-        let mut freed = self.try_member(fit.chi2, &held.fit.base_of(fit), &member.from(&start));
+        let from = held.fit.base_of(fit);
+        let mut freed = self.try_member(fit.chi2, &from, &member.from(&start), PROMISE);
         freed.fit = self.with_identity(freed.fit);
         freed
     }
 
     /// A fit with one effect more, from a fit's base; its λ counts from `before_chi2`.
-    fn try_member(&mut self, before_chi2: f64, from: &Fit, member: &Member) -> Attempt {
-        let found = self.problem.fit_added(from, member, &mut self.workspace);
+    fn try_member(
+        &mut self,
+        before_chi2: f64,
+        from: &Fit,
+        member: &Member,
+        promise: f64,
+    ) -> Attempt {
+        let found = self
+            .problem
+            .fit_added(from, member, promise, &mut self.workspace);
         let lambda = before_chi2 - found.chi2;
         let score = lambda - self.problem.penalty(member);
         Attempt {

@@ -57,7 +57,12 @@ pub fn oracle(
         );
         let mut best: Option<super::problem::Fit> = None;
         for proposal in proposals.iter().take(4) {
-            let found = problem.fit_added(&fit, &proposal.member, &mut workspace);
+            let found = problem.fit_added(
+                &fit,
+                &proposal.member,
+                super::problem::PROMISE,
+                &mut workspace,
+            );
             if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
                 best = Some(found);
             }

@@ -13,7 +13,9 @@ use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
 /// Steps of a fit at most.
 const ITERATIONS: usize = 60;
 /// A fit ends when less χ² than this is promised.
-const PROMISE: f64 = 2e-3;
+pub(super) const PROMISE: f64 = 2e-3;
+/// Part of its promise that a step must keep for the base's derivatives to serve again.
+const KEPT_DERIVATIVES: f64 = 0.9;
 /// Information given to a coordinate in any case: a move by 1 changes the prediction by less than
 /// 1e-4 standard deviations.
 const UNMOVED: f64 = 1e-8;
@@ -42,6 +44,15 @@ pub(super) struct Prediction {
     pub(super) white: Vec<f64>,
     /// Rows by block; empty for other blocks.
     rows: Vec<Vec<f64>>,
+}
+
+/// What a fit starts with, and where it ends.
+#[derive(Clone, Copy)]
+struct Nearby<'a> {
+    /// Derivatives by the first coordinates, taken nearby.
+    columns: &'a [Vec<f64>],
+    /// χ² that a further step may still promise.
+    promise: f64,
 }
 
 /// A fitted structure.
@@ -345,13 +356,23 @@ impl Problem {
         workspace: &mut Workspace,
     ) -> Vec<Vec<f64>> {
         (0..at.x.len())
-            .map(|k| {
-                let step = axes[k].inwards(at.x[k]);
-                let mut column = self.change(at, predicted, k, step, workspace);
-                column.iter_mut().for_each(|c| *c /= step);
-                column
-            })
+            .map(|k| self.column(at, axes, predicted, k, workspace))
             .collect()
+    }
+
+    /// Derivative by one coordinate.
+    fn column(
+        &self,
+        at: At<'_>,
+        axes: &[Axis],
+        predicted: &Prediction,
+        k: usize,
+        workspace: &mut Workspace,
+    ) -> Vec<f64> {
+        let step = axes[k].inwards(at.x[k]);
+        let mut column = self.change(at, predicted, k, step, workspace);
+        column.iter_mut().for_each(|c| *c /= step);
+        column
     }
 
     /// Fits a structure from its members' starts and a base.
@@ -364,8 +385,15 @@ impl Problem {
         self.fit_from(structure, x, axes, workspace)
     }
 
-    /// Fits a structure with one effect more, from where a fit without it stands.
-    pub(super) fn fit_added(&self, fit: &Fit, member: &Member, workspace: &mut Workspace) -> Fit {
+    /// Fits a structure with one effect more, from where a fit without it stands, until less χ² than
+    /// `promise` can be gained.
+    pub(super) fn fit_added(
+        &self,
+        fit: &Fit,
+        member: &Member,
+        promise: f64,
+        workspace: &mut Workspace,
+    ) -> Fit {
         let structure = fit.structure.with(member.clone());
         let axes = structure.axes(&self.base.erm);
         let mut x = fit.x.clone();
@@ -373,7 +401,11 @@ impl Problem {
         x.iter_mut()
             .zip(&axes)
             .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
-        self.fit_from(&structure, x, axes, workspace)
+        let nearby = Nearby {
+            columns: &fit.columns,
+            promise,
+        };
+        self.fit_by(&structure, x, axes, nearby, workspace)
     }
 
     /// A structure at a vector, as it is.
@@ -407,8 +439,35 @@ impl Problem {
     pub(super) fn fit_from(
         &self,
         structure: &Structure,
+        x: Vec<f64>,
+        axes: Vec<Axis>,
+        workspace: &mut Workspace,
+    ) -> Fit {
+        let nothing = Nearby {
+            columns: &[],
+            promise: PROMISE,
+        };
+        self.fit_by(structure, x, axes, nothing, workspace)
+    }
+
+    /// Fits to the end what was fitted with less care.
+    pub(super) fn polished(&self, fit: Fit, workspace: &mut Workspace) -> Fit {
+        if fit.promise < PROMISE {
+            return fit;
+        }
+        let nearby = Nearby {
+            columns: &fit.columns,
+            promise: PROMISE,
+        };
+        self.fit_by(&fit.structure, fit.x, fit.axes, nearby, workspace)
+    }
+
+    fn fit_by(
+        &self,
+        structure: &Structure,
         mut x: Vec<f64>,
         axes: Vec<Axis>,
+        nearby: Nearby<'_>,
         workspace: &mut Workspace,
     ) -> Fit {
         let target = self.target();
@@ -422,42 +481,64 @@ impl Problem {
         let mut predicted = self.prediction(structure.at(&x), workspace);
         let mut residuals = difference(&predicted);
         let mut chi2 = dot(&residuals, &residuals);
-        let mut columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
+        let mut columns = nearby.columns.to_vec();
+        for k in columns.len()..x.len() {
+            columns.push(self.column(structure.at(&x), &axes, &predicted, k, workspace));
+        }
+        // Derivatives by the base's parameters are taken again only where they have served badly:
+        // they cost most of a fit, and the base moves little.
+        let own = 1 + 2 * self.branches();
+        let mut are_fresh = nearby.columns.is_empty();
         let mut damping = 1e-4;
         for _ in 0..ITERATIONS {
             let Some((step, promise)) = step(&columns, &residuals, &axes, &x, damping) else {
                 break;
             };
-            if promise < PROMISE {
+            let ends = promise < nearby.promise;
+            if ends && are_fresh {
                 break;
             }
-            let trial: Vec<f64> = x
-                .iter()
-                .zip(&step)
-                .zip(&axes)
-                .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
-                .collect();
-            let moved = self.prediction(structure.at(&trial), workspace);
-            let residual = difference(&moved);
-            let value = dot(&residual, &residual);
-            if value < chi2 {
-                let gained = chi2 - value;
-                (x, predicted, residuals, chi2) = (trial, moved, residual, value);
-                damping = if gained > 0.5 * promise {
-                    damping * 0.1
-                } else {
-                    damping
-                };
-                columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
-                if gained < PROMISE {
+            let mut gained = 0.0;
+            if !ends {
+                let trial: Vec<f64> = x
+                    .iter()
+                    .zip(&step)
+                    .zip(&axes)
+                    .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
+                    .collect();
+                let moved = self.prediction(structure.at(&trial), workspace);
+                let residual = difference(&moved);
+                let value = dot(&residual, &residual);
+                gained = chi2 - value;
+                if gained > 0.0 {
+                    (x, predicted, residuals, chi2) = (trial, moved, residual, value);
+                }
+            }
+            let at = structure.at(&x);
+            if gained > KEPT_DERIVATIVES * promise {
+                damping *= 0.1;
+                for k in own..x.len() {
+                    columns[k] = self.column(at, &axes, &predicted, k, workspace);
+                }
+                are_fresh = false;
+            } else if gained > 0.0 || !are_fresh {
+                if gained > 0.5 * promise {
+                    damping *= 0.1;
+                }
+                columns = self.columns(at, &axes, &predicted, workspace);
+                if are_fresh && gained < nearby.promise {
                     break;
                 }
+                are_fresh = true;
             } else {
                 damping = (damping * 10.0).max(1e-6);
                 if damping > 1e8 {
                     break;
                 }
             }
+        }
+        if !are_fresh {
+            columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
         }
         let promise =
             step(&columns, &residuals, &axes, &x, 0.0).map_or(0.0, |(_, promise)| promise);
@@ -557,6 +638,7 @@ impl Fit {
     pub(super) fn base_of(&self, other: &Self) -> Self {
         Self {
             x: self.x[..other.x.len()].to_vec(),
+            columns: self.columns[..other.x.len()].to_vec(),
             ..other.clone()
         }
     }

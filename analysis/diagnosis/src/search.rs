@@ -16,6 +16,16 @@ pub(super) struct Search<'a> {
     pub(super) workspace: Workspace,
 }
 
+impl Search<'_> {
+    /// The same tools for another thread.
+    pub(super) fn aside(&self) -> Search<'_> {
+        Search {
+            workspace: Workspace::default(),
+            ..*self
+        }
+    }
+}
+
 /// (χ² − dof)/√(2·dof).
 pub(super) fn excess_z(chi2: f64, dof: f64) -> f64 {
     (chi2 - dof) / (2.0 * dof).sqrt()

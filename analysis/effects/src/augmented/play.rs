@@ -298,9 +298,12 @@ impl Player {
         };
         let factor = modulation(dynamics, &at);
         at.overpotential_v = run.network.r_ohm * factor.series * current_a + sum;
-        at.stored_w = run
-            .network
-            .stored_w(&self.states_v, current_a, factor.branches);
+        // Only an effect with a state of its own asks for heat.
+        if !dynamics.is_empty() {
+            at.stored_w = run
+                .network
+                .stored_w(&self.states_v, current_a, factor.branches);
+        }
         at
     }
 
