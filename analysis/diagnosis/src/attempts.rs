@@ -6,14 +6,14 @@
 
 use super::block::Workspace;
 use super::outcome::Candidate;
-use super::problem::{Fit, PROMISE, Tangent};
+use super::problem::{Fit, Tangent};
 use super::propose::{Proposal, propose};
 use super::search::{Search, excess_z};
 use super::structure::Member;
 use crate::thresholds::{
-    ALWAYS_FITTED, CONVERGED, DEEPER_CHI2, HELD_STARTS, INTEGRATION_PART, KEPT_PART,
-    LEAST_LAGRANGE, LEAST_SCORE, MISFIT_Z, MOST_FITTED, MOST_PARTS, MOST_RESTARTS, NEAR_BEST,
-    SHAPE_DRIFT, STRONG_LAGRANGE, WEAKER_STARTS,
+    ALWAYS_FITTED, DEEPER_CHI2, HELD_STARTS, INTEGRATION_PART, KEPT_PART, LEAST_LAGRANGE,
+    LEAST_SCORE, MISFIT_Z, MOST_FITTED, MOST_PARTS, MOST_RESTARTS, NEAR_BEST, SHAPE_DRIFT,
+    STRONG_LAGRANGE, WEAKER_STARTS,
 };
 use analysis_effects::{contract::Effect, effects::outside};
 use rayon::prelude::*;
@@ -335,7 +335,7 @@ impl Search<'_> {
     /// promised, weaker starts are tried.
     fn hold(&mut self, fit: &Fit, from: &Fit, proposal: &Proposal) -> Attempt {
         let member = proposal.member.frozen();
-        let mut best = self.try_member(fit.chi2, from, &member, CONVERGED);
+        let mut best = self.try_member(fit.chi2, from, &member, true);
         for weaker in WEAKER_STARTS {
             // The test made its promise for the fit that the attempt started from.
             if proposal.lagrange <= STRONG_LAGRANGE
@@ -345,7 +345,7 @@ impl Search<'_> {
             }
             let mut start = member.start.clone();
             start[0] *= weaker;
-            let other = self.try_member(fit.chi2, from, &member.from(&start), CONVERGED);
+            let other = self.try_member(fit.chi2, from, &member.from(&start), true);
             if other.score > best.score || best.score.is_nan() {
                 best = other;
             }
@@ -378,7 +378,7 @@ impl Search<'_> {
         let mut start = member.start.clone();
         start[0] = strength;
         let from = held.fit.base_of(fit);
-        let mut freed = self.try_member(fit.chi2, &from, &member.from(&start), PROMISE);
+        let mut freed = self.try_member(fit.chi2, &from, &member.from(&start), false);
         freed.fit = self.with_identity(freed.fit);
         freed
     }
@@ -389,11 +389,11 @@ impl Search<'_> {
         before_chi2: f64,
         from: &Fit,
         member: &Member,
-        promise: f64,
+        is_rough: bool,
     ) -> Attempt {
         let found = self
             .problem
-            .fit_added(from, member, promise, &mut self.workspace);
+            .fit_added(from, member, is_rough, &mut self.workspace);
         let lambda = before_chi2 - found.chi2;
         let score = lambda - self.problem.penalty(member);
         Attempt {

@@ -57,12 +57,7 @@ pub fn oracle(
         );
         let mut best: Option<super::problem::Fit> = None;
         for proposal in proposals.iter().take(4) {
-            let found = problem.fit_added(
-                &fit,
-                &proposal.member,
-                super::problem::PROMISE,
-                &mut workspace,
-            );
+            let found = problem.fit_added(&fit, &proposal.member, false, &mut workspace);
             if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
                 best = Some(found);
             }

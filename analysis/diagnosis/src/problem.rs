@@ -13,9 +13,21 @@ use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
 /// Steps of a fit at most.
 const ITERATIONS: usize = 60;
 /// A fit ends when less χ² than this is promised.
-pub(super) const PROMISE: f64 = 2e-3;
-/// Part of its promise that a step must keep for the base's derivatives to serve again.
-const KEPT_DERIVATIVES: f64 = 0.9;
+const PROMISE: f64 = 2e-3;
+/// The same as a part of χ², which is far above its floor while an effect is missing.
+const PROMISE_PART: f64 = 1e-6;
+/// The same part of a rough fit, which only compares starts.
+const ROUGH_PART: f64 = 1e-4;
+/// Part of its promise that a step must keep for less damping, and for the base's derivatives to
+/// serve again.
+const KEPT_PROMISE: f64 = 0.5;
+/// Growth of the damping after a failed step; it doubles with each (Nielsen, IMM-REP-1999-05).
+const DAMPING_GROWTH: f64 = 2.0;
+/// Part of a step over which its bend is measured.
+const BEND_PART: f64 = 0.1;
+/// Size of the second-order part of a step at most, as a part of the first: 0.75, as its source
+/// says.
+const MOST_ACCELERATION: f64 = 0.75;
 /// Information given to a coordinate in any case: a move by 1 changes the prediction by less than
 /// 1e-4 standard deviations.
 const UNMOVED: f64 = 1e-8;
@@ -51,8 +63,8 @@ pub(super) struct Prediction {
 struct Nearby<'a> {
     /// Derivatives by the first coordinates, taken nearby.
     columns: &'a [Vec<f64>],
-    /// χ² that a further step may still promise.
-    promise: f64,
+    /// Whether the fit ends early, and derivatives taken nearby may tell where.
+    is_rough: bool,
 }
 
 /// A fitted structure.
@@ -67,7 +79,7 @@ pub(super) struct Fit {
     pub(super) residuals: Vec<f64>,
     /// Derivatives of the whitened prediction, one column per parameter.
     pub(super) columns: Vec<Vec<f64>>,
-    /// χ² that a further step still promises.
+    /// χ² that a further step still promises; infinite where nobody asked.
     pub(super) promise: f64,
 }
 
@@ -385,13 +397,13 @@ impl Problem {
         self.fit_from(structure, x, axes, workspace)
     }
 
-    /// Fits a structure with one effect more, from where a fit without it stands, until less χ² than
-    /// `promise` can be gained.
+    /// Fits a structure with one effect more, from where a fit without it stands. A rough fit ends
+    /// early, and its derivatives are those of a fit nearby.
     pub(super) fn fit_added(
         &self,
         fit: &Fit,
         member: &Member,
-        promise: f64,
+        is_rough: bool,
         workspace: &mut Workspace,
     ) -> Fit {
         let structure = fit.structure.with(member.clone());
@@ -403,7 +415,7 @@ impl Problem {
             .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
         let nearby = Nearby {
             columns: &fit.columns,
-            promise,
+            is_rough,
         };
         self.fit_by(&structure, x, axes, nearby, workspace)
     }
@@ -445,23 +457,50 @@ impl Problem {
     ) -> Fit {
         let nothing = Nearby {
             columns: &[],
-            promise: PROMISE,
+            is_rough: false,
         };
         self.fit_by(structure, x, axes, nothing, workspace)
     }
 
-    /// Fits to the end what was fitted with less care.
+    /// Fits to the end what was fitted roughly.
     pub(super) fn polished(&self, fit: Fit, workspace: &mut Workspace) -> Fit {
-        if fit.promise < PROMISE {
+        if fit.promise < PROMISE.max(PROMISE_PART * fit.chi2) {
             return fit;
         }
         let nearby = Nearby {
             columns: &fit.columns,
-            promise: PROMISE,
+            is_rough: false,
         };
         self.fit_by(&fit.structure, fit.x, fit.axes, nearby, workspace)
     }
 
+    /// Second derivative of the whitened prediction along moves, by differences over a part of them;
+    /// none where that part does not lie between the bounds.
+    fn bend(
+        &self,
+        at: At<'_>,
+        axes: &[Axis],
+        moves: &[f64],
+        predicted: &Prediction,
+        workspace: &mut Workspace,
+    ) -> Option<Vec<f64>> {
+        let mut along = |part: f64| {
+            let x: Vec<f64> = at.x.iter().zip(moves).map(|(x, s)| x + part * s).collect();
+            let mut inside = x.iter().zip(axes);
+            inside
+                .all(|(x, a)| (a.lower..=a.upper).contains(x))
+                .then(|| self.prediction(at.structure.at(&x), workspace).white)
+        };
+        let (there, back) = (along(BEND_PART)?, along(-BEND_PART)?);
+        let rows = there.iter().zip(&back).zip(&predicted.white);
+        Some(
+            rows.map(|((there, back), here)| (there - 2.0 * here + back) / (BEND_PART * BEND_PART))
+                .collect(),
+        )
+    }
+
+    /// A Levenberg–Marquardt fit. In a curved valley the steps follow its bend (geodesic
+    /// acceleration, Transtrum and Sethna, arXiv 1201.5885).
     fn fit_by(
         &self,
         structure: &Structure,
@@ -489,22 +528,40 @@ impl Problem {
         // they cost most of a fit, and the base moves little.
         let own = 1 + 2 * self.branches();
         let mut are_fresh = nearby.columns.is_empty();
-        let mut damping = 1e-4;
+        // Once a step has failed, the way is taken for a curved one.
+        let mut is_curved = false;
+        let (mut damping, mut growth) = (1e-4, DAMPING_GROWTH);
         for _ in 0..ITERATIONS {
-            let Some((step, promise)) = step(&columns, &residuals, &axes, &x, damping) else {
+            let Some(normal) = Normal::new(&columns, &residuals, &axes, &x, damping) else {
                 break;
             };
-            let ends = promise < nearby.promise;
-            if ends && are_fresh {
+            let (mut moves, promise) = normal.step(&columns, &residuals, &axes);
+            let enough = if nearby.is_rough {
+                CONVERGED.max(ROUGH_PART * chi2)
+            } else {
+                PROMISE.max(PROMISE_PART * chi2)
+            };
+            let ends = promise < enough;
+            if ends && (are_fresh || nearby.is_rough) {
                 break;
             }
+            let at = structure.at(&x);
+            let mut is_straight = true;
+            if is_curved && are_fresh && !ends {
+                let bend = self.bend(at, &axes, &moves, &predicted, workspace);
+                is_straight =
+                    bend.is_none_or(|bend| normal.accelerate(&columns, &bend, &mut moves));
+            }
             let mut gained = 0.0;
-            if !ends {
+            if !ends && is_straight {
                 let trial: Vec<f64> = x
                     .iter()
-                    .zip(&step)
+                    .zip(&moves)
                     .zip(&axes)
-                    .map(|((x, s), a)| (x + s).clamp(a.lower, a.upper))
+                    .map(|((x, s), a)| {
+                        let s = s.clamp(-a.longest, a.longest);
+                        (x + s).clamp(a.lower, a.upper)
+                    })
                     .collect();
                 let moved = self.prediction(structure.at(&trial), workspace);
                 let residual = difference(&moved);
@@ -515,33 +572,40 @@ impl Problem {
                 }
             }
             let at = structure.at(&x);
-            if gained > KEPT_DERIVATIVES * promise {
-                damping *= 0.1;
+            let keeps = gained > KEPT_PROMISE * promise;
+            if keeps {
+                (damping, growth) = (0.1 * damping, DAMPING_GROWTH);
+            }
+            if keeps && !is_curved {
                 for k in own..x.len() {
                     columns[k] = self.column(at, &axes, &predicted, k, workspace);
                 }
                 are_fresh = false;
             } else if gained > 0.0 || !are_fresh {
-                if gained > 0.5 * promise {
-                    damping *= 0.1;
-                }
                 columns = self.columns(at, &axes, &predicted, workspace);
-                if are_fresh && gained < nearby.promise {
+                if are_fresh && gained < enough {
                     break;
                 }
+                is_curved |= are_fresh;
                 are_fresh = true;
             } else {
-                damping = (damping * 10.0).max(1e-6);
+                is_curved = true;
+                damping = (damping * growth).max(1e-6);
+                growth *= 2.0;
                 if damping > 1e8 {
                     break;
                 }
             }
         }
-        if !are_fresh {
+        if !are_fresh && !nearby.is_rough {
             columns = self.columns(structure.at(&x), &axes, &predicted, workspace);
+            are_fresh = true;
         }
-        let promise =
-            step(&columns, &residuals, &axes, &x, 0.0).map_or(0.0, |(_, promise)| promise);
+        let promise = if are_fresh {
+            step(&columns, &residuals, &axes, &x, 0.0).map_or(0.0, |(_, promise)| promise)
+        } else {
+            f64::INFINITY
+        };
         Fit {
             structure: structure.clone(),
             x,
@@ -563,41 +627,98 @@ pub(super) fn step(
     x: &[f64],
     damping: f64,
 ) -> Option<(Vec<f64>, f64)> {
-    let gradient: Vec<f64> = columns.iter().map(|c| dot(c, residuals)).collect();
-    let held = |k: usize| {
-        let tiny = 1e-12 * (1.0 + x[k].abs());
-        (x[k] <= axes[k].lower + tiny && gradient[k] <= 0.0)
-            || (x[k] >= axes[k].upper - tiny && gradient[k] >= 0.0)
-    };
-    let free: Vec<usize> = (0..x.len()).filter(|k| !held(*k)).collect();
-    let m = free.len();
-    if m == 0 {
-        return None;
-    }
-    let mut a = vec![0.0; m * m];
-    for (i, k) in free.iter().enumerate() {
-        for (j, l) in free.iter().enumerate().take(i + 1) {
-            let value = dot(&columns[*k], &columns[*l]);
-            a[i * m + j] = value;
-            a[j * m + i] = value;
+    let normal = Normal::new(columns, residuals, axes, x, damping)?;
+    Some(normal.step(columns, residuals, axes))
+}
+
+/// Damped normal equations of the coordinates that no bound holds.
+struct Normal {
+    free: Vec<usize>,
+    /// Squared sizes of the free columns.
+    diagonal: Vec<f64>,
+    /// Cholesky factor of the damped matrix.
+    factor: Vec<f64>,
+}
+
+impl Normal {
+    fn new(
+        columns: &[Vec<f64>],
+        residuals: &[f64],
+        axes: &[Axis],
+        x: &[f64],
+        damping: f64,
+    ) -> Option<Self> {
+        let held = |k: usize| {
+            let gradient = dot(&columns[k], residuals);
+            let tiny = 1e-12 * (1.0 + x[k].abs());
+            (x[k] <= axes[k].lower + tiny && gradient <= 0.0)
+                || (x[k] >= axes[k].upper - tiny && gradient >= 0.0)
+        };
+        let free: Vec<usize> = (0..x.len()).filter(|k| !held(*k)).collect();
+        let m = free.len();
+        if m == 0 {
+            return None;
         }
+        let mut factor = vec![0.0; m * m];
+        for (i, k) in free.iter().enumerate() {
+            for (j, l) in free.iter().enumerate().take(i + 1) {
+                let value = dot(&columns[*k], &columns[*l]);
+                factor[i * m + j] = value;
+                factor[j * m + i] = value;
+            }
+        }
+        let diagonal: Vec<f64> = (0..m).map(|i| factor[i * m + i]).collect();
+        for i in 0..m {
+            factor[i * m + i] += damping * diagonal[i] + 1e-9;
+        }
+        cholesky(&mut factor, m).then_some(Self {
+            free,
+            diagonal,
+            factor,
+        })
     }
-    let diagonal: Vec<f64> = (0..m).map(|i| a[i * m + i]).collect();
-    for i in 0..m {
-        a[i * m + i] += damping * diagonal[i] + 1e-9;
+
+    /// The free moves whose change of the prediction is nearest to `rows`, damped.
+    fn solve(&self, columns: &[Vec<f64>], rows: &[f64]) -> Vec<f64> {
+        let mut part: Vec<f64> = self.free.iter().map(|k| dot(&columns[*k], rows)).collect();
+        cholesky_substitute(&self.factor, self.free.len(), &mut part);
+        part
     }
-    let mut part: Vec<f64> = free.iter().map(|k| gradient[*k]).collect();
-    if !cholesky(&mut a, m) {
-        return None;
+
+    fn step(&self, columns: &[Vec<f64>], residuals: &[f64], axes: &[Axis]) -> (Vec<f64>, f64) {
+        let part = self.solve(columns, residuals);
+        let promise = part
+            .iter()
+            .zip(&self.free)
+            .map(|(s, k)| s * dot(&columns[*k], residuals))
+            .sum();
+        let mut moves = vec![0.0; columns.len()];
+        // Each by itself: one that the data hardly fix must not hold the others up.
+        self.free
+            .iter()
+            .zip(&part)
+            .for_each(|(k, s)| moves[*k] = s.clamp(-axes[*k].longest, axes[*k].longest));
+        (moves, promise)
     }
-    cholesky_substitute(&a, m, &mut part);
-    let promise: f64 = part.iter().zip(&free).map(|(s, k)| s * gradient[*k]).sum();
-    let mut step = vec![0.0; x.len()];
-    // Each by itself: one that the data hardly fix must not hold the others up.
-    free.iter()
-        .zip(&part)
-        .for_each(|(k, s)| step[*k] = s.clamp(-axes[*k].longest, axes[*k].longest));
-    Some((step, promise))
+
+    /// Adds to moves what the bend of the prediction along them asks for; false where that is no
+    /// small part of them.
+    fn accelerate(&self, columns: &[Vec<f64>], bend: &[f64], moves: &mut [f64]) -> bool {
+        let more = self.solve(columns, bend);
+        let size = |part: &[f64]| {
+            let squares = part.iter().zip(&self.diagonal).map(|(p, d)| p * p * d);
+            squares.sum::<f64>().sqrt()
+        };
+        let first: Vec<f64> = self.free.iter().map(|k| moves[*k]).collect();
+        if size(&more) > MOST_ACCELERATION * size(&first) {
+            return false;
+        }
+        self.free
+            .iter()
+            .zip(&more)
+            .for_each(|(k, more)| moves[*k] -= 0.5 * more);
+        true
+    }
 }
 
 impl Fit {

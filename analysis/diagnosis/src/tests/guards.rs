@@ -126,7 +126,7 @@ fn worse_in_millivolts(seed: u64, train: &Hidden, held_out: &Hidden) -> Result<(
     let base = base_fit(problem, &model().erm, &mut workspace);
     let effect = analysis_effects::effects::find("soc_resistance").unwrap();
     let member = crate::structure::variants(effect, &problem.base).remove(0);
-    let fit = problem.fit_added(&base, &member, crate::problem::PROMISE, &mut workspace);
+    let fit = problem.fit_added(&base, &member, false, &mut workspace);
     assert!(
         fit.chi2 < base.chi2 - 100.0,
         "the effect is in the training runs"
