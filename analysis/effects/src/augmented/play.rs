@@ -3,9 +3,10 @@
 use super::{Added, network};
 use crate::contract::{
     Base, Dynamics, Instant, Law, Modulation, Network, Record,
-    branch::{self, Gain, Ramp},
+    branch::{self, Branch, Gain, Ramp},
 };
 use analysis_model::ocv::OcvCurve;
+use std::{collections::HashMap, sync::Arc};
 
 /// Interpolation of the current between two samples.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
@@ -24,7 +25,7 @@ pub struct Grid {
     /// For each step its number in `lengths_s`.
     index: Vec<u32>,
     /// Different lengths of steps, s.
-    lengths_s: Vec<f64>,
+    lengths_s: Arc<[f64]>,
 }
 
 impl Grid {
@@ -47,7 +48,7 @@ impl Grid {
         Self {
             between,
             index,
-            lengths_s,
+            lengths_s: lengths_s.into(),
         }
     }
 }
@@ -58,6 +59,63 @@ pub struct Player {
     current_a: Vec<f64>,
     gains: Vec<Gain>,
     states_v: Vec<f64>,
+    /// Sum of the states, V.
+    sum_v: f64,
+    kept: Kept,
+}
+
+/// Gains per ohm of branches that were played before: from one play of a fit to the next only some
+/// time constants change, and an exponential per step and branch is what a play costs.
+#[derive(Debug, Default)]
+struct Kept {
+    of: HashMap<Key, Arc<[Gain]>>,
+    /// Lengths of steps that the keys speak of; kept, so that no other ones get their address.
+    lengths_s: HashMap<usize, Arc<[f64]>>,
+    gains: usize,
+}
+
+/// What the gains per ohm hang on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+struct Key {
+    lengths_s: usize,
+    tau_s: u64,
+    clock: u64,
+    parts: usize,
+    linear: bool,
+}
+
+/// Gains that are kept at most; 24 MB.
+const MOST_KEPT: usize = 1 << 20;
+
+impl Kept {
+    /// Gains of all lengths of steps of a grid for a branch of 1 Ω with this time constant.
+    fn gains(&mut self, grid: &Grid, tau_s: f64, parts: usize, clock: f64) -> Arc<[Gain]> {
+        let linear = grid.between == Between::Linear;
+        let key = Key {
+            lengths_s: grid.lengths_s.as_ptr() as usize,
+            tau_s: tau_s.to_bits(),
+            clock: clock.to_bits(),
+            parts,
+            linear,
+        };
+        if let Some(gains) = self.of.get(&key) {
+            return Arc::clone(gains);
+        }
+        if self.gains + grid.lengths_s.len() > MOST_KEPT {
+            *self = Self::default();
+        }
+        let branch = Branch::linear(1.0, tau_s);
+        let lengths = grid.lengths_s.iter();
+        let gains: Arc<[Gain]> = lengths
+            .map(|step_s| Gain::new(&branch, 1.0, step_s * clock / parts as f64, linear))
+            .collect();
+        self.gains += gains.len();
+        self.lengths_s
+            .entry(key.lengths_s)
+            .or_insert_with(|| Arc::clone(&grid.lengths_s));
+        self.of.insert(key, Arc::clone(&gains));
+        gains
+    }
 }
 
 /// The open-circuit voltage near the last question: the interval between two knots and its cubic.
@@ -146,6 +204,7 @@ impl Player {
             grid,
             parts,
             clock,
+            asks_heat: dynamics.iter().any(|d| d.asks_heat()),
         };
         if linear {
             self.linear(&run, voltage_v);
@@ -160,17 +219,18 @@ impl Player {
 
     /// Gains of all lengths of steps and branches.
     fn load(&mut self, network: &Network, grid: &Grid, parts: usize, clock: f64) {
-        let linear = grid.between == Between::Linear;
-        self.gains.clear();
+        let n = network.branches.len();
+        self.sum_v = 0.0;
         self.states_v.clear();
-        self.states_v.resize(network.branches.len(), 0.0);
-        for step_s in &grid.lengths_s {
-            self.gains.extend(
-                network
-                    .branches
-                    .iter()
-                    .map(|b| Gain::new(b, 1.0, step_s * clock / parts as f64, linear)),
-            );
+        self.states_v.resize(n, 0.0);
+        self.gains.clear();
+        self.gains.resize(n * grid.lengths_s.len(), Gain::default());
+        for (j, branch) in network.branches.iter().enumerate() {
+            let per_ohm = self.kept.gains(grid, branch.tau_s, parts, clock);
+            let of_branch = self.gains.iter_mut().skip(j).step_by(n);
+            of_branch
+                .zip(per_ohm.iter())
+                .for_each(|(gain, per_ohm)| *gain = per_ohm.times(branch.r_ohm));
         }
     }
 
@@ -180,17 +240,19 @@ impl Player {
         let mut ocv = Cursor::new(&run.base.ocv);
         let mut soc = run.record.soc;
         for k in 0..run.current_a.len() {
-            let sum: f64 = self.states_v.iter().sum();
-            voltage_v.push(ocv.at(soc).0 - run.network.r_ohm * run.current_a[k] - sum);
+            voltage_v.push(ocv.at(soc).0 - run.network.r_ohm * run.current_a[k] - self.sum_v);
             let Some(d) = run.grid.index.get(k) else {
                 break;
             };
             let (i0, i1) = ends(run.current_a, k, run.grid.between);
             let step_s = run.grid.lengths_s[*d as usize] * run.clock;
             let gains = &self.gains[*d as usize * n..(*d as usize + 1) * n];
+            let mut sum_v = 0.0;
             for (v, g) in self.states_v.iter_mut().zip(gains) {
                 *v = g.decay * *v + g.start * i0 + g.end * i1;
+                sum_v += *v;
             }
+            self.sum_v = sum_v;
             soc -= 0.5 * (i0 + i1) * step_s / capacity_c;
         }
     }
@@ -285,7 +347,7 @@ impl Player {
             current_a,
         } = state;
         let (ocv_v, slope_v) = ocv.at(soc);
-        let sum: f64 = self.states_v.iter().sum();
+        let sum = self.sum_v;
         let overpotential_v = run.network.r_ohm * current_a + sum;
         let mut at = Instant {
             time_s,
@@ -294,12 +356,11 @@ impl Player {
             ocv_v,
             slope_v,
             overpotential_v,
-            stored_w: 0.0,
+            stored_w: f64::NAN,
         };
         let factor = modulation(dynamics, &at);
         at.overpotential_v = run.network.r_ohm * factor.series * current_a + sum;
-        // Only an effect with a state of its own asks for heat.
-        if !dynamics.is_empty() {
+        if run.asks_heat {
             at.stored_w = run
                 .network
                 .stored_w(&self.states_v, current_a, factor.branches);
@@ -317,6 +378,7 @@ impl Player {
     ) {
         let (from, to) = (current_a.start, current_a.end);
         let n = run.network.branches.len();
+        let mut sum_v = 0.0;
         for (j, (v, branch)) in self
             .states_v
             .iter_mut()
@@ -330,6 +392,7 @@ impl Player {
                 } else {
                     branch::ramp(branch, 1.0, *v, current_a, part_s)
                 };
+                sum_v += *v;
                 continue;
             }
             // A fast branch ends with the resistance of the step's end: the product of resistance
@@ -349,7 +412,9 @@ impl Player {
                     part_s,
                 ),
             };
+            sum_v += *v;
         }
+        self.sum_v = sum_v;
     }
 }
 
@@ -380,6 +445,7 @@ struct Run<'a> {
     grid: &'a Grid,
     parts: usize,
     clock: f64,
+    asks_heat: bool,
 }
 
 /// Currents at start and end of step k.

@@ -80,7 +80,7 @@ impl Branch {
 }
 
 /// Effect of one length of step on a linear branch.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Gain {
     /// Factor that remains of the voltage.
     pub(crate) decay: f64,
@@ -91,11 +91,20 @@ pub(crate) struct Gain {
 }
 
 impl Gain {
+    /// Of a branch with so many times the resistance and the same time constant.
+    pub(crate) fn times(self, factor: f64) -> Self {
+        Self {
+            decay: self.decay,
+            start: self.start * factor,
+            end: self.end * factor,
+        }
+    }
+
     /// Of a linear branch whose resistance has changed by a factor while its capacitance stayed.
     pub(crate) fn new(branch: &Branch, factor: f64, step_s: f64, linear: bool) -> Self {
         let r = branch.r_ohm * factor;
         let x = step_s / (branch.tau_s * factor);
-        // One exponential serves both: this is where records spend their time.
+        // One exponential serves both.
         let lost = -(-x).exp_m1();
         let decay = 1.0 - lost;
         if !linear {

@@ -114,6 +114,12 @@ pub trait Dynamics {
         0.0
     }
 
+    /// Whether it asks an instant for [`Instant::heat_w`], which is no number in a record's play
+    /// where no effect asks.
+    fn asks_heat(&self) -> bool {
+        false
+    }
+
     /// Moves the state over `step_s` seconds in which the current of `at` flows; `at` is the
     /// instant at the start.
     fn advance(&mut self, _at: &Instant, _step_s: f64) {}

@@ -92,6 +92,10 @@ impl Dynamics for Warmth {
         self.du_dt_v_per_k * self.rise_k
     }
 
+    fn asks_heat(&self) -> bool {
+        true
+    }
+
     fn advance(&mut self, at: &Instant, step_s: f64) {
         // C·dΔT/dt = P − i·(T₀ + ΔT)·dU/dT − C·ΔT/τ is linear in ΔT.
         let reversible_v = self.du_dt_v_per_k * self.start_k;

@@ -91,6 +91,10 @@ impl Dynamics for Heat {
         Modulation::all((-self.g_per_j * self.heat_j / (1.0 + self.bend_per_j * self.heat_j)).exp())
     }
 
+    fn asks_heat(&self) -> bool {
+        true
+    }
+
     fn advance(&mut self, at: &Instant, step_s: f64) {
         let decay = (-step_s / self.tau_s).exp();
         self.heat_j = decay * self.heat_j + (1.0 - decay) * self.tau_s * at.heat_w();
