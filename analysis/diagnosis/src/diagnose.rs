@@ -40,6 +40,8 @@ pub struct DiagnosisOptions {
     pub limits: Option<BenchLimits>,
     /// Filter of the planned runs that may be recommended; all unless told otherwise.
     pub playable: Option<Playable>,
+    /// Whether a recommended run will be measured at once, so that no prediction is made without it.
+    pub next_run_first: bool,
     /// Findings whose correction is used in the place of the raw data; none unless told otherwise.
     pub accept: Vec<FindingKind>,
 }
@@ -50,6 +52,7 @@ impl Default for DiagnosisOptions {
             candidates: catalogue().to_vec(),
             limits: None,
             playable: None,
+            next_run_first: false,
             accept: Vec::new(),
         }
     }
@@ -182,9 +185,6 @@ pub(crate) fn diagnose_with(
             differs,
         },
     );
-    if matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) && !floor_moved {
-        d.predictive = predictive(&prepared, model, &selection, options, guards);
-    }
     let curves = curves(judged, &model.erm, fits, &mut workspace);
     let advice = recommend(
         &prepared,
@@ -196,6 +196,10 @@ pub(crate) fn diagnose_with(
     d.notes.extend(advice.notes());
     let Advice { next, inseparable } = advice;
     d.inseparable = inseparable;
+    let is_open = matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) && !floor_moved;
+    if is_open && (next.is_none() || !options.next_run_first) {
+        d.predictive = predictive(&prepared, model, &selection, options, guards);
+    }
     if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
         d.notes
             .push("no run of the menu would tell apart what is open".to_owned());

@@ -212,6 +212,7 @@ impl Workspace<'_> {
         let options = DiagnosisOptions {
             limits: Some(limits),
             playable: Some(self.playable(bought, menu.clone())),
+            next_run_first: true,
             ..DiagnosisOptions::default()
         };
         let unreadable = self
