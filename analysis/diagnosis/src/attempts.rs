@@ -15,7 +15,10 @@ use crate::thresholds::{
     LEAST_SCORE, MISFIT_Z, MOST_FITTED, MOST_PARTS, MOST_RESTARTS, NEAR_BEST, SHAPE_DRIFT,
     STRONG_LAGRANGE, WEAKER_STARTS,
 };
-use analysis_effects::{contract::Effect, effects::outside};
+use analysis_effects::{
+    contract::Effect,
+    effects::{outside, title},
+};
 use rayon::prelude::*;
 
 /// A fitted addition.
@@ -248,6 +251,8 @@ impl Search<'_> {
     /// The best fit of one candidate. A choice that gives a further parameter its meaning makes
     /// another law of it, which is fitted by itself.
     fn attempt(&mut self, fit: &Fit, name: &str, origins: &[Origin]) -> Option<Attempt> {
+        self.progress
+            .tell(&format!("fitting {}", title(name).unwrap_or(name)));
         let mut laws: Vec<usize> = origins[0]
             .of(name)?
             .iter()

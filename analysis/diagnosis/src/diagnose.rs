@@ -18,6 +18,7 @@ use super::outcome::{
 use super::predictive::described;
 use super::prepare::{BaseModel, Prepared, prepare};
 use super::problem::{Fit, Problem};
+use super::progress::Progress;
 use super::search::{Search, excess_z};
 use super::select::Selection;
 use super::structure::Structure;
@@ -42,6 +43,8 @@ pub struct DiagnosisOptions {
     pub playable: Option<Playable>,
     /// Whether a recommended run will be measured at once, so that no prediction is made without it.
     pub next_run_first: bool,
+    /// Hears what is being done; nobody unless told otherwise.
+    pub progress: Progress,
     /// Findings whose correction is used in the place of the raw data; none unless told otherwise.
     pub accept: Vec<FindingKind>,
 }
@@ -53,6 +56,7 @@ impl Default for DiagnosisOptions {
             limits: None,
             playable: None,
             next_run_first: false,
+            progress: Progress::default(),
             accept: Vec::new(),
         }
     }
@@ -81,6 +85,7 @@ pub(crate) fn diagnose_with(
     options: &DiagnosisOptions,
     guards: Guards,
 ) -> Result<Outcome, DataSetError> {
+    options.progress.tell("fitting the model again");
     let mut prepared = prepare(set, model, guards)?;
     let mut workspace = Workspace::default();
     let mut base = base_fit(&prepared.problem, &model.erm, &mut workspace);
@@ -109,6 +114,16 @@ pub(crate) fn diagnose_with(
             let fit = search(&prepared, options, guards).run(&base).fit;
             prepared = prepared.again(&fit, guards)?;
             moved = moved_floor(&prepared);
+        }
+        if moved.is_some() && measured(&prepared) {
+            // Repeats that agree with each other under their own noise prove what was stated
+            // wrong.
+            let mut other = prepared.clone();
+            other.prior = other.prior.overruled();
+            let other = other.again(&selection.fit, guards)?;
+            if moved_floor(&other).is_none() {
+                (prepared, moved) = (other, None);
+            }
         }
         base = base_fit(&prepared.problem, &model.erm, &mut workspace);
         selection = if moved.is_some() {
@@ -168,6 +183,7 @@ pub(crate) fn diagnose_with(
         augmented: Some(fit.decode(problem.branches()).0),
         predictive: None,
     };
+    d.notes.extend(overruled(judged));
     let held_out_z = held_out_z(problem, fit, &mut workspace);
     let floor_moved = moved.is_some();
     let asked = guards.consistency && measured(judged);
@@ -186,6 +202,7 @@ pub(crate) fn diagnose_with(
         },
     );
     let curves = curves(judged, &model.erm, fits, &mut workspace);
+    options.progress.tell("planning the next run");
     let advice = recommend(
         &prepared,
         d.verdict,
@@ -281,7 +298,7 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
             standard deviations"
         ));
     }
-    if !prepared.prior.known {
+    if !prepared.prior.known || prepared.prior.is_overruled {
         return None;
     }
     let (k, z) =
@@ -298,6 +315,28 @@ fn moved_floor(prepared: &Prepared) -> Option<String> {
     })
 }
 
+/// Note on a stated noise that repeats have overruled; none where they have not.
+fn overruled(prepared: &Prepared) -> Option<String> {
+    let prior = &prepared.prior;
+    if !prior.is_overruled {
+        return None;
+    }
+    let (k, factor) = (0..TERMS.len())
+        .filter(|k| prepared.estimate.z[*k].is_some())
+        .map(|k| {
+            (
+                k,
+                (prepared.estimate.log_sigmas[k] - prior.log_sigmas[k]).exp(),
+            )
+        })
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    Some(format!(
+        "repeats measure a {} of {factor:.1} times what was stated of the bench; the noise that \
+        they measure counts",
+        TERMS[k].1
+    ))
+}
+
 fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions, guards: Guards) -> Search<'a> {
     let (problem, candidates) = (&prepared.problem, &options.candidates);
     Search {
@@ -305,6 +344,7 @@ fn search<'a>(prepared: &'a Prepared, options: &'a DiagnosisOptions, guards: Gua
         candidates,
         guards,
         measured: measured(prepared),
+        progress: &options.progress,
         workspace: Workspace::default(),
     }
 }

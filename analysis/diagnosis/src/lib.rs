@@ -34,6 +34,7 @@ mod periodic;
 mod predictive;
 mod prepare;
 mod problem;
+mod progress;
 mod propose;
 mod repeat_mean;
 pub mod report;
@@ -65,6 +66,7 @@ pub use outcome::{
     Predictive, PredictiveTerm, Quality, Rival, RunCurves, SpectrumGap, Verdict,
 };
 pub use prepare::BaseModel;
+pub use progress::Progress;
 
 #[cfg(test)]
 mod tests;

@@ -55,6 +55,8 @@ pub(super) struct Prior {
     pub(super) log_sigmas: LogSigmas,
     pub(super) spread: f64,
     pub(super) known: bool,
+    /// Whether repeats have proved the history wrong: it is told and no longer judged by.
+    pub(super) is_overruled: bool,
     history: BenchHistory,
     calibration: Option<CommonError>,
 }
@@ -85,8 +87,18 @@ impl Prior {
             log_sigmas,
             spread,
             known: history.is_some(),
+            is_overruled: false,
             history: h,
             calibration,
+        }
+    }
+
+    /// The same for repeats that tell the noise by themselves.
+    pub(super) fn overruled(&self) -> Self {
+        Self {
+            spread: IGNORANCE_SPREAD,
+            is_overruled: true,
+            ..self.clone()
         }
     }
 

@@ -577,9 +577,10 @@ impl Problem {
                 (damping, growth) = (0.1 * damping, DAMPING_GROWTH);
             }
             if keeps && !is_curved {
-                for k in own..x.len() {
-                    columns[k] = self.column(at, &axes, &predicted, k, workspace);
-                }
+                let added = columns.iter_mut().enumerate().skip(own);
+                added.for_each(|(k, column)| {
+                    *column = self.column(at, &axes, &predicted, k, workspace);
+                });
                 are_fresh = false;
             } else if gained > 0.0 || !are_fresh {
                 columns = self.columns(at, &axes, &predicted, workspace);

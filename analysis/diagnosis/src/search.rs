@@ -4,6 +4,7 @@
 use super::block::Workspace;
 use super::guards::Guards;
 use super::problem::Problem;
+use super::progress::Progress;
 use analysis_effects::contract::Effect;
 
 /// Problem, candidates and tools of a search.
@@ -13,6 +14,7 @@ pub(super) struct Search<'a> {
     pub(super) guards: Guards,
     /// The noise was measured by repeats, not assumed.
     pub(super) measured: bool,
+    pub(super) progress: &'a Progress,
     pub(super) workspace: Workspace,
 }
 

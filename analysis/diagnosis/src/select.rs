@@ -45,6 +45,15 @@ pub(super) struct RivalFit {
     pub(super) fit: Fit,
 }
 
+/// A better fit that was refused while a worse one was taken, and where the search stood then.
+struct BetterRefused {
+    /// Gain of all names together that it takes to go on.
+    least: f64,
+    fit: Fit,
+    selected: Vec<SelectedEffect>,
+    refused: (&'static str, f64, String),
+}
+
 /// Result of the search.
 #[derive(Debug, Clone)]
 pub(super) struct Selection {
@@ -113,6 +122,7 @@ impl Search<'_> {
     /// Adds effects one by one, as long as one is accepted.
     fn add(&mut self, selection: &mut Selection, alone: &mut Option<(&'static str, f64)>) {
         let mut restarts = 0;
+        let mut better: Option<BetterRefused> = None;
         while selection.selected.len() < MOST_EFFECTS {
             let (attempts, mut ranking) = self.attempts(&selection.fit, None);
             let first = selection.selected.is_empty();
@@ -147,18 +157,36 @@ impl Search<'_> {
                 selection.fit = deeper;
                 continue;
             }
-            // A better fit that may not be named leaves no name with confidence.
-            if selection
-                .refused
-                .as_ref()
-                .is_some_and(|r| r.1 > attempt.score + NAMING_LEAD)
-            {
-                break;
+            // A better fit that may not be named leaves no name with confidence, unless what it
+            // was refused for was that this one was missing.
+            let beats = |r: &mut (_, f64, _)| r.1 > attempt.score + NAMING_LEAD;
+            if let Some(refused) = selection.refused.take_if(beats) {
+                if better.is_some() {
+                    selection.refused = Some(refused);
+                    break;
+                }
+                better = Some(BetterRefused {
+                    least: self.gained(selection) + refused.1 + NAMING_LEAD,
+                    fit: selection.fit.clone(),
+                    selected: selection.selected.clone(),
+                    refused,
+                });
             }
             selection.refused = None;
             selection.fit = attempt.fit;
             let name = attempt.name;
             selection.selected.push(SelectedEffect::new(name, evidence));
+        }
+        if let Some(better) = better {
+            let is_named = selection
+                .selected
+                .iter()
+                .any(|s| s.name == better.refused.0);
+            if !is_named || self.gained(selection) < better.least {
+                selection.fit = better.fit;
+                selection.selected = better.selected;
+                selection.refused = Some(better.refused);
+            }
         }
     }
 

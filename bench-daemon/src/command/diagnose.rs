@@ -18,6 +18,7 @@ use crate::{
     files,
     investigate::dataset::{Accept, Loaded, NamedFile, NamedFiles, Reading, named_files, read_as},
     investigate::next_experiment::{Setting, experiment_file},
+    operator::progress::Waiting,
     run::{Finished, Recorded},
     safety::failure::Failure,
     support::hash,
@@ -451,16 +452,19 @@ impl Judged {
             .iter()
             .map(|problem| gate::Reason::unreadable(&problem.run, &problem.text))
             .collect();
-        let mut outcome = diagnosis::diagnose(
+        let waiting = Waiting::shown();
+        let outcome = diagnosis::diagnose(
             &self.loaded.set,
             unreadable,
             &self.model,
             &DiagnosisOptions {
                 accept: self.loaded.accept.clone(),
+                progress: waiting.listener(),
                 ..DiagnosisOptions::default()
             },
-        )
-        .map_err(|error| Failure::Usage(error.to_string()))?;
+        );
+        waiting.end();
+        let mut outcome = outcome.map_err(|error| Failure::Usage(error.to_string()))?;
         let d = &mut outcome.diagnosis;
         // Those of the runs of this cell and of the controls.
         let named = |run: &String| self.loaded.set.runs.iter().any(|other| other.name == *run);

@@ -6,6 +6,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
+use analysis::diagnosis::Progress as Listener;
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use instruments::fixture::Fixture;
@@ -14,6 +15,31 @@ use crate::{
     plan::{Plan, Step},
     support::terminal::remark,
 };
+
+/// A line on a terminal's standard error that says what a computation is doing, and since when.
+pub struct Waiting(ProgressBar);
+
+impl Waiting {
+    /// Shows the line; nothing on anything else than a terminal.
+    pub fn shown() -> Self {
+        let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
+        if let Ok(style) = ProgressStyle::with_template("{elapsed:>4}  {msg}") {
+            bar.set_style(style);
+        }
+        Self(bar)
+    }
+
+    /// A listener that puts its words on the line.
+    pub fn listener(&self) -> Listener {
+        let bar = self.0.clone();
+        Listener::new(move |step| bar.set_message(step.to_owned()))
+    }
+
+    /// Clears the line.
+    pub fn end(self) {
+        self.0.finish_and_clear();
+    }
+}
 
 /// Progress through a plan, by expected bench time.
 #[derive(Debug)]

@@ -7,6 +7,7 @@ use crate::{
     diagnose::{base_fit, diagnose_with},
     guards::Guards,
     prepare::prepare,
+    progress::Progress,
     search::{Search, excess_z},
 };
 
@@ -136,6 +137,7 @@ fn worse_in_millivolts(seed: u64, train: &Hidden, held_out: &Hidden) -> Result<(
         candidates: &[],
         guards: Guards::default(),
         measured: true,
+        progress: &Progress::default(),
         workspace,
     };
     search.no_record_worse(&base, &fit)
@@ -348,6 +350,7 @@ fn integration_is_judged_by_what_it_does_to_whitened_rows() {
         candidates: &candidates,
         guards: Guards::default(),
         measured: true,
+        progress: &Progress::default(),
         workspace: Workspace::default(),
     };
     let base = base_fit(problem, &model().erm, &mut search.workspace);
@@ -597,6 +600,7 @@ fn a_fit_that_did_not_converge_is_no_evidence() {
             candidates: &candidates,
             guards,
             measured: true,
+            progress: &Progress::default(),
             workspace: Workspace::default(),
         };
         let base = base_fit(problem, &model().erm, &mut search.workspace);
