@@ -9,15 +9,56 @@ use analysis_effects::contract::Base;
 /// samples.
 pub(super) const UNIFORM: f64 = 0.288_675_134_594_812_9;
 
-/// The errors of all edges of a record; its first sample is none.
-pub(super) fn of_record(time: &TimeBlock, base: &Base) -> Vec<Vec<f64>> {
-    let edges = time.edges.iter().skip(1);
-    edges.flat_map(|edge| errors(time, *edge, base)).collect()
+/// An error of an edge: the change of the rows by one standard deviation, V.
+#[derive(Debug, Clone)]
+pub(super) struct EdgeError {
+    /// What the branches forget.
+    pub(super) passing_v: Vec<f64>,
+    /// The same with the charge that an edge at another time has moved.
+    pub(super) change_v: Vec<f64>,
 }
 
-/// The errors of one edge, by the number of its first sample.
-fn errors(time: &TimeBlock, edge: usize, base: &Base) -> [Vec<f64>; 2] {
-    [shift(time, edge, base), lag(time, edge, base)]
+/// The errors of all edges of a record that starts at a state of charge; its first sample is none.
+pub(super) fn of_record(time: &TimeBlock, soc: f64, base: &Base) -> Vec<EdgeError> {
+    let edges = time.edges.iter().skip(1);
+    edges
+        .flat_map(|edge| {
+            let passing_v = shift(time, *edge, base);
+            let moved = charge(time, *edge, soc, base);
+            let change_v = passing_v.iter().zip(moved).map(|(p, m)| p + m).collect();
+            let late = lag(time, *edge, base);
+            [
+                EdgeError {
+                    passing_v,
+                    change_v,
+                },
+                EdgeError {
+                    passing_v: late.clone(),
+                    change_v: late,
+                },
+            ]
+        })
+        .collect()
+}
+
+/// Change of the later rows' open-circuit voltage for the same edge: the charge that flows in
+/// between.
+fn charge(time: &TimeBlock, edge: usize, soc: f64, base: &Base) -> Vec<f64> {
+    let (step_s, step_a) = (
+        time.time_s[edge] - time.time_s[edge - 1],
+        time.current_a[edge] - time.current_a[edge - 1],
+    );
+    let capacity_c = 3600.0 * base.ocv.capacity_ah;
+    time.bins
+        .iter()
+        .map(|b| {
+            if b.from < edge {
+                return 0.0;
+            }
+            let slope_v = base.ocv.slope_v(soc - b.charge_c / capacity_c);
+            UNIFORM * step_a * step_s / capacity_c * slope_v
+        })
+        .collect()
 }
 
 /// Change of the rows for an edge that lies anywhere between two samples, one standard deviation:
@@ -133,7 +174,8 @@ mod tests {
             ocv: OcvCurve::monotone(1.0, vec![0.0, 1.0], vec![3.0, 4.0]).unwrap(),
             facts,
         };
-        let [shift, lag] = errors(&time, 10, &base);
+        let errors = of_record(&time, 0.5, &base);
+        let (shift, lag) = (&errors[0].passing_v, &errors[1].passing_v);
         let first = time.bins.iter().position(|b| b.from == 10).unwrap();
         // Rows before 0.5 s are not compared, those before the edge know nothing of it.
         assert!(
@@ -152,6 +194,21 @@ mod tests {
         assert!(
             (lag[first + 1] / step_v - (-1f64).exp()).abs() < 1e-9 && lag[first + 2] < 0.3 * step_v,
             "{lag:?}"
+        );
+        // 2 A for 0.1 s of a capacity of 1 Ah, on a slope of 1 V.
+        let moved: Vec<f64> = errors[0]
+            .change_v
+            .iter()
+            .zip(shift)
+            .map(|(change, passing)| change - passing)
+            .collect();
+        let moved_v = UNIFORM * 0.2 / 3600.0;
+        assert!(
+            moved[..first].iter().all(|v| *v == 0.0)
+                && moved[first..]
+                    .iter()
+                    .all(|v| (v / moved_v - 1.0).abs() < 1e-6),
+            "{moved:?}"
         );
     }
 }

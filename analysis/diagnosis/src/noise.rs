@@ -55,8 +55,8 @@ pub(super) struct Prior {
     pub(super) log_sigmas: LogSigmas,
     pub(super) spread: f64,
     pub(super) known: bool,
-    /// Whether repeats have proved the history wrong: it is told and no longer judged by.
-    pub(super) is_overruled: bool,
+    /// Factor by which repeats have proved all of the history wrong; 1 where they have not.
+    pub(super) factor: f64,
     history: BenchHistory,
     calibration: Option<CommonError>,
 }
@@ -87,18 +87,27 @@ impl Prior {
             log_sigmas,
             spread,
             known: history.is_some(),
-            is_overruled: false,
+            factor: 1.0,
             history: h,
             calibration,
         }
     }
 
-    /// The same for repeats that tell the noise by themselves.
-    pub(super) fn overruled(&self) -> Self {
+    /// The same where repeats tell the noise by themselves.
+    pub(super) fn ignorant(&self) -> Self {
         Self {
             spread: IGNORANCE_SPREAD,
-            is_overruled: true,
-            ..self.clone()
+            known: false,
+            ..*self
+        }
+    }
+
+    /// The same with all noise of the history stated by a factor wrong.
+    pub(super) fn times(&self, factor: f64) -> Self {
+        Self {
+            log_sigmas: self.log_sigmas.map(|log| log + factor.ln()),
+            factor: self.factor * factor,
+            ..*self
         }
     }
 
@@ -262,12 +271,12 @@ impl Shape {
         let mut edge_v2 = Vec::new();
         if time.linear {
             edge_v2.resize(n, 0.0);
-            for error in edges::of_record(time, base) {
+            for error in edges::of_record(time, block.at.soc, base) {
                 edge_v2
                     .iter_mut()
-                    .zip(&error)
+                    .zip(&error.passing_v)
                     .for_each(|(v2, e)| *v2 += e * e);
-                known.push(error);
+                known.push(error.change_v);
             }
         }
         if time.level_sigma_v > 0.0 {
