@@ -5,7 +5,7 @@ use super::data::Role;
 use super::shared::Shared;
 use super::structure::{At, Axis, Member, Structure, at_bound};
 use super::whitening::{Whitener, dot};
-use crate::thresholds::{CONVERGED, CONVERGED_PART};
+use crate::thresholds::{CONVERGED, CONVERGED_PART, ROUGH_PART};
 use analysis_effects::contract::Base;
 use analysis_model::model::Erm;
 use analysis_numeric::linalg::{cholesky, cholesky_substitute, invert};
@@ -16,8 +16,6 @@ const ITERATIONS: usize = 60;
 const PROMISE: f64 = 2e-3;
 /// The same as a part of χ², which is far above its floor while an effect is missing.
 const PROMISE_PART: f64 = 1e-6;
-/// The same part of a rough fit, which only compares starts.
-const ROUGH_PART: f64 = 1e-4;
 /// Part of its promise that a step must keep for less damping, and for the base's derivatives to
 /// serve again.
 const KEPT_PROMISE: f64 = 0.5;

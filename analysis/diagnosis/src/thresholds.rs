@@ -791,6 +791,11 @@ thresholds! {
     CONVERGED_PART: f64 = 0.01, "1",
         "The same as a part of the λ that the fit is evidence for.",
         Convention "A hundredth of the evidence decides nothing.";
+    ROUGH_PART: f64 = 1e-4, "1",
+        "Part of χ² that a further step may still promise where a fit only compares starts; \
+        `CONVERGED` at least.",
+        Convention "A ninth of 0.03² of `FORMULA_SHARE`, the part of λ by which names must lead. \
+        The best start is then fitted to the end.";
     MATERIAL_SHARE: f64 = 0.3, "1",
         "Part of the excess of χ² that an effect must remove, unless what is left is noise.",
         Convention "What removes less is a part of something else. No study of the value is on \

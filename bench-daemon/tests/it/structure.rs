@@ -671,7 +671,7 @@ fn what_acts_in_the_daemon_has_few_fields() {
 /// The module that alone holds numbers of the diagnosis that decide something.
 const REGISTRY: &str = "thresholds";
 /// Constants of the diagnosis that decide nothing, or whole modules of such, with the reason.
-const NO_THRESHOLDS: [(&str, &str); 17] = [
+const NO_THRESHOLDS: [(&str, &str); 22] = [
     ("consistency::STEP", "step of a derivative"),
     ("edges::UNIFORM", "mathematics: 1/√12"),
     ("estimate::ITERATIONS", "limit of a solver"),
@@ -683,6 +683,11 @@ const NO_THRESHOLDS: [(&str, &str); 17] = [
     ("periodic::TINY", "keeps a quotient finite"),
     ("problem::ITERATIONS", "limit of a solver"),
     ("problem::PROMISE", "tolerance of a solver"),
+    ("problem::PROMISE_PART", "tolerance of a solver"),
+    ("problem::KEPT_PROMISE", "steps of a solver"),
+    ("problem::DAMPING_GROWTH", "steps of a solver"),
+    ("problem::BEND_PART", "steps of a solver"),
+    ("problem::MOST_ACCELERATION", "steps of a solver"),
     ("problem::UNMOVED", "damping of a solver"),
     ("report", "layout of pages and pictures"),
     ("shared::OWN", "length of a list"),
