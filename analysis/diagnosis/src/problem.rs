@@ -389,9 +389,7 @@ impl Problem {
     pub(super) fn fit(&self, structure: &Structure, start: &Erm, workspace: &mut Workspace) -> Fit {
         let axes = structure.axes(&self.base.erm);
         let mut x = structure.encode(start);
-        x.iter_mut()
-            .zip(&axes)
-            .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        put_inside(&mut x, &axes);
         self.fit_from(structure, x, axes, workspace)
     }
 
@@ -408,9 +406,7 @@ impl Problem {
         let axes = structure.axes(&self.base.erm);
         let mut x = fit.x.clone();
         x.extend(member.encode());
-        x.iter_mut()
-            .zip(&axes)
-            .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+        put_inside(&mut x, &axes);
         let nearby = Nearby {
             columns: &fit.columns,
             is_rough,
@@ -462,7 +458,7 @@ impl Problem {
 
     /// Fits to the end what was fitted roughly.
     pub(super) fn polished(&self, fit: Fit, workspace: &mut Workspace) -> Fit {
-        if fit.promise < PROMISE.max(PROMISE_PART * fit.chi2) {
+        if fit.promise < enough(false, fit.chi2) {
             return fit;
         }
         let nearby = Nearby {
@@ -534,11 +530,7 @@ impl Problem {
                 break;
             };
             let (mut moves, promise) = normal.step(&columns, &residuals, &axes);
-            let enough = if nearby.is_rough {
-                CONVERGED.max(ROUGH_PART * chi2)
-            } else {
-                PROMISE.max(PROMISE_PART * chi2)
-            };
+            let enough = enough(nearby.is_rough, chi2);
             let ends = promise < enough;
             if ends && (are_fresh || nearby.is_rough) {
                 break;
@@ -614,6 +606,22 @@ impl Problem {
             columns,
             promise,
         }
+    }
+}
+
+/// Moves coordinates to their bounds where they lie beyond.
+fn put_inside(x: &mut [f64], axes: &[Axis]) {
+    x.iter_mut()
+        .zip(axes)
+        .for_each(|(x, a)| *x = x.clamp(a.lower, a.upper));
+}
+
+/// χ² that a further step of a fit may promise where the fit ends.
+fn enough(is_rough: bool, chi2: f64) -> f64 {
+    if is_rough {
+        CONVERGED.max(ROUGH_PART * chi2)
+    } else {
+        PROMISE.max(PROMISE_PART * chi2)
     }
 }
 
