@@ -247,9 +247,15 @@ impl Shape {
                 .collect::<Vec<f64>>()
         };
         let gain = respond(&|_, i| 1e-2 * i, 1e2);
+        let at_edges = if time.linear {
+            edges::of_record(time, block.at.soc, base)
+        } else {
+            Vec::new()
+        };
         let rows = RecordRows {
             predicted_v: predicted,
             gain_v: &gain,
+            edges: &at_edges,
         };
         let shared = shared::of_record(time, block.at.soc, base, rows, h);
         let vectors = vec![
@@ -268,16 +274,14 @@ impl Shape {
                 )
             }));
         }
-        let mut edge_v2 = Vec::new();
-        if time.linear {
-            edge_v2.resize(n, 0.0);
-            for error in edges::of_record(time, block.at.soc, base) {
-                edge_v2
-                    .iter_mut()
-                    .zip(&error.passing_v)
-                    .for_each(|(v2, e)| *v2 += e * e);
-                known.push(error.change_v);
-            }
+        let mut edge_v2 = vec![0.0; n];
+        for errors in at_edges {
+            edge_v2
+                .iter_mut()
+                .zip(&errors.passing_v2)
+                .for_each(|(v2, e2)| *v2 += e2);
+            known.extend(errors.common_v);
+            known.push(errors.first_v);
         }
         if time.level_sigma_v > 0.0 {
             known.push(vec![time.level_sigma_v; n]);

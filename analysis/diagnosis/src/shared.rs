@@ -1,7 +1,7 @@
 //! Errors that are the same in all runs of a campaign. They are: the error of the current's gain
 //! after calibration, the gain that calibration cannot see because current and voltage share it,
-//! the error of the meter for start voltages, and the common error of a correction by control
-//! impedances. Repeats do not show them, and more repeats do not make them smaller.
+//! the error of the meter for start voltages, the place of edges between a logger's rows, which may
+//! be the same at all of them, and the common error of a correction by control impedances. Repeats do not show them, and more repeats do not make them smaller.
 //!
 //! With v what one standard deviation of such an error does to the whitened rows of all runs, their
 //! covariance is I + v·vᵀ. The operator I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes it I
@@ -11,6 +11,7 @@
 
 use super::block::Kind;
 use super::data::BenchHistory;
+use super::edges::{self, EdgeErrors};
 use super::time_block::TimeBlock;
 use super::whitening::dot;
 use analysis_effects::contract::{Base, Point};
@@ -18,12 +19,14 @@ use analysis_signal::calibration::{COMMON, CommonError};
 use num_complex::Complex64;
 
 /// Change of the rows of a block by one standard deviation of each shared error: of the
-/// calibration, of the gain of both channels, of the start voltage, and of each independent error
-/// that the correction leaves.
+/// calibration, of the gain of both channels, of the start voltage, of all edges, and of each
+/// independent error that the correction leaves.
 pub(super) type Errors = [Vec<f64>; OWN + COMMON];
 
+/// Errors of the channels and of the start.
+const CHANNELS: usize = 3;
 /// Errors beside those of the correction.
-const OWN: usize = 3;
+const OWN: usize = CHANNELS + edges::COMMON;
 
 /// Rows of a record, V.
 #[derive(Debug, Clone, Copy)]
@@ -31,6 +34,8 @@ pub(super) struct RecordRows<'a> {
     pub(super) predicted_v: &'a [f64],
     /// Change of them by the current's gain, V per unit.
     pub(super) gain_v: &'a [f64],
+    /// Errors of its edges.
+    pub(super) edges: &'a [EdgeErrors],
 }
 
 /// Of a record with these rows that starts at this state of charge.
@@ -62,6 +67,11 @@ pub(super) fn of_record(
         .collect();
     // Microseconds are nothing to a record.
     let mut errors: Errors = std::array::from_fn(|_| vec![0.0; predicted.len()]);
+    for edge in rows.edges {
+        for (sum, change_v) in errors[CHANNELS..].iter_mut().zip(&edge.common_v) {
+            sum.iter_mut().zip(change_v).for_each(|(s, v)| *s += v);
+        }
+    }
     [errors[0], errors[1], errors[2]] = [
         gain.iter().map(|v| history.calibration_rel * v).collect(),
         both,
@@ -108,7 +118,7 @@ pub(super) fn of_spectrum(
     // A ratio of two channels does not know what they share.
     std::array::from_fn(|k| match k {
         0 => predicted.iter().map(|z| gain * z).collect(),
-        1 | 2 => vec![0.0; predicted.len()],
+        1..OWN => vec![0.0; predicted.len()],
         _ => left(k - OWN),
     })
 }

@@ -26,6 +26,8 @@ pub enum FindingKind {
     StampsRounded,
     /// Samples too far apart for the model's fast branches.
     SamplingSlow,
+    /// A current that changes faster than it is logged.
+    CurrentUnseen,
     /// Codes of a channel that are coarser than stated.
     Resolution,
     /// A factor between model and records.
@@ -47,6 +49,7 @@ impl FindingKind {
             Self::RowsRepeated => "repeated rows",
             Self::StampsRounded => "rounded time stamps",
             Self::SamplingSlow => "slow sampling",
+            Self::CurrentUnseen => "current faster than its log",
             Self::Resolution => "coarse codes",
             Self::Scale => "factor between model and records",
             Self::CurrentFilter => "filter of the logged current",

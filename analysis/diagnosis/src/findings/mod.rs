@@ -25,11 +25,12 @@ use scene::Scene;
 /// One detector over the runs that the gate let pass.
 type Detector = fn(&Scene<'_>) -> Vec<Finding>;
 
-const DETECTORS: [Detector; 5] = [
+const DETECTORS: [Detector; 6] = [
     current::find,
     leakage::find,
     rest::find,
     stamps::slow,
+    stamps::unseen,
     resolution::find,
 ];
 

@@ -1,4 +1,5 @@
-//! Time stamps that are rounded, and samples too far apart for what the model knows.
+//! Time stamps that are rounded, and samples too far apart for what the model knows or for the
+//! current.
 
 use std::ops::Range;
 
@@ -7,7 +8,7 @@ use super::scene::{Played, Scene};
 use crate::gate::median;
 use crate::thresholds::{
     GAP_CHANGES_PART, LARGE_STEP_PART, ROUNDED_FEWEST, ROUNDED_MOST_QUANTA, ROUNDED_PART,
-    SLOW_BRANCH_PART, SLOW_SHARE,
+    SLOW_BRANCH_PART, SLOW_SHARE, UNSEEN_CORRELATION,
 };
 use analysis_effects::augmented::Between;
 
@@ -135,6 +136,54 @@ pub(super) fn slow(scene: &Scene<'_>) -> Vec<Finding> {
         runs,
         correctable: false,
     }]
+}
+
+/// Records whose current does something else from one sample to the next.
+pub(super) fn unseen(scene: &Scene<'_>) -> Vec<Finding> {
+    let all: Vec<(String, f64)> = scene
+        .of_cells()
+        .filter(|played| played.record.between == Between::Linear)
+        .filter_map(|played| Some((played.run.name.clone(), correlation(&played)?)))
+        .filter(|(_, correlation)| *correlation < UNSEEN_CORRELATION)
+        .collect();
+    if all.is_empty() {
+        return Vec::new();
+    }
+    let greatest = all
+        .iter()
+        .fold(f64::NEG_INFINITY, |most, (_, c)| most.max(*c));
+    let runs: Vec<String> = all.into_iter().map(|(name, _)| name).collect();
+    vec![Finding {
+        kind: FindingKind::CurrentUnseen,
+        text: format!(
+            "{}: the current changes faster than it is logged; what it was between two samples is \
+            not known",
+            names(&runs)
+        ),
+        how_sure: format!(
+            "certain: successive samples of the current have a correlation of {greatest:.2} at most"
+        ),
+        effect: "These records are left out: they are neither fitted nor compared. A faster log \
+            would make them useful. So would `current_between_samples = \"hold\"`, where the \
+            samples stand at the steps of the current."
+            .to_owned(),
+        runs,
+        correctable: false,
+    }]
+}
+
+/// Correlation of successive samples of the current: 1 less half the mean square of their
+/// difference over their variance (von Neumann). None for a current that hardly changes.
+fn correlation(played: &Played<'_>) -> Option<f64> {
+    let current_a = &played.record.series.current_a[played.first_compared()..];
+    let n = current_a.len() as f64;
+    let mean_a = current_a.iter().sum::<f64>() / n;
+    let variance_a2 = current_a.iter().map(|i| (i - mean_a).powi(2)).sum::<f64>() / n;
+    let steps = current_a.windows(2).map(|w| (w[1] - w[0]).powi(2));
+    let half_a2 = 0.5 * steps.sum::<f64>() / (n - 1.0);
+    // The noise of a constant current is no change of it.
+    let least_a = LARGE_STEP_PART * played.largest_a();
+    (half_a2 > least_a.powi(2)).then(|| 1.0 - half_a2 / variance_a2)
 }
 
 /// Typical distance of the two samples around a large step of the current, s.

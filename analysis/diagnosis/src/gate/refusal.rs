@@ -1,7 +1,7 @@
 //! The diagnosis behind the gate: runs the workflow only on data that the gate accepts.
 
 use super::super::current_filter::Filter;
-use super::super::data::DataSet;
+use super::super::data::{DataSet, Role};
 use super::super::findings::{FindingKind, Inspected};
 use super::super::outcome::{
     DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, Quality, Verdict,
@@ -56,7 +56,21 @@ pub fn diagnose(
             next_runs: Vec::new(),
         });
     }
-    let mut outcome = diagnose_with(used_set, model, options, Guards::default())?;
+    let unseen = |name: &String| {
+        let mut left_out = found
+            .iter()
+            .filter(|f| f.kind == FindingKind::CurrentUnseen);
+        left_out.any(|f| f.runs.contains(name))
+    };
+    let mut seen = used_set.clone();
+    seen.runs.retain(|run| !unseen(&run.name));
+    if !seen.runs.iter().any(|run| run.role == Role::Train) {
+        return Err(DataSetError::Set {
+            name: set.name.clone(),
+            expected: "a training run whose current is logged as fast as it changes",
+        });
+    }
+    let mut outcome = diagnose_with(&seen, model, options, Guards::default())?;
     (outcome.diagnosis.findings, outcome.diagnosis.accepted) = (found, accepted);
     outcome.diagnosis.notes.extend(told);
     outcome.diagnosis.notes.extend(report.notes);
