@@ -77,7 +77,7 @@ fn seeds() -> Range<u64> {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn the_bench_at_its_best_is_as_exact_as_it_says() {
     let seeds = seeds();
     let threads = std::thread::available_parallelism()

@@ -123,7 +123,7 @@ fn day(experiment: &Experiment, folder: &Path, seed: u64) -> Day {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn every_bad_day_ends_finished_or_with_a_cause_in_safe_state() {
     let wanted = std::env::var("EIS_BENCH_BAD_DAYS").unwrap_or_else(|_| "40".to_owned());
     let (first, end) = wanted.split_once("..").unwrap_or(("0", &wanted));
@@ -223,7 +223,7 @@ fn with_second_client(
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn a_load_switched_on_by_another_client_is_off_again_before_anything_is_mounted() {
     let files = Files::short(2);
     let experiment = files.load();

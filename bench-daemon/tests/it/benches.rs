@@ -35,7 +35,7 @@ const BENCHES: [(&str, &[&str]); 3] = [
 ];
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn benches_of_first_of_second_and_of_mixed_models_measure_the_same_cell() {
     let folder = tempfile::tempdir().unwrap();
     let measured = BENCHES.map(|(bench, models)| {

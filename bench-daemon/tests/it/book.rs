@@ -390,7 +390,7 @@ fn pages_are_read_as_github_and_mdbook_read_them() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn the_commands_of_the_tutorial_from_a_bench_to_a_model_run_in_a_bare_clone() {
     play("tutorial-bench.md");
 }

@@ -465,7 +465,7 @@ fn the_index_names_the_cells_and_a_diagnosis_is_one_cells() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn a_linear_cell_is_rarely_doubted_for_a_harmonic() {
     let files = Files::demo()
         .without(EXPERIMENT, "temperature")
@@ -502,7 +502,7 @@ fn a_linear_cell_is_rarely_doubted_for_a_harmonic() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn a_reset_leaves_nothing_of_what_traces_have_moved() {
     let trace = "[[traces]]\nname = \"pulse\"\nrest_first = \"2 s\"\n\
     start_voltage = [\"3.6 V\", \"3.85 V\"]\nresistance_max = \"30 mΩ\"\n\

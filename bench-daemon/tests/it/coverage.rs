@@ -11,7 +11,7 @@ mod tally;
 use std::path::Path;
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn six_seeds_refute_no_interval_of_the_demo_with_a_harness_of_their_own() {
     let seeds: Vec<u64> = (80_001..80_007).collect();
     let configs = Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs"));

@@ -405,7 +405,7 @@ fn crash(
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn a_campaign_that_is_killed_anywhere_goes_on_and_loses_nothing() {
     let files = files();
     let ports = Ports::serve(&files, FACTOR, 1);

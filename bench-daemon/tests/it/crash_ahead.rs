@@ -348,7 +348,7 @@ fn crash(drill: &str, fate: &mut Fate, (reference, agrees): (&[ImpedancePoint], 
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn overlapped_points_and_a_wave_that_are_killed_anywhere_lose_nothing_and_move_no_unknown_charge_again()
  {
     let files = files();

@@ -130,7 +130,7 @@ fn the_tables_of_panasonic_become_the_data_sets_that_a_person_made() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn a_diagnosis_of_proposed_data_sets_is_that_of_the_data_sets_of_a_person() {
     for known in KNOWN {
         let folder = tempfile::tempdir().unwrap();

@@ -486,7 +486,7 @@ fn a_run_agrees_with_the_truth_its_shunt_reads_too_much_and_its_cell_was_treated
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn the_spectra_of_ten_seeds_agree_with_the_truth_and_their_uncertainty_is_honest() {
     let found: Vec<Accuracy> = std::thread::scope(|scope| {
         let halves = [1..=5_u64, 6..=10].map(|seeds| {

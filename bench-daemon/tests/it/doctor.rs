@@ -335,7 +335,7 @@ fn a_cell_that_is_still_in_the_jig_is_found_before_anything_goes_on() {
 /// On real ports: the guardian is there and steps in, and a run knows whether the doctor has
 /// looked.
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn the_lease_is_proven_on_ports_and_a_run_asks_for_the_report() {
     let files = Files::short(2).append(
         BENCH,

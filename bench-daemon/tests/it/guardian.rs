@@ -102,7 +102,7 @@ fn a_daemon_that_is_killed_leaves_a_bench_that_is_off_within_five_seconds() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
     for (generator, ends) in [
         ("bursts", true),
@@ -173,7 +173,7 @@ fn the_drive_ends_by_itself_where_nobody_is_left_to_end_it() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn a_run_that_waits_to_go_on_by_itself_is_ended_by_safe_and_holds_its_bench_meanwhile() {
     let faults = "[simulation.faults]\nseed = 1\nper_message = 1.0\nmost = 1\n\
     kinds = [\"reset\"]\nrole = \"scope\"\nfrom = \"6 s\"";
@@ -207,7 +207,7 @@ fn a_run_that_waits_to_go_on_by_itself_is_ended_by_safe_and_holds_its_bench_mean
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn a_daemon_that_is_stopped_loses_its_lease_and_its_life() {
     let files = Files::short(6).append(BENCH, "[guardian]\nlease = \"1.5 s\"");
     let ports = Ports::serve(&files, FACTOR, 1);
@@ -437,7 +437,7 @@ fn a_state_folder_that_cannot_be_written_is_refused_before_anything_is_touched()
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn with_the_network_to_the_supply_cut_the_generator_ends_the_current_and_the_guardian_goes_on_until_it_is_back()
  {
     lose(
@@ -448,7 +448,7 @@ fn with_the_network_to_the_supply_cut_the_generator_ends_the_current_and_the_gua
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn with_the_network_to_the_generator_cut_the_supply_ends_the_current_and_the_guardian_goes_on_until_it_is_back()
  {
     lose(

@@ -85,7 +85,7 @@ fn nothing_but_questions_goes_to_any_instrument() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn an_address_alone_is_enough_and_one_that_is_silent_does_not_hide_the_others() {
     let files = Files::demo();
     let _ports = Ports::serve(&files, 1.0, 1);

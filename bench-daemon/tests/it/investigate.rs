@@ -471,7 +471,7 @@ fn named(investigation: &Investigation) -> Vec<&'static str> {
 /// The examples in words of the scenario file: each is found with its size, and both together get
 /// no wrong name.
 #[test]
-#[ignore = "drill: three investigations"]
+#[ignore = "long drill: three investigations"]
 fn the_examples_of_the_scenario_file_are_found() {
     let diffusion = "[effects.diffusion]\nr_ohm = 2e-3\ntau_s = 60";
     let arrhenius = "[effects.arrhenius]\nenergy_j_per_mol = 30000\nreference_c = 25";
@@ -505,7 +505,7 @@ fn the_examples_of_the_scenario_file_are_found() {
 
 /// What the README shows: the names, and the truth of the scenario files within every interval.
 #[test]
-#[ignore = "drill: two investigations"]
+#[ignore = "long drill: two investigations"]
 fn the_showcases_end_as_told() {
     let cases: [(&str, &[(&str, f64)]); 2] = [
         ("hidden_diffusion", &[("r_ohm", 1e-3), ("tau_s", 30.0)]),
@@ -572,7 +572,7 @@ fn the_benches_of_the_showcases_are_one_bench() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn nothing_hidden_ends_at_the_floor_and_what_is_hidden_is_found() {
     let which = std::env::var("EIS_BENCH_INVESTIGATE").unwrap_or_else(|_| "101,103".to_owned());
     let played: Vec<(Hidden, Score, Investigation)> = cases(&which)

@@ -12,7 +12,7 @@ use crate::support::{
 const FACTOR: f64 = 10.0;
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn every_finished_point_survives_a_kill_and_the_bench_can_be_used_again() {
     for (watched, count) in [("raw_shunt.csv", 3), ("spectrum.csv", 2)] {
         let files = Files::short(6);

@@ -46,7 +46,7 @@ fn run(files: &Files) -> Finished {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn it_is_the_spectrum_of_the_single_sines_in_less_than_half_of_their_time() {
     let list: Vec<String> = lines_hz()
         .iter()
@@ -283,7 +283,7 @@ fn the_second_generator_plays_it_too() {
 const GATE: &str = "[multisine.quality]\nagain = 1\ntime = \"10 min\"\ncharge = \"1 Ah\"";
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn the_gate_lets_a_good_multisine_through_and_flags_what_fails_to_the_end() {
     let good = one_branch("").append(EXPERIMENT, GATE);
     let finished = run(&good);
@@ -404,7 +404,7 @@ const COVERED: std::ops::Range<u64> = 11..15;
 const DISTURBED_HZ: [f64; 3] = [25.0, 45.0, 55.0];
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn errors_are_as_large_as_they_are_stated_where_images_fell_onto_lines() {
     let path = crate::configuration::configs().join("experiments/multisine.toml");
     let mut squares = Vec::new();

@@ -38,7 +38,7 @@ fn worst_v(finished: &Finished, folder: &std::path::Path) -> (OcvCurve, f64) {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_resistance() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run");
@@ -82,7 +82,7 @@ fn the_curve_is_the_truth_within_two_millivolts_and_the_interruptions_tell_the_r
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn the_data_sheets_resistance_leaves_what_it_misses() {
     let mut experiment = experiment();
     let ocv = experiment.ocv_soc.as_mut().unwrap();

@@ -301,7 +301,7 @@ fn a_direct_current_changes_p45b_in_no_way_of_the_catalogue() {
 /// Hysteresis is the best name of the catalogue, and friction, a hysteresis of another form, does
 /// better: nothing is named.
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn hysteresis_of_a123_is_seen_and_its_form_is_not_the_catalogues() {
     let d = diagnosis("a123_lfp", &[]);
     assert_eq!(
@@ -380,7 +380,7 @@ fn with_full_files(set: &str, full: &Path, folder: &Path) {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn trimmed_tables_tell_the_same_as_the_full_files() {
     let Some(full) = full_files() else { return };
     for (set, held_out) in [

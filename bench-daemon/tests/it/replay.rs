@@ -237,7 +237,7 @@ fn a_run_of_a_relative_path_with_a_trace_of_load_and_supply_beside_controls_is_v
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn multisines_and_traces_are_recomputed_from_their_captures_and_what_does_not_follow_from_them_is_named()
  {
     let traces = "[[traces]]\nname = \"steps\"\nrest_first = \"20 s\"\n\

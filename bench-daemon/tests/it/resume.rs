@@ -59,7 +59,7 @@ fn assert_same_files(left: &Path, right: &Path) {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn a_run_in_virtual_time_that_died_anywhere_ends_with_the_same_files() {
     let files = Files::short(3);
     let whole = files.path("whole");
@@ -191,7 +191,7 @@ const FULL: [&str; 17] = [
 ];
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn a_full_disk_ends_the_run_in_safe_state_whatever_cannot_be_written_and_nothing_is_lost() {
     let files = Files::short(2).append(EXPERIMENT, TRACE);
     let whole = files.path("whole");

@@ -85,7 +85,7 @@ fn write(folder: &Path, points: &[(f64, Complex64)], sigma_ohm: Option<f64>) -> 
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn the_demo_runs_behind_a_scope_of_10_and_of_1_microvolt_noise() {
     for noise_v in ["10.0e-6", "1.0e-6"] {
         let files = Files::demo()

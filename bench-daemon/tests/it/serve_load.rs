@@ -74,7 +74,7 @@ fn files() -> Files {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn two_hundred_listeners_and_fifty_requests_per_second_cost_a_sweep_nothing() {
     let load_s = std::env::var("EIS_BENCH_LOAD_S").map_or(LOAD_S, |text| text.parse().unwrap());
     for loaded in [false, true] {

@@ -585,7 +585,7 @@ fn what_is_no_model_is_refused_with_the_place() {
 }
 
 #[test]
-#[ignore = "drill"]
+#[ignore = "long drill"]
 fn diagnose_takes_a_model_in_each_way_and_repeats_it() {
     let folder = tempfile::tempdir().unwrap();
     let spec = study::hidden::Spec::null(3);
