@@ -63,6 +63,9 @@ impl Diagnosis {
                 "explained on training runs; no held-out record has seen it"
             }
             Verdict::Explained => "explained: nothing else is missing that the data could show",
+            Verdict::Mostly => {
+                "mostly: its form differs from the data, or something smaller is missing beside it"
+            }
             Verdict::Ambiguous => "ambiguous: other effects would do as well",
             _ => "explains a part: something else is missing",
         };

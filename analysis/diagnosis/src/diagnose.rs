@@ -209,11 +209,11 @@ pub(crate) fn diagnose_with(
     d.notes.extend(advice.notes());
     let Advice { next, inseparable } = advice;
     d.inseparable = inseparable;
-    let is_open = matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) && !floor_moved;
+    let is_open = d.verdict.is_open() && !floor_moved;
     if is_open && (next.is_none() || !options.next_run_first) {
         d.predictive = predictive(&prepared, model, &selection, options, guards);
     }
-    if next.is_none() && matches!(d.verdict, Verdict::Ambiguous | Verdict::Unexplained) {
+    if next.is_none() && d.verdict.is_open() {
         d.notes
             .push("no run of the menu would tell apart what is open".to_owned());
     }

@@ -5,8 +5,8 @@
 //! An edge may lie anywhere between two samples. A branch's voltage is no linear function of that
 //! place: its second moments over all places are met by five of them (Gauss–Lobatto), each with its
 //! weight. Both ends are among them, for a logger that starts its rows at steps has its edges there,
-//! and branches far faster than the rows then show. A record with a row a second and a step of 100 A shows the difference to a straight
-//! line by five times its noise.
+//! and branches far faster than the rows then show. A record with a row a second and a step of 100 A
+//! shows the difference to a straight line by five times its noise.
 //!
 //! A logger that starts with a step of the current has all edges at the same place, another one has
 //! not. So half of the variance is each edge's own, and half is an error that all runs share.
@@ -18,13 +18,36 @@ use analysis_effects::contract::Base;
 /// samples.
 pub(super) const UNIFORM: f64 = 0.288_675_134_594_812_9;
 
-/// Places between two samples, as parts of the way, and the root of each one's weight.
-const PLACES: [(f64, f64); 5] = [
-    (0.0, 0.223_606_797_749_979),
-    (0.172_673_164_646_011, 0.521_749_194_749_951),
-    (0.5, 0.596_284_793_999_944),
-    (0.827_326_835_353_989, 0.521_749_194_749_951),
-    (1.0, 0.223_606_797_749_979),
+/// A place between two samples.
+#[derive(Clone, Copy)]
+struct Place {
+    /// Part of the way.
+    part: f64,
+    /// Root of its weight.
+    weight: f64,
+}
+
+const PLACES: [Place; 5] = [
+    Place {
+        part: 0.0,
+        weight: 0.223_606_797_749_979,
+    },
+    Place {
+        part: 0.172_673_164_646_011,
+        weight: 0.521_749_194_749_951,
+    },
+    Place {
+        part: 0.5,
+        weight: 0.596_284_793_999_944,
+    },
+    Place {
+        part: 0.827_326_835_353_989,
+        weight: 0.521_749_194_749_951,
+    },
+    Place {
+        part: 1.0,
+        weight: 0.223_606_797_749_979,
+    },
 ];
 
 /// Errors that all edges may have in common: of each place, and of a channel that averages.
@@ -59,10 +82,10 @@ pub(super) fn of_record(time: &TimeBlock, soc: f64, base: &Base) -> Vec<EdgeErro
             });
             let moved = charge(time, *edge, soc, base);
             let mut common_v = std::array::from_fn(|k| match PLACES.get(k) {
-                Some((part, weight)) => moved
+                Some(place) => moved
                     .iter()
                     .zip(&passing[k])
-                    .map(|(m, p)| p + weight * (0.5 - part) * m)
+                    .map(|(m, p)| p + place.weight * (0.5 - place.part) * m)
                     .collect(),
                 None => Vec::new(),
             });
@@ -100,7 +123,7 @@ fn charge(time: &TimeBlock, edge: usize, soc: f64, base: &Base) -> Vec<f64> {
 
 /// Change of what the branches drop in the later rows for an edge at a place, against the mean over
 /// all places, times the root of the place's weight.
-fn shift(time: &TimeBlock, edge: usize, (part, weight): (f64, f64), base: &Base) -> Vec<f64> {
+fn shift(time: &TimeBlock, edge: usize, place: Place, base: &Base) -> Vec<f64> {
     let (step_s, step_a) = (
         time.time_s[edge] - time.time_s[edge - 1],
         time.current_a[edge] - time.current_a[edge - 1],
@@ -114,11 +137,11 @@ fn shift(time: &TimeBlock, edge: usize, (part, weight): (f64, f64), base: &Base)
             let t = b.time_s - time.time_s[edge];
             let change = |tau_s: f64| {
                 let mean = tau_s / step_s * -(-step_s / tau_s).exp_m1();
-                (-t / tau_s).exp() * (mean - (-(1.0 - part) * step_s / tau_s).exp())
+                (-t / tau_s).exp() * (mean - (-(1.0 - place.part) * step_s / tau_s).exp())
             };
             let branches = base.erm.branches.iter();
             let branches = branches.map(|b| b.r_ohm * change(b.time_constant_s()));
-            weight * step_a * branches.sum::<f64>()
+            place.weight * step_a * branches.sum::<f64>()
         })
         .collect()
 }

@@ -4,7 +4,7 @@ use super::guards::beyond_formula;
 use super::inconsistency::Inconsistency;
 use super::outcome::{Block, Diagnosis, Verdict};
 use super::select::Selection;
-use crate::thresholds::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P};
+use crate::thresholds::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P, MOSTLY_LEFT};
 use analysis_effects::effects::{self, find};
 
 /// Evidence, beside χ² and blocks, that the residuals are more than noise.
@@ -125,6 +125,22 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
                 ),
             )
         }
+        (false, false) if is_mostly(d) => {
+            let others: Vec<&str> = d.rivals.iter().map(|r| title(r.name)).collect();
+            let or = if others.is_empty() {
+                String::new()
+            } else {
+                format!(" – or {}: these data cannot tell", others.join(", "))
+            };
+            (
+                Verdict::Mostly,
+                format!(
+                    "Mostly {}{or}. Its form differs from the catalogue's, or something smaller is \
+                    missing beside it.",
+                    names.join(", ")
+                ),
+            )
+        }
         (false, false) => (
             Verdict::Unexplained,
             format!(
@@ -138,6 +154,28 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
         ),
     };
     hint(d, selection);
+}
+
+/// True where the named effects take nearly all of what the base leaves over noise, in the fitted
+/// runs and in every held-out one, and nothing but their rivals does as well.
+fn is_mostly(d: &Diagnosis) -> bool {
+    let (before, after) = (d.quality.base_chi2, d.quality.augmented_chi2);
+    let held_out = d.gap.iter().all(|gap| {
+        let beyond = |mv: f64| mv * mv - gap.floor_mv * gap.floor_mv;
+        beyond(gap.augmented_mv) <= MOSTLY_LEFT * beyond(gap.base_mv).max(0.0)
+    });
+    let left = after - d.quality.degrees_of_freedom;
+    // What is left is unknown: it could be what another name lacks.
+    let others = d.ranking.iter();
+    let mut others = others
+        .filter(|c| !d.effects.iter().any(|e| e.name == c.name))
+        .filter(|c| !d.rivals.iter().any(|r| r.name == c.name));
+    let no_other = others.all(|c| c.lambda.is_none_or(|l| l < before - after - left.max(0.0)));
+    let certain = d
+        .effects
+        .iter()
+        .all(|e| e.evidence.lambda >= CERTAIN_LAMBDA);
+    certain && no_other && left <= MOSTLY_LEFT * (before - after) && held_out
 }
 
 /// Title of an effect or of a law outside the catalogue.

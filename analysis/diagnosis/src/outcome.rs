@@ -21,6 +21,9 @@ pub enum Verdict {
     AtNoiseFloor,
     /// The named effects were missing.
     Explained,
+    /// The named effects were missing, but their form differs from the catalogue's, or something
+    /// far smaller is missing beside them.
+    Mostly,
     /// Something is missing; these data cannot tell which of several effects.
     Ambiguous,
     /// Something is missing that no effect of the catalogue explains.
@@ -30,11 +33,22 @@ pub enum Verdict {
 }
 
 impl Verdict {
+    /// True where a further run could tell more of what is missing.
+    pub fn is_open(self) -> bool {
+        matches!(self, Self::Mostly | Self::Ambiguous | Self::Unexplained)
+    }
+
+    /// True where something is missing that has no name.
+    pub fn leaves_a_rest(self) -> bool {
+        matches!(self, Self::Mostly | Self::Unexplained)
+    }
+
     /// In words.
     pub fn label(self) -> &'static str {
         match self {
             Self::AtNoiseFloor => "at the noise floor",
             Self::Explained => "explained",
+            Self::Mostly => "mostly explained",
             Self::Ambiguous => "ambiguous",
             Self::Unexplained => "unexplained",
             Self::Invalid => "invalid",

@@ -1,7 +1,8 @@
 //! Errors that are the same in all runs of a campaign. They are: the error of the current's gain
 //! after calibration, the gain that calibration cannot see because current and voltage share it,
 //! the error of the meter for start voltages, the place of edges between a logger's rows, which may
-//! be the same at all of them, and the common error of a correction by control impedances. Repeats do not show them, and more repeats do not make them smaller.
+//! be the same at all of them, and the common error of a correction by control impedances. Repeats
+//! do not show them, and more repeats do not make them smaller.
 //!
 //! With v what one standard deviation of such an error does to the whitened rows of all runs, their
 //! covariance is I + v·vᵀ. The operator I − c·u·uᵀ, u = v/|v|, c = 1 − 1/√(1 + |v|²), makes it I

@@ -853,6 +853,9 @@ thresholds! {
         "λ below which a name is never certain.",
         Convention "A law outside the catalogue that shares five sixths of λ leaves 150/6 = 25, \
         five standard deviations, to notice.";
+    MOSTLY_LEFT: f64 = 0.1, "1",
+        "Part of what the base leaves of χ² over noise that may be left where a verdict is mostly.",
+        Convention "Three times `FORMULA_SHARE`: a third of the residual in millivolts.";
     OUTSIDE_LEAD: f64 = 6.0, "1",
         "Score by which a law outside the catalogue must lead a name to withdraw it.",
         Quantile "Normal distribution, one-sided probability 0.7 % of w above √6. With one \

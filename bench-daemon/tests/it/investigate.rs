@@ -415,7 +415,7 @@ fn score(case: &Hidden, investigation: &Investigation) -> Score {
         Verdict::AtNoiseFloor => Score::Missed,
         Verdict::Explained => Score::Wrong,
         Verdict::Ambiguous => Score::Ambiguous,
-        Verdict::Unexplained | Verdict::Invalid => Score::Unexplained,
+        Verdict::Mostly | Verdict::Unexplained | Verdict::Invalid => Score::Unexplained,
     }
 }
 

@@ -188,10 +188,14 @@ fn gap_mv(d: &Value, run: &str) -> [f64; 3] {
 }
 
 fn within(met: [f64; 3], seen: [f64; 3]) {
+    within_part(met, seen, 0.03);
+}
+
+fn within_part(met: [f64; 3], seen: [f64; 3], part: f64) {
     assert!(
         met.iter()
             .zip(seen)
-            .all(|(m, s)| (m / s - 1.0).abs() < 0.03),
+            .all(|(m, s)| (m / s - 1.0).abs() < part),
         "{met:?} against {seen:?}"
     );
 }
@@ -202,7 +206,7 @@ fn panasonic_lacks_something_like_diffusion_and_a_rest_stays_without_a_name() {
     let d = diagnosis("panasonic_50soc", &[]);
     assert_eq!(
         (d["verdict"].as_str().unwrap(), names(&d["effects"])),
-        ("unexplained", vec!["diffusion"])
+        ("mostly", vec!["diffusion"])
     );
     // A slow process with a power law at its onset: which of its forms, data without repeats cannot
     // tell.
@@ -252,7 +256,7 @@ fn predicted<'a>(d: &'a Value, run: &str) -> &'a Value {
 }
 
 #[test]
-fn six_branches_imitate_the_diffusion_of_panasonic() {
+fn six_branches_imitate_the_diffusion_of_panasonic_and_leave_a_hysteresis() {
     let tables = project("fixtures/data/cells/panasonic_18650pf_25C");
     let folder = tempfile::tempdir().unwrap();
     let words: Vec<&str> = PANASONIC_FIT
@@ -264,10 +268,11 @@ fn six_branches_imitate_the_diffusion_of_panasonic() {
     let d = diagnosis("panasonic_50soc", &["--model", model.to_str().unwrap()]);
     assert_eq!(
         (d["verdict"].as_str().unwrap(), names(&d["effects"])),
-        ("unexplained", Vec::new())
+        ("ambiguous", vec!["hysteresis"])
     );
-    within(gap_mv(&d, "2C"), [7.21, 3.46, 3.46]);
-    within(gap_mv(&d, "6C"), [16.83, 5.91, 5.91]);
+    assert_eq!(rivals(&d), ["outside_friction"]);
+    within(gap_mv(&d, "2C"), [7.21, 3.46, 3.19]);
+    within(gap_mv(&d, "6C"), [16.83, 5.86, 5.20]);
 }
 
 #[test]
@@ -322,7 +327,7 @@ fn hysteresis_of_a123_is_seen_and_its_form_is_not_the_catalogues() {
         .take(1)
         .collect();
     assert_eq!(best, ["hysteresis"]);
-    within(gap_mv(&d, "cycle_05"), [19.98, 17.86, 17.86]);
+    within(gap_mv(&d, "cycle_05"), [19.98, 16.13, 16.13]);
 }
 
 /// Tables of the project, the full file of each, and the direction of a current without a sign.
@@ -415,7 +420,8 @@ fn trimmed_tables_tell_the_same_as_the_full_files() {
             if !same {
                 (met[2], seen[2]) = (1.0, 1.0);
             }
-            within(met, seen);
+            // Where rows were trimmed away, an edge lies between rows that are further apart.
+            within_part(met, seen, 0.05);
         }
     }
 }

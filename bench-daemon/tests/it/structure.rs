@@ -671,8 +671,9 @@ fn what_acts_in_the_daemon_has_few_fields() {
 /// The module that alone holds numbers of the diagnosis that decide something.
 const REGISTRY: &str = "thresholds";
 /// Constants of the diagnosis that decide nothing, or whole modules of such, with the reason.
-const NO_THRESHOLDS: [(&str, &str); 22] = [
+const NO_THRESHOLDS: [(&str, &str); 24] = [
     ("consistency::STEP", "step of a derivative"),
+    ("edges::COMMON", "a count"),
     ("edges::UNIFORM", "mathematics: 1/√12"),
     ("estimate::ITERATIONS", "limit of a solver"),
     ("experiment::separate::DAMPING", "damping of a solver"),
@@ -690,6 +691,7 @@ const NO_THRESHOLDS: [(&str, &str); 22] = [
     ("problem::MOST_ACCELERATION", "steps of a solver"),
     ("problem::UNMOVED", "damping of a solver"),
     ("report", "layout of pages and pictures"),
+    ("shared::CHANNELS", "a count"),
     ("shared::OWN", "length of a list"),
     ("structure::LONGEST_LOG", "longest step of a solver"),
     ("structure::LONGEST_PART", "longest step of a solver"),

@@ -224,7 +224,7 @@ pub(super) fn recommend(
     limits: Option<BenchLimits>,
     playable: Option<&Playable>,
 ) -> Advice {
-    if !matches!(verdict, Verdict::Ambiguous | Verdict::Unexplained) {
+    if !verdict.is_open() {
         return Advice::default();
     }
     let campaign = Campaign::new(&prepared.problem, limits);

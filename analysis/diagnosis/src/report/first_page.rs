@@ -61,7 +61,7 @@ fn disagreement(d: &Diagnosis) -> Vec<String> {
                 "With {} it still stands out {}{}.",
                 titles(d),
                 places.join(", and "),
-                if d.verdict == Verdict::Unexplained {
+                if d.verdict.leaves_a_rest() {
                     ""
                 } else {
                     ", which is no more than chance and the error of the effects' formulas allow"
@@ -135,13 +135,18 @@ fn missing(d: &Diagnosis) -> Vec<String> {
             vec!["Nothing that these runs could show; a weaker effect stays hidden.".to_owned()]
         }
         Verdict::Explained => vec![format!("{named}.")],
+        Verdict::Mostly => {
+            let mut sentences = vec![format!("Mostly {named}.")];
+            sentences.extend(as_well(d));
+            sentences.push(
+                "Its form differs from the formula, or something smaller is missing beside it."
+                    .to_owned(),
+            );
+            sentences
+        }
         Verdict::Ambiguous => {
-            let rivals: Vec<String> = d.rivals.iter().map(|r| named_title(r.name)).collect();
             let mut sentences = vec![format!("Something. What fits best is {named}.")];
-            if !rivals.is_empty() {
-                let or = rivals.join(", or ");
-                sentences.push(format!("As well could be {or}: these runs do not tell."));
-            }
+            sentences.extend(as_well(d));
             sentences
         }
         Verdict::Unexplained if d.effects.is_empty() => {
@@ -152,6 +157,13 @@ fn missing(d: &Diagnosis) -> Vec<String> {
             "No effect of the catalogue explains the rest.".to_owned(),
         ],
     }
+}
+
+/// The effects that do as well as the named ones.
+fn as_well(d: &Diagnosis) -> Option<String> {
+    let rivals: Vec<String> = d.rivals.iter().map(|r| named_title(r.name)).collect();
+    let or = rivals.join(", or ");
+    (!or.is_empty()).then(|| format!("As well could be {or}: these runs do not tell."))
 }
 
 fn distrust(d: &Diagnosis) -> Vec<String> {
@@ -178,7 +190,7 @@ fn distrust(d: &Diagnosis) -> Vec<String> {
         .iter()
         .filter(|e| e.parameters.iter().any(|p| p.sigma.is_none()));
     sentences.extend(open.map(|e| format!("One value of {}: these runs leave it open.", e.title)));
-    if d.verdict == Verdict::Unexplained {
+    if d.verdict.leaves_a_rest() {
         sentences.push(
             "Predictions of the model for other runs: what it lacks is not known.".to_owned(),
         );
@@ -217,7 +229,7 @@ fn next(d: &Diagnosis) -> Vec<String> {
             "Use the model with what was added, within the currents, frequencies, states of charge \
             and temperatures of these runs. The details tell which run would contradict it."
         }
-        Verdict::Ambiguous | Verdict::Unexplained => {
+        Verdict::Mostly | Verdict::Ambiguous | Verdict::Unexplained => {
             "None of the runs that the program can plan would tell more. Look at the details: where \
             it disagrees, and what was refused for which reason."
         }

@@ -48,7 +48,7 @@ pub fn html(d: &Diagnosis, pictures: &[Picture]) -> Result<Report, PlotError> {
     use super::outcome::Verdict as Found;
     let level = match d.verdict {
         Found::AtNoiseFloor | Found::Explained => Level::Good,
-        Found::Ambiguous | Found::Unexplained => Level::Note,
+        Found::Mostly | Found::Ambiguous | Found::Unexplained => Level::Note,
         Found::Invalid => Level::Bad,
     };
     let page = sections::page(d);

@@ -80,7 +80,7 @@ pub(super) fn unexplained(d: &Diagnosis) -> Section {
         points.push(format!("and {} more blocks", remaining.len() - MOST_BLOCKS));
     }
     let lead = match (remaining.is_empty(), z >= GOOD_FIT_Z) {
-        (true, false) if d.verdict == Verdict::Unexplained => {
+        (true, false) if d.verdict.leaves_a_rest() => {
             "No block of the fitted runs lies outside the noise. What speaks against the model is in \
             the verdict and the notes."
                 .to_owned()
@@ -96,7 +96,7 @@ pub(super) fn unexplained(d: &Diagnosis) -> Section {
     if !points.is_empty() {
         items.push(Item::List(points));
     }
-    if d.verdict == Verdict::Unexplained {
+    if d.verdict.leaves_a_rest() {
         items.extend(hint(d));
     }
     Section::new("What stays unexplained", items)
@@ -137,6 +137,9 @@ pub(super) fn not_claimed(d: &Diagnosis) -> Section {
     if d.verdict == Verdict::Unexplained {
         points.push("A name for what is missing.".to_owned());
     }
+    if d.verdict == Verdict::Mostly {
+        points.push("A name for what is left, nor that the cell follows the formula.".to_owned());
+    }
     let rivals = d.rivals.iter().map(|r| {
         format!(
             "That it is {} and not {}.",
@@ -144,7 +147,7 @@ pub(super) fn not_claimed(d: &Diagnosis) -> Section {
             titled(r.name)
         )
     });
-    points.extend(rivals.filter(|_| d.verdict == Verdict::Ambiguous));
+    points.extend(rivals.filter(|_| matches!(d.verdict, Verdict::Mostly | Verdict::Ambiguous)));
     points.extend(
         d.effects
             .iter()

@@ -53,6 +53,7 @@ fn verdict_words(d: &Diagnosis) -> &'static str {
         Verdict::AtNoiseFloor if !d.noise.from_repeats => "Nothing found beyond the assumed noise",
         Verdict::AtNoiseFloor => "At the noise floor",
         Verdict::Explained => "Explained",
+        Verdict::Mostly => "Mostly explained",
         Verdict::Ambiguous => "Ambiguous",
         Verdict::Unexplained => "Unexplained",
         Verdict::Invalid => "Data not usable",
@@ -183,6 +184,9 @@ fn what(d: &Diagnosis) -> Section {
         Verdict::Ambiguous => {
             "Something is missing. The best representative of what fits, not the only one \
             (see \"What else it could be\"):"
+        }
+        Verdict::Mostly => {
+            "Missing in the base model and added; what is left is far smaller, and has no name:"
         }
         _ if d.effects.is_empty() => "No effect is named.",
         _ => "Added so far; it does not explain everything:",

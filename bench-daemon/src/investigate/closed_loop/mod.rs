@@ -294,7 +294,7 @@ impl Workspace<'_> {
                 "nothing is missing that these repeats could show",
             ),
             Verdict::Invalid => (End::Invalid, "the data cannot be used"),
-            Verdict::Ambiguous | Verdict::Unexplained => {
+            Verdict::Mostly | Verdict::Ambiguous | Verdict::Unexplained => {
                 return self.next_open(outcome, menu, steps);
             }
         };
