@@ -10,6 +10,7 @@ use super::gap::{Fits, gaps};
 use super::guards::Guards;
 use super::outcome::Gap;
 use super::prepare::{BaseModel, prepare};
+use super::problem::{Fit, Problem};
 use super::propose::propose;
 use analysis_effects::effects::find;
 
@@ -23,8 +24,50 @@ pub fn removable_chi2(
     clean: &DataSet,
     model: &BaseModel,
 ) -> Result<f64, DataSetError> {
+    removable_beside(noisy, clean, model, &[])
+}
+
+/// The same where these effects were added and refitted too: the χ² that what is missing beside them
+/// would remove.
+///
+/// # Errors
+/// [`DataSetError`] for a set that cannot be used or a name that is not in the catalogue.
+pub fn removable_beside(
+    noisy: &DataSet,
+    clean: &DataSet,
+    model: &BaseModel,
+    names: &[&str],
+) -> Result<f64, DataSetError> {
     let prepared = prepare(noisy, model, Guards::default())?.with_runs(clean)?;
-    Ok(base_fit(&prepared.problem, &model.erm, &mut Workspace::default()).chi2)
+    let mut workspace = Workspace::default();
+    let base = base_fit(&prepared.problem, &model.erm, &mut workspace);
+    Ok(with_effects(&prepared.problem, base, names, &mut workspace)?.chi2)
+}
+
+/// A fit with these effects added, one after the other.
+fn with_effects(
+    problem: &Problem,
+    mut fit: Fit,
+    names: &[&str],
+    workspace: &mut Workspace,
+) -> Result<Fit, DataSetError> {
+    for name in names {
+        let effect = find(name).ok_or_else(|| DataSetError::Set {
+            name: (*name).to_owned(),
+            expected: "effects of the catalogue",
+        })?;
+        let now = problem.prediction(fit.at(), workspace);
+        let proposals = propose(problem, &fit, &now, &fit.tangent(), effect, workspace);
+        let mut best: Option<Fit> = None;
+        for proposal in proposals.iter().take(4) {
+            let found = problem.fit_added(&fit, &proposal.member, false, workspace);
+            if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
+                best = Some(found);
+            }
+        }
+        fit = best.unwrap_or(fit);
+    }
+    Ok(fit)
 }
 
 /// Gaps on the held-out records of the base with the named effects, fitted without any question
@@ -41,29 +84,7 @@ pub fn oracle(
     let problem = &prepared.problem;
     let mut workspace = Workspace::default();
     let base = base_fit(problem, &model.erm, &mut workspace);
-    let mut fit = base.clone();
-    for name in names {
-        let effect = find(name).ok_or_else(|| DataSetError::Set {
-            name: set.name.clone(),
-            expected: "effects of the catalogue",
-        })?;
-        let proposals = propose(
-            problem,
-            &fit,
-            &problem.prediction(fit.at(), &mut workspace),
-            &fit.tangent(),
-            effect,
-            &mut workspace,
-        );
-        let mut best: Option<super::problem::Fit> = None;
-        for proposal in proposals.iter().take(4) {
-            let found = problem.fit_added(&fit, &proposal.member, false, &mut workspace);
-            if best.as_ref().is_none_or(|b| found.chi2 < b.chi2) {
-                best = Some(found);
-            }
-        }
-        fit = best.unwrap_or(fit);
-    }
+    let fit = with_effects(problem, base.clone(), names, &mut workspace)?;
     // As a diagnosis does with what it has named.
     let again = refitted(&prepared, [&base, &fit], Guards::default());
     let (prepared, [base, fit]) = again.unwrap_or((prepared, [base, fit]));

@@ -24,6 +24,9 @@ use analysis_signal::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
+/// Highest order that is tried where the data choose it.
+pub const MOST_AUTO: usize = 6;
+
 /// Options of the choice of an order.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OrderOptions {
