@@ -19,7 +19,7 @@ use std::path::Path;
 use analysis::{
     fit::{
         Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective,
-        PackModel, RefusedPoint, fit_cells,
+        PackModel, RefusedPoint, Slope, fit_cells,
     },
     pack::Pack,
     plot::{self, FigureInput},
@@ -54,7 +54,7 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
         .parse()
         .map_err(|error| Failure::Usage(format!("--{error}")))?;
     let (cells, others) = read(args)?;
-    let slope = super::ocv_slope::Slope::asked(&args.slope, objective)?;
+    let slope = super::ocv_slope::asked(&args.slope, objective)?;
     let groups: Vec<(String, Vec<SourcedSpectrum>)> = if args.pool {
         vec![("pooled".to_owned(), cells)]
     } else {
@@ -99,7 +99,7 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
 struct Wanted<'a> {
     orders: Option<&'a [usize]>,
     objective: Objective,
-    slope: super::ocv_slope::Slope,
+    slope: Slope,
     args: &'a FitArgs,
 }
 

@@ -4,9 +4,8 @@
 use std::path::PathBuf;
 
 use analysis::{
-    fit::{ChargeStorage, Objective},
+    fit::{ChargeStorage, Objective, Slope},
     ocv::{REST_SIGMA_V, SLOPE_SHARE},
-    spectrum::{OcvSlope, Spectrum},
 };
 
 use crate::{files, safety::failure::Failure, support::present::significant};
@@ -27,95 +26,44 @@ pub struct SlopeArgs {
     pub ocv_slope: Option<String>,
 }
 
-/// Treatment of the slope of the open-circuit voltage.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Slope {
-    /// It stays in the impedances.
-    Left,
-    /// It is taken out as known.
-    Known(OcvSlope),
-    /// It is fitted with a prior for each spectrum.
-    Fitted,
+/// Slope that the arguments ask for.
+///
+/// # Errors
+/// A curve that cannot be read or does not reach the voltage; a slope that is none; a fit of the
+/// slope with an objective that has no room for it.
+pub fn asked(args: &SlopeArgs, objective: Objective) -> Result<Slope, Failure> {
+    if let (Some(path), Some(at_v)) = (&args.ocv, args.at_v) {
+        let curve = files::read_curve(path)?;
+        let slope = curve.charge_slope(at_v, REST_SIGMA_V, SLOPE_SHARE);
+        let (low, high) = (
+            curve.ocv_v.first().copied().unwrap_or(f64::NAN),
+            curve.ocv_v.last().copied().unwrap_or(f64::NAN),
+        );
+        let refused = || {
+            Failure::Usage(format!(
+                "--at-v: expected a voltage of the curve, {low:.3} to {high:.3} V, found {at_v} V"
+            ))
+        };
+        return slope.map(Slope::Known).ok_or_else(refused);
+    }
+    Slope::asked(args.ocv_slope.as_deref(), objective)
+        .map_err(|error| Failure::Usage(format!("--ocv-slope{error}")))
 }
 
-impl Slope {
-    /// Slope that the arguments ask for.
-    ///
-    /// # Errors
-    /// A curve that cannot be read or does not reach the voltage; a slope that is none; a fit of
-    /// the slope with an objective that has no room for it.
-    pub fn asked(args: &SlopeArgs, objective: Objective) -> Result<Self, Failure> {
-        if let (Some(path), Some(at_v)) = (&args.ocv, args.at_v) {
-            let curve = files::read_curve(path)?;
-            let slope = curve.charge_slope(at_v, REST_SIGMA_V, SLOPE_SHARE);
-            let (low, high) = (
-                curve.ocv_v.first().copied().unwrap_or(f64::NAN),
-                curve.ocv_v.last().copied().unwrap_or(f64::NAN),
-            );
-            let refused = || {
-                Failure::Usage(format!(
-                    "--at-v: expected a voltage of the curve, {low:.3} to {high:.3} V, found \
-                    {at_v} V"
-                ))
-            };
-            return slope.map(Self::Known).ok_or_else(refused);
-        }
-        let complex = objective == Objective::Complex;
-        match args.ocv_slope.as_deref() {
-            None if complex => Ok(Self::Fitted),
-            None | Some("none") => Ok(Self::Left),
-            Some("fit") if complex => Ok(Self::Fitted),
-            Some("fit") => Err(Failure::Usage(format!(
-                "--ocv-slope fit: expected --objective complex, found {objective}"
-            ))),
-            Some(text) => {
-                let number = text
-                    .trim()
-                    .trim_end_matches("V/C")
-                    .trim()
-                    .parse::<f64>()
-                    .ok()
-                    .filter(|v| v.is_finite() && *v >= 0.0);
-                let v_per_c = number.ok_or_else(|| {
-                    Failure::Usage(format!(
-                        "--ocv-slope: expected `fit`, `none` or a slope in V/C, found {text:?}"
-                    ))
-                })?;
-                Ok(Self::Known(OcvSlope {
-                    v_per_c,
-                    sigma_v_per_c: SLOPE_SHARE * v_per_c,
-                }))
-            }
-        }
-    }
-
-    /// Slope that the arguments ask for where a circuit is fitted. The elements of the circuit say
-    /// what stores charge, so that nothing is taken out by default.
-    ///
-    /// # Errors
-    /// As [`Slope::asked`]; a slope that is to be fitted.
-    pub fn for_circuit(args: &SlopeArgs, objective: Objective) -> Result<Self, Failure> {
-        match args.ocv_slope.as_deref() {
-            None if args.ocv.is_none() => Ok(Self::Left),
-            Some("fit") => Err(Failure::Usage(
-                "--ocv-slope fit: expected a slope in V/C or --ocv with --circuit; a capacitor in \
-                series is a slope that is fitted"
-                    .to_owned(),
-            )),
-            _ => Self::asked(args, objective),
-        }
-    }
-
-    /// A spectrum as it is to be fitted.
-    pub fn less(&self, spectrum: &Spectrum) -> Spectrum {
-        match self {
-            Self::Left => spectrum.clone(),
-            Self::Known(slope) => spectrum.less_charge_storage(*slope),
-            Self::Fitted => OcvSlope::prior(spectrum).map_or_else(
-                || spectrum.clone(),
-                |slope| spectrum.less_charge_storage(slope),
-            ),
-        }
+/// Slope that the arguments ask for where a circuit is fitted. The elements of the circuit say what
+/// stores charge, so that nothing is taken out by default.
+///
+/// # Errors
+/// As [`asked`]; a slope that is to be fitted.
+pub fn for_circuit(args: &SlopeArgs, objective: Objective) -> Result<Slope, Failure> {
+    match args.ocv_slope.as_deref() {
+        None if args.ocv.is_none() => Ok(Slope::Left),
+        Some("fit") => Err(Failure::Usage(
+            "--ocv-slope fit: expected a slope in V/C or --ocv with --circuit; a capacitor in \
+            series is a slope that is fitted"
+                .to_owned(),
+        )),
+        _ => asked(args, objective),
     }
 }
 

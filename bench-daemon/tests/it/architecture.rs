@@ -11,7 +11,7 @@ fn manifest(krate: &str) -> toml::Table {
 }
 
 /// Folders of the crates, each after those that it may depend on.
-const FOLDERS: [&str; 19] = [
+const FOLDERS: [&str; 20] = [
     "analysis/numeric",
     "analysis/plot",
     "analysis/signal",
@@ -31,10 +31,14 @@ const FOLDERS: [&str; 19] = [
     "fixtures",
     "fixtures/study",
     "bench-daemon",
+    "python",
 ];
 
 /// Name of the crate in a folder.
 fn name(folder: &str) -> String {
+    if folder == "python" {
+        return "eisbench-python".to_owned();
+    }
     folder
         .strip_prefix("fixtures/")
         .unwrap_or(folder)
@@ -110,6 +114,7 @@ fn the_arrows_between_the_crates_are_these_and_no_others() {
         ("bench-daemon", "instruments"),
         // Its tests take data sets from there.
         ("bench-daemon", "study"),
+        ("eisbench-python", "analysis"),
         // Its tests only.
         ("fixtures", "instruments"),
         ("fixtures", "instruments-domain"),

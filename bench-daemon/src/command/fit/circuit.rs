@@ -5,7 +5,7 @@ mod args;
 use crate::{
     command::{
         fit::{FitArgs, read},
-        ocv_slope::Slope,
+        ocv_slope,
     },
     files,
     safety::failure::Failure,
@@ -16,7 +16,8 @@ use std::path::Path;
 
 use analysis::{
     fit::{
-        CellSweeps, CircuitFit, CircuitOptions, Objective, Search, State, Weight, fit_circuit_cells,
+        CellSweeps, CircuitFit, CircuitOptions, Objective, Search, Slope, State, Weight,
+        fit_circuit_cells,
     },
     model::Circuit,
     plot::{self, ImpedancePlot, Series, SeriesStyle},
@@ -49,7 +50,7 @@ pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
         .parse()
         .map_err(|error| Failure::Usage(format!("--circuit: {error}")))?;
     let options = options(args, &circuit)?;
-    let slope = Slope::for_circuit(&args.slope, options.objective)?;
+    let slope = ocv_slope::for_circuit(&args.slope, options.objective)?;
     let (mut cells, _) = read(args)?;
     cells
         .iter_mut()

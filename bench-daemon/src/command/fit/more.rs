@@ -8,17 +8,14 @@ use std::path::Path;
 
 use analysis::{
     fit::{
-        Bounds, CellSpread, CellSweeps, ErmFit, FitError, FitOptions, LocalMinimum, OrderOptions,
-        OrderRow, OrderSelection, Profile, QuantitySpread, SeedSurvey, cell_spread, profiles,
-        select_order, survey_seeds,
+        Bounds, CellSpread, CellSweeps, ErmFit, FitError, FitOptions, LocalMinimum, MOST_AUTO,
+        OrderOptions, OrderRow, OrderSelection, Profile, QuantitySpread, SeedSurvey, cell_spread,
+        profiles, select_order, survey_seeds,
     },
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
     spectrum::Spectrum,
 };
 use serde::Serialize;
-
-/// Highest order that `--rc auto` tries.
-pub(super) const MOST_AUTO: usize = 6;
 
 /// Arguments of `fit` beyond the fit itself.
 #[derive(Debug, clap::Args)]

@@ -1,0 +1,145 @@
+"""The half in Rust. What is public is passed on by the package."""
+
+from os import PathLike
+from typing import Optional, Sequence, final
+
+import numpy as np
+from numpy.typing import NDArray
+
+__version__: str
+
+class EisError(ValueError):
+    """A value or a file that is not as expected."""
+
+class FileError(EisError):
+    """A file that is not as expected."""
+
+    file: str
+    line: Optional[int]
+    field: Optional[str]
+
+class InternalError(RuntimeError):
+    """A defect of the package."""
+
+@final
+class Spectrum:
+    """Impedance over frequency of one fixture in one run; points by rising frequency.
+
+    ``freq_hz`` in Hz and ``z_ohm``, complex, in ohm, of one length, in any order; ``sigma_ohm``,
+    where it is known, is the standard deviation of the real and of the imaginary part.
+    """
+
+    def __new__(
+        cls,
+        name: str,
+        freq_hz: NDArray[np.float64],
+        z_ohm: NDArray[np.complex128],
+        sigma_ohm: Optional[NDArray[np.float64]] = None,
+    ) -> Spectrum: ...
+    @property
+    def name(self) -> str:
+        """Name: of the file, or of the spectrum in its file."""
+    @property
+    def fixture(self) -> Optional[str]:
+        """Object in the jig: ``cell``, ``shunt``, …; None where the file does not tell."""
+    @property
+    def cell(self) -> Optional[str]:
+        """Name of the cell; None where neither file nor name tells it."""
+    @property
+    def repeat(self) -> Optional[str]:
+        """Name of the repetition."""
+    @property
+    def bias_a(self) -> Optional[float]:
+        """Direct current superposed, A; charging is positive."""
+    @property
+    def is_unbiased_cell(self) -> bool:
+        """False for a control impedance, and for a spectrum under direct current."""
+    @property
+    def flagged_hz(self) -> list[float]:
+        """Frequencies that the quality gate of the measurement has refused, Hz."""
+    @property
+    def freq_hz(self) -> NDArray[np.float64]:
+        """Frequencies, Hz, rising; shape (n,)."""
+    @property
+    def z_ohm(self) -> NDArray[np.complex128]:
+        """Impedances, ohm; shape (n,)."""
+    @property
+    def amplitude_a(self) -> NDArray[np.float64]:
+        """Amplitudes of the current, A; not a number where unknown; shape (n,)."""
+    @property
+    def covariance_ohm2(self) -> NDArray[np.float64]:
+        """Variance of Re, covariance, variance of Im, ohm²; not a number where unknown; (n, 3)."""
+    def __len__(self) -> int: ...
+    def between(self, from_hz: float, to_hz: float) -> Spectrum:
+        """The points of a band, both ends included, Hz."""
+    def without_flagged(self) -> Spectrum:
+        """The spectrum without the points that the quality gate has refused."""
+
+@final
+class Model:
+    def __new__(
+        cls, r_ohm: float, branches: Sequence[tuple[float, float]], name: str = "cell"
+    ) -> Model: ...
+    @staticmethod
+    def read(path: str | PathLike[str]) -> Model: ...
+    @property
+    def name(self) -> str: ...
+    @property
+    def r_ohm(self) -> float: ...
+    @property
+    def branches(self) -> list[tuple[float, float]]: ...
+    @property
+    def dc_resistance_ohm(self) -> float: ...
+    @property
+    def additions(self) -> list[str]: ...
+    @property
+    def has_ocv(self) -> bool: ...
+    def with_ocv(
+        self, capacity_ah: float, soc: NDArray[np.float64], ocv_v: NDArray[np.float64]
+    ) -> Model: ...
+    def impedance(self, freq_hz: NDArray[np.float64]) -> NDArray[np.complex128]: ...
+    def simulate(
+        self,
+        demand: str,
+        time_s: NDArray[np.float64],
+        value: NDArray[np.float64],
+        soc: Optional[float],
+        ocv_v: Optional[float],
+        linear: bool,
+        series: int,
+        parallel: int,
+        interconnect_ohm: float,
+        beyond: str,
+        fraction: float,
+        low_v: float,
+        high_v: float,
+        max_step_s: float,
+    ) -> tuple[dict[str, NDArray[np.float64]], str]: ...
+
+def read_spectra(path: str | PathLike[str]) -> tuple[list[Spectrum], list[str]]: ...
+def fit_erm(
+    spectra: Sequence[Spectrum],
+    rc: Optional[int],
+    objective: str,
+    ocv_slope: Optional[str],
+    seed: int,
+    starts: int,
+    pool: bool,
+) -> list[str]: ...
+def fit_circuit(
+    spectra: Sequence[Spectrum],
+    circuit: str,
+    objective: str,
+    weight: Optional[str],
+    guess: Sequence[tuple[str, float]],
+    constants: Sequence[tuple[str, float]],
+    starts: Optional[int],
+    search: str,
+    seed: int,
+    pool: bool,
+) -> list[str]: ...
+def circuit_impedance(
+    circuit: str, values: Sequence[float], freq_hz: NDArray[np.float64]
+) -> NDArray[np.complex128]: ...
+def assess(spectra: Sequence[Spectrum]) -> str: ...
+def drt(spectra: Sequence[Spectrum]) -> list[str]: ...

@@ -1,0 +1,181 @@
+"""Models of a cell, and their simulation."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable
+from typing import Any, Optional, Union
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ._eisbench import EisError
+from ._eisbench import Model as _Model
+from ._results import Branch, ErmFit, significant, text_table
+
+
+class Simulation:
+    """A simulated run. Columns are arrays of one length; discharge is positive."""
+
+    def __init__(self, columns: dict[str, NDArray[np.float64]], summary: str) -> None:
+        self.columns = columns
+        self.summary: dict[str, Any] = json.loads(summary)
+
+    def __getitem__(self, name: str) -> NDArray[np.float64]:
+        return self.columns[name]
+
+    @property
+    def time_s(self) -> NDArray[np.float64]:
+        """Time, s."""
+        return self.columns["time_s"]
+
+    @property
+    def current_a(self) -> NDArray[np.float64]:
+        """Current, A, discharge positive."""
+        return self.columns["current_a"]
+
+    @property
+    def ccv_v(self) -> NDArray[np.float64]:
+        """Voltage at the terminals, V."""
+        return self.columns["ccv_v"]
+
+    @property
+    def soc(self) -> NDArray[np.float64]:
+        """State of charge, 0…1; not a number for a constant open-circuit voltage."""
+        return self.columns["soc"]
+
+    def to_pandas(self) -> Any:
+        """The columns as a pandas data frame."""
+        import pandas
+
+        return pandas.DataFrame(self.columns)
+
+    def __str__(self) -> str:
+        keys = ("min_ccv_v", "max_ccv_v", "margin_low_v", "energy_j", "charge_c", "heat_j")
+        rows = [[key, significant(self.summary[key])] for key in keys]
+        rows.append(["feasible", str(self.summary["feasible"])])
+        return text_table(["figure", "value"], rows)
+
+    def plot(self, axes: Any = None) -> Any:
+        """Voltage and current over time; gives matplotlib axes."""
+        from ._plot import run
+
+        return run(self, axes)
+
+
+class Model:
+    """A cell's model: a series resistance and RC branches, with additions where a file holds some.
+
+    ``branches`` are pairs of ohm and farad.
+    """
+
+    def __init__(
+        self, r_ohm: float, branches: Iterable[tuple[float, float]] = (), name: str = "cell"
+    ) -> None:
+        self._model = _Model(r_ohm, list(branches), name)
+
+    @classmethod
+    def _of(cls, model: _Model) -> Model:
+        made = cls.__new__(cls)
+        made._model = model
+        return made
+
+    @classmethod
+    def read(cls, path: Union[str, "os.PathLike[str]"]) -> Model:
+        """From the file of a model, of a typed model or of a fitted circuit."""
+        return cls._of(_Model.read(path))
+
+    @classmethod
+    def from_fit(cls, fit: ErmFit) -> Model:
+        """From a fit."""
+        return cls(fit.r_ohm, [(b.r_ohm, b.c_f) for b in fit.branches], "+".join(fit.spectra))
+
+    @property
+    def name(self) -> str:
+        """Name."""
+        return self._model.name
+
+    @property
+    def r_ohm(self) -> float:
+        """Series resistance, ohm."""
+        return self._model.r_ohm
+
+    @property
+    def branches(self) -> list[Branch]:
+        """Branches by rising time constant."""
+        return [Branch(r_ohm, c_f) for r_ohm, c_f in self._model.branches]
+
+    @property
+    def dc_resistance_ohm(self) -> float:
+        """Resistance at zero frequency, ohm."""
+        return self._model.dc_resistance_ohm
+
+    @property
+    def additions(self) -> list[str]:
+        """Names of the effects that were added."""
+        return self._model.additions
+
+    def with_ocv(self, capacity_ah: float, soc: ArrayLike, ocv_v: ArrayLike) -> Model:
+        """The same with an open-circuit voltage through knots: state of charge, 0…1, and V."""
+        knots = (np.atleast_1d(np.asarray(values, dtype=np.float64)) for values in (soc, ocv_v))
+        return self._of(self._model.with_ocv(capacity_ah, *knots))
+
+    def impedance(self, freq_hz: ArrayLike) -> NDArray[np.complex128]:
+        """Impedance for small signals, ohm, at frequencies in Hz."""
+        return self._model.impedance(np.atleast_1d(np.asarray(freq_hz, dtype=np.float64)))
+
+    def simulate(
+        self,
+        time_s: ArrayLike,
+        *,
+        current_a: Optional[ArrayLike] = None,
+        power_w: Optional[ArrayLike] = None,
+        soc: Optional[float] = None,
+        ocv_v: Optional[float] = None,
+        linear: bool = False,
+        series: int = 1,
+        parallel: int = 1,
+        interconnect_ohm: float = 0.0,
+        beyond: str = "stop",
+        fraction: float = 0.95,
+        window_v: tuple[float, float] = (2.5, 4.2),
+        max_step_s: float = float("inf"),
+    ) -> Simulation:
+        """Simulates the cell, or a pack of ``series`` times ``parallel`` of it, from rest.
+
+        Either ``current_a`` or ``power_w`` is given, at the terminals, discharge positive, one
+        value for each of ``time_s``; it holds until the next time, or goes there along a line
+        (``linear``). ``soc`` is the state of charge at the start; ``ocv_v`` a constant
+        open-circuit voltage of one cell in the place of the model's curve. ``beyond`` says what
+        happens where more power is asked for than there is: ``stop``, ``clamp`` or
+        ``extrapolate`` along the tangent from ``fraction`` of it. ``max_step_s`` makes the rows of
+        the result denser; it does not change them.
+
+        Raises EisError for a profile that cannot be and a model without open-circuit voltage.
+        """
+        if (current_a is None) == (power_w is None):
+            raise EisError("simulate: expected one of current_a and power_w, met both or neither")
+        demand, value = ("power", power_w) if current_a is None else ("current", current_a)
+        columns, summary = self._model.simulate(
+            demand,
+            np.atleast_1d(np.asarray(time_s, dtype=np.float64)),
+            np.atleast_1d(np.asarray(value, dtype=np.float64)),
+            soc,
+            ocv_v,
+            linear,
+            series,
+            parallel,
+            interconnect_ohm,
+            beyond,
+            fraction,
+            window_v[0],
+            window_v[1],
+            max_step_s,
+        )
+        return Simulation(columns, summary)
+
+    def __repr__(self) -> str:
+        added = f" + {', '.join(self.additions)}" if self.additions else ""
+        dc = significant(1e3 * self.dc_resistance_ohm, 4)
+        return f"<Model {self.name!r}: {len(self.branches)} RC{added}, {dc} mΩ>"

@@ -1,0 +1,92 @@
+//! Errors as Python exceptions. A panic becomes one too: none crosses the border.
+
+use std::panic::{AssertUnwindSafe, catch_unwind};
+
+use analysis::formats::FormatError;
+use pyo3::{create_exception, exceptions::PyValueError, prelude::*};
+
+create_exception!(
+    eisbench,
+    EisError,
+    PyValueError,
+    "A value or a file that is not as expected."
+);
+create_exception!(
+    eisbench,
+    FileError,
+    EisError,
+    "A file that is not as expected; `file`, `line` and `field` tell where, None where unknown."
+);
+create_exception!(
+    eisbench,
+    InternalError,
+    pyo3::exceptions::PyRuntimeError,
+    "A defect of the package."
+);
+
+pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    let py = module.py();
+    module.add("EisError", py.get_type::<EisError>())?;
+    module.add("FileError", py.get_type::<FileError>())?;
+    module.add("InternalError", py.get_type::<InternalError>())
+}
+
+pub(crate) fn refused(error: &dyn std::fmt::Display) -> PyErr {
+    EisError::new_err(error.to_string())
+}
+
+/// A refused file, with its place.
+pub(crate) fn of_file(py: Python<'_>, error: &FormatError) -> PyErr {
+    use FormatError as E;
+    let (file, line, field) = match error {
+        E::Read { file, .. } | E::Empty { file, .. } | E::Foreign { file, .. } => {
+            (file, None, None)
+        }
+        E::NotText { file, line, .. }
+        | E::UnknownFormat { file, line, .. }
+        | E::Header { file, line, .. } => (file, Some(*line), None),
+        E::FieldCount {
+            file, line, column, ..
+        } => (file, Some(*line), Some(column.to_string())),
+        E::Unit {
+            file, line, name, ..
+        } => (file, Some(*line), Some(name.clone())),
+        E::Field {
+            file, line, name, ..
+        } => (file, Some(*line), Some((*name).to_owned())),
+    };
+    let raised = FileError::new_err(error.to_string());
+    let value = raised.value(py);
+    let told = value
+        .setattr("file", file.display().to_string())
+        .and_then(|()| value.setattr("line", line))
+        .and_then(|()| value.setattr("field", field));
+    told.err().unwrap_or(raised)
+}
+
+/// Works without the interpreter's lock; a panic becomes an exception.
+pub(crate) fn apart<T: Send>(
+    py: Python<'_>,
+    work: impl FnOnce() -> Result<T, String> + Send,
+) -> PyResult<T> {
+    let done = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
+    match done {
+        Ok(Ok(value)) => Ok(value),
+        Ok(Err(message)) => Err(EisError::new_err(message)),
+        Err(panic) => {
+            let text = panic
+                .downcast_ref::<String>()
+                .map(String::as_str)
+                .or_else(|| panic.downcast_ref::<&str>().copied())
+                .unwrap_or("unknown");
+            Err(InternalError::new_err(format!(
+                "a defect of eisbench, please report it: {text}"
+            )))
+        }
+    }
+}
+
+/// The JSON text of a result.
+pub(crate) fn json(value: &impl serde::Serialize) -> Result<String, String> {
+    serde_json::to_string(value).map_err(|error| error.to_string())
+}

@@ -1,0 +1,229 @@
+//! Fits of models and circuits, tests of validity, relaxation times.
+
+use analysis::drt as times;
+use analysis::fit::{
+    Bounds, CellSweeps, ChargeStorage, CircuitOptions, FitEntry, FitOptions, MOST_AUTO, Objective,
+    OrderOptions, OrderSelection, Search, Slope, Weight, fit_cells, fit_circuit_cells,
+    select_order,
+};
+use analysis::model::Circuit;
+use analysis::spectrum::{SourcedSpectrum, Spectrum as Points};
+use analysis::validity::{self, Noise};
+use numpy::{Complex64, IntoPyArray, PyArray1, PyReadonlyArray1};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+
+use crate::error::{apart, json, refused};
+use crate::spectrum::Spectrum;
+
+/// Groups that are worked on before the interpreter is asked for an interrupt.
+const CHUNK: usize = 64;
+
+/// Fit of one group, with the choice of its order where there was one.
+#[derive(serde::Serialize)]
+struct Fitted {
+    #[serde(flatten)]
+    entry: FitEntry,
+    /// Covariance of the logarithms of the parameters.
+    log_covariance: Option<Vec<Vec<f64>>>,
+    charge_storage: Option<ChargeStorage>,
+    order: Option<OrderSelection>,
+}
+
+fn groups(spectra: Vec<Spectrum>, pool: bool) -> Vec<Vec<SourcedSpectrum>> {
+    let sourced = spectra.into_iter().map(|spectrum| spectrum.sourced);
+    if pool {
+        vec![sourced.collect()]
+    } else {
+        sourced.map(|sourced| vec![sourced]).collect()
+    }
+}
+
+/// Works on groups in parallel; Ctrl-C ends it between two chunks.
+fn each(
+    py: Python<'_>,
+    groups: &[Vec<SourcedSpectrum>],
+    work: impl Fn(&[SourcedSpectrum]) -> Result<String, String> + Sync + Send,
+) -> PyResult<Vec<String>> {
+    let mut done = Vec::with_capacity(groups.len());
+    for chunk in groups.chunks(CHUNK) {
+        py.check_signals()?;
+        let results = apart(py, || {
+            chunk
+                .par_iter()
+                .map(|group| work(group))
+                .collect::<Result<Vec<String>, String>>()
+        })?;
+        done.extend(results);
+    }
+    Ok(done)
+}
+
+fn named(group: &[SourcedSpectrum], error: &dyn std::fmt::Display) -> String {
+    let name = group
+        .first()
+        .map_or("", |first| first.spectrum.name.as_str());
+    format!("{name}: {error}")
+}
+
+#[pyfunction]
+#[pyo3(signature = (spectra, rc, objective, ocv_slope, seed, starts, pool))]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "they are keyword arguments of Python"
+)]
+pub(crate) fn fit_erm(
+    py: Python<'_>,
+    spectra: Vec<Spectrum>,
+    rc: Option<usize>,
+    objective: &str,
+    ocv_slope: Option<&str>,
+    seed: u64,
+    starts: usize,
+    pool: bool,
+) -> PyResult<Vec<String>> {
+    let objective: Objective = objective.parse().map_err(|e| refused(&e))?;
+    let slope = Slope::asked(ocv_slope, objective)
+        .map_err(|e| refused(&format!("ocv_slope{e}").replace("--", "")))?;
+    let mut groups = groups(spectra, pool);
+    for sourced in groups.iter_mut().flatten() {
+        sourced.spectrum = slope.less(&sourced.spectrum);
+    }
+    each(py, &groups, |group| {
+        let cells = CellSweeps::sort(group);
+        let spectra: Vec<Points> = group.iter().map(|s| s.spectrum.clone()).collect();
+        let bounds = Bounds::for_spectra(&spectra);
+        let options = OrderOptions {
+            most: MOST_AUTO,
+            bounds,
+            seed,
+        };
+        let order = match rc {
+            Some(_) => None,
+            None => Some(select_order(&cells, &options).map_err(|e| named(group, &e))?),
+        };
+        let rc = rc.or(order.as_ref().map(|o| o.recommended)).unwrap_or(0);
+        let options = FitOptions {
+            rc,
+            objective,
+            bounds,
+            seed,
+        };
+        let fit = fit_cells(&cells, &options, starts).map_err(|e| named(group, &e))?;
+        if !fit.objective.is_finite() {
+            let expected = "expected impedances that can be squared, met too large ones";
+            return Err(named(group, &expected));
+        }
+        let names = spectra.into_iter().map(|s| s.name).collect();
+        json(&Fitted {
+            entry: FitEntry::new(&fit, names),
+            log_covariance: fit.log_covariance,
+            charge_storage: fit.charge_storage,
+            order,
+        })
+    })
+}
+
+#[pyfunction]
+#[pyo3(signature = (spectra, circuit, objective, weight, guess, constants, starts, search, seed, pool))]
+#[expect(
+    clippy::too_many_arguments,
+    reason = "they are keyword arguments of Python"
+)]
+pub(crate) fn fit_circuit(
+    py: Python<'_>,
+    spectra: Vec<Spectrum>,
+    circuit: &str,
+    objective: &str,
+    weight: Option<&str>,
+    guess: Vec<(String, f64)>,
+    constants: Vec<(String, f64)>,
+    starts: Option<usize>,
+    search: &str,
+    seed: u64,
+    pool: bool,
+) -> PyResult<Vec<String>> {
+    let circuit: Circuit = circuit.parse().map_err(|e| refused(&e))?;
+    let names = circuit.parameter_names().to_vec();
+    let indices = |of: &str, values: Vec<(String, f64)>| {
+        values
+            .into_iter()
+            .map(|(name, value)| {
+                let index = names.iter().position(|n| *n == name).ok_or_else(|| {
+                    refused(&format!(
+                        "{of}: expected one of {}, met {name:?}",
+                        names.join(", ")
+                    ))
+                })?;
+                Ok((index, value))
+            })
+            .collect::<PyResult<Vec<(usize, f64)>>>()
+    };
+    let options = CircuitOptions {
+        objective: objective.parse().map_err(|e| refused(&e))?,
+        weight: weight
+            .map(str::parse::<Weight>)
+            .transpose()
+            .map_err(|e| refused(&e))?,
+        guess: indices("guess", guess)?,
+        constants: indices("constants", constants)?,
+        starts,
+        search: search.parse::<Search>().map_err(|e| refused(&e))?,
+        seed,
+    };
+    each(py, &groups(spectra, pool), |group| {
+        let fit = fit_circuit_cells(&CellSweeps::sort(group), &circuit, &options)
+            .map_err(|e| named(group, &e))?;
+        json(&fit)
+    })
+}
+
+/// Impedance of a circuit with these values, in the order of its parameters.
+#[pyfunction]
+pub(crate) fn circuit_impedance<'py>(
+    py: Python<'py>,
+    circuit: &str,
+    values: Vec<f64>,
+    freq_hz: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Bound<'py, PyArray1<Complex64>>> {
+    let circuit: Circuit = circuit.parse().map_err(|e| refused(&e))?;
+    let expected = circuit.parameter_names().len();
+    if values.len() != expected {
+        return Err(refused(&format!(
+            "expected {expected} values, met {}",
+            values.len()
+        )));
+    }
+    let freq_hz: Vec<f64> = freq_hz.as_array().to_vec();
+    let z_ohm = apart(py, || {
+        Ok(freq_hz
+            .iter()
+            .map(|freq_hz| circuit.impedance(&values, *freq_hz))
+            .collect::<Vec<Complex64>>())
+    })?;
+    Ok(z_ohm.into_pyarray(py))
+}
+
+/// Kramers–Kronig test, Z-HIT and verdicts of the spectra of one cell, in order of time.
+#[pyfunction]
+pub(crate) fn assess(py: Python<'_>, spectra: Vec<Spectrum>) -> PyResult<String> {
+    let spectra: Vec<Points> = spectra.into_iter().map(|s| s.sourced.spectrum).collect();
+    apart(py, || {
+        let assessment = validity::assess(&spectra, &[]).map_err(|e| e.to_string())?;
+        json(&assessment)
+    })
+}
+
+/// Distribution of relaxation times of each spectrum.
+#[pyfunction]
+pub(crate) fn drt(py: Python<'_>, spectra: Vec<Spectrum>) -> PyResult<Vec<String>> {
+    each(py, &groups(spectra, false), |group| {
+        let given = &group[0].spectrum;
+        // As `kk --drt`: by no more points than are judged.
+        let spectrum = &validity::thinned(given).unwrap_or_else(|| given.clone());
+        let noise = Noise::of(spectrum, std::slice::from_ref(spectrum));
+        let noise = noise.map_err(|e| named(group, &e))?.with_shared(spectrum);
+        let found = times::drt(spectrum, &noise).map_err(|e| named(group, &e))?;
+        json(&found)
+    })
+}

@@ -1,0 +1,29 @@
+//! The analysis as a Python package. Numbers go over as NumPy arrays, results as the JSON text that
+//! the program prints, so that both hold the same numbers. The Python half gives them their shape.
+
+#![expect(
+    clippy::needless_pass_by_value,
+    reason = "PyO3 hands arguments over by value"
+)]
+
+mod error;
+mod fit;
+mod model;
+mod spectrum;
+
+use pyo3::prelude::*;
+
+#[pymodule]
+fn _eisbench(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add("__version__", env!("CARGO_PKG_VERSION"))?;
+    error::register(module)?;
+    module.add_class::<spectrum::Spectrum>()?;
+    module.add_class::<model::Model>()?;
+    module.add_function(wrap_pyfunction!(spectrum::read_spectra, module)?)?;
+    module.add_function(wrap_pyfunction!(fit::fit_erm, module)?)?;
+    module.add_function(wrap_pyfunction!(fit::fit_circuit, module)?)?;
+    module.add_function(wrap_pyfunction!(fit::circuit_impedance, module)?)?;
+    module.add_function(wrap_pyfunction!(fit::assess, module)?)?;
+    module.add_function(wrap_pyfunction!(fit::drt, module)?)?;
+    Ok(())
+}
