@@ -121,8 +121,8 @@ def fit_erm(
     weighted by the covariances where every point has one), ``modulus`` or ``sum-abs`` (the
     thesis'). ``ocv_slope`` is what becomes of the charge that the cell stores, −j·(dU/dQ)/ω:
     ``fit`` finds the slope with a weak prior and takes it out, ``none`` leaves it in, a number is
-    the slope in V/C; None is ``fit`` for ``complex``, else ``none``. No start values are needed: the search is global, and the same ``seed`` gives the
-    same fit.
+    the slope in V/C; None is ``fit`` for ``complex``, else ``none``. No start values are needed:
+    the search is global, and the same ``seed`` gives the same fit.
 
     A single spectrum, or ``pool``, gives an :class:`ErmFit`; several give :class:`Fits`.
 
