@@ -70,20 +70,22 @@ pub(crate) fn apart<T: Send>(
     work: impl FnOnce() -> Result<T, String> + Send,
 ) -> PyResult<T> {
     let done = py.detach(|| catch_unwind(AssertUnwindSafe(work)));
-    match done {
-        Ok(Ok(value)) => Ok(value),
-        Ok(Err(message)) => Err(EisError::new_err(message)),
-        Err(panic) => {
-            let text = panic
-                .downcast_ref::<String>()
-                .map(String::as_str)
-                .or_else(|| panic.downcast_ref::<&str>().copied())
-                .unwrap_or("unknown");
-            Err(InternalError::new_err(format!(
-                "a defect of eisbench, please report it: {text}"
-            )))
-        }
-    }
+    done.map_err(|panic| defect(panic.as_ref()))?
+        .map_err(EisError::new_err)
+}
+
+/// Works with the interpreter's lock; a panic becomes an exception.
+pub(crate) fn caught<T>(work: impl FnOnce() -> PyResult<T>) -> PyResult<T> {
+    catch_unwind(AssertUnwindSafe(work)).unwrap_or_else(|panic| Err(defect(panic.as_ref())))
+}
+
+fn defect(panic: &(dyn std::any::Any + Send)) -> PyErr {
+    let text = panic
+        .downcast_ref::<String>()
+        .map(String::as_str)
+        .or_else(|| panic.downcast_ref::<&str>().copied())
+        .unwrap_or("unknown");
+    InternalError::new_err(format!("a defect of eisbench, please report it: {text}"))
 }
 
 /// The JSON text of a result.

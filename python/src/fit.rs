@@ -13,7 +13,7 @@ use numpy::{Complex64, IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
-use crate::error::{apart, json, refused};
+use crate::error::{apart, caught, json, refused};
 use crate::spectrum::Spectrum;
 
 /// Groups that are worked on before the interpreter is asked for an interrupt.
@@ -39,20 +39,24 @@ fn groups(spectra: Vec<Spectrum>, pool: bool) -> Vec<Vec<SourcedSpectrum>> {
     }
 }
 
+/// JSON text of a result, or the reason why there is none.
+type Each = (Option<String>, Option<String>);
+
 /// Works on groups in parallel; Ctrl-C ends it between two chunks.
 fn each(
     py: Python<'_>,
     groups: &[Vec<SourcedSpectrum>],
     work: impl Fn(&[SourcedSpectrum]) -> Result<String, String> + Sync + Send,
-) -> PyResult<Vec<String>> {
+) -> PyResult<Vec<Each>> {
     let mut done = Vec::with_capacity(groups.len());
     for chunk in groups.chunks(CHUNK) {
         py.check_signals()?;
         let results = apart(py, || {
-            chunk
-                .par_iter()
-                .map(|group| work(group))
-                .collect::<Result<Vec<String>, String>>()
+            let of = |group: &Vec<SourcedSpectrum>| match work(group) {
+                Ok(text) => (Some(text), None),
+                Err(reason) => (None, Some(reason)),
+            };
+            Ok(chunk.par_iter().map(of).collect::<Vec<Each>>())
         })?;
         done.extend(results);
     }
@@ -81,7 +85,7 @@ pub(crate) fn fit_erm(
     seed: u64,
     starts: usize,
     pool: bool,
-) -> PyResult<Vec<String>> {
+) -> PyResult<Vec<Each>> {
     let objective: Objective = objective.parse().map_err(|e| refused(&e))?;
     let slope = Slope::asked(ocv_slope, objective)
         .map_err(|e| refused(&format!("ocv_slope{e}").replace("--", "")))?;
@@ -142,8 +146,8 @@ pub(crate) fn fit_circuit(
     search: &str,
     seed: u64,
     pool: bool,
-) -> PyResult<Vec<String>> {
-    let circuit: Circuit = circuit.parse().map_err(|e| refused(&e))?;
+) -> PyResult<Vec<Each>> {
+    let circuit: Circuit = caught(|| circuit.parse().map_err(|e| refused(&e)))?;
     let names = circuit.parameter_names().to_vec();
     let indices = |of: &str, values: Vec<(String, f64)>| {
         values
@@ -186,7 +190,7 @@ pub(crate) fn circuit_impedance<'py>(
     values: Vec<f64>,
     freq_hz: PyReadonlyArray1<'py, f64>,
 ) -> PyResult<Bound<'py, PyArray1<Complex64>>> {
-    let circuit: Circuit = circuit.parse().map_err(|e| refused(&e))?;
+    let circuit: Circuit = caught(|| circuit.parse().map_err(|e| refused(&e)))?;
     let expected = circuit.parameter_names().len();
     if values.len() != expected {
         return Err(refused(&format!(
@@ -216,7 +220,7 @@ pub(crate) fn assess(py: Python<'_>, spectra: Vec<Spectrum>) -> PyResult<String>
 
 /// Distribution of relaxation times of each spectrum.
 #[pyfunction]
-pub(crate) fn drt(py: Python<'_>, spectra: Vec<Spectrum>) -> PyResult<Vec<String>> {
+pub(crate) fn drt(py: Python<'_>, spectra: Vec<Spectrum>) -> PyResult<Vec<Each>> {
     each(py, &groups(spectra, false), |group| {
         let given = &group[0].spectrum;
         // As `kk --drt`: by no more points than are judged.

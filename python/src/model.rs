@@ -12,7 +12,7 @@ use analysis::pack::Pack;
 use numpy::{Complex64, IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::{prelude::*, types::PyDict};
 
-use crate::error::{apart, json, refused};
+use crate::error::{apart, caught, json, refused};
 
 /// A cell's model: a resistance and RC branches, with additions where a file holds some, and the
 /// open-circuit voltage where it is known.
@@ -32,8 +32,8 @@ impl Model {
         let branches = branches
             .map(|(r_ohm, c_f)| RcBranch { r_ohm, c_f })
             .collect();
-        let given =
-            GivenModel::typed(name, Erm { r_ohm, branches }).map_err(|error| refused(&error))?;
+        let typed = || GivenModel::typed(name, Erm { r_ohm, branches }).map_err(|e| refused(&e));
+        let given = caught(typed)?;
         Ok(Self { given })
     }
 
@@ -44,8 +44,10 @@ impl Model {
         let text = std::fs::read_to_string(&path)
             .map_err(|error| refused(&format!("{place}: expected a readable file: {error}")))?;
         let name = path.file_stem().map(|name| name.to_string_lossy());
-        let given = GivenModel::from_json(&text, &name.unwrap_or_default(), None)
-            .map_err(|error| refused(&format!("{place}: {error}")))?;
+        let given = caught(|| {
+            GivenModel::from_json(&text, &name.unwrap_or_default(), None)
+                .map_err(|error| refused(&format!("{place}: {error}")))
+        })?;
         Ok(Self { given })
     }
 
@@ -78,6 +80,13 @@ impl Model {
         additions.map(|addition| addition.name.clone()).collect()
     }
 
+    /// What is to be known of the model, in sentences: where it stops, how far a ladder follows its
+    /// circuit.
+    #[getter]
+    fn notes(&self) -> Vec<String> {
+        self.given.warnings.clone()
+    }
+
     #[getter]
     fn has_ocv(&self) -> bool {
         self.given.ocv.is_some()
@@ -91,7 +100,9 @@ impl Model {
         ocv_v: PyReadonlyArray1<'_, f64>,
     ) -> PyResult<Self> {
         let (soc, ocv_v) = (soc.as_array().to_vec(), ocv_v.as_array().to_vec());
-        let curve = OcvCurve::monotone(capacity_ah, soc, ocv_v).map_err(|e| refused(&e))?;
+        let curve = caught(|| {
+            OcvCurve::monotone(capacity_ah, soc, ocv_v).map_err(|error| refused(&error))
+        })?;
         Ok(Self {
             given: self.given.clone().with_ocv(Some(curve)),
         })
@@ -171,6 +182,11 @@ impl Model {
         let profile =
             Profile::new("profile", demand, interpolation, &rows).map_err(|e| refused(&e))?;
         let pack = Pack::new(series, parallel, interconnect_ohm).map_err(|e| refused(&e))?;
+        if ocv_v.is_none() && self.given.ocv.is_some() && soc.is_none() {
+            return Err(refused(
+                &"simulate: expected soc, the state of charge at the start, met none",
+            ));
+        }
         let source = match (ocv_v, &self.given.ocv) {
             (Some(ocv_v), _) => OcvSource::Constant(ocv_v),
             (None, Some(curve)) => OcvSource::Curve(curve.clone()),

@@ -1,6 +1,6 @@
 //! Spectra.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use analysis::formats;
 use analysis::numeric::Covariance2;
@@ -8,7 +8,7 @@ use analysis::spectrum::{ImpedancePoint, Origin, SourcedSpectrum, Spectrum as Po
 use numpy::{Complex64, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
-use crate::error::{of_file, refused};
+use crate::error::{apart, caught, of_file, refused};
 
 /// Impedance over frequency of one fixture in one run; points by rising frequency.
 #[pyclass(frozen, module = "eisbench", from_py_object)]
@@ -76,8 +76,10 @@ impl Spectrum {
             points: points.collect(),
             ..Points::default()
         };
-        spectrum.sort();
-        spectrum.validate().map_err(|error| refused(&error))?;
+        caught(|| {
+            spectrum.sort();
+            spectrum.validate().map_err(|error| refused(&error))
+        })?;
         Ok(Self {
             sourced: SourcedSpectrum {
                 origin: Origin::default(),
@@ -185,8 +187,8 @@ pub(crate) fn read_spectra(
     py: Python<'_>,
     path: PathBuf,
 ) -> PyResult<(Vec<Spectrum>, Vec<String>)> {
-    let read = |path: &Path| formats::read_file(path);
-    let file = py.detach(|| read(&path)).map_err(|e| of_file(py, &e))?;
+    let read = apart(py, || Ok(formats::read_file(&path)))?;
+    let file = read.map_err(|e| of_file(py, &e))?;
     let spectra = file.spectra.into_iter().map(|sourced| Spectrum { sourced });
     Ok((spectra.collect(), file.notes))
 }

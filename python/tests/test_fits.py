@@ -106,9 +106,17 @@ def test_a_table_of_many_gives_a_table(two_rc):
         )
         for name, factor in [("b", 1.0), ("a", 2.0), ("c", 3.0)]
     ]
-    fitted = eb.fit_table(pandas.concat(frames), rc=2)
-    assert list(fitted["spectrum"]) == ["b", "a", "c"]
-    np.testing.assert_allclose(fitted["R"] / fitted["R"][0], [1.0, 2.0, 3.0], rtol=1e-3)
+    short = frames[0].head(2).assign(spectrum_id="short")
+    fitted = eb.fit_table(pandas.concat([*frames, short]), rc=2)
+    assert list(fitted["spectrum"]) == ["b", "a", "c", "short"]
+    np.testing.assert_allclose(fitted["R"][:3] / fitted["R"][0], [1.0, 2.0, 3.0], rtol=1e-3)
+    assert list(fitted["error"].isna()) == [True, True, True, False]
+    assert "need as many numbers" in fitted["error"][3]
+
+
+def test_a_table_of_fits_has_the_columns_of_all(two_rc):
+    fits = eb.Fits([eb.fit_erm(two_rc, 1), eb.fit_erm(two_rc, 2)])
+    assert "sigma_C2" in str(fits).splitlines()[0]
 
 
 def test_results_print(two_rc):

@@ -74,6 +74,16 @@ def test_a_file_that_is_not_there(tmp_path):
         (lambda s: eb.circuit_impedance("R0-C1", [1.0], [1.0]), "expected 2 values"),
         (lambda s: s.between(1e6, 1e7), "expected points"),
         (lambda s: eb.spectra_of_table({"freq_hz": [1.0]}), "column z_re_ohm"),
+        (
+            lambda s: eb.spectra_of_table({"freq_hz": [1.0], "z_re_ohm": [1, 2], "z_im_ohm": [1]}),
+            "one length",
+        ),
+        (
+            lambda s: eb.spectra_of_table({"freq_hz": ["a"], "z_re_ohm": [1], "z_im_ohm": [1]}),
+            "numbers in column freq_hz",
+        ),
+        (lambda s: eb.fit_erm(s, -1), "rc: expected 0 or more"),
+        (lambda s: eb.fit_erm(s, 2, seed=-1), "seed: expected 0 or more"),
     ],
 )
 def test_arguments_that_cannot_be(call, words):
@@ -105,6 +115,12 @@ def test_simulations_that_cannot_be(options, words):
 def test_models_that_cannot_be(branch):
     with pytest.raises(eb.EisError):
         eb.Model(0.01, [branch])
+
+
+def test_a_curve_needs_a_state_of_charge():
+    model = eb.Model(0.01).with_ocv(4.5, [0.0, 1.0], [3.0, 4.2])
+    with pytest.raises(eb.EisError, match="state of charge"):
+        model.simulate([0, 1], current_a=[1, 1])
 
 
 def test_times_that_go_back():

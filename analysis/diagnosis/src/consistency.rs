@@ -87,6 +87,7 @@ pub(super) fn inconsistencies(
                     chi2: q,
                     dof,
                     p_value,
+                    is_contact: false,
                 });
             }
         }
@@ -105,6 +106,7 @@ pub(super) fn inconsistencies(
             chi2,
             dof,
             p_value,
+            is_contact: false,
         });
     }
     let corrected = holm(&found.iter().map(|f| f.p_value).collect::<Vec<f64>>());

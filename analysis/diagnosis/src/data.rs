@@ -49,6 +49,13 @@ pub struct Run {
     pub data: RunData,
 }
 
+impl Run {
+    /// True where no fit sees it.
+    pub fn is_held_out(&self) -> bool {
+        self.role == Role::HeldOut
+    }
+}
+
 /// Object in the jig.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Fixture {

@@ -8,8 +8,9 @@
 //! and branches far faster than the rows then show. A record with a row a second and a step of 100 A
 //! shows the difference to a straight line by five times its noise.
 //!
-//! A logger that starts with a step of the current has all edges at the same place, another one has
-//! not. So half of the variance is each edge's own, and half is an error that all runs share.
+//! A logger that starts with a step of the current has all edges at the same place, one whose rows
+//! run free all edges of a record, another one none. Nobody tells which. So each edge, each record
+//! and all runs together have half of the variance: any two of them make it whole.
 
 use super::time_block::{Bin, TimeBlock};
 use analysis_effects::contract::Base;
@@ -57,11 +58,11 @@ pub(super) const COMMON: usize = PLACES.len() + 1;
 #[derive(Debug, Clone)]
 pub(super) struct EdgeErrors {
     /// What all edges may have in common, in the order of [`COMMON`]: the half of it that this one
-    /// has by itself, and as much that it shares.
+    /// has by itself, and as much that it shares with the record and with all records.
     pub(super) common_v: [Vec<f64>; COMMON],
     /// The first sample.
     pub(super) first_v: Vec<f64>,
-    /// Variance by what the branches forget, V².
+    /// Variance by what the branches forget, of the three halves together, V².
     pub(super) passing_v2: Vec<f64>,
 }
 
@@ -92,6 +93,7 @@ pub(super) fn of_record(time: &TimeBlock, soc: f64, base: &Base) -> Vec<EdgeErro
             common_v[PLACES.len()] = late;
             let all = common_v.iter_mut().flatten();
             all.for_each(|v| *v *= std::f64::consts::FRAC_1_SQRT_2);
+            passing_v2.iter_mut().for_each(|v2| *v2 *= 1.5);
             EdgeErrors {
                 common_v,
                 first_v,
@@ -99,6 +101,30 @@ pub(super) fn of_record(time: &TimeBlock, soc: f64, base: &Base) -> Vec<EdgeErro
             }
         })
         .collect()
+}
+
+/// The samples of a row from one on.
+struct Later {
+    /// Part of the row's samples.
+    part: f64,
+    /// Their mean time, s; that of the first one where there are none.
+    time_s: f64,
+}
+
+fn later(time: &TimeBlock, row: &Bin, first: usize) -> Later {
+    let from = row.from.max(first);
+    let count = row.to.saturating_sub(from);
+    if count == 0 {
+        let first = first.min(time.time_s.len() - 1);
+        return Later {
+            part: 0.0,
+            time_s: time.time_s[first],
+        };
+    }
+    Later {
+        part: count as f64 / (row.to - row.from) as f64,
+        time_s: time.time_s[from..row.to].iter().sum::<f64>() / count as f64,
+    }
 }
 
 /// Change of the later rows' open-circuit voltage for an edge that comes earlier by the distance of
@@ -112,11 +138,8 @@ fn charge(time: &TimeBlock, edge: usize, soc: f64, base: &Base) -> Vec<f64> {
     time.bins
         .iter()
         .map(|b| {
-            if b.from < edge {
-                return 0.0;
-            }
             let slope_v = base.ocv.slope_v(soc - b.charge_c / capacity_c);
-            step_a * step_s / capacity_c * slope_v
+            later(time, b, edge).part * step_a * step_s / capacity_c * slope_v
         })
         .collect()
 }
@@ -131,17 +154,15 @@ fn shift(time: &TimeBlock, edge: usize, place: Place, base: &Base) -> Vec<f64> {
     time.bins
         .iter()
         .map(|b| {
-            if b.from < edge {
-                return 0.0;
-            }
-            let t = b.time_s - time.time_s[edge];
+            let later = later(time, b, edge);
+            let t = later.time_s - time.time_s[edge];
             let change = |tau_s: f64| {
                 let mean = tau_s / step_s * -(-step_s / tau_s).exp_m1();
                 (-t / tau_s).exp() * (mean - (-(1.0 - place.part) * step_s / tau_s).exp())
             };
             let branches = base.erm.branches.iter();
             let branches = branches.map(|b| b.r_ohm * change(b.time_constant_s()));
-            place.weight * step_a * branches.sum::<f64>()
+            later.part * place.weight * step_a * branches.sum::<f64>()
         })
         .collect()
 }
@@ -178,11 +199,8 @@ fn lag(time: &TimeBlock, edge: usize, base: &Base) -> Vec<f64> {
         time.current_a[edge] - time.current_a[edge - 1],
     );
     let late = |b: &Bin| {
-        if b.from <= edge {
-            0.0
-        } else {
-            ((time.time_s[edge] - b.time_s) / step_s).exp()
-        }
+        let later = later(time, b, edge + 1);
+        later.part * ((time.time_s[edge] - later.time_s) / step_s).exp()
     };
     time.bins
         .iter()
@@ -256,13 +274,13 @@ mod tests {
                 && lag[..=first].iter().all(|v| *v == 0.0),
             "{errors:?}"
         );
-        let (step_v, half) = (UNIFORM * 2.0 * 0.02, std::f64::consts::FRAC_1_SQRT_2);
+        let (step_v, part) = (UNIFORM * 2.0 * 0.02, std::f64::consts::FRAC_1_SQRT_2);
         assert!(
             (first_v[first] / step_v - 1.0).abs() < 1e-3 && first_v[first + 1] == 0.0,
             "{first_v:?}"
         );
         assert!(
-            (lag[first + 1] / step_v - half * (-1f64).exp()).abs() < 1e-9
+            (lag[first + 1] / step_v - part * (-1f64).exp()).abs() < 1e-9
                 && lag[first + 2] < 0.3 * step_v,
             "{lag:?}"
         );
@@ -272,7 +290,7 @@ mod tests {
             let places = errors.common_v[..PLACES.len()].iter();
             places.map(|v| v[row].powi(2)).sum()
         };
-        let moved_v = half * UNIFORM * 0.2 * (1.0 / 3600.0 + 1e-5);
+        let moved_v = part * UNIFORM * 0.2 * (1.0 / 3600.0 + 1e-5);
         assert!((0..first).all(|row| moved_v2(row) == 0.0));
         let last = time.bins.len() - 1;
         assert!(

@@ -11,4 +11,6 @@ pub(super) struct Inconsistency {
     pub(super) dof: usize,
     /// Probability of so much by noise, corrected for the number of questions.
     pub(super) p_value: f64,
+    /// A contact that comes and goes: no form of an effect.
+    pub(super) is_contact: bool,
 }

@@ -52,6 +52,7 @@ pub(super) fn intermittent_contact(
             chi2: *chi2,
             dof: dof.round() as usize,
             p_value,
+            is_contact: true,
         }
     };
     asked.iter().zip(corrected).map(found).collect()

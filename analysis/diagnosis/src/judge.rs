@@ -51,6 +51,7 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
             chi2,
             dof,
             p_value,
+            ..
         } = differs;
         d.notes
             .push(format!("{message}: χ² {chi2:.0} of {dof}, p {p_value:.1e}"));
@@ -125,7 +126,7 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
                 ),
             )
         }
-        (false, false) if is_mostly(d) => {
+        (false, false) if is_mostly(d) && !differs.is_some_and(|differs| differs.is_contact) => {
             let others: Vec<&str> = d.rivals.iter().map(|r| title(r.name)).collect();
             let or = if others.is_empty() {
                 String::new()
@@ -160,10 +161,16 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
 /// runs and in every held-out one, and nothing but their rivals does as well.
 fn is_mostly(d: &Diagnosis) -> bool {
     let (before, after) = (d.quality.base_chi2, d.quality.augmented_chi2);
-    let held_out = d.gap.iter().all(|gap| {
-        let beyond = |mv: f64| mv * mv - gap.floor_mv * gap.floor_mv;
-        beyond(gap.augmented_mv) <= MOSTLY_LEFT * beyond(gap.base_mv).max(0.0)
-    });
+    // A run in which the base hardly lacks anything may keep as much of its floor.
+    let closes = |base: f64, augmented: f64, floor: f64| {
+        let beyond = |miss: f64| (miss / floor).powi(2) - 1.0;
+        beyond(augmented) <= MOSTLY_LEFT * beyond(base).max(1.0)
+    };
+    let records = d.gap.iter();
+    let mut records = records.map(|g| closes(g.base_mv, g.augmented_mv, g.floor_mv));
+    let spectra = d.gap_spectra.iter();
+    let mut spectra = spectra.map(|g| closes(g.base_percent, g.augmented_percent, g.floor_percent));
+    let held_out = !d.gap.is_empty() && records.all(|met| met) && spectra.all(|met| met);
     let left = after - d.quality.degrees_of_freedom;
     // What is left is unknown: it could be what another name lacks.
     let others = d.ranking.iter();
@@ -175,7 +182,7 @@ fn is_mostly(d: &Diagnosis) -> bool {
         .effects
         .iter()
         .all(|e| e.evidence.lambda >= CERTAIN_LAMBDA);
-    certain && no_other && left <= MOSTLY_LEFT * (before - after) && held_out
+    certain && no_other && left <= MOSTLY_LEFT * (before - d.quality.degrees_of_freedom) && held_out
 }
 
 /// Title of an effect or of a law outside the catalogue.

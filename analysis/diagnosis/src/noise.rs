@@ -144,8 +144,9 @@ pub(super) struct Shape {
     pub(super) drift: Vec<f64>,
     /// One vector per estimated term of rank one.
     vectors: Vec<(Term, Vec<f64>)>,
-    /// Vectors of known standard deviation, each run's own.
-    known: Vec<Vec<f64>>,
+    /// Covariance of the run's own errors of known size, which its repeats may share, row-major,
+    /// its lower triangle; empty where there are none.
+    known: Vec<f64>,
     /// Variance of each row by the errors at edges of the current, which `known` holds; empty where
     /// there are none.
     edge_v2: Vec<f64>,
@@ -265,14 +266,18 @@ impl Shape {
             (Term::Zero, respond(&|_, _| 1e-1, 1e1)),
         ];
         let mut known = Vec::new();
+        let mut add = |v: &[f64]| {
+            known.resize(n * n, 0.0);
+            add_square(&mut known, v, 1.0);
+        };
         let step_a = h.current_resolution_a * UNIFORM;
         if step_a > 0.0 {
-            known.extend(stretches(time).map(|(from, to)| {
-                respond(
+            for (from, to) in stretches(time) {
+                add(&respond(
                     &|k, _| if (from..to).contains(&k) { step_a } else { 0.0 },
                     1.0,
-                )
-            }));
+                ));
+            }
         }
         let mut edge_v2 = vec![0.0; n];
         for errors in at_edges {
@@ -280,11 +285,15 @@ impl Shape {
                 .iter_mut()
                 .zip(&errors.passing_v2)
                 .for_each(|(v2, e2)| *v2 += e2);
-            known.extend(errors.common_v);
-            known.push(errors.first_v);
+            errors.common_v.iter().for_each(|v| add(v));
+            add(&errors.first_v);
         }
+        // A logger whose rows run free has all edges of a record at a place of its own.
+        shared[shared::CHANNELS..shared::CHANNELS + edges::COMMON]
+            .iter()
+            .for_each(|v| add(v));
         if time.level_sigma_v > 0.0 {
-            known.push(vec![time.level_sigma_v; n]);
+            add(&vec![time.level_sigma_v; n]);
         }
         let correlation = |i: usize, j: usize| {
             (-(time.bins[i].time_s - time.bins[j].time_s).abs() / h.voltage_drift_s.max(1e-3)).exp()
@@ -322,8 +331,9 @@ impl Shape {
         &self.shared
     }
 
-    /// Errors of a run that its repeats may share or not, one standard deviation each.
-    pub(super) fn known(&self) -> &[Vec<f64>] {
+    /// Covariance of a run's errors that its repeats may share or not, row-major, its lower
+    /// triangle; empty where there are none.
+    pub(super) fn known(&self) -> &[f64] {
         &self.known
     }
 
@@ -394,11 +404,8 @@ impl Shape {
         for i in 0..n {
             c[i * n + i] += self.fixed[i] + white * self.white.1[i];
         }
-        let scaled = self
-            .vectors
-            .iter()
-            .map(|(term, v)| (variance(*term), v))
-            .chain(self.known.iter().map(|v| (1.0, v)));
+        let scaled = self.vectors.iter().map(|(term, v)| (variance(*term), v));
+        c.iter_mut().zip(&self.known).for_each(|(c, k)| *c += k);
         scaled.for_each(|(scale, v)| add_square(&mut c, v, scale));
         c
     }

@@ -179,14 +179,7 @@ fn weigh(problem: &mut Problem, shapes: &[Shape], estimate: &Estimate) -> Result
                 .zip(shape.shared())
                 .for_each(|(all, v)| whitener.apply(v, all));
         }
-        let white = |v: &Vec<f64>| {
-            let mut rows = Vec::with_capacity(n);
-            whitener.apply(v, &mut rows);
-            rows
-        };
-        problem
-            .repeating
-            .push(shape.known().iter().map(white).collect());
+        problem.repeating.push(whitener.whitened(shape.known()));
         problem.whiteners.push(whitener);
     }
     problem.shared = Shared::new(errors);

@@ -44,7 +44,7 @@ pub(super) struct Problem {
     /// Rows of every block that lie at an edge of the current.
     pub(super) at_edges: Vec<Vec<bool>>,
     /// Whitened errors of every block that its repeats may have too.
-    pub(super) repeating: Vec<Vec<Vec<f64>>>,
+    pub(super) repeating: Vec<Vec<f64>>,
 }
 
 /// Prediction for the runs of a role.

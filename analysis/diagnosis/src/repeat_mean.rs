@@ -1,15 +1,17 @@
 //! Repeat-mean residual: tests whether all repeats of a kind of run have a residual in common.
 //! Their mean contains all of it, and less noise by the root of their number.
 //!
-//! With rₖ the whitened residuals of m repeats, |Σ rₖ|²/m is χ² of one run's rows where only noise
+//! With rₖ the whitened residuals of m repeats, s = Σ rₖ has the covariance m·I where only noise
 //! remains. Errors that may be the same in repeats (codes of the current, the place of an edge
-//! between two samples) are taken out of it.
+//! between two samples) have the whitened covariance K in each; if the repeats share them, that of s
+//! is m·(I + (m − 1)·K). sᵀ times its inverse times s is then χ² of one run's rows.
 
 use super::guards::beyond_formula;
 use super::inconsistency::Inconsistency;
-use super::problem::{Fit, Problem, Tangent};
+use super::problem::{Fit, Problem};
 use super::whitening::dot;
 use analysis_fit::validity::tail::{chi2_tail, holm};
+use analysis_numeric::linalg::{cholesky, cholesky_substitute};
 use std::collections::BTreeMap;
 
 /// Repeats: their blocks, and the sum of their whitened residuals.
@@ -38,20 +40,21 @@ pub(super) fn repeat_mean_residual(
             .for_each(|(sum, r)| *sum += r);
     }
     let mut asked: Vec<(String, f64, usize)> = Vec::new();
-    for ((group, rows), Repeats { blocks, mut sum }) in groups
+    for ((group, rows), Repeats { blocks, sum }) in groups
         .into_iter()
         .filter(|(_, repeats)| repeats.blocks.len() > 1)
     {
-        let mut common = Tangent::default();
-        problem.repeating[blocks[0]]
-            .iter()
-            .for_each(|v| common.add(v.clone()));
-        common.project(&mut sum);
-        asked.push((
-            group.to_owned(),
-            dot(&sum, &sum) / blocks.len() as f64,
-            rows - common.basis.len().min(rows),
-        ));
+        let repeats = blocks.len() as f64;
+        let known = &problem.repeating[blocks[0]];
+        let mut covariance: Vec<f64> = known.iter().map(|k| (repeats - 1.0) * k).collect();
+        let mut solved = sum.clone();
+        if !covariance.is_empty() {
+            (0..rows).for_each(|i| covariance[i * rows + i] += 1.0);
+            if cholesky(&mut covariance, rows) {
+                cholesky_substitute(&covariance, rows, &mut solved);
+            }
+        }
+        asked.push((group.to_owned(), dot(&sum, &solved) / repeats, rows));
     }
     if asked.len() > 1 {
         let (chi2, rows) = asked
@@ -72,6 +75,7 @@ pub(super) fn repeat_mean_residual(
         chi2: *chi2,
         dof: *dof,
         p_value,
+        is_contact: false,
     };
     asked.iter().zip(corrected).map(found).collect()
 }

@@ -25,7 +25,7 @@ use num_complex::Complex64;
 pub(super) type Errors = [Vec<f64>; OWN + COMMON];
 
 /// Errors of the channels and of the start.
-const CHANNELS: usize = 3;
+pub(super) const CHANNELS: usize = 3;
 /// Errors beside those of the correction.
 const OWN: usize = CHANNELS + edges::COMMON;
 

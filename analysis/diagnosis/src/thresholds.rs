@@ -420,11 +420,11 @@ thresholds! {
         "Part of the model's resistance in such branches from which on it is told.",
         Convention "Less goes with the series resistance unseen. No study of the value is on \
         record.";
-    UNSEEN_CORRELATION: f64 = 0.5, "1",
-        "Correlation of successive samples of the current below which the current between them is \
-        not known.",
-        Convention "A sample then tells less than half of the next one's variance. No study of the \
-        value is on record.";
+    UNSEEN_PART: f64 = 0.3, "1",
+        "Part of the large steps of a current that stand in a row of three or more from which on \
+        the current between the samples is not known.",
+        Convention "A third: a step that comes back within a sample shows as such a row or not at \
+        all. No study of the value is on record.";
     CODES_FEWEST: usize = 6, "1",
         "Fewest different values that codes are looked for in.",
         Convention "A current of a few set points lies on any grid.";

@@ -46,6 +46,29 @@ impl Whitener {
         }
     }
 
+    /// L⁻¹·M·L⁻ᵀ for a symmetric matrix of which the lower triangle is given, row-major, whole;
+    /// empty for an empty one.
+    pub(super) fn whitened(&self, lower: &[f64]) -> Vec<f64> {
+        if lower.is_empty() {
+            return Vec::new();
+        }
+        let n = self.n;
+        let half: Vec<Vec<f64>> = (0..n)
+            .map(|i| {
+                let row = (0..n).map(|j| lower[i.max(j) * n + i.min(j)]);
+                let mut out = Vec::with_capacity(n);
+                self.apply(&row.collect::<Vec<f64>>(), &mut out);
+                out
+            })
+            .collect();
+        let mut whole = Vec::with_capacity(n * n);
+        for j in 0..n {
+            let column: Vec<f64> = half.iter().map(|row| row[j]).collect();
+            self.apply(&column, &mut whole);
+        }
+        whole
+    }
+
     /// Replaces w by L⁻ᵀ·w, so that both together give C⁻¹·v.
     pub(super) fn apply_transposed(&self, w: &mut [f64]) {
         let mut at = 0;
@@ -156,6 +179,13 @@ mod tests {
         assert!((0..n).all(
             |i| ((0..n).map(|j| inverse[i * n + j] * v[j]).sum::<f64>() - x[i]).abs() < 1e-12
         ));
+        let lower: Vec<f64> = (0..n * n)
+            .map(|ij| if ij / n >= ij % n { c[ij] } else { f64::NAN })
+            .collect();
+        for (ij, k) in w.whitened(&lower).into_iter().enumerate() {
+            let identity = f64::from(ij / n == ij % n);
+            assert!((k - identity).abs() < 1e-12, "{ij}: {k}");
+        }
         assert!(Whitener::new(vec![1.0, 2.0, 2.0, 1.0], 2).is_none());
     }
 }

@@ -50,10 +50,13 @@ def spectra_of_table(table: Any) -> Spectra:
         if needed not in names:
             told = ", ".join(map(str, names))
             raise EisError(f"table: expected a column {needed}, met {told}")
-    freq_hz = np.asarray(table["freq_hz"], dtype=np.float64)
-    z_re, z_im = (np.asarray(table[name], dtype=np.float64) for name in ("z_re_ohm", "z_im_ohm"))
-    sigma = np.asarray(table["sigma_ohm"], dtype=np.float64) if "sigma_ohm" in names else None
+    freq_hz = _column(table, "freq_hz")
+    z_re, z_im = _column(table, "z_re_ohm"), _column(table, "z_im_ohm")
+    sigma = _column(table, "sigma_ohm") if "sigma_ohm" in names else None
     ids = np.asarray(table["spectrum_id"]) if "spectrum_id" in names else np.zeros(len(freq_hz))
+    lengths = {len(column) for column in (freq_hz, z_re, z_im, ids)}
+    if len(lengths | ({len(sigma)} if sigma is not None else set())) > 1:
+        raise EisError("table: expected columns of one length, met several")
     _, first, group = np.unique(ids, return_index=True, return_inverse=True)
     found = Spectra()
     for nth in np.argsort(first):
@@ -63,6 +66,27 @@ def spectra_of_table(table: Any) -> Spectra:
         part = None if sigma is None else sigma[rows]
         found.append(Spectrum(name, freq_hz[rows], z_ohm, part))
     return found
+
+
+def _column(table: Any, name: str) -> NDArray[np.float64]:
+    try:
+        return np.asarray(table[name], dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise EisError(f"table: expected numbers in column {name}: {error}") from None
+
+
+def _texts(results: list[tuple[Optional[str], Optional[str]]]) -> list[str]:
+    """The results; the first reason why there is none is raised."""
+    for _, reason in results:
+        if reason is not None:
+            raise EisError(reason)
+    return [text for text, _ in results if text is not None]
+
+
+def _whole(name: str, value: Union[int, np.integer[Any]]) -> int:
+    if value < 0:
+        raise EisError(f"{name}: expected 0 or more, met {value}")
+    return int(value)
 
 
 def _cells(spectra: Union[Spectrum, Iterable[Spectrum]]) -> tuple[list[Spectrum], bool]:
@@ -124,16 +148,19 @@ def fit_erm(
     the slope in V/C; None is ``fit`` for ``complex``, else ``none``. No start values are needed:
     the search is global, and the same ``seed`` gives the same fit.
 
-    A single spectrum, or ``pool``, gives an :class:`ErmFit`; several give :class:`Fits`.
+    A single spectrum, or ``pool``, gives an :class:`ErmFit`; several give :class:`Fits`. Of
+    several, controls and spectra under direct current are left out with a warning, so that there
+    may be fewer fits than spectra; each fit tells its ``spectra``.
 
     Raises EisError for data that cannot be fitted.
     """
     if rc != "auto" and not isinstance(rc, (int, np.integer)):
         raise EisError(f"rc: expected a number of branches or 'auto', met {rc!r}")
     cells, single = _cells(spectra)
-    order = None if isinstance(rc, str) else int(rc)
+    order = None if isinstance(rc, str) else _whole("rc", rc)
     slope = ocv_slope if ocv_slope is None or isinstance(ocv_slope, str) else repr(float(ocv_slope))
-    texts = _eisbench.fit_erm(cells, order, objective, slope, seed, starts, pool)
+    whole = (_whole("seed", seed), _whole("starts", starts))
+    texts = _texts(_eisbench.fit_erm(cells, order, objective, slope, *whole, pool))
     groups = [cells] if pool else [[cell] for cell in cells]
     fits = Fits([ErmFit(text, group) for text, group in zip(texts, groups)])
     return fits[0] if single or pool else fits
@@ -189,18 +216,19 @@ def fit_circuit(
     Raises EisError for a circuit that cannot be read and for data that cannot be fitted.
     """
     cells, single = _cells(spectra)
-    texts = _eisbench.fit_circuit(
+    results = _eisbench.fit_circuit(
         cells,
         circuit,
         objective,
         weight,
         list((guess or {}).items()),
         list((constants or {}).items()),
-        starts,
+        None if starts is None else _whole("starts", starts),
         search,
-        seed,
+        _whole("seed", seed),
         pool,
     )
+    texts = _texts(results)
     groups = [cells] if pool else [[cell] for cell in cells]
     fits = Fits([CircuitFit(text, group) for text, group in zip(texts, groups)])
     return fits[0] if single or pool else fits
@@ -242,21 +270,36 @@ def drt(spectra: Spectrum) -> Drt: ...
 @overload
 def drt(spectra: Iterable[Spectrum]) -> list[Drt]: ...
 def drt(spectra: Union[Spectrum, Iterable[Spectrum]]) -> Union[Drt, list[Drt]]:
-    """Distribution of relaxation times, without negative parts, with its uncertainty.
+    """Distribution of relaxation times, without negative parts, with its uncertainty. The noise is
+    that of each spectrum by itself; repeats of a cell are not compared.
 
     Raises EisError for a spectrum that is too short.
     """
     single = isinstance(spectra, Spectrum)
     given = [spectra] if isinstance(spectra, Spectrum) else list(spectra)
-    texts = _eisbench.drt(given)
+    texts = _texts(_eisbench.drt(given))
     found = [Drt(spectrum.name, text) for spectrum, text in zip(given, texts)]
     return found[0] if single else found
 
 
-def fit_table(table: Any, rc: Union[int, str] = 4, **options: Any) -> Any:
+def fit_table(
+    table: Any, rc: int = 4, *, objective: str = "complex", seed: int = 0, starts: int = 0
+) -> Any:
     """Fits every spectrum of a table in long form, on all cores; gives a pandas data frame.
 
-    Columns of the table: those of :func:`spectra_of_table`. Options: those of :func:`fit_erm`.
+    Columns of the table: those of :func:`spectra_of_table`. The frame has one row for each
+    spectrum, in the order of the table. A spectrum that cannot be fitted has a reason in the
+    column ``error`` and no parameters.
     """
-    fits = fit_erm(spectra_of_table(table), rc, **options)
-    return (Fits([fits]) if isinstance(fits, ErmFit) else fits).to_pandas()
+    import pandas
+
+    spectra = spectra_of_table(table)
+    whole = (_whole("seed", seed), _whole("starts", starts))
+    results = _eisbench.fit_erm(spectra, _whole("rc", rc), objective, None, *whole, False)
+    rows: list[dict[str, Any]] = []
+    for spectrum, (text, reason) in zip(spectra, results):
+        row: dict[str, Any] = {"spectrum": spectrum.name}
+        if text is not None:
+            row = Fits([ErmFit(text, [spectrum])]).to_rows()[0]
+        rows.append({**row, "error": reason})
+    return pandas.DataFrame(rows)

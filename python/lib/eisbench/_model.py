@@ -116,13 +116,20 @@ class Model:
         """Names of the effects that were added."""
         return self._model.additions
 
+    @property
+    def notes(self) -> list[str]:
+        """What is to be known of the model, in sentences."""
+        return self._model.notes
+
     def with_ocv(self, capacity_ah: float, soc: ArrayLike, ocv_v: ArrayLike) -> Model:
         """The same with an open-circuit voltage through knots: state of charge, 0…1, and V."""
         knots = (np.atleast_1d(np.asarray(values, dtype=np.float64)) for values in (soc, ocv_v))
         return self._of(self._model.with_ocv(capacity_ah, *knots))
 
     def impedance(self, freq_hz: ArrayLike) -> NDArray[np.complex128]:
-        """Impedance for small signals, ohm, at frequencies in Hz."""
+        """Impedance of the resistance and the branches, ohm, at frequencies in Hz. Additions, which
+        a simulation plays, are not in it.
+        """
         return self._model.impedance(np.atleast_1d(np.asarray(freq_hz, dtype=np.float64)))
 
     def simulate(
@@ -146,8 +153,8 @@ class Model:
 
         Either ``current_a`` or ``power_w`` is given, at the terminals, discharge positive, one
         value for each of ``time_s``; it holds until the next time, or goes there along a line
-        (``linear``). ``soc`` is the state of charge at the start; ``ocv_v`` a constant
-        open-circuit voltage of one cell in the place of the model's curve. ``beyond`` says what
+        (``linear``). ``soc`` is the state of charge at the start, which a model with an
+        open-circuit voltage needs; ``ocv_v`` is a constant voltage in the place of that curve. ``beyond`` says what
         happens where more power is asked for than there is: ``stop``, ``clamp`` or
         ``extrapolate`` along the tangent from ``fraction`` of it. ``max_step_s`` makes the rows of
         the result denser; it does not change them.

@@ -289,7 +289,8 @@ class Fits(list[T], Generic[T]):
 
     def _cells(self) -> tuple[list[str], list[list[str]]]:
         rows = self.to_rows()
-        names = [name for name in (rows[0] if rows else {}) if name not in ("points", "warnings")]
+        every = {name: None for row in rows for name in row}
+        names = [name for name in every if name not in ("points", "warnings")]
 
         def cell(value: Any) -> str:
             if value is None:

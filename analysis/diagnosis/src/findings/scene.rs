@@ -1,6 +1,6 @@
 //! The view of a detector.
 
-use crate::data::{Fixture, Role, Run, TimeRecord};
+use crate::data::{Fixture, Run, TimeRecord};
 use crate::gate::Inspection;
 use crate::prepare::BaseModel;
 
@@ -58,6 +58,6 @@ impl Played<'_> {
 
     /// True for a held-out run.
     pub(super) fn is_held_out(&self) -> bool {
-        self.run.role == Role::HeldOut
+        self.run.is_held_out()
     }
 }

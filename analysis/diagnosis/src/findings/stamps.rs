@@ -5,10 +5,11 @@ use std::ops::Range;
 
 use super::finding::{Finding, FindingKind, names};
 use super::scene::{Played, Scene};
+use crate::data::Run;
 use crate::gate::median;
 use crate::thresholds::{
     GAP_CHANGES_PART, LARGE_STEP_PART, ROUNDED_FEWEST, ROUNDED_MOST_QUANTA, ROUNDED_PART,
-    SLOW_BRANCH_PART, SLOW_SHARE, UNSEEN_CORRELATION,
+    SLOW_BRANCH_PART, SLOW_SHARE, UNSEEN_PART,
 };
 use analysis_effects::augmented::Between;
 
@@ -138,21 +139,27 @@ pub(super) fn slow(scene: &Scene<'_>) -> Vec<Finding> {
     }]
 }
 
-/// Records whose current does something else from one sample to the next.
+/// Records whose current does something else from one sample to the next. What repeats such a one
+/// goes with it.
 pub(super) fn unseen(scene: &Scene<'_>) -> Vec<Finding> {
-    let all: Vec<(String, f64)> = scene
-        .of_cells()
-        .filter(|played| played.record.between == Between::Linear)
-        .filter_map(|played| Some((played.run.name.clone(), correlation(&played)?)))
-        .filter(|(_, correlation)| *correlation < UNSEEN_CORRELATION)
+    let cells = || {
+        let linear = |played: &Played<'_>| played.record.between == Between::Linear;
+        scene.of_cells().filter(move |played| linear(played))
+    };
+    let parts: Vec<f64> = cells().filter_map(|played| unresolved(&played)).collect();
+    let group = |run: &Run| (run.repeat_group.clone(), run.is_held_out());
+    let groups: Vec<_> = cells()
+        .filter(|played| unresolved(played).is_some_and(|part| part > UNSEEN_PART))
+        .map(|played| group(played.run))
         .collect();
-    if all.is_empty() {
+    if groups.is_empty() {
         return Vec::new();
     }
-    let greatest = all
-        .iter()
-        .fold(f64::NEG_INFINITY, |most, (_, c)| most.max(*c));
-    let runs: Vec<String> = all.into_iter().map(|(name, _)| name).collect();
+    let runs: Vec<String> = cells()
+        .filter(|played| groups.contains(&group(played.run)))
+        .map(|played| played.run.name.clone())
+        .collect();
+    let most = parts.iter().fold(0.0f64, |most, part| most.max(*part));
     vec![Finding {
         kind: FindingKind::CurrentUnseen,
         text: format!(
@@ -161,7 +168,9 @@ pub(super) fn unseen(scene: &Scene<'_>) -> Vec<Finding> {
             names(&runs)
         ),
         how_sure: format!(
-            "certain: successive samples of the current have a correlation of {greatest:.2} at most"
+            "certain: up to {:.0} % of the large steps of the current are followed by another one \
+            there or back at the next sample, and that by a third",
+            100.0 * most
         ),
         effect: "These records are left out: they are neither fitted nor compared. A faster log \
             would make them useful. So would `current_between_samples = \"hold\"`, where the \
@@ -172,18 +181,36 @@ pub(super) fn unseen(scene: &Scene<'_>) -> Vec<Finding> {
     }]
 }
 
-/// Correlation of successive samples of the current: 1 less half the mean square of their
-/// difference over their variance (von Neumann). None for a current that hardly changes.
-fn correlation(played: &Played<'_>) -> Option<f64> {
+/// Part of the large steps of the current that stand in a row of three or more between successive
+/// samples, no two of them on one slope. None for means over windows, whose edges are told, and for
+/// a current without large steps.
+fn unresolved(played: &Played<'_>) -> Option<f64> {
+    if played.record.averaged_s.is_some() {
+        return None;
+    }
     let current_a = &played.record.series.current_a[played.first_compared()..];
-    let n = current_a.len() as f64;
-    let mean_a = current_a.iter().sum::<f64>() / n;
-    let variance_a2 = current_a.iter().map(|i| (i - mean_a).powi(2)).sum::<f64>() / n;
-    let steps = current_a.windows(2).map(|w| (w[1] - w[0]).powi(2));
-    let half_a2 = 0.5 * steps.sum::<f64>() / (n - 1.0);
-    // The noise of a constant current is no change of it.
-    let least_a = LARGE_STEP_PART * played.largest_a();
-    (half_a2 > least_a.powi(2)).then(|| 1.0 - half_a2 / variance_a2)
+    let steps: Vec<f64> = current_a.windows(2).map(|w| w[1] - w[0]).collect();
+    let largest_a = played.largest_a();
+    let is_large = |step: f64| step.abs() > LARGE_STEP_PART * largest_a;
+    // Twice as large as the one before, or half, or back: no slope.
+    let is_turn =
+        |a: f64, b: f64| a * b < 0.0 || a.abs() > 2.0 * b.abs() || b.abs() > 2.0 * a.abs();
+    let (mut all, mut in_rows, mut row) = (0, 0, 0);
+    for (k, step) in steps.iter().enumerate() {
+        if !is_large(*step) {
+            row = 0;
+            continue;
+        }
+        all += 1;
+        let goes_on = row > 0 && is_turn(steps[k - 1], *step);
+        row = if goes_on { row + 1 } else { 1 };
+        in_rows += match row {
+            1 | 2 => 0,
+            3 => 3,
+            _ => 1,
+        };
+    }
+    (all > 0).then(|| f64::from(in_rows) / f64::from(all))
 }
 
 /// Typical distance of the two samples around a large step of the current, s.
@@ -200,4 +227,84 @@ fn at_edges_s(played: &Played<'_>) -> Option<f64> {
         .map(|k| series.time_s[k] - series.time_s[k - 1])
         .collect();
     (!edges.is_empty()).then(|| median(edges))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::data::{Fixture, Role, RunData, Start, TimeRecord};
+    use analysis_signal::series::TimeSeries;
+
+    fn part(current_a: &[f64]) -> Option<f64> {
+        let series = TimeSeries {
+            name: "log".to_owned(),
+            time_s: (0..current_a.len()).map(|k| k as f64).collect(),
+            current_a: current_a.to_vec(),
+            voltage_v: vec![3.7; current_a.len()],
+            temperature_c: None,
+        };
+        let record = TimeRecord {
+            series,
+            between: Between::Linear,
+            compared_from_s: 0.0,
+            level_sigma_v: 0.0,
+            sigma_v: None,
+            averaged_s: None,
+        };
+        let run = Run {
+            name: "log".to_owned(),
+            fixture: Fixture::Cell("cell".to_owned()),
+            role: Role::Train,
+            repeat_group: "log".to_owned(),
+            order: 0,
+            start_s: 0.0,
+            temperature_c: 25.0,
+            start: Start::Soc(0.5),
+            data: RunData::Time(record.clone()),
+        };
+        unresolved(&Played {
+            run: &run,
+            record: &record,
+            expected_v: &record.series.voltage_v,
+        })
+    }
+
+    fn repeated(levels: &[f64], rows: usize) -> Vec<f64> {
+        levels.iter().flat_map(|i| vec![*i; rows]).collect()
+    }
+
+    /// Levels that a linear congruence draws, A.
+    fn drawn(count: u64) -> Vec<f64> {
+        let draw = |k: u64| ((k * 7919 + 13) % 101) as f64;
+        (0..count).map(draw).collect()
+    }
+
+    #[test]
+    fn a_current_that_jumps_from_row_to_row_is_not_known_between_them() {
+        let jumps = drawn(60);
+        assert!(part(&jumps).unwrap() > 0.6, "{:?}", part(&jumps));
+        // Hours of rest beside it tell nothing of it.
+        let with_rest = [vec![0.0; 5000], jumps].concat();
+        assert!(part(&with_rest).unwrap() > 0.6, "{:?}", part(&with_rest));
+    }
+
+    #[test]
+    fn steps_with_rows_on_either_side_are_known() {
+        assert_eq!(part(&repeated(&drawn(30), 2)), Some(0.0));
+        assert_eq!(part(&repeated(&[0.0, 5.0, -5.0, 0.0, 5.0], 3)), Some(0.0));
+        // Pulses of one row: how long they were is an error of two edges.
+        let pulses = [vec![0.0; 5], vec![9.0]].concat().repeat(6);
+        assert_eq!(part(&pulses), Some(0.0));
+    }
+
+    #[test]
+    fn a_wave_that_is_sampled_often_enough_is_known() {
+        let wave = |rows_per_period: f64| {
+            let at = |k: u32| 10.0 * (std::f64::consts::TAU * f64::from(k) / rows_per_period).sin();
+            part(&(0..80).map(at).collect::<Vec<f64>>()).unwrap_or(0.0)
+        };
+        assert!(wave(12.0) < UNSEEN_PART, "{}", wave(12.0));
+        assert!(wave(2.3) > UNSEEN_PART, "{}", wave(2.3));
+        assert_eq!(part(&[4.0; 50]), None, "a constant current");
+    }
 }

@@ -38,6 +38,8 @@ pub enum Check {
     Truncated,
     /// A repeat that is none.
     Repeats,
+    /// A current that changes faster than it is logged, in every record.
+    CurrentUnseen,
 }
 
 /// One reason why data cannot be used.

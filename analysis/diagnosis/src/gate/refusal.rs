@@ -1,7 +1,7 @@
 //! The diagnosis behind the gate: runs the workflow only on data that the gate accepts.
 
 use super::super::current_filter::Filter;
-use super::super::data::{DataSet, Role};
+use super::super::data::{DataSet, Run, RunData};
 use super::super::findings::{FindingKind, Inspected};
 use super::super::outcome::{
     DIAGNOSIS_SCHEMA, DIAGNOSIS_SCHEMA_VERSION, Diagnosis, NoiseReport, Quality, Verdict,
@@ -9,7 +9,7 @@ use super::super::outcome::{
 use super::super::{
     BaseModel, DataSetError, DiagnosisOptions, Outcome, diagnose::diagnose_with, guards::Guards,
 };
-use super::{Reason, gate};
+use super::{Check, Reason, gate};
 
 /// Diagnoses a data set if the gate lets it pass; else the verdict is [`Verdict::Invalid`].
 /// `unreadable` are the runs that no data could be read of.
@@ -28,7 +28,18 @@ pub fn diagnose(
     let (used_set, expected) = used.map_or((set, &inspected.expected), |(set, expected)| {
         (set, expected)
     });
-    let report = gate(used_set, expected);
+    // A record whose current is not known is no repeat of another one, and is left out.
+    let unseen: Vec<String> = inspected
+        .findings(&[])
+        .into_iter()
+        .filter(|finding| finding.kind == FindingKind::CurrentUnseen)
+        .flat_map(|finding| finding.runs)
+        .collect();
+    let mut report = gate(used_set, expected);
+    let is_used = |run: &String| !unseen.contains(run);
+    report
+        .invalid
+        .retain(|reason| reason.runs.iter().any(is_used));
     let found = inspected.findings(&report.invalid);
     let accepted: Vec<FindingKind> = used
         .map(|_| FindingKind::CurrentFilter)
@@ -56,22 +67,39 @@ pub fn diagnose(
             next_runs: Vec::new(),
         });
     }
-    let unseen = |name: &String| {
-        let mut left_out = found
-            .iter()
-            .filter(|f| f.kind == FindingKind::CurrentUnseen);
-        left_out.any(|f| f.runs.contains(name))
-    };
     let mut seen = used_set.clone();
-    seen.runs.retain(|run| !unseen(&run.name));
-    if !seen.runs.iter().any(|run| run.role == Role::Train) {
-        return Err(DataSetError::Set {
-            name: set.name.clone(),
-            expected: "a training run whose current is logged as fast as it changes",
+    seen.runs.retain(|run| !unseen.contains(&run.name));
+    let is_record = |run: &Run| matches!(run.data, RunData::Time(_));
+    if !unseen.is_empty() && !seen.runs.iter().any(is_record) {
+        let reason = Reason {
+            check: Check::CurrentUnseen,
+            text: "the current of every record changes faster than it is logged".to_owned(),
+            runs: unseen,
+        };
+        let mut diagnosis = refused(set, model, &[reason], report.notes);
+        (diagnosis.findings, diagnosis.accepted) = (found, accepted);
+        return Ok(Outcome {
+            diagnosis,
+            curves: Vec::new(),
+            facts: None,
+            next_runs: Vec::new(),
         });
     }
     let mut outcome = diagnose_with(&seen, model, options, Guards::default())?;
     (outcome.diagnosis.findings, outcome.diagnosis.accepted) = (found, accepted);
+    if !unseen.is_empty() {
+        let held_out = set.runs.iter().any(Run::is_held_out);
+        let none_left = held_out && !seen.runs.iter().any(Run::is_held_out);
+        outcome.diagnosis.notes.push(format!(
+            "left out, for their current changes faster than it is logged: {}{}",
+            unseen.join(", "),
+            if none_left {
+                "; no held-out run is left, so that nothing tests the model"
+            } else {
+                ""
+            }
+        ));
+    }
     outcome.diagnosis.notes.extend(told);
     outcome.diagnosis.notes.extend(report.notes);
     Ok(outcome)
