@@ -503,7 +503,9 @@ fn the_examples_of_the_scenario_file_are_found() {
     );
 }
 
-/// What the README shows: the names, and the truth of the scenario files within every interval.
+/// What the README shows: the names, and the truth of the scenario files within the intervals. Of
+/// six intervals of 95 % one misses the truth in a quarter of all cells, so that the six together
+/// are asked for 95 % (Bonferroni): 2.64 standard deviations instead of 1.96.
 #[test]
 #[ignore = "long drill: two investigations"]
 fn the_showcases_end_as_told() {
@@ -538,7 +540,11 @@ fn the_showcases_end_as_told() {
         let parameters = || found.diagnosis.effects.iter().flat_map(|e| &e.parameters);
         for (name, value) in truth {
             let (low, high) = parameters().find(|p| p.name == *name).unwrap().interval;
-            assert!((low..=high).contains(value), "{name}: {low} to {high}");
+            let (middle, half) = (0.5 * (low + high), 0.5 * (high - low) * 2.64 / 1.96);
+            assert!(
+                (value - middle).abs() <= half,
+                "{name}: {middle} within {half}"
+            );
         }
         for gap in &found.diagnosis.gap {
             assert!(
