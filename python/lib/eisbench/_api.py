@@ -55,7 +55,9 @@ def spectra_of_table(table: Any) -> Spectra:
     sigma = _column(table, "sigma_ohm") if "sigma_ohm" in names else None
     ids = np.asarray(table["spectrum_id"]) if "spectrum_id" in names else np.zeros(len(freq_hz))
     lengths = {len(column) for column in (freq_hz, z_re, z_im, ids)}
-    if len(lengths | ({len(sigma)} if sigma is not None else set())) > 1:
+    if sigma is not None:
+        lengths.add(len(sigma))
+    if len(lengths) > 1:
         raise EisError("table: expected columns of one length, met several")
     _, first, group = np.unique(ids, return_index=True, return_inverse=True)
     found = Spectra()
