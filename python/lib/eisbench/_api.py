@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Optional, Union, cast, overload
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, Optional, TypeVar, Union, cast, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +14,7 @@ from . import _eisbench
 from ._eisbench import EisError, Spectrum
 from ._results import Assessment, CircuitFit, Drt, ErmFit, Fits, Spectra
 
+F = TypeVar("F")
 Path = Union[str, "os.PathLike[str]"]
 
 
@@ -83,6 +84,16 @@ def _texts(results: list[tuple[Optional[str], Optional[str]]]) -> list[str]:
         if reason is not None:
             raise EisError(reason)
     return [text for text, _ in results if text is not None]
+
+
+def _fits(
+    kind: Callable[[str, list[Spectrum]], F],
+    results: list[tuple[Optional[str], Optional[str]]],
+    cells: list[Spectrum],
+    pool: bool,
+) -> Fits[F]:
+    groups = [cells] if pool else [[cell] for cell in cells]
+    return Fits([kind(text, group) for text, group in zip(_texts(results), groups)])
 
 
 def _whole(name: str, value: Union[int, np.integer[Any]]) -> int:
@@ -162,9 +173,8 @@ def fit_erm(
     order = None if isinstance(rc, str) else _whole("rc", rc)
     slope = ocv_slope if ocv_slope is None or isinstance(ocv_slope, str) else repr(float(ocv_slope))
     whole = (_whole("seed", seed), _whole("starts", starts))
-    texts = _texts(_eisbench.fit_erm(cells, order, objective, slope, *whole, pool))
-    groups = [cells] if pool else [[cell] for cell in cells]
-    fits = Fits([ErmFit(text, group) for text, group in zip(texts, groups)])
+    results = _eisbench.fit_erm(cells, order, objective, slope, *whole, pool)
+    fits = _fits(ErmFit, results, cells, pool)
     return fits[0] if single or pool else fits
 
 
@@ -230,9 +240,7 @@ def fit_circuit(
         _whole("seed", seed),
         pool,
     )
-    texts = _texts(results)
-    groups = [cells] if pool else [[cell] for cell in cells]
-    fits = Fits([CircuitFit(text, group) for text, group in zip(texts, groups)])
+    fits = _fits(CircuitFit, results, cells, pool)
     return fits[0] if single or pool else fits
 
 

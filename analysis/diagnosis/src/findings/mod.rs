@@ -62,6 +62,16 @@ impl<'a> Inspected<'a> {
         }
     }
 
+    /// Records whose current changes faster than it is logged.
+    pub(crate) fn unseen(&self) -> Vec<String> {
+        let scene = Scene {
+            at: inspection(self.set, &self.expected, &[]),
+            model: self.model,
+        };
+        let found = stamps::unseen(&scene);
+        found.into_iter().flat_map(|finding| finding.runs).collect()
+    }
+
     /// The findings; of runs that the gate refused, only those of their rows and stamps.
     pub(crate) fn findings(&self, refused: &[Reason]) -> Vec<Finding> {
         let scene = |set, expected, refused| Scene {

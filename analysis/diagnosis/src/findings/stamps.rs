@@ -142,24 +142,27 @@ pub(super) fn slow(scene: &Scene<'_>) -> Vec<Finding> {
 /// Records whose current does something else from one sample to the next. What repeats such a one
 /// goes with it.
 pub(super) fn unseen(scene: &Scene<'_>) -> Vec<Finding> {
-    let cells = || {
-        let linear = |played: &Played<'_>| played.record.between == Between::Linear;
-        scene.of_cells().filter(move |played| linear(played))
-    };
-    let parts: Vec<f64> = cells().filter_map(|played| unresolved(&played)).collect();
-    let group = |run: &Run| (run.repeat_group.clone(), run.is_held_out());
-    let groups: Vec<_> = cells()
-        .filter(|played| unresolved(played).is_some_and(|part| part > UNSEEN_PART))
-        .map(|played| group(played.run))
+    let cells: Vec<(&Run, Option<f64>)> = scene
+        .of_cells()
+        .filter(|played| played.record.between == Between::Linear)
+        .map(|played| (played.run, unresolved(&played)))
         .collect();
-    if groups.is_empty() {
+    let is_unseen = |part: &Option<f64>| part.is_some_and(|part| part > UNSEEN_PART);
+    let repeats = |a: &Run, b: &Run| a.repeat_group == b.repeat_group && a.role == b.role;
+    let runs: Vec<String> = cells
+        .iter()
+        .map(|(run, _)| *run)
+        .filter(|run| {
+            let mut others = cells.iter();
+            others.any(|(other, part)| is_unseen(part) && repeats(run, other))
+        })
+        .map(|run| run.name.clone())
+        .collect();
+    if runs.is_empty() {
         return Vec::new();
     }
-    let runs: Vec<String> = cells()
-        .filter(|played| groups.contains(&group(played.run)))
-        .map(|played| played.run.name.clone())
-        .collect();
-    let most = parts.iter().fold(0.0f64, |most, part| most.max(*part));
+    let parts = cells.iter().filter_map(|(_, part)| *part);
+    let most = parts.fold(0.0, f64::max);
     vec![Finding {
         kind: FindingKind::CurrentUnseen,
         text: format!(

@@ -29,12 +29,7 @@ pub fn diagnose(
         (set, expected)
     });
     // A record whose current is not known is no repeat of another one, and is left out.
-    let unseen: Vec<String> = inspected
-        .findings(&[])
-        .into_iter()
-        .filter(|finding| finding.kind == FindingKind::CurrentUnseen)
-        .flat_map(|finding| finding.runs)
-        .collect();
+    let unseen = inspected.unseen();
     let mut report = gate(used_set, expected);
     let is_used = |run: &String| !unseen.contains(run);
     report
@@ -55,29 +50,21 @@ pub fn diagnose(
             Filter::told,
         )
     });
-    let reasons: Vec<Reason> = unreadable.into_iter().chain(report.invalid).collect();
+    let mut seen = used_set.clone();
+    seen.runs.retain(|run| is_used(&run.name));
+    let is_record = |run: &Run| matches!(run.data, RunData::Time(_));
+    let all_unseen = !unseen.is_empty() && !seen.runs.iter().any(is_record);
+    let all_unseen = all_unseen.then(|| Reason {
+        check: Check::CurrentUnseen,
+        text: "the current of every record changes faster than it is logged".to_owned(),
+        runs: unseen.clone(),
+    });
+    let refusing = unreadable.into_iter().chain(report.invalid);
+    let reasons: Vec<Reason> = refusing.chain(all_unseen).collect();
     if !reasons.is_empty() {
         let mut diagnosis = refused(set, model, &reasons, report.notes);
         (diagnosis.findings, diagnosis.accepted) = (found, accepted);
         diagnosis.notes.extend(told);
-        return Ok(Outcome {
-            diagnosis,
-            curves: Vec::new(),
-            facts: None,
-            next_runs: Vec::new(),
-        });
-    }
-    let mut seen = used_set.clone();
-    seen.runs.retain(|run| !unseen.contains(&run.name));
-    let is_record = |run: &Run| matches!(run.data, RunData::Time(_));
-    if !unseen.is_empty() && !seen.runs.iter().any(is_record) {
-        let reason = Reason {
-            check: Check::CurrentUnseen,
-            text: "the current of every record changes faster than it is logged".to_owned(),
-            runs: unseen,
-        };
-        let mut diagnosis = refused(set, model, &[reason], report.notes);
-        (diagnosis.findings, diagnosis.accepted) = (found, accepted);
         return Ok(Outcome {
             diagnosis,
             curves: Vec::new(),
