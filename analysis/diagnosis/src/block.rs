@@ -504,6 +504,7 @@ mod tests {
                 level_sigma_v: 0.0,
                 sigma_v: None,
                 averaged_s,
+                current_errors_a: Vec::new(),
             });
             let run = Run {
                 name: "s".to_owned(),

@@ -19,8 +19,8 @@ use super::prepare::BaseModel;
 use crate::thresholds::{
     FILTER_AT_ONCE, FILTER_EDGE_PART, FILTER_EDGE_SIGMAS, FILTER_FEWEST_EDGES, FILTER_LEFT_PART,
     FILTER_MERGE_SIGMAS, FILTER_OFF_PART, FILTER_RECORDS_PART, FILTER_REST_PART, FILTER_SEGMENT_S,
-    FILTER_SHORT_PART, FILTER_SLOWER, FILTER_SWING_PART, FILTER_TRIED_S, FILTER_TRIES,
-    LARGE_STEP_PART,
+    FILTER_SHORT_PART, FILTER_SLOWER, FILTER_SPLIT_SIGMAS, FILTER_SWING_PART, FILTER_TRIED_S,
+    FILTER_TRIES, LARGE_STEP_PART,
 };
 
 /// Form of a filter.
@@ -72,8 +72,9 @@ pub(crate) struct Corrected {
     pub(crate) run: String,
     /// Current that flowed at each sample, A.
     pub(crate) current_a: Vec<f64>,
-    /// Standard deviation of each level, A.
-    pub(crate) level_sigma_a: Vec<f64>,
+    /// Errors of it that do not depend on each other, one standard deviation of each: A at every
+    /// sample.
+    pub(crate) errors_a: Vec<Vec<f64>>,
 }
 
 /// A record cut where the voltage tells that the current stepped.
@@ -86,6 +87,8 @@ struct Cut<'a> {
     largest_a: f64,
     /// Largest current that the channel shows where none flows, A.
     rest_a: f64,
+    /// Standard deviation of a row of the log, A.
+    row_a: f64,
 }
 
 /// A filter that is tried.
@@ -99,11 +102,37 @@ struct Tried {
 }
 
 /// The levels of a record under a filter.
+#[derive(Default)]
 struct Levels {
     level_a: Vec<f64>,
-    /// Σb²: how much of a level its rows show.
-    shown: Vec<f64>,
+    each: Vec<Level>,
     squares: f64,
+}
+
+impl Levels {
+    fn push(&mut self, one: &Level) {
+        self.level_a.push(one.level_a);
+        self.each.push(*one);
+        self.squares += one.squares;
+    }
+}
+
+/// The level of one segment under a filter.
+#[derive(Clone, Copy)]
+struct Level {
+    level_a: f64,
+    /// Σb²: how much of it the rows show.
+    shown: f64,
+    /// Standard deviation of it by the rows of the segment, with one standard deviation of a row as
+    /// the unit: rows of one code share their error.
+    own: f64,
+    /// Change of it by what the filter shows at the start of the segment.
+    inherited: f64,
+    /// Part of what the filter showed at the start that it shows at the end.
+    kept: f64,
+    squares: f64,
+    /// What the filter shows at the end, A.
+    state_a: f64,
 }
 
 /// Finds the filter that the records share.
@@ -135,12 +164,7 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
     } else {
         cuts.len()
     };
-    let total = |cuts: &[Cut<'_>], tried: Tried| -> f64 {
-        cuts[..count]
-            .iter()
-            .map(|cut| cut.levels(tried).squares)
-            .sum()
-    };
+    let total = |cuts: &[Cut<'_>], tried: Tried| total_of(&cuts[..count], tried);
     let (low, high) = FILTER_TRIED_S;
     let step = (high / low).ln() / (FILTER_TRIES - 1) as f64;
     let forms = [Form::Plain, Form::Restart, Form::Mean]
@@ -183,7 +207,6 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
     let variance = squares / rows.saturating_sub(levels + 1).max(1) as f64;
     let has_it =
         |cut: &&Cut<'_>| cut.levels(tried).squares < FILTER_LEFT_PART * cut.levels(none).squares;
-    let stepped: Vec<&Cut<'_>> = cuts.iter().filter(|cut| cut.segments.len() > 1).collect();
     let asked = cuts[..count]
         .iter()
         .filter(|cut| cut.segments.len() > 1)
@@ -199,23 +222,40 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
         && by_voltage > FILTER_AT_ONCE
         && by_voltage > by_log
         && tau_s > FILTER_SLOWER * after_s;
+    // Small steps are a matter of the corrected current, and not of whether there is a filter.
+    let edges = cuts.iter().map(|cut| cut.segments.len() - 1).sum();
+    cuts.retain(|cut| {
+        cut.segments.len() > 1 && cut.levels(tried).squares < cut.levels(none).squares
+    });
+    cuts.iter_mut().for_each(|cut| cut.split(tried));
+    let sigma_s = if curvature > 0.0 {
+        tau_s * (2.0 * variance / curvature).sqrt()
+    } else {
+        f64::NAN
+    };
+    // The levels take up a part of the codes' error that their rows share.
+    let code_a = set.history.map_or(0.0, |h| h.current_resolution_a);
+    let rows: usize = cuts.iter().map(Cut::rows).sum();
+    let levels: usize = cuts.iter().map(|cut| cut.segments.len()).sum();
+    let left = total_of(&cuts, tried) / rows.saturating_sub(levels + 1).max(1) as f64;
+    let sigma_a = left.sqrt().max(code_a * UNIFORM);
     shared.then(|| Filter {
         form: tried.form,
         tau_s,
-        sigma_s: if curvature > 0.0 {
-            tau_s * (2.0 * variance / curvature).sqrt()
-        } else {
-            f64::NAN
-        },
+        sigma_s,
         left: squares / without,
-        edges: cuts.iter().map(|cut| cut.segments.len() - 1).sum(),
+        edges,
         at_once: [by_voltage, by_log],
-        records: stepped
+        records: cuts
             .iter()
-            .filter(|cut| cut.levels(tried).squares < cut.levels(none).squares)
-            .map(|cut| cut.corrected(tried, variance.sqrt()))
+            .map(|cut| cut.corrected(tried, sigma_a, sigma_s))
             .collect(),
     })
+}
+
+/// Squares that a filter leaves in all of them.
+fn total_of(cuts: &[Cut<'_>], tried: Tried) -> f64 {
+    cuts.iter().map(|cut| cut.levels(tried).squares).sum()
 }
 
 /// The least of a function of a time near a first guess, by three points of a finer and finer grid
@@ -316,6 +356,9 @@ impl<'a> Cut<'a> {
             rest_a: history
                 .map_or(0.0, |h| 3.0 * h.current_noise_a + h.current_resolution_a)
                 .max(FILTER_REST_PART * largest_a),
+            row_a: history.map_or(FILTER_REST_PART * largest_a / 3.0, |h| {
+                h.current_noise_a.hypot(h.current_resolution_a * UNIFORM)
+            }),
         })
     }
 
@@ -364,81 +407,151 @@ impl<'a> Cut<'a> {
 
     /// Fits one level to each segment, from the first on.
     fn levels(&self, tried: Tried) -> Levels {
-        let series = &self.record.series;
-        let mut found = Levels {
-            level_a: Vec::with_capacity(self.segments.len()),
-            shown: Vec::with_capacity(self.segments.len()),
-            squares: 0.0,
-        };
-        // What the filter shows at the start of the segment.
+        let mut found = Levels::default();
         let mut state_a = 0.0;
-        for (j, segment) in self.segments.iter().enumerate() {
-            let begun_s = self.begun_s(segment);
-            let of = |k: usize| -> (f64, f64) {
-                if j == 0 || tried.tau_s <= 0.0 {
-                    return (0.0, 1.0);
-                }
-                let since_s = series.time_s[k] - begun_s;
-                let step_s = if tried.averaged {
-                    let last = series.len() - 1;
-                    series.time_s[(k + 1).min(last)] - series.time_s[k.min(last - 1)]
-                } else {
-                    0.0
-                };
-                match tried.form {
-                    Form::Mean => self.mean(&found.level_a, tried.tau_s, since_s + 0.5 * step_s),
-                    _ => {
-                        let old = decay(since_s, step_s, tried.tau_s);
-                        (old * state_a, 1.0 - old)
-                    }
-                }
-            };
-            // How long the last row is a mean for is not told.
-            let last =
-                usize::from(tried.averaged && segment.end == series.len() && segment.len() > 1);
-            let rows = segment.start + self.skipped(segment)..segment.end - last;
-            let (mut along, mut shown) = (0.0, 0.0);
-            for k in rows.clone() {
-                let (known, part) = of(k);
-                along += part * (series.current_a[k] - known);
-                shown += part * part;
-            }
-            let mut level_a = if shown > 0.0 { along / shown } else { state_a };
-            let mut squares = 0.0;
-            for k in rows.clone() {
-                let (known, part) = of(k);
-                squares += (series.current_a[k] - known - part * level_a).powi(2);
-            }
-            let end_s = series.time_s.get(segment.end).map_or(f64::INFINITY, |_| {
-                self.begun_s(&(segment.end..segment.end + 1))
-            });
-            let mut new_state_a = level_a
-                + (state_a - level_a)
-                    * if j == 0 || tried.tau_s <= 0.0 {
-                        0.0
-                    } else {
-                        (-(end_s - begun_s) / tried.tau_s).exp()
-                    };
-            if tried.form == Form::Restart
-                && j > 0
-                && tried.tau_s > 0.0
-                && self.is_switched_off(segment)
-            {
-                // The log is at its level from the first sample on.
-                let count = rows.len().max(1) as f64;
-                level_a = rows.clone().map(|k| series.current_a[k]).sum::<f64>() / count;
-                squares = rows
-                    .clone()
-                    .map(|k| (series.current_a[k] - level_a).powi(2))
-                    .sum();
-                (shown, new_state_a) = (count, level_a);
-            }
-            found.level_a.push(level_a);
-            found.shown.push(shown);
-            found.squares += squares;
-            state_a = new_state_a;
+        for segment in &self.segments {
+            let one = self.level(tried, segment, &found.level_a, state_a);
+            state_a = one.state_a;
+            found.push(&one);
         }
         found
+    }
+
+    /// Fits the level of a segment after those before it; the filter shows `state_a` at its start.
+    fn level(&self, tried: Tried, segment: &Range<usize>, before_a: &[f64], state_a: f64) -> Level {
+        let series = &self.record.series;
+        let is_filtered = segment.start > 0 && tried.tau_s > 0.0;
+        let begun_s = self.begun_s(segment);
+        let of = |k: usize| -> (f64, f64) {
+            if !is_filtered {
+                return (0.0, 1.0);
+            }
+            let since_s = series.time_s[k] - begun_s;
+            let step_s = if tried.averaged {
+                let last = series.len() - 1;
+                series.time_s[(k + 1).min(last)] - series.time_s[k.min(last - 1)]
+            } else {
+                0.0
+            };
+            match tried.form {
+                Form::Mean => self.mean(before_a, tried.tau_s, since_s + 0.5 * step_s),
+                _ => {
+                    let old = decay(since_s, step_s, tried.tau_s);
+                    (old * state_a, 1.0 - old)
+                }
+            }
+        };
+        // How long the last row is a mean for is not told.
+        let last = usize::from(tried.averaged && segment.end == series.len() && segment.len() > 1);
+        let rows = segment.start + self.skipped(segment)..segment.end - last;
+        let (mut along, mut shown, mut old) = (0.0, 0.0, 0.0);
+        // Σb of the rows of one code, and the sum of its squares over all codes.
+        let (mut of_code, mut of_codes) = (0.0, 0.0);
+        for k in rows.clone() {
+            let (known, part) = of(k);
+            along += part * (series.current_a[k] - known);
+            shown += part * part;
+            old += part * (1.0 - part);
+            if k > rows.start && series.current_a[k] != series.current_a[k - 1] {
+                of_codes += of_code * of_code;
+                of_code = 0.0;
+            }
+            of_code += part;
+        }
+        of_codes += of_code * of_code;
+        let level_a = if shown > 0.0 { along / shown } else { state_a };
+        let squares = rows
+            .clone()
+            .map(|k| {
+                let (known, part) = of(k);
+                (series.current_a[k] - known - part * level_a).powi(2)
+            })
+            .sum();
+        let per_shown = if shown > 0.0 { 1.0 / shown } else { 0.0 };
+        let end_s = series.time_s.get(segment.end).map_or(f64::INFINITY, |_| {
+            self.begun_s(&(segment.end..segment.end + 1))
+        });
+        let kept = if is_filtered && tried.form != Form::Mean {
+            (-(end_s - begun_s) / tried.tau_s).exp()
+        } else {
+            0.0
+        };
+        let on = Level {
+            level_a,
+            shown,
+            own: of_codes.sqrt() * per_shown,
+            inherited: if is_filtered { -old * per_shown } else { 0.0 },
+            kept,
+            squares,
+            state_a: level_a + (state_a - level_a) * kept,
+        };
+        if tried.form == Form::Restart && is_filtered && self.is_switched_off(segment) {
+            let off = self.switched_off(&rows);
+            // A short pulse that the filter hardly shows is no rest.
+            if off.squares < on.squares + (FILTER_MERGE_SIGMAS * self.row_a).powi(2) {
+                return off;
+            }
+        }
+        on
+    }
+
+    /// The level of a rest in which the log is at it from the first row on.
+    fn switched_off(&self, rows: &Range<usize>) -> Level {
+        let currents = &self.record.series.current_a[rows.clone()];
+        let count = rows.len().max(1) as f64;
+        let level_a = currents.iter().sum::<f64>() / count;
+        Level {
+            level_a,
+            shown: count,
+            own: 1.0,
+            inherited: 0.0,
+            kept: 0.0,
+            squares: currents.iter().map(|i| (i - level_a).powi(2)).sum(),
+            state_a: level_a,
+        }
+    }
+
+    /// Cuts segments in which the log tells, with the filter known, that the current stepped: the
+    /// voltage does not show every small step.
+    fn split(&mut self, tried: Tried) {
+        if tried.form == Form::Mean {
+            return;
+        }
+        let worth = (FILTER_SPLIT_SIGMAS * self.row_a).powi(2);
+        let (mut k, mut state_a) = (0, 0.0);
+        while k < self.segments.len() {
+            let segment = self.segments[k].clone();
+            let whole = self.level(tried, &segment, &[], state_a);
+            let halves = |at: usize| {
+                let first = self.level(tried, &(segment.start..at), &[], state_a);
+                let second = self.level(tried, &(at..segment.end), &[], first.state_a);
+                (at, first, second)
+            };
+            let squares =
+                |(_, first, second): &(usize, Level, Level)| first.squares + second.squares;
+            let is_step = |cut: &(usize, Level, Level)| {
+                let (_, first, second) = cut;
+                let error_a = self.row_a * first.own.hypot(second.own);
+                whole.squares - squares(cut) > worth
+                    && (second.level_a - first.level_a).abs() > FILTER_SPLIT_SIGMAS * error_a
+            };
+            // A misfit below one step's worth hides none.
+            let cut = (segment.start + 2..segment.end.saturating_sub(1))
+                .filter(|_| whole.squares > worth)
+                .map(halves)
+                .filter(is_step)
+                .min_by(|a, b| squares(a).total_cmp(&squares(b)));
+            match cut {
+                Some((at, ..)) => {
+                    self.segments[k].end = at;
+                    self.segments.insert(k + 1, at..segment.end);
+                }
+                _ => {
+                    state_a = whole.state_a;
+                    k += 1;
+                }
+            }
+        }
     }
 
     /// Mean over the last seconds at a time since the start of the segment that is next: what the
@@ -476,8 +589,8 @@ impl<'a> Cut<'a> {
             let sigma_a = (levels.squares / free as f64).sqrt();
             let is_alike = |k: &usize| {
                 let error_a = sigma_a
-                    * (1.0 / levels.shown[k - 1].max(f64::MIN_POSITIVE)
-                        + 1.0 / levels.shown[*k].max(f64::MIN_POSITIVE))
+                    * (1.0 / levels.each[k - 1].shown.max(f64::MIN_POSITIVE)
+                        + 1.0 / levels.each[*k].shown.max(f64::MIN_POSITIVE))
                     .sqrt();
                 (levels.level_a[*k] - levels.level_a[k - 1]).abs() < FILTER_MERGE_SIGMAS * error_a
             };
@@ -507,18 +620,49 @@ impl<'a> Cut<'a> {
         }
     }
 
-    fn corrected(&self, tried: Tried, sigma_a: f64) -> Corrected {
+    /// The current with its errors, where a row has an error of `sigma_a` and the time constant one
+    /// of `tau_sigma_s`.
+    fn corrected(&self, tried: Tried, sigma_a: f64, tau_sigma_s: f64) -> Corrected {
         let levels = self.levels(tried);
-        let n = self.record.series.len();
-        let mut current_a = vec![0.0; n];
-        for (k, segment) in self.segments.iter().enumerate() {
-            current_a[segment.clone()].fill(levels.level_a[k]);
-        }
-        let error_a = |shown: &f64| sigma_a / shown.max(f64::MIN_POSITIVE).sqrt();
+        let of_samples = |of_levels: &[f64]| {
+            let mut samples_a = vec![0.0; self.record.series.len()];
+            for (segment, a) in self.segments.iter().zip(of_levels) {
+                samples_a[segment.clone()].fill(*a);
+            }
+            samples_a
+        };
+        // An error of one level is taken over by the next ones with the filter's state.
+        let error_of = |first: usize| {
+            let mut errors_a = vec![0.0; levels.level_a.len()];
+            let mut state_a = 0.0;
+            for k in first..errors_a.len() {
+                let own_a = if k == first {
+                    sigma_a * levels.each[k].own
+                } else {
+                    0.0
+                };
+                errors_a[k] = own_a + levels.each[k].inherited * state_a;
+                state_a = errors_a[k] + (state_a - errors_a[k]) * levels.each[k].kept;
+            }
+            of_samples(&errors_a)
+        };
+        let later = self.levels(Tried {
+            tau_s: tried.tau_s + tau_sigma_s,
+            ..tried
+        });
+        let by_tau: Vec<f64> = later
+            .level_a
+            .iter()
+            .zip(&levels.level_a)
+            .map(|(later, own)| later - own)
+            .collect();
+        let mut errors_a: Vec<Vec<f64>> = (0..levels.level_a.len()).map(error_of).collect();
+        errors_a.push(of_samples(&by_tau));
+        errors_a.retain(|error_a| error_a.iter().all(|a| a.is_finite()));
         Corrected {
             run: self.run.name.clone(),
-            current_a,
-            level_sigma_a: levels.shown.iter().map(error_a).collect(),
+            current_a: of_samples(&levels.level_a),
+            errors_a,
         }
     }
 }
@@ -613,8 +757,7 @@ impl Filter {
         )
     }
 
-    /// The data with the current that flowed in the place of the logged one. Each level is known as
-    /// well as the log tells it: an error of its own, as one code of the channel is.
+    /// The data with the current that flowed in the place of the logged one, and with its errors.
     pub(crate) fn corrected(&self, set: &DataSet) -> DataSet {
         let mut set = set.clone();
         for run in &mut set.runs {
@@ -623,15 +766,8 @@ impl Filter {
                 self.records.iter().find(|own| own.run == run.name),
             ) {
                 record.series.current_a.clone_from(&own.current_a);
+                record.current_errors_a.clone_from(&own.errors_a);
             }
-        }
-        let levels = self.records.iter().flat_map(|own| &own.level_sigma_a);
-        let mut sigmas_a: Vec<f64> = levels.copied().collect();
-        sigmas_a.sort_unstable_by(f64::total_cmp);
-        let typical_a = sigmas_a.get(sigmas_a.len() / 2).copied().unwrap_or(0.0);
-        if let Some(history) = &mut set.history {
-            let as_code_a = typical_a / UNIFORM;
-            history.current_resolution_a = history.current_resolution_a.max(as_code_a);
         }
         set
     }

@@ -133,6 +133,9 @@ pub struct TimeRecord {
     /// Start and end of the window that each sample is the mean of, s, where it is told. The mean
     /// of a decay is not its value in the middle.
     pub averaged_s: Option<Vec<(f64, f64)>>,
+    /// Errors of a reconstructed current that do not depend on each other, one standard deviation of
+    /// each: A at every sample. Empty for a current as it was logged, whose errors are the bench's.
+    pub current_errors_a: Vec<Vec<f64>>,
 }
 
 /// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data

@@ -250,6 +250,7 @@ mod tests {
             level_sigma_v: 0.0,
             sigma_v: None,
             averaged_s: None,
+            current_errors_a: Vec::new(),
         };
         let time = TimeBlock::new(&record, 0.0);
         let erm = Erm {
@@ -318,6 +319,7 @@ mod tests {
             level_sigma_v: 0.0,
             sigma_v: None,
             averaged_s: None,
+            current_errors_a: Vec::new(),
         };
         let time = TimeBlock::new(&record, 0.0);
         let branch = |r_ohm: f64, tau_s: f64| RcBranch {

@@ -45,6 +45,7 @@ pub(super) fn named(
                     sigma: None,
                     interval,
                     unit: p.unit,
+                    caution: None,
                 });
                 continue;
             }
@@ -64,6 +65,7 @@ pub(super) fn named(
                 sigma,
                 interval,
                 unit: p.unit,
+                caution: p.unusual(interval.0, interval.1).map(|usual| usual.source),
             });
             at += 1;
         }

@@ -2,7 +2,7 @@
 
 use super::guards::beyond_formula;
 use super::inconsistency::Inconsistency;
-use super::outcome::{Block, Diagnosis, Verdict};
+use super::outcome::{Block, Diagnosis, NamedEffect, Verdict};
 use super::select::Selection;
 use crate::thresholds::{CERTAIN_LAMBDA, GOOD_FIT_Z, LEAST_BLOCK_P, MOSTLY_LEFT};
 use analysis_effects::effects::{self, find};
@@ -155,6 +155,20 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
         ),
     };
     hint(d, selection);
+    let told: Vec<String> = d.effects.iter().flat_map(cautions).collect();
+    d.summary.extend(told);
+}
+
+/// What about the values of a named effect is unlike sound cells and benches.
+fn cautions(effect: &NamedEffect) -> impl Iterator<Item = String> {
+    let title = effect.title;
+    effect.parameters.iter().filter_map(move |p| {
+        let caution = p.caution?;
+        Some(format!(
+            " Caution, {} of {title} has an unusual value: {caution}.",
+            p.name
+        ))
+    })
 }
 
 /// True where the named effects take nearly all of what the base leaves over noise, in the fitted
@@ -210,7 +224,60 @@ fn hint(d: &mut Diagnosis, selection: &Selection) {
 
 #[cfg(test)]
 mod tests {
+    use super::super::outcome::{Evidence, FittedParameter};
     use super::*;
+    use analysis_effects::contract::{Base, Facts};
+    use analysis_model::{model::Erm, ocv::OcvCurve};
+
+    #[test]
+    fn a_leak_that_no_sound_cell_has_comes_with_a_caution() {
+        let leak = find("self_discharge").unwrap();
+        let base = Base {
+            erm: Erm {
+                r_ohm: 6e-3,
+                branches: Vec::new(),
+            },
+            ocv: OcvCurve::monotone(4.5, vec![0.0, 1.0], vec![3.0, 4.0]).unwrap(),
+            facts: Facts {
+                longest_s: 600.0,
+                ..Facts::NONE
+            },
+        };
+        let p = &leak.parameters(&base)[0];
+        // 5 % of 4.5 Ah in a day are 9.4 mA.
+        let told = |low: f64, high: f64| {
+            let effect = NamedEffect {
+                name: leak.card().name,
+                title: leak.card().title,
+                group: leak.card().group,
+                parameters: vec![FittedParameter {
+                    name: p.name,
+                    value: 0.5 * (low + high),
+                    sigma: None,
+                    interval: (low, high),
+                    unit: p.unit,
+                    caution: p.unusual(low, high).map(|usual| usual.source),
+                }],
+                evidence: Evidence {
+                    lambda: 500.0,
+                    score: 490.0,
+                    share_of_excess: 1.0,
+                    held_out_change: -10.0,
+                    integration_error: 0.0,
+                },
+                falsified_by: String::new(),
+            };
+            cautions(&effect).collect::<String>()
+        };
+        assert_eq!(told(0.005, 0.009), "");
+        assert_eq!(told(0.009, 0.02), "");
+        let text = told(0.855, 0.863);
+        assert!(
+            text.starts_with(" Caution, leak_a of self-discharge has an unusual value: a sound")
+                && text.contains("BU-802b"),
+            "{text}"
+        );
+    }
 
     /// 3 % of an effect of λ = 10⁶ are worth 900 of χ², or 30 standard deviations of a mean.
     #[test]

@@ -271,7 +271,11 @@ impl Shape {
             add_square(&mut known, v, 1.0);
         };
         let step_a = h.current_resolution_a * UNIFORM;
-        if step_a > 0.0 {
+        if !time.current_errors_a.is_empty() {
+            for error_a in &time.current_errors_a {
+                add(&respond(&|k, _| error_a[k], 1.0));
+            }
+        } else if step_a > 0.0 {
             for (from, to) in stretches(time) {
                 add(&respond(
                     &|k, _| if (from..to).contains(&k) { step_a } else { 0.0 },

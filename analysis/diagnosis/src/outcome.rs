@@ -174,6 +174,9 @@ pub struct FittedParameter {
     pub interval: (f64, f64),
     /// Unit.
     pub unit: &'static str,
+    /// Reason why the value is not that of a sound cell or bench; none where it may be.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub caution: Option<&'static str>,
 }
 
 /// Evidence for an added effect.

@@ -2,7 +2,8 @@
 //!
 //! The best penalised set of effects of the cell is added to what was named, whatever the set is
 //! called: its form predicts, and nothing is claimed about its cause. Each member must gain more
-//! than its parameters cost, converge, stand at no bound, and make no held-out record worse.
+//! than its parameters cost, converge, stand at no bound and where a sound cell may have it, and make
+//! no held-out record worse.
 
 use super::attempts::Attempt;
 use super::block::Workspace;
@@ -59,7 +60,7 @@ impl Search<'_> {
             let fit = self.with_fine_steps(pair.fit);
             let members = &fit.structure.members;
             let may = members.iter().enumerate().all(|(k, member)| {
-                may_predict(member.name()) && !fit.member_at_bound(k, self.problem.branches())
+                may_predict(member.name()) && self.may_have_these_values(&fit, k)
             });
             if may
                 && fit.has_converged(pair.score)
@@ -69,6 +70,18 @@ impl Search<'_> {
             }
         }
         None
+    }
+
+    /// Whether no parameter of a member stands at a bound or where no sound cell has it: such a value
+    /// is written into no model whose cause is not known.
+    fn may_have_these_values(&self, fit: &Fit, member: usize) -> bool {
+        let branches = self.problem.branches();
+        let (_, values) = fit.decode(branches);
+        let parameters = fit.structure.members[member].parameters.iter();
+        let mut usual = parameters
+            .zip(&values[member])
+            .map(|(p, value)| p.unusual(*value, *value).is_none());
+        !fit.member_at_bound(member, branches) && usual.all(|met| met)
     }
 
     /// The best further effect of the cell: one that no held-out record speaks against, else the
@@ -81,8 +94,8 @@ impl Search<'_> {
             let attempt = self.integrated(fit, attempt);
             let last = attempt.fit.structure.members.len() - 1;
             let converged = attempt.fit.has_converged(attempt.lambda);
-            let at_bound = attempt.fit.member_at_bound(last, self.problem.branches());
-            if attempt.score < LEAST_SCORE || !converged || at_bound {
+            let may = self.may_have_these_values(&attempt.fit, last);
+            if attempt.score < LEAST_SCORE || !converged || !may {
                 continue;
             }
             let is_proven = self.no_record_worse(base, &attempt.fit).is_ok()
@@ -152,6 +165,7 @@ pub(super) fn described(
                 sigma,
                 interval: (p.range.lower, p.range.upper),
                 unit: p.unit,
+                caution: p.unusual(*value, *value).map(|usual| usual.source),
             });
         }
         terms.push(PredictiveTerm {

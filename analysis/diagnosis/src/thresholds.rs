@@ -476,6 +476,10 @@ thresholds! {
     FILTER_MERGE_SIGMAS: f64 = 4.0, "σ",
         "Difference of two levels of the current below which there was no step between them.",
         Quantile "Normal distribution, two-sided probability 6·10⁻⁵.";
+    FILTER_SPLIT_SIGMAS: f64 = 6.0, "σ",
+        "Difference of two levels from which on the log tells a step that the voltage did not.",
+        Quantile "Normal distribution, two-sided probability 2·10⁻⁹: one is looked for at each of \
+        10⁴ rows and more.";
     FILTER_SHORT_PART: f64 = 0.1, "1",
         "Part of the time constant below which a level is so short that it may be no level.",
         Convention "A tenth of a step shows in the log then: its level is known ten times worse.";

@@ -19,6 +19,8 @@ pub(super) struct TimeBlock {
     pub(super) voltage_v: Vec<f64>,
     pub(super) linear: bool,
     pub(super) level_sigma_v: f64,
+    /// Errors of the current beside the bench's, A at every sample.
+    pub(super) current_errors_a: Vec<Vec<f64>>,
     /// Of the samples, or of the instants in their windows.
     pub(super) grid: Grid,
     /// Windows that the samples are means of, where they are means.
@@ -74,6 +76,7 @@ impl TimeBlock {
             voltage_v: s.voltage_v.clone(),
             linear,
             level_sigma_v: record.level_sigma_v,
+            current_errors_a: record.current_errors_a.clone(),
             grid,
             windows,
             bins: Vec::new(),

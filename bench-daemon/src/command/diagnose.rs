@@ -5,12 +5,14 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     diagnosis::{
-        self, BaseModel, DiagnosisOptions, FindingKind, Fixture, Outcome, Verdict, gate, report,
+        self, BaseModel, DiagnosisOptions, Finding, FindingKind, Fixture, Outcome, Verdict,
+        findings::inspect, gate, report,
     },
     given::GivenModel,
     ocv::OcvCurve,
     run_folder::{self, JOURNAL, SUMS},
 };
+use serde::Serialize;
 
 use super::model_args::{DatasetModelArgs, ModelArgs};
 use crate::{
@@ -62,6 +64,10 @@ pub struct DiagnoseArgs {
     /// says so.
     #[arg(long, value_name = "FINDING", value_enum)]
     pub accept: Vec<Accept>,
+    /// Look at the data only: what is odd in them and what makes them unusable, within a second and
+    /// without a diagnosis.
+    #[arg(long, conflicts_with_all = ["out", "accept"])]
+    pub findings: bool,
     /// Print JSON; of several cells, a list.
     #[arg(long)]
     pub json: bool,
@@ -89,6 +95,13 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
             cells.join(", ")
         );
         return Err(Failure::Usage(reason));
+    }
+    if args.findings {
+        let looked = judged.each(&cells, args.specimen.as_deref());
+        return tell_findings(
+            looked.map(|(name, one)| one.look(name)).collect(),
+            args.json,
+        );
     }
     let mut outcomes = Vec::new();
     for (name, judged) in judged.each(&cells, args.specimen.as_deref()) {
@@ -132,6 +145,67 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     {
         Some(outcome) => Err(Failure::Invalid(outcome.diagnosis.summary.clone())),
         None => Ok(()),
+    }
+}
+
+/// What is odd in the data of a cell.
+#[derive(Debug, Serialize)]
+struct Looked<'a> {
+    cell: &'a str,
+    /// What makes the data unusable.
+    invalid: Vec<gate::Reason>,
+    findings: Vec<Finding>,
+    notes: Vec<String>,
+}
+
+/// Prints what was found.
+///
+/// # Errors
+/// [`Failure::Invalid`], once everything is told, where the data of a cell cannot be diagnosed.
+fn tell_findings(all: Vec<Looked<'_>>, as_json: bool) -> Result<(), Failure> {
+    if as_json {
+        let text = match all.as_slice() {
+            [one] => serde_json::to_string_pretty(one),
+            several => serde_json::to_string_pretty(several),
+        };
+        say!(
+            "{}",
+            text.map_err(|error| Failure::Analysis(error.to_string()))?
+        );
+    } else {
+        for looked in &all {
+            if all.len() > 1 {
+                say!("cell {}:", looked.cell);
+            }
+            for reason in &looked.invalid {
+                say!("unusable: {reason}");
+            }
+            for found in &looked.findings {
+                let runs = found.runs.join(", ");
+                say!(
+                    "{runs}: {} ({}); {}",
+                    found.text,
+                    found.how_sure,
+                    found.effect
+                );
+            }
+            if looked.invalid.is_empty() && looked.findings.is_empty() {
+                say!("nothing odd was found in the data");
+            }
+            for note in &looked.notes {
+                say!("note: {note}");
+            }
+        }
+    }
+    let invalid: Vec<String> = all
+        .iter()
+        .flat_map(|l| &l.invalid)
+        .map(ToString::to_string)
+        .collect();
+    if invalid.is_empty() {
+        Ok(())
+    } else {
+        Err(Failure::Invalid(invalid.join("; ")))
     }
 }
 
@@ -444,14 +518,44 @@ impl Judged {
         text
     }
 
+    /// What could not be read.
+    fn unreadable(&self) -> Vec<gate::Reason> {
+        let problems = self.loaded.problems.iter();
+        problems
+            .map(|problem| gate::Reason::unreadable(&problem.run, &problem.text))
+            .collect()
+    }
+
+    /// Findings on the files of the runs of this cell and of the controls.
+    fn findings_of_files(&self) -> impl Iterator<Item = Finding> {
+        let named = |run: &String| self.loaded.set.runs.iter().any(|other| other.name == *run);
+        let of_files = self.loaded.findings.iter();
+        of_files
+            .filter(move |finding| finding.runs.iter().all(named))
+            .cloned()
+    }
+
+    /// What is odd in the data, without a diagnosis.
+    fn look<'a>(&self, cell: &'a str) -> Looked<'a> {
+        let (report, mut findings) = inspect(&self.loaded.set, &self.model);
+        findings.extend(self.findings_of_files());
+        let mut invalid = self.unreadable();
+        invalid.extend(report.invalid);
+        let notes = report
+            .notes
+            .into_iter()
+            .chain(self.loaded.notes.iter().cloned());
+        Looked {
+            cell,
+            invalid,
+            findings,
+            notes: notes.collect(),
+        }
+    }
+
     /// The diagnosis of what could be read; what could not makes the data invalid.
     fn diagnose(&self) -> Result<Outcome, Failure> {
-        let unreadable = self
-            .loaded
-            .problems
-            .iter()
-            .map(|problem| gate::Reason::unreadable(&problem.run, &problem.text))
-            .collect();
+        let unreadable = self.unreadable();
         let waiting = Waiting::shown();
         let outcome = diagnosis::diagnose(
             &self.loaded.set,
@@ -466,14 +570,7 @@ impl Judged {
         waiting.end();
         let mut outcome = outcome.map_err(|error| Failure::Usage(error.to_string()))?;
         let d = &mut outcome.diagnosis;
-        // Those of the runs of this cell and of the controls.
-        let named = |run: &String| self.loaded.set.runs.iter().any(|other| other.name == *run);
-        let of_files = self.loaded.findings.iter();
-        d.findings.extend(
-            of_files
-                .filter(|finding| finding.runs.iter().all(named))
-                .cloned(),
-        );
+        d.findings.extend(self.findings_of_files());
         d.notes.extend(self.loaded.notes.iter().cloned());
         outcome.diagnosis.notes.extend(self.file.notes());
         Ok(outcome)

@@ -116,3 +116,54 @@ fn one_record_alone_has_no_shared_filter() {
     own.current_a = filtered(&own.time_s, &own.current_a, 1.0, false);
     assert!(shared(&set, &model()).is_none());
 }
+
+/// The distance from the true current in the units of its own error: about 1 in the mean square.
+#[test]
+fn the_errors_of_the_corrected_current_are_what_they_are() {
+    let mut flowed = campaign(&Hidden::default(), 3);
+    for anew in [false, true] {
+        let set = damaged(3, |t, i| filtered(t, i, 1.0, anew));
+        let (mut squares, mut levels) = (0.0, 0.0);
+        for own in &found(&set).records {
+            let truth = &series(&mut flowed, &own.run).current_a;
+            let starts = (0..truth.len())
+                .filter(|k| *k == 0 || own.current_a[*k] != own.current_a[k - 1])
+                .collect::<Vec<_>>();
+            for (n, from) in starts.iter().copied().enumerate() {
+                let to = starts.get(n + 1).copied().unwrap_or(truth.len());
+                let mean_a = truth[from..to].iter().sum::<f64>() / (to - from) as f64;
+                let own_a2: f64 = own.errors_a.iter().map(|e| e[from] * e[from]).sum();
+                // The truth is logged as well, each row with its noise.
+                let log_a2 = 0.042f64.powi(2) / (to - from) as f64;
+                squares += (own.current_a[from] - mean_a).powi(2) / (own_a2 + log_a2);
+                levels += 1.0;
+            }
+        }
+        let size = squares / levels;
+        assert!(
+            (0.1..2.0).contains(&size),
+            "{anew}: {size} over {levels} levels"
+        );
+    }
+}
+
+/// A step too small for the voltage to tell shows in the log, where it lasts.
+#[test]
+fn a_small_step_is_told_by_the_log() {
+    let stepped = |t: &[f64], i: &[f64]| -> Vec<f64> {
+        let late_s = 0.8 * t[t.len() - 1];
+        let more = |(t, i): (&f64, &f64)| if *t > late_s { *i + 0.4 } else { *i };
+        t.iter().zip(i).map(more).collect()
+    };
+    let mut flowed = damaged(2, stepped);
+    let set = damaged(2, |t, i| filtered(t, &stepped(t, i), 1.0, false));
+    let mut corrected = found(&set).corrected(&set);
+    for name in ["pulse_0", "discharge_1"] {
+        let own = series(&mut corrected, name).current_a.clone();
+        let truth = series(&mut flowed, name).current_a.clone();
+        let after = own.len() * 9 / 10;
+        let rows = after..own.len();
+        let off = rows.clone().map(|k| own[k] - truth[k]).sum::<f64>() / rows.len() as f64;
+        assert!(off.abs() < 0.05, "{name}: {off} A off at the end");
+    }
+}

@@ -139,6 +139,7 @@ impl PlannedRun {
                     level_sigma_v: 0.0,
                     sigma_v,
                     averaged_s: None,
+                    current_errors_a: Vec::new(),
                 })
             }
             Planned::Eis {

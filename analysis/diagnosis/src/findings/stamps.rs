@@ -253,6 +253,7 @@ mod tests {
             level_sigma_v: 0.0,
             sigma_v: None,
             averaged_s: None,
+            current_errors_a: Vec::new(),
         };
         let run = Run {
             name: "log".to_owned(),

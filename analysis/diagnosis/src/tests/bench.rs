@@ -262,6 +262,7 @@ pub(super) fn campaign(seed: u64, train: &Hidden, held_out: &Hidden) -> DataSet 
             level_sigma_v: 0.0,
             sigma_v: None,
             averaged_s: None,
+            current_errors_a: Vec::new(),
         })
     };
     for nth in 0..3 {

@@ -121,6 +121,7 @@ fn run(current_a: Vec<f64>, order: u32, soc: f64) -> Run {
             level_sigma_v,
             sigma_v: None,
             averaged_s: None,
+            current_errors_a: Vec::new(),
         }),
     }
 }

@@ -10,7 +10,7 @@ use num_complex::Complex64;
 
 pub use branch::{Branch, Law, Ramp};
 pub use network::Network;
-pub use quantity::{Parameter, Range, Scale};
+pub use quantity::{Parameter, Range, Scale, Usual};
 pub use situation::{Base, CommonModeImpedance, Facts, Instant, Modulation, Moved, Point, Record};
 
 /// Place of an effect: in the cell or in the bench.

@@ -20,6 +20,16 @@ pub struct Range {
     pub upper: f64,
 }
 
+/// Range of a value in sound cells and benches. The search goes beyond it: what lies outside is found,
+/// and told with a caution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Usual {
+    /// Lowest and highest value.
+    pub range: Range,
+    /// Reason for the range, with its source.
+    pub source: &'static str,
+}
+
 /// One parameter of an effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Parameter {
@@ -37,9 +47,25 @@ pub struct Parameter {
     pub starts: Vec<f64>,
     /// Without meaning, and not searched, but where the choice of this index has this value.
     pub only_with: Option<(usize, f64)>,
+    /// Values in sound cells and benches; none where the bounds are all that is known.
+    pub usual: Option<Usual>,
 }
 
 impl Parameter {
+    /// The same parameter with a usual range.
+    pub(crate) fn usually(self, range: Range, source: &'static str) -> Self {
+        Self {
+            usual: Some(Usual { range, source }),
+            ..self
+        }
+    }
+
+    /// The usual range where all values from `low` to `high` lie outside it.
+    pub fn unusual(&self, low: f64, high: f64) -> Option<Usual> {
+        self.usual
+            .filter(|u| high < u.range.lower || low > u.range.upper)
+    }
+
     /// The strength of an effect: zero is absence.
     pub fn strength(name: &'static str, unit: &'static str, range: Range, typical: f64) -> Self {
         Self {
@@ -50,6 +76,7 @@ impl Parameter {
             typical,
             starts: Vec::new(),
             only_with: None,
+            usual: None,
         }
     }
 
@@ -64,6 +91,7 @@ impl Parameter {
             typical,
             starts,
             only_with: None,
+            usual: None,
         }
     }
 
@@ -83,6 +111,7 @@ impl Parameter {
             typical: 1.0,
             starts,
             only_with: Some((parameter, value)),
+            usual: None,
         }
     }
 
@@ -101,6 +130,7 @@ impl Parameter {
             typical: 1.0,
             starts,
             only_with: None,
+            usual: None,
         }
     }
 }

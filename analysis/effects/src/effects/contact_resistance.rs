@@ -42,6 +42,14 @@ impl Effect for ContactResistance {
                 upper: most,
             },
             0.01 * most,
+        )
+        .usually(
+            Range {
+                lower: -base.erm.r_ohm.min(most),
+                upper: most,
+            },
+            "with more than the series resistance taken off, a passive cell would have a negative \
+            one: look for another cell, temperature or scale in the spectra",
         )]
     }
 

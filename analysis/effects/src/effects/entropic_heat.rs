@@ -26,6 +26,9 @@ const HEAT_CAPACITY_J_PER_K_AH: f64 = 0.070 * 950.0 / 4.5;
 /// Largest deviation of the heat capacity from it, as a factor.
 const HEAT_CAPACITY_REACH: f64 = 2.0;
 
+/// Entropy of 96 J/(mol K) over the Faraday constant, V/K.
+const MOST_V_PER_K: f64 = 1e-3;
+
 /// See [`Effect::card`].
 #[derive(Debug)]
 pub(super) struct EntropicHeat;
@@ -53,6 +56,14 @@ impl Effect for EntropicHeat {
                     upper: 6e-3,
                 },
                 1e-4,
+            )
+            .usually(
+                Range {
+                    lower: -MOST_V_PER_K,
+                    upper: MOST_V_PER_K,
+                },
+                "the entropy of full cells stays below 96 J/(mol K), which is 1 mV/K (Viswanathan \
+                et al., J. Power Sources 195 (2010) 3720)",
             ),
             Parameter::shape("heat_j_per_k", "J/K", around, vec![heat]),
             Parameter::shape(

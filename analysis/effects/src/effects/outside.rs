@@ -18,6 +18,9 @@ use std::f64::consts::{PI, TAU};
 const PLACES: usize = 7;
 /// Elements that friction of many elements is made of.
 const ELEMENTS: usize = 8;
+/// Powers by which the half widths of elements grow; 0 is one element. What a small signal sees is
+/// the mean of 1/w', which is 1.0, 2.7, 5.4 and 12.2 of 1/w then.
+const POWERS: [f64; 4] = [0.0, 1.0, 1.5, 2.0];
 /// Parts of the largest current from which on a current channel's gain may be another.
 const FROM: [f64; 4] = [0.1, 0.2, 0.4, 0.7];
 /// Half of the range, as a part of the limit, over which the one gain becomes the other. With a
@@ -62,8 +65,7 @@ static FRICTION: Card = card(
     "outside_friction",
     "something like friction of the stored charge",
     "V += M·mean((z − p)/w'), each p is dragged along where |z − p| exceeds its half width w': one \
-    of w, eight evenly up to w, or eight as the \
-     squares of that; M in V",
+    of w, or eight up to w that grow evenly, with the power 3/2 or with the square; M in V",
     "Z += M·mean(1/w') over the capacity, from rest",
 );
 static CHANGE: Card = card(
@@ -187,7 +189,7 @@ impl Effect for Friction {
                 range,
                 log_grid(0.1 * widest, 0.6 * widest, 2),
             ),
-            Parameter::choice("many", 3),
+            Parameter::choice("many", POWERS.len()),
         ]
     }
 
@@ -216,13 +218,10 @@ impl Effect for Friction {
 /// Half widths of the elements, C.
 fn halves_c(p: &[f64], base: &Base) -> Vec<f64> {
     let widest_c = p[1] * 3600.0 * base.ocv.capacity_ah;
-    let (count, power) = if p[2] < 0.5 {
-        (1, 1)
-    } else {
-        (ELEMENTS, p[2].round() as i32)
-    };
+    let power = POWERS[(p[2].round() as usize).min(POWERS.len() - 1)];
+    let count = if power > 0.0 { ELEMENTS } else { 1 };
     (1..=count)
-        .map(|k| widest_c * (k as f64 / count as f64).powi(power))
+        .map(|k| widest_c * (k as f64 / count as f64).powf(power))
         .collect()
 }
 

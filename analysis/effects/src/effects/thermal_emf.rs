@@ -5,6 +5,8 @@ use crate::contract::{Base, Card, Effect, Group, Parameter, Range, Record};
 /// Largest drift over the longest record, V: ten times what 250 K between copper and constantan
 /// make, so that a worse contact shows as such.
 const MOST_V: f64 = 0.1;
+/// Voltage of copper against Kovar, 75 µV/K, over 20 K.
+const COPPER_KOVAR_V: f64 = 1.5e-3;
 
 static CARD: Card = Card {
     name: "thermal_emf",
@@ -46,6 +48,14 @@ impl Effect for ThermalEmf {
                 upper: most,
             },
             1e-3 * most,
+        )
+        .usually(
+            Range {
+                lower: -COPPER_KOVAR_V / base.facts.longest_s,
+                upper: COPPER_KOVAR_V / base.facts.longest_s,
+            },
+            "copper and Kovar give 75 µV/K (Keithley, Low Level Measurements Handbook, table of \
+            thermoelectric coefficients), 1.5 mV in a record in which a contact warms by 20 K",
         )]
     }
 

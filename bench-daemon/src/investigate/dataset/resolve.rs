@@ -351,6 +351,7 @@ impl Resolver<'_> {
             level_sigma_v,
             sigma_v,
             averaged_s,
+            current_errors_a: Vec::new(),
         })))
     }
 }

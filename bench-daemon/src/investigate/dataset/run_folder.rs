@@ -285,6 +285,7 @@ impl Reader<'_> {
                 level_sigma_v: 0.0,
                 sigma_v,
                 averaged_s,
+                current_errors_a: Vec::new(),
             }),
         });
         Ok(())

@@ -436,6 +436,7 @@ fn a_data_set_comes_back_from_its_folder_bit_for_bit() {
                     level_sigma_v: 0.0,
                     sigma_v: Some(vec![1e-6, 2e-6, 1e-3 / 3.0]),
                     averaged_s: Some(vec![(0.0, 0.0), (0.05, 0.1 + 1e-3 / 3.0), (0.25, 0.4)]),
+                    current_errors_a: Vec::new(),
                 }),
             ),
         ],

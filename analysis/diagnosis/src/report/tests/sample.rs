@@ -120,6 +120,7 @@ fn diffusion() -> NamedEffect {
                 sigma: Some(1.4e-4),
                 interval: (5.03e-3, 5.59e-3),
                 unit: "Ω",
+                caution: None,
             },
             FittedParameter {
                 name: "tau_s",
@@ -127,6 +128,7 @@ fn diffusion() -> NamedEffect {
                 sigma: Some(11.0),
                 interval: (126.0, 170.0),
                 unit: "s",
+                caution: None,
             },
         ],
         evidence: Evidence {
@@ -276,6 +278,7 @@ pub(super) fn ambiguous() -> Diagnosis {
                 sigma: Some(6e-6),
                 interval: (3.3e-5, 5.7e-5),
                 unit: "1/J",
+                caution: None,
             },
             FittedParameter {
                 name: "tau_s",
@@ -283,6 +286,7 @@ pub(super) fn ambiguous() -> Diagnosis {
                 sigma: None,
                 interval: (60.0, 6000.0),
                 unit: "s",
+                caution: None,
             },
         ],
         evidence: Evidence {

@@ -49,6 +49,37 @@ fn a_card_says_everything() {
     );
 }
 
+/// A usual range that ended at a bound of the search, or that did not hold "no effect", would say
+/// nothing or warn of everything.
+#[test]
+fn usual_ranges_lie_within_the_search_and_hold_no_effect() {
+    let base = base();
+    let mut met = 0;
+    for effect in catalogue() {
+        for p in effect.parameters(&base) {
+            let Some(usual) = p.usual else { continue };
+            let (inner, outer) = (usual.range, p.range);
+            assert!(
+                inner.lower <= 0.0 && inner.upper > 0.0 && !usual.source.is_empty(),
+                "{} {}",
+                effect.card().name,
+                p.name
+            );
+            assert!(
+                inner.lower >= outer.lower && inner.upper <= outer.upper,
+                "{} {}: {inner:?} of {outer:?}",
+                effect.card().name,
+                p.name
+            );
+            // An interval that only reaches out of it is no news.
+            assert!(p.unusual(inner.upper, 9.0 * inner.upper).is_none());
+            assert!(p.unusual(1.1 * inner.upper, 1.2 * inner.upper).is_some());
+            met += 1;
+        }
+    }
+    assert!(met >= 4, "{met}");
+}
+
 #[test]
 fn confounders_are_in_the_catalogue() {
     for effect in catalogue() {
