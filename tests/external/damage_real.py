@@ -331,20 +331,20 @@ def stands_still(scene, count):
 def stamps_rounded(scene, quantum_s):
     nearest = lambda of, to: min(of, key=lambda q: abs(math.log(q / to)))
     for run in scene.records():
-        # Rows 1.1 s apart or more, as in the study: rows closer than the quantum would have equal
-        # stamps, which is another damage.
+        # The study's rows are 1.86 s apart. Rows much farther apart are rounded to as much more, to
+        # what a logger would round to.
+        own_s, interval_s = nearest([0.2, 0.5, 1.0], quantum_s), run.interval_s()
+        if interval_s > 10.0:
+            own_s = nearest([5.0, 10.0, 30.0], own_s * interval_s / 1.86)
+        # Rows 1.1 s and 1.1 quanta apart or more, as in the study: rows closer than the quantum
+        # would have equal stamps, which is another damage.
         kept, last_s = [], -math.inf
         for row in run.rows:
-            if row[T] >= last_s + 1.1:
+            if row[T] >= last_s + 1.1 * max(1.0, own_s):
                 kept.append(row)
                 last_s = row[T]
         run.rows = kept
         interval_s = run.interval_s()
-        # The study's rows are 1.86 s apart. Rows much farther apart are rounded to as much more, to
-        # what a logger would round to.
-        own_s = nearest([0.2, 0.5, 1.0], quantum_s)
-        if interval_s > 10.0:
-            own_s = nearest([5.0, 10.0, 30.0], own_s * interval_s / 1.86)
         # Rows at whole quanta have nothing to be rounded: as in the study they are taken as 0.93
         # of that apart, with the window.
         quanta = interval_s / own_s

@@ -318,6 +318,20 @@ impl<'a> Cut<'a> {
         if !matches!(run.fixture, Fixture::Cell(_)) || record.series.validate().is_err() {
             return None;
         }
+        // Rows further apart than the slowest filter show none.
+        let mut apart_s: Vec<f64> = record
+            .series
+            .time_s
+            .windows(2)
+            .map(|w| w[1] - w[0])
+            .collect();
+        apart_s.sort_unstable_by(f64::total_cmp);
+        if apart_s
+            .get(apart_s.len() / 2)
+            .is_none_or(|apart_s| *apart_s > FILTER_TRIED_S.1)
+        {
+            return None;
+        }
         let soc = match run.start {
             Start::Soc(soc) => soc,
             Start::Ocv(ocv_v) => model.ocv.soc_at(ocv_v)?,
@@ -378,7 +392,9 @@ impl<'a> Cut<'a> {
     /// had flowed.
     fn is_switched_off(&self, segment: &Range<usize>) -> bool {
         let currents = &self.record.series.current_a[segment.clone()];
-        let [before_a, now_a] = [segment.start - 1, segment.start].map(|k| self.by_voltage_a[k]);
+        // The current may change between the rows of an edge: the next one tells.
+        let next = (segment.start + self.skipped(segment)).min(segment.end - 1);
+        let [before_a, now_a] = [segment.start - 1, next].map(|k| self.by_voltage_a[k]);
         currents.iter().all(|i| i.abs() < self.rest_a)
             && now_a.abs() < FILTER_OFF_PART * before_a.abs()
     }

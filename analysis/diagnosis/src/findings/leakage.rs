@@ -130,14 +130,19 @@ fn same_rows(own: &Played<'_>, theirs: &Played<'_>) -> Option<(String, String)> 
     let (shift, (first, last)) = shifts
         .into_iter()
         .max_by_key(|(shift, (first, last))| (last - first, std::cmp::Reverse(*shift)))?;
+    // A window tells a copy; as long as the rows are equal, they belong to it.
+    let is_equal = |k: usize| {
+        let theirs = k.checked_add_signed(-shift).and_then(|j| b.get(j));
+        a.get(k).is_some_and(|own| theirs == Some(own))
+    };
+    let first = (0..first)
+        .rev()
+        .take_while(|k| is_equal(*k))
+        .last()
+        .unwrap_or(first);
+    let last = last + (last..).take_while(|k| is_equal(*k)).count();
     let of = last - first;
-    let equal = (first..last)
-        .filter(|k| {
-            k.checked_add_signed(-shift)
-                .and_then(|j| b.get(j))
-                .is_some_and(|row| *row == a[*k])
-        })
-        .count();
+    let equal = (first..last).filter(|k| is_equal(*k)).count();
     let changes = a[first..last]
         .windows(2)
         .filter(|w| w[0].1 != w[1].1)

@@ -88,16 +88,20 @@ fn off(scene: &Scene<'_>, played: &Played<'_>) -> Option<Off> {
             .hypot(h.start_voltage_v)
             .hypot(h.voltage_resolution_v)
     });
+    let ocv_v = |soc: f64| scene.model.ocv.voltage_v(soc);
     let sigma_v = noise_v.hypot(bench_v).hypot(played.record.level_sigma_v);
-    let (stated, slope_v) = match played.run.start {
+    let (stated, of_soc_v) = match played.run.start {
         Start::Soc(soc) => (
             format!("the curve at the stated {:.2} % SOC", 100.0 * soc),
-            scene.model.ocv.slope_v(soc),
+            [soc - REST_SOC, soc + REST_SOC]
+                .map(|near| (ocv_v(near.clamp(0.0, 1.0)) - ocv_v(soc)).abs())
+                .into_iter()
+                .fold(0.0, f64::max),
         ),
         // Of a stated voltage nothing hangs on the curve.
         Start::Ocv(ocv_v) => (format!("the stated `ocv_v` of {ocv_v:.4} V"), 0.0),
     };
-    let limit_v = (REST_SIGMAS * sigma_v).max(REST_LEAST_V) + REST_SOC * slope_v.abs();
+    let limit_v = (REST_SIGMAS * sigma_v).max(REST_LEAST_V) + of_soc_v;
     (off_v.abs() > limit_v).then(|| Off {
         run: played.run.name.clone(),
         off_v,

@@ -29,8 +29,11 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
     let mut shared: Vec<f64> = Vec::new();
     for (k, (subject, lag_s, interval_s)) in lags.iter().enumerate() {
         let others = |same_group: bool| -> Vec<f64> {
+            // Rows further apart than the lag would not show it.
             let like = |(j, other): &(usize, &(&Subject<'_>, f64, f64))| {
-                *j != k && (!same_group || other.0.run.repeat_group == subject.run.repeat_group)
+                *j != k
+                    && (!same_group || other.0.run.repeat_group == subject.run.repeat_group)
+                    && (other.1 > 0.0 || other.2 <= *lag_s)
             };
             lags.iter()
                 .enumerate()
