@@ -122,10 +122,15 @@ pub(crate) fn diagnose_with(
             }
         }
         base = base_fit(&prepared.problem, &model.erm, &mut workspace);
+        let mut search = search(&prepared, options, guards);
         selection = if moved.is_some() {
-            Selection::nothing(&base)
+            // No name, but held-out records may still tell what predicts them.
+            Selection {
+                first_attempts: search.attempts(&base, None).0,
+                ..Selection::nothing(&base)
+            }
         } else {
-            search(&prepared, options, guards).run(&base)
+            search.run(&base)
         };
     }
     let again = if selection.selected.is_empty() {
@@ -181,7 +186,6 @@ pub(crate) fn diagnose_with(
     };
     d.notes.extend(overruled(judged));
     let held_out_z = held_out_z(problem, fit, &mut workspace);
-    let floor_moved = moved.is_some();
     let asked = guards.consistency && measured(judged);
     let differs = if asked {
         inconsistencies(problem, fit, base.chi2 - fit.chi2, &mut workspace)
@@ -209,8 +213,7 @@ pub(crate) fn diagnose_with(
     d.notes.extend(advice.notes());
     let Advice { next, inseparable } = advice;
     d.inseparable = inseparable;
-    let is_open = d.verdict.is_open() && !floor_moved;
-    if is_open && (next.is_none() || !options.next_run_first) {
+    if d.verdict.is_open() && (next.is_none() || !options.next_run_first) {
         d.predictive = predictive(&prepared, model, &selection, options, guards);
     }
     if next.is_none() && d.verdict.is_open() {

@@ -26,7 +26,8 @@ impl Search<'_> {
         for k in self.problem.of_role(Role::HeldOut) {
             let old = self.problem.block_chi2(before.at(), k, &mut self.workspace);
             let new = self.problem.block_chi2(after.at(), k, &mut self.workspace);
-            if self.guards.held_out && new > old * (1.0 + HELD_OUT_PART) + HELD_OUT_SUM {
+            let is_worse = new > old * (1.0 + HELD_OUT_PART) + HELD_OUT_SUM || new.is_nan();
+            if self.guards.held_out && is_worse {
                 return Err(format!(
                     "held-out run {} becomes worse: χ² from {old:.0} to {new:.0}",
                     self.problem.blocks[k].name
@@ -114,6 +115,14 @@ impl Search<'_> {
         });
         if after_v2 <= before_v2 {
             return None;
+        }
+        // A law that leaves the numbers beyond the currents that it was fitted to predicts nothing.
+        if !after_v2.is_finite() {
+            return Some(Worse {
+                before_mv: 1e3 * before_v2.sqrt(),
+                after_mv: f64::INFINITY,
+                z: f64::INFINITY,
+            });
         }
         let change: Vec<f64> = about(minus(&new, &old))
             .iter()

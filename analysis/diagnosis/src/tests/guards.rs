@@ -259,6 +259,54 @@ fn repeats_that_disagree_stop_everything() {
 }
 
 #[test]
+fn where_the_floor_moved_predictions_are_still_offered() {
+    let hidden = Hidden {
+        telegraph_ohm: 4e-4,
+        slow: (6e-3, 30.0),
+        ..Hidden::default()
+    };
+    let d = with(&campaign(61, &hidden, &hidden), Guards::default());
+    assert!(
+        d.summary.contains("The noise floor itself moved"),
+        "{}",
+        d.summary
+    );
+    assert_eq!(names(&d), [""; 0]);
+    let predictive = d.predictive.unwrap();
+    let rms = |pick: fn(&crate::Gap) -> f64| {
+        let squares = predictive.gap.iter().map(|g| pick(g).powi(2));
+        (squares.sum::<f64>() / predictive.gap.len() as f64).sqrt()
+    };
+    let [base, with] = [rms(|g| g.base_mv), rms(|g| g.augmented_mv)];
+    assert!(with < 0.8 * base, "{base} mV to {with} mV");
+}
+
+/// A comparison with what is no number is false: such a prediction must not pass for no worse.
+#[test]
+fn a_prediction_that_is_no_number_is_worse() {
+    let set = campaign(44, &Hidden::default(), &Hidden::default());
+    let prepared = prepare(&set, &model(), Guards::default()).unwrap();
+    let mut workspace = Workspace::default();
+    let base = base_fit(&prepared.problem, &model().erm, &mut workspace);
+    let mut broken = base.clone();
+    broken.x[0] = f64::NAN;
+    for measured in [true, false] {
+        let mut search = Search {
+            problem: &prepared.problem,
+            candidates: &[],
+            guards: Guards::default(),
+            measured,
+            progress: &Progress::default(),
+            workspace: Workspace::default(),
+        };
+        assert!(search.no_record_worse(&base, &base).is_ok());
+        let message = search.no_record_worse(&base, &broken).unwrap_err();
+        assert!(message.contains("becomes worse"), "{message}");
+        assert!(search.held_out(&base, &broken).is_err());
+    }
+}
+
+#[test]
 fn a_parameter_at_its_bound_is_no_name() {
     // Twice the slope: the curve is another cell's, which no error of a capacity reaches.
     let hidden = Hidden {
