@@ -20,8 +20,13 @@ use crate::thresholds::{
     FILTER_AT_ONCE, FILTER_EDGE_PART, FILTER_EDGE_SIGMAS, FILTER_FEWEST_EDGES, FILTER_LEFT_PART,
     FILTER_MERGE_SIGMAS, FILTER_OFF_PART, FILTER_RECORDS_PART, FILTER_REST_PART, FILTER_SEGMENT_S,
     FILTER_SHORT_PART, FILTER_SLOWER, FILTER_SPLIT_SIGMAS, FILTER_SWING_PART, FILTER_TRIED_S,
-    FILTER_TRIES, LARGE_STEP_PART,
+    FILTER_TRIES, LARGE_STEP_PART, MOST_BINS,
 };
+
+/// Rows of a level whose scatter is asked.
+const LASTING_ROWS: usize = 8;
+/// Places of a step within a level that are tried at first.
+const SPLIT_TRIES: usize = 200;
 
 /// Form of a filter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -222,12 +227,22 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
         && by_voltage > FILTER_AT_ONCE
         && by_voltage > by_log
         && tau_s > FILTER_SLOWER * after_s;
+    if !shared {
+        return None;
+    }
     // Small steps are a matter of the corrected current, and not of whether there is a filter.
     let edges = cuts.iter().map(|cut| cut.segments.len() - 1).sum();
     cuts.retain(|cut| {
         cut.segments.len() > 1 && cut.levels(tried).squares < cut.levels(none).squares
     });
-    cuts.iter_mut().for_each(|cut| cut.split(tried));
+    // What a bench states may be less than what its log scatters about most levels.
+    let mut scatters_a: Vec<f64> = cuts.iter().flat_map(|cut| cut.scatters_a(tried)).collect();
+    scatters_a.sort_unstable_by(f64::total_cmp);
+    let scatter_a = scatters_a.get(scatters_a.len() / 2).copied().unwrap_or(0.0);
+    for cut in &mut cuts {
+        cut.row_a = cut.row_a.max(scatter_a);
+        cut.split(tried);
+    }
     let sigma_s = if curvature > 0.0 {
         tau_s * (2.0 * variance / curvature).sqrt()
     } else {
@@ -239,7 +254,7 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
     let levels: usize = cuts.iter().map(|cut| cut.segments.len()).sum();
     let left = total_of(&cuts, tried) / rows.saturating_sub(levels + 1).max(1) as f64;
     let sigma_a = left.sqrt().max(code_a * UNIFORM);
-    shared.then(|| Filter {
+    Some(Filter {
         form: tried.form,
         tau_s,
         sigma_s,
@@ -496,7 +511,11 @@ impl<'a> Cut<'a> {
             level_a,
             shown,
             own: of_codes.sqrt() * per_shown,
-            inherited: if is_filtered { -old * per_shown } else { 0.0 },
+            inherited: match shown > 0.0 {
+                _ if !is_filtered => 0.0,
+                true => -old * per_shown,
+                false => 1.0,
+            },
             kept,
             squares,
             state_a: level_a + (state_a - level_a) * kept,
@@ -527,6 +546,15 @@ impl<'a> Cut<'a> {
         }
     }
 
+    /// Standard deviation of the rows about each level that lasts.
+    fn scatters_a(&self, tried: Tried) -> Vec<f64> {
+        let levels = self.levels(tried);
+        let each = self.segments.iter().zip(&levels.each);
+        each.filter(|(segment, _)| segment.len() >= LASTING_ROWS)
+            .map(|(segment, level)| (level.squares / (segment.len() - 1) as f64).sqrt())
+            .collect()
+    }
+
     /// Cuts segments in which the log tells, with the filter known, that the current stepped: the
     /// voltage does not show every small step.
     fn split(&mut self, tried: Tried) {
@@ -549,14 +577,28 @@ impl<'a> Cut<'a> {
                 let (_, first, second) = cut;
                 let error_a = self.row_a * first.own.hypot(second.own);
                 whole.squares - squares(cut) > worth
+                    && first.shown > 0.0
+                    && second.shown > 0.0
                     && (second.level_a - first.level_a).abs() > FILTER_SPLIT_SIGMAS * error_a
             };
-            // A misfit below one step's worth hides none.
-            let cut = (segment.start + 2..segment.end.saturating_sub(1))
-                .filter(|_| whole.squares > worth)
-                .map(halves)
-                .filter(is_step)
-                .min_by(|a, b| squares(a).total_cmp(&squares(b)));
+            // A misfit below one step's worth hides none. Long levels are looked at in steps first.
+            let step = (segment.len() / SPLIT_TRIES).max(1);
+            let best = |places: &mut dyn Iterator<Item = usize>| {
+                places
+                    .map(halves)
+                    .filter(is_step)
+                    .min_by(|a, b| squares(a).total_cmp(&squares(b)))
+            };
+            let places = segment.start + 2..segment.end.saturating_sub(1);
+            let coarse = if whole.squares > worth {
+                best(&mut places.clone().step_by(step))
+            } else {
+                None
+            };
+            let cut = coarse.and_then(|(at, ..)| {
+                let near = at.saturating_sub(step).max(places.start)..(at + step).min(places.end);
+                best(&mut near.into_iter())
+            });
             match cut {
                 Some((at, ..)) => {
                     self.segments[k].end = at;
@@ -652,10 +694,11 @@ impl<'a> Cut<'a> {
             let mut errors_a = vec![0.0; levels.level_a.len()];
             let mut state_a = 0.0;
             for k in first..errors_a.len() {
-                let own_a = if k == first {
-                    sigma_a * levels.each[k].own
-                } else {
-                    0.0
+                // A level that no row shows is not known at all.
+                let own_a = match levels.each[k] {
+                    _ if k != first => 0.0,
+                    Level { shown, own, .. } if shown > 0.0 => sigma_a * own,
+                    _ => self.largest_a,
                 };
                 errors_a[k] = own_a + levels.each[k].inherited * state_a;
                 state_a = errors_a[k] + (state_a - errors_a[k]) * levels.each[k].kept;
@@ -672,9 +715,22 @@ impl<'a> Cut<'a> {
             .zip(&levels.level_a)
             .map(|(later, own)| later - own)
             .collect();
-        let mut errors_a: Vec<Vec<f64>> = (0..levels.level_a.len()).map(error_of).collect();
-        errors_a.push(of_samples(&by_tau));
-        errors_a.retain(|error_a| error_a.iter().all(|a| a.is_finite()));
+        // More independent errors than rows of a comparison tell nothing more: neighbours are added
+        // up then, as if each pulled the same way.
+        let together = levels.level_a.len().div_ceil(2 * MOST_BINS).max(1);
+        let starts = (0..levels.level_a.len()).step_by(together);
+        let mut errors_a: Vec<Vec<f64>> = starts
+            .map(|from| {
+                let mut sum = error_of(from);
+                for k in from + 1..(from + together).min(levels.level_a.len()) {
+                    sum.iter_mut().zip(error_of(k)).for_each(|(s, e)| *s += e);
+                }
+                sum
+            })
+            .collect();
+        if tau_sigma_s.is_finite() {
+            errors_a.push(of_samples(&by_tau));
+        }
         Corrected {
             run: self.run.name.clone(),
             current_a: of_samples(&levels.level_a),

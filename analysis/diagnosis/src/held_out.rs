@@ -55,6 +55,13 @@ impl Search<'_> {
     /// hides least.
     pub(super) fn no_record_worse(&mut self, before: &Fit, after: &Fit) -> Result<(), String> {
         for k in self.problem.of_role(Role::HeldOut) {
+            let chi2 = self.problem.block_chi2(after.at(), k, &mut self.workspace);
+            if chi2.is_nan() {
+                return Err(format!(
+                    "held-out run {} becomes worse: its prediction is no number",
+                    self.problem.blocks[k].name
+                ));
+            }
             if let Some(Worse {
                 before_mv,
                 after_mv,
@@ -115,14 +122,6 @@ impl Search<'_> {
         });
         if after_v2 <= before_v2 {
             return None;
-        }
-        // A law that leaves the numbers beyond the currents that it was fitted to predicts nothing.
-        if !after_v2.is_finite() {
-            return Some(Worse {
-                before_mv: 1e3 * before_v2.sqrt(),
-                after_mv: f64::INFINITY,
-                z: f64::INFINITY,
-            });
         }
         let change: Vec<f64> = about(minus(&new, &old))
             .iter()

@@ -92,9 +92,9 @@ impl Search<'_> {
         let mut best = None;
         for attempt in attempts {
             let attempt = self.integrated(fit, attempt);
-            let last = attempt.fit.structure.members.len() - 1;
             let converged = attempt.fit.has_converged(attempt.lambda);
-            let may = self.may_have_these_values(&attempt.fit, last);
+            let mut members = 0..attempt.fit.structure.members.len();
+            let may = members.all(|k| self.may_have_these_values(&attempt.fit, k));
             if attempt.score < LEAST_SCORE || !converged || !may {
                 continue;
             }

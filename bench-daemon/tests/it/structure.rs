@@ -671,8 +671,13 @@ fn what_acts_in_the_daemon_has_few_fields() {
 /// The module that alone holds numbers of the diagnosis that decide something.
 const REGISTRY: &str = "thresholds";
 /// Constants of the diagnosis that decide nothing, or whole modules of such, with the reason.
-const NO_THRESHOLDS: [(&str, &str); 24] = [
+const NO_THRESHOLDS: [(&str, &str); 26] = [
     ("consistency::STEP", "step of a derivative"),
+    ("current_filter::LASTING_ROWS", "a count"),
+    (
+        "current_filter::SPLIT_TRIES",
+        "places that a search looks at first",
+    ),
     ("edges::COMMON", "a count"),
     ("edges::UNIFORM", "mathematics: 1/√12"),
     ("estimate::ITERATIONS", "limit of a solver"),

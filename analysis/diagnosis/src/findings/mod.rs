@@ -8,7 +8,7 @@
 mod current;
 mod finding;
 mod leakage;
-mod resolution;
+pub(crate) mod resolution;
 mod rest;
 mod rows;
 mod scale;

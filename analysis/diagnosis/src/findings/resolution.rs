@@ -100,7 +100,7 @@ fn distinct(values: &[f64]) -> Vec<f64> {
 }
 
 /// Step of the codes that values lie on; none where they lie on none.
-pub(super) fn code(values: &[f64]) -> Option<f64> {
+pub(crate) fn code(values: &[f64]) -> Option<f64> {
     let levels = distinct(values);
     if levels.len() < CODES_FEWEST {
         return None;

@@ -92,7 +92,16 @@ fn frozen(scene: &Scene<'_>, played: &Played<'_>) -> Option<Finding> {
     let codes_v = super::resolution::code(&series.voltage_v).unwrap_or(0.0);
     let least_v =
         (FROZEN_CODES * codes_v).max(FROZEN_SIGMAS * scene.at.sample_noise_v(played.record));
-    let kept = by_codes(scene, played, codes_v);
+    let [kept_v, kept_a] = by_codes(scene, played, codes_v);
+    // A current that is cut to zero at rest repeats whatever its noise.
+    let kept = |k: usize| {
+        kept_v
+            * if series.current_a[k] == 0.0 {
+                1.0
+            } else {
+                kept_a
+            }
+    };
     // A model of a larger cell, or a current in mA, expects more than is there.
     let shrunk = (range(&series.voltage_v) / range(played.expected_v)).min(1.0);
     let stuck: Vec<(Range<usize>, f64)> = stretches(series.len(), same)
@@ -114,7 +123,7 @@ fn frozen(scene: &Scene<'_>, played: &Played<'_>) -> Option<Finding> {
             let often = [before, after]
                 .into_iter()
                 .flatten()
-                .fold(often.max(kept), f64::max)
+                .fold(often.max(kept(row.start)), f64::max)
                 .min(1.0);
             let chance = series.len() as f64 * often.powi(repeats as i32);
             let moves_v = shrunk * range(&played.expected_v[row.clone()]);
@@ -145,10 +154,11 @@ fn frozen(scene: &Scene<'_>, played: &Played<'_>) -> Option<Finding> {
     })
 }
 
-/// Most that a row is the same as the one before by codes that the stated noise does not leave.
-fn by_codes(scene: &Scene<'_>, played: &Played<'_>, codes_v: f64) -> f64 {
+/// Most that the voltage, and the current, of a row is that of the one before by codes that the
+/// stated noise does not leave.
+fn by_codes(scene: &Scene<'_>, played: &Played<'_>, codes_v: f64) -> [f64; 2] {
     let Some(h) = scene.at.set.history else {
-        return 0.0;
+        return [0.0; 2];
     };
     let codes_a = super::resolution::code(&played.record.series.current_a).unwrap_or(0.0);
     let within = |code: f64, sigma: f64| {
@@ -160,11 +170,10 @@ fn by_codes(scene: &Scene<'_>, played: &Played<'_>, codes_v: f64) -> f64 {
     };
     let step_v = codes_v.max(h.voltage_resolution_v);
     let step_a = codes_a.max(h.current_resolution_a);
-    // A current that is cut to zero at rest repeats more often than its noise says.
-    let currents = &played.record.series.current_a;
-    let equal = currents.windows(2).filter(|w| w[0] == w[1]).count();
-    let often = equal as f64 / currents.len().saturating_sub(1).max(1) as f64;
-    within(step_v, h.voltage_noise_v) * within(step_a, h.current_noise_a).max(often)
+    [
+        within(step_v, h.voltage_noise_v),
+        within(step_a, h.current_noise_a),
+    ]
 }
 
 fn range(values: &[f64]) -> f64 {

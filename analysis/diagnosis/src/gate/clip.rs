@@ -2,6 +2,7 @@
 //! the voltage must move beyond it. Noise and quantisation repeat a code too, but not while the
 //! voltage moves by many codes.
 
+use super::super::findings::resolution::code;
 use super::{Check, Findings, Inspection};
 use crate::thresholds::{CLIP_FEWEST, CLIP_MOVES_PART, CLIP_MOVES_SIGMAS};
 use std::ops::Range;
@@ -16,7 +17,7 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         let noise_v = at
             .sample_noise_v(record)
             .max(at.set.history.map_or(0.0, |h| h.voltage_resolution_v))
-            .max(finest_v(measured_v));
+            .max(code(measured_v).unwrap_or(0.0));
         let span_v = extent(expected_v);
         let least_v = (CLIP_MOVES_SIGMAS * noise_v).max(CLIP_MOVES_PART * span_v);
         for sign in [1.0, -1.0] {
@@ -47,17 +48,6 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         }
     }
     found
-}
-
-/// Least distance of two values that differ: one code at most.
-fn finest_v(values: &[f64]) -> f64 {
-    let mut sorted = values.to_vec();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let steps = sorted.windows(2).map(|w| w[1] - w[0]);
-    let least = steps
-        .filter(|step| *step > 0.0)
-        .fold(f64::INFINITY, f64::min);
-    if least.is_finite() { least } else { 0.0 }
 }
 
 fn extent(values: &[f64]) -> f64 {

@@ -28,27 +28,34 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
         .collect();
     let mut shared: Vec<f64> = Vec::new();
     for (k, (subject, lag_s, interval_s)) in lags.iter().enumerate() {
-        let others = |same_group: bool| -> Vec<f64> {
-            // Rows further apart than the lag would not show it.
+        // Rows further apart than the lag would not show it.
+        let shows_it = |other: &(&Subject<'_>, f64, f64)| other.1 > 0.0 || other.2 <= *lag_s;
+        let others = |same_group: bool, may: &dyn Fn(&(&Subject<'_>, f64, f64)) -> bool| {
             let like = |(j, other): &(usize, &(&Subject<'_>, f64, f64))| {
                 *j != k
                     && (!same_group || other.0.run.repeat_group == subject.run.repeat_group)
-                    && (other.1 > 0.0 || other.2 <= *lag_s)
+                    && may(other)
             };
             lags.iter()
                 .enumerate()
                 .filter(like)
                 .map(|(_, other)| other.1)
-                .collect()
+                .collect::<Vec<f64>>()
         };
-        let like = Some(others(true))
-            .filter(|all| !all.is_empty())
-            .unwrap_or_else(|| others(false));
+        let all = |_: &(&Subject<'_>, f64, f64)| true;
+        let like = [
+            others(true, &shows_it),
+            others(false, &shows_it),
+            others(false, &all),
+        ]
+        .into_iter()
+        .find(|lags| !lags.is_empty())
+        .unwrap_or_default();
         let alone = !like.is_empty()
             && !shares_filter(at, subject)
             && *lag_s > (LAG_TIMES_OTHERS * median(like)).max(*interval_s);
         if alone {
-            let lagging: Vec<f64> = others(false)
+            let lagging: Vec<f64> = others(false, &all)
                 .into_iter()
                 .filter(|lag_s| *lag_s > 0.0)
                 .collect();
