@@ -693,15 +693,21 @@ impl<'a> Cut<'a> {
         let error_of = |first: usize| {
             let mut errors_a = vec![0.0; levels.level_a.len()];
             let mut state_a = 0.0;
-            for k in first..errors_a.len() {
+            for ((k, level), error_a) in levels
+                .each
+                .iter()
+                .enumerate()
+                .zip(&mut errors_a)
+                .skip(first)
+            {
                 // A level that no row shows is not known at all.
-                let own_a = match levels.each[k] {
+                let own_a = match level {
                     _ if k != first => 0.0,
-                    Level { shown, own, .. } if shown > 0.0 => sigma_a * own,
+                    level if level.shown > 0.0 => sigma_a * level.own,
                     _ => self.largest_a,
                 };
-                errors_a[k] = own_a + levels.each[k].inherited * state_a;
-                state_a = errors_a[k] + (state_a - errors_a[k]) * levels.each[k].kept;
+                *error_a = own_a + level.inherited * state_a;
+                state_a = *error_a + (state_a - *error_a) * level.kept;
             }
             of_samples(&errors_a)
         };

@@ -98,10 +98,8 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     }
     if args.findings {
         let looked = judged.each(&cells, args.specimen.as_deref());
-        return tell_findings(
-            looked.map(|(name, one)| one.look(name)).collect(),
-            args.json,
-        );
+        let looked: Vec<Looked<'_>> = looked.map(|(name, one)| one.look(name)).collect();
+        return tell_findings(&looked, args.json);
     }
     let mut outcomes = Vec::new();
     for (name, judged) in judged.each(&cells, args.specimen.as_deref()) {
@@ -162,9 +160,9 @@ struct Looked<'a> {
 ///
 /// # Errors
 /// [`Failure::Invalid`], once everything is told, where the data of a cell cannot be diagnosed.
-fn tell_findings(all: Vec<Looked<'_>>, as_json: bool) -> Result<(), Failure> {
+fn tell_findings(all: &[Looked<'_>], as_json: bool) -> Result<(), Failure> {
     if as_json {
-        let text = match all.as_slice() {
+        let text = match all {
             [one] => serde_json::to_string_pretty(one),
             several => serde_json::to_string_pretty(several),
         };
@@ -173,7 +171,7 @@ fn tell_findings(all: Vec<Looked<'_>>, as_json: bool) -> Result<(), Failure> {
             text.map_err(|error| Failure::Analysis(error.to_string()))?
         );
     } else {
-        for looked in &all {
+        for looked in all {
             if all.len() > 1 {
                 say!("cell {}:", looked.cell);
             }
