@@ -15,6 +15,7 @@ use serde::Serialize;
 
 use super::data::{BenchHistory, DataSet, Fixture, Run, RunData, Start, TimeRecord};
 use super::edges::UNIFORM;
+use super::median::median;
 use super::prepare::BaseModel;
 use crate::thresholds::{
     FILTER_AT_ONCE, FILTER_EDGE_PART, FILTER_EDGE_SIGMAS, FILTER_FEWEST_EDGES, FILTER_LEFT_PART,
@@ -136,7 +137,7 @@ struct Level {
     /// Part of what the filter showed at the start that it shows at the end.
     kept: f64,
     squares: f64,
-    /// What the filter shows at the end, A.
+    /// Current that the filter shows at the end, A.
     state_a: f64,
 }
 
@@ -236,9 +237,7 @@ pub(crate) fn shared(set: &DataSet, model: &BaseModel) -> Option<Filter> {
         cut.segments.len() > 1 && cut.levels(tried).squares < cut.levels(none).squares
     });
     // What a bench states may be less than what its log scatters about most levels.
-    let mut scatters_a: Vec<f64> = cuts.iter().flat_map(|cut| cut.scatters_a(tried)).collect();
-    scatters_a.sort_unstable_by(f64::total_cmp);
-    let scatter_a = scatters_a.get(scatters_a.len() / 2).copied().unwrap_or(0.0);
+    let scatter_a = median(cuts.iter().flat_map(|cut| cut.scatters_a(tried)).collect());
     for cut in &mut cuts {
         cut.row_a = cut.row_a.max(scatter_a);
         cut.split(tried);
@@ -334,17 +333,7 @@ impl<'a> Cut<'a> {
             return None;
         }
         // Rows further apart than the slowest filter show none.
-        let mut apart_s: Vec<f64> = record
-            .series
-            .time_s
-            .windows(2)
-            .map(|w| w[1] - w[0])
-            .collect();
-        apart_s.sort_unstable_by(f64::total_cmp);
-        if apart_s
-            .get(apart_s.len() / 2)
-            .is_none_or(|apart_s| *apart_s > FILTER_TRIED_S.1)
-        {
+        if record.interval_s() > FILTER_TRIED_S.1 {
             return None;
         }
         let soc = match run.start {

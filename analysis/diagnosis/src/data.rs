@@ -6,6 +6,7 @@ use analysis_signal::{calibration::CommonError, series::TimeSeries};
 use num_complex::Complex64;
 use serde::{Deserialize, Serialize};
 
+use crate::median::median;
 use crate::thresholds::{
     ASSUMED_CURRENT_NOISE_PART, ASSUMED_DRIFT_S, ASSUMED_DRIFT_V, ASSUMED_EIS_NOISE_PART,
     ASSUMED_GAIN_PART, ASSUMED_LEVEL_V, ASSUMED_NOISE_V, ASSUMED_RESISTANCE_PART,
@@ -136,6 +137,14 @@ pub struct TimeRecord {
     /// Errors of a reconstructed current that do not depend on each other, one standard deviation of
     /// each: A at every sample. Empty for a current as it was logged, whose errors are the bench's.
     pub current_errors_a: Vec<Vec<f64>>,
+}
+
+impl TimeRecord {
+    /// Distance of two rows in the middle, s.
+    pub(crate) fn interval_s(&self) -> f64 {
+        let steps = self.series.time_s.windows(2).map(|w| w[1] - w[0]);
+        median(steps.collect())
+    }
 }
 
 /// Standard deviations of a bench's errors, from its own past: repeats of earlier campaigns, data

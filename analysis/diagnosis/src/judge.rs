@@ -159,7 +159,7 @@ pub(super) fn judge(d: &mut Diagnosis, selection: &Selection, doubts: Doubts) {
     d.summary.extend(told);
 }
 
-/// What about the values of a named effect is unlike sound cells and benches.
+/// Sentences on the values of a named effect that are unlike sound cells and benches.
 fn cautions(effect: &NamedEffect) -> impl Iterator<Item = String> {
     let title = effect.title;
     effect.parameters.iter().filter_map(move |p| {

@@ -27,6 +27,7 @@ mod intermittent;
 mod intervals;
 mod judge;
 mod localise;
+mod median;
 mod noise;
 pub mod oracle;
 mod outcome;

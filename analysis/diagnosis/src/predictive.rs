@@ -58,11 +58,9 @@ impl Search<'_> {
     fn pair_that_predicts(&mut self, selection: &Selection) -> Option<Fit> {
         for pair in self.pairs(selection) {
             let fit = self.with_fine_steps(pair.fit);
-            let members = &fit.structure.members;
-            let may = members.iter().enumerate().all(|(k, member)| {
-                may_predict(member.name()) && self.may_have_these_values(&fit, k)
-            });
-            if may
+            let mut members = fit.structure.members.iter();
+            if members.all(|member| may_predict(member.name()))
+                && self.has_usual_values(&fit)
                 && fit.has_converged(pair.score)
                 && self.no_record_worse(&selection.base, &fit).is_ok()
             {
@@ -72,16 +70,17 @@ impl Search<'_> {
         None
     }
 
-    /// Whether no parameter of a member stands at a bound or where no sound cell has it: such a value
-    /// is written into no model whose cause is not known.
-    fn may_have_these_values(&self, fit: &Fit, member: usize) -> bool {
+    /// Whether no parameter stands at a bound or where no sound cell has it: such a value is written
+    /// into no model whose cause is not known.
+    fn has_usual_values(&self, fit: &Fit) -> bool {
         let branches = self.problem.branches();
         let (_, values) = fit.decode(branches);
-        let parameters = fit.structure.members[member].parameters.iter();
-        let mut usual = parameters
-            .zip(&values[member])
-            .map(|(p, value)| p.unusual(*value, *value).is_none());
-        !fit.member_at_bound(member, branches) && usual.all(|met| met)
+        let mut members = fit.structure.members.iter().zip(&values).enumerate();
+        members.all(|(k, (member, values))| {
+            let mut own = member.parameters.iter().zip(values);
+            !fit.member_at_bound(k, branches)
+                && own.all(|(p, value)| p.unusual(*value, *value).is_none())
+        })
     }
 
     /// The best further effect of the cell: one that no held-out record speaks against, else the
@@ -93,9 +92,8 @@ impl Search<'_> {
         for attempt in attempts {
             let attempt = self.integrated(fit, attempt);
             let converged = attempt.fit.has_converged(attempt.lambda);
-            let mut members = 0..attempt.fit.structure.members.len();
-            let may = members.all(|k| self.may_have_these_values(&attempt.fit, k));
-            if attempt.score < LEAST_SCORE || !converged || !may {
+            let is_usual = self.has_usual_values(&attempt.fit);
+            if attempt.score < LEAST_SCORE || !converged || !is_usual {
                 continue;
             }
             let is_proven = self.no_record_worse(base, &attempt.fit).is_ok()

@@ -24,7 +24,7 @@ use crate::{
     run::{Finished, Recorded},
     safety::failure::Failure,
     support::hash,
-    support::present::quoted,
+    support::present::{one_or_list, quoted},
     support::sums,
     support::terminal::say,
 };
@@ -146,11 +146,11 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
     }
 }
 
-/// What is odd in the data of a cell.
+/// Findings on the data of a cell.
 #[derive(Debug, Serialize)]
 struct Looked<'a> {
     cell: &'a str,
-    /// What makes the data unusable.
+    /// Reasons why the data are unusable.
     invalid: Vec<gate::Reason>,
     findings: Vec<Finding>,
     notes: Vec<String>,
@@ -162,14 +162,8 @@ struct Looked<'a> {
 /// [`Failure::Invalid`], once everything is told, where the data of a cell cannot be diagnosed.
 fn tell_findings(all: &[Looked<'_>], as_json: bool) -> Result<(), Failure> {
     if as_json {
-        let text = match all {
-            [one] => serde_json::to_string_pretty(one),
-            several => serde_json::to_string_pretty(several),
-        };
-        say!(
-            "{}",
-            text.map_err(|error| Failure::Analysis(error.to_string()))?
-        );
+        let text = one_or_list(all).map_err(|error| Failure::Analysis(error.to_string()))?;
+        say!("{text}");
     } else {
         for looked in all {
             if all.len() > 1 {
@@ -516,7 +510,7 @@ impl Judged {
         text
     }
 
-    /// What could not be read.
+    /// Runs that could not be read.
     fn unreadable(&self) -> Vec<gate::Reason> {
         let problems = self.loaded.problems.iter();
         problems
@@ -533,7 +527,7 @@ impl Judged {
             .cloned()
     }
 
-    /// What is odd in the data, without a diagnosis.
+    /// Findings on the data, without a diagnosis.
     fn look<'a>(&self, cell: &'a str) -> Looked<'a> {
         let (report, mut findings) = inspect(&self.loaded.set, &self.model);
         findings.extend(self.findings_of_files());

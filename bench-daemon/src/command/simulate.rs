@@ -10,6 +10,7 @@ use crate::{
     },
     files,
     safety::failure::Failure,
+    support::present::one_or_list,
     support::terminal::{remark, say},
 };
 use std::path::{Path, PathBuf};
@@ -280,14 +281,8 @@ fn trace_path(args: &SimulateArgs, name: &str, earlier: &[Output]) -> PathBuf {
 }
 
 fn print_json(outputs: &[Output]) -> Result<(), Failure> {
-    let text = match outputs {
-        [one] => serde_json::to_string_pretty(one),
-        several => serde_json::to_string_pretty(several),
-    };
-    say!(
-        "{}",
-        text.map_err(|error| Failure::Analysis(error.to_string()))?
-    );
+    let text = one_or_list(outputs).map_err(|error| Failure::Analysis(error.to_string()))?;
+    say!("{text}");
     Ok(())
 }
 

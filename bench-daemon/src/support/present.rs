@@ -8,6 +8,17 @@ use analysis::{
     spectrum::FlaggedPoint,
 };
 
+/// JSON of a result: of one alone itself, of several a list.
+///
+/// # Errors
+/// A value that JSON cannot hold.
+pub fn one_or_list<T: serde::Serialize>(all: &[T]) -> Result<String, serde_json::Error> {
+    match all {
+        [one] => serde_json::to_string_pretty(one),
+        several => serde_json::to_string_pretty(several),
+    }
+}
+
 /// A time, s since 1970, as a date in UTC: `2026-11-22T06:07:06Z`.
 pub fn utc(unix_s: f64) -> String {
     #[expect(

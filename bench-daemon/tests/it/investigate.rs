@@ -503,9 +503,9 @@ fn the_examples_of_the_scenario_file_are_found() {
     );
 }
 
-/// What the README shows: the names, and the truth of the scenario files within the intervals. Of
-/// six intervals of 95 % one misses the truth in a quarter of all cells, so that the six together
-/// are asked for 95 % (Bonferroni): 2.64 standard deviations instead of 1.96.
+/// Ends as the README shows them: the names, and the truth of the scenario files within the
+/// intervals. Of six intervals of 95 % one misses the truth in a quarter of all cells, so that the
+/// six together are asked for 95 % (Bonferroni): 2.64 standard deviations instead of 1.96.
 #[test]
 #[ignore = "long drill: two investigations"]
 fn the_showcases_end_as_told() {

@@ -6,7 +6,7 @@ use std::collections::HashMap;
 use super::finding::{Finding, FindingKind};
 use super::scene::{Played, Scene};
 use crate::data::{Role, RunData, Sweep};
-use crate::gate::median;
+use crate::median::median;
 use crate::thresholds::{
     COPY_CHANGES, COPY_DISTINCT, COPY_EQUAL_PART, COPY_LEAST_ROWS, COPY_LEAST_V, COPY_NOISE_PART,
     COPY_OF_RUN, COPY_WINDOW, SAME_TIME_S, WHITE_SCATTER_SIGMAS,

@@ -2,7 +2,7 @@
 
 use super::finding::{Finding, FindingKind, names};
 use super::scene::{Played, Scene};
-use crate::gate::median;
+use crate::median::median;
 use crate::thresholds::{CODES_FEWEST, CODES_FIT_PART, CODES_ON_GRID, CODES_TIMES_STATED};
 
 /// A channel: its name, its unit, and the key of its resolution.

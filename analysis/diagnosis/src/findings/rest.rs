@@ -3,7 +3,7 @@
 use super::finding::{Finding, FindingKind, names};
 use super::scene::{Played, Scene};
 use crate::data::Start;
-use crate::gate::median;
+use crate::median::median;
 use crate::thresholds::{REST_CURRENT_PART, REST_LEAST_V, REST_SIGMAS, REST_SOC};
 
 /// Rest voltage less the expected one.

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::finding::{Finding, FindingKind};
 use super::scene::{Played, Scene};
-use crate::gate::median;
+use crate::median::median;
 use crate::thresholds::{
     EVEN_PART, EVEN_STEP_PART, FROZEN_BY_CHANCE, FROZEN_CODES, FROZEN_LEAST_ROWS, FROZEN_SIGMAS,
     GAP_AROUND, GAP_CHANGES_PART, GAP_TIMES, GAP_TIMES_EVEN,

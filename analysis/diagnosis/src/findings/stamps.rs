@@ -6,7 +6,7 @@ use std::ops::Range;
 use super::finding::{Finding, FindingKind, names};
 use super::scene::{Played, Scene};
 use crate::data::Run;
-use crate::gate::median;
+use crate::median::median;
 use crate::thresholds::{
     GAP_CHANGES_PART, LARGE_STEP_PART, ROUNDED_FEWEST, ROUNDED_MOST_QUANTA, ROUNDED_PART,
     SLOW_BRANCH_PART, SLOW_SHARE, UNSEEN_PART,

@@ -8,6 +8,7 @@ use super::{
     super::data::{DataSet, Run, RunData, Sweep, TimeRecord},
     expected::{Expected, Prediction},
 };
+use crate::median::median;
 use crate::thresholds::MEDIAN_STEP_SIGMAS;
 
 /// Kind of fault.
@@ -158,15 +159,5 @@ impl Inspection<'_> {
             .map(|w| (w[1] - w[0]).abs())
             .collect();
         median(steps) / MEDIAN_STEP_SIGMAS
-    }
-}
-
-/// The middle one, or the mean of both; zero of none.
-pub(crate) fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_unstable_by(f64::total_cmp);
-    match values.as_slice() {
-        [] => 0.0,
-        all if all.len() % 2 == 1 => all[all.len() / 2],
-        all => 0.5 * (all[all.len() / 2 - 1] + all[all.len() / 2]),
     }
 }

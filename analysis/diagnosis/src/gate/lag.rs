@@ -6,7 +6,8 @@
 //! and passes; a record that lags more than its like is damaged.
 
 use super::super::data::TimeRecord;
-use super::{Check, Findings, Inspection, Subject, median};
+use super::{Check, Findings, Inspection, Subject};
+use crate::median::median;
 use crate::thresholds::{
     LAG_LEAST_MISSED, LAG_LEFT_PART, LAG_TIMES_OTHERS, LAG_TRIED_S, LAG_TRIES, LAG_UNEXPLAINED_PART,
 };
@@ -22,40 +23,35 @@ pub(super) fn check(at: &Inspection<'_>) -> Findings {
             Some((
                 subject,
                 lag_s(record, expected_v, at.sample_noise_v(record)),
-                interval_s(record),
+                record.interval_s(),
             ))
         })
         .collect();
     let mut shared: Vec<f64> = Vec::new();
     for (k, (subject, lag_s, interval_s)) in lags.iter().enumerate() {
         // Rows further apart than the lag would not show it.
-        let shows_it = |other: &(&Subject<'_>, f64, f64)| other.1 > 0.0 || other.2 <= *lag_s;
-        let others = |same_group: bool, may: &dyn Fn(&(&Subject<'_>, f64, f64)) -> bool| {
+        let others = |same_group: bool, must_show: bool| -> Vec<f64> {
             let like = |(j, other): &(usize, &(&Subject<'_>, f64, f64))| {
                 *j != k
                     && (!same_group || other.0.run.repeat_group == subject.run.repeat_group)
-                    && may(other)
+                    && (!must_show || other.1 > 0.0 || other.2 <= *lag_s)
             };
             lags.iter()
                 .enumerate()
                 .filter(like)
                 .map(|(_, other)| other.1)
-                .collect::<Vec<f64>>()
+                .collect()
         };
-        let all = |_: &(&Subject<'_>, f64, f64)| true;
-        let like = [
-            others(true, &shows_it),
-            others(false, &shows_it),
-            others(false, &all),
-        ]
-        .into_iter()
-        .find(|lags| !lags.is_empty())
-        .unwrap_or_default();
+        let like = [(true, true), (false, true), (false, false)]
+            .into_iter()
+            .map(|(same_group, must_show)| others(same_group, must_show))
+            .find(|lags| !lags.is_empty())
+            .unwrap_or_default();
         let alone = !like.is_empty()
             && !shares_filter(at, subject)
             && *lag_s > (LAG_TIMES_OTHERS * median(like)).max(*interval_s);
         if alone {
-            let lagging: Vec<f64> = others(false, &all)
+            let lagging: Vec<f64> = others(false, false)
                 .into_iter()
                 .filter(|lag_s| *lag_s > 0.0)
                 .collect();
@@ -92,17 +88,6 @@ fn shares_filter(at: &Inspection<'_>, subject: &Subject<'_>) -> bool {
 }
 
 /// Typical distance of two samples while something happens, s.
-fn interval_s(record: &TimeRecord) -> f64 {
-    median(
-        record
-            .series
-            .time_s
-            .windows(2)
-            .map(|w| w[1] - w[0])
-            .collect(),
-    )
-}
-
 /// The lag that explains most of what the prediction misses, s; zero where none explains much.
 fn lag_s(record: &TimeRecord, expected_v: &[f64], noise_v: f64) -> f64 {
     let (now, _) = squares(&record.series.voltage_v, expected_v);

@@ -24,7 +24,7 @@ use serde::Serialize;
 pub use expected::{Expected, Prediction};
 use inspection::Findings;
 pub use inspection::{Check, Reason};
-pub(crate) use inspection::{Inspection, Subject, median};
+pub(crate) use inspection::{Inspection, Subject};
 pub use refusal::diagnose;
 
 /// Report of the gate.

@@ -1,7 +1,8 @@
 //! Checks for repeats that end early, or that differ by far more than the bench's history allows.
 
 use super::super::data::{BenchHistory, Fixture, TimeRecord};
-use super::{Check, Findings, Inspection, Reason, Subject, median};
+use super::{Check, Findings, Inspection, Reason, Subject};
+use crate::median::median;
 use crate::thresholds::{
     ASIDE_PART, AT_EDGES_PART, CELL_CHANGE_Z, DRIFT_CORRELATION, DRIFT_MOST_Z, FEWEST_TO_DRIFT,
     MOST_ODD_STEPS, ODD_STEP_PART, ODD_STEP_S, REPEAT_FAR_OFF_Z, REPEAT_FLOWS_PART, SAME_TIME_S,

@@ -2,7 +2,8 @@
 //! ten.
 
 use super::super::data::{Fixture, Run, RunData, TimeRecord};
-use super::{Check, Findings, Inspection, Subject, median};
+use super::{Check, Findings, Inspection, Subject};
+use crate::median::median;
 use crate::thresholds::{LARGE_STEP_PART, LEAST_LEVEL_V, REVERSED_PART, VISIBLE_STEP_SIGMAS};
 
 pub(super) fn check(at: &Inspection<'_>) -> Findings {

@@ -205,7 +205,6 @@ fn record(segments: Segments, hidden: &Hidden, order: f64, chance: &mut Chance) 
         level_sigma_v: 0.0,
         sigma_v: None,
         averaged_s: None,
-
         current_errors_a: Vec::new(),
     }
 }
