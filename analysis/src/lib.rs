@@ -14,10 +14,12 @@
 //! * `analysis-effects` – [`contract`]: what an effect is; [`augmented`]: a model with effects;
 //!   [`effects`]: the catalogue.
 //! * `analysis-fit` – [`validity`]: tests of a spectrum; [`fit`]; [`drt`]: time constants;
-//!   [`joint`]: spectra and pulses; [`given`]: a model from a file or from text.
+//!   [`joint`]: spectra and pulses; [`given`]: a model from a file or from text; [`rows`]: tables of
+//!   many results.
 //! * `analysis-forward` – [`forward`]: simulation under a load; [`sop`]: state of power.
 //! * `analysis-files` – [`run_folder`] and [`dataset`]: files of a run; [`formats`]: files of
-//!   other programs; [`table`]: tables that a person writes; [`thinning`]: frames to rows.
+//!   other programs; [`batch`]: tables of many spectra; [`table`]: tables that a person writes;
+//!   [`thinning`]: frames to rows.
 //! * `analysis-diagnosis` – [`diagnosis`]: which effect is missing.
 //!
 //! From the text of a spectrum to the power of a pack:
@@ -51,8 +53,8 @@
 
 pub use analysis_diagnosis as diagnosis;
 pub use analysis_effects::{augmented, contract, effects};
-pub use analysis_files::{dataset, formats, run_folder, table, thinning};
-pub use analysis_fit::{drt, fit, given, joint, validity};
+pub use analysis_files::{batch, dataset, formats, run_folder, table, thinning};
+pub use analysis_fit::{drt, fit, given, joint, rows, validity};
 pub use analysis_forward::{forward, sop};
 pub use analysis_model::{model, ocv, pack};
 pub use analysis_numeric::{self as numeric, significant};

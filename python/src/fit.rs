@@ -2,9 +2,8 @@
 
 use analysis::drt as times;
 use analysis::fit::{
-    Bounds, CellSweeps, ChargeStorage, CircuitOptions, FitEntry, FitOptions, MOST_AUTO, Objective,
-    OrderOptions, OrderSelection, Search, Slope, Weight, fit_cells, fit_circuit_cells,
-    select_order,
+    CellSweeps, ChargeStorage, CircuitOptions, ErmAnswer, ErmRequest, FitEntry, Objective,
+    OrderSelection, Search, Slope, Weight, fit_circuit_cells,
 };
 use analysis::model::Circuit;
 use analysis::spectrum::{SourcedSpectrum, Spectrum as Points};
@@ -89,36 +88,16 @@ pub(crate) fn fit_erm(
     let objective: Objective = objective.parse().map_err(|e| refused(&e))?;
     let slope = Slope::asked(ocv_slope, objective)
         .map_err(|e| refused(&format!("ocv_slope{e}").replace("--", "")))?;
-    let mut groups = groups(spectra, pool);
-    for sourced in groups.iter_mut().flatten() {
-        sourced.spectrum = slope.less(&sourced.spectrum);
-    }
-    each(py, &groups, |group| {
-        let cells = CellSweeps::sort(group);
-        let spectra: Vec<Points> = group.iter().map(|s| s.spectrum.clone()).collect();
-        let bounds = Bounds::for_spectra(&spectra);
-        let options = OrderOptions {
-            most: MOST_AUTO,
-            bounds,
-            seed,
-        };
-        let order = match rc {
-            Some(_) => None,
-            None => Some(select_order(&cells, &options).map_err(|e| named(group, &e))?),
-        };
-        let rc = rc.or(order.as_ref().map(|o| o.recommended)).unwrap_or(0);
-        let options = FitOptions {
-            rc,
-            objective,
-            bounds,
-            seed,
-        };
-        let fit = fit_cells(&cells, &options, starts).map_err(|e| named(group, &e))?;
-        if !fit.objective.is_finite() {
-            let expected = "expected impedances that can be squared, met too large ones";
-            return Err(named(group, &expected));
-        }
-        let names = spectra.into_iter().map(|s| s.name).collect();
+    let request = ErmRequest {
+        rc,
+        objective,
+        slope,
+        seed,
+        starts,
+    };
+    each(py, &groups(spectra, pool), |group| {
+        let ErmAnswer { fit, order } = request.fit(group).map_err(|e| named(group, &e))?;
+        let names = group.iter().map(|s| s.spectrum.name.clone()).collect();
         json(&Fitted {
             entry: FitEntry::new(&fit, names),
             log_covariance: fit.log_covariance,

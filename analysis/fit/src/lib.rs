@@ -2,11 +2,13 @@
 //!
 //! [`validity`] judges a spectrum, [`fit`] finds the parameters of the extended Randles model and
 //! of circuits, [`drt`] shows time constants, [`joint`] fits spectra and pulses together, [`given`]
-//! reads a model of a cell from whatever it was given as, [`figures`] draws fits.
+//! reads a model of a cell from whatever it was given as, [`rows`] makes tables of many results,
+//! [`figures`] draws fits.
 
 pub mod drt;
 pub mod figures;
 pub mod fit;
 pub mod given;
 pub mod joint;
+pub mod rows;
 pub mod validity;

@@ -3,9 +3,11 @@
 pub mod circuit;
 mod input;
 pub mod more;
+mod table;
 
 use self::more::{More, other_minima_note, print_selection};
 use crate::{
+    command::batch::Plots,
     figures::impedance::bode_plot,
     files,
     safety::failure::Failure,
@@ -18,8 +20,8 @@ use std::path::Path;
 
 use analysis::{
     fit::{
-        Bounds, CellSweeps, ErmFit, FitEntry, FitOptions, FitReport, MAX_RC, ModelFile, Objective,
-        PackModel, RefusedPoint, Slope, fit_cells,
+        ErmFit, ErmRequest, FitEntry, FitReport, MAX_RC, ModelFile, Objective, PackModel, Prepared,
+        RefusedPoint, Slope,
     },
     pack::Pack,
     plot::{self, FigureInput},
@@ -53,8 +55,11 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
         .objective
         .parse()
         .map_err(|error| Failure::Usage(format!("--{error}")))?;
-    let (cells, others) = read(args)?;
     let slope = super::ocv_slope::asked(&args.slope, objective)?;
+    if let Some(path) = &args.many.table {
+        return table::erm(args, path, orders.as_deref(), objective, slope);
+    }
+    let (cells, others) = read(args)?;
     let groups: Vec<(String, Vec<SourcedSpectrum>)> = if args.pool {
         vec![("pooled".to_owned(), cells)]
     } else {
@@ -79,13 +84,14 @@ pub fn fit(args: &FitArgs) -> Result<(), Failure> {
         })
         .collect::<Result<Vec<_>, _>>()?;
     if let Some(folder) = &args.out {
+        let plots = Plots::chosen(args.many.plots, fitted.len());
         for group in &fitted {
             let folder = if fitted.len() == 1 {
                 folder.clone()
             } else {
                 folder.join(&group.name)
             };
-            write(&folder, group, &others, args)?;
+            write(&folder, group, &others, args, plots)?;
         }
     }
     if args.json {
@@ -117,35 +123,27 @@ fn fit_group(
     } = *wanted;
     let refused = files::refused_points(sweeps, args.refused_points);
     let measured: Vec<Spectrum> = sweeps.iter().map(|s| s.spectrum.clone()).collect();
-    let sweeps: Vec<SourcedSpectrum> = sweeps
-        .iter()
-        .map(|s| SourcedSpectrum {
-            spectrum: slope.less(&s.spectrum),
-            ..s.clone()
-        })
-        .collect();
-    let cells = CellSweeps::sort(&sweeps);
-    let mut more = More::choose(&name, &cells, orders.is_none(), args.seed)?;
+    let prepared = Prepared::of(sweeps, slope);
+    let request = ErmRequest {
+        rc: None,
+        objective,
+        slope,
+        seed: args.seed,
+        starts: args.more.starts.unwrap_or(0),
+    };
+    let mut more = More::choose(&name, &prepared, orders.is_none(), args.seed)?;
     let chosen: Vec<usize> = more.order_selection.iter().map(|s| s.recommended).collect();
-    let spectra: Vec<Spectrum> = sweeps.iter().map(|s| s.spectrum.clone()).collect();
-    let mut fits = Vec::new();
-    for &rc in orders.unwrap_or(&chosen) {
-        let options = FitOptions {
-            rc,
-            objective,
-            seed: args.seed,
-            bounds: Bounds::for_spectra(&spectra),
-        };
-        let fit = fit_cells(&cells, &options, args.more.starts.unwrap_or(0))
-            .map_err(|error| Failure::Usage(format!("{name}, {rc} RC: {error}")))?;
-        if !fit.objective.is_finite() {
-            return Err(Failure::Usage(format!(
-                "{name}, {rc} RC: expected impedances that can be squared, found too large ones"
-            )));
-        }
-        fits.push(fit);
-    }
-    more.add(&cells, &spectra, &fits, &args.more)?;
+    let fit = |rc: &usize| {
+        prepared
+            .fit(*rc, &request)
+            .map_err(|error| Failure::Usage(format!("{name}, {rc} RC: {error}")))
+    };
+    let fits: Vec<ErmFit> = orders
+        .unwrap_or(&chosen)
+        .iter()
+        .map(fit)
+        .collect::<Result<_, _>>()?;
+    more.add(&prepared, &fits, &args.more)?;
     Ok(Group {
         name,
         spectra: measured,
@@ -261,7 +259,12 @@ fn print_text(fitted: &[Group], args: &FitArgs) -> Result<(), Failure> {
                 );
                 say!("        {r:>8} mΩ ∥ {c:>8} F   τ {tau} s");
             }
-            for warning in fit.warnings.iter().cloned().chain(other_minima_note(fit)) {
+            for warning in fit
+                .warnings
+                .words()
+                .into_iter()
+                .chain(other_minima_note(fit))
+            {
                 say!("        note: {warning}");
             }
         }
@@ -278,6 +281,7 @@ fn write(
     group: &Group,
     controls: &[Spectrum],
     args: &FitArgs,
+    plots: Plots,
 ) -> Result<(), Failure> {
     files::make_folder(folder)?;
     let names: Vec<String> = group
@@ -296,6 +300,38 @@ fn write(
             .map_err(|error| Failure::Analysis(error.to_string()))?;
         text(&run_folder::model(model.rc), &json)?;
     }
+    let has_warnings = group.fits.iter().any(|fit| !fit.warnings.is_empty());
+    let figures = if plots.draws(has_warnings) {
+        draw(folder, group, controls)?
+    } else {
+        Vec::new()
+    };
+    let report = Report {
+        title: present::titled("Extended Randles model", &group.name),
+        verdicts: fit_warnings(&group.fits),
+        figures,
+        tables: vec![models_table(&group.fits), branches_table(&group.fits)],
+        provenance: vec![
+            (
+                "program".to_owned(),
+                format!("eis-bench {}", env!("CARGO_PKG_VERSION")),
+            ),
+            ("objective".to_owned(), args.objective.clone()),
+            ("seed".to_owned(), args.seed.to_string()),
+            ("spectra".to_owned(), names.join(", ")),
+        ],
+        ..Report::default()
+    };
+    text(
+        run_folder::REPORT,
+        &report
+            .to_html()
+            .map_err(|error| Failure::Analysis(error.to_string()))?,
+    )
+}
+
+/// Draws the pictures of a group into its folder; gives those of its report.
+fn draw(folder: &Path, group: &Group, controls: &[Spectrum]) -> Result<Vec<Figure>, Failure> {
     let input = FigureInput {
         sweeps: &group.spectra,
         controls,
@@ -324,26 +360,5 @@ fn write(
         svg: plot::bode_svg(&bode).map_err(drawn)?,
         caption: "Magnitude and phase over frequency.".to_owned(),
     });
-    let report = Report {
-        title: present::titled("Extended Randles model", &group.name),
-        verdicts: fit_warnings(&group.fits),
-        figures,
-        tables: vec![models_table(&group.fits), branches_table(&group.fits)],
-        provenance: vec![
-            (
-                "program".to_owned(),
-                format!("eis-bench {}", env!("CARGO_PKG_VERSION")),
-            ),
-            ("objective".to_owned(), args.objective.clone()),
-            ("seed".to_owned(), args.seed.to_string()),
-            ("spectra".to_owned(), names.join(", ")),
-        ],
-        ..Report::default()
-    };
-    text(
-        run_folder::REPORT,
-        &report
-            .to_html()
-            .map_err(|error| Failure::Analysis(error.to_string()))?,
-    )
+    Ok(figures)
 }

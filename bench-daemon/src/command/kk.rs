@@ -4,6 +4,7 @@
 mod records;
 
 use crate::{
+    command::batch::{Batch, Choice, Plots, TableArgs, work},
     figures::validity::plots,
     files,
     safety::failure::Failure,
@@ -15,6 +16,7 @@ use std::path::{Path, PathBuf};
 use analysis::{
     drt::{Drt, drt, start_values},
     model::RcBranch,
+    rows::ValidityRows,
     spectrum::{SourcedSpectrum, Spectrum},
     validity::{
         Assessed, Assessment, Grade, Linearity, Noise, NoiseSource, Record, Stationarity, assess,
@@ -40,7 +42,10 @@ pub struct KkArgs {
     /// `h2,sigma_h2`, `h3,sigma_h3`, … (relative to the fundamental).
     #[arg(long, value_name = "FILE")]
     pub records: Option<PathBuf>,
-    /// Write plots and `kk.json` into this folder.
+    /// Many spectra as one table, each judged by itself.
+    #[command(flatten)]
+    pub many: TableArgs,
+    /// Write plots and `kk.json` into this folder; with --table only pictures.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Print JSON.
@@ -80,6 +85,9 @@ struct Distribution {
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn kk(args: &KkArgs) -> Result<(), Failure> {
+    if let Some(table) = &args.many.table {
+        return rows(args, table);
+    }
     let records = args
         .records
         .as_deref()
@@ -101,7 +109,7 @@ pub fn kk(args: &KkArgs) -> Result<(), Failure> {
         .map(|(cell, spectra)| group(cell, spectra, &records, args.drt))
         .collect::<Result<_, _>>()?;
     if let Some(folder) = &args.out {
-        write(folder, &groups)?;
+        write(folder, &groups, args.many.plots)?;
     }
     if args.json {
         say!("{}", json(&groups)?);
@@ -116,6 +124,32 @@ pub fn kk(args: &KkArgs) -> Result<(), Failure> {
 
 fn json(groups: &[Group]) -> Result<String, Failure> {
     serde_json::to_string_pretty(groups).map_err(|error| Failure::Analysis(error.to_string()))
+}
+
+/// One row for each spectrum.
+fn rows(args: &KkArgs, table: &Path) -> Result<(), Failure> {
+    for (name, given) in [("--json", args.json), ("--records", args.records.is_some())] {
+        if given {
+            return Err(Failure::Usage(format!(
+                "{name}: expected no --table beside it: a table has one row for each spectrum"
+            )));
+        }
+    }
+    let choice = Choice {
+        from_hz: 0.0,
+        to_hz: f64::INFINITY,
+        refused_points: true,
+        cells_only: false,
+    };
+    let kind = ValidityRows { drt: args.drt };
+    let batch = Batch {
+        files: &args.files,
+        choice,
+        table,
+        call: format!("kk {kind:?} {choice:?}"),
+        pictures: args.many.pictures(args.out.as_deref())?,
+    };
+    work(&batch, &kind)
 }
 
 /// The spectra by cell, in the order of their first.
@@ -197,11 +231,17 @@ fn group(
     })
 }
 
-fn write(folder: &Path, groups: &[Group]) -> Result<(), Failure> {
+fn write(folder: &Path, groups: &[Group], plots: Option<Plots>) -> Result<(), Failure> {
     files::make_folder(folder)?;
     files::write_text(folder, "kk.json", &json(groups)?)?;
+    let spectra = groups.iter().map(|group| group.measured.len()).sum();
+    let plots = Plots::chosen(plots, spectra);
+    let draws = |assessed: &Assessed| plots.draws(assessed.verdict.grade != Grade::Good);
     for group in groups {
         for (assessed, measured) in group.assessment.spectra.iter().zip(&group.measured) {
+            if !draws(assessed) {
+                continue;
+            }
             files::write_chart(
                 folder,
                 &format!("kk_{}", assessed.name),
@@ -213,7 +253,8 @@ fn write(folder: &Path, groups: &[Group]) -> Result<(), Failure> {
                 &plots::z_hit(assessed, measured),
             )?;
         }
-        for distribution in &group.drt {
+        let judged = group.assessment.spectra.iter();
+        for (_, distribution) in judged.zip(&group.drt).filter(|(judged, _)| draws(judged)) {
             files::write_chart(
                 folder,
                 &format!("drt_{}", distribution.name),

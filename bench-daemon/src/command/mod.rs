@@ -1,5 +1,6 @@
 //! Commands of the command line, one file per command.
 
+pub mod batch;
 pub mod clear;
 pub mod convert;
 pub mod dataset;

@@ -52,3 +52,14 @@ pub(crate) fn model_curves(spectra: &[Spectrum], fits: &[ErmFit]) -> Vec<Series>
     };
     fits.iter().enumerate().map(curve).collect()
 }
+
+/// A spectrum as points, what a model gives there as a line.
+pub(crate) fn compared(
+    title: &str,
+    measured: &Spectrum,
+    model: Option<&Spectrum>,
+) -> ImpedancePlot {
+    let mut series = vec![measured.series(0).labelled(Some("measured"))];
+    series.extend(model.map(|model| model.series(1).styled(SeriesStyle::Curve)));
+    ImpedancePlot::new(title, "", series)
+}

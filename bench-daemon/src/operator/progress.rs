@@ -41,6 +41,57 @@ impl Waiting {
     }
 }
 
+/// Seconds between two lines about progress where there is no terminal.
+const QUIET_S: u64 = 10;
+/// Ticks of a share of 1.
+const WHOLE: u64 = 10_000;
+
+/// Progress through spectra, with the time left.
+pub struct Share {
+    bar: ProgressBar,
+    terminal: bool,
+    told_s: Cell<u64>,
+}
+
+impl Share {
+    /// A bar on standard error; on anything else than a terminal a line now and then.
+    pub fn shown() -> Self {
+        let terminal = std::io::stderr().is_terminal();
+        let bar =
+            ProgressBar::with_draw_target(Some(WHOLE), ProgressDrawTarget::stderr_with_hz(10));
+        if let Ok(style) =
+            ProgressStyle::with_template("{bar:30} {percent:>3} %  left {eta:>4}  {msg}")
+        {
+            bar.set_style(style);
+        }
+        Self {
+            bar,
+            terminal,
+            told_s: Cell::new(0),
+        }
+    }
+
+    /// This share is done, which is so many spectra.
+    pub fn at(&self, share: f64, spectra: usize) {
+        self.bar.set_position((share * WHOLE as f64) as u64);
+        self.bar.set_message(format!("{spectra} spectra"));
+        let elapsed_s = self.bar.elapsed().as_secs();
+        if !self.terminal && elapsed_s >= self.told_s.get() + QUIET_S {
+            self.told_s.set(elapsed_s);
+            let left_s = elapsed_s as f64 * (1.0 - share) / share.max(f64::EPSILON);
+            remark!(
+                "{spectra} spectra, {:.0} %, about {left_s:.0} s left",
+                100.0 * share
+            );
+        }
+    }
+
+    /// Clears the bar.
+    pub fn end(self) {
+        self.bar.finish_and_clear();
+    }
+}
+
 /// Progress through a plan, by expected bench time.
 #[derive(Debug)]
 pub struct Progress {

@@ -10,6 +10,7 @@ mod accuracy;
 mod additions;
 mod architecture;
 mod bad_day;
+mod batch;
 mod bath;
 mod bath_safe;
 mod bench_lease;

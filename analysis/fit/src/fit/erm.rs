@@ -11,6 +11,7 @@ use super::result::ErmFit;
 use super::search::search;
 use super::storage::{ChargeStorage, Fitted, carry, charge_storage, settle_noise};
 use super::uncertainty::Uncertainty;
+use super::warning::{WarningCode, Warnings};
 use super::warnings::warnings;
 use crate::validity::sign_remarks;
 use analysis_numeric::Smooth;
@@ -129,23 +130,32 @@ fn fit(
         charge_storage,
         log_covariance: uncertainty.log_covariance,
         erm,
-        warnings: Vec::new(),
+        warnings: Warnings::default(),
         other_minima: other_minima(&problem, options, &found),
         bounds: options.bounds,
         seed: options.seed,
     };
+    if !fit.objective.is_finite() {
+        return Err(FitError::TooLarge);
+    }
     fit.warnings = warnings(&fit, &problem, spectra, minimum.converged);
     fit.warnings.extend(
         fit.charge_storage
             .as_ref()
-            .and_then(ChargeStorage::contradiction),
+            .and_then(ChargeStorage::contradiction)
+            .map(|words| WarningCode::ChargeStorage.says(words)),
     );
+    let repeats = clusters.remark(fit.cells.is_none() && problem.absolute_weights);
+    let signs = sign_remarks(spectra);
+    let outliers = outliers::remarks(spectra, &fit.erm);
     fit.warnings
-        .extend(clusters.remark(fit.cells.is_none() && problem.absolute_weights));
+        .extend(repeats.map(|words| WarningCode::Repeats.says(words)));
+    fit.warnings
+        .extend(signs.into_iter().map(|words| WarningCode::Sign.says(words)));
     fit.warnings.extend(
-        sign_remarks(spectra)
+        outliers
             .into_iter()
-            .chain(outliers::remarks(spectra, &fit.erm)),
+            .map(|words| WarningCode::Outliers.says(words)),
     );
     Ok(fit)
 }

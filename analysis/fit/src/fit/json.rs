@@ -7,6 +7,7 @@ use super::options::Objective;
 use super::result::ErmFit;
 use super::schema::{JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
 use super::uncertainty::ErmSigma;
+use super::warning::Warnings;
 use analysis_effects::{augmented::Augmented, contract::Facts};
 use analysis_model::{
     model::{Erm, RcBranch},
@@ -54,7 +55,8 @@ pub struct FitEntry {
     /// χ² per degree of freedom, where the data state their uncertainty.
     pub reduced_chi2: Option<f64>,
     /// Warnings to the user, in sentences.
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub warnings: Warnings,
     /// Other minima that the search met, deepest first.
     #[serde(default)]
     pub other_minima: Vec<LocalMinimum>,

@@ -28,6 +28,7 @@ mod outliers;
 mod problem;
 mod profile;
 mod projection;
+mod request;
 mod result;
 mod schema;
 mod search;
@@ -36,6 +37,7 @@ mod spread;
 mod storage;
 mod uncertainty;
 mod verdict;
+mod warning;
 mod warnings;
 mod whiteness;
 
@@ -52,6 +54,7 @@ pub use minima::{LocalMinimum, SeedSurvey, survey_seeds};
 pub use options::{Bounds, FitError, FitOptions, MAX_RC, Objective};
 pub use order::{MOST_AUTO, OrderOptions, OrderSelection, select_order};
 pub use profile::{Interval, Profile, profiles};
+pub use request::{ErmAnswer, ErmRequest, Prepared};
 pub use result::ErmFit;
 pub use schema::{JsonError, MODEL_SCHEMA, MODEL_SCHEMA_VERSION};
 pub use slope::{Slope, SlopeError};
@@ -60,6 +63,7 @@ pub use storage::ChargeStorage;
 pub(crate) use uncertainty::sigma_of;
 pub use uncertainty::{ErmSigma, RcSigma};
 pub use verdict::OrderRow;
+pub use warning::{Warning, WarningCode, Warnings};
 
 #[cfg(test)]
 mod tests;

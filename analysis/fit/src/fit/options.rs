@@ -194,6 +194,9 @@ pub enum FitError {
         /// Unit.
         unit: &'static str,
     },
+    /// Impedances whose squares are no numbers.
+    #[error("fit: expected impedances that can be squared, met too large ones")]
+    TooLarge,
     /// A name that is no objective.
     #[error("objective: expected sum-abs, modulus or complex, met \"{met}\"")]
     UnknownObjective {

@@ -4,6 +4,7 @@ use super::minima::LocalMinimum;
 use super::options::{Bounds, Objective};
 use super::storage::ChargeStorage;
 use super::uncertainty::ErmSigma;
+use super::warning::Warnings;
 use analysis_model::model::Erm;
 use analysis_numeric::stats::t_factor;
 use analysis_signal::spectrum::OcvSlope;
@@ -43,7 +44,8 @@ pub struct ErmFit {
     /// Where the sigmas rest on cells, of the fits to each cell.
     pub reduced_chi2: Option<f64>,
     /// Warnings to a user of the model, in sentences; empty when there is nothing.
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub warnings: Warnings,
     /// Other minima of the objective that the search met, deepest first: a fit that starts badly
     /// ends in one of these.
     #[serde(default)]

@@ -3,6 +3,7 @@
 use super::options::Objective;
 use super::problem::Problem;
 use super::result::ErmFit;
+use super::warning::{Warning, WarningCode, Warnings};
 use analysis_signal::spectrum::Spectrum;
 use std::f64::consts::TAU;
 
@@ -18,14 +19,13 @@ pub(crate) fn warnings(
     problem: &Problem,
     spectra: &[Spectrum],
     converged: bool,
-) -> Vec<String> {
-    let mut found = Vec::new();
+) -> Warnings {
+    let mut found = Warnings::default();
     if !converged {
-        found.push(
+        found.push(WarningCode::NotConverged.says(
             "the polish stopped before it converged: the parameters may differ in their \
-        last digits"
-                .to_owned(),
-        );
+            last digits",
+        ));
     }
     at_bounds(fit, &mut found);
     not_identified(fit, &mut found);
@@ -34,17 +34,17 @@ pub(crate) fn warnings(
         found.extend(no_weights(spectra));
     }
     if let Some(chi2) = fit.reduced_chi2.filter(|c| *c > HIGH_CHI2) {
-        found.push(format!(
+        found.push(WarningCode::HighChi2.says(format!(
             "reduced χ² is {chi2:.3}: data and model differ by {:.2} times the stated uncertainty; \
             the sigmas were widened by it",
             chi2.sqrt()
-        ));
+        )));
     }
     found
 }
 
 /// Reason why stated uncertainties were not used; none where none are stated.
-fn no_weights(spectra: &[Spectrum]) -> Option<String> {
+fn no_weights(spectra: &[Spectrum]) -> Option<Warning> {
     const INSTEAD: &str = "all residuals were weighted relative to |Z| instead";
     let covariances = || {
         spectra
@@ -64,16 +64,15 @@ fn no_weights(spectra: &[Spectrum]) -> Option<String> {
     } else {
         format!("{zero} of {points}")
     };
-    match (zero, usable) {
-        (0, 0) => None,
-        (0, _) => Some(format!(
-            "only {usable} of {points} points have a usable covariance: {INSTEAD}"
-        )),
-        _ => Some(format!(
+    let words = match (zero, usable) {
+        (0, 0) => return None,
+        (0, _) => format!("only {usable} of {points} points have a usable covariance: {INSTEAD}"),
+        _ => format!(
             "σ is zero at {place} points: expected a positive σ, or nothing where it is not known; \
             {INSTEAD}"
-        )),
-    }
+        ),
+    };
+    Some(WarningCode::CovarianceUnused.says(words))
 }
 
 /// One parameter by its name in the thesis.
@@ -118,7 +117,7 @@ pub(super) fn held_by_bounds(fit: &ErmFit) -> Vec<String> {
         .collect()
 }
 
-fn at_bounds(fit: &ErmFit, found: &mut Vec<String>) {
+fn at_bounds(fit: &ErmFit, found: &mut Warnings) {
     for Parameter {
         name,
         value,
@@ -128,14 +127,18 @@ fn at_bounds(fit: &ErmFit, found: &mut Vec<String>) {
     } in parameters(fit)
     {
         if value <= lo * NEAR_BOUND {
-            found.push(format!("{name} is at its lower bound of {lo} {unit}"));
+            found.push(
+                WarningCode::AtBound.says(format!("{name} is at its lower bound of {lo} {unit}")),
+            );
         } else if value >= hi / NEAR_BOUND {
-            found.push(format!("{name} is at its upper bound of {hi} {unit}"));
+            found.push(
+                WarningCode::AtBound.says(format!("{name} is at its upper bound of {hi} {unit}")),
+            );
         }
     }
 }
 
-fn not_identified(fit: &ErmFit, found: &mut Vec<String>) {
+fn not_identified(fit: &ErmFit, found: &mut Warnings) {
     if fit.sigma.r_ohm.is_none()
         && fit
             .sigma
@@ -144,10 +147,10 @@ fn not_identified(fit: &ErmFit, found: &mut Vec<String>) {
             .all(|b| b.r_ohm.is_none() && b.c_f.is_none())
     {
         let parameters = fit.erm.parameter_count();
-        found.push(format!(
+        found.push(WarningCode::NotIdentified.says(format!(
             "the data do not fix all {parameters} parameters: no uncertainty can be \
         given; try fewer RC branches"
-        ));
+        )));
         return;
     }
     for Parameter {
@@ -160,14 +163,14 @@ fn not_identified(fit: &ErmFit, found: &mut Vec<String>) {
             } else {
                 "more than 1000 %".to_owned()
             };
-            found.push(format!(
+            found.push(WarningCode::NotIdentified.says(format!(
                 "{name} is not identified by the data: its standard uncertainty is {percent}"
-            ));
+            )));
         }
     }
 }
 
-fn outside_the_band(fit: &ErmFit, problem: &Problem, found: &mut Vec<String>) {
+fn outside_the_band(fit: &ErmFit, problem: &Problem, found: &mut Warnings) {
     let (Some(first), Some(last)) = (problem.groups.first(), problem.groups.last()) else {
         return;
     };
@@ -175,19 +178,19 @@ fn outside_the_band(fit: &ErmFit, problem: &Problem, found: &mut Vec<String>) {
     for (k, tau) in fit.erm.time_constants_s().into_iter().enumerate() {
         let k = k + 1;
         if tau > slow_s {
-            found.push(format!(
+            found.push(WarningCode::Extrapolated.says(format!(
                 "branch {k}: its time constant of {tau:.3} s is beyond the {slow_s:.3} s of the \
                 lowest frequency ({} Hz): R{k} and C{k} are extrapolated",
                 short(first.freq_hz)
-            ));
+            )));
         } else if tau < fast_s {
-            found.push(format!(
+            found.push(WarningCode::Extrapolated.says(format!(
                 "branch {k}: its time constant of {:.3} ms is below the {:.3} ms of the highest \
                 frequency ({} Hz): R{k} and C{k} are extrapolated",
                 tau * 1e3,
                 fast_s * 1e3,
                 short(last.freq_hz)
-            ));
+            )));
         }
     }
 }

@@ -188,7 +188,7 @@ impl From<ModelFile> for GivenModel {
             erm: file.fit.erm.clone(),
             ocv: file.ocv.clone(),
             log_covariance: file.fit.log_covariance.clone(),
-            warnings: file.fit.warnings.clone(),
+            warnings: file.fit.warnings.words(),
             additions: file.additions.clone(),
             facts: file.facts,
             ladder: None,

@@ -4,7 +4,7 @@ use super::pooled::PooledSpectrum;
 use super::problem::{EDGE, Likelihood, erm, information, square};
 use super::response::{step_resistance_ohm, step_resistance_sigma_ohm};
 use super::window::PulseWindow;
-use crate::fit::{Bounds, ErmFit, ErmSigma, MAX_RC, Objective, sigma_of};
+use crate::fit::{Bounds, ErmFit, ErmSigma, MAX_RC, Objective, WarningCode, sigma_of};
 use analysis_model::model::Erm;
 use analysis_numeric::{LocalOptions, Minimum, Rng, linalg, minimise};
 use rayon::prelude::*;
@@ -257,7 +257,11 @@ impl JointFit {
             charge_storage: None,
             rms_ohm: (square / spectrum.points.len() as f64).sqrt(),
             reduced_chi2: Some(self.reduced_chi2),
-            warnings: self.warnings.clone(),
+            warnings: self
+                .warnings
+                .iter()
+                .map(|words| WarningCode::Joint.says(words))
+                .collect(),
             bounds: options.bounds,
             other_minima: Vec::new(),
             seed: options.seed,

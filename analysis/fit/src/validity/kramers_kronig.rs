@@ -84,6 +84,19 @@ pub enum KkOutcome {
     Disagrees,
 }
 
+impl KkOutcome {
+    /// Name as JSON and tables have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Agrees => "agrees",
+            Self::SinglePoints => "single-points",
+            Self::PartOfBand => "part-of-band",
+            Self::SignSwapped => "sign-swapped",
+            Self::Disagrees => "disagrees",
+        }
+    }
+}
+
 /// Outcome of the linear Kramers–Kronig test.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct KramersKronig {
@@ -117,7 +130,7 @@ pub struct KramersKronig {
 
 impl KramersKronig {
     /// The largest residual that the ladder leaves, with its point.
-    pub(super) fn worst(&self) -> Option<&KkPoint> {
+    pub fn worst(&self) -> Option<&KkPoint> {
         self.points
             .iter()
             .max_by(|a, b| a.percent().total_cmp(&b.percent()))

@@ -4,7 +4,8 @@ mod args;
 
 use crate::{
     command::{
-        fit::{FitArgs, read},
+        batch::Plots,
+        fit::{FitArgs, read, table},
         ocv_slope,
     },
     files,
@@ -16,8 +17,8 @@ use std::path::Path;
 
 use analysis::{
     fit::{
-        CellSweeps, CircuitFit, CircuitOptions, Objective, Search, Slope, State, Weight,
-        fit_circuit_cells,
+        CellSweeps, CircuitFit, CircuitOptions, Objective, Search, Slope, State, WarningCode,
+        Weight, fit_circuit_cells,
     },
     model::Circuit,
     plot::{self, ImpedancePlot, Series, SeriesStyle},
@@ -51,6 +52,9 @@ pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
         .map_err(|error| Failure::Usage(format!("--circuit: {error}")))?;
     let options = options(args, &circuit)?;
     let slope = ocv_slope::for_circuit(&args.slope, options.objective)?;
+    if let Some(path) = &args.many.table {
+        return table::circuit(args, path, circuit, options, slope);
+    }
     let (mut cells, _) = read(args)?;
     cells
         .iter_mut()
@@ -69,24 +73,25 @@ pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
             .map_err(|error| Failure::Usage(format!("{name}: {error}")))?;
         if let Slope::Known(slope) = &slope {
             let micro = |v: f64| present::significant(1.0e6 * v, 3);
-            fit.warnings.push(format!(
+            fit.warnings.push(WarningCode::ChargeStorage.says(format!(
                 "without charge storage: −j·(dU/dQ)/ω was taken out of the spectra, dU/dQ {} ± {} \
                 µV/C",
                 micro(slope.v_per_c),
                 micro(slope.sigma_v_per_c)
-            ));
+            )));
         }
         let spectra = sweeps.into_iter().map(|sourced| sourced.spectrum).collect();
         fitted.push(Group { name, spectra, fit });
     }
     if let Some(folder) = &args.out {
+        let plots = Plots::chosen(args.many.plots, fitted.len());
         for group in &fitted {
             let folder = if fitted.len() == 1 {
                 folder.clone()
             } else {
                 folder.join(&group.name)
             };
-            write(&folder, group, &circuit)?;
+            write(&folder, group, &circuit, plots)?;
         }
     }
     if args.json {
@@ -184,7 +189,7 @@ fn print(group: &Group) {
         );
         say!("{}", line.trim_end());
     }
-    for warning in &fit.warnings {
+    for warning in fit.warnings.iter() {
         say!("  note: {warning}");
     }
 }
@@ -245,26 +250,17 @@ fn prefix(value: f64, unit: &str) -> (f64, &'static str) {
     fitting.map_or((1.0, ""), |(factor, prefix, _)| (factor, prefix))
 }
 
-fn write(folder: &Path, group: &Group, circuit: &Circuit) -> Result<(), Failure> {
+fn write(folder: &Path, group: &Group, circuit: &Circuit, plots: Plots) -> Result<(), Failure> {
     files::make_folder(folder)?;
     let text = |name: &str, text: &str| files::write_text(folder, name, text);
     let drawn = |error: plot::PlotError| Failure::Analysis(error.to_string());
     text("circuit.json", &json(vec![&group.fit])?)?;
-    let picture = picture(group, circuit);
-    files::write_picture(folder, "nyquist", |path| plot::nyquist(&picture, path))?;
-    files::write_picture(folder, "bode", |path| plot::bode(&picture, path))?;
-    let report = Report {
-        title: present::titled(&group.fit.circuit.to_string(), &group.name),
-        verdicts: group
-            .fit
-            .warnings
-            .iter()
-            .map(|warning| Verdict {
-                level: Level::Note,
-                text: warning.clone(),
-            })
-            .collect(),
-        figures: vec![
+    let mut figures = Vec::new();
+    if plots.draws(!group.fit.warnings.is_empty()) {
+        let picture = picture(group, circuit);
+        files::write_picture(folder, "nyquist", |path| plot::nyquist(&picture, path))?;
+        files::write_picture(folder, "bode", |path| plot::bode(&picture, path))?;
+        figures = vec![
             Figure {
                 svg: plot::nyquist_svg(&picture).map_err(drawn)?,
                 caption: "The circuit over the spectra; both axes have the same scale.".to_owned(),
@@ -273,7 +269,20 @@ fn write(folder: &Path, group: &Group, circuit: &Circuit) -> Result<(), Failure>
                 svg: plot::bode_svg(&picture).map_err(drawn)?,
                 caption: "Magnitude and phase over frequency.".to_owned(),
             },
-        ],
+        ];
+    }
+    let report = Report {
+        title: present::titled(&group.fit.circuit.to_string(), &group.name),
+        verdicts: group
+            .fit
+            .warnings
+            .iter()
+            .map(|warning| Verdict {
+                level: Level::Note,
+                text: warning.words.clone(),
+            })
+            .collect(),
+        figures,
         tables: vec![table(&group.fit)],
         provenance: vec![
             (

@@ -44,7 +44,10 @@ pub struct FitArgs {
     /// Seed of the global search.
     #[arg(long, default_value_t = 0)]
     pub seed: u64,
-    /// Write models, plots and a report into this folder.
+    /// Many spectra as one table.
+    #[command(flatten)]
+    pub many: command::batch::TableArgs,
+    /// Write models, plots and a report into this folder; with --table only pictures.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     /// Order, uncertainty and search in depth.

@@ -8,12 +8,10 @@ use std::path::Path;
 
 use analysis::{
     fit::{
-        Bounds, CellSpread, CellSweeps, ErmFit, FitError, FitOptions, LocalMinimum, MOST_AUTO,
-        OrderOptions, OrderRow, OrderSelection, Profile, QuantitySpread, SeedSurvey, cell_spread,
-        profiles, select_order, survey_seeds,
+        CellSpread, ErmFit, FitError, FitOptions, LocalMinimum, OrderRow, OrderSelection, Prepared,
+        Profile, QuantitySpread, SeedSurvey, cell_spread, profiles, survey_seeds,
     },
     plot::{AxisSpec, Chart, Panel, Trace, TraceStyle},
-    spectrum::Spectrum,
 };
 use serde::Serialize;
 
@@ -64,18 +62,12 @@ impl More {
     /// Chooses the order if asked to.
     pub(super) fn choose(
         name: &str,
-        cells: &[CellSweeps],
+        prepared: &Prepared,
         auto: bool,
         seed: u64,
     ) -> Result<Self, Failure> {
-        let all: Vec<Spectrum> = cells.iter().flat_map(|c| c.sweeps.clone()).collect();
-        let options = OrderOptions {
-            most: MOST_AUTO,
-            bounds: Bounds::for_spectra(&all),
-            seed,
-        };
         let order_selection = auto
-            .then(|| select_order(cells, &options))
+            .then(|| prepared.select_order(seed))
             .transpose()
             .map_err(refused(name))?;
         Ok(Self {
@@ -91,8 +83,7 @@ impl More {
     /// profiles and seeds where asked for.
     pub(super) fn add(
         &mut self,
-        cells: &[CellSweeps],
-        spectra: &[Spectrum],
+        Prepared { cells, spectra }: &Prepared,
         fits: &[ErmFit],
         args: &MoreArgs,
     ) -> Result<(), Failure> {

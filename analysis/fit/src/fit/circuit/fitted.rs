@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{super::options::Objective, options::Weight};
+use super::{super::options::Objective, super::warning::Warnings, options::Weight};
 
 /// State of a parameter after the fit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -16,6 +16,18 @@ pub enum State {
     AtLowerBound,
     /// Fitted, and stopped by the upper bound.
     AtUpperBound,
+}
+
+impl State {
+    /// Name as JSON and tables have it.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Free => "free",
+            Self::Constant => "constant",
+            Self::AtLowerBound => "at-lower-bound",
+            Self::AtUpperBound => "at-upper-bound",
+        }
+    }
 }
 
 /// A fitted circuit and what is known of it. The lists about parameters stand in the order of the
@@ -73,5 +85,6 @@ pub struct CircuitFit {
     /// Seed of the starts.
     pub seed: u64,
     /// Warnings to the user of the model, in sentences; empty when there are none.
-    pub warnings: Vec<String>,
+    #[serde(flatten)]
+    pub warnings: Warnings,
 }

@@ -20,6 +20,7 @@ pub use options::{CircuitFitError, CircuitOptions, MAX_STARTS, Search, Weight};
 use super::cells::CellSweeps;
 use super::clusters::Clusters;
 use super::options::Objective;
+use super::warning::{WarningCode, Warnings};
 use analysis_model::model::Circuit;
 use analysis_numeric::Smooth;
 use analysis_signal::spectrum::Spectrum;
@@ -133,9 +134,12 @@ fn fit(
     fit.spectra = spectra.iter().map(|s| s.name.clone()).collect();
     (fit.starts, fit.starts_at_optimum, fit.seed) = (found.starts, found.agreeing, options.seed);
     fit.warnings = warnings::warnings(&fit, &data, found.minimum.converged);
-    fit.warnings.extend(data.clusters.remark(data.is_chi2()));
+    let repeats = data.clusters.remark(data.is_chi2());
     fit.warnings
-        .extend(crate::validity::wrong_sign_remarks(spectra));
+        .extend(repeats.map(|words| WarningCode::Repeats.says(words)));
+    let signs = crate::validity::wrong_sign_remarks(spectra);
+    fit.warnings
+        .extend(signs.into_iter().map(|words| WarningCode::Sign.says(words)));
     Ok(fit)
 }
 
@@ -255,7 +259,7 @@ fn describe(problem: &Problem, values: Vec<f64>, bounds: &[(f64, f64)]) -> Circu
         starts: 0,
         starts_at_optimum: 0,
         seed: 0,
-        warnings: Vec::new(),
+        warnings: Warnings::default(),
         values,
     }
 }

@@ -4,27 +4,27 @@ use super::data::Data;
 use super::options::Weight;
 use super::{CircuitFit, State};
 use crate::fit::options::Objective;
+use crate::fit::warning::{WarningCode, Warnings};
 
 /// Relative sigma above which a parameter counts as not identified.
 const UNIDENTIFIED: f64 = 1.0;
 /// Reduced χ² above which the model misses the data or the uncertainty is understated.
 const HIGH_CHI2: f64 = 2.0;
 
-pub(super) fn warnings(fit: &CircuitFit, data: &Data, converged: bool) -> Vec<String> {
-    let mut found = Vec::new();
+pub(super) fn warnings(fit: &CircuitFit, data: &Data, converged: bool) -> Warnings {
+    let mut found = Warnings::default();
     if !converged {
-        found.push(
+        found.push(WarningCode::NotConverged.says(
             "the polish stopped before it converged: the parameters may differ in their \
-        last digits"
-                .to_owned(),
-        );
+        last digits",
+        ));
     }
     if fit.starts > 1 && fit.starts_at_optimum == 1 {
-        found.push(format!(
+        found.push(WarningCode::FewStartsAgree.says(format!(
             "only 1 of {} starts ended at this optimum: a better one may have been \
         missed; try more starts",
             fit.starts
-        ));
+        )));
     }
     at_bounds(fit, &mut found);
     not_identified(fit, data, &mut found);
@@ -33,22 +33,22 @@ pub(super) fn warnings(fit: &CircuitFit, data: &Data, converged: bool) -> Vec<St
         && data.known > 0
         && data.known < data.points
     {
-        found.push(format!(
+        found.push(WarningCode::CovarianceUnused.says(format!(
             "only {} of {} points have a usable covariance: it was not used",
             data.known, data.points
-        ));
+        )));
     }
     if let Some(chi2) = fit.reduced_chi2.filter(|c| *c > HIGH_CHI2) {
-        found.push(format!(
+        found.push(WarningCode::HighChi2.says(format!(
             "reduced χ² is {chi2:.3}: data and model differ by {:.2} times the stated uncertainty; \
             the sigmas were widened by it",
             chi2.sqrt()
-        ));
+        )));
     }
     found
 }
 
-fn at_bounds(fit: &CircuitFit, found: &mut Vec<String>) {
+fn at_bounds(fit: &CircuitFit, found: &mut Warnings) {
     for (i, name) in fit.names.iter().enumerate() {
         let ((lower, upper), unit) = (fit.bounds[i], &fit.units[i]);
         let (side, bound) = match fit.states[i] {
@@ -57,23 +57,22 @@ fn at_bounds(fit: &CircuitFit, found: &mut Vec<String>) {
             State::Free | State::Constant => continue,
         };
         let place = format!("{name} is at its {side} bound of {bound:.3e} {unit}");
-        found.push(format!(
+        found.push(WarningCode::AtBound.says(format!(
             "{}: it has no sigma, and the others' hold with it there",
             place.trim_end()
-        ));
+        )));
     }
 }
 
-fn not_identified(fit: &CircuitFit, data: &Data, found: &mut Vec<String>) {
+fn not_identified(fit: &CircuitFit, data: &Data, found: &mut Warnings) {
     let free: Vec<usize> = (0..fit.names.len())
         .filter(|i| fit.states[*i] == State::Free)
         .collect();
     if !free.is_empty() && fit.degrees_of_freedom == 0 {
-        found.push(
+        found.push(WarningCode::NoFreedom.says(
             "there are as many parameters as numbers: the fit leaves nothing to tell an \
-        uncertainty from"
-                .to_owned(),
-        );
+        uncertainty from",
+        ));
         return;
     }
     let unfixed: Vec<&str> = free
@@ -82,10 +81,10 @@ fn not_identified(fit: &CircuitFit, data: &Data, found: &mut Vec<String>) {
         .map(|i| fit.names[*i].as_str())
         .collect();
     if !unfixed.is_empty() {
-        found.push(format!(
+        found.push(WarningCode::NotIdentified.says(format!(
             "the data fix only combinations of {}: these have no sigma; try a simpler circuit",
             unfixed.join(", ")
-        ));
+        )));
     }
     let band = match (data.groups.first(), data.groups.last()) {
         (Some(first), Some(last)) => format!("{:.3e} to {:.3e} Hz", first.freq_hz, last.freq_hz),
@@ -101,10 +100,10 @@ fn not_identified(fit: &CircuitFit, data: &Data, found: &mut Vec<String>) {
             } else {
                 "more than 1000 %".to_owned()
             };
-            found.push(format!(
+            found.push(WarningCode::NotIdentified.says(format!(
                 "{} is not identified by this band ({band}): its standard uncertainty is {percent}",
                 fit.names[i]
-            ));
+            )));
         }
     }
 }

@@ -67,7 +67,7 @@ fn the_thesis_sigmas_are_the_scatter_of_its_five_cells() {
         assert_eq!(fit.cells, Some(5));
         let remark = "the sigmas rest on how only 5 cells scatter: they are themselves known to \
         about 35 %, and a 95 % interval takes 2.78 sigma, not 1.96";
-        assert_eq!(fit.warnings.last().unwrap(), remark);
+        assert_eq!(fit.warnings.words().last().unwrap(), remark);
     }
     let one = fit_cells(
         &cells[..1],
@@ -82,6 +82,7 @@ fn the_thesis_sigmas_are_the_scatter_of_its_five_cells() {
         (
             one.cells,
             one.warnings
+                .words()
                 .last()
                 .unwrap()
                 .starts_with("all sweeps are of one cell: ")
@@ -295,7 +296,7 @@ fn circuits_and_profiles_say_the_same() {
             (met / expected - 1.0).abs() < 0.01,
             "{objective}: {met} against {expected}"
         );
-        assert_eq!(other.warnings.last(), fit.warnings.last());
+        assert_eq!(other.warnings.words().last(), fit.warnings.words().last());
         // Student's t of four degrees of freedom: 2.776 at 95 %.
         let spectra: Vec<Spectrum> = cells.iter().flat_map(|c| c.sweeps.clone()).collect();
         let profile = &profiles(&spectra, &fit).unwrap()[0];

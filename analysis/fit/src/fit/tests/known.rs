@@ -163,7 +163,7 @@ fn warnings_say_what_is_wrong() {
     let lone_fast: Circuit<'_> = (0.007, &[(0.002, 0.02)]);
     let fit_fast = fit(&[exact(lone_fast, 20)], 1, Objective::Complex);
     assert!(
-        fit_fast.warnings.iter().any(|w| w.starts_with(
+        fit_fast.warnings.words().iter().any(|w| w.starts_with(
             "branch 1: its time constant of 0.040 ms is \
         below the 0.531 ms"
         )),
@@ -175,6 +175,7 @@ fn warnings_say_what_is_wrong() {
     assert!(
         at_bound
             .warnings
+            .words()
             .contains(&"R is at its upper bound of 0.1 Ω".to_owned()),
         "{:?}",
         at_bound.warnings
@@ -188,6 +189,7 @@ fn warnings_say_what_is_wrong() {
     assert!(
         missed
             .warnings
+            .words()
             .iter()
             .any(|w| w.starts_with("reduced χ² is ")),
         "{:?}",
@@ -198,7 +200,7 @@ fn warnings_say_what_is_wrong() {
     let expected = "only 29 of 30 points have a usable covariance: all residuals were weighted \
     relative to |Z| instead";
     assert!(
-        mixed.warnings.contains(&expected.to_owned()) && mixed.reduced_chi2.is_none(),
+        mixed.warnings.words().contains(&expected.to_owned()) && mixed.reduced_chi2.is_none(),
         "{:?}",
         mixed.warnings
     );
@@ -210,6 +212,7 @@ fn warnings_say_what_is_wrong() {
     assert!(
         greedy
             .warnings
+            .words()
             .iter()
             .any(|w| w.contains("not identified") || w.contains("no uncertainty")),
         "{:?}",

@@ -17,6 +17,7 @@ fn warnings(spectrum: &analysis_signal::spectrum::Spectrum, objective: Objective
     )
     .unwrap()
     .warnings
+    .words()
 }
 
 fn off(warnings: &[String]) -> Vec<&String> {

@@ -50,6 +50,7 @@ fn a_slope_beyond_its_prior_is_found_and_told() {
         );
         let told = fit
             .warnings
+            .words()
             .iter()
             .filter(|w| w.starts_with("these data want"))
             .count();

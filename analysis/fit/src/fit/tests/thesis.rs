@@ -129,7 +129,7 @@ fn what_the_band_cannot_show_is_said() {
     let fit = fit_erm(&sweeps, &FitOptions::default()).unwrap();
     let expected = "branch 4: its time constant of 5.172 s is beyond the 1.592 s of the lowest \
     frequency (0.1 Hz): R4 and C4 are extrapolated";
-    assert_eq!(fit.warnings, [expected]);
+    assert_eq!(fit.warnings.words(), [expected]);
     // One cell repeats within 0.3 %, five cells differ by 0.8 %: the pooled R is known far better
     // than any one cell's.
     let relative = fit.sigma.r_ohm.unwrap() / fit.erm.r_ohm;

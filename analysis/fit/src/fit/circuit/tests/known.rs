@@ -259,7 +259,7 @@ fn what_the_data_do_not_fix_is_said() {
         twice.sigmas
     );
     assert!(
-        twice.warnings.iter().any(|w| w.starts_with(
+        twice.warnings.words().iter().any(|w| w.starts_with(
             "the data fix only combinations of R0, R3: \
         these have no sigma"
         )),
@@ -282,7 +282,10 @@ fn what_the_data_do_not_fix_is_said() {
         (0.003, &mut rng),
     )];
     let far = fit_circuit(&spectra, &parse("R0-Wo1"), &CircuitOptions::default()).unwrap();
-    assert!(far.warnings.iter().any(|w| w.contains("Wo1")), "{far:?}");
+    assert!(
+        far.warnings.words().iter().any(|w| w.contains("Wo1")),
+        "{far:?}"
+    );
 }
 
 #[test]
@@ -306,8 +309,8 @@ fn a_bound_that_holds_a_parameter_is_named() {
         "{fit:?}"
     );
     assert!(
-        fit.warnings[0].starts_with("L0 is at its lower bound of ")
-            && fit.warnings[0].contains(" H: it has no sigma"),
+        fit.warnings.words()[0].starts_with("L0 is at its lower bound of ")
+            && fit.warnings.words()[0].contains(" H: it has no sigma"),
         "{:?}",
         fit.warnings
     );

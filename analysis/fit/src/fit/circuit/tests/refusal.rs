@@ -113,6 +113,7 @@ fn few_numbers_fit_without_uncertainty_and_constants_alone_are_no_fit() {
     );
     assert!(
         fit.warnings
+            .words()
             .iter()
             .any(|w| w.contains("as many parameters as numbers")),
         "{:?}",

@@ -1,0 +1,20 @@
+//! Tables of many spectra in, tables of many results out, a batch at a time.
+//!
+//! [`LongForm`] reads a Parquet or CSV table in long form: one row for each point, the rows of a
+//! spectrum one after another. [`Parts`] keeps results on disk as they come, so that a call that was
+//! killed goes on where it was, and puts them together into one Parquet or CSV table.
+
+mod columns;
+mod csv;
+mod error;
+mod long_form;
+mod parquet;
+mod parts;
+mod results;
+
+#[cfg(test)]
+mod tests;
+
+pub use error::BatchError;
+pub use long_form::{LongForm, TableSpectrum};
+pub use parts::{Parts, PartsPlan};

@@ -1,0 +1,191 @@
+//! Results on disk as they come, and their end as one table.
+//!
+//! Beside the table `results.parquet` stands, while it is made, the folder `results.parquet.parts`:
+//! `call.txt`, which says what is being worked on, and one Parquet file for each part that is done.
+//! A part is written beside its place and renamed, so that it is whole or not there.
+
+use std::fs::{self, File};
+use std::io::BufWriter;
+use std::path::{Path, PathBuf};
+
+use polars::prelude::{
+    CsvWriter, DataFrame, ParquetReader, ParquetWriter, PolarsError, SerReader, SerWriter,
+};
+
+use analysis_fit::rows::{ResultColumn, ResultRow};
+
+use super::error::BatchError;
+use super::results::frame;
+use crate::dataset::write_atomically;
+
+/// File that says what is being worked on.
+const CALL: &str = "call.txt";
+
+/// Form of the table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Form {
+    Csv,
+    Parquet,
+}
+
+/// Place of a table of results, and the call that makes it.
+#[derive(Debug, Clone)]
+pub struct PartsPlan {
+    /// The table: `.parquet` or `.csv`.
+    pub out: PathBuf,
+    /// Everything that decides the results, as text: another call may not go on with these parts.
+    pub call: String,
+    /// Columns of the table.
+    pub columns: Vec<ResultColumn>,
+}
+
+/// Results on disk that become one table.
+#[derive(Debug)]
+pub struct Parts {
+    plan: PartsPlan,
+    form: Form,
+    folder: PathBuf,
+}
+
+impl Parts {
+    /// Begins the parts of a table, or goes on with those of the same call.
+    ///
+    /// # Errors
+    /// [`BatchError`]: a name that is neither `.parquet` nor `.csv`, a table that is there already,
+    /// parts of another call, a folder that cannot be written.
+    pub fn begin(plan: PartsPlan) -> Result<Self, BatchError> {
+        let out = &plan.out;
+        let extension = out.extension().and_then(|extension| extension.to_str());
+        let form = match extension {
+            Some("parquet") => Form::Parquet,
+            Some("csv") => Form::Csv,
+            _ => {
+                return Err(BatchError::Row {
+                    path: out.clone(),
+                    place: "name".to_owned(),
+                    expected: "a table named .parquet or .csv",
+                    met: extension.unwrap_or("no extension").to_owned(),
+                });
+            }
+        };
+        let taken = |path: &Path, met: String| BatchError::Taken {
+            path: path.to_path_buf(),
+            met,
+        };
+        if out.exists() {
+            return Err(taken(out, "a file; nothing is written over".to_owned()));
+        }
+        let mut folder = out.clone().into_os_string();
+        folder.push(".parts");
+        let folder = PathBuf::from(folder);
+        let call = folder.join(CALL);
+        if folder.exists() {
+            let met = fs::read_to_string(&call).map_err(|source| io(&call, READ, source))?;
+            if met != plan.call {
+                return Err(taken(&folder, format!("the parts of `{}`", met.trim())));
+            }
+        } else {
+            fs::create_dir_all(&folder).map_err(|source| io(&folder, "make the folder", source))?;
+            write_atomically(&call, plan.call.as_bytes())?;
+        }
+        Ok(Self { plan, form, folder })
+    }
+
+    /// Whether a part is done.
+    pub fn is_done(&self, part: usize) -> bool {
+        self.path(part).exists()
+    }
+
+    /// Writes a part.
+    ///
+    /// # Errors
+    /// [`BatchError`] for a folder that cannot be written.
+    pub fn write(&self, part: usize, rows: &[ResultRow]) -> Result<(), BatchError> {
+        let path = self.path(part);
+        let failed = |source| parquet(&path, "encode the results", source);
+        let mut frame = frame(&self.plan.columns, rows).map_err(failed)?;
+        let mut bytes = Vec::new();
+        ParquetWriter::new(&mut bytes)
+            .set_parallel(false)
+            .finish(&mut frame)
+            .map_err(failed)?;
+        Ok(write_atomically(&path, &bytes)?)
+    }
+
+    /// Puts the first `count` parts together into the table, and removes them.
+    ///
+    /// # Errors
+    /// [`BatchError`] for a part that cannot be read or a table that cannot be written; the parts
+    /// are then still there.
+    pub fn finish(self, count: usize) -> Result<(), BatchError> {
+        let out = &self.plan.out;
+        let hidden = self.folder.join("table");
+        let file = File::create(&hidden).map_err(|source| io(&hidden, WRITE, source))?;
+        match self.form {
+            Form::Parquet => self.as_parquet(&file, count)?,
+            Form::Csv => self.as_csv(&file, count)?,
+        }
+        file.sync_all()
+            .and_then(|()| fs::rename(&hidden, out))
+            .map_err(|source| io(out, WRITE, source))?;
+        fs::remove_dir_all(&self.folder)
+            .map_err(|source| io(&self.folder, "remove the parts", source))
+    }
+
+    fn as_parquet(&self, file: &File, count: usize) -> Result<(), BatchError> {
+        let failed = |source| parquet(&self.plan.out, "write the table", source);
+        let schema = frame(&self.plan.columns, &[]).map_err(failed)?;
+        let mut writer = ParquetWriter::new(BufWriter::new(file))
+            .set_parallel(false)
+            .batched(schema.schema())
+            .map_err(failed)?;
+        for part in 0..count {
+            writer.write_batch(&self.read(part)?).map_err(failed)?;
+        }
+        writer.finish().map_err(failed).map(|_| ())
+    }
+
+    fn as_csv(&self, file: &File, count: usize) -> Result<(), BatchError> {
+        let failed = |source| parquet(&self.plan.out, "write the table", source);
+        let mut empty = frame(&self.plan.columns, &[]).map_err(failed)?;
+        CsvWriter::new(file).finish(&mut empty).map_err(failed)?;
+        for part in 0..count {
+            CsvWriter::new(file)
+                .include_header(false)
+                .finish(&mut self.read(part)?)
+                .map_err(failed)?;
+        }
+        Ok(())
+    }
+
+    fn read(&self, part: usize) -> Result<DataFrame, BatchError> {
+        let path = self.path(part);
+        let file = File::open(&path).map_err(|source| io(&path, READ, source))?;
+        ParquetReader::new(file)
+            .finish()
+            .map_err(|source| parquet(&path, "decode the results", source))
+    }
+
+    fn path(&self, part: usize) -> PathBuf {
+        self.folder.join(format!("{part:06}.parquet"))
+    }
+}
+
+const READ: &str = "read the file";
+const WRITE: &str = "write the file";
+
+fn io(path: &Path, action: &'static str, source: std::io::Error) -> BatchError {
+    BatchError::Io {
+        path: path.to_path_buf(),
+        action,
+        source,
+    }
+}
+
+fn parquet(path: &Path, action: &'static str, source: PolarsError) -> BatchError {
+    BatchError::Parquet {
+        path: path.to_path_buf(),
+        action,
+        source,
+    }
+}

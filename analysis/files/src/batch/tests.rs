@@ -1,0 +1,125 @@
+//! Tables in long form as Parquet, and damaged ones.
+
+use super::{BatchError, LongForm, TableSpectrum};
+use polars::prelude::{Column, DataFrame, ParquetWriter};
+use std::fs::File;
+use std::path::{Path, PathBuf};
+
+fn write(path: &Path, columns: Vec<Column>) {
+    let height = columns[0].len();
+    let mut frame = DataFrame::new(height, columns).unwrap();
+    ParquetWriter::new(File::create(path).unwrap())
+        .with_row_group_size(Some(4))
+        .finish(&mut frame)
+        .unwrap();
+}
+
+fn numbers(name: &str, values: &[f64]) -> Column {
+    Column::new(name.into(), values)
+}
+
+fn all(path: &Path) -> Result<Vec<TableSpectrum>, BatchError> {
+    let mut table = LongForm::open(path)?;
+    std::iter::from_fn(|| table.next_spectrum().transpose()).collect()
+}
+
+fn at(name: &str) -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join(name);
+    (folder, path)
+}
+
+#[test]
+fn spectra_are_whole_across_row_groups_and_ids_may_be_numbers() {
+    let (_kept, path) = at("t.parquet");
+    write(
+        &path,
+        vec![
+            Column::new("spectrum_id".into(), [7_i64, 7, 7, 9, 9, 9]),
+            numbers("freq_hz", &[1.0, 10.0, 100.0, 100.0, 10.0, 1.0]),
+            Column::new("z_re_ohm".into(), [3_i32, 2, 1, 1, 2, 3]),
+            numbers("z_im_ohm", &[-0.1; 6]),
+            numbers("sigma_re_ohm", &[0.1, 0.1, 0.1, f64::NAN, 0.1, 0.1]),
+            numbers("sigma_im_ohm", &[0.2; 6]),
+        ],
+    );
+    let met = all(&path).unwrap();
+    let ids: Vec<&str> = met.iter().map(|one| one.spectrum_id.as_str()).collect();
+    assert_eq!(ids, ["7", "9"]);
+    let second = &met[1].spectrum.as_ref().unwrap().spectrum;
+    let freqs: Vec<f64> = second.points.iter().map(|p| p.freq_hz).collect();
+    assert_eq!(freqs, [1.0, 10.0, 100.0]);
+    assert_eq!(second.points[0].z_ohm.re, 3.0);
+    assert_eq!(second.points[0].covariance.re_re, 0.1_f64 * 0.1);
+    assert_eq!(second.points[0].covariance.im_im, 0.2_f64 * 0.2);
+    assert!(second.points[2].covariance.re_re.is_nan());
+}
+
+#[test]
+fn a_missing_value_costs_its_spectrum_alone() {
+    let (_kept, path) = at("t.parquet");
+    write(
+        &path,
+        vec![
+            Column::new("spectrum_id".into(), ["a", "a", "b", "b"]),
+            numbers("freq_hz", &[1.0, 10.0, 1.0, 10.0]),
+            Column::new("z_re_ohm".into(), [Some(1.0), None, Some(1.0), Some(2.0)]),
+            numbers("z_im_ohm", &[0.0; 4]),
+        ],
+    );
+    let met = all(&path).unwrap();
+    let reason = met[0].spectrum.as_ref().unwrap_err();
+    assert!(
+        reason.ends_with("row 2: column z_re_ohm: expected a number, met none"),
+        "{reason}"
+    );
+    assert!(met[1].spectrum.is_ok());
+}
+
+#[test]
+fn columns_that_are_missing_or_texts_are_named() {
+    let (_kept, path) = at("t.parquet");
+    write(
+        &path,
+        vec![numbers("freq_hz", &[1.0]), numbers("z_re_ohm", &[1.0])],
+    );
+    let told = all(&path).unwrap_err().to_string();
+    assert!(
+        told.ends_with("expected a column z_im_ohm, met freq_hz, z_re_ohm"),
+        "{told}"
+    );
+    write(
+        &path,
+        vec![
+            numbers("freq_hz", &[1.0]),
+            numbers("z_re_ohm", &[1.0]),
+            Column::new("z_im_ohm".into(), ["-1"]),
+        ],
+    );
+    let told = all(&path).unwrap_err().to_string();
+    assert!(
+        told.ends_with("expected a column z_im_ohm of numbers, met String"),
+        "{told}"
+    );
+}
+
+#[test]
+fn damaged_bytes_are_refused_and_never_panic() {
+    let (_kept, path) = at("t.parquet");
+    let values: Vec<f64> = (1..200).map(f64::from).collect();
+    write(
+        &path,
+        vec![
+            numbers("freq_hz", &values),
+            numbers("z_re_ohm", &values),
+            numbers("z_im_ohm", &values),
+        ],
+    );
+    let whole = std::fs::read(&path).unwrap();
+    let mut refused = 0;
+    for cut in (5..whole.len()).step_by(97) {
+        std::fs::write(&path, &whole[..cut]).unwrap();
+        refused += usize::from(all(&path).is_err());
+    }
+    assert_eq!(refused, (5..whole.len()).step_by(97).count());
+}

@@ -1,0 +1,188 @@
+//! Results of many spectra as one table: a row for each spectrum, whether it could be worked on or
+//! not.
+//!
+//! Every kind of table begins with `spectrum_id` and ends with `warning_codes`, `warnings` (each
+//! with semicolons between) and `error`. Names hold units. What is not known is missing.
+
+mod circuit;
+mod erm;
+mod validity;
+
+pub use circuit::CircuitRows;
+pub use erm::ErmRows;
+pub use validity::ValidityRows;
+
+use crate::fit::Warnings;
+use analysis_signal::spectrum::{ImpedancePoint, SourcedSpectrum, Spectrum};
+use num_complex::Complex64;
+
+/// Kind of the values of a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ColumnKind {
+    /// Floating-point numbers.
+    Number,
+    /// Whole numbers.
+    Count,
+    /// Texts.
+    Text,
+}
+
+/// A column of a table of results.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ResultColumn {
+    /// Name with the unit.
+    pub name: String,
+    /// Kind of its values.
+    pub kind: ColumnKind,
+}
+
+/// A value of a table of results.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Cell {
+    /// Of a column of numbers.
+    Number(Option<f64>),
+    /// Of a column of whole numbers.
+    Count(Option<u64>),
+    /// Of a column of texts.
+    Text(Option<String>),
+}
+
+/// Results of one spectrum, in the order of the columns, and whether there is something to be looked
+/// at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResultRow {
+    /// One value for each column.
+    pub cells: Vec<Cell>,
+    /// The reason why there is no result; the last cell says it too.
+    pub error: Option<String>,
+    /// The result carries warnings.
+    pub has_warnings: bool,
+    /// Impedances that the result gives at the points that it comes from.
+    pub fitted: Option<Spectrum>,
+}
+
+/// Work on one spectrum that gives a row.
+pub trait ResultRows: Sync {
+    /// Columns between `spectrum_id` and `warning_codes`.
+    fn own_columns(&self) -> Vec<ResultColumn>;
+
+    /// Values of these columns, and warnings.
+    ///
+    /// # Errors
+    /// The reason why there are none.
+    fn values(&self, sourced: &SourcedSpectrum) -> Result<RowValues, String>;
+
+    /// All columns.
+    fn columns(&self) -> Vec<ResultColumn> {
+        let mut columns = vec![text("spectrum_id")];
+        columns.extend(self.own_columns());
+        columns.extend(["warning_codes", "warnings", "error"].map(text));
+        columns
+    }
+
+    /// The row of a spectrum, or of the reason why there is none.
+    fn row(&self, spectrum_id: &str, spectrum: &Result<SourcedSpectrum, String>) -> ResultRow {
+        let values = spectrum
+            .as_ref()
+            .map_err(Clone::clone)
+            .and_then(|sourced| self.values(sourced));
+        let (values, error) = match values {
+            Ok(values) => (values, None),
+            Err(reason) => (self.missing(), Some(reason)),
+        };
+        let has_warnings = !values.warning_codes.is_empty();
+        let mut cells = vec![Cell::Text(Some(spectrum_id.to_owned()))];
+        cells.extend(values.cells);
+        cells.push(Cell::Text(Some(values.warning_codes.join(";"))));
+        cells.push(Cell::Text(Some(values.warnings.join("; "))));
+        cells.push(Cell::Text(error.clone()));
+        ResultRow {
+            cells,
+            error,
+            has_warnings,
+            fitted: values.fitted,
+        }
+    }
+
+    /// Values of a spectrum without a result.
+    fn missing(&self) -> RowValues {
+        let columns = self.own_columns();
+        let cells = columns.iter().map(|column| match column.kind {
+            ColumnKind::Number => Cell::Number(None),
+            ColumnKind::Count => Cell::Count(None),
+            ColumnKind::Text => Cell::Text(None),
+        });
+        RowValues {
+            cells: cells.collect(),
+            ..RowValues::default()
+        }
+    }
+}
+
+/// Values of one row between the columns that all tables have.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct RowValues {
+    /// One value for each of [`ResultRows::own_columns`].
+    pub cells: Vec<Cell>,
+    /// Kinds of the warnings, each once.
+    pub warning_codes: Vec<String>,
+    /// The warnings in sentences.
+    pub warnings: Vec<String>,
+    /// Impedances that the result gives at the points that it comes from.
+    pub fitted: Option<Spectrum>,
+}
+
+impl RowValues {
+    fn of(cells: Vec<Cell>, warnings: &Warnings, fitted: Spectrum) -> Self {
+        let codes = warnings.codes();
+        Self {
+            cells,
+            warning_codes: codes.iter().map(|code| code.name().to_owned()).collect(),
+            warnings: warnings.words(),
+            fitted: Some(fitted),
+        }
+    }
+}
+
+/// A model at the points of a spectrum.
+fn at_points(spectrum: &Spectrum, name: &str, z_ohm: impl Fn(f64) -> Complex64) -> Spectrum {
+    let point = |p: &ImpedancePoint| ImpedancePoint {
+        z_ohm: z_ohm(p.freq_hz),
+        ..*p
+    };
+    Spectrum {
+        name: name.to_owned(),
+        points: spectrum.points.iter().map(point).collect(),
+        ..Spectrum::default()
+    }
+}
+
+fn number(name: impl Into<String>) -> ResultColumn {
+    ResultColumn {
+        name: name.into(),
+        kind: ColumnKind::Number,
+    }
+}
+
+fn count(name: impl Into<String>) -> ResultColumn {
+    ResultColumn {
+        name: name.into(),
+        kind: ColumnKind::Count,
+    }
+}
+
+fn text(name: impl Into<String>) -> ResultColumn {
+    ResultColumn {
+        name: name.into(),
+        kind: ColumnKind::Text,
+    }
+}
+
+/// The value where it is a number.
+fn finite(value: f64) -> Cell {
+    Cell::Number(Some(value).filter(|value| value.is_finite()))
+}
+
+fn whole(value: usize) -> Cell {
+    Cell::Count(Some(value as u64))
+}

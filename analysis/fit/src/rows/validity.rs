@@ -1,0 +1,157 @@
+//! Rows of tests of validity and of relaxation times.
+
+use super::{Cell, ResultColumn, ResultRows, RowValues, count, finite, number, text, whole};
+use crate::drt::{Drt, drt};
+use crate::validity::{Assessed, Grade, Noise, assess, thinned};
+use analysis_signal::spectrum::SourcedSpectrum;
+
+/// Peaks of a distribution that the columns have room for, the largest first: more than ten is
+/// noise, for a band of six decades has room for about ten time constants.
+const PEAKS: usize = 10;
+
+/// The tests of each spectrum by itself: repeats are not compared.
+///
+/// Columns: `points`, `grade`, `verdict`, `valid_from_hz`, `valid_to_hz`, `bad_points`,
+/// `doubtful_points`, `kk_outcome`, `kk_order`, `kk_mu`, `kk_chi2`, `kk_dof`, `kk_p`,
+/// `noise_percent`, `kk_worst_percent` at `kk_worst_hz`, `z_hit_worst_percent` at `z_hit_worst_hz`;
+/// with `drt` also `drt_r_inf_ohm`, `drt_inductance_h`, `drt_polarisation_ohm` with their sigmas,
+/// `drt_reduced_chi2`, `drt_peaks`, and for the peaks by falling resistance `peak1_tau_s`,
+/// `peak1_r_ohm`, `peak1_sigma_ohm`, `peak1_width_decades`, ….
+#[derive(Debug, Clone, Copy)]
+pub struct ValidityRows {
+    /// Also the distribution of relaxation times.
+    pub drt: bool,
+}
+
+impl ResultRows for ValidityRows {
+    fn own_columns(&self) -> Vec<ResultColumn> {
+        let mut columns = vec![
+            count("points"),
+            text("grade"),
+            text("verdict"),
+            number("valid_from_hz"),
+            number("valid_to_hz"),
+            count("bad_points"),
+            count("doubtful_points"),
+            text("kk_outcome"),
+            count("kk_order"),
+            number("kk_mu"),
+            number("kk_chi2"),
+            number("kk_dof"),
+            number("kk_p"),
+            number("noise_percent"),
+            number("kk_worst_percent"),
+            number("kk_worst_hz"),
+            number("z_hit_worst_percent"),
+            number("z_hit_worst_hz"),
+        ];
+        if self.drt {
+            columns.extend(
+                [
+                    "drt_r_inf_ohm",
+                    "drt_r_inf_sigma_ohm",
+                    "drt_inductance_h",
+                    "drt_inductance_sigma_h",
+                    "drt_polarisation_ohm",
+                    "drt_polarisation_sigma_ohm",
+                    "drt_reduced_chi2",
+                ]
+                .map(number),
+            );
+            columns.push(count("drt_peaks"));
+            for k in 1..=PEAKS {
+                columns.extend(
+                    [
+                        format!("peak{k}_tau_s"),
+                        format!("peak{k}_r_ohm"),
+                        format!("peak{k}_sigma_ohm"),
+                        format!("peak{k}_width_decades"),
+                    ]
+                    .map(number),
+                );
+            }
+        }
+        columns
+    }
+
+    fn values(&self, sourced: &SourcedSpectrum) -> Result<RowValues, String> {
+        let spectrum = &sourced.spectrum;
+        let all = std::slice::from_ref(spectrum);
+        let mut assessed = assess(all, &[]).map_err(|error| error.to_string())?.spectra;
+        let assessed = assessed.pop().ok_or("no spectrum was judged")?;
+        let mut cells = tests(&assessed, spectrum.points.len());
+        if self.drt {
+            // As `kk --drt`: by no more points than are judged.
+            let judged = thinned(spectrum).unwrap_or_else(|| spectrum.clone());
+            let noise = Noise::of(&judged, std::slice::from_ref(&judged));
+            let noise = noise.map_err(|error| error.to_string())?;
+            let found = drt(&judged, &noise.with_shared(&judged));
+            cells.extend(times(&found.map_err(|error| error.to_string())?));
+        }
+        let grade = assessed.verdict.grade;
+        let doubts = (grade != Grade::Good).then(|| assessed.verdict.text.clone());
+        Ok(RowValues {
+            cells,
+            warning_codes: doubts.iter().map(|_| format!("grade_{grade}")).collect(),
+            warnings: doubts.into_iter().collect(),
+            fitted: None,
+        })
+    }
+}
+
+fn tests(assessed: &Assessed, points: usize) -> Vec<Cell> {
+    let (verdict, kk) = (&assessed.verdict, &assessed.kramers_kronig);
+    let of_grade = |grade| whole(verdict.points.iter().filter(|p| p.grade == grade).count());
+    let kk_worst = kk.worst();
+    let z_hit_worst = assessed.z_hit.points.iter().max_by(|a, b| {
+        let size = |value: f64| value.abs();
+        size(a.deviation_percent).total_cmp(&size(b.deviation_percent))
+    });
+    vec![
+        whole(points),
+        Cell::Text(Some(verdict.grade.to_string())),
+        Cell::Text(Some(verdict.text.clone())),
+        Cell::Number(verdict.valid_band_hz.map(|band| band.0)),
+        Cell::Number(verdict.valid_band_hz.map(|band| band.1)),
+        of_grade(Grade::Bad),
+        of_grade(Grade::Doubtful),
+        Cell::Text(Some(kk.outcome.name().to_owned())),
+        whole(kk.order),
+        finite(kk.mu),
+        finite(kk.chi2),
+        finite(kk.dof),
+        finite(kk.p),
+        finite(kk.noise_percent),
+        Cell::Number(kk_worst.map(|point| point.percent())),
+        Cell::Number(kk_worst.map(|point| point.freq_hz)),
+        Cell::Number(z_hit_worst.map(|point| point.deviation_percent)),
+        Cell::Number(z_hit_worst.map(|point| point.freq_hz)),
+    ]
+}
+
+fn times(found: &Drt) -> Vec<Cell> {
+    let mut cells: Vec<Cell> = [
+        &found.r_inf_ohm,
+        &found.inductance_h,
+        &found.polarisation_ohm,
+    ]
+    .into_iter()
+    .flat_map(|estimate| [finite(estimate.value), finite(estimate.sigma)])
+    .collect();
+    cells.extend([finite(found.reduced_chi2), whole(found.peaks.len())]);
+    let mut peaks: Vec<_> = found.peaks.iter().collect();
+    peaks.sort_by(|a, b| b.r_ohm.total_cmp(&a.r_ohm));
+    for k in 0..PEAKS {
+        let peak = peaks.get(k);
+        cells.extend(
+            [
+                peak.map(|peak| peak.tau_s),
+                peak.map(|peak| peak.r_ohm),
+                peak.map(|peak| peak.sigma_ohm),
+                peak.map(|peak| peak.width_decades),
+            ]
+            .map(Cell::Number),
+        );
+    }
+    cells
+}

@@ -1,0 +1,37 @@
+//! Choice of the spectra that are drawn.
+
+/// Spectra up to which all are drawn without being asked for: one picture takes longer than a
+/// hundred fits.
+const DRAWN_UNASKED: usize = 20;
+
+/// Spectra that are drawn.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum Plots {
+    /// None.
+    None,
+    /// Those without a result, and those with warnings.
+    Failed,
+    /// All.
+    All,
+}
+
+impl Plots {
+    /// The choice that was made, or the one for so many spectra.
+    pub fn chosen(asked: Option<Self>, spectra: usize) -> Self {
+        let unasked = if spectra > DRAWN_UNASKED {
+            Self::None
+        } else {
+            Self::All
+        };
+        asked.unwrap_or(unasked)
+    }
+
+    /// Whether a spectrum is drawn that needs a look or not.
+    pub fn draws(self, needs_a_look: bool) -> bool {
+        match self {
+            Self::None => false,
+            Self::Failed => needs_a_look,
+            Self::All => true,
+        }
+    }
+}

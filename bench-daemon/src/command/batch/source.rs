@@ -1,0 +1,184 @@
+//! Spectra of files, folders and tables, one after another.
+
+use std::collections::VecDeque;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use analysis::batch::{LongForm, TableSpectrum};
+use analysis::formats::read_file;
+use analysis::spectrum::SourcedSpectrum;
+
+use crate::safety::failure::Failure;
+use crate::support::present::refused_in_words;
+
+/// Spectra of everything that was named, in its order; the files of a folder by name.
+pub(super) struct Source {
+    files: Vec<PathBuf>,
+    /// Number of the file that is read next.
+    next: usize,
+    table: Option<LongForm>,
+    ready: VecDeque<TableSpectrum>,
+    choice: Choice,
+}
+
+/// Points that are used.
+#[derive(Debug, Clone, Copy)]
+pub struct Choice {
+    /// Lowest frequency, Hz.
+    pub from_hz: f64,
+    /// Highest frequency, Hz.
+    pub to_hz: f64,
+    /// Use points that the quality gate of their measurement refused.
+    pub refused_points: bool,
+    /// Spectra of controls and under direct current are left out.
+    pub cells_only: bool,
+}
+
+impl Source {
+    pub(super) fn new(paths: &[PathBuf], choice: Choice) -> Result<Self, Failure> {
+        let mut files = Vec::new();
+        for path in paths {
+            if path.is_dir() {
+                files.extend(files_of(path)?);
+            } else if path.exists() {
+                files.push(path.clone());
+            } else {
+                let told = path.display();
+                return Err(Failure::Usage(format!(
+                    "{told}: expected a file or a folder, found nothing"
+                )));
+            }
+        }
+        Ok(Self {
+            files,
+            next: 0,
+            table: None,
+            ready: VecDeque::new(),
+            choice,
+        })
+    }
+
+    /// Files with size and time of change: they tell whether another call has the same spectra.
+    pub(super) fn identity(&self) -> Result<String, Failure> {
+        let mut text = String::new();
+        for file in &self.files {
+            let failed = |error| Failure::Usage(format!("{}: {error}", file.display()));
+            let about = fs::metadata(file).map_err(failed)?;
+            let changed = about
+                .modified()
+                .ok()
+                .and_then(|at| at.duration_since(std::time::UNIX_EPOCH).ok())
+                .map_or(0, |since| since.as_nanos());
+            let absolute = fs::canonicalize(file).map_err(failed)?;
+            text += &format!("{} {} {changed}\n", absolute.display(), about.len());
+        }
+        Ok(text)
+    }
+
+    /// Share of everything that is read, 0 to 1.
+    pub(super) fn share(&self) -> f64 {
+        let open = self.table.as_ref().map_or(0.0, |table| table.share() - 1.0);
+        (self.next as f64 + open) / self.files.len().max(1) as f64
+    }
+
+    /// The next spectrum; none at the end. A file that is none of spectra is one without a result.
+    pub(super) fn next_spectrum(&mut self) -> Result<Option<TableSpectrum>, Failure> {
+        loop {
+            if let Some(ready) = self.ready.pop_front() {
+                return Ok(Some(self.choice.applied(ready)));
+            }
+            if let Some(table) = &mut self.table {
+                let next = table.next_spectrum();
+                match next.map_err(|error| Failure::Usage(error.to_string()))? {
+                    Some(spectrum) => return Ok(Some(self.choice.applied(spectrum))),
+                    None => self.table = None,
+                }
+            }
+            let Some(file) = self.files.get(self.next) else {
+                return Ok(None);
+            };
+            self.next += 1;
+            if LongForm::is_one(file) {
+                let opened = LongForm::open(file);
+                self.table = Some(opened.map_err(|error| Failure::Usage(error.to_string()))?);
+            } else {
+                self.ready.extend(spectra_of(file));
+            }
+        }
+    }
+}
+
+impl Choice {
+    fn applied(&self, one: TableSpectrum) -> TableSpectrum {
+        TableSpectrum {
+            spectrum: one.spectrum.and_then(|sourced| self.of(sourced)),
+            ..one
+        }
+    }
+
+    fn of(&self, mut sourced: SourcedSpectrum) -> Result<SourcedSpectrum, String> {
+        let band = self.from_hz..=self.to_hz;
+        sourced.spectrum.keep(|p| band.contains(&p.freq_hz));
+        sourced.flagged.retain(|p| band.contains(&p.freq_hz));
+        if self.cells_only && !sourced.origin.is_unbiased_cell() {
+            return Err("not fitted, for it is a control or carries a direct current".to_owned());
+        }
+        let told = refused_in_words(&sourced.flagged);
+        if !self.refused_points {
+            sourced.leave_out_flagged();
+        }
+        if !sourced.spectrum.points.is_empty() {
+            return Ok(sourced);
+        }
+        let (from_hz, to_hz) = (self.from_hz, self.to_hz);
+        Err(if told.is_empty() {
+            format!("expected frequencies from {from_hz} to {to_hz} Hz, found none")
+        } else {
+            format!("the quality gate refused all points: {told}")
+        })
+    }
+}
+
+fn spectra_of(file: &Path) -> Vec<TableSpectrum> {
+    let id = |name: String| TableSpectrum {
+        spectrum_id: name,
+        spectrum: Err(String::new()),
+    };
+    match read_file(file) {
+        Ok(read) => read
+            .spectra
+            .into_iter()
+            .map(|sourced| TableSpectrum {
+                spectrum_id: sourced.spectrum.name.clone(),
+                spectrum: Ok(sourced),
+            })
+            .collect(),
+        Err(error) => vec![TableSpectrum {
+            spectrum: Err(error.to_string()),
+            ..id(file
+                .file_name()
+                .map_or_else(String::new, |name| name.to_string_lossy().into_owned()))
+        }],
+    }
+}
+
+/// Files of a folder by name; hidden ones and folders in it are passed over.
+fn files_of(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let failed = |error| Failure::Usage(format!("{}: {error}", folder.display()));
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        let hidden = entry.file_name().to_string_lossy().starts_with('.');
+        if !hidden && entry.path().is_file() {
+            files.push(entry.path());
+        }
+    }
+    if files.is_empty() {
+        return Err(Failure::Usage(format!(
+            "{}: expected files of spectra, found none",
+            folder.display()
+        )));
+    }
+    files.sort();
+    Ok(files)
+}

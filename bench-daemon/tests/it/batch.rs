@@ -1,0 +1,272 @@
+//! `eis-bench fit --table` and `kk --table`: many spectra in, one table out.
+
+use std::{
+    fmt::Write as _,
+    path::{Path, PathBuf},
+    process::{Command, Output, Stdio},
+};
+
+use serde_json::Value;
+
+fn bench(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_eis-bench"));
+    command.args(arguments);
+    command
+}
+
+fn run(arguments: &[&str]) -> Output {
+    bench(arguments).output().unwrap()
+}
+
+fn done(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    assert!(output.status.success(), "{output:?}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn refusal(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    assert_eq!(output.status.code(), Some(2), "{output:?}");
+    String::from_utf8(output.stderr).unwrap()
+}
+
+/// Spectra of a resistance and one RC branch of a time constant that grows with the number.
+fn long_form(file: &Path, spectra: usize) {
+    let mut text = "spectrum_id,freq_hz,z_re_ohm,z_im_ohm,operator\n".to_owned();
+    for nth in 0..spectra {
+        let tau_s = 1.0e-3 * (1.0 + nth as f64 / spectra as f64);
+        for k in 0..6 {
+            let freq_hz = 10.0_f64.powi(k - 1);
+            let x = std::f64::consts::TAU * freq_hz * tau_s;
+            let (re, im) = (0.01 + 0.02 / (1.0 + x * x), -0.02 * x / (1.0 + x * x));
+            writeln!(text, "cell {nth},{freq_hz},{re},{im},nobody").unwrap();
+        }
+    }
+    std::fs::write(file, text).unwrap();
+}
+
+/// Rows of a CSV as lists of fields; texts hold no commas here but in the last columns.
+fn rows(file: &Path) -> (Vec<String>, Vec<Vec<String>>) {
+    let text = std::fs::read_to_string(file).unwrap();
+    let fields = |line: &str| line.split(',').map(str::to_owned).collect::<Vec<_>>();
+    let mut lines = text.lines();
+    (fields(lines.next().unwrap()), lines.map(fields).collect())
+}
+
+fn value<'a>(table: &'a (Vec<String>, Vec<Vec<String>>), row: usize, column: &str) -> &'a str {
+    let place = table.0.iter().position(|name| name == column).unwrap();
+    &table.1[row][place]
+}
+
+fn number(table: &(Vec<String>, Vec<Vec<String>>), row: usize, column: &str) -> f64 {
+    value(table, row, column).parse().unwrap()
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+fn folder() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().to_path_buf();
+    (folder, path)
+}
+
+#[test]
+fn a_row_holds_what_a_single_fit_prints() {
+    let (_kept, at) = folder();
+    let spectra = "../fixtures/data/spectra/p45b_thesis.csv";
+    let table = at.join("fits.csv");
+    done(&["fit", spectra, "--rc", "2", "--table", text(&table)]);
+    let printed: Value =
+        serde_json::from_str(&done(&["fit", spectra, "--rc", "2", "--json"])).unwrap();
+    let (table, fits) = (rows(&table), printed["fits"].as_array().unwrap());
+    assert!(fits.len() > 20);
+    let of_cells: Vec<usize> = (0..table.1.len())
+        .filter(|row| !value(&table, *row, "r_ohm").is_empty())
+        .collect();
+    assert_eq!(of_cells.len(), fits.len());
+    for (row, fit) in of_cells.into_iter().zip(fits) {
+        assert_eq!(value(&table, row, "spectrum_id"), fit["spectra"][0]);
+        for (column, expected) in [
+            ("r_ohm", &fit["r_ohm"]),
+            ("r_sigma_ohm", &fit["sigma"]["r_ohm"]),
+            ("c2_f", &fit["branches"][1]["c_f"]),
+            ("objective", &fit["objective"]),
+        ] {
+            assert_eq!(number(&table, row, column), expected.as_f64().unwrap());
+        }
+    }
+}
+
+#[test]
+fn circuits_and_tests_of_validity_make_tables_too() {
+    let (_kept, at) = folder();
+    let (spectra, fits, judged) = (at.join("in.csv"), at.join("fits.csv"), at.join("kk.csv"));
+    long_form(&spectra, 3);
+    let of = ["--circuit", "R0-p(R1,C1)", "--table"];
+    done(&["fit", text(&spectra), of[0], of[1], of[2], text(&fits)]);
+    let table = rows(&fits);
+    for row in 0..3 {
+        assert!((number(&table, row, "R1") - 0.02).abs() < 1e-8);
+        let tau_s = number(&table, row, "R1") * number(&table, row, "C1");
+        assert!((tau_s / (1.0e-3 * (1.0 + row as f64 / 3.0)) - 1.0).abs() < 1e-6);
+    }
+    let judge = ["--drt", "--table", text(&judged)];
+    done(&["kk", text(&spectra), judge[0], judge[1], judge[2]]);
+    let table = rows(&judged);
+    assert_eq!(value(&table, 1, "grade"), "good");
+    assert!(number(&table, 1, "drt_polarisation_ohm") > 0.0);
+}
+
+#[test]
+fn a_row_that_cannot_be_used_costs_its_spectrum_alone() {
+    let (_kept, at) = folder();
+    let (spectra, table) = (at.join("in.csv"), at.join("out.csv"));
+    long_form(&spectra, 3);
+    let good = std::fs::read_to_string(&spectra).unwrap();
+    let bad = good.replacen("cell 1,1,", "cell 1,one,", 1);
+    std::fs::write(&spectra, bad).unwrap();
+    done(&["fit", text(&spectra), "--rc", "1", "--table", text(&table)]);
+    let table = std::fs::read_to_string(&table).unwrap();
+    let lines: Vec<&str> = table.lines().collect();
+    assert!(
+        lines[2].contains("line 9: column freq_hz: expected a number, met \"\"one\"\""),
+        "{}",
+        lines[2]
+    );
+    assert!(lines[1].ends_with(','), "{}", lines[1]);
+    assert!(lines[3].ends_with(','), "{}", lines[3]);
+}
+
+#[test]
+fn a_folder_may_hold_files_that_are_no_spectra() {
+    let (_kept, at) = folder();
+    let (input, table) = (at.join("in"), at.join("out.csv"));
+    std::fs::create_dir(&input).unwrap();
+    long_form(&input.join("a.csv"), 2);
+    std::fs::write(input.join("b.txt"), "no spectrum at all\n").unwrap();
+    let told = done(&["fit", text(&input), "--rc", "1", "--table", text(&table)]);
+    assert!(told.starts_with("3 spectra; 1 without a result"), "{told}");
+    let met = std::fs::read_to_string(&table).unwrap();
+    assert!(met.contains("\nb.txt,"), "{met}");
+}
+
+#[test]
+fn a_killed_call_goes_on_and_ends_as_if_it_had_not_been() {
+    let (_kept, at) = folder();
+    let spectra = at.join("in.csv");
+    long_form(&spectra, 2600);
+    let (whole, killed) = (at.join("whole.csv"), at.join("killed.csv"));
+    let call = |table: &Path| {
+        let mut command = bench(&["fit", text(&spectra), "--rc", "1", "--table", text(table)]);
+        command.stdout(Stdio::null()).stderr(Stdio::piped());
+        command
+    };
+    assert!(call(&whole).status().unwrap().success());
+    let mut child = call(&killed).spawn().unwrap();
+    let part = at.join("killed.csv.parts/000000.parquet");
+    while !part.exists() {
+        assert!(
+            child.try_wait().unwrap().is_none(),
+            "it ended before a part was seen"
+        );
+        std::thread::yield_now();
+    }
+    child.kill().unwrap();
+    child.wait().unwrap();
+    assert!(!killed.exists());
+    let output = call(&killed).output().unwrap();
+    let told = String::from_utf8(output.stderr).unwrap();
+    assert!(
+        told.contains("were worked on by a call before this one"),
+        "{told}"
+    );
+    assert_eq!(
+        std::fs::read(&whole).unwrap(),
+        std::fs::read(&killed).unwrap()
+    );
+    assert!(!at.join("killed.csv.parts").exists());
+}
+
+#[test]
+fn parts_of_another_call_and_tables_that_are_there_are_left_alone() {
+    let (_kept, at) = folder();
+    let (spectra, table) = (at.join("in.csv"), at.join("out.csv"));
+    long_form(&spectra, 2);
+    let call = ["fit", text(&spectra), "--table", text(&table), "--rc"];
+    let of = |rc| [call.as_slice(), &[rc]].concat();
+    let parts = at.join("out.csv.parts");
+    std::fs::create_dir(&parts).unwrap();
+    std::fs::write(parts.join("call.txt"), "fit of another kind").unwrap();
+    let told = refusal(&of("1"));
+    assert!(
+        told.contains("the parts of `fit of another kind`"),
+        "{told}"
+    );
+    std::fs::remove_dir_all(&parts).unwrap();
+    done(&of("1"));
+    let told = refusal(&of("1"));
+    assert!(told.contains("nothing is written over"), "{told}");
+    let told = refusal(&of("all")[..].iter().map(|a| a.trim()).collect::<Vec<_>>());
+    assert!(
+        told.contains("--rc: expected one number or `auto`"),
+        "{told}"
+    );
+}
+
+#[test]
+fn rows_of_a_spectrum_in_two_places_are_refused() {
+    let (_kept, at) = folder();
+    let (spectra, table) = (at.join("in.csv"), at.join("out.csv"));
+    long_form(&spectra, 2);
+    let mut whole = std::fs::read_to_string(&spectra).unwrap();
+    whole += "cell 0,1000000,0.01,0,nobody\n";
+    std::fs::write(&spectra, whole).unwrap();
+    let told = refusal(&["fit", text(&spectra), "--rc", "1", "--table", text(&table)]);
+    assert!(
+        told.contains("line 14: expected the rows of each spectrum one after another")
+            && told.contains("\"cell 0\" again"),
+        "{told}"
+    );
+}
+
+#[test]
+fn pictures_are_drawn_where_they_are_asked_for() {
+    let (_kept, at) = folder();
+    let (spectra, table, out) = (at.join("in.csv"), at.join("out.csv"), at.join("pictures"));
+    long_form(&spectra, 2);
+    let call = ["fit", text(&spectra), "--rc", "1", "--table", text(&table)];
+    let told = refusal(&[call.as_slice(), &["--plots", "all"]].concat());
+    assert!(told.contains("--plots: expected --out"), "{told}");
+    done(&[call.as_slice(), &["--plots", "all", "--out", text(&out)]].concat());
+    assert!(out.join("cell 1.svg").exists() && out.join("cell 1.png").exists());
+}
+
+#[test]
+fn above_twenty_spectra_nothing_is_drawn_unasked() {
+    let (_kept, at) = folder();
+    let spectra = "../fixtures/data/spectra/p45b_thesis.csv";
+    let out = at.join("fits");
+    done(&["fit", spectra, "--rc", "1", "--out", text(&out)]);
+    let drawn = |folder: &Path| {
+        let entries = std::fs::read_dir(folder).unwrap();
+        entries
+            .filter(|e| {
+                e.as_ref()
+                    .unwrap()
+                    .path()
+                    .extension()
+                    .is_some_and(|e| e == "svg")
+            })
+            .count()
+    };
+    let first = std::fs::read_dir(&out)
+        .unwrap()
+        .next()
+        .unwrap()
+        .unwrap()
+        .path();
+    assert!(first.join("model_1rc.json").exists());
+    assert_eq!(drawn(&first), 0);
+}
