@@ -51,8 +51,10 @@
 //!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
+#[cfg(feature = "diagnosis")]
 pub use analysis_diagnosis as diagnosis;
 pub use analysis_effects::{augmented, contract, effects};
+#[cfg(feature = "files")]
 pub use analysis_files::{batch, dataset, formats, run_folder, table, thinning};
 pub use analysis_fit::{drt, fit, given, joint, rows, validity};
 pub use analysis_forward::{forward, sop};

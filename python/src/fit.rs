@@ -16,7 +16,7 @@ use crate::error::{apart, caught, json, refused};
 use crate::spectrum::Spectrum;
 
 /// Groups that are worked on before the interpreter is asked for an interrupt.
-const CHUNK: usize = 64;
+pub(crate) const CHUNK: usize = 64;
 
 /// Fit of one group, with the choice of its order where there was one.
 #[derive(serde::Serialize)]
@@ -107,53 +107,54 @@ pub(crate) fn fit_erm(
     })
 }
 
-#[pyfunction]
-#[pyo3(signature = (spectra, circuit, objective, weight, guess, constants, starts, search, seed, pool))]
-#[expect(
-    clippy::too_many_arguments,
-    reason = "they are keyword arguments of Python"
-)]
-pub(crate) fn fit_circuit(
-    py: Python<'_>,
-    spectra: Vec<Spectrum>,
-    circuit: &str,
-    objective: &str,
-    weight: Option<&str>,
+/// A circuit and wishes for its fit, as Python gives them.
+#[derive(FromPyObject)]
+pub(crate) struct CircuitWishes {
+    circuit: String,
+    objective: String,
+    weight: Option<String>,
     guess: Vec<(String, f64)>,
     constants: Vec<(String, f64)>,
     starts: Option<usize>,
-    search: &str,
+    search: String,
     seed: u64,
+}
+
+impl CircuitWishes {
+    /// The circuit and the options of its fit.
+    pub(crate) fn read(&self) -> PyResult<(Circuit, CircuitOptions)> {
+        let circuit: Circuit = caught(|| self.circuit.parse().map_err(|e| refused(&e)))?;
+        let names = circuit.parameter_names().to_vec();
+        let indices = |of: &str, values: &[(String, f64)]| {
+            let place = |(name, value): &(String, f64)| {
+                let index = names.iter().position(|n| n == name);
+                let met = || format!("{of}: expected one of {}, met {name:?}", names.join(", "));
+                Ok((index.ok_or_else(|| refused(&met()))?, *value))
+            };
+            values.iter().map(place).collect::<PyResult<Vec<_>>>()
+        };
+        let weight = self.weight.as_deref().map(str::parse::<Weight>).transpose();
+        let options = CircuitOptions {
+            objective: self.objective.parse().map_err(|e| refused(&e))?,
+            weight: weight.map_err(|e| refused(&e))?,
+            guess: indices("guess", &self.guess)?,
+            constants: indices("constants", &self.constants)?,
+            starts: self.starts,
+            search: self.search.parse::<Search>().map_err(|e| refused(&e))?,
+            seed: self.seed,
+        };
+        Ok((circuit, options))
+    }
+}
+
+#[pyfunction]
+pub(crate) fn fit_circuit(
+    py: Python<'_>,
+    spectra: Vec<Spectrum>,
+    wishes: CircuitWishes,
     pool: bool,
 ) -> PyResult<Vec<Each>> {
-    let circuit: Circuit = caught(|| circuit.parse().map_err(|e| refused(&e)))?;
-    let names = circuit.parameter_names().to_vec();
-    let indices = |of: &str, values: Vec<(String, f64)>| {
-        values
-            .into_iter()
-            .map(|(name, value)| {
-                let index = names.iter().position(|n| *n == name).ok_or_else(|| {
-                    refused(&format!(
-                        "{of}: expected one of {}, met {name:?}",
-                        names.join(", ")
-                    ))
-                })?;
-                Ok((index, value))
-            })
-            .collect::<PyResult<Vec<(usize, f64)>>>()
-    };
-    let options = CircuitOptions {
-        objective: objective.parse().map_err(|e| refused(&e))?,
-        weight: weight
-            .map(str::parse::<Weight>)
-            .transpose()
-            .map_err(|e| refused(&e))?,
-        guess: indices("guess", guess)?,
-        constants: indices("constants", constants)?,
-        starts,
-        search: search.parse::<Search>().map_err(|e| refused(&e))?,
-        seed,
-    };
+    let (circuit, options) = wishes.read()?;
     each(py, &groups(spectra, pool), |group| {
         let fit = fit_circuit_cells(&CellSweeps::sort(group), &circuit, &options)
             .map_err(|e| named(group, &e))?;

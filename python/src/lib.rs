@@ -6,10 +6,13 @@
     reason = "PyO3 hands arguments over by value"
 )]
 
+mod diagnosis;
 mod error;
 mod fit;
 mod model;
+mod series;
 mod spectrum;
+mod table;
 
 use pyo3::prelude::*;
 
@@ -19,11 +22,19 @@ fn _eisbench(module: &Bound<'_, PyModule>) -> PyResult<()> {
     error::register(module)?;
     module.add_class::<spectrum::Spectrum>()?;
     module.add_class::<model::Model>()?;
+    module.add_class::<diagnosis::DataSet>()?;
     module.add_function(wrap_pyfunction!(spectrum::read_spectra, module)?)?;
     module.add_function(wrap_pyfunction!(fit::fit_erm, module)?)?;
     module.add_function(wrap_pyfunction!(fit::fit_circuit, module)?)?;
     module.add_function(wrap_pyfunction!(fit::circuit_impedance, module)?)?;
     module.add_function(wrap_pyfunction!(fit::assess, module)?)?;
     module.add_function(wrap_pyfunction!(fit::drt, module)?)?;
+    module.add_function(wrap_pyfunction!(table::spectra_of_columns, module)?)?;
+    module.add_function(wrap_pyfunction!(table::erm_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(table::circuit_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(table::validity_rows, module)?)?;
+    module.add_function(wrap_pyfunction!(series::read_series, module)?)?;
+    module.add_function(wrap_pyfunction!(series::read_capture, module)?)?;
+    module.add_function(wrap_pyfunction!(series::ocv, module)?)?;
     Ok(())
 }

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use analysis::formats::model::{CellModel, ModelFormat};
 use analysis::forward::{
     Beyond, CellWindow, Demand, Interpolation, OcvSource, Profile, SimModel, SimOptions, simulate,
 };
@@ -9,6 +10,7 @@ use analysis::given::GivenModel;
 use analysis::model::{Erm, RcBranch};
 use analysis::ocv::OcvCurve;
 use analysis::pack::Pack;
+use analysis::sop::{CurrentLimits, SopOptions, most_power};
 use numpy::{Complex64, IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::{prelude::*, types::PyDict};
 
@@ -20,6 +22,33 @@ use crate::error::{apart, caught, json, refused};
 #[derive(Clone)]
 pub(crate) struct Model {
     given: GivenModel,
+}
+
+impl Model {
+    /// Name, model and open-circuit voltage without additions.
+    pub(crate) fn parts(&self) -> (String, Erm, Option<OcvCurve>) {
+        let given = &self.given;
+        (given.name.clone(), given.erm.clone(), given.ocv.clone())
+    }
+
+    fn source(&self, ocv_v: Option<f64>) -> PyResult<OcvSource> {
+        match (ocv_v, &self.given.ocv) {
+            (Some(ocv_v), _) => Ok(OcvSource::Constant(ocv_v)),
+            (None, Some(curve)) => Ok(OcvSource::Curve(curve.clone())),
+            (None, None) => Err(refused(
+                &"expected ocv_v, or a model with an OCV curve (with_ocv), met neither",
+            )),
+        }
+    }
+
+    fn sim_model(&self, source: OcvSource, pack: Pack) -> Result<SimModel, String> {
+        let augmented = self.given.augmented().map_err(|e| e.to_string())?;
+        let model = match &augmented {
+            Some(augmented) => SimModel::augmented(augmented, source, pack),
+            None => SimModel::pack(&self.given.erm, source, pack),
+        };
+        model.map_err(|e| e.to_string())
+    }
 }
 
 #[pymethods]
@@ -108,6 +137,61 @@ impl Model {
         })
     }
 
+    /// Text of the model for another program: `c`, `pybamm` or `casadi`.
+    fn code(&self, to: &str, low_v: f64, high_v: f64, temperature_c: f64) -> PyResult<String> {
+        let format = match to {
+            "c" => ModelFormat::CHeader,
+            "pybamm" => ModelFormat::PyBamm,
+            "casadi" => ModelFormat::CasAdi,
+            met => {
+                return Err(refused(&format!(
+                    "to: expected c, pybamm or casadi, met {met:?}"
+                )));
+            }
+        };
+        caught(|| {
+            let model = CellModel::new(&self.given, low_v..=high_v, temperature_c);
+            Ok(model.map_err(|error| refused(&error))?.text(format))
+        })
+    }
+
+    /// The largest powers that can be held for a duration from rest, as JSON: discharge, charge.
+    #[expect(
+        clippy::too_many_arguments,
+        reason = "they are keyword arguments of Python"
+    )]
+    fn sop(
+        &self,
+        py: Python<'_>,
+        duration_s: f64,
+        soc: f64,
+        ocv_v: Option<f64>,
+        series: u32,
+        parallel: u32,
+        interconnect_ohm: f64,
+        low_v: f64,
+        high_v: f64,
+        discharge_a: f64,
+        charge_a: f64,
+    ) -> PyResult<String> {
+        let pack = Pack::new(series, parallel, interconnect_ohm).map_err(|e| refused(&e))?;
+        let source = self.source(ocv_v)?;
+        let options = SopOptions {
+            window: CellWindow { low_v, high_v },
+            currents: CurrentLimits {
+                discharge_a,
+                charge_a,
+            },
+            ..SopOptions::default()
+        };
+        apart(py, || {
+            let model = self.sim_model(source, pack)?;
+            let start = model.rest(soc).map_err(|e| e.to_string())?;
+            let limits = most_power(&model, &start, duration_s, &options);
+            json(&limits.map_err(|e| e.to_string())?)
+        })
+    }
+
     /// Impedance for small signals without additions, Ω.
     fn impedance<'py>(
         &self,
@@ -187,15 +271,7 @@ impl Model {
                 &"simulate: expected soc, the state of charge at the start, met none",
             ));
         }
-        let source = match (ocv_v, &self.given.ocv) {
-            (Some(ocv_v), _) => OcvSource::Constant(ocv_v),
-            (None, Some(curve)) => OcvSource::Curve(curve.clone()),
-            (None, None) => {
-                return Err(refused(
-                    &"expected ocv_v, or a model with an OCV curve (with_ocv), met neither",
-                ));
-            }
-        };
+        let source = self.source(ocv_v)?;
         let options = SimOptions {
             beyond,
             max_step_s,
@@ -204,12 +280,7 @@ impl Model {
         };
         let done = apart(py, || {
             let text = |error: &dyn std::fmt::Display| error.to_string();
-            let augmented = self.given.augmented().map_err(|e| text(&e))?;
-            let model = match &augmented {
-                Some(augmented) => SimModel::augmented(augmented, source, pack),
-                None => SimModel::pack(&self.given.erm, source, pack),
-            };
-            let model = model.map_err(|e| text(&e))?;
+            let model = self.sim_model(source, pack)?;
             let start = model.rest(soc.unwrap_or(0.5)).map_err(|e| text(&e))?;
             simulate(&model, &start, &profile, &options).map_err(|e| text(&e))
         })?;

@@ -22,6 +22,53 @@ impl Spectrum {
         &self.sourced.spectrum.points
     }
 
+    /// A spectrum of columns of one length.
+    pub(crate) fn of(
+        name: &str,
+        freq_hz: &[f64],
+        z_ohm: &[Complex64],
+        sigma_ohm: Option<&[f64]>,
+    ) -> Result<Self, String> {
+        let counts = [Some(z_ohm.len()), sigma_ohm.map(<[f64]>::len)];
+        if counts.iter().flatten().any(|count| *count != freq_hz.len()) {
+            return Err(format!(
+                "spectrum {name:?}: expected an impedance and, if any, a sigma for each of {} \
+                frequencies, met {} and {}",
+                freq_hz.len(),
+                z_ohm.len(),
+                sigma_ohm.map_or_else(
+                    || "none".to_owned(),
+                    |sigma_ohm| sigma_ohm.len().to_string()
+                )
+            ));
+        }
+        let points = freq_hz.iter().zip(z_ohm).enumerate();
+        let points = points.map(|(k, (freq_hz, z_ohm))| ImpedancePoint {
+            freq_hz: *freq_hz,
+            z_ohm: *z_ohm,
+            covariance: sigma_ohm
+                .and_then(|sigma_ohm| sigma_ohm.get(k))
+                .map_or(Covariance2::UNKNOWN, |sigma_ohm| {
+                    Covariance2::circular(sigma_ohm.powi(2))
+                }),
+            amplitude_a: f64::NAN,
+        });
+        let mut spectrum = Points {
+            name: name.to_owned(),
+            points: points.collect(),
+            ..Points::default()
+        };
+        spectrum.sort();
+        spectrum.validate().map_err(|error| error.to_string())?;
+        Ok(Self {
+            sourced: SourcedSpectrum {
+                origin: Origin::default(),
+                spectrum,
+                flagged: Vec::new(),
+            },
+        })
+    }
+
     fn column<'py, T: numpy::Element>(
         &self,
         py: Python<'py>,
@@ -42,51 +89,10 @@ impl Spectrum {
         z_ohm: PyReadonlyArray1<'_, Complex64>,
         sigma_ohm: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Self> {
-        let (freq_hz, z_ohm) = (freq_hz.as_array(), z_ohm.as_array());
-        let sigma_ohm = sigma_ohm.as_ref().map(|sigma_ohm| sigma_ohm.as_array());
-        let counts = [
-            Some(z_ohm.len()),
-            sigma_ohm.as_ref().map(|sigma_ohm| sigma_ohm.len()),
-        ];
-        if counts.iter().flatten().any(|count| *count != freq_hz.len()) {
-            return Err(refused(&format!(
-                "spectrum {name:?}: expected an impedance and, if any, a sigma for each of {} \
-                frequencies, met {} and {}",
-                freq_hz.len(),
-                z_ohm.len(),
-                sigma_ohm.map_or_else(
-                    || "none".to_owned(),
-                    |sigma_ohm| sigma_ohm.len().to_string()
-                )
-            )));
-        }
-        let points = freq_hz.iter().zip(z_ohm.iter()).enumerate();
-        let points = points.map(|(k, (freq_hz, z_ohm))| ImpedancePoint {
-            freq_hz: *freq_hz,
-            z_ohm: *z_ohm,
-            covariance: sigma_ohm
-                .as_ref()
-                .map_or(Covariance2::UNKNOWN, |sigma_ohm| {
-                    Covariance2::circular(sigma_ohm[k].powi(2))
-                }),
-            amplitude_a: f64::NAN,
-        });
-        let mut spectrum = Points {
-            name: name.to_owned(),
-            points: points.collect(),
-            ..Points::default()
-        };
-        caught(|| {
-            spectrum.sort();
-            spectrum.validate().map_err(|error| refused(&error))
-        })?;
-        Ok(Self {
-            sourced: SourcedSpectrum {
-                origin: Origin::default(),
-                spectrum,
-                flagged: Vec::new(),
-            },
-        })
+        let (freq_hz, z_ohm) = (freq_hz.as_array().to_vec(), z_ohm.as_array().to_vec());
+        let sigma_ohm = sigma_ohm.map(|sigma_ohm| sigma_ohm.as_array().to_vec());
+        let made = caught(|| Ok(Self::of(name, &freq_hz, &z_ohm, sigma_ohm.as_deref())))?;
+        made.map_err(|reason| refused(&reason))
     }
 
     #[getter]

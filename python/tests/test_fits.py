@@ -108,9 +108,9 @@ def test_a_table_of_many_gives_a_table(two_rc):
     ]
     short = frames[0].head(2).assign(spectrum_id="short")
     fitted = eb.fit_table(pandas.concat([*frames, short]), rc=2)
-    assert list(fitted["spectrum"]) == ["b", "a", "c", "short"]
-    np.testing.assert_allclose(fitted["R"][:3] / fitted["R"][0], [1.0, 2.0, 3.0], rtol=1e-3)
-    assert list(fitted["error"].isna()) == [True, True, True, False]
+    assert fitted["spectrum_id"] == ["b", "a", "c", "short"]
+    np.testing.assert_allclose(fitted["r_ohm"][:3] / fitted["r_ohm"][0], [1.0, 2.0, 3.0], rtol=1e-3)
+    assert [error is None for error in fitted["error"]] == [True, True, True, False]
     assert "need as many numbers" in fitted["error"][3]
 
 

@@ -1,8 +1,9 @@
 //! A frame with two axes, and the strip of title and legend above it.
 
 use super::axis::Axis;
+use super::backend::text_width;
 use super::marks::{GREY, INK, PALE, sample};
-use super::scene::{Anchor, Label, Place, Shape, text_width};
+use super::scene::{Anchor, Label, Place, Shape};
 use super::{ImpedancePlot, PlotError};
 
 pub(super) const TEXT: f64 = 15.0;

@@ -1,9 +1,10 @@
 //! A matrix as coloured squares with numbers.
 
 use super::PlotError;
+use super::backend::text_width;
 use super::frame::{LEFT, RIGHT, Titles, label, strip, text_shape, widest};
 use super::marks::{GREY, INK};
-use super::scene::{Anchor, Colour, Label, Scene, Shape, text_width};
+use super::scene::{Anchor, Colour, Label, Scene, Shape};
 
 const SMALL: f64 = 13.0;
 const MARGIN: f64 = 24.0;

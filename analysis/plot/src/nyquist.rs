@@ -1,9 +1,10 @@
 //! −Im Z against Re Z with equal scaling.
 
 use super::axis::{Axis, round_step};
+use super::backend::text_width;
 use super::frame::{BOTTOM, Frame, LEFT, RIGHT, Room, TEXT, heading, text_shape};
 use super::marks::{INK, draw, ellipse};
-use super::scene::{Anchor, Place, Scene, Shape, text_width};
+use super::scene::{Anchor, Place, Scene, Shape};
 use super::{ImpedancePlot, PlotError, Series, SeriesStyle};
 use num_complex::Complex64;
 

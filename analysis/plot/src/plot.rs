@@ -181,6 +181,12 @@ pub enum PlotError {
         /// Vertical coordinate met.
         y: f64,
     },
+    /// A build without the feature `draw`.
+    #[error("plot \"{title}\": expected a build with the feature `draw`, met one without")]
+    NoBackend {
+        /// The plot's title.
+        title: String,
+    },
     /// A file name that tells no known format.
     #[error("{}: expected a file name that ends in .svg or .png", path.display())]
     UnknownFormat {

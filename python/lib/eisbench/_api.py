@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from . import _eisbench
 from ._eisbench import EisError, Spectrum
 from ._results import Assessment, CircuitFit, Drt, ErmFit, Fits, Spectra
+from ._table import Table, columns_of, names_of, numbers
 
 F = TypeVar("F")
 Path = Union[str, "os.PathLike[str]"]
@@ -26,7 +27,7 @@ def read_spectra(path: Union[Path, Iterable[Path], Any]) -> Spectra:
 
     Raises FileError, which names file, line and field.
     """
-    if hasattr(path, "columns"):
+    if hasattr(path, "columns") or hasattr(path, "__arrow_c_stream__"):
         return spectra_of_table(path)
     is_one = isinstance(path, (str, os.PathLike))
     all_of_them = Spectra()
@@ -46,36 +47,43 @@ def spectra_of_table(table: Any) -> Spectra:
 
     Raises EisError for a missing column and for what cannot be a measurement.
     """
-    names = list(getattr(table, "columns", table))
-    for needed in ("freq_hz", "z_re_ohm", "z_im_ohm"):
-        if needed not in names:
-            told = ", ".join(map(str, names))
-            raise EisError(f"table: expected a column {needed}, met {told}")
-    freq_hz = _column(table, "freq_hz")
-    z_re, z_im = _column(table, "z_re_ohm"), _column(table, "z_im_ohm")
-    sigma = _column(table, "sigma_ohm") if "sigma_ohm" in names else None
-    ids = np.asarray(table["spectrum_id"]) if "spectrum_id" in names else np.zeros(len(freq_hz))
-    lengths = {len(column) for column in (freq_hz, z_re, z_im, ids)}
-    if sigma is not None:
-        lengths.add(len(sigma))
-    if len(lengths) > 1:
-        raise EisError("table: expected columns of one length, met several")
-    _, first, group = np.unique(ids, return_index=True, return_inverse=True)
     found = Spectra()
-    for nth in np.argsort(first):
-        rows = np.flatnonzero(group == nth)
-        name = str(ids[rows[0]]) if "spectrum_id" in names else "table"
-        z_ohm = z_re[rows] + 1j * z_im[rows]
-        part = None if sigma is None else sigma[rows]
-        found.append(Spectrum(name, freq_hz[rows], z_ohm, part))
+    for name, spectrum, reason in _grouped(table):
+        if spectrum is None:
+            raise EisError(f"spectrum {name!r}: {reason}")
+        found.append(spectrum)
     return found
 
 
-def _column(table: Any, name: str) -> NDArray[np.float64]:
-    try:
-        return np.asarray(table[name], dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise EisError(f"table: expected numbers in column {name}: {error}") from None
+_COLUMNS = ("spectrum_id", "freq_hz", "z_re_ohm", "z_im_ohm", "sigma_ohm")
+
+
+def _grouped(table: Any) -> list[tuple[str, Optional[Spectrum], Optional[str]]]:
+    """Name and spectrum of each, or the reason why it is none, in the order of their first row."""
+    columns = columns_of(table, _COLUMNS)
+    for needed in ("freq_hz", "z_re_ohm", "z_im_ohm"):
+        if needed not in columns:
+            told = ", ".join(columns) or "none of those that are known"
+            raise EisError(f"table: expected a column {needed}, met {told}")
+    freq_hz, z_re, z_im = (numbers(name, columns[name]) for name in _COLUMNS[1:4])
+    sigma = numbers("sigma_ohm", columns["sigma_ohm"]) if "sigma_ohm" in columns else None
+    named = "spectrum_id" in columns
+    ids = names_of(columns["spectrum_id"]) if named else np.zeros(len(freq_hz), dtype=np.int64)
+    lengths = {len(column) for column in (freq_hz, z_re, z_im, ids)}
+    lengths |= set() if sigma is None else {len(sigma)}
+    if len(lengths) > 1:
+        raise EisError("table: expected columns of one length, met several")
+    if len(freq_hz) == 0:
+        return []
+    _, first, group = np.unique(ids, return_index=True, return_inverse=True)
+    rank = np.argsort(np.argsort(first))[group]
+    order = np.argsort(rank, kind="stable")
+    ends = np.cumsum(np.bincount(rank)).tolist()
+    names = [str(name) for name in ids[np.sort(first)]] if named else ["table"]
+    z_ohm = (z_re + 1j * z_im)[order]
+    part = None if sigma is None else np.ascontiguousarray(sigma[order])
+    made = _eisbench.spectra_of_columns(names, ends, freq_hz[order], z_ohm, part)
+    return [(name, spectrum, reason) for name, (spectrum, reason) in zip(names, made)]
 
 
 def _texts(results: list[tuple[Optional[str], Optional[str]]]) -> list[str]:
@@ -228,20 +236,34 @@ def fit_circuit(
     Raises EisError for a circuit that cannot be read and for data that cannot be fitted.
     """
     cells, single = _cells(spectra)
-    results = _eisbench.fit_circuit(
-        cells,
-        circuit,
-        objective,
-        weight,
-        list((guess or {}).items()),
-        list((constants or {}).items()),
-        None if starts is None else _whole("starts", starts),
-        search,
-        _whole("seed", seed),
-        pool,
-    )
+    wishes = _CircuitWishes(circuit, objective, weight, guess, constants, starts, search, seed)
+    results = _eisbench.fit_circuit(cells, wishes, pool)
     fits = _fits(CircuitFit, results, cells, pool)
     return fits[0] if single or pool else fits
+
+
+class _CircuitWishes:
+    """A circuit and wishes for its fit, as the half in Rust takes them."""
+
+    def __init__(
+        self,
+        circuit: str,
+        objective: str,
+        weight: Optional[str],
+        guess: Optional[Mapping[str, float]],
+        constants: Optional[Mapping[str, float]],
+        starts: Optional[int],
+        search: str,
+        seed: int,
+    ) -> None:
+        self.circuit = circuit
+        self.objective = objective
+        self.weight = weight
+        self.guess = list((guess or {}).items())
+        self.constants = list((constants or {}).items())
+        self.starts = None if starts is None else _whole("starts", starts)
+        self.search = search
+        self.seed = _whole("seed", seed)
 
 
 def circuit_impedance(
@@ -292,24 +314,66 @@ def drt(spectra: Union[Spectrum, Iterable[Spectrum]]) -> Union[Drt, list[Drt]]:
     return found[0] if single else found
 
 
+class _Given:
+    """A spectrum of a table, or the reason why it is none."""
+
+    def __init__(self, name: str, spectrum: Optional[Spectrum], error: Optional[str]) -> None:
+        self.spectrum_id = name
+        self.spectrum = spectrum
+        self.error = error
+
+
+def _rows_of(table: Any) -> list[_Given]:
+    """The spectra of a table, of a list of spectra, or of files."""
+    if isinstance(table, (str, os.PathLike)):
+        table = read_spectra(cast(Path, table))
+    if isinstance(table, list):
+        spectra = cast("list[Spectrum]", table)
+        return [_Given(spectrum.name, spectrum.without_flagged(), None) for spectrum in spectra]
+    return [_Given(*one) for one in _grouped(table)]
+
+
+def _table(columns: Mapping[str, tuple[str, Any]]) -> Table:
+    def column(kind: str, values: Any) -> Any:
+        whole = kind == "count" and not bool(np.isnan(values).any())
+        return values.astype(np.int64) if whole else values
+
+    return Table({name: column(kind, values) for name, (kind, values) in columns.items()})
+
+
 def fit_table(
-    table: Any, rc: int = 4, *, objective: str = "complex", seed: int = 0, starts: int = 0
-) -> Any:
-    """Fits every spectrum of a table in long form, on all cores; gives a pandas data frame.
+    table: Any,
+    rc: Union[int, str] = 4,
+    *,
+    circuit: Optional[str] = None,
+    objective: str = "complex",
+    ocv_slope: Union[str, float, None] = None,
+    seed: int = 0,
+    starts: Optional[int] = None,
+) -> Table:
+    """Fits every spectrum of a table in long form, on all cores; gives one row for each spectrum, in
+    the order of the table, with the columns of ``eis-bench fit --table`` (``docs/tables.md``).
 
-    Columns of the table: those of :func:`spectra_of_table`. The frame has one row for each
-    spectrum, in the order of the table. A spectrum that cannot be fitted has a reason in the
-    column ``error`` and no parameters.
+    ``table`` is a mapping of columns, a data frame, or anything with ``__arrow_c_stream__``, with
+    the columns of :func:`spectra_of_table`; a list of spectra; or a file. With ``circuit`` that
+    circuit is fitted in the place of the extended Randles model with ``rc`` branches. A spectrum
+    that cannot be fitted has the reason in the column ``error`` and no parameters.
     """
-    import pandas
+    given = _rows_of(table)
+    if circuit is not None:
+        wishes = _CircuitWishes(circuit, objective, None, None, None, starts, "starts", seed)
+        return _table(_eisbench.circuit_rows(given, wishes))
+    if rc != "auto" and not isinstance(rc, (int, np.integer)):
+        raise EisError(f"rc: expected a number of branches or 'auto', met {rc!r}")
+    order = None if isinstance(rc, str) else _whole("rc", rc)
+    slope = ocv_slope if ocv_slope is None or isinstance(ocv_slope, str) else repr(float(ocv_slope))
+    whole = (_whole("seed", seed), _whole("starts", starts or 0))
+    return _table(_eisbench.erm_rows(given, order, objective, slope, *whole))
 
-    spectra = spectra_of_table(table)
-    whole = (_whole("seed", seed), _whole("starts", starts))
-    results = _eisbench.fit_erm(spectra, _whole("rc", rc), objective, None, *whole, False)
-    rows: list[dict[str, Any]] = []
-    for spectrum, (text, reason) in zip(spectra, results):
-        row: dict[str, Any] = {"spectrum": spectrum.name}
-        if text is not None:
-            row = Fits([ErmFit(text, [spectrum])]).to_rows()[0]
-        rows.append({**row, "error": reason})
-    return pandas.DataFrame(rows)
+
+def kk_table(table: Any, *, drt: bool = False) -> Table:
+    """Judges every spectrum of a table by itself, on all cores: Kramers–Kronig test and Z-HIT, with
+    ``drt`` also relaxation times. ``table`` is as in :func:`fit_table`; the columns are those of
+    ``eis-bench kk --table`` (``docs/tables.md``).
+    """
+    return _table(_eisbench.validity_rows(_rows_of(table), drt))

@@ -1,7 +1,7 @@
 """The half in Rust. What is public is passed on by the package."""
 
 from os import PathLike
-from typing import Optional, Sequence, final
+from typing import Any, Optional, Sequence, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,6 +100,20 @@ class Model:
         self, capacity_ah: float, soc: NDArray[np.float64], ocv_v: NDArray[np.float64]
     ) -> Model: ...
     def impedance(self, freq_hz: NDArray[np.float64]) -> NDArray[np.complex128]: ...
+    def code(self, to: str, low_v: float, high_v: float, temperature_c: float) -> str: ...
+    def sop(
+        self,
+        duration_s: float,
+        soc: float,
+        ocv_v: Optional[float],
+        series: int,
+        parallel: int,
+        interconnect_ohm: float,
+        low_v: float,
+        high_v: float,
+        discharge_a: float,
+        charge_a: float,
+    ) -> str: ...
     def simulate(
         self,
         demand: str,
@@ -129,19 +143,44 @@ def fit_erm(
     pool: bool,
 ) -> list[tuple[Optional[str], Optional[str]]]: ...
 def fit_circuit(
-    spectra: Sequence[Spectrum],
-    circuit: str,
-    objective: str,
-    weight: Optional[str],
-    guess: Sequence[tuple[str, float]],
-    constants: Sequence[tuple[str, float]],
-    starts: Optional[int],
-    search: str,
-    seed: int,
-    pool: bool,
+    spectra: Sequence[Spectrum], wishes: Any, pool: bool
 ) -> list[tuple[Optional[str], Optional[str]]]: ...
 def circuit_impedance(
     circuit: str, values: Sequence[float], freq_hz: NDArray[np.float64]
 ) -> NDArray[np.complex128]: ...
 def assess(spectra: Sequence[Spectrum]) -> str: ...
+def spectra_of_columns(
+    names: Sequence[str],
+    ends: Sequence[int],
+    freq_hz: NDArray[np.float64],
+    z_ohm: NDArray[np.complex128],
+    sigma_ohm: Optional[NDArray[np.float64]],
+) -> list[tuple[Optional[Spectrum], Optional[str]]]: ...
+def erm_rows(
+    given: Sequence[Any],
+    rc: Optional[int],
+    objective: str,
+    ocv_slope: Optional[str],
+    seed: int,
+    starts: int,
+) -> dict[str, tuple[str, Any]]: ...
+def circuit_rows(given: Sequence[Any], wishes: Any) -> dict[str, tuple[str, Any]]: ...
+def validity_rows(given: Sequence[Any], drt: bool) -> dict[str, tuple[str, Any]]: ...
+def read_series(
+    path: str | PathLike[str], sign: Optional[str] = None
+) -> tuple[dict[str, NDArray[np.float64]], list[str]]: ...
+def read_capture(path: str | PathLike[str]) -> tuple[dict[str, NDArray[np.int16]], str]: ...
+def ocv(
+    discharge: Any, charge: Any, dcir_ohm: float, low_v: float, high_v: float, mean: bool
+) -> str: ...
+@final
+class DataSet:
+    def __new__(cls, name: str) -> DataSet: ...
+    def add_series(
+        self, about: Any, columns: Any, linear: bool, compared_from_s: float
+    ) -> None: ...
+    def add_spectrum(self, about: Any, spectrum: Spectrum) -> None: ...
+    def __len__(self) -> int: ...
+    def diagnose(self, model: Model) -> tuple[str, str]: ...
+
 def drt(spectra: Sequence[Spectrum]) -> list[tuple[Optional[str], Optional[str]]]: ...

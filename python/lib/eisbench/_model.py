@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any, Optional, Union
 
 import numpy as np
@@ -62,6 +63,17 @@ class Simulation:
         from ._plot import run
 
         return run(self, axes)
+
+
+@dataclass(frozen=True)
+class PowerLimits:
+    """Powers that can be held, W at the terminals: discharge zero or more, charge zero or less, and
+    what ends them."""
+
+    discharge_w: float
+    charge_w: float
+    discharge_limited_by: str
+    charge_limited_by: str
 
 
 class Model:
@@ -181,6 +193,78 @@ class Model:
             max_step_s,
         )
         return Simulation(columns, summary)
+
+    def sop(
+        self,
+        duration_s: float,
+        *,
+        soc: float = 0.5,
+        ocv_v: Optional[float] = None,
+        series: int = 1,
+        parallel: int = 1,
+        interconnect_ohm: float = 0.0,
+        window_v: tuple[float, float] = (2.5, 4.2),
+        discharge_a: float = float("inf"),
+        charge_a: float = float("inf"),
+    ) -> PowerLimits:
+        """The largest powers that the cell, or a pack of ``series`` times ``parallel`` of it, can
+        hold for ``duration_s``, s, from rest at ``soc``, within ``window_v``, V of a cell, and
+        the currents of a cell, A.
+
+        Raises EisError for a model without open-circuit voltage and for limits that cannot be.
+        """
+        text = self._model.sop(
+            duration_s,
+            soc,
+            ocv_v,
+            series,
+            parallel,
+            interconnect_ohm,
+            window_v[0],
+            window_v[1],
+            discharge_a,
+            charge_a,
+        )
+        discharge, charge = json.loads(text)
+        return PowerLimits(
+            float(discharge["power_w"]),
+            float(charge["power_w"]),
+            str(discharge["limited_by"]),
+            str(charge["limited_by"]),
+        )
+
+    def code(
+        self,
+        to: str,
+        *,
+        window_v: tuple[float, float] = (2.5, 4.2),
+        temperature_c: float = 25.0,
+    ) -> str:
+        """The model as the text of a C header (``c``) or of a Python module for PyBaMM
+        (``pybamm``) or CasADi (``casadi``), as ``eis-bench convert`` writes it.
+
+        Raises EisError for a model without open-circuit voltage or with additions.
+        """
+        return self._model.code(to, window_v[0], window_v[1], temperature_c)
+
+    def to_casadi(self) -> Any:
+        """A ``casadi.Function`` of one step: (state, current in A, step in s) → (next state, voltage
+        at the terminals in V), with derivatives. Needs CasADi.
+        """
+        return self._module("casadi")["step"]()
+
+    def to_pybamm(self, **options: Any) -> Any:
+        """``pybamm.ParameterValues`` for ``pybamm.equivalent_circuit.Thevenin``. Needs PyBaMM."""
+        import importlib
+
+        values: Any = self._module("pybamm", **options)["get_parameter_values"]()
+        return importlib.import_module("pybamm").ParameterValues(values)
+
+    def _module(self, to: str, **options: Any) -> dict[str, Any]:
+        """What the module that :meth:`code` writes defines."""
+        names: dict[str, Any] = {"__name__": f"eisbench_{to}"}
+        exec(compile(self.code(to, **options), f"<{self.name} for {to}>", "exec"), names)
+        return names
 
     def __repr__(self) -> str:
         added = f" + {', '.join(self.additions)}" if self.additions else ""

@@ -4,7 +4,7 @@ use super::error::FormatError;
 use std::path::Path;
 
 /// First bytes and what begins with them.
-const MAGIC: [(&[u8], &str); 22] = [
+const MAGIC: [(&[u8], &str); 21] = [
     (
         b"BIO-LOGIC MODULAR FILE",
         "an EC-Lab .mpr, which is binary; export it as .mpt",
@@ -43,15 +43,11 @@ const MAGIC: [(&[u8], &str); 22] = [
         "a Neware .nda, which is binary; export it as CSV",
     ),
     (b"%!PS", "PostScript"),
-    (
-        b"\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x48\0\0\0",
-        "an Ivium .idf or .ids, which is binary; export the data as text",
-    ),
     (b"II*\0", "a picture"),
 ];
 
 /// Extensions of files that are known and not read; of texts too.
-const EXTENSIONS: [(&str, &str); 12] = [
+const EXTENSIONS: [(&str, &str); 7] = [
     ("mpr", "an EC-Lab .mpr, which is binary; export it as .mpt"),
     (
         "ism",
@@ -61,27 +57,9 @@ const EXTENSIONS: [(&str, &str); 12] = [
         "isw",
         "a Zahner .isw, which is binary; export it as a text list",
     ),
-    (
-        "idf",
-        "an Ivium .idf, which is binary; export the data as text",
-    ),
-    (
-        "ids",
-        "an Ivium .ids, which is binary; export the data as text",
-    ),
     ("res", "an Arbin .res; export the impedances as CSV"),
     ("nda", "a Neware .nda, which is binary; export it as CSV"),
     ("mat", "a MATLAB .mat"),
-    ("pssession", "a PalmSens .pssession; export the data as CSV"),
-    (
-        "dfr",
-        "an Autolab .dfr, which is not read; export the data as a table with named columns",
-    ),
-    (
-        "i2b",
-        "an Elchemea Analytical .i2b, which is not read; export the data as a table with named \
-        columns",
-    ),
     (
         "fods",
         "an OpenDocument spreadsheet; export the table as CSV",
@@ -98,9 +76,6 @@ pub(super) fn binary(path: &Path, bytes: &[u8]) -> Option<FormatError> {
     let kind = match known {
         Some(kind) => kind,
         None if bytes.starts_with(b"PK\x03\x04") => archive(bytes),
-        None if bytes.starts_with(b"\xFF\xFE") || bytes.starts_with(b"\xFE\xFF") => {
-            by_extension(path).unwrap_or("UTF-16 text; save it as UTF-8")
-        }
         // A text has no zero byte.
         None if bytes.contains(&0) => {
             by_extension(path).unwrap_or("a binary file of unknown kind; export the data as text")
@@ -118,7 +93,6 @@ pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<FormatError> {
         .trim_ascii_start();
     let by_content = match bytes {
         [b'{', ..] => Some("JSON, which is not read as a spectrum"),
-        _ if bytes.starts_with(b"VERSION8.0") => by_extension(Path::new("a.dfr")),
         _ if bytes.starts_with(b"<") && has(bytes, b"<office:document") => {
             by_extension(Path::new("a.fods"))
         }

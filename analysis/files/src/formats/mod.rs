@@ -34,6 +34,7 @@ mod flags;
 mod foreign;
 mod layout;
 pub mod model;
+mod native;
 mod profile;
 pub mod scope;
 pub(crate) mod shared;
@@ -128,6 +129,11 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<SourcedSpectrum>, FormatEr
 /// # Errors
 /// As [`read_spectra`], but for reading.
 pub fn parse_file(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
+    let decoded = text::utf_16(bytes);
+    let bytes = decoded.as_deref().map_or(bytes, str::as_bytes);
+    if let Some(read) = native::parse(path, bytes) {
+        return read;
+    }
     if let Some(error) = foreign::binary(path, bytes) {
         return Err(error);
     }

@@ -3,6 +3,7 @@ use num_complex::Complex64;
 use proptest::prelude::*;
 
 mod corpus;
+mod native;
 mod seen;
 mod sweeps;
 

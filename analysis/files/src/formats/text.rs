@@ -113,6 +113,24 @@ fn split(line: &str, separator: char) -> Vec<&str> {
     fields(line, separator).collect()
 }
 
+/// A text in UTF-16 with a byte order mark, as UTF-8; nothing for any other bytes. What is no
+/// character becomes a mark that no reader takes for a number.
+pub(super) fn utf_16(bytes: &[u8]) -> Option<String> {
+    let unit: fn([u8; 2]) -> u16 = match bytes {
+        [0xFF, 0xFE, ..] => u16::from_le_bytes,
+        [0xFE, 0xFF, ..] => u16::from_be_bytes,
+        _ => return None,
+    };
+    let pairs = bytes.get(2..)?.chunks_exact(2);
+    let units = pairs.filter_map(|pair| Some(unit(pair.try_into().ok()?)));
+    let characters = char::decode_utf16(units);
+    Some(
+        characters
+            .map(|c| c.unwrap_or(char::REPLACEMENT_CHARACTER))
+            .collect(),
+    )
+}
+
 /// Fields of a line without surrounding blanks and quotes.
 pub(crate) fn fields(line: &str, separator: char) -> impl Iterator<Item = &str> {
     line.split(separator).map(unquote)

@@ -34,6 +34,14 @@ fn files_of_peers_are_read_whole_or_refused() {
         ("pyimpspec/data-comma-decimal-separator.csv", &[29], first),
         ("pyimpspec/drift-corrected-data.dta", &[55, 55], 691.688_7),
         ("pyimpspec/data.P00", &[29], 109.0),
+        ("pyimpspec/data.dfr", &[29], first),
+        ("pyimpspec/data-dfr", &[29], first),
+        ("pyimpspec/data.i2b", &[29], first),
+        ("pyimpspec/data-i2b", &[29], first),
+        ("pyimpspec/data.ids", &[29, 29], 109.009),
+        ("pyimpspec/data-ids", &[29, 29], 109.009),
+        ("pyimpspec/data.idf", &[29], 109.009),
+        ("pyimpspec/data.pssession", &[29], 109.009_182_194_39),
         ("impedance_py/exampleDataCHInstruments.txt", &[73], 98.91),
         (
             "impedance_py/exampleDataParstat.txt",
@@ -66,15 +74,9 @@ fn files_of_peers_are_read_whole_or_refused() {
         );
     }
     for (name, told) in [
-        ("pyimpspec/data.idf", "Ivium"),
-        ("pyimpspec/data-ids", "Ivium"),
         ("pyimpspec/data.ods", "OpenDocument"),
         ("pyimpspec/data.fods", "OpenDocument"),
         ("pyimpspec/data-xlsx", "Excel"),
-        ("pyimpspec/data.pssession", "PalmSens"),
-        ("pyimpspec/data.dfr", "Autolab .dfr"),
-        ("pyimpspec/data-dfr", "Autolab .dfr"),
-        ("pyimpspec/data.i2b", "Elchemea"),
         ("pyimpspec/data.json", "JSON"),
         (
             "impedance_py/exampleDataBioLogic_MissingFreq.mpt",

@@ -176,6 +176,10 @@ fn short(base: &str) -> bool {
             | "theta"
             | "phi"
             | "angle"
+            | "abs"
+            | "hz"
+            | "rs"
+            | "xs"
     )
 }
 
@@ -196,22 +200,26 @@ fn base_of(base: &str) -> Option<(Quantity, f64, bool)> {
         Some(rest) => (-1.0, rest),
         None => (1.0, base),
     };
+    // Columns of one technique among others.
+    let base = base.strip_prefix("eis").unwrap_or(base);
     let corrected = CORRECTED
         .iter()
         .find_map(|suffix| base.strip_suffix(suffix));
     let (drift_corrected, base) = (corrected.is_some(), corrected.unwrap_or(base));
     let quantity = match base {
-        "f" | "freq" | "frequency" => Quantity::Frequency,
+        "f" | "freq" | "frequency" | "hz" => Quantity::Frequency,
         // ZPlot's (a) and (b) are no units.
         "z'" | "z'(a)" | "re" | "real" | "zre" | "zreal" | "rez" | "realz" | "re(z)"
-        | "real(z)" => Quantity::Real,
+        | "real(z)" | "realpart" | "impedancereal" | "realimpedance" | "rs" => Quantity::Real,
         "z\"" | "z\"(b)" | "im" | "imag" | "imaginary" | "zim" | "zimg" | "zimag" | "imz"
-        | "imagz" | "im(z)" | "imag(z)" => Quantity::Imaginary,
-        "|z|" | "zmod" | "zabs" | "mod(z)" | "abs(z)" | "modulus" | "magnitude" | "z"
+        | "imagz" | "im(z)" | "imag(z)" | "imaginarypart" | "impedanceimag"
+        | "impedanceimaginary" | "imagimpedance" | "imaginaryimpedance" | "zimaginary"
+        | "reactance" | "xs" => Quantity::Imaginary,
+        "|z|" | "zmod" | "zabs" | "abs" | "absz" | "mod(z)" | "abs(z)" | "modulus" | "zmodulus"
+        | "magnitude" | "zmagnitude" | "impedancemodulus" | "impedancemagnitude" | "z"
         | "impedance" => Quantity::Modulus,
-        "phase" | "phase(z)" | "zphz" | "zphase" | "phaseangle" | "theta" | "phi" | "arg(z)" => {
-            Quantity::Phase
-        }
+        "phase" | "phase(z)" | "zphz" | "zphase" | "phasez" | "phaseangle" | "impedancephase"
+        | "theta" | "phi" | "angle" | "arg(z)" => Quantity::Phase,
         _ => return None,
     };
     // A frequency or a modulus below zero there is none.
@@ -308,6 +316,17 @@ mod tests {
             ("Phase(Z)/deg", Phase, 1.0, Some(degree)),
             ("-Phase (°)", Phase, -1.0, Some(degree)),
             ("Zphz", Phase, 1.0, None),
+            ("Hz", Frequency, 1.0, None),
+            ("EIS_f_Hz", Frequency, 1.0, Some(1.0)),
+            ("EIS_Z_Re_Ohm", Real, 1.0, Some(1.0)),
+            ("impedance_real", Real, 1.0, None),
+            ("Real Impedance / Ohm", Real, 1.0, Some(1.0)),
+            ("Impedance imaginary (Ω)", Imaginary, 1.0, Some(1.0)),
+            ("Rs [mOhm]", Real, 1.0, Some(1e-3)),
+            ("Xs [mOhm]", Imaginary, 1.0, Some(1e-3)),
+            ("Z Modulus (Ohm)", Modulus, 1.0, Some(1.0)),
+            ("abs", Modulus, 1.0, None),
+            ("angle (deg)", Phase, 1.0, Some(degree)),
         ] {
             let met = named(name).unwrap_or_else(|| panic!("{name}"));
             let unit = factor.map_or(Unit::Unstated, Unit::Factor);

@@ -1,0 +1,274 @@
+//! Files of makers that are no tables with named columns:
+//!
+//! * Autolab FRA `.dfr`: `VERSION8.0`, the number of points, then nine numbers for each point, one in
+//!   a line: frequency, Re Z, −Im Z and six more
+//! * Elchemea Analytical `.i2b`: any head, a line with the number of points, then frequency, Re Z and
+//!   Im Z in each line
+//! * Ivium `.ids` and `.idf`: binary marks between lines of text; a block `Method=Impedance` holds
+//!   after `primary_data` the number of columns, that of rows, and Re Z, Im Z and frequency in each
+//! * PalmSens `.pssession`: JSON in UTF-16; the arrays `Frequency`, `ZRe` and `ZIm` (−Im Z) of each
+//!   measurement
+//!
+//! Frequencies are in Hz, impedances in Ω.
+
+use super::FileSpectra;
+use super::error::FormatError;
+use super::sweeps::{self, Key, MeasuredRow, Rows};
+use super::text::shorten;
+use analysis_numeric::Covariance2;
+use analysis_signal::spectrum::{ImpedancePoint, Origin};
+use num_complex::Complex64;
+use std::path::Path;
+
+/// First bytes of an Ivium file.
+const IVIUM: &[u8] = b"\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\x48\0\0\0";
+/// First line of an Autolab FRA file.
+const AUTOLAB: &str = "VERSION8.0";
+/// Numbers of one point in an Autolab FRA file.
+const AUTOLAB_NUMBERS: usize = 9;
+
+type Read = Result<FileSpectra, FormatError>;
+
+/// Reads a file of one of these makers; nothing where it is of another.
+pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Read> {
+    if bytes.starts_with(IVIUM) {
+        let text: String = bytes.iter().map(|byte| char::from(*byte)).collect();
+        return Some(ivium(path, &text));
+    }
+    let text = std::str::from_utf8(bytes).ok()?;
+    if text.starts_with(AUTOLAB) {
+        return Some(autolab(path, text));
+    }
+    if text.starts_with('{') && text.contains("\"PalmSens.DataFiles.SessionFile\"") {
+        return Some(palmsens(path, text));
+    }
+    elchemea(path, text)
+}
+
+fn row(line: usize, key: Vec<String>, freq_hz: f64, z_ohm: Complex64) -> MeasuredRow {
+    MeasuredRow {
+        line,
+        origin: Origin::default(),
+        key,
+        point: ImpedancePoint {
+            freq_hz,
+            z_ohm,
+            covariance: Covariance2::UNKNOWN,
+            amplitude_a: f64::NAN,
+        },
+    }
+}
+
+/// Spectra of rows; `keys` tells them apart.
+fn sorted(path: &Path, rows: Vec<MeasuredRow>, keys: Vec<Key>) -> Read {
+    if rows.is_empty() {
+        return Err(FormatError::Empty {
+            file: path.to_owned(),
+            met: "no points",
+        });
+    }
+    for row in &rows {
+        let point = &row.point;
+        let frequency = point.freq_hz.is_finite() && point.freq_hz > 0.0;
+        if !frequency || !point.z_ohm.is_finite() {
+            return Err(FormatError::Header {
+                file: path.to_owned(),
+                line: row.line,
+                expected: "a frequency above 0 Hz and a finite impedance".to_owned(),
+                met: format!("{} Hz and {} Ω", point.freq_hz, point.z_ohm),
+            });
+        }
+    }
+    let stem = path.file_stem().map_or_else(
+        || "spectrum".to_owned(),
+        |stem| stem.to_string_lossy().into_owned(),
+    );
+    Ok(sweeps::sort(path, Rows { rows, keys }, |_, _| stem.clone()))
+}
+
+/// Lines with their numbers, from which values are taken one after another.
+struct Lines<'a> {
+    path: &'a Path,
+    rest: std::iter::Enumerate<std::str::Lines<'a>>,
+}
+
+impl<'a> Lines<'a> {
+    fn new(path: &'a Path, text: &'a str) -> Self {
+        let rest = text.lines().enumerate();
+        Self { path, rest }
+    }
+
+    fn next(&mut self, expected: &str) -> Result<(usize, &'a str), FormatError> {
+        let (at, line) = self.rest.next().ok_or_else(|| FormatError::Header {
+            file: self.path.to_owned(),
+            line: 0,
+            expected: expected.to_owned(),
+            met: "the end of the file".to_owned(),
+        })?;
+        Ok((at + 1, line.trim()))
+    }
+
+    /// Numbers of a line, parted by blanks.
+    fn numbers<const N: usize>(
+        &mut self,
+        expected: &str,
+    ) -> Result<(usize, [f64; N]), FormatError> {
+        let (at, line) = self.next(expected)?;
+        let mut numbers = [f64::NAN; N];
+        let mut fields = line.split_whitespace();
+        for number in &mut numbers {
+            let field = fields.next().and_then(|field| field.parse().ok());
+            *number = field.ok_or_else(|| self.wrong(at, expected, line))?;
+        }
+        match fields.next() {
+            None => Ok((at, numbers)),
+            Some(_) => Err(self.wrong(at, expected, line)),
+        }
+    }
+
+    fn count(&mut self, expected: &str) -> Result<usize, FormatError> {
+        let (at, line) = self.next(expected)?;
+        line.parse().map_err(|_| self.wrong(at, expected, line))
+    }
+
+    fn wrong(&self, line: usize, expected: &str, met: &str) -> FormatError {
+        FormatError::Header {
+            file: self.path.to_owned(),
+            line,
+            expected: expected.to_owned(),
+            met: shorten(met),
+        }
+    }
+}
+
+fn autolab(path: &Path, text: &str) -> Read {
+    let mut lines = Lines::new(path, text);
+    lines.next("the version")?;
+    let count = lines.count("the number of points")?;
+    lines.next("a number")?;
+    let mut rows = Vec::new();
+    for _ in 0..count {
+        let (at, [freq_hz]) = lines.numbers("a frequency in Hz")?;
+        let (_, [re_ohm]) = lines.numbers("Re Z in Ω")?;
+        let (_, [minus_im_ohm]) = lines.numbers("−Im Z in Ω")?;
+        for _ in 3..AUTOLAB_NUMBERS {
+            lines.numbers::<1>("a number")?;
+        }
+        rows.push(row(
+            at,
+            Vec::new(),
+            freq_hz,
+            Complex64::new(re_ohm, -minus_im_ohm),
+        ));
+    }
+    sorted(path, rows, Vec::new())
+}
+
+/// An `.i2b` has no mark: a line with the number of points, and as many lines of three numbers, which
+/// end the file.
+fn elchemea(path: &Path, text: &str) -> Option<Read> {
+    let filled: Vec<(usize, &str)> = super::text::lines(text).collect();
+    let is_row = |line: &str| {
+        let mut fields = line.split_whitespace().map(str::parse::<f64>);
+        (0..3).all(|_| matches!(fields.next(), Some(Ok(_)))) && fields.next().is_none()
+    };
+    let points = filled
+        .iter()
+        .rev()
+        .take_while(|(_, line)| is_row(line))
+        .count();
+    let head = filled.len().checked_sub(points + 1)?;
+    let told: usize = filled.get(head)?.1.trim().parse().ok()?;
+    if points == 0 || told != points {
+        return None;
+    }
+    let rows = filled[head + 1..].iter().filter_map(|(at, line)| {
+        let mut fields = line.split_whitespace().map(str::parse::<f64>);
+        let mut next = || fields.next()?.ok();
+        let (freq_hz, re, im) = (next()?, next()?, next()?);
+        Some(row(*at, Vec::new(), freq_hz, Complex64::new(re, im)))
+    });
+    Some(sorted(path, rows.collect(), Vec::new()))
+}
+
+fn ivium(path: &Path, text: &str) -> Read {
+    let mut lines = Lines::new(path, text);
+    let (mut rows, mut impedance, mut table) = (Vec::new(), false, 0_usize);
+    while let Some((_, line)) = lines.rest.next() {
+        let line = line.trim();
+        if let Some(method) = line.strip_prefix("Method=") {
+            impedance = method == "Impedance";
+        }
+        if line != "primary_data" || !impedance {
+            continue;
+        }
+        impedance = false;
+        let columns = lines.count("the number of columns")?;
+        let count = lines.count("the number of rows")?;
+        if columns != 3 {
+            return Err(FormatError::Header {
+                file: path.to_owned(),
+                line: 0,
+                expected: "three columns of an impedance: Re Z, Im Z, frequency".to_owned(),
+                met: format!("{columns} columns"),
+            });
+        }
+        table += 1;
+        for _ in 0..count {
+            let (at, [re, im, freq_hz]) = lines.numbers("Re Z, Im Z and a frequency")?;
+            rows.push(row(
+                at,
+                vec![table.to_string()],
+                freq_hz,
+                Complex64::new(re, im),
+            ));
+        }
+    }
+    sorted(path, rows, vec![Key::Table])
+}
+
+fn palmsens(path: &Path, text: &str) -> Read {
+    let wrong = |expected: &str, met: String| FormatError::Header {
+        file: path.to_owned(),
+        line: 1,
+        expected: expected.to_owned(),
+        met,
+    };
+    // The end of the file has a byte order mark.
+    let text = text.trim_end_matches(['\u{feff}', '\0']).trim_end();
+    let session: serde_json::Value =
+        serde_json::from_str(text).map_err(|error| wrong("JSON", error.to_string()))?;
+    let none = Vec::new();
+    let measurements = session["Measurements"].as_array().unwrap_or(&none);
+    let mut rows = Vec::new();
+    for (nth, measurement) in measurements.iter().enumerate() {
+        let arrays = measurement["DataSet"]["Values"].as_array().unwrap_or(&none);
+        let values = |name: &str| -> Option<Vec<f64>> {
+            let array = arrays.iter().find(|a| a["Description"] == name)?;
+            let values = array["DataValues"].as_array()?.iter();
+            values.map(|value| value["V"].as_f64()).collect()
+        };
+        // Other techniques have no impedance.
+        let (Some(freq), Some(re), Some(minus_im)) =
+            (values("Frequency"), values("ZRe"), values("ZIm"))
+        else {
+            continue;
+        };
+        if freq.len() != re.len() || re.len() != minus_im.len() {
+            return Err(wrong(
+                "as many frequencies as impedances",
+                format!("{}, {} and {}", freq.len(), re.len(), minus_im.len()),
+            ));
+        }
+        let points = freq.into_iter().zip(re).zip(minus_im);
+        rows.extend(points.map(|((freq_hz, re), minus_im)| {
+            row(
+                1,
+                vec![nth.to_string()],
+                freq_hz,
+                Complex64::new(re, -minus_im),
+            )
+        }));
+    }
+    sorted(path, rows, vec![Key::Table])
+}
