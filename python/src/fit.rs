@@ -47,17 +47,20 @@ fn each(
     groups: &[Vec<SourcedSpectrum>],
     work: impl Fn(&[SourcedSpectrum]) -> Result<String, String> + Sync + Send,
 ) -> PyResult<Vec<Each>> {
+    let of = |group: &Vec<SourcedSpectrum>| match work(group) {
+        Ok(text) => (Some(text), None),
+        Err(reason) => (None, Some(reason)),
+    };
+    // Other threads cost more than a fit of one spectrum.
+    if let [one] = groups {
+        return Ok(vec![apart(py, || Ok(of(one)))?]);
+    }
     let mut done = Vec::with_capacity(groups.len());
     for chunk in groups.chunks(CHUNK) {
         py.check_signals()?;
-        let results = apart(py, || {
-            let of = |group: &Vec<SourcedSpectrum>| match work(group) {
-                Ok(text) => (Some(text), None),
-                Err(reason) => (None, Some(reason)),
-            };
+        done.extend(apart(py, || {
             Ok(chunk.par_iter().map(of).collect::<Vec<Each>>())
-        })?;
-        done.extend(results);
+        })?);
     }
     Ok(done)
 }
