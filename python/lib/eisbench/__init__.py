@@ -23,6 +23,7 @@ from ._api import (
     spectra_of_table,
     zhit,
 )
+from ._client import ApiError, AsyncClient, Client, Event, Job, OutcomeUnknown, Unreachable
 from ._eisbench import EisError, FileError, InternalError, Spectrum, __version__
 from ._model import Model, PowerLimits, Simulation
 from ._results import Assessment, Branch, CircuitFit, Drt, ErmFit, Fits, Parameter, Spectra
@@ -41,20 +42,26 @@ from ._series import (
 from ._table import Table
 
 __all__ = [
+    "ApiError",
     "Assessment",
+    "AsyncClient",
     "Branch",
     "Capture",
     "CircuitFit",
+    "Client",
     "DataSet",
     "Diagnosis",
     "Drt",
     "EisError",
     "ErmFit",
+    "Event",
     "FileError",
     "Fits",
     "InternalError",
+    "Job",
     "Model",
     "Ocv",
+    "OutcomeUnknown",
     "Parameter",
     "PowerLimits",
     "Run",
@@ -63,6 +70,7 @@ __all__ = [
     "Spectra",
     "Spectrum",
     "Table",
+    "Unreachable",
     "__version__",
     "assess",
     "circuit_impedance",
