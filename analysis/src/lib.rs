@@ -49,6 +49,25 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 //!
+//! # Features
+//!
+//! All are on by default.
+//!
+//! * `files`: run folders and files of other programs; builds polars.
+//! * `draw`: SVG and PNG; builds plotters. Without it plots can be described, and drawing one is an
+//!   error.
+//! * `diagnosis`: which effect is missing.
+//!
+//! Fits, tests of validity, circuits and simulation alone: `default-features = false`, 54 crates.
+//!
+//! # Versions
+//!
+//! The crates follow [semantic versioning](https://semver.org): before 1.0 a minor version may break
+//! what uses it, a patch version does not. Enums that will grow are `#[non_exhaustive]`. Numbers may
+//! change in their last digits with any version; JSON and tables only gain fields.
+//!
+//! `examples/` of this crate fits a file, fits a circuit and simulates a pack.
+//!
 //! Knows no sockets, no clock, no async runtime, no instrument and no simulated truth.
 
 #[cfg(feature = "diagnosis")]
