@@ -36,7 +36,8 @@ pub(crate) fn read_series<'py>(
     let notes = match left_out.as_slice() {
         [] => Vec::new(),
         [first, ..] => vec![format!(
-            "{}: {} rows without voltage or current were left out, the first in line {}",
+            "{}: {} rows without voltage or current or before another one at the same time were left \
+            out, the first in line {}",
             path.display(),
             left_out.len(),
             first.line

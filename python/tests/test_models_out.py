@@ -1,5 +1,8 @@
 """Models for other programs, and the power that they can give."""
 
+import ast
+import json
+
 import numpy as np
 import pytest
 
@@ -28,6 +31,19 @@ def test_an_unknown_program(cell):
 def test_a_text_needs_an_open_circuit_voltage(to):
     with pytest.raises(eb.EisError, match="open-circuit voltage"):
         eb.Model(0.01).code(to)
+
+
+@pytest.mark.parametrize("to", ["pybamm", "casadi"])
+def test_texts_of_a_model_file_do_not_become_code(tmp_path, to):
+    evil = "x\nEVIL = 1\rEVIL = 1\n\"\"\"EVIL"
+    told = {"name": evil, "r_ohm": 0.01, "branches": [], "warnings": [evil]}
+    told["ocv"] = {"capacity_ah": 4.5, "soc": [0, 1], "ocv_v": [3, 4.2], "slope_v": [1.2, 1.2]}
+    file = tmp_path / "model.json"
+    file.write_text(json.dumps(told))
+    tree = ast.parse(eb.Model.read(file).code(to))
+    names = [node.id for node in ast.walk(tree) if isinstance(node, ast.Name)]
+    assert "R_OHM" in names or "SOC" in names
+    assert "EVIL" not in names
 
 
 @pytest.mark.parametrize("current_a", [-10.0, 1.0, 20.0])

@@ -9,7 +9,10 @@ const MAGIC: [(&[u8], &str); 21] = [
         b"BIO-LOGIC MODULAR FILE",
         "an EC-Lab .mpr, which is binary; export it as .mpt",
     ),
-    (b"PAR1", "Parquet, which is read for time series only"),
+    (
+        b"PAR1",
+        "Parquet, which is read for time series, and with --table as spectra in long form",
+    ),
     (b"\x89HDF\r\n\x1a\n", "HDF5"),
     (b"MATLAB ", "a MATLAB .mat"),
     (b"%PDF", "a PDF"),

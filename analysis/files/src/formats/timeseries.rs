@@ -9,13 +9,22 @@
 //!   `temperature_t1_celsius`; charge positive
 //! * Arbin's CSV: `Test_Time(s)`, `Voltage(V)`, `Current(A)`, perhaps `Aux_Temperature_1(C)`;
 //!   charge positive
+//! * Basytec, EC-Lab text, Digatron, Maccor, Neware, Novonix, PEC, and these names with other units
+//!   (`cyclers`): charge positive; magnitudes alone need a direction
 //! * the thesis' cycler, CSV: `Time,Voltage,Current`, perhaps `Temperature`; magnitudes: discharge
 //!   when the file name has `discharge` in it, charge when it has `charge`
 //!
 //! [`SeriesOptions::sign`] overrules these. What is read is positive for discharge. Rows whose
-//! voltage or current is empty or NaN were not measured and are left out. Columns may stand in any
-//! order; others are passed over.
+//! voltage or current is empty or NaN were not measured and are left out. Of rows at one time, as
+//! cyclers write them where a step ends, the last is kept. Columns may stand in any order; others are
+//! passed over.
 
+mod cyclers;
+#[cfg(test)]
+#[path = "timeseries/tests.rs"]
+mod cyclers_tests;
+
+use self::cyclers::{Columns, Found, clock_s};
 use super::error::FormatError;
 use super::text::{self, Row, Text, shorten};
 use crate::dataset::{self, DatasetError};
@@ -182,13 +191,16 @@ pub fn read_series(path: &Path, options: &SeriesOptions) -> Result<TimeSeries, S
     read_series_with_left_out(path, options).map(|(series, _)| series)
 }
 
-/// A row that was left out, because it holds no voltage or no current.
+/// A row that was left out, because it holds no voltage or no current, or because another one at the
+/// same time follows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LeftOut {
     /// Its line, from 1; in Parquet the row.
     pub line: usize,
     /// Its time, s.
     pub time_s: f64,
+    /// It was measured, and another row at the same time was kept in its place.
+    pub replaced: bool,
 }
 
 /// As [`read_series`], with the rows that were left out.
@@ -248,8 +260,10 @@ struct Raw {
     rows: Vec<[f64; 3]>,
     /// Beside the rows, where there is such a column.
     temperature_c: Option<Vec<f64>>,
-    /// Rows without a voltage or a current.
+    /// Rows without a voltage or a current, and those that another one replaced.
     left_out: Vec<LeftOut>,
+    /// Line of the last row.
+    last_line: usize,
 }
 
 impl Raw {
@@ -259,9 +273,23 @@ impl Raw {
             self.left_out.push(LeftOut {
                 line,
                 time_s: row[0],
+                replaced: false,
             });
             return;
         }
+        let again = self.rows.last().is_some_and(|last| last[0] == row[0]);
+        if again {
+            self.left_out.push(LeftOut {
+                line: self.last_line,
+                time_s: row[0],
+                replaced: true,
+            });
+            self.rows.pop();
+            if let Some(all) = &mut self.temperature_c {
+                all.pop();
+            }
+        }
+        self.last_line = line;
         self.rows.push(row);
         if let (Some(all), Some(t)) = (&mut self.temperature_c, temperature_c) {
             all.push(t);
@@ -284,8 +312,13 @@ impl Raw {
 }
 
 fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesReadError> {
+    let decoded = text::utf_16(bytes);
+    let bytes = decoded.as_deref().map_or(bytes, str::as_bytes);
     if let Some(error) = super::foreign::binary(path, bytes) {
         return Err(error.into());
+    }
+    if let Some(read) = of_cycler(path, bytes) {
+        return read;
     }
     let text = Text::new(path, bytes)?;
     let unknown = |place: String, met: String| SeriesReadError::UnknownFormat {
@@ -346,6 +379,97 @@ fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesRe
     Ok((raw, known.sign))
 }
 
+/// Reads a table of a cycler that [`KNOWN`] does not name; nothing where it is none.
+fn of_cycler(
+    path: &Path,
+    bytes: &[u8],
+) -> Option<Result<(Raw, Option<CurrentSign>), SeriesReadError>> {
+    // Degrees come in code pages of one byte, whose first half is ASCII.
+    let content = std::str::from_utf8(bytes).map_or_else(
+        |_| bytes.iter().map(|byte| char::from(*byte)).collect(),
+        str::to_owned,
+    );
+    let content = content.trim_start_matches('\u{feff}');
+    let lines: Vec<&str> = content.lines().collect();
+    let (at, columns) = cyclers::header(&lines)?;
+    let names: Vec<&str> = text::fields(lines.get(at)?, text::separator(lines.get(at)?)).collect();
+    let known = |name: &str| names.iter().any(|met| met.eq_ignore_ascii_case(name));
+    if KNOWN
+        .iter()
+        .any(|k| k.names[..3].iter().all(|name| known(name)))
+    {
+        return None;
+    }
+    let table = lines.get(at..)?.join("\n");
+    Some(
+        Text::new(path, table.as_bytes())
+            .map_err(SeriesReadError::from)
+            .and_then(|mut text| {
+                text.rows.iter_mut().for_each(|row| row.line += at);
+                text.one_mark()?;
+                rows_of_cycler(&text, &columns)
+            }),
+    )
+}
+
+fn rows_of_cycler(
+    text: &Text<'_>,
+    columns: &Columns,
+) -> Result<(Raw, Option<CurrentSign>), SeriesReadError> {
+    let mut raw = Raw {
+        temperature_c: columns.temperature.map(|_| Vec::new()),
+        ..Raw::default()
+    };
+    let rows = text.rows.get(1..).unwrap_or_default();
+    for (nth, row) in rows.iter().enumerate() {
+        let value = |found: &Found, name: &'static str, may_lack: bool| {
+            let field = row.fields.get(found.index).copied().unwrap_or_default();
+            match clock_s(field).filter(|_| found.clock) {
+                Some(seconds) => Ok(seconds),
+                // Without a unit only a clock is a time.
+                None if found.clock => Err(SeriesReadError::Field {
+                    file: text.file(),
+                    line: row.line,
+                    column: found.index + 1,
+                    name: "time as h:mm:ss",
+                    met: shorten(field),
+                }),
+                None => {
+                    number(text, row, found.index, name, may_lack).map(|value| value * found.factor)
+                }
+            }
+        };
+        // Units, or nothing, in a row of their own.
+        let unread = |found: &Found| value(found, "", false).is_err();
+        if nth == 0
+            && [&columns.time, &columns.voltage, &columns.current]
+                .into_iter()
+                .all(unread)
+        {
+            continue;
+        }
+        let current_a = value(&columns.current, "current", true)?;
+        let state = columns.state.and_then(|state| row.fields.get(state));
+        let directed_a = match state.and_then(|state| state.chars().next()) {
+            Some('D' | 'd') => -current_a.abs(),
+            Some('C' | 'c') => current_a.abs(),
+            _ => current_a,
+        };
+        let temperature = columns.temperature.as_ref();
+        let temperature_c = temperature
+            .map(|found| value(found, "temperature", true))
+            .transpose()?;
+        let values = [
+            value(&columns.time, "time", false)?,
+            value(&columns.voltage, "voltage", true)?,
+            directed_a,
+        ];
+        raw.push(row.line, values, temperature_c);
+    }
+    let directed = columns.state.is_some() || raw.rows.iter().any(|row| row[2] < 0.0);
+    Ok((raw, directed.then_some(CurrentSign::Charge)))
+}
+
 /// NaN for what may lack and does.
 fn number(
     of: &Text<'_>,
@@ -389,11 +513,15 @@ fn parquet(path: &Path, bytes: Vec<u8>) -> Result<(Raw, Option<CurrentSign>), Se
         .iter()
         .find(|k| k.names[..3].iter().all(|name| find(name).is_some()));
     let Some(known) = known else {
-        return Err(SeriesReadError::UnknownFormat {
-            file: path.to_owned(),
-            place: String::new(),
-            met: shorten(&names.join(",")),
-        });
+        let told: Vec<&str> = names.iter().map(String::as_str).collect();
+        return match cyclers::columns(&told) {
+            Some(columns) => frame_of_cycler(path, &frame, &columns),
+            None => Err(SeriesReadError::UnknownFormat {
+                file: path.to_owned(),
+                place: String::new(),
+                met: shorten(&names.join(",")),
+            }),
+        };
     };
     if known.names[0] == KNOWN[0].names[0] {
         return Ok((bench(path)?, known.sign));
@@ -417,6 +545,37 @@ fn parquet(path: &Path, bytes: Vec<u8>) -> Result<(Raw, Option<CurrentSign>), Se
         raw.push(k + 1, [*t, *v, *i], temperature.as_ref().map(|all| all[k]));
     }
     Ok((raw, known.sign))
+}
+
+/// A Parquet table of a cycler that [`KNOWN`] does not name.
+fn frame_of_cycler(
+    path: &Path,
+    frame: &DataFrame,
+    columns: &Columns,
+) -> Result<(Raw, Option<CurrentSign>), SeriesReadError> {
+    let column = |found: &Found, name: &'static str| {
+        let values = values(path, frame, Some(found.index), name)?;
+        Ok::<Vec<f64>, SeriesReadError>(values.iter().map(|value| value * found.factor).collect())
+    };
+    let (time_s, voltage_v, current_a) = (
+        column(&columns.time, "time")?,
+        column(&columns.voltage, "voltage")?,
+        column(&columns.current, "current")?,
+    );
+    let temperature = columns.temperature.as_ref();
+    let temperature_c = temperature
+        .map(|found| column(found, "temperature"))
+        .transpose()?;
+    let mut raw = Raw {
+        temperature_c: temperature_c.as_ref().map(|_| Vec::new()),
+        ..Raw::default()
+    };
+    for (k, ((t, v), i)) in time_s.iter().zip(&voltage_v).zip(&current_a).enumerate() {
+        let temperature_c = temperature_c.as_ref().and_then(|all| all.get(k).copied());
+        raw.push(k + 1, [*t, *v, *i], temperature_c);
+    }
+    let directed = raw.rows.iter().any(|row| row[2] < 0.0);
+    Ok((raw, directed.then_some(CurrentSign::Charge)))
 }
 
 /// A file of the bench has a checksum, which its own reader looks at.
@@ -523,7 +682,8 @@ mod tests {
             left_out,
             [LeftOut {
                 line: 4,
-                time_s: 2.0
+                time_s: 2.0,
+                replaced: false
             }]
         );
         let arbin = "Data_Point,Test_Time(s),Current(A),Voltage(V)\n1,0,-2,4.1\n2,1,0.5,4.0\n";
@@ -639,7 +799,7 @@ mod tests {
                 ", line 3, column 1 (Time): expected a finite number, met \"\"",
             ),
             (
-                "Time,Voltage,Current\n0,4.1,1\n0,4.1,1\n",
+                "Time,Voltage,Current\n1,4.1,1\n0,4.1,1\n",
                 ": time series \"discharge.csv\", sample 2 (counted from 1): expected times in s \
                 that rise, met 0",
             ),

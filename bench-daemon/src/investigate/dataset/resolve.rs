@@ -331,7 +331,7 @@ impl Resolver<'_> {
         let last_s = to_s.unwrap_or(f64::INFINITY);
         let lines: Vec<usize> = left_out
             .iter()
-            .filter(|row| (first_s..=last_s).contains(&row.time_s))
+            .filter(|row| !row.replaced && (first_s..=last_s).contains(&row.time_s))
             .map(|row| row.line)
             .collect();
         if !lines.is_empty() {
