@@ -105,7 +105,7 @@ def fits(count, slow):
         starts = [dict(zip(names, truth)) for truth in truths]
         near, near_s = processor_s(
             lambda: [
-                eb.fit_circuit(s, circuit, guess=start, starts=1)
+                eb.fit_circuit(s, circuit, guess=start)
                 for s, start in zip(spectra, starts)
             ]
         )

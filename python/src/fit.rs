@@ -5,7 +5,7 @@ use analysis::fit::{
     CellSweeps, ChargeStorage, CircuitOptions, ErmAnswer, ErmRequest, FitEntry, Objective,
     OrderSelection, Search, Slope, Weight, fit_circuit_cells,
 };
-use analysis::model::Circuit;
+use analysis::model::{Circuit, WrittenCircuit};
 use analysis::spectrum::{SourcedSpectrum, Spectrum as Points};
 use analysis::validity::{self, Noise};
 use numpy::{Complex64, IntoPyArray, PyArray1, PyReadonlyArray1};
@@ -126,7 +126,8 @@ pub(crate) struct CircuitWishes {
 impl CircuitWishes {
     /// The circuit and the options of its fit.
     pub(crate) fn read(&self) -> PyResult<(Circuit, CircuitOptions)> {
-        let circuit: Circuit = caught(|| self.circuit.parse().map_err(|e| refused(&e)))?;
+        let written = caught(|| WrittenCircuit::read(&self.circuit).map_err(|e| refused(&e)))?;
+        let circuit = written.circuit.clone();
         let names = circuit.parameter_names().to_vec();
         let indices = |of: &str, values: &[(String, f64)]| {
             let place = |(name, value): &(String, f64)| {
@@ -146,7 +147,7 @@ impl CircuitWishes {
             search: self.search.parse::<Search>().map_err(|e| refused(&e))?,
             seed: self.seed,
         };
-        Ok((circuit, options))
+        Ok((circuit, options.with_written(&written)))
     }
 }
 

@@ -1,77 +1,33 @@
 //! `eis-bench diagnose`: where a model and a data set disagree, what is missing, and whether adding
 //! it closes the gap.
 
+mod args;
+mod judged;
+mod table;
+
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    diagnosis::{
-        self, BaseModel, DiagnosisOptions, Finding, FindingKind, Fixture, Outcome, Verdict,
-        findings::inspect, gate, report,
-    },
-    given::GivenModel,
-    ocv::OcvCurve,
-    run_folder::{self, JOURNAL, SUMS},
+    diagnosis::{Outcome, Verdict, report},
+    run_folder::{self, SUMS},
 };
-use serde::Serialize;
 
-use super::model_args::{DatasetModelArgs, ModelArgs};
+pub use args::DiagnoseArgs;
+pub(crate) use judged::Judged;
+use judged::{Looked, accept};
+
+use super::model_args::ModelArgs;
 use crate::{
     config::Experiment,
     files,
-    investigate::dataset::{Accept, Loaded, NamedFile, NamedFiles, Reading, named_files, read_as},
     investigate::next_experiment::{Setting, experiment_file},
-    operator::progress::Waiting,
-    run::{Finished, Recorded},
+    run::Finished,
     safety::failure::Failure,
     support::hash,
-    support::present::{one_or_list, quoted},
+    support::present::one_or_list,
     support::sums,
     support::terminal::say,
 };
-
-/// Arguments of `diagnose`.
-#[derive(Debug, clap::Args)]
-pub struct DiagnoseArgs {
-    /// The data set: a folder with `dataset.toml`, or a run folder.
-    #[arg(value_name = "DATASET")]
-    pub data: PathBuf,
-    /// The model to be judged.
-    #[command(flatten)]
-    pub model: DatasetModelArgs,
-    /// The OCV curve, as `ocv --out` writes it (`ocv.json`), where the model file holds none or
-    /// another is wanted [default: `ocv` of dataset.toml]
-    #[arg(long, value_name = "JSON")]
-    pub ocv: Option<PathBuf>,
-    /// Write `diagnosis.html`, `diagnosis.json`, `diagnosis.md` with its pictures and, where
-    /// effects were added, `model_augmented.json` and, where no name is certain,
-    /// `model_predictive.json` into this folder.
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// The bench's file: with --cell and --out, the recommended run is written as
-    /// `next_experiment.toml` for it.
-    #[arg(long, value_name = "FILE", requires_all = ["cell", "out"])]
-    pub bench: Option<PathBuf>,
-    /// The cell's file, for the same.
-    #[arg(long, value_name = "FILE", requires = "bench")]
-    pub cell: Option<PathBuf>,
-    /// The one cell of a campaign that is meant [default: each of them by itself].
-    #[arg(long, value_name = "NAME")]
-    pub specimen: Option<String>,
-    /// Use points that the quality gate of their measurement refused, too.
-    #[arg(long)]
-    pub refused_points: bool,
-    /// Use the correction of this finding on the data in the place of the raw data; every result
-    /// says so.
-    #[arg(long, value_name = "FINDING", value_enum)]
-    pub accept: Vec<Accept>,
-    /// Look at the data only: what is odd in them and what makes them unusable, within a second and
-    /// without a diagnosis.
-    #[arg(long, conflicts_with_all = ["out", "accept"])]
-    pub findings: bool,
-    /// Print JSON; of several cells, a list.
-    #[arg(long)]
-    pub json: bool,
-}
 
 /// Diagnoses, prints, and writes into a folder if asked to.
 ///
@@ -80,8 +36,16 @@ pub struct DiagnoseArgs {
 /// [`Failure::Invalid`], once everything is told, where the data cannot be diagnosed. Any other
 /// verdict is a result and no error.
 pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
+    if let Some(path) = &args.table {
+        return table::table(args, path);
+    }
+    let [data] = args.data.as_slice() else {
+        let met = args.data.len();
+        let reason = format!("expected one data set, or several with --table, found {met}");
+        return Err(Failure::Usage(reason));
+    };
     let mut judged = Judged::read(
-        &args.data,
+        data,
         &ModelArgs::from(&args.model),
         args.ocv.as_deref(),
         args.refused_points,
@@ -144,16 +108,6 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
         Some(outcome) => Err(Failure::Invalid(outcome.diagnosis.summary.clone())),
         None => Ok(()),
     }
-}
-
-/// Findings on the data of a cell.
-#[derive(Debug, Serialize)]
-struct Looked<'a> {
-    cell: &'a str,
-    /// Reasons why the data are unusable.
-    invalid: Vec<gate::Reason>,
-    findings: Vec<Finding>,
-    notes: Vec<String>,
 }
 
 /// Prints what was found.
@@ -275,308 +229,6 @@ fn below(out: &Path, cells: &[String], name: &str) -> PathBuf {
 fn json(outcome: &Outcome) -> Result<String, Failure> {
     serde_json::to_string_pretty(&outcome.diagnosis)
         .map_err(|error| Failure::Analysis(error.to_string()))
-}
-
-/// Uses the corrections of these findings, too.
-fn accept(loaded: &mut Loaded, accepted: &[Accept]) {
-    for kind in accepted.iter().map(|one| one.kind()) {
-        if !loaded.accept.contains(&kind) {
-            loaded.accept.push(kind);
-        }
-    }
-}
-
-/// A data set and the model that it judges.
-pub(super) struct Judged {
-    pub(super) loaded: Loaded,
-    pub(super) model: BaseModel,
-    file: GivenModel,
-    data: PathBuf,
-    named: ModelArgs,
-    /// The file that the curve was asked for from.
-    ocv: Option<PathBuf>,
-    /// Files that the data set named and no argument did.
-    defaults: NamedFiles,
-    /// The one cell that is meant, where there are several.
-    specimen: Option<String>,
-    /// The run folder of which it is a step: what it tells of files is told from there, so that a
-    /// run is the same in whichever folder.
-    within: Option<PathBuf>,
-    /// It was asked for points that a quality gate has refused.
-    refused_points: bool,
-}
-
-impl Judged {
-    /// Reads both. The model is that of the arguments, else that of the data set. The curve is that
-    /// of `ocv`, of a model of the arguments, of the data set, of its model, or of the cell's file
-    /// of a run folder.
-    pub(super) fn read(
-        data: &Path,
-        named: &ModelArgs,
-        ocv: Option<&Path>,
-        refused_points: bool,
-    ) -> Result<Self, Failure> {
-        let NamedFiles {
-            model: in_set,
-            ocv: curve_in_set,
-        } = named_files(data)?;
-        let named_model = in_set.filter(|_| named.is_absent());
-        let fail = |text: &str| match &named_model {
-            Some(file) => Failure::from(file.complain(text)),
-            None if named.model.is_some() => {
-                Failure::Usage(format!("--model {}: {text}", named.told()))
-            }
-            None => Failure::Usage(format!("{}: {text}", named.told())),
-        };
-        let file = match &named_model {
-            Some(file) => named.read_named(file)?,
-            None if named.is_absent() => {
-                return Err(Failure::Usage(format!(
-                    "{}: expected --model, --erm, or `model` in its dataset.toml, found none",
-                    data.display()
-                )));
-            }
-            None => named.read(None)?,
-        };
-        let without_curve = ocv.is_none() && (named_model.is_some() || file.ocv.is_none());
-        let named_ocv = curve_in_set.filter(|_| without_curve);
-        let given = match (ocv, &named_ocv) {
-            (Some(path), _) => Some(files::read_curve(path)?),
-            (None, Some(file)) => Some(read_named_curve(file)?),
-            (None, None) => None,
-        };
-        let mut curve = given.or_else(|| file.ocv.clone());
-        if curve.is_none() && data.join(JOURNAL).is_file() {
-            curve = Recorded::read(data)?.ocv().cloned();
-        }
-        let curve = curve
-            .ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
-        if !file.additions.is_empty() {
-            return Err(fail(
-                "expected a model without additions: the diagnosis starts from the extended \
-                Randles model alone",
-            ));
-        }
-        let model = BaseModel {
-            name: file.name.clone(),
-            erm: file.erm.clone(),
-            ocv: curve,
-        };
-        let reading = Reading {
-            refused_points,
-            ..Reading::default()
-        };
-        Ok(Self {
-            loaded: read_as(data, reading)?,
-            model,
-            file,
-            data: data.to_owned(),
-            named: named.clone(),
-            ocv: ocv.map(Path::to_owned),
-            defaults: NamedFiles {
-                model: named_model,
-                ocv: named_ocv,
-            },
-            specimen: None,
-            within: None,
-            refused_points,
-        })
-    }
-
-    /// The names of the cells that are to be judged, each by itself: a model is one cell's.
-    fn cells(&self, specimen: Option<&str>) -> Result<Vec<String>, Failure> {
-        let mut cells: Vec<String> = Vec::new();
-        for run in &self.loaded.set.runs {
-            if let Fixture::Cell(name) = &run.fixture
-                && !cells.contains(name)
-            {
-                cells.push(name.clone());
-            }
-        }
-        match specimen {
-            Some(wanted) if !cells.iter().any(|cell| cell == wanted) => {
-                Err(Failure::Usage(format!(
-                    "--specimen: expected one of {}, found {wanted}",
-                    cells.join(", ")
-                )))
-            }
-            Some(wanted) => Ok(vec![wanted.to_owned()]),
-            // Without any run of a cell there is still something to be said.
-            None if cells.is_empty() => Ok(vec![String::new()]),
-            None => Ok(cells),
-        }
-    }
-
-    /// Each cell by itself, with its name; the one that was asked for, and each of several, is
-    /// named in the command that repeats it.
-    fn each<'a>(
-        &'a self,
-        cells: &'a [String],
-        asked: Option<&'a str>,
-    ) -> impl Iterator<Item = (&'a str, Self)> {
-        cells.iter().map(move |name| {
-            let specimen = asked
-                .or((cells.len() > 1).then_some(name))
-                .map(str::to_owned);
-            (
-                name.as_str(),
-                Self {
-                    specimen,
-                    ..self.of_cell(name)
-                },
-            )
-        })
-    }
-
-    /// The same with the runs of one cell, and those of the controls.
-    fn of_cell(&self, name: &str) -> Self {
-        let mut set = self.loaded.set.clone();
-        set.runs
-            .retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
-        let refused = self.loaded.refused.clone();
-        let loaded = Loaded {
-            set,
-            problems: self.loaded.problems.clone(),
-            notes: self.loaded.notes.clone(),
-            findings: self.loaded.findings.clone(),
-            accept: self.loaded.accept.clone(),
-            refused,
-        };
-        let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
-        let (specimen, within, refused_points) = (
-            self.specimen.clone(),
-            self.within.clone(),
-            self.refused_points,
-        );
-        Self {
-            loaded,
-            model,
-            file,
-            data: self.data.clone(),
-            named: self.named.clone(),
-            ocv,
-            defaults: self.defaults.clone(),
-            specimen,
-            within,
-            refused_points,
-        }
-    }
-
-    /// The model's file, where it has one.
-    fn model_path(&self) -> Option<&Path> {
-        let by_data_set = self.defaults.model.as_ref().map(|file| file.path.as_path());
-        by_data_set.or(self.named.model.as_deref())
-    }
-
-    /// The file of the curve, where it has one of its own.
-    fn ocv_path(&self) -> Option<&Path> {
-        let by_data_set = self.defaults.ocv.as_ref().map(|file| file.path.as_path());
-        by_data_set.or(self.ocv.as_deref())
-    }
-
-    /// A path as it is told.
-    fn told(&self, path: &Path) -> String {
-        match self
-            .within
-            .as_ref()
-            .and_then(|folder| path.strip_prefix(folder).ok())
-        {
-            Some(below) if below.as_os_str().is_empty() => ".".to_owned(),
-            Some(below) => below.display().to_string(),
-            None => path.display().to_string(),
-        }
-    }
-
-    /// The command that gives the same diagnosis.
-    fn again(&self) -> String {
-        let word = |path: &Path| quoted(Path::new(&self.told(path)));
-        let mut text = format!(
-            "eis-bench diagnose {}{}",
-            word(&self.data),
-            self.named.again(|path| self.told(path))
-        );
-        if let Some(ocv) = &self.ocv {
-            text.push_str(&format!(" --ocv {}", word(ocv)));
-        }
-        if self.refused_points {
-            text.push_str(" --refused-points");
-        }
-        if self.loaded.accept.contains(&FindingKind::CurrentFilter) {
-            text.push_str(" --accept current_filter");
-        }
-        if let Some(specimen) = &self.specimen {
-            text.push_str(&format!(" --specimen {}", quoted(Path::new(specimen))));
-        }
-        text
-    }
-
-    /// Runs that could not be read.
-    fn unreadable(&self) -> Vec<gate::Reason> {
-        let problems = self.loaded.problems.iter();
-        problems
-            .map(|problem| gate::Reason::unreadable(&problem.run, &problem.text))
-            .collect()
-    }
-
-    /// Findings on the files of the runs of this cell and of the controls.
-    fn findings_of_files(&self) -> impl Iterator<Item = Finding> {
-        let named = |run: &String| self.loaded.set.runs.iter().any(|other| other.name == *run);
-        let of_files = self.loaded.findings.iter();
-        of_files
-            .filter(move |finding| finding.runs.iter().all(named))
-            .cloned()
-    }
-
-    /// Findings on the data, without a diagnosis.
-    fn look<'a>(&self, cell: &'a str) -> Looked<'a> {
-        let (report, mut findings) = inspect(&self.loaded.set, &self.model);
-        findings.extend(self.findings_of_files());
-        let mut invalid = self.unreadable();
-        invalid.extend(report.invalid);
-        let notes = report
-            .notes
-            .into_iter()
-            .chain(self.loaded.notes.iter().cloned());
-        Looked {
-            cell,
-            invalid,
-            findings,
-            notes: notes.collect(),
-        }
-    }
-
-    /// The diagnosis of what could be read; what could not makes the data invalid.
-    fn diagnose(&self) -> Result<Outcome, Failure> {
-        let unreadable = self.unreadable();
-        let waiting = Waiting::shown();
-        let outcome = diagnosis::diagnose(
-            &self.loaded.set,
-            unreadable,
-            &self.model,
-            &DiagnosisOptions {
-                accept: self.loaded.accept.clone(),
-                progress: waiting.listener(),
-                ..DiagnosisOptions::default()
-            },
-        );
-        waiting.end();
-        let mut outcome = outcome.map_err(|error| Failure::Usage(error.to_string()))?;
-        let d = &mut outcome.diagnosis;
-        d.findings.extend(self.findings_of_files());
-        d.notes.extend(self.loaded.notes.iter().cloned());
-        outcome.diagnosis.notes.extend(self.file.notes());
-        Ok(outcome)
-    }
-}
-
-/// The curve that a data set names. A complaint names the place that names it.
-fn read_named_curve(file: &NamedFile) -> Result<OcvCurve, Failure> {
-    files::read_curve(&file.path).map_err(|error| {
-        file.complain(format!(
-            "expected an OCV curve as `ocv --out` writes it; {error}"
-        ))
-        .into()
-    })
 }
 
 /// The recommended run as an experiment file, where there is one, and a bench and a cell for it.

@@ -4,7 +4,7 @@
 mod records;
 
 use crate::{
-    command::batch::{Batch, Choice, Plots, TableArgs, work},
+    command::batch::{Batch, Choice, Plots, TableArgs, work_on_spectra},
     figures::validity::plots,
     files,
     safety::failure::Failure,
@@ -149,7 +149,7 @@ fn rows(args: &KkArgs, table: &Path) -> Result<(), Failure> {
         call: format!("kk {kind:?} {choice:?}"),
         pictures: args.many.pictures(args.out.as_deref())?,
     };
-    work(&batch, &kind)
+    work_on_spectra(batch, &kind)
 }
 
 /// The spectra by cell, in the order of their first.

@@ -2,12 +2,11 @@
 
 mod case;
 mod figure;
+mod input;
+mod table;
 
 use crate::{
-    command::{
-        model_args::ModelArgs,
-        profile_args::{ProfileArgs, taken},
-    },
+    command::profile_args::taken,
     files,
     safety::failure::Failure,
     support::present::one_or_list,
@@ -18,123 +17,23 @@ use std::path::{Path, PathBuf};
 use analysis::{
     dataset::write_trace_parquet,
     formats::read_profile,
-    forward::{
-        Beyond, CellWindow, ForwardError, Infeasible, Method, OcvSource, Profile, SimModel,
-        SimOptions, SimState,
-    },
+    forward::{ForwardError, Infeasible, SimModel},
     given::GivenModel,
     pack::Pack,
 };
 
 use case::{Case, Output};
-
-/// Most steps of explicit Euler: six hours of the thesis' 4-RC model, whose shortest time constant
-/// of 0.83 ms makes steps of 0.21 ms.
-const MOST_EULER_STEPS: f64 = 1e8;
-
-/// Arguments of `simulate`.
-#[derive(Debug, clap::Args)]
-#[command(after_help = "\
-Margins are per cell (mean over the cells in series, interconnect left out) and positive inside \
-the window; min_ccv_v and max_ccv_v are \
-voltages at the terminals. `feasible` says that all power asked for could be had; whether the \
-window was kept, the margins say.
-Power and current count discharge as positive. Each row of a profile holds until the next; the \
-last row only ends it.")]
-pub struct SimulateArgs {
-    /// Which model.
-    #[command(flatten)]
-    pub model: ModelArgs,
-    /// The cell's OCV curve, as `ocv --out` writes it, where the model holds none or another is
-    /// wanted.
-    #[arg(long, value_name = "JSON")]
-    pub ocv: Option<PathBuf>,
-    /// Two columns, time and power, current or load resistance, with or without header; several for
-    /// a table over all.
-    #[arg(long = "profile", required = true, value_name = "FILE")]
-    pub profiles: Vec<PathBuf>,
-    /// Cells in series.
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    pub series: u32,
-    /// Cells in parallel.
-    #[arg(long, default_value_t = 1, value_name = "N")]
-    pub parallel: u32,
-    /// Resistance of busbars, wires and connectors over the whole pack, Ω.
-    #[arg(
-        long,
-        default_value_t = 0.0,
-        value_name = "OHM",
-        allow_negative_numbers = true
-    )]
-    pub interconnect_ohm: f64,
-    /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv. This
-    /// or --ocv-v is needed.
-    #[arg(
-        long,
-        value_name = "X",
-        conflicts_with = "ocv_v",
-        allow_negative_numbers = true
-    )]
-    pub soc: Option<f64>,
-    /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
-    pub ocv_v: Option<f64>,
-    /// How the files are read.
-    #[command(flatten)]
-    pub read: ProfileArgs,
-    /// `exact`: exponential steps with error control; `thesis`: its three steps, explicit Euler, by
-    /// a quarter of the shortest time constant or by --step-s.
-    #[arg(long, value_enum, default_value_t = Steps::Exact)]
-    pub method: Steps,
-    /// Treatment of power that cannot be had: `stop`, or `extrapolate` along the tangent from 95 %
-    /// of it (thesis 4.2.1), which ends at 0 V.
-    #[arg(long, value_enum, default_value_t = Policy::Stop)]
-    pub beyond: Policy,
-    /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the
-    /// profile]
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
-    pub step_s: Option<f64>,
-    /// DC resistance of a cell for the simple-IR model, Ω [default: that of the model]
-    #[arg(long, value_name = "OHM", allow_negative_numbers = true)]
-    pub dcir_ohm: Option<f64>,
-    /// Lowest voltage of a cell, V.
-    #[arg(long, default_value_t = CellWindow::THESIS.low_v, value_name = "V", allow_negative_numbers = true)]
-    pub low_v: f64,
-    /// Highest voltage of a cell, V.
-    #[arg(long, default_value_t = CellWindow::THESIS.high_v, value_name = "V", allow_negative_numbers = true)]
-    pub high_v: f64,
-    /// Folder for traces (Parquet) and plots [default: the traces into the current directory, no
-    /// plots]
-    #[arg(long, value_name = "DIR")]
-    pub out: Option<PathBuf>,
-    /// Print JSON: one object for one profile, a list for several.
-    #[arg(long)]
-    pub json: bool,
-}
-
-/// Step methods.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub enum Steps {
-    /// Exponential steps with error control.
-    Exact,
-    /// Explicit Euler.
-    Thesis,
-}
-
-/// Treatment of power that cannot be had.
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-pub enum Policy {
-    /// The simulation ends.
-    Stop,
-    /// The voltage goes on along its tangent.
-    Extrapolate,
-}
+pub use input::SimulateArgs;
+use input::{check_euler, options, source_of_ocv, state, usage, window};
 
 /// Runs the profiles, prints what comes of them, and writes traces and plots.
 ///
 /// # Errors
 /// A file or an argument that is not as expected; a folder that cannot be written.
 pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
+    if let Some(path) = &args.table {
+        return table::table(args, path);
+    }
     let (file, model) = model(args)?;
     let state = state(args, &model)?;
     let window = window(args)?;
@@ -167,103 +66,15 @@ pub fn simulate(args: &SimulateArgs) -> Result<(), Failure> {
     }
 }
 
-fn usage(error: impl std::fmt::Display) -> Failure {
-    Failure::Usage(error.to_string())
-}
-
 fn model(args: &SimulateArgs) -> Result<(GivenModel, SimModel), Failure> {
-    let name = args.model.told();
     let file = args.model.read(args.ocv.as_deref())?;
-    let ocv = match (&file.ocv, args.ocv_v) {
-        (Some(curve), _) => OcvSource::Curve(curve.clone()),
-        (None, Some(ocv_v)) => OcvSource::Constant(ocv_v),
-        (None, None) if args.soc.is_none() => {
-            return Err(Failure::Usage(
-                "expected --soc or --ocv-v, found neither".to_owned(),
-            ));
-        }
-        (None, None) => {
-            return Err(Failure::Usage(format!(
-                "--soc: expected a model with an OCV curve, {name} has none; give --ocv-v instead, \
-                or a curve with --ocv"
-            )));
-        }
-    };
+    let ocv = source_of_ocv(args, &file, &args.model.told())?;
     let pack = Pack::new(args.series, args.parallel, args.interconnect_ohm).map_err(usage)?;
     let model = files::sim_model(&file, ocv, pack)?;
     if let Some(folder) = &args.out {
         files::make_folder(folder)?;
     }
     Ok((file, model))
-}
-
-fn state(args: &SimulateArgs, model: &SimModel) -> Result<SimState, Failure> {
-    match (args.soc, args.ocv_v) {
-        (Some(soc), _) => model
-            .rest(soc)
-            .map_err(|error| Failure::Usage(format!("--soc: {error}"))),
-        (None, Some(ocv_v)) => model
-            .rest_at(ocv_v)
-            .map_err(|error| Failure::Usage(format!("--ocv-v: {error}"))),
-        (None, None) => Err(Failure::Usage(
-            "expected --soc or --ocv-v, found neither".to_owned(),
-        )),
-    }
-}
-
-fn window(args: &SimulateArgs) -> Result<CellWindow, Failure> {
-    let window = CellWindow {
-        low_v: args.low_v,
-        high_v: args.high_v,
-    };
-    if args.low_v < args.high_v {
-        return Ok(window);
-    }
-    Err(Failure::Usage(format!(
-        "--low-v, --high-v: expected a lower below a higher voltage, found {} and {} V",
-        args.low_v, args.high_v
-    )))
-}
-
-fn options(args: &SimulateArgs, profile: &Profile, window: CellWindow) -> SimOptions {
-    let beyond = match args.beyond {
-        Policy::Stop => Beyond::Stop,
-        Policy::Extrapolate => Beyond::Extrapolate {
-            fraction: Beyond::FRACTION,
-        },
-    };
-    let method = match args.method {
-        Steps::Exact => Method::Exact,
-        Steps::Thesis => Method::Thesis,
-    };
-    let max_step_s = args.step_s.unwrap_or_else(|| profile.duration_s() / 2000.0);
-    SimOptions {
-        method,
-        beyond,
-        window,
-        max_step_s,
-        thesis_step_s: args.step_s,
-        ..SimOptions::default()
-    }
-}
-
-/// Explicit Euler steps by a quarter of the shortest time constant, which for a circuit's ladder
-/// lies far below the profile's own times.
-fn check_euler(args: &SimulateArgs, model: &SimModel, profile: &Profile) -> Result<(), Failure> {
-    let shortest_s = model
-        .erm
-        .time_constants_s()
-        .into_iter()
-        .fold(f64::INFINITY, f64::min);
-    let steps = 4.0 * profile.duration_s() / shortest_s;
-    if !matches!(args.method, Steps::Thesis) || args.step_s.is_some() || steps <= MOST_EULER_STEPS {
-        return Ok(());
-    }
-    Err(Failure::Usage(format!(
-        "--method thesis: expected at most {MOST_EULER_STEPS:e} steps of a quarter of the shortest \
-        time constant, met {steps:.1e}, for that is {shortest_s:.1e} s; \
-         take --method exact"
-    )))
 }
 
 /// Two profiles of one name from different folders must not share a trace.

@@ -46,7 +46,7 @@ const QUIET_S: u64 = 10;
 /// Ticks of a share of 1.
 const WHOLE: u64 = 10_000;
 
-/// Progress through spectra, with the time left.
+/// Progress through many things, with the time left.
 pub struct Share {
     bar: ProgressBar,
     terminal: bool,
@@ -71,18 +71,15 @@ impl Share {
         }
     }
 
-    /// This share is done, which is so many spectra.
-    pub fn at(&self, share: f64, spectra: usize) {
+    /// This share is done, which is so much.
+    pub fn at(&self, share: f64, done: &str) {
         self.bar.set_position((share * WHOLE as f64) as u64);
-        self.bar.set_message(format!("{spectra} spectra"));
+        self.bar.set_message(done.to_owned());
         let elapsed_s = self.bar.elapsed().as_secs();
         if !self.terminal && elapsed_s >= self.told_s.get() + QUIET_S {
             self.told_s.set(elapsed_s);
             let left_s = elapsed_s as f64 * (1.0 - share) / share.max(f64::EPSILON);
-            remark!(
-                "{spectra} spectra, {:.0} %, about {left_s:.0} s left",
-                100.0 * share
-            );
+            remark!("{done}, {:.0} %, about {left_s:.0} s left", 100.0 * share);
         }
     }
 

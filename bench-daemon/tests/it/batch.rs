@@ -270,3 +270,115 @@ fn above_twenty_spectra_nothing_is_drawn_unasked() {
     assert!(first.join("model_1rc.json").exists());
     assert_eq!(drawn(&first), 0);
 }
+
+#[test]
+fn every_model_of_a_table_of_fits_carries_every_profile() {
+    let (_kept, folder) = folder();
+    let (spectra, fits) = (folder.join("spectra.csv"), folder.join("fits.parquet"));
+    long_form(&spectra, 3);
+    let mut told = std::fs::read_to_string(&spectra).unwrap();
+    told += "broken,1,0.03,nonsense,nobody\n";
+    std::fs::write(&spectra, told).unwrap();
+    done(&[
+        "fit",
+        text(&spectra),
+        "--rc",
+        "1",
+        "--ocv-slope",
+        "none",
+        "--table",
+        text(&fits),
+    ]);
+    let profiles = folder.join("profiles");
+    std::fs::create_dir(&profiles).unwrap();
+    std::fs::write(profiles.join("a.csv"), "time_s,current_a\n0,10\n5,0\n6,0\n").unwrap();
+    std::fs::write(profiles.join("b.csv"), "time_s,current_a\n0,50\n5,0\n6,0\n").unwrap();
+    let table = folder.join("loads.csv");
+    let told = done(&[
+        "simulate",
+        "--model",
+        text(&fits),
+        "--profile",
+        text(&profiles),
+        "--ocv-v",
+        "3.7",
+        "--largest-factor",
+        "--table",
+        text(&table),
+    ]);
+    assert!(
+        told.contains("8 simulations; 2 without a result, 3 with warnings"),
+        "{told}"
+    );
+    let found = rows(&table);
+    assert_eq!(found.1.len(), 8);
+    for model in 0..3 {
+        let (a, b) = (2 * model, 2 * model + 1);
+        assert_eq!(value(&found, a, "spectrum_id"), format!("cell {model}"));
+        assert_eq!(
+            [value(&found, a, "profile"), value(&found, b, "profile")],
+            ["a", "b"]
+        );
+        // 10 mΩ and 20 mΩ, the branch charged within milliseconds.
+        assert!((number(&found, a, "min_ccv_v") - 3.4).abs() < 1e-4);
+        assert!((number(&found, b, "min_ccv_v") - 2.2).abs() < 1e-4);
+        assert!((number(&found, b, "margin_low_v") + 0.3).abs() < 1e-4);
+        assert_eq!(value(&found, b, "warning_codes"), "below_window");
+        assert!((number(&found, a, "largest_factor") - 4.0).abs() < 1e-3);
+    }
+    let reason = found.1[6].join(",");
+    assert!(reason.contains("spectra.csv, line 20"), "{reason}");
+    let again = refusal(&[
+        "simulate",
+        "--model",
+        text(&fits),
+        "--profile",
+        text(&profiles),
+        "--ocv-v",
+        "3.7",
+        "--table",
+        text(&table),
+    ]);
+    assert!(again.contains("nothing is written over"), "{again}");
+}
+
+#[test]
+fn data_sets_become_rows_of_their_held_out_runs() {
+    let (_kept, folder) = folder();
+    let repository = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+    let set = repository.join("configs/datasets/panasonic_50soc");
+    let broken = folder.join("broken");
+    std::fs::create_dir(&broken).unwrap();
+    std::fs::write(broken.join("dataset.toml"), "name = 3\n").unwrap();
+    let table = folder.join("gaps.csv");
+    let told = done(&[
+        "diagnose",
+        text(&set),
+        text(&folder),
+        "--base-only",
+        "--table",
+        text(&table),
+    ]);
+    assert!(told.contains("2 data sets; 1 without a result"), "{told}");
+    let found = rows(&table);
+    assert_eq!(found.1.len(), 3);
+    assert_eq!(
+        [value(&found, 0, "run"), value(&found, 1, "run")],
+        ["2C", "6C"]
+    );
+    for row in 0..2 {
+        assert_eq!(value(&found, row, "verdict"), "gap");
+        assert_eq!(value(&found, row, "effects"), "\"\"");
+        // Refitted it is nearer, and nothing was added to it.
+        assert!(number(&found, row, "base_mv") < number(&found, row, "eis_only_mv"));
+        assert!(number(&found, row, "base_mv") > number(&found, row, "floor_mv"));
+        assert_eq!(
+            value(&found, row, "augmented_mv"),
+            value(&found, row, "base_mv")
+        );
+    }
+    assert_eq!(value(&found, 2, "data_set"), "broken");
+    assert!(found.1[2].join(",").contains("name"), "{:?}", found.1[2]);
+    let refused = refusal(&["diagnose", text(&set), text(&set)]);
+    assert!(refused.contains("expected one data set"), "{refused}");
+}

@@ -183,7 +183,7 @@ fn files_that_cannot_be_read_are_told_and_a_spectrum_elsewhere_is_a_comment() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("data");
     let repeats = folder.path().join("repeats.bdf.csv");
-    let text = "Test Time / s,Current / A,Voltage / V\n0,0,3.7\n0,0,3.7\n";
+    let text = "Test Time / s,Current / A,Voltage / V\n1,0,3.7\n0,0,3.7\n";
     std::fs::write(&repeats, text).unwrap();
     let notes = folder.path().join("notes.txt");
     std::fs::write(&notes, "cell 7, new fixture\n").unwrap();

@@ -26,12 +26,12 @@ from ._api import (
 from ._client import ApiError, AsyncClient, Client, Event, Job, OutcomeUnknown, Unreachable
 from ._eisbench import EisError, FileError, InternalError, Spectrum, __version__
 from ._model import Model, PowerLimits, Simulation
+from ._ocv import Ocv
 from ._results import Assessment, Branch, CircuitFit, Drt, ErmFit, Fits, Parameter, Spectra
 from ._series import (
     Capture,
     DataSet,
     Diagnosis,
-    Ocv,
     Run,
     Series,
     diagnose,

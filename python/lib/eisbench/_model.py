@@ -6,13 +6,14 @@ import json
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Optional, Union
+from typing import Any, Optional, Union, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ._eisbench import EisError
 from ._eisbench import Model as _Model
+from ._ocv import Ocv
 from ._results import Branch, ErmFit, significant, text_table
 
 
@@ -133,8 +134,18 @@ class Model:
         """What is to be known of the model, in sentences."""
         return self._model.notes
 
-    def with_ocv(self, capacity_ah: float, soc: ArrayLike, ocv_v: ArrayLike) -> Model:
-        """The same with an open-circuit voltage through knots: state of charge, 0…1, and V."""
+    @overload
+    def with_ocv(self, capacity_ah: Ocv) -> Model: ...
+    @overload
+    def with_ocv(self, capacity_ah: float, soc: ArrayLike, ocv_v: ArrayLike) -> Model: ...
+    def with_ocv(
+        self, capacity_ah: Union[float, Ocv], soc: ArrayLike = (), ocv_v: ArrayLike = ()
+    ) -> Model:
+        """The same with an open-circuit voltage: an :class:`Ocv`, or a capacity in Ah and knots of
+        state of charge, 0…1, and V.
+        """
+        if isinstance(capacity_ah, Ocv):
+            capacity_ah, soc, ocv_v = capacity_ah.capacity_ah, capacity_ah.soc, capacity_ah.ocv_v
         knots = (np.atleast_1d(np.asarray(values, dtype=np.float64)) for values in (soc, ocv_v))
         return self._of(self._model.with_ocv(capacity_ah, *knots))
 

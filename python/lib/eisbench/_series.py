@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from . import _eisbench
 from ._eisbench import EisError, Spectrum
 from ._model import Model
-from ._results import significant, text_table
+from ._ocv import Ocv
 from ._table import Table, columns_of, numbers
 
 PathLike = Union[str, "os.PathLike[str]"]
@@ -67,42 +67,6 @@ class _Columns:
         self.time_s = numbers("time_s", found["time_s"])
         self.current_a = numbers("current_a", found["current_a"])
         self.voltage_v = numbers("voltage_v", found["voltage_v"])
-
-
-class Ocv:
-    """An open-circuit voltage over the state of charge, and what is known of it."""
-
-    def __init__(self, text: str) -> None:
-        self.raw: dict[str, Any] = json.loads(text)
-
-    @property
-    def capacity_ah(self) -> float:
-        """Charge between the ends of the discharge, Ah."""
-        return float(self.raw["capacity_ah"])
-
-    @property
-    def soc(self) -> NDArray[np.float64]:
-        """State of charge at the knots, 0…1, rising."""
-        return np.array(self.raw["curve"]["soc"], dtype=np.float64)
-
-    @property
-    def ocv_v(self) -> NDArray[np.float64]:
-        """Open-circuit voltage at the knots, V."""
-        return np.array(self.raw["curve"]["ocv_v"], dtype=np.float64)
-
-    @property
-    def sigma_v(self) -> float:
-        """Standard uncertainty by the scatter of the samples, V."""
-        return float(self.raw["sigma_v"])
-
-    def __str__(self) -> str:
-        rows = [
-            ["capacity / Ah", significant(self.capacity_ah)],
-            ["from / V", significant(float(self.ocv_v[0]))],
-            ["to / V", significant(float(self.ocv_v[-1]))],
-            ["1σ / V", significant(self.sigma_v, 2)],
-        ]
-        return text_table(["figure", "value"], rows)
 
 
 def ocv(

@@ -17,6 +17,14 @@ use super::parquet::ParquetRows;
 /// First bytes of a Parquet file.
 const PARQUET: &[u8] = b"PAR1";
 
+/// Whether a file begins as Parquet does.
+pub(super) fn is_parquet(path: &Path) -> bool {
+    let mut first = [0; 4];
+    File::open(path)
+        .and_then(|mut file| file.read_exact(&mut first))
+        .is_ok_and(|()| first == PARQUET)
+}
+
 /// A spectrum of a table, or the reason why it is none.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TableSpectrum {
@@ -74,11 +82,7 @@ impl LongForm {
     /// Whether a file is a table in long form: Parquet, or a CSV whose first line names
     /// `spectrum_id` and the columns of an impedance.
     pub fn is_one(path: &Path) -> bool {
-        let mut first = [0; 4];
-        let parquet = File::open(path)
-            .and_then(|mut file| file.read_exact(&mut first))
-            .is_ok_and(|()| first == PARQUET);
-        parquet || CsvRows::open(path).is_ok_and(|rows| rows.has_ids())
+        is_parquet(path) || CsvRows::open(path).is_ok_and(|rows| rows.has_ids())
     }
 
     /// Opens a table.
@@ -86,11 +90,7 @@ impl LongForm {
     /// # Errors
     /// [`BatchError`] for a file that cannot be read or lacks a column.
     pub fn open(path: &Path) -> Result<Self, BatchError> {
-        let mut first = [0; 4];
-        let parquet = File::open(path)
-            .and_then(|mut file| file.read_exact(&mut first))
-            .is_ok_and(|()| first == PARQUET);
-        let source = if parquet {
+        let source = if is_parquet(path) {
             Source::Parquet(ParquetRows::open(path)?)
         } else {
             Source::Csv(CsvRows::open(path)?)

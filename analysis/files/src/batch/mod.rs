@@ -2,12 +2,14 @@
 //!
 //! [`LongForm`] reads a Parquet or CSV table in long form: one row for each point, the rows of a
 //! spectrum one after another. [`Parts`] keeps results on disk as they come, so that a call that was
-//! killed goes on where it was, and puts them together into one Parquet or CSV table.
+//! killed goes on where it was, and puts them together into one Parquet or CSV table. [`read_models`]
+//! takes the models out of such a table again.
 
 mod columns;
 mod csv;
 mod error;
 mod long_form;
+mod models;
 mod parquet;
 mod parts;
 mod results;
@@ -17,4 +19,5 @@ mod tests;
 
 pub use error::BatchError;
 pub use long_form::{LongForm, TableSpectrum};
+pub use models::{TableModel, is_table_of_models, read_models};
 pub use parts::{Parts, PartsPlan};

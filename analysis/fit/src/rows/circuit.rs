@@ -1,8 +1,6 @@
 //! Rows of fitted circuits.
 
-use super::{
-    Cell, ResultColumn, ResultRows, RowValues, at_points, count, finite, number, text, whole,
-};
+use super::{Cell, ResultColumn, ResultRows, RowValues, at_points};
 use crate::fit::{CellSweeps, CircuitOptions, Slope, fit_circuit_cells};
 use analysis_model::model::Circuit;
 use analysis_signal::spectrum::SourcedSpectrum;
@@ -25,27 +23,28 @@ pub struct CircuitRows {
 impl ResultRows for CircuitRows {
     fn own_columns(&self) -> Vec<ResultColumn> {
         let mut columns = vec![
-            count("points"),
-            number("objective"),
-            text("objective_kind"),
-            text("weight"),
-            number("rms_ohm"),
-            number("reduced_chi2"),
-            number("aicc"),
-            count("starts"),
-            count("starts_at_optimum"),
+            ResultColumn::count("points"),
+            ResultColumn::number("objective"),
+            ResultColumn::text("objective_kind"),
+            ResultColumn::text("weight"),
+            ResultColumn::number("rms_ohm"),
+            ResultColumn::number("reduced_chi2"),
+            ResultColumn::number("aicc"),
+            ResultColumn::count("starts"),
+            ResultColumn::count("starts_at_optimum"),
         ];
         let names = self.circuit.parameter_names();
         for name in names {
             columns.extend([
-                number(name.clone()),
-                number(format!("{name}_sigma")),
-                text(format!("{name}_state")),
+                ResultColumn::number(name.clone()),
+                ResultColumn::number(format!("{name}_sigma")),
+                ResultColumn::text(format!("{name}_state")),
             ]);
         }
         for (nth, row) in names.iter().enumerate() {
             let triangle = names.iter().take(nth + 1);
-            columns.extend(triangle.map(|column| number(format!("cov_{row}_{column}"))));
+            columns
+                .extend(triangle.map(|column| ResultColumn::number(format!("cov_{row}_{column}"))));
         }
         columns
     }
@@ -60,19 +59,19 @@ impl ResultRows for CircuitRows {
         let fit = fit_circuit_cells(&cells, &self.circuit, &self.options)
             .map_err(|error| error.to_string())?;
         let mut cells = vec![
-            whole(fit.points),
-            finite(fit.objective),
+            Cell::whole(fit.points),
+            Cell::finite(fit.objective),
             Cell::Text(Some(fit.objective_kind.to_string())),
             Cell::Text(Some(fit.weight.to_string())),
-            finite(fit.rms_ohm),
+            Cell::finite(fit.rms_ohm),
             Cell::Number(fit.reduced_chi2),
             Cell::Number(fit.aicc),
-            whole(fit.starts),
-            whole(fit.starts_at_optimum),
+            Cell::whole(fit.starts),
+            Cell::whole(fit.starts_at_optimum),
         ];
         for ((value, sigma), state) in fit.values.iter().zip(&fit.sigmas).zip(&fit.states) {
             cells.extend([
-                finite(*value),
+                Cell::finite(*value),
                 Cell::Number(*sigma),
                 Cell::Text(Some(state.name().to_owned())),
             ]);

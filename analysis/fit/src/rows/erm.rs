@@ -1,8 +1,6 @@
 //! Rows of fitted extended Randles models.
 
-use super::{
-    Cell, ResultColumn, ResultRows, RowValues, at_points, count, finite, number, text, whole,
-};
+use super::{Cell, ResultColumn, ResultRows, RowValues, at_points};
 use crate::fit::{ErmFit, ErmRequest, MOST_AUTO};
 use analysis_signal::spectrum::SourcedSpectrum;
 
@@ -28,16 +26,16 @@ impl ErmRows {
 impl ResultRows for ErmRows {
     fn own_columns(&self) -> Vec<ResultColumn> {
         let mut columns = vec![
-            count("points"),
-            count("rc"),
-            number("objective"),
-            text("objective_kind"),
-            number("rms_ohm"),
-            number("reduced_chi2"),
-            number("dc_resistance_ohm"),
-            number("dc_resistance_sigma_ohm"),
-            number("r_ohm"),
-            number("r_sigma_ohm"),
+            ResultColumn::count("points"),
+            ResultColumn::count("rc"),
+            ResultColumn::number("objective"),
+            ResultColumn::text("objective_kind"),
+            ResultColumn::number("rms_ohm"),
+            ResultColumn::number("reduced_chi2"),
+            ResultColumn::number("dc_resistance_ohm"),
+            ResultColumn::number("dc_resistance_sigma_ohm"),
+            ResultColumn::number("r_ohm"),
+            ResultColumn::number("r_sigma_ohm"),
         ];
         for k in 1..=self.most() {
             columns.extend(
@@ -49,14 +47,16 @@ impl ResultRows for ErmRows {
                     format!("tau{k}_s"),
                     format!("tau{k}_sigma_s"),
                 ]
-                .map(number),
+                .map(ResultColumn::number),
             );
         }
         let branches = (1..=self.most()).flat_map(|k| [format!("r{k}"), format!("c{k}")]);
         let names: Vec<String> = std::iter::once("r".to_owned()).chain(branches).collect();
         for (nth, row) in names.iter().enumerate() {
             let triangle = names.iter().take(nth + 1);
-            columns.extend(triangle.map(|column| number(format!("cov_ln_{row}_ln_{column}"))));
+            columns.extend(
+                triangle.map(|column| ResultColumn::number(format!("cov_ln_{row}_ln_{column}"))),
+            );
         }
         columns
     }
@@ -77,15 +77,15 @@ impl ResultRows for ErmRows {
 fn cells(fit: &ErmFit, most: usize) -> Vec<Cell> {
     let sigma = &fit.sigma;
     let mut cells = vec![
-        whole(fit.points),
-        whole(fit.erm.branches.len()),
-        finite(fit.objective),
+        Cell::whole(fit.points),
+        Cell::whole(fit.erm.branches.len()),
+        Cell::finite(fit.objective),
         Cell::Text(Some(fit.objective_kind.to_string())),
-        finite(fit.rms_ohm),
+        Cell::finite(fit.rms_ohm),
         Cell::Number(fit.reduced_chi2),
-        finite(fit.erm.dc_resistance_ohm()),
+        Cell::finite(fit.erm.dc_resistance_ohm()),
         Cell::Number(sigma.dc_resistance_ohm),
-        finite(fit.erm.r_ohm),
+        Cell::finite(fit.erm.r_ohm),
         Cell::Number(sigma.r_ohm),
     ];
     for k in 0..most {

@@ -36,6 +36,41 @@ pub struct ResultColumn {
     pub kind: ColumnKind,
 }
 
+impl ResultColumn {
+    /// Column of floating-point numbers.
+    pub fn number(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            kind: ColumnKind::Number,
+        }
+    }
+
+    /// Column of whole numbers.
+    pub fn count(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            kind: ColumnKind::Count,
+        }
+    }
+
+    /// Column of texts.
+    pub fn text(name: impl Into<String>) -> Self {
+        Self {
+            name: name.into(),
+            kind: ColumnKind::Text,
+        }
+    }
+
+    /// A value that is not known.
+    pub fn missing(&self) -> Cell {
+        match self.kind {
+            ColumnKind::Number => Cell::Number(None),
+            ColumnKind::Count => Cell::Count(None),
+            ColumnKind::Text => Cell::Text(None),
+        }
+    }
+}
+
 /// A value of a table of results.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Cell {
@@ -45,6 +80,23 @@ pub enum Cell {
     Count(Option<u64>),
     /// Of a column of texts.
     Text(Option<String>),
+}
+
+impl Cell {
+    /// The value where it is a number.
+    pub fn finite(value: f64) -> Self {
+        Self::Number(Some(value).filter(|value| value.is_finite()))
+    }
+
+    /// A whole number.
+    pub fn whole(value: usize) -> Self {
+        Self::Count(Some(value as u64))
+    }
+
+    /// A text.
+    pub fn text(value: impl Into<String>) -> Self {
+        Self::Text(Some(value.into()))
+    }
 }
 
 /// Results of one spectrum, in the order of the columns, and whether there is something to be looked
@@ -74,9 +126,9 @@ pub trait ResultRows: Sync {
 
     /// All columns.
     fn columns(&self) -> Vec<ResultColumn> {
-        let mut columns = vec![text("spectrum_id")];
+        let mut columns = vec![ResultColumn::text("spectrum_id")];
         columns.extend(self.own_columns());
-        columns.extend(["warning_codes", "warnings", "error"].map(text));
+        columns.extend(["warning_codes", "warnings", "error"].map(ResultColumn::text));
         columns
     }
 
@@ -107,13 +159,8 @@ pub trait ResultRows: Sync {
     /// Values of a spectrum without a result.
     fn missing(&self) -> RowValues {
         let columns = self.own_columns();
-        let cells = columns.iter().map(|column| match column.kind {
-            ColumnKind::Number => Cell::Number(None),
-            ColumnKind::Count => Cell::Count(None),
-            ColumnKind::Text => Cell::Text(None),
-        });
         RowValues {
-            cells: cells.collect(),
+            cells: columns.iter().map(ResultColumn::missing).collect(),
             ..RowValues::default()
         }
     }
@@ -155,34 +202,4 @@ fn at_points(spectrum: &Spectrum, name: &str, z_ohm: impl Fn(f64) -> Complex64) 
         points: spectrum.points.iter().map(point).collect(),
         ..Spectrum::default()
     }
-}
-
-fn number(name: impl Into<String>) -> ResultColumn {
-    ResultColumn {
-        name: name.into(),
-        kind: ColumnKind::Number,
-    }
-}
-
-fn count(name: impl Into<String>) -> ResultColumn {
-    ResultColumn {
-        name: name.into(),
-        kind: ColumnKind::Count,
-    }
-}
-
-fn text(name: impl Into<String>) -> ResultColumn {
-    ResultColumn {
-        name: name.into(),
-        kind: ColumnKind::Text,
-    }
-}
-
-/// The value where it is a number.
-fn finite(value: f64) -> Cell {
-    Cell::Number(Some(value).filter(|value| value.is_finite()))
-}
-
-fn whole(value: usize) -> Cell {
-    Cell::Count(Some(value as u64))
 }

@@ -1,6 +1,6 @@
 //! Rows of tests of validity and of relaxation times.
 
-use super::{Cell, ResultColumn, ResultRows, RowValues, count, finite, number, text, whole};
+use super::{Cell, ResultColumn, ResultRows, RowValues};
 use crate::drt::{Drt, drt};
 use crate::validity::{Assessed, Grade, Noise, assess, thinned};
 use analysis_signal::spectrum::SourcedSpectrum;
@@ -26,24 +26,24 @@ pub struct ValidityRows {
 impl ResultRows for ValidityRows {
     fn own_columns(&self) -> Vec<ResultColumn> {
         let mut columns = vec![
-            count("points"),
-            text("grade"),
-            text("verdict"),
-            number("valid_from_hz"),
-            number("valid_to_hz"),
-            count("bad_points"),
-            count("doubtful_points"),
-            text("kk_outcome"),
-            count("kk_order"),
-            number("kk_mu"),
-            number("kk_chi2"),
-            number("kk_dof"),
-            number("kk_p"),
-            number("noise_percent"),
-            number("kk_worst_percent"),
-            number("kk_worst_hz"),
-            number("z_hit_worst_percent"),
-            number("z_hit_worst_hz"),
+            ResultColumn::count("points"),
+            ResultColumn::text("grade"),
+            ResultColumn::text("verdict"),
+            ResultColumn::number("valid_from_hz"),
+            ResultColumn::number("valid_to_hz"),
+            ResultColumn::count("bad_points"),
+            ResultColumn::count("doubtful_points"),
+            ResultColumn::text("kk_outcome"),
+            ResultColumn::count("kk_order"),
+            ResultColumn::number("kk_mu"),
+            ResultColumn::number("kk_chi2"),
+            ResultColumn::number("kk_dof"),
+            ResultColumn::number("kk_p"),
+            ResultColumn::number("noise_percent"),
+            ResultColumn::number("kk_worst_percent"),
+            ResultColumn::number("kk_worst_hz"),
+            ResultColumn::number("z_hit_worst_percent"),
+            ResultColumn::number("z_hit_worst_hz"),
         ];
         if self.drt {
             columns.extend(
@@ -56,9 +56,9 @@ impl ResultRows for ValidityRows {
                     "drt_polarisation_sigma_ohm",
                     "drt_reduced_chi2",
                 ]
-                .map(number),
+                .map(ResultColumn::number),
             );
-            columns.push(count("drt_peaks"));
+            columns.push(ResultColumn::count("drt_peaks"));
             for k in 1..=PEAKS {
                 columns.extend(
                     [
@@ -67,7 +67,7 @@ impl ResultRows for ValidityRows {
                         format!("peak{k}_sigma_ohm"),
                         format!("peak{k}_width_decades"),
                     ]
-                    .map(number),
+                    .map(ResultColumn::number),
                 );
             }
         }
@@ -101,14 +101,14 @@ impl ResultRows for ValidityRows {
 
 fn tests(assessed: &Assessed, points: usize) -> Vec<Cell> {
     let (verdict, kk) = (&assessed.verdict, &assessed.kramers_kronig);
-    let of_grade = |grade| whole(verdict.points.iter().filter(|p| p.grade == grade).count());
+    let of_grade = |grade| Cell::whole(verdict.points.iter().filter(|p| p.grade == grade).count());
     let kk_worst = kk.worst();
     let z_hit_worst = assessed.z_hit.points.iter().max_by(|a, b| {
         let size = |value: f64| value.abs();
         size(a.deviation_percent).total_cmp(&size(b.deviation_percent))
     });
     vec![
-        whole(points),
+        Cell::whole(points),
         Cell::Text(Some(verdict.grade.to_string())),
         Cell::Text(Some(verdict.text.clone())),
         Cell::Number(verdict.valid_band_hz.map(|band| band.0)),
@@ -116,12 +116,12 @@ fn tests(assessed: &Assessed, points: usize) -> Vec<Cell> {
         of_grade(Grade::Bad),
         of_grade(Grade::Doubtful),
         Cell::Text(Some(kk.outcome.name().to_owned())),
-        whole(kk.order),
-        finite(kk.mu),
-        finite(kk.chi2),
-        finite(kk.dof),
-        finite(kk.p),
-        finite(kk.noise_percent),
+        Cell::whole(kk.order),
+        Cell::finite(kk.mu),
+        Cell::finite(kk.chi2),
+        Cell::finite(kk.dof),
+        Cell::finite(kk.p),
+        Cell::finite(kk.noise_percent),
         Cell::Number(kk_worst.map(|point| point.percent())),
         Cell::Number(kk_worst.map(|point| point.freq_hz)),
         Cell::Number(z_hit_worst.map(|point| point.deviation_percent)),
@@ -136,9 +136,12 @@ fn times(found: &Drt) -> Vec<Cell> {
         &found.polarisation_ohm,
     ]
     .into_iter()
-    .flat_map(|estimate| [finite(estimate.value), finite(estimate.sigma)])
+    .flat_map(|estimate| [Cell::finite(estimate.value), Cell::finite(estimate.sigma)])
     .collect();
-    cells.extend([finite(found.reduced_chi2), whole(found.peaks.len())]);
+    cells.extend([
+        Cell::finite(found.reduced_chi2),
+        Cell::whole(found.peaks.len()),
+    ]);
     let mut peaks: Vec<_> = found.peaks.iter().collect();
     peaks.sort_by(|a, b| b.r_ohm.total_cmp(&a.r_ohm));
     for k in 0..PEAKS {

@@ -8,5 +8,7 @@ mod circuit;
 mod erm;
 
 pub use circuit::Node;
-pub use circuit::{Circuit, ElementKind, MAX_DEPTH, MAX_ELEMENTS, ParameterKind, ParseError, Role};
+pub use circuit::{
+    Circuit, ElementKind, MAX_DEPTH, MAX_ELEMENTS, ParameterKind, ParseError, Role, WrittenCircuit,
+};
 pub use erm::{Erm, ModelError, RcBranch};

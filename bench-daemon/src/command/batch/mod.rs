@@ -1,12 +1,15 @@
-//! One table of results of many spectra: `--table` of `fit` and `kk`.
+//! One table of results of many: `--table` of `fit`, `kk`, `simulate` and `diagnose`.
 
+pub mod paths;
 mod plots;
 mod source;
+mod spectra;
 mod work;
 
 pub use plots::Plots;
 pub use source::Choice;
-pub use work::{Batch, work};
+pub use spectra::{Batch, work_on_spectra};
+pub use work::{Items, Job, work};
 
 use std::path::{Path, PathBuf};
 

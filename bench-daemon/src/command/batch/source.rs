@@ -1,13 +1,14 @@
 //! Spectra of files, folders and tables, one after another.
 
 use std::collections::VecDeque;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 use analysis::batch::{LongForm, TableSpectrum};
 use analysis::formats::read_file;
 use analysis::spectrum::SourcedSpectrum;
 
+use super::paths;
+use super::work::Items;
 use crate::safety::failure::Failure;
 use crate::support::present::refused_in_words;
 
@@ -36,19 +37,7 @@ pub struct Choice {
 
 impl Source {
     pub(super) fn new(paths: &[PathBuf], choice: Choice) -> Result<Self, Failure> {
-        let mut files = Vec::new();
-        for path in paths {
-            if path.is_dir() {
-                files.extend(files_of(path)?);
-            } else if path.exists() {
-                files.push(path.clone());
-            } else {
-                let told = path.display();
-                return Err(Failure::Usage(format!(
-                    "{told}: expected a file or a folder, found nothing"
-                )));
-            }
-        }
+        let files = paths::files_of(paths, "spectra")?;
         Ok(Self {
             files,
             next: 0,
@@ -57,32 +46,26 @@ impl Source {
             choice,
         })
     }
+}
 
-    /// Files with size and time of change: they tell whether another call has the same spectra.
-    pub(super) fn identity(&self) -> Result<String, Failure> {
-        let mut text = String::new();
-        for file in &self.files {
-            let failed = |error| Failure::Usage(format!("{}: {error}", file.display()));
-            let about = fs::metadata(file).map_err(failed)?;
-            let changed = about
-                .modified()
-                .ok()
-                .and_then(|at| at.duration_since(std::time::UNIX_EPOCH).ok())
-                .map_or(0, |since| since.as_nanos());
-            let absolute = fs::canonicalize(file).map_err(failed)?;
-            text += &format!("{} {} {changed}\n", absolute.display(), about.len());
-        }
-        Ok(text)
+impl Items for Source {
+    type Item = TableSpectrum;
+
+    /// Files with size and time of change.
+    fn identity(&self) -> Result<String, Failure> {
+        self.files
+            .iter()
+            .map(|file| paths::identity(file))
+            .collect()
     }
 
-    /// Share of everything that is read, 0 to 1.
-    pub(super) fn share(&self) -> f64 {
+    fn share(&self) -> f64 {
         let open = self.table.as_ref().map_or(0.0, |table| table.share() - 1.0);
         (self.next as f64 + open) / self.files.len().max(1) as f64
     }
 
-    /// The next spectrum; none at the end. A file that is none of spectra is one without a result.
-    pub(super) fn next_spectrum(&mut self) -> Result<Option<TableSpectrum>, Failure> {
+    /// The next spectrum. A file that is none of spectra is one without a result.
+    fn next(&mut self) -> Result<Option<TableSpectrum>, Failure> {
         loop {
             if let Some(ready) = self.ready.pop_front() {
                 return Ok(Some(self.choice.applied(ready)));
@@ -160,25 +143,4 @@ fn spectra_of(file: &Path) -> Vec<TableSpectrum> {
                 .map_or_else(String::new, |name| name.to_string_lossy().into_owned()))
         }],
     }
-}
-
-/// Files of a folder by name; hidden ones and folders in it are passed over.
-fn files_of(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
-    let failed = |error| Failure::Usage(format!("{}: {error}", folder.display()));
-    let mut files = Vec::new();
-    for entry in fs::read_dir(folder).map_err(failed)? {
-        let entry = entry.map_err(failed)?;
-        let hidden = entry.file_name().to_string_lossy().starts_with('.');
-        if !hidden && entry.path().is_file() {
-            files.push(entry.path());
-        }
-    }
-    if files.is_empty() {
-        return Err(Failure::Usage(format!(
-            "{}: expected files of spectra, found none",
-            folder.display()
-        )));
-    }
-    files.sort();
-    Ok(files)
 }

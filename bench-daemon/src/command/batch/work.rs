@@ -1,143 +1,140 @@
-//! Works on many spectra, a part at a time, on all cores.
+//! Works on many things of one kind, a part at a time, on all cores.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
-use analysis::batch::{BatchError, Parts, PartsPlan, TableSpectrum};
-use analysis::plot;
-use analysis::rows::{ResultRow, ResultRows};
+use analysis::batch::{BatchError, Parts, PartsPlan};
+use analysis::rows::{ResultColumn, ResultRow};
 use rayon::prelude::*;
 
-use super::plots::Plots;
-use super::source::{Choice, Source};
-use crate::figures::impedance::compared;
-use crate::files;
 use crate::operator::progress::Share;
 use crate::safety::failure::Failure;
 use crate::support::terminal::{remark, say};
 
-/// Spectra of one part: some seconds of work, so that a call that is killed loses no more.
-const PART: usize = 1024;
+/// Things to be worked on, one after another.
+pub trait Items {
+    /// A thing.
+    type Item: Sync;
+
+    /// What tells whether another call has the same things.
+    ///
+    /// # Errors
+    /// A file that cannot be looked at.
+    fn identity(&self) -> Result<String, Failure>;
+
+    /// Share of everything that is read, 0 to 1.
+    fn share(&self) -> f64;
+
+    /// The next; none at the end.
+    ///
+    /// # Errors
+    /// A file that cannot be read.
+    fn next(&mut self) -> Result<Option<Self::Item>, Failure>;
+}
 
 /// Table to be made.
-pub struct Batch<'a> {
-    /// Files, folders and tables of spectra.
-    pub files: &'a [PathBuf],
-    /// Points that are used.
-    pub choice: Choice,
+pub struct Job<'a> {
     /// The table.
     pub table: &'a Path,
-    /// Everything beside the files that decides the results, as text.
+    /// Everything beside the things that decides the results, as text.
     pub call: String,
-    /// Folder of pictures, and which are wished for.
-    pub pictures: Option<(&'a Path, Plots)>,
+    /// Columns of the table.
+    pub columns: Vec<ResultColumn>,
+    /// Things of one part: some seconds of work, so that a call that is killed loses no more.
+    pub part: usize,
+    /// What the things are, one and several.
+    pub noun: [&'static str; 2],
 }
 
 /// Counts of a table.
 #[derive(Default)]
 struct Totals {
-    spectra: usize,
+    items: usize,
     without_result: usize,
     with_warnings: usize,
 }
 
-/// Works on every spectrum and writes the table; goes on with the parts of a call that was killed.
+/// Works on everything and writes the table, with the rows of each thing one after another; goes on
+/// with the parts of a call that was killed. `done` hears of each part.
 ///
 /// # Errors
 /// A file that cannot be read, a table that is there already, a folder that cannot be written. What
-/// is wrong with one spectrum stands in its row.
-pub fn work(batch: &Batch<'_>, rows: &impl ResultRows) -> Result<(), Failure> {
-    let mut source = Source::new(batch.files, batch.choice)?;
-    let plan = PartsPlan {
-        out: batch.table.to_path_buf(),
-        call: format!("{}\n{}", batch.call, source.identity()?),
-        columns: rows.columns(),
-    };
-    let parts = Parts::begin(plan).map_err(|error| refused(&error))?;
+/// is wrong with one thing stands in its row.
+pub fn work<I: Items>(
+    job: Job<'_>,
+    items: &mut I,
+    rows: impl Fn(&I::Item) -> Vec<ResultRow> + Sync,
+    mut done: impl FnMut(&[I::Item], &[Vec<ResultRow>]) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let [one, several] = job.noun;
+    let parts = Parts::begin(PartsPlan {
+        out: job.table.to_path_buf(),
+        call: format!("{}\n{}", job.call, items.identity()?),
+        columns: job.columns,
+    })
+    .map_err(|error| refused(&error))?;
     let (mut totals, mut part, mut before) = (Totals::default(), 0, 0);
     let shown = Share::shown();
     loop {
-        let spectra = take(&mut source)?;
-        if spectra.is_empty() {
+        let taken = take(items, job.part)?;
+        if taken.is_empty() {
             break;
         }
-        totals.spectra += spectra.len();
+        totals.items += taken.len();
         if parts.is_done(part) {
-            before += spectra.len();
+            before += taken.len();
         } else {
-            let results: Vec<ResultRow> = spectra
-                .par_iter()
-                .map(|one| rows.row(&one.spectrum_id, &one.spectrum))
-                .collect();
+            let results: Vec<Vec<ResultRow>> = taken.par_iter().map(&rows).collect();
             totals.count(&results);
-            draw(batch, &spectra, &results)?;
+            done(&taken, &results)?;
             parts
-                .write(part, &results)
+                .write(part, &results.concat())
                 .map_err(|error| refused(&error))?;
         }
         part += 1;
-        shown.at(source.share(), totals.spectra);
+        shown.at(items.share(), &format!("{} {several}", totals.items));
     }
     shown.end();
-    if totals.spectra == 0 {
-        let text = "expected at least one spectrum, found none".to_owned();
+    if totals.items == 0 {
+        let text = format!("expected at least one {one}, found none");
         return Err(Failure::Usage(text));
     }
     parts.finish(part).map_err(|error| refused(&error))?;
     if before > 0 {
-        remark!("{before} spectra were worked on by a call before this one");
+        remark!("{before} {several} were worked on by a call before this one");
     }
     let Totals {
-        spectra,
+        items,
         without_result,
         with_warnings,
     } = totals;
     let told = if before > 0 { "of the others, " } else { "" };
     say!(
-        "{spectra} spectra; {told}{without_result} without a result, {with_warnings} with warnings"
+        "{items} {several}; {told}{without_result} without a result, {with_warnings} with warnings"
     );
-    say!("written to {}", batch.table.display());
+    say!("written to {}", job.table.display());
     Ok(())
 }
 
 impl Totals {
-    fn count(&mut self, results: &[ResultRow]) {
-        let count = |of: fn(&ResultRow) -> bool| results.iter().filter(|row| of(row)).count();
+    fn count(&mut self, results: &[Vec<ResultRow>]) {
+        let count = |of: fn(&ResultRow) -> bool| {
+            let any = |rows: &&Vec<ResultRow>| rows.iter().any(of);
+            results.iter().filter(any).count()
+        };
         self.without_result += count(|row| row.error.is_some());
         self.with_warnings += count(|row| row.has_warnings);
     }
 }
 
-fn take(source: &mut Source) -> Result<Vec<TableSpectrum>, Failure> {
-    let mut spectra = Vec::new();
-    while spectra.len() < PART {
-        match source.next_spectrum()? {
-            Some(one) => spectra.push(one),
+fn take<I: Items>(items: &mut I, most: usize) -> Result<Vec<I::Item>, Failure> {
+    let mut taken = Vec::new();
+    while taken.len() < most {
+        match items.next()? {
+            Some(one) => taken.push(one),
             None => break,
         }
     }
-    Ok(spectra)
-}
-
-fn draw(
-    batch: &Batch<'_>,
-    spectra: &[TableSpectrum],
-    results: &[ResultRow],
-) -> Result<(), Failure> {
-    let Some((folder, plots)) = batch.pictures else {
-        return Ok(());
-    };
-    for (one, result) in spectra.iter().zip(results) {
-        let needs_a_look = result.error.is_some() || result.has_warnings;
-        let Ok(sourced) = &one.spectrum else { continue };
-        if plots.draws(needs_a_look) {
-            files::make_folder(folder)?;
-            let title = result.error.as_deref().unwrap_or(&one.spectrum_id);
-            let picture = compared(title, &sourced.spectrum, result.fitted.as_ref());
-            let name = one.spectrum_id.replace(['/', '\\'], "_");
-            files::write_picture(folder, &name, |path| plot::nyquist(&picture, path))?;
-        }
-    }
-    Ok(())
+    Ok(taken)
 }
 
 fn refused(error: &BatchError) -> Failure {

@@ -20,7 +20,7 @@ use analysis::{
         CellSweeps, CircuitFit, CircuitOptions, Objective, Search, Slope, State, WarningCode,
         Weight, fit_circuit_cells,
     },
-    model::Circuit,
+    model::{Circuit, WrittenCircuit},
     plot::{self, ImpedancePlot, Series, SeriesStyle},
     report::{Figure, Level, Report, Table, Verdict},
     run_folder::REPORT,
@@ -47,10 +47,10 @@ struct CircuitReport<'a> {
 /// A file or an argument that is not as expected; a fit that cannot be made; a folder that cannot
 /// be written.
 pub fn fit_circuit(args: &FitArgs, text: &str) -> Result<(), Failure> {
-    let circuit: Circuit = text
-        .parse()
+    let written = WrittenCircuit::read(text)
         .map_err(|error| Failure::Usage(format!("--circuit: {error}")))?;
-    let options = options(args, &circuit)?;
+    let options = options(args, &written.circuit)?.with_written(&written);
+    let circuit = written.circuit;
     let slope = ocv_slope::for_circuit(&args.slope, options.objective)?;
     if let Some(path) = &args.many.table {
         return table::circuit(args, path, circuit, options, slope);

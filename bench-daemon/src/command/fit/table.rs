@@ -10,7 +10,7 @@ use analysis::{
 
 use super::FitArgs;
 use crate::{
-    command::batch::{Batch, Choice, work},
+    command::batch::{Batch, Choice, work_on_spectra},
     safety::failure::Failure,
 };
 
@@ -85,5 +85,5 @@ fn rows(args: &FitArgs, table: &Path, call: &str, kind: &impl ResultRows) -> Res
         call: format!("{call} {choice:?}"),
         pictures: args.many.pictures(args.out.as_deref())?,
     };
-    work(&batch, kind)
+    work_on_spectra(batch, kind)
 }

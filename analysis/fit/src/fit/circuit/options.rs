@@ -1,6 +1,7 @@
 //! Options of a circuit's fit, and the reasons for a refusal.
 
 use crate::fit::options::{FitError, Objective};
+use analysis_model::model::WrittenCircuit;
 use serde::{Deserialize, Serialize};
 use std::fmt;
 use std::str::FromStr;
@@ -107,6 +108,24 @@ impl Default for CircuitOptions {
             search: Search::Starts,
             seed: 0,
         }
+    }
+}
+
+impl CircuitOptions {
+    /// Adds the values that stand in the circuit's text; those of the options come first.
+    #[must_use]
+    pub fn with_written(mut self, written: &WrittenCircuit) -> Self {
+        let named: Vec<usize> = self
+            .guess
+            .iter()
+            .chain(&self.constants)
+            .map(|(index, _)| *index)
+            .collect();
+        let unnamed = |(index, _): &&(usize, f64)| !named.contains(index);
+        self.guess.extend(written.guess.iter().filter(unnamed));
+        self.constants
+            .extend(written.constants.iter().filter(unnamed));
+        self
     }
 }
 

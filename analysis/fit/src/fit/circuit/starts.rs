@@ -50,10 +50,12 @@ impl Ranges {
         let (physical, omega) = (kind.bounds, (1e-3 * self.omega.0, 1e3 * self.omega.1));
         let level = (1e-6 * self.z_ohm.0, 1e4 * self.z_ohm.1);
         let orders: &[f64] = match element {
-            ElementKind::C => &[1.0],
+            ElementKind::C | ElementKind::H => &[1.0],
             ElementKind::L => &[-1.0],
             ElementKind::W => &[0.5],
             ElementKind::Cpe => &[LOWEST_EXPONENT, 1.0],
+            // The storage of a pore; its resistances are levels whatever the frequency.
+            _ if kind.role == Role::InverseLevel => &[LOWEST_EXPONENT, 1.0],
             ElementKind::La => &[-LOWEST_EXPONENT, -1.0],
             _ => &[0.0],
         };
@@ -140,7 +142,47 @@ impl Ranges {
                 ElementKind::Wo | ElementKind::Ws | ElementKind::G | ElementKind::K => {
                     parameters.extend([r, 1.0 / omega]);
                 }
-                ElementKind::Zarc => parameters.extend([r, 1.0 / omega, exponent(draw())]),
+                ElementKind::Zarc | ElementKind::Ga => {
+                    parameters.extend([r, 1.0 / omega, exponent(draw())]);
+                }
+                ElementKind::Ha => {
+                    let exponents = [exponent(draw()), exponent(draw())];
+                    parameters.extend([r, 1.0 / omega]);
+                    parameters.extend(exponents);
+                }
+                ElementKind::H => {
+                    let exponents = [exponent(draw()), exponent(draw())];
+                    parameters.extend([1.0 / (omega * r), 1.0 / omega]);
+                    parameters.extend(exponents);
+                }
+                ElementKind::T => parameters.extend([r, r * draw(), draw(), 1.0 / omega]),
+                ElementKind::Tlmq
+                | ElementKind::Tlmbs
+                | ElementKind::Tlmbq
+                | ElementKind::Ls
+                | ElementKind::Tlmns
+                | ElementKind::Tlmnq => {
+                    let gamma = exponent(draw());
+                    // A storage with a resistance's share of the drawn one at the drawn frequency.
+                    let storage = |share: f64, exponent: f64| {
+                        1.0 / (r * 10f64.powf(2.0 * share - 1.0) * omega.powf(exponent))
+                    };
+                    parameters.push(r);
+                    if matches!(
+                        element.kind,
+                        ElementKind::Ls | ElementKind::Tlmns | ElementKind::Tlmnq
+                    ) {
+                        parameters.push(r * 10f64.powf(2.0 * draw() - 1.0));
+                    }
+                    parameters.extend([storage(0.5, gamma), gamma]);
+                    if element.kind == ElementKind::Tlmnq {
+                        parameters.push(r * 10f64.powf(2.0 * draw() - 1.0));
+                    }
+                    if matches!(element.kind, ElementKind::Tlmbq | ElementKind::Tlmnq) {
+                        let delta = exponent(draw());
+                        parameters.extend([storage(draw(), delta), delta]);
+                    }
+                }
                 ElementKind::Gs => {
                     let phi = 10f64.powf(2.0 * draw() - 1.0);
                     parameters.extend([r * phi.tanh(), 1.0 / omega, phi]);

@@ -1,6 +1,6 @@
 //! The blocks of a circuit in series, sorted by how an ERM can have them.
 
-use analysis_model::model::{Circuit, ElementKind, Erm, Node, RcBranch};
+use analysis_model::model::{Circuit, ElementKind, Erm, Node, RcBranch, Role};
 use num_complex::Complex64;
 use std::ops::RangeInclusive;
 
@@ -214,9 +214,19 @@ fn blocking(node: &Node, p: &[f64], omega: f64) -> Blocking {
     );
     match node {
         Node::Element(element) => match element.kind {
-            ElementKind::C | ElementKind::Wo => stores,
-            ElementKind::Cpe if p[element.first + 1] >= 1.0 => stores,
-            ElementKind::W | ElementKind::Cpe => grows,
+            ElementKind::C | ElementKind::Wo | ElementKind::H => stores,
+            ElementKind::W => grows,
+            ElementKind::Cpe | ElementKind::Tlmq | ElementKind::Tlmbq => {
+                let ideal = |k: usize| {
+                    element.kind.parameters()[k].role != Role::Exponent
+                        || p[element.first + k] >= 1.0
+                };
+                if (0..element.kind.parameters().len()).all(ideal) {
+                    stores
+                } else {
+                    grows
+                }
+            }
             _ => Blocking::default(),
         },
         Node::Series(children) => together(children.iter().map(|child| blocking(child, p, omega))),
@@ -241,16 +251,7 @@ fn blocking(node: &Node, p: &[f64], omega: f64) -> Blocking {
 /// Resistance at zero frequency, Ω; infinite where a node blocks.
 fn dc_ohm(node: &Node, p: &[f64]) -> f64 {
     match node {
-        Node::Element(element) => match element.kind {
-            ElementKind::C | ElementKind::W | ElementKind::Wo | ElementKind::Cpe => f64::INFINITY,
-            ElementKind::L | ElementKind::La => 0.0,
-            ElementKind::Gs => p[element.first] / p[element.first + 2].tanh(),
-            ElementKind::R
-            | ElementKind::Ws
-            | ElementKind::G
-            | ElementKind::K
-            | ElementKind::Zarc => p[element.first],
-        },
+        Node::Element(element) => element.kind.dc_resistance_ohm(&p[node.range()]),
         Node::Series(children) => children.iter().map(|child| dc_ohm(child, p)).sum(),
         Node::Parallel(children) => {
             1.0 / children

@@ -9,9 +9,9 @@
 //!
 //! * A block that only delays (its reactance is positive over the whole band: an inductance, alone
 //!   or beside a resistance) is left out, with its size.
-//! * A block that stores charge (C, Wo) has no DC resistance. Its capacitance is the slope of the
-//!   open-circuit voltage over the charge and is left to the OCV; the ladder follows the rest of
-//!   the block, as tanh and coth do without their pole.
+//! * A block that stores charge (C, Wo, H, a pore of ideal capacitance) has no DC resistance. Its
+//!   capacitance is the slope of the open-circuit voltage over the charge and is left to the OCV;
+//!   the ladder follows the rest of the block, as tanh and coth do without their pole.
 //! * A block whose impedance grows without end and stores no charge (W, a CPE) is followed down to
 //!   the lower end of the band. 1/(2πf) there is the horizon: whatever lasts longer meets too
 //!   little resistance.

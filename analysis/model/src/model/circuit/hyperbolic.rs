@@ -45,6 +45,14 @@ pub(super) fn csch_squared(q: Complex64) -> Complex64 {
     (sinh * sinh).inv()
 }
 
+/// 1/sinh q.
+pub(super) fn csch(q: Complex64) -> Complex64 {
+    if q.re > FAR {
+        return Complex64::ZERO;
+    }
+    q.sinh().inv()
+}
+
 /// tanh(q)/q and q·d/dq of it, sech² q − tanh(q)/q; the difference would lose its digits near zero.
 pub(super) fn tanh_over(q: Complex64) -> (Complex64, Complex64) {
     let square = q * q;

@@ -1,15 +1,19 @@
 //! Equivalent circuits in general: elements in series and in parallel, written as impedance.py's
-//! users know them, `R0-p(R1,C1)-p(R2-Wo1,CPE1)`.
+//! users know them, `R0-p(R1,C1)-p(R2-Wo1,CPE1)`, or as pyimpspec's, `R(RC)([RWo]Q)`.
 //!
 //! Impedance with exact derivatives with respect to every parameter; no values (they are a slice
 //! beside the circuit) and no fit (see `fit::fit_circuit`). Parameters stand in the order
 //! of the string and are called after their element: `R0`, `C1`, and `CPE1_0`, `CPE1_1` where an
 //! element has several.
 
+mod cdc;
 mod element;
 mod hyperbolic;
 mod parse;
+mod porous;
+mod written;
 
+pub use cdc::WrittenCircuit;
 pub use element::{ElementKind, ParameterKind, Role};
 pub use parse::{MAX_DEPTH, MAX_ELEMENTS, ParseError};
 

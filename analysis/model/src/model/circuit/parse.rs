@@ -11,7 +11,6 @@
 
 use super::element::ElementKind;
 use super::{Circuit, Element, Node};
-use std::str::FromStr;
 
 /// Deepest nesting of `p(…)`.
 pub const MAX_DEPTH: usize = 32;
@@ -63,14 +62,14 @@ impl ParseError {
 }
 
 /// A place in a text.
-struct Cursor {
+pub(super) struct Cursor {
     what: &'static str,
     text: Vec<char>,
-    index: usize,
+    pub(super) index: usize,
 }
 
 impl Cursor {
-    fn new(what: &'static str, text: &str) -> Self {
+    pub(super) fn new(what: &'static str, text: &str) -> Self {
         Self {
             what,
             text: text.chars().collect(),
@@ -78,26 +77,32 @@ impl Cursor {
         }
     }
 
-    fn peek(&self) -> Option<char> {
+    pub(super) fn peek(&self) -> Option<char> {
         self.text.get(self.index).copied()
     }
 
-    fn skip_blanks(&mut self) {
+    pub(super) fn skip_blanks(&mut self) {
         while self.peek().is_some_and(char::is_whitespace) {
             self.index += 1;
         }
     }
 
     /// Takes the next character if it is the one wanted, blanks before it passed over.
-    fn take(&mut self, wanted: char) -> bool {
+    pub(super) fn take(&mut self, wanted: char) -> bool {
         self.skip_blanks();
         let found = self.peek() == Some(wanted);
         self.index += usize::from(found);
         found
     }
 
+    /// Whether a word comes next.
+    pub(super) fn comes(&self, word: &str) -> bool {
+        let mut rest = self.text[self.index..].iter();
+        word.chars().all(|c| rest.next() == Some(&c))
+    }
+
     /// Takes the longest run of characters of a class.
-    fn run(&mut self, class: impl Fn(char) -> bool) -> String {
+    pub(super) fn run(&mut self, class: impl Fn(char) -> bool) -> String {
         let start = self.index;
         while self.peek().is_some_and(&class) {
             self.index += 1;
@@ -105,7 +110,7 @@ impl Cursor {
         self.text[start..self.index].iter().collect()
     }
 
-    fn fail(&self, expected: &str) -> ParseError {
+    pub(super) fn fail(&self, expected: &str) -> ParseError {
         let met = match self.peek() {
             None => "the end of the text".to_owned(),
             Some(c) => format!("{c:?}"),
@@ -113,7 +118,7 @@ impl Cursor {
         ParseError::at(self.what, &self.text, self.index, expected, met)
     }
 
-    fn fail_at(&self, index: usize, expected: &str, met: String) -> ParseError {
+    pub(super) fn fail_at(&self, index: usize, expected: &str, met: String) -> ParseError {
         ParseError::at(self.what, &self.text, index, expected, met)
     }
 }
@@ -123,14 +128,6 @@ struct Parser {
     cursor: Cursor,
     names: Vec<String>,
     parameters: usize,
-}
-
-impl FromStr for Circuit {
-    type Err = ParseError;
-
-    fn from_str(text: &str) -> Result<Self, ParseError> {
-        circuit(text)
-    }
 }
 
 impl Circuit {
@@ -150,7 +147,7 @@ impl Circuit {
 }
 
 /// Reads a circuit.
-fn circuit(text: &str) -> Result<Circuit, ParseError> {
+pub(super) fn circuit(text: &str) -> Result<Circuit, ParseError> {
     let mut parser = Parser {
         cursor: Cursor::new("circuit", text),
         names: Vec::new(),
@@ -277,8 +274,10 @@ fn nearest(letters: &str) -> Option<ElementKind> {
     let other_programs = match lower.as_str() {
         "q" | "y" => Some(ElementKind::Cpe),
         "o" | "fsw" | "wfs" => Some(ElementKind::Wo),
-        "t" | "flw" | "wfl" => Some(ElementKind::Ws),
+        "flw" | "wfl" => Some(ElementKind::Ws),
         "ger" => Some(ElementKind::G),
+        "tlm" | "tlmbo" => Some(ElementKind::Tlmq),
+        "tlmno" => Some(ElementKind::Ls),
         _ => None,
     };
     let distance = |kind: &ElementKind| edit_distance(&lower, &kind.name().to_lowercase());

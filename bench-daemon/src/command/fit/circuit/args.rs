@@ -4,7 +4,8 @@
 #[derive(Debug, clap::Args)]
 pub struct CircuitArgs {
     /// The circuit: elements in series `-` and in parallel `p(…,…)`, of the kinds R C L La W Wo Ws
-    /// CPE G Gs K Zarc with a number.
+    /// CPE G Gs K Zarc TLMQ T Ga Ha H Tlmbs Tlmbq Ls Tlmns Tlmnq with a number; or pyimpspec's
+    /// code, such as `R{R=0.01}(R[CW])`, its values start values or, with F, held.
     #[arg(long, value_name = "CIRCUIT", conflicts_with = "rc")]
     pub circuit: Option<String>,
     /// Weight of the residuals: `unit`, `modulus` or `covariance` [default: for `complex` the

@@ -319,6 +319,30 @@ fn the_erm_is_one_of_them() {
     assert_eq!(Circuit::from_erm(&erm).0.to_string(), "R0");
 }
 
+/// Far below the slowest process an impedance is the resistance for direct current, or grows.
+#[test]
+fn the_dc_resistance_is_the_impedance_at_low_frequency() {
+    for kind in ElementKind::ALL {
+        let p: Vec<f64> = kind
+            .parameters()
+            .iter()
+            .enumerate()
+            .map(|(k, kind)| match kind.role {
+                Role::Exponent => 0.9,
+                _ => 0.7 + 0.1 * k as f64,
+            })
+            .collect();
+        let circuit: Circuit = format!("{}1", kind.name()).parse().unwrap();
+        let low_ohm = circuit.impedance(&p, 1e-13).norm();
+        let dc_ohm = kind.dc_resistance_ohm(&p);
+        if dc_ohm.is_finite() {
+            assert!((low_ohm - dc_ohm).abs() < 1e-9, "{kind:?}: {low_ohm}");
+        } else {
+            assert!(low_ohm > 1e6, "{kind:?}: {low_ohm}");
+        }
+    }
+}
+
 /// A circuit with every element, nested, and parameters near one.
 const EVERYTHING: &str = "L0-R0-p(R1-Wo1,CPE1)-p(R2-p(R3-W1,C1),Zarc1-La1)-K1-Ws1-p(G1,C2)-Gs1";
 

@@ -1,4 +1,5 @@
 //! Tests of circuits: elements against other formulas and published values, strings, laws.
 
+mod cdc;
 mod element;
 mod text;

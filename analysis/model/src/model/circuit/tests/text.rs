@@ -33,7 +33,8 @@ fn names_and_units_are_those_of_impedance_py() {
 
 #[test]
 fn errors_show_the_place_and_what_was_expected() {
-    let known = "R, C, L, La, W, Wo, Ws, CPE, G, Gs, K, Zarc, or p(…)";
+    let known = "R, C, L, La, W, Wo, Ws, CPE, G, Gs, K, Zarc, TLMQ, T, Ga, Ha, H, Tlmbs, Tlmbq, Ls, \
+        Tlmns, Tlmnq, or p(…)";
     let cases = [
         ("", "circuit, character 1: expected an element such as R0, or p(…), met the end of the \
         text\n  \n  ^".to_owned()),
@@ -222,7 +223,7 @@ proptest! {
     }
 
     #[test]
-    fn no_text_makes_the_parser_panic(text in "[RCLWGKZ0-9p(),_ aosrc-]{0,60}", any in any::<String>()) {
+    fn no_text_makes_the_parser_panic(text in r"[RCLWGKZ0-9p(),_ aosrc\[\]{}=F:!Y-]{0,60}", any in any::<String>()) {
         for text in [text, any] {
             match text.parse::<Circuit>() {
                 Ok(circuit) => {

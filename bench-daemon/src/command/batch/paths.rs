@@ -1,0 +1,62 @@
+//! Files that were named, alone or by their folder, and what tells whether they changed.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::safety::failure::Failure;
+
+/// Files and those of folders, by name within a folder; hidden ones and folders in it are passed
+/// over. `of` names what they hold.
+pub fn files_of(paths: &[PathBuf], of: &str) -> Result<Vec<PathBuf>, Failure> {
+    let mut files = Vec::new();
+    for path in paths {
+        if path.is_dir() {
+            files.extend(in_folder(path, of)?);
+        } else if path.exists() {
+            files.push(path.clone());
+        } else {
+            let told = path.display();
+            return Err(Failure::Usage(format!(
+                "{told}: expected a file or a folder, found nothing"
+            )));
+        }
+    }
+    Ok(files)
+}
+
+/// Absolute path, size and time of change of a file, as a line.
+pub fn identity(file: &Path) -> Result<String, Failure> {
+    let failed = |error| Failure::Usage(format!("{}: {error}", file.display()));
+    let about = fs::metadata(file).map_err(failed)?;
+    let changed = about
+        .modified()
+        .ok()
+        .and_then(|at| at.duration_since(std::time::UNIX_EPOCH).ok())
+        .map_or(0, |since| since.as_nanos());
+    let absolute = fs::canonicalize(file).map_err(failed)?;
+    Ok(format!(
+        "{} {} {changed}\n",
+        absolute.display(),
+        about.len()
+    ))
+}
+
+fn in_folder(folder: &Path, of: &str) -> Result<Vec<PathBuf>, Failure> {
+    let failed = |error| Failure::Usage(format!("{}: {error}", folder.display()));
+    let mut files = Vec::new();
+    for entry in fs::read_dir(folder).map_err(failed)? {
+        let entry = entry.map_err(failed)?;
+        let hidden = entry.file_name().to_string_lossy().starts_with('.');
+        if !hidden && entry.path().is_file() {
+            files.push(entry.path());
+        }
+    }
+    if files.is_empty() {
+        return Err(Failure::Usage(format!(
+            "{}: expected files of {of}, found none",
+            folder.display()
+        )));
+    }
+    files.sort();
+    Ok(files)
+}

@@ -1,0 +1,345 @@
+//! A data set, the model that it judges, and its diagnosis.
+
+use std::path::{Path, PathBuf};
+
+use analysis::{
+    diagnosis::{
+        self, BaseModel, DiagnosisOptions, Finding, FindingKind, Fixture, Outcome,
+        findings::inspect, gate,
+    },
+    given::GivenModel,
+    ocv::OcvCurve,
+    run_folder::JOURNAL,
+};
+use serde::Serialize;
+
+use crate::{
+    command::model_args::ModelArgs,
+    files,
+    investigate::dataset::{Accept, Loaded, NamedFile, NamedFiles, Reading, named_files, read_as},
+    operator::progress::Waiting,
+    run::Recorded,
+    safety::failure::Failure,
+    support::present::quoted,
+};
+
+/// Findings on the data of a cell.
+#[derive(Debug, Serialize)]
+pub(super) struct Looked<'a> {
+    pub(super) cell: &'a str,
+    /// Reasons why the data are unusable.
+    pub(super) invalid: Vec<gate::Reason>,
+    pub(super) findings: Vec<Finding>,
+    pub(super) notes: Vec<String>,
+}
+
+/// Uses the corrections of these findings, too.
+pub(super) fn accept(loaded: &mut Loaded, accepted: &[Accept]) {
+    for kind in accepted.iter().map(|one| one.kind()) {
+        if !loaded.accept.contains(&kind) {
+            loaded.accept.push(kind);
+        }
+    }
+}
+
+/// A data set and the model that it judges.
+pub(crate) struct Judged {
+    pub(crate) loaded: Loaded,
+    pub(crate) model: BaseModel,
+    pub(super) file: GivenModel,
+    pub(super) data: PathBuf,
+    pub(super) named: ModelArgs,
+    /// The file that the curve was asked for from.
+    ocv: Option<PathBuf>,
+    /// Files that the data set named and no argument did.
+    defaults: NamedFiles,
+    /// The one cell that is meant, where there are several.
+    specimen: Option<String>,
+    /// The run folder of which it is a step: what it tells of files is told from there, so that a
+    /// run is the same in whichever folder.
+    pub(super) within: Option<PathBuf>,
+    /// It was asked for points that a quality gate has refused.
+    refused_points: bool,
+    /// No effect is looked for.
+    pub(super) base_only: bool,
+    /// Nothing is told of what is being done.
+    pub(super) quiet: bool,
+}
+
+impl Judged {
+    /// Reads both. The model is that of the arguments, else that of the data set. The curve is that
+    /// of `ocv`, of a model of the arguments, of the data set, of its model, or of the cell's file
+    /// of a run folder.
+    pub(crate) fn read(
+        data: &Path,
+        named: &ModelArgs,
+        ocv: Option<&Path>,
+        refused_points: bool,
+    ) -> Result<Self, Failure> {
+        let NamedFiles {
+            model: in_set,
+            ocv: curve_in_set,
+        } = named_files(data)?;
+        let named_model = in_set.filter(|_| named.is_absent());
+        let fail = |text: &str| match &named_model {
+            Some(file) => Failure::from(file.complain(text)),
+            None if named.model.is_some() => {
+                Failure::Usage(format!("--model {}: {text}", named.told()))
+            }
+            None => Failure::Usage(format!("{}: {text}", named.told())),
+        };
+        let file = match &named_model {
+            Some(file) => named.read_named(file)?,
+            None if named.is_absent() => {
+                return Err(Failure::Usage(format!(
+                    "{}: expected --model, --erm, or `model` in its dataset.toml, found none",
+                    data.display()
+                )));
+            }
+            None => named.read(None)?,
+        };
+        let without_curve = ocv.is_none() && (named_model.is_some() || file.ocv.is_none());
+        let named_ocv = curve_in_set.filter(|_| without_curve);
+        let given = match (ocv, &named_ocv) {
+            (Some(path), _) => Some(files::read_curve(path)?),
+            (None, Some(file)) => Some(read_named_curve(file)?),
+            (None, None) => None,
+        };
+        let mut curve = given.or_else(|| file.ocv.clone());
+        if curve.is_none() && data.join(JOURNAL).is_file() {
+            curve = Recorded::read(data)?.ocv().cloned();
+        }
+        let curve = curve
+            .ok_or_else(|| fail("expected an OCV curve in it, found none; give one with --ocv"))?;
+        if !file.additions.is_empty() {
+            return Err(fail(
+                "expected a model without additions: the diagnosis starts from the extended \
+                Randles model alone",
+            ));
+        }
+        let model = BaseModel {
+            name: file.name.clone(),
+            erm: file.erm.clone(),
+            ocv: curve,
+        };
+        let reading = Reading {
+            refused_points,
+            ..Reading::default()
+        };
+        Ok(Self {
+            loaded: read_as(data, reading)?,
+            model,
+            file,
+            data: data.to_owned(),
+            named: named.clone(),
+            ocv: ocv.map(Path::to_owned),
+            defaults: NamedFiles {
+                model: named_model,
+                ocv: named_ocv,
+            },
+            specimen: None,
+            within: None,
+            refused_points,
+            base_only: false,
+            quiet: false,
+        })
+    }
+
+    /// The names of the cells that are to be judged, each by itself: a model is one cell's.
+    pub(super) fn cells(&self, specimen: Option<&str>) -> Result<Vec<String>, Failure> {
+        let mut cells: Vec<String> = Vec::new();
+        for run in &self.loaded.set.runs {
+            if let Fixture::Cell(name) = &run.fixture
+                && !cells.contains(name)
+            {
+                cells.push(name.clone());
+            }
+        }
+        match specimen {
+            Some(wanted) if !cells.iter().any(|cell| cell == wanted) => {
+                Err(Failure::Usage(format!(
+                    "--specimen: expected one of {}, found {wanted}",
+                    cells.join(", ")
+                )))
+            }
+            Some(wanted) => Ok(vec![wanted.to_owned()]),
+            // Without any run of a cell there is still something to be said.
+            None if cells.is_empty() => Ok(vec![String::new()]),
+            None => Ok(cells),
+        }
+    }
+
+    /// Each cell by itself, with its name; the one that was asked for, and each of several, is
+    /// named in the command that repeats it.
+    pub(super) fn each<'a>(
+        &'a self,
+        cells: &'a [String],
+        asked: Option<&'a str>,
+    ) -> impl Iterator<Item = (&'a str, Self)> {
+        cells.iter().map(move |name| {
+            let specimen = asked
+                .or((cells.len() > 1).then_some(name))
+                .map(str::to_owned);
+            (
+                name.as_str(),
+                Self {
+                    specimen,
+                    ..self.of_cell(name)
+                },
+            )
+        })
+    }
+
+    /// The same with the runs of one cell, and those of the controls.
+    pub(super) fn of_cell(&self, name: &str) -> Self {
+        let mut set = self.loaded.set.clone();
+        set.runs
+            .retain(|run| !matches!(&run.fixture, Fixture::Cell(other) if other != name));
+        let refused = self.loaded.refused.clone();
+        let loaded = Loaded {
+            set,
+            problems: self.loaded.problems.clone(),
+            notes: self.loaded.notes.clone(),
+            findings: self.loaded.findings.clone(),
+            accept: self.loaded.accept.clone(),
+            refused,
+        };
+        let (model, file, ocv) = (self.model.clone(), self.file.clone(), self.ocv.clone());
+        let (specimen, within, refused_points) = (
+            self.specimen.clone(),
+            self.within.clone(),
+            self.refused_points,
+        );
+        Self {
+            loaded,
+            model,
+            file,
+            data: self.data.clone(),
+            named: self.named.clone(),
+            ocv,
+            defaults: self.defaults.clone(),
+            specimen,
+            within,
+            refused_points,
+            base_only: self.base_only,
+            quiet: self.quiet,
+        }
+    }
+
+    /// The model's file, where it has one.
+    pub(super) fn model_path(&self) -> Option<&Path> {
+        let by_data_set = self.defaults.model.as_ref().map(|file| file.path.as_path());
+        by_data_set.or(self.named.model.as_deref())
+    }
+
+    /// The file of the curve, where it has one of its own.
+    pub(super) fn ocv_path(&self) -> Option<&Path> {
+        let by_data_set = self.defaults.ocv.as_ref().map(|file| file.path.as_path());
+        by_data_set.or(self.ocv.as_deref())
+    }
+
+    /// A path as it is told.
+    pub(super) fn told(&self, path: &Path) -> String {
+        match self
+            .within
+            .as_ref()
+            .and_then(|folder| path.strip_prefix(folder).ok())
+        {
+            Some(below) if below.as_os_str().is_empty() => ".".to_owned(),
+            Some(below) => below.display().to_string(),
+            None => path.display().to_string(),
+        }
+    }
+
+    /// The command that gives the same diagnosis.
+    pub(super) fn again(&self) -> String {
+        let word = |path: &Path| quoted(Path::new(&self.told(path)));
+        let mut text = format!(
+            "eis-bench diagnose {}{}",
+            word(&self.data),
+            self.named.again(|path| self.told(path))
+        );
+        if let Some(ocv) = &self.ocv {
+            text.push_str(&format!(" --ocv {}", word(ocv)));
+        }
+        if self.refused_points {
+            text.push_str(" --refused-points");
+        }
+        if self.loaded.accept.contains(&FindingKind::CurrentFilter) {
+            text.push_str(" --accept current_filter");
+        }
+        if let Some(specimen) = &self.specimen {
+            text.push_str(&format!(" --specimen {}", quoted(Path::new(specimen))));
+        }
+        text
+    }
+
+    /// Runs that could not be read.
+    pub(super) fn unreadable(&self) -> Vec<gate::Reason> {
+        let problems = self.loaded.problems.iter();
+        problems
+            .map(|problem| gate::Reason::unreadable(&problem.run, &problem.text))
+            .collect()
+    }
+
+    /// Findings on the files of the runs of this cell and of the controls.
+    pub(super) fn findings_of_files(&self) -> impl Iterator<Item = Finding> {
+        let named = |run: &String| self.loaded.set.runs.iter().any(|other| other.name == *run);
+        let of_files = self.loaded.findings.iter();
+        of_files
+            .filter(move |finding| finding.runs.iter().all(named))
+            .cloned()
+    }
+
+    /// Findings on the data, without a diagnosis.
+    pub(super) fn look<'a>(&self, cell: &'a str) -> Looked<'a> {
+        let (report, mut findings) = inspect(&self.loaded.set, &self.model);
+        findings.extend(self.findings_of_files());
+        let mut invalid = self.unreadable();
+        invalid.extend(report.invalid);
+        let notes = report
+            .notes
+            .into_iter()
+            .chain(self.loaded.notes.iter().cloned());
+        Looked {
+            cell,
+            invalid,
+            findings,
+            notes: notes.collect(),
+        }
+    }
+
+    /// The diagnosis of what could be read; what could not makes the data invalid.
+    pub(super) fn diagnose(&self) -> Result<Outcome, Failure> {
+        let unreadable = self.unreadable();
+        let waiting = (!self.quiet).then(Waiting::shown);
+        let mut options = DiagnosisOptions {
+            accept: self.loaded.accept.clone(),
+            progress: waiting.as_ref().map(Waiting::listener).unwrap_or_default(),
+            ..DiagnosisOptions::default()
+        };
+        if self.base_only {
+            options.candidates.clear();
+        }
+        let outcome = diagnosis::diagnose(&self.loaded.set, unreadable, &self.model, &options);
+        if let Some(waiting) = waiting {
+            waiting.end();
+        }
+        let mut outcome = outcome.map_err(|error| Failure::Usage(error.to_string()))?;
+        let d = &mut outcome.diagnosis;
+        d.findings.extend(self.findings_of_files());
+        d.notes.extend(self.loaded.notes.iter().cloned());
+        outcome.diagnosis.notes.extend(self.file.notes());
+        Ok(outcome)
+    }
+}
+
+/// The curve that a data set names. A complaint names the place that names it.
+fn read_named_curve(file: &NamedFile) -> Result<OcvCurve, Failure> {
+    files::read_curve(&file.path).map_err(|error| {
+        file.complain(format!(
+            "expected an OCV curve as `ocv --out` writes it; {error}"
+        ))
+        .into()
+    })
+}
