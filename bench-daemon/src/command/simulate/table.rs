@@ -182,8 +182,11 @@ fn factor(
     }
 }
 
-/// Columns of numbers with what they tell of a simulation.
-const NUMBERS: [(&str, fn(&Summary) -> f64); 15] = [
+/// A column of numbers, and what it tells of a simulation.
+type Figure = (&'static str, fn(&Summary) -> f64);
+
+/// Columns of numbers.
+const NUMBERS: [Figure; 15] = [
     ("min_ccv_v", |s| s.min_ccv_v),
     ("min_ccv_time_s", |s| s.min_ccv_time_s),
     ("max_ccv_v", |s| s.max_ccv_v),
