@@ -39,9 +39,10 @@ pub(crate) fn refused(error: &dyn std::fmt::Display) -> PyErr {
 pub(crate) fn of_file(py: Python<'_>, error: &FormatError) -> PyErr {
     use FormatError as E;
     let (file, line, field) = match error {
-        E::Read { file, .. } | E::Empty { file, .. } | E::Foreign { file, .. } => {
-            (file, None, None)
-        }
+        E::Read { file, .. }
+        | E::Empty { file, .. }
+        | E::Foreign { file, .. }
+        | E::Decode { file, .. } => (file, None, None),
         E::NotText { file, line, .. }
         | E::UnknownFormat { file, line, .. }
         | E::Header { file, line, .. } => (file, Some(*line), None),

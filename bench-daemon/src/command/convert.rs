@@ -4,6 +4,7 @@
 use std::path::{Path, PathBuf};
 
 use analysis::{
+    batch::write_long_form,
     dataset,
     formats::{
         SeriesOptions, SpectrumFormat, bdf_text,
@@ -12,7 +13,7 @@ use analysis::{
     },
     given::GivenModel,
     ocv::OcvCurve,
-    spectrum::{ImpedancePoint, SourcedSpectrum},
+    spectrum::{FlaggedPoint, ImpedancePoint, SourcedSpectrum, Spectrum},
 };
 use clap::Args;
 
@@ -81,6 +82,10 @@ pub enum To {
     Biologic,
     /// Spectra as ZPlot's and ZView's z.
     Zview,
+    /// All spectra as one CSV in long form, `spectra.csv`, as `fit --table` reads it.
+    TableCsv,
+    /// All spectra as one Parquet in long form, `spectra.parquet`.
+    TableParquet,
     /// Time series as BDF CSV.
     BdfCsv,
     /// Time series as BDF Parquet.
@@ -122,7 +127,13 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
         return model(args, given, goal);
     }
     files::make_folder(&args.out)?;
+    match args.to {
+        To::TableCsv => return table(args, ".csv"),
+        To::TableParquet => return table(args, ".parquet"),
+        _ => {}
+    }
     args.files.iter().try_for_each(|file| match args.to {
+        To::TableCsv | To::TableParquet => Ok(()),
         To::Csv => spectra(args, file, None),
         To::ImpedancePy => spectra(args, file, Some(SpectrumFormat::ImpedancePy)),
         To::Gamry => spectra(args, file, Some(SpectrumFormat::Gamry)),
@@ -185,38 +196,80 @@ fn spectra(args: &ConvertArgs, file: &Path, format: Option<SpectrumFormat>) -> R
         spectrum, flagged, ..
     } in files::read_spectra(file)?
     {
-        let of = |point: &ImpedancePoint| -> String {
-            let reasons = flagged
-                .iter()
-                .filter(|one| one.freq_hz == point.freq_hz)
-                .flat_map(|one| one.reasons.clone());
-            reasons.collect::<Vec<_>>().join("; ")
-        };
-        let flags: Vec<String> = spectrum.points.iter().map(of).collect();
-        if format.is_some() && !flagged.is_empty() {
-            let (name, told) = (&spectrum.name, refused_in_words(&flagged));
-            remark!(
-                "{name}: the quality gate refused {} points, which this format has no place to \
-                say: {told}",
-                flagged.len()
-            );
-        }
         let path = free(
             args,
             &spectrum.name,
             format.map_or(".csv", SpectrumFormat::extension),
         )?;
         match format {
-            None if flagged.is_empty() => {
-                dataset::write_spectrum_csv(&path, &spectrum.points).map_err(RecordError::from)?;
+            None => {
+                let flags: Vec<String> = spectrum
+                    .points
+                    .iter()
+                    .map(|point| reasons(point, &flagged))
+                    .collect();
+                dataset::write_whole_spectrum_csv(&path, &spectrum, &flags)
+                    .map_err(RecordError::from)?;
             }
-            None => dataset::write_flagged_spectrum_csv(&path, &spectrum.points, &flags)
-                .map_err(RecordError::from)?,
-            Some(format) => write(&path, &spectrum_text(&spectrum, format))?,
+            Some(format) => {
+                tell_left_out(&spectrum, &flagged, format.keeps_sigma());
+                write(&path, &spectrum_text(&spectrum, format))?;
+            }
         }
         say!("{}: {} points", path.display(), spectrum.points.len());
     }
     Ok(())
+}
+
+/// All spectra of all files as one table.
+fn table(args: &ConvertArgs, ending: &str) -> Result<(), Failure> {
+    let path = free(args, "spectra", ending)?;
+    let mut all = Vec::new();
+    for file in &args.files {
+        for sourced in files::read_spectra(file)? {
+            tell_left_out(&sourced.spectrum, &sourced.flagged, true);
+            all.push(sourced.spectrum);
+        }
+    }
+    write_long_form(&path, &all).map_err(|error| Failure::Usage(error.to_string()))?;
+    let points: usize = all.iter().map(|spectrum| spectrum.points.len()).sum();
+    say!("{}: {} spectra, {points} points", path.display(), all.len());
+    Ok(())
+}
+
+/// Why the quality gate refused a point; empty where it did not.
+fn reasons(point: &ImpedancePoint, flagged: &[FlaggedPoint]) -> String {
+    let reasons = flagged
+        .iter()
+        .filter(|one| one.freq_hz == point.freq_hz)
+        .flat_map(|one| one.reasons.clone());
+    reasons.collect::<Vec<_>>().join("; ")
+}
+
+/// Tells what a spectrum has and the format has no place for.
+fn tell_left_out(spectrum: &Spectrum, flagged: &[FlaggedPoint], keeps_sigma: bool) {
+    let name = &spectrum.name;
+    if !flagged.is_empty() {
+        let (count, told) = (flagged.len(), refused_in_words(flagged));
+        remark!(
+            "{name}: the quality gate refused {count} points, which this format has no place to \
+            say: {told}"
+        );
+    }
+    let has_sigma = spectrum
+        .points
+        .iter()
+        .any(|point| point.covariance.re_re.is_finite());
+    if has_sigma && !keeps_sigma {
+        remark!("{name}: this format has no place for the uncertainties of the points");
+    }
+    if !spectrum.shared.is_empty() {
+        let names: Vec<&str> = spectrum.shared.iter().map(|error| &*error.name).collect();
+        remark!(
+            "{name}: this format has no place to say which errors the points share: {}",
+            names.join(", ")
+        );
+    }
 }
 
 fn series(args: &ConvertArgs, file: &Path) -> Result<(), Failure> {

@@ -280,3 +280,74 @@ fn two_curves_of_one_measurement_are_told_and_not_pooled() {
         "{code} {message}"
     );
 }
+
+#[test]
+fn uncertainties_are_kept_where_the_target_has_a_place() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = |name: &str| folder.path().join(name).display().to_string();
+    let source = out("cell.csv");
+    fs::write(
+        &source,
+        "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2,shared_re_ohm[gain],\
+         shared_im_ohm[gain]\n1,0.02,-0.005,1e-5,2e-5,1e-11,3e-6,1e-6\n\
+         1000,0.015,0.001,1e-5,2e-5,0,2e-6,1e-6\n",
+    )
+    .unwrap();
+    let points = |path: &str| {
+        let read = read_spectra(&PathBuf::from(path)).unwrap().remove(0);
+        read.points
+            .iter()
+            .map(|p| p.covariance.re_im)
+            .collect::<Vec<f64>>()
+    };
+    for (to, written) in [
+        ("csv", "cell.csv"),
+        ("impedance-py", "cell.csv"),
+        ("table-csv", "spectra.csv"),
+    ] {
+        let (code, message) = eis_bench(&["convert", &source, "--to", to, "--out", &out(to)]);
+        assert_eq!(code, 0, "{message}");
+        let path = format!("{}/{written}", out(to));
+        assert_eq!(points(&path), [1e-11, 0.0], "{to}");
+        let says = message.contains("no place to say which errors the points share: gain");
+        assert_eq!(says, to != "csv", "{message}");
+    }
+    let back = read_spectra(&PathBuf::from(out("csv") + "/cell.csv")).unwrap();
+    assert_eq!(back[0].shared[0].name, "gain");
+    assert_eq!(back[0].shared[0].at_ohm[1].re, 2e-6);
+    let (code, message) = eis_bench(&["convert", &source, "--to", "gamry", "--out", &out("g")]);
+    assert!(
+        code == 0 && message.contains("no place for the uncertainties"),
+        "{message}"
+    );
+    let table = out("fits.csv");
+    let other = fixture("spectra/vendors/autolab.txt");
+    let (code, message) = eis_bench(&[
+        "convert",
+        &source,
+        &other,
+        "--to",
+        "table-parquet",
+        "--out",
+        &out("t"),
+    ]);
+    assert!(code == 0 && message.contains("2 spectra"), "{message}");
+    let long = out("t") + "/spectra.parquet";
+    let (code, message) = eis_bench(&["fit", &long, "--rc", "1", "--table", &table]);
+    assert_eq!(code, 0, "{message}");
+    assert_eq!(fs::read_to_string(&table).unwrap().lines().count(), 3);
+    let twice = [
+        "convert",
+        &source,
+        &source,
+        "--to",
+        "table-csv",
+        "--out",
+        &out("u"),
+    ];
+    let (code, message) = eis_bench(&twice);
+    assert!(
+        code == 2 && message.contains("another name for each spectrum"),
+        "{message}"
+    );
+}

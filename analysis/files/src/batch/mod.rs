@@ -13,6 +13,7 @@ mod models;
 mod parquet;
 mod parts;
 mod results;
+mod written;
 
 #[cfg(test)]
 mod tests;
@@ -21,3 +22,4 @@ pub use error::BatchError;
 pub use long_form::{LongForm, TableSpectrum};
 pub use models::{TableModel, is_table_of_models, read_models};
 pub use parts::{Parts, PartsPlan};
+pub use written::write_long_form;

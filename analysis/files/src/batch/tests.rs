@@ -1,6 +1,9 @@
 //! Tables in long form as Parquet, and damaged ones.
 
-use super::{BatchError, LongForm, TableSpectrum};
+use super::{BatchError, LongForm, TableSpectrum, write_long_form};
+use analysis_numeric::Covariance2;
+use analysis_signal::spectrum::{ImpedancePoint, Spectrum};
+use num_complex::Complex64;
 use polars::prelude::{Column, DataFrame, ParquetWriter};
 use std::fs::File;
 use std::path::{Path, PathBuf};
@@ -122,4 +125,49 @@ fn damaged_bytes_are_refused_and_never_panic() {
         refused += usize::from(all(&path).is_err());
     }
     assert_eq!(refused, (5..whole.len()).step_by(97).count());
+}
+
+#[test]
+fn spectra_that_were_written_come_back_with_their_uncertainties() {
+    let point = |freq_hz: f64, covariance| ImpedancePoint {
+        freq_hz,
+        z_ohm: Complex64::new(0.01 / 3.0, -0.1 / freq_hz),
+        covariance,
+        amplitude_a: 0.5,
+    };
+    let known = Covariance2 {
+        re_re: 0.25,
+        im_im: 4.0,
+        re_im: -0.125,
+    };
+    let spectrum = |name: &str, covariance| Spectrum {
+        name: name.to_owned(),
+        points: vec![point(0.1, covariance), point(30.0, covariance)],
+        ..Spectrum::default()
+    };
+    let put = [spectrum("a", known), spectrum("b#2", Covariance2::UNKNOWN)];
+    for name in ["t.parquet", "t.csv"] {
+        let (_kept, path) = at(name);
+        write_long_form(&path, &put).unwrap();
+        let back: Vec<Spectrum> = all(&path)
+            .unwrap()
+            .into_iter()
+            .map(|one| one.spectrum.unwrap().spectrum)
+            .collect();
+        assert_eq!(back[0], put[0], "{name}");
+        assert_eq!(back[1].name, "b#2");
+        assert!(back[1].points[0].covariance.re_re.is_nan());
+        assert_eq!(back[1].points[1].z_ohm, put[1].points[1].z_ohm);
+    }
+    let (_kept, path) = at("t.csv");
+    let twice = [put[0].clone(), put[0].clone()];
+    let met = write_long_form(&path, &twice).unwrap_err().to_string();
+    assert!(
+        met.contains("spectrum 2: expected another name for each spectrum"),
+        "{met}"
+    );
+    let comma = [spectrum("a,b", known)];
+    let met = write_long_form(&path, &comma).unwrap_err().to_string();
+    assert!(met.contains("a name without separators"), "{met}");
+    assert!(!path.exists());
 }

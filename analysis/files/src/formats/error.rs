@@ -39,7 +39,7 @@ pub enum FormatError {
          \"fixture,cell,repeat,bias_a,freq_hz,z_abs_ohm,z_phase_rad\", a file of a \
          potentiostat's program that docs/formats.md lists, or a table that names its columns \
          (`f,re,im`, `Frequency/Hz`, `Zreal`, `|Z|/Ohm`, \
-         `Phase/deg`, …), met {met}", file.display()
+         `Phase/deg`, …), met {met}{nearest}", file.display()
     )]
     UnknownFormat {
         /// The file.
@@ -48,6 +48,9 @@ pub enum FormatError {
         line: usize,
         /// The line, shortened.
         met: String,
+        /// The reader that came nearest, and why it does not read it, with a semicolon before it;
+        /// empty where none came near.
+        nearest: String,
     },
     /// A header that names a column twice or half of a pair.
     #[error("{}, line {line}: expected {expected}, met {met}", file.display())]
@@ -82,6 +85,16 @@ pub enum FormatError {
         file: PathBuf,
         /// Its kind, and a way to what is read.
         kind: &'static str,
+    },
+    /// A binary file that is of a known kind and cannot be decoded.
+    #[error("{}: expected {kind} that can be decoded: {reason}", file.display())]
+    Decode {
+        /// The file.
+        file: PathBuf,
+        /// Its kind, in words.
+        kind: &'static str,
+        /// Message of the decoder.
+        reason: String,
     },
     /// A column whose unit cannot be or is not told.
     #[error("{}, line {line}, column {column} ({name}): expected {expected}, met {met}: {reason}", file.display())]

@@ -4,11 +4,7 @@ use super::error::FormatError;
 use std::path::Path;
 
 /// First bytes and what begins with them.
-const MAGIC: [(&[u8], &str); 21] = [
-    (
-        b"BIO-LOGIC MODULAR FILE",
-        "an EC-Lab .mpr, which is binary; export it as .mpt",
-    ),
+const MAGIC: [(&[u8], &str); 20] = [
     (
         b"PAR1",
         "Parquet, which is read for time series, and with --table as spectra in long form",
@@ -26,7 +22,7 @@ const MAGIC: [(&[u8], &str); 21] = [
     (b"7z\xBC\xAF\x27\x1C", "a 7z archive; unpack it"),
     (
         b"\xD0\xCF\x11\xE0\xA1\xB1\x1A\xE1",
-        "an old Excel workbook or another compound file; export the table as CSV",
+        "an old Excel workbook that cannot be decoded, or another compound file; export the table as CSV",
     ),
     (
         b"\0\x01\0\0Standard Jet DB",
@@ -50,12 +46,8 @@ const MAGIC: [(&[u8], &str); 21] = [
 ];
 
 /// Extensions of files that are known and not read; of texts too.
-const EXTENSIONS: [(&str, &str); 7] = [
-    ("mpr", "an EC-Lab .mpr, which is binary; export it as .mpt"),
-    (
-        "ism",
-        "a Zahner .ism, which is binary; export it as a text list",
-    ),
+const EXTENSIONS: [(&str, &str); 6] = [
+    ("mpr", "bytes that are no EC-Lab .mpr; export it as .mpt"),
     (
         "isw",
         "a Zahner .isw, which is binary; export it as a text list",
@@ -65,7 +57,7 @@ const EXTENSIONS: [(&str, &str); 7] = [
     ("mat", "a MATLAB .mat"),
     (
         "fods",
-        "an OpenDocument spreadsheet; export the table as CSV",
+        "an OpenDocument spreadsheet that cannot be decoded; export the table as CSV",
     ),
 ];
 
@@ -129,9 +121,9 @@ fn by_extension(path: &Path) -> Option<&'static str> {
 
 fn archive(bytes: &[u8]) -> &'static str {
     if has(bytes, b"opendocument.spreadsheet") {
-        "an OpenDocument spreadsheet; export the table as CSV"
+        "an OpenDocument spreadsheet that cannot be decoded; export the table as CSV"
     } else if has(bytes, b"xl/") {
-        "an Excel workbook; export the table as CSV"
+        "an Excel workbook that cannot be decoded; export the table as CSV"
     } else {
         "a ZIP archive; unpack it"
     }

@@ -143,6 +143,7 @@ impl Layout {
             file: text.file(),
             line: first.line,
             met: first.excerpt(),
+            nearest: String::new(),
         };
         let column = |index, name| Column { index, name };
         if first

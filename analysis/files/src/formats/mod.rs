@@ -32,12 +32,16 @@ mod error;
 mod file_spectra;
 mod flags;
 mod foreign;
+mod ism;
 mod layout;
 pub mod model;
+mod mpr;
 mod native;
+mod nearest;
 mod profile;
 pub mod scope;
 pub(crate) mod shared;
+mod spreadsheet;
 mod sweeps;
 pub(crate) mod text;
 mod timeseries;
@@ -54,6 +58,7 @@ pub use write::{SpectrumFormat, spectrum_text};
 
 use analysis_signal::spectrum::{SourcedSpectrum, Spectrum};
 pub use file_spectra::FileSpectra;
+use spreadsheet::Sheet;
 use std::path::Path;
 
 /// Reads all spectra of a file, in the order of their first row.
@@ -129,6 +134,65 @@ pub fn parse(path: &Path, bytes: &[u8]) -> Result<Vec<SourcedSpectrum>, FormatEr
 /// # Errors
 /// As [`read_spectra`], but for reading.
 pub fn parse_file(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
+    if let Some(sheets) = spreadsheet::sheets(path, bytes) {
+        return of_sheets(path, &sheets?);
+    }
+    if let Some(text) = mpr::text(path, bytes) {
+        return parse_text(path, text?.as_bytes());
+    }
+    if let Some(decoded) = ism::text(path, bytes) {
+        let ism::Decoded { text, note } = decoded?;
+        let mut read = parse_text(path, text.as_bytes())?;
+        read.notes.extend(note);
+        return Ok(read);
+    }
+    parse_text(path, bytes)
+}
+
+/// Spectra of all sheets that hold some; the error of the last that does not, where none does.
+fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<FileSpectra, FormatError> {
+    let file = path.file_name().unwrap_or_default().to_string_lossy();
+    let mut all = FileSpectra::default();
+    let mut refused = None;
+    let mut holding = Vec::new();
+    for sheet in sheets {
+        match parse_text(&sheet.path, sheet.text.as_bytes()) {
+            Ok(mut read) => {
+                holding.push((sheet, read.spectra.len()));
+                all.spectra.append(&mut read.spectra);
+                all.notes.append(&mut read.notes);
+            }
+            // A sheet of settings or of remarks.
+            Err(error @ (FormatError::UnknownFormat { .. } | FormatError::Empty { .. })) => {
+                refused = Some(error);
+            }
+            Err(error) => return Err(error),
+        }
+    }
+    if let [(_, _), (_, _), ..] = holding.as_slice() {
+        let of_each = holding
+            .iter()
+            .flat_map(|(sheet, count)| vec![(*sheet, *count); *count]);
+        for (spectrum, (sheet, count)) in all.spectra.iter_mut().zip(of_each) {
+            if count == 1 {
+                spectrum.spectrum.name = format!("{file}#{}", sheet.name);
+            }
+        }
+        let count = all.spectra.len();
+        all.notes
+            .push(format!("{file}: {count} spectra, told apart by sheets"));
+    }
+    match refused {
+        Some(error) if holding.is_empty() => Err(error),
+        None if holding.is_empty() => Err(FormatError::Empty {
+            file: path.to_owned(),
+            met: "empty sheets",
+        }),
+        _ => Ok(all),
+    }
+}
+
+fn parse_text(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError> {
     let decoded = text::utf_16(bytes);
     let bytes = decoded.as_deref().map_or(bytes, str::as_bytes);
     if let Some(read) = native::parse(path, bytes) {
@@ -140,8 +204,19 @@ pub fn parse_file(path: &Path, bytes: &[u8]) -> Result<FileSpectra, FormatError>
     let own = text::Text::new(path, bytes).and_then(|text| layout::parse(&text));
     match own {
         Err(error @ (FormatError::UnknownFormat { .. } | FormatError::NotText { .. })) => {
+            let refused = || match error {
+                FormatError::UnknownFormat {
+                    file, line, met, ..
+                } => FormatError::UnknownFormat {
+                    file,
+                    line,
+                    met,
+                    nearest: nearest::nearest(bytes),
+                },
+                other => other,
+            };
             vendor::parse(path, bytes)
-                .unwrap_or_else(|| Err(foreign::text(path, bytes).unwrap_or(error)))
+                .unwrap_or_else(|| Err(foreign::text(path, bytes).unwrap_or_else(refused)))
         }
         other => other,
     }

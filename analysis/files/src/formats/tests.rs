@@ -2,6 +2,7 @@ use super::*;
 use num_complex::Complex64;
 use proptest::prelude::*;
 
+mod binary;
 mod corpus;
 mod native;
 mod seen;
@@ -208,8 +209,11 @@ fn errors_name_the_place_and_what_was_expected() {
         met only comments".into()),
         (header.into(), ": expected at least one line with a frequency and an impedance, met only \
         a header".into()),
-        ("\n1 2 3\n".into(), format!(", line 2: expected {known}, met \"1 2 3\"")),
-        ("1,2\n".into(), format!(", line 1: expected {known}, met \"1,2\"")),
+        ("\n1 2 3\n".into(), format!(", line 2: expected {known}, met \"1 2 3\"; the nearest \
+        reader is that of impedance.py's list, but line 2 holds its 3 numbers without commas")),
+        ("1,2\n".into(), format!(", line 1: expected {known}, met \"1,2\"; the nearest reader \
+        is that of impedance.py's list, but line 1 has 2 numbers and not three, and no line names \
+        them")),
         ("f,x,y\n".into(), format!(", line 1: expected {known}, met \"f,x,y\"")),
         ("1,2,3\n1,x,3\n".into(), ", line 2, column 2 (Re Z): expected a finite number in Ω, \
         met \"x\"".into()),

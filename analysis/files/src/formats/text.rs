@@ -5,6 +5,7 @@
 //! decimal point; one file has one decimal mark.
 
 use super::error::FormatError;
+use super::write::WITH_SIGMA;
 use std::path::{Path, PathBuf};
 
 /// Longest excerpt of a file in a message, characters.
@@ -43,7 +44,10 @@ impl<'a> Text<'a> {
                 byte: rest.first().copied().unwrap_or(0),
             }
         })?;
-        let lines: Vec<(usize, &str)> = lines(text).filter(|(_, line)| !is_comment(line)).collect();
+        let lines: Vec<(usize, &str)> = lines(text)
+            .map(|(number, line)| (number, announced(line).unwrap_or(line)))
+            .filter(|(_, line)| !is_comment(line))
+            .collect();
         let separator = separator(lines.first().map_or("", |(_, first)| first));
         let rows = lines
             .into_iter()
@@ -107,6 +111,13 @@ pub(super) fn shorten(text: &str) -> String {
         short.push('…');
     }
     format!("\"{short}\"")
+}
+
+/// The names of columns that a comment announces, as files of impedance.py with uncertainties have
+/// them.
+fn announced(line: &str) -> Option<&str> {
+    let names = line.strip_prefix('#')?.trim();
+    (names == WITH_SIGMA).then_some(names)
 }
 
 fn split(line: &str, separator: char) -> Vec<&str> {

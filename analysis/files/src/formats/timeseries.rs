@@ -26,6 +26,8 @@ mod cyclers_tests;
 
 use self::cyclers::{Columns, Found, clock_s};
 use super::error::FormatError;
+use super::mpr;
+use super::spreadsheet::{self, Sheet};
 use super::text::{self, Row, Text, shorten};
 use crate::dataset::{self, DatasetError};
 use analysis_signal::series::{SeriesError, TimeSeries};
@@ -218,7 +220,13 @@ pub fn read_series_with_left_out(
     let (mut raw, sign) = if bytes.starts_with(b"PAR1") {
         parquet(path, bytes)?
     } else {
-        csv(path, &bytes)?
+        match spreadsheet::sheets(path, &bytes) {
+            Some(sheets) => of_sheets(path, &sheets?)?,
+            None => match mpr::text(path, &bytes) {
+                Some(text) => csv(path, text?.as_bytes())?,
+                None => csv(path, &bytes)?,
+            },
+        }
     };
     let sign = options
         .sign
@@ -296,6 +304,17 @@ impl Raw {
         }
     }
 
+    /// Goes on with the rows of another sheet.
+    fn append(&mut self, mut other: Self) {
+        self.rows.append(&mut other.rows);
+        self.left_out.append(&mut other.left_out);
+        self.last_line = other.last_line;
+        match (&mut self.temperature_c, other.temperature_c) {
+            (Some(all), Some(mut more)) => all.append(&mut more),
+            (all, more) => *all = more,
+        }
+    }
+
     fn finish(self, path: &Path, factor: f64) -> TimeSeries {
         let name = path
             .file_name()
@@ -309,6 +328,48 @@ impl Raw {
             temperature_c: self.temperature_c,
         }
     }
+}
+
+/// The record of the sheets that hold one; a record goes on in sheets with the same columns.
+fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<(Raw, Option<CurrentSign>), SeriesReadError> {
+    let header = |sheet: &Sheet| {
+        let lines: Vec<&str> = sheet.text.lines().collect();
+        let at = names_a_series(&lines)?;
+        Some(lines[at].to_owned())
+    };
+    let named: Vec<(&Sheet, String)> = sheets
+        .iter()
+        .filter_map(|sheet| Some((sheet, header(sheet)?)))
+        .collect();
+    let unknown = |met: String| SeriesReadError::UnknownFormat {
+        file: path.to_owned(),
+        place: String::new(),
+        met,
+    };
+    let names = || sheets.iter().map(|sheet| sheet.name.as_str());
+    let Some((_, first)) = named.first() else {
+        let met = names().collect::<Vec<_>>().join(", ");
+        return Err(unknown(format!("the sheets {met}, and no such columns")));
+    };
+    if let Some((other, _)) = named.iter().find(|(_, header)| header != first) {
+        let (one, other) = (&named[0].0.name, &other.name);
+        return Err(unknown(format!(
+            "the sheets {one} and {other}, both with such columns, but not the same"
+        )));
+    }
+    let mut all = Raw::default();
+    let mut sign = None;
+    for (sheet, _) in &named {
+        let (raw, met) = csv(&sheet.path, sheet.text.as_bytes())?;
+        all.append(raw);
+        sign = sign.or(met);
+    }
+    Ok((all, sign))
+}
+
+/// The line, from 0, that names the columns of a record over time.
+pub(super) fn names_a_series(lines: &[&str]) -> Option<usize> {
+    cyclers::header(lines).map(|(at, _)| at)
 }
 
 fn csv(path: &Path, bytes: &[u8]) -> Result<(Raw, Option<CurrentSign>), SeriesReadError> {

@@ -82,6 +82,11 @@ pub(super) fn parse(path: &Path, bytes: &[u8]) -> Option<Result<FileSpectra, For
     Some(Ok(read))
 }
 
+/// The quantities of a spectrum that a line names, in words; none where it names none.
+pub(super) fn quantities(line: &str) -> Option<Vec<&'static str>> {
+    may_be_names(line).then(|| table::quantities(line))?
+}
+
 /// A row of numbers names nothing; its only letter is that of an exponent.
 fn may_be_names(line: &str) -> bool {
     line.len() > 2

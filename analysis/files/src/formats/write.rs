@@ -7,7 +7,8 @@ use analysis_signal::spectrum::Spectrum;
 /// Formats that a spectrum can be written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SpectrumFormat {
-    /// impedance.py's: frequency, real and imaginary part, without a header.
+    /// impedance.py's: frequency, real and imaginary part, without a header. Standard deviations
+    /// and covariances follow where they are known, announced by a comment.
     ImpedancePy,
     /// Gamry's `.DTA`.
     Gamry,
@@ -30,7 +31,8 @@ impl SpectrumFormat {
 }
 
 /// The text of a file with one spectrum, by falling frequency as those programs have it. Numbers
-/// come back to the last bit; uncertainties have no place in these formats and are left out.
+/// come back to the last bit. Uncertainties have a place in impedance.py's only, which takes three
+/// columns and passes over comments and further ones; the others leave them out.
 pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
     let mut text = head(spectrum, format);
     let mut points: Vec<_> = spectrum.points.iter().collect();
@@ -40,7 +42,16 @@ pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
         let (modulus, degrees) = (point.z_ohm.norm(), point.z_ohm.arg().to_degrees());
         // Writing to a string cannot fail.
         let _ = match format {
-            SpectrumFormat::ImpedancePy => writeln!(text, "{f:?},{re:?},{im:?}"),
+            SpectrumFormat::ImpedancePy => {
+                let covariance = point.covariance;
+                let known = if has_sigma(spectrum) {
+                    let (sigma_re, sigma_im) = (covariance.re_re.sqrt(), covariance.im_im.sqrt());
+                    format!(",{sigma_re:?},{sigma_im:?},{:?}", covariance.re_im)
+                } else {
+                    String::new()
+                };
+                writeln!(text, "{f:?},{re:?},{im:?}{known}")
+            }
             SpectrumFormat::Gamry => writeln!(
                 text,
                 "\t{number}\t{number}\t{f:?}\t{re:?}\t{im:?}\t0\t{modulus:?}\t{degrees:?}\t0\t0\t0"
@@ -54,12 +65,32 @@ pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
     text
 }
 
+/// Names of the columns of a file of impedance.py with uncertainties, behind the mark of a comment.
+pub(super) const WITH_SIGMA: &str =
+    "freq_hz,z_re_ohm,z_im_ohm,sigma_re_ohm,sigma_im_ohm,cov_re_im_ohm2";
+
+impl SpectrumFormat {
+    /// Whether the format has a place for the uncertainties of points.
+    pub fn keeps_sigma(self) -> bool {
+        matches!(self, Self::ImpedancePy)
+    }
+}
+
+/// Whether the uncertainties of all points are known.
+fn has_sigma(spectrum: &Spectrum) -> bool {
+    spectrum.points.iter().all(|point| {
+        let covariance = point.covariance;
+        covariance.re_re.is_finite() && covariance.im_im.is_finite() && covariance.re_im.is_finite()
+    })
+}
+
 fn head(spectrum: &Spectrum, format: SpectrumFormat) -> String {
     let (name, count) = (
         spectrum.name.replace(['\t', '\n', '\r'], " "),
         spectrum.points.len(),
     );
     match format {
+        SpectrumFormat::ImpedancePy if has_sigma(spectrum) => format!("# {WITH_SIGMA}\n"),
         SpectrumFormat::ImpedancePy => String::new(),
         SpectrumFormat::Gamry => format!(
             "EXPLAIN\nTAG\tEISPOT\nTITLE\tLABEL\t{name}\tTest &Identifier\nZCURVE\tTABLE\t{count}\n\
@@ -87,6 +118,41 @@ mod tests {
     use analysis_signal::spectrum::ImpedancePoint;
     use num_complex::Complex64;
     use proptest::prelude::*;
+
+    #[test]
+    fn uncertainties_come_back_from_a_file_of_impedance_py() {
+        let point = |freq_hz: f64| ImpedancePoint {
+            freq_hz,
+            z_ohm: Complex64::new(0.01 / 3.0, -0.001),
+            covariance: Covariance2 {
+                re_re: 4.0e-10,
+                im_im: 9.0e-10,
+                re_im: -1.0e-10,
+            },
+            amplitude_a: f64::NAN,
+        };
+        let mut spectrum = Spectrum {
+            name: "a cell".to_owned(),
+            points: vec![point(0.1), point(100.0)],
+            ..Spectrum::default()
+        };
+        let text = spectrum_text(&spectrum, SpectrumFormat::ImpedancePy);
+        assert!(
+            text.lines()
+                .skip(1)
+                .all(|line| line.split(',').count() == 6)
+        );
+        let back = crate::formats::parse(std::path::Path::new("a.csv"), text.as_bytes()).unwrap();
+        for (back, put) in back[0].spectrum.points.iter().zip(&spectrum.points) {
+            assert_eq!((back.freq_hz, back.z_ohm), (put.freq_hz, put.z_ohm));
+            assert!((back.covariance.re_re / put.covariance.re_re - 1.0).abs() < 1e-15);
+            assert!((back.covariance.im_im / put.covariance.im_im - 1.0).abs() < 1e-15);
+            assert_eq!(back.covariance.re_im, put.covariance.re_im);
+        }
+        spectrum.points[1].covariance = Covariance2::UNKNOWN;
+        let text = spectrum_text(&spectrum, SpectrumFormat::ImpedancePy);
+        assert!(text.lines().all(|line| line.split(',').count() == 3));
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]

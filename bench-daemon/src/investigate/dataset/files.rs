@@ -77,6 +77,7 @@ pub(super) fn spectra(path: &Path) -> Result<Vec<SourcedSpectrum>, FileError> {
         | FormatError::Foreign { .. }
         | FormatError::Unit { .. } => FileError::Usage(error.to_string()),
         FormatError::NotText { .. }
+        | FormatError::Decode { .. }
         | FormatError::Empty { .. }
         | FormatError::FieldCount { .. }
         | FormatError::Field { .. } => FileError::Damaged(error.to_string()),

@@ -41,6 +41,11 @@ fn files_of_peers_are_read_whole_or_refused() {
         ("pyimpspec/data.ids", &[29, 29], 109.009),
         ("pyimpspec/data-ids", &[29, 29], 109.009),
         ("pyimpspec/data.idf", &[29], 109.009),
+        ("pyimpspec/data.xlsx", &[29; 4], first),
+        ("pyimpspec/data-xlsx", &[29; 4], first),
+        ("pyimpspec/data.ods", &[29; 4], first),
+        ("pyimpspec/data-ods", &[29; 4], first),
+        ("pyimpspec/data.fods", &[29; 4], first),
         ("pyimpspec/data.pssession", &[29], 109.009_182_194_39),
         ("impedance_py/exampleDataCHInstruments.txt", &[73], 98.91),
         (
@@ -74,9 +79,6 @@ fn files_of_peers_are_read_whole_or_refused() {
         );
     }
     for (name, told) in [
-        ("pyimpspec/data.ods", "OpenDocument"),
-        ("pyimpspec/data.fods", "OpenDocument"),
-        ("pyimpspec/data-xlsx", "Excel"),
         ("pyimpspec/data.json", "JSON"),
         (
             "impedance_py/exampleDataBioLogic_MissingFreq.mpt",

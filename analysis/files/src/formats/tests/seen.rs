@@ -328,3 +328,41 @@ fn a_table_without_a_frequency_or_a_part_is_told_so() {
         assert!(refused.contains(told), "{text}: {refused}");
     }
 }
+
+#[test]
+fn a_refused_text_names_the_reader_that_came_nearest() {
+    let refusal = |text: &str| {
+        parse(Path::new("x.txt"), text.as_bytes())
+            .unwrap_err()
+            .to_string()
+    };
+    let cases = [
+        (
+            "EXPLAIN\nTAG\tCV\nCURVE1\tTABLE\t2\n\tPt\tT\tVf\tIm\n\t#\ts\tV\tA\n\t0\t0.1\t3.7\t0.1\n",
+            "nearest reader is that of Gamry's .DTA, which needs a table ZCURVE with Freq, Zreal and \
+             Zimag; its tables are \"CURVE1\"",
+        ),
+        (
+            "EC-Lab ASCII FILE\nNb header lines : 3\ntime/s\tEwe/V\tcontrol/V\n0\t3.7\t1\n",
+            "that of EC-Lab's .mpt, which needs the columns freq/Hz, Re(Z)/Ohm and -Im(Z)/Ohm; line 3 \
+             names \"time/s\tEwe/V\tcontrol/V\"",
+        ),
+        (
+            "f/Hz,admittance/S,note\n1000,0.01,7\n",
+            "that of tables with named columns, but line 1 names the frequency alone",
+        ),
+        (
+            "Test Time / s,Voltage / V,Current / A\n0,3.7,1.0\n1,3.6,1.0\n",
+            "that of time series, for line 1 names a time, a voltage and a current",
+        ),
+        (
+            "1000,0.01,-0.001,0.01\n100,0.02,-0.002,0.02\n",
+            "that of impedance.py's list, but line 1 has 4 numbers and not three",
+        ),
+    ];
+    for (text, expected) in cases {
+        let met = refusal(text);
+        assert!(met.contains(expected), "{met}");
+    }
+    assert!(!refusal("a letter\nof some lines\n").contains("nearest"));
+}

@@ -119,6 +119,21 @@ pub(super) fn near_miss(path: &Path, lines: &[&str], at: usize) -> Option<Format
     })
 }
 
+/// The quantities that a line names, in words; none where it names none.
+pub(super) fn quantities(line: &str) -> Option<Vec<&'static str>> {
+    let of = |titles: Vec<&str>| -> Vec<&'static str> {
+        let mut named: Vec<&str> = titles
+            .into_iter()
+            .filter_map(names::named)
+            .map(|named| named.quantity.name())
+            .collect();
+        named.dedup();
+        named
+    };
+    let ways = candidates(line).into_iter().map(|(_, titles)| of(titles));
+    ways.max_by_key(Vec::len).filter(|named| !named.is_empty())
+}
+
 /// A line parted by what can separate names: one way, but for blanks, which may stand within names.
 fn candidates(line: &str) -> Vec<(char, Vec<&str>)> {
     let line = line.trim_start_matches('\u{feff}');

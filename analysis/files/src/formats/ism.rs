@@ -1,0 +1,104 @@
+//! Zahner's binary spectra, `.ism`, as a text with frequency, modulus and phase.
+//!
+//! The layout is that of the maker's own reader, zahner_analysis 26.42 (MIT): two whole numbers of
+//! six bytes, a version and the number of points less one; then frequencies in Hz, moduli in Ω and
+//! phases in rad as lists of eight-byte numbers. All are big-endian.
+
+use super::error::FormatError;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// Bytes before the lists.
+const HEAD: usize = 12;
+/// Bytes of a point: frequency, modulus, phase and time, and a weight of two bytes.
+const POINT: usize = 4 * 8 + 2;
+/// Frequencies, Hz, and moduli, Ω, that such an instrument measures, ten times wider on each side
+/// than the maker's data sheets: 10 µHz to 12 MHz, 1 µΩ to 1000 TΩ. The file has no mark by which it
+/// is told.
+const HERTZ: std::ops::RangeInclusive<f64> = 1.0e-6..=1.2e8;
+const OHM: std::ops::RangeInclusive<f64> = 1.0e-7..=1.0e16;
+
+/// A spectrum as text, and what is to be told of it.
+#[derive(Debug)]
+pub(super) struct Decoded {
+    pub(super) text: String,
+    pub(super) note: Option<String>,
+}
+
+/// The text of a file; nothing where its bytes are no such lists.
+///
+/// # Errors
+/// [`FormatError::Decode`] for a file named `.ism` with other bytes.
+pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<Result<Decoded, FormatError>> {
+    let named = path
+        .extension()
+        .is_some_and(|end| end.eq_ignore_ascii_case("ism"));
+    match points(bytes) {
+        Some(points) => Some(Ok(decoded(path, &points))),
+        None if named => Some(Err(FormatError::Decode {
+            file: path.to_owned(),
+            kind: "a Zahner .ism",
+            reason: "its numbers are no frequencies, moduli and phases; it was cut off or is of \
+                     another version; export it as a text list"
+                .to_owned(),
+        })),
+        None => None,
+    }
+}
+
+/// Frequency, modulus and phase of each point.
+fn points(bytes: &[u8]) -> Option<Vec<[f64; 3]>> {
+    let count = bytes
+        .get(6..HEAD)?
+        .iter()
+        .fold(0_u64, |all, byte| all << 8 | u64::from(*byte));
+    let count = usize::try_from(count).ok()?.checked_add(1)?;
+    if count.checked_mul(POINT)?.checked_add(HEAD)? > bytes.len() {
+        return None;
+    }
+    let lists = bytes.get(HEAD..HEAD + 3 * 8 * count)?;
+    let mut numbers = lists
+        .as_chunks()
+        .0
+        .iter()
+        .map(|eight| f64::from_be_bytes(*eight));
+    let mut list = || -> Vec<f64> { numbers.by_ref().take(count).collect() };
+    let (freq_hz, modulus_ohm, phase_rad) = (list(), list(), list());
+    let is_one = freq_hz.iter().all(|f| HERTZ.contains(f))
+        && modulus_ohm.iter().all(|z| OHM.contains(z))
+        && phase_rad
+            .iter()
+            .all(|phase| phase.abs() <= 10.0 * std::f64::consts::TAU);
+    let row = |k: usize| [freq_hz[k], modulus_ohm[k], phase_rad[k]];
+    is_one.then(|| (0..count).map(row).collect())
+}
+
+/// The sweep between the highest and the lowest frequency: the maker's programs show no other
+/// points. The instrument begins in the middle of the band, and measures that part twice.
+fn decoded(path: &Path, points: &[[f64; 3]]) -> Decoded {
+    let place = |better: fn(f64, f64) -> bool| {
+        (1..points.len()).fold(0, |best, k| {
+            if better(points[k][0], points[best][0]) {
+                k
+            } else {
+                best
+            }
+        })
+    };
+    let (low, high) = (place(|a, b| a < b), place(|a, b| a > b));
+    let kept = &points[low.min(high)..=low.max(high)];
+    let mut text = "freq/Hz\t|Z|/Ohm\tPhase/rad\n".to_owned();
+    for [freq_hz, modulus_ohm, phase_rad] in kept {
+        // Writing to a string cannot fail.
+        let _ = writeln!(text, "{freq_hz:?}\t{modulus_ohm:?}\t{phase_rad:?}");
+    }
+    let left_out = points.len() - kept.len();
+    let file = path.file_name().unwrap_or_default().to_string_lossy();
+    let note = (left_out > 0).then(|| {
+        format!(
+            "{file}: {left_out} points outside the sweep from the highest to the lowest frequency, \
+             which are measured twice, are left out"
+        )
+    });
+    Decoded { text, note }
+}

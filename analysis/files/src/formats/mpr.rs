@@ -1,0 +1,298 @@
+//! BioLogic EC-Lab's binary files, `.mpr`, as the text that EC-Lab would export: the columns of an
+//! impedance, of a record over time, and those that tell sweeps apart.
+//!
+//! The format is not published. What is read was found by others and agrees between galvani 0.5 and
+//! yadg 7.0: modules that begin with `MODULE`; in the module `VMP data` the number of points, that of
+//! the columns, their identifiers, and from a place that the version tells one record for each
+//! point. All values but the identifiers of EC-Lab from 11.50 on are little-endian.
+
+use super::error::FormatError;
+use std::fmt::Write as _;
+use std::path::Path;
+
+/// First bytes of a file.
+const MAGIC: &[u8] = b"BIO-LOGIC MODULAR FILE";
+/// Bytes before the first module.
+const PREFACE: usize = 52;
+/// Beginning of a module.
+const MODULE: &[u8] = b"MODULE";
+/// Bytes of the names of a module, and the place of its length behind them, before EC-Lab 11.50.
+const NAMES: usize = 35;
+/// What stands in the place of the length from EC-Lab 11.50 on: another header follows.
+const LONG_HEADER: u32 = u32::MAX;
+/// Short name of the module that holds the points.
+const DATA: &[u8] = b"VMP data";
+/// Place of the first record by the version of the module: before EC-Lab 11.50, 2 and 3; from then on.
+const RECORDS_OF_0: usize = 100;
+const RECORDS_OF_2: usize = 405;
+const RECORDS_OF_3: usize = 406;
+const RECORDS_SINCE_11_50: usize = 1007;
+/// Place of the identifiers of the columns.
+const COLUMNS: usize = 5;
+
+/// Columns whose bits share one byte.
+const FLAGS: [u16; 6] = [1, 2, 3, 21, 31, 65];
+/// Columns of eight bytes, all floating-point.
+const DOUBLE: [u16; 24] = [
+    4, 7, 11, 13, 23, 24, 74, 110, 112, 115, 116, 123, 124, 125, 126, 182, 211, 438, 467, 498, 499,
+    500, 501, 502,
+];
+/// Columns of two bytes and of four, whole numbers, and of one.
+const SHORT: [u16; 2] = [39, 131];
+const WHOLE: [u16; 4] = [212, 213, 468, 469];
+const BYTE: [u16; 2] = [253, 509];
+/// Columns of four bytes, floating-point: first and last of those that follow each other.
+const SINGLE: [(u16, u16); 33] = [
+    (5, 6),
+    (8, 9),
+    (15, 17),
+    (19, 20),
+    (26, 27),
+    (32, 38),
+    (45, 46),
+    (69, 70),
+    (75, 78),
+    (96, 96),
+    (98, 101),
+    (105, 106),
+    (135, 136),
+    (163, 163),
+    (166, 169),
+    (172, 179),
+    (185, 185),
+    (206, 206),
+    (215, 215),
+    (217, 225),
+    (230, 249),
+    (271, 272),
+    (301, 302),
+    (331, 332),
+    (361, 362),
+    (391, 392),
+    (422, 426),
+    (430, 435),
+    (441, 441),
+    (462, 462),
+    (471, 474),
+    (476, 497),
+    (505, 505),
+];
+/// Columns that are passed on, by the names that EC-Lab exports. Of several currents or voltages the
+/// first in a record is taken.
+const NAMED: [(u16, &str); 15] = [
+    (4, "time/s"),
+    (6, "Ewe/V"),
+    (77, "<Ewe>/V"),
+    (174, "<Ewe>/V"),
+    (8, "I/mA"),
+    (11, "<I>/mA"),
+    (76, "<I>/mA"),
+    (32, "freq/Hz"),
+    (35, "Phase(Z)/deg"),
+    (36, "|Z|/Ohm"),
+    (37, "Re(Z)/Ohm"),
+    (38, "-Im(Z)/Ohm"),
+    (24, "cycle number"),
+    (213, "z cycle"),
+    (469, "z cycle"),
+];
+
+/// Kind of a value.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Kind {
+    Double,
+    Single,
+    Whole,
+    /// Bytes that are passed over.
+    Other(usize),
+}
+
+impl Kind {
+    fn width(self) -> usize {
+        match self {
+            Self::Double => 8,
+            Self::Single | Self::Whole => 4,
+            Self::Other(width) => width,
+        }
+    }
+}
+
+/// A column in a record.
+struct Column {
+    name: &'static str,
+    at: usize,
+    kind: Kind,
+}
+
+/// The text of a file; nothing where it is none of EC-Lab's.
+///
+/// # Errors
+/// [`FormatError::Decode`] for a file that is cut off, of another version, or with columns of unknown
+/// width.
+pub(super) fn text(path: &Path, bytes: &[u8]) -> Option<Result<String, FormatError>> {
+    bytes.starts_with(MAGIC).then(|| {
+        decoded(bytes).map_err(|reason| FormatError::Decode {
+            file: path.to_owned(),
+            kind: "an EC-Lab .mpr",
+            reason,
+        })
+    })
+}
+
+fn decoded(bytes: &[u8]) -> Result<String, String> {
+    let (data, since_11_50, version) = module(bytes)?;
+    let count = u32_at(data, 0)? as usize;
+    let columns = usize::from(*data.get(4).ok_or("a data module without columns")?);
+    let packed = version == 0 && data.get(COLUMNS).is_some_and(|first| *first != 0);
+    let ids = ids(data, columns, since_11_50, packed)?;
+    let start = match version {
+        0 if packed => RECORDS_OF_0,
+        0 => RECORDS_SINCE_11_50,
+        2 => RECORDS_OF_2,
+        3 => RECORDS_OF_3,
+        other => {
+            return Err(format!(
+                "a data module of version {other}, which is not known"
+            ));
+        }
+    };
+    let records = data.get(start..).unwrap_or_default();
+    let record = records.len().checked_div(count).unwrap_or(0);
+    if record * count != records.len() {
+        let bytes = records.len();
+        return Err(format!(
+            "{bytes} bytes are no {count} records of one length"
+        ));
+    }
+    let columns = placed(&ids, record)?;
+    let mut text = String::new();
+    for (nth, column) in columns.iter().enumerate() {
+        text.push_str(if nth > 0 { "\t" } else { "" });
+        text.push_str(column.name);
+    }
+    text.push('\n');
+    for record in records.chunks_exact(record.max(1)) {
+        for (nth, column) in columns.iter().enumerate() {
+            text.push_str(if nth > 0 { "\t" } else { "" });
+            let value = record.get(column.at..).unwrap_or_default();
+            // Writing to a string cannot fail.
+            let _ = match (column.kind, value.first_chunk(), value.first_chunk()) {
+                (Kind::Double, Some(eight), _) => write!(text, "{}", f64::from_le_bytes(*eight)),
+                (Kind::Single, _, Some(four)) => write!(text, "{}", f32::from_le_bytes(*four)),
+                (Kind::Whole, _, Some(four)) => write!(text, "{}", u32::from_le_bytes(*four)),
+                _ => Ok(()),
+            };
+        }
+        text.push('\n');
+    }
+    Ok(text)
+}
+
+/// The content of the data module, whether it is of EC-Lab from 11.50 on, and its version.
+fn module(bytes: &[u8]) -> Result<(&[u8], bool, u32), String> {
+    let mut rest = bytes.get(PREFACE..).unwrap_or_default();
+    while let Some(module) = rest.strip_prefix(MODULE) {
+        let since_11_50 = u32_at(module, NAMES)? == LONG_HEADER;
+        // Name, length, version, date; with a longest length and a second version since 11.50.
+        let (length, version, header) = if since_11_50 {
+            (NAMES + 4, NAMES + 8, NAMES + 24)
+        } else {
+            (NAMES, NAMES + 4, NAMES + 16)
+        };
+        let end = header + u32_at(module, length)? as usize;
+        let content = module
+            .get(header..end)
+            .ok_or("the file ends within a module; it was cut off")?;
+        if module.starts_with(DATA) {
+            return Ok((content, since_11_50, u32_at(module, version)?));
+        }
+        rest = &module[end..];
+    }
+    Err("it has no module with points; it was cut off or never measured".to_owned())
+}
+
+/// Identifiers of the columns.
+fn ids(data: &[u8], count: usize, since_11_50: bool, packed: bool) -> Result<Vec<u16>, String> {
+    let width = if packed { 1 } else { 2 };
+    let bytes = data
+        .get(COLUMNS..COLUMNS + count * width)
+        .ok_or("the file ends within the list of columns")?;
+    Ok(bytes
+        .chunks_exact(width)
+        .map(|id| match id {
+            [high, low] if since_11_50 => u16::from_be_bytes([*high, *low]),
+            [low, high] => u16::from_le_bytes([*low, *high]),
+            [one] => u16::from(*one),
+            _ => 0,
+        })
+        .collect())
+}
+
+/// The columns that are passed on, with their places in a record of so many bytes.
+fn placed(ids: &[u16], record: usize) -> Result<Vec<Column>, String> {
+    let mut kinds: Vec<Option<Kind>> = Vec::new();
+    let mut met_flags = false;
+    for id in ids {
+        let is_flag = FLAGS.contains(id);
+        // All flags of a record share the byte of the first.
+        let kind = if is_flag && met_flags {
+            Some(Kind::Other(0))
+        } else {
+            kind(*id)
+        };
+        met_flags |= is_flag;
+        kinds.push(kind);
+    }
+    let known: usize = kinds.iter().flatten().map(|kind| kind.width()).sum();
+    let unknown: Vec<u16> = std::iter::zip(ids, &kinds)
+        .filter(|(_, kind)| kind.is_none())
+        .map(|(id, _)| *id)
+        .collect();
+    // One column of unknown width has what the others leave.
+    let left = match (unknown.as_slice(), record.checked_sub(known)) {
+        ([], Some(0)) => 0,
+        ([_], Some(left @ (1 | 2 | 4 | 8))) => left,
+        _ => {
+            return Err(format!(
+                "records of {record} bytes, of which the known columns take {known}; the columns \
+                 {unknown:?} are not known; export it as .mpt"
+            ));
+        }
+    };
+    let mut columns: Vec<Column> = Vec::new();
+    let mut at = 0;
+    for (id, kind) in ids.iter().zip(kinds) {
+        let kind = kind.unwrap_or(Kind::Other(left));
+        let name = NAMED.iter().find(|(named, _)| named == id);
+        if let Some((_, name)) = name.filter(|(_, name)| columns.iter().all(|c| c.name != *name)) {
+            columns.push(Column { name, at, kind });
+        }
+        at += kind.width();
+    }
+    Ok(columns)
+}
+
+fn kind(id: u16) -> Option<Kind> {
+    if DOUBLE.contains(&id) {
+        Some(Kind::Double)
+    } else if WHOLE.contains(&id) {
+        Some(Kind::Whole)
+    } else if SHORT.contains(&id) {
+        Some(Kind::Other(2))
+    } else if BYTE.contains(&id) || FLAGS.contains(&id) {
+        Some(Kind::Other(1))
+    } else {
+        let single = SINGLE
+            .iter()
+            .any(|(first, last)| (*first..=*last).contains(&id));
+        single.then_some(Kind::Single)
+    }
+}
+
+fn u32_at(bytes: &[u8], at: usize) -> Result<u32, String> {
+    bytes
+        .get(at..)
+        .and_then(<[u8]>::first_chunk)
+        .map(|four| u32::from_le_bytes(*four))
+        .ok_or_else(|| "the file ends within a header; it was cut off".to_owned())
+}

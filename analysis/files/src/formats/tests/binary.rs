@@ -1,0 +1,179 @@
+//! Binary files of potentiostats and spreadsheets: those that others' programs wrote, cut and
+//! damaged ones.
+
+use super::{FormatError, names, parse_file};
+use crate::formats::{SeriesOptions, read_series};
+use analysis_signal::spectrum::Spectrum;
+use num_complex::Complex64;
+use proptest::prelude::*;
+use std::path::{Path, PathBuf};
+
+fn fixture(name: &str) -> PathBuf {
+    Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/../../fixtures/data")).join(name)
+}
+
+fn bytes(name: &str) -> Vec<u8> {
+    std::fs::read(fixture(name)).unwrap()
+}
+
+fn numbers(spectrum: &Spectrum) -> Vec<(f64, Complex64)> {
+    spectrum
+        .points
+        .iter()
+        .map(|p| (p.freq_hz, p.z_ohm))
+        .collect()
+}
+
+fn one(name: &str) -> Spectrum {
+    let mut read = parse_file(&fixture(name), &bytes(name)).unwrap();
+    assert_eq!(read.spectra.len(), 1, "{name}");
+    read.spectra.remove(0).spectrum
+}
+
+#[test]
+fn a_binary_file_of_ec_lab_holds_what_its_text_does() {
+    let (binary, text) = (
+        one("spectra/vendors/biologic.mpr"),
+        one("spectra/vendors/biologic.mpt"),
+    );
+    assert_eq!(binary.points.len(), text.points.len());
+    for (a, b) in binary.points.iter().zip(&text.points) {
+        // Single precision in the binary, eight digits in the text.
+        assert!((a.freq_hz / b.freq_hz - 1.0).abs() < 1e-7);
+        assert!((a.z_ohm - b.z_ohm).norm() < 1e-7 * b.z_ohm.norm());
+    }
+}
+
+#[test]
+fn a_column_of_unknown_width_has_what_the_others_leave() {
+    let mut file = bytes("spectra/vendors/biologic.mpr");
+    let expected = one("spectra/vendors/biologic.mpr");
+    let data = file
+        .windows(8)
+        .position(|eight| eight == b"VMP data")
+        .unwrap();
+    // The twelfth column, `Cp/µF` of four bytes, becomes one that nobody knows.
+    let columns = data + 35 + 16 + 5;
+    let place = (columns..columns + 40)
+        .step_by(2)
+        .find(|at| file[*at..at + 2] == 172_u16.to_le_bytes())
+        .unwrap();
+    file[place..place + 2].copy_from_slice(&999_u16.to_le_bytes());
+    let read = parse_file(Path::new("biologic.mpr"), &file).unwrap();
+    assert_eq!(numbers(&read.spectra[0].spectrum), numbers(&expected));
+    // Of two the widths cannot be told.
+    file[columns + 4..columns + 6].copy_from_slice(&998_u16.to_le_bytes());
+    let met = parse_file(Path::new("b.mpr"), &file)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        met.starts_with("b.mpr: expected an EC-Lab .mpr that can be decoded: records of")
+            && met.contains("[998, 999] are not known"),
+        "{met}"
+    );
+}
+
+#[test]
+fn a_binary_file_of_zahner_is_the_sweep_from_the_highest_frequency_down() {
+    let path = fixture("spectra/vendors/zahner.ism");
+    let read = parse_file(&path, &bytes("spectra/vendors/zahner.ism")).unwrap();
+    assert_eq!(
+        read.notes,
+        [
+            "zahner.ism: 4 points outside the sweep from the highest to the lowest frequency, which \
+             are measured twice, are left out"
+        ]
+    );
+    let points = &read.spectra[0].spectrum.points;
+    assert_eq!(points.len(), 13);
+    for point in points {
+        let omega = std::f64::consts::TAU * point.freq_hz;
+        let branch = 0.02 / Complex64::new(1.0, omega * 0.02 * 1.5);
+        let expected = 0.012 + branch + Complex64::new(0.0, omega * 2e-8);
+        assert!((point.z_ohm - expected).norm() < 1e-12 * expected.norm());
+    }
+}
+
+#[test]
+fn workbooks_of_cyclers_are_read_by_their_sheets() {
+    let series = |name: &str| read_series(&fixture(name), &SeriesOptions::default()).unwrap();
+    let neware = series("series/neware.xlsx");
+    assert_eq!(neware.time_s, [0.5, 10.5, 20.5, 30.5, 40.5]);
+    assert_eq!(neware.current_a, [1.5; 5]);
+    let arbin = series("series/arbin.xlsx");
+    assert_eq!(
+        arbin.time_s,
+        [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 70.0]
+    );
+    assert_eq!(arbin.voltage_v[7], 3.67);
+    let met = parse_file(Path::new("arbin.xlsx"), &bytes("series/arbin.xlsx"))
+        .unwrap_err()
+        .to_string();
+    assert!(
+        met.contains("arbin.xlsx [Channel_1_2], line 1") && met.contains("that of time series"),
+        "{met}"
+    );
+}
+
+#[test]
+fn a_workbook_of_spectra_names_its_sheets() {
+    let read = parse_file(
+        Path::new("a/sheets.xlsx"),
+        &bytes("spectra/vendors/sheets.xlsx"),
+    )
+    .unwrap();
+    assert_eq!(
+        names(&read.spectra),
+        ["sheets.xlsx#10 degC", "sheets.xlsx#25 degC"]
+    );
+    assert_eq!(
+        read.spectra[1].spectrum.points[0].z_ohm,
+        Complex64::new(0.02, 0.0)
+    );
+    assert_eq!(read.notes, ["sheets.xlsx: 2 spectra, told apart by sheets"]);
+}
+
+#[test]
+fn a_file_that_was_cut_off_is_refused_or_less() {
+    for name in ["spectra/vendors/biologic.mpr", "spectra/vendors/zahner.ism"] {
+        let whole = bytes(name);
+        let ended = parse_file(&fixture(name), &whole)
+            .unwrap()
+            .spectra
+            .remove(0);
+        for length in 0..whole.len() {
+            match parse_file(&fixture(name), &whole[..length]) {
+                // Behind its points Zahner's file holds remarks.
+                Ok(read) => {
+                    let read = numbers(&read.spectra[0].spectrum);
+                    assert_eq!(read, numbers(&ended.spectrum), "{name} {length}");
+                }
+                Err(error) => assert!(!matches!(error, FormatError::Read { .. })),
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(256))]
+    #[test]
+    fn damaged_files_end_in_an_error_or_in_spectra(
+        which in 0_usize..4,
+        places in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8),
+    ) {
+        let name = [
+            "spectra/vendors/biologic.mpr",
+            "spectra/vendors/zahner.ism",
+            "spectra/vendors/sheets.xlsx",
+            "series/arbin.xlsx",
+        ][which];
+        let mut damaged = bytes(name);
+        for (place, byte) in places {
+            let at = place.index(damaged.len());
+            damaged[at] = byte;
+        }
+        if let Ok(read) = parse_file(&fixture(name), &damaged) {
+            prop_assert!(!read.spectra.is_empty());
+        }
+    }
+}
