@@ -2,7 +2,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use analysis::formats::FormatError;
+use analysis::formats::{ErrorPlace, FormatError};
 use pyo3::{create_exception, exceptions::PyValueError, prelude::*};
 
 create_exception!(
@@ -37,25 +37,7 @@ pub(crate) fn refused(error: &dyn std::fmt::Display) -> PyErr {
 
 /// A refused file, with its place.
 pub(crate) fn of_file(py: Python<'_>, error: &FormatError) -> PyErr {
-    use FormatError as E;
-    let (file, line, field) = match error {
-        E::Read { file, .. }
-        | E::Empty { file, .. }
-        | E::Foreign { file, .. }
-        | E::Decode { file, .. } => (file, None, None),
-        E::NotText { file, line, .. }
-        | E::UnknownFormat { file, line, .. }
-        | E::Header { file, line, .. } => (file, Some(*line), None),
-        E::FieldCount {
-            file, line, column, ..
-        } => (file, Some(*line), Some(column.to_string())),
-        E::Unit {
-            file, line, name, ..
-        } => (file, Some(*line), Some(name.clone())),
-        E::Field {
-            file, line, name, ..
-        } => (file, Some(*line), Some((*name).to_owned())),
-    };
+    let ErrorPlace { file, line, field } = error.place();
     let raised = FileError::new_err(error.to_string());
     let value = raised.value(py);
     let told = value

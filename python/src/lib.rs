@@ -9,7 +9,9 @@
 mod diagnosis;
 mod error;
 mod fit;
+mod joint;
 mod model;
+mod play;
 mod series;
 mod spectrum;
 mod table;
@@ -36,5 +38,6 @@ fn _eisbench(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(series::read_series, module)?)?;
     module.add_function(wrap_pyfunction!(series::read_capture, module)?)?;
     module.add_function(wrap_pyfunction!(series::ocv, module)?)?;
+    module.add_function(wrap_pyfunction!(joint::joint, module)?)?;
     Ok(())
 }

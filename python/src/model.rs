@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use analysis::formats::model::{CellModel, ModelFormat};
 use analysis::forward::{
-    Beyond, CellWindow, Demand, Interpolation, OcvSource, Profile, SimModel, SimOptions, simulate,
+    CellWindow, OcvSource, Profile, SensitivityRow, SimModel, SimOptions, sensitivity, simulate,
 };
 use analysis::given::GivenModel;
 use analysis::model::{Erm, RcBranch};
@@ -15,6 +15,8 @@ use numpy::{Complex64, IntoPyArray, PyArray1, PyReadonlyArray1};
 use pyo3::{prelude::*, types::PyDict};
 
 use crate::error::{apart, caught, json, refused};
+use crate::play::Play;
+use crate::series::Curve;
 
 /// A cell's model: a resistance and RC branches, with additions where a file holds some, and the
 /// open-circuit voltage where it is known.
@@ -29,6 +31,31 @@ impl Model {
     pub(crate) fn parts(&self) -> (String, Erm, Option<OcvCurve>) {
         let given = &self.given;
         (given.name.clone(), given.erm.clone(), given.ocv.clone())
+    }
+
+    /// A model with an OCV curve.
+    pub(crate) fn of(name: &str, erm: Erm, curve: OcvCurve) -> Result<Self, String> {
+        let given = GivenModel::typed(name, erm).map_err(|error| error.to_string())?;
+        Ok(Self {
+            given: given.with_ocv(Some(curve)),
+        })
+    }
+
+    fn played(&self, play: &Play<'_>) -> PyResult<Played> {
+        let soc = play.soc;
+        if play.ocv_v.is_none() && self.given.ocv.is_some() && soc.is_none() {
+            return Err(refused(
+                &"simulate: expected soc, the state of charge at the start, met none",
+            ));
+        }
+        let (profile, pack, options) = play.read()?;
+        Ok(Played {
+            source: self.source(play.ocv_v)?,
+            soc: soc.unwrap_or(0.5),
+            profile,
+            pack,
+            options,
+        })
     }
 
     fn source(&self, ocv_v: Option<f64>) -> PyResult<OcvSource> {
@@ -49,6 +76,15 @@ impl Model {
         };
         model.map_err(|e| e.to_string())
     }
+}
+
+/// What is simulated beside the model.
+struct Played {
+    source: OcvSource,
+    soc: f64,
+    profile: Profile,
+    pack: Pack,
+    options: SimOptions,
 }
 
 #[pymethods]
@@ -121,19 +157,24 @@ impl Model {
         self.given.ocv.is_some()
     }
 
-    /// The same with an OCV curve through knots of state of charge, 0…1, and V.
+    /// The same with an OCV curve through knots of state of charge, 0…1, and V; slopes, V, where they
+    /// are known, else those of the monotone curve.
+    #[pyo3(signature = (capacity_ah, soc, ocv_v, slope_v=None))]
     fn with_ocv(
         &self,
         capacity_ah: f64,
         soc: PyReadonlyArray1<'_, f64>,
         ocv_v: PyReadonlyArray1<'_, f64>,
+        slope_v: Option<PyReadonlyArray1<'_, f64>>,
     ) -> PyResult<Self> {
-        let (soc, ocv_v) = (soc.as_array().to_vec(), ocv_v.as_array().to_vec());
-        let curve = caught(|| {
-            OcvCurve::monotone(capacity_ah, soc, ocv_v).map_err(|error| refused(&error))
-        })?;
+        let curve = Curve {
+            capacity_ah,
+            soc,
+            ocv_v,
+            slope_v,
+        };
         Ok(Self {
-            given: self.given.clone().with_ocv(Some(curve)),
+            given: self.given.clone().with_ocv(Some(curve.read()?)),
         })
     }
 
@@ -207,82 +248,17 @@ impl Model {
     }
 
     /// Columns of the trace and the summary as JSON.
-    #[pyo3(signature = (demand, time_s, value, soc, ocv_v, linear, series, parallel,
-        interconnect_ohm, beyond, fraction, low_v, high_v, max_step_s))]
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "they are keyword arguments of Python"
-    )]
     fn simulate<'py>(
         &self,
         py: Python<'py>,
-        demand: &str,
-        time_s: PyReadonlyArray1<'py, f64>,
-        value: PyReadonlyArray1<'py, f64>,
-        soc: Option<f64>,
-        ocv_v: Option<f64>,
-        linear: bool,
-        series: u32,
-        parallel: u32,
-        interconnect_ohm: f64,
-        beyond: &str,
-        fraction: f64,
-        low_v: f64,
-        high_v: f64,
-        max_step_s: f64,
+        play: Play<'py>,
     ) -> PyResult<(Bound<'py, PyDict>, String)> {
-        let demand = match demand {
-            "power" => Demand::Power,
-            "current" => Demand::Current,
-            "resistance" => Demand::Resistance,
-            met => {
-                let expected = "expected power, current or resistance";
-                return Err(refused(&format!("demand: {expected}, met {met:?}")));
-            }
-        };
-        let beyond = match beyond {
-            "stop" => Beyond::Stop,
-            "clamp" => Beyond::Clamp,
-            "extrapolate" => Beyond::Extrapolate { fraction },
-            met => {
-                let expected = "expected stop, clamp or extrapolate";
-                return Err(refused(&format!("beyond: {expected}, met {met:?}")));
-            }
-        };
-        let (time_s, value) = (time_s.as_array(), value.as_array());
-        if time_s.len() != value.len() {
-            return Err(refused(&format!(
-                "profile: expected a value for each of {} times, met {}",
-                time_s.len(),
-                value.len()
-            )));
-        }
-        let rows: Vec<(f64, f64)> = time_s.iter().copied().zip(value.iter().copied()).collect();
-        let interpolation = if linear {
-            Interpolation::Linear
-        } else {
-            Interpolation::Hold
-        };
-        let profile =
-            Profile::new("profile", demand, interpolation, &rows).map_err(|e| refused(&e))?;
-        let pack = Pack::new(series, parallel, interconnect_ohm).map_err(|e| refused(&e))?;
-        if ocv_v.is_none() && self.given.ocv.is_some() && soc.is_none() {
-            return Err(refused(
-                &"simulate: expected soc, the state of charge at the start, met none",
-            ));
-        }
-        let source = self.source(ocv_v)?;
-        let options = SimOptions {
-            beyond,
-            max_step_s,
-            window: CellWindow { low_v, high_v },
-            ..SimOptions::default()
-        };
+        let played = self.played(&play)?;
         let done = apart(py, || {
             let text = |error: &dyn std::fmt::Display| error.to_string();
-            let model = self.sim_model(source, pack)?;
-            let start = model.rest(soc.unwrap_or(0.5)).map_err(|e| text(&e))?;
-            simulate(&model, &start, &profile, &options).map_err(|e| text(&e))
+            let model = self.sim_model(played.source, played.pack)?;
+            let start = model.rest(played.soc).map_err(|e| text(&e))?;
+            simulate(&model, &start, &played.profile, &played.options).map_err(|e| text(&e))
         })?;
         let (trace, columns) = (done.trace, PyDict::new(py));
         let branches = trace.v_rc_v.into_iter().enumerate();
@@ -303,5 +279,39 @@ impl Model {
         }
         let summary = json(&done.summary).map_err(|e| refused(&e))?;
         Ok((columns, summary))
+    }
+
+    /// Time, voltage, and derivatives of the voltage: by a common factor of the demand, by R, R1,
+    /// C1, … and an offset of the open-circuit voltage, by the state of charge at the start.
+    fn sensitivities<'py>(&self, py: Python<'py>, play: Play<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let played = self.played(&play)?;
+        let rows = apart(py, || {
+            let text = |error: &dyn std::fmt::Display| error.to_string();
+            let model = self.sim_model(played.source, played.pack)?;
+            let start = model.rest(played.soc).map_err(|e| text(&e))?;
+            let SimOptions {
+                beyond, max_step_s, ..
+            } = played.options;
+            let found = sensitivity(&model, &start, &played.profile, beyond, max_step_s);
+            Ok(found.map_err(|e| text(&e))?.rows)
+        })?;
+        let branches = 1..=self.given.erm.branches.len();
+        let names = std::iter::once("R".to_owned())
+            .chain(branches.flat_map(|k| [format!("R{k}"), format!("C{k}")]))
+            .chain(["ocv_v".to_owned()]);
+        let columns = PyDict::new(py);
+        let column = |of: &dyn Fn(&SensitivityRow) -> f64| {
+            rows.iter().map(of).collect::<Vec<f64>>().into_pyarray(py)
+        };
+        columns.set_item("time_s", column(&|row| row.time_s))?;
+        columns.set_item("ccv_v", column(&|row| row.ccv_v))?;
+        columns.set_item("demand", column(&|row| row.by_scale_v))?;
+        for (k, name) in names.enumerate() {
+            let by = |row: &SensitivityRow| row.by_parameter.get(k).copied().unwrap_or(f64::NAN);
+            columns.set_item(name, column(&by))?;
+        }
+        let by_soc = |row: &SensitivityRow| row.by_state.first().copied().unwrap_or(f64::NAN);
+        columns.set_item("soc", column(&by_soc))?;
+        Ok(columns)
     }
 }

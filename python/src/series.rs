@@ -4,12 +4,12 @@ use std::path::PathBuf;
 
 use analysis::dataset::read_capture as read_capture_file;
 use analysis::formats::{CurrentSign, SeriesOptions, read_series_with_left_out};
-use analysis::ocv::{OcvOptions, extract};
+use analysis::ocv::{OcvCurve, OcvOptions, extract};
 use analysis::series::TimeSeries;
 use numpy::{IntoPyArray, PyReadonlyArray1};
 use pyo3::{prelude::*, types::PyDict};
 
-use crate::error::{apart, json, refused};
+use crate::error::{apart, caught, json, refused};
 
 /// Columns of a record, and remarks on how it was read.
 #[pyfunction]
@@ -83,6 +83,38 @@ impl Columns<'_> {
         };
         series.validate().map_err(|error| refused(&error))?;
         Ok(series)
+    }
+}
+
+/// An OCV curve by its knots.
+#[derive(FromPyObject)]
+pub(crate) struct Curve<'py> {
+    pub(crate) capacity_ah: f64,
+    pub(crate) soc: PyReadonlyArray1<'py, f64>,
+    pub(crate) ocv_v: PyReadonlyArray1<'py, f64>,
+    pub(crate) slope_v: Option<PyReadonlyArray1<'py, f64>>,
+}
+
+impl Curve<'_> {
+    /// The curve; through its knots alone where no slopes are given.
+    pub(crate) fn read(&self) -> PyResult<OcvCurve> {
+        let list = |values: &PyReadonlyArray1<'_, f64>| values.as_array().to_vec();
+        let (soc, ocv_v) = (list(&self.soc), list(&self.ocv_v));
+        caught(|| {
+            let curve = match &self.slope_v {
+                None => OcvCurve::monotone(self.capacity_ah, soc, ocv_v),
+                Some(slope_v) => {
+                    let curve = OcvCurve {
+                        capacity_ah: self.capacity_ah,
+                        soc,
+                        ocv_v,
+                        slope_v: list(slope_v),
+                    };
+                    curve.validate().map(|()| curve)
+                }
+            };
+            curve.map_err(|error| refused(&error))
+        })
     }
 }
 

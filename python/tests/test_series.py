@@ -1,5 +1,6 @@
 """Records over time, captures, open-circuit voltages, diagnosis, folders of runs."""
 
+import json
 import subprocess
 
 import numpy as np
@@ -188,3 +189,39 @@ def test_folders_that_are_no_runs(tmp_path, make):
         folder.mkdir()
     with pytest.raises(eb.EisError, match="expected"):
         eb.Run(folder)
+
+
+def test_a_curve_comes_back_from_its_file_and_goes_into_a_model(tmp_path):
+    curve = {"capacity_ah": 4.5, "soc": [0.0, 0.5, 1.0], "ocv_v": [3.0, 3.7, 4.2]}
+    file = tmp_path / "ocv.json"
+    file.write_text(json.dumps(curve))
+    read = eb.Ocv.read(file)
+    assert read.capacity_ah == 4.5 and read.ocv_v.tolist() == curve["ocv_v"]
+    model = eb.Model(0.01)
+    by_hand = model.with_ocv(4.5, curve["soc"], curve["ocv_v"])
+    load = {"current_a": [5.0, 5.0], "soc": 0.7}
+    one, other = (m.simulate([0, 60], **load) for m in (model.with_ocv(read), by_hand))
+    assert one.ccv_v.tolist() == other.ccv_v.tolist()
+    file.write_text('{"soc": [0, 1]}')
+    with pytest.raises(eb.FileError, match="expected capacity_ah and a curve of soc and ocv_v"):
+        eb.Ocv.read(file)
+
+
+def test_workbooks_and_binary_files_are_read():
+    arbin = eb.read_series(DATA / "series" / "arbin.xlsx")
+    assert len(arbin.time_s) == 8 and arbin.current_a[0] == 1.5
+    sheets = eb.read_spectra(DATA / "spectra" / "vendors" / "sheets.xlsx")
+    assert [sheet.name for sheet in sheets] == ["sheets.xlsx#10 degC", "sheets.xlsx#25 degC"]
+    (zahner,) = eb.read_spectra(DATA / "spectra" / "vendors" / "zahner.ism")
+    fit = eb.fit_circuit(zahner, "L0-R0-p(R1,C1)")
+    assert abs(fit["R0"].value / 0.012 - 1) < 1e-6 and abs(fit["L0"].value / 2e-8 - 1) < 1e-6
+
+
+def test_a_circuit_in_pyimpspec_s_notation_with_values():
+    (zahner,) = eb.read_spectra(DATA / "spectra" / "vendors" / "zahner.ism")
+    fit = eb.fit_circuit(zahner, "[L{L=1E-8}R{R=0.01}(R{R=0.03}C{C=1.0})]")
+    by_name = {parameter.name: parameter.value for parameter in fit.parameters}
+    expected = {"R": [0.012, 0.02], "C": [1.5], "L": [2e-8]}
+    for kind, values in expected.items():
+        met = [value for name, value in by_name.items() if name.startswith(kind)]
+        np.testing.assert_allclose(met, values, rtol=1e-6)

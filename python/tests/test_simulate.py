@@ -86,3 +86,44 @@ def test_a_run_is_drawn_and_printed():
     run = eb.Model(0.01).simulate([0, 1], current_a=[1.0, 1.0], ocv_v=3.7)
     assert run.plot().get_xlabel() == "time / s" and "feasible" in str(run)
     assert list(pytest.importorskip("pandas").DataFrame(run.columns)["current_a"]) == [1.0, 1.0]
+
+
+@hypothesis.settings(max_examples=40, deadline=None)
+@hypothesis.given(
+    r_ohm=st.floats(1e-3, 0.05),
+    r1_ohm=st.floats(1e-3, 0.05),
+    c1_f=st.floats(1.0, 2e3),
+    current_a=st.floats(-40, 40),
+    end_s=st.floats(0.1, 100),
+)
+def test_sensitivities_are_those_of_the_closed_form(r_ohm, r1_ohm, c1_f, current_a, end_s):
+    model = eb.Model(r_ohm, [(r1_ohm, c1_f)])
+    table = model.sensitivities([0, end_s], current_a=[current_a] * 2, ocv_v=3.7)
+    t, tau_s = table["time_s"], r1_ohm * c1_f
+    decay = np.exp(-t / tau_s)
+    close = {"rtol": 1e-9, "atol": 1e-11}
+    np.testing.assert_allclose(table["R"], -current_a, **close)
+    by_r1 = -current_a * (1 - decay - t / tau_s * decay)
+    np.testing.assert_allclose(table["R1"], by_r1, rtol=1e-7, atol=1e-9)
+    by_c1 = current_a * r1_ohm * t / (tau_s * c1_f) * decay
+    np.testing.assert_allclose(table["C1"], by_c1, rtol=1e-7, atol=1e-11)
+    np.testing.assert_allclose(table["ocv_v"], 1.0, **close)
+    np.testing.assert_allclose(table["demand"], table["ccv_v"] - 3.7, rtol=1e-9, atol=1e-9)
+
+
+def test_sensitivities_under_power_are_differences_of_simulations():
+    truth = {"R": 0.01, "R1": 0.005, "C1": 100.0}
+
+    def end_v(**changed):
+        p = truth | changed
+        model = eb.Model(p["R"], [(p["R1"], p["C1"])]).with_ocv(4.5, [0, 1], [3.0, 4.2])
+        return model.simulate([0, 60], power_w=[30.0, 30.0], soc=0.8, max_step_s=0.05).ccv_v[-1]
+
+    model = eb.Model(0.01, [(0.005, 100.0)]).with_ocv(4.5, [0, 1], [3.0, 4.2])
+    table = model.sensitivities([0, 60], power_w=[30.0, 30.0], soc=0.8, max_step_s=0.05)
+    for name, value in truth.items():
+        step = 1e-3 * value
+        slope = (end_v(**{name: value + step}) - end_v(**{name: value - step})) / (2 * step)
+        assert abs(table[name][-1] - slope) < 1e-4 * abs(slope) + 1e-7
+    with pytest.raises(eb.EisError, match="expected soc"):
+        model.sensitivities([0, 60], power_w=[30.0, 30.0])

@@ -73,6 +73,7 @@ impl<'a> Model<'a> {
 
 /// Reason why a run cannot be prepared.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum DataSetError {
     /// A run without data.
     #[error("run {run:?}: expected {expected}, met {met}")]

@@ -44,6 +44,7 @@ pub struct OcvCurve {
 
 /// Reason why knots are no OCV curve.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum OcvError {
     /// Lists that do not belong together.
     #[error(

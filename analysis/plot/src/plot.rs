@@ -146,6 +146,7 @@ impl ImpedancePlot {
 
 /// Reason why a plot was not made.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum PlotError {
     /// No points in any series.
     #[error("plot \"{title}\": expected at least one point, met none")]

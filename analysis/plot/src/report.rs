@@ -95,6 +95,7 @@ pub enum Part {
 
 /// Reason why a report was not made.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ReportError {
     /// A figure that is no SVG, or could load or run something.
     #[error(

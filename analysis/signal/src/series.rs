@@ -36,6 +36,7 @@ pub struct TimeSeries {
 
 /// Reason why numbers are no time series.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SeriesError {
     /// Lists of different lengths, or less than two samples.
     #[error(

@@ -10,7 +10,7 @@ use crate::{
 use std::path::{Path, PathBuf};
 
 use analysis::{
-    fit::{Bounds, JointProvenance, MAX_RC, ModelFile, PackModel},
+    fit::{JointProvenance, MAX_RC, ModelFile, PackModel},
     formats::CurrentSign,
     joint::{
         JointFit, JointOptions, PooledSpectrum, PulseResult, Role, Study, StudyInput, StudyOptions,
@@ -84,16 +84,7 @@ pub fn joint(args: &JointArgs) -> Result<(), Failure> {
     let series = ocv::read(&args.series, args.positive)?;
     let (curve, ocv_from) = curve(args)?;
     let plain: Vec<_> = spectra.iter().map(|s| s.spectrum.clone()).collect();
-    let bounds = Bounds::for_spectra(&plain);
-    // A slow branch of a small resistance has a large capacitance.
-    let fit = JointOptions {
-        bounds: Bounds {
-            c_f: (bounds.c_f.0, 10.0 * bounds.c_f.1),
-            ..bounds
-        },
-        seed: args.seed,
-        ..JointOptions::default()
-    };
+    let fit = JointOptions::for_spectra(&plain, args.seed);
     let options = StudyOptions {
         ocv_window_v: (args.at_v, args.within_v),
         dcir_ohm: args.dcir_ohm,

@@ -25,6 +25,7 @@ from ._api import (
 )
 from ._client import ApiError, AsyncClient, Client, Event, Job, OutcomeUnknown, Unreachable
 from ._eisbench import EisError, FileError, InternalError, Spectrum, __version__
+from ._joint import Joint, Pulse, joint
 from ._model import Model, PowerLimits, Simulation
 from ._ocv import Ocv
 from ._results import Assessment, Branch, CircuitFit, Drt, ErmFit, Fits, Parameter, Spectra
@@ -59,11 +60,13 @@ __all__ = [
     "Fits",
     "InternalError",
     "Job",
+    "Joint",
     "Model",
     "Ocv",
     "OutcomeUnknown",
     "Parameter",
     "PowerLimits",
+    "Pulse",
     "Run",
     "Series",
     "Simulation",
@@ -79,6 +82,7 @@ __all__ = [
     "fit_circuit",
     "fit_erm",
     "fit_table",
+    "joint",
     "kk",
     "kk_table",
     "ocv",

@@ -97,7 +97,11 @@ class Model:
     @property
     def has_ocv(self) -> bool: ...
     def with_ocv(
-        self, capacity_ah: float, soc: NDArray[np.float64], ocv_v: NDArray[np.float64]
+        self,
+        capacity_ah: float,
+        soc: NDArray[np.float64],
+        ocv_v: NDArray[np.float64],
+        slope_v: Optional[NDArray[np.float64]] = None,
     ) -> Model: ...
     def impedance(self, freq_hz: NDArray[np.float64]) -> NDArray[np.complex128]: ...
     def code(self, to: str, low_v: float, high_v: float, temperature_c: float) -> str: ...
@@ -114,23 +118,8 @@ class Model:
         discharge_a: float,
         charge_a: float,
     ) -> str: ...
-    def simulate(
-        self,
-        demand: str,
-        time_s: NDArray[np.float64],
-        value: NDArray[np.float64],
-        soc: Optional[float],
-        ocv_v: Optional[float],
-        linear: bool,
-        series: int,
-        parallel: int,
-        interconnect_ohm: float,
-        beyond: str,
-        fraction: float,
-        low_v: float,
-        high_v: float,
-        max_step_s: float,
-    ) -> tuple[dict[str, NDArray[np.float64]], str]: ...
+    def simulate(self, play: Any) -> tuple[dict[str, NDArray[np.float64]], str]: ...
+    def sensitivities(self, play: Any) -> dict[str, NDArray[np.float64]]: ...
 
 def read_spectra(path: str | PathLike[str]) -> tuple[list[Spectrum], list[str]]: ...
 def fit_erm(
@@ -173,6 +162,9 @@ def read_capture(path: str | PathLike[str]) -> tuple[dict[str, NDArray[np.int16]
 def ocv(
     discharge: Any, charge: Any, dcir_ohm: float, low_v: float, high_v: float, mean: bool
 ) -> str: ...
+def joint(
+    spectra: Sequence[Spectrum], series: Any, curve: Any, wishes: Any
+) -> tuple[str, Model, list[tuple[str, list[list[float]]]]]: ...
 @final
 class DataSet:
     def __new__(cls, name: str) -> DataSet: ...

@@ -15,6 +15,7 @@ from ._eisbench import EisError
 from ._eisbench import Model as _Model
 from ._ocv import Ocv
 from ._results import Branch, ErmFit, significant, text_table
+from ._table import Table
 
 
 class Simulation:
@@ -66,6 +67,24 @@ class Simulation:
         return run(self, axes)
 
 
+class _Play:
+    """A profile and how it is played, as the half in Rust takes it."""
+
+    def __init__(
+        self,
+        time_s: ArrayLike,
+        current_a: Optional[ArrayLike],
+        power_w: Optional[ArrayLike],
+        **told: Any,
+    ) -> None:
+        if (current_a is None) == (power_w is None):
+            raise EisError("simulate: expected one of current_a and power_w, met both or neither")
+        self.demand, value = ("power", power_w) if current_a is None else ("current", current_a)
+        self.time_s = np.atleast_1d(np.asarray(time_s, dtype=np.float64))
+        self.value = np.atleast_1d(np.asarray(value, dtype=np.float64))
+        self.__dict__.update(told)
+
+
 @dataclass(frozen=True)
 class PowerLimits:
     """Powers that can be held, W at the terminals: discharge zero or more, charge zero or less, and
@@ -89,7 +108,8 @@ class Model:
         self._model = _Model(r_ohm, list(branches), name)
 
     @classmethod
-    def _of(cls, model: _Model) -> Model:
+    def of(cls, model: _Model) -> Model:
+        """Around the half in Rust."""
         made = cls.__new__(cls)
         made._model = model
         return made
@@ -97,7 +117,7 @@ class Model:
     @classmethod
     def read(cls, path: Union[str, "os.PathLike[str]"]) -> Model:
         """From the file of a model, of a typed model or of a fitted circuit."""
-        return cls._of(_Model.read(path))
+        return cls.of(_Model.read(path))
 
     @classmethod
     def from_fit(cls, fit: ErmFit) -> Model:
@@ -145,9 +165,11 @@ class Model:
         state of charge, 0…1, and V.
         """
         if isinstance(capacity_ah, Ocv):
-            capacity_ah, soc, ocv_v = capacity_ah.capacity_ah, capacity_ah.soc, capacity_ah.ocv_v
-        knots = (np.atleast_1d(np.asarray(values, dtype=np.float64)) for values in (soc, ocv_v))
-        return self._of(self._model.with_ocv(capacity_ah, *knots))
+            curve = capacity_ah
+            knots = (curve.soc, curve.ocv_v, curve.slope_v)
+            return self.of(self._model.with_ocv(curve.capacity_ah, *knots))
+        lists = (np.atleast_1d(np.asarray(values, dtype=np.float64)) for values in (soc, ocv_v))
+        return self.of(self._model.with_ocv(capacity_ah, *lists))
 
     def impedance(self, freq_hz: ArrayLike) -> NDArray[np.complex128]:
         """Impedance of the resistance and the branches, ohm, at frequencies in Hz. Additions, which
@@ -184,26 +206,65 @@ class Model:
 
         Raises EisError for a profile that cannot be and a model without open-circuit voltage.
         """
-        if (current_a is None) == (power_w is None):
-            raise EisError("simulate: expected one of current_a and power_w, met both or neither")
-        demand, value = ("power", power_w) if current_a is None else ("current", current_a)
-        columns, summary = self._model.simulate(
-            demand,
-            np.atleast_1d(np.asarray(time_s, dtype=np.float64)),
-            np.atleast_1d(np.asarray(value, dtype=np.float64)),
-            soc,
-            ocv_v,
-            linear,
-            series,
-            parallel,
-            interconnect_ohm,
-            beyond,
-            fraction,
-            window_v[0],
-            window_v[1],
-            max_step_s,
+        play = _Play(
+            time_s,
+            current_a,
+            power_w,
+            soc=soc,
+            ocv_v=ocv_v,
+            linear=linear,
+            series=series,
+            parallel=parallel,
+            interconnect_ohm=interconnect_ohm,
+            beyond=beyond,
+            fraction=fraction,
+            low_v=window_v[0],
+            high_v=window_v[1],
+            max_step_s=max_step_s,
         )
-        return Simulation(columns, summary)
+        return Simulation(*self._model.simulate(play))
+
+    def sensitivities(
+        self,
+        time_s: ArrayLike,
+        *,
+        current_a: Optional[ArrayLike] = None,
+        power_w: Optional[ArrayLike] = None,
+        soc: Optional[float] = None,
+        ocv_v: Optional[float] = None,
+        linear: bool = False,
+        series: int = 1,
+        parallel: int = 1,
+        interconnect_ohm: float = 0.0,
+        max_step_s: float = 0.1,
+    ) -> Table:
+        """The voltage at the terminals and its derivatives, exact to the step; the profile is given
+        as to :meth:`simulate`.
+
+        Columns: ``time_s``, s; ``ccv_v``, V; the derivative by a common factor of the whole profile
+        (``demand``, V), by the parameters of the cell or pack (``R``, ``R1``, …, V per ohm; ``C1``,
+        …, V per farad), by an offset of the open-circuit voltage at the terminals (``ocv_v``), and
+        by the state of charge at the start (``soc``, V). Both sides of a jump have a row.
+
+        Raises EisError as :meth:`simulate`, and for a model with additions.
+        """
+        play = _Play(
+            time_s,
+            current_a,
+            power_w,
+            soc=soc,
+            ocv_v=ocv_v,
+            linear=linear,
+            series=series,
+            parallel=parallel,
+            interconnect_ohm=interconnect_ohm,
+            beyond="stop",
+            fraction=0.95,
+            low_v=0.0,
+            high_v=float("inf"),
+            max_step_s=max_step_s,
+        )
+        return Table(self._model.sensitivities(play))
 
     def sop(
         self,

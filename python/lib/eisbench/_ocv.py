@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import Any, Union
+from typing import Any, Optional, Union
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,12 @@ class Ocv:
     def ocv_v(self) -> NDArray[np.float64]:
         """Open-circuit voltage at the knots, V."""
         return np.array(self.raw["curve"]["ocv_v"], dtype=np.float64)
+
+    @property
+    def slope_v(self) -> Optional[NDArray[np.float64]]:
+        """Slope of the curve at the knots, V; None where the file does not tell it."""
+        slope_v = self.raw["curve"].get("slope_v")
+        return None if slope_v is None else np.array(slope_v, dtype=np.float64)
 
     @property
     def sigma_v(self) -> float:

@@ -12,11 +12,12 @@ import numpy as np
 
 if TYPE_CHECKING:
     from ._eisbench import Spectrum
+    from ._joint import Pulse
     from ._model import Simulation
     from ._results import Drt, Fit
 
 #: Colours of Okabe and Ito, which the colour-blind tell apart.
-MEASURED, FITTED = "#0072B2", "#D55E00"
+MEASURED, FITTED, ALONE = "#0072B2", "#D55E00", "#009E73"
 
 
 def _axes(axes: Any) -> Any:
@@ -54,6 +55,22 @@ def distribution(drt: Drt, axes: Any) -> Any:
     axes.set_xscale("log")
     axes.set_xlabel("τ / s")
     axes.set_ylabel("γ / mΩ")
+    axes.grid(alpha=0.3)
+    return axes
+
+
+def pulses(all_of_them: Sequence[Pulse], axes: Any) -> Any:
+    axes = _axes(axes)
+    for k, pulse in enumerate(one for one in all_of_them if one.role != "outside"):
+        first = k == 0
+        mv = [1e3 * v for v in (pulse.measured_v, pulse.by_spectra_v, pulse.by_joint_v)]
+        axes.plot(pulse.time_s, mv[0], ".", color=MEASURED, ms=3, label="measured" if first else None)
+        label = "spectra alone" if first else None
+        axes.plot(pulse.time_s, mv[1], ":", color=ALONE, label=label)
+        axes.plot(pulse.time_s, mv[2], "-", color=FITTED, label="joint" if first else None)
+    axes.set_xlabel("time since the edge / s")
+    axes.set_ylabel("voltage less that before / mV")
+    axes.legend()
     axes.grid(alpha=0.3)
     return axes
 

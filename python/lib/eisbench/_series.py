@@ -69,6 +69,11 @@ class _Columns:
         self.voltage_v = numbers("voltage_v", found["voltage_v"])
 
 
+def record_of(series: Any) -> Any:
+    """A record as the half in Rust takes it."""
+    return _Columns(series)
+
+
 def ocv(
     discharge: Any,
     charge: Any = None,

@@ -8,6 +8,7 @@ use crate::dataset::DatasetError;
 
 /// Reason why a table was refused.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum BatchError {
     /// The file could not be read or written.
     #[error("{}: expected to {action}: {source}", path.display())]

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 /// Reason why a file of a run could not be written or read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum DatasetError {
     /// The file system refused.
     #[error("{}: could not {action}", path.display())]

@@ -1,9 +1,10 @@
 //! Reasons why a file of spectra was refused.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Reason why a file of spectra was refused.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum FormatError {
     /// The file could not be read.
     #[error("{}: expected a readable file of impedance spectra: {source}", file.display())]
@@ -130,4 +131,40 @@ pub enum FormatError {
         /// Value found.
         met: String,
     },
+}
+
+/// Place in a file that an error names.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ErrorPlace<'a> {
+    /// The file.
+    pub file: &'a Path,
+    /// Line, from 1.
+    pub line: Option<usize>,
+    /// Name or number of the column.
+    pub field: Option<String>,
+}
+
+impl FormatError {
+    /// The place that it names.
+    pub fn place(&self) -> ErrorPlace<'_> {
+        let (file, line, field) = match self {
+            Self::Read { file, .. }
+            | Self::Empty { file, .. }
+            | Self::Foreign { file, .. }
+            | Self::Decode { file, .. } => (file, None, None),
+            Self::NotText { file, line, .. }
+            | Self::UnknownFormat { file, line, .. }
+            | Self::Header { file, line, .. } => (file, Some(*line), None),
+            Self::FieldCount {
+                file, line, column, ..
+            } => (file, Some(*line), Some(column.to_string())),
+            Self::Unit {
+                file, line, name, ..
+            } => (file, Some(*line), Some(name.clone())),
+            Self::Field {
+                file, line, name, ..
+            } => (file, Some(*line), Some((*name).to_owned())),
+        };
+        ErrorPlace { file, line, field }
+    }
 }

@@ -10,7 +10,10 @@ const MAGIC: [(&[u8], &str); 20] = [
         "Parquet, which is read for time series, and with --table as spectra in long form",
     ),
     (b"\x89HDF\r\n\x1a\n", "HDF5"),
-    (b"MATLAB ", "a MATLAB .mat"),
+    (
+        b"MATLAB ",
+        "a MATLAB .mat, which is read for time series (but version 7.3, which is HDF5)",
+    ),
     (b"%PDF", "a PDF"),
     (b"\x89PNG", "a picture"),
     (b"\xFF\xD8\xFF", "a picture"),
@@ -54,7 +57,7 @@ const EXTENSIONS: [(&str, &str); 6] = [
     ),
     ("res", "an Arbin .res; export the impedances as CSV"),
     ("nda", "a Neware .nda, which is binary; export it as CSV"),
-    ("mat", "a MATLAB .mat"),
+    ("mat", "a MATLAB .mat that is not of Level 5 (`save -v7`)"),
     (
         "fods",
         "an OpenDocument spreadsheet that cannot be decoded; export the table as CSV",

@@ -34,6 +34,7 @@ mod flags;
 mod foreign;
 mod ism;
 mod layout;
+mod mat;
 pub mod model;
 mod mpr;
 mod native;
@@ -49,7 +50,7 @@ mod vendor;
 mod write;
 
 pub use bdf::{bdf_text, write_bdf_parquet};
-pub use error::FormatError;
+pub use error::{ErrorPlace, FormatError};
 pub use profile::{ProfileReadError, ReadOptions, first_bare_row, parse_profile, read_profile};
 pub use timeseries::{
     CurrentSign, LeftOut, SeriesOptions, SeriesReadError, read_series, read_series_with_left_out,

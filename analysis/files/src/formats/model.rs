@@ -20,6 +20,7 @@ const KELVIN: f64 = 273.15;
 
 /// Formats that a model can be written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum ModelFormat {
     /// C99, without memory management.
     CHeader,
@@ -44,6 +45,7 @@ pub struct CellModel {
 
 /// Reason why a model cannot be written for another program.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ModelExportError {
     /// Additions.
     #[error(

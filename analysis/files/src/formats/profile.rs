@@ -16,6 +16,7 @@ const MEASURED: &str = ".bdf.csv";
 
 /// Reason why a file is no profile.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ProfileReadError {
     /// The file cannot be read.
     #[error("{}: expected to read a profile: {source}", file.display())]

@@ -26,9 +26,9 @@ mod cyclers_tests;
 
 use self::cyclers::{Columns, Found, clock_s};
 use super::error::FormatError;
-use super::mpr;
 use super::spreadsheet::{self, Sheet};
 use super::text::{self, Row, Text, shorten};
+use super::{mat, mpr};
 use crate::dataset::{self, DatasetError};
 use analysis_signal::series::{SeriesError, TimeSeries};
 use polars::prelude::{Column, DataFrame, DataType, ParquetReader, SerReader};
@@ -68,6 +68,7 @@ pub struct SeriesOptions {
 
 /// Reason why a time series could not be read.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum SeriesReadError {
     /// The file could not be read.
     #[error("{}: expected a readable file of current and voltage over time: {source}", file.display())]
@@ -222,7 +223,7 @@ pub fn read_series_with_left_out(
     } else {
         match spreadsheet::sheets(path, &bytes) {
             Some(sheets) => of_sheets(path, &sheets?)?,
-            None => match mpr::text(path, &bytes) {
+            None => match mpr::text(path, &bytes).or_else(|| mat::text(path, &bytes)) {
                 Some(text) => csv(path, text?.as_bytes())?,
                 None => csv(path, &bytes)?,
             },

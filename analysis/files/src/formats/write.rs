@@ -6,6 +6,7 @@ use analysis_signal::spectrum::Spectrum;
 
 /// Formats that a spectrum can be written in.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SpectrumFormat {
     /// impedance.py's: frequency, real and imaginary part, without a header. Standard deviations
     /// and covariances follow where they are known, announced by a comment.

@@ -71,6 +71,7 @@ pub struct Drt {
 
 /// Reason why there is no distribution.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum DrtError {
     /// Numbers that are no spectrum.
     #[error(transparent)]

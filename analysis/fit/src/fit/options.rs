@@ -133,6 +133,7 @@ impl Default for FitOptions {
 
 /// Reason why a fit was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum FitError {
     /// No points at all.
     #[error("fit: expected at least one point, met none in {spectra} spectra")]

@@ -8,6 +8,7 @@ pub const MODEL_SCHEMA_VERSION: u32 = 2;
 
 /// Reason why a model file could not be read or written.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum JsonError {
     /// Not JSON, or not of this shape.
     #[error("model file: {0}")]

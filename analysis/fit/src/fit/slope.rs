@@ -17,6 +17,7 @@ pub enum Slope {
 
 /// Reason why a slope was refused. The text goes on after the argument's name.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SlopeError {
     /// A fit of the slope with an objective that has no room for it.
     #[error(" fit: expected --objective complex, found {objective}")]

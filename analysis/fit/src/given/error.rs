@@ -8,6 +8,7 @@ pub const MOST_BRANCHES: usize = 32;
 
 /// Reason why a circuit has no ladder.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum LadderError {
     /// Values of another circuit.
     #[error("circuit {circuit}: expected {expected} values, one for each parameter, met {met}")]
@@ -91,6 +92,7 @@ pub enum LadderError {
 
 /// Reason why a text is no model of a cell.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum GivenError {
     /// Not JSON, or not of this shape.
     #[error("expected a model as JSON: {0}")]

@@ -7,6 +7,7 @@ use super::window::PulseWindow;
 use crate::fit::{Bounds, ErmFit, ErmSigma, MAX_RC, Objective, WarningCode, sigma_of};
 use analysis_model::model::Erm;
 use analysis_numeric::{LocalOptions, Minimum, Rng, linalg, minimise};
+use analysis_signal::spectrum::Spectrum;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 use std::f64::consts::TAU;
@@ -56,8 +57,25 @@ impl Default for JointOptions {
     }
 }
 
+impl JointOptions {
+    /// Options whose bounds are those of these spectra; capacitances may be ten times larger, for a
+    /// slow branch of a small resistance has such a one.
+    pub fn for_spectra(spectra: &[Spectrum], seed: u64) -> Self {
+        let bounds = Bounds::for_spectra(spectra);
+        Self {
+            bounds: Bounds {
+                c_f: (bounds.c_f.0, 10.0 * bounds.c_f.1),
+                ..bounds
+            },
+            seed,
+            ..Self::default()
+        }
+    }
+}
+
 /// Reason why there is no joint fit.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum JointError {
     /// Uncertainties that are none.
     #[error(

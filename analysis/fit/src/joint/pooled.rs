@@ -48,6 +48,7 @@ pub struct PooledSpectrum {
 
 /// Reason why spectra have no mean.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PooledError {
     /// No spectrum or no point.
     #[error("expected at least one spectrum with points, met none")]

@@ -112,6 +112,7 @@ pub struct Study {
 
 /// Reason why there is no comparison.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum StudyError {
     /// Spectra that cannot be pooled.
     #[error(transparent)]

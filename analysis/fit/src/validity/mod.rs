@@ -40,6 +40,7 @@ pub const DOUBTFUL_RATE: f64 = 0.05;
 
 /// Reason why spectra cannot be judged.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ValidityError {
     /// Numbers that are no spectrum.
     #[error(transparent)]

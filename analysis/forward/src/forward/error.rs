@@ -5,6 +5,7 @@ use analysis_model::pack::PackError;
 
 /// Reason why a simulation cannot be made.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ForwardError {
     /// A pack or a cell's model that cannot be.
     #[error(transparent)]

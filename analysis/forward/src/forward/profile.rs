@@ -65,6 +65,7 @@ impl Piece {
 
 /// Reason why a file or a list is no profile.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ProfileError {
     /// Too little.
     #[error("profile {name}: expected at least 2 rows of time and demand, met {met}")]

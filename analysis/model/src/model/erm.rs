@@ -65,6 +65,7 @@ pub struct Erm {
 
 /// A value that cannot be a component of a passive cell.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ModelError {
     /// A resistance or a capacitance that is not a positive finite number.
     #[error("{parameter} of the ERM: expected a positive finite number in {unit}, met {met}")]

@@ -88,6 +88,7 @@ pub struct Hysteresis {
 
 /// Reason why there is no curve.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum ExtractError {
     /// No discharge in the data.
     #[error("{name}: expected a {direction} of at least {expected} samples, met {met}")]

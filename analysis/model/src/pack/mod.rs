@@ -29,6 +29,7 @@ pub struct Pack {
 
 /// Reason why a cell cannot be mapped to a pack.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum PackError {
     /// A pack without cells.
     #[error("pack: expected at least 1 cell in series and 1 in parallel, met {series}S{parallel}P")]

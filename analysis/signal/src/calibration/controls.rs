@@ -142,6 +142,7 @@ pub struct Controls<'a> {
 
 /// Reason why controls give no correction.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CalibrationError {
     /// There is nothing to correct by.
     #[error("expected points of at least one control, met none")]

@@ -24,6 +24,7 @@ const WHOLE: f64 = 0.05;
 
 /// Reason why a record cannot be analysed.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum MultisineError {
     /// It has no whole number of periods, or too few.
     #[error(

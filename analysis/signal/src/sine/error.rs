@@ -2,6 +2,7 @@
 
 /// Reason why a record cannot be fitted.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SineError {
     /// Nothing to fit.
     #[error("expected at least one channel, met none")]

@@ -2,6 +2,7 @@
 
 /// Reason why fits or points are no spectrum.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum SpectrumError {
     /// The record does not have the four probe channels.
     #[error("expected fits of 4 channels, met {found}")]

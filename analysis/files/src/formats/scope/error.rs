@@ -7,6 +7,7 @@ use std::{
 
 /// Reason why a file was not taken as a scope's.
 #[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
 pub enum ScopeError {
     /// The file system.
     #[error("{}: could not {action}: {source}", file.display())]

@@ -177,3 +177,26 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_structure_of_matlab_is_a_record() {
+    let path = fixture("series/meas.mat");
+    let read = read_series(&path, &SeriesOptions::default()).unwrap();
+    assert_eq!(read.time_s.len(), 50);
+    // Discharge is negative in the file.
+    assert_eq!(
+        (read.time_s[3], read.current_a[3], read.voltage_v[3]),
+        (1.5, 1.5, 3.6985)
+    );
+    assert_eq!(read.temperature_c.unwrap()[2], 25.01);
+    let whole = bytes("series/meas.mat");
+    let folder = tempfile::tempdir().unwrap();
+    let cut = folder.path().join("cut.mat");
+    for length in (0..whole.len()).step_by(7) {
+        std::fs::write(&cut, &whole[..length]).unwrap();
+        assert!(
+            read_series(&cut, &SeriesOptions::default()).is_err(),
+            "{length}"
+        );
+    }
+}

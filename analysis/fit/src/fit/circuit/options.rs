@@ -131,6 +131,7 @@ impl CircuitOptions {
 
 /// Reason why a fit of a circuit was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
 pub enum CircuitFitError {
     /// The data are no impedances.
     #[error(transparent)]
