@@ -4,7 +4,8 @@
 //! * Siglent binary, V2.0, V3.0 and V4.0, told by its version and plausible header: Siglent, "How
 //!   to Extract Data from the Binary File"; V4.0 as real files have it
 //! * Rigol binary (`.bin`), told by `RG`: user guides of MSO5000/7000, HDO, DHO: "Binary Data
-//!   Format"
+//!   Format"; Keysight binary, told by `AG`: InfiniiVision, "Binary Data in .bin Format", the same
+//!   layout
 //! * LeCroy `.trc`, told by `WAVEDESC`: the template LECROY_2_3 that the instruments send
 //! * Siglent and Rigol CSV, any table of numbers, told by a row of numbers: the files themselves
 //!
@@ -36,8 +37,8 @@ pub fn open_scope(path: &Path, interval_s: Option<f64>) -> Result<ScopeRecord, S
     if let Some(at) = lecroy::begins(&bytes) {
         return lecroy::open(path, &bytes, at);
     }
-    if bytes.head().starts_with(b"RG") {
-        return rigol::open(path, &bytes);
+    if let Some(kind) = rigol::kind(&bytes) {
+        return rigol::open(path, &bytes, kind);
     }
     if siglent::is_one(&bytes) {
         return siglent::open(path, &bytes);

@@ -1,18 +1,29 @@
-//! Rigol's binary files (`.bin`): a file header, then for each channel a header, a data header and
-//! its samples as floats in volts.
+//! Binary files (`.bin`) of Keysight, and of Rigol, which took over the layout: a file header, then
+//! for each channel a header, a data header and its samples as floats in volts.
 
 use std::path::Path;
 
 use super::raw::{Bytes, Form, Layout, RawFile};
 use super::{ScopeError, ScopeRecord};
 
-const KIND: &str = "Rigol binary";
+/// First bytes, and the kind of the file.
+const MARKS: [(&[u8], &str); 2] = [(b"RG", "Rigol binary"), (b"AG", "Keysight binary")];
 /// Waveforms of a file, at most: four channels, digital ones, results of mathematics.
 const MOST: u32 = 64;
 
-/// Opens a file that begins with `RG`.
-pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError> {
-    let wrong = ScopeError::about(path, KIND);
+/// Kind of a file by its first bytes.
+pub(super) fn kind(bytes: &Bytes) -> Option<&'static str> {
+    let begins = |(mark, _): &&(&[u8], &str)| bytes.head().starts_with(mark);
+    MARKS.iter().find(begins).map(|(_, kind)| *kind)
+}
+
+/// Opens a file of a kind.
+pub(super) fn open(
+    path: &Path,
+    bytes: &Bytes,
+    of: &'static str,
+) -> Result<ScopeRecord, ScopeError> {
+    let wrong = ScopeError::about(path, of);
     // From version 3 on the sizes of file and buffer have eight bytes.
     let (count, mut at, wide) = match &bytes.head().get(2..4) {
         Some(b"01" | b"02" | b"10") => (bytes.u32(8), 12_u64, false),
@@ -81,7 +92,7 @@ pub(super) fn open(path: &Path, bytes: &Bytes) -> Result<ScopeRecord, ScopeError
         ));
     };
     Ok(ScopeRecord {
-        kind: KIND,
+        kind: of,
         interval_s,
         samples,
         names,

@@ -200,3 +200,40 @@ fn samples_on_disk_give_the_same_fit_as_samples_in_memory() {
             .collect::<Vec<_>>()
     );
 }
+
+#[test]
+fn a_keysight_binary_gives_its_floats_channel_by_channel() {
+    let samples = [0.5_f32, -0.25, 0.125];
+    let mut file = b"AG10".to_vec();
+    file.extend(0_u32.to_le_bytes());
+    file.extend(2_u32.to_le_bytes());
+    for label in ["1", "2"] {
+        let mut header = vec![0; 140];
+        header[..4].copy_from_slice(&140_u32.to_le_bytes());
+        header[4..8].copy_from_slice(&1_u32.to_le_bytes());
+        header[8..12].copy_from_slice(&1_u32.to_le_bytes());
+        header[12..16].copy_from_slice(&3_u32.to_le_bytes());
+        header[32..40].copy_from_slice(&2e-6_f64.to_le_bytes());
+        header[112..113].copy_from_slice(label.as_bytes());
+        file.extend(header);
+        file.extend(12_u32.to_le_bytes());
+        file.extend(1_u16.to_le_bytes());
+        file.extend(4_u16.to_le_bytes());
+        file.extend(12_u32.to_le_bytes());
+        samples.iter().for_each(|v| file.extend(v.to_le_bytes()));
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scope_0.bin");
+    std::fs::write(&path, &file).unwrap();
+    let record = open_scope(&path, None).unwrap();
+    assert_eq!((record.kind, record.samples), ("Keysight binary", 3));
+    assert_eq!(
+        (record.names.as_slice(), record.interval_s),
+        (["1", "2"].map(str::to_owned).as_slice(), 2e-6)
+    );
+    assert_eq!(record.volts(1, 0, 3).unwrap(), [0.5, -0.25, 0.125]);
+    for length in 0..file.len() {
+        std::fs::write(&path, &file[..length]).unwrap();
+        assert!(open_scope(&path, None).is_err(), "{length}");
+    }
+}
