@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 use crate::{
     command,
@@ -12,9 +12,37 @@ use crate::{
     support::terminal::remark,
 };
 
+/// Commands by what they are for, in the order of the help.
+const GROUPS: [(&str, &[&str]); 7] = [
+    ("To begin with", &["demo", "config"]),
+    (
+        "A bench",
+        &[
+            "run", "resume", "pause", "go-on", "abort", "reorder", "plan", "identify", "doctor",
+            "safe", "clear", "mock",
+        ],
+    ),
+    ("Spectra and records", &["fit", "kk", "ocv", "joint"]),
+    (
+        "What a model lacks",
+        &["dataset", "diagnose", "investigate", "effects"],
+    ),
+    ("A cell or a pack under load", &["simulate", "pack", "sop"]),
+    ("Files", &["convert", "replay", "verify"]),
+    (
+        "Server and shell",
+        &["serve", "token", "completions", "man"],
+    ),
+];
+/// Width of the names of commands, and of a line, in the help.
+const NAMES: usize = 13;
+const LINE: usize = 100;
+
 const EXAMPLES: &str = "\
 Examples:
-  The whole job on the built-in simulated bench, in seconds:
+  The whole job on the built-in simulated bench, in seconds, from files that it writes:
+    eis-bench demo
+  The same from the files of the repository:
     eis-bench run configs/experiments/demo.toml
   Go on with a run that died, in its folder:
     eis-bench resume runs/thesis
@@ -94,6 +122,10 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Run the whole job on the built-in simulated bench, from files that it writes.
+    Demo(command::demo::DemoArgs),
+    /// Write files to begin with, print their schema, check them.
+    Config(command::config::ConfigArgs),
     /// Run an experiment: fixture check, SOC reset, sweep, fits, report.
     Run(command::run::RunArgs),
     /// Go on with a run that died or was stopped, in its folder, at the next unfinished point.
@@ -159,11 +191,49 @@ enum Command {
     Serve(command::serve::ServeArgs),
     /// Tokens that open a server's API.
     Token(command::token::TokenArgs),
+    /// Print completions for bash, zsh, fish, elvish or PowerShell.
+    Completions(command::shell::CompletionsArgs),
+    /// Write manual pages.
+    Man(command::shell::ManArgs),
+}
+
+/// The command line, its commands in groups.
+fn grouped() -> clap::Command {
+    let command = Cli::command();
+    let mut text = String::from("Commands:\n");
+    for (title, names) in GROUPS {
+        text.push_str(&format!(
+            "{} {title}:\n",
+            if title == GROUPS[0].0 { "" } else { "\n" }
+        ));
+        for name in names {
+            let about = command
+                .find_subcommand(name)
+                .and_then(clap::Command::get_about);
+            let about = about.map_or_else(String::new, ToString::to_string);
+            let mut line = format!("  {name:<NAMES$}");
+            for word in about.split_whitespace() {
+                if line.chars().count() + 1 + word.chars().count() > LINE {
+                    text.push_str(line.trim_end());
+                    text.push('\n');
+                    line = format!("  {:<NAMES$}", "");
+                }
+                line.push_str(word);
+                line.push(' ');
+            }
+            text.push_str(line.trim_end());
+            text.push('\n');
+        }
+    }
+    command.help_template(format!(
+        "{{about-with-newline}}\n{{usage-heading}} {{usage}}\n\n{text}\nOptions:\n{{options}}{{after-help}}"
+    ))
 }
 
 /// Runs the command line of this process.
 pub fn main() -> ExitCode {
-    let cli = Cli::parse();
+    let matches = grouped().get_matches();
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     logging::start(match cli.verbose {
         0 => Verbosity::Normal,
         1 => Verbosity::Verbose,
@@ -199,6 +269,13 @@ pub fn main() -> ExitCode {
         Command::Verify(args) => command::verify::verify(&args),
         Command::Serve(args) => command::serve::serve(&args),
         Command::Token(args) => command::token::token(&args),
+        Command::Demo(args) => command::demo::demo(&args),
+        Command::Config(args) => command::config::config(&args),
+        Command::Completions(args) => {
+            command::shell::completions(&args, Cli::command());
+            Ok(())
+        }
+        Command::Man(args) => command::shell::man(&args, Cli::command()),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,
@@ -211,14 +288,26 @@ pub fn main() -> ExitCode {
 
 #[cfg(test)]
 mod tests {
-    use clap::CommandFactory;
-
     use super::*;
+
+    #[test]
+    fn every_command_stands_in_one_group() {
+        let command = Cli::command();
+        let visible = command.get_subcommands().filter(|one| !one.is_hide_set());
+        let mut visible: Vec<&str> = visible.map(clap::Command::get_name).collect();
+        let mut named: Vec<&str> = GROUPS
+            .iter()
+            .flat_map(|(_, names)| names.iter().copied())
+            .collect();
+        visible.sort_unstable();
+        named.sort_unstable();
+        assert_eq!(visible, named);
+    }
 
     #[test]
     fn the_command_line_is_sound_and_its_help_teaches() {
         Cli::command().debug_assert();
-        let help = Cli::command().render_long_help().to_string();
+        let help = grouped().render_long_help().to_string();
         for text in [
             "run",
             "plan",

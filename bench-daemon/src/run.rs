@@ -20,7 +20,7 @@ mod sweep_writer;
 use std::path::Path;
 
 pub(crate) use play::nobody_drives;
-pub(crate) use recompute::{OtherResults, RecomputedPoint, Recorded, RecordedPoint, on_all_cores};
+pub(crate) use recompute::{RecomputedPoint, Recorded, RecordedPoint, on_all_cores};
 pub(crate) use resume_context::{ResumeContext, begun_experiment};
 pub(crate) use stop::{StopSignals, caught};
 

@@ -1,6 +1,7 @@
 //! `eis-bench convert`: spectra, time series and models as the files of other programs, and theirs
 //! as the project's.
 
+use crate::command::units;
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -53,19 +54,19 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["ocv_v", "capacity_ah"])]
     pub ocv: Option<PathBuf>,
     /// For a model: a constant open-circuit voltage, V.
-    #[arg(long, value_name = "V", requires = "capacity_ah")]
+    #[arg(long, value_name = "V", requires = "capacity_ah", value_parser = units::volts)]
     pub ocv_v: Option<f64>,
     /// For a model: its capacity, Ah.
-    #[arg(long, value_name = "AH", requires = "ocv_v")]
+    #[arg(long, value_name = "AH", requires = "ocv_v", value_parser = units::ampere_hours)]
     pub capacity_ah: Option<f64>,
     /// For a model: lowest voltage of the cell, V.
-    #[arg(long, value_name = "V", default_value_t = 2.5)]
+    #[arg(long, value_name = "V", default_value_t = 2.5, value_parser = units::volts)]
     pub low_v: f64,
     /// For a model: highest voltage of the cell, V.
-    #[arg(long, value_name = "V", default_value_t = 4.2)]
+    #[arg(long, value_name = "V", default_value_t = 4.2, value_parser = units::volts)]
     pub high_v: f64,
     /// For a model: temperature at which it was measured, °C.
-    #[arg(long, value_name = "C", default_value_t = 25.0)]
+    #[arg(long, value_name = "C", default_value_t = 25.0, value_parser = units::celsius)]
     pub temperature_c: f64,
 }
 

@@ -169,6 +169,7 @@ fn found(
     took_s: f64,
 ) -> IdentifiedInstrument {
     let (report, failure) = match outcome {
+        Ok(report) if report.identity.is_web_server() => (None, Some(web(&report.identity))),
         Ok(report) => (Some(report), None),
         Err(error) => (None, Some(error.to_string())),
     };
@@ -219,6 +220,7 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<IdentifiedInstrument>, F
             }
         }
         let mut all = Vec::new();
+        let web_server = answered.take_if(|identity| identity.is_web_server());
         let known: Vec<KnownDialect> = answered
             .iter()
             .flat_map(|identity| {
@@ -254,9 +256,10 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<IdentifiedInstrument>, F
                 .as_ref()
                 .map_or_else(Vec::new, |identity| forcing(None, identity, address));
             let report = answered.map(InstrumentReport::unknown);
-            let failure = failure
-                .filter(|_| report.is_none())
-                .map(|error| error.to_string());
+            let failure = web_server.as_ref().map(web).or_else(|| {
+                let failure = failure.filter(|_| report.is_none());
+                failure.map(|error| error.to_string())
+            });
             all.push(IdentifiedInstrument {
                 role: None,
                 model: None,
@@ -272,6 +275,15 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<IdentifiedInstrument>, F
         }
         Ok(all)
     })
+}
+
+/// What a web server answered in the place of an instrument, in words.
+fn web(identity: &Identity) -> String {
+    format!(
+        "expected an instrument, met a web server ({:?}); instruments with a web page speak SCPI on \
+         another port, often 5025 or 5555",
+        identity.raw
+    )
 }
 
 /// One dialect for each way of asking who is there.

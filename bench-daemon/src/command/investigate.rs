@@ -1,6 +1,7 @@
 //! `eis-bench investigate`: measures, diagnoses, and measures what the diagnosis asks for, within a
 //! budget.
 
+use crate::command::units;
 use std::{io::BufRead, path::PathBuf};
 
 use analysis::diagnosis::report;
@@ -34,7 +35,7 @@ pub struct InvestigateArgs {
     #[arg(long, default_value_t = 240.0, value_name = "MIN")]
     pub budget_minutes: f64,
     /// Charge that they may move in either direction, Ah.
-    #[arg(long, default_value_t = 20.0, value_name = "AH")]
+    #[arg(long, default_value_t = 20.0, value_name = "AH", value_parser = units::ampere_hours)]
     pub budget_ah: f64,
     /// Confirm the budget without being asked.
     #[arg(long)]

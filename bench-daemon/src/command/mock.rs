@@ -114,11 +114,15 @@ fn write_bench(
 ) -> Result<(), Failure> {
     let mut section = String::new();
     let mut text = String::new();
-    let scenario_folder = source
-        .path()
-        .parent()
-        .unwrap_or(Path::new("."))
-        .canonicalize()?;
+    let named = |path: &Path, error: std::io::Error| {
+        Failure::Usage(format!("--write-bench: {}: {error}", path.display()))
+    };
+    // A file in the working folder has an empty parent.
+    let parent = source.path().parent().unwrap_or(Path::new(""));
+    let folder = Path::new(".").join(parent);
+    let scenario_folder = folder
+        .canonicalize()
+        .map_err(|error| named(&folder, error))?;
     for line in source.text().lines() {
         let trimmed = line.trim();
         if trimmed.starts_with('[') {
@@ -138,9 +142,12 @@ fn write_bench(
                     .map_or("", |(_, value)| value)
                     .trim()
                     .trim_matches('"');
+                let scenario = scenario_folder.join(value);
+                let scenario = scenario
+                    .canonicalize()
+                    .map_err(|error| named(&scenario, error))?;
                 text.push_str(&format!(
-                    "scenario = {:?}\ntime = {:?}\n",
-                    scenario_folder.join(value).canonicalize()?,
+                    "scenario = {scenario:?}\ntime = {:?}\n",
                     mode.to_string()
                 ));
             }

@@ -2,8 +2,10 @@
 
 pub mod batch;
 pub mod clear;
+pub mod config;
 pub mod convert;
 pub mod dataset;
+pub mod demo;
 pub mod diagnose;
 pub mod doctor;
 pub mod effects;
@@ -29,7 +31,9 @@ pub mod run;
 pub mod run_control;
 pub mod safe;
 pub mod serve;
+pub mod shell;
 pub mod simulate;
 pub mod sop;
 pub mod token;
+pub mod units;
 pub mod verify;

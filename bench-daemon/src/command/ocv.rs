@@ -1,5 +1,6 @@
 //! `eis-bench ocv`: the open-circuit voltage of a slow discharge.
 
+use crate::command::units;
 use crate::{
     config::quantity::{Duration, Quantity},
     figures::ocv::{picture, write},
@@ -40,13 +41,13 @@ pub struct OcvArgs {
     #[arg(long, requires = "charge")]
     pub mean: bool,
     /// Resistance that the load's voltage drop is compensated with, Ω.
-    #[arg(long, default_value_t = 0.015, value_name = "OHM")]
+    #[arg(long, default_value_t = 0.015, value_name = "OHM", value_parser = units::ohms)]
     pub dcir_ohm: f64,
     /// Lower voltage limit of the cell, V.
-    #[arg(long, default_value_t = 2.5, value_name = "V")]
+    #[arg(long, default_value_t = 2.5, value_name = "V", value_parser = units::volts)]
     pub low_v: f64,
     /// Upper voltage limit of the cell, V.
-    #[arg(long, default_value_t = 4.2, value_name = "V")]
+    #[arg(long, default_value_t = 4.2, value_name = "V", value_parser = units::volts)]
     pub high_v: f64,
     /// A polynomial of this order besides, with its error and where it falls.
     #[arg(long, value_name = "ORDER")]

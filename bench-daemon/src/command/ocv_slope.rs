@@ -1,6 +1,7 @@
 //! Arguments for the slope of the open-circuit voltage at the charge of a spectrum, for the
 //! commands that fit.
 
+use crate::command::units;
 use std::path::PathBuf;
 
 use analysis::{
@@ -17,7 +18,7 @@ pub struct SlopeArgs {
     #[arg(long, value_name = "JSON", requires = "at_v")]
     pub ocv: Option<PathBuf>,
     /// Open-circuit voltage at which the spectra were measured, V.
-    #[arg(long, value_name = "V", requires = "ocv")]
+    #[arg(long, value_name = "V", requires = "ocv", value_parser = units::volts)]
     pub at_v: Option<f64>,
     /// Slope dU/dQ of the open-circuit voltage where no curve is known: `fit` finds it with a weak
     /// prior, `none` leaves it in the impedances, a number is V/C [default: fit with --objective

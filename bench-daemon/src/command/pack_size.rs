@@ -1,6 +1,7 @@
 //! `eis-bench pack size`: peak, crossing and regeneration power of a pack by the simple-IR model.
 
 use super::model_args::{self, ModelArgs};
+use crate::command::units;
 use crate::{files, safety::failure::Failure, support::terminal::say};
 use std::path::{Path, PathBuf};
 
@@ -43,10 +44,15 @@ pub struct SizeArgs {
     #[arg(long, value_name = "P")]
     pub parallel: u32,
     /// Open-circuit voltage of a cell, V.
-    #[arg(long, value_name = "V")]
+    #[arg(long, value_name = "V", value_parser = units::volts)]
     pub ocv_v: f64,
     /// DC resistance of a cell, Ω [default: that of the model]
-    #[arg(long, value_name = "OHM", required_unless_present_any = ["model", "erm"])]
+    #[arg(
+        long,
+        value_name = "OHM",
+        required_unless_present_any = ["model", "erm"],
+        value_parser = units::ohms
+    )]
     pub dcir_ohm: Option<f64>,
     /// A model to take the DC resistance from: a file of `fit`, `joint` or a run, JSON of `r_ohm`
     /// and `branches` alone, or circuit.json.
@@ -56,27 +62,28 @@ pub struct SizeArgs {
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["dcir_ohm", "model"])]
     pub erm: Option<String>,
     /// Resistance of busbars, wires and connectors over the whole pack, Ω.
-    #[arg(long, value_name = "OHM", default_value_t = 0.0)]
+    #[arg(long, value_name = "OHM", default_value_t = 0.0, value_parser = units::ohms)]
     pub interconnect_ohm: f64,
     /// Bus voltage that the load needs per watt it draws, V/W.
     #[arg(long, value_name = "V/W", allow_negative_numbers = true)]
     pub required_v_per_w: Option<f64>,
     /// Lowest voltage of a cell, V.
-    #[arg(long, value_name = "V", default_value_t = 2.5)]
+    #[arg(long, value_name = "V", default_value_t = 2.5, value_parser = units::volts)]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
-    #[arg(long, value_name = "V", default_value_t = 4.2)]
+    #[arg(long, value_name = "V", default_value_t = 4.2, value_parser = units::volts)]
     pub v_max: f64,
     /// A power that is held, W, negative for charging; needs --hold-s.
     #[arg(
         long,
         value_name = "W",
         requires = "hold_s",
-        allow_negative_numbers = true
+        allow_hyphen_values = true,
+        value_parser = units::watts
     )]
     pub power_w: Option<f64>,
     /// For how long --power-w is held, s.
-    #[arg(long, value_name = "S", requires = "power_w")]
+    #[arg(long, value_name = "S", requires = "power_w", value_parser = units::seconds)]
     pub hold_s: Option<f64>,
     /// Mass and specific heat of a cell.
     #[command(flatten)]
@@ -97,7 +104,11 @@ pub struct ThermalArgs {
     pub cell_mass_kg: f64,
     /// Specific heat of a cell, J/(kg·K). Published values for such cells lie between 900 and 1000;
     /// nobody measured it here.
-    #[arg(long, value_name = "J/KG/K", default_value_t = ThermalMass::P45B.specific_heat_j_per_kg_k)]
+    #[arg(
+        long,
+        value_name = "J/KG/K",
+        default_value_t = ThermalMass::P45B.specific_heat_j_per_kg_k
+    )]
     pub specific_heat: f64,
 }
 

@@ -25,6 +25,33 @@ pub struct PlanArgs {
     /// Another bench file than the experiment names.
     #[arg(long, value_name = "FILE")]
     pub bench: Option<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What `--json` prints.
+#[derive(Debug, serde::Serialize)]
+struct Told {
+    experiment: String,
+    bench: String,
+    cell: String,
+    stages: Vec<ToldStage>,
+    /// Bench time, s.
+    expected_s: f64,
+    longest_s: f64,
+    /// Longest wait after `pause` and after `abort`, s; none where nothing has to be waited for.
+    longest_pause_s: Option<f64>,
+    longest_abort_s: Option<f64>,
+    /// What is to be known beside that, as sentences.
+    notes: Vec<String>,
+}
+
+/// A stage in words.
+#[derive(Debug, serde::Serialize)]
+struct ToldStage {
+    purpose: String,
+    steps: Vec<String>,
 }
 
 /// Ways in which a current ends by itself when no further message arrives, in words.
@@ -176,6 +203,36 @@ fn one_way(instruments: &Instruments) -> Option<String> {
     })
 }
 
+/// A plan in words.
+fn told(experiment: &Experiment, plan: &Plan) -> Told {
+    let stage = |stage: &crate::plan::Stage| ToldStage {
+        purpose: stage.purpose.to_string(),
+        steps: stage
+            .steps
+            .iter()
+            .map(|step| step.to_string().trim().to_owned())
+            .collect(),
+    };
+    let [pause, abort] = plan
+        .waits()
+        .map(|wait| wait.map(|(_, _, longest_s)| longest_s));
+    let wide = experiment.cell.wide.iter().map(ToString::to_string);
+    Told {
+        experiment: experiment.name.clone(),
+        bench: experiment.bench.name.clone(),
+        cell: experiment.cell.name.clone(),
+        stages: plan.stages.iter().map(stage).collect(),
+        expected_s: plan.expected_s(),
+        longest_s: plan.longest_s(),
+        longest_pause_s: pause,
+        longest_abort_s: abort,
+        notes: wide
+            .chain(endings(experiment, plan))
+            .chain(persons(experiment, plan))
+            .collect(),
+    }
+}
+
 /// Prints the plan of an experiment.
 ///
 /// # Errors
@@ -183,6 +240,12 @@ fn one_way(instruments: &Instruments) -> Option<String> {
 pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
     let experiment = load_experiment(&args.experiment, args.bench.as_deref())?;
     let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
+    if args.json {
+        let text = serde_json::to_string_pretty(&told(&experiment, plan.plan()))
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
+        say!("{text}");
+        return Ok(());
+    }
     say!(
         "{} on bench {} with {}",
         experiment.name,

@@ -23,8 +23,12 @@ use clap::Args;
 use instruments::clock::{Clock, TimeMode};
 
 use crate::{
-    record::RecordError, run::Recorded, safety::failure::Failure, support::compare::compare,
-    support::present::significant, support::terminal::say,
+    record::RecordError,
+    run::Recorded,
+    safety::failure::Failure,
+    support::compare::{Difference, compare},
+    support::present::significant,
+    support::terminal::say,
 };
 
 /// Changed points that are listed for each spectrum.
@@ -42,6 +46,59 @@ pub struct ReplayArgs {
     /// Nothing that is there is written over.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
+    /// Print JSON; for run folders only.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// What became of a run.
+#[derive(Debug, serde::Serialize)]
+struct Replayed {
+    folder: PathBuf,
+    captures: usize,
+    bytes: u64,
+    samples: u64,
+    took_s: f64,
+    points: usize,
+    /// Points that are as the journal has them, bit by bit.
+    identical_points: usize,
+    /// Points of sweeps that were not finished.
+    unfinished_points: usize,
+    /// The run was stopped, and how.
+    stopped: Option<String>,
+    recorded_by: String,
+    replayed_by: &'static str,
+    spectra: usize,
+    identical_spectra: usize,
+    changed_spectra: Vec<Changed>,
+    traces: usize,
+    identical_traces: usize,
+    trace_differences: Vec<Difference>,
+    /// Points that the quality gate refuses.
+    refused_points: usize,
+    /// The folder that was written.
+    written: Option<PathBuf>,
+}
+
+/// A spectrum that changed.
+#[derive(Debug, serde::Serialize)]
+struct Changed {
+    file: String,
+    stored_points: usize,
+    points: usize,
+    /// Its points, those that changed most first.
+    changes: Vec<Change>,
+}
+
+/// A point that changed.
+#[derive(Debug, serde::Serialize)]
+struct Change {
+    freq_hz: f64,
+    change_ohm: f64,
+    /// Change over the stated uncertainty; null where none was stated.
+    over_sigma: f64,
+    /// Relative change of the uncertainty.
+    sigma_change: f64,
 }
 
 /// Replays runs.
@@ -56,11 +113,17 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
         .iter()
         .cloned()
         .partition(|path| path.extension().is_some_and(|end| end == "toml"));
+    if let (true, [first, ..]) = (args.json, described.as_slice()) {
+        return Err(Failure::Usage(format!(
+            "--json: expected run folders, found {}",
+            first.display()
+        )));
+    }
     for file in &described {
         captures::replay(file, args.out.as_deref())?;
     }
     let folders = run_folders(&named)?;
-    let mut count = 0;
+    let (mut count, mut all) = (0, Vec::new());
     for folder in &folders {
         let out = args.out.as_ref().map(|out| {
             let own = folder.file_name().map_or_else(PathBuf::new, PathBuf::from);
@@ -70,7 +133,18 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
                 out.clone()
             }
         });
-        count += of_run(folder, out.as_deref())?;
+        let replayed = of_run(folder, out.as_deref())?;
+        count += replayed.refused_points;
+        if args.json {
+            all.push(replayed);
+        } else {
+            tell(&replayed);
+        }
+    }
+    if args.json {
+        let text = serde_json::to_string_pretty(&all)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
+        say!("{text}");
     }
     // What is written is a run folder like any other; whoever reads nothing but the exit code must
     // know.
@@ -187,8 +261,8 @@ fn below(folder: &Path, all: &mut Vec<PathBuf>) -> Result<(), Failure> {
     folders.iter().try_for_each(|folder| below(folder, all))
 }
 
-/// One run; how many points of it the quality gate refuses.
-fn of_run(folder: &Path, out: Option<&Path>) -> Result<usize, Failure> {
+/// One run.
+fn of_run(folder: &Path, out: Option<&Path>) -> Result<Replayed, Failure> {
     let recorded = Recorded::read(folder)?;
     let known = recorded.points()?;
     let clock = Clock::start(TimeMode::Real);
@@ -202,36 +276,7 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<usize, Failure> {
         .zip(&recomputed)
         .filter(|(known, recomputed)| known.point == recomputed.point)
         .count();
-    say!(
-        "{}: {} captures, {:.1} MB on disk, {:.1} million samples, in {took_s:.3} s: {:.0} MB/s of \
-        files, {:.0} MB/s of codes",
-        folder.display(),
-        recomputed.len(),
-        1.0e-6 * bytes as f64,
-        1.0e-6 * samples as f64,
-        1.0e-6 * bytes as f64 / took_s,
-        2.0e-6 * samples as f64 / took_s
-    );
-    say!(
-        "  points as the journal has them, bit by bit: {same} of {}",
-        known.len()
-    );
-    if recorded.unfinished() > 0 {
-        say!(
-            "  {} points are of sweeps that were not finished: no spectrum is made of them",
-            recorded.unfinished()
-        );
-    }
-    if let Some(how) = recorded.stopped() {
-        say!("  the run was stopped ({how}): it has no report, and none is made");
-    }
-    if recorded.version() != env!("CARGO_PKG_VERSION") {
-        say!(
-            "  recorded by version {}, replayed by {}",
-            recorded.version(),
-            env!("CARGO_PKG_VERSION")
-        );
-    }
+    let captures = recomputed.len();
     let scratch = Scratch::new("replay")?;
     let goal = out.unwrap_or(scratch.path());
     let points: Vec<_> = known
@@ -240,78 +285,155 @@ fn of_run(folder: &Path, out: Option<&Path>) -> Result<usize, Failure> {
         .map(|(known, recomputed)| (known.stage, recomputed.point))
         .collect();
     let others = recorded.settle(&points, goal, out.is_some() && recorded.stopped().is_none())?;
-    tell(folder, goal)?;
+    let mut replayed = Replayed {
+        folder: folder.to_owned(),
+        captures,
+        bytes,
+        samples,
+        took_s,
+        points: known.len(),
+        identical_points: same,
+        unfinished_points: recorded.unfinished(),
+        stopped: recorded.stopped().map(|how| how.to_string()),
+        recorded_by: recorded.version().to_owned(),
+        replayed_by: env!("CARGO_PKG_VERSION"),
+        spectra: 0,
+        identical_spectra: 0,
+        changed_spectra: Vec::new(),
+        traces: 0,
+        identical_traces: 0,
+        trace_differences: Vec::new(),
+        refused_points: others.refused,
+        written: out.map(Path::to_owned),
+    };
+    compare_with(goal, &mut replayed)?;
     if let Some(out) = out {
         tidy(out)?;
-        say!("  written: {}", out.display());
     }
-    Ok(others.refused)
+    Ok(replayed)
 }
 
-/// Compares the spectra of the index.
-fn tell(folder: &Path, recomputed: &Path) -> Result<(), Failure> {
+/// Compares the spectra and traces of the index.
+fn compare_with(recomputed: &Path, replayed: &mut Replayed) -> Result<(), Failure> {
+    let folder = replayed.folder.clone();
     let text = fs::read_to_string(folder.join(INDEX)).unwrap_or_default();
     let index: RunIndex = serde_json::from_str(&text).unwrap_or_default();
-    let files = index.sweeps.iter().map(|sweep| sweep.file.as_str());
-    let (mut spectra, mut identical) = (0, 0);
-    for file in files {
+    for file in index.sweeps.iter().map(|sweep| sweep.file.as_str()) {
         let read = |folder: &Path| {
             dataset::read_spectrum_csv(&folder.join(file)).map_err(RecordError::from)
         };
-        let (was, is) = (read(folder)?, read(recomputed)?);
-        spectra += 1;
+        let (was, is) = (read(&folder)?, read(recomputed)?);
+        replayed.spectra += 1;
         if fs::read(folder.join(file))? == fs::read(recomputed.join(file))? {
-            identical += 1;
-            continue;
+            replayed.identical_spectra += 1;
+        } else {
+            replayed.changed_spectra.push(changed(file, &was, &is));
         }
-        changed(file, &was, &is);
     }
-    say!("  spectra bit-identical: {identical} of {spectra}");
-    let traces: Vec<&str> = index
+    for trace in index
         .traces
         .iter()
         .filter(|trace| trace.commanded.is_some())
-        .map(|trace| trace.file.as_str())
-        .collect();
-    let mut same = 0;
-    for file in &traces {
-        let differences = compare(folder, recomputed, file)?;
-        same += usize::from(differences.is_empty());
-        differences
-            .iter()
-            .for_each(|one| say!("  {}: {}", one.file, one.what));
-    }
-    if !traces.is_empty() {
-        say!("  traces bit-identical: {same} of {}", traces.len());
+    {
+        let differences = compare(&folder, recomputed, &trace.file)?;
+        replayed.traces += 1;
+        replayed.identical_traces += usize::from(differences.is_empty());
+        replayed.trace_differences.extend(differences);
     }
     Ok(())
 }
 
-/// A table of what changed in a spectrum.
-fn changed(file: &str, was: &[ImpedancePoint], is: &[ImpedancePoint]) {
-    let mut rows: Vec<(f64, f64, f64, f64)> = Vec::new();
+/// The changes of a spectrum, the largest first.
+fn changed(file: &str, was: &[ImpedancePoint], is: &[ImpedancePoint]) -> Changed {
+    let mut changes: Vec<Change> = Vec::new();
     for point in is {
         let Some(before) = was.iter().find(|before| before.freq_hz == point.freq_hz) else {
             continue;
         };
-        let (change_ohm, sigma_ohm) = (
-            (point.z_ohm - before.z_ohm).norm(),
-            (before.covariance.re_re + before.covariance.im_im).sqrt(),
-        );
-        let sigma_change =
-            (point.covariance.re_re + point.covariance.im_im).sqrt() / sigma_ohm - 1.0;
-        rows.push((
-            point.freq_hz,
+        let change_ohm = (point.z_ohm - before.z_ohm).norm();
+        let sigma_ohm = (before.covariance.re_re + before.covariance.im_im).sqrt();
+        let sigma_now_ohm = (point.covariance.re_re + point.covariance.im_im).sqrt();
+        changes.push(Change {
+            freq_hz: point.freq_hz,
             change_ohm,
-            change_ohm / sigma_ohm,
-            sigma_change,
-        ));
+            over_sigma: change_ohm / sigma_ohm,
+            sigma_change: sigma_now_ohm / sigma_ohm - 1.0,
+        });
     }
-    let worst = rows.iter().map(|row| row.2).fold(0.0, f64::max);
+    changes.sort_by(|a, b| b.over_sigma.total_cmp(&a.over_sigma));
+    Changed {
+        file: file.to_owned(),
+        stored_points: was.len(),
+        points: is.len(),
+        changes,
+    }
+}
+
+fn tell(replayed: &Replayed) {
+    let Replayed { took_s, .. } = replayed;
+    let (megabytes, million) = (
+        1.0e-6 * replayed.bytes as f64,
+        1.0e-6 * replayed.samples as f64,
+    );
     say!(
-        "  {file}: changed; {} points stored, {} now; |ΔZ|/σ at most {}",
-        was.len(),
-        is.len(),
+        "{}: {} captures, {megabytes:.1} MB on disk, {million:.1} million samples, in {took_s:.3} s: \
+        {:.0} MB/s of files, {:.0} MB/s of codes",
+        replayed.folder.display(),
+        replayed.captures,
+        megabytes / took_s,
+        2.0 * million / took_s
+    );
+    say!(
+        "  points as the journal has them, bit by bit: {} of {}",
+        replayed.identical_points,
+        replayed.points
+    );
+    if replayed.unfinished_points > 0 {
+        say!(
+            "  {} points are of sweeps that were not finished: no spectrum is made of them",
+            replayed.unfinished_points
+        );
+    }
+    if let Some(how) = &replayed.stopped {
+        say!("  the run was stopped ({how}): it has no report, and none is made");
+    }
+    if replayed.recorded_by != replayed.replayed_by {
+        say!(
+            "  recorded by version {}, replayed by {}",
+            replayed.recorded_by,
+            replayed.replayed_by
+        );
+    }
+    replayed.changed_spectra.iter().for_each(tell_changed);
+    say!(
+        "  spectra bit-identical: {} of {}",
+        replayed.identical_spectra,
+        replayed.spectra
+    );
+    for Difference { file, what } in &replayed.trace_differences {
+        say!("  {file}: {what}");
+    }
+    if replayed.traces > 0 {
+        say!(
+            "  traces bit-identical: {} of {}",
+            replayed.identical_traces,
+            replayed.traces
+        );
+    }
+    if let Some(written) = &replayed.written {
+        say!("  written: {}", written.display());
+    }
+}
+
+/// A table of what changed in a spectrum.
+fn tell_changed(spectrum: &Changed) {
+    let rows = &spectrum.changes;
+    let worst = rows.iter().map(|row| row.over_sigma).fold(0.0, f64::max);
+    say!(
+        "  {}: changed; {} points stored, {} now; |ΔZ|/σ at most {}",
+        spectrum.file,
+        spectrum.stored_points,
+        spectrum.points,
         significant(worst, 3)
     );
     say!(
@@ -321,14 +443,13 @@ fn changed(file: &str, was: &[ImpedancePoint], is: &[ImpedancePoint]) {
         "|ΔZ|/σ",
         "Δσ / %"
     );
-    rows.sort_by(|a, b| b.2.total_cmp(&a.2));
-    for (freq_hz, change_ohm, over_sigma, sigma_change) in rows.iter().take(TOLD) {
+    for row in rows.iter().take(TOLD) {
         say!(
             "    {:>12} {:>12} {:>10} {:>12}",
-            significant(*freq_hz, 6),
-            significant(1.0e6 * change_ohm, 3),
-            significant(*over_sigma, 3),
-            significant(100.0 * sigma_change, 3)
+            significant(row.freq_hz, 6),
+            significant(1.0e6 * row.change_ohm, 3),
+            significant(row.over_sigma, 3),
+            significant(100.0 * row.sigma_change, 3)
         );
     }
     if rows.len() > TOLD {

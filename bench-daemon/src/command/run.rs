@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use analysis::run_folder::{INDEX, MODEL, REPORT};
+
 use crate::{
     command::diagnose,
     config::{Experiment, load_experiment},
@@ -24,6 +26,10 @@ pub struct RunArgs {
     /// Another seed than the experiment's, for the simulation and the fits' searches.
     #[arg(long)]
     pub seed: Option<u64>,
+    /// Print JSON: the folder, the files in it that answer for the run, and how many points the
+    /// quality gate refused.
+    #[arg(long)]
+    pub json: bool,
 }
 
 /// Runs an experiment.
@@ -39,7 +45,19 @@ pub fn run(args: &RunArgs) -> Result<(), Failure> {
         .clone()
         .unwrap_or_else(|| free_folder(&experiment.name));
     let finished = run_experiment(&experiment, &folder)?;
-    say!("{}", finished.summary.trim_end());
+    if args.json {
+        let there = |name: &str| Some(folder.join(name)).filter(|path| path.exists());
+        let told = serde_json::json!({
+            "folder": folder,
+            "report": there(REPORT),
+            "model": there(MODEL),
+            "index": there(INDEX),
+            "refused_points": finished.measured.refused(),
+        });
+        say!("{told:#}");
+    } else {
+        say!("{}", finished.summary.trim_end());
+    }
     finished.gated()
 }
 

@@ -1,5 +1,6 @@
 //! `eis-bench sop`: the most power that can be held, over duration and state of charge.
 
+use crate::command::units;
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -57,7 +58,8 @@ pub struct SopArgs {
         long,
         value_name = "OHM",
         default_value_t = 0.0,
-        allow_negative_numbers = true
+        allow_hyphen_values = true,
+        value_parser = units::ohms
     )]
     pub interconnect_ohm: f64,
     /// Durations, s, with commas.
@@ -73,7 +75,7 @@ pub struct SopArgs {
     )]
     pub soc: Option<String>,
     /// Open-circuit voltage of a cell, V, between --v-min and --v-max, which then stays as it is.
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::volts)]
     pub ocv_v: Option<f64>,
     /// Lowest voltage of a cell, V.
     #[arg(
@@ -81,7 +83,8 @@ pub struct SopArgs {
         alias = "low-v",
         value_name = "V",
         default_value_t = CellWindow::THESIS.low_v,
-        allow_negative_numbers = true
+        allow_hyphen_values = true,
+        value_parser = units::volts
     )]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
@@ -90,14 +93,15 @@ pub struct SopArgs {
         alias = "high-v",
         value_name = "V",
         default_value_t = CellWindow::THESIS.high_v,
-        allow_negative_numbers = true
+        allow_hyphen_values = true,
+        value_parser = units::volts
     )]
     pub v_max: f64,
     /// Largest discharge current of a cell, A [default: no limit]
-    #[arg(long, value_name = "A", allow_negative_numbers = true)]
+    #[arg(long, value_name = "A", allow_hyphen_values = true, value_parser = units::amperes)]
     pub max_discharge_a: Option<f64>,
     /// Largest charge current of a cell, A [default: no limit]
-    #[arg(long, value_name = "A", allow_negative_numbers = true)]
+    #[arg(long, value_name = "A", allow_hyphen_values = true, value_parser = units::amperes)]
     pub max_charge_a: Option<f64>,
     /// Write sop.json, sop.csv and plots into this folder.
     #[arg(long, value_name = "DIR")]

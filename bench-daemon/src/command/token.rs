@@ -3,21 +3,30 @@
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Subcommand};
+use instruments::clock;
+use serde_json::json;
 
 use crate::{
+    command::units,
     safety::failure::Failure,
     serve::{
         settings::Settings,
-        token::{Scope, TokenError, Tokens},
+        token::{Scope, Token, TokenError, Tokens},
     },
     support::terminal::{remark, say},
 };
+
+/// Seconds of a day.
+const DAY_S: f64 = 86_400.0;
 
 /// Arguments of `token`.
 #[derive(Debug, Args)]
 pub struct TokenArgs {
     #[command(subcommand)]
     act: Act,
+    /// Print JSON.
+    #[arg(long, global = true)]
+    json: bool,
 }
 
 #[derive(Debug, Subcommand)]
@@ -31,6 +40,9 @@ enum Act {
         /// Scopes that it opens; several with commas.
         #[arg(long, value_enum, value_delimiter = ',', default_value = "read")]
         scope: Vec<Scope>,
+        /// How long it opens anything: a duration such as "90 d", or `never`.
+        #[arg(long, default_value = "365 d", value_name = "DURATION", value_parser = validity)]
+        valid: Validity,
     },
     /// Show whose tokens there are; not the tokens themselves, which nobody has.
     List {
@@ -44,6 +56,20 @@ enum Act {
         /// Whose it is.
         name: String,
     },
+}
+
+/// How long a token is valid, s; none for ever.
+#[derive(Debug, Clone, Copy)]
+struct Validity(Option<f64>);
+
+fn validity(text: &str) -> Result<Validity, String> {
+    if text == "never" {
+        return Ok(Validity(None));
+    }
+    match units::seconds(text) {
+        Ok(valid_s) if valid_s > 0.0 => Ok(Validity(Some(valid_s))),
+        _ => Err("expected a duration above 0 s, such as \"90 d\", or `never`".to_owned()),
+    }
 }
 
 impl From<TokenError> for Failure {
@@ -62,19 +88,63 @@ pub fn token(args: &TokenArgs) -> Result<(), Failure> {
     std::fs::create_dir_all(&data)?;
     let tokens = Tokens::of(&data);
     match &args.act {
-        Act::Add { name, scope, .. } => {
-            let secret = tokens.add(name, scope)?;
-            remark!("the token of {name}; it is not shown again:");
+        Act::Add {
+            name, scope, valid, ..
+        } => {
+            let secret = tokens.add(name, scope, valid.0)?;
+            if args.json {
+                let scopes: Vec<&str> = scope.iter().map(|scope| scope.name()).collect();
+                say!(
+                    "{}",
+                    json!({ "name": name, "scopes": scopes, "token": secret })
+                );
+                return Ok(());
+            }
+            let ends = valid.0.map_or_else(
+                || "it never ends".to_owned(),
+                |valid_s| format!("it ends in {:.1} days", valid_s / DAY_S),
+            );
+            remark!("the token of {name}; {ends}; it is not shown again:");
             say!("{secret}");
         }
         Act::List { .. } => {
-            for token in tokens.all()? {
+            let all = tokens.all()?;
+            if args.json {
+                let one = |token: &Token| {
+                    let scopes: Vec<&str> = token.scopes.iter().map(|one| one.name()).collect();
+                    json!({
+                        "name": token.name,
+                        "scopes": scopes,
+                        "made_unix_s": token.made_unix_s,
+                        "expires_unix_s": token.expires_unix_s,
+                        "expired": token.has_expired(),
+                    })
+                };
+                say!("{}", all.iter().map(one).collect::<serde_json::Value>());
+                return Ok(());
+            }
+            for token in all {
                 let scopes: Vec<&str> = token.scopes.iter().map(|scope| scope.name()).collect();
-                say!("{:<20} {}", token.name, scopes.join(","));
+                let ends = match token.expires_unix_s {
+                    _ if token.has_expired() => "has ended".to_owned(),
+                    Some(end_s) => {
+                        let left_d = (end_s as f64 - clock::unix_time_s()) / DAY_S;
+                        format!("ends in {left_d:.1} days")
+                    }
+                    None => "never ends".to_owned(),
+                };
+                say!("{:<20} {:<40} {ends}", token.name, scopes.join(","));
             }
         }
         Act::Revoke { name, .. } => {
             tokens.revoke(name)?;
+            if args.json {
+                say!(
+                    "{}",
+                    json!({ "revoked": name, "left": tokens.all()?.len() })
+                );
+                return Ok(());
+            }
             say!("{name} opens nothing any more");
             if tokens.all()?.is_empty() {
                 say!("that was the last token: {}", without_tokens(listen));

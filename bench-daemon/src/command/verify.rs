@@ -15,7 +15,7 @@ use rayon::prelude::*;
 
 use super::replay::{Scratch, run_folders};
 use crate::{
-    run::{OtherResults, RecomputedPoint, Recorded, RecordedPoint},
+    run::{RecomputedPoint, Recorded, RecordedPoint},
     safety::failure::Failure,
     support::compare::{Difference, compare},
     support::sums::{self, Altered},
@@ -39,6 +39,40 @@ pub struct VerifyArgs {
     /// Run folders, or folders of run folders.
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
+    /// Print JSON.
+    #[arg(long)]
+    pub json: bool,
+}
+
+/// How much was recomputed from captures.
+#[derive(Debug, Default, serde::Serialize)]
+struct Counts {
+    points: usize,
+    lines_of_multisines: usize,
+    rows_of_traces: usize,
+    files: usize,
+}
+
+/// What became of a run folder.
+#[derive(Debug, Default, serde::Serialize)]
+struct Verified {
+    folder: PathBuf,
+    /// It is what it was, and every number follows from its captures.
+    good: bool,
+    /// Files that were held against their hashes; none where the folder has none.
+    hashed_files: Option<usize>,
+    /// Files that are not what they were.
+    altered: Vec<Altered>,
+    /// The run was stopped, and how: only its captures can be held against its journal.
+    stopped: Option<String>,
+    /// What was recomputed from captures.
+    recomputed: Counts,
+    /// Numbers that came out otherwise.
+    differences: Vec<Difference>,
+    /// Results that no capture tells anew, by file.
+    as_read: Vec<String>,
+    /// What is to be known beside that, as sentences.
+    notes: Vec<String>,
 }
 
 /// Verifies runs.
@@ -46,72 +80,121 @@ pub struct VerifyArgs {
 /// # Errors
 /// A run that is not what it was, or cannot be read.
 pub fn verify(args: &VerifyArgs) -> Result<(), Failure> {
-    let mut bad = 0;
+    let mut all = Vec::new();
     for folder in run_folders(&args.runs)? {
-        bad += usize::from(!of_run(&folder)?);
+        let verified = of_run(&folder)?;
+        if !args.json {
+            tell(&verified);
+        }
+        all.push(verified);
     }
-    if bad == 0 {
-        Ok(())
-    } else {
-        Err(Failure::Differs(format!(
+    if args.json {
+        let text = serde_json::to_string_pretty(&all)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
+        say!("{text}");
+    }
+    match all.iter().filter(|one| !one.good).count() {
+        0 => Ok(()),
+        bad => Err(Failure::Differs(format!(
             "{bad} of the run folders are not what they should be"
-        )))
+        ))),
     }
 }
 
-fn of_run(folder: &Path) -> Result<bool, Failure> {
-    let name = folder.display();
+fn of_run(folder: &Path) -> Result<Verified, Failure> {
+    let mut verified = Verified {
+        folder: folder.to_owned(),
+        ..Verified::default()
+    };
     // A report is written at the end: where there is one, it must follow from the captures,
     // whatever the journal says of the end.
     if !folder.join(SUMS).exists()
         && !folder.join(REPORT).exists()
         && let Some(how) = Recorded::read(folder)?.stopped()
     {
+        verified.stopped = Some(how.to_string());
+        let (count, differences) = points(folder)?;
+        verified.recomputed.points = count;
+        verified.good = differences.is_empty();
+        verified.differences = differences;
+        return Ok(verified);
+    }
+    if folder.join(SUMS).exists() {
+        let (files, altered) =
+            sums::check(folder).map_err(|error| Failure::Usage(error.to_string()))?;
+        verified.hashed_files = Some(files);
+        verified.altered = altered;
+    } else {
+        verified.altered = vec![Altered {
+            file: SUMS.to_owned(),
+            what: "missing, though the run came to its end or wrote a report".to_owned(),
+        }];
+    }
+    match recomputed(folder, &mut verified) {
+        Ok(differences) => verified.differences = differences,
+        // What was altered may be what is needed.
+        Err(failure) if !verified.altered.is_empty() => {
+            verified
+                .notes
+                .push(format!("nothing was recomputed: {failure}"));
+            return Ok(verified);
+        }
+        Err(failure) => return Err(failure),
+    }
+    verified.good = verified.altered.is_empty() && verified.differences.is_empty();
+    Ok(verified)
+}
+
+fn tell(verified: &Verified) {
+    let name = verified.folder.display();
+    if let Some(files) = verified.hashed_files {
+        let altered = counted(verified.altered.len(), "as they were", "altered");
+        say!("{name}: {files} files held against {SUMS}: {altered}");
+    }
+    for Altered { file, what } in &verified.altered {
+        say!("  {file}: {what}");
+    }
+    for Difference { file, what } in &verified.differences {
+        say!("  {file}: {what}");
+    }
+    let counts = &verified.recomputed;
+    let differing = verified.differences.len();
+    if let Some(how) = &verified.stopped {
         say!(
             "{name}: the run was stopped ({how}): no report, no {SUMS}; only its captures can be \
             held against its journal"
         );
-        let (count, differences) = points(folder)?;
-        differences
+        let told = counted(differing, "as in the journal", "differences");
+        say!(
+            "{name}: {} points recomputed from captures: {told}",
+            counts.points
+        );
+    } else if counts.files > 0 {
+        let numbers = if differing == 0 {
+            "every number as stored".to_owned()
+        } else {
+            format!("{differing} differences")
+        };
+        let told = [
+            (counts.points, "points"),
+            (counts.lines_of_multisines, "lines of multisines"),
+            (counts.rows_of_traces, "rows of traces"),
+        ];
+        let told: String = told
             .iter()
-            .for_each(|one| say!("  {}: {}", one.file, one.what));
-        say!(
-            "{name}: {count} points recomputed from captures: {}",
-            counted(differences.len(), "as in the journal", "differences")
-        );
-        return Ok(differences.is_empty());
+            .filter(|(count, _)| *count > 0)
+            .map(|(count, of)| format!("{count} {of}, "))
+            .collect();
+        let files = counts.files;
+        say!("{name}: {told}{files} files recomputed from captures: {numbers}");
     }
-    let altered = if folder.join(SUMS).exists() {
-        let (files, altered) =
-            sums::check(folder).map_err(|error| Failure::Usage(error.to_string()))?;
+    for file in &verified.as_read {
         say!(
-            "{name}: {files} files held against {SUMS}: {}",
-            counted(altered.len(), "as they were", "altered")
+            "  {file}: its rows are what meters said, and no capture tells them anew: held against \
+            its hash"
         );
-        altered
-    } else {
-        say!("{name}: no {SUMS}, though the run came to its end or wrote a report");
-        vec![Altered {
-            file: SUMS.to_owned(),
-            what: "missing".to_owned(),
-        }]
-    };
-    altered
-        .iter()
-        .for_each(|one| say!("  {}: {}", one.file, one.what));
-    let differences = match recomputed(folder) {
-        Ok(differences) => differences,
-        // What was altered may be what is needed.
-        Err(failure) if !altered.is_empty() => {
-            say!("{name}: nothing was recomputed: {failure}");
-            return Ok(false);
-        }
-        Err(failure) => return Err(failure),
-    };
-    differences
-        .iter()
-        .for_each(|one| say!("  {}: {}", one.file, one.what));
-    Ok(altered.is_empty() && differences.is_empty())
+    }
+    verified.notes.iter().for_each(|note| say!("  {note}"));
 }
 
 fn counted(count: usize, none: &str, some: &str) -> String {
@@ -150,7 +233,7 @@ fn changed(known: &[RecordedPoint], recomputed: &[RecomputedPoint]) -> Vec<Diffe
 }
 
 /// Everything again, from the captures on.
-fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
+fn recomputed(folder: &Path, verified: &mut Verified) -> Result<Vec<Difference>, Failure> {
     let recorded = Recorded::read(folder)?;
     let known = recorded.points()?;
     let recomputed = recorded.analyse(&known)?;
@@ -174,50 +257,27 @@ fn recomputed(folder: &Path) -> Result<Vec<Difference>, Failure> {
         })
         .collect();
     differences.extend(compared.into_iter().flatten());
-    let numbers = if differences.is_empty() {
-        "every number as stored".to_owned()
-    } else {
-        format!("{} differences", differences.len())
+    verified.recomputed = Counts {
+        points: known.len(),
+        lines_of_multisines: others.lines,
+        rows_of_traces: others.rows,
+        files: files.len(),
     };
-    say!(
-        "{}: {}{} files recomputed from captures: {numbers}",
-        folder.display(),
-        counts(known.len(), &others),
-        files.len()
-    );
-    for file in &others.as_read {
-        say!(
-            "  {file}: its rows are what meters said, and no capture tells them anew: held against \
-            its hash"
-        );
-    }
+    verified.as_read = others.as_read;
     for file in &others.uncommanded {
-        say!(
-            "  {file}: recorded by a version that did not write down what was commanded: held \
-            against its hash alone"
-        );
+        verified.notes.push(format!(
+            "{file}: recorded by a version that did not write down what was commanded: held against \
+            its hash alone"
+        ));
     }
     if !differences.is_empty() && recorded.version() != env!("CARGO_PKG_VERSION") {
-        say!(
-            "  recorded by version {}, recomputed by {}",
+        verified.notes.push(format!(
+            "recorded by version {}, recomputed by {}",
             recorded.version(),
             env!("CARGO_PKG_VERSION")
-        );
+        ));
     }
     Ok(differences)
-}
-
-/// How much was computed from captures.
-fn counts(points: usize, others: &OtherResults) -> String {
-    let told = [
-        (points, "points"),
-        (others.lines, "lines of multisines"),
-        (others.rows, "rows of traces"),
-    ];
-    told.iter()
-        .filter(|(count, _)| *count > 0)
-        .map(|(count, of)| format!("{count} {of}, "))
-        .collect()
 }
 
 /// Files of a folder that were computed: not what was only read, nor links to it.

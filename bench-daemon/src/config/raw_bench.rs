@@ -112,7 +112,7 @@ pub(super) struct Instruments {
 pub(super) struct Instrument {
     /// Model as `eis-bench identify` names it.
     pub(super) model: String,
-    /// Address, such as `tcp://192.168.1.20:5025`; no two instruments share one.
+    /// Address, such as `tcp://192.0.2.20:5025`; no two instruments share one.
     pub(super) address: String,
     /// Text in the identity of another model that is accepted as this one. Left out: the identity
     /// must be that of the model.
@@ -125,7 +125,7 @@ pub(super) struct Instrument {
 pub(super) struct Logger {
     /// Model as `eis-bench identify` names it.
     pub(super) model: String,
-    /// Address, such as `tcp://192.168.1.20:5025`; no two instruments share one.
+    /// Address, such as `tcp://192.0.2.20:5025`; no two instruments share one.
     pub(super) address: String,
     /// Text in the identity of another model that is accepted as this one. Left out: the identity
     /// must be that of the model.

@@ -74,6 +74,19 @@ pub struct Token {
     pub sha256: String,
     /// When it was made, s since 1970.
     pub made_unix_s: u64,
+    /// From when on it opens nothing, s since 1970; null where it never ends, as those of versions
+    /// before 0.2.
+    #[serde(default)]
+    pub expires_unix_s: Option<u64>,
+}
+
+impl Token {
+    /// Whether it has ended.
+    pub fn has_expired(&self) -> bool {
+        let now_s = clock::unix_time_s();
+        self.expires_unix_s
+            .is_some_and(|end_s| now_s >= end_s as f64)
+    }
 }
 
 /// Tokens that cannot be read, written or made.
@@ -150,7 +163,7 @@ impl Tokens {
         Ok(known.1.clone())
     }
 
-    /// Whose token this is, and what it opens.
+    /// Whose token this is, and what it opens; nothing for one that has ended.
     ///
     /// # Errors
     /// As [`Tokens::all`].
@@ -158,17 +171,24 @@ impl Tokens {
         let sha256 = hash::sha256(presented);
         // Every one is compared to its end: how long it takes tells nothing.
         let same = |token: &Token| bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes()));
-        Ok(self.all()?.into_iter().fold(
-            None,
-            |found, token| if same(&token) { Some(token) } else { found },
-        ))
+        let found =
+            self.all()?.into_iter().fold(
+                None,
+                |found, token| if same(&token) { Some(token) } else { found },
+            );
+        Ok(found.filter(|token| !token.has_expired()))
     }
 
-    /// Makes one and returns it: it is shown this once.
+    /// Makes one and returns it: it is shown this once. It ends after `valid_s`, where that is said.
     ///
     /// # Errors
     /// A name that is none or taken; a file that cannot be written.
-    pub fn add(&self, name: &str, scopes: &[Scope]) -> Result<String, TokenError> {
+    pub fn add(
+        &self,
+        name: &str,
+        scopes: &[Scope],
+        valid_s: Option<f64>,
+    ) -> Result<String, TokenError> {
         if !plain(name) {
             return Err(TokenError::Name(name.to_owned()));
         }
@@ -188,6 +208,7 @@ impl Tokens {
             scopes,
             sha256: hash::sha256(&secret),
             made_unix_s: clock::unix_time_s() as u64,
+            expires_unix_s: valid_s.map(|valid_s| (clock::unix_time_s() + valid_s) as u64),
         });
         self.write(&tokens)?;
         Ok(secret)
@@ -258,7 +279,7 @@ mod tests {
         let tokens = Tokens::of(folder.path());
         assert_eq!(tokens.all().unwrap(), []);
         let secret = tokens
-            .add("ann", &[Scope::Operate, Scope::Read, Scope::Read])
+            .add("ann", &[Scope::Operate, Scope::Read, Scope::Read], None)
             .unwrap();
         let text = fs::read_to_string(folder.path().join(FILE)).unwrap();
         assert!(
@@ -285,14 +306,14 @@ mod tests {
         }
         assert!(
             tokens
-                .add("ann", &[])
+                .add("ann", &[], None)
                 .unwrap_err()
                 .to_string()
                 .contains("revoke it first")
         );
         assert!(
             tokens
-                .add("a/b", &[])
+                .add("a/b", &[], None)
                 .unwrap_err()
                 .to_string()
                 .starts_with("expected a name of letters")
@@ -307,6 +328,25 @@ mod tests {
                 .to_string()
                 .contains("which is none")
         );
+    }
+
+    #[test]
+    fn a_token_opens_nothing_once_it_has_ended() {
+        let folder = tempfile::tempdir().unwrap();
+        let tokens = Tokens::of(folder.path());
+        let long = tokens.add("long", &[Scope::Read], Some(3600.0)).unwrap();
+        let ended = tokens.add("ended", &[Scope::Read], Some(0.0)).unwrap();
+        assert_eq!(tokens.whose(&long).unwrap().unwrap().name, "long");
+        assert_eq!(tokens.whose(&ended).unwrap(), None);
+        // A token of an older file, without an end.
+        let path = folder.path().join(FILE);
+        let text = fs::read_to_string(&path).unwrap();
+        let mut older: serde_json::Value = serde_json::from_str(&text).unwrap();
+        for token in older.as_array_mut().unwrap() {
+            token.as_object_mut().unwrap().remove("expires_unix_s");
+        }
+        write_private(&path, older.to_string().as_bytes(), MODE).unwrap();
+        assert!(tokens.whose(&ended).unwrap().is_some());
     }
 
     #[test]

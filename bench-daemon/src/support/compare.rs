@@ -8,7 +8,7 @@ use serde_json::Value;
 const TOLD: usize = 8;
 
 /// Something that differs.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Difference {
     /// The file, relative to the folder.
     pub file: String,

@@ -35,7 +35,7 @@ pub enum SumsError {
 }
 
 /// Something that is not what it was when the run ended.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, PartialEq, Eq, serde::Serialize)]
 pub struct Altered {
     /// The file, relative to the folder.
     pub file: String,

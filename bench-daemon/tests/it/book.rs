@@ -401,6 +401,25 @@ fn the_commands_of_the_tutorial_from_a_spectrum_to_a_pack_run_in_a_bare_clone() 
     play("tutorial-spectrum.md");
 }
 
+/// Pages whose commands need nothing but the repository, and take seconds to minutes.
+const PLAYED: [&str; 7] = [
+    "fit.md",
+    "formats.md",
+    "pack-and-sop.md",
+    "replay.md",
+    "simulate.md",
+    "tables.md",
+    "diagnosis.md",
+];
+
+#[test]
+#[ignore = "long drill"]
+fn the_commands_of_the_pages_run_in_a_bare_clone() {
+    for page in PLAYED {
+        play(page);
+    }
+}
+
 #[test]
 fn every_model_stands_on_the_pages_that_tell_of_it() {
     macro_rules! keys {

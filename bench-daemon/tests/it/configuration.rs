@@ -371,11 +371,11 @@ fn bench_time_fits_the_addresses() {
         message.contains("simulation.time: virtual time jumps ahead of answers on real ports"),
         "{message}"
     );
-    let message = on_ports("tcp://192.168.1.22:5025", "scaled:10");
+    let message = on_ports("tcp://192.0.2.22:5025", "scaled:10");
     assert!(
         message.contains(
             "simulation.time: scaled time is for mocks on this machine, and scope is \
-        at tcp://192.168.1.22:5025"
+        at tcp://192.0.2.22:5025"
         ),
         "{message}"
     );

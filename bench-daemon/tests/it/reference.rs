@@ -6,6 +6,7 @@
 mod commands;
 mod page;
 mod ranges;
+mod schema;
 mod sources;
 
 use std::{
@@ -129,6 +130,11 @@ fn the_reference_of_the_configuration_is_what_the_sources_say() {
     );
     for part in &parts {
         text.push_str(&page::part(&library, part));
+        let name = part.name.to_lowercase();
+        hold(
+            &format!("schema/{name}.json"),
+            &schema::schema(&library, part),
+        );
     }
     hold("reference-config.md", &text);
 }
@@ -148,6 +154,7 @@ fn the_reference_of_a_data_set_is_what_the_sources_say() {
         page::part(&library, &part)
     );
     hold("reference-dataset.md", &text);
+    hold("schema/dataset.json", &schema::schema(&library, &part));
 }
 
 #[test]

@@ -1,5 +1,6 @@
 //! Arguments of `dataset`.
 
+use crate::command::units;
 use std::{path::PathBuf, str::FromStr};
 
 use analysis::formats::CurrentSign;
@@ -36,7 +37,7 @@ pub(super) struct InitArgs {
     #[arg(long, default_value = "cell", value_name = "NAME")]
     pub cell: String,
     /// Capacity for counting charge, Ah [default: that of the OCV curve]
-    #[arg(long, value_name = "AH")]
+    #[arg(long, value_name = "AH", value_parser = units::ampere_hours)]
     pub capacity_ah: Option<f64>,
     /// State of charge at the first row of each log, 0 to 1.
     #[arg(long, value_name = "SOC")]
@@ -45,17 +46,17 @@ pub(super) struct InitArgs {
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Temperature for logs and spectra without one, °C.
-    #[arg(long, value_name = "C", allow_negative_numbers = true)]
+    #[arg(long, value_name = "C", allow_hyphen_values = true, value_parser = units::celsius)]
     pub temperature_c: Option<f64>,
     /// Circumstances of one spectrum or log, such as "eis_07:ocv_v=3.66,temperature_c=26.8" or
     /// "log_2:soc=1". Keys: `soc`, `ocv_v` (spectra only), `temperature_c`.
     #[arg(long, value_name = "NAME:KEY=VALUE")]
     pub at: Vec<Stated>,
     /// Lowest frequency of spectra that is used, Hz: the band in which `fit` fitted the model.
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = units::hertz)]
     pub from_hz: Option<f64>,
     /// Highest frequency of spectra that is used, Hz [default: where they become inductive]
-    #[arg(long, value_name = "HZ")]
+    #[arg(long, value_name = "HZ", value_parser = units::hertz)]
     pub to_hz: Option<f64>,
     /// Shortest logged rest before a load, such as "10 s" or "30 min".
     #[arg(long, value_name = "TIME", default_value = "10 s", value_parser = duration)]

@@ -1,5 +1,6 @@
 //! Arguments of `fit`, and the spectra that they name.
 
+use crate::command::units;
 use std::path::PathBuf;
 
 use analysis::spectrum::{SourcedSpectrum, Spectrum};
@@ -15,10 +16,16 @@ pub struct FitArgs {
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Leave out what is below this frequency, Hz.
-    #[arg(long, default_value_t = 0.0, value_name = "HZ")]
+    #[arg(long, default_value_t = 0.0, value_name = "HZ", value_parser = units::hertz)]
     pub from_hz: f64,
     /// Leave out what is above this frequency, Hz.
-    #[arg(long, default_value_t = f64::INFINITY, value_name = "HZ", hide_default_value = true)]
+    #[arg(
+        long,
+        default_value_t = f64::INFINITY,
+        value_name = "HZ",
+        hide_default_value = true,
+        value_parser = units::hertz
+    )]
     pub to_hz: f64,
     /// Fit points that the quality gate of their measurement refused, too: those of the column
     /// `flags`.

@@ -1,5 +1,6 @@
 //! Arguments of `pack simulate`.
 
+use crate::command::units;
 use std::path::PathBuf;
 
 use analysis::forward::CellWindow;
@@ -62,7 +63,8 @@ pub struct PackSimulateArgs {
         long,
         value_name = "OHM",
         default_value_t = 0.0,
-        allow_negative_numbers = true
+        allow_hyphen_values = true,
+        value_parser = units::ohms
     )]
     pub interconnect_ohm: f64,
     /// Resistance between each cell and the busbar of its group, Ω.
@@ -70,7 +72,8 @@ pub struct PackSimulateArgs {
         long,
         value_name = "OHM",
         default_value_t = 0.0,
-        allow_negative_numbers = true
+        allow_hyphen_values = true,
+        value_parser = units::ohms
     )]
     pub tab_ohm: f64,
     /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv.
@@ -83,7 +86,7 @@ pub struct PackSimulateArgs {
     )]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; stays so where the model has no OCV curve.
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::volts)]
     pub ocv_v: Option<f64>,
     /// A table of cells with their places, instead of drawing them.
     #[arg(
@@ -145,7 +148,7 @@ pub struct PackSimulateArgs {
     )]
     pub sigma_soc: f64,
     /// Longest step, s [default: a 2000th of the profile, at least 1 ms]
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = units::seconds)]
     pub max_step_s: Option<f64>,
     /// Lowest voltage of a cell, V.
     #[arg(
@@ -153,7 +156,8 @@ pub struct PackSimulateArgs {
         alias = "low-v",
         value_name = "V",
         default_value_t = CellWindow::THESIS.low_v,
-        allow_negative_numbers = true
+        allow_hyphen_values = true,
+        value_parser = units::volts
     )]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
@@ -162,7 +166,8 @@ pub struct PackSimulateArgs {
         alias = "high-v",
         value_name = "V",
         default_value_t = CellWindow::THESIS.high_v,
-        allow_negative_numbers = true
+        allow_hyphen_values = true,
+        value_parser = units::volts
     )]
     pub v_max: f64,
     /// Mass and specific heat of a cell.

@@ -1,5 +1,6 @@
 //! Arguments of `eis-bench simulate`, and what follows from them.
 
+use crate::command::units;
 use std::path::PathBuf;
 
 use analysis::{
@@ -48,7 +49,8 @@ pub struct SimulateArgs {
         long,
         default_value_t = 0.0,
         value_name = "OHM",
-        allow_negative_numbers = true
+        allow_hyphen_values = true,
+        value_parser = units::ohms
     )]
     pub interconnect_ohm: f64,
     /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv. This
@@ -61,7 +63,7 @@ pub struct SimulateArgs {
     )]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
-    #[arg(long, value_name = "V", allow_negative_numbers = true)]
+    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::volts)]
     pub ocv_v: Option<f64>,
     /// How the files are read.
     #[command(flatten)]
@@ -76,16 +78,28 @@ pub struct SimulateArgs {
     pub beyond: Policy,
     /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the
     /// profile]
-    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = units::seconds)]
     pub step_s: Option<f64>,
     /// DC resistance of a cell for the simple-IR model, Ω [default: that of the model]
-    #[arg(long, value_name = "OHM", allow_negative_numbers = true)]
+    #[arg(long, value_name = "OHM", allow_hyphen_values = true, value_parser = units::ohms)]
     pub dcir_ohm: Option<f64>,
     /// Lowest voltage of a cell, V.
-    #[arg(long, default_value_t = CellWindow::THESIS.low_v, value_name = "V", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        default_value_t = CellWindow::THESIS.low_v,
+        value_name = "V",
+        allow_hyphen_values = true,
+        value_parser = units::volts
+    )]
     pub low_v: f64,
     /// Highest voltage of a cell, V.
-    #[arg(long, default_value_t = CellWindow::THESIS.high_v, value_name = "V", allow_negative_numbers = true)]
+    #[arg(
+        long,
+        default_value_t = CellWindow::THESIS.high_v,
+        value_name = "V",
+        allow_hyphen_values = true,
+        value_parser = units::volts
+    )]
     pub high_v: f64,
     /// Folder for traces (Parquet) and plots [default: the traces into the current directory, no
     /// plots]

@@ -89,6 +89,7 @@ fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
             scopes: Scope::ALL.to_vec(),
             sha256: String::new(),
             made_unix_s: 0,
+            expires_unix_s: None,
         };
         return Ok((local, None));
     }

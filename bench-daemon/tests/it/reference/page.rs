@@ -22,12 +22,26 @@ pub(super) struct Part<'a> {
 }
 
 /// A structure and the tables that it describes.
-struct Section<'a> {
+pub(super) struct Section<'a> {
     /// Paths of the tables, such as `eis.quality`; that of the whole file is empty.
     paths: Vec<String>,
     /// Headings of the tables, such as `[eis.quality]`.
     titles: Vec<String>,
-    structure: Structure<'a>,
+    pub(super) structure: Structure<'a>,
+}
+
+impl Section<'_> {
+    /// Path of its first table; empty for the whole file.
+    pub(super) fn name(&self) -> &str {
+        self.paths.first().map_or("", String::as_str)
+    }
+}
+
+/// The tables of a file; the first is the whole file.
+pub(super) fn sections<'a>(library: &'a Library, part: &Part<'a>) -> Vec<Section<'a>> {
+    let mut sections = Vec::new();
+    collect(library, part.top, ("", ""), &mut sections);
+    sections
 }
 
 /// The units of all quantities.
@@ -57,8 +71,7 @@ pub(super) fn quantities(library: &Library) -> String {
 
 /// The sections of a file.
 pub(super) fn part(library: &Library, part: &Part<'_>) -> String {
-    let mut sections = Vec::new();
-    collect(library, part.top, ("", ""), &mut sections);
+    let sections = sections(library, part);
     let heading = |section: &Section<'_>| {
         let titles = match section.titles.as_slice() {
             [first, others @ ..] if section.titles.len() > MOST_IN_A_HEADING => {

@@ -61,11 +61,22 @@ impl Identity {
             firmware,
         }
     }
+
+    /// Whether a web server answered: the status line of HTTP/1.
+    pub fn is_web_server(&self) -> bool {
+        self.raw.starts_with("HTTP/1.")
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_web_server_is_no_instrument() {
+        assert!(Identity::parse("HTTP/1.1 400 Bad Request").is_web_server());
+        assert!(!Identity::parse("HTTP Instruments,X1,7,1.0").is_web_server());
+    }
 
     #[test]
     fn identities_of_every_shape_are_read() {

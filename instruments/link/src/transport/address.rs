@@ -27,10 +27,10 @@ pub use error::AddressError;
 /// ```
 /// use instruments_link::transport::Address;
 /// # fn main() -> Result<(), instruments_link::transport::AddressError> {
-/// let address: Address = "tcp://192.168.1.20:5025".parse()?;
-/// assert_eq!(address.host(), Some("192.168.1.20"));
-/// assert_eq!(address.to_string(), "tcp://192.168.1.20:5025");
-/// assert!("tcp://192.168.1.20".parse::<Address>().is_err());
+/// let address: Address = "tcp://192.0.2.20:5025".parse()?;
+/// assert_eq!(address.host(), Some("192.0.2.20"));
+/// assert_eq!(address.to_string(), "tcp://192.0.2.20:5025");
+/// assert!("tcp://192.0.2.20".parse::<Address>().is_err());
 /// # Ok(())
 /// # }
 /// ```

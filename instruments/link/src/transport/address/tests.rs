@@ -35,7 +35,7 @@ fn addresses_are_read() {
         flow: Flow::RtsCts,
     };
     let table = [
-        ("tcp://192.168.1.20:5025", tcp("192.168.1.20", 5025)),
+        ("tcp://192.0.2.20:5025", tcp("192.0.2.20", 5025)),
         ("tcp://scope.lab:5555", tcp("scope.lab", 5555)),
         ("tcp://[::1]:5025", tcp("[::1]", 5025)),
         (
@@ -248,7 +248,7 @@ fn mistakes_are_named_by_field() {
         );
     }
     for text in [
-        "192.168.1.20:5025",
+        "192.0.2.20:5025",
         "tcp:host:5025",
         "gpib:usb:1/2",
         "gpib",

@@ -1,0 +1,223 @@
+//! `eis-bench config`: files to begin with, their schema, and whether they are right.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand, ValueEnum};
+
+use crate::{
+    config::{Source, load_any_bench, load_experiment},
+    files, procedure,
+    safety::failure::Failure,
+    serve::settings::Settings,
+    support::terminal::say,
+};
+
+/// Text of a file of the repository's `configs`.
+macro_rules! configs {
+    ($($path:literal),* $(,)?) => {
+        &[$(($path, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/", $path)))),*]
+    };
+}
+
+/// Text of a schema of the repository's `docs/schema`.
+macro_rules! schema {
+    ($name:literal) => {
+        include_str!(concat!(
+            env!("CARGO_MANIFEST_DIR"),
+            "/../docs/schema/",
+            $name,
+            ".json"
+        ))
+    };
+}
+
+/// Files of the simulated bench, of a bench of real instruments, and of the server.
+const FILES: &[(&str, &str)] = configs![
+    "experiments/demo.toml",
+    "benches/demo.toml",
+    "experiments/thesis.toml",
+    "benches/thesis.toml",
+    "cells/p45b.toml",
+    "scenarios/p45b.toml",
+    "serve.toml",
+];
+
+/// The experiment among them that runs without hardware.
+pub const DEMO: &str = "experiments/demo.toml";
+
+/// Arguments of `config`.
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    #[command(subcommand)]
+    act: Act,
+}
+
+#[derive(Debug, Subcommand)]
+enum Act {
+    /// Write files to begin with: an experiment and a bench that are simulated, the same for real
+    /// instruments, a cell, a server. Nothing that is there is written over.
+    New {
+        /// The folder.
+        folder: PathBuf,
+    },
+    /// Print the JSON Schema of a kind of file, for editors and forms.
+    Schema {
+        /// Kind of file.
+        kind: Kind,
+    },
+    /// Read files, and say whether they are right. Touches no instrument.
+    Check {
+        /// Experiments, benches, files of a server.
+        #[arg(required = true, value_name = "FILE")]
+        files: Vec<PathBuf>,
+        /// Print JSON.
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// Kind of a file.
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Kind {
+    /// What is done.
+    Experiment,
+    /// Instruments and wiring.
+    Bench,
+    /// What may be done to a cell.
+    Cell,
+    /// What is true of a simulated bench.
+    Scenario,
+    /// A server.
+    Server,
+    /// A data set for `diagnose`.
+    Dataset,
+}
+
+/// Outcome of a check.
+#[derive(Debug, serde::Serialize)]
+struct Checked {
+    file: PathBuf,
+    kind: &'static str,
+    /// The first mistake; none for a file that is right.
+    mistake: Option<String>,
+}
+
+/// Writes, prints or checks.
+///
+/// # Errors
+/// A folder that cannot be written; after all were read, a file that is wrong.
+pub fn config(args: &ConfigArgs) -> Result<(), Failure> {
+    match &args.act {
+        Act::New { folder } => {
+            for path in write(folder)? {
+                say!("{}", path.display());
+            }
+            Ok(())
+        }
+        Act::Schema { kind } => {
+            let text = match kind {
+                Kind::Experiment => schema!("experiment"),
+                Kind::Bench => schema!("bench"),
+                Kind::Cell => schema!("cell"),
+                Kind::Scenario => schema!("scenario"),
+                Kind::Server => schema!("server"),
+                Kind::Dataset => schema!("dataset"),
+            };
+            say!("{}", text.trim_end());
+            Ok(())
+        }
+        Act::Check { files, json } => check(files, *json),
+    }
+}
+
+/// Writes the files to begin with into a folder; gives their paths.
+///
+/// # Errors
+/// A file that is there already; a folder that cannot be written.
+pub fn write(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
+    let named: Vec<(PathBuf, &str)> = FILES
+        .iter()
+        .map(|(path, text)| (folder.join(path), *text))
+        .collect();
+    if let Some((taken, _)) = named.iter().find(|(path, _)| path.exists()) {
+        return Err(Failure::Usage(format!(
+            "{}: expected no such file, found one; choose another folder",
+            taken.display()
+        )));
+    }
+    for (path, text) in &named {
+        files::make_folder(path.parent().unwrap_or(folder))?;
+        fs::write(path, text)
+            .map_err(|error| Failure::Usage(format!("{}: {error}", path.display())))?;
+    }
+    Ok(named.into_iter().map(|(path, _)| path).collect())
+}
+
+fn check(files: &[PathBuf], json: bool) -> Result<(), Failure> {
+    let checked: Vec<Checked> = files.iter().map(|file| of_file(file)).collect();
+    if json {
+        let text = serde_json::to_string_pretty(&checked)
+            .map_err(|error| Failure::Analysis(error.to_string()))?;
+        say!("{text}");
+    } else {
+        for one in &checked {
+            match &one.mistake {
+                Some(mistake) => say!("{mistake}"),
+                None => say!("{}: a {} that is right", one.file.display(), one.kind),
+            }
+        }
+    }
+    match checked.iter().filter(|one| one.mistake.is_some()).count() {
+        0 => Ok(()),
+        wrong => Err(Failure::Usage(format!(
+            "{wrong} of {} files are wrong",
+            files.len()
+        ))),
+    }
+}
+
+/// Keys that tell the kind of a file.
+#[derive(serde::Deserialize)]
+struct Telling {
+    cell: Option<toml::Value>,
+    instruments: Option<toml::Value>,
+    benches: Option<toml::Value>,
+    listen: Option<toml::Value>,
+}
+
+fn of_file(file: &Path) -> Checked {
+    let (kind, outcome) = match Source::read(file).and_then(|source| source.parse::<Telling>()) {
+        Err(error) => ("file", Err(Failure::from(error))),
+        Ok(telling) if telling.instruments.is_some() => (
+            "bench",
+            load_any_bench(file).map(|_| ()).map_err(Failure::from),
+        ),
+        Ok(telling) if telling.benches.is_some() || telling.listen.is_some() => (
+            "server",
+            Settings::load(file).map(|_| ()).map_err(Failure::from),
+        ),
+        Ok(telling) if telling.cell.is_some() => ("experiment", of_experiment(file)),
+        Ok(_) => {
+            let expected = "expected an experiment (key `cell`), a bench (`[instruments]`) or a \
+                            server (`listen`, `benches`); a cell and a scenario are checked with \
+                            what names them";
+            (
+                "file",
+                Err(Failure::Usage(format!("{}: {expected}", file.display()))),
+            )
+        }
+    };
+    Checked {
+        file: file.to_owned(),
+        kind,
+        mistake: outcome.err().map(|failure| failure.to_string()),
+    }
+}
+
+/// An experiment with its bench and cell, and whether its plan keeps the limits.
+fn of_experiment(file: &Path) -> Result<(), Failure> {
+    let experiment = load_experiment(file, None)?;
+    procedure::plan(&experiment).check(&experiment.cell.limits)?;
+    Ok(())
+}

@@ -1,0 +1,293 @@
+//! What a newcomer, a script and a shell ask of the program: `demo`, `config`, `--json`, units in
+//! flags, completions, manual pages.
+
+use std::{
+    ffi::OsStr,
+    fs,
+    io::{Read, Write},
+    net::TcpListener,
+    path::Path,
+    process::Command,
+};
+
+use serde_json::Value;
+
+use crate::support::{BENCH, EXPERIMENT, Files, program};
+
+fn eis_bench(arguments: &[&str]) -> (i32, String, String) {
+    let arguments: Vec<&OsStr> = arguments.iter().map(AsRef::as_ref).collect();
+    let ended = program(&arguments);
+    (ended.code.unwrap(), ended.stdout, ended.stderr)
+}
+
+fn json_of(arguments: &[&str]) -> Value {
+    let (code, out, err) = eis_bench(arguments);
+    assert_eq!(code, 0, "{arguments:?}: {err}");
+    serde_json::from_str(&out).unwrap_or_else(|error| panic!("{arguments:?}: {error}: {out}"))
+}
+
+fn text(path: &Path) -> String {
+    path.display().to_string()
+}
+
+#[test]
+fn the_files_to_begin_with_are_right_and_are_not_written_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let new = text(&folder.path().join("lab"));
+    let (code, out, _) = eis_bench(&["config", "new", &new]);
+    assert_eq!(code, 0);
+    let written: Vec<&str> = out.lines().collect();
+    assert!(written.len() > 5 && written.iter().all(|path| Path::new(path).is_file()));
+    let checked: Vec<&str> = written
+        .iter()
+        .copied()
+        .filter(|path| !path.contains("cells") && !path.contains("scenarios"))
+        .collect();
+    let mut words = vec!["config", "check"];
+    words.extend(&checked);
+    let (code, out, err) = eis_bench(&words);
+    assert_eq!(code, 0, "{out}{err}");
+    for kind in ["experiment", "bench", "server"] {
+        assert!(out.contains(&format!(": a {kind} that is right")), "{out}");
+    }
+    let (code, _, err) = eis_bench(&["config", "new", &new]);
+    assert!(
+        code == 2 && err.contains("expected no such file, found one"),
+        "{err}"
+    );
+}
+
+#[test]
+fn a_mistake_is_told_with_its_file_and_field() {
+    let files = Files::demo().edit(EXPERIMENT, "\"5 A\"", "\"5 V\"");
+    let (file, bench) = (text(&files.path(EXPERIMENT)), text(&files.path(BENCH)));
+    let (code, out, err) = eis_bench(&["config", "check", &file, &bench, "--json"]);
+    assert!(code == 2 && err.contains("1 of 2 files are wrong"), "{err}");
+    let told: Value = serde_json::from_str(&out).unwrap();
+    let mistake = told[0]["mistake"].as_str().unwrap();
+    assert!(
+        mistake.contains("demo.toml") && mistake.contains("expected a current with its unit"),
+        "{mistake}"
+    );
+    assert!(told[1]["mistake"].is_null() && told[1]["kind"] == "bench");
+    let (code, out, _) = eis_bench(&["config", "check", &text(&files.path("cells/p45b.toml"))]);
+    assert!(
+        code == 2 && out.contains("expected an experiment (key `cell`)"),
+        "{out}"
+    );
+}
+
+#[test]
+fn schemas_describe_the_files_that_are_there() {
+    let schema = json_of(&["config", "schema", "experiment"]);
+    assert_eq!(
+        schema["required"],
+        serde_json::json!(["name", "bench", "cell"])
+    );
+    let eis = &schema["$defs"]["eis"]["properties"];
+    assert_eq!(eis["start"]["examples"][0], "0.1 Hz");
+    assert!(eis["start"]["pattern"].as_str().unwrap().contains("mHz"));
+    for kind in ["bench", "cell", "scenario", "server", "dataset"] {
+        let schema = json_of(&["config", "schema", kind]);
+        assert!(
+            schema["properties"].as_object().unwrap().len() > 3,
+            "{kind}"
+        );
+        assert_eq!(schema["additionalProperties"], false);
+    }
+}
+
+#[test]
+fn a_run_its_plan_its_replay_and_its_check_are_told_as_json() {
+    let files = Files::brief(3);
+    let (experiment, out) = (text(&files.path(EXPERIMENT)), text(&files.path("out")));
+    let plan = json_of(&["plan", &experiment, "--json"]);
+    assert_eq!(plan["experiment"], "demo");
+    assert!(plan["stages"].as_array().unwrap().len() > 2);
+    assert!(plan["expected_s"].as_f64().unwrap() <= plan["longest_s"].as_f64().unwrap());
+    let run = json_of(&["run", &experiment, "--out", &out, "--json"]);
+    assert_eq!(run["refused_points"], 0);
+    assert!(Path::new(run["report"].as_str().unwrap()).is_file());
+    let verified = json_of(&["verify", &out, "--json"]);
+    assert_eq!(verified[0]["good"], true);
+    assert!(verified[0]["recomputed"]["points"].as_u64().unwrap() >= 9);
+    let replayed = json_of(&["replay", &out, "--json"]);
+    assert_eq!(replayed[0]["points"], replayed[0]["identical_points"]);
+    assert_eq!(replayed[0]["spectra"], replayed[0]["identical_spectra"]);
+    let report = Path::new(&out).join("report.html");
+    fs::write(&report, "altered").unwrap();
+    let (code, told, _) = eis_bench(&["verify", &out, "--json"]);
+    let told: Value = serde_json::from_str(&told).unwrap();
+    assert!(
+        code == 10 && told[0]["good"] == false && told[0]["altered"][0]["file"] == "report.html"
+    );
+}
+
+#[test]
+fn tokens_are_told_as_json() {
+    let folder = tempfile::tempdir().unwrap();
+    let new = text(&folder.path().join("lab"));
+    eis_bench(&["config", "new", &new]);
+    let server = new + "/serve.toml";
+    let made = json_of(&[
+        "token",
+        "add",
+        &server,
+        "anna",
+        "--scope",
+        "read,operate",
+        "--json",
+    ]);
+    assert!(made["token"].as_str().unwrap().len() > 20);
+    let all = json_of(&["token", "list", &server, "--json"]);
+    assert_eq!(all[0]["name"], "anna");
+    assert_eq!(all[0]["scopes"], serde_json::json!(["read", "operate"]));
+    assert_eq!(all[0]["expired"], false);
+    let at = |key: &str| all[0][key].as_u64().unwrap();
+    let valid_s = at("expires_unix_s") - at("made_unix_s");
+    assert!(valid_s.abs_diff(365 * 86_400) <= 1, "{valid_s}");
+    let (code, _, err) = eis_bench(&["token", "add", &server, "bob", "--valid", "soon"]);
+    assert!(code == 2 && err.contains("or `never`"), "{err}");
+    let gone = json_of(&["token", "revoke", &server, "anna", "--json"]);
+    assert_eq!(gone["left"], 0);
+}
+
+#[test]
+fn flags_take_units() {
+    let size = |ocv: &str, dcir: &str| {
+        json_of(&[
+            "pack",
+            "size",
+            "--series",
+            "16",
+            "--parallel",
+            "3",
+            "--ocv-v",
+            ocv,
+            "--dcir-ohm",
+            dcir,
+            "--json",
+        ])
+    };
+    assert_eq!(size("3.6", "0.015"), size("3.6 V", "15 mΩ"));
+    let (code, _, err) = eis_bench(&[
+        "pack",
+        "size",
+        "--series",
+        "1",
+        "--parallel",
+        "1",
+        "--ocv-v",
+        "3.6 A",
+        "--dcir-ohm",
+        "1",
+    ]);
+    assert!(
+        code == 2 && err.contains("expected a voltage in V, or with its unit, such as \"3.80 V\""),
+        "{err}"
+    );
+}
+
+#[test]
+fn a_web_server_is_no_instrument() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let address = format!("tcp://{}", listener.local_addr().unwrap());
+    std::thread::spawn(move || {
+        for mut client in listener.incoming().map_while(Result::ok) {
+            let _ = client.read(&mut [0; 256]);
+            let _ = client.write_all(b"HTTP/1.1 400 Bad Request\r\nConnection: close\r\n\r\n");
+        }
+    });
+    let (code, out, err) = eis_bench(&["identify", &address]);
+    assert_eq!(code, 3, "{out}{err}");
+    assert!(
+        out.contains("expected an instrument, met a web server"),
+        "{out}{err}"
+    );
+    assert!(
+        !out.contains("model = "),
+        "no dialect is to be forced on it: {out}"
+    );
+}
+
+#[test]
+fn mocks_write_a_bench_beside_one_in_the_working_folder() {
+    let files = Files::demo();
+    let folder = files.path("benches");
+    let mut mock = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .args([
+            "mock",
+            "demo.toml",
+            "--write-bench",
+            "served.toml",
+            "--json",
+        ])
+        .current_dir(&folder)
+        .stdout(std::process::Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut first = [0; 1];
+    mock.stdout
+        .as_mut()
+        .unwrap()
+        .read_exact(&mut first)
+        .unwrap();
+    mock.kill().unwrap();
+    mock.wait().unwrap();
+    assert!(
+        fs::read_to_string(folder.join("served.toml"))
+            .unwrap()
+            .contains("tcp://127.0.0.1")
+    );
+}
+
+#[test]
+fn shells_and_man_are_served_from_the_definition() {
+    for shell in ["bash", "zsh", "fish"] {
+        let (code, out, _) = eis_bench(&["completions", shell]);
+        assert!(
+            code == 0 && out.contains("eis-bench") && out.contains("diagnose"),
+            "{shell}"
+        );
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let (code, _, _) = eis_bench(&["man", &text(folder.path())]);
+    assert_eq!(code, 0);
+    let page = fs::read_to_string(folder.path().join("eis-bench-fit.1")).unwrap();
+    assert!(page.contains(".TH") && page.contains("spectra"));
+}
+
+#[test]
+fn the_demo_runs_from_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let ended = Command::new(env!("CARGO_BIN_EXE_eis-bench"))
+        .args(["demo", "--seed", "3"])
+        .current_dir(folder.path())
+        .output()
+        .unwrap();
+    let out = String::from_utf8_lossy(&ended.stdout);
+    assert!(
+        ended.status.success(),
+        "{out}{}",
+        String::from_utf8_lossy(&ended.stderr)
+    );
+    assert!(
+        out.contains("next: open eis-bench-demo/run/report.html"),
+        "{out}"
+    );
+    assert!(
+        folder
+            .path()
+            .join("eis-bench-demo/run/report.html")
+            .is_file()
+    );
+}
+
+#[test]
+fn the_help_shows_commands_in_groups() {
+    let (_, out, _) = eis_bench(&["--help"]);
+    let begin = out.find(" To begin with:").unwrap();
+    let model = out.find(" What a model lacks:").unwrap();
+    assert!(begin < model && out[begin..model].contains("demo"));
+    assert!(out.lines().all(|line| line.chars().count() <= 120));
+}
