@@ -401,8 +401,9 @@ fn the_commands_of_the_tutorial_from_a_spectrum_to_a_pack_run_in_a_bare_clone() 
     play("tutorial-spectrum.md");
 }
 
-/// Pages whose commands need nothing but the repository, and take seconds to minutes.
-const PLAYED: [&str; 7] = [
+/// Pages whose commands need nothing but the repository, and take a minute together.
+const PLAYED: [&str; 8] = [
+    "dataset.md",
     "fit.md",
     "formats.md",
     "pack-and-sop.md",
@@ -413,7 +414,7 @@ const PLAYED: [&str; 7] = [
 ];
 
 #[test]
-#[ignore = "long drill"]
+#[ignore = "drill"]
 fn the_commands_of_the_pages_run_in_a_bare_clone() {
     for page in PLAYED {
         play(page);
