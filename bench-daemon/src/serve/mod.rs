@@ -7,7 +7,8 @@
 //! requests in its folder, SIGTERM, `eis-bench safe`.
 //!
 //! In reading order: [`settings`], [`token`], [`audit`], [`hub`] (events), [`queue`],
-//! [`submission`], [`watch`] (a run folder, read as it grows), [`live`], [`proof`], [`supervisor`]
+//! [`submission`], [`watch`] (a run folder, read as it grows), [`timeline`] (its readings and
+//! events), [`live`], [`proof`], [`supervisor`]
 //! (the one thread that begins and watches), [`stop`], [`http`].
 
 pub mod audit;
@@ -27,6 +28,7 @@ pub mod stop;
 pub mod submission;
 pub mod supervisor;
 pub mod systemd;
+pub mod timeline;
 pub mod token;
 pub mod transcript_monitor;
 pub mod watch;

@@ -18,6 +18,7 @@ use super::{
     queue::Queue,
     settings::Settings,
     supervisor,
+    timeline::Timelines,
     token::{TokenError, Tokens},
 };
 use crate::safety::failure::Failure;
@@ -38,6 +39,8 @@ pub struct Server {
     pub program: PathBuf,
     /// Counters for the metrics.
     pub counts: Counts,
+    /// Readings of runs.
+    pub timelines: Timelines,
     queue: Mutex<Queue>,
     live: Mutex<BTreeMap<String, Live>>,
     stops: Mutex<BTreeMap<String, StopReport>>,
@@ -104,6 +107,7 @@ impl Server {
             clock: Clock::start(TimeMode::Real),
             program: std::env::current_exe()?,
             counts: Counts::default(),
+            timelines: Timelines::default(),
             queue: Mutex::new(queue),
             live: Mutex::new(live.collect()),
             stops: Mutex::default(),

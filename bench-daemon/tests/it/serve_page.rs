@@ -370,6 +370,68 @@ fn a_run_is_submitted_watched_growing_and_stopped_with_the_button() {
     ports.assert_outputs_off();
 }
 
+/// Draws with the mouse over a stretch of the first strip, 100 to 160 pixels from its left.
+const DRAW_OVER: &str = "
+    const over = document.querySelector('#strips .u-over');
+    const box = over.getBoundingClientRect();
+    const mouse = (kind, x, target) => target.dispatchEvent(new MouseEvent(kind, {
+        clientX: box.left + x, clientY: box.top + 20, movementX: 9, bubbles: true, button: 0,
+        buttons: 1 }));
+    mouse('mousemove', 100, over);
+    mouse('mousedown', 100, over);
+    mouse('mousemove', 160, over);
+    mouse('mouseup', 160, document);
+";
+
+#[test]
+#[ignore = "drill"]
+fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
+    let Some(browser) = Browser::start(false) else {
+        return;
+    };
+    let files = Files::demo();
+    config(&files, "");
+    let served = Served::start(&files);
+    browser.go(&served.url(), DESKTOP);
+    browser.wait("#state", "Idle");
+    browser.click("#submit button[type=submit]");
+    browser.wait("#runs", "✓ finished");
+    browser.click("#whole");
+    browser.wait("#timesaid", "every peak is kept");
+    let count = |css: &str| {
+        browser
+            .script(&format!("return document.querySelectorAll({css:?}).length"))
+            .as_u64()
+            .unwrap()
+    };
+    assert_eq!(count("#strips canvas"), 3);
+    let words = browser.text("#timesaid");
+    for part in [
+        "voltage -0.0",
+        " V; current -5.",
+        " A; temperature 2",
+        " readings",
+    ] {
+        assert!(words.contains(part), "{part}: {words}");
+    }
+    browser.click("#time summary");
+    assert!(
+        browser
+            .text("#timemarks")
+            .contains("stage, EIS sweep of the cell")
+    );
+    browser.pictures("time");
+    let whole = browser.text("#timesaid");
+    browser.script(DRAW_OVER);
+    browser.wait_until("#timesaid", "a part, exactly", |now| {
+        now != whole && now.contains(" readings.")
+    });
+    browser.click("#zoomout");
+    browser.wait("#timesaid", "every peak is kept");
+    let pressed = browser.script("return document.querySelector('#whole').ariaPressed");
+    assert_eq!(pressed, "true");
+}
+
 /// From the click to the banner that says that every output is off, ms.
 const STOP_AND_WAIT: &str = "
     const done = arguments[arguments.length - 1];

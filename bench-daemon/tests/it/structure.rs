@@ -68,7 +68,7 @@ const MOST_COLUMNS: usize = 120;
 /// Extensions of the files whose lines are measured.
 const SOURCES: [&str; 7] = ["rs", "js", "css", "html", "toml", "py", "sh"];
 /// Folders with built, generated or measured files; hidden ones are skipped too, except `.ci`.
-const SKIPPED: [&str; 5] = ["target", "out", "runs", "data", "__pycache__"];
+const SKIPPED: [&str; 6] = ["target", "out", "runs", "data", "__pycache__", "vendor"];
 
 struct Circles {
     krate: &'static str,

@@ -58,10 +58,18 @@ pub fn spectrum_text(spectrum: &Spectrum, format: SpectrumFormat) -> String {
                 "\t{number}\t{number}\t{f:?}\t{re:?}\t{im:?}\t0\t{modulus:?}\t{degrees:?}\t0\t0\t0"
             ),
             SpectrumFormat::BioLogic => {
-                writeln!(text, "{f:?}\t{re:?}\t{:?}\t{modulus:?}\t{degrees:?}", -im)
+                writeln!(
+                    text,
+                    "{f:?}\t{re:?}\t{:?}\t{modulus:?}\t{degrees:?}\t0",
+                    -im
+                )
             }
             SpectrumFormat::ZView => writeln!(text, "{f:?}\t0\t0\t0\t{re:?}\t{im:?}\t0\t0\t0"),
         };
+    }
+    // As EC-Lab has it; galvani takes no other.
+    if format == SpectrumFormat::BioLogic {
+        text = text.replace('\n', "\r\n");
     }
     text
 }
@@ -98,12 +106,11 @@ fn head(spectrum: &Spectrum, format: SpectrumFormat) -> String {
              \tPt\tTime\tFreq\tZreal\tZimag\tZsig\tZmod\tZphz\tIdc\tVdc\tIERange\n\
              \t#\ts\tHz\tohm\tohm\tV\tohm\tdeg\tA\tV\t#\n"
         ),
-        SpectrumFormat::BioLogic => {
-            format!(
-                "EC-Lab ASCII FILE\nNb header lines : 5\n\nComments : {name}\n\
-                freq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\t|Z|/Ohm\tPhase(Z)/deg\n"
-            )
-        }
+        // No more lines of a head than these: yadg takes such a file for one without settings. It wants
+        // times, of which a spectrum knows none. Behind the last name stands a tabulator, as EC-Lab has it.
+        SpectrumFormat::BioLogic => "EC-Lab ASCII FILE\nNb header lines : 3\n\
+            freq/Hz\tRe(Z)/Ohm\t-Im(Z)/Ohm\t|Z|/Ohm\tPhase(Z)/deg\ttime/s\t\n"
+            .to_owned(),
         SpectrumFormat::ZView => format!(
             "ZPLOT2 ASCII\n  Title: {name}\n  Data Points:                {count}\n  \
             Freq(Hz)\tAmpl\tBias\tTime(Sec)\tZ'(a)\tZ''(b)\tGD\tErr\tRange\nEnd Comments\n"

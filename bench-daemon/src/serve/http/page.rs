@@ -15,6 +15,15 @@ macro_rules! file {
     };
 }
 
+macro_rules! vendored {
+    ($name:literal, $kind:literal) => {
+        get(|| async {
+            let text = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/vendor/", $name));
+            with_kind($kind, text)
+        })
+    };
+}
+
 fn with_kind(kind: &'static str, text: &'static str) -> Response {
     ([(header::CONTENT_TYPE, kind)], text).into_response()
 }
@@ -32,6 +41,18 @@ pub(super) fn routes() -> Router<App> {
         .route(
             "/plots.js",
             file!("plots.js", "text/javascript; charset=utf-8"),
+        )
+        .route(
+            "/time.js",
+            file!("time.js", "text/javascript; charset=utf-8"),
+        )
+        .route(
+            "/uplot.js",
+            vendored!("uplot/uPlot.iife.min.js", "text/javascript; charset=utf-8"),
+        )
+        .route(
+            "/uplot.css",
+            vendored!("uplot/uPlot.min.css", "text/css; charset=utf-8"),
         )
         .route(
             "/server.js",

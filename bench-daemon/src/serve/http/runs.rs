@@ -8,7 +8,7 @@ use std::{
     time::Duration,
 };
 
-use analysis::run_folder::{LOG, READINGS, ReadingRow};
+use analysis::run_folder::{LOG, READINGS};
 use axum::{
     Json,
     body::Body,
@@ -32,6 +32,7 @@ use crate::{
         live::RunNow,
         queue::{Item, Kind, Wanted},
         spectra::{self, Spectrum},
+        timeline::{Part, Readings},
         watch::Watch,
     },
     support::confined_path::{self, plain},
@@ -62,19 +63,6 @@ pub struct FileEntry {
     path: String,
     /// Its length.
     bytes: u64,
-}
-
-/// Readings of a run, by column.
-#[derive(Debug, Default, Serialize, ToSchema)]
-pub struct Readings {
-    /// Bench time, s.
-    time_s: Vec<f64>,
-    /// Voltage, V.
-    voltage_v: Vec<Option<f64>>,
-    /// Current, A; positive for charge.
-    current_a: Vec<Option<f64>>,
-    /// Surface temperature of the cell, °C.
-    temperature_c: Vec<Option<f64>>,
 }
 
 /// Lines of a log.
@@ -212,12 +200,13 @@ pub async fn fits(
     aside(move || Ok(Json(spectra::fits(&folder).into_iter().collect()))).await
 }
 
-/// The readings of a run, thinned to at most so many rows.
+/// The readings of a run, or of a part of it: all of them, or those that hold what is least and
+/// greatest, so that no peak is lost. Steps and checks are told beside them.
 #[utoipa::path(
     get,
     path = "/api/v1/runs/{run}/readings",
     tag = "runs",
-    params(("run" = String, Path), Most),
+    params(("run" = String, Path), Part),
     responses((status = 200, body = Readings)),
     security(("token" = ["read"]))
 )]
@@ -225,24 +214,20 @@ pub async fn readings(
     _caller: Reader,
     State(app): State<App>,
     Path(run): Path<String>,
-    Query(most): Query<Most>,
+    Query(part): Query<Part>,
 ) -> Result<Json<Readings>, Refusal> {
-    let (folder, most) = (folder(&app, &run)?, most.or(1000)?);
+    let folder = folder(&app, &run)?;
+    let most = part.most.map_or(1000, usize::from);
+    if !(8..=10_000).contains(&most) {
+        let expected = format!("most: expected 8 to 10000, found {most}");
+        return Err(Refusal::of(StatusCode::BAD_REQUEST, expected));
+    }
     aside(move || {
-        let text = text(&folder, READINGS)?;
-        let rows = text.lines().count().saturating_sub(1);
-        let every = rows.div_ceil(most).max(1);
-        let mut readings = Readings::default();
-        for line in text.lines().skip(1).step_by(every) {
-            let Some(row) = ReadingRow::parse(line) else {
-                continue;
-            };
-            readings.time_s.push(row.time_s);
-            readings.voltage_v.push(row.voltage_v);
-            readings.current_a.push(row.current_a);
-            readings.temperature_c.push(row.temperature_c);
-        }
-        Ok(Json(readings))
+        let timelines = &app.server.timelines;
+        timelines
+            .read(&folder, &part, most)
+            .map(Json)
+            .ok_or_else(|| Refusal::not_found("a file", READINGS))
     })
     .await
 }
@@ -289,12 +274,6 @@ fn tail(folder: &std::path::Path, name: &str) -> Vec<String> {
         )
     };
     read().unwrap_or_default()
-}
-
-fn text(folder: &std::path::Path, name: &str) -> Result<String, Refusal> {
-    let file = confined_path::open(folder, name)
-        .ok_or_else(|| Refusal::not_found("a file of the run", name))?;
-    std::io::read_to_string(file.take(LONGEST)).map_err(|error| Refusal::machine(&error))
 }
 
 /// The files of a run.

@@ -20,6 +20,7 @@ import {
   when,
 } from "./bench.js";
 import { MARKS, bode, make, mark, nyquist } from "./plots.js";
+import { drawTime } from "./time.js";
 
 const known = {
   benches: new Map(),
@@ -232,6 +233,21 @@ function drawSpectra() {
   );
 }
 
+// ---- time ---------------------------------------------------------------------------------------
+
+// No more often than this while readings come in, ms.
+const TIME_MS = 2000;
+let timed = 0;
+
+function drawStrips(now) {
+  const at = Date.now();
+  if (!now && at - timed < TIME_MS) return;
+  timed = at;
+  const bench = live();
+  const run = known.chosen.length === 1 ? known.chosen[0] : bench && bench.run && bench.run.run;
+  drawTime(get, run || "", bench ? bench.limits : []);
+}
+
 // ---- queue and history --------------------------------------------------------------------------
 
 function drawQueue() {
@@ -336,6 +352,7 @@ async function compare(run, on) {
   if (on) known.chosen.push(run);
   if (on && !known.spectra.has(run)) await attempt(() => load(run));
   drawSpectra();
+  drawStrips(true);
 }
 
 // A file of a run, saved by the browser: it never becomes a page of this server.
@@ -452,6 +469,7 @@ async function refresh() {
   drawQueue();
   drawHistory();
   drawSpectra();
+  drawStrips(true);
 }
 
 function heard(kind, data) {
@@ -462,6 +480,7 @@ function heard(kind, data) {
     draw();
     if (data.bench === known.bench && before && (before.run && before.run.run) !== (data.run && data.run.run))
       drawSpectra();
+    if (data.bench === known.bench) drawStrips(false);
   }
   if (kind === "stop") stopped(data);
   if (kind === "queue") {
@@ -523,7 +542,10 @@ async function begin() {
 
 $("stop").addEventListener("click", () => stop(false));
 $("stopall").addEventListener("click", () => stop(true));
-window.addEventListener("resize", drawSpectra);
+window.addEventListener("resize", () => {
+  drawSpectra();
+  drawStrips(true);
+});
 $("leave").addEventListener("click", () => {
   useToken("");
   location.reload();
