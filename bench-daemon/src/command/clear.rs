@@ -22,6 +22,9 @@ pub struct ClearArgs {
     /// I have looked at the bench and the cell: do not ask.
     #[arg(long)]
     pub yes: bool,
+    /// What I have found and done; it is kept with the trip.
+    #[arg(long, value_name = "TEXT")]
+    pub found: Option<String>,
 }
 
 /// Shows why a bench is latched and clears it when a person says so.
@@ -47,7 +50,7 @@ pub fn clear(args: &ClearArgs) -> Result<(), Failure> {
             "nothing was cleared: expected --yes, or `clear` typed on a terminal".to_owned(),
         ));
     }
-    state.clear(&trip, None)?;
+    state.clear(&trip, None, args.found.as_deref())?;
     say!(
         "cleared; the next run may use the bench. {} remembers it",
         state.path("trips.jsonl").display()

@@ -309,11 +309,17 @@ impl State {
     ///
     /// # Errors
     /// A file that cannot be written.
-    pub fn clear(&self, trip: &Latched, token: Option<&str>) -> Result<(), StateError> {
+    pub fn clear(
+        &self,
+        trip: &Latched,
+        token: Option<&str>,
+        found: Option<&str>,
+    ) -> Result<(), StateError> {
         let who = token.map_or_else(process::who, |name| format!("{name}, by token"));
         self.remember(&serde_json::json!({
             "what": "cleared",
             "who": who,
+            "found": found,
             "unix_s": clock::unix_time_s(),
             "trip": trip,
         }))?;

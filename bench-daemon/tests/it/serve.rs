@@ -608,7 +608,13 @@ fn a_trip_is_shown_with_its_cause_and_cleared_only_by_who_has_seen_it() {
     served
         .post(
             "/benches/demo/trips/clear",
-            &serde_json::json!({ "cause": cause }).to_string(),
+            &serde_json::json!({ "cause": cause, "found": "a".repeat(1001) }).to_string(),
+        )
+        .expect(400);
+    served
+        .post(
+            "/benches/demo/trips/clear",
+            &serde_json::json!({ "cause": cause, "found": " Ann: a loose probe " }).to_string(),
         )
         .expect(200);
     served
@@ -628,6 +634,8 @@ fn a_trip_is_shown_with_its_cause_and_cleared_only_by_who_has_seen_it() {
         trips["latched"].is_null() && what.ends_with(&["latched", "cleared"]),
         "{trips}"
     );
+    let last = trips["history"].as_array().unwrap().last().unwrap();
+    assert_eq!(last["found"], "Ann: a loose probe");
 }
 
 #[test]

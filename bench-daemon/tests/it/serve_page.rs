@@ -421,6 +421,15 @@ fn a_run_is_seen_over_time_and_a_stretch_of_it_exactly() {
             .contains("stage, EIS sweep of the cell")
     );
     browser.pictures("time");
+    // The nearest point is told in a line of its own, and stays when the plot is drawn anew.
+    browser.script(
+        "const box = document.querySelector('#nyquist .mark').getBoundingClientRect();
+        document.querySelector('#nyquist').dispatchEvent(new PointerEvent('pointermove', {
+            clientX: box.left + 9, clientY: box.top + 9, bubbles: true }));
+        window.dispatchEvent(new Event('resize'));",
+    );
+    browser.wait("#pointsaid", " Hz: ");
+    browser.wait("#pointsaid", ", ±σ ");
     let whole = browser.text("#timesaid");
     browser.script(DRAW_OVER);
     browser.wait_until("#timesaid", "a part, exactly", |now| {
@@ -664,6 +673,10 @@ fn a_trip_a_token_and_a_lost_connection_are_seen_in_the_dark() {
     browser.wait("#trip", "temperature");
     browser.wait("#runs", "✕");
     browser.pictures("tripped");
+    // Nothing is cleared before a person has said what was found.
+    browser.click("#trip button");
+    assert!(browser.text("#trip").contains("demo is latched"));
+    browser.keys("#found", "Ann: the limit in the cell file was too low");
     browser.click("#trip button");
     browser.wait("#said", "demo is cleared");
     browser.wait("#state", "Idle");

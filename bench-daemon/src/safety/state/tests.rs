@@ -79,7 +79,7 @@ fn benches_that_share_an_instrument_exclude_each_other_and_see_each_others_latch
     assert!(refused.starts_with(&words), "{refused}");
     apart.refuse_latched().unwrap();
     // Whichever of them is cleared, the cause is gone for both.
-    two.clear(&cause, None).unwrap();
+    two.clear(&cause, None, None).unwrap();
     one.refuse_latched().unwrap();
     two.refuse_latched().unwrap();
 }
@@ -190,7 +190,7 @@ fn the_first_cause_stays_until_a_person_clears_it_and_all_are_remembered() {
     at 12.0 s in step \"charge\" of runs/a. \
                  Look at the bench and the cell, then `eis-bench clear b.toml`";
     assert_eq!(refused, words);
-    state.clear(&first, None).unwrap();
+    state.clear(&first, None, None).unwrap();
     state.refuse_latched().unwrap();
     let history = fs::read_to_string(state.path(HISTORY)).unwrap();
     let whats: Vec<_> = history

@@ -47,7 +47,13 @@ pub struct Caller {
 pub struct Confirm {
     /// The cause that is shown now, word by word: nobody clears what they have not seen.
     cause: String,
+    /// Who looked, and what they found and did, at most 1000 characters; it is kept with the trip.
+    #[serde(default)]
+    found: Option<String>,
 }
+
+/// Longest text of what was found, characters.
+const LONGEST_FOUND: usize = 1000;
 
 /// How many.
 #[derive(Debug, Deserialize, IntoParams)]
@@ -338,6 +344,7 @@ fn happened(line: &str) -> Option<Happened> {
     Some(Happened {
         what: text(&value["what"])?,
         who: text(&value["who"]),
+        found: text(&value["found"]),
         cause: text(&value["trip"]["cause"]),
         unix_s,
     })
@@ -360,6 +367,8 @@ pub struct Happened {
     /// Who cleared: the name of the token, or the account on a terminal or where no token is asked
     /// for.
     who: Option<String>,
+    /// What whoever cleared had found, in their words.
+    found: Option<String>,
     /// The cause.
     cause: Option<String>,
     /// When, s since 1970.
@@ -399,8 +408,23 @@ pub async fn clear(
             trip.cause, confirm.cause
         )));
     }
+    let found = confirm
+        .found
+        .as_deref()
+        .map(str::trim)
+        .filter(|text| !text.is_empty());
+    if found.is_some_and(|text| text.chars().count() > LONGEST_FOUND) {
+        return Err(Refusal::of(
+            StatusCode::BAD_REQUEST,
+            format!("found: expected at most {LONGEST_FOUND} characters"),
+        ));
+    }
     state
-        .clear(&trip, caller.secret.as_ref().map(|_| caller.name.as_str()))
+        .clear(
+            &trip,
+            caller.secret.as_ref().map(|_| caller.name.as_str()),
+            found,
+        )
         .map_err(|error| Refusal::machine(&error))?;
     Ok(Json(trip.into()))
 }

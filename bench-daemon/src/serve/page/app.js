@@ -19,8 +19,8 @@ import {
   text,
   when,
 } from "./bench.js";
-import { MARKS, bode, make, mark, nyquist } from "./plots.js";
-import { drawTime } from "./time.js";
+import { MARKS, bode, make, mark, nyquist, tellPoints } from "./plots.js";
+import { drawTime, fitTime } from "./time.js";
 
 const known = {
   benches: new Map(),
@@ -169,6 +169,9 @@ function shown(run) {
   return corrected.length ? corrected : all;
 }
 
+// Of the curves of one run, by the place of their marks and colours.
+const LOOKS = ["spectrum", "shunt", "fake cell", "short"];
+
 function curves() {
   const runs = known.chosen.length ? known.chosen : [live() && live().run && live().run.run].filter(Boolean);
   const found = [];
@@ -179,11 +182,15 @@ function curves() {
         points: one.points,
         corrected: one.corrected,
       });
-  return found.slice(0, 12).map((one, index) => ({ ...one, index }));
+  // A control looks the same whether it grows or was measured before: by its name, not by its place.
+  const looks = (one, place) => (runs.length > 1 ? place : Math.max(0, LOOKS.indexOf(one.name)));
+  return found.slice(0, 12).map((one, place) => ({ ...one, index: looks(one, place) }));
 }
 
 function drawSpectra() {
   const found = curves();
+  $("plots").hidden = !found.length;
+  if (!found.length) return;
   nyquist($("nyquist"), found);
   bode($("bode"), found);
   $("legend").replaceChildren(
@@ -424,9 +431,9 @@ function draw() {
     choose,
   );
   drawMiss();
-  drawTrip(now, (one) =>
+  drawTrip(now, (one, found) =>
     attempt(
-      () => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause }),
+      () => post(`/benches/${one.bench}/trips/clear`, { cause: one.trip.cause, found }),
       () => `${one.bench} is cleared.`,
     ),
   );
@@ -439,9 +446,13 @@ function draw() {
   $("submit").hidden = !may("energise");
 }
 
-// Shows another bench.
+// The bench that the address names: `#demo`.
+const addressed = () => decodeURIComponent(location.hash.slice(1));
+
+// Shows another bench; each has an address of its own, which can be sent.
 async function choose(bench) {
   known.bench = bench;
+  if (addressed() !== bench) history.pushState(null, "", `#${encodeURIComponent(bench)}`);
   $("stopped").hidden = true;
   await attempt(refresh);
 }
@@ -454,6 +465,7 @@ async function refresh() {
     get("/experiments"),
   ]);
   known.benches = new Map(benches.map((one) => [one.bench, one]));
+  if (known.benches.has(addressed())) known.bench = addressed();
   if (!known.benches.has(known.bench))
     known.bench = (benches.find((one) => one.run && one.run.going) || benches[0]).bench;
   [known.queue, known.runs] = [queue, runs];
@@ -540,15 +552,20 @@ async function begin() {
   listen(heard, link);
 }
 
+for (const id of ["nyquist", "bode"]) tellPoints($(id), $("pointsaid"));
 $("stop").addEventListener("click", () => stop(false));
 $("stopall").addEventListener("click", () => stop(true));
 window.addEventListener("resize", () => {
   drawSpectra();
+  fitTime();
   drawStrips(true);
 });
 $("leave").addEventListener("click", () => {
   useToken("");
   location.reload();
+});
+window.addEventListener("popstate", () => {
+  if (known.benches.has(addressed())) choose(addressed());
 });
 $("bench").addEventListener("change", () => choose($("bench").value));
 $("login").addEventListener("submit", (event) => {

@@ -23,7 +23,18 @@ export function text(node, value) {
 export function fill(parent, ...children) {
   const next = parent.cloneNode(false);
   next.append(...children);
-  if (!parent.isEqualNode(next)) parent.replaceChildren(...next.childNodes);
+  if (parent.isEqualNode(next)) return;
+  // Whoever goes by keyboard stays where they were: at the button of the same name, else at the first.
+  const held = parent.contains(document.activeElement) ? document.activeElement.textContent : null;
+  parent.replaceChildren(...next.childNodes);
+  if (held === null) return;
+  const buttons = [...parent.querySelectorAll("button, input, select")];
+  const same = buttons.find((one) => one.textContent === held) || buttons[0];
+  if (same) same.focus();
+  else {
+    parent.tabIndex = -1;
+    parent.focus();
+  }
 }
 
 export function duration(seconds) {
@@ -196,7 +207,7 @@ export function drawRun(live, job, body) {
     ],
     ["Point in work", run.going && point ? point : "–"],
     ["Points", `${run.points_done} of ${run.points} finished`],
-    ["Time left", run.going ? (run.left_s === null ? "unknown" : `about ${duration(run.left_s)}`) : "–"],
+    ["Time left, by the clock", run.going ? (run.left_s === null ? "unknown" : `about ${duration(run.left_s)}`) : "–"],
   ];
   body.replaceChildren(
     el("div", { class: "progress" }, progress, el("b", {}, `${percent} %`)),
@@ -295,6 +306,29 @@ export function drawMissed(benches, close) {
   );
 }
 
+// Nobody clears without saying who looked and what they found: it is kept with the trip.
+function clearing(live, clear) {
+  const said = el("input", {
+    id: "found",
+    required: true,
+    maxlength: 1000,
+    autocomplete: "off",
+    placeholder: "name; what was found and done",
+  });
+  return el(
+    "form",
+    {
+      class: "acts",
+      onsubmit: (event) => {
+        event.preventDefault();
+        clear(live, said.value.trim());
+      },
+    },
+    el("label", {}, "Who looked, and what was found ", said),
+    el("button", { type: "submit" }, "I have looked: clear"),
+  );
+}
+
 export function drawTrip(live, clear) {
   const banner = $("trip");
   banner.hidden = !live.trip;
@@ -306,7 +340,7 @@ export function drawTrip(live, clear) {
     el("strong", {}, `▲ ${live.bench} is latched. `),
     `${live.trip.cause}${live.trip.step ? `, in step “${live.trip.step}”` : ""}. ` +
       `Found by the ${live.trip.by}, ${when(live.trip.unix_s)}. Look at the bench and at the cell. `,
-    el("button", { type: "button", onclick: () => clear(live) }, "I have looked: clear"),
+    clearing(live, clear),
   );
 }
 

@@ -105,7 +105,10 @@ function curve(svg, points, index, errors) {
   points.forEach(([x, y, text], place) => {
     const node = mark(MARKS[index % MARKS.length], x, y, place === points.length - 1 ? 5 : 3.5);
     node.classList.add("mark");
-    if (text) node.append(make("title", {}, text));
+    if (text) {
+      node.append(make("title", {}, text));
+      node.dataset.says = text;
+    }
     group.append(node);
   });
   svg.append(group);
@@ -117,7 +120,24 @@ function empty(svg, width, height, text) {
 
 const say = (p) =>
   `${p.freq_hz.toPrecision(4)} Hz: ${(1e3 * p.re_ohm).toPrecision(4)} ` +
-  `${p.im_ohm < 0 ? "−" : "+"} j ${(1e3 * Math.abs(p.im_ohm)).toPrecision(4)} mΩ`;
+  `${p.im_ohm < 0 ? "−" : "+"} j ${(1e3 * Math.abs(p.im_ohm)).toPrecision(4)} mΩ` +
+  (p.re_sigma_ohm === null
+    ? ""
+    : `, ±σ ${(1e6 * p.re_sigma_ohm).toPrecision(2)} and ${(1e6 * (p.im_sigma_ohm || 0)).toPrecision(2)} µΩ`);
+
+// Tells the point nearest to the pointer in a line of its own, which stays when the plot is drawn anew.
+export function tellPoints(svg, line) {
+  svg.addEventListener("pointermove", (event) => {
+    let [best, least] = [null, 40];
+    for (const node of svg.querySelectorAll(".mark")) {
+      const box = node.getBoundingClientRect();
+      const [dx, dy] = [event.clientX - (box.left + box.right) / 2, event.clientY - (box.top + box.bottom) / 2];
+      const far = Math.hypot(dx, dy);
+      if (node.dataset.says && far < least) [best, least] = [node, far];
+    }
+    if (best) line.textContent = best.dataset.says;
+  });
+}
 
 // −Im over Re in mΩ, the same scale on both axes.
 export function nyquist(svg, curves) {
@@ -160,6 +180,12 @@ export function nyquist(svg, curves) {
   });
 }
 
+// Standard uncertainty of |Z|, Ω, and of the phase, rad.
+const sigmaAbs = (p) =>
+  Math.hypot(p.re_ohm * p.re_sigma_ohm, p.im_ohm * (p.im_sigma_ohm || 0)) / Math.hypot(p.re_ohm, p.im_ohm);
+const sigmaAngle = (p) =>
+  Math.hypot(p.im_ohm * p.re_sigma_ohm, p.re_ohm * (p.im_sigma_ohm || 0)) / Math.hypot(p.re_ohm, p.im_ohm) ** 2;
+
 // |Z| and phase over frequency.
 export function bode(svg, curves) {
   const [width, height] = reset(svg);
@@ -186,15 +212,21 @@ export function bode(svg, curves) {
     { range: lower, at: linear, ticks: ticks(...lower, 4), title: "phase / °" },
   );
   curves.forEach((one, index) => {
+    const known = one.points.filter((p) => p.re_sigma_ohm !== null);
+    // Bars of ±2σ, the errors of both parts taken as independent.
+    const bars = (x, y, of, sigma) =>
+      known.map((p) => [x(p.freq_hz), y(of(p) - 2 * sigma(p)), x(p.freq_hz), y(of(p) + 2 * sigma(p))]);
     curve(
       svg,
       one.points.map((p) => [ux(p.freq_hz), uy(abs(p)), say(p)]),
       one.index ?? index,
+      bars(ux, uy, abs, (p) => 1e3 * sigmaAbs(p)),
     );
     curve(
       svg,
       one.points.map((p) => [lx(p.freq_hz), ly(angle(p)), say(p)]),
       one.index ?? index,
+      bars(lx, ly, angle, (p) => (180 / Math.PI) * sigmaAngle(p)),
     );
   });
 }

@@ -89,7 +89,8 @@ function strip(parent, [key, title, digits, ink], choose) {
         label: title,
         stroke: () => colour(ink),
         width: 1.5,
-        points: { show: false },
+        // So few that a line would hide which there are.
+        points: { show: (chart) => chart.data[0].length < 40, size: 5 },
         value: (_, value) => (value === null || value === undefined ? "–" : value.toFixed(digits)),
       },
     ],
@@ -149,13 +150,20 @@ function words(told) {
   );
 }
 
+// As wide as there is room; needs no server.
+export function fitTime() {
+  for (const { chart, holder } of shown.charts) {
+    const width = Math.max(260, holder.clientWidth);
+    if (Math.abs(chart.width - width) > 1) chart.setSize({ width, height: HEIGHT });
+  }
+}
+
 function draw(choose) {
   const { told } = shown;
   const parent = $("strips");
   if (!shown.charts.length) STRIPS.forEach((one) => strip(parent, one, choose));
-  for (const { key, chart, holder } of shown.charts) {
-    const width = Math.max(260, holder.clientWidth);
-    if (Math.abs(chart.width - width) > 1) chart.setSize({ width, height: HEIGHT });
+  fitTime();
+  for (const { key, chart } of shown.charts) {
     // The same stretch of time in all of them.
     chart.setData(line(told, key), false);
     const [first, last] = [told.time_s[0], told.time_s[told.time_s.length - 1]];
@@ -200,6 +208,6 @@ export async function drawTime(get, run, limits) {
     draw(choose);
   } catch {
     // A run that has no reading yet; whoever calls says when the server is lost.
-    if (asked === shown.asked) $("timesaid").textContent = "No reading yet.";
+    if (asked === shown.asked && !shown.told) $("timesaid").textContent = "No reading yet.";
   }
 }
