@@ -3,7 +3,10 @@
 use std::{
     cell::Cell,
     io::IsTerminal,
-    sync::{Arc, Mutex, PoisonError},
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicU64, Ordering},
+    },
 };
 
 use analysis::diagnosis::Progress as Listener;
@@ -33,6 +36,15 @@ impl Waiting {
     pub fn listener(&self) -> Listener {
         let bar = self.0.clone();
         Listener::new(move |step| bar.set_message(step.to_owned()))
+    }
+
+    /// Counts what is done of so many things, from any thread.
+    pub fn counter(&self, of: u64, what: &str) -> impl Fn() + Sync + use<> {
+        let (bar, what, done) = (self.0.clone(), what.to_owned(), AtomicU64::new(0));
+        move || {
+            let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+            bar.set_message(format!("{what}: {done} of {of}"));
+        }
     }
 
     /// Clears the line.

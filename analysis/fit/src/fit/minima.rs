@@ -56,7 +56,7 @@ pub struct SeedSurvey {
     pub other_minima: Vec<LocalMinimum>,
 }
 
-/// Repeats a fit's search with `seeds` seeds, on all cores.
+/// Repeats a fit's search with `seeds` seeds, on all cores; `done` is called behind each of them.
 ///
 /// # Errors
 /// As [`super::fit_erm`].
@@ -64,6 +64,7 @@ pub fn survey_seeds(
     spectra: &[Spectrum],
     options: &FitOptions,
     seeds: u64,
+    done: &(dyn Fn() + Sync),
 ) -> Result<SeedSurvey, FitError> {
     options.check()?;
     check_spectra(spectra)?;
@@ -71,15 +72,13 @@ pub fn survey_seeds(
     options.check_size(problem.groups.len())?;
     let coarse = Problem::coarse(spectra, options.objective);
     let one = |k: u64| {
-        search(
-            &problem,
-            &coarse,
-            &FitOptions {
-                seed: options.seed.wrapping_add(k),
-                ..*options
-            },
-            0,
-        )
+        let options = FitOptions {
+            seed: options.seed.wrapping_add(k),
+            ..*options
+        };
+        let found = search(&problem, &coarse, &options, 0);
+        done();
+        found
     };
     let found: Vec<Basins> = (0..seeds.max(1)).into_par_iter().map(one).collect();
     let best_value = found

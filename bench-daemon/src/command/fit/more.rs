@@ -2,7 +2,8 @@
 //! other minima, search over many seeds.
 
 use crate::{
-    files, safety::failure::Failure, support::present::significant, support::terminal::say,
+    files, operator::progress::Waiting, safety::failure::Failure, support::present::significant,
+    support::terminal::say,
 };
 use std::path::Path;
 
@@ -110,9 +111,12 @@ impl More {
                 });
             }
             if let Some(seeds) = args.seeds {
-                self.seeds.push(
-                    survey_seeds(spectra, &options(fit), seeds).map_err(refused(&self.name))?,
-                );
+                let waiting = Waiting::shown();
+                let what = format!("{}, {} RC: searches", self.name, fit.erm.branches.len());
+                let done = waiting.counter(seeds, &what);
+                let survey = survey_seeds(spectra, &options(fit), seeds, &done);
+                waiting.end();
+                self.seeds.push(survey.map_err(refused(&self.name))?);
             }
         }
         Ok(())

@@ -1,5 +1,7 @@
 //! Optima of the thesis from many seeds, and the minima beside them.
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use super::thesis::{expected, real_sweeps};
 use crate::fit::{
     Bounds, CellSweeps, FitOptions, Objective, batch::Batch, fit_cells, fit_erm, problem::Problem,
@@ -10,6 +12,7 @@ use analysis_numeric::{Columns, Rng, Smooth};
 #[test]
 fn sixty_seeds_of_sixty_reach_appendix_a() {
     let sweeps = real_sweeps();
+    let done = AtomicU64::new(0);
     for (i, (objective, _)) in expected().into_iter().enumerate() {
         let survey = survey_seeds(
             &sweeps,
@@ -19,9 +22,13 @@ fn sixty_seeds_of_sixty_reach_appendix_a() {
                 ..FitOptions::default()
             },
             60,
+            &|| {
+                done.fetch_add(1, Ordering::Relaxed);
+            },
         )
         .unwrap();
         assert_eq!((survey.at_best, survey.seeds), (60, 60), "{} RC", i + 1);
+        assert_eq!(done.swap(0, Ordering::Relaxed), 60);
         assert!(
             (survey.best.objective - objective).abs() < 5e-6 && survey.best.is_proven(),
             "{:?}",
