@@ -28,9 +28,9 @@ struct Answer<'a> {
     held_out_rms_v: Option<(f64, f64)>,
 }
 
-/// Role of a pulse; time since its edge, s, and voltages less that before it, V: measured, by the
+/// Of a pulse: time since its edge, s, and voltages less that before it, V: measured, by the
 /// spectra's model, by the joint one.
-type Overlay = (String, Vec<[f64; 4]>);
+type Overlay = Vec<[f64; 4]>;
 
 #[pyfunction]
 pub(crate) fn joint(
@@ -59,14 +59,7 @@ pub(crate) fn joint(
         let (study, _) = study(&input, &options).map_err(|error| error.to_string())?;
         let fit = study.joint().ok_or("no order was fitted")?;
         let model = Model::of("joint", fit.erm.clone(), curve.clone())?;
-        let overlays = study.pulses.iter().map(|pulse| {
-            let role = match pulse.role {
-                Role::Fitted => "fitted",
-                Role::HeldOut => "held-out",
-                Role::Outside => "outside",
-            };
-            (role.to_owned(), pulse.overlay.clone())
-        });
+        let overlays = study.pulses.iter().map(|pulse| pulse.overlay.clone());
         let overlays = overlays.collect();
         let answer = Answer {
             fitted_rms_v: study.rms_v(Role::Fitted),

@@ -78,7 +78,7 @@ impl Model {
     }
 }
 
-/// What is simulated beside the model.
+/// Load, pack and options of a simulation.
 struct Played {
     source: OcvSource,
     soc: f64,

@@ -22,7 +22,7 @@ pub struct ClearArgs {
     /// I have looked at the bench and the cell: do not ask.
     #[arg(long)]
     pub yes: bool,
-    /// What I have found and done; it is kept with the trip.
+    /// Finding of whoever looked, and what they did; it is kept with the trip.
     #[arg(long, value_name = "TEXT")]
     pub found: Option<String>,
 }

@@ -1,5 +1,6 @@
 //! `eis-bench config`: files to begin with, their schema, and whether they are right.
 
+use crate::command::printed::say_json;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -80,13 +81,13 @@ enum Act {
 /// Kind of a file.
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Kind {
-    /// What is done.
+    /// Course of a measurement.
     Experiment,
     /// Instruments and wiring.
     Bench,
-    /// What may be done to a cell.
+    /// Limits of a cell, and facts of it.
     Cell,
-    /// What is true of a simulated bench.
+    /// Truth of a simulated bench.
     Scenario,
     /// A server.
     Server,
@@ -157,9 +158,7 @@ pub fn write(folder: &Path) -> Result<Vec<PathBuf>, Failure> {
 fn check(files: &[PathBuf], json: bool) -> Result<(), Failure> {
     let checked: Vec<Checked> = files.iter().map(|file| of_file(file)).collect();
     if json {
-        let text = serde_json::to_string_pretty(&checked)
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
-        say!("{text}");
+        say_json(&checked)?;
     } else {
         for one in &checked {
             match &one.mistake {

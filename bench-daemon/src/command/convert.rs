@@ -2,6 +2,7 @@
 //! as the project's.
 
 use crate::command::units;
+use crate::config::quantity::{Charge, Temperature, Voltage};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -54,19 +55,19 @@ pub struct ConvertArgs {
     #[arg(long, value_name = "FILE", conflicts_with_all = ["ocv_v", "capacity_ah"])]
     pub ocv: Option<PathBuf>,
     /// For a model: a constant open-circuit voltage, V.
-    #[arg(long, value_name = "V", requires = "capacity_ah", value_parser = units::volts)]
+    #[arg(long, value_name = "V", requires = "capacity_ah", value_parser = units::of::<Voltage>)]
     pub ocv_v: Option<f64>,
     /// For a model: its capacity, Ah.
-    #[arg(long, value_name = "AH", requires = "ocv_v", value_parser = units::ampere_hours)]
+    #[arg(long, value_name = "AH", requires = "ocv_v", value_parser = units::of::<Charge>)]
     pub capacity_ah: Option<f64>,
     /// For a model: lowest voltage of the cell, V.
-    #[arg(long, value_name = "V", default_value_t = 2.5, value_parser = units::volts)]
+    #[arg(long, value_name = "V", default_value_t = 2.5, value_parser = units::of::<Voltage>)]
     pub low_v: f64,
     /// For a model: highest voltage of the cell, V.
-    #[arg(long, value_name = "V", default_value_t = 4.2, value_parser = units::volts)]
+    #[arg(long, value_name = "V", default_value_t = 4.2, value_parser = units::of::<Voltage>)]
     pub high_v: f64,
     /// For a model: temperature at which it was measured, °C.
-    #[arg(long, value_name = "C", default_value_t = 25.0, value_parser = units::celsius)]
+    #[arg(long, value_name = "C", default_value_t = 25.0, value_parser = units::of::<Temperature>)]
     pub temperature_c: f64,
 }
 
@@ -128,20 +129,19 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
         return model(args, given, goal);
     }
     files::make_folder(&args.out)?;
+    let each =
+        |work: &dyn Fn(&PathBuf) -> Result<(), Failure>| args.files.iter().try_for_each(work);
+    let format_of = |format| each(&|file| spectra(args, file, format));
     match args.to {
-        To::TableCsv => return table(args, ".csv"),
-        To::TableParquet => return table(args, ".parquet"),
-        _ => {}
-    }
-    args.files.iter().try_for_each(|file| match args.to {
-        To::TableCsv | To::TableParquet => Ok(()),
-        To::Csv => spectra(args, file, None),
-        To::ImpedancePy => spectra(args, file, Some(SpectrumFormat::ImpedancePy)),
-        To::Gamry => spectra(args, file, Some(SpectrumFormat::Gamry)),
-        To::Biologic => spectra(args, file, Some(SpectrumFormat::BioLogic)),
-        To::Zview => spectra(args, file, Some(SpectrumFormat::ZView)),
-        To::BdfCsv | To::BdfParquet => series(args, file),
-        To::C | To::Pybamm | To::Casadi | To::Model => {
+        To::TableCsv => table(args, ".csv"),
+        To::TableParquet => table(args, ".parquet"),
+        To::Csv => format_of(None),
+        To::ImpedancePy => format_of(Some(SpectrumFormat::ImpedancePy)),
+        To::Gamry => format_of(Some(SpectrumFormat::Gamry)),
+        To::Biologic => format_of(Some(SpectrumFormat::BioLogic)),
+        To::Zview => format_of(Some(SpectrumFormat::ZView)),
+        To::BdfCsv | To::BdfParquet => each(&|file| series(args, file)),
+        To::C | To::Pybamm | To::Casadi | To::Model => each(&|file| {
             let band_hz = args
                 .ladder_band_hz
                 .as_deref()
@@ -157,8 +157,8 @@ pub fn convert(args: &ConvertArgs) -> Result<(), Failure> {
                 };
                 model(args, given, goal)
             })
-        }
-    })
+        }),
+    }
 }
 
 /// Format in which a model is written, and the end of the file's name.

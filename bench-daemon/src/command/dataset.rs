@@ -5,6 +5,7 @@ mod findings;
 mod print;
 mod read;
 
+use crate::command::printed::say_json;
 use analysis::{dataset, formats::CurrentSign, series::TimeSeries};
 
 use crate::{
@@ -56,9 +57,7 @@ fn init(args: &InitArgs) -> Result<(), Failure> {
         &findings.bench,
     );
     if args.json {
-        let text = serde_json::to_string_pretty(&findings)
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
-        say!("{text}");
+        say_json(&findings)?;
     } else {
         print::findings(&findings);
     }

@@ -5,6 +5,7 @@ mod args;
 mod judged;
 mod table;
 
+use crate::command::printed::say_json;
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -93,11 +94,7 @@ pub fn diagnose(args: &DiagnoseArgs) -> Result<(), Failure> {
                 .zip(several)
                 .map(|(cell, one)| serde_json::json!({"cell": cell, "diagnosis": one.diagnosis}))
                 .collect();
-            say!(
-                "{}",
-                serde_json::to_string_pretty(&diagnoses)
-                    .map_err(|error| Failure::Analysis(error.to_string()))?
-            );
+            say_json(&diagnoses)?;
         }
     }
     // Everything is told and written by now; whoever reads nothing but the exit code must know.

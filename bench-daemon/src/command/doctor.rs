@@ -1,5 +1,6 @@
 //! `eis-bench doctor`: a bench examined before its first use, with a report that a person signs.
 
+use crate::command::printed::say_json;
 use std::{
     collections::BTreeMap,
     path::{Path, PathBuf},
@@ -197,11 +198,7 @@ fn outcome(findings: &Findings, fixture: Option<Fixture>) -> Outcome {
 
 fn tell(report: &Report, folder: &Path, json: bool) -> Result<(), Failure> {
     if json {
-        say!(
-            "{}",
-            serde_json::to_string_pretty(report)
-                .map_err(|error| Failure::Analysis(error.to_string()))?
-        );
+        say_json(report)?;
     } else {
         for Check {
             id,

@@ -1,6 +1,7 @@
 //! `eis-bench identify`: who answers at the configured addresses, or at any others, what it can do
 //! and what is programmed into it.
 
+use crate::command::printed::say_json;
 use std::{collections::BTreeMap, path::Path};
 
 use instruments::{
@@ -83,9 +84,7 @@ pub fn identify(args: &IdentifyArgs) -> Result<(), Failure> {
         }
     }
     if args.json {
-        let text = serde_json::to_string_pretty(&found)
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
-        say!("{text}");
+        say_json(&found)?;
     }
     match found.iter().filter(|found| !found.good()).count() {
         0 => Ok(()),
@@ -277,7 +276,7 @@ fn single(address: &Address, quiet: bool) -> Result<Vec<IdentifiedInstrument>, F
     })
 }
 
-/// What a web server answered in the place of an instrument, in words.
+/// Answer of a web server in the place of an instrument, in words.
 fn web(identity: &Identity) -> String {
     format!(
         "expected an instrument, met a web server ({:?}); instruments with a web page speak SCPI on \

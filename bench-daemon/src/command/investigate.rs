@@ -1,7 +1,9 @@
 //! `eis-bench investigate`: measures, diagnoses, and measures what the diagnosis asks for, within a
 //! budget.
 
+use crate::command::printed::say_json;
 use crate::command::units;
+use crate::config::quantity::Charge;
 use std::{io::BufRead, path::PathBuf};
 
 use analysis::diagnosis::report;
@@ -35,7 +37,7 @@ pub struct InvestigateArgs {
     #[arg(long, default_value_t = 240.0, value_name = "MIN")]
     pub budget_minutes: f64,
     /// Charge that they may move in either direction, Ah.
-    #[arg(long, default_value_t = 20.0, value_name = "AH", value_parser = units::ampere_hours)]
+    #[arg(long, default_value_t = 20.0, value_name = "AH", value_parser = units::of::<Charge>)]
     pub budget_ah: f64,
     /// Confirm the budget without being asked.
     #[arg(long)]
@@ -79,11 +81,7 @@ pub fn investigate(args: &InvestigateArgs) -> Result<(), Failure> {
         },
     )?;
     if args.json {
-        say!(
-            "{}",
-            serde_json::to_string_pretty(&investigation)
-                .map_err(|error| Failure::Analysis(error.to_string()))?
-        );
+        say_json(&investigation)?;
     } else {
         print(&investigation);
         say!("written to {}", out.display());

@@ -1,6 +1,8 @@
 //! `eis-bench joint`: the extended Randles model from spectra and pulses together.
 
+use crate::command::printed::say_json;
 use crate::command::units;
+use crate::config::quantity::{Resistance, Voltage};
 use crate::{
     command::ocv,
     files,
@@ -49,16 +51,16 @@ pub struct JointArgs {
     #[arg(long, value_name = "FILE")]
     pub ocv_from: Option<PathBuf>,
     /// Resistance that brings the voltage under steady load to OCV, Ω.
-    #[arg(long, default_value_t = 0.015, value_name = "OHM", value_parser = units::ohms)]
+    #[arg(long, default_value_t = 0.015, value_name = "OHM", value_parser = units::of::<Resistance>)]
     pub dcir_ohm: f64,
     /// Order: a number of RC pairs, or `auto` (1 to 6, by AICc).
     #[arg(long, default_value = "auto", value_name = "N|auto")]
     pub rc: String,
     /// OCV at which the spectra were measured, V.
-    #[arg(long, default_value_t = 3.72, value_name = "V", value_parser = units::volts)]
+    #[arg(long, default_value_t = 3.72, value_name = "V", value_parser = units::of::<Voltage>)]
     pub at_v: f64,
     /// Pulses this far from it are used, V; every second of them is held out.
-    #[arg(long, default_value_t = 0.2, value_name = "V", value_parser = units::volts)]
+    #[arg(long, default_value_t = 0.2, value_name = "V", value_parser = units::of::<Voltage>)]
     pub within_v: f64,
     /// Direction that the series count positive, `discharge` or `charge` [default: by format and
     /// file name]
@@ -112,10 +114,7 @@ pub fn joint(args: &JointArgs) -> Result<(), Failure> {
         job.write(folder, &spectra)?;
     }
     if args.json {
-        let text = serde_json::to_string_pretty(&study)
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
-        say!("{text}");
-        return Ok(());
+        return say_json(&study);
     }
     job.print();
     Ok(())

@@ -24,6 +24,7 @@ pub mod pack;
 pub mod pack_simulate;
 pub mod pack_size;
 pub mod plan;
+pub mod printed;
 pub mod profile_args;
 pub mod replay;
 pub mod resume;

@@ -1,6 +1,8 @@
 //! `eis-bench ocv`: the open-circuit voltage of a slow discharge.
 
+use crate::command::printed::say_json;
 use crate::command::units;
+use crate::config::quantity::{Resistance, Voltage};
 use crate::{
     config::quantity::{Duration, Quantity},
     figures::ocv::{picture, write},
@@ -41,13 +43,13 @@ pub struct OcvArgs {
     #[arg(long, requires = "charge")]
     pub mean: bool,
     /// Resistance that the load's voltage drop is compensated with, Ω.
-    #[arg(long, default_value_t = 0.015, value_name = "OHM", value_parser = units::ohms)]
+    #[arg(long, default_value_t = 0.015, value_name = "OHM", value_parser = units::of::<Resistance>)]
     pub dcir_ohm: f64,
     /// Lower voltage limit of the cell, V.
-    #[arg(long, default_value_t = 2.5, value_name = "V", value_parser = units::volts)]
+    #[arg(long, default_value_t = 2.5, value_name = "V", value_parser = units::of::<Voltage>)]
     pub low_v: f64,
     /// Upper voltage limit of the cell, V.
-    #[arg(long, default_value_t = 4.2, value_name = "V", value_parser = units::volts)]
+    #[arg(long, default_value_t = 4.2, value_name = "V", value_parser = units::of::<Voltage>)]
     pub high_v: f64,
     /// A polynomial of this order besides, with its error and where it falls.
     #[arg(long, value_name = "ORDER")]
@@ -106,10 +108,7 @@ pub fn ocv(args: &OcvArgs) -> Result<(), Failure> {
         files::write_chart(folder, "ocv", &picture(&discharge.name, &points, &found))?;
     }
     if args.json {
-        let text = serde_json::to_string_pretty(&found)
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
-        say!("{text}");
-        return Ok(());
+        return say_json(&found);
     }
     print_text(&discharge.name, &found);
     if let Some(folder) = &args.out {

@@ -2,6 +2,7 @@
 //! commands that fit.
 
 use crate::command::units;
+use crate::config::quantity::Voltage;
 use std::path::PathBuf;
 
 use analysis::{
@@ -18,7 +19,7 @@ pub struct SlopeArgs {
     #[arg(long, value_name = "JSON", requires = "at_v")]
     pub ocv: Option<PathBuf>,
     /// Open-circuit voltage at which the spectra were measured, V.
-    #[arg(long, value_name = "V", requires = "ocv", value_parser = units::volts)]
+    #[arg(long, value_name = "V", requires = "ocv", value_parser = units::of::<Voltage>)]
     pub at_v: Option<f64>,
     /// Slope dU/dQ of the open-circuit voltage where no curve is known: `fit` finds it with a weak
     /// prior, `none` leaves it in the impedances, a number is V/C [default: fit with --objective

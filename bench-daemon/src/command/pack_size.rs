@@ -2,6 +2,7 @@
 
 use super::model_args::{self, ModelArgs};
 use crate::command::units;
+use crate::config::quantity::{Duration, Power, Resistance, Voltage};
 use crate::{files, safety::failure::Failure, support::terminal::say};
 use std::path::{Path, PathBuf};
 
@@ -44,14 +45,14 @@ pub struct SizeArgs {
     #[arg(long, value_name = "P")]
     pub parallel: u32,
     /// Open-circuit voltage of a cell, V.
-    #[arg(long, value_name = "V", value_parser = units::volts)]
+    #[arg(long, value_name = "V", value_parser = units::of::<Voltage>)]
     pub ocv_v: f64,
     /// DC resistance of a cell, Ω [default: that of the model]
     #[arg(
         long,
         value_name = "OHM",
         required_unless_present_any = ["model", "erm"],
-        value_parser = units::ohms
+        value_parser = units::of::<Resistance>
     )]
     pub dcir_ohm: Option<f64>,
     /// A model to take the DC resistance from: a file of `fit`, `joint` or a run, JSON of `r_ohm`
@@ -62,16 +63,16 @@ pub struct SizeArgs {
     #[arg(long, value_name = "TEXT", conflicts_with_all = ["dcir_ohm", "model"])]
     pub erm: Option<String>,
     /// Resistance of busbars, wires and connectors over the whole pack, Ω.
-    #[arg(long, value_name = "OHM", default_value_t = 0.0, value_parser = units::ohms)]
+    #[arg(long, value_name = "OHM", default_value_t = 0.0, value_parser = units::of::<Resistance>)]
     pub interconnect_ohm: f64,
     /// Bus voltage that the load needs per watt it draws, V/W.
     #[arg(long, value_name = "V/W", allow_negative_numbers = true)]
     pub required_v_per_w: Option<f64>,
     /// Lowest voltage of a cell, V.
-    #[arg(long, value_name = "V", default_value_t = 2.5, value_parser = units::volts)]
+    #[arg(long, value_name = "V", default_value_t = 2.5, value_parser = units::of::<Voltage>)]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
-    #[arg(long, value_name = "V", default_value_t = 4.2, value_parser = units::volts)]
+    #[arg(long, value_name = "V", default_value_t = 4.2, value_parser = units::of::<Voltage>)]
     pub v_max: f64,
     /// A power that is held, W, negative for charging; needs --hold-s.
     #[arg(
@@ -79,11 +80,11 @@ pub struct SizeArgs {
         value_name = "W",
         requires = "hold_s",
         allow_hyphen_values = true,
-        value_parser = units::watts
+        value_parser = units::of::<Power>
     )]
     pub power_w: Option<f64>,
     /// For how long --power-w is held, s.
-    #[arg(long, value_name = "S", requires = "power_w", value_parser = units::seconds)]
+    #[arg(long, value_name = "S", requires = "power_w", value_parser = units::of::<Duration>)]
     pub hold_s: Option<f64>,
     /// Mass and specific heat of a cell.
     #[command(flatten)]

@@ -1,5 +1,6 @@
 //! `eis-bench plan`: prints the steps of an experiment without touching an instrument.
 
+use crate::command::printed::say_json;
 use std::path::PathBuf;
 
 use instruments::{
@@ -30,7 +31,7 @@ pub struct PlanArgs {
     pub json: bool,
 }
 
-/// What `--json` prints.
+/// Plan that `--json` prints.
 #[derive(Debug, serde::Serialize)]
 struct Told {
     experiment: String,
@@ -43,7 +44,7 @@ struct Told {
     /// Longest wait after `pause` and after `abort`, s; none where nothing has to be waited for.
     longest_pause_s: Option<f64>,
     longest_abort_s: Option<f64>,
-    /// What is to be known beside that, as sentences.
+    /// Remarks, as sentences.
     notes: Vec<String>,
 }
 
@@ -241,10 +242,7 @@ pub fn plan(args: &PlanArgs) -> Result<(), Failure> {
     let experiment = load_experiment(&args.experiment, args.bench.as_deref())?;
     let plan = procedure::plan(&experiment).check(&experiment.cell.limits)?;
     if args.json {
-        let text = serde_json::to_string_pretty(&told(&experiment, plan.plan()))
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
-        say!("{text}");
-        return Ok(());
+        return say_json(&told(&experiment, plan.plan()));
     }
     say!(
         "{} on bench {} with {}",

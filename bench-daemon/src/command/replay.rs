@@ -8,6 +8,7 @@
 
 mod captures;
 
+use crate::command::printed::say_json;
 use std::{
     fs,
     path::{Path, PathBuf},
@@ -51,7 +52,7 @@ pub struct ReplayArgs {
     pub json: bool,
 }
 
-/// What became of a run.
+/// Outcome of the replay of a run.
 #[derive(Debug, serde::Serialize)]
 struct Replayed {
     folder: PathBuf,
@@ -142,9 +143,7 @@ pub fn replay(args: &ReplayArgs) -> Result<(), Failure> {
         }
     }
     if args.json {
-        let text = serde_json::to_string_pretty(&all)
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
-        say!("{text}");
+        say_json(&all)?;
     }
     // What is written is a run folder like any other; whoever reads nothing but the exit code must
     // know.

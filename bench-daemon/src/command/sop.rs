@@ -1,6 +1,7 @@
 //! `eis-bench sop`: the most power that can be held, over duration and state of charge.
 
 use crate::command::units;
+use crate::config::quantity::{Current, Resistance, Voltage};
 use std::path::{Path, PathBuf};
 
 use analysis::{
@@ -59,7 +60,7 @@ pub struct SopArgs {
         value_name = "OHM",
         default_value_t = 0.0,
         allow_hyphen_values = true,
-        value_parser = units::ohms
+        value_parser = units::of::<Resistance>
     )]
     pub interconnect_ohm: f64,
     /// Durations, s, with commas.
@@ -75,7 +76,7 @@ pub struct SopArgs {
     )]
     pub soc: Option<String>,
     /// Open-circuit voltage of a cell, V, between --v-min and --v-max, which then stays as it is.
-    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::volts)]
+    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::of::<Voltage>)]
     pub ocv_v: Option<f64>,
     /// Lowest voltage of a cell, V.
     #[arg(
@@ -84,7 +85,7 @@ pub struct SopArgs {
         value_name = "V",
         default_value_t = CellWindow::THESIS.low_v,
         allow_hyphen_values = true,
-        value_parser = units::volts
+        value_parser = units::of::<Voltage>
     )]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
@@ -94,14 +95,14 @@ pub struct SopArgs {
         value_name = "V",
         default_value_t = CellWindow::THESIS.high_v,
         allow_hyphen_values = true,
-        value_parser = units::volts
+        value_parser = units::of::<Voltage>
     )]
     pub v_max: f64,
     /// Largest discharge current of a cell, A [default: no limit]
-    #[arg(long, value_name = "A", allow_hyphen_values = true, value_parser = units::amperes)]
+    #[arg(long, value_name = "A", allow_hyphen_values = true, value_parser = units::of::<Current>)]
     pub max_discharge_a: Option<f64>,
     /// Largest charge current of a cell, A [default: no limit]
-    #[arg(long, value_name = "A", allow_hyphen_values = true, value_parser = units::amperes)]
+    #[arg(long, value_name = "A", allow_hyphen_values = true, value_parser = units::of::<Current>)]
     pub max_charge_a: Option<f64>,
     /// Write sop.json, sop.csv and plots into this folder.
     #[arg(long, value_name = "DIR")]

@@ -1,5 +1,6 @@
 //! `eis-bench token`: makes, lists and revokes the tokens of a server.
 
+use crate::config::quantity::Duration;
 use std::{net::SocketAddr, path::PathBuf};
 
 use clap::{Args, Subcommand};
@@ -66,7 +67,7 @@ fn validity(text: &str) -> Result<Validity, String> {
     if text == "never" {
         return Ok(Validity(None));
     }
-    match units::seconds(text) {
+    match units::of::<Duration>(text) {
         Ok(valid_s) if valid_s > 0.0 => Ok(Validity(Some(valid_s))),
         _ => Err("expected a duration above 0 s, such as \"90 d\", or `never`".to_owned()),
     }

@@ -5,6 +5,7 @@
 //! readings is computed again, in a folder of its own. It is compared with the stored results, file
 //! by file and number by number. Nothing is changed in the run folder.
 
+use crate::command::printed::say_json;
 use std::path::{Path, PathBuf};
 
 use analysis::run_folder::{
@@ -53,7 +54,7 @@ struct Counts {
     files: usize,
 }
 
-/// What became of a run folder.
+/// Outcome of the check of a run folder.
 #[derive(Debug, Default, serde::Serialize)]
 struct Verified {
     folder: PathBuf,
@@ -65,13 +66,13 @@ struct Verified {
     altered: Vec<Altered>,
     /// The run was stopped, and how: only its captures can be held against its journal.
     stopped: Option<String>,
-    /// What was recomputed from captures.
+    /// Amount that was recomputed from captures.
     recomputed: Counts,
     /// Numbers that came out otherwise.
     differences: Vec<Difference>,
     /// Results that no capture tells anew, by file.
     as_read: Vec<String>,
-    /// What is to be known beside that, as sentences.
+    /// Remarks, as sentences.
     notes: Vec<String>,
 }
 
@@ -89,9 +90,7 @@ pub fn verify(args: &VerifyArgs) -> Result<(), Failure> {
         all.push(verified);
     }
     if args.json {
-        let text = serde_json::to_string_pretty(&all)
-            .map_err(|error| Failure::Analysis(error.to_string()))?;
-        say!("{text}");
+        say_json(&all)?;
     }
     match all.iter().filter(|one| !one.good).count() {
         0 => Ok(()),

@@ -11,7 +11,8 @@ pub trait Dimension {
     const NAME: &'static str;
     /// An example with its unit.
     const EXAMPLE: &'static str;
-    /// Accepted units and their factor to SI (percent to a share, ampere-hours to coulombs).
+    /// Accepted units and their factor to SI (percent to a share, ampere-hours to coulombs). Flags of
+    /// the command line are named after the first.
     const UNITS: &'static [(&'static str, f64)];
 }
 

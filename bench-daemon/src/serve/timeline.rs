@@ -5,6 +5,7 @@
 //! lost, and every row is one that was read. Fewer rows than asked for are told as they are.
 
 use std::{
+    borrow::Cow,
     collections::VecDeque,
     io::{Read, Seek, SeekFrom},
     os::unix::fs::MetadataExt,
@@ -120,11 +121,15 @@ impl Timelines {
             let mut known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
             let all = &fresh(&mut known, folder)?.rows;
             readings.end_s = all.last().map_or(0.0, |row| row.time_s);
-            let rows: Vec<Row> = all
-                .iter()
-                .filter(|row| inside(row.time_s))
-                .copied()
-                .collect();
+            // Of the whole run, which may be long, nothing is copied.
+            let rows: Cow<'_, [Row]> = if part.from_s.is_none() && part.to_s.is_none() {
+                Cow::Borrowed(all)
+            } else {
+                all.iter()
+                    .filter(|row| inside(row.time_s))
+                    .copied()
+                    .collect()
+            };
             let kept = thinned(&rows, most);
             readings.rows = rows.len();
             readings.whole = kept.len() == rows.len();

@@ -146,6 +146,9 @@ fn every_call_wants_its_scope_and_no_other() {
         "/plots.js",
         "/server.js",
         "/style.css",
+        "/time.js",
+        "/uplot.js",
+        "/uplot.css",
     ] {
         let answer = served.ask("GET", path, ("", "")).expect(200);
         assert!(

@@ -36,11 +36,12 @@ class Joint:
     with the gaps of the pulses, ``fitted_rms_v`` and ``held_out_rms_v``."""
 
     def __init__(
-        self, text: str, model: _eisbench.Model, overlays: list[tuple[str, list[list[float]]]]
+        self, text: str, model: _eisbench.Model, overlays: list[list[list[float]]]
     ) -> None:
         self.raw: dict[str, Any] = json.loads(text)
         self.model = Model.of(model)
-        self.pulses = [_pulse(role, rows) for role, rows in overlays]
+        roles = [str(pulse["role"]) for pulse in self.raw["pulses"]]
+        self.pulses = [_pulse(role, rows) for role, rows in zip(roles, overlays)]
 
     @property
     def rc(self) -> int:

@@ -68,7 +68,11 @@ class Simulation:
 
 
 class _Play:
-    """A profile and how it is played, as the half in Rust takes it."""
+    """A profile and how it is played, as the half in Rust takes it: no further than there is power
+    for, and without limits of the voltage, unless it is told otherwise."""
+
+    beyond, fraction = "stop", 0.95
+    low_v, high_v = 0.0, float("inf")
 
     def __init__(
         self,
@@ -258,10 +262,6 @@ class Model:
             series=series,
             parallel=parallel,
             interconnect_ohm=interconnect_ohm,
-            beyond="stop",
-            fraction=0.95,
-            low_v=0.0,
-            high_v=float("inf"),
             max_step_s=max_step_s,
         )
         return Table(self._model.sensitivities(play))

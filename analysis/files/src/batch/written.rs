@@ -22,10 +22,7 @@ use crate::dataset::write_atomically;
 pub fn write_long_form(path: &Path, spectra: &[Spectrum]) -> Result<(), BatchError> {
     let is_parquet = path.extension().is_some_and(|end| end == "parquet");
     check_names(path, spectra, is_parquet)?;
-    let points = || {
-        let of = |spectrum| -> &Spectrum { spectrum };
-        spectra.iter().flat_map(move |one| of(one).points.iter())
-    };
+    let points = || spectra.iter().flat_map(|one: &Spectrum| &one.points);
     let known = |value: f64| Some(value).filter(|value| !value.is_nan());
     let optional = |name: &str, value: &dyn Fn(&ImpedancePoint) -> f64| {
         let values: Vec<Option<f64>> = points().map(|point| known(value(point))).collect();
@@ -58,7 +55,7 @@ pub fn write_long_form(path: &Path, spectra: &[Spectrum]) -> Result<(), BatchErr
     let mut bytes = Vec::new();
     if is_parquet {
         let writer = ParquetWriter::new(&mut bytes);
-        writer.finish(&mut frame).map(|_| ()).map_err(failed)?;
+        writer.finish(&mut frame).map_err(failed)?;
     } else {
         CsvWriter::new(&mut bytes)
             .finish(&mut frame)

@@ -170,10 +170,10 @@ fn of_sheets(path: &Path, sheets: &[Sheet]) -> Result<FileSpectra, FormatError> 
             Err(error) => return Err(error),
         }
     }
-    if let [(_, _), (_, _), ..] = holding.as_slice() {
+    if holding.len() > 1 {
         let of_each = holding
             .iter()
-            .flat_map(|(sheet, count)| vec![(*sheet, *count); *count]);
+            .flat_map(|(sheet, count)| std::iter::repeat_n((*sheet, *count), *count));
         for (spectrum, (sheet, count)) in all.spectra.iter_mut().zip(of_each) {
             if count == 1 {
                 spectrum.spectrum.name = format!("{file}#{}", sheet.name);

@@ -18,7 +18,7 @@ const PREFACE: usize = 52;
 const MODULE: &[u8] = b"MODULE";
 /// Bytes of the names of a module, and the place of its length behind them, before EC-Lab 11.50.
 const NAMES: usize = 35;
-/// What stands in the place of the length from EC-Lab 11.50 on: another header follows.
+/// Value in the place of the length from EC-Lab 11.50 on: another header follows.
 const LONG_HEADER: u32 = u32::MAX;
 /// Short name of the module that holds the points.
 const DATA: &[u8] = b"VMP data";

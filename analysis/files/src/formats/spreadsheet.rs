@@ -99,17 +99,16 @@ fn packed_flat(bytes: &[u8]) -> Vec<u8> {
 
 /// An XML without the blanks between its marks, which the decoder does not pass over.
 fn without_indentation(bytes: &[u8]) -> Vec<u8> {
-    let parts = bytes.split_inclusive(|byte| *byte == b'>');
-    let kept = |part: &[u8]| {
+    let mut kept = Vec::with_capacity(bytes.len());
+    for part in bytes.split_inclusive(|byte| *byte == b'>') {
         let text = part.trim_ascii_start();
-        (if text.first() == Some(&b'<') {
+        kept.extend_from_slice(if text.first() == Some(&b'<') {
             text
         } else {
             part
-        })
-        .to_vec()
-    };
-    parts.flat_map(kept).collect()
+        });
+    }
+    kept
 }
 
 fn text(range: &Range<Data>) -> Result<String, String> {

@@ -1,6 +1,7 @@
 //! Arguments of `dataset`.
 
 use crate::command::units;
+use crate::config::quantity::{Charge, Frequency, Temperature};
 use std::{path::PathBuf, str::FromStr};
 
 use analysis::formats::CurrentSign;
@@ -37,7 +38,7 @@ pub(super) struct InitArgs {
     #[arg(long, default_value = "cell", value_name = "NAME")]
     pub cell: String,
     /// Capacity for counting charge, Ah [default: that of the OCV curve]
-    #[arg(long, value_name = "AH", value_parser = units::ampere_hours)]
+    #[arg(long, value_name = "AH", value_parser = units::of::<Charge>)]
     pub capacity_ah: Option<f64>,
     /// State of charge at the first row of each log, 0 to 1.
     #[arg(long, value_name = "SOC")]
@@ -46,17 +47,17 @@ pub(super) struct InitArgs {
     #[arg(long, value_name = "JSON")]
     pub ocv: Option<PathBuf>,
     /// Temperature for logs and spectra without one, °C.
-    #[arg(long, value_name = "C", allow_hyphen_values = true, value_parser = units::celsius)]
+    #[arg(long, value_name = "C", allow_hyphen_values = true, value_parser = units::of::<Temperature>)]
     pub temperature_c: Option<f64>,
     /// Circumstances of one spectrum or log, such as "eis_07:ocv_v=3.66,temperature_c=26.8" or
     /// "log_2:soc=1". Keys: `soc`, `ocv_v` (spectra only), `temperature_c`.
     #[arg(long, value_name = "NAME:KEY=VALUE")]
     pub at: Vec<Stated>,
     /// Lowest frequency of spectra that is used, Hz: the band in which `fit` fitted the model.
-    #[arg(long, value_name = "HZ", value_parser = units::hertz)]
+    #[arg(long, value_name = "HZ", value_parser = units::of::<Frequency>)]
     pub from_hz: Option<f64>,
     /// Highest frequency of spectra that is used, Hz [default: where they become inductive]
-    #[arg(long, value_name = "HZ", value_parser = units::hertz)]
+    #[arg(long, value_name = "HZ", value_parser = units::of::<Frequency>)]
     pub to_hz: Option<f64>,
     /// Shortest logged rest before a load, such as "10 s" or "30 min".
     #[arg(long, value_name = "TIME", default_value = "10 s", value_parser = duration)]

@@ -1,6 +1,7 @@
 //! Arguments of `fit`, and the spectra that they name.
 
 use crate::command::units;
+use crate::config::quantity::Frequency;
 use std::path::PathBuf;
 
 use analysis::spectrum::{SourcedSpectrum, Spectrum};
@@ -16,7 +17,7 @@ pub struct FitArgs {
     #[arg(required = true, value_name = "FILE")]
     pub files: Vec<PathBuf>,
     /// Leave out what is below this frequency, Hz.
-    #[arg(long, default_value_t = 0.0, value_name = "HZ", value_parser = units::hertz)]
+    #[arg(long, default_value_t = 0.0, value_name = "HZ", value_parser = units::of::<Frequency>)]
     pub from_hz: f64,
     /// Leave out what is above this frequency, Hz.
     #[arg(
@@ -24,7 +25,7 @@ pub struct FitArgs {
         default_value_t = f64::INFINITY,
         value_name = "HZ",
         hide_default_value = true,
-        value_parser = units::hertz
+        value_parser = units::of::<Frequency>
     )]
     pub to_hz: f64,
     /// Fit points that the quality gate of their measurement refused, too: those of the column

@@ -1,6 +1,7 @@
 //! Arguments of `pack simulate`.
 
 use crate::command::units;
+use crate::config::quantity::{Duration, Resistance, Voltage};
 use std::path::PathBuf;
 
 use analysis::forward::CellWindow;
@@ -64,7 +65,7 @@ pub struct PackSimulateArgs {
         value_name = "OHM",
         default_value_t = 0.0,
         allow_hyphen_values = true,
-        value_parser = units::ohms
+        value_parser = units::of::<Resistance>
     )]
     pub interconnect_ohm: f64,
     /// Resistance between each cell and the busbar of its group, Ω.
@@ -73,7 +74,7 @@ pub struct PackSimulateArgs {
         value_name = "OHM",
         default_value_t = 0.0,
         allow_hyphen_values = true,
-        value_parser = units::ohms
+        value_parser = units::of::<Resistance>
     )]
     pub tab_ohm: f64,
     /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv.
@@ -86,7 +87,7 @@ pub struct PackSimulateArgs {
     )]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; stays so where the model has no OCV curve.
-    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::volts)]
+    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::of::<Voltage>)]
     pub ocv_v: Option<f64>,
     /// A table of cells with their places, instead of drawing them.
     #[arg(
@@ -148,7 +149,7 @@ pub struct PackSimulateArgs {
     )]
     pub sigma_soc: f64,
     /// Longest step, s [default: a 2000th of the profile, at least 1 ms]
-    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = units::seconds)]
+    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = units::of::<Duration>)]
     pub max_step_s: Option<f64>,
     /// Lowest voltage of a cell, V.
     #[arg(
@@ -157,7 +158,7 @@ pub struct PackSimulateArgs {
         value_name = "V",
         default_value_t = CellWindow::THESIS.low_v,
         allow_hyphen_values = true,
-        value_parser = units::volts
+        value_parser = units::of::<Voltage>
     )]
     pub v_min: f64,
     /// Highest voltage of a cell, V.
@@ -167,7 +168,7 @@ pub struct PackSimulateArgs {
         value_name = "V",
         default_value_t = CellWindow::THESIS.high_v,
         allow_hyphen_values = true,
-        value_parser = units::volts
+        value_parser = units::of::<Voltage>
     )]
     pub v_max: f64,
     /// Mass and specific heat of a cell.

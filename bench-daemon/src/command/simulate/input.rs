@@ -1,6 +1,7 @@
 //! Arguments of `eis-bench simulate`, and what follows from them.
 
 use crate::command::units;
+use crate::config::quantity::{Duration, Resistance, Voltage};
 use std::path::PathBuf;
 
 use analysis::{
@@ -50,7 +51,7 @@ pub struct SimulateArgs {
         default_value_t = 0.0,
         value_name = "OHM",
         allow_hyphen_values = true,
-        value_parser = units::ohms
+        value_parser = units::of::<Resistance>
     )]
     pub interconnect_ohm: f64,
     /// State of charge at the start, 0 to 1; needs a model with an OCV curve, or --ocv. This
@@ -63,7 +64,7 @@ pub struct SimulateArgs {
     )]
     pub soc: Option<f64>,
     /// Open-circuit voltage of a cell at the start, V; without an OCV curve in the model it stays.
-    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::volts)]
+    #[arg(long, value_name = "V", allow_hyphen_values = true, value_parser = units::of::<Voltage>)]
     pub ocv_v: Option<f64>,
     /// How the files are read.
     #[command(flatten)]
@@ -78,10 +79,10 @@ pub struct SimulateArgs {
     pub beyond: Policy,
     /// Longest distance of two rows of the trace, and step of `thesis`, s [default: a 2000th of the
     /// profile]
-    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = units::seconds)]
+    #[arg(long, value_name = "S", allow_hyphen_values = true, value_parser = units::of::<Duration>)]
     pub step_s: Option<f64>,
     /// DC resistance of a cell for the simple-IR model, Ω [default: that of the model]
-    #[arg(long, value_name = "OHM", allow_hyphen_values = true, value_parser = units::ohms)]
+    #[arg(long, value_name = "OHM", allow_hyphen_values = true, value_parser = units::of::<Resistance>)]
     pub dcir_ohm: Option<f64>,
     /// Lowest voltage of a cell, V.
     #[arg(
@@ -89,7 +90,7 @@ pub struct SimulateArgs {
         default_value_t = CellWindow::THESIS.low_v,
         value_name = "V",
         allow_hyphen_values = true,
-        value_parser = units::volts
+        value_parser = units::of::<Voltage>
     )]
     pub low_v: f64,
     /// Highest voltage of a cell, V.
@@ -98,7 +99,7 @@ pub struct SimulateArgs {
         default_value_t = CellWindow::THESIS.high_v,
         value_name = "V",
         allow_hyphen_values = true,
-        value_parser = units::volts
+        value_parser = units::of::<Voltage>
     )]
     pub high_v: f64,
     /// Folder for traces (Parquet) and plots [default: the traces into the current directory, no

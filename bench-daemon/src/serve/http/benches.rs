@@ -367,7 +367,7 @@ pub struct Happened {
     /// Who cleared: the name of the token, or the account on a terminal or where no token is asked
     /// for.
     who: Option<String>,
-    /// What whoever cleared had found, in their words.
+    /// Finding of whoever cleared, in their words.
     found: Option<String>,
     /// The cause.
     cause: Option<String>,

@@ -1,61 +1,48 @@
 //! Serves the files of the page, which are part of the program.
 
-use axum::{
-    Router,
-    http::header,
-    response::{IntoResponse, Response},
-    routing::get,
-};
+use axum::{Router, http::header, response::IntoResponse, routing::get};
 
 use super::App;
 
-macro_rules! file {
-    ($name:literal, $kind:literal) => {
-        get(|| async { with_kind($kind, include_str!(concat!("../page/", $name))) })
+/// Text of a file of this crate.
+macro_rules! text {
+    ($path:literal) => {
+        include_str!(concat!(env!("CARGO_MANIFEST_DIR"), $path))
     };
 }
 
-macro_rules! vendored {
-    ($name:literal, $kind:literal) => {
-        get(|| async {
-            let text = include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/vendor/", $name));
-            with_kind($kind, text)
-        })
-    };
-}
+const CSS: &str = "text/css; charset=utf-8";
+const SCRIPT: &str = "text/javascript; charset=utf-8";
 
-fn with_kind(kind: &'static str, text: &'static str) -> Response {
-    ([(header::CONTENT_TYPE, kind)], text).into_response()
-}
+/// Where the files are found, their kinds and texts.
+const FILES: [(&str, &str, &str); 9] = [
+    (
+        "/",
+        "text/html; charset=utf-8",
+        text!("/src/serve/page/index.html"),
+    ),
+    ("/style.css", CSS, text!("/src/serve/page/style.css")),
+    ("/app.js", SCRIPT, text!("/src/serve/page/app.js")),
+    ("/bench.js", SCRIPT, text!("/src/serve/page/bench.js")),
+    ("/plots.js", SCRIPT, text!("/src/serve/page/plots.js")),
+    ("/time.js", SCRIPT, text!("/src/serve/page/time.js")),
+    ("/server.js", SCRIPT, text!("/src/serve/page/server.js")),
+    (
+        "/uplot.js",
+        SCRIPT,
+        text!("/vendor/uplot/uPlot.iife.min.js"),
+    ),
+    ("/uplot.css", CSS, text!("/vendor/uplot/uPlot.min.css")),
+];
 
 /// Where they are found.
 pub(super) fn routes() -> Router<App> {
-    Router::new()
-        .route("/", file!("index.html", "text/html; charset=utf-8"))
-        .route("/style.css", file!("style.css", "text/css; charset=utf-8"))
-        .route("/app.js", file!("app.js", "text/javascript; charset=utf-8"))
-        .route(
-            "/bench.js",
-            file!("bench.js", "text/javascript; charset=utf-8"),
+    let with = |router: Router<App>,
+                (path, kind, text): (&'static str, &'static str, &'static str)| {
+        router.route(
+            path,
+            get(move || async move { ([(header::CONTENT_TYPE, kind)], text).into_response() }),
         )
-        .route(
-            "/plots.js",
-            file!("plots.js", "text/javascript; charset=utf-8"),
-        )
-        .route(
-            "/time.js",
-            file!("time.js", "text/javascript; charset=utf-8"),
-        )
-        .route(
-            "/uplot.js",
-            vendored!("uplot/uPlot.iife.min.js", "text/javascript; charset=utf-8"),
-        )
-        .route(
-            "/uplot.css",
-            vendored!("uplot/uPlot.min.css", "text/css; charset=utf-8"),
-        )
-        .route(
-            "/server.js",
-            file!("server.js", "text/javascript; charset=utf-8"),
-        )
+    };
+    FILES.into_iter().fold(Router::new(), with)
 }

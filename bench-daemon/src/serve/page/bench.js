@@ -24,12 +24,14 @@ export function fill(parent, ...children) {
   const next = parent.cloneNode(false);
   next.append(...children);
   if (parent.isEqualNode(next)) return;
-  // Whoever goes by keyboard stays where they were: at the button of the same name, else at the first.
-  const held = parent.contains(document.activeElement) ? document.activeElement.textContent : null;
+  // Whoever goes by keyboard stays where they were: at the control of the same name, else at the first.
+  // A box has no text of its own, but a label.
+  const named = (control) => control.getAttribute("aria-label") || control.textContent;
+  const held = parent.contains(document.activeElement) ? named(document.activeElement) : null;
   parent.replaceChildren(...next.childNodes);
   if (held === null) return;
-  const buttons = [...parent.querySelectorAll("button, input, select")];
-  const same = buttons.find((one) => one.textContent === held) || buttons[0];
+  const controls = [...parent.querySelectorAll("button, input, select")];
+  const same = controls.find((one) => named(one) === held) || controls[0];
   if (same) same.focus();
   else {
     parent.tabIndex = -1;

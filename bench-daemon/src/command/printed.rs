@@ -1,0 +1,16 @@
+//! Results as JSON on standard output.
+
+use serde::Serialize;
+
+use crate::{safety::failure::Failure, support::terminal::say};
+
+/// Prints a value as JSON, for `--json`.
+///
+/// # Errors
+/// A value that is no JSON: a table whose keys are no texts.
+pub fn say_json(value: &impl Serialize) -> Result<(), Failure> {
+    let text = serde_json::to_string_pretty(value)
+        .map_err(|error| Failure::Analysis(error.to_string()))?;
+    say!("{text}");
+    Ok(())
+}
