@@ -4,6 +4,7 @@
 mod check;
 mod crash;
 mod display;
+mod extent;
 mod leg;
 mod multisine;
 mod specimen;
@@ -18,6 +19,7 @@ use instruments::{fixture::Fixture, supply4q::Holds};
 pub use crash::AfterCrash;
 pub use display::fixture_name;
 use display::minutes;
+pub use extent::Extent;
 pub use leg::{Flow, Leg, Log};
 pub use multisine::Band;
 pub use specimen::{CampaignRun, Specimen};

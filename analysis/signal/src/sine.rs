@@ -14,6 +14,7 @@
 //! so that neither the length of the record nor the number of its periods costs digits; the number
 //! of periods need not be whole. Knows no impedance and no file.
 
+mod amplitudes;
 mod basis;
 mod block;
 mod code_scale;
@@ -33,6 +34,7 @@ mod solve;
 mod stored;
 mod table;
 
+pub use amplitudes::amplitudes;
 pub use code_scale::CodeScale;
 pub use error::SineError;
 pub use options::{Drift, FitOptions, RELAXATION_LEFT, relaxations};

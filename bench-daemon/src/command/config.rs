@@ -4,10 +4,10 @@ use crate::command::printed::say_json;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use clap::{Args, Subcommand, ValueEnum};
+use clap::{Args, Subcommand};
 
 use crate::{
-    config::{Source, load_any_bench, load_experiment},
+    config::{Source, load_any_bench, load_experiment, schema::Kind},
     files, procedure,
     safety::failure::Failure,
     serve::settings::Settings,
@@ -18,18 +18,6 @@ use crate::{
 macro_rules! configs {
     ($($path:literal),* $(,)?) => {
         &[$(($path, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/../configs/", $path)))),*]
-    };
-}
-
-/// Text of a schema of the repository's `docs/schema`.
-macro_rules! schema {
-    ($name:literal) => {
-        include_str!(concat!(
-            env!("CARGO_MANIFEST_DIR"),
-            "/../docs/schema/",
-            $name,
-            ".json"
-        ))
     };
 }
 
@@ -78,23 +66,6 @@ enum Act {
     },
 }
 
-/// Kind of a file.
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum Kind {
-    /// Course of a measurement.
-    Experiment,
-    /// Instruments and wiring.
-    Bench,
-    /// Limits of a cell, and facts of it.
-    Cell,
-    /// Truth of a simulated bench.
-    Scenario,
-    /// A server.
-    Server,
-    /// A data set for `diagnose`.
-    Dataset,
-}
-
 /// Outcome of a check.
 #[derive(Debug, serde::Serialize)]
 struct Checked {
@@ -117,15 +88,7 @@ pub fn config(args: &ConfigArgs) -> Result<(), Failure> {
             Ok(())
         }
         Act::Schema { kind } => {
-            let text = match kind {
-                Kind::Experiment => schema!("experiment"),
-                Kind::Bench => schema!("bench"),
-                Kind::Cell => schema!("cell"),
-                Kind::Scenario => schema!("scenario"),
-                Kind::Server => schema!("server"),
-                Kind::Dataset => schema!("dataset"),
-            };
-            say!("{}", text.trim_end());
+            say!("{}", kind.schema().trim_end());
             Ok(())
         }
         Act::Check { files, json } => check(files, *json),

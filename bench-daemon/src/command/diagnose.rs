@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 
 use analysis::{
     diagnosis::{Outcome, Verdict, report},
+    report::{Part, Section},
     run_folder::{self, SUMS},
 };
 
@@ -343,6 +344,64 @@ fn page(
     page.to_html().map_err(|error| failed(&error))
 }
 
+/// The file of the report's words.
+pub const STORY: &str = "story.json";
+
+/// The words of the report, for a page that shows them its own way.
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
+pub struct Story {
+    /// The verdict, as in `diagnosis.json`.
+    pub verdict: String,
+    /// The same in a sentence.
+    pub summary: String,
+    /// In the order of the report.
+    pub sections: Vec<Chapter>,
+}
+
+/// A section of the report without its pictures and tables.
+#[derive(Debug, serde::Serialize, serde::Deserialize)]
+pub struct Chapter {
+    /// Its heading.
+    pub heading: String,
+    /// Its paragraphs and points.
+    pub text: Vec<String>,
+    /// Its names with what is said of them.
+    pub fields: Vec<(String, String)>,
+}
+
+fn story(outcome: &Outcome) -> Result<String, Failure> {
+    let failed = |error: &dyn std::fmt::Display| Failure::Analysis(error.to_string());
+    let diagnosis = &outcome.diagnosis;
+    let report = report::html(diagnosis, &[]).map_err(|error| failed(&error))?;
+    let verdict = serde_json::to_value(diagnosis.verdict).map_err(|error| failed(&error))?;
+    let story = Story {
+        verdict: verdict.as_str().unwrap_or_default().to_owned(),
+        summary: diagnosis.summary.clone(),
+        sections: report.sections.into_iter().map(Chapter::from).collect(),
+    };
+    let text = serde_json::to_string_pretty(&story).map_err(|error| failed(&error))?;
+    Ok(text + "\n")
+}
+
+impl From<Section> for Chapter {
+    fn from(section: Section) -> Self {
+        let mut chapter = Self {
+            heading: section.heading,
+            text: Vec::new(),
+            fields: Vec::new(),
+        };
+        for part in section.parts {
+            match part {
+                Part::Text(text) => chapter.text.push(text),
+                Part::List(points) => chapter.text.extend(points),
+                Part::Fields(_, fields) => chapter.fields.extend(fields),
+                Part::Table(_) | Part::Figure(_) | Part::Verbatim(_) => {}
+            }
+        }
+        chapter
+    }
+}
+
 /// Report, pictures, and the augmented model where there is one.
 fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failure> {
     files::make_folder(folder)?;
@@ -352,6 +411,7 @@ fn write(folder: &Path, outcome: &Outcome, judged: &Judged) -> Result<(), Failur
     files::write_pictures(folder, &pictures)?;
     files::write_text(folder, "diagnosis.md", &report::markdown(d, &pictures))?;
     files::write_text(folder, "diagnosis.html", &page(outcome, judged, &pictures)?)?;
+    files::write_text(folder, STORY, &story(outcome)?)?;
     let base = judged.file.clone().with_ocv(Some(judged.model.ocv.clone()));
     files::write_augmented(folder, &base, outcome, &judged.loaded.refused)
 }

@@ -11,7 +11,7 @@ use crate::config::quantity::{Capacitance, Dimension, Duration, Quantity, Resist
 ///
 /// # Errors
 /// Which element is wrong, what was expected and what was found.
-pub(super) fn parse(text: &str) -> Result<Erm, String> {
+pub(crate) fn parse(text: &str) -> Result<Erm, String> {
     let mut elements: Vec<&str> = text.split(';').map(str::trim).collect();
     // A semicolon at the end ends the last element.
     if elements.len() > 1 && elements.last().is_some_and(|last| last.is_empty()) {

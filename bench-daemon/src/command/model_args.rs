@@ -139,7 +139,7 @@ impl ModelArgs {
 }
 
 /// Reads a model of any kind from a file.
-pub(super) fn read_model(path: &Path, band_hz: Option<(f64, f64)>) -> Result<GivenModel, String> {
+pub(crate) fn read_model(path: &Path, band_hz: Option<(f64, f64)>) -> Result<GivenModel, String> {
     let text = std::fs::read_to_string(path).map_err(|error| error.to_string())?;
     let name = path.file_stem().map_or_else(
         || "model".to_owned(),

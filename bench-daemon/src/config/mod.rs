@@ -18,6 +18,7 @@ mod raw_ocv_soc;
 mod raw_quality;
 mod resolve;
 mod resolve_bench;
+pub mod schema;
 mod section;
 mod simulation;
 mod source;
@@ -30,6 +31,7 @@ pub use campaign::Campaign;
 pub(crate) use check::{LOAD_CUT_OFF_V, check_frames};
 pub use multisine::{Band, Multisine};
 pub use ocv_soc::OcvSoc;
+pub(crate) use resolve::resolve_cell;
 pub use resolve::{load_experiment, resolve_experiment};
 pub use resolve_bench::{load_any_bench, load_bench};
 pub use section::{

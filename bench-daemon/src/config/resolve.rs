@@ -233,7 +233,11 @@ fn check_one_world(source: &Source, instruments: &Instruments) -> Result<(), Con
     }
 }
 
-fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
+/// A cell, checked.
+///
+/// # Errors
+/// The first mistake, with file, line and field.
+pub(crate) fn resolve_cell(source: &Source) -> Result<Cell, ConfigError> {
     let raw: raw::Cell = source.parse()?;
     let above = |field: &str, value: f64, bound: f64, what: &str| {
         (value > bound).then_some(()).ok_or_else(|| {

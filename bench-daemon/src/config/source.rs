@@ -65,6 +65,8 @@ pub struct Fence {
     pub below: PathBuf,
     /// … and these files.
     pub also: Vec<PathBuf>,
+    /// Texts that are read in the place of files below the folder, by their path relative to it.
+    pub instead: Copies,
 }
 
 impl Fence {
@@ -82,9 +84,11 @@ impl Fence {
         if self.also.iter().any(|known| known == path) {
             return std::fs::read_to_string(path).map_err(|error| unreadable(error.to_string()));
         }
-        let name = self
-            .relative(path)
-            .and_then(|name| name.to_str().map(str::to_owned));
+        let name = self.relative(path);
+        if let Some(text) = name.as_ref().and_then(|name| self.instead.get(name)) {
+            return Ok(text.clone());
+        }
+        let name = name.and_then(|name| name.to_str().map(str::to_owned));
         let file = name.and_then(|name| confined_path::open(&self.below, &name));
         let file = file.ok_or_else(|| {
             unreadable("there is no such file in the folder of the configuration".to_owned())
@@ -442,6 +446,7 @@ mod tests {
         let fence = Arc::new(Fence {
             below: path("in"),
             also: vec![path("also.toml")],
+            instead: Copies::from([(PathBuf::from("b/new.toml"), "new text".to_owned())]),
         });
         let x = Source::fenced(&path("in/a/x.toml"), String::new(), &fence);
         assert_eq!(
@@ -449,6 +454,7 @@ mod tests {
             "in/b/y.toml"
         );
         assert_eq!(x.open(&path("also.toml")).unwrap().text(), "also.toml");
+        assert_eq!(x.open(&x.relative("../b/new.toml")).unwrap().text(), "new text");
         for name in [
             "../../out.toml",
             "../b/link.toml",

@@ -19,37 +19,58 @@ use crate::{
     support::terminal::remark,
 };
 
+/// With this variable set, what is shown on a terminal's line is written as a line each, behind
+/// [`PROGRESS_LINE`]: for a program that shows it.
+pub const PROGRESS_VARIABLE: &str = "EIS_BENCH_PROGRESS";
+/// Beginning of such a line.
+pub const PROGRESS_LINE: &str = "progress: ";
+
 /// A line on a terminal's standard error that says what a computation is doing, and since when.
-pub struct Waiting(ProgressBar);
+pub struct Waiting {
+    bar: ProgressBar,
+    lines: bool,
+}
+
+/// Puts words on the line.
+fn put(bar: &ProgressBar, lines: bool, words: String) {
+    if lines {
+        remark!("{PROGRESS_LINE}{words}");
+    }
+    bar.set_message(words);
+}
 
 impl Waiting {
-    /// Shows the line; nothing on anything else than a terminal.
+    /// Shows the line; nothing on anything else than a terminal, but for [`PROGRESS_VARIABLE`].
     pub fn shown() -> Self {
         let bar = ProgressBar::with_draw_target(None, ProgressDrawTarget::stderr_with_hz(10));
         if let Ok(style) = ProgressStyle::with_template("{elapsed:>4}  {msg}") {
             bar.set_style(style);
         }
-        Self(bar)
+        Self {
+            bar,
+            lines: std::env::var_os(PROGRESS_VARIABLE).is_some(),
+        }
     }
 
     /// A listener that puts its words on the line.
     pub fn listener(&self) -> Listener {
-        let bar = self.0.clone();
-        Listener::new(move |step| bar.set_message(step.to_owned()))
+        let (bar, lines) = (self.bar.clone(), self.lines);
+        Listener::new(move |step| put(&bar, lines, step.to_owned()))
     }
 
     /// Counts what is done of so many things, from any thread.
     pub fn counter(&self, of: u64, what: &str) -> impl Fn() + Sync + use<> {
-        let (bar, what, done) = (self.0.clone(), what.to_owned(), AtomicU64::new(0));
+        let (bar, lines) = (self.bar.clone(), self.lines);
+        let (what, done) = (what.to_owned(), AtomicU64::new(0));
         move || {
             let done = done.fetch_add(1, Ordering::Relaxed) + 1;
-            bar.set_message(format!("{what}: {done} of {of}"));
+            put(&bar, lines, format!("{what}: {done} of {of}"));
         }
     }
 
     /// Clears the line.
     pub fn end(self) {
-        self.0.finish_and_clear();
+        self.bar.finish_and_clear();
     }
 }
 

@@ -11,18 +11,27 @@
 //! events), [`live`], [`proof`], [`supervisor`]
 //! (the one thread that begins and watches), [`stop`], [`http`].
 
+pub mod analyses;
 pub mod audit;
+pub mod capture;
+pub mod draft;
+pub mod find;
 pub mod follow;
 pub mod http;
 pub mod hub;
 pub mod jobs;
 pub mod live;
 pub mod locks;
+pub mod models;
+pub mod notebook;
+pub mod pack;
 pub mod proof;
 pub mod queue;
 pub mod queue_now;
 mod server;
+pub mod session;
 pub mod settings;
+pub mod shelf;
 pub mod spectra;
 pub mod stop;
 pub mod submission;
@@ -99,6 +108,7 @@ async fn until_stopped(settings: Settings) -> Result<(), Failure> {
     tokio::select! {
         () = listener.accept(&server) => {}
         () = refresh => {}
+        () = analyses::work(server.clone()) => {}
         () = stop.requested() => {}
     }
     notify.say("STOPPING=1");

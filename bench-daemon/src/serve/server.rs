@@ -12,10 +12,15 @@ use std::{
 use instruments::clock::{self, Clock, TimeMode};
 
 use super::{
+    analyses::Analyses,
     audit::Audit,
+    find::{Finder, Places},
     hub::Hub,
     live::{Live, StopReport},
+    notebook::Notebook,
+    pack::LastModel,
     queue::Queue,
+    session::Sessions,
     settings::Settings,
     supervisor,
     timeline::Timelines,
@@ -41,7 +46,18 @@ pub struct Server {
     pub counts: Counts,
     /// Readings of runs.
     pub timelines: Timelines,
+    /// Analyses of runs.
+    pub analyses: Analyses,
+    /// The model that the pack explorer has asked for last.
+    pub last_model: LastModel,
+    /// Sessions of browsers.
+    pub sessions: Sessions,
+    /// Notes and tags.
+    pub notebook: Notebook,
+    /// What is known of runs that have ended.
+    pub finder: Finder,
     queue: Mutex<Queue>,
+    shelf: Mutex<()>,
     live: Mutex<BTreeMap<String, Live>>,
     stops: Mutex<BTreeMap<String, StopReport>>,
     identities: Mutex<BTreeMap<String, Vec<supervisor::Identity>>>,
@@ -108,7 +124,13 @@ impl Server {
             program: std::env::current_exe()?,
             counts: Counts::default(),
             timelines: Timelines::default(),
+            analyses: Analyses::open(&settings.data),
+            last_model: LastModel::default(),
+            sessions: Sessions::default(),
+            notebook: Notebook::of(&settings.data),
+            finder: Finder::default(),
             queue: Mutex::new(queue),
+            shelf: Mutex::default(),
             live: Mutex::new(live.collect()),
             stops: Mutex::default(),
             identities: Mutex::default(),
@@ -131,6 +153,11 @@ impl Server {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// Lets nobody else make a version of a file meanwhile.
+    pub fn shelf(&self) -> MutexGuard<'_, ()> {
+        self.shelf.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// The benches as they are now.
     pub fn live(&self) -> MutexGuard<'_, BTreeMap<String, Live>> {
         self.live.lock().unwrap_or_else(PoisonError::into_inner)
@@ -146,6 +173,14 @@ impl Server {
         self.identities
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Where runs, their records and their notes lie.
+    pub fn places(&self) -> Places<'_> {
+        Places {
+            data: &self.settings.data,
+            notebook: &self.notebook,
+        }
     }
 
     /// Folder of the runs.

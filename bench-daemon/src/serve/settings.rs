@@ -31,6 +31,8 @@ struct Raw {
     benches: Vec<String>,
     /// Certificate and key. Left out: the server listens on this machine only.
     tls: Option<RawTls>,
+    /// Reverse proxy in front of the server, which encrypts and may ask who somebody is.
+    proxy: Option<RawProxy>,
     /// Bounds of the server.
     #[serde(default)]
     limits: RawLimits,
@@ -47,6 +49,15 @@ struct RawTls {
     certificate: String,
     /// Path of the private key, PEM.
     key: String,
+}
+
+/// A reverse proxy in front of a server.
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawProxy {
+    /// Name under which browsers reach the proxy over TLS, such as `bench.lab.example`, with its
+    /// port where it is not 443. Requests for this host are answered besides those for this machine.
+    host: String,
 }
 
 /// Bounds of a server.
@@ -88,6 +99,8 @@ pub struct Settings {
     pub benches: Vec<config::Bench>,
     /// Certificate chain and key, PEM.
     pub tls: Option<(PathBuf, PathBuf)>,
+    /// Name under which browsers reach a reverse proxy in front of it, over TLS.
+    pub proxy_host: Option<String>,
     /// Its bounds.
     pub limits: Limits,
     /// So long a run has to end by itself after a stop, s, before it is ended.
@@ -153,8 +166,14 @@ impl Settings {
                 .then_some(value)
                 .ok_or_else(|| source.complain(field, reason()))
         };
+        let proxy_host = raw.proxy.map(|proxy| proxy.host);
+        if let Some(host) = proxy_host.as_ref().filter(|host| !is_host(host)) {
+            let reason = format!("expected a name such as bench.lab.example, found {host:?}");
+            return Err(source.complain("proxy.host", reason));
+        }
         let limits = &raw.limits;
         Ok(Self {
+            proxy_host,
             listen,
             data: absolute(source.relative(&raw.data)),
             configs,
@@ -195,6 +214,15 @@ impl Settings {
     pub fn bench(&self, name: &str) -> Option<&config::Bench> {
         self.benches.iter().find(|bench| bench.name == name)
     }
+}
+
+/// Letters, digits, dots and dashes, and a port.
+fn is_host(text: &str) -> bool {
+    let (name, port) = text.split_once(':').unwrap_or((text, "443"));
+    let part = |part: &str| {
+        !part.is_empty() && part.chars().all(|c| c.is_ascii_alphanumeric() || c == '-')
+    };
+    name.split('.').all(part) && port.parse::<u16>().is_ok()
 }
 
 fn benches(source: &Source, paths: &[String]) -> Result<Vec<config::Bench>, ConfigError> {

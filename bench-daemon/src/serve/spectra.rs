@@ -4,7 +4,7 @@
 use std::{collections::BTreeMap, os::unix::fs::MetadataExt, path::Path};
 
 use analysis::{
-    dataset::read_spectrum_csv,
+    dataset::{FLAGS, read_spectrum_csv},
     run_folder::{self, SPECTRA},
     spectrum::ImpedancePoint,
 };
@@ -25,7 +25,7 @@ pub struct Spectrum {
 }
 
 /// A point of a spectrum.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, ToSchema)]
+#[derive(Debug, Clone, PartialEq, Serialize, ToSchema)]
 pub struct Point {
     /// Frequency, Hz.
     pub freq_hz: f64,
@@ -37,6 +37,8 @@ pub struct Point {
     pub re_sigma_ohm: Option<f64>,
     /// Standard uncertainty of the imaginary part, Ω.
     pub im_sigma_ohm: Option<f64>,
+    /// Why the quality gate refused it; none for an accepted point.
+    pub verdict: Option<String>,
 }
 
 impl From<&ImpedancePoint> for Point {
@@ -48,6 +50,7 @@ impl From<&ImpedancePoint> for Point {
             im_ohm: point.z_ohm.im,
             re_sigma_ohm: sigma(point.covariance.re_re),
             im_sigma_ohm: sigma(point.covariance.im_im),
+            verdict: None,
         }
     }
 }
@@ -91,12 +94,16 @@ pub fn stamps(run: &Path) -> Stamps {
 
 /// Reads one; nothing where it cannot be read now.
 pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
-    confined_path::open(run, file)?;
+    let text = std::io::read_to_string(confined_path::open(run, file)?).ok()?;
+    let flags = flags(&text);
     let mut points: Vec<Point> = read_spectrum_csv(&run.join(file))
         .ok()?
         .iter()
         .map(Point::from)
         .collect();
+    for (point, flag) in points.iter_mut().zip(flags) {
+        point.verdict = Some(flag.to_owned()).filter(|flag| !flag.is_empty());
+    }
     points.sort_by(|a, b| a.freq_hz.total_cmp(&b.freq_hz));
     let name = file.trim_end_matches(".csv").to_owned();
     Some(Spectrum {
@@ -104,6 +111,15 @@ pub fn read(run: &Path, file: &str) -> Option<Spectrum> {
         name,
         points,
     })
+}
+
+/// What the gate has refused of each row; nothing where the table has no such column.
+fn flags(text: &str) -> Vec<&str> {
+    let mut lines = text.lines().filter(|line| !line.starts_with('#'));
+    let header: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
+    let column = header.iter().position(|name| *name == FLAGS.trim_start_matches(','));
+    let of_row = |line| column.and_then(|column| str::split(line, ',').nth(column)).unwrap_or_default();
+    lines.map(of_row).collect()
 }
 
 /// Fitted models of a run folder, as their files hold them.
@@ -119,4 +135,16 @@ pub fn fits(run: &Path) -> Vec<(String, serde_json::Value)> {
         Some((name.trim_end_matches(".json").to_owned(), value))
     };
     names.into_iter().filter_map(read).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn refused_points_tell_why_and_the_others_do_not() {
+        let text = "freq_hz,z_re_ohm,flags\n1,2,\n3,4,noise: expected less; drift\n";
+        assert_eq!(flags(text), ["", "noise: expected less; drift"]);
+        assert_eq!(flags("freq_hz,z_re_ohm\n1,2\n"), [""]);
+    }
 }

@@ -9,11 +9,10 @@ use std::{
 
 use analysis::dataset::write_atomically;
 
-use super::settings::Settings;
+use super::{settings::Settings, shelf};
 use crate::{
-    config::{self, Experiment, Fence, Jig, Source, resolve_experiment},
+    config::{self, ConfigError, Experiment, Fence, Jig, Source, resolve_experiment},
     procedure,
-    support::confined_path::{self, plain},
 };
 
 /// Folder of the experiments, in that of the configuration.
@@ -27,6 +26,9 @@ pub enum Refused {
     /// No experiment of this name.
     #[error("expected the name of an experiment, found {0:?}; GET /api/v1/experiments lists them")]
     Unknown(String),
+    /// A field is not as expected.
+    #[error("{0}")]
+    Mistake(ConfigError),
     /// It cannot be run as it is.
     #[error("{0}")]
     Unfit(String),
@@ -57,37 +59,11 @@ pub struct Submission {
     fence: Arc<Fence>,
 }
 
-/// Names of the experiments that can be submitted.
-pub fn experiments(settings: &Settings) -> Vec<String> {
-    let entries = std::fs::read_dir(settings.configs.join(EXPERIMENTS))
-        .into_iter()
-        .flatten()
-        .flatten();
-    let mut names: Vec<String> = entries
-        .filter_map(|entry| {
-            Some(
-                entry
-                    .file_name()
-                    .to_str()?
-                    .strip_suffix(".toml")?
-                    .to_owned(),
-            )
-        })
-        .filter(|name| plain(name))
-        .collect();
-    names.sort();
-    names
-}
-
 /// The text of an experiment by its name.
 fn text_of(settings: &Settings, name: &str) -> Result<String, Refused> {
-    let unknown = || Refused::Unknown(name.to_owned());
-    if !plain(name) {
-        return Err(unknown());
-    }
-    let file = confined_path::open(&settings.configs, &format!("{EXPERIMENTS}/{name}.toml"))
-        .ok_or_else(unknown)?;
-    std::io::read_to_string(file).map_err(|error| Refused::Unfit(error.to_string()))
+    shelf::read(settings, shelf::Kind::Experiments, name, None)
+        .map(|file| file.text)
+        .ok_or_else(|| Refused::Unknown(name.to_owned()))
 }
 
 impl Submission {
@@ -114,10 +90,11 @@ impl Submission {
         let fence = Arc::new(Fence {
             below: settings.configs.clone(),
             also,
+            instead: shelf::changed(settings),
         });
         let unfit = |error: &dyn std::fmt::Display| Refused::Unfit(error.to_string());
         let experiment = resolve_experiment(Source::fenced(&path, text, &fence), Some(&bench.path))
-            .map_err(|error| unfit(&error))?;
+            .map_err(Refused::Mistake)?;
         if experiment.name.len() > LONGEST_NAME {
             return Err(Refused::Unfit(format!(
                 "expected a name of at most {LONGEST_NAME} letters, found {}",
@@ -173,6 +150,14 @@ pub fn frozen(folder: &Path) -> Option<PathBuf> {
     entries
         .find(|entry| entry.path().extension().is_some_and(|end| end == "toml"))
         .map(|entry| entry.path())
+}
+
+/// The file of the cell of a run as it was submitted.
+pub fn cell_file(data: &Path, run: &str) -> Option<PathBuf> {
+    let path = frozen(&data.join("submitted").join(run))?;
+    let experiment: toml::Value = toml::from_str(&std::fs::read_to_string(&path).ok()?).ok()?;
+    let cell = experiment.get("cell")?.as_str()?;
+    path.parent()?.join(cell).canonicalize().ok()
 }
 
 /// The bench of this name, or that which the experiment names, where it is one of the server's.

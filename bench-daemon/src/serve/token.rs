@@ -63,6 +63,16 @@ impl Scope {
     }
 }
 
+/// 32 random bytes in hexadecimal.
+///
+/// # Errors
+/// [`TokenError::Random`].
+pub fn random() -> Result<String, TokenError> {
+    let mut bytes = [0_u8; 32];
+    getrandom::fill(&mut bytes).map_err(|error| TokenError::Random(error.to_string()))?;
+    Ok(hash::hex(&bytes))
+}
+
 /// A token as it is kept.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Token {
@@ -168,7 +178,14 @@ impl Tokens {
     /// # Errors
     /// As [`Tokens::all`].
     pub fn whose(&self, presented: &str) -> Result<Option<Token>, TokenError> {
-        let sha256 = hash::sha256(presented);
+        self.whose_sha256(&hash::sha256(presented))
+    }
+
+    /// The same by the SHA-256 of the token.
+    ///
+    /// # Errors
+    /// As [`Tokens::all`].
+    pub fn whose_sha256(&self, sha256: &str) -> Result<Option<Token>, TokenError> {
         // Every one is compared to its end: how long it takes tells nothing.
         let same = |token: &Token| bool::from(token.sha256.as_bytes().ct_eq(sha256.as_bytes()));
         let found =
@@ -197,9 +214,7 @@ impl Tokens {
         if tokens.iter().any(|token| token.name == name) {
             return Err(TokenError::Taken(name.to_owned()));
         }
-        let mut bytes = [0_u8; 32];
-        getrandom::fill(&mut bytes).map_err(|error| TokenError::Random(error.to_string()))?;
-        let secret = format!("{PREFIX}{}", hash::hex(&bytes));
+        let secret = format!("{PREFIX}{}", random()?);
         let mut scopes = scopes.to_vec();
         scopes.sort();
         scopes.dedup();

@@ -268,6 +268,39 @@ impl SineFit {
         Some(fit.variance + Covariance2::along(along))
     }
 
+    /// Value of the model of a channel at a time since sample 0, V: sinusoid, offset, drift and
+    /// tones, without the relaxations, whose parts are not kept. `None` if there is no such channel.
+    ///
+    /// ```
+    /// use analysis_signal::sine::{Channel, FitOptions, Record, fit_known_frequency};
+    ///
+    /// let at = |k: i32| 1e-4 * f64::from(k);
+    /// let volts = |k: i32| 0.1 + (314.159 * at(k)).sin() + 0.05 * (628.318 * at(k)).cos() + at(k);
+    /// let samples: Vec<f64> = (0..2000).map(volts).collect();
+    /// let record = Record { channels: &[Channel::volts(&samples)], interval_s: 1e-4 };
+    /// let options = FitOptions { harmonics: vec![2], ..FitOptions::default() };
+    /// let fit = fit_known_frequency(&record, 314.159 / std::f64::consts::TAU, &options)?;
+    /// for k in [0, 77, 1999] {
+    ///     assert!((fit.value_v(0, at(k)).unwrap() - volts(k)).abs() < 1e-9);
+    /// }
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn value_v(&self, channel: usize, time_s: f64) -> Option<f64> {
+        let fit = self.channels.get(channel)?;
+        let turned = |phasor: Complex64, freq_hz: f64| {
+            (phasor * Complex64::cis(std::f64::consts::TAU * freq_hz * time_s)).re
+        };
+        let tones: f64 = self
+            .tones
+            .iter()
+            .filter_map(|tone| Some(turned(tone.channels.get(channel)?.phasor, tone.freq_hz)))
+            .sum();
+        let from_middle_s = time_s - 0.5 * self.interval_s * (self.samples as f64 - 1.0);
+        let slow = fit.offset_v
+            + from_middle_s * (fit.drift_v_per_s + from_middle_s * fit.curvature_v_per_s2);
+        Some(turned(fit.phasor, self.freq_hz) + tones + slow)
+    }
+
     /// Distortion of a channel by the harmonics that were fitted; `None` if there are none, or no
     /// such channel.
     pub fn distortion(&self, channel: usize) -> Option<Distortion> {

@@ -422,7 +422,7 @@ pub async fn clear(
     state
         .clear(
             &trip,
-            caller.secret.as_ref().map(|_| caller.name.as_str()),
+            caller.token_sha256.as_ref().map(|_| caller.name.as_str()),
             found,
         )
         .map_err(|error| Refusal::machine(&error))?;

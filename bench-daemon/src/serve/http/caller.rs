@@ -12,7 +12,13 @@ use axum::{
 };
 
 use super::{App, problem::Refusal};
-use crate::serve::token::{Scope, Token, TokenError};
+use crate::{
+    serve::{
+        session::{self, PROOF_HEADER},
+        token::{Scope, Token, TokenError},
+    },
+    support::hash,
+};
 
 /// Who asks where no token exists at all: anybody on this machine.
 const LOCAL: &str = "local";
@@ -24,8 +30,8 @@ pub struct With<const SCOPE: usize> {
     pub name: String,
     /// Scopes of the caller.
     pub scopes: Vec<Scope>,
-    /// The token that was shown.
-    pub secret: Option<String>,
+    /// SHA-256 of the token; none where no token is asked for.
+    pub token_sha256: Option<String>,
 }
 
 /// Whoever has a token, whatever it opens.
@@ -55,7 +61,7 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
         if let Some(named) = parts.extensions.get::<Named>() {
             let _ = named.0.set(token.0.name.clone());
         }
-        let (Token { name, scopes, .. }, secret) = token;
+        let (Token { name, scopes, .. }, token_sha256) = token;
         if let Some(scope) = Scope::ALL
             .get(SCOPE)
             .filter(|scope| !scopes.contains(*scope))
@@ -74,13 +80,14 @@ impl<const SCOPE: usize> FromRequestParts<App> for With<SCOPE> {
         Ok(Self {
             name,
             scopes,
-            secret,
+            token_sha256,
         })
     }
 }
 
-/// The token of a request. Where there is none at all, everybody on this machine may do everything;
-/// beyond it nobody may anything, for then the last token was revoked or its file is gone.
+/// The token of a request, shown with it or by its session, and its SHA-256. Where there is no token
+/// at all, everybody on this machine may do everything; beyond it nobody may anything, for then the
+/// last token was revoked or its file is gone.
 fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
     let unavailable = |error: TokenError| Refusal::machine(&error);
     if app.server.open_to_all().map_err(unavailable)? {
@@ -93,35 +100,63 @@ fn who(parts: &Parts, app: &App) -> Result<(Token, Option<String>), Refusal> {
         };
         return Ok((local, None));
     }
-    let header = parts
-        .headers
-        .get(header::AUTHORIZATION)
-        .and_then(|value| value.to_str().ok());
-    let Some(secret) = header
-        .and_then(|value| value.split_once(' '))
-        .filter(|(kind, _)| kind.eq_ignore_ascii_case("bearer"))
-    else {
-        return Err(Refusal::of(
-            StatusCode::UNAUTHORIZED,
-            "expected a header `Authorization: Bearer TOKEN`, found none",
-        ));
-    };
-    let secret = secret.1.trim();
-    match app.server.tokens.whose(secret).map_err(unavailable)? {
-        Some(token) => Ok((token, Some(secret.to_owned()))),
-        None => {
-            let peer = parts.extensions.get::<Peer>().map(|peer| peer.0);
-            // Who has a token is let in all the same: nobody is to be shut out by a neighbour.
-            if peer.is_some_and(|peer| !app.guesses.take(peer, app.server.clock.now_s())) {
-                return Err(Refusal::of(
-                    StatusCode::TOO_MANY_REQUESTS,
-                    "expected fewer tokens that are none of this server's",
-                ));
-            }
-            Err(Refusal::of(
-                StatusCode::UNAUTHORIZED,
-                "expected a token of this server, found another one",
-            ))
-        }
+    let text = |name| parts.headers.get(name).and_then(|value| value.to_str().ok());
+    if let Some(header) = text(header::AUTHORIZATION) {
+        let secret = header
+            .split_once(' ')
+            .filter(|(kind, _)| kind.eq_ignore_ascii_case("bearer"))
+            .map(|(_, secret)| secret.trim())
+            .ok_or_else(nothing_shown)?;
+        return shown(parts, app, secret);
     }
+    let number = text(header::COOKIE).and_then(session::number).ok_or_else(nothing_shown)?;
+    let now_s = app.server.clock.now_s();
+    let sha256 = app.server.sessions.token_sha256(number, now_s).ok_or_else(session_ended)?;
+    if !parts.method.is_safe() && !parts.headers.contains_key(PROOF_HEADER) {
+        let message = format!("expected a header `{PROOF_HEADER}` with a session, found none");
+        return Err(Refusal::new(StatusCode::FORBIDDEN, "forged", message));
+    }
+    let token = app.server.tokens.whose_sha256(&sha256).map_err(unavailable)?;
+    token.map(|token| (token, Some(sha256))).ok_or_else(session_ended)
+}
+
+fn nothing_shown() -> Refusal {
+    Refusal::of(
+        StatusCode::UNAUTHORIZED,
+        "expected a header `Authorization: Bearer TOKEN` or a session, found none",
+    )
+}
+
+fn session_ended() -> Refusal {
+    Refusal::of(
+        StatusCode::UNAUTHORIZED,
+        "expected a session of this server, found one that has ended: sign in again",
+    )
+}
+
+/// The token that was shown, and its SHA-256.
+///
+/// # Errors
+/// One of nobody, or too many of them from this peer.
+pub(super) fn shown(
+    parts: &Parts,
+    app: &App,
+    secret: &str,
+) -> Result<(Token, Option<String>), Refusal> {
+    let whose = app.server.tokens.whose(secret).map_err(|error| Refusal::machine(&error))?;
+    if let Some(token) = whose {
+        return Ok((token, Some(hash::sha256(secret))));
+    }
+    let peer = parts.extensions.get::<Peer>().map(|peer| peer.0);
+    // Who has a token is let in all the same: nobody is to be shut out by a neighbour.
+    if peer.is_some_and(|peer| !app.guesses.take(peer, app.server.clock.now_s())) {
+        return Err(Refusal::of(
+            StatusCode::TOO_MANY_REQUESTS,
+            "expected fewer tokens that are none of this server's",
+        ));
+    }
+    Err(Refusal::of(
+        StatusCode::UNAUTHORIZED,
+        "expected a token of this server, found another one",
+    ))
 }

@@ -37,7 +37,7 @@ struct Listener {
     wake: tokio::sync::watch::Receiver<u64>,
     number: u64,
     greeting: Option<&'static str>,
-    secret: Option<String>,
+    token_sha256: Option<String>,
 }
 
 impl Drop for Listener {
@@ -81,7 +81,7 @@ pub async fn events(
         server,
         number,
         greeting: Some(greeting),
-        secret: caller.secret,
+        token_sha256: caller.token_sha256,
     };
     let body = Body::from_stream(stream::unfold(listener, next));
     (
@@ -151,8 +151,8 @@ impl Listener {
     /// A token that was revoked ends the stream, and so does the first token that is made, of a
     /// stream that was opened without one.
     fn welcome(&self) -> bool {
-        match &self.secret {
-            Some(secret) => matches!(self.server.tokens.whose(secret), Ok(Some(_))),
+        match &self.token_sha256 {
+            Some(sha256) => matches!(self.server.tokens.whose_sha256(sha256), Ok(Some(_))),
             None => self.server.open_to_all().unwrap_or(false),
         }
     }

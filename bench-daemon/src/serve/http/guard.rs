@@ -93,6 +93,7 @@ async fn admit(app: &App, peer: IpAddr, request: Request) -> Result<Request, Ref
         request.headers(),
         request.uri(),
         app.server.settings.listen.ip().is_loopback(),
+        app.server.settings.proxy_host.as_deref(),
     )?;
     let (parts, body) = request.into_parts();
     let too_large = || {
@@ -137,7 +138,12 @@ fn is_length(error: &axum::Error) -> bool {
 
 /// Pages of elsewhere must not speak with this server through a browser: neither under a name of
 /// their own (DNS rebinding) nor from their own origin.
-fn same_host(headers: &HeaderMap, uri: &Uri, loopback: bool) -> Result<(), Refusal> {
+fn same_host(
+    headers: &HeaderMap,
+    uri: &Uri,
+    loopback: bool,
+    proxy: Option<&str>,
+) -> Result<(), Refusal> {
     let text = |name| headers.get(name).and_then(|value| value.to_str().ok());
     let host = text(header::HOST)
         .or_else(|| uri.authority().map(|authority| authority.as_str()))
@@ -146,7 +152,7 @@ fn same_host(headers: &HeaderMap, uri: &Uri, loopback: bool) -> Result<(), Refus
         .rsplit_once(':')
         .filter(|(_, port)| port.chars().all(|c| c.is_ascii_digit()))
         .map_or(host, |(name, _)| name);
-    if loopback && !names_loopback(name) {
+    if loopback && !names_loopback(name) && proxy != Some(host) {
         let message = format!("expected the host localhost, 127.0.0.1 or [::1], found {host:?}");
         return Err(Refusal::new(StatusCode::FORBIDDEN, "other_host", message));
     }
@@ -230,7 +236,7 @@ mod tests {
             if let Some(origin) = origin {
                 headers.insert(header::ORIGIN, origin.parse().unwrap());
             }
-            same_host(&headers, &Uri::from_static("/"), loopback).is_ok()
+            same_host(&headers, &Uri::from_static("/"), loopback, Some("proxy.example")).is_ok()
         };
         for host in [
             "localhost",
@@ -243,8 +249,11 @@ mod tests {
             assert!(check(host, None, true), "{host}");
             assert!(check(host, Some(&format!("http://{host}")), true), "{host}");
         }
+        assert!(check("proxy.example", Some("https://proxy.example"), true));
+        assert!(!check("proxy.example", Some("https://evil.example"), true));
         for host in [
             "evil.example",
+            "proxy.example:1",
             "evil.example:7420",
             "127.0.0.1.evil.example",
             "10.0.0.1",

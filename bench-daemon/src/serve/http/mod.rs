@@ -1,21 +1,27 @@
 //! The server over HTTP: the routes, and the way from a socket to them.
 
+pub mod analyses;
 mod app;
+mod aside;
 pub mod benches;
 pub mod caller;
 mod connection;
 pub mod events;
+pub mod find;
 pub mod guard;
 pub mod metrics;
 pub mod openapi;
+pub mod pack;
 mod page;
 pub mod problem;
 pub mod queue;
 pub mod runs;
+pub mod session;
+pub mod shelf;
 
 use axum::{
     Router, middleware,
-    routing::{delete, get, post},
+    routing::{delete, get, post, put},
 };
 
 pub use connection::Listener;
@@ -27,6 +33,7 @@ pub fn router(app: &App) -> Router {
     let api = Router::new()
         .route("/openapi.json", get(openapi::document))
         .route("/stop", post(benches::stop_all))
+        .route("/session", post(session::begin).delete(session::end))
         .route("/whoami", get(benches::whoami))
         .route("/benches", get(benches::list))
         .route("/benches/{bench}", get(benches::detail))
@@ -39,11 +46,31 @@ pub fn router(app: &App) -> Router {
         .route("/benches/{bench}/release", post(queue::release))
         .route("/experiments", get(queue::experiments))
         .route("/experiments/{experiment}/plan", get(queue::plan))
+        .route("/analyses", get(analyses::list).post(analyses::submit))
+        .route("/analyses/{id}", get(analyses::detail).delete(analyses::cancel))
+        .route("/analyses/{id}/log", get(analyses::log))
+        .route("/analyses/{id}/files/{*path}", get(analyses::file))
+        .route("/pack", post(pack::under_load))
+        .route("/pack/models", get(pack::models))
+        .route("/schemas/{kind}", get(shelf::schema))
+        .route("/files/{kind}", get(shelf::list))
+        .route("/files/{kind}/{name}", get(shelf::read).put(shelf::write))
+        .route("/drafts", post(shelf::draft))
         .route("/queue", get(queue::list).post(queue::submit))
         .route("/queue/order", post(queue::reorder))
         .route("/queue/{id}", delete(queue::cancel))
         .route("/runs", get(runs::list))
+        .route("/runs/find", get(find::runs))
         .route("/runs/{run}", get(runs::detail))
+        .route("/runs/{run}/experiment", get(shelf::of_run))
+        .route("/runs/{run}/notes", get(find::run_notes).post(find::note_run))
+        .route("/runs/{run}/tags", put(find::tag_run))
+        .route("/runs/{run}/campaign", get(find::campaign))
+        .route("/runs/{run}/models", get(find::models))
+        .route("/runs/{run}/capture", get(find::capture))
+        .route("/cells", get(find::cells))
+        .route("/cells/{cell}", get(find::cell))
+        .route("/cells/{cell}/notes", get(find::cell_notes).post(find::note_cell))
         .route("/runs/{run}/spectra", get(runs::spectra))
         .route("/runs/{run}/fits", get(runs::fits))
         .route("/runs/{run}/readings", get(runs::readings))

@@ -10,7 +10,7 @@ use utoipa::{
     },
 };
 
-use super::{benches, events, metrics, problem, queue, runs};
+use super::{analyses, benches, events, find, metrics, pack, problem, queue, runs, session, shelf};
 
 #[derive(OpenApi)]
 #[openapi(
@@ -48,6 +48,33 @@ use super::{benches, events, metrics, problem, queue, runs};
         runs::go_on,
         runs::order,
         runs::resume,
+        find::runs,
+        find::run_notes,
+        find::note_run,
+        find::tag_run,
+        find::campaign,
+        find::models,
+        find::capture,
+        find::cells,
+        find::cell,
+        find::cell_notes,
+        find::note_cell,
+        analyses::list,
+        analyses::submit,
+        analyses::detail,
+        analyses::cancel,
+        analyses::log,
+        analyses::file,
+        pack::under_load,
+        pack::models,
+        session::begin,
+        session::end,
+        shelf::schema,
+        shelf::list,
+        shelf::read,
+        shelf::write,
+        shelf::draft,
+        shelf::of_run,
         events::events,
         metrics::metrics
     ),
@@ -90,7 +117,7 @@ impl Modify for Common {
             .build();
         components.add_security_scheme("token", SecurityScheme::Http(scheme));
         for item in document.paths.paths.values_mut() {
-            [&mut item.get, &mut item.post, &mut item.delete]
+            [&mut item.get, &mut item.post, &mut item.put, &mut item.delete]
                 .into_iter()
                 .flatten()
                 .for_each(refusals);

@@ -10,6 +10,7 @@ use utoipa::{IntoParams, ToSchema};
 
 use super::{
     App,
+    aside::aside,
     benches::known,
     caller::{Energiser, Operator, Reader},
     problem::Refusal,
@@ -19,7 +20,8 @@ use crate::{
     serve::{
         queue::{Item, Kind, QueueError, Wanted},
         queue_now::QueueNow,
-        submission::{self, ExperimentRequest, Refused, Submission},
+        shelf,
+        submission::{ExperimentRequest, Refused, Submission},
     },
 };
 use instruments::clock;
@@ -73,6 +75,10 @@ pub struct Planned {
     expected_s: f64,
     /// Longest possible duration, bench s.
     longest_s: f64,
+    /// Charge into the cell by direct currents over the expected times, C.
+    charge_c: f64,
+    /// The same out of the cell, C.
+    discharge_c: f64,
     /// Its stages.
     stages: Vec<PlannedStage>,
 }
@@ -86,6 +92,28 @@ pub struct PlannedStage {
     steps: Vec<String>,
     /// Expected duration, bench s.
     expected_s: f64,
+}
+
+impl Planned {
+    /// The plan of a submission.
+    pub(super) fn of(submission: &Submission) -> Self {
+        let plan = procedure::plan(&submission.experiment);
+        let extent = plan.extent();
+        let stages = plan.stages.iter().map(|stage| PlannedStage {
+            purpose: stage.purpose.to_string(),
+            steps: stage.steps.iter().map(ToString::to_string).collect(),
+            expected_s: stage.steps.iter().map(crate::plan::Step::expected_s).sum(),
+        });
+        Self {
+            experiment: submission.experiment.name.clone(),
+            bench: submission.experiment.bench.name.clone(),
+            expected_s: submission.expected_s,
+            longest_s: submission.longest_s,
+            charge_c: extent.into_c,
+            discharge_c: extent.out_c,
+            stages: stages.collect(),
+        }
+    }
 }
 
 /// Which bench.
@@ -111,19 +139,10 @@ impl From<Refused> for Refusal {
     fn from(refused: Refused) -> Self {
         match refused {
             Refused::Unknown(_) => Self::of(StatusCode::NOT_FOUND, refused.to_string()),
-            Refused::Unfit(_) => Self::of(StatusCode::UNPROCESSABLE_ENTITY, refused.to_string()),
+            Refused::Unfit(_) | Refused::Mistake(_) => Self::of(StatusCode::UNPROCESSABLE_ENTITY, refused.to_string()),
             Refused::Kept(_) => Self::machine(&refused),
         }
     }
-}
-
-/// Files are read and parsed meanwhile: not on a thread that serves others.
-async fn aside<T: Send + 'static>(
-    work: impl FnOnce() -> Result<T, Refusal> + Send + 'static,
-) -> Result<T, Refusal> {
-    tokio::task::spawn_blocking(work)
-        .await
-        .map_err(|error| Refusal::machine(&error))?
 }
 
 /// Runs in work and waiting.
@@ -147,12 +166,9 @@ pub async fn list(_caller: Reader, State(app): State<App>) -> Json<QueueNow> {
     security(("token" = ["read"]))
 )]
 pub async fn experiments(_caller: Reader, State(app): State<App>) -> Json<Vec<Offered>> {
-    Json(
-        submission::experiments(&app.server.settings)
-            .into_iter()
-            .map(|experiment| Offered { experiment })
-            .collect(),
-    )
+    let all = shelf::list(&app.server.settings, shelf::Kind::Experiments);
+    let offered = |file: shelf::Listed| Offered { experiment: file.name };
+    Json(all.into_iter().map(offered).collect())
 }
 
 /// Plan of an experiment, step by step. Touches nothing.
@@ -179,24 +195,7 @@ pub async fn plan(
                 bench: on.bench.as_deref(),
             },
         )?;
-        let plan = procedure::plan(&submission.experiment);
-        let stages = plan.stages.iter().map(|stage| PlannedStage {
-            purpose: stage.purpose.to_string(),
-            steps: stage.steps.iter().map(ToString::to_string).collect(),
-            expected_s: stage.steps.iter().map(crate::plan::Step::expected_s).sum(),
-        });
-        let (experiment, bench) = (
-            submission.experiment.name.clone(),
-            submission.experiment.bench.name.clone(),
-        );
-        let (expected_s, longest_s) = (submission.expected_s, submission.longest_s);
-        Ok(Json(Planned {
-            experiment,
-            bench,
-            expected_s,
-            longest_s,
-            stages: stages.collect(),
-        }))
+        Ok(Json(Planned::of(&submission)))
     })
     .await
 }

@@ -11,10 +11,9 @@ use std::{
 use analysis::run_folder::{LOG, READINGS};
 use axum::{
     Json,
-    body::Body,
     extract::{Path, Query, State},
-    http::{StatusCode, header},
-    response::{IntoResponse, Response},
+    http::StatusCode,
+    response::Response,
 };
 use instruments::clock;
 use serde::{Deserialize, Serialize};
@@ -22,6 +21,8 @@ use utoipa::ToSchema;
 
 use super::{
     App,
+    analyses::sent,
+    aside::aside,
     benches::Most,
     caller::{Energiser, Operator, Reader},
     problem::Refusal,
@@ -72,6 +73,13 @@ pub struct Log {
     lines: Vec<String>,
 }
 
+impl Log {
+    /// These lines.
+    pub(super) fn of(lines: Vec<String>) -> Self {
+        Self { lines }
+    }
+}
+
 /// Numbers of a campaign's runs.
 #[derive(Debug, Deserialize, ToSchema)]
 #[serde(deny_unknown_fields)]
@@ -90,14 +98,6 @@ pub struct Conveyed {
 
 fn folder(app: &App, run: &str) -> Result<PathBuf, Refusal> {
     confined_path::folder(&app.server.runs(), run).ok_or_else(|| Refusal::not_found("a run", run))
-}
-
-async fn aside<T: Send + 'static>(
-    work: impl FnOnce() -> Result<T, Refusal> + Send + 'static,
-) -> Result<T, Refusal> {
-    tokio::task::spawn_blocking(work)
-        .await
-        .map_err(|error| Refusal::machine(&error))?
 }
 
 /// All runs that were begun here, the latest first.
@@ -321,24 +321,7 @@ pub async fn file(
     aside(move || {
         let missing = || Refusal::not_found("a file of the run", &path);
         let file = confined_path::open(&folder, &path).ok_or_else(missing)?;
-        let length = file
-            .metadata()
-            .map_err(|error| Refusal::machine(&error))?
-            .len();
-        if length > LONGEST {
-            return Err(Refusal::conflict(format!(
-                "expected a file of at most {LONGEST} bytes, found {length}: copy it from the disk"
-            )));
-        }
-        let mut bytes = Vec::new();
-        file.take(LONGEST)
-            .read_to_end(&mut bytes)
-            .map_err(|error| Refusal::machine(&error))?;
-        let headers = [
-            (header::CONTENT_TYPE, "application/octet-stream"),
-            (header::CONTENT_DISPOSITION, "attachment"),
-        ];
-        Ok((headers, Body::from(bytes)).into_response())
+        sent(file, LONGEST)
     })
     .await
 }

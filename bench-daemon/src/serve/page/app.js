@@ -1,13 +1,14 @@
 // The page: what it knows, what it asks for, and what the keys do.
 "use strict";
 
-import { Refused, file, get, listen, post, remove, server, stopNow, useToken } from "./server.js";
+import { Refused, file, get, listen, post, put, remove, signIn, signOut, stopNow } from "./server.js";
 import {
   $,
   drawInstruments,
   drawMissed,
   drawNow,
   drawOthers,
+  drawOverview,
   drawRun,
   drawStop,
   drawTrip,
@@ -19,7 +20,6 @@ import {
   text,
   when,
 } from "./bench.js";
-import { MARKS, bode, make, mark, nyquist, tellPoints } from "./plots.js";
 import { drawTime, fitTime } from "./time.js";
 
 const known = {
@@ -29,6 +29,7 @@ const known = {
   queue: { items: [], held: {} },
   runs: [],
   spectra: new Map(),
+  models: new Map(),
   chosen: [],
   missed: [],
 };
@@ -65,7 +66,6 @@ async function attempt(work, done) {
 // it went.
 async function stop(all) {
   const button = $(all ? "stopall" : "stop");
-  const label = all ? "■ STOP ALL" : "■ STOP";
   button.classList.add("pressed");
   // Who stops before it is known which bench is meant, means all of them.
   const one = all ? "" : known.bench;
@@ -82,7 +82,7 @@ async function stop(all) {
       const waited = Math.round((Date.now() - began) / 1000);
       if (error instanceof Refused && (error.status === 401 || error.status === 403)) {
         say(
-          `The stop was refused: log in first (${error.message}). ` +
+          `The stop was refused: sign in first (${error.message}). ` +
             "Without a token: the emergency switch, or on the machine: eis-bench safe",
           true,
         );
@@ -106,8 +106,11 @@ async function stop(all) {
     }
   }
   button.classList.remove("pressed");
-  text(button, label);
+  text(button, stopLabel(all));
 }
+
+// Where there are several benches, the button says which one it stops.
+const stopLabel = (all) => (all ? "■ STOP ALL" : known.benches.size > 1 ? `■ STOP ${known.bench}` : "■ STOP");
 
 // On such a bench a current may flow.
 const loud = (bench) =>
@@ -178,66 +181,48 @@ function curves() {
   for (const run of runs)
     for (const one of shown(run))
       found.push({
+        id: `${run} ${one.name}`,
+        run,
+        file: one.name,
         name: runs.length > 1 ? `${run}: ${named(one.name)}` : named(one.name),
         points: one.points,
         corrected: one.corrected,
       });
   // A control looks the same whether it grows or was measured before: by its name, not by its place.
   const looks = (one, place) => (runs.length > 1 ? place : Math.max(0, LOOKS.indexOf(one.name)));
-  return found.slice(0, 12).map((one, place) => ({ ...one, index: looks(one, place) }));
+  return found.slice(0, 25).map((one, place) => ({ ...one, index: looks(one, place) }));
 }
+
+// Fitted models by curve; asked for once for as many points as there are.
+async function askModels(found) {
+  const wanted = found.filter((one) => one.corrected && named(one.file).startsWith("spectrum"));
+  for (const one of wanted.slice(0, 4)) {
+    const key = `${one.id} ${one.points.length}`;
+    if (known.models.has(key)) continue;
+    known.models.set(key, []);
+    const models = await get(`/runs/${one.run}/models?spectrum=${encodeURIComponent(one.file)}`).catch(() => []);
+    known.models.set(
+      key,
+      models.map((model) => ({ ...model, curve: one.id })),
+    );
+    if (models.length) drawSpectra();
+  }
+}
+
+let panel = null;
 
 function drawSpectra() {
   const found = curves();
   $("plots").hidden = !found.length;
-  if (!found.length) return;
-  nyquist($("nyquist"), found);
-  bode($("bode"), found);
-  $("legend").replaceChildren(
-    ...found.map((one) => {
-      const sample = make(
-        "svg",
-        { viewBox: "0 0 34 14", class: `sample curve c${one.index % MARKS.length}`, "aria-hidden": "true" },
-        make("polyline", { points: "1,7 33,7" }),
-        mark(MARKS[one.index % MARKS.length], 17, 7, 4),
-      );
-      sample.lastChild.classList.add("mark");
-      return el(
-        "span",
-        {},
-        sample,
-        ` ${one.name} (${one.points.length} ${one.points.length === 1 ? "point" : "points"}` +
-          `${one.corrected ? "" : ", as read"})`,
-      );
-    }),
-    found.length ? el("span", { class: "quiet" }, "bars: ±2σ") : "",
-  );
-  const head = ["Spectrum", "f / Hz", "Re Z / mΩ", "Im Z / mΩ", "±σ Re / µΩ"];
-  const cell = (value, digits) => el("td", {}, value === null ? "–" : value.toPrecision(digits));
-  $("points").replaceChildren(
-    el(
-      "table",
-      {},
-      el("thead", {}, el("tr", {}, ...head.map((name) => el("th", { scope: "col" }, name)))),
-      el(
-        "tbody",
-        {},
-        ...found.flatMap((one) =>
-          one.points.map((p) =>
-            el(
-              "tr",
-              {},
-              el("td", {}, one.name),
-              cell(p.freq_hz, 5),
-              cell(1e3 * p.re_ohm, 6),
-              cell(1e3 * p.im_ohm, 5),
-              cell(p.re_sigma_ohm === null ? null : 1e6 * p.re_sigma_ohm, 3),
-            ),
-          ),
-        ),
-      ),
-    ),
-  );
+  if (!found.length || $("main").hidden) return;
+  const onPoint = (curve, point) => {
+    const query = new URLSearchParams({ spectrum: curve.file, freq_hz: point.freq_hz });
+    go(`#/run/${encodeURIComponent(curve.run)}?${query}`);
+  };
+  panel ||= window.eisCurves.panel($("curves"), { onPoint });
+  const models = found.flatMap((one) => known.models.get(`${one.id} ${one.points.length}`) || []);
+  panel.show({ curves: found, models, controls: [] });
+  askModels(found);
 }
 
 // ---- time ---------------------------------------------------------------------------------------
@@ -343,7 +328,7 @@ function drawHistory() {
       "tr",
       {},
       el("td", { "data-name": "Compare" }, box),
-      el("th", { scope: "row" }, run),
+      el("th", { scope: "row" }, el("a", { href: `#/run/${encodeURIComponent(run)}` }, run)),
       el("td", { "data-name": "Bench" }, job.item.bench),
       el("td", { "data-name": "Submitted" }, when(job.item.submitted_unix_s)),
       el("td", { "data-name": "By" }, person(job.item.by)),
@@ -351,7 +336,7 @@ function drawHistory() {
       el("td", {}, ...acts),
     );
   };
-  fill($("runs"), ...known.runs.slice(0, 100).map(row));
+  fill($("runs"), ...known.runs.slice(0, 20).map(row));
 }
 
 async function compare(run, on) {
@@ -426,6 +411,8 @@ function draw() {
   );
   drawActs();
   drawInstruments(now);
+  drawOverview([...known.benches.values()], known.bench);
+  if (!$("stop").classList.contains("pressed")) text($("stop"), stopLabel(false));
   drawOthers(
     [...known.benches.values()].filter((one) => one.bench !== known.bench),
     choose,
@@ -442,20 +429,101 @@ function draw() {
     now.state === "running" || now.state === "paused" || (now.trip && now.stop && now.trip.unix_s > now.stop.unix_s);
   if (over) $("stopped").hidden = true;
   else if (now.stop) stopped(now.stop);
-  $("identify").hidden = !may("operate");
-  $("submit").hidden = !may("energise");
+  drawRights();
+}
+
+// What one may not do is shown, and why.
+function drawRights() {
+  $("identify").disabled = !may("operate");
+  $("identify").title = may("operate") ? "" : lacks("operate");
+  for (const control of $("submit").querySelectorAll("button[type=submit]")) control.disabled = !may("energise");
+  $("maynot").hidden = may("energise");
+  text($("maynot"), may("energise") ? "" : `To submit, the token ${lacks("energise")}.`);
+}
+
+const lacks = (scope) => `needs the scope ${scope}; yours has: ${known.scopes.join(", ") || "none"}`;
+
+// ---- parts of the page --------------------------------------------------------------------------
+
+const MODULES = {
+  new: "/forms.js",
+  files: "/forms.js",
+  runs: "/find.js",
+  cells: "/find.js",
+  run: "/run.js",
+  cell: "/cell.js",
+  analyses: "/analysis.js",
+  analysis: "/analysis.js",
+  pack: "/pack.js",
+};
+
+const context = {
+  get,
+  post,
+  put,
+  remove,
+  file,
+  attempt,
+  may,
+  Refused,
+  go: (hash) => go(hash),
+  benches: () => [...known.benches.keys()],
+  bench: () => known.bench,
+};
+
+const view = { module: null, opened: 0 };
+
+function go(hash) {
+  if (location.hash === hash) route();
+  else location.hash = hash;
+}
+
+// What the address names: `#/run/demo-3?…` a part, anything else a bench.
+function address() {
+  const [path, query] = location.hash.slice(2).split("?");
+  const plain = (part) => {
+    try {
+      return decodeURIComponent(part);
+    } catch {
+      return part;
+    }
+  };
+  return { path: path.split("/").map(plain), query: new URLSearchParams(query || "") };
+}
+
+async function route() {
+  const opened = (view.opened += 1);
+  if (view.module && view.module.close) view.module.close();
+  view.module = null;
+  const part = location.hash.startsWith("#/") ? address() : null;
+  const source = part && MODULES[part.path[0]];
+  $("main").hidden = Boolean(source);
+  $("view").hidden = !source;
+  $("view").replaceChildren();
+  for (const link of $("views").querySelectorAll("a"))
+    if (source && link.hash.slice(2) === part.path[0]) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  if (!source) {
+    if (known.benches.has(addressed())) known.bench = addressed();
+    $("stopped").hidden = true;
+    await attempt(refresh);
+    return;
+  }
+  const module = await import(source);
+  if (opened !== view.opened) return;
+  view.module = module;
+  const parent = el("div", { class: "view" });
+  $("view").append(parent);
+  await attempt(() => module.open(parent, part, context));
+  const heading = parent.querySelector("h2");
+  if (heading) document.title = `${heading.textContent} – eis-bench`;
 }
 
 // The bench that the address names: `#demo`.
 const addressed = () => decodeURIComponent(location.hash.slice(1));
 
 // Shows another bench; each has an address of its own, which can be sent.
-async function choose(bench) {
-  known.bench = bench;
-  if (addressed() !== bench) history.pushState(null, "", `#${encodeURIComponent(bench)}`);
-  $("stopped").hidden = true;
-  await attempt(refresh);
-}
+const choose = (bench) => go(`#${encodeURIComponent(bench)}`);
 
 async function refresh() {
   const [benches, queue, runs, offered] = await Promise.all([
@@ -469,8 +537,7 @@ async function refresh() {
   if (!known.benches.has(known.bench))
     known.bench = (benches.find((one) => one.run && one.run.going) || benches[0]).bench;
   [known.queue, known.runs] = [queue, runs];
-  fill($("bench"), ...benches.map((one) => el("option", { selected: one.bench === known.bench }, one.bench)));
-  $("choose").hidden = $("stopall").hidden = benches.length < 2;
+  $("stopall").hidden = benches.length < 2;
   const before = $("experiment").value;
   fill($("experiment"), ...offered.map((one) => el("option", { selected: one.experiment === before }, one.experiment)));
   known.spectra.clear();
@@ -485,6 +552,7 @@ async function refresh() {
 }
 
 function heard(kind, data) {
+  if (view.module && view.module.heard) view.module.heard(kind, data);
   if (kind === "hello" || kind === "lost") attempt(refresh);
   if (kind === "live") {
     const before = known.benches.get(data.bench);
@@ -520,12 +588,12 @@ function link(state) {
   text($("link"), words[state]);
   $("link").className = `chip ${state}`;
   document.body.classList.toggle("stale", state !== "up");
-  if (state === "refused") login("The token is not known to this server.");
+  if (state === "refused") login("The session has ended.");
 }
 
 function login(words) {
   $("login").hidden = false;
-  $("main").hidden = true;
+  $("main").hidden = $("view").hidden = $("views").hidden = true;
   text($("loginsaid"), words || "");
   $("token").focus();
 }
@@ -535,10 +603,12 @@ async function begin() {
     const who = await get("/whoami");
     known.scopes = who.scopes;
     known.bench ||= who.benches.length === 1 ? who.benches[0] : "";
-    $("leave").hidden = !server.token;
+    known.who = who.name;
+    $("leave").hidden = $("who").hidden = who.name === "local";
+    text($("who"), `${who.name}: ${who.scopes.join(", ") || "STOP only"}`);
   } catch (error) {
     if (error instanceof Refused && (error.status === 401 || error.status === 403))
-      return login(server.token ? error.message : "");
+      return login("");
     text($("link"), "○ not reached, trying again");
     setTimeout(begin, 1000);
     return;
@@ -548,31 +618,33 @@ async function begin() {
     text($("link"), "● this token shows nothing; STOP works");
     return;
   }
-  $("main").hidden = false;
-  listen(heard, link);
+  $("views").hidden = false;
+  await route();
+  listen(known.who, heard, link);
 }
 
-for (const id of ["nyquist", "bode"]) tellPoints($(id), $("pointsaid"));
 $("stop").addEventListener("click", () => stop(false));
 $("stopall").addEventListener("click", () => stop(true));
 window.addEventListener("resize", () => {
-  drawSpectra();
   fitTime();
   drawStrips(true);
 });
-$("leave").addEventListener("click", () => {
-  useToken("");
+$("skip").addEventListener("click", () => ($("main").hidden ? $("view") : $("main")).focus());
+$("leave").addEventListener("click", async () => {
+  await attempt(signOut);
   location.reload();
 });
-window.addEventListener("popstate", () => {
-  if (known.benches.has(addressed())) choose(addressed());
-});
-$("bench").addEventListener("change", () => choose($("bench").value));
-$("login").addEventListener("submit", (event) => {
+window.addEventListener("hashchange", route);
+$("login").addEventListener("submit", async (event) => {
   event.preventDefault();
-  useToken($("token").value.trim());
+  const token = $("token").value.trim();
   $("token").value = "";
-  begin();
+  try {
+    await signIn(token);
+  } catch (error) {
+    return login(error.message);
+  }
+  return begin();
 });
 $("identify").addEventListener("click", () =>
   attempt(

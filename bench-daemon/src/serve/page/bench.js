@@ -30,7 +30,7 @@ export function fill(parent, ...children) {
   const held = parent.contains(document.activeElement) ? named(document.activeElement) : null;
   parent.replaceChildren(...next.childNodes);
   if (held === null) return;
-  const controls = [...parent.querySelectorAll("button, input, select")];
+  const controls = [...parent.querySelectorAll("a, button, input, select")];
   const same = controls.find((one) => named(one) === held) || controls[0];
   if (same) same.focus();
   else {
@@ -257,6 +257,36 @@ export function drawInstruments(live) {
       );
     }),
   );
+}
+
+// The worst is first: a person looks there.
+const WORST = ["latched", "unknown", "stopping", "running", "paused", "idle"];
+
+// All benches in a line, each with its address.
+export function drawOverview(benches, chosen) {
+  const rank = (one) => (WORST.indexOf(one.state) + WORST.length + 1) % (WORST.length + 1);
+  const item = (one) => {
+    const [sign] = STATES[one.state] || ["?"];
+    const left = one.run && one.run.going && one.run.left_s !== null ? `, ${duration(one.run.left_s)} left` : "";
+    const proof = one.state === "running" ? "" : one.verified ? ", outputs verified off" : ", outputs NOT verified";
+    const words = `${sign} ${one.bench}: ${one.trip ? `latched, ${one.trip.cause}` : one.state}${left}${proof}`;
+    const here = one.bench === chosen && !location.hash.startsWith("#/");
+    return el(
+      "li",
+      {},
+      el(
+        "a",
+        {
+          href: `#${encodeURIComponent(one.bench)}`,
+          class: `bench ${one.state}`,
+          "aria-current": here ? "page" : null,
+        },
+        words,
+      ),
+    );
+  };
+  const sorted = [...benches].sort((a, b) => rank(a) - rank(b) || a.bench.localeCompare(b.bench));
+  fill($("overview"), ...sorted.map(item));
 }
 
 // What the benches that are not shown want a person to know.

@@ -1,8 +1,8 @@
-// Speaking with the server: requests with the token, and the stream of events, which comes back by
-// itself where it was cut off.
+// Speaking with the server: requests with the browser's session, whose cookie no script can read, and
+// the stream of events, which comes back by itself where it was cut off.
 "use strict";
 
-export const server = { token: sessionStorage.getItem("token") || "", lastId: "" };
+export const server = { lastId: "" };
 
 export class Refused extends Error {
   constructor(status, problem) {
@@ -12,15 +12,8 @@ export class Refused extends Error {
   }
 }
 
-export function useToken(token) {
-  server.token = token;
-  if (token) sessionStorage.setItem("token", token);
-  else sessionStorage.removeItem("token");
-}
-
-function headers(more) {
-  return server.token ? { Authorization: `Bearer ${server.token}`, ...more } : { ...more };
-}
+// A page of elsewhere cannot send this header, so that it cannot act with the session.
+const PROOF = { "X-Eis-Bench": "page" };
 
 // A request that is not answered within this time is given up: a browser gives each host few
 // connections, and one that hangs keeps the others out.
@@ -31,7 +24,7 @@ const STOP_MS = 4000;
 async function asked(method, path, body, patience = PATIENCE_MS) {
   const init = {
     method,
-    headers: headers(body === undefined ? {} : { "Content-Type": "application/json" }),
+    headers: body === undefined ? PROOF : { "Content-Type": "application/json", ...PROOF },
     signal: AbortSignal.timeout(patience),
   };
   if (body !== undefined) init.body = JSON.stringify(body);
@@ -43,7 +36,11 @@ async function asked(method, path, body, patience = PATIENCE_MS) {
 export const get = async (path) => (await asked("GET", path)).json();
 export const post = async (path, body) => (await asked("POST", path, body)).json();
 export const stopNow = async (path) => (await asked("POST", path, undefined, STOP_MS)).json();
+export const put = async (path, body) => (await asked("PUT", path, body)).json();
 export const remove = async (path) => (await asked("DELETE", path)).json();
+// The token is shown once, for a session.
+export const signIn = (token) => post("/session", { token });
+export const signOut = () => asked("DELETE", "/session");
 export const file = async (path) => (await asked("GET", path)).blob();
 
 // Whoever hears nothing for so long is no longer connected, whatever the system says: the server speaks every 15 s.
@@ -54,14 +51,14 @@ const ABSENCE_MS = SILENCE_MS + 15000;
 const BEAT_MS = 5000;
 
 // Calls `on(kind, data)` for each event, and `link(state)` as the connection comes and goes. All
-// tabs of a browser with the same token share one stream: the tab that holds the lock listens and
+// tabs of a browser with the same session, which is that of `who`, share one stream: the tab that holds the lock listens and
 // passes on what it hears, and that it tries where it hears nothing; when it is closed, the next
 // one takes over. From a tab that says nothing any more, for a browser may freeze a tab that nobody
 // looks at, the lock is taken. So there is never a second stream, for a browser gives each host few
 // connections, and the stop needs one.
-export async function listen(on, link) {
+export async function listen(who, on, link) {
   if (!navigator.locks || !window.BroadcastChannel) return stream(on, link);
-  const name = `events ${await digest(server.token)}`;
+  const name = `events of ${who}`;
   const tab = {
     on,
     link,
@@ -157,11 +154,6 @@ async function lead(tab, robbed) {
   }
 }
 
-async function digest(secret) {
-  const bytes = await crypto.subtle.digest("SHA-256", new TextEncoder().encode(secret));
-  return Array.from(new Uint8Array(bytes).slice(0, 8), (byte) => byte.toString(16).padStart(2, "0")).join("");
-}
-
 // Ends when the token is refused, or with the signal `ends`; `beat()` comes with whatever the
 // server says, its comments too. A server that does not answer at all is given up and asked again,
 // like any other request.
@@ -173,7 +165,7 @@ async function stream(on, link, beat = () => {}, ends = new AbortController().si
     try {
       const more = { Accept: "text/event-stream" };
       if (server.lastId) more["Last-Event-ID"] = server.lastId;
-      const response = await fetch("/api/v1/events", { headers: headers(more), signal: request.signal });
+      const response = await fetch("/api/v1/events", { headers: more, signal: request.signal });
       clearTimeout(patience);
       if (response.status === 401 || response.status === 403) return link("refused");
       if (!response.ok) throw new Error(`status ${response.status}`);

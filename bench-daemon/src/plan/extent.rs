@@ -1,0 +1,111 @@
+//! How far a plan goes at most, for a look at it beside the limits of the cell.
+
+use super::{Flow, Leg, Plan, Step};
+
+/// Extremes that the steps of a plan ask for. A voltage at which a step ends is asked for; what a
+/// cell shows under a current is not known before.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Extent {
+    /// Greatest current into the cell, A.
+    pub charge_a: f64,
+    /// Greatest current out of the cell, A.
+    pub discharge_a: f64,
+    /// Lowest and highest voltage that a step ends at or holds, V; none where no step has one.
+    pub voltage_v: Option<(f64, f64)>,
+    /// Lowest and highest temperature that is held, °C; none where none is.
+    pub temperature_c: Option<(f64, f64)>,
+    /// Charge into the cell by direct currents over the expected times, C.
+    pub into_c: f64,
+    /// The same out of the cell, C.
+    pub out_c: f64,
+}
+
+impl Extent {
+    fn current(&mut self, into_a: f64, out_a: f64) {
+        self.charge_a = self.charge_a.max(into_a);
+        self.discharge_a = self.discharge_a.max(out_a);
+    }
+
+    fn step(&mut self, step: &Step) {
+        let span_s = step.expected_s();
+        match step {
+            Step::Discharge { current_a, until_v, .. } => {
+                self.current(0.0, *current_a);
+                widen(&mut self.voltage_v, *until_v);
+                self.out_c += current_a * span_s;
+            }
+            Step::Charge { current_a, until_v, .. } => {
+                self.current(*current_a, 0.0);
+                widen(&mut self.voltage_v, *until_v);
+                self.into_c += current_a * span_s;
+            }
+            Step::Leg(leg) => self.leg(leg, span_s),
+            Step::Sine { amplitude_a, .. } => self.current(*amplitude_a, *amplitude_a),
+            Step::Multisine(band) => self.current(band.peak_a, band.peak_a),
+            Step::Trace(trace) => {
+                let (least_a, greatest_a) = trace.extremes_a();
+                self.current(greatest_a, -least_a);
+                let (least_c, greatest_c) = trace.swing_c();
+                self.out_c -= least_c;
+                self.into_c += greatest_c;
+            }
+            Step::HoldTemperature { setpoint_c, .. } => {
+                widen(&mut self.temperature_c, *setpoint_c);
+            }
+            _ => {}
+        }
+    }
+
+    fn leg(&mut self, leg: &Leg, span_s: f64) {
+        let (into_a, out_a) = leg.most_a();
+        self.current(into_a, out_a);
+        match leg.flow {
+            Flow::Discharge { until_v, charge_c, .. } => {
+                widen(&mut self.voltage_v, until_v);
+                self.out_c += charge_c.unwrap_or(out_a * span_s);
+            }
+            Flow::Charge { limit_v, charge_c, .. } => {
+                widen(&mut self.voltage_v, limit_v);
+                self.into_c += charge_c.unwrap_or(into_a * span_s);
+            }
+            Flow::Rest => {}
+        }
+    }
+}
+
+fn widen(range: &mut Option<(f64, f64)>, value: f64) {
+    let (least, greatest) = range.unwrap_or((value, value));
+    *range = Some((least.min(value), greatest.max(value)));
+}
+
+impl Plan {
+    /// How far it goes at most.
+    pub fn extent(&self) -> Extent {
+        let mut extent = Extent::default();
+        let steps = self.stages.iter().flat_map(|stage| &stage.steps);
+        steps.for_each(|step| extent.step(step));
+        extent
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::plan::{Purpose, Stage, test_settings};
+
+    #[test]
+    fn the_extremes_of_all_steps_count() {
+        let steps = vec![
+            Step::HoldTemperature { setpoint_c: 25.0, within_k: 0.1, max_s: 60.0 },
+            Step::Discharge { current_a: 5.0, until_v: 3.5, max_s: 60.0 },
+            Step::Charge { current_a: 3.0, limit_v: 4.2, until_v: 3.8, max_s: 60.0 },
+            Step::Sine { index: 0, freq_hz: 1.0, amplitude_a: 4.0, wait_s: 1.0, settings: test_settings() },
+        ];
+        let stages = vec![Stage { purpose: Purpose::SocReset, steps }];
+        let extent = Plan { stages }.extent();
+        assert_eq!((extent.charge_a, extent.discharge_a), (4.0, 5.0));
+        assert_eq!(extent.voltage_v, Some((3.5, 3.8)));
+        assert_eq!(extent.temperature_c, Some((25.0, 25.0)));
+        assert!(extent.out_c > 0.0 && extent.into_c > 0.0);
+    }
+}

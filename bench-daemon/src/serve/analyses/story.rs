@@ -1,0 +1,178 @@
+//! A diagnosis as a story: where, what, how sure, what next.
+
+use std::path::Path;
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::Analysis;
+use crate::{
+    command::diagnose::{Chapter, STORY, Story as Told},
+    serve::{Server, submission},
+    support::confined_path,
+};
+
+/// What a diagnosis says.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Story {
+    /// The cell, where the run has several.
+    cell: Option<String>,
+    /// `nothing missing`, `missing`, `cannot tell` or `invalid data`.
+    verdict: &'static str,
+    /// The same in a sentence.
+    sentence: String,
+    /// Where simulation and measurement disagree.
+    r#where: Vec<Passage>,
+    /// What is missing.
+    what: Vec<Passage>,
+    /// How sure that is.
+    how_sure: Vec<Passage>,
+    /// What to do next.
+    next: Vec<Next>,
+    /// What not to trust.
+    caution: Vec<String>,
+}
+
+/// A title and what stands under it.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Passage {
+    /// The title.
+    title: String,
+    /// The text.
+    text: String,
+}
+
+/// What to do next.
+#[derive(Debug, Serialize, ToSchema)]
+pub(super) struct Next {
+    /// The title.
+    title: String,
+    /// The text.
+    text: String,
+    /// The experiment, TOML, where there is one that this server can run.
+    experiment: Option<String>,
+    /// Its name.
+    name: Option<String>,
+}
+
+/// The stories of all cells of a diagnosis.
+pub(super) fn all(server: &Server, analysis: &Analysis, results: &Path) -> Vec<Story> {
+    let files = confined_path::list(results).unwrap_or_default();
+    let stories = files.into_iter().filter_map(|(path, _)| {
+        let folder = path.strip_suffix(STORY)?.trim_end_matches('/').to_owned();
+        let told: Told = serde_json::from_reader(confined_path::open(results, &path)?).ok()?;
+        let cell = Some(folder.clone()).filter(|folder| !folder.is_empty());
+        let next = experiment(server, analysis, &results.join(&folder));
+        Some(of(&told, cell, next))
+    });
+    stories.collect()
+}
+
+fn of(told: &Told, cell: Option<String>, experiment: Option<(String, String)>) -> Story {
+    let verdict = match told.verdict.as_str() {
+        "at_noise_floor" => "nothing missing",
+        "explained" | "mostly" => "missing",
+        "invalid" => "invalid data",
+        _ => "cannot tell",
+    };
+    let chapter = |heading: &str| told.sections.iter().find(|one| one.heading == heading);
+    let short = |title: &str| {
+        let fields = chapter("In short").map(|one| &one.fields);
+        let field = fields.into_iter().flatten().find(|(name, _)| name == title);
+        field.map(|(title, text)| Passage { title: title.clone(), text: text.clone() })
+    };
+    let passages = |heading: &str| -> Vec<Passage> {
+        let said = |chapter: &Chapter| {
+            let text = chapter.text.iter().map(|text| (chapter.heading.clone(), text.clone()));
+            text.chain(chapter.fields.clone()).collect::<Vec<_>>()
+        };
+        let all = chapter(heading).map(said).unwrap_or_default();
+        all.into_iter().map(|(title, text)| Passage { title, text }).collect()
+    };
+    let mut parts = [
+        ("What disagrees", "Where"),
+        ("What is missing", "What"),
+        ("To predict now", "How sure"),
+    ]
+    .map(|(question, heading)| {
+        short(question).into_iter().chain(passages(heading)).collect::<Vec<Passage>>()
+    });
+    let [places, what, how_sure] = parts.each_mut().map(std::mem::take);
+    let (experiment, name) = experiment.unzip();
+    let next = short("What to do next").map(|passage| Next {
+        title: passage.title,
+        text: passage.text,
+        experiment,
+        name,
+    });
+    let caution = ["What to distrust", "What is odd in the data"].map(short);
+    Story {
+        cell,
+        verdict,
+        sentence: told.summary.clone(),
+        r#where: places,
+        what,
+        how_sure,
+        next: next.into_iter().collect(),
+        caution: caution.into_iter().flatten().map(|passage| passage.text).collect(),
+    }
+}
+
+/// The recommended experiment, with the bench and the cell that the run's own experiment names, and
+/// its name.
+fn experiment(server: &Server, analysis: &Analysis, folder: &Path) -> Option<(String, String)> {
+    let text = std::fs::read_to_string(folder.join("next_experiment.toml")).ok()?;
+    let run = analysis.runs.first()?;
+    let frozen = submission::frozen(&server.settings.data.join("submitted").join(run))?;
+    let own: toml::Value = toml::from_str(&std::fs::read_to_string(frozen).ok()?).ok()?;
+    let comments: Vec<&str> = text.lines().take_while(|line| line.starts_with('#')).collect();
+    let mut next: toml::Table = toml::from_str(&text).ok()?;
+    for key in ["bench", "cell"] {
+        next.insert(key.to_owned(), own.get(key)?.clone());
+    }
+    let name = next.get("name")?.as_str()?.to_owned();
+    let text = toml::to_string_pretty(&next).ok()?;
+    Some((format!("{}\n{text}", comments.join("\n")), name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_story_takes_its_parts_from_the_report() {
+        let chapter = |heading: &str, text: &[&str], fields: &[(&str, &str)]| Chapter {
+            heading: heading.to_owned(),
+            text: text.iter().map(|&text| text.to_owned()).collect(),
+            fields: fields.iter().map(|&(a, b)| (a.to_owned(), b.to_owned())).collect(),
+        };
+        let short = [
+            ("What disagrees", "after steps"),
+            ("What is missing", "diffusion"),
+            ("What to distrust", "the noise"),
+            ("What to do next", "a longer pulse"),
+        ];
+        let told = Told {
+            verdict: "explained".to_owned(),
+            summary: "It is diffusion.".to_owned(),
+            sections: vec![
+                chapter("In short", &[], &short),
+                chapter("Where", &["5 to 60 s"], &[]),
+                chapter("How sure", &["9 σ"], &[("Rivals", "none")]),
+            ],
+        };
+        let story = of(&told, None, Some(("text".to_owned(), "next".to_owned())));
+        let told = |passages: &[Passage]| -> Vec<(String, String)> {
+            passages.iter().map(|one| (one.title.clone(), one.text.clone())).collect()
+        };
+        let pairs = |all: &[(&str, &str)]| -> Vec<(String, String)> {
+            all.iter().map(|&(a, b)| (a.to_owned(), b.to_owned())).collect()
+        };
+        assert_eq!(story.verdict, "missing");
+        assert_eq!(told(&story.r#where), pairs(&[("What disagrees", "after steps"), ("Where", "5 to 60 s")]));
+        assert_eq!(told(&story.what), pairs(&[("What is missing", "diffusion")]));
+        assert_eq!(told(&story.how_sure), pairs(&[("How sure", "9 σ"), ("Rivals", "none")]));
+        assert_eq!(story.next[0].experiment.as_deref(), Some("text"));
+        assert_eq!(story.caution, ["the noise"]);
+    }
+}

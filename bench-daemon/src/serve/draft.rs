@@ -1,0 +1,124 @@
+//! Drafts of experiments: what a text would do on a bench, or the field that is not as expected.
+//! Touches nothing.
+
+use serde::Serialize;
+use utoipa::ToSchema;
+
+use super::{
+    settings::Settings,
+    submission::{ExperimentRequest, Refused, Submission},
+};
+use crate::{config::ConfigError, procedure};
+
+/// A field that is not as expected.
+#[derive(Debug, PartialEq, Serialize, ToSchema)]
+pub struct Mistake {
+    /// The field, from the top, such as `eis.amplitude`; items of a list by their number, from 1.
+    /// Empty where it is about the whole.
+    field: String,
+    /// Expected and found.
+    message: String,
+    /// Line of the text, from 1.
+    line: Option<usize>,
+}
+
+/// What a plan asks for beside a limit of the cell.
+#[derive(Debug, PartialEq, Serialize, ToSchema)]
+pub struct Margin {
+    /// The quantity.
+    quantity: &'static str,
+    /// Its unit.
+    unit: &'static str,
+    /// Least that the plan asks for.
+    planned_least: f64,
+    /// Greatest that the plan asks for.
+    planned_greatest: f64,
+    /// The lower limit.
+    least: f64,
+    /// The upper limit.
+    greatest: f64,
+    /// The smaller distance of both.
+    margin: f64,
+}
+
+impl Margin {
+    fn of(
+        (quantity, unit): (&'static str, &'static str),
+        (planned_least, planned_greatest): (f64, f64),
+        (least, greatest): (f64, f64),
+    ) -> Self {
+        Self {
+            quantity,
+            unit,
+            planned_least,
+            planned_greatest,
+            least,
+            greatest,
+            margin: (planned_least - least).min(greatest - planned_greatest),
+        }
+    }
+}
+
+/// A draft on a bench.
+///
+/// # Errors
+/// The first mistake.
+pub fn submission(settings: &Settings, text: &str, bench: Option<&str>) -> Result<Submission, Mistake> {
+    let request = ExperimentRequest { name: "submitted", text: Some(text), bench };
+    Submission::new(settings, request).map_err(Mistake::from)
+}
+
+impl From<Refused> for Mistake {
+    fn from(refused: Refused) -> Self {
+        match refused {
+            Refused::Mistake(error) => Self::from(error),
+            other => Self::whole(other.to_string()),
+        }
+    }
+}
+
+impl From<ConfigError> for Mistake {
+    fn from(error: ConfigError) -> Self {
+        match error {
+            ConfigError::Field { line, field, reason, .. } => {
+                Self { field, message: reason, line: Some(line) }
+            }
+            other => Self::whole(other.to_string()),
+        }
+    }
+}
+
+impl Mistake {
+    /// About the whole text.
+    pub fn whole(message: String) -> Self {
+        Self { field: String::new(), message, line: None }
+    }
+
+    /// In one line.
+    pub fn in_words(&self) -> String {
+        match (self.field.as_str(), self.line) {
+            ("", _) => self.message.clone(),
+            (field, Some(line)) => format!("line {line}, {field}: {}", self.message),
+            (field, None) => format!("{field}: {}", self.message),
+        }
+    }
+}
+
+/// What the plan of a submission asks for beside the limits of its cell.
+pub fn margins(submission: &Submission) -> Vec<Margin> {
+    let extent = procedure::plan(&submission.experiment).extent();
+    let limits = &submission.experiment.cell.limits;
+    let mut margins = Vec::new();
+    let currents = (-extent.discharge_a, extent.charge_a);
+    if currents != (0.0, 0.0) {
+        margins.push(Margin::of(("Current", "A"), currents, (-limits.discharge_a, limits.charge_a)));
+    }
+    if let Some(voltage_v) = extent.voltage_v {
+        margins.push(Margin::of(("Cell voltage", "V"), voltage_v, (limits.min_v, limits.max_v)));
+    }
+    if let Some(temperature_c) = extent.temperature_c {
+        let limits = (limits.min_c, limits.max_c);
+        margins.push(Margin::of(("Cell temperature", "°C"), temperature_c, limits));
+    }
+    margins
+}

@@ -1,0 +1,177 @@
+//! Routes of analyses of runs.
+
+use axum::{
+    Json,
+    body::Body,
+    extract::{Path, State},
+    http::{StatusCode, header},
+    response::{IntoResponse, Response},
+};
+
+use super::{
+    App,
+    aside::aside,
+    caller::{Operator, Reader},
+    problem::Refusal,
+    runs::Log,
+};
+use crate::{
+    serve::analyses::{Analysis, AnalysisError, Request, WithResults},
+    support::confined_path::{self, plain},
+};
+
+/// Longest file of results that is sent, bytes.
+const LONGEST: u64 = 64 * 1024 * 1024;
+
+impl From<AnalysisError> for Refusal {
+    fn from(error: AnalysisError) -> Self {
+        match error {
+            AnalysisError::Unfit(text) => Self::of(StatusCode::UNPROCESSABLE_ENTITY, text),
+            AnalysisError::Unknown(_) => Self::of(StatusCode::NOT_FOUND, error.to_string()),
+            AnalysisError::Conflict(text) => Self::conflict(text),
+            AnalysisError::Io(_) => Self::machine(&error),
+        }
+    }
+}
+
+/// The latest analyses, the latest first.
+#[utoipa::path(
+    get,
+    path = "/api/v1/analyses",
+    tag = "analyses",
+    responses((status = 200, body = [Analysis])),
+    security(("token" = ["read"]))
+)]
+pub async fn list(_caller: Reader, State(app): State<App>) -> Json<Vec<Analysis>> {
+    Json(app.server.analyses.list())
+}
+
+/// Takes an analysis of runs. It begins when those before it have ended; events `analysis` tell how
+/// it goes.
+#[utoipa::path(
+    post,
+    path = "/api/v1/analyses",
+    tag = "analyses",
+    request_body = Request,
+    responses((status = 201, body = Analysis)),
+    security(("token" = ["operate"]))
+)]
+pub async fn submit(
+    caller: Operator,
+    State(app): State<App>,
+    Json(request): Json<Request>,
+) -> Result<(StatusCode, Json<Analysis>), Refusal> {
+    aside(move || {
+        let analysis = app.server.analyses.submit(&app.server, request, &caller.name)?;
+        Ok((StatusCode::CREATED, Json(analysis)))
+    })
+    .await
+}
+
+/// An analysis with its results; of a diagnosis, what it says.
+#[utoipa::path(
+    get,
+    path = "/api/v1/analyses/{id}",
+    tag = "analyses",
+    params(("id" = String, Path)),
+    responses((status = 200, body = WithResults)),
+    security(("token" = ["read"]))
+)]
+pub async fn detail(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(id): Path<String>,
+) -> Result<Json<WithResults>, Refusal> {
+    aside(move || {
+        let found = app.server.analyses.read(&app.server, &id);
+        found.map(Json).ok_or_else(|| Refusal::not_found("an analysis", &id))
+    })
+    .await
+}
+
+/// Ends an analysis that waits or is in work.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/analyses/{id}",
+    tag = "analyses",
+    params(("id" = String, Path)),
+    responses((status = 200, body = Analysis)),
+    security(("token" = ["operate"]))
+)]
+pub async fn cancel(
+    _caller: Operator,
+    State(app): State<App>,
+    Path(id): Path<String>,
+) -> Result<Json<Analysis>, Refusal> {
+    aside(move || Ok(Json(app.server.analyses.cancel(&app.server, &id)?))).await
+}
+
+fn known(app: &App, id: &str) -> Result<(), Refusal> {
+    let known = plain(id) && app.server.analyses.list().iter().any(|one| one.id == id);
+    known.then_some(()).ok_or_else(|| Refusal::not_found("an analysis", id))
+}
+
+/// Last lines of the process of an analysis.
+#[utoipa::path(
+    get,
+    path = "/api/v1/analyses/{id}/log",
+    tag = "analyses",
+    params(("id" = String, Path)),
+    responses((status = 200, body = Log)),
+    security(("token" = ["read"]))
+)]
+pub async fn log(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(id): Path<String>,
+) -> Result<Json<Log>, Refusal> {
+    aside(move || {
+        known(&app, &id)?;
+        Ok(Json(Log::of(app.server.analyses.log(&id))))
+    })
+    .await
+}
+
+/// A file of results, to be kept: it is not shown as a page of this server.
+#[utoipa::path(
+    get,
+    path = "/api/v1/analyses/{id}/files/{path}",
+    tag = "analyses",
+    params(("id" = String, Path), ("path" = String, Path)),
+    responses((status = 200, body = [u8], content_type = "application/octet-stream")),
+    security(("token" = ["read"]))
+)]
+pub async fn file(
+    _caller: Reader,
+    State(app): State<App>,
+    Path((id, path)): Path<(String, String)>,
+) -> Result<Response, Refusal> {
+    aside(move || {
+        known(&app, &id)?;
+        let missing = || Refusal::not_found("a file of the results", &path);
+        let file = confined_path::open(&app.server.analyses.results(&id), &path).ok_or_else(missing)?;
+        sent(file, LONGEST)
+    })
+    .await
+}
+
+/// A file as an answer.
+///
+/// # Errors
+/// A file that is too long or cannot be read.
+pub(super) fn sent(file: std::fs::File, longest: u64) -> Result<Response, Refusal> {
+    let length = file.metadata().map_err(|error| Refusal::machine(&error))?.len();
+    if length > longest {
+        return Err(Refusal::conflict(format!(
+            "expected a file of at most {longest} bytes, found {length}: copy it from the disk"
+        )));
+    }
+    let mut bytes = Vec::new();
+    std::io::Read::read_to_end(&mut std::io::Read::take(file, longest), &mut bytes)
+        .map_err(|error| Refusal::machine(&error))?;
+    let headers = [
+        (header::CONTENT_TYPE, "application/octet-stream"),
+        (header::CONTENT_DISPOSITION, "attachment"),
+    ];
+    Ok((headers, Body::from(bytes)).into_response())
+}

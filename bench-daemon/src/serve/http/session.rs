@@ -1,0 +1,98 @@
+//! Routes of a browser's session.
+
+use axum::{
+    Json,
+    extract::{FromRequest, Request, State},
+    http::{HeaderMap, StatusCode, header},
+    response::{IntoResponse, Response},
+};
+use serde::{Deserialize, Serialize};
+use utoipa::ToSchema;
+
+use super::{
+    App,
+    caller::{Named, shown},
+    problem::Refusal,
+};
+use crate::serve::{
+    session::{self, LONGEST_S},
+    token::{Scope, TokenError},
+};
+
+/// A token that is shown once.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct SignIn {
+    /// The token.
+    token: String,
+}
+
+/// A session that has begun.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct SignedIn {
+    /// Name of the token.
+    name: String,
+    /// Scopes that it opens.
+    scopes: Vec<Scope>,
+    /// The session ends after this time, s.
+    ends_after_s: f64,
+}
+
+/// Ends the session that a request shows, whatever comes of it: a number is never used again.
+fn end_old(app: &App, headers: &HeaderMap) {
+    let cookies = headers.get(header::COOKIE).and_then(|value| value.to_str().ok());
+    if let Some(number) = cookies.and_then(session::number) {
+        app.server.sessions.end(number);
+    }
+}
+
+fn encrypted(app: &App) -> bool {
+    app.server.settings.tls.is_some() || app.server.settings.proxy_host.is_some()
+}
+
+/// Begins a session of a browser: its number comes as a cookie that no script can read and no page
+/// of elsewhere can send.
+#[utoipa::path(
+    post,
+    path = "/api/v1/session",
+    tag = "access",
+    request_body = SignIn,
+    responses((status = 200, body = SignedIn))
+)]
+pub async fn begin(State(app): State<App>, request: Request) -> Result<Response, Refusal> {
+    let (parts, body) = request.into_parts();
+    let again = Request::from_parts(parts.clone(), body);
+    let Json(sign_in): Json<SignIn> = Json::from_request(again, &app)
+        .await
+        .map_err(|error| Refusal::of(error.status(), error.body_text()))?;
+    end_old(&app, &parts.headers);
+    let (token, _) = shown(&parts, &app, sign_in.token.trim())?;
+    if let Some(named) = parts.extensions.get::<Named>() {
+        let _ = named.0.set(token.name.clone());
+    }
+    let number = app
+        .server
+        .sessions
+        .begin(sign_in.token.trim(), app.server.clock.now_s())
+        .map_err(|error: TokenError| Refusal::machine(&error))?;
+    let cookie = session::cookie(Some(&number), encrypted(&app));
+    let signed_in = SignedIn {
+        name: token.name,
+        scopes: token.scopes,
+        ends_after_s: LONGEST_S,
+    };
+    Ok(([(header::SET_COOKIE, cookie)], Json(signed_in)).into_response())
+}
+
+/// Ends the session of a browser.
+#[utoipa::path(
+    delete,
+    path = "/api/v1/session",
+    tag = "access",
+    responses((status = 204))
+)]
+pub async fn end(State(app): State<App>, headers: HeaderMap) -> Response {
+    end_old(&app, &headers);
+    let cookie = session::cookie(None, encrypted(&app));
+    (StatusCode::NO_CONTENT, [(header::SET_COOKIE, cookie)]).into_response()
+}

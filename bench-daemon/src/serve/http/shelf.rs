@@ -1,0 +1,377 @@
+//! Routes of files of the configuration, of drafts, and of the schemas that forms are made from.
+
+use axum::{
+    Json,
+    extract::{Path, Query, State},
+    http::StatusCode,
+};
+use serde::{Deserialize, Serialize};
+use utoipa::{IntoParams, ToSchema};
+
+use super::{
+    App,
+    aside::aside,
+    caller::{Energiser, Reader},
+    problem::Refusal,
+    queue::Planned,
+};
+use crate::{
+    config::{Fence, Source, resolve_cell, schema},
+    serve::{
+        draft::{self, Margin, Mistake},
+        jobs,
+        settings::Settings,
+        shelf::{self, Change, Kind, Listed, ShelfError, Version},
+        submission,
+    },
+    support::confined_path::plain,
+};
+
+/// Longest reason of a change, characters.
+const LONGEST_WHY: usize = 1000;
+/// Longest name of a file, characters.
+const LONGEST_NAME: usize = 60;
+
+/// A file with its history.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct ShelfFile {
+    /// Its name.
+    name: String,
+    /// Its text, TOML.
+    text: String,
+    /// The same as values; null where it is no TOML.
+    value: serde_json::Value,
+    /// SHA-256 of the text.
+    sha256: String,
+    /// All versions, the oldest first.
+    versions: Vec<Version>,
+    /// It can be changed over the API.
+    editable: bool,
+    /// Why it cannot.
+    why_not: Option<String>,
+}
+
+/// A version of a file that is to be made.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NewVersion {
+    /// The whole text.
+    text: String,
+    /// Why, 1 to 1000 characters.
+    why: String,
+    /// SHA-256 of the text that it was made from; null for a file that is new.
+    was_sha256: Option<String>,
+}
+
+/// Which version.
+#[derive(Debug, Deserialize, IntoParams)]
+#[into_params(parameter_in = Query)]
+#[serde(deny_unknown_fields)]
+pub struct OfVersion {
+    /// Its number; left out: the latest.
+    version: Option<usize>,
+}
+
+/// An experiment that is being written.
+#[derive(Debug, Deserialize, ToSchema)]
+#[serde(deny_unknown_fields)]
+pub struct NewDraft {
+    /// Its text, TOML; left out where `value` is there.
+    text: Option<String>,
+    /// Its values, as the schema of experiments has them.
+    value: Option<serde_json::Value>,
+    /// The bench; left out: the one that the experiment names.
+    bench: Option<String>,
+}
+
+/// What a draft would do.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct Draft {
+    /// Its text.
+    text: String,
+    /// Its values; null where the text is no TOML.
+    value: serde_json::Value,
+    /// What is not as expected: the first such field.
+    mistakes: Vec<Mistake>,
+    /// The plan, where there is no mistake.
+    plan: Option<Planned>,
+    /// What the plan asks for beside the limits of the cell.
+    margins: Vec<Margin>,
+}
+
+/// The experiment of a run.
+#[derive(Debug, Serialize, ToSchema)]
+pub struct OfRun {
+    /// Its name.
+    name: String,
+    /// The bench that it was run on.
+    bench: String,
+    /// Its text, TOML.
+    text: String,
+    /// Its values.
+    value: serde_json::Value,
+}
+
+fn unfit(text: impl Into<String>) -> Refusal {
+    Refusal::of(StatusCode::UNPROCESSABLE_ENTITY, text.into())
+}
+
+/// A text as values; null where it is no TOML.
+fn value_of(text: &str) -> serde_json::Value {
+    let value: Option<toml::Value> = toml::from_str(text).ok();
+    value
+        .and_then(|value| serde_json::to_value(value).ok())
+        .unwrap_or_default()
+}
+
+/// Values as TOML; what is null is left out.
+fn text_of(mut value: serde_json::Value) -> Result<String, Refusal> {
+    without_nulls(&mut value);
+    if !value.is_object() {
+        return Err(unfit("value: expected an object"));
+    }
+    toml::to_string_pretty(&value).map_err(|error| unfit(format!("value: {error}")))
+}
+
+fn without_nulls(value: &mut serde_json::Value) {
+    match value {
+        serde_json::Value::Object(all) => {
+            all.retain(|_, value| !value.is_null());
+            all.values_mut().for_each(without_nulls);
+        }
+        serde_json::Value::Array(all) => {
+            all.retain(|value| !value.is_null());
+            all.iter_mut().for_each(without_nulls);
+        }
+        _ => {}
+    }
+}
+
+/// The JSON Schema of a kind of file.
+#[utoipa::path(
+    get,
+    path = "/api/v1/schemas/{kind}",
+    tag = "files",
+    params(("kind" = String, Path, description = "`experiment`, `cell` or `bench`")),
+    responses((status = 200, body = serde_json::Value)),
+    security(("token" = ["read"]))
+)]
+pub async fn schema(
+    _caller: Reader,
+    Path(kind): Path<String>,
+) -> Result<Json<serde_json::Value>, Refusal> {
+    let kind = match kind.as_str() {
+        "experiment" => schema::Kind::Experiment,
+        "cell" => schema::Kind::Cell,
+        "bench" => schema::Kind::Bench,
+        _ => return Err(Refusal::not_found("a schema", &kind)),
+    };
+    serde_json::from_str(kind.schema())
+        .map(Json)
+        .map_err(|error| Refusal::machine(&error))
+}
+
+/// All files of a kind.
+#[utoipa::path(
+    get,
+    path = "/api/v1/files/{kind}",
+    tag = "files",
+    params(("kind" = Kind, Path)),
+    responses((status = 200, body = [Listed])),
+    security(("token" = ["read"]))
+)]
+pub async fn list(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(kind): Path<Kind>,
+) -> Result<Json<Vec<Listed>>, Refusal> {
+    aside(move || Ok(Json(shelf::list(&app.server.settings, kind)))).await
+}
+
+/// A file, with its history.
+#[utoipa::path(
+    get,
+    path = "/api/v1/files/{kind}/{name}",
+    tag = "files",
+    params(("kind" = Kind, Path), ("name" = String, Path), OfVersion),
+    responses((status = 200, body = ShelfFile)),
+    security(("token" = ["read"]))
+)]
+pub async fn read(
+    _caller: Reader,
+    State(app): State<App>,
+    Path((kind, name)): Path<(Kind, String)>,
+    Query(of): Query<OfVersion>,
+) -> Result<Json<ShelfFile>, Refusal> {
+    aside(move || told(&app.server.settings, kind, &name, of.version).map(Json)).await
+}
+
+fn told(
+    settings: &Settings,
+    kind: Kind,
+    name: &str,
+    version: Option<usize>,
+) -> Result<ShelfFile, Refusal> {
+    let file = shelf::read(settings, kind, name, version)
+        .ok_or_else(|| Refusal::not_found("a file", name))?;
+    // The guardian and `eis-bench safe` read the bench's own file: it must be one for all.
+    let why_not = (kind == Kind::Benches).then(|| {
+        let path = settings.bench(name).map(|bench| bench.path.display().to_string());
+        format!(
+            "the file of a bench is read by its guardian too: change it on its machine, at {}, and \
+             start the server again",
+            path.unwrap_or_default()
+        )
+    });
+    Ok(ShelfFile {
+        name: name.to_owned(),
+        value: value_of(&file.text),
+        text: file.text,
+        sha256: file.sha256,
+        versions: file.versions,
+        editable: why_not.is_none(),
+        why_not,
+    })
+}
+
+/// Makes a new version of an experiment or a cell, once it is checked. The file of the
+/// configuration is not changed; the version is read in its place, by what is submitted from then
+/// on.
+#[utoipa::path(
+    put,
+    path = "/api/v1/files/{kind}/{name}",
+    tag = "files",
+    params(("kind" = Kind, Path), ("name" = String, Path)),
+    request_body = NewVersion,
+    responses((status = 200, body = ShelfFile)),
+    security(("token" = ["energise"]))
+)]
+pub async fn write(
+    caller: Energiser,
+    State(app): State<App>,
+    Path((kind, name)): Path<(Kind, String)>,
+    Json(new): Json<NewVersion>,
+) -> Result<Json<ShelfFile>, Refusal> {
+    let why = new.why.trim().to_owned();
+    if why.is_empty() || why.chars().count() > LONGEST_WHY || why.chars().any(char::is_control) {
+        return Err(unfit(format!("why: expected 1 to {LONGEST_WHY} characters in one line")));
+    }
+    if !plain(&name) || name.len() > LONGEST_NAME {
+        return Err(unfit(format!(
+            "expected a name of at most {LONGEST_NAME} letters, digits, `-` and `_`, found {name:?}"
+        )));
+    }
+    aside(move || {
+        let settings = &app.server.settings;
+        match kind {
+            Kind::Benches => {
+                let file = told(settings, kind, &name, None)?;
+                return Err(Refusal::conflict(file.why_not.unwrap_or_default()));
+            }
+            Kind::Cells => {
+                let path = settings.configs.join(kind.folder()).join(format!("{name}.toml"));
+                let fence = Fence {
+                    below: settings.configs.clone(),
+                    also: Vec::new(),
+                    instead: shelf::changed(settings),
+                };
+                let source = Source::fenced(&path, new.text.clone(), &fence.into());
+                resolve_cell(&source)
+                    .map_err(|error| unfit(format!("text: {}", Mistake::from(error).in_words())))?;
+            }
+            Kind::Experiments => {
+                // On the bench that it names, where that is one of this server's; else on the first.
+                let first = settings.benches.first().map(|bench| bench.name.clone());
+                draft::submission(settings, &new.text, None)
+                    .or_else(|_| draft::submission(settings, &new.text, first.as_deref()))
+                    .map_err(|mistake| unfit(format!("text: {}", mistake.in_words())))?;
+            }
+        }
+        let change = Change {
+            text: &new.text,
+            by: &caller.name,
+            why: &why,
+            was_sha256: new.was_sha256.as_deref(),
+        };
+        let _one = app.server.shelf();
+        shelf::write(settings, kind, &name, change).map_err(|error| match error {
+            ShelfError::Io(_) => Refusal::machine(&error),
+            _ => Refusal::conflict(error.to_string()),
+        })?;
+        told(settings, kind, &name, None).map(Json)
+    })
+    .await
+}
+
+/// Says what an experiment would do on a bench, or what is not as expected in it. Touches nothing.
+#[utoipa::path(
+    post,
+    path = "/api/v1/drafts",
+    tag = "files",
+    request_body = NewDraft,
+    responses((status = 200, body = Draft)),
+    security(("token" = ["read"]))
+)]
+pub async fn draft(
+    _caller: Reader,
+    State(app): State<App>,
+    Json(new): Json<NewDraft>,
+) -> Result<Json<Draft>, Refusal> {
+    aside(move || {
+        let text = match (new.text, new.value) {
+            (Some(text), None) => text,
+            (None, Some(value)) => text_of(value)?,
+            _ => return Err(unfit("expected either `text` or `value`")),
+        };
+        let found = draft::submission(&app.server.settings, &text, new.bench.as_deref());
+        let value = value_of(&text);
+        Ok(Json(match found {
+            Ok(submission) => Draft {
+                text,
+                value,
+                mistakes: Vec::new(),
+                margins: draft::margins(&submission),
+                plan: Some(Planned::of(&submission)),
+            },
+            Err(mistake) => Draft {
+                text,
+                value,
+                mistakes: vec![mistake],
+                margins: Vec::new(),
+                plan: None,
+            },
+        }))
+    })
+    .await
+}
+
+/// The experiment of a run that was begun here, as it was submitted.
+#[utoipa::path(
+    get,
+    path = "/api/v1/runs/{run}/experiment",
+    tag = "runs",
+    params(("run" = String, Path)),
+    responses((status = 200, body = OfRun)),
+    security(("token" = ["read"]))
+)]
+pub async fn of_run(
+    _caller: Reader,
+    State(app): State<App>,
+    Path(run): Path<String>,
+) -> Result<Json<OfRun>, Refusal> {
+    aside(move || {
+        let data = &app.server.settings.data;
+        let job = Some(&run).filter(|run| plain(run)).and_then(|run| jobs::read(data, run));
+        let item = job.ok_or_else(|| Refusal::not_found("a run", &run))?.item;
+        let path = submission::frozen(&data.join("submitted").join(&run));
+        let text = path.and_then(|path| std::fs::read_to_string(path).ok());
+        let text = text.ok_or_else(|| Refusal::not_found("the experiment of the run", &run))?;
+        Ok(Json(OfRun {
+            name: item.experiment,
+            bench: item.bench,
+            value: value_of(&text),
+            text,
+        }))
+    })
+    .await
+}

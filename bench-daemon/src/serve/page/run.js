@@ -1,0 +1,936 @@
+// View `#/run/NAME`: one run, its spectra with their models, the capture behind each point, its campaign, its files,
+// and what people say about it.
+"use strict";
+
+import { $, duration, el, fill, outcome, person, text, when } from "./bench.js";
+import {
+  address,
+  begin,
+  calmly,
+  cell,
+  cellLinks,
+  controls,
+  curve,
+  keyed,
+  lack,
+  named,
+  plot,
+  table,
+  verdict,
+} from "./find.js";
+import { notes } from "./notes.js";
+
+const WORDS = {
+  title: (run) => `Run ${run}`,
+  looking: "Looking …",
+  missing: (run) => `There is no run ${run} on this server.`,
+  facts: "What it is",
+  fact: {
+    state: "State",
+    progress: "Done",
+    stage: "Stage",
+    bench: "Bench",
+    cells: "Cells",
+    experiment: "Experiment",
+    by: "By",
+    submitted: "Submitted",
+    ended: "Ended",
+    verdict: "Verdict",
+    seed: "Seed",
+    resume: "To go on",
+  },
+  unknown: "–",
+  inWork: "▶ in work",
+  left: (time) => `, about ${time} left`,
+  stage: (n, of, words) => `${n} of ${of}: ${words}`,
+  resumable: "can go on where it was interrupted",
+  seen: (bench) => `${bench}: readings, limits and the strips over time`,
+  acts: "What to do with it",
+  repeat: "Repeat as it was",
+  analyses: { diagnose: "Diagnose", fit: "Fit", kk: "Kramers–Kronig" },
+  analysisOf: (name) => `Diagnose, fit and Kramers–Kronig take the spectrum that is chosen: ${name}.`,
+  analysisOfRun: "Diagnose, fit and Kramers–Kronig take all spectra of the run that are corrected.",
+  noSpectrum: "There is no spectrum yet.",
+  spectra: "Spectra",
+  choose: "Spectrum",
+  all: (n) => `all ${n} that are corrected`,
+  asRead: " (as read)",
+  points: (n) => `${n} ${n === 1 ? "point" : "points"}`,
+  models: (n) => (n ? `; ${n} ${n === 1 ? "model" : "models"}` : "; no model was fitted to it"),
+  modelsLost: "; its models could not be loaded",
+  modelsOfOne: ". Choose one to see its models",
+  openPoint: ". Click a point, or press Enter at it, to see the capture behind it.",
+  campaign: "Campaign",
+  matrix: "Spectra of the campaign: cells and repeats",
+  repeatHead: (n) => `Repeat ${n}`,
+  cellHead: "Cell",
+  done: (done, all) => `${done} of ${all} are done. Press one that is done to see its spectrum.`,
+  states: {
+    good: ["✓", "good"],
+    doubtful: ["▲", "doubtful"],
+    done: ["✓", "done"],
+    "in work": ["▶", "in work"],
+    "to do": ["○", "to do"],
+    none: ["–", "not planned"],
+  },
+  place: (cell, repeat, state) => `${cell}, repeat ${repeat}: ${state}`,
+  report: "Save the report",
+  files: "Report and files",
+  noReport: "There is no report yet.",
+  noFile: "No file yet.",
+  folder: (name, n, size) => `${name}: ${n} ${n === 1 ? "file" : "files"}, ${size}`,
+  top: "In the folder of the run",
+  saveFile: (path, size) => `Save ${path}, ${size}`,
+  log: "Log",
+  noLog: "The log is empty.",
+  logFailed: "The log could not be read.",
+  tags: "Tags",
+  noTag: "No tag yet.",
+  tag: "New tag",
+  addTag: "Add the tag",
+  removeTag: (tag) => `Remove the tag ${tag}`,
+  tagRule: "A tag has 1 to 40 letters, digits, - and _.",
+  tagsFull: "20 tags are the most.",
+  tagsUnknown: "The tags of this run are not known.",
+  tagAdded: (tag) => `The tag ${tag} is added.`,
+  tagRemoved: (tag) => `The tag ${tag} is removed.`,
+  capture: (freq) => `Capture at ${freq}`,
+  captureOf: (name) => `Spectrum ${name}`,
+  close: "Close",
+  captureLoading: "The capture is being loaded …",
+  noCapture: "No capture of this point is kept.",
+  captureFailed: (why) => `The capture could not be loaded: ${why}`,
+  figures: "Figures of the capture",
+  figureHeads: {
+    channel: "Channel",
+    samples: "Samples",
+    amplitude: "Amplitude of the fit, zero to peak",
+    residual: "Residual, rms",
+    share: "Residual / amplitude",
+    clipped: "Clipped",
+  },
+  clipped: (n) => `▲ ${n} ${n === 1 ? "sample" : "samples"}`,
+  notClipped: "✓ none",
+  captureFile: (path) => `Kept in ${path}.`,
+  overTime: "measured and fit over time",
+  time: "time",
+  frequency: "frequency / Hz",
+  measured: "measured",
+  fit: "fit",
+  residual: "residual",
+  value: "value",
+  amplitude: "amplitude",
+  noCharts: "The part of the page that draws charts is missing; the figures are above.",
+};
+
+const ANALYSES = {
+  diagnose: {},
+  fit: { rc: "1,2,3" },
+  kk: { drt: false },
+};
+const REPORT = "report.html";
+const TAG = /^[\p{L}\p{N}_-]{1,40}$/u;
+const MOST_TAGS = 20;
+// So many spectra can be told from each other in one plot.
+const MOST_CURVES = 12;
+// A card is looked for among so many found ones, page by page.
+const ASKED = 100;
+const PAGES = 5;
+const LOG_LINES = 200;
+
+let view = null;
+
+const path = (...more) => ["/runs", encodeURIComponent(view.run), ...more].join("/");
+const query = (values) => new URLSearchParams(values).toString();
+// A part that a run may not have, or not yet.
+const orNone = (ctx, asked, none) =>
+  asked.catch((error) => {
+    if (error instanceof ctx.Refused && error.status === 404) return none;
+    throw error;
+  });
+
+// ---- what it is ---------------------------------------------------------------------------------
+
+// What the search knows of this run: its cells, its verdict and its tags. No other request tells it.
+async function findCard(ctx, run) {
+  let after = null;
+  for (let page = 0; page < PAGES; page += 1) {
+    const got = await ctx.get(`/runs/find?${query({ text: run, most: ASKED, ...(after ? { after } : {}) })}`);
+    const card = got.found.find((one) => one.run === run);
+    if (card || !got.more) return { card: card || null, tags: got.tags };
+    after = got.more;
+  }
+  return { card: null, tags: [] };
+}
+
+function state({ job, now }) {
+  if (job && job.ended) return outcome(job.ended);
+  if (now && now.going) return WORDS.inWork;
+  if (view.card) return view.card.how === "in work" ? WORDS.inWork : view.card.how;
+  return (now && now.ended) || WORDS.unknown;
+}
+
+function factRows() {
+  const { info, card } = view;
+  const item = info.job ? info.job.item : {};
+  const names = WORDS.fact;
+  const bench = item.bench || (card && card.bench);
+  const experiment = item.experiment || (card && card.experiment) || (info.now && info.now.experiment);
+  const by = item.by || (card && card.by);
+  const ended = info.job && info.job.ended ? info.job.ended.unix_s : card && card.ended_unix_s;
+  return [
+    [names.state, state(info)],
+    [names.verdict, card ? verdict(card.verdict) : null],
+    ...progressRows(info.now),
+    [names.bench, bench ? el("a", { href: `#${encodeURIComponent(bench)}` }, WORDS.seen(bench)) : null],
+    [names.cells, card && card.cells.length ? el("span", {}, ...cellLinks(card.cells)) : null],
+    [names.experiment, experiment ? el("a", { href: address("files", "experiments", experiment) }, experiment) : null],
+    [names.by, by ? person(by) : null],
+    [names.submitted, when(item.submitted_unix_s || (card && card.submitted_unix_s))],
+    [names.ended, ended ? when(ended) : null],
+    ...(item.seed === null || item.seed === undefined ? [] : [[names.seed, String(item.seed)]]),
+    ...(info.resumable ? [[names.resume, WORDS.resumable]] : []),
+  ];
+}
+
+function progressRows(now) {
+  if (!now || !now.going) return [];
+  const percent = Math.round(100 * now.done);
+  const left = now.left_s === null ? "" : WORDS.left(duration(now.left_s));
+  const meter = el("progress", { max: 100, value: percent, "aria-label": WORDS.fact.progress });
+  return [
+    [WORDS.fact.progress, el("span", {}, meter, ` ${percent} %${left}`)],
+    [WORDS.fact.stage, WORDS.stage(now.stage_number, now.stages, now.stage)],
+  ];
+}
+
+function drawFacts() {
+  keyed(
+    view.facts,
+    factRows(),
+    ([name]) => name,
+    ([name, value]) => el("div", {}, el("dt", {}, name), el("dd", {}, value ?? WORDS.unknown)),
+  );
+}
+
+// ---- what to do with it -------------------------------------------------------------------------
+
+function acts() {
+  const { ctx, run } = view;
+  const why = lack(ctx, "operate");
+  view.analyse = Object.entries(WORDS.analyses).map(([kind, words]) =>
+    el(
+      "button",
+      { type: "button", disabled: true, "aria-describedby": "fd-actsaid", onclick: () => analyse(kind) },
+      words,
+    ),
+  );
+  view.actsSaid = el("p", { id: "fd-actsaid", class: "quiet fd-line" }, why || WORDS.noSpectrum);
+  const repeat = el("button", { type: "button", onclick: () => ctx.go(address("new", "run", run)) }, WORDS.repeat);
+  return section("fd-acts", WORDS.acts, el("div", { class: "acts" }, repeat, ...view.analyse), view.actsSaid);
+}
+
+function drawActs() {
+  const why = lack(view.ctx, "operate");
+  const ready = !why && view.spectra.length > 0;
+  for (const button of view.analyse) button.disabled = !ready;
+  const one = only();
+  text(
+    view.actsSaid,
+    why || (!ready ? WORDS.noSpectrum : one ? WORDS.analysisOf(named(one.name)) : WORDS.analysisOfRun),
+  );
+}
+
+async function analyse(kind) {
+  const mine = view;
+  const one = only();
+  const body = { kind, runs: [mine.run], ...(one ? { spectra: [one.name] } : {}), options: ANALYSES[kind] };
+  const begun = await mine.ctx.attempt(() => mine.ctx.post("/analyses", body));
+  if (begun && view === mine) mine.ctx.go(address("analysis", begun.id));
+}
+
+// ---- spectra ------------------------------------------------------------------------------------
+
+const ALL = "*";
+const corrected = () => view.spectra.filter((one) => one.corrected);
+
+// The spectra that are chosen.
+function shown() {
+  if (view.chosen === ALL) return corrected().slice(0, MOST_CURVES);
+  return view.spectra.filter((one) => one.name === view.chosen);
+}
+
+// The one that is chosen, unless all are.
+const only = () => (view.chosen === ALL ? null : shown()[0]);
+
+// What is shown first: the latest that a campaign has done, else the corrected one.
+function preferred() {
+  const done = view.campaign ? view.campaign.runs.filter((one) => one.spectrum && one.state === "done") : [];
+  const last = done[done.length - 1];
+  if (last && view.spectra.some((one) => one.name === last.spectrum)) return last.spectrum;
+  const first = corrected()[0] || view.spectra[0];
+  return first ? first.name : "";
+}
+
+function drawChoice() {
+  // Nobody's curve goes away while they look at it; but what is corrected takes the place of what is as read.
+  if (!shown().length || (!view.byHand && !only().corrected)) view.chosen = preferred();
+  const many = corrected().length;
+  const options = view.spectra.map((one) => [one.name, named(one.name) + (one.corrected ? "" : WORDS.asRead)]);
+  if (many > 1 && many <= MOST_CURVES) options.push([ALL, WORDS.all(many)]);
+  const key = JSON.stringify(options);
+  if (view.select.dataset.options !== key) {
+    view.select.replaceChildren(...options.map(([value, words]) => new Option(words, value)));
+    view.select.dataset.options = key;
+  }
+  view.select.value = view.chosen;
+  view.spectraBody.hidden = !view.spectra.length;
+  view.spectraNone.hidden = view.spectra.length > 0;
+}
+
+function chooseSpectrum(name) {
+  view.byHand = true;
+  view.chosen = name;
+  drawSpectra();
+}
+
+// Draws what is there already, and once more when its models have come; until then those that it had.
+async function drawSpectra() {
+  const mine = view;
+  drawChoice();
+  drawCampaign();
+  drawActs();
+  if (!mine.spectra.length) return;
+  mine.panel ||= plot(mine.holder, showCapture);
+  const one = only();
+  showCurves(one ? mine.models.get(one.name) : []);
+  // What is as read is not fitted.
+  if (!one || !one.corrected || mine.asked.has(one.name)) return;
+  mine.asked.add(one.name);
+  const asked = mine.ctx.get(path("models") + `?${query({ spectrum: one.name })}`);
+  const models = await orNone(mine.ctx, asked, []).catch(() => null);
+  if (view !== mine) return;
+  mine.models.set(one.name, models);
+  if (only() && only().name === one.name) showCurves(models);
+}
+
+// Null where they could not be loaded, undefined where they are on their way.
+function modelWords(models) {
+  if (models === null) return WORDS.modelsLost;
+  return models ? WORDS.models(models.length) : "";
+}
+
+function showCurves(models) {
+  const curves = shown().map((one) => curve(view.run, one, named(one.name)));
+  view.panel.show({ curves, models: (models || []).map((one) => ({ ...one, curve: curves[0].id })) });
+  const points = curves.reduce((sum, one) => sum + one.points.length, 0);
+  const fitted = curves.length > 1 ? WORDS.modelsOfOne : modelWords(models);
+  text(view.spectraSaid, WORDS.points(points) + fitted + WORDS.openPoint);
+}
+
+function spectraSection() {
+  view.select = el("select", { onchange: (event) => chooseSpectrum(event.target.value) });
+  view.holder = el("div", {});
+  view.spectraSaid = el("p", { class: "quiet", role: "status" });
+  view.spectraNone = el("p", { class: "quiet" }, WORDS.looking);
+  const choose = el("div", { class: "acts" }, el("label", {}, WORDS.choose, view.select));
+  view.spectraBody = el("div", { hidden: true }, choose, view.spectraSaid, view.holder);
+  return section("fd-spectra", WORDS.spectra, view.spectraNone, view.spectraBody);
+}
+
+// ---- the campaign -------------------------------------------------------------------------------
+
+function drawCampaign() {
+  const { campaign } = view;
+  view.campaignSection.hidden = !campaign;
+  if (!campaign) return;
+  const repeats = Array.from({ length: campaign.repeats }, (_, place) => place + 1);
+  fill(
+    view.matrixHead,
+    el("th", { scope: "col" }, WORDS.cellHead),
+    ...repeats.map((n) => el("th", { scope: "col" }, WORDS.repeatHead(n))),
+  );
+  // Of a place that was done again, the latest.
+  const places = new Map(campaign.runs.map((one) => [JSON.stringify([one.cell, one.repeat]), one]));
+  const row = (one) =>
+    el(
+      "tr",
+      {},
+      el("th", { scope: "row" }, ...cellLinks([one])),
+      ...repeats.map((n) => el("td", {}, place(places.get(JSON.stringify([one.name, n])), one.name, n))),
+    );
+  keyed(view.matrix, campaign.cells, (one) => one.name, row);
+  const done = campaign.runs.filter((one) => one.state === "done").length;
+  text(view.campaignSaid, WORDS.done(done, campaign.cells.length * campaign.repeats));
+  const chosen = campaign.runs.find((one) => one.spectrum && one.spectrum === view.chosen);
+  text(view.placeSaid, chosen ? WORDS.place(chosen.cell, chosen.repeat, chosen.words) : "");
+}
+
+// A place of the matrix: what became of it as sign, word and colour; it shows its spectrum where there is one.
+function place(one, name, repeat) {
+  const state = one ? (one.state === "done" && one.verdict) || one.state : "none";
+  const [sign, words] = WORDS.states[state] || ["?", state];
+  const there = Boolean(one && one.spectrum && view.spectra.some((found) => found.name === one.spectrum));
+  return el(
+    "button",
+    {
+      type: "button",
+      class: `fd-place fd-${state.replaceAll(" ", "-")}`,
+      disabled: !there,
+      "aria-pressed": there ? String(view.chosen === one.spectrum) : null,
+      "aria-label": WORDS.place(name, repeat, words),
+      title: one ? one.words : null,
+      onclick: () => chooseSpectrum(one.spectrum),
+    },
+    el("span", { "aria-hidden": "true" }, sign),
+    ` ${words}`,
+  );
+}
+
+function campaignSection() {
+  view.matrixHead = el("tr", {});
+  view.matrix = el("tbody", {});
+  view.campaignSaid = el("p", { class: "quiet" });
+  view.placeSaid = el("p", { class: "fd-line", role: "status" });
+  const matrix = el("table", { class: "fd-matrix" }, el("thead", {}, view.matrixHead), view.matrix);
+  const frame = el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": WORDS.matrix }, matrix);
+  view.campaignSection = section("fd-campaign", WORDS.campaign, view.campaignSaid, frame, view.placeSaid);
+  view.campaignSection.hidden = true;
+  return view.campaignSection;
+}
+
+// ---- files and log ------------------------------------------------------------------------------
+
+const UNITS = ["B", "kB", "MB", "GB", "TB"];
+
+function size(bytes) {
+  let [value, unit] = [bytes, 0];
+  while (value >= 999.5 && unit < UNITS.length - 1) [value, unit] = [value / 1000, unit + 1];
+  return `${unit && value < 99.5 ? value.toPrecision(2) : value.toFixed(0)} ${UNITS[unit]}`;
+}
+
+// A file of the run, saved by the browser: it never becomes a page of this server.
+async function save(file) {
+  const mine = view;
+  const from = path("files", ...file.split("/").map(encodeURIComponent));
+  const blob = await mine.ctx.attempt(() => mine.ctx.file(from));
+  if (!blob) return;
+  const href = URL.createObjectURL(blob);
+  const link = el("a", { href, download: `${mine.run}-${file.replaceAll("/", "-")}` });
+  document.body.append(link);
+  link.click();
+  link.remove();
+  setTimeout(() => URL.revokeObjectURL(href), 60000);
+}
+
+const fileRow = (file, name) =>
+  el(
+    "li",
+    {},
+    el(
+      "button",
+      {
+        type: "button",
+        class: "fd-file",
+        "aria-label": WORDS.saveFile(file.path, size(file.bytes)),
+        onclick: () => save(file.path),
+      },
+      name,
+    ),
+    el("span", { class: "quiet" }, ` ${size(file.bytes)}`),
+  );
+
+// The files by their first folder; those in no folder come first.
+function folders() {
+  const found = new Map([["", []]]);
+  for (const file of view.files) {
+    const folder = file.path.includes("/") ? file.path.slice(0, file.path.indexOf("/")) : "";
+    if (!found.has(folder)) found.set(folder, []);
+    found.get(folder).push(file);
+  }
+  return [...found].filter(([, files]) => files.length);
+}
+
+// A folder may have a thousand files: its list is made when it is opened, and stays open when drawn anew.
+function drawFiles() {
+  const there = view.files.some((file) => file.path === REPORT);
+  view.report.disabled = !there;
+  text(view.filesSaid, view.files.length ? (there ? "" : WORDS.noReport) : WORDS.noFile);
+  const seen = new Set();
+  for (const [folder, files] of folders()) {
+    seen.add(folder);
+    if (!view.folders.has(folder)) view.folders.set(folder, newFolder());
+    const { box, summary, list } = view.folders.get(folder);
+    const bytes = files.reduce((sum, file) => sum + file.bytes, 0);
+    text(summary, WORDS.folder(folder || WORDS.top, files.length, size(bytes)));
+    const cut = folder ? folder.length + 1 : 0;
+    const row = (file) => fileRow(file, file.path.slice(cut));
+    const draw = () => keyed(list, files, (file) => file.path, row, summary);
+    box.ontoggle = () => box.open && draw();
+    if (box.open) draw();
+    if (!box.isConnected) view.fileList.append(box);
+  }
+  for (const [folder, { box }] of view.folders) box.hidden = !seen.has(folder);
+}
+
+function newFolder() {
+  const summary = el("summary", {});
+  const list = el("ul", { class: "fd-files" });
+  return { box: el("details", {}, summary, list), summary, list };
+}
+
+function filesSection() {
+  view.folders = new Map();
+  view.report = el(
+    "button",
+    { type: "button", disabled: true, "aria-describedby": "fd-filesaid", onclick: () => save(REPORT) },
+    WORDS.report,
+  );
+  view.filesSaid = el("p", { id: "fd-filesaid", class: "quiet fd-line" });
+  view.fileList = el("div", {});
+  view.logText = el("pre", { class: "fd-log", tabindex: "0", role: "region", "aria-label": WORDS.log });
+  view.log = el("details", { ontoggle: loadLog }, el("summary", {}, WORDS.log), view.logText);
+  return section(
+    "fd-filesh",
+    WORDS.files,
+    el("div", { class: "acts" }, view.report),
+    view.filesSaid,
+    view.fileList,
+    view.log,
+  );
+}
+
+// The last lines; whoever reads the end is kept at the end, and whoever reads further up is left there.
+async function loadLog() {
+  const mine = view;
+  if (!mine || !mine.log.open) return;
+  const got = await mine.ctx.get(path("log") + `?most=${LOG_LINES}`).catch(() => null);
+  if (view !== mine) return;
+  const frame = mine.logText;
+  const atEnd = !frame.textContent || frame.scrollTop + frame.clientHeight >= frame.scrollHeight - 4;
+  text(frame, got ? got.lines.join("\n") || WORDS.noLog : WORDS.logFailed);
+  if (atEnd) frame.scrollTop = frame.scrollHeight;
+}
+
+// ---- tags ---------------------------------------------------------------------------------------
+
+function tagsPart() {
+  view.tagWhy = lack(view.ctx, "operate");
+  view.tagList = el("ul", { class: "fd-chips" });
+  view.tagNone = el("p", { class: "quiet" }, WORDS.noTag);
+  view.tagSaid = el("p", { id: "fd-tagsaid", class: "quiet fd-line", role: "status" });
+  view.tagKnown = el("datalist", { id: "fd-tagknown" });
+  view.tagField = el("input", {
+    id: "fd-tag",
+    list: "fd-tagknown",
+    autocomplete: "off",
+    spellcheck: "false",
+    "aria-describedby": "fd-tagsaid",
+  });
+  view.tagAdd = el("button", {}, WORDS.addTag);
+  const form = el(
+    "form",
+    { class: "acts", onsubmit: addTag },
+    el("label", {}, WORDS.tag, view.tagField),
+    view.tagAdd,
+    view.tagKnown,
+  );
+  return [el("h3", {}, WORDS.tags), view.tagNone, view.tagList, form, view.tagSaid];
+}
+
+function drawTags() {
+  const why = view.tagWhy || (view.card ? null : WORDS.tagsUnknown);
+  const tags = view.card ? view.card.tags : [];
+  const chip = (tag) =>
+    el(
+      "li",
+      {},
+      el("a", { href: `#/runs?${query({ tag })}` }, tag),
+      el(
+        "button",
+        {
+          type: "button",
+          "aria-label": WORDS.removeTag(tag),
+          "aria-describedby": "fd-tagsaid",
+          disabled: Boolean(why),
+          onclick: () => setTags(view.card.tags.filter((one) => one !== tag), WORDS.tagRemoved(tag)),
+        },
+        "✕",
+      ),
+    );
+  keyed(view.tagList, tags, (tag) => tag, chip, view.tagField);
+  view.tagNone.hidden = tags.length > 0;
+  view.tagField.disabled = view.tagAdd.disabled = Boolean(why);
+  if (why) text(view.tagSaid, why);
+  const others = view.tagsKnown.filter((tag) => !tags.includes(tag));
+  fill(view.tagKnown, ...others.map((tag) => el("option", { value: tag })));
+}
+
+async function addTag(event) {
+  event.preventDefault();
+  const tag = view.tagField.value.trim();
+  const tags = [...new Set([...view.card.tags, tag])];
+  const mistake = !TAG.test(tag) ? WORDS.tagRule : tags.length > MOST_TAGS ? WORDS.tagsFull : "";
+  view.tagField.setAttribute("aria-invalid", String(Boolean(mistake)));
+  text(view.tagSaid, mistake);
+  if (mistake) return view.tagField.focus();
+  if (await setTags(tags, WORDS.tagAdded(tag))) view.tagField.value = "";
+  return undefined;
+}
+
+async function setTags(tags, words) {
+  const mine = view;
+  const got = await mine.ctx.attempt(() => mine.ctx.put(path("tags"), { tags }));
+  if (!got || view !== mine) return false;
+  mine.card.tags = got.tags;
+  drawTags();
+  text(mine.tagSaid, words);
+  return true;
+}
+
+// ---- the capture of a point ---------------------------------------------------------------------
+
+// The dialog takes the focus and keeps it, but lies below the head of the page and leaves it in use: a modal one would
+// cover STOP and what the server says. Esc closes it and goes on to the page, where the second Esc stops the bench.
+function dialog(title, below) {
+  const back = document.activeElement;
+  const heading = el("h3", { id: "fd-dialog", tabindex: "-1" }, title);
+  const body = el("div", {}, el("p", { role: "status" }, WORDS.captureLoading));
+  const shut = el("button", { type: "button", onclick: () => end() }, WORDS.close);
+  const box = el(
+    "dialog",
+    { class: "fd-dialog", "aria-labelledby": "fd-dialog", onkeydown: keys },
+    el("div", { class: "fd-dialoghead" }, heading, shut),
+    el("p", { class: "quiet" }, below),
+    body,
+  );
+  // The heading of the page stays: it has no control, and that of the dialog is below it.
+  const others = [...view.root.children].slice(1);
+  const room = () => box.style.setProperty("--fd-top", `${$("top").getBoundingClientRect().bottom}px`);
+  const watch = new ResizeObserver(room);
+  const charts = [];
+  const self = { body, charts, open: true, end };
+
+  function keys(event) {
+    if (event.key === "Escape") end();
+    if (event.key === "Tab") turn(event, box);
+  }
+  function end() {
+    if (!self.open) return;
+    self.open = false;
+    watch.disconnect();
+    charts.forEach((chart) => chart.destroy());
+    box.remove();
+    for (const one of others) one.inert = false;
+    (back.isConnected && back !== document.body ? back : view.select).focus({ preventScroll: true });
+  }
+
+  for (const one of others) one.inert = true;
+  view.root.append(box);
+  box.show();
+  watch.observe($("top"));
+  heading.focus({ preventScroll: true });
+  return self;
+}
+
+// Keeps the focus in the dialog.
+function turn(event, box) {
+  const all = [...controls(box), ...box.querySelectorAll(".scroll")];
+  const inOrder = all.sort((a, b) => (a.compareDocumentPosition(b) & Node.DOCUMENT_POSITION_FOLLOWING ? -1 : 1));
+  const [first, last] = [inOrder[0], inOrder[inOrder.length - 1]];
+  const at = document.activeElement;
+  const leaves = event.shiftKey ? at === first || !inOrder.includes(at) : at === last;
+  if (!leaves) return;
+  event.preventDefault();
+  (event.shiftKey ? last : first).focus();
+}
+
+async function showCapture(one, point) {
+  const mine = view;
+  if (mine.dialog) mine.dialog.end();
+  const box = dialog(WORDS.capture(si(point.freq_hz, "Hz", 4)), WORDS.captureOf(named(one.spectrum)));
+  mine.dialog = box;
+  const asked = query({ spectrum: one.spectrum, freq_hz: point.freq_hz });
+  try {
+    const got = await mine.ctx.get(`${path("capture")}?${asked}`);
+    if (box.open) drawCapture(box, got);
+  } catch (error) {
+    const none = error instanceof mine.ctx.Refused && error.status === 404;
+    if (box.open) text(box.body.firstChild, none ? WORDS.noCapture : WORDS.captureFailed(error.message));
+  }
+}
+
+const PREFIXES = ["G", "M", "k", "", "m", "µ", "n", "p"].map((prefix, place) => [prefix, 1000 ** (3 - place)]);
+
+// The prefix that suits a value, and its factor. Neither shares nor degrees take one.
+function prefixOf(value, unit) {
+  if (!value || !/^[A-Za-zΩ]+$/.test(unit)) return ["", 1];
+  return PREFIXES.find(([, factor]) => Math.abs(value) >= 0.9995 * factor) || PREFIXES[PREFIXES.length - 1];
+}
+
+// A figure with its unit: 1.23 mV.
+function si(value, unit, digits = 3) {
+  if (!Number.isFinite(value)) return WORDS.unknown;
+  const [prefix, factor] = prefixOf(value, unit);
+  return `${Number((value / factor).toPrecision(digits))} ${prefix}${unit}`.replace("-", "−");
+}
+
+// Columns in a unit that suits the greatest of them.
+function scaled(unit, ...columns) {
+  const greatest = columns.reduce((most, values) => Math.max(most, ...reach(values).map(Math.abs)), 0);
+  const [prefix, factor] = prefixOf(Number.isFinite(greatest) ? greatest : 0, unit);
+  const by = (value) => (Number.isFinite(value) ? value / factor : null);
+  return { unit: `${prefix}${unit}`, columns: columns.map((values) => values.map(by)) };
+}
+
+// Least and greatest without spreading an array that may be long.
+function reach(values) {
+  let [least, greatest] = [Infinity, -Infinity];
+  for (const value of values) {
+    if (!Number.isFinite(value)) continue;
+    if (value < least) least = value;
+    if (value > greatest) greatest = value;
+  }
+  return [least, greatest];
+}
+
+function rms(values) {
+  const read = values.filter(Number.isFinite);
+  return Math.sqrt(read.reduce((sum, value) => sum + value * value, 0) / read.length);
+}
+
+// The figures that the server tells, which knows all samples; else those of what it sent.
+function figures({ channels, samples }) {
+  const heads = WORDS.figureHeads;
+  const row = (one) => {
+    const [least, greatest] = reach(one.fit);
+    const amplitude = one.amplitude_v ?? (greatest - least) / 2;
+    const off = one.residual_rms_v ?? rms(one.residual);
+    return el(
+      "tr",
+      {},
+      el("th", { scope: "row" }, one.name),
+      cell(heads.samples, String(samples ?? one.value.length)),
+      cell(heads.amplitude, si(amplitude, one.unit)),
+      cell(heads.residual, si(off, one.unit)),
+      cell(heads.share, amplitude > 0 ? si((100 * off) / amplitude, "%") : WORDS.unknown),
+      cell(heads.clipped, clipped(one.clipped_samples)),
+    );
+  };
+  return table(WORDS.figures, Object.values(heads), el("tbody", {}, ...channels.map(row)));
+}
+
+const clipped = (count) =>
+  count ? el("b", { class: "bad" }, WORDS.clipped(count)) : count === 0 ? WORDS.notClipped : WORDS.unknown;
+
+function drawCapture(box, got) {
+  const holders = got.channels.map((one) => {
+    const charts = el("div", { class: "fd-charts", "aria-hidden": "true" });
+    return [one, charts, el("div", {}, el("h4", {}, `${one.name}: ${WORDS.overTime}`), charts)];
+  });
+  box.body.replaceChildren(
+    figures(got),
+    el("p", { class: "quiet" }, got.path ? WORDS.captureFile(got.path) : ""),
+    window.uPlot ? "" : el("p", { class: "bad" }, WORDS.noCharts),
+    el("div", { class: "fd-channels" }, ...holders.map(([, , whole]) => whole)),
+  );
+  if (!window.uPlot) return;
+  for (const [one, charts] of holders) {
+    const spectrum = got.spectrum.find((other) => other.name === one.name);
+    box.charts.push(timeChart(charts, one), residualChart(charts, one));
+    if (spectrum) box.charts.push(spectrumChart(charts, spectrum));
+  }
+  const charts = [...box.charts];
+  const watch = new ResizeObserver(() => {
+    for (const one of charts) one.setSize({ width: one.root.parentNode.clientWidth, height: one.height });
+  });
+  watch.observe(box.body);
+  box.charts.push({ destroy: () => watch.disconnect() });
+}
+
+const ink = (name) => () => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+// As many digits as tell one tick from the next; on a log axis most ticks have no label.
+function labels(log) {
+  const digits = (step) => Math.max(0, Math.min(9, -Math.floor(Math.log10(step) + 1e-9)));
+  const power = (value) => (value < 1e-3 || value >= 1e5 ? value.toExponential(0) : String(value));
+  const label = log ? power : (value, step) => value.toFixed(digits(step));
+  return (_, ticks, axis, space, step) =>
+    ticks.map((value) => (value === null ? "" : label(value, step).replaceAll("-", "−")));
+}
+
+// On a log axis lines at whole decades only.
+const decades = (_, ticks) => ticks.map((value) => (Number.isInteger(Math.log10(value)) ? value : null));
+
+const axis = (label, log, size) => ({
+  label,
+  size,
+  values: labels(log),
+  labelSize: 18,
+  stroke: ink("--quiet"),
+  grid: { stroke: ink("--grid"), width: 1, ...(log ? { filter: decades } : {}) },
+  ticks: { stroke: ink("--grid"), width: 1 },
+  font: "12px system-ui, sans-serif",
+  labelFont: "12px system-ui, sans-serif",
+});
+
+function chart(parent, height, { x, y, series, data, log = false }) {
+  const value = (_, at) => (at === null || at === undefined ? WORDS.unknown : String(Number(at.toPrecision(5))));
+  const distr = log ? 3 : 1;
+  const options = {
+    width: Math.max(220, parent.clientWidth),
+    height,
+    cursor: { drag: { x: true, y: false } },
+    scales: { x: { time: false, distr }, y: { distr } },
+    series: [{ label: x, value }, ...series.map((one) => ({ width: 1.5, value, ...one }))],
+    axes: [axis(x, log, 30), axis(y, log, 62)],
+  };
+  return new window.uPlot(options, data, parent);
+}
+
+// In time and amplitude each chart has the unit that suits it.
+function overTime(parent, height, title, one, columns, series) {
+  const time = scaled("s", one.time_s);
+  const shown = scaled(one.unit, ...columns);
+  const data = [...time.columns, ...shown.columns];
+  return chart(parent, height, { x: `${WORDS.time} / ${time.unit}`, y: `${title} / ${shown.unit}`, series, data });
+}
+
+function timeChart(parent, one) {
+  const series = [
+    { label: WORDS.measured, stroke: ink("--c0"), width: 0, points: { show: true, size: 4, fill: ink("--c0") } },
+    { label: WORDS.fit, stroke: ink("--c1"), dash: [7, 3], points: { show: false } },
+  ];
+  return overTime(parent, 190, WORDS.value, one, [one.value, one.fit], series);
+}
+
+function residualChart(parent, one) {
+  const series = [{ label: WORDS.residual, stroke: ink("--c3"), points: { show: false } }];
+  return overTime(parent, 140, WORDS.residual, one, [one.residual], series);
+}
+
+// On a log axis there is no place for nothing: a line of frequency or amplitude 0 is left out.
+function spectrumChart(parent, one) {
+  const kept = one.freq_hz.map((_, k) => k).filter((k) => one.freq_hz[k] > 0 && one.amplitude[k] > 0);
+  const pick = (values) => kept.map((k) => values[k]);
+  const shown = scaled(one.unit, pick(one.amplitude));
+  const series = [{ label: WORDS.amplitude, stroke: ink("--c2"), points: { show: false } }];
+  const y = `${WORDS.amplitude} / ${shown.unit}`;
+  return chart(parent, 170, { x: WORDS.frequency, y, series, data: [pick(one.freq_hz), ...shown.columns], log: true });
+}
+
+// ---- the view -----------------------------------------------------------------------------------
+
+function section(id, title, ...parts) {
+  return el("section", { "aria-labelledby": id }, el("h3", { id }, title), ...parts);
+}
+
+// Each part is drawn as it comes; what fails fails for all that wait for it, and is said once.
+async function load() {
+  const mine = view;
+  const { ctx, run } = mine;
+  const part = (asked, take) =>
+    asked.then((got) => {
+      if (view === mine) take(got);
+    });
+  const ask = (name, none) => orNone(ctx, ctx.get(path(name)), none);
+  const spectra = Promise.all([ask("spectra", []), ask("campaign", null)]);
+  await Promise.all([
+    part(Promise.all([ctx.get(path()), findCard(ctx, run)]), takeInfo),
+    part(spectra, takeSpectra),
+    part(ask("files", []), (got) => {
+      mine.files = got;
+      drawFiles();
+    }),
+    part(ask("notes", []), mine.notes.take),
+    loadLog(),
+  ]);
+  return true;
+}
+
+function takeInfo([info, { card, tags }]) {
+  view.info = info;
+  view.card = card;
+  view.tagsKnown = tags;
+  drawFacts();
+  drawTags();
+}
+
+function takeSpectra([spectra, campaign]) {
+  view.spectra = spectra;
+  view.campaign = campaign;
+  view.asked.clear();
+  text(view.spectraNone, WORDS.noSpectrum);
+  drawSpectra();
+}
+
+function build(parent) {
+  view.facts = el("dl", { class: "facts fd-facts" });
+  const said = el("section", {}, ...tagsPart());
+  view.notes = notes(said, path("notes"), view.ctx);
+  view.root = begin(
+    parent,
+    WORDS.title(view.run),
+    el(
+      "div",
+      { class: "fd-pair" },
+      section("fd-factsh", WORDS.facts, view.facts),
+      el("div", { class: "fd-stacked" }, acts(), said),
+    ),
+    campaignSection(),
+    spectraSection(),
+    filesSection(),
+  );
+}
+
+// What is there first: without it nothing else is asked for.
+async function exists() {
+  const mine = view;
+  try {
+    await mine.ctx.get(path());
+    return true;
+  } catch (error) {
+    if (!(error instanceof mine.ctx.Refused) || error.status !== 404) throw error;
+    if (view === mine) for (const one of [...mine.root.children].slice(1)) one.remove();
+    if (view === mine) mine.root.append(el("p", { class: "bad", role: "alert" }, WORDS.missing(mine.run)));
+    return false;
+  }
+}
+
+export async function open(parent, where, ctx) {
+  view = { run: where.path[1], ctx, spectra: [], campaign: null, chosen: "", files: [] };
+  // Models of each spectrum; and of which they are asked for since something has changed.
+  Object.assign(view, { models: new Map(), asked: new Set() });
+  Object.assign(view, { card: null, tagsKnown: [], byHand: false, calm: calmly(() => load().catch(() => {})) });
+  build(parent);
+  const mine = view;
+  await ctx.attempt(async () => (await exists()) && view === mine && load());
+}
+
+export function heard(kind, data) {
+  if (!view) return;
+  const ours = kind === "run" ? data.item.run === view.run : kind === "hello" || kind === "lost";
+  if (ours) view.calm.now();
+  if (kind === "live" && view.info && data.run && data.run.run === view.run) {
+    view.info.now = data.run;
+    drawFacts();
+  }
+  if (kind === "spectrum" && data.run === view.run) grown(data.spectrum);
+}
+
+// A sweep has a point more, or a spectrum has come: what else has come with it is asked for.
+function grown(spectrum) {
+  const at = view.spectra.findIndex((one) => one.name === spectrum.name);
+  if (at < 0) view.spectra.push(spectrum);
+  else view.spectra[at] = spectrum;
+  view.asked.delete(spectrum.name);
+  if (at < 0) view.calm.now();
+  drawSpectra();
+}
+
+export function close() {
+  if (!view) return;
+  view.calm.end();
+  if (view.dialog) view.dialog.end();
+  view = null;
+}

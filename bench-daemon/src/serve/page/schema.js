@@ -1,0 +1,457 @@
+// From a JSON Schema and a value to what a form shows, and from that back to the value. Pure: no page,
+// no server. What was not changed comes back exactly as it was, and so do keys that the schema does
+// not know.
+"use strict";
+
+// Lists longer than this are one text, not a control for each item.
+const LONG = 12;
+const NUMBER = "[+-]?(?:[0-9]+\\.?[0-9]*|\\.[0-9]+)(?:[eE][+-]?[0-9]+)?";
+const A_NUMBER = new RegExp(`^${NUMBER}$`);
+const A_WHOLE = /^[+-]?[0-9]+$/;
+const A_QUANTITY = new RegExp(`^\\s*(${NUMBER})\\s*(\\S.*?)\\s*$`);
+const SHORT_NAMES = new Set(["eis", "ocv", "soc", "rc"]);
+// The end of a key whose value is a bare number of this unit.
+const UNITS_OF_KEYS = new Map([["v", "V"], ["a", "A"], ["s", "s"]]);
+
+// What a control holds is not what its field wants; `code` says why.
+class Wrong extends Error {
+  constructor(code) {
+    super(code);
+    this.code = code;
+  }
+}
+
+// ---- schema -------------------------------------------------------------------------------------
+
+// What a part says itself goes before what the part says that it refers to.
+function resolve(root, part) {
+  if (!part.$ref) return part;
+  return { ...root.$defs[part.$ref.slice("#/$defs/".length)], ...part };
+}
+
+const SCALARS = { boolean: "switch", integer: "whole", number: "number", string: "words" };
+
+function kindOf(root, part) {
+  if (part.oneOf) return part.oneOf.every((one) => typeof one.const === "string") ? "choice" : "anything";
+  if (part["x-units"]) return "quantity";
+  if (part.type === "object") return part.properties ? "table" : "anything";
+  if (part.type !== "array") return SCALARS[part.type] || "anything";
+  const of = kindOf(root, resolve(root, part.items || {}));
+  if (of === "table") return "tables";
+  if (of === "number" || of === "whole") return "list";
+  return of === "anything" || of === "tables" || of === "list" || of === "rows" ? "anything" : "rows";
+}
+
+const isTable = (value) => typeof value === "object" && value !== null && !Array.isArray(value);
+
+const FITS = {
+  table: isTable,
+  switch: (value) => typeof value === "boolean",
+  whole: Number.isInteger,
+  number: Number.isFinite,
+  words: (value) => typeof value === "string",
+  choice: (value) => typeof value === "string",
+  quantity: (value) => typeof value === "string",
+  anything: () => true,
+};
+
+const fits = (kind, of, value) =>
+  FITS[kind] ? FITS[kind](value) : Array.isArray(value) && value.every((one) => FITS[of](one));
+
+// By which kind of control a value is shown; a value of another kind than is wanted as JSON.
+function shownAs(root, part, value) {
+  const kind = kindOf(root, part);
+  const items = part.type === "array" ? resolve(root, part.items || {}) : null;
+  const of = items && kindOf(root, items);
+  if (value === undefined) return { kind, of, items };
+  if (!fits(kind, of, value)) return { kind: "anything", odd: true };
+  if (kind !== "rows" || value.length <= LONG) return { kind, of, items };
+  const apart = of === "quantity" && value.every((one) => one.trim() && !/[,;\n]/.test(one));
+  return apart ? { kind: "list", of, items } : { kind: "anything" };
+}
+
+// One of each unit that looks the same: Ω has two code points, and µ, too.
+function unitsOf(part) {
+  const seen = new Set();
+  return (part["x-units"] || []).filter((unit) => {
+    const looks = unit.normalize("NFKC");
+    return !seen.has(looks) && seen.add(looks);
+  });
+}
+
+// A key in words: `soc_reset` is "SOC reset", `voltage_v` is "Voltage (V)".
+export function labelOf(key) {
+  const [first, ...rest] = key.split("_").map((word) => (SHORT_NAMES.has(word) ? word.toUpperCase() : word));
+  const unit = UNITS_OF_KEYS.get(rest[rest.length - 1]);
+  if (unit) rest[rest.length - 1] = `(${unit})`;
+  return [first.charAt(0).toUpperCase() + first.slice(1), ...rest].join(" ");
+}
+
+// The pieces of a description, every second one a name that stood in backticks; links become words.
+export function piecesOf(description) {
+  return description.replace(/\[([^\]]*)\]\([^)]*\)/g, "$1").split("`");
+}
+
+// ---- schema and value to model ------------------------------------------------------------------
+
+// A number and its unit, where the text is one with a unit that is known.
+export function split(text, units) {
+  const found = A_QUANTITY.exec(text);
+  return found && units.includes(found[2]) ? { number: found[1], unit: found[2] } : null;
+}
+
+const TEXTS = {
+  switch: String,
+  whole: String,
+  number: String,
+  list: (value) => value.map(String).join(", "),
+  anything: (value) => JSON.stringify(value, null, 2),
+};
+
+function textOf(kind, value) {
+  if (value === undefined) return "";
+  return TEXTS[kind] ? TEXTS[kind](value) : value;
+}
+
+// The unit that is offered first: of the default, else of the example.
+function firstUnit(part) {
+  const known = part["x-units"];
+  const given = [part.default, ...(part.examples || [])].map((text) => text && split(text, known));
+  return (given.find(Boolean) || { unit: known[0] }).unit;
+}
+
+function quantity(node, part, value) {
+  node.known = part["x-units"];
+  const parts = value === undefined ? { number: "", unit: firstUnit(part) } : split(value, node.known);
+  // A text that is no number with a unit is shown as it was typed, with no unit chosen.
+  node.text = parts ? parts.number : value;
+  node.unit = parts ? parts.unit : "";
+  node.units = unitsOf(part);
+  if (node.unit && !node.units.includes(node.unit)) node.units.push(node.unit);
+}
+
+function leaf(node, part, value) {
+  node.raw = value;
+  node.fallback = part.default;
+  if (node.kind === "choice")
+    node.choices = part.oneOf.map((one) => ({ value: one.const, help: one.description || "" }));
+  if (node.kind === "list") node.known = node.of === "quantity" ? node.items["x-units"] : null;
+  if (node.kind === "quantity") quantity(node, part, value);
+  else node.text = textOf(node.kind, value);
+  node.start = { text: node.text, unit: node.unit };
+  return node;
+}
+
+// The keys of a table in the order in which a form shows them: what is there, what must be, the rest.
+function keysOf(part, value) {
+  const there = Object.keys(value || {}).filter((key) => Object.hasOwn(part.properties, key));
+  return [...new Set([...there, ...(part.required || []), ...Object.keys(part.properties)])];
+}
+
+function table(root, node, part, value) {
+  node.on = value !== undefined;
+  node.order = Object.keys(value || {});
+  const required = part.required || [];
+  const own = (key) => (value && Object.hasOwn(value, key) ? value[key] : undefined);
+  node.fields = keysOf(part, value).map((key) =>
+    build(root, part.properties[key], key, own(key), required.includes(key)),
+  );
+  for (const key of node.order)
+    if (!Object.hasOwn(part.properties, key)) node.fields.push(unknown(key, value[key]));
+  return node;
+}
+
+const unknown = (key, value) =>
+  leaf({ kind: "anything", key, label: key, help: "", needed: false, had: true, unknown: true }, {}, value);
+
+function several(root, node, part, value) {
+  node.raw = value;
+  node.fallback = part.default;
+  const fixed = part.minItems !== undefined && part.minItems === part.maxItems;
+  node.size = node.kind === "rows" && fixed ? part.minItems : null;
+  node.make = (one) => build(root, part.items, "", one, false);
+  node.items = (value || []).map(node.make);
+  while (node.items.length < (node.size || 0)) node.items.push(node.make(undefined));
+  return node;
+}
+
+function build(root, unresolved, key, value, needed) {
+  const part = resolve(root, unresolved);
+  const node = {
+    ...shownAs(root, part, value),
+    key,
+    label: labelOf(key),
+    help: part.description || "",
+    needed,
+    had: value !== undefined,
+  };
+  if (node.kind === "table") return table(root, node, part, value);
+  if (node.kind === "tables" || node.kind === "rows") return several(root, node, part, value);
+  return leaf(node, part, value);
+}
+
+export function modelOf(schema, value) {
+  return build(schema, schema, "", value, true);
+}
+
+// ---- what a person does to the structure --------------------------------------------------------
+
+// A section that is switched on has the sections that it must have.
+export function switchTo(node, on) {
+  node.on = on;
+  const must = node.fields.filter((field) => field.kind === "table" && field.needed);
+  if (on) must.forEach((field) => switchTo(field, on));
+}
+
+export function add(node) {
+  const item = node.make(undefined);
+  if (item.kind === "table") switchTo(item, true);
+  node.items.push(item);
+  return item;
+}
+
+export function move(node, from, to) {
+  node.items.splice(to, 0, ...node.items.splice(from, 1));
+}
+
+// What was typed into the box of a number, which may bring its unit along.
+export function type(node, text) {
+  const parts = node.kind === "quantity" ? split(text, node.known) : null;
+  node.text = parts ? parts.number : text;
+  if (!parts) return;
+  node.unit = parts.unit;
+  if (!node.units.includes(parts.unit)) node.units.push(parts.unit);
+}
+
+// ---- model to value -----------------------------------------------------------------------------
+
+function number(text) {
+  if (!A_NUMBER.test(text) || !Number.isFinite(Number(text))) throw new Wrong("number");
+  return Number(text);
+}
+
+function whole(text) {
+  if (!A_WHOLE.test(text)) throw new Wrong("whole");
+  if (!Number.isSafeInteger(Number(text))) throw new Wrong("large");
+  return Number(text);
+}
+
+// A file has no null, and no number that JSON has not.
+function sayable(value) {
+  if (value === null) throw new Wrong("null");
+  if (typeof value === "number" && !Number.isFinite(value)) throw new Wrong("number");
+  if (typeof value === "object") Object.values(value).forEach(sayable);
+  return value;
+}
+
+function anything(text) {
+  let value;
+  try {
+    value = JSON.parse(text);
+  } catch {
+    throw new Wrong("json");
+  }
+  return sayable(value);
+}
+
+function list(node) {
+  const apart = node.of === "quantity" ? /[,;\n]+/ : /[\s,;]+/;
+  const read = { number, whole, quantity: (text) => text }[node.of];
+  const parts = node.text.split(apart).map((part) => part.trim());
+  return parts.filter(Boolean).map(read);
+}
+
+const READ = {
+  words: (node) => node.text,
+  choice: (node) => node.text,
+  quantity: (node) => (node.unit ? `${node.text.trim()} ${node.unit}` : node.text),
+  switch: (node) => node.text === "true",
+  number: (node) => number(node.text.trim()),
+  whole: (node) => whole(node.text.trim()),
+  anything: (node) => anything(node.text),
+  list,
+};
+
+export const changed = (node) => node.text !== node.start.text || node.unit !== node.start.unit;
+
+// The value of a field that has one control; undefined where it is left out.
+function leafValue(node) {
+  if (!changed(node)) return node.raw;
+  if (node.kind === "words" || node.kind === "choice" ? node.text === "" : node.text.trim() === "") return undefined;
+  return READ[node.kind](node);
+}
+
+function tableValue(node, path, told) {
+  if (!node.on && !told.all) return undefined;
+  const byKey = new Map(node.fields.map((field) => [field.key, field]));
+  const keys = new Set([...node.order, ...byKey.keys()]);
+  const found = [...keys].map((key) => [key, nodeValue(byKey.get(key), [...path, key], told)]);
+  const there = found.filter(([, value]) => value !== undefined);
+  // What is off and holds nothing is not there even where all is asked for.
+  return node.on || there.length ? Object.fromEntries(there) : undefined;
+}
+
+function severalValue(node, path, told) {
+  const values = node.items.map((item, place) => nodeValue(item, [...path, String(place + 1)], told));
+  const there = values.filter((value) => value !== undefined);
+  // Of a list of a certain length all or none must be there: else the others would move up.
+  if (node.size && there.length)
+    node.items.forEach((item, place) => {
+      const missing = values[place] === undefined && !told.wrong.some((one) => one.node === item);
+      if (missing) told.wrong.push({ node: item, path: [...path, String(place + 1)].join("."), code: "missing" });
+    });
+  // An empty list is written where one was, or where the list must be and was.
+  const empty = node.had && Array.isArray(node.raw) && (node.needed || !node.raw.length);
+  return there.length || empty ? there : undefined;
+}
+
+function nodeValue(node, path, told) {
+  if (node.kind === "table") return tableValue(node, path, told);
+  if (node.kind === "tables" || node.kind === "rows") return severalValue(node, path, told);
+  try {
+    return leafValue(node);
+  } catch (error) {
+    if (!(error instanceof Wrong)) throw error;
+    told.wrong.push({ node, path: path.join("."), code: error.code });
+    return undefined;
+  }
+}
+
+// The value that a form makes, and what could not be read: `{value, wrong: [{node, path, code}]}`.
+// With `all`, sections that are switched off are in it, too.
+export function valueOf(model, all = false) {
+  const told = { all, wrong: [] };
+  const value = nodeValue(model, [], told);
+  return { value, wrong: told.wrong };
+}
+
+// Whether a whole number has more digits than a page can hold: it was read wrongly, and must not be
+// sent back.
+export function tooLarge(node) {
+  if (node.fields) return node.fields.some(tooLarge);
+  if (node.kind === "tables") return node.items.some(tooLarge);
+  const values = node.kind === "list" ? node.raw || [] : [node.raw];
+  const large = (one) => Math.abs(one) > Number.MAX_SAFE_INTEGER;
+  return (node.kind === "whole" || node.of === "whole") && values.some(large);
+}
+
+// ---- the path of a field to its place -----------------------------------------------------------
+
+// An item is named by its number from 1, as the line of the file is found, or by its own name.
+function child(node, name) {
+  if (node.fields) return node.fields.find((field) => field.key === name);
+  const named = node.items.find((item) => nameOf(item) === name);
+  if (named) return named;
+  const counted = node.items.filter((item) => item.kind === "table" || item.text !== "");
+  return /^[0-9]+$/.test(name) ? counted[Number(name) - 1] : undefined;
+}
+
+export function nameOf(item) {
+  const name = item.fields && item.fields.find((field) => field.key === "name");
+  return name && name.kind === "words" ? name.text : "";
+}
+
+// The place in the form of `eis.amplitude` or `traces.block.repeat`: the node, and whether it is the
+// field itself or the nearest section around it. A section that is off shows no field.
+export function placeOf(model, path) {
+  let node = model;
+  for (const name of path.split(".")) {
+    const holds = node.kind === "table" || node.kind === "tables" || node.kind === "rows";
+    // What has one control has it for all that is within.
+    if (!holds) return { node, exact: true };
+    const next = node.kind === "table" && !node.on ? undefined : child(node, name);
+    if (!next) return { node, exact: false };
+    node = next;
+  }
+  return { node, exact: node !== model };
+}
+
+// ---- a draft that is put aside ------------------------------------------------------------------
+
+function stateOf(node) {
+  const { on, order } = node;
+  if (node.fields) return { on, order, fields: node.fields.map((field) => [field.key, stateOf(field)]) };
+  if (node.kind === "tables" || node.kind === "rows") return { items: node.items.map(stateOf) };
+  return { text: node.text, unit: node.unit };
+}
+
+function restoreTable(node, state) {
+  node.on = state.on;
+  node.order = state.order;
+  for (const [key, inner] of state.fields) {
+    let field = node.fields.find((one) => one.key === key);
+    if (!field) node.fields.push((field = unknown(key, undefined)));
+    restore(field, inner);
+  }
+}
+
+function restore(node, state) {
+  if (node.fields && state.fields) return restoreTable(node, state);
+  if (node.make && state.items) {
+    while (node.items.length < state.items.length) node.items.push(node.make(undefined));
+    state.items.forEach((inner, place) => restore(node.items[place], inner));
+  } else if (state.text !== undefined && node.text !== undefined) {
+    node.text = state.text;
+    node.unit = state.unit;
+    // Half a number is in no value, and yet a person has begun with it.
+    node.had ||= node.text !== "";
+    if (node.unit && !node.units.includes(node.unit)) node.units.push(node.unit);
+  }
+  return undefined;
+}
+
+// All that a person typed, half a number and the sections that are switched off too.
+export const putAside = (model) => ({ value: valueOf(model, true).value, state: stateOf(model) });
+
+export function takeUp(schema, aside) {
+  const model = modelOf(schema, aside.value);
+  restore(model, aside.state);
+  return model;
+}
+
+// ---- lines of two texts -------------------------------------------------------------------------
+
+// Beyond this many pairs of lines, what differs is told as a whole.
+const MOST_PAIRS = 4e6;
+
+// Longest common run of lines, by rows of the table of lengths from the end.
+function middle(old, now) {
+  if (old.length * now.length > MOST_PAIRS)
+    return [...old.map((line) => ["-", line]), ...now.map((line) => ["+", line])];
+  const lengths = Array.from({ length: old.length + 1 }, () => new Uint32Array(now.length + 1));
+  for (let i = old.length - 1; i >= 0; i -= 1)
+    for (let j = now.length - 1; j >= 0; j -= 1)
+      lengths[i][j] =
+        old[i] === now[j] ? lengths[i + 1][j + 1] + 1 : Math.max(lengths[i + 1][j], lengths[i][j + 1]);
+  const found = [];
+  let [i, j] = [0, 0];
+  while (i < old.length || j < now.length) {
+    if (i < old.length && j < now.length && old[i] === now[j]) {
+      found.push([" ", old[i]]);
+      [i, j] = [i + 1, j + 1];
+    } else if (i < old.length && (j === now.length || lengths[i + 1][j] >= lengths[i][j + 1])) {
+      found.push(["-", old[i]]);
+      i += 1;
+    } else {
+      found.push(["+", now[j]]);
+      j += 1;
+    }
+  }
+  return found;
+}
+
+// What became of each line: `[[" " | "-" | "+", line]]`.
+export function lines(oldText, newText) {
+  const [old, now] = [oldText.split("\n"), newText.split("\n")];
+  let first = 0;
+  while (first < old.length && first < now.length && old[first] === now[first]) first += 1;
+  let last = 0;
+  const least = Math.min(old.length, now.length) - first;
+  while (last < least && old[old.length - 1 - last] === now[now.length - 1 - last]) last += 1;
+  const same = (line) => [" ", line];
+  return [
+    ...old.slice(0, first).map(same),
+    ...middle(old.slice(first, old.length - last), now.slice(first, now.length - last)),
+    ...old.slice(old.length - last).map(same),
+  ];
+}

@@ -1,0 +1,655 @@
+// What an analysis has found: the story of a diagnosis with the experiments that it recommends, pictures, numbers as
+// tables, and all files.
+"use strict";
+
+import { duration, el, text } from "./bench.js";
+
+const WORDS = {
+  verdicts: {
+    "nothing missing": ["✓", "Nothing missing", "good"],
+    missing: ["▲", "Something is missing", "note"],
+    "cannot tell": ["?", "Cannot tell", "note"],
+    "invalid data": ["✕", "Invalid data", "bad"],
+  },
+  story: "What was found",
+  cell: (name) => `Cell ${name}`,
+  cautions: "Cautions",
+  where: ["Where", "Where simulation and measurement disagree.", "Nowhere beyond the noise."],
+  what: ["What", "Which effect explains it, and by which evidence.", "No effect is named."],
+  sure: ["How sure", "How far these data bear it.", "Nothing is said about it."],
+  next: ["What next", "Experiments that would tell more.", "No further experiment is recommended."],
+  effect: (name) => `Effect: ${name}`,
+  evidence: "Evidence: ",
+  experiment: "The experiment as text",
+  bench: "Bench",
+  noBench: "There is no bench to queue it on.",
+  showPlan: "Show its plan",
+  queue: "Queue it",
+  asking: "The plan is made …",
+  needs: (scope, has) => `Queueing needs the scope ${scope}; your token has ${has}.`,
+  planOf: (plan) =>
+    `${plan.experiment} on ${plan.bench}: about ${duration(plan.expected_s)} of bench time, ` +
+    `at most ${duration(plan.longest_s)}. Charge ${digits(plan.charge_c)} C, ` +
+    `discharge ${digits(plan.discharge_c)} C.`,
+  mistakes: "✕ There is no plan, the experiment has mistakes:",
+  mistake: (one) =>
+    `${one.field ? `${one.field}: ` : ""}${one.message}${one.line === null ? "" : ` (line ${one.line})`}`,
+  noPlan: "✕ The server gave no plan and named no mistake.",
+  stages: "Stages and steps",
+  stage: (one) => `${one.purpose}, about ${duration(one.expected_s)}`,
+  margins: "Margins to the limits",
+  marginHead: ["Quantity", "Planned", "Allowed", "Margin"],
+  beyond: (words) => `▲ beyond by ${words}`,
+  left: (words) => `${words} left`,
+  noMargin: "no limit",
+  beyondLimit: "▲ This plan goes beyond a limit. It is not queued from here.",
+  confirm: (name, bench) => `Queue ${name} on the bench ${bench}?`,
+  takes: (plan) =>
+    `It takes about ${duration(plan.expected_s)} of bench time, at most ${duration(plan.longest_s)}. ` +
+    "Current will flow.",
+  yes: (bench) => `Yes, queue it on ${bench}`,
+  no: "No, do not queue it",
+  sending: "It is being queued …",
+  unknown: "✕ It is not known whether it was queued: look at the queue first.",
+  queued: (run, bench) => `✓ Queued on ${bench} as `,
+  pictures: "Pictures",
+  pictureWait: "is loaded …",
+  pictureOf: (name, what) => `${name}: ${what}. Its numbers stand in the results and files below.`,
+  large: "Open large",
+  small: "Show small",
+  numbers: "Results",
+  tableHead: ["Quantity", "Value ± σ"],
+  place: "No.",
+  many: (n, low, high) => `${n} numbers from ${low} to ${high}; see the file`,
+  matrix: (n, m) => `${n} × ${m} values; see the file`,
+  rest: (n) => `${n} more; see the file`,
+  tooMany: "There is more; see the file.",
+  tooLarge: (bytes) => `The file has ${bytes}: it is not shown here, but can be saved below.`,
+  notRead: "It cannot be read as JSON: ",
+  failed: (message) => `✕ ${message}`,
+  files: "Files",
+  fileHead: ["File", "Size", ""],
+  save: "Save",
+  report: "Save the report",
+  none: "–",
+  yesNo: { true: "yes", false: "no" },
+};
+
+// Larger JSON than this is not made a table: nobody reads it, and the page would stand still.
+const MOST_BYTES = 2e6;
+const MOST_ROWS = 200;
+const MOST_TABLES = 60;
+const MOST_LISTED = 12;
+
+// ---- files --------------------------------------------------------------------------------------
+
+const isPicture = (path) => /\.(svg|png)$/i.test(path);
+const isJson = (path) => /\.json$/i.test(path);
+const isReport = (path) => /(^|\/)(report|diagnosis)\.html$/i.test(path);
+const addressOf = (id, path) =>
+  `/analyses/${encodeURIComponent(id)}/files/${path.split("/").map(encodeURIComponent).join("/")}`;
+
+function size(bytes) {
+  if (bytes < 1000) return `${bytes} B`;
+  return bytes < 1e6 ? `${(bytes / 1e3).toFixed(1)} kB` : `${(bytes / 1e6).toFixed(1)} MB`;
+}
+
+// A file is saved by the browser: it never becomes a page of this server.
+async function save(ctx, id, path) {
+  const blob = await ctx.attempt(() => ctx.file(addressOf(id, path)));
+  if (!blob) return;
+  const address = URL.createObjectURL(blob);
+  const link = el("a", { href: address, download: `${id}-${path.replaceAll("/", "-")}` });
+  document.body.append(link);
+  link.click();
+  link.remove();
+  setTimeout(() => URL.revokeObjectURL(address), 60000);
+}
+
+export function drawFiles(ctx, analysis) {
+  const rows = analysis.files.map(({ path, bytes }) =>
+    el(
+      "tr",
+      {},
+      el("th", { scope: "row" }, path),
+      el("td", {}, size(bytes)),
+      el(
+        "td",
+        {},
+        el(
+          "button",
+          { type: "button", "aria-label": `${WORDS.save} ${path}`, onclick: () => save(ctx, analysis.id, path) },
+          WORDS.save,
+        ),
+      ),
+    ),
+  );
+  const report = analysis.files.find((one) => isReport(one.path));
+  return [
+    el("h3", {}, WORDS.files),
+    report
+      ? el("p", {}, el("button", { type: "button", onclick: () => save(ctx, analysis.id, report.path) }, WORDS.report))
+      : "",
+    framed(WORDS.files, el("table", { class: "an-files" }, head(WORDS.fileHead), el("tbody", {}, ...rows))),
+  ];
+}
+
+const head = (names) => el("thead", {}, el("tr", {}, ...names.map((name) => heading(name))));
+const heading = (name) => (name ? el("th", { scope: "col" }, name) : el("td", {}));
+const framed = (name, table) => el("div", { class: "scroll", role: "group", "aria-label": name, tabindex: 0 }, table);
+
+// ---- pictures -----------------------------------------------------------------------------------
+
+// A picture from a data address: the page may load nothing else.
+function dataAddress(blob, path) {
+  const type = /\.svg$/i.test(path) ? "image/svg+xml" : "image/png";
+  return new Promise((done, fail) => {
+    const reader = new FileReader();
+    reader.onload = () => done(reader.result);
+    reader.onerror = () => fail(reader.error);
+    reader.readAsDataURL(new Blob([blob], { type }));
+  });
+}
+
+const nameOf = (path) => path.replace(/\.[a-z]+$/i, "").replaceAll(/[_/]/g, " ");
+
+// Large within the page: over a dialogue the stop could not be reached.
+function picture(path, what) {
+  const image = el("img", { alt: WORDS.pictureOf(nameOf(path), what), hidden: true });
+  const wait = el("p", { class: "quiet" }, `${nameOf(path)} ${WORDS.pictureWait}`);
+  const frame = el("div", { class: "scroll" }, image);
+  const button = el("button", { type: "button", "aria-pressed": "false", disabled: true }, WORDS.large);
+  button.setAttribute("aria-label", `${WORDS.large}: ${nameOf(path)}`);
+  const figure = el("figure", {}, el("figcaption", {}, el("b", {}, nameOf(path)), button), wait, frame);
+  button.addEventListener("click", () => {
+    const wide = figure.classList.toggle("an-wide");
+    button.setAttribute("aria-pressed", String(wide));
+    text(button, wide ? WORDS.small : WORDS.large);
+    button.setAttribute("aria-label", `${button.textContent}: ${nameOf(path)}`);
+    if (wide) enlarge(frame, nameOf(path));
+    else for (const name of ["tabindex", "role", "aria-label"]) frame.removeAttribute(name);
+    figure.scrollIntoView({ block: "nearest" });
+  });
+  const show = (address) => {
+    image.src = address;
+    [image.hidden, wait.hidden, button.disabled] = [false, true, false];
+  };
+  const fail = (message) => text(wait, WORDS.failed(`${nameOf(path)}: ${message}`));
+  return { path, figure, show, fail };
+}
+
+// What is wider than the page is scrolled by keyboard, too.
+function enlarge(frame, name) {
+  frame.setAttribute("tabindex", "0");
+  frame.setAttribute("role", "region");
+  frame.setAttribute("aria-label", name);
+}
+
+// The pictures come one after the other: a browser gives each host few connections, and the stop needs one.
+export async function drawPictures(parent, ctx, analysis, what, going) {
+  const pictures = analysis.files.filter((one) => isPicture(one.path)).map((one) => picture(one.path, what));
+  if (!pictures.length) return;
+  parent.append(
+    el("h3", {}, WORDS.pictures),
+    el("div", { class: "an-pictures" }, ...pictures.map((one) => one.figure)),
+  );
+  for (const one of pictures) {
+    if (!going()) return;
+    try {
+      one.show(await dataAddress(await ctx.file(addressOf(analysis.id, one.path)), one.path));
+    } catch (error) {
+      one.fail(error.message);
+    }
+  }
+}
+
+// ---- numbers as tables --------------------------------------------------------------------------
+
+const UNITS = {
+  ohm: "Ω",
+  f: "F",
+  s: "s",
+  hz: "Hz",
+  v: "V",
+  a: "A",
+  w: "W",
+  j: "J",
+  ah: "Ah",
+  c: "C",
+  wh: "Wh",
+  k: "K",
+  percent: "%",
+  rad: "rad",
+};
+const PREFIXED = ["Ω", "F", "s", "Hz", "V", "A", "W", "J"];
+const PREFIXES = [
+  [1e6, "M"],
+  [1e3, "k"],
+  [1, ""],
+  [1e-3, "m"],
+  [1e-6, "µ"],
+  [1e-9, "n"],
+];
+
+const isMap = (value) => value !== null && typeof value === "object" && !Array.isArray(value);
+const isScalar = (value) => value === null || typeof value !== "object";
+
+// `time_constant_s` is a time constant in s, `v_per_c` are V/C; a temperature's C are degrees, any other coulombs.
+function taken(key) {
+  const [, name, over, under] = key.match(/^(?:(.*)_)?([a-z]+)_per_([a-z]+)$/) || [];
+  if (UNITS[over] && UNITS[under]) return [name || "", `${UNITS[over]}/${UNITS[under]}`];
+  const [, bare, end] = key.match(/^(.+)_([a-z]+)$/) || [];
+  if (!UNITS[end]) return [key, ""];
+  return [bare, end === "c" && /temp/.test(bare) ? "°C" : UNITS[end]];
+}
+
+const unitOf = (key) => taken(key)[1];
+const labelOf = (key) => (taken(key)[0] || taken(key)[1]).replaceAll("_", " ");
+
+const minus = (words) => words.replaceAll("-", "−");
+
+function plain(value) {
+  if (Number.isInteger(value)) return minus(String(value));
+  return minus(String(Number(value.toPrecision(6))));
+}
+
+// A number with its uncertainty: both by one prefix, and no more digits than the uncertainty bears.
+function number(value, sigma, unit) {
+  const measure = Math.abs(value || sigma || 0);
+  const found = PREFIXED.includes(unit) ? PREFIXES.find(([size]) => measure >= size) : null;
+  let [size, prefix] = found || [1, ""];
+  // Nobody counts kiloseconds.
+  if (unit === "s" && size > 1) [size, prefix] = [1, ""];
+  const behind = unit ? ` ${prefix}${unit}` : "";
+  if (!(sigma > 0)) return `${plain(value / size)}${behind}`;
+  const digits = Math.min(12, Math.max(0, 1 - Math.floor(Math.log10(sigma / size))));
+  const error = `± ${(sigma / size).toFixed(digits)}`;
+  if (value === null) return `${error}${behind}`;
+  return `${minus((value / size).toFixed(digits))} ${error}${behind}`;
+}
+
+function shown(key, value, sigma) {
+  if (typeof value === "number") return number(value, sigma, unitOf(key));
+  if (value === undefined && typeof sigma === "number") return number(null, sigma, unitOf(key));
+  if (typeof value === "boolean") return WORDS.yesNo[value];
+  if (Array.isArray(value)) return listed(key, value);
+  return value === null || value === undefined || value === "" ? WORDS.none : String(value);
+}
+
+function listed(key, values) {
+  if (values.length && values.every(Array.isArray)) return WORDS.matrix(values.length, values[0].length);
+  if (values.length <= MOST_LISTED) return values.map((one) => shown(key, one)).join(", ") || WORDS.none;
+  const numbers = values.filter((one) => typeof one === "number");
+  const rest = WORDS.rest(values.length - MOST_LISTED);
+  if (!numbers.length) return `${values.slice(0, MOST_LISTED).join(", ")}, … ${rest}`;
+  // No spread: arrays of a capture are longer than a call may have arguments.
+  const low = numbers.reduce((one, other) => Math.min(one, other));
+  const high = numbers.reduce((one, other) => Math.max(one, other));
+  return WORDS.many(values.length, shown(key, low), shown(key, high));
+}
+
+const isCell = (value) => isScalar(value) || (Array.isArray(value) && !value.some(isMap));
+
+// Of which key another key is the uncertainty: `r_sigma_ohm` of `r_ohm`.
+function ofSigma(key, all) {
+  const found = [key.replace("_sigma", ""), key.replace("sigma_", "")].find((one) => one !== key && one in all);
+  return key.includes("sigma") ? found : undefined;
+}
+
+// Splits an object: what stands in a table of its own, and what is told by a number beside it.
+function split(value, sigma) {
+  const sigmas = { ...(isMap(sigma) ? sigma : {}) };
+  const rows = [];
+  for (const [key, one] of Object.entries(value)) {
+    const of = ofSigma(key, value);
+    if (of !== undefined && typeof one === "number") sigmas[of] = one;
+    else if (isCell(one)) rows.push(key);
+  }
+  for (const [key, one] of Object.entries(sigmas)) if (typeof one === "number" && !(key in value)) rows.push(key);
+  return { rows, sigmas };
+}
+
+// An object `sigma` belongs to the object beside it that has its keys, else to the one it stands in.
+function owner(value) {
+  if (!isMap(value.sigma)) return null;
+  const keys = Object.keys(value.sigma);
+  const found = Object.entries(value).find(
+    ([key, one]) => key !== "sigma" && isMap(one) && keys.some((name) => name in one),
+  );
+  return found ? found[0] : "";
+}
+
+function quantityTable(title, value, { rows, sigmas }) {
+  const body = rows
+    .slice(0, MOST_ROWS)
+    .map((key) =>
+      el("tr", {}, el("th", { scope: "row" }, labelOf(key)), el("td", {}, shown(key, value[key], sigmas[key]))),
+    );
+  const caption = title ? el("caption", {}, title) : el("caption", { class: "an-hidden" }, WORDS.numbers);
+  const table = el("table", { class: "an-quantities" }, caption, head(WORDS.tableHead), el("tbody", {}, ...body));
+  return framed(title || WORDS.numbers, table);
+}
+
+// Objects that are alike as the rows of one table.
+function rowTable(title, items, sigma) {
+  const parts = items.slice(0, MOST_ROWS).map((one, place) => split(one, Array.isArray(sigma) ? sigma[place] : null));
+  const keys = [...new Set(parts.flatMap((part) => part.rows))];
+  if (!keys.length) return null;
+  const body = parts.map((part, place) =>
+    el(
+      "tr",
+      {},
+      el("th", { scope: "row" }, String(place + 1)),
+      ...keys.map((key) => el("td", {}, shown(key, items[place][key], part.sigmas[key]))),
+    ),
+  );
+  const more = items.length > MOST_ROWS ? `${title} (${WORDS.rest(items.length - MOST_ROWS)})` : title;
+  const names = [WORDS.place, ...keys.map(labelOf)];
+  return framed(title, el("table", {}, el("caption", {}, more), head(names), el("tbody", {}, ...body)));
+}
+
+const under = (title, key) => (title ? `${title} › ${labelOf(key)}` : labelOf(key));
+
+function listTables(title, items, sigma, out) {
+  const maps = items.filter(isMap);
+  const table = rowTable(title, maps, sigma);
+  if (table) out.push(table);
+  maps.forEach((one, place) => {
+    if (out.length > MOST_TABLES) return;
+    const errors = Array.isArray(sigma) && isMap(sigma[place]) ? sigma[place] : null;
+    nestedTables(`${title} ${place + 1}`, one, errors, out);
+  });
+}
+
+function nestedTables(title, value, sigma, out) {
+  const own = owner(value);
+  const errors = own === "" ? value.sigma : sigma;
+  for (const [key, one] of Object.entries(value)) {
+    if (out.length > MOST_TABLES) return;
+    if (isCell(one) || (key === "sigma" && own !== null)) continue;
+    const of = key === own ? value.sigma : errors && errors[key];
+    if (Array.isArray(one)) listTables(under(title, key), one, of, out);
+    else mapTables(under(title, key), one, of, out);
+  }
+}
+
+function mapTables(title, value, sigma, out) {
+  const found = split(value, owner(value) === "" ? value.sigma : sigma);
+  if (found.rows.length) out.push(quantityTable(title, value, found));
+  nestedTables(title, value, sigma, out);
+}
+
+// Any JSON as tables: parameters with their uncertainty and unit, by the ends of the keys.
+function tables(value) {
+  const out = [];
+  if (isMap(value)) mapTables("", value, null, out);
+  else if (Array.isArray(value) && value.some(isMap)) listTables(WORDS.numbers, value, null, out);
+  else out.push(el("p", {}, shown("", value)));
+  if (out.length > MOST_TABLES) out.push(el("p", { class: "quiet" }, WORDS.tooMany));
+  return out;
+}
+
+// One file of results, read when it is unfolded.
+function results(ctx, id, { path, bytes }) {
+  const body = el("div", {});
+  const details = el("details", {}, el("summary", {}, path), body);
+  let read = false;
+  details.addEventListener("toggle", async () => {
+    if (!details.open || read) return;
+    read = true;
+    if (bytes > MOST_BYTES) return body.append(el("p", { class: "quiet" }, WORDS.tooLarge(size(bytes))));
+    body.replaceChildren(...(await readTables(ctx, addressOf(id, path), () => (read = false))));
+  });
+  return details;
+}
+
+async function readTables(ctx, address, again) {
+  let words;
+  try {
+    const blob = await ctx.file(address);
+    words = await blob.text();
+  } catch (error) {
+    again();
+    return [el("p", { class: "bad" }, WORDS.failed(error.message))];
+  }
+  try {
+    return tables(JSON.parse(words));
+  } catch (error) {
+    return [el("p", { class: "bad" }, WORDS.failed(`${WORDS.notRead}${error.message}`))];
+  }
+}
+
+export function drawResults(parent, ctx, analysis, opened) {
+  const found = analysis.files.filter((one) => isJson(one.path));
+  if (!found.length) return;
+  const all = found.map((one) => results(ctx, analysis.id, one));
+  parent.append(el("h3", {}, WORDS.numbers), ...all);
+  if (opened) all[0].open = true;
+}
+
+// ---- the story ----------------------------------------------------------------------------------
+
+function part([title, about, none], items, draw) {
+  return el(
+    "div",
+    { class: "an-part" },
+    el("h3", {}, title),
+    el("p", { class: "quiet" }, about),
+    ...(items.length ? items.map(draw) : [el("p", {}, none)]),
+  );
+}
+
+const told = (one) => el("div", {}, el("h4", {}, one.title), el("p", { class: "an-text" }, one.text));
+
+function effect(one) {
+  const node = el("div", {}, el("h4", {}, one.title));
+  if (one.effect) node.append(el("p", { class: "quiet" }, WORDS.effect(one.effect)));
+  node.append(el("p", { class: "an-text" }, one.text));
+  if (one.evidence) node.append(el("div", { class: "an-evidence" }, ...evidence(one.evidence)));
+  return node;
+}
+
+function evidence(found) {
+  if (!isScalar(found)) return [el("b", {}, WORDS.evidence), ...tables(found)];
+  return [el("p", { class: "an-text" }, el("b", {}, WORDS.evidence), shown("", found))];
+}
+
+export function drawStory(parent, ctx, story) {
+  const [sign, word, level] = WORDS.verdicts[story.verdict] || ["?", story.verdict, "note"];
+  const cautions = story.caution.length
+    ? el(
+        "div",
+        { class: "an-cautions" },
+        el("h3", { class: "note" }, `▲ ${WORDS.cautions}`),
+        el("ul", {}, ...story.caution.map((one) => el("li", {}, one))),
+      )
+    : "";
+  parent.append(
+    story.cell ? el("h3", {}, WORDS.cell(story.cell)) : el("h3", { class: "an-hidden" }, WORDS.story),
+    el("p", { class: `an-verdict ${level}` }, `${sign} ${word}: ${story.sentence}`),
+    cautions,
+    part(WORDS.where, story.where, told),
+    part(WORDS.what, story.what, effect),
+    part(WORDS.sure, story.how_sure, told),
+    part(WORDS.next, story.next, (one) => recommended(ctx, one)),
+  );
+}
+
+// ---- a recommended experiment -------------------------------------------------------------------
+
+let cards = 0;
+
+function recommended(ctx, one) {
+  const card = el("div", { class: "an-next" }, told(one));
+  if (one.experiment) card.append(...experiment(ctx, one));
+  return card;
+}
+
+// What was planned is kept with the bench it is planned for: only that can be queued.
+function experiment(ctx, one) {
+  const id = `an-next-${(cards += 1)}`;
+  const names = ctx.benches();
+  const bench = el("select", {}, ...names.map((name) => el("option", { selected: name === ctx.bench() }, name)));
+  const said = el("p", { role: "status" });
+  const body = el("div", {});
+  const ask = el("div", {});
+  const why = el("p", { class: "quiet", id });
+  const plan = el("button", { type: "button" }, WORDS.showPlan);
+  const queue = el("button", { type: "button", "aria-describedby": id }, WORDS.queue);
+  const card = { ctx, one, bench, said, body, ask, plan, queue, draft: null, asked: 0, sent: false };
+  refuse(card, why, names);
+  plan.addEventListener("click", () => showPlan(card));
+  queue.addEventListener("click", () => confirm(card));
+  bench.addEventListener("change", () => changed(card));
+  return [
+    el(
+      "details",
+      {},
+      el("summary", {}, WORDS.experiment),
+      el("pre", { class: "an-pre", tabindex: 0, role: "group", "aria-label": WORDS.experiment }, one.experiment),
+    ),
+    el("div", { class: "acts" }, el("label", {}, WORDS.bench, bench), plan, queue),
+    why,
+    said,
+    ask,
+    body,
+  ];
+}
+
+// Why it cannot be queued is told, not hidden.
+function refuse(card, why, names) {
+  const has = ["read", "operate", "energise", "clear-trip"].filter((scope) => card.ctx.may(scope));
+  if (!names.length) text(why, WORDS.noBench);
+  else if (!card.ctx.may("energise")) text(why, WORDS.needs("energise", has.join(", ") || WORDS.none));
+  why.hidden = !why.textContent;
+  card.queue.disabled = !why.hidden;
+}
+
+// A plan is that of one bench: with another one it is no longer true.
+function changed(card) {
+  card.asked += 1;
+  const before = card.draft;
+  card.draft = null;
+  card.ask.replaceChildren();
+  card.body.replaceChildren();
+  text(card.said, "");
+  if (before) showPlan(card);
+}
+
+// The plan for the chosen bench; null where it was refused, or another bench was chosen meanwhile.
+async function showPlan(card) {
+  const asked = (card.asked += 1);
+  const bench = card.bench.value || null;
+  text(card.said, WORDS.asking);
+  const draft = await card.ctx.attempt(() => card.ctx.post("/drafts", { text: card.one.experiment, bench }));
+  if (asked !== card.asked) return null;
+  text(card.said, draft && draft.plan ? WORDS.planOf(draft.plan) : "");
+  card.draft = draft && { ...draft, bench };
+  card.body.replaceChildren(...(draft ? planned(draft) : []));
+  return card.draft;
+}
+
+function planned(draft) {
+  if (!draft.plan || draft.mistakes.length) {
+    const list = draft.mistakes.map((one) => el("li", {}, WORDS.mistake(one)));
+    const words = list.length ? WORDS.mistakes : WORDS.noPlan;
+    return [el("div", { class: "bad", role: "alert" }, el("p", {}, words), el("ul", {}, ...list))];
+  }
+  const stages = draft.plan.stages.map((stage) =>
+    el("li", {}, WORDS.stage(stage), el("ol", {}, ...stage.steps.map((step) => el("li", {}, step)))),
+  );
+  return [
+    draft.margins.length ? margins(draft.margins) : "",
+    el("details", {}, el("summary", {}, WORDS.stages), el("ol", {}, ...stages)),
+  ];
+}
+
+const digits = (value) => (value === null || value === undefined ? "…" : minus(String(Number(value.toFixed(3)))));
+const range = (least, greatest, unit) => `${digits(least)} to ${digits(greatest)} ${unit}`;
+const isBeyond = (one) => one.margin !== null && one.margin < 0;
+
+function marginWords(one) {
+  if (one.margin === null) return WORDS.noMargin;
+  const unit = one.unit === "°C" ? "K" : one.unit;
+  return one.margin < 0
+    ? WORDS.beyond(`${digits(-one.margin)} ${unit}`)
+    : WORDS.left(`${digits(one.margin)} ${unit}`);
+}
+
+function margins(all) {
+  const rows = all.map((one) =>
+    el(
+      "tr",
+      {},
+      el("th", { scope: "row" }, one.quantity),
+      el("td", {}, range(one.planned_least, one.planned_greatest, one.unit)),
+      el("td", {}, range(one.least, one.greatest, one.unit)),
+      el("td", { class: isBeyond(one) ? "bad" : "" }, marginWords(one)),
+    ),
+  );
+  const table = el(
+    "table",
+    {},
+    el("caption", {}, WORDS.margins),
+    head(WORDS.marginHead),
+    el("tbody", {}, ...rows),
+  );
+  return framed(WORDS.margins, table);
+}
+
+// Nothing is queued whose plan was not shown; the question says the bench, the duration and the margins.
+async function confirm(card) {
+  if (card.sent) return;
+  const shownDraft = card.draft || (await showPlan(card));
+  if (!shownDraft || !shownDraft.plan || shownDraft.mistakes.length) return;
+  if (shownDraft.margins.some(isBeyond)) {
+    card.ask.replaceChildren(el("p", { class: "bad", role: "alert" }, WORDS.beyondLimit));
+    return;
+  }
+  const { bench, plan } = shownDraft;
+  const title = WORDS.confirm(card.one.name || plan.experiment, bench);
+  const close = () => {
+    card.ask.replaceChildren();
+    card.queue.focus();
+  };
+  const no = el("button", { type: "button", onclick: close }, WORDS.no);
+  const yes = el("button", { type: "button" }, WORDS.yes(bench));
+  yes.addEventListener("click", () => send(card, shownDraft, [yes, no]));
+  card.ask.replaceChildren(
+    el(
+      "div",
+      { class: "an-confirm", role: "group", "aria-label": title },
+      el("p", {}, el("b", {}, title)),
+      el("p", {}, WORDS.takes(plan)),
+      el("ul", {}, ...shownDraft.margins.map((one) => el("li", {}, `${one.quantity}: ${marginWords(one)}`))),
+      el("div", { class: "acts" }, yes, no),
+    ),
+  );
+  // The first word is that nothing is done: who holds the key down queues nothing.
+  no.focus();
+}
+
+async function send(card, draft, buttons) {
+  if (card.sent || card.draft !== draft) return;
+  card.sent = true;
+  buttons.forEach((one) => (one.disabled = true));
+  text(card.said, WORDS.sending);
+  const body = { text: card.one.experiment, bench: draft.bench };
+  let unknown = false;
+  const item = await card.ctx.attempt(() =>
+    card.ctx.post("/queue", body).catch((error) => {
+      unknown = !(error instanceof card.ctx.Refused);
+      throw error;
+    }),
+  );
+  card.sent = Boolean(item);
+  card.ask.replaceChildren();
+  if (!item) {
+    text(card.said, unknown ? WORDS.unknown : "");
+    return card.queue.focus();
+  }
+  const link = el("a", { href: `#/run/${encodeURIComponent(item.run)}` }, item.run);
+  card.said.replaceChildren(WORDS.queued(item.run, draft.bench), link);
+  card.queue.disabled = true;
+  return link.focus();
+}
